@@ -21,10 +21,18 @@ _Method = TypeVar("_Method", bound=Callable)
 
 
 def one_call(method: _Method) -> _Method:
-    """A method for one thread, in which functions are called with arrays where they accept them."""
+    """A method for one thread, in which functions are called with arrays where they accept them.
+
+    All but calls themselves need one before.
+    """
+    name = method.__name__
 
     @functools.wraps(method)
     def call(self, *given, **named):
+        if name != "__call__":
+            wanted = "called after run(x) without an error"
+            what = f"{type(self).__name__}.{name}"
+            require(self._x is not None, what, f"no {self._gives} yet", wanted)
         with calling_with_arrays(self._calls):
             return method(self, *given, **named)
 
@@ -69,11 +77,6 @@ class Differentiable:
         fits = values.ndim == 1 and values.size > 0 and all_of(np.isfinite(values))
         require(fits, "Response: x", x, "a sequence of finite numbers")
         return values
-
-    def _check_has_run(self, what: str) -> None:
-        wanted = "called after run(x) without an error"
-        has_run = self._x is not None
-        require(has_run, f"{type(self).__name__}.{what}", f"no {self._gives} yet", wanted)
 
     def _changes(self) -> dict[str, np.ndarray]:
         """Derivatives (m, ...) of all numbers of the last call by x."""

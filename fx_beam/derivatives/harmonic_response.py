@@ -133,6 +133,7 @@ class HarmonicResponse(TangentResponse):
         self._reduced = about.T.T @ self._force
         self._measured = Measured(about, at, f"{_WHAT}: at")
         self._vibration = Vibration(about, _WHAT)
+        self._damped = self._vibration.damped
         solved = [self._solved(f) for f in self._f]
         motions, adjoints = map(np.array, zip(*solved, strict=True))
         self._solutions = self._f, motions, adjoints
@@ -169,7 +170,6 @@ class HarmonicResponse(TangentResponse):
         SceneError
             Before the first call, for weights of another shape, and for scenes without derivatives.
         """
-        self._check_has_run("vjp")
         what, values = f"{_WHAT}.vjp: weights", self.response.values
         given = array_of(np.real(weights), what) + 1j * array_of(np.imag(weights), what)
         fits = given.shape == values.shape and np.isfinite(given).all()
@@ -191,7 +191,6 @@ class HarmonicResponse(TangentResponse):
         SceneError
             As of `vjp`.
         """
-        self._check_has_run("jacobian")
         values = self.response.values
         parts = np.vstack([np.eye(values.size) * part for part in (1, -1j)])
         pairs = self._pairs(self._solutions, np.eye(values.shape[1])[None])
@@ -221,7 +220,6 @@ class HarmonicResponse(TangentResponse):
         SceneError
             As of `vjp`, and for a name that is none.
         """
-        self._check_has_run("peaks")
         names = self.response.names
         what = f"{_WHAT}.peaks: component"
         require(is_one_of(component, names), what, component, f"one of {', '.join(names)}")
@@ -243,10 +241,6 @@ class HarmonicResponse(TangentResponse):
             gradient = self._of_sums(self._pairs(there, weights[None, None]), np.ones((1, 1)))[0]
             peaks.append(Peak(at, float(abs(value)), gradient))
         return peaks
-
-    @property
-    def _is_damped(self) -> bool:
-        return self._vibration.damped
 
     def _changes_by_x(self) -> dict[str, np.ndarray]:
         changes = super()._changes_by_x()

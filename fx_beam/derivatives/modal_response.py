@@ -195,7 +195,6 @@ class ModalResponse(TangentResponse):
         SceneError
             Before the first call, for scenes without derivatives, and for overdamped modes.
         """
-        self._check_has_run("jacobian")
         self._changes()
         groups = [*self._groups()]
         jacobian = np.zeros((len(self._omega), 1 + self._damped, len(self._x)))
@@ -235,7 +234,6 @@ class ModalResponse(TangentResponse):
             As of `jacobian`; for weights of another shape, and for different ones of modes with the
             same frequency, since only their sum has a gradient.
         """
-        self._check_has_run("vjp")
         self._changes()
         what = "ModalResponse.vjp: weights"
         shape = (len(self.modes), 2) if self._damped else (len(self.modes),)
@@ -258,10 +256,6 @@ class ModalResponse(TangentResponse):
         chosen = np.concatenate(modes)
         given = (self._by_roots(chosen) * every[chosen].T).sum(axis=0)
         return self._of_sums(self._pairs(chosen, chosen), given[None])[0]
-
-    @property
-    def _is_damped(self) -> bool:
-        return self._damped
 
     def _changes_by_x(self) -> dict[str, np.ndarray]:
         changes = super()._changes_by_x()

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.linalg
 
+from fx_beam.content_cache import cached_property
 from fx_beam.dual import stacked
 from fx_beam.errors import SceneError, check_takes, is_whole, require
 from fx_beam.motions.numbers import OF_STEPS, numbers_of, observed_numbers_of
@@ -53,6 +54,9 @@ class _Slopes(NamedTuple):
     #: Those (m, n) of its start, in its directions, and (m,) of the logarithm of its period.
     start: np.ndarray
     period: np.ndarray
+    #: These directions, and the monodromy matrix in them.
+    by: Directions
+    monodromy: np.ndarray
 
 
 class PeriodicResponse(Response):
@@ -125,7 +129,6 @@ class PeriodicResponse(Response):
         self._frequency = 0.0
         self.motion: PeriodicMotion
         self._shooting: Shooting
-        self._slopes: _Slopes | None = None
 
     def _built(self, x: Any) -> Any:
         return self._build(x, self._frequency) if self._finds_frequency else self._build(x)
@@ -136,7 +139,8 @@ class PeriodicResponse(Response):
         return self._scene_at(self._given)
 
     def _run(self, x: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        self._given, self._slopes, self._other = x, None, None
+        self._given, self._other = x, None
+        vars(self).pop("_slopes", None)
         if self._finds_frequency:
             self.motion = self._motion_of(self._scene_of)
         else:
@@ -187,7 +191,6 @@ class PeriodicResponse(Response):
     @one_call
     def vjp(self, weights: Mapping[str, np.ndarray]) -> np.ndarray:
         """As of `Response`, by its Jacobian: the monodromy matrix takes most of the time."""
-        self._check_has_run("vjp")
         given = self._checked_weights(weights)
         jacobian = self.jacobian(*given)
         parts = [np.tensordot(of, jacobian[name], of.ndim) for name, of in given.items()]
@@ -196,17 +199,19 @@ class PeriodicResponse(Response):
     @one_call
     def jacobian(self, *names: str) -> dict[str, np.ndarray]:
         """As of `Response`; of a period (m,)."""
-        self._check_has_run("jacobian")
-        wanted = self._differentiable(names or self._names, f"{_WHAT}.jacobian: names")
-        others = [name for name, output in wanted.items() if not _is_period(output)]
-        of_period = self._solved().period
-        jacobian = {name: self._period.length * of_period for name in wanted.keys() - others}
-        if others:
-            self._check_rows(others)
-            rows = self._by_period(others)
-            of_rows = super().jacobian(*others)
-            jacobian |= {name: of_rows[name] + rows[name][..., None] * of_period for name in others}
-        return {name: jacobian[name] for name in wanted}
+        jacobian = super().jacobian(*names)
+        others = [name for name in jacobian if not _is_period(self._outputs[name])]
+        for name, rows in self._by_period(others).items():
+            jacobian[name] = jacobian[name] + rows[..., None] * self._slopes.period
+        return jacobian
+
+    def _of_singles(self, names: Iterable[str]) -> dict[str, np.ndarray]:
+        periods = [name for name in names if _is_period(self._outputs[name])]
+        return {name: self._period.length * self._slopes.period for name in periods}
+
+    def _begin_derivatives(self, what: str, outputs: Mapping[str, Output]) -> tuple[Any, ...]:
+        self._check_rows(outputs)
+        return super()._begin_derivatives(what, outputs)
 
     @one_call
     def multipliers(self, n: int = 1) -> tuple[np.ndarray, np.ndarray]:
@@ -234,14 +239,12 @@ class PeriodicResponse(Response):
             Before the first call, for scenes without derivatives, for multipliers that are equal,
             and at a fold.
         """
-        self._check_has_run("multipliers")
-        self._check_rows()
+        self._check_rows({})
         known = without_trivial(self.motion.multipliers, self._cycle.trivial)
         known = known[known.imag >= 0]
         fits = is_whole(n, 1, len(known))
         require(fits, f"{_WHAT}.multipliers: n", n, f"a whole number from 1 to {len(known)}")
-        self._solved()
-        values, left, right = scipy.linalg.eig(self._monodromy, left=True, right=True)
+        values, left, right = scipy.linalg.eig(self._slopes.monodromy, left=True, right=True)
         derivatives = np.zeros((n, len(self._x)), dtype=complex)
         for i, value in enumerate(known[:n]):
             k = int(np.argmin(abs(values - value)))
@@ -259,7 +262,8 @@ class PeriodicResponse(Response):
 
     def _of_deviation(self, deviation: np.ndarray) -> np.ndarray:
         """Derivatives (n, m) by x of what becomes of a deviation (n,) of the start in a period."""
-        shooting, by, period, slopes = self._shooting, self._by, self._period, self._solved()
+        shooting, period, slopes = self._shooting, self._period, self._slopes
+        by = slopes.by
         unit = by.matrix[by.independent]
 
         def beside(change: float) -> np.ndarray:
@@ -282,7 +286,7 @@ class PeriodicResponse(Response):
             rows += _slope(longer, _CHANGE) * slopes.period
         return np.linalg.solve(unit, rows)
 
-    def _check_rows(self, names: Iterable[str] = ()) -> None:
+    def _check_rows(self, outputs: Mapping[str, Output]) -> None:
         """SceneError for outputs of which there are no derivatives."""
         if self._cycle.chosen_by == "fold":
             raise SceneError(
@@ -290,22 +294,16 @@ class PeriodicResponse(Response):
                 "along the curve of folds, which needs second derivatives"
             )
         if self._shooting.model.forms.needs_previous:
-            for name in names:
-                of = self._outputs[name]
-                assert isinstance(of, Output)  # others have no weights
+            for name, of in outputs.items():
                 if isinstance(of.of, Beam) or of.quantity in SINCE_START:
                     raise SceneError(
                         f"{_WHAT}: the output {name!r}, {of}, has no derivatives with a scheme "
                         "whose forces depend on the step before. Use EnergyMomentum"
                     )
 
-    def _solved(self) -> _Slopes:
+    @cached_property
+    def _slopes(self) -> _Slopes:
         """Derivatives of the start and of the period, from the equations of the motion."""
-        if self._slopes is None:
-            self._slopes = self._solve()
-        return self._slopes
-
-    def _solve(self) -> _Slopes:
         shooting, period, cycle = self._shooting, self._period, self._cycle
         error = self._lay().error
         if error > max(10 * self.motion.error, ROUND_OFF):
@@ -316,15 +314,16 @@ class PeriodicResponse(Response):
             )
         changes = self._numbers_by_x()
         refuse_others(changes, shooting.derivatives.names, _WHAT)
-        self._by = by = shooting.directions(period.start, period.length)
+        by = shooting.directions(period.start, period.length)
         independent, n = by.independent, by.matrix.shape[1]
         unit = by.matrix[independent]
         after, _ = shooting.slopes(by.changes, period)
-        self._monodromy = np.linalg.solve(unit, after[independent])
+        monodromy = np.linalg.solve(unit, after[independent])
         rows = [after[independent] - unit]
         right = [shooting.slopes(changes, period)[0][independent]]
         if cycle.chosen_by == "fold":
-            return self._of_fold(rows[0], right[0])
+            none = np.zeros((len(self._x), n))
+            return _Slopes(none, self._of_fold(rows[0], right[0], by), by, monodromy)
         of_parameter = np.zeros((len(unit), 0))
         if cycle.free and cycle.chosen_by != "period":
             of_parameter = shooting.by_parameter(period)[independent, None]
@@ -343,7 +342,7 @@ class PeriodicResponse(Response):
         solved = -scipy.linalg.lstsq(matrix, sides, ROUNDING, lapack_driver="gelsy")[0].T
         self._lay()
         of_period = solved[:, n] if more else np.zeros(len(self._x))
-        return _Slopes(solved[:, :n], of_period)
+        return _Slopes(solved[:, :n], of_period, by, monodromy)
 
     def _conditions(
         self, by: Directions, changes: dict[str, np.ndarray]
@@ -402,8 +401,8 @@ class PeriodicResponse(Response):
             by_x = by_x - of_factors @ (loads.T @ q)
         return by_x
 
-    def _of_fold(self, matrix: np.ndarray, right: np.ndarray) -> _Slopes:
-        """At a fold the left vector of S_y - 1 leaves the frequency alone."""
+    def _of_fold(self, matrix: np.ndarray, right: np.ndarray, by: Directions) -> np.ndarray:
+        """Those (m,) of the period: the left vector of S_y - 1 leaves the frequency alone."""
         period, frequency = self._period, self._frequency
         vector = np.linalg.svd(matrix)[0][:, -1]
 
@@ -411,16 +410,15 @@ class PeriodicResponse(Response):
             other = Shooting(self._scene_of(frequency * (1 + change)), self._cycle.options)
             return other.run(period.start, period.length / (1 + change)).gap
 
-        of_frequency = _slope(gap, _CHANGE)[self._by.independent]
+        of_frequency = _slope(gap, _CHANGE)[by.independent]
         self._frequency = frequency
         self._lay()
-        by_x = (vector @ right) / (vector @ of_frequency)  # of the period, the inverse
-        return _Slopes(np.zeros((len(self._x), matrix.shape[1])), by_x)
+        return (vector @ right) / (vector @ of_frequency)  # of the period, the inverse
 
     def _by_period(self, names: list[str]) -> dict[str, np.ndarray]:
         """Derivatives of outputs by the logarithm of the period, at the same start."""
-        if not self._solved().period.any():
-            return {name: np.zeros(self._shapes[name]) for name in names}
+        if not self._slopes.period.any():
+            return {}
         period, of = self._period, {name: self._outputs[name] for name in names}
 
         def longer(change: float) -> list[np.ndarray]:
@@ -443,8 +441,8 @@ class PeriodicResponse(Response):
 
     def _changes(self) -> dict[str, np.ndarray]:
         """Derivatives (m, ...) of all numbers by x, those of the start of the motion among them."""
-        of_start = self._solved().start
-        return _added(self._numbers_by_x(), self._by, of_start)
+        slopes = self._slopes  # which have the steps of the motion on the tape
+        return _added(self._numbers_by_x(), slopes.by, slopes.start)
 
     def _numbers_by_x(self) -> dict[str, np.ndarray]:
         """The same with the independent variables of the start held."""
@@ -471,7 +469,7 @@ class PeriodicResponse(Response):
         numbers |= {name + _LATER: later[name] for name in OF_STEPS & later.keys()}
         numbers[_AT_START] = stacked(other.forcing.series(t0[:1])[0])
         of = [output for output in self._outputs.values() if isinstance(output, Output)]
-        if any(observes_rates(other.model, output) for output in of if not _is_period(output)):
+        if any(observes_rates(other.model, output) for output in of):
             rates = rates_at(tape, np.arange(len(tape) + 1))
             numbers |= observed_numbers_of(other, start, *rates, False)
         return numbers

@@ -168,7 +168,7 @@ class Response(Differentiable):
         # Several processes have no derivatives.
         self._series = MotionSeries(self._memory)
         self._calls = self._series.calls
-        self._of_tape: tuple[Any, list, TapeDerivatives] | None = None
+        self._of_tape: TapeDerivatives | None = None
         # The last run whose rows only this object has.
         self._last_run: Run | None = None
         # What has the numbers of other scenes.
@@ -302,7 +302,6 @@ class Response(Differentiable):
             Before the first call of the response; for weights of other names or shapes; for an
             output, a scheme or a part of the scene that has no derivatives.
         """
-        self._check_has_run("vjp")
         given = self._checked_weights(weights)
         singles = self._of_singles(given)
         by_x = sum((given.pop(name) * of for name, of in singles.items()), np.zeros(len(self._x)))
@@ -358,7 +357,6 @@ class Response(Differentiable):
         SceneError
             As of `vjp`.
         """
-        self._check_has_run("jacobian")
         wanted = self._differentiable(names or self._names, "Response.jacobian: names")
         singles = self._of_singles(wanted)
         outputs = {name: output for name, output in wanted.items() if name not in singles}
@@ -498,8 +496,12 @@ class Response(Differentiable):
                 f"Response.{what}: the steps of this motion were not compiled "
                 f"({self.stats.solver}), and have no derivatives"
             )
-        derivatives = self._derivatives_of(prepared, "JVP" if what == "jacobian" else "VJP")
-        return prepared.model, tape, derivatives
+        loop = prepared.loop
+        assert loop is not None  # only it has a tape
+        if self._of_tape is None or self._of_tape.problem is not loop.problem:
+            way = "JVP" if what == "jacobian" else "VJP"
+            self._of_tape = TapeDerivatives(loop.problem, way)
+        return prepared.model, tape, self._of_tape
 
     def _boundaries(self, tape: Tape) -> np.ndarray:
         """Numbers of sub-steps before the rows of the last call."""
@@ -513,15 +515,6 @@ class Response(Differentiable):
             if values is not None and rows.size:
                 rows[steps == len(tape)] = np.ravel(values)
         return states
-
-    def _derivatives_of(self, prepared: Prepared, way: str) -> TapeDerivatives:
-        """What follows the tape, which serves all scenes whose joints have the same slides."""
-        loop = prepared.loop
-        assert loop is not None  # only it has a tape
-        slides = [joint.start() for joint in prepared.model.scene.joints]
-        if self._of_tape is None or self._of_tape[:2] != (loop, slides):
-            self._of_tape = loop, slides, TapeDerivatives(loop.problem, way)
-        return self._of_tape[2]
 
     def _checked_weights(self, weights: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         what = "Response.vjp: weights"

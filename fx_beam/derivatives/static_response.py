@@ -176,7 +176,6 @@ class StaticResponse(Response):
             Before the first call, if the first critical point is no bifurcation, and as of
             `jacobian`.
         """
-        self._check_has_run("imperfection_sensitivity")
         return self._critical_load.sensitivity()
 
     def _of_singles(self, names: Iterable[str]) -> dict[str, np.ndarray]:

@@ -15,7 +15,6 @@ from fx_beam.linear.linearisation import Linearisation
 from fx_beam.motions.numbers import numbers_of_state, static_numbers_of
 from fx_beam.results.solution import Solution
 from fx_beam.scene.inputs import with_values
-from fx_beam.scene.joints import slides_at_start
 from fx_beam.scene.scene import Scene
 from fx_beam.step.forcing import LoadForcing
 from fx_beam.step.newton import NewtonOptions
@@ -107,7 +106,6 @@ class TangentDerivatives:
         self._problem: Any = None
         self._derivatives: TapeDerivatives
         self._others: OtherScenes
-        self._slides = list[float]()
         #: Changes (m, ...) of the numbers by x.
         self.changes: Mapping[str, np.ndarray]
 
@@ -127,9 +125,8 @@ class TangentDerivatives:
         model = about.damped_model if self._damped else about.model
         problem = Problem.of(model, NewtonOptions(), about.frame is not None)
         problem.hand_over_frame(about.frame)
-        slides = slides_at_start(model.scene).tolist()
-        if problem is not self._problem or slides != self._slides:
-            self._derivatives, self._slides = TapeDerivatives(problem), slides
+        if problem is not self._problem:
+            self._derivatives = TapeDerivatives(problem)
             kind = {"instant" if self._damped else "mobile": True}
             self._others = OtherScenes(model.scene, model.scheme, **kind)
         self._problem, p = problem, problem.c

@@ -23,6 +23,8 @@ class TangentResponse(Differentiable):
 
     #: The function that is asked for, in messages of calls.
     _asked: str
+    #: Whether damping counts.
+    _damped: bool
 
     def _begin_tangent(
         self, build: Callable[..., Any], state: Callable[[Scene], Solution] | None
@@ -53,13 +55,8 @@ class TangentResponse(Differentiable):
         self.stats = Stats(scheme.name, scheme.rates.level, "", unknowns, static=True)
         return about
 
-    @property
-    def _is_damped(self) -> bool:
-        """Whether damping counts."""
-        raise NotImplementedError
-
     def _changes_by_x(self) -> dict[str, np.ndarray]:
-        self._tangent.begin(self._about, self._end, self._is_damped)
+        self._tangent.begin(self._about, self._end, self._damped)
         self._start: StateChange | None = None
         if self._path is not None and self._about.model.flows:
             path = StaticDerivatives(self._path)

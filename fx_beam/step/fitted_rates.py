@@ -146,10 +146,7 @@ class RateDerivatives:
         (m, ...).
         """
         fits, (n, m, _) = self._fits, of_state["q"].shape
-        x, of_results = np.zeros((fits.layout.size, m)), fits.results.empty(n, m)
-        for name in changes.keys() & fits.numbers.keys():
-            at, of, _ = fits.numbers[name]
-            x[at] = np.reshape(changes[name], (m, -1)).T[of]
+        x, of_results = fits.layout.vector(changes, fits.numbers, m), fits.results.empty(n, m)
         flat = {name: values.reshape(n * m, -1) for name, values in of_state.items()}
         states = fits.states.filled(flat, n * m)
         given = side_by_side(x, fits.library.GROUP_SIZE)

@@ -63,6 +63,14 @@ class Layout:
         self.forces = Rows({"constraints": constrained, "joints": self.at["forces"]})
         self.equations = Rows({"equations": self.at["R"][: p.free]})
 
+    def vector(self, changes: Arrays, numbers: Mapping[str, Numbers], count: int) -> np.ndarray:
+        """A vector (size, count) with changes (count, ...) of some numbers, and zeros."""
+        x = np.zeros((self.size, count))
+        for name in changes.keys() & numbers.keys():
+            at, of, _ = numbers[name]
+            x[at] = np.reshape(changes[name], (count, -1)).T[of]
+        return x
+
 
 class Rows:
     """Numbers of the vector in rows of a run, in parts by name: ``RowsOfRun`` of c/problem.h."""

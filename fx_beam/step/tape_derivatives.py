@@ -57,9 +57,10 @@ class TapeDerivatives:
             self._structs.set(self.c, **counts)
         else:
             self._structs.set(self.c, transposed_at=problem.transposed())
-        by_number = joints_by_number(self._model.scene)
-        rest = [by_number[joint.number].start()[0] for joint in self._model.couplings.moving]
-        self._structs.set(self.c, slide_at_rest=[*rest, 0.0])
+        #: Slides of moving joints in the reference, and `Model.refills` for which they are.
+        self._slide_at_rest = np.zeros(1 + len(self._model.couplings.moving))
+        self._refills = -1
+        self._structs.set(self.c, slide_at_rest=self._slide_at_rest)
 
     @cached_property
     def layout(self) -> Layout:
@@ -223,8 +224,9 @@ class TapeDerivatives:
         These are asked for when the part is on the tape. With `entries` of states, of these alone.
         """
         count = len(next(iter(changes.values())))
-        given = self._vector(changes, count), self._of_steps(changes, count, len(tape))
-        _kept, x = self._begin_jvp(changes, *given, by_unknowns=0)
+        x = self.layout.vector(changes, self.numbers, count)
+        of_steps = self._of_steps(changes, count, len(tape))
+        _kept, x = self._begin_jvp(changes, x, of_steps, by_unknowns=0)
         states, forces = self.layout.states.only(entries), self.layout.forces
         for part in tape.parts(self.problem):
             at, of = rows_of(part)
@@ -251,7 +253,7 @@ class TapeDerivatives:
         changes of the unknowns (m, free), if these are given.
         """
         p, count, every = self._p, len(changes["X"]), np.arange(len(tape) + 1)
-        x, columns = self._vector(changes, count), self.layout.at["Y"]
+        x, columns = self.layout.vector(changes, self.numbers, count), self.layout.at["Y"]
         x[columns[p.free : p.free + p.driven]] = changes["driven"].reshape(count, -1).T
         if by_unknowns is not None:
             x[columns[: p.free]] = by_unknowns.T
@@ -286,14 +288,6 @@ class TapeDerivatives:
         left = (library.fx_vjp if backwards else library.fx_jvp)(self._p, tape.c, self.c)
         _check_followed(left, tape, first + left - 1 if backwards else end - left)
 
-    def _vector(self, changes: Mapping[str, np.ndarray], count: int) -> np.ndarray:
-        """Changes (size, count) of the numbers of the scene and of its state."""
-        x = np.zeros((self.layout.size, count))
-        for name in changes.keys() & self.numbers.keys():
-            at, of, _ = self.numbers[name]
-            x[at] = np.reshape(changes[name], (count, -1)).T[of]
-        return x
-
     def _of_steps(self, changes: Mapping[str, np.ndarray], count: int, rows: int) -> np.ndarray:
         """Changes (rows * step_size, count) of the numbers of sub-steps."""
         steps = np.zeros((rows, self.layout.step_size, count))
@@ -319,7 +313,14 @@ class TapeDerivatives:
         return float(self.sizes[:half].max(initial=0.0) / late) if late else 0.0
 
     def hand_over_slopes(self, by_places: bool) -> None:
-        """Derivatives of forces of elements, by places of nodes if these are wanted."""
+        """Derivatives of forces of elements, by places of nodes if these are wanted.
+
+        And the slides of joints in the reference of the present scene.
+        """
+        if self._refills != self._model.refills:
+            self._refills, joints = self._model.refills, joints_by_number(self._model.scene)
+            for m, joint in enumerate(self._model.couplings.moving):
+                self._slide_at_rest[m] = joints[joint.number].start()[0]
         if self._has_places == by_places:
             return
         self._has_places = by_places
