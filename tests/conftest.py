@@ -84,9 +84,9 @@ def no_libraries(monkeypatch, tmp_path):
     own = {name: in_own_folder(getattr(library_cache, name)) for name in ("loaded", "folder")}
     monkeypatch.setattr(c_library, "library_cache", SimpleNamespace(**own))
     monkeypatch.setattr(build, "_loaded", {})
-    build.load_library.cache_clear()
+    c_library.open_library.cache_clear()
     yield
-    build.load_library.cache_clear()
+    c_library.open_library.cache_clear()
 
 
 _DEMOS = {path.stem for path in (Path(__file__).parents[1] / "demos").glob("*.py")}

@@ -32,7 +32,6 @@ _MALLOC = {-3: 1 << 25, -1: 1 << 26}  # M_MMAP_THRESHOLD, M_TRIM_THRESHOLD
 _loaded: dict[tuple[str, ...], list[int]] = {}
 
 
-@functools.cache
 def load_library(features: str = "CHAIN", derivatives: str = "") -> tuple[Any, Any]:
     """The cffi.FFI with the declarations of problem.h, and a compiled library of the loop.
 

@@ -20,7 +20,6 @@ import pytest
 from fx_beam import c_library, library_cache
 from fx_beam.fem import form_library
 from fx_beam.fem.compiled_laws import point_function
-from fx_beam.step import build
 
 
 @pytest.fixture(autouse=True)
@@ -37,7 +36,7 @@ def cache(monkeypatch, tmp_path):
 def forget(monkeypatch):
     """As in a process that has loaded nothing."""
     monkeypatch.setattr(form_library, "_modules", {})
-    build.load_library.cache_clear()
+    c_library.open_library.cache_clear()
 
 
 def form():
