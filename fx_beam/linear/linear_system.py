@@ -18,7 +18,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node
 from fx_beam.scene.inputs import Ramp, check_names, widths
 from fx_beam.scene.joints import Joint
-from fx_beam.scene.outputs import Output, check_outputs, definition
+from fx_beam.scene.outputs import OF_JOINTS, OF_NODES, Output, check_outputs, definition
 from fx_beam.scene.scene import Scene
 from fx_beam.step.measured import measured
 from fx_beam.step.recorded_histories import driven_of
@@ -227,9 +227,9 @@ def _split(A: np.ndarray, basis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return vectors[:, ~none], vectors[:, none]
 
 
-# Quantities that are linearised: places, and rates.
-_PLACES = "position", "displacement", "rotation", "angle", "slide"
-_LINEAR = *_PLACES, "velocity", "spin", "rate"
+# Quantities that are linearised: places and rates of nodes and joints.
+_OF_MOTION = "q", "slides", "v"
+_LINEAR = [name for name, of in (OF_NODES | OF_JOINTS).items() if of.of in _OF_MOTION]
 
 
 @dataclass(frozen=True, repr=False)
