@@ -8,6 +8,7 @@ import math
 import sys
 from collections.abc import Callable, Iterable
 from contextlib import suppress
+from contextvars import copy_context
 from dataclasses import dataclass, field, fields
 from decimal import Decimal
 from numbers import Integral, Real
@@ -17,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from .array_calls import array_calls
-from .dual import Dual, DualFloat, dual_of, in_scene, stacked
+from .dual import Dual, DualFloat, dual_of, have_slopes, in_scene, plain, stacked
 from .symbolic import ufl
 
 TimeFunction = Callable[[float], np.ndarray]
@@ -25,6 +26,8 @@ TimeFunction = Callable[[float], np.ndarray]
 _PLACES = {"s", "x", "y", "xi", "place", "position", "point", "fraction", "arc_length"}
 #: Largest size of a number: products of a few such numbers are finite.
 LARGEST = 1e75
+# Times that differ by less, relative to the largest, are the same.
+_SAME_TIME = 1e-12
 # Characters of a value in a message.
 _SHOWN = 200
 # Types of real numbers, for which a look is enough.
@@ -442,7 +445,7 @@ def checked_function(value, size: int, what: str, *sample: float) -> CheckedFunc
         raise SceneError(f"{what}: calling it at {sample} raised {error!r}") from error
     vector(first, size, what)
 
-    return _CheckedFunction(value, size, what)
+    return (_DualFunction if have_slopes() else _CheckedFunction)(value, size, what)
 
 
 class _EndlessError(SceneError):
@@ -507,7 +510,7 @@ class _CheckedFunction:
             for one in arguments
         )
         try:
-            return np.array(collected, dtype=float).reshape(len(collected), self.size)
+            return stacked(collected).reshape(len(collected), self.size)
         except (TypeError, ValueError, OverflowError):
             return None
 
@@ -540,6 +543,30 @@ def _copied(value):
     if isinstance(value, _IMMUTABLE):
         return value
     return (value if isinstance(value, np.ndarray) else np.array(value)).tolist()
+
+
+class _DualFunction(_CheckedFunction):
+    """The same in a scene whose numbers have slopes; its values have them in such blocks alone."""
+
+    def __init__(self, function: Callable, size: int, what: str):
+        super().__init__(function, size, what)
+        self._block = copy_context()
+        # The last times in a run, and the values then.
+        self._known: tuple[np.ndarray, Any] = np.empty((0, 1)), None
+
+    def __call__(self, *arguments) -> np.ndarray:
+        if have_slopes():
+            return super().__call__(*arguments)
+        return plain(self._block.copy().run(super().__call__, *arguments))
+
+    def each(self, arguments: np.ndarray, run: str = "") -> np.ndarray:
+        """As of others; the steps of a motion and their derivatives share values."""
+        times, values = self._known
+        apart = abs(times - arguments) if run and len(times) == len(arguments) else np.inf
+        if np.max(apart) > _SAME_TIME * np.max(abs(times), initial=0.0):
+            values = self._block.copy().run(super().each, arguments, run)
+            self._known = (arguments, values) if run else self._known
+        return values if have_slopes() else plain(values)
 
 
 def series(function: TimeFunction, times: np.ndarray, what: str) -> np.ndarray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping, Set
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from fx_beam.scene.structure import OtherStructureError
 
 #: Arrays by name, some of which may be dual: a function of the scene, and of the change of x (m,).
 NumbersOf = Callable[[Scene, Any], dict[str, Any]]
+_Result = TypeVar("_Result")
 
 _log = logging.getLogger("fx_beam")
 _INACCURATE = (
@@ -67,8 +68,25 @@ class BuiltScenes:
         self._names: dict[int, list[str]] = {}
         #: Names of the numbers of which the last derivatives are not all zero.
         self.changing: set[str] = set()
+        #: Whether scenes are built with slopes, and whether the last one was.
+        self.builds_dual = self._is_dual = False
         # Shapes of all numbers, by name, for which slopes were checked.
         self._checked: list[dict[str, tuple[int, ...]]] = []
+
+    def serve(self, x: np.ndarray, of: Callable[[Any], _Result], dual: bool = True) -> _Result:
+        """What comes of a scene of x, and later its derivatives.
+
+        From the first derivatives on the same scene serves both, with slopes, if it may be `dual`.
+        No more if something takes plain floats.
+        """
+        self._is_dual = dual and self.builds_dual and not self.reasons
+        if self._is_dual:
+            try:
+                with slopes_by(x) as numbers:
+                    return of(numbers)
+            except Exception:  # noqa: BLE001  # whatever takes floats, and what is wrong with both
+                self.builds_dual = self._is_dual = False
+        return of(x)
 
     @property
     def reason(self) -> str:
@@ -79,10 +97,12 @@ class BuiltScenes:
         self, x: np.ndarray, known: Scene, numbers_of: NumbersOf
     ) -> dict[str, np.ndarray]:
         """Derivatives (m, ...) by x of the numbers of scenes; `known` is that at x."""
-        here, by_name = self._slopes(x, numbers_of)
+        here, by_name = self._slopes(x, known, numbers_of)
         if (shapes := {name: values.shape for name, values in here.items()}) not in self._checked:
-            _check_same(numbers_of(known, np.zeros(len(x))), here)
+            if not self._is_dual:
+                _check_same(numbers_of(known, np.zeros(len(x))), here)
             self._checked.append(shapes)
+            self.builds_dual = True
             self._check(x, here, by_name, numbers_of)
         for i in sorted(self.reasons):
             differences = self._derivative(x, i, here, numbers_of)
@@ -95,24 +115,25 @@ class BuiltScenes:
     # -- By dual numbers ---------------------------------------------------------------------------
 
     def _slopes(
-        self, x: np.ndarray, numbers_of: NumbersOf
+        self, x: np.ndarray, known: Scene, numbers_of: NumbersOf
     ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         """The numbers of a scene, and slopes (m, ...) by those of x that have no `reasons`."""
         while len(lost := self.reasons.keys() - self._names.keys()) < len(x):
             try:
                 with slopes_by(x, without=lost) as dual:
                     change = Dual(np.zeros(len(x)), dual.slopes)
-                    numbers = numbers_of(self._at(dual), change)
+                    numbers = numbers_of(known if self._is_dual else self._at(dual), change)
                 break
             except Exception as error:  # noqa: BLE001  # whatever a function does that takes floats
                 self._learn(error, {*range(len(x))} - lost)
+                self._is_dual = False
         else:
             numbers = numbers_of(self._at(x), np.zeros(len(x)))
         self.changing = {name for name, of in numbers.items() if isinstance(of, Dual)}
         by_name = {}
         for name, of in numbers.items():
             slopes = of.slopes if name in self.changing else np.zeros((*of.shape, len(x)))
-            by_name[name] = np.moveaxis(slopes, -1, 0)
+            by_name[name] = slopes.transpose(of.ndim, *range(of.ndim))
         return {name: plain(values) for name, values in numbers.items()}, by_name
 
     def _learn(self, error: BaseException | None, others: set[int]) -> None:

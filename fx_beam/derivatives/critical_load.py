@@ -71,7 +71,7 @@ class CriticalLoad:
         for name, rows in changes.items():
             last = np.reshape(of_factor.get(name, 0 * rows[0]), (1, *rows[0].shape))
             self._changes[name] = np.concatenate([rows, last])
-        self._tangent.take(self._changes)
+        self._tangent.take(self._changes, self._changes.keys())
         omega = point.modes.angular_frequencies[0]
         self._square = omega**2 if point.kind == FLUTTER else 0.0
         self._unit = about.model.unit_of_unknowns[about.unknowns]

@@ -174,4 +174,5 @@ class Gradient:
 def along(changes: np.ndarray, gradient: np.ndarray) -> np.ndarray:
     """Products (m,) of changes (m, ...) and a gradient."""
     # Without a copy where slopes are side by side, as of dual numbers.
-    return np.ravel(gradient) @ np.moveaxis(changes, 0, -1).reshape(-1, len(changes))
+    slopes = changes.transpose(*range(1, changes.ndim), 0)
+    return np.ravel(gradient) @ slopes.reshape(-1, len(changes))

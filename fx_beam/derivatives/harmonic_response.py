@@ -11,6 +11,7 @@ from scipy.optimize import minimize_scalar
 from fx_beam.dual import stacked
 from fx_beam.errors import array_of, is_one_of, require
 from fx_beam.linear.harmonic import Measured, Vibration, checked_frequencies, nodal_load
+from fx_beam.linear.linearisation import Linearisation
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import FrequencyResponse
 from fx_beam.scene.scene import Scene
@@ -95,7 +96,7 @@ class HarmonicResponse(TangentResponse):
         self._f = checked_frequencies(frequencies, f"{_WHAT}: frequencies")
         self._begin_tangent(build, state)
 
-    _gives, _asked = "amplitudes", _WHAT
+    _gives, _asked, _damped = "amplitudes", _WHAT, True
 
     def _begin(self) -> None:
         super()._begin()
@@ -127,13 +128,11 @@ class HarmonicResponse(TangentResponse):
         """
         given = self._begin_call(x)
         self._given.clear()
-        about = self._linearised(given)
-        load, at = self._given[self._scene]
-        self._force = nodal_load(about, load, f"{_WHAT}: load")
+        about = self._scenes.serve(given, self._linearised, self._state is None)
+        _, at = self._given[self._scene]
         self._reduced = about.T.T @ self._force
         self._measured = Measured(about, at, f"{_WHAT}: at")
         self._vibration = Vibration(about, _WHAT)
-        self._damped = self._vibration.damped
         solved = [self._solved(f) for f in self._f]
         motions, adjoints = map(np.array, zip(*solved, strict=True))
         self._solutions = self._f, motions, adjoints
@@ -141,6 +140,11 @@ class HarmonicResponse(TangentResponse):
         self.response = FrequencyResponse(at, self._f, self._measured.names, values)
         self._x = given
         return values.copy()
+
+    def _linearised(self, x: Any) -> Linearisation:
+        about = super()._linearised(x)
+        self._force = nodal_load(about, self._given[self._scene][0], f"{_WHAT}: load")
+        return about
 
     def _solved(self, frequency: float) -> tuple[np.ndarray, np.ndarray]:
         """The motion (free,) at a frequency, and those (c, free) of the adjoint components."""

@@ -140,7 +140,7 @@ class ModalResponse(TangentResponse):
             in the second column damping ratios.
         """
         given = self._begin_call(x)
-        about = self._linearised(given)
+        about = self._scenes.serve(given, self._linearised, self._state is None)
         self._by_rates = about.by_rates(self._asked, self._damped)
         more = 2 if self._damped else 0  # copies above are seen without damping only
         if self._take_modes(self._n + more) < _SAME:

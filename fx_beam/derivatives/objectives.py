@@ -16,16 +16,22 @@ from .differentiable import Differentiable
 Cost = Callable[[np.ndarray, dict[str, np.ndarray]], tuple[float, Mapping[str, np.ndarray]]]
 
 
-class Objective:
+class _OfRun:
+    """A function of the parameters of a response, which takes its time."""
+
+    _run: Differentiable
+
+    @property
+    def _alone(self):
+        return self._run._alone
+
+
+class Objective(_OfRun):
     """A number of a whole motion, and its derivatives by x."""
 
     def __init__(self, run: Differentiable, function: Cost):
         check_takes(function, "t, y", "objective: function")
         self._run, self._function = run, function
-
-    @property
-    def _alone(self):
-        return self._run._alone
 
     @one_thread
     def __call__(self, x: Any) -> tuple[float, np.ndarray]:
@@ -60,7 +66,7 @@ def _scatter(given: Any, shape: tuple[int, ...], what: str) -> np.ndarray:
         ) from None
 
 
-class Misfit:
+class Misfit(_OfRun):
     """Outputs less what was measured, over the scatter of this, as one vector."""
 
     def __init__(self, run: Differentiable, measured: Mapping[str, Any], scatter: Any):
@@ -79,10 +85,6 @@ class Misfit:
         }
         #: Numbers of the last motion, and its statistics, by which one knows it.
         self._last: tuple[Any, Any] = None, None
-
-    @property
-    def _alone(self):
-        return self._run._alone
 
     @one_thread
     def __call__(self, x: Any) -> np.ndarray:

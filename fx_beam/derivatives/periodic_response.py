@@ -139,7 +139,7 @@ class PeriodicResponse(Response):
         return self._scene_at(self._given)
 
     def _run(self, x: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        self._given, self._other = x, None
+        self._given = x
         vars(self).pop("_slopes", None)
         if self._finds_frequency:
             self.motion = self._motion_of(self._scene_of)
@@ -152,12 +152,14 @@ class PeriodicResponse(Response):
         if self._finds_frequency:
             self._frequency = cycle.period.parameter
             self._scene, self._outputs = self._at(x)
-        self._shooting = Shooting(self._scene, cycle.options)
+        self._shooting = Shooting(self._scene, cycle.options, self._series.prepare)
+        self._options = self._shooting.prepared.options
         fits = len(cycle.period.start.q) == self._shooting.model.size
         require(fits, f"{_WHAT}: motion", self.motion, "that of the scene, or of the build, given")
         #: The motion; its parameter is its length here.
         self._period = cycle.period._replace(parameter=cycle.period.length)
         solution = self._shooting.solution(self._period)
+        self._series.keep(self._shooting.prepared, solution)
         self.stats, self._t = solution.stats, solution.t[1:]
         assert solution.end is not None  # of steps that are all taken
         self._end = solution.end.reshaped(-1)
@@ -462,7 +464,7 @@ class PeriodicResponse(Response):
     def _numbers_of_scene(self, scene: Scene, change: Any) -> dict[str, Any]:
         """Numbers of the steps of this motion for another scene, from the same state."""
         tape, start, period = self._shooting.tape, self._period.start, self._period.length
-        other = self._with_numbers_of(scene, self._shooting.prepared.options)
+        other = self._prepared(scene)
         t0, t1 = tape.starts, tape.starts + tape.lengths
         numbers: dict[str, Any] = numbers_of(other, start, t0, t1)
         later = numbers_of(other, start, t0 + period, t1 + period)

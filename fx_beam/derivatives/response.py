@@ -26,7 +26,6 @@ from fx_beam.results.state import State
 from fx_beam.scene.inputs import with_functions
 from fx_beam.scene.outputs import Output, check_output
 from fx_beam.scene.scene import Scene
-from fx_beam.scene.structure import ElsewhereError
 from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record
@@ -163,6 +162,7 @@ class Response(Differentiable):
         super()._begin()
         self._end: State | None
         self._record = self._options.record
+        self._outputs: dict[str, Wanted] = {}
         #: Names of the outputs, from the first scene on.
         self._names: list[str] = []
         # Several processes have no derivatives.
@@ -171,8 +171,6 @@ class Response(Differentiable):
         self._of_tape: TapeDerivatives | None = None
         # The last run whose rows only this object has.
         self._last_run: Run | None = None
-        # What has the numbers of other scenes.
-        self._other: Prepared | None = None
         # The equilibrium from which the last motion started, if it was computed for it.
         self._path: LoadPath | None = None
 
@@ -227,23 +225,27 @@ class Response(Differentiable):
         return rows
 
     def _run(self, x: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        self._scene, self._outputs = self._at(x)
-        return self._motion()
+        # Functions of the user's, which have read a scene before, may take plain floats alone.
+        plain = callable(self._start) or any(map(callable, self._outputs.values()))
+        return self._motion(self._scenes.serve(x, self._begun, not plain))
 
-    def _motion(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        scene, series, last = self._scene, self._series, self._options.record
+    def _begun(self, x: Any = None) -> Run:
+        """A run of the scene of x, or of the last one, that is to take its steps."""
+        if x is not None:
+            self._scene, self._outputs = self._at(x)
+        scene, last = self._scene, self._options.record
         if (record := recorded(self._record, last, self._outputs)) is not last:
             self._options = replace(self._options, record=record)
-        run = series.begun(scene, self._options, self._start_of(scene), self._last_run)
-        self._last_run = None
+        over, self._last_run = self._last_run, None
+        return self._series.begun(scene, self._options, self._start_of(scene), over)
+
+    def _motion(self, run: Run) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         read = run.take_steps(lambda: self._rows_of(run) or run.solution())
         self.stats, self._end = run.prepared.stats, run.recorder.end
-        if self.stats.setup_reason:
-            self._other = None
         if isinstance(read, Solution):
             self._t = read.t
             return self._t, self._read_all(read)
-        series.keep(run)
+        self._series.keep(run.prepared)
         self._last_run, self._t = run, run.recorder.t
         self._shapes = {name: rows.shape for name, rows in read.items()}
         return self._t.copy(), read
@@ -489,7 +491,7 @@ class Response(Differentiable):
         series = self._series
         if not series.tapes or series.tape is None:
             series.tapes = True
-            self._motion()
+            self._motion(self._begun())
         prepared, tape = series.prepared, series.tape
         if prepared is None or tape is None:
             raise SceneError(
@@ -567,7 +569,7 @@ class Response(Differentiable):
 
         And those of outputs with rates.
         """
-        other, t0 = self._with_numbers_of(self._connected(given)), tape.starts
+        other, t0 = self._prepared(given), tape.starts
         model, first, t1 = other.model, self._options.dt, t0 + tape.lengths
         of = [output for output in self._outputs.values() if isinstance(output, Output)]
         at_start = any(map(observes_start, of))
@@ -593,12 +595,12 @@ class Response(Differentiable):
         """A scene with its inputs."""
         return with_functions(scene, self._options.inputs, "Response: inputs")
 
-    def _with_numbers_of(self, scene: Scene, options: Options | None = None) -> Prepared:
-        """What is prepared as the motion is, with the numbers of another scene, but no loop."""
-        if self._other is None:
-            self._other = Prepared(self._connected(self._scene), options or self._options)
-        try:
-            self._other.refill_model(scene)
-        except ElsewhereError:
-            self._other = Prepared(scene, self._other.options)
-        return self._other
+    def _prepared(self, given: Scene) -> Prepared:
+        """What is prepared as the motion is, with the numbers of another scene, but no loop.
+
+        Of the last scene it is that of the motion, if it has slopes.
+        """
+        if given is self._scene and (last := self._series.prepared) and last.model.is_dual:
+            return last
+        scenes = self._connected(given), self._connected(self._scene)
+        return self._series.alike(*scenes, self._options)

@@ -78,8 +78,13 @@ class OtherScenes:
         self._model: Model | None = None
         self._scene, self._made_of = scene, lambda of: Model(of, scheme, **kind)
 
-    def model_of(self, scene: Scene) -> Model:
-        """The model of a scene; OtherStructureError if it differs."""
+    def model_of(self, scene: Scene, known: Model | None = None) -> Model:
+        """The model of a scene; OtherStructureError if it differs.
+
+        It is the `known` one if this has the slopes of the scene.
+        """
+        if known is not None and known.scene is scene and known.is_dual:
+            return known
         model = self._model or self._made_of(self._scene)
         try:
             model.refill(scene)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -118,7 +118,7 @@ class TangentDerivatives:
         flows, self._start = about.model.flows, about.start
         self._follows = state is not None and not flows
         # Steps that tell damping hold what flows, too.
-        self._damped = damped or flows
+        self._damped = (damped and about.may_be_damped) or flows
         self._factor, self._inputs = 0.0, None
         if state is not None and state.end is not None:
             self._factor, self._inputs = float(state.t[-1]), state.end.inputs
@@ -134,10 +134,10 @@ class TangentDerivatives:
         self._forcing = LoadForcing(model, about.start.t)
         self._unknowns = about.unknowns
 
-    def take(self, changes: Mapping[str, np.ndarray]) -> None:
-        """Take changes (m, ...) of the numbers by x."""
+    def take(self, changes: Mapping[str, np.ndarray], changing: Set[str]) -> None:
+        """Take changes (m, ...) of the numbers by x; those not `changing` are zero."""
         refuse_others(changes, self._derivatives.names, self._what)
-        self.changes = changes
+        self.changes, self._changing = changes, changing
 
     def numbers_of(
         self, scene: Scene, moved: tuple[StateChange, Any] | None = None
@@ -146,7 +146,7 @@ class TangentDerivatives:
 
         With those of its state if this has `moved`, by a change of x.
         """
-        model = self._others.model_of(with_values(scene, self._inputs))
+        model = self._others.model_of(with_values(scene, self._inputs), self._problem.model)
         forcing = LoadForcing(model, self._forcing.time)
         numbers = static_numbers_of(model, forcing, np.array([self._factor]))
         if self._damped and model.natural:  # a step that tells damping also begins in the state
@@ -189,24 +189,26 @@ class TangentDerivatives:
 
     def by_x(self, by: Mapping[str, np.ndarray], changes: Any = None) -> np.ndarray:
         """Derivatives (m,) by x of what has some by numbers, whose changes may be others."""
-        changes = changes or self.changes
-        return np.sum([along(changes[name], by[name]) for name in by.keys() & changes], axis=0)
+        names = by.keys() & (self._changing if changes is None else changes.keys())
+        none = np.zeros(len(self.changes["X"]))
+        return sum((along((changes or self.changes)[name], by[name]) for name in names), none)
 
     def along_motions(self, of: Pairs) -> _Along:
         """The motions r of pairs as directions, and those l where motions of the nodes depend."""
         about, right, left, mass = self._about, of.right, of.left, self._about.model.mass
         k, c, m = (np.reshape(by, (-1, 1)) for by in (of.stiffness, of.damping, of.mass))
         T, moved, directions = about.T, _times(about.T, left), right
-        turns = [(scipy.sparse.identity(T.shape[0], format="csr"), m)]
+        by_mass, turns = [(T, m * moved)], list[tuple[Any, np.ndarray]]()
         if about.frame is not None:  # Coriolis forces are the mass times these
-            spin = 2 * np.sqrt(self._factor) * about.frame.spin
-            turns.append((spin * about.frame.quarter_turn, c))
-        by_mass = [(turn @ T, by * moved) for turn, by in turns]
+            turn = 2 * np.sqrt(self._factor) * about.frame.spin * about.frame.quarter_turn
+            by_mass.append((turn @ T, c * moved))
+            turns.append((turn, c))
         times, ends = np.broadcast_to(of.times, len(right)), list[tuple[np.ndarray, np.ndarray]]()
         if self._derivatives.places_depend:
             motion, of_nodes = _times(T, right)[of.of], _times(mass, moved)
-            moving = sum(by * _times(turn, motion) for turn, by in turns)
-            on_right = of.on_right + sum(by * _times(turn.T, of_nodes) for turn, by in turns)
+            moving = sum((by * _times(turn, motion) for turn, by in turns), m * motion)
+            on_right = of.on_right + m * of_nodes
+            on_right = sum((by * _times(turn.T, of_nodes) for turn, by in turns), on_right)
             ends = [(of.of, on_right)]
             ends += [(len(right) + np.arange(len(left)), _times(mass, moving) + of.on_left)]
             directions, times = np.vstack([right, left]), np.append(times, times[of.of])

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 
 from fx_beam.errors import check_takes, require
-from fx_beam.linear.linearisation import Linearisation, Models, check_equilibrium, linearised
+from fx_beam.linear.linearisation import Linearisation, check_equilibrium, linearised
 from fx_beam.results.audit import Stats
 from fx_beam.results.solution import Solution
 from fx_beam.scene.scene import Scene
+from fx_beam.step.model import Model
 
 from .differentiable import Differentiable
 from .static_derivatives import StateChange, StaticDerivatives
@@ -39,9 +40,10 @@ class TangentResponse(Differentiable):
     def _begin(self) -> None:
         super()._begin()
         self._about: Linearisation
-        self._models, self._tangent = Models(), TangentDerivatives(self._what)
+        self._models: dict[str, Model] = {}
+        self._tangent = TangentDerivatives(self._what)
 
-    def _linearised(self, x: np.ndarray) -> Linearisation:
+    def _linearised(self, x: Any) -> Linearisation:
         """Linearise about the equilibrium of the scene of numbers."""
         self._scene = scene = self._scene_at(x)
         self._end = self._state and self._state(scene)
@@ -53,6 +55,8 @@ class TangentResponse(Differentiable):
         check_equilibrium(about, self._end, self._asked)
         scheme, unknowns = about.model.scheme, len(about.unknowns)
         self.stats = Stats(scheme.name, scheme.rates.level, "", unknowns, static=True)
+        if self._damped and about.may_be_damped:
+            _ = about.damped_model  # which has the slopes of the scene as well
         return about
 
     def _changes_by_x(self) -> dict[str, np.ndarray]:
@@ -69,5 +73,5 @@ class TangentResponse(Differentiable):
 
     def _of_sums(self, pairs: Pairs, weights: np.ndarray) -> np.ndarray:
         """Derivatives (s, m) of real parts of weights (s, n) times sums."""
-        self._tangent.take(self._changes())
+        self._tangent.take(self._changes(), self._scenes.changing)
         return self._tangent.of_sums(pairs, weights)

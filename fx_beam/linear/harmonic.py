@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import scipy.sparse
 
+from fx_beam.dual import plain
 from fx_beam.errors import LARGEST, SceneError, numbers, require
 from fx_beam.fem.mesh import rotation_of
 from fx_beam.results.solution import Solution
@@ -96,9 +97,7 @@ class Vibration:
     """K + i w C - w^2 M of small motions about a configuration."""
 
     def __init__(self, about: Linearisation, what: str):
-        #: Whether anything is damped.
-        self._what, self.damped = what, about.may_be_damped
-        C = about.by_rates(what)
+        self._what, C = what, about.by_rates(what)
         self._diagonals = about.K.diagonal(), about.M.diagonal()
         # The values of all three in the columns of a common pattern.
         C = 0 * about.K if C is None else C
@@ -157,7 +156,7 @@ def nodal_load(about: Linearisation, load, what: str) -> np.ndarray:
     node, components = load
     check_node(about.scene, node, what)
     given = components if isinstance(components, list | tuple) or np.ndim(components) else ()
-    parts = numbers([(x.real, x.imag) if np.iscomplexobj(x) else (x, 0.0) for x in given])
+    parts = plain(numbers([(x.real, x.imag) if np.iscomplexobj(x) else (x, 0.0) for x in given]))
     fits = parts.shape in ((2, 2), (3, 2)) and bool((abs(parts) <= LARGEST).all())
     require(fits, f"{what} on {node}", components, "(fx, fy) or (fx, fy, moment)")
     full = np.zeros(about.model.size, dtype=complex)

@@ -30,14 +30,6 @@ from fx_beam.step.undamped_modes import Symmetry, UndampedModes
 INSTANT = 1e-30
 
 
-@dataclass
-class Models:
-    """Models of a scene, and of one whose steps tell damping."""
-
-    plain: Model | None = None
-    damped: Model | None = None
-
-
 @dataclass(frozen=True, eq=False)
 class Linearisation:
     """Small motions about a configuration, reduced to the unknowns."""
@@ -63,7 +55,8 @@ class Linearisation:
     #: A frame that turns, and Coriolis forces by rates in it (free, free); None for one at rest.
     frame: TurningFrame | None = None
     coriolis: scipy.sparse.csr_matrix | None = None
-    models: Models = field(default_factory=Models)
+    #: Models of an earlier scene by kind, which serve again.
+    models: dict[str, Model] = field(default_factory=dict)
 
     @property
     def may_be_damped(self) -> bool:
@@ -92,8 +85,8 @@ class Linearisation:
     @cached_property
     def damped_model(self) -> Model:
         """A model whose steps tell damping: their tangent is stiffness/2 + damping/dt."""
-        kind = EnergyMomentum(), self.models.damped
-        self.models.damped = model = recent_model(self.model.scene, *kind, instant=True)
+        kind = EnergyMomentum(), self.models.get("damped")
+        self.models["damped"] = model = recent_model(self.model.scene, *kind, instant=True)
         model.needed_by(self)
         return model
 
@@ -152,7 +145,7 @@ def check_damping(values: np.ndarray, which: str) -> None:
 
 
 def linearised(
-    scene: Scene, state: Solution | None, what: str, models: Models | None = None
+    scene: Scene, state: Solution | None, what: str, models: dict[str, Model] | None = None
 ) -> Linearisation:
     """Linearise about the last row of a state, or about the reference without loads.
 
@@ -161,8 +154,9 @@ def linearised(
     check_scene(scene, what)
     end = state.end if isinstance(state, Solution) else None
     held = with_values(scene, None if end is None else end.inputs)
-    models = models or Models()
-    models.plain = model = recent_model(held, Equilibrium(), models.plain, mobile=True)
+    models = {} if models is None else models
+    model = recent_model(held, Equilibrium(), models.get("plain"), mobile=True)
+    models["plain"] = model
     factor, start = 0.0, reference_state(model)  # an equilibrium without loads
     if state is not None:
         factor, start = _last(model, start, state, what)

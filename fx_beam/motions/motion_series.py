@@ -12,7 +12,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.scene.inputs import with_functions
 from fx_beam.scene.outputs import check_outputs
 from fx_beam.scene.scene import Scene
-from fx_beam.scene.structure import OtherStructureError
+from fx_beam.scene.structure import ElsewhereError, OtherStructureError
 
 from .initial_state import end_of
 from .options import Options
@@ -35,6 +35,8 @@ class MotionSeries:
         self._memory, self._brief = memory, brief
         #: The prepared scene of the last motion, for the next one; None while a motion has it.
         self.prepared: Prepared | None = None
+        # What has the numbers of other scenes.
+        self._alike: Prepared | None = None
         # The last solution, as long as it is in use: it reads the model.
         self._solution: Callable[[], Any] = lambda: None
         #: Why the last scene was prepared anew; empty if it was not.
@@ -85,8 +87,17 @@ class MotionSeries:
                     return last
             except OtherStructureError as other:
                 self.reason = str(other)
-        self.reason = self.reason or "the first scene"
+        self.reason, self._alike = self.reason or "the first scene", None
         return Prepared(scene, options, waiting_team(scene) if self._memory is None else None)
+
+    def alike(self, scene: Scene, base: Scene, options: Options) -> Prepared:
+        """What is prepared like a `base`, with the numbers of another scene; its loop has others."""
+        self._alike = self._alike or Prepared(base, options)
+        try:
+            self._alike.refill_model(scene)
+        except ElsewhereError:
+            self._alike = Prepared(scene, options)
+        return self._alike
 
     def _reason_against(self, last: Prepared, options: Options) -> str:
         """Why the last prepared scene cannot serve, besides its structure; empty if it can."""
@@ -109,9 +120,8 @@ class MotionSeries:
         if loop is not None:
             loop.tape = self.tape
 
-    def keep(self, run: Run, solution: Solution | None = None) -> None:
+    def keep(self, prepared: Prepared, solution: Solution | None = None) -> None:
         """Keep what a run was made with. As long as its solution lives, this needs it."""
-        prepared = run.prepared
         if self._brief and (prepared.loop is None or prepared.model.size > SMALL):
             return
         self.prepared, self._solution = prepared, lambda: None

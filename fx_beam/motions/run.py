@@ -78,7 +78,7 @@ def warn_of_damping(stats: Stats, dt: float | None) -> None:
 class Run:
     """The motion of a prepared scene by the steps of a grid, from its first state on.
 
-    `scene` has its inputs still. `keep` takes the run with each of its solutions, and the scene
+    `scene` has its inputs still. `keep` takes what is prepared with each solution, and the scene
     stays as it is until these are read if it `stays`. Its rows are written `over` those of a run on
     the same grid, which nothing needs.
     """
@@ -89,7 +89,7 @@ class Run:
         scene: Scene,
         start: Solution | None,
         grid: tuple[np.ndarray, Tolerance | None],
-        keep: Callable[[Run, Solution], None],
+        keep: Callable[[Prepared, Solution], None],
         stays: bool,
         over: Run | None = None,
     ):
@@ -226,7 +226,7 @@ class Run:
             self._files.take()
             self._files.save(self._of_rows, always=True)
             solution = self._of_rows(self._files.histories())
-        self._keep(self, solution)
+        self._keep(self.prepared, solution)
         return solution
 
     def _of_rows(self, rows: RecordedHistories | None) -> Solution:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -120,11 +120,16 @@ class Shooting:
     the multiplier -1: periodic motions have the part of it that does not alternate.
     """
 
-    def __init__(self, scene: Scene, options: PeriodicOptions):
+    def __init__(
+        self,
+        scene: Scene,
+        options: PeriodicOptions,
+        prepare: Callable[[Scene, Options], Prepared] = Prepared,
+    ):
         check_scene(scene, what := options.what)
         self.options, self.steps, self.what = options, int(options.steps), what
         given = {"what": what, "scheme": options.scheme, "newton": options.newton}
-        self.prepared = Prepared(scene, Options(**given, max_halvings=0))
+        self.prepared = prepare(scene, Options(**given, max_halvings=0))
         self.model = model = self.prepared.model
         check_unknowns(model, what)
         loop = self.prepared.loop
