@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse
 
+from fx_beam.dual import Dual
 from fx_beam.errors import Constant, TimeFunction, any_of, evaluate, series
 from fx_beam.laws.interval import Interval, just_inside
 from fx_beam.scene.beam import Beam, Node, arc_lengths, gauss_rule, lagrange_and_slopes
@@ -108,6 +109,8 @@ class SumOfLoads:
     def series(self, times: np.ndarray) -> np.ndarray:
         """Factors (m, n) of the columns at m times [s]; StepError if a function fails."""
         values = [series(load.function, times, load.what) for load in self._loads]
+        if len(values) == 1 and isinstance(values[0], Dual):
+            return values[0]
         return np.concatenate([np.empty((len(times), 0)), *values], axis=1)
 
 
