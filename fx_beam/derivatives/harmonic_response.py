@@ -22,6 +22,8 @@ from .tangent_response import TangentResponse
 
 _WHAT = "HarmonicResponse"
 _LOAD = "amplitudes of the load"
+# Complex components (3,) of their real and imaginary parts (6,).
+_COMPLEX = np.kron(np.eye(3), [[1], [1j]])
 # Error of the frequency of a peak, relative to it; that of its amplitude is the square.
 _PLACE = 1e-7
 
@@ -249,7 +251,7 @@ class HarmonicResponse(TangentResponse):
     def _changes_by_x(self) -> dict[str, np.ndarray]:
         changes = super()._changes_by_x()
         self._given = {self._scene: self._given[self._scene]}
-        self._load_changes = changes.pop(_LOAD) @ np.kron(np.eye(3), [[1], [1j]])
+        self._load_changes = changes.pop(_LOAD) @ _COMPLEX
         return changes
 
     def _numbers_of(self, scene: Scene, change: Any) -> dict[str, Any]:
@@ -275,6 +277,8 @@ class HarmonicResponse(TangentResponse):
 
     def _of_sums(self, pairs: Pairs, weights: np.ndarray) -> np.ndarray:
         by_x, node = super()._of_sums(pairs, weights), self._given[self._scene][0][0]
+        if not self._load_changes.any():
+            return by_x
         at_node = self._about.T[self._about.model.mesh.dofs[node.number]]
         by_load = weights @ (pairs.left @ at_node.T @ self._load_changes.T)
         return by_x + by_load.real
