@@ -68,24 +68,24 @@ class BuiltScenes:
         self._names: dict[int, list[str]] = {}
         #: Names of the numbers of which the last derivatives are not all zero.
         self.changing: set[str] = set()
-        #: Whether scenes are built with slopes, and whether the last one was.
-        self.builds_dual = self._is_dual = False
+        # Whether derivatives of the last scene were asked for, and whether it has slopes.
+        self._asked = self._is_dual = False
         # Shapes of all numbers, by name, for which slopes were checked.
         self._checked: list[dict[str, tuple[int, ...]]] = []
 
     def serve(self, x: np.ndarray, of: Callable[[Any], _Result], dual: bool = True) -> _Result:
         """What comes of a scene of x, and later its derivatives.
 
-        From the first derivatives on the same scene serves both, with slopes, if it may be `dual`.
-        No more if something takes plain floats.
+        The same scene serves both, with slopes, if it may be `dual`, and if those of the last one
+        were asked for.
         """
-        self._is_dual = dual and self.builds_dual and not self.reasons
+        self._is_dual, self._asked = dual and self._asked and not self.reasons, False
         if self._is_dual:
             try:
                 with slopes_by(x) as numbers:
                     return of(numbers)
             except Exception:  # noqa: BLE001  # whatever takes floats, and what is wrong with both
-                self.builds_dual = self._is_dual = False
+                self._is_dual = False
         return of(x)
 
     @property
@@ -97,12 +97,12 @@ class BuiltScenes:
         self, x: np.ndarray, known: Scene, numbers_of: NumbersOf
     ) -> dict[str, np.ndarray]:
         """Derivatives (m, ...) by x of the numbers of scenes; `known` is that at x."""
+        self._asked = True
         here, by_name = self._slopes(x, known, numbers_of)
         if (shapes := {name: values.shape for name, values in here.items()}) not in self._checked:
             if not self._is_dual:
                 _check_same(numbers_of(known, np.zeros(len(x))), here)
             self._checked.append(shapes)
-            self.builds_dual = True
             self._check(x, here, by_name, numbers_of)
         for i in sorted(self.reasons):
             differences = self._derivative(x, i, here, numbers_of)

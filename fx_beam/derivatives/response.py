@@ -59,9 +59,10 @@ class Response(Differentiable):
     ``t, y = run(x)`` builds the scene of the parameters x and simulates it. The first call sets the
     scene up; the next ones only set the data: all that is given as a number, a position, or a
     function of time or place. Results are those of `simulate`, to the last digit unless functions
-    of time or place round otherwise for arrays. A scene with other beams, elements, joints,
-    supports or kinds of loads is set up anew, and so is one whose functions in UFL give other
-    expressions, in which a `Parameter` is no number; ``run.stats.setup_reason`` says why.
+    round otherwise for arrays, or for dual numbers (after a call with derivatives). A scene with
+    other beams, elements, joints, supports or kinds of loads is set up anew, and so is one whose
+    functions in UFL give other expressions, in which a `Parameter` is no number;
+    ``run.stats.setup_reason`` says why.
 
     Parameters
     ----------
@@ -284,7 +285,7 @@ class Response(Differentiable):
         """Derivatives of a sum of weights times outputs of the last call, by all parameters.
 
         They are those of the steps as they were taken, to round-off (adjoint method), times those
-        of the scene's data, by one call of `build` with dual numbers, without a motion; see
+        of the scene's data, by dual numbers in `build`, without a motion; see
         `stats.difference_reason`. The first call of `vjp` repeats the motion; later ones find what
         motions have left for them.
 

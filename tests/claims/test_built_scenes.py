@@ -1,6 +1,7 @@
 """The function that builds the scenes of a `Response`: its derivatives, and what is noticed."""
 
 import logging
+import math
 
 import numpy as np
 import pytest
@@ -119,3 +120,21 @@ def test_more_elements_than_before_are_set_up_anew(make):
     assert (y["tip"] == alone).all()
     if make is fb.Response:
         assert run.stats.setup_reason == "another number of nodes"
+
+
+def test_a_motion_of_which_something_takes_floats_is_found_without_slopes():
+    """Derivatives in the first motion, then in one where a mass takes a plain number only."""
+
+    def build(x):
+        scene, outputs = pushed((1.0, 0.0))
+        mass = x[0] ** 2 if x[0] < 1 else math.exp(x[0])
+        scene.add_mass(scene.bodies[0].centre, mass)
+        return scene, outputs
+
+    run = fb.Response(build, dt=0.1, t_end=0.2)
+    for x, mass in (([0.5], 0.25), ([2.0], math.exp(2.0)), ([0.7], 0.49)):
+        _, y = run(x)
+        assert y["speed"][-1] == pytest.approx(0.2 / (1 + mass), rel=1e-12)
+        J, slope = run.jacobian()["speed"][-1, 0], math.exp(x[0]) if x[0] > 1 else 2 * x[0]
+        assert J == pytest.approx(-0.2 * slope / (1 + mass) ** 2, rel=1e-6)
+    assert "float()" in run.stats.difference_reason

@@ -134,6 +134,22 @@ def test_what_is_left_of_the_linear_change_is_of_second_order(build, options, mo
     assert even[0] / even[1] == pytest.approx(4.0, rel=0.05)
 
 
+@pytest.mark.parametrize("build", [slide, damped])
+def test_a_call_after_derivatives_gives_the_same_values_and_derivatives(build, monkeypatch):
+    """By the scene with slopes, which then serves both."""
+    monkeypatch.setitem(DATA, "retardation", 2e-3)
+
+    def built(x):
+        scene = build(x)
+        return scene, (scene.beams[-1].end, (x[0], 0.3 * x[1])), scene.beams[-1].end
+
+    run, x = fb.HarmonicResponse(built, F), np.append(X, 1.0)
+    values, J = run(x), run.jacobian()
+    assert run.stats.difference_reason == ""
+    assert run(x) == pytest.approx(values, rel=1e-9)
+    assert run.jacobian() == pytest.approx(J, rel=0, abs=1e-8 * abs(J).max())
+
+
 @pytest.mark.parametrize("build, state", [(beaded, loaded), (beaded, turning), (rotor, turning)])
 def test_turns_and_slides_have_derivatives(build, state):
     """Beside differences of order six along a change of all numbers; and backwards."""

@@ -98,6 +98,9 @@ def test_what_is_left_of_the_linear_change_is_of_second_order(build, options, mo
     J = run.jacobian()
     weights = np.random.default_rng(0).standard_normal(w.shape)
     assert run.vjp(weights) == pytest.approx(np.tensordot(weights, J, w.ndim), rel=1e-6, abs=1e-9)
+    # By the scene with slopes, which without a state serves the values as well.
+    assert run(x) == pytest.approx(w, rel=1e-9)
+    assert run.jacobian() == pytest.approx(J, rel=0, abs=1e-7 * abs(J).max())
     left = [run(x + h * direction) - w - h * J @ direction for h in (2e-3, -2e-3, 1e-3, -1e-3)]
     odd = abs(np.subtract(left[::2], left[1::2])).reshape(2, -1).max(axis=1)
     assert odd[0] < 1e-6 * abs(w).max()  # of third order: the difference of both sides

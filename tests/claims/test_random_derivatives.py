@@ -70,6 +70,10 @@ def test_derivatives_by_ten_numbers_agree_forwards_backwards_and_with_motions(se
     forward = sum(np.tensordot(weights[name], J[name], weights[name].ndim) for name in y)
     size = abs(gradient).max()
     assert abs(forward - gradient).max() < 1e-10 * size
+    _, same = run(x)  # by the scene with slopes, which serves the derivatives as well
+    for name, rows in y.items():
+        assert abs(same[name] - rows).max() <= 1e-10 * abs(rows).max(), name
+    assert abs(run.vjp(weights) - gradient).max() < 1e-9 * size
     ends = [run(x + side * h * direction)[1] for side in (-2, -1, 1, 2)]
     low2, low, high, high2 = (sum((weights[n] * end[n]).sum() for n in y) for end in ends)
     expected = (8 * (high - low) - (high2 - low2)) / (12 * h)
