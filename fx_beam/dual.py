@@ -109,18 +109,20 @@ class Dual(NDArrayOperatorsMixin):
     def __array_ufunc__(self, ufunc, method, *given, out=None, **options):
         if ufunc is np.add and method == "reduce":
             return _sum(given[0], options.get("axis", 0))
-        if method != "__call__" or out is not None or options:
-            raise LostSlopesError(f"numpy.{ufunc.__name__}.{method}", given)
+        named = options if out is None else options | {"out": out}
+        if method != "__call__" or named:
+            what = f"numpy.{ufunc.__name__}.{method}"
+            return _without_slopes(what, getattr(ufunc, method), given, named)
         parts = [_parts(part) for part in given]
         if None in parts:
-            raise LostSlopesError(type(given[parts.index(None)]).__name__, given)
+            return _without_slopes(type(given[parts.index(None)]).__name__, ufunc, given, {})
         arguments = [values for values, _ in parts]
         if (rules := _RULES.get(ufunc)) is None:
             if ufunc is np.matmul:
                 return _matmul(*parts)
             if ufunc in _OF_VALUES:
                 return ufunc(*arguments)
-            raise LostSlopesError(f"numpy.{ufunc.__name__}", given)
+            return _without_slopes(f"numpy.{ufunc.__name__}", ufunc, given, {})
         values = ufunc(*arguments)
         total: Any = None
         for (_, slopes), rule in zip(parts, rules, strict=True):
@@ -138,7 +140,7 @@ class Dual(NDArrayOperatorsMixin):
             return _FUNCTIONS[function](*given, **options)
         if function in _OF_VALUES:
             return function(*map(plain, given), **options)
-        raise LostSlopesError(f"numpy.{function.__name__}", given)
+        return _without_slopes(f"numpy.{function.__name__}", function, given, options)
 
 
 class DualFloat(float):
@@ -233,6 +235,14 @@ def plain(values: Any) -> Any:
     return values.values if isinstance(values, Dual) else values
 
 
+def _without_slopes(what: str, function: Callable, given: Any, options: dict) -> Any:
+    """What a function gives that takes plain numbers alone; LostSlopesError if any has slopes."""
+    if (error := LostSlopesError(what, given)).numbers:
+        raise error
+    lists = [[*map(plain, one)] if type(one) is list else plain(one) for one in given]
+    return function(*lists, **options)
+
+
 def with_slopes(values: Any, count: int = 0) -> Dual:
     """Numbers as dual ones, perhaps without a slope that is not zero."""
     dual = stacked(values)
@@ -307,7 +317,16 @@ _RULES |= {function: (_slope(function),) for function in _ANALYTIC}
 _OF_VALUES = {
     *(np.less, np.less_equal, np.greater, np.greater_equal, np.equal, np.not_equal),
     *(np.isfinite, np.isnan, np.isinf, np.floor, np.ceil, np.sign, np.floor_divide),
-    *(np.shape, np.ndim, np.size, np.zeros_like, np.ones_like, np.empty_like, np.full_like),
+    *(
+        np.iscomplexobj,
+        np.shape,
+        np.ndim,
+        np.size,
+        np.zeros_like,
+        np.ones_like,
+        np.empty_like,
+        np.full_like,
+    ),
     *(np.any, np.all, np.array_equal, np.searchsorted, np.argsort, np.argmax, np.argmin),
 }
 

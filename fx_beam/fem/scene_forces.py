@@ -83,8 +83,8 @@ def _followers(scene: Scene, mesh: Mesh) -> Iterator[PointForce]:
 def _drags(scene: Scene, mesh: Mesh) -> Iterator[PointForce]:
     for given in scene.drags:
         if isinstance(given.target, Node):
-            numbers = np.concatenate([given.linear, given.quadratic, given.rotation]).tolist()
-            linear, quadratic, rotation = parts = [number != 0 for number in numbers]
+            numbers = [*given.linear, *given.quadratic, *given.rotation]
+            linear, quadratic, rotation = parts = [*map(bool, numbers)]
             first, end = 0 if linear or quadratic else 2, 3 if rotation else 2
             dofs = mesh.dofs[given.target.number, first:end].tolist()
             yield PointForce(drag(*parts), [number for number in numbers if number], dofs)

@@ -134,7 +134,7 @@ def test_what_is_left_of_the_linear_change_is_of_second_order(build, options, mo
     assert even[0] / even[1] == pytest.approx(4.0, rel=0.05)
 
 
-@pytest.mark.parametrize("build", [slide, damped])
+@pytest.mark.parametrize("build", [damped, relaxed])
 def test_a_call_after_derivatives_gives_the_same_values_and_derivatives(build, monkeypatch):
     """By the scene with slopes, which then serves both."""
     monkeypatch.setitem(DATA, "retardation", 2e-3)

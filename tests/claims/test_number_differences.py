@@ -79,3 +79,18 @@ def test_functions_that_give_other_values_for_arrays_are_called_one_by_one():
 
     found, known = (_gradient(_response(own)[0]) for own in (_pulse, alone))
     assert found == pytest.approx(known, rel=1e-11, abs=1e-13)
+
+
+@pytest.mark.parametrize("of", [np.nan_to_num, lambda a: (1j * a * -1j).real, np.logaddexp])
+def test_what_has_no_slopes_has_differences_for_its_numbers_alone(of):
+    def build(x):
+        scene = fb.Scene()
+        body = scene.add_body((0, 0), mass=1.0, inertia=1.0)
+        scene.add_force(body.centre, (of(x[0], 1.0) if of is np.logaddexp else of(x[0]), x[1] ** 2))
+        scene.add_drag(body.centre, linear=x[2])
+        return scene, {"speed": fb.Output("velocity", body.centre)}
+
+    run = fb.Response(build, dt=0.1, t_end=0.2)
+    run([0.3, 0.4, 0.5])
+    run.jacobian()
+    assert [*run._scenes.reasons] == [0]
