@@ -106,13 +106,12 @@ class Dual(NDArrayOperatorsMixin):
 
     # -- Functions of NumPy -----------------------------------------------------------------------
 
-    def __array_ufunc__(self, ufunc, method, *given, out=None, **options):
+    def __array_ufunc__(self, ufunc, method, *given, **options):
         if ufunc is np.add and method == "reduce":
             return _sum(given[0], options.get("axis", 0))
-        named = options if out is None else options | {"out": out}
-        if method != "__call__" or named:
+        if method != "__call__" or options:
             what = f"numpy.{ufunc.__name__}.{method}"
-            return _without_slopes(what, getattr(ufunc, method), given, named)
+            return _without_slopes(what, getattr(ufunc, method), given, options)
         parts = [_parts(part) for part in given]
         if None in parts:
             return _without_slopes(type(given[parts.index(None)]).__name__, ufunc, given, {})
@@ -317,17 +316,9 @@ _RULES |= {function: (_slope(function),) for function in _ANALYTIC}
 _OF_VALUES = {
     *(np.less, np.less_equal, np.greater, np.greater_equal, np.equal, np.not_equal),
     *(np.isfinite, np.isnan, np.isinf, np.floor, np.ceil, np.sign, np.floor_divide),
-    *(
-        np.iscomplexobj,
-        np.shape,
-        np.ndim,
-        np.size,
-        np.zeros_like,
-        np.ones_like,
-        np.empty_like,
-        np.full_like,
-    ),
+    *(np.shape, np.ndim, np.size, np.zeros_like, np.ones_like, np.empty_like, np.full_like),
     *(np.any, np.all, np.array_equal, np.searchsorted, np.argsort, np.argmax, np.argmin),
+    np.iscomplexobj,
 }
 
 

@@ -58,7 +58,8 @@ def load(name: str, loader: Callable[[Path], T]) -> T | None:
     for place in _folders():
         path = place / name
         try:
-            if _is_ours(place) and _is_ours(path) and _is_complete(path):
+            whole = _is_ours(place) and _is_ours(path) and path.read_bytes()
+            if whole and whole[-_DIGEST:] == _checksum(whole[:-_DIGEST]):
                 library = loader(path)
                 with suppress(OSError):
                     os.utime(path)  # it has been used
@@ -91,10 +92,6 @@ def _is_ours(path: Path) -> bool:
 def content(path: Path) -> bytes:
     """What the builder of a file wrote."""
     return path.read_bytes()[:-_DIGEST]
-
-
-def _is_complete(path: Path) -> bool:
-    return path.read_bytes()[-_DIGEST:] == _checksum(content(path))
 
 
 def _checksum(content: bytes) -> bytes:

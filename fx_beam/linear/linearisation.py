@@ -155,8 +155,7 @@ def linearised(
     end = state.end if isinstance(state, Solution) else None
     held = with_values(scene, None if end is None else end.inputs)
     models = {} if models is None else models
-    model = recent_model(held, Equilibrium(), models.get("plain"), mobile=True)
-    models["plain"] = model
+    models["plain"] = model = recent_model(held, Equilibrium(), models.get("plain"), mobile=True)
     factor, start = 0.0, reference_state(model)  # an equilibrium without loads
     if state is not None:
         factor, start = _last(model, start, state, what)
