@@ -3,14 +3,13 @@
     .venv/bin/python benchmarks/gradients.py [elements] [steps]
     .venv/bin/python benchmarks/gradients.py frame [cells]      (100: 20 200 struts, 1 minute)
 
-An arm whose numbers are values of a load over time, or stiffnesses along it with masses. Lowest
-processor times of a few calls, relative to a motion of the same response. Then the same for ten
-frequencies of the second arm, about the reference and about its static state, relative to `modes`,
-for damped vibrations at 20 frequencies, relative to `frequency_response`, and for the load under
-which it buckles, relative to its path with the critical point. Last, of its motion that repeats
-itself under a harmonic load, of 50 steps, relative to `periodic`. A frame is a lattice of struts
-whose stiffnesses are numbers, column by column: four frequencies, relative to
-`modes`.
+An arm whose numbers are values of a load over time, or stiffnesses along it with masses. Medians of
+processor times of calls that take turns, relative to a motion of another response. Then the same
+for ten frequencies of the second arm, about the reference and about its static state, relative to
+`modes`, for damped vibrations at 20 frequencies, relative to `frequency_response`, and for the load
+under which it buckles, relative to its path with the critical point. Last, of its motion that
+repeats itself under a harmonic load, of 50 steps, relative to `periodic`. A frame is a lattice of
+struts whose stiffnesses are numbers, column by column: four frequencies, relative to `modes`.
 """
 
 import sys
@@ -56,33 +55,38 @@ def tapered(count, elements):
     return build
 
 
-def lowest(function, times):
-    """Lowest processor time of some calls [s]."""
-    seconds = []
-    for _ in range(times):
-        before = thread_time()
-        function()
-        seconds.append(thread_time() - before)
-    return min(seconds)
+def medians(turns, *functions, calls=5):
+    """Median processor times [s] of functions that are called some times, in turns."""
+    seconds = [[] for _ in functions]
+    for _ in range(turns):
+        for function, times in zip(functions, seconds, strict=True):
+            for _ in range(calls):
+                before = thread_time()
+                function()
+                times.append(thread_time() - before)
+    return np.median(seconds, axis=1)
 
 
-def measured(build, count, steps, tries=27):
+def measured(build, count, steps, turns=20):
     """Times of a motion [ms], and of value with gradient and with Jacobian in motions."""
-    run, x = fb.Response(build, dt=1 / steps, t_end=1.0), 1 + 0.1 * np.sin(np.arange(1, count + 1))
+    alone, run = (fb.Response(build, dt=1 / steps, t_end=1.0) for _ in range(2))
+    x = 1 + 0.1 * np.sin(np.arange(1, count + 1))
     rng, weights = np.random.default_rng(0), {"tip": np.ones((steps + 1, 2))}
 
-    def moved():
-        run(x * (1 + 1e-3 * rng.random(count)))
+    def moved(by=run):
+        by(x * (1 + 1e-3 * rng.random(count)))
 
-    moved()
-    motion = lowest(moved, tries)
-    run.vjp(weights)
-    gradient = lowest(lambda: (moved(), run.vjp(weights)), tries)
-    jacobian = lowest(lambda: (moved(), run.jacobian()), tries)
+    moved(alone), moved(), run.vjp(weights), run.jacobian()
+    motion, gradient, jacobian = medians(
+        turns,
+        lambda: moved(alone),
+        lambda: (moved(), run.vjp(weights)),
+        lambda: (moved(), run.jacobian()),
+    )
     return 1e3 * motion, gradient / motion, jacobian / motion
 
 
-def beside(run, count, plain=None, weights_of=None, tries=15):
+def beside(run, count, plain=None, weights_of=None, turns=5):
     """Time of an analysis [ms], by `plain` if it is another, and with gradient and Jacobian."""
     rng, x = np.random.default_rng(0), 1 + 0.1 * np.sin(np.arange(1, count + 1))
 
@@ -93,9 +97,13 @@ def beside(run, count, plain=None, weights_of=None, tries=15):
     weights = {"load": 1.0} if isinstance(values, tuple) else np.ones(np.shape(values))
     weights = weights_of(values) if weights_of else weights
     run.jacobian(), (plain or run)(at())
-    alone = lowest(lambda: (plain or run)(at()), tries)
-    gradient = lowest(lambda: (run(at()), run.vjp(weights)), tries)
-    jacobian = lowest(lambda: (run(at()), run.jacobian()), tries)
+    alone, gradient, jacobian = medians(
+        turns,
+        lambda: (plain or run)(at()),
+        lambda: (run(at()), run.vjp(weights)),
+        lambda: (run(at()), run.jacobian()),
+        calls=1 if turns == 1 else 5,
+    )
     return 1e3 * alone, gradient / alone, jacobian / alone
 
 
@@ -170,7 +178,7 @@ def of_frame(count, cells):
         return scene
 
     run = fb.ModalResponse(build, n=4)
-    return beside(run, count, lambda x: fb.modes(build(x), n=4), tries=1)
+    return beside(run, count, lambda x: fb.modes(build(x), n=4), turns=1)
 
 
 def fitted(build, count, steps):
@@ -178,10 +186,11 @@ def fitted(build, count, steps):
     run, x = fb.Response(build, dt=1 / steps, t_end=1.0), np.ones(count)
     misfit = run.misfit({"tip": run(1.02 * x)[1]["tip"]})
     misfit.jacobian(x)
-    return [
-        lowest(lambda of=of: least_squares(misfit, x, jac=of, bounds=(0.1, 10)), 3)
+    fits = (
+        lambda of=of: least_squares(misfit, x, jac=of, bounds=(0.1, 10))
         for of in (misfit.jacobian, "2-point")
-    ]
+    )
+    return medians(3, *fits, calls=1)
 
 
 def frame(cells=100):

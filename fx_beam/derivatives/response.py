@@ -592,10 +592,6 @@ class Response(Differentiable):
         rates = rates_at(tape, np.arange(len(tape) + 1))
         return numbers | observed_numbers_of(other, state, *rates, at_start)
 
-    def _connected(self, scene: Scene) -> Scene:
-        """A scene with its inputs."""
-        return with_functions(scene, self._options.inputs, "Response: inputs")
-
     def _prepared(self, given: Scene) -> Prepared:
         """What is prepared as the motion is, with the numbers of another scene, but no loop.
 
@@ -603,5 +599,6 @@ class Response(Differentiable):
         """
         if given is self._scene and (last := self._series.prepared) and last.model.is_dual:
             return last
-        scenes = self._connected(given), self._connected(self._scene)
-        return self._series.alike(*scenes, self._options)
+        inputs = self._options.inputs, "Response: inputs"
+        scene, base = (with_functions(of, *inputs) for of in (given, self._scene))
+        return self._series.alike(scene, base, self._options)

@@ -329,7 +329,10 @@ def _driven_rates(model: Model, driven: np.ndarray) -> np.ndarray:
 
 def given_velocity(model: Model) -> Any:
     """Initial rates (size,) as given, with slopes that the scene has; zero elsewhere."""
-    mesh, scene, X = model.mesh, model.scene, model.mesh.nodal_positions(model.scene)
+    mesh, scene = model.mesh, model.scene
+    if not scene.velocities:
+        return np.zeros(model.size)
+    X = mesh.nodal_positions(scene)
     v = with_slopes(np.zeros((len(X), 3)))
     values, known = v.values, np.zeros(len(X), dtype=bool)
     for item in scene.velocities:

@@ -347,11 +347,12 @@ class Tape:
 def _times_of(checkpoint: _Checkpoint, fractions: np.ndarray) -> _Times:
     """Those of the sub-steps that follow a checkpoint."""
     steps = checkpoint.steps
-    lengths = np.tile(steps.dt * fractions, steps.number)
-    begins = np.zeros((steps.number, len(fractions)), dtype=bool)
-    begins[:, 0] = (steps.part + np.arange(steps.number)) % steps.parts == 0
-    starts = np.cumsum(np.append(checkpoint.t, lengths[:-1]))
-    return _Times(starts, lengths, begins.ravel())
+    lengths = np.empty((steps.number, len(fractions)))
+    lengths[:] = steps.dt * fractions
+    begins = np.zeros(lengths.shape, dtype=bool)
+    begins[-steps.part % steps.parts :: steps.parts, 0] = True
+    starts = np.cumsum(np.append(checkpoint.t, lengths.ravel()[:-1]))
+    return _Times(starts, lengths.ravel(), begins.ravel())
 
 
 # -- Load steps, which are followed as steps in time are -------------------------------------------
