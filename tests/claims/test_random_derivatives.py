@@ -16,13 +16,13 @@ def scene_of(x, rng):
     Which number does what is random, and whether some move the joints. Profiles over time are zero
     outside of a part of it.
     """
-    x, moves = rng.permutation(x), rng.random() < 0.4
+    x, moves = x[rng.permutation(COUNT)], rng.random() < 0.4
     length, slope = (x[3], x[8]) if moves else (1.0, 1.0)
     base, friction = rng.choice(BASES), FRICTIONS[rng.integers(3)]
     knots = np.sort(rng.uniform(0.0, 0.1, 3))
 
     def profile(number):
-        return lambda t: np.interp(t, knots, [0.0, number, 0.0])
+        return lambda t: np.interp(t, knots, np.stack([0.0, number, 0.0]))
 
     scene = fb.Scene(gravity=(0.0, -9.81 * x[0]))
     section = fb.Section(EA=1e4, GA=5e3, EI=20 * x[1] * x[3], rhoA=x[2], rhoI=1e-2)
