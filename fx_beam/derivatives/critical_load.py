@@ -64,7 +64,7 @@ class CriticalLoad:
         if beams is not None and beams.has_external:
             raise SceneError(f"{_WHAT}: no derivatives: added virtual works have none")
         self._tangent.begin(about, state)
-        changes = derivatives(lambda scene, _: self._tangent.numbers_of(scene))
+        changes = derivatives(self._tangent.numbers_of)
         of_factor = self._tangent.by_factor()
         #: Changes (m + 1, ...) of all numbers by x, and by the load factor.
         self._changes = {}

@@ -265,7 +265,7 @@ class PeriodicResponse(Response):
     def _of_deviation(self, deviation: np.ndarray) -> np.ndarray:
         """Derivatives (n, m) by x of what becomes of a deviation (n,) of the start in a period."""
         shooting, period, slopes = self._shooting, self._period, self._slopes
-        by = slopes.by
+        by, of_numbers = slopes.by, super()._changes()
         unit = by.matrix[by.independent]
 
         def beside(change: float) -> np.ndarray:
@@ -274,7 +274,7 @@ class PeriodicResponse(Response):
             # The same change of independent variables, whose others follow from another state.
             there = shooting.directions(start, period.length)
             amounts = np.linalg.solve(there.matrix[by.independent], unit @ slopes.start.T).T
-            changes = _added(self._numbers_by_x(), there, amounts)
+            changes = _added(of_numbers, there, amounts)
             return shooting.slopes(changes, period)[0][by.independent]
 
         def longer(change: float) -> np.ndarray:
@@ -314,7 +314,7 @@ class PeriodicResponse(Response):
                 f"states before and after the period are {error:.1e} of it apart. motion(scene) "
                 "must find the motion of this scene"
             )
-        changes = self._numbers_by_x()
+        changes = super()._changes()
         refuse_others(changes, shooting.derivatives.names, _WHAT)
         by = shooting.directions(period.start, period.length)
         independent, n = by.independent, by.matrix.shape[1]
@@ -442,13 +442,12 @@ class PeriodicResponse(Response):
         return shooting.model, shooting.tape, shooting.derivatives
 
     def _changes(self) -> dict[str, np.ndarray]:
-        """Derivatives (m, ...) of all numbers by x, those of the start of the motion among them."""
-        slopes = self._slopes  # which have the steps of the motion on the tape
-        return _added(self._numbers_by_x(), slopes.by, slopes.start)
+        """Derivatives (m, ...) of all numbers by x, those of the start of the motion among them.
 
-    def _numbers_by_x(self) -> dict[str, np.ndarray]:
-        """The same with the independent variables of the start held."""
-        return super()._changes()
+        As of `Response`, they have the independent variables of the start held.
+        """
+        slopes = self._slopes  # which have the steps of the motion on the tape
+        return _added(super()._changes(), slopes.by, slopes.start)
 
     def _changes_by_x(self) -> dict[str, np.ndarray]:
         changes, model = self._derivatives(self._numbers_of_scene), self._shooting.model

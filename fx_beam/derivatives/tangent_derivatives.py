@@ -140,11 +140,11 @@ class TangentDerivatives:
         self.changes, self._changing = changes, changing
 
     def numbers_of(
-        self, scene: Scene, moved: tuple[StateChange, Any] | None = None
+        self, scene: Scene, change: Any = None, start: StateChange | None = None
     ) -> dict[str, np.ndarray]:
         """The numbers of this equilibrium for another scene; OtherStructureError if it differs.
 
-        With those of its state if this has `moved`, by a change of x.
+        With those of its state if this has a start, which changes with x.
         """
         model = self._others.model_of(with_values(scene, self._inputs), self._problem.model)
         forcing = LoadForcing(model, self._forcing.time)
@@ -154,9 +154,8 @@ class TangentDerivatives:
             of = np.repeat(np.arange(columns.shape[1]), np.diff(columns.indptr))
             values = numbers["natural columns"] * factors[of]
             numbers["natural"] = np.bincount(columns.indices, values, model.natural.size)
-        if moved is not None:
-            start, by = moved
-            of_state = numbers_of_state(model, start.at(model, by))
+        if start is not None:
+            of_state = numbers_of_state(model, start.at(model, change))
             numbers |= {name: of_state[name] for name in _OF_STATE & of_state.keys()}
         return numbers
 

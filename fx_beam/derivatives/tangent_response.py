@@ -68,8 +68,7 @@ class TangentResponse(Differentiable):
         return self._derivatives(self._numbers_of)
 
     def _numbers_of(self, scene: Scene, change: Any) -> dict[str, Any]:
-        moved = None if self._start is None else (self._start, change)
-        return self._tangent.numbers_of(scene, moved)
+        return self._tangent.numbers_of(scene, change, self._start)
 
     def _of_sums(self, pairs: Pairs, weights: np.ndarray) -> np.ndarray:
         """Derivatives (s, m) of real parts of weights (s, n) times sums."""
