@@ -58,10 +58,12 @@ def _measured(given: Any, what: str) -> np.ndarray:
 def _scatter(given: Any, shape: tuple[int, ...], what: str) -> np.ndarray:
     values = array_of(given, what)
     require(bool((np.isfinite(values) & (values > 0)).all()), what, given, "positive")
-    lengths = zip(values.shape[::-1], shape[::-1], strict=False)
-    fits = values.ndim <= len(shape) and all(n in (1, most) for n, most in lengths)
-    require(fits, what, values.shape, f"of the shape {shape}, or of one that fits it")
-    return np.broadcast_to(values, shape)
+    try:
+        return np.broadcast_to(values, shape)
+    except ValueError:
+        raise SceneError(
+            f"{what} has the shape {values.shape}, which does not fit {shape}"
+        ) from None
 
 
 class Misfit(_OfRun):
