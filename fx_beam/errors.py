@@ -550,21 +550,22 @@ class _DualFunction(_CheckedFunction):
 
     def __init__(self, function: Callable, size: int, what: str):
         super().__init__(function, size, what)
-        self._block = copy_context()
+        # Gives a block with slopes; a method, as copies of scenes copy no context.
+        self._block = copy_context().copy
         # The last times in a run, and the values then.
         self._known: tuple[np.ndarray, Any] = np.empty((0, 1)), None
 
     def __call__(self, *arguments) -> np.ndarray:
         if have_slopes():
             return super().__call__(*arguments)
-        return plain(self._block.copy().run(super().__call__, *arguments))
+        return plain(self._block().run(super().__call__, *arguments))
 
     def each(self, arguments: np.ndarray, run: str = "") -> np.ndarray:
         """As of others; the steps of a motion and their derivatives share values."""
         times, values = self._known
         apart = abs(times - arguments) if run and len(times) == len(arguments) else np.inf
         if np.max(apart) > _SAME_TIME * np.max(abs(times), initial=0.0):
-            values = self._block.copy().run(super().each, arguments, run)
+            values = self._block().run(super().each, arguments, run)
             self._known = (arguments, values) if run else self._known
         return values if have_slopes() else plain(values)
 

@@ -1,5 +1,6 @@
 """The function that builds the scenes of a `Response`: its derivatives, and what is noticed."""
 
+import copy
 import logging
 import math
 
@@ -138,3 +139,16 @@ def test_a_motion_of_which_something_takes_floats_is_found_without_slopes():
         J, slope = run.jacobian()["speed"][-1, 0], math.exp(x[0]) if x[0] > 1 else 2 * x[0]
         assert J == pytest.approx(-0.2 * slope / (1 + mass) ** 2, rel=1e-6)
     assert "float()" in run.stats.difference_reason
+
+
+def test_functions_of_a_scene_that_is_copied_keep_their_slopes():
+    def build(x):
+        scene, _ = pushed(lambda t: (x[0] * np.cos(t), 0.0))
+        scene = copy.copy(scene)
+        return scene, {"speed": fb.Output("velocity", scene.bodies[0].centre, "x")}
+
+    run = fb.Response(build, dt=0.01, t_end=0.2)
+    for x in ([0.5], [0.7]):
+        _, y = run(x)
+        assert run.jacobian()["speed"][-1, 0] == pytest.approx(y["speed"][-1] / x[0], rel=1e-12)
+    assert run.stats.difference_reason == ""
