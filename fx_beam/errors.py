@@ -563,7 +563,7 @@ class _DualFunction(_CheckedFunction):
     def each(self, arguments: np.ndarray, run: str = "") -> np.ndarray:
         """As of others; the steps of a motion and their derivatives share values."""
         times, values = self._known
-        apart = abs(times - arguments) if run and len(times) == len(arguments) else np.inf
+        apart = abs(times - arguments) if run and 0 < len(times) == len(arguments) else np.inf
         if np.max(apart) > _SAME_TIME * np.max(abs(times), initial=0.0):
             values = self._block().run(super().each, arguments, run)
             self._known = (arguments, values) if run else self._known
