@@ -114,7 +114,7 @@ def measured(build, dt, steps, tries):
     none, names = np.empty(0, dtype=int), derivatives.names - {"X"}
 
     def weights_of(part):
-        rows = ends[part.own(ends)]
+        rows = ends[part.of_boundaries(ends)]
         return {"q": np.ones((len(rows), model.size))}, rows, none
 
     stiffness = model.forms.beams.of_beams["stiffness"].data

@@ -11,7 +11,7 @@ from time import process_time
 import numpy as np
 
 import fx_beam as fb
-from fx_beam.equilibria.small_motions import Inertia
+from fx_beam.equilibria.small_motions import SmallMotions
 
 RUNS = {8: 30, 128: 20, 1024: 10}
 
@@ -29,7 +29,7 @@ def arch(elements, follower=False):
 
 def seconds(scene, **how):
     """Processor times of a path and of the counts in it, and its number of steps."""
-    counting, spent = Inertia.of, []
+    counting, spent = SmallMotions.negative_eigenvalues, []
 
     def timed(self, factors):
         start = process_time()
@@ -37,13 +37,13 @@ def seconds(scene, **how):
         spent.append(process_time() - start)
         return count
 
-    Inertia.of = timed
+    SmallMotions.negative_eigenvalues = timed
     try:
         start = process_time()
         path = fb.static(scene, 10, progress=False, **how)
         return process_time() - start, sum(spent), path.stats.steps
     finally:
-        Inertia.of = counting
+        SmallMotions.negative_eigenvalues = counting
 
 
 def main():

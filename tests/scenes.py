@@ -10,6 +10,7 @@ import numpy as np
 
 import fx_beam as fb
 
+BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 DEMOS = {path.stem: path for path in (Path(__file__).parents[1] / "demos").glob("*.py")}
 
 PINNED = fb.Section(EA=4e7, GA=1e7, EI=1.3e7, rhoA=0.05, rhoI=1 / 60)
@@ -30,10 +31,9 @@ def demo(name):
 
 def benchmark(name):
     """A script of benchmarks/ as a module; what they share is beside them."""
-    folder = Path(__file__).parents[1] / "benchmarks"
-    sys.path.insert(0, str(folder))
+    sys.path.insert(0, str(BENCHMARKS))
     try:
-        return _module(name, folder / f"{name}.py")
+        return _module(name, BENCHMARKS / f"{name}.py")
     finally:
         sys.path.pop(0)
 
