@@ -27,8 +27,8 @@ taper. At a maximum the gain
 
 of an element at a given mass is zero, or negative where its height is the least. G is the mean of
 all dV/dh_j with the weights q_j. There may be other maxima. Most of the time for a gradient goes
-into differences of `whip`, not into motions, so that in this short motion of few elements little
-time is saved. Units are metre, kilogram and second.
+into the sections of the elements with their slopes, as this short motion has few steps. Units are
+metre, kilogram and second.
 """
 
 from dataclasses import replace
