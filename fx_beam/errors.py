@@ -26,8 +26,6 @@ TimeFunction = Callable[[float], np.ndarray]
 _PLACES = {"s", "x", "y", "xi", "place", "position", "point", "fraction", "arc_length"}
 #: Largest size of a number: products of a few such numbers are finite.
 LARGEST = 1e75
-# Times that differ by less, relative to the largest, are the same.
-_SAME_TIME = 1e-12
 # Characters of a value in a message.
 _SHOWN = 200
 # Types of real numbers, for which a look is enough.
@@ -546,14 +544,14 @@ def _copied(value):
 
 
 class _DualFunction(_CheckedFunction):
-    """The same in a scene whose numbers have slopes; its values have them in such blocks alone."""
+    """That of a scene whose numbers have slopes; its values have them in such blocks alone."""
 
     def __init__(self, function: Callable, size: int, what: str):
         super().__init__(function, size, what)
         # Gives a block with slopes; a method, as copies of scenes copy no context.
         self._block = copy_context().copy
         # The last times in a run, and the values then.
-        self._known: tuple[np.ndarray, Any] = np.empty((0, 1)), None
+        self._known: tuple[Any, Any] = None, None
 
     def __call__(self, *arguments) -> np.ndarray:
         if have_slopes():
@@ -563,8 +561,7 @@ class _DualFunction(_CheckedFunction):
     def each(self, arguments: np.ndarray, run: str = "") -> np.ndarray:
         """As of others; the steps of a motion and their derivatives share values."""
         times, values = self._known
-        apart = abs(times - arguments) if run and 0 < len(times) == len(arguments) else np.inf
-        if np.max(apart) > _SAME_TIME * np.max(abs(times), initial=0.0):
+        if not run or not np.array_equal(times, arguments):
             values = self._block().run(super().each, arguments, run)
             self._known = (arguments, values) if run else self._known
         return values if have_slopes() else plain(values)

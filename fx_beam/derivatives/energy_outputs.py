@@ -123,7 +123,7 @@ class StepLosses:
             k = of.tape.present.first + row - 1
             part = of.part(k)
             if model.scheme.rates.at_rest:
-                model.forms.set_load(float(of.tape.memories[k]), float(of.tape.lengths[k]))
+                model.forms.set_load(float(of.tape.memories[k]), float(of.tape.times.lengths[k]))
             for by in [] if model.forms.beams is None else model.forms.beams.losses_by(part):
                 yield from of.in_step(row, k, by)
             if model.points.any_have("loss"):
@@ -302,8 +302,8 @@ class StepWork:
         self._own, self._first = np.arange(*part), len(of.boundaries) - 1 - (part.end - part.first)
         states = {name: of.states[name][self._first :] for name in ("q", "slides")}
         tape, self._at_rest = of.tape, model.scheme.rates.at_rest
-        t0 = tape.starts[self._own]
-        t1, rates, turns = t0 + tape.lengths[self._own], model.scheme.rates, model.turns
+        t0 = tape.times.starts[self._own]
+        t1, rates, turns = tape.times.ends[self._own], model.scheme.rates, model.turns
         D = without_turns(model, np.diff(states["q"], axis=0))
         each = [rates.work_increment(increment, turns) for increment in D]
         path, slope = np.array(each).reshape(-1, 2, D.shape[1]).swapaxes(0, 1)

@@ -192,5 +192,5 @@ def rates_at(tape: Tape, boundaries: np.ndarray) -> tuple[np.ndarray, np.ndarray
     At the start, that of the first step, negative.
     """
     lengths = tape.steps_to(boundaries).lengths
-    times = np.append(tape.starts, tape.starts[-1] + tape.lengths[-1])[boundaries]
+    times = np.append(tape.times.starts, tape.times.ends[-1])[boundaries]
     return times, np.where(boundaries > 0, lengths, -tape.first_length)

@@ -464,7 +464,7 @@ class PeriodicResponse(Response):
         """Numbers of the steps of this motion for another scene, from the same state."""
         tape, start, period = self._shooting.tape, self._period.start, self._period.length
         other = self._prepared(scene)
-        t0, t1 = tape.starts, tape.starts + tape.lengths
+        t0, t1 = tape.times.starts, tape.times.ends
         numbers: dict[str, Any] = numbers_of(other, start, t0, t1)
         later = numbers_of(other, start, t0 + period, t1 + period)
         numbers |= {name + _LATER: later[name] for name in OF_STEPS & later.keys()}

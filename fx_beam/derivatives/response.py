@@ -570,8 +570,8 @@ class Response(Differentiable):
 
         And those of outputs with rates.
         """
-        other, t0 = self._prepared(given), tape.starts
-        model, first, t1 = other.model, self._options.dt, t0 + tape.lengths
+        other, t0 = self._prepared(given), tape.times.starts
+        model, first, t1 = other.model, self._options.dt, tape.times.ends
         of = [output for output in self._outputs.values() if isinstance(output, Output)]
         at_start = any(map(observes_start, of))
         if self._options.tolerance is not None:

@@ -32,7 +32,7 @@ class NaturalRows:
 
     def __init__(self, model: Model, tape: Tape):
         self._strains = model.natural
-        times = np.append(tape.starts, tape.starts[-1] + tape.lengths[-1])
+        times = np.append(tape.times.starts, tape.times.ends[-1])
         if model.scheme.rates.at_rest:  # in proportion to the load
             times, factors = times[-1:], np.append(0.0, tape.memories)
             self._factors = factors[:, None] * self._strains.series(times)
@@ -73,12 +73,12 @@ class SubSteps:
 
     def __init__(self, model: Model, tape: Tape, boundaries: np.ndarray, states_at: StatesAt):
         self.model, self.tape, self.boundaries, self._states_at = model, tape, boundaries, states_at
-        of_scene, level, t0 = model.forms.parameters, model.scheme.rates.level, tape.starts
+        of_scene, level = model.forms.parameters, model.scheme.rates.level
         #: Values of the parameters (sub-steps, 2, n) at the level of the scheme and at the ends.
         self._parameters = None
         if len(of_scene):
-            self._parameters = of_scene.over_steps(t0, t0 + tape.lengths, level)
-            self._at_start = of_scene.at(float(t0[0]))
+            self._parameters = of_scene.over_steps(tape.times.starts, tape.times.ends, level)
+            self._at_start = of_scene.at(float(tape.times.starts[0]))
         self.natural = NaturalRows(model, tape) if model.natural else None
         # Length of the short step for the resultants at the start [s], and 1 if these depend on
         # rates, else 0.
@@ -118,7 +118,7 @@ class SubSteps:
         if self.natural is not None:
             strains = self.natural.at(first), self.natural.at(k + 1)
             start = start._replace(natural=strains)
-        t, dt = float(tape.starts[first]), float(tape.lengths[first])
+        t, dt = float(tape.times.starts[first]), float(tape.times.lengths[first])
         if k < 0:
             dt = self._short
             return Part(instant(t, dt), self._moves * dt * states["v"][i[0]], start)

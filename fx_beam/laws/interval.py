@@ -32,7 +32,9 @@ def instant(t: float, length: float) -> Interval:
     return Interval(t, t + length, length)
 
 
-def divided(t0: np.ndarray, t1: np.ndarray, fractions: Sequence[float]):
+def divided(
+    t0: np.ndarray, t1: np.ndarray, fractions: Sequence[float]
+) -> tuple[np.ndarray, np.ndarray]:
     """Starts and ends (n * m,) of the m sub-steps of each step from t0 to t1 (n,)."""
     if len(fractions) == 1:
         return t0, t1

@@ -144,7 +144,7 @@ class CompiledLoop:
         dt = (steps.ends[-1] - state.t) / number
         to = self.c_record(recorder, number, steps.first, steps.parts, steps.done)
         if self.tape is not None and not isinstance(recorder, NullRecorder):
-            taken = self._run_taped(self.tape, inputs, dt, to)
+            taken = self._run_taped(self.tape, steps, state.t, dt, to)
         else:
             known = len(inputs.driven) // self._problem.sub_steps
             taken = self._steps(known, dt, self.c_inputs(inputs), to)
@@ -163,17 +163,18 @@ class CompiledLoop:
         if self.together is not None:
             self.together.check()
 
-    def _run_taped(self, tape: Tape, inputs: StepInputs, dt: float, to: Any) -> int:
+    def _run_taped(self, tape: Tape, steps: Steps, t: float, dt: float, to: Any) -> int:
         """The same on a tape, which keeps the state before every so many steps."""
         from .tape import TakenSteps
 
-        taken, total = 0, len(inputs.driven) // self._problem.sub_steps
+        taken, inputs, times = 0, steps.inputs, np.append(t, steps.ends)
+        total = len(inputs.driven) // self._problem.sub_steps
         while taken < total:
             rest, count = inputs.after(taken), min(tape.most_steps, total - taken)
             count -= (to.part + count) % to.parts if count > to.parts else 0  # whole steps
             c_inputs = self.c_inputs(rest)
-            steps = TakenSteps(count, dt, to.parts, to.part, c_inputs, rest)
-            to.tape = tape.begin(steps)
+            now = TakenSteps(count, dt, to.parts, to.part, c_inputs, rest, times[taken:])
+            to.tape = tape.begin(now)
             done = self._steps(count, dt, c_inputs, to)
             tape.end(done)
             taken, to.part = taken + done, to.part + done

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fx_beam.errors import SceneError
+from fx_beam.laws.interval import divided
 from fx_beam.results.state import State
 
 from .forcing import LoadForcing
@@ -59,6 +60,8 @@ class TakenSteps(NamedTuple):
     #: The C struct Inputs, and what it points to.
     inputs: Any
     arrays: Any
+    #: Starts of the steps or parts, and the end of the last [s], as in their inputs.
+    times: np.ndarray
 
 
 class _Checkpoint(NamedTuple):
@@ -76,10 +79,14 @@ class _Checkpoint(NamedTuple):
     increments: np.ndarray | None
 
 
-class _Times(NamedTuple):
-    """Starts and lengths of all sub-steps [s], and whether a whole step begins with each."""
+class Times(NamedTuple):
+    """Starts, ends and lengths of sub-steps [s], and whether a whole step begins with each.
+
+    Some sub-steps of schemes of order 4 go back in time.
+    """
 
     starts: np.ndarray
+    ends: np.ndarray
     lengths: np.ndarray
     begins: np.ndarray
 
@@ -113,7 +120,7 @@ class Tape:
         self._checkpoints: list[_Checkpoint] = []
         self._count = 0
         # Of the sub-steps, once they are asked for.
-        self._times: _Times | None = None
+        self._times: Times | None = None
         # Memory of their increments [bytes].
         self._kept = 0
         #: Whether the rows of all sub-steps are kept.
@@ -124,7 +131,7 @@ class Tape:
         self._set_rows(rows)
         self.c.rows = len(rows)
         self.c.all = self._count = len(rows)
-        self._times = _Times(rows[:, 0], rows[:, 1], rows[:, 4] == 0)
+        self._times = Times(rows[:, 0], rows[:, 0] + rows[:, 1], rows[:, 1], rows[:, 4] == 0)
 
     def repeat(self, moves: np.ndarray, lengths: np.ndarray) -> None:
         """Have the only row n times, with increments (n, free) added and lengths (n,) [s]."""
@@ -198,14 +205,6 @@ class Tape:
         self._count += taken * self._sub_steps
         self._times = None
 
-    def _known_times(self) -> _Times:
-        if self._times is None:
-            none = _Times(np.empty(0), np.empty(0), np.empty(0, dtype=bool))
-            fractions = np.array(self.problem.model.scheme.fractions)
-            parts = (_times_of(checkpoint, fractions) for checkpoint in self._checkpoints)
-            self._times = _Times(*map(np.concatenate, zip(none, *parts, strict=True)))
-        return self._times
-
     def _with_room(self, more: int) -> Any:
         """The C struct, with room for some more sub-steps."""
         if self.c.rows + more > self.c.room:
@@ -262,14 +261,14 @@ class Tape:
         p.repeats = 0
 
     @property
-    def starts(self) -> np.ndarray:
-        """Times at the starts of all sub-steps [s]."""
-        return self._known_times().starts
-
-    @property
-    def lengths(self) -> np.ndarray:
-        """Lengths of all sub-steps; some of schemes of order 4 go back in time [s]."""
-        return self._known_times().lengths
+    def times(self) -> Times:
+        """Those of all sub-steps."""
+        if self._times is None:
+            none = Times(np.empty(0), np.empty(0), np.empty(0), np.empty(0, dtype=bool))
+            fractions = self.problem.model.scheme.fractions
+            parts = (_times_of(checkpoint, fractions) for checkpoint in self._checkpoints)
+            self._times = Times(*map(np.concatenate, zip(none, *parts, strict=True)))
+        return self._times
 
     @property
     def widths(self) -> dict[str, int]:
@@ -299,13 +298,13 @@ class Tape:
 
     def steps_to(self, boundaries: np.ndarray) -> Steps:
         """The steps that end before some sub-steps."""
-        begins = np.flatnonzero(self._known_times().begins)
+        begins = np.flatnonzero(self.times.begins)
         last = np.searchsorted(begins, np.maximum(boundaries - 1, 0), side="right") - 1
         starts = np.minimum(begins[last], boundaries)
         counts = boundaries - starts
         rows = np.repeat(np.arange(len(boundaries)), counts)
         sub_steps = np.arange(counts.sum()) + np.repeat(boundaries - counts.cumsum(), counts)
-        of_parts = self.lengths[sub_steps]
+        of_parts = self.times.lengths[sub_steps]
         lengths, shares = np.bincount(rows, of_parts, len(boundaries)), np.ones(len(rows))
         np.divide(of_parts, lengths[rows], out=shares, where=counts[rows] > 1)
         return Steps(starts, lengths, sub_steps, rows, shares)
@@ -318,8 +317,8 @@ class Tape:
     @property
     def first_length(self) -> float:
         """Length of the first step [s]."""
-        begins = np.flatnonzero(self._known_times().begins)
-        return float(self.lengths[: begins[1] if len(begins) > 1 else None].sum())
+        begins = np.flatnonzero(self.times.begins)
+        return float(self.times.lengths[: begins[1] if len(begins) > 1 else None].sum())
 
     def boundaries(self, times: np.ndarray) -> np.ndarray:
         """Numbers of sub-steps before the ends of steps at times (n,) [s].
@@ -327,10 +326,10 @@ class Tape:
         SceneError if the tape has a gap, or if a time is inside a step.
         """
         whole = slice(None, None, self._sub_steps)
-        ends = (self.starts + self.lengths)[self._sub_steps - 1 :: self._sub_steps]
-        grid = np.concatenate([self.starts[:1], ends])
-        least = abs(self.lengths).min(initial=np.inf)
-        if (gaps := abs(self.starts[whole] - grid[:-1]) > 1e-3 * least).any():
+        ends = self.times.ends[self._sub_steps - 1 :: self._sub_steps]
+        grid = np.concatenate([self.times.starts[:1], ends])
+        least = abs(self.times.lengths).min(initial=np.inf)
+        if (gaps := abs(self.times.starts[whole] - grid[:-1]) > 1e-3 * least).any():
             raise SceneError(
                 f"the step after t = {grid[:-1][gaps][0]:.6g} failed in the compiled loop, so "
                 "that there is no derivative. Try a smaller dt"
@@ -344,15 +343,14 @@ class Tape:
         return self._sub_steps * rows
 
 
-def _times_of(checkpoint: _Checkpoint, fractions: np.ndarray) -> _Times:
+def _times_of(checkpoint: _Checkpoint, fractions: Sequence[float]) -> Times:
     """Those of the sub-steps that follow a checkpoint."""
-    steps = checkpoint.steps
+    steps, times = checkpoint.steps, checkpoint.steps.times[: checkpoint.steps.number + 1]
     lengths = np.empty((steps.number, len(fractions)))
-    lengths[:] = steps.dt * fractions
+    lengths[:] = steps.dt * np.array(fractions)
     begins = np.zeros(lengths.shape, dtype=bool)
     begins[-steps.part % steps.parts :: steps.parts, 0] = True
-    starts = np.cumsum(np.append(checkpoint.t, lengths.ravel()[:-1]))
-    return _Times(starts, lengths.ravel(), begins.ravel())
+    return Times(*divided(times[:-1], times[1:], fractions), lengths.ravel(), begins.ravel())
 
 
 # -- Load steps, which are followed as steps in time are -------------------------------------------

@@ -337,8 +337,8 @@ def _check_followed(left: int, tape: Tape, sub_step: int) -> None:
         raise MemoryError("derivatives of a motion")
     if left:
         raise SceneError(
-            f"the tangent of the step from t = {tape.starts[sub_step]:.6g} is singular, so that "
-            "there is no derivative. Try a smaller dt"
+            f"the tangent of the step from t = {tape.times.starts[sub_step]:.6g} is singular, so "
+            "that there is no derivative. Try a smaller dt"
         )
 
 
