@@ -44,8 +44,8 @@ class ArrayCalls:
             self._fit[key] = at_once is not None and _agree(at_once, known)
             return known
         some = np.arange(_SAMPLES) * (len(arguments) - 1) // (_SAMPLES - 1)
-        some = some[1:2] if have_slopes() else some
-        if at_once is None or not _agree(at_once, one_by_one(arguments[some]), some):
+        some, sizes = (some[1:2], at_once) if have_slopes() else (some, None)
+        if at_once is None or not _agree(at_once[some], one_by_one(arguments[some]), sizes):
             return one_by_one(arguments)
         return at_once
 
@@ -68,10 +68,10 @@ class calling_with_arrays:  # noqa: N801  # a block, which costs less than one b
         _NOW.reset(self._before)
 
 
-def _agree(values: np.ndarray, known: np.ndarray, some: Any = slice(None)) -> bool:
-    """Whether values (n, size) differ from those known of some by round-off at most."""
-    values, known = plain(values), plain(known)
-    return bool((abs(values[some] - known) <= _ROUNDING * abs(values).max(axis=0)).all())
+def _agree(values: np.ndarray, known: np.ndarray, sizes: Any = None) -> bool:
+    """Whether values (n, size) differ by round-off at most, of those known or of others."""
+    values, known, sizes = map(plain, (values, known, known if sizes is None else sizes))
+    return bool((abs(values - known) <= _ROUNDING * abs(sizes).max(axis=0)).all())
 
 
 def _at_once(function: Callable, size: int, arguments: np.ndarray) -> np.ndarray | None:
