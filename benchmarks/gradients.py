@@ -86,7 +86,7 @@ def measured(build, count, steps, turns=20):
     return 1e3 * motion, gradient / motion, jacobian / motion
 
 
-def beside(run, count, plain=None, weights_of=None, turns=5):
+def beside(run, count, plain=None, weights_of=None, turns=5, calls=5):
     """Time of an analysis [ms], by `plain` if it is another, and with gradient and Jacobian."""
     rng, x = np.random.default_rng(0), 1 + 0.1 * np.sin(np.arange(1, count + 1))
 
@@ -102,7 +102,7 @@ def beside(run, count, plain=None, weights_of=None, turns=5):
         lambda: (plain or run)(at()),
         lambda: (run(at()), run.vjp(weights)),
         lambda: (run(at()), run.jacobian()),
-        calls=1 if turns == 1 else 5,
+        calls=calls,
     )
     return 1e3 * alone, gradient / alone, jacobian / alone
 
@@ -178,7 +178,7 @@ def of_frame(count, cells):
         return scene
 
     run = fb.ModalResponse(build, n=4)
-    return beside(run, count, lambda x: fb.modes(build(x), n=4), turns=1)
+    return beside(run, count, lambda x: fb.modes(build(x), n=4), turns=1, calls=1)
 
 
 def fitted(build, count, steps):

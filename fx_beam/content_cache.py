@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from contextlib import nullcontext
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -14,6 +14,14 @@ T = TypeVar("T")
 
 # Size of all arguments up to which a result is kept [bytes], and number of results of a function.
 _LARGEST, _MOST = 1 << 16, 32
+
+
+class _Contents(NamedTuple):
+    """An array as an argument that can be compared."""
+
+    kind: np.dtype
+    shape: tuple[int, ...]
+    data: bytes
 
 
 def cached_by_content(function: F) -> F:
@@ -48,15 +56,14 @@ class cached_property(functools.cached_property[T]):
 
 
 def _contents(argument: Any) -> Any:
-    """An argument that can be compared: of an array its contents."""
     if isinstance(argument, np.ndarray):
-        return np.ndarray, argument.dtype, argument.shape, argument.tobytes()
+        return _Contents(argument.dtype, argument.shape, argument.tobytes())
     return argument
 
 
 def _array(contents: Any) -> Any:
-    if isinstance(contents, tuple) and contents[:1] == (np.ndarray,):
-        return np.frombuffer(contents[3], contents[1]).reshape(contents[2]).copy()
+    if isinstance(contents, _Contents):
+        return np.frombuffer(contents.data, contents.kind).reshape(contents.shape).copy()
     return contents
 
 

@@ -68,16 +68,16 @@ class BuiltScenes:
         self._names: dict[int, list[str]] = {}
         #: Names of the numbers of which the last derivatives are not all zero.
         self.changing: set[str] = set()
-        # Whether derivatives of the last scene were asked for, and whether it has slopes.
+        # Whether derivatives were asked for after the last call; whether its scene has slopes.
         self._asked = self._is_dual = False
         # Shapes of all numbers, by name, for which slopes were checked.
         self._checked: list[dict[str, tuple[int, ...]]] = []
 
     def serve(self, x: np.ndarray, of: Callable[[Any], _Result], dual: bool = True) -> _Result:
-        """What comes of a scene of x, and later its derivatives.
+        """What a function computes from the scene of x.
 
-        The same scene serves both, with slopes, if it may be `dual`, and if those of the last one
-        were asked for.
+        The scene has slopes, and serves derivatives as well, if it may be `dual` and derivatives
+        were asked for after the last call.
         """
         self._is_dual, self._asked = dual and self._asked and not self.reasons, False
         if self._is_dual:

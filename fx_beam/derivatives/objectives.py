@@ -17,7 +17,7 @@ Cost = Callable[[np.ndarray, dict[str, np.ndarray]], tuple[float, Mapping[str, n
 
 
 class _OfRun:
-    """A function of the parameters of a response, which takes its time."""
+    """A function that calls a response, one thread at a time."""
 
     _run: Differentiable
 

@@ -137,7 +137,8 @@ class TangentDerivatives:
     def take(self, changes: Mapping[str, np.ndarray], changing: Set[str]) -> None:
         """Take changes (m, ...) of the numbers by x; those not `changing` are zero."""
         refuse_others(changes, self._derivatives.names, self._what)
-        self.changes, self._changing = changes, changing
+        self.changes = changes
+        self._changing = {name: of for name, of in changes.items() if name in changing}
 
     def numbers_of(
         self, scene: Scene, change: Any = None, start: StateChange | None = None
@@ -188,9 +189,8 @@ class TangentDerivatives:
 
     def by_x(self, by: Mapping[str, np.ndarray], changes: Any = None) -> np.ndarray:
         """Derivatives (m,) by x of what has some by numbers, whose changes may be others."""
-        names = by.keys() & (self._changing if changes is None else changes.keys())
-        none = np.zeros(len(self.changes["X"]))
-        return sum((along((changes or self.changes)[name], by[name]) for name in names), none)
+        changes, none = changes or self._changing, np.zeros(len(self.changes["X"]))
+        return sum((along(changes[name], of) for name, of in by.items() if name in changes), none)
 
     def along_motions(self, of: Pairs) -> _Along:
         """The motions r of pairs as directions, and those l where motions of the nodes depend."""
