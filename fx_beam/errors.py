@@ -544,11 +544,11 @@ def _copied(value):
 
 
 class _DualFunction(_CheckedFunction):
-    """That of a scene whose numbers have slopes; its values have them in such blocks alone."""
+    """The same in a scene with slopes; its values have them in blocks by `slopes_by` alone."""
 
     def __init__(self, function: Callable, size: int, what: str):
         super().__init__(function, size, what)
-        # Gives a block with slopes; a method, as copies of scenes copy no context.
+        # Makes such a block; a method, as a context cannot be copied with its scene.
         self._block = copy_context().copy
         # The last times in a run, and the values then.
         self._known: tuple[Any, Any] = None, None
@@ -559,7 +559,7 @@ class _DualFunction(_CheckedFunction):
         return plain(self._block().run(super().__call__, *arguments))
 
     def each(self, arguments: np.ndarray, run: str = "") -> np.ndarray:
-        """As of others; the steps of a motion and their derivatives share values."""
+        """As of others; a motion and its derivatives ask at the same times, and share values."""
         times, values = self._known
         if not run or not np.array_equal(times, arguments):
             values = self._block().run(super().each, arguments, run)

@@ -91,7 +91,7 @@ class MotionSeries:
         return Prepared(scene, options, waiting_team(scene) if self._memory is None else None)
 
     def alike(self, scene: Scene, base: Scene, options: Options) -> Prepared:
-        """What is prepared like a `base` with the numbers of another scene, but for its loop."""
+        """The prepared `base` with the numbers of another scene, but for those of its loop."""
         self._alike = self._alike or Prepared(base, options)
         try:
             self._alike.refill_model(scene)
