@@ -17,7 +17,6 @@ from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 
 from .assembly import BoundForm, Field, PointValues, Space
-from .beam_drag import coefficients
 from .fields import (
     CONSTANTS,
     NATURAL,
@@ -26,6 +25,7 @@ from .fields import (
     DataShape,
     FilledField,
     distinct,
+    drag_data,
     on_beam,
     section_data,
 )
@@ -146,11 +146,7 @@ class BeamForms:
         kinds = [materials.index(material) for material in of_beams]
         #: Subdomain of each cell, the number of its material.
         self._tags = np.array(kinds)[mesh.beam_of_cell]
-        everywhere = Data(0, np.array(1.0))
-        inside = [
-            everywhere if work.beam is None else on_beam(mesh, scene, work.beam)
-            for work in scene.virtual_works
-        ]
+        inside = [on_beam(mesh, scene, work.beam) for work in scene.virtual_works]
         works = [(work, on.shape) for work, on in zip(scene.virtual_works, inside, strict=True)]
         self._kind = Kind(
             *(self.degree, mesh.curved, self._scheme, tuple(materials), tuple(works)),
@@ -190,7 +186,7 @@ class BeamForms:
             return data
         if any(section.damped for section in sections):
             data["retardation"] = section_data(mesh, scene, ("retardation",), degree)
-        return data | coefficients(scene, mesh)
+        return data | drag_data(mesh, scene)
 
     def refill(self, scene: Scene) -> None:
         """Set all numbers to those of a scene of the same structure, whose mesh is set."""

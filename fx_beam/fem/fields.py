@@ -15,6 +15,7 @@ from fx_beam.laws.kinematics import Step
 from fx_beam.laws.rates import UpdateRule
 from fx_beam.laws.resultants import Nodes, lagrange
 from fx_beam.scene.beam import Beam, arc_lengths, gauss_rule
+from fx_beam.scene.loads import PARTS_OF_DRAG
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.section import Section
 from fx_beam.scene.structure import OtherStructureError
@@ -117,8 +118,26 @@ def cell_data(mesh: Mesh, rows: np.ndarray) -> Data:
     return Data(1, rows[mesh.beam_of_cell][:, None])
 
 
-def on_beam(mesh: Mesh, scene: Scene, beam: Beam) -> Data:
-    """Indicator of a beam: 1 on it, 0 on the others."""
+def drag_data(mesh: Mesh, scene: Scene) -> dict[str, Data]:
+    """Coefficients of `drag_work` on all beams, those that there are, behind "drag "."""
+    rows: dict[str, np.ndarray] = {}
+    on_beams = ((drag, drag.target) for drag in scene.drags if isinstance(drag.target, Beam))
+    for drag, beam in on_beams:
+        for name in PARTS_OF_DRAG:
+            value = getattr(drag, name)
+            if value.any():
+                key = f"drag {name}" if len(value) == 1 else f"drag {name} along and across"
+                of_beams = rows.setdefault(key, np.zeros((len(scene.beams), len(value))))
+                of_beams[scene.beams.index(beam)] += value
+    return {
+        name: cell_data(mesh, row if "across" in name else row[:, 0]) for name, row in rows.items()
+    }
+
+
+def on_beam(mesh: Mesh, scene: Scene, beam: Beam | None) -> Data:
+    """Indicator of a beam: 1 on it, 0 on the others; without a beam 1 on all."""
+    if beam is None:
+        return Data(0, np.array(1.0))
     inside = np.arange(len(scene.beams)) == scene.beams.index(beam)
     return cell_data(mesh, inside.astype(float))
 
