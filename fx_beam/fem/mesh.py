@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -142,15 +143,11 @@ def build_mesh(scene: Scene) -> Mesh:
     if not scene.nodes:
         raise SceneError("the scene has no beams. Add one with scene.add_beam, or add_body")
     degree = scene.beams[0].degree if scene.beams else 1
-    pairs = [
-        (a.number, b.number)
-        for beam in scene.beams
-        for a, b in zip(beam.nodes[:-1], beam.nodes[1:], strict=True)
-    ]
+    pairs = [(a.number, b.number) for beam in scene.beams for a, b in pairwise(beam.nodes)]
     ends = np.array(pairs, int).reshape(-1, 2)
     inner = np.arange(len(ends) * (degree - 1)).reshape(len(ends), degree - 1) + len(scene.nodes)
     first = np.cumsum([0, *(beam.elements for beam in scene.beams)]).tolist()
-    cells = [np.arange(a, b) for a, b in zip(first[:-1], first[1:], strict=True)]
+    cells = [np.arange(a, b) for a, b in pairwise(first)]
     curved = degree > 1 and any(beam.inner is not None for beam in scene.beams)
     elements = np.hstack([ends[:, :1], inner, ends[:, 1:]])
     return Mesh(_positions(scene), elements, cells, curved)

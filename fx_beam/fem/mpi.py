@@ -43,12 +43,12 @@ def has_petsc() -> bool:
     return find_spec("petsc4py") is not None
 
 
-def petsc(what: str = "a scene on several processes") -> Any:
+def petsc() -> Any:
     """The module PETSc of petsc4py; RuntimeError if it is missing."""
     if not has_petsc():
         raise RuntimeError(
-            f"{what} needs PETSc, which is not installed. Install petsc4py (Debian's "
-            "python3-petsc4py), or start the script without mpirun"
+            "a scene on several processes needs PETSc, which is not installed. Install petsc4py "
+            "(Debian's python3-petsc4py), or start the script without mpirun"
         )
     from petsc4py import PETSc
 

@@ -229,10 +229,8 @@ class PointForces:
         members: MemberContacts | None = None,
     ) -> None:
         """Set the numbers of all forces; OtherStructureError if these are of other kinds."""
-        order = sorted(range(len(forces)), key=lambda i: forces[i].role)
-        forces = [forces[i] for i in order]
-        known = self._forces
-        if list(map(_without_numbers, forces)) != list(map(_without_numbers, known)):
+        forces = sorted(forces, key=lambda force: force.role)
+        if list(map(_without_numbers, forces)) != list(map(_without_numbers, self._forces)):
             raise OtherStructureError("forces at points are of other kinds")
         self._forces, self.followers = forces, followers
         for i, (force, numbers) in enumerate(zip(forces, self._numbers, strict=True)):
