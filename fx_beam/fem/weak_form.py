@@ -146,14 +146,11 @@ class WeakForm:
 
     def _build_resultants(self) -> None:
         """The step, and the resultants of each law."""
-        what = f"rates of {self.scheme.name}"
-        self.step = self.fields.step(self.scheme.rates, what, self.has_natural)
         resultants = self._of_step()
         every = [r for parts in resultants for r in parts]
         exact = self.step.degree > 1 and any(isinstance(r, ExactResultants) for r in every)
         if exact or (self.scheme.rates.by_mean and "rotation" in self._drag):
             self.fields = self._nodal
-            self.step = self.fields.step(self.scheme.rates, what, self.has_natural)
             resultants = self._of_step()
         #: Resultants of each law: those of the scheme, and the viscous ones.
         self._of_laws = resultants
@@ -164,6 +161,9 @@ class WeakForm:
         ]
 
     def _of_step(self) -> list[list[Any]]:
+        """The resultants of each law in a step of the present fields."""
+        what = f"rates of {self.scheme.name}"
+        self.step = self.fields.step(self.scheme.rates, what, self.has_natural)
         #: Internal variables at both ends of the step, of each law that has some.
         self._evolution = [self._evolved(variables) for _, variables in self._materials]
         self._laws = [
