@@ -376,6 +376,10 @@ class SmoothFriction:
             )
 
 
+#: Friction on a coordinate of a joint.
+Friction = SmoothFriction | Coulomb
+
+
 class Held:
     """In the place of a motor: it holds a coordinate where it is when a run starts."""
 
@@ -412,7 +416,7 @@ class Coordinate:
     spring: Spring | None = None
     damper: Damper | None = None
     motor: Callable[[float], np.ndarray] | None = field(default=None, metadata=NUMBER)
-    friction: SmoothFriction | Coulomb | None = None
+    friction: Friction | None = None
     stop: Stop | None = None
 
     def __str__(self):
@@ -427,7 +431,7 @@ class Coordinate:
         for name, kinds, wanted in (
             ("spring", Spring, "an fx_beam.Spring"),
             ("damper", Damper, "an fx_beam.Damper"),
-            ("friction", SmoothFriction | Coulomb, friction),
+            ("friction", Friction, friction),
             ("stop", Stop, "(lower, upper, stiffness) or an fx_beam.Stop"),
         ):
             value = getattr(self, name)

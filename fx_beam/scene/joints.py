@@ -13,15 +13,7 @@ from fx_beam.dual import dual_of, in_scene
 from fx_beam.errors import NUMBER, SceneError, numbers, require, shown, vector
 
 from .beam import Beam, Node
-from .coordinate import (
-    Coordinate,
-    Coulomb,
-    Damper,
-    SmoothFriction,
-    Spring,
-    Stop,
-    checked_coordinate,
-)
+from .coordinate import Coordinate, Coulomb, Damper, Friction, Spring, Stop, checked_coordinate
 from .inputs import time_function
 from .notebook import html_table
 
@@ -467,7 +459,7 @@ def Revolute(
     spring: Spring | None = None,
     damper: Damper | None = None,
     motor=None,
-    friction: SmoothFriction | Coulomb | None = None,
+    friction: Friction | None = None,
     stop: Stop | tuple | None = None,
 ) -> Joint:
     """Revolute joint (hinge): b keeps its position on a and rotates freely.
@@ -518,7 +510,7 @@ def Prismatic(
     spring: Spring | None = None,
     damper: Damper | None = None,
     motor=None,
-    friction: SmoothFriction | Coulomb | None = None,
+    friction: Friction | None = None,
     stop: Stop | tuple | None = None,
 ) -> Joint:
     """Prismatic joint: b slides along an axis fixed to a, and rotates with a.
@@ -570,7 +562,7 @@ def PinInSlot(
     damper: Damper | None = None,
     motor=None,
     hinge: Coordinate | None = None,
-    friction: SmoothFriction | Coulomb | None = None,
+    friction: Friction | None = None,
     stop: Stop | tuple | None = None,
 ) -> Joint:
     """Pin in a slot: b slides along an axis fixed to a, and rotates freely.

@@ -26,15 +26,7 @@ from . import loads
 from .beam import COMPONENTS, Beam, Node, position_of
 from .body import Body, Members, check_body, name_of, velocities_of
 from .contacts import Contact, Shape, check_members, check_start
-from .coordinate import (
-    Coulomb,
-    Damper,
-    SmoothFriction,
-    Spring,
-    Stop,
-    checked_coordinate,
-    functions_of,
-)
+from .coordinate import Coordinate, Coulomb, Damper, SmoothFriction, Spring, Stop, functions_of
 from .curve import Curve, layout
 from .forces_between import ForceBetween, Pull, checked_force
 from .inputs import Input, time_function
@@ -606,7 +598,8 @@ class Scene:
         """
         for node in (a, b) if isinstance(b, Node) else (a,):
             loads.check_node(self, node, "force between points")
-        on = checked_coordinate("force between points", spring, damper, None, friction, stop)
+        # A stop may be a triple, of which a coordinate makes one.
+        on = Coordinate(spring, damper, friction=friction, stop=stop)  # type: ignore[arg-type]
         made = checked_force(a, b, on, force, self.force_count, self._size)
         self.parameters.add(made.functions, str(made))
         self.forces_between.append(made)

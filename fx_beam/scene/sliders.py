@@ -11,15 +11,7 @@ from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError, as_float, require
 
 from .beam import Beam, Node
-from .coordinate import (
-    Coordinate,
-    Coulomb,
-    Damper,
-    SmoothFriction,
-    Spring,
-    Stop,
-    checked_coordinate,
-)
+from .coordinate import Coordinate, Damper, Friction, Spring, Stop, checked_coordinate
 from .joints import GROUND, Joint, JointKinematics, NodalMotion, new_joint
 from .path import Path
 
@@ -210,7 +202,7 @@ def Slider(
     spring: Spring | None = None,
     damper: Damper | None = None,
     motor=None,
-    friction: SmoothFriction | Coulomb | None = None,
+    friction: Friction | None = None,
     stop: Stop | tuple | None = None,
 ) -> SlidingJoint:
     """A node that slides along a flexible beam, over all of its elements; it rotates freely.
@@ -282,7 +274,7 @@ def Sleeve(
     spring: Spring | None = None,
     damper: Damper | None = None,
     motor=None,
-    friction: SmoothFriction | Coulomb | None = None,
+    friction: Friction | None = None,
     stop: Stop | tuple | None = None,
 ) -> SlidingJoint:
     """A node that slides along a flexible beam and turns with it.
