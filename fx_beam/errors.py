@@ -394,6 +394,11 @@ def refuse_fields(symbols: Iterable, what: str, known: Iterable = ()) -> None:
             )
 
 
+def refuse_fields_in(expression, what: str, known: Iterable = ()) -> None:
+    """The same for all functions and constants in an expression."""
+    refuse_fields(fields_in(expression), what, known)
+
+
 class Constant:
     """A constant value (size,) as a function."""
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fx_beam.dual import plain, stacked
-from fx_beam.errors import SceneError, all_of, fields_in, refuse_fields
+from fx_beam.errors import SceneError, all_of, refuse_fields_in
 from fx_beam.laws.kinematics import Step
 from fx_beam.laws.rates import UpdateRule
 from fx_beam.laws.resultants import Nodes, lagrange
@@ -222,7 +222,7 @@ class Fields:
         v0, a0 = (ufl.split(rate) for rate in self.start_rates)
         u_before, psi_before = ufl.split(self.q_previous)
         v, omega = rates.fields(Du, Dpsi, v0, a0, self.dt)
-        refuse_fields(fields_in(ufl.as_vector((*v, omega))), what, self.names)
+        refuse_fields_in(ufl.as_vector((*v, omega)), what, self.names)
         return Step(
             u0=u0,
             psi0=psi0,

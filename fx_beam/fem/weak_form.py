@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from fx_beam.errors import SceneError, fields_in, refuse_fields
+from fx_beam.errors import SceneError, fields_in, refuse_fields, refuse_fields_in
 from fx_beam.laws.kinematics import arc_derivative, director
 from fx_beam.laws.resultants import (
     DecayingResultants,
@@ -255,7 +255,7 @@ class WeakForm:
         """A virtual work per length in UFL; SceneError if it is none."""
         test, term = self.fields.test, replaced(work.of(self.step, what), self._by_name)
         known = [] if self.parameters is None else [self.parameters]
-        refuse_fields(fields_in(term), what, [*self.fields.names, *known])
+        refuse_fields_in(term, what, [*self.fields.names, *known])
         wanted = f"{what}: the result must be a scalar UFL expression linear in step.virtual_u and "
         wanted += "step.virtual_psi"
         if term.ufl_shape != () or ufl.algorithms.extract_arguments(term) != [test]:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from fx_beam.errors import NUMBER, SceneError, as_float, fields_in, refuse_fields, require
+from fx_beam.errors import NUMBER, SceneError, as_float, fields_in, refuse_fields_in, require
 from fx_beam.symbolic import derivatives_taken, is_zero, parts_of, ufl
 
 from .parameters import parameters_in, scalar_of, symbols_only
@@ -345,7 +345,7 @@ class InternalVariables:
         )
         dt = ufl.variable(ufl.as_ufl(1.0))
         updated = self.updated(ufl.as_vector(old), strains0, strains, dt)
-        refuse_fields(fields_in(updated), "InternalVariables: update", parameters_in(updated))
+        refuse_fields_in(updated, "InternalVariables: update", parameters_in(updated))
         for i, name in enumerate(self.names):
             if not {*old, *strains0, *strains} & set(parts_of(updated[i])):
                 raise SceneError(

@@ -8,15 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from fx_beam.errors import (
-    SceneError,
-    TimeFunction,
-    as_float,
-    fields_in,
-    is_number,
-    refuse_fields,
-    shown,
-)
+from fx_beam.errors import SceneError, TimeFunction, as_float, is_number, refuse_fields_in, shown
 from fx_beam.symbolic import ufl
 
 from .inputs import Input, checked_value
@@ -84,7 +76,7 @@ def scalar_of(function: Callable, values: Sequence[float], call: str) -> tuple[A
         "math or NumPy"
     ):
         expression = ufl.as_ufl(function(*variables))
-    refuse_fields(fields_in(expression), call, parameters_in(expression))
+    refuse_fields_in(expression, call, parameters_in(expression))
     if expression.ufl_shape != ():
         raise SceneError(f"{call} must be a scalar, not of shape {expression.ufl_shape}")
     return expression, variables

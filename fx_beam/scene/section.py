@@ -17,11 +17,10 @@ from fx_beam.errors import (
     NUMBER,
     SceneError,
     as_float,
-    fields_in,
     is_number,
     is_one_of,
     numbers,
-    refuse_fields,
+    refuse_fields_in,
     require,
     shaped,
     shown,
@@ -393,7 +392,7 @@ def _evaluated(datum: Callable, fraction: float, what: str) -> float:
             return as_float(value)
         # UFL functions of numbers return numbers or expressions of numbers.
         if isinstance(value, ufl.core.expr.Expr):
-            refuse_fields(fields_in(value), what)
+            refuse_fields_in(value, what)
             value = value(())
     except SceneError:
         raise  # from a datum that this one is computed from
