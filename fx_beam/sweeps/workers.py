@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.errors import SceneError, StepError, is_whole, shown
+from fx_beam.errors import SceneError, StepError, is_whole, require
 from fx_beam.fem import mpi
 from fx_beam.motions.motion_series import MotionSeries
 from fx_beam.motions.surroundings import simulating_by
@@ -78,9 +78,7 @@ def _tried(function: Callable[..., Any], *arguments: Any) -> Any:
         return Outcome(None, np.nan, _sentence(error))
 
 
-def open_workers(
-    function: Callable, executor: Executor | int | None, timeout: float | None = None
-) -> Workers:
+def open_workers(function: Callable, executor: Any, timeout: float | None = None) -> Workers:
     """Workers of an executor; None: here, one after another; a number: so many processes.
 
     The first item of all runs alone, so that it compiles for all. Nothing is started before it. An
@@ -89,12 +87,10 @@ def open_workers(
     if executor is None:
         return _Here(function)
     if is_whole(executor, 1, _MOST):
-        return _OnProcesses(int(executor), function, timeout)  # type: ignore[arg-type]
-    if isinstance(executor, int) or not hasattr(executor, "submit"):
-        raise SceneError(
-            f"executor = {shown(executor)} must be an executor of concurrent.futures, or the "
-            "number of processes"
-        )
+        return _OnProcesses(int(executor), function, timeout)
+    fits = not isinstance(executor, int) and hasattr(executor, "submit")
+    wanted = "an executor of concurrent.futures, or the number of processes"
+    require(fits, "executor", executor, wanted)
     if timeout is not None:
         raise SceneError(
             f"timeout = {timeout:g} needs processes of this machine: give executor their number"
@@ -169,12 +165,6 @@ def _check_pickles(function: Callable, items: Sequence) -> None:
         )
 
 
-def _outcome(future: Future) -> Outcome:
-    if isinstance(error := future.exception(), BrokenExecutor):
-        raise error
-    return _tried(future.result)
-
-
 # -- An executor of the user ---------------------------------------------------------------------
 
 
@@ -196,7 +186,9 @@ class _OnExecutor:
                 for index in batch:
                     futures[self._executor.submit(call, self._function, items[index])] = index
                 for future in as_completed(futures):
-                    yield futures[future], _outcome(future)
+                    if isinstance(error := future.exception(), BrokenExecutor):
+                        raise error
+                    yield futures[future], _tried(future.result)
             finally:
                 for future in futures:
                     future.cancel()
