@@ -79,9 +79,8 @@ class InputSlot:
                 f"{'are two components' if size == 2 else 'is one component'}"
             )
         self.name, self.what, self._size = given.name, what, size
-        factor = np.eye(size) if given.factor is None else np.array(given.factor)[:, None]
         #: Values (size,) are this (size, width) times the input.
-        self.factor = factor
+        self.factor = np.eye(size) if given.factor is None else np.array(given.factor)[:, None]
 
     @property
     def width(self) -> int:
@@ -202,10 +201,9 @@ def with_values(scene, values: np.ndarray | None):
 
 def values_at(scene, given: Mapping | None, t: float) -> np.ndarray | None:
     """Values of all inputs in the order of `widths`, of those given at t [s]; None without any."""
+    given = {} if given is None else given
     parts = [
-        np.zeros(width)
-        if given is None or name not in given
-        else checked_function(given[name], width, f"input {name!r}", t)(t)
+        checked_function(given.get(name, np.zeros(width)), width, f"input {name!r}", t)(t)
         for name, width in widths(scene).items()
     ]
     return np.concatenate(parts) if parts else None

@@ -348,9 +348,7 @@ class JointKinematics:
         if self.joint.axis is None:
             return near
         (X, Y), (x, y, _) = self.joint.apart, self._difference(at, "q")
-        psi = self._of(at, "q", self.joint.a)[2]
-        c, s = np.cos(psi), np.sin(psi)
-        return self.slide_at(c * (X + x) + s * (Y + y), c * (Y + y) - s * (X + x))
+        return self.slide_at(*self._turned(at, (X + x, Y + y), back=True))
 
     def _of(self, at: NodalMotion, name: str, node: Node) -> Any:
         """Components of a node; zero on the ground."""
@@ -361,10 +359,10 @@ class JointKinematics:
         a, b = (self._of(at, name, node) for node in (self.joint.a, self.joint.b))
         return [after - before for after, before in zip(b, a, strict=True)]
 
-    def _turned(self, at: NodalMotion, arm) -> tuple[np.ndarray, np.ndarray]:
-        """Components of a vector that rotates with a."""
+    def _turned(self, at: NodalMotion, arm, back: bool = False) -> tuple[np.ndarray, np.ndarray]:
+        """Components of a vector that rotates with a; or back, as a sees it."""
         psi = self._of(at, "q", self.joint.a)[2]
-        c, s = np.cos(psi), np.sin(psi)
+        c, s = np.cos(psi), np.sin(-psi if back else psi)
         return c * arm[0] - s * arm[1], s * arm[0] + c * arm[1]
 
 

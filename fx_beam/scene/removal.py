@@ -36,12 +36,9 @@ def own_joint(scene: Any, joint: Joint) -> Joint | None:
 
 def joint_of(scene: Any, joint: Any, what: str) -> Joint:
     """The same; SceneError if the scene does not have it."""
-    known = own_joint(scene, joint) if isinstance(joint, Joint) else None
-    if known is None:
-        raise SceneError(
-            f"{what} = {shown(joint)} must be a joint that add_joint of this scene returned, and "
-            "that was not removed"
-        )
+    known: Any = own_joint(scene, joint) if isinstance(joint, Joint) else None
+    wanted = "a joint that add_joint of this scene returned, and that was not removed"
+    require(known is not None, what, joint, wanted)
     return known
 
 

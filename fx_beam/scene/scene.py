@@ -534,9 +534,8 @@ class Scene:
         else:
             check_start(made, self._size)
         self.parameters.add(functions_of_energy(made.energy, None, 1), str(made))
-        self.contacts.append(made)
         self.contact_count += 1
-        return made
+        return _added(self.contacts, made)
 
     def add_force_between(
         self,
@@ -602,9 +601,8 @@ class Scene:
         on = Coordinate(spring, damper, friction=friction, stop=stop)  # type: ignore[arg-type]
         made = checked_force(a, b, on, force, self.force_count, self._size)
         self.parameters.add(made.functions, str(made))
-        self.forces_between.append(made)
         self.force_count += 1
-        return made
+        return _added(self.forces_between, made)
 
     # -- Masses and loads -----------------------------------------------------------------------
 
@@ -862,8 +860,7 @@ class Scene:
 
         what = f"virtual work {len(self.virtual_works) + 1}"
         self.parameters.add([(what, work.of(STEP, what))], what)
-        self.virtual_works.append(work)
-        return work
+        return _added(self.virtual_works, work)
 
     def change(self, load: _Load, value=None, *, axial=None, shear=None, curvature=None) -> _Load:
         """Change the value of a load, or components of a natural strain.
