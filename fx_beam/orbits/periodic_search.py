@@ -6,16 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from fx_beam.errors import (
-    LARGEST,
-    SceneError,
-    check_takes,
-    is_whole,
-    numbers,
-    positive,
-    require,
-    shown,
-)
+from fx_beam.errors import LARGEST, SceneError, check_takes, is_whole, numbers, positive, require
 from fx_beam.laws.schemes import Scheme
 from fx_beam.motions.initial_state import end_of
 from fx_beam.results.solution import Solution
@@ -312,8 +303,7 @@ class _OverFrequency(Shooting):
 
 def _scene(build: Build, frequency: float) -> Scene:
     scene = build(frequency)
-    if not isinstance(scene, Scene):
-        raise SceneError(f"forced_response: build must give a scene, not {shown(scene)}")
+    require(isinstance(scene, Scene), "forced_response: build(f)", scene, "a scene")
     return scene
 
 

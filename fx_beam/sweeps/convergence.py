@@ -7,16 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fx_beam.errors import (
-    Failure,
-    SceneError,
-    StepError,
-    check_takes,
-    is_whole,
-    numbers,
-    positive,
-    require,
-)
+from fx_beam.errors import Failure, StepError, check_takes, is_whole, numbers, positive, require
 from fx_beam.laws.schemes import Scheme
 from fx_beam.motions.dynamics import simulate
 from fx_beam.results.solution import Solution
@@ -221,10 +212,8 @@ class _Runs:
             value = numbers(given)
             wanted = "a number, or an array of numbers"
             require(value.size > 0, "converge: the quantity", given, wanted)
-            if not np.isfinite(value).all():
-                raise SceneError(
-                    f"converge: the quantity is {value} with {elements} elements; it must be finite"
-                )
+            what = f"converge: the quantity with {elements} elements"
+            require(bool(np.isfinite(value).all()), what, given, "finite")
             self.values[key], self.steps = value, self.steps + self.last.stats.steps
         return self.values[key]
 

@@ -13,15 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.errors import (
-    SceneError,
-    StepError,
-    check_takes,
-    is_number,
-    is_whole,
-    positive,
-    require,
-)
+from fx_beam.errors import SceneError, StepError, as_float, check_takes, is_whole, positive, require
 from fx_beam.laws.schemes import EnergyMomentum, Scheme
 from fx_beam.motions.dynamics import simulate
 from fx_beam.motions.progress import progress_bar
@@ -170,7 +162,7 @@ def _check(quantities, exact, t_end, dt, meshes, repetitions) -> None:
     positive(t_end, "t_end")
     require(is_whole(repetitions, 1), "repetitions", repetitions, "a whole number, at least 1")
     for step in candidates.several("dt", dt):
-        fits = is_number(step) and 0 < step <= t_end
+        fits = 0 < as_float(step) <= t_end
         require(fits, "dt", step, f"a positive number, at most t_end = {t_end:g}")
     for mesh in candidates.several("meshes", meshes):
         fits = np.shape(mesh) == (2,) and all(is_whole(n, 1) for n in mesh)
