@@ -173,16 +173,15 @@ def state_of(model: Model, start: Solution) -> State:
 def _same(model: Model, start: Solution) -> State:
     """The state of a scene with the same members, joints and supports."""
     end = end_of(start)
-    has, needs = end.internal, model.forms.internal_shape
-    if (has is None) != (needs[-1] == 0) or (has is not None and has.shape != needs):
-        raise SceneError(
-            "start: the solution has other internal variables than the sections of the scene"
-        )
-    springs, width = end.spring_internal, model.points.width
-    if (0 if springs is None else len(springs)) != width:
-        raise SceneError(
-            "start: the solution has other internal variables than the springs of the scene"
-        )
+    for what, has, needs in (
+        ("sections", end.internal, model.forms.internal_shape),
+        ("springs", end.spring_internal, (model.points.width,)),
+    ):
+        differs = needs[-1] > 0 if has is None else has.shape != needs
+        if differs:
+            raise SceneError(
+                f"start: the solution has other internal variables than the {what} of the scene"
+            )
     state = end.reshaped(-1)
     natural, forces = state.natural if model.natural else None, state.constraint_forces
     if model.natural and natural is None:
