@@ -9,15 +9,7 @@ from typing import Any
 from fx_beam.errors import SceneError
 from fx_beam.laws.schemes import Scheme
 from fx_beam.results.solution import Solution
-from fx_beam.scene.changes import (
-    Fuse,
-    Latch,
-    apply_change,
-    checked_changes,
-    excess,
-    is_over,
-    output_of,
-)
+from fx_beam.scene.changes import Fuse, Latch, checked_changes, excess, is_over, output_of
 from fx_beam.scene.outputs import Output
 from fx_beam.scene.scene import Scene
 from fx_beam.step.newton import NewtonOptions
@@ -96,7 +88,10 @@ class ChangingScene:
         near = [n for n in changes if abs(self._relative_excess(run, changes[n])) < _TOGETHER]
         for name in dict.fromkeys([run.stats.until, *near]):
             if (done := self._changes.get(name)) is not None:
-                apply_change(self._scene, done)
+                if isinstance(done, Latch):
+                    self._scene.lock(done.joint, done.coordinate)
+                else:
+                    self._scene.remove(done.joint)
                 applied.append(name)
                 left = self._changes.items()
                 self._changes = {other: one for other, one in left if not is_over(one, done)}

@@ -111,6 +111,7 @@ def checked_changes(scene: Any, changes: Any) -> dict[str, Latch | Fuse]:
     fits = fits and all(isinstance(change, Latch | Fuse) for change in changes.values())
     wanted = "a dictionary of fx_beam.Latch and fx_beam.Fuse by names"
     require(fits, "simulate: changes", changes, wanted)
+    known: dict[tuple[Any, ...], str] = {}
     for name, change in changes.items():
         what = f"simulate: changes[{name!r}]"
         joint = joint_of(scene, change.joint, f"{what}: joint")
@@ -119,14 +120,6 @@ def checked_changes(scene: Any, changes: Any) -> dict[str, Latch | Fuse]:
                 locked(joint, change.coordinate)
             except SceneError as reason:
                 raise SceneError(f"{what}: {reason}") from None
-    _check_different(changes)
-    return dict(changes)
-
-
-def _check_different(changes: Mapping[str, Latch | Fuse]) -> None:
-    """SceneError if two changes are the same one."""
-    known: dict[tuple[Any, ...], str] = {}
-    for name, change in changes.items():
         limit = change.at if isinstance(change, Latch) else change.force
         key = change.joint.number, output_of(change).quantity, limit
         if key in known:
@@ -135,14 +128,7 @@ def _check_different(changes: Mapping[str, Latch | Fuse]) -> None:
                 f"{type(change).__name__.lower()} of {change.joint}. Omit one of them"
             )
         known[key] = name
-
-
-def apply_change(scene: Any, change: Latch | Fuse) -> None:
-    """Lock the joint of a latch, take that of a fuse away."""
-    if isinstance(change, Latch):
-        scene.lock(change.joint, change.coordinate)
-    else:
-        scene.remove(change.joint)
+    return dict(changes)
 
 
 def is_over(change: Latch | Fuse, after: Latch | Fuse) -> bool:
