@@ -13,6 +13,7 @@ import numpy as np
 from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError, is_name, is_whole, numbers, positive, require
 from fx_beam.results.fields import nodes_of_elements
+from fx_beam.results.interactions import nodes_of
 from fx_beam.results.solution import Solution, scene_of
 from fx_beam.scene.beam import Beam, Node, lagrange, lagrange_and_slopes
 from fx_beam.scene.contacts import Shape, arc_of
@@ -189,9 +190,8 @@ class Drawing:
             if isinstance(shape, Beam) or shape.carrier is None or shape in outlines_of:
                 continue
             # What touches in all rows, relative to the node and its section, and this itself.
-            carrier, target, seen = shape.carrier.number, obstacle.target, [np.zeros((1, 2))]
-            of_beams = self.solution.nodes_of_beam
-            nodes = of_beams[target.name] if isinstance(target, Beam) else [target.number]
+            carrier, seen = shape.carrier.number, [np.zeros((1, 2))]
+            nodes = nodes_of(self.solution, obstacle.target)
             for k in self.rows:
                 arms = self.positions(nodes, k) - self.positions(carrier, k)
                 seen.append(arms @ _turn(-self.magnify * self._q[k][carrier, 2]))

@@ -14,9 +14,7 @@ from fx_beam.symbolic import ufl
 RESULTANTS = ("N", "Q", "M")
 _STIFFNESSES = ("EA", "GA", "EI")
 #: What can be had along a member, and its unit.
-QUANTITIES = dict(
-    zip((*RESULTANTS, "strain energy", "speed"), ("N", "N", "N m", "J/m", "m/s"), strict=True)
-)
+QUANTITIES = {"N": "N", "Q": "N", "M": "N m", "strain energy": "J/m", "speed": "m/s"}
 
 
 def at_ends(values: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 
 from fx_beam.content_cache import cached_property
 from fx_beam.errors import is_one_of, shown
-from fx_beam.scene.beam import Beam
+from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.contacts import Contact, arc_of, nearest
 from fx_beam.scene.joints import Joint, NodalMotion
 
@@ -158,6 +158,13 @@ def motion_of(solution: Any) -> NodalMotion:
     )
 
 
+def nodes_of(solution: Any, target: Node | Beam) -> np.ndarray:
+    """Numbers (m,) of a node, or of all nodes of a beam, along it; rows of `Solution.X`."""
+    if isinstance(target, Beam):
+        return solution.nodes_of_beam[target.name]
+    return np.array([target.number])
+
+
 def columns_of(contacts: Iterable[Contact]) -> dict[int, slice]:
     """Columns of recorded forces by the number of a contact: those of members are behind others."""
     columns, end = dict[int, slice](), 0
@@ -201,10 +208,7 @@ class ContactMotion:
     @property
     def nodes(self) -> np.ndarray:
         """Numbers (m,) of the nodes, along the beam; rows of `Solution.X`."""
-        target = self.contact.target
-        if isinstance(target, Beam):
-            return self.solution.nodes_of_beam[target.name]
-        return np.array([target.number])
+        return nodes_of(self.solution, self.contact.target)
 
     @property
     def points(self) -> np.ndarray:
@@ -281,9 +285,8 @@ class ContactMotion:
         nodes = self.nodes
         if isinstance(shape, Beam):
             return self._from_member(q, shape)
-        origin = shape.origin
         points = self.contact.points.of(self.solution.X[nodes] + q[:, nodes, :2])
-        arms, psi = points - origin, np.zeros(len(q))
+        arms, psi = points - shape.origin, np.zeros(len(q))
         if shape.carrier is not None:
             arms = arms - q[:, None, shape.carrier.number, :2]
             psi = q[:, shape.carrier.number, 2]
@@ -307,9 +310,8 @@ class ContactMotion:
         """1 for the nodes (n, m) to the right of a member, for who looks along it, else -1."""
         _, directions, near = self._now
         assert near is not None
-        nodes = self.solution.nodes_of_beam[member.name]
-        positions = self.solution.X[nodes] + self.solution.recorded("q")[:, nodes, :2]
-        before, after = np.maximum(near - 1, 0), np.minimum(near + 1, len(nodes) - 1)
+        positions = self.solution.shape(member.name)
+        before, after = np.maximum(near - 1, 0), np.minimum(near + 1, positions.shape[1] - 1)
         ends = (np.take_along_axis(positions, at[..., None], axis=1) for at in (after, before))
         x, y = np.moveaxis(np.subtract(*ends), -1, 0)
         return np.where(x * directions[..., 1] > y * directions[..., 0], -1.0, 1.0)
