@@ -129,7 +129,11 @@ def open_library(
     """
     ffi, source = declared(header, definitions), with_macros(file, *definitions, *more)
     library = load(what, source, lambda: source, lambda path: ffi.dlopen(str(path)), flags)
-    _check_processor(ffi.string(library.fx_missing()).decode())
+    if missing := ffi.string(library.fx_missing()).decode():
+        raise SceneError(
+            f"FX_BEAM_MARCH = {target_flags()[0]!r} is for processors with {missing}, which this "
+            "one does not have. Give 'native', or a processor that both machines support"
+        )
     return ffi, library
 
 
@@ -238,15 +242,6 @@ def _check_target(target: str, flags: list[str]) -> None:
         )
 
 
-def _check_processor(missing: str) -> None:
-    """SceneError if the library may use what this processor does not have."""
-    if missing:
-        raise SceneError(
-            f"FX_BEAM_MARCH = {target_flags()[0]!r} is for processors with {missing}, which this "
-            "one does not have. Give 'native', or a processor that both machines support"
-        )
-
-
 @functools.cache
 def declarations(header: str) -> str:
     """Text of a header and of those that it includes, without directives."""
@@ -286,7 +281,7 @@ class Structs:
 
     def set(self, struct: Any, **values: Any) -> None:
         """Set members of a struct, or of the one to which a pointer points."""
-        members = self._members(struct)
+        members = _types(self._type(struct))
         for name, value in values.items():
             kind = members[name]
             if kind.kind == "primitive":
@@ -308,17 +303,12 @@ class Structs:
         self._ffi.memmove(struct, values, len(values))
         del self._referenced[count:]
 
-    def _members(self, struct: Any) -> dict[str, Any]:
-        return _types(self._type(struct))
-
     def _type(self, struct: Any) -> Any:
         kind = self._ffi.typeof(struct)
         return kind.item if kind.kind == "pointer" else kind
 
     def _pointer(self, kind: Any, value: Any) -> Any:
-        if kind.kind == "function":
-            return self._ffi.cast(kind, value)
-        if isinstance(value, int):
+        if kind.kind == "function" or isinstance(value, int):
             return self._ffi.cast(kind, value)
         if kind.item.kind == "struct":
             return self._array(kind.item, value)
