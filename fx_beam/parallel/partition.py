@@ -18,12 +18,11 @@ from fx_beam.scene.coordinate import Coordinate
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.loads import Drag, Mass, NaturalStrain, StrainPart
 from fx_beam.scene.scene import Scene
-from fx_beam.scene.section import Section
+from fx_beam.scene.section import DATA, Section
 from fx_beam.step.model import Model
 
 from .linear_system import BLOCK
 
-_DATA = "EA", "GA", "EI", "rhoA", "rhoI", "retardation"
 _AT_REST = Constant(np.zeros(1))
 #: A run of elements: beam's name, nodes as rows of `X`, arc lengths, section, inside, and drag.
 Run = tuple[str, np.ndarray, np.ndarray, Section, Any, list[Drag]]
@@ -123,7 +122,7 @@ class _Cut:
         alone = np.flatnonzero(alone)
         of_beams = zip(self._scene.beams, self._model.mesh.cells, strict=True)
         # A part of a beam has the same section, unless its data are functions along the beam.
-        whole = [cells for beam, cells in of_beams if beam.section.constants(_DATA) is None]
+        whole = [cells for beam, cells in of_beams if beam.section.constants(DATA) is None]
         middles = X[ends].mean(axis=1)
         for cells in whole:
             middles[cells] = middles[cells].mean(axis=0)

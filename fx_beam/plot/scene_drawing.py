@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from fx_beam.errors import Constant, SceneError, is_flag, require, shown
-from fx_beam.scene.beam import Beam, Node, reference_positions
+from fx_beam.scene.beam import Beam, Node, position_of, reference_positions
 from fx_beam.scene.contacts import arc_of
 from fx_beam.scene.coordinate import Held
 from fx_beam.scene.inputs import InputSlot
@@ -78,7 +78,7 @@ def _words(symbol: str, load: Load, value: float, unit: str, si: bool) -> str:
 
 
 def _force(sheet: Sheet, load: Load, si: bool) -> None:
-    force, tip = _shown(load), _position(load.target)
+    force, tip = _shown(load), position_of(load.target)
     size = np.hypot(*force)
     if size > 0:
         tail = tip - _FORCE * sheet.size * force / size
@@ -89,7 +89,7 @@ def _force(sheet: Sheet, load: Load, si: bool) -> None:
 def _moment(sheet: Sheet, load: Load, si: bool) -> None:
     (moment,) = _shown(load)
     if moment:
-        points = _turn(_position(load.target), sheet.size, np.sign(moment))
+        points = _turn(position_of(load.target), sheet.size, np.sign(moment))
         sheet.arrow(points, linewidth=1.4, color=_LOAD)
         sheet.label(_words("M", load, moment, "N m", si), points[::4], _LOAD)
 
@@ -122,13 +122,13 @@ def _drags(sheet: Sheet, scene: Scene) -> None:
     targets = {label(drag.target): drag.target for drag in scene.drags}
     for target in targets.values():
         nodes = target.nodes if isinstance(target, Beam) else (target,)
-        sheet.label("drag", [_position(node) for node in nodes[::-1]], _LOAD)
+        sheet.label("drag", [position_of(node) for node in nodes[::-1]], _LOAD)
 
 
 def _natural_strains(sheet: Sheet, scene: Scene, si: bool) -> None:
     """A dashed line beside each beam that has natural strains, with what they are."""
     for strain in scene.natural_strains:
-        points = np.array([_position(node) for node in strain.beam.nodes])
+        points = np.array([position_of(node) for node in strain.beam.nodes])
         along = np.gradient(points, axis=0)
         left = np.column_stack([-along[:, 1], along[:, 0]])
         left /= np.hypot(*left.T)[:, None]
@@ -152,7 +152,7 @@ def _prescribed(sheet: Sheet, scene: Scene) -> None:
     for number, component in scene.prescribed:
         text = ("x(t)", "y(t)", r"$\psi$(t)")[component]
         direction = None if component == 2 else np.eye(2)[component]
-        _driven(sheet, _position(scene.nodes[number]), text, direction)
+        _driven(sheet, position_of(scene.nodes[number]), text, direction)
 
 
 def _motors(sheet: Sheet, scene: Scene) -> None:
@@ -161,7 +161,7 @@ def _motors(sheet: Sheet, scene: Scene) -> None:
             text = {"slide": "motor d(t)", "rotation": r"motor $\psi$(t)"}[name]
             text = "locked" if isinstance(joint.coordinates[name].motor, Held) else text
             direction = joint.direction if name == "slide" else None
-            _driven(sheet, _position(node_of(joint)), text, direction)
+            _driven(sheet, position_of(node_of(joint)), text, direction)
 
 
 def _driven(sheet: Sheet, position, text: str, direction: np.ndarray | None) -> None:
@@ -188,7 +188,7 @@ def _velocities(sheet: Sheet, scene: Scene) -> None:
     tips = []
     for number, value in velocities.items():
         if np.hypot(*value) > 0.02 * largest:
-            position = _position(scene.nodes[number])
+            position = position_of(scene.nodes[number])
             tips.append(position + _FORCE * sheet.size * value / largest)
             sheet.arrow([position, tips[-1]], color=_INITIAL)
     if tips:
@@ -208,10 +208,6 @@ def _turn(position, size: float, sense: float) -> np.ndarray:
     """Points (33, 2) of three quarters of a circle about a point."""
     angle = np.pi / 4 + sense * np.linspace(0, 1.5 * np.pi, 33)
     return position + _TURN * size * np.column_stack([np.cos(angle), np.sin(angle)])
-
-
-def _position(node: Any) -> np.ndarray:
-    return np.array([node.x, node.y])
 
 
 _MEMBER = "#0072B2"

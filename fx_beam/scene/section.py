@@ -32,7 +32,8 @@ from .law import Energy, InternalVariables, check_energy
 #: A number, or a function of the fraction of the arc length.
 Datum = float | Callable[[float], Any]
 
-_DATA = "EA", "GA", "EI", "rhoA", "rhoI", "retardation"
+#: Names of all data that may vary along a beam.
+DATA = "EA", "GA", "EI", "rhoA", "rhoI", "retardation"
 _MAY_BE_ZERO = "rhoA", "rhoI", "rho", "retardation"
 
 
@@ -324,8 +325,8 @@ class Section:
 
 
 def _check_name(name, what: str) -> None:
-    wanted = f"one of {list(_DATA)}"
-    require(is_one_of(name, _DATA), f"Section.{what}: name", name, wanted)
+    wanted = f"one of {list(DATA)}"
+    require(is_one_of(name, DATA), f"Section.{what}: name", name, wanted)
 
 
 def _values(name: str, datum: Datum | None, fractions: np.ndarray) -> np.ndarray:
