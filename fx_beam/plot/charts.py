@@ -12,16 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.rcsetup import cycler
 
-from fx_beam.errors import (
-    array_of,
-    as_float,
-    check_takes,
-    is_number,
-    is_whole,
-    numbers,
-    positive,
-    require,
-)
+from fx_beam.errors import array_of, check_takes, is_number, is_whole, numbers, positive, require
 from fx_beam.results.files import replacing, writable
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import FrequencyResponse, PeriodicFamily
@@ -370,7 +361,7 @@ def equilibrium_paths(
     require(static, "solution", solution, "what fx_beam.static returned")
     check_takes(value, "solution", "value")
     require(is_number(load), "load", load, "a number")
-    load = as_float(load)
+    load = float(load)
     fig, axes = figure(1, 1, height=4.0)
     ax = axes[0, 0]
     marks: dict[str, list[tuple[float, float]]] = {kind: [] for kind in _MARKS}
