@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any, NamedTuple
 
@@ -20,29 +20,26 @@ from .law import functions_of_energy
 from .scene import Scene
 
 
-def expressions_of(scene: Scene) -> list[tuple[str, Any]]:
+def expressions_of(scene: Scene) -> Iterator[tuple[str, Any]]:
     """What all functions of the user give, with their names, in a fixed order."""
     sections = [beam.section for beam in scene.beams]
-    expressions: list[tuple[str, Any]] = []
     if any(section.strain_energy is not None for section in sections):
         distinct = {id(section): section for section in sections}
         numbers = {key: number for number, key in enumerate(distinct)}
-        expressions.append(("sections", [numbers[id(section)] for section in sections]))
+        yield "sections", [numbers[id(section)] for section in sections]
         for section in distinct.values():
-            expressions += functions_of_energy(section.strain_energy, section.internal, 3)
+            yield from functions_of_energy(section.strain_energy, section.internal, 3)
     for joint in scene.joints:
         for on in joint.coordinates.values():
-            expressions += functions_of(on)
+            yield from functions_of(on)
     for obstacle in scene.contacts:
-        expressions += functions_of_energy(obstacle.energy, None, 1)
+        yield from functions_of_energy(obstacle.energy, None, 1)
     for force in scene.forces_between:
-        expressions += force.functions
+        yield from force.functions
     if scene.virtual_works:
         from .symbols import STEP
 
-        works = [work.of(STEP, "virtual work") for work in scene.virtual_works]
-        expressions += [("virtual work", work) for work in works]
-    return expressions
+        yield from (("virtual work", work.of(STEP, "virtual work")) for work in scene.virtual_works)
 
 
 # Attributes of a scene of which only the kind must be the same, as of fields that are marked by
@@ -74,7 +71,7 @@ class Structure:
     """The structure of a scene as it is now; something may be added to the scene later."""
 
     def __init__(self, scene: Scene):
-        self._nodes, self._functions = len(scene.nodes), expressions_of(scene)
+        self._nodes, self._functions = len(scene.nodes), [*expressions_of(scene)]
         self._forms = _forms_of(scene)
 
     def check(self, scene: Scene) -> None:
