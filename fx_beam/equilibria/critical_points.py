@@ -255,14 +255,10 @@ class PathStability:
         else:
             vectors = motions.lowest(K, unstable)[1][:, -several:]
         kind = "bifurcation" if several > 1 and root.kind in SMOOTH else root.kind
-        modes = self._modes(state, vectors, square)
-        return CriticalPoint(kind, state.t, row, modes, self._solved(state))
-
-    def _modes(self, state: State, vectors: np.ndarray, square: float) -> Modes:
-        self._motions.stiffness(state)  # the couplings are then those of this state
-        count = vectors.shape[1]
+        motions.stiffness(state)  # the couplings are then those of this state
         omega = np.sign(square) * np.sqrt(abs(square))
-        root = -omega if square < 0 else 1j * omega
-        ratio, shapes = np.nan if square < 0 else 0.0, self._motions.coupling() @ vectors
-        of_modes = (np.full(count, value) for value in (omega, False, ratio, root))
-        return modes_of(self._stepper.model, state.q, shapes, *of_modes)
+        rate, ratio = (-omega, np.nan) if square < 0 else (1j * omega, 0.0)
+        of_modes = (np.full(vectors.shape[1], value) for value in (omega, False, ratio, rate))
+        shapes = motions.coupling() @ vectors
+        modes = modes_of(self._stepper.model, state.q, shapes, *of_modes)
+        return CriticalPoint(kind, state.t, row, modes, self._solved(state))
