@@ -190,9 +190,8 @@ class BeamForms:
 
     def refill(self, scene: Scene) -> None:
         """Set all numbers to those of a scene of the same structure, whose mesh is set."""
-        for field in self.moving:
-            if field is not None:
-                field.array[:] = 0.0
+        for field in filter(None, self.moving):
+            field.array[:] = 0.0
         self._reset_constants()
         data = self._data_of_beams(scene)
         if list(self.of_beams) != list(data):

@@ -266,8 +266,7 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool
     about = linearised(scene, state, "modes")
     check_equilibrium(about, state, "modes")
     omega, rigid, ratios, roots, vectors = lowest_modes(about, about.by_rates("modes", damping), n)
-    start = about.start.q
-    return modes_of(about.model, start, about.T @ vectors, omega, rigid, ratios, roots)
+    return modes_of(about.model, about.start.q, about.T @ vectors, omega, rigid, ratios, roots)
 
 
 def lowest_modes(about: Linearisation, C: scipy.sparse.csr_matrix | None, n: int):

@@ -106,8 +106,7 @@ class CommonOptions:
         self._require("progress", fits, "True, False or None")
 
     def _require(self, name: str, fits: bool, wanted: str) -> None:
-        if not fits:
-            require(fits, f"{self.what}: {name}", getattr(self, name), wanted)
+        require(fits, f"{self.what}: {name}", getattr(self, name), wanted)
 
 
 @dataclass(frozen=True, kw_only=True)

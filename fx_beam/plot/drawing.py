@@ -225,8 +225,7 @@ class Drawing:
     @cached_property
     def size(self) -> float:
         """Larger side of the window [m]."""
-        low, high = self.window
-        return float(max(high - low))
+        return float(np.ptp(self.window, axis=0).max())
 
     @cached_property
     def spacing(self) -> float:

@@ -186,8 +186,7 @@ def to_xarray(solution):
     data: dict = {name: (time, values) for name, values in columns.items() if name != time}
     coordinates = {time: columns[time], "component": list(COMPONENTS)}
     coordinates |= {"x": ("node", solution.X[:, 0]), "y": ("node", solution.X[:, 1])}
-    recorded = {"q": solution.has_motion, "v": solution.has_rates, "a": solution.has_rates}
-    for name in (name for name, known in recorded.items() if known):
+    for name in ["q"] * solution.has_motion + ["v", "a"] * solution.has_rates:
         data[name] = (time, "node", "component"), getattr(solution, name)
     for beam in solution.beams if solution.has_motion else ():
         resultants = solution.resultants(beam)

@@ -520,8 +520,7 @@ def check_members(made: Contact, size: float) -> None:
             points = points[may_be_nearer(points, nodes, made.radii)]
             if not len(points):
                 continue
-        closest = nearest(points, nodes, made.apart, arc)
-        gaps = closest.distance - made.radii
+        gaps = nearest(points, nodes, made.apart, arc).distance - made.radii
         deepest = int(np.argmin(gaps))
         if gaps[deepest] < -1e-9 * size:
             x, y = points[deepest]
