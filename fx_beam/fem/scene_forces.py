@@ -22,6 +22,7 @@ from fx_beam.laws.point_laws import (
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.contacts import Contact
 from fx_beam.scene.coordinate import Coordinate, Coulomb, SmoothFriction, Stop, bristle
+from fx_beam.scene.joints import Joint
 from fx_beam.scene.scene import Scene
 
 from .mesh import Mesh, rotation_of
@@ -94,13 +95,17 @@ def _of_joints(scene: Scene) -> Iterator[PointForce]:
     """Springs, dampers, friction and stops on the coordinates of joints."""
     by_function: dict[tuple, PointLaw] = {}
     for joint in scene.joints:
-        if joint.slide is not None:
-            for law, numbers in _of_coordinate(joint.slide, SLIDE, by_function):
-                yield PointForce(law, numbers, slide=joint.number, role=Role.SLIDE)
-        if joint.rotation is not None:
-            for law, numbers in _of_coordinate(joint.rotation, ANGLE, by_function):
-                dofs = rotation_of(joint.a), rotation_of(joint.b)
-                yield PointForce(law, numbers, dofs, joint=joint.number)
+        for name, on in joint.coordinates.items():
+            kind, where = _place_on(joint, name)
+            for law, numbers in _of_coordinate(on, kind, by_function):
+                yield PointForce(law, numbers, **where)
+
+
+def _place_on(joint: Joint, coordinate: str) -> tuple[Kind, dict[str, Any]]:
+    """Kind of the laws on a coordinate of a joint, and where their forces are."""
+    if coordinate == "slide":
+        return SLIDE, {"slide": joint.number, "role": Role.SLIDE}
+    return ANGLE, {"dofs": (rotation_of(joint.a), rotation_of(joint.b)), "joint": joint.number}
 
 
 def _frictions(scene: Scene, mesh: Mesh, mobility: np.ndarray) -> Iterator[PointForce]:
@@ -109,20 +114,16 @@ def _frictions(scene: Scene, mesh: Mesh, mobility: np.ndarray) -> Iterator[Point
         for name, on in joint.coordinates.items():
             if not isinstance(friction := on.friction, Coulomb):
                 continue
-            kind = SLIDE if name == "slide" else ANGLE
-            law, dofs = laws.joint_friction(kind), (rotation_of(joint.a), rotation_of(joint.b))
-            moving = (
-                [mesh.dofs.size + joint.number] if kind is SLIDE else [d for d in dofs if d >= 0]
-            )
+            (kind, where), load = _place_on(joint, name), Load(joint.number)
+            moving = [mesh.dofs.size + joint.number]
+            if kind is ANGLE:
+                moving = [dof for dof in where["dofs"] if dof >= 0]
+            elif joint.axis is not None:
+                axis = tuple(joint.kinematics.tangent(0.0).tolist())
+                load = Load(joint.number, axis, rotation_of(joint.a))
             tau, mu, stiffness = bristle(friction, 1.0, mobility[moving].sum())
             numbers = [tau, mu * (friction.radius or 1.0), stiffness]
-            load = Load(joint.number)
-            if kind is ANGLE:
-                yield PointForce(law, numbers, dofs, joint=joint.number, load=load)
-                continue
-            if joint.axis is not None:
-                load = Load(joint.number, tuple(joint.kinematics.tangent(0.0).tolist()), dofs[0])
-            yield PointForce(law, numbers, slide=joint.number, role=Role.SLIDE, load=load)
+            yield PointForce(laws.joint_friction(kind), numbers, load=load, **where)
 
 
 def _between(scene: Scene, mesh: Mesh) -> Iterator[PointForce]:
