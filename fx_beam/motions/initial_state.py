@@ -237,13 +237,11 @@ def check_joints(model: Model, state: State) -> None:
         turn = float(joint.kinematics.angle(at, slide)[0])
         turn -= moved.get((number, "rotation"), 0.0)
         turn -= 0.0 if joint.place is None else joint.place.turn
-        for size, what in (
-            (gap / model.mesh.size, f"its nodes have a gap of {gap:.3g} m"),
-            (
-                abs(turn) * joint.turns_together,
-                f"the rotation of node b deviates by {turn:.3g} rad",
-            ),
-        ):
+        faults = {
+            f"its nodes have a gap of {gap:.3g} m": gap / model.mesh.size,
+            f"the rotation of node b deviates by {turn:.3g} rad": abs(turn) * joint.turns_together,
+        }
+        for what, size in faults.items():
             if size > 1e-8:
                 raise SceneError(
                     f"start: the solution violates {joint}: {what}. Start from a solution that has "
@@ -406,13 +404,12 @@ def _check_joints(
         turn = float(joint.kinematics.spin(at, slide)[0])
         turn -= motors.get((joint.number, "rotation"), 0.0)
         gap = gap - motors.get((joint.number, "slide"), gap @ axis) * axis
-        for size, what in (
-            (np.hypot(*gap), f"its nodes separate at {np.hypot(*gap):.3g} m/s"),
-            (
-                abs(turn) * model.mesh.size * joint.turns_together,
-                f"the rotation rate of node b deviates by {turn:.3g} rad/s",
-            ),
-        ):
+        apart, turned = np.hypot(*gap), abs(turn) * model.mesh.size * joint.turns_together
+        faults = {
+            f"its nodes separate at {apart:.3g} m/s": apart,
+            f"the rotation rate of node b deviates by {turn:.3g} rad/s": turned,
+        }
+        for what, size in faults.items():
             if size > worst:
                 worst, text, of = size, f"{joint}: {what}", joint
     for (number, part), rate in motors.items():
