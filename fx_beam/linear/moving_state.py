@@ -83,12 +83,9 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
     held = HeldInputs(scene)
     if at is None:
         factor = 0.0
-        held.scene.loads = [
-            load
-            if isinstance(load.value, Hold)
-            else replace(load, value=Constant(0 * load.value(0.0)))
-            for load in held.scene.loads
-        ]
+        for i, load in enumerate(held.scene.loads):
+            if not isinstance(load.value, Hold):
+                held.scene.loads[i] = replace(load, value=Constant(0 * load.value(0.0)))
     else:
         end_of(at)
         factor = float(at.t[-1]) if at.stats.static else 1.0
