@@ -122,23 +122,17 @@ class Loads(SumOfLoads):
         super().__init__(scene, mesh.dofs.size)
 
     def _unit_loads(self, scene: Scene) -> list[UnitLoad]:
-        return [
-            self._line_load(scene, load, load.target)
-            if isinstance(load.target, Beam)
-            else self._nodal_load(load, load.target)
-            for load in scene.loads
-            if not load.follower
-        ]
+        return [self._unit_load(scene, load) for load in scene.loads if not load.follower]
 
-    def _nodal_load(self, load: Load, node: Node) -> UnitLoad:
-        dofs = self._mesh.dofs[node.number]
-        dofs = dofs[:2] if load.kind == "force" else dofs[2:]
-        ones = np.ones(len(dofs))
-        return UnitLoad(load.value, str(load), ones, dofs, ones.astype(int))
-
-    def _line_load(self, scene: Scene, load: Load, beam: Beam) -> UnitLoad:
-        """Loads at the Gauss points of the rule that integrates the interpolation exactly."""
-        function, rule = load.value, beam.degree + 1
+    def _unit_load(self, scene: Scene, load: Load) -> UnitLoad:
+        """At a node, or at the Gauss points that integrate the interpolation of a beam exactly."""
+        function, target = load.value, load.target
+        if isinstance(target, Node):
+            dofs = self._mesh.dofs[target.number]
+            dofs = dofs[:2] if load.kind == "force" else dofs[2:]
+            ones = np.ones(len(dofs))
+            return UnitLoad(function, str(load), ones, dofs, ones.astype(int))
+        beam, rule = target, target.degree + 1
         unit = line_forces(self._mesh, scene.beams.index(beam), rule)
         points = arc_lengths(beam, gauss_rule(rule)[0]).ravel()
         if isinstance(function, PlaceTimeFunction):
