@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextvars import ContextVar
+from contextvars import Context, ContextVar, copy_context
 from typing import Any
 
 import numpy as np
@@ -29,11 +29,32 @@ class ArrayCalls:
 
     def __init__(self):
         self._fit: dict[Any, bool] = {}
+        # Of a scene with slopes the last arguments of each function, and the values there: its
+        # models, a motion and its derivatives ask for the same.
+        self._known: dict[Any, tuple[Callable, np.ndarray, Any]] | None = None
+        # Makes a block with slopes.
+        self._block: Callable[[], Context]
+
+    def share(self, slopes: bool) -> None:
+        """Forget all values. Share those to come, if this is in a block with `slopes`."""
+        self._known, self._block = {} if slopes else None, copy_context().copy
 
     def values(
         self, function: Callable, size: int, arguments: np.ndarray, what: str, one_by_one: Callable
     ) -> np.ndarray:
         """Values (n, size) at n arguments (n, k); `one_by_one` finds them from some of these."""
+        given = function, size, arguments, what, one_by_one
+        if self._known is None or isinstance(arguments, Dual):
+            return self._values(*given)
+        entry = self._known.get((id(function), what))
+        if entry is None or not np.array_equal(entry[1], arguments):
+            entry = function, arguments, self._block().run(self._values, *given)
+            self._known[id(function), what] = entry
+        return entry[2] if have_slopes() else plain(entry[2])
+
+    def _values(
+        self, function: Callable, size: int, arguments: np.ndarray, what: str, one_by_one: Callable
+    ) -> np.ndarray:
         key = what, getattr(function, "__code__", type(function))
         least = 2 if have_slopes() else _LEAST  # with slopes, calls one by one are dear
         if len(arguments) < least or not self._fit.get(key, True):

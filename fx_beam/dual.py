@@ -188,6 +188,16 @@ def slopes_by(x: np.ndarray, without: Iterable[int] = ()) -> Iterator[Dual]:
         _COUNT.reset(before)
 
 
+@contextmanager
+def without_slopes(here: bool = True) -> Iterator[None]:
+    """A block in which numbers of scenes are plain, if it is `here`."""
+    before = _COUNT.set(0 if here else _COUNT.get())
+    try:
+        yield
+    finally:
+        _COUNT.reset(before)
+
+
 def have_slopes() -> bool:
     """Whether numbers in this block may have slopes."""
     return _COUNT.get() > 0
@@ -353,7 +363,12 @@ def _interp(x, xp, fp) -> Any:
     at, points = plain(x), plain(xp)
     i = _clip(np.searchsorted(points, at, "right") - 1, 0, len(points) - 2)
     w = _clip((x - xp[i]) / (xp[i + 1] - xp[i]), 0.0, 1.0)
-    return fp[i] + w * (fp[1:] - fp[:-1])[i]
+    if isinstance(w, Dual) or not isinstance(fp, Dual):
+        return fp[i] + w * (fp[1:] - fp[:-1])[i]
+    slopes = (fp.slopes[1:] - fp.slopes[:-1]).take(i, 0)
+    slopes *= w[..., None]  # in place, as there may be many
+    slopes += fp.slopes.take(i, 0)
+    return Dual(np.interp(at, points, fp.values), slopes)
 
 
 def _clip(a, low=None, high=None) -> Any:

@@ -555,8 +555,6 @@ class _DualFunction(_CheckedFunction):
         super().__init__(function, size, what)
         # Makes such a block; a method, as a context cannot be copied with its scene.
         self._block = copy_context().copy
-        # The last times in a run, and the values then.
-        self._known: tuple[Any, Any] = None, None
 
     def __call__(self, *arguments) -> np.ndarray:
         if have_slopes():
@@ -564,12 +562,9 @@ class _DualFunction(_CheckedFunction):
         return plain(self._block().run(super().__call__, *arguments))
 
     def each(self, arguments: np.ndarray, run: str = "") -> np.ndarray:
-        """As of others; a motion and its derivatives ask at the same times, and share values."""
-        times, values = self._known
-        if not run or not np.array_equal(times, arguments):
-            values = self._block().run(super().each, arguments, run)
-            self._known = (arguments, values) if run else self._known
-        return values if have_slopes() else plain(values)
+        if have_slopes():
+            return super().each(arguments, run)
+        return plain(self._block().run(super().each, arguments, run))
 
 
 def series(function: TimeFunction, times: np.ndarray, what: str) -> np.ndarray:

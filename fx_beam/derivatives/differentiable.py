@@ -55,7 +55,7 @@ class Differentiable:
         """Know of no call yet; what was given until now is what pickles and copies keep."""
         self._arguments = dict(vars(self))
         self._alone, self._calls = RLock(), ArrayCalls()
-        self._scenes = BuiltScenes(self._scene_at)
+        self._scenes = BuiltScenes(self._scene_at, self._calls)
         self._x: Any = None
         self._known_changes: dict[str, np.ndarray] | None = None
 

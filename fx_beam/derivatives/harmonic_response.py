@@ -132,8 +132,9 @@ class HarmonicResponse(TangentResponse):
         self._given.clear()
         about = self._scenes.serve(given, self._linearised, self._state is None)
         _, at = self._given[self._scene]
-        self._reduced = about.T.T @ self._force
         self._measured = Measured(about, at, f"{_WHAT}: at")
+        # Right sides of the motion and of the adjoint ones.
+        self._sides = np.vstack([about.T.T @ self._force, self._measured.rows]).T
         self._vibration = Vibration(about, _WHAT)
         solved = [self._solved(f) for f in self._f]
         motions, adjoints = map(np.array, zip(*solved, strict=True))
@@ -150,9 +151,12 @@ class HarmonicResponse(TangentResponse):
 
     def _solved(self, frequency: float) -> tuple[np.ndarray, np.ndarray]:
         """The motion (free,) at a frequency, and those (c, free) of the adjoint components."""
-        vibration, rows = self._vibration.at(frequency), self._measured.rows
-        motion = vibration.solved(self._reduced)
-        return motion, vibration.solved(rows.T + 0j, transposed=True).T
+        there = self._vibration.at(frequency)
+        if there.symmetric:
+            solved = there.solved(self._sides).T
+            return solved[0], solved[1:]
+        force, rows = np.hsplit(self._sides, [1])
+        return there.solved(force)[:, 0], there.solved(rows, transposed=True).T
 
     # -- Derivatives ------------------------------------------------------------------------------
 

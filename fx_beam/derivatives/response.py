@@ -168,7 +168,6 @@ class Response(Differentiable):
         self._names: list[str] = []
         # Several processes have no derivatives.
         self._series = MotionSeries(self._memory)
-        self._calls = self._series.calls
         self._of_tape: TapeDerivatives | None = None
         # The last run whose rows only this object has.
         self._last_run: Run | None = None

@@ -381,8 +381,10 @@ def _basis(directions: np.ndarray, unit: np.ndarray) -> tuple[np.ndarray, np.nda
     sizes = np.linalg.norm(directions, axis=1)[:, None]
     rows = directions / np.where(sizes > 0, sizes, 1.0)
     rows = np.vstack([rows.real, rows.imag])
-    basis, left, _ = scipy.linalg.qr(rows.T, mode="economic", pivoting=True)
-    basis = basis[:, abs(left.diagonal()) > _ALIKE]
+    # As `scipy.linalg.qr` with pivoting, but for columns that are sums of those before.
+    factors, _, scales, *_ = scipy.linalg.lapack.dgeqp3(rows.T, lwork=34 * len(rows) + 32)
+    count = int(np.sum(abs(factors.diagonal()) > _ALIKE))
+    basis, *_ = scipy.linalg.lapack.dorgqr(factors[:, :count], scales[:count])
     real, imaginary = np.split(rows @ basis, 2)
     return unit * basis.T, sizes * (real + 1j * imaginary)
 

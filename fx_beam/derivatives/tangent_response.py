@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.dual import without_slopes
 from fx_beam.errors import check_takes, require
 from fx_beam.linear.linearisation import Linearisation, check_equilibrium, linearised
 from fx_beam.results.audit import Stats
@@ -40,6 +41,8 @@ class TangentResponse(Differentiable):
     def _begin(self) -> None:
         super()._begin()
         self._about: Linearisation
+        # Whether damping counted in the last call.
+        self._is_damped = False
         self._models: dict[str, Model] = {}
         self._tangent = TangentDerivatives(self._what)
 
@@ -51,11 +54,14 @@ class TangentResponse(Differentiable):
         fits = self._state is None or (path is not None and path.scene is scene)
         wanted = "a solution of fx_beam.static(scene)"
         require(fits, f"{self._what}: state(scene)", self._end, wanted)
-        self._about = about = linearised(scene, self._end, self._asked, self._models)
+        # Only one of the models must have slopes, with damping the other one.
+        with without_slopes(self._is_damped):
+            self._about = about = linearised(scene, self._end, self._asked, self._models)
         check_equilibrium(about, self._end, self._asked)
         scheme, unknowns = about.model.scheme, len(about.unknowns)
         self.stats = Stats(scheme.name, scheme.rates.level, "", unknowns, static=True)
-        if self._damped and about.may_be_damped:
+        self._is_damped = self._damped and about.may_be_damped
+        if self._is_damped:
             _ = about.damped_model  # which has the slopes of the scene as well
         return about
 

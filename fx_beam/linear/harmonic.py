@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import scipy.sparse
 
+from fx_beam.content_cache import cached_property
 from fx_beam.dual import plain
 from fx_beam.errors import LARGEST, SceneError, numbers, require
 from fx_beam.fem.mesh import rotation_of
@@ -22,6 +23,8 @@ from .linearisation import Linearisation, check_equilibrium, linearised
 
 # Motion per force, in the units of the equations' diagonal, at which only rounding bounds it.
 _UNBOUNDED = 1e14
+# Difference of two entries across the diagonal that is round-off, in units of this.
+_ROUNDING = 1e-12
 
 
 def frequency_response(
@@ -107,8 +110,19 @@ class Vibration:
         self._values = np.zeros((3, len(pattern)))
         for values, of, at in zip(self._values, parts, places, strict=True):
             np.add.at(values, np.searchsorted(pattern, at), of.data)
-        columns = np.searchsorted(pattern // n, np.arange(n + 1))
-        self._pattern, self._shape = (pattern % n, columns), about.K.shape
+        self._rows, self._columns, self._shape = pattern % n, pattern // n, about.K.shape
+        self._pattern = self._rows, np.searchsorted(self._columns, np.arange(n + 1))
+
+    @cached_property
+    def symmetric(self) -> bool:
+        """Whether it is its own transpose, but for round-off."""
+        rows, columns, values = self._rows, self._columns, self._values
+        across, diagonal = np.lexsort((columns, rows)), rows == columns
+        sizes = np.zeros((3, self._shape[0]))
+        sizes[:, rows[diagonal]] = np.sqrt(abs(values[:, diagonal]))
+        gaps, units = abs(values - values[:, across]), sizes[:, rows] * sizes[:, columns]
+        there = np.array_equal(rows[across], columns) and np.array_equal(columns[across], rows)
+        return there and bool((gaps <= _ROUNDING * units).all())
 
     def at(self, frequency: float) -> Vibration:
         """The same with the factors at a frequency [Hz]."""
@@ -127,8 +141,8 @@ class Vibration:
     def solved(self, force: np.ndarray, transposed: bool = False) -> np.ndarray:
         """Motions (free, ...) under forces (free, ...), or with the transposed matrix."""
         x = self._lu.solve(force, "T" if transposed else "N")
-        sizes = np.linalg.norm([self._scale * x.T, force.T / self._scale], axis=-1)
-        if not np.all(sizes[0] <= _UNBOUNDED * sizes[1]):
+        motion, load = (abs(of).max(axis=-1) for of in (self._scale * x.T, force.T / self._scale))
+        if not np.all(motion <= _UNBOUNDED * load):
             raise self._unbounded()
         return x
 

@@ -152,3 +152,30 @@ def test_functions_of_a_scene_that_is_copied_keep_their_slopes():
         _, y = run(x)
         assert run.jacobian()["speed"][-1, 0] == pytest.approx(y["speed"][-1] / x[0], rel=1e-12)
     assert run.stats.difference_reason == ""
+
+
+class Pull:
+    """A force that all scenes have in common, of a size that `build` sets."""
+
+    size, takes_floats = 0.0, False
+
+    def __call__(self, t):
+        return (float(self.size) if self.takes_floats else self.size * np.cos(t)), 0.0
+
+
+@pytest.mark.parametrize("takes_floats", [False, True])
+def test_a_function_that_all_scenes_have_is_asked_anew_in_each(takes_floats):
+    """By slopes, and by differences where the function takes floats alone."""
+    pull = Pull()
+    pull.takes_floats = takes_floats
+
+    def build(x):
+        pull.size = 1.0 * x[0]
+        return pushed(pull, (0.0, x[1]))
+
+    run = fb.Response(build, dt=0.1, t_end=0.2)
+    for x in ([0.5, 1.0], [0.7, 2.0], [0.9, 1.0]):
+        _, y = run(x)
+        J = run.jacobian()["speed"][-1]
+        assert J == pytest.approx([y["speed"][-1] / x[0], 0.0], rel=1e-8, abs=1e-12)
+    assert bool(run.stats.difference_reason) == takes_floats

@@ -10,6 +10,7 @@ from test_modal_response import NUMBERS, beaded, damped, loaded, rotor, turning
 from test_static_response import DATA, X, bending, chain, driven, motors, slide
 
 import fx_beam as fb
+from fx_beam.linear.harmonic import Vibration
 
 F = [0.0, 0.7, 3.0, 11.0]
 
@@ -176,3 +177,23 @@ def test_scenes_of_earlier_calls_are_forgotten():
         run(x * (1 + 1e-3 * k)), run.jacobian()
     gc.collect()
     assert len(scenes) < 10
+
+
+@pytest.mark.parametrize("build, state, times", [(damped, None, 1), (rotor, turning, 2)])
+def test_symmetric_equations_are_solved_once(build, state, times, monkeypatch):
+    """For the load and the adjoint motions at each frequency; those of a turn are not symmetric."""
+    asked, solved = [], Vibration.solved
+
+    def counted(vibration, *given, **how):
+        asked.append(given)
+        return solved(vibration, *given, **how)
+
+    monkeypatch.setattr(Vibration, "solved", counted)
+    x = np.array([1.0, 1.1, 0.9, 0.5])
+    run = fb.HarmonicResponse(shaken(build), F, state=state)
+    values, once = run(x[: 4 if build is damped else 3]), len(asked)
+    J = run.jacobian()
+    assert once == times * len(F)
+    monkeypatch.setattr(Vibration, "symmetric", False)
+    assert run(run._x) == pytest.approx(values, rel=1e-9)
+    assert run.jacobian() == pytest.approx(J, rel=0, abs=1e-9 * abs(J).max())
