@@ -35,9 +35,9 @@ class ArrayCalls:
         # Makes a block with slopes.
         self._block: Callable[[], Context]
 
-    def share(self, slopes: bool) -> None:
-        """Forget all values. Share those to come, if this is in a block with `slopes`."""
-        self._known, self._block = {} if slopes else None, copy_context().copy
+    def begin_scene(self) -> None:
+        """Forget the values of the last scene; those of this one are shared if it has slopes."""
+        self._known, self._block = {} if have_slopes() else None, copy_context().copy
 
     def values(
         self, function: Callable, size: int, arguments: np.ndarray, what: str, one_by_one: Callable

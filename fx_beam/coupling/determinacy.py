@@ -151,8 +151,7 @@ def _rows(scene: Scene, mesh: Mesh, parts: _Parts):
         node, direction = pairs[of_row, end], sign * along[of_row]
         part = parts.of_node[node]
         x, y = ((mesh.X[node] - parts.point[part]) / mesh.size + (1 - end) * arm[of_row]).T
-        for component in (0, 1):
-            entries.append((of_row, 3 * part + component, direction[:, component]))
+        entries += [(of_row, 3 * part + i, direction[:, i]) for i in (0, 1)]
         entries.append((of_row, 3 * part + 2, direction[:, 1] * x - direction[:, 0] * y))
         of_row = np.flatnonzero(turned[:, end] >= 0)
         part = parts.of_node[turned[of_row, end]]

@@ -8,8 +8,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from fx_beam.array_calls import ArrayCalls
-from fx_beam.dual import Dual, LostSlopesError, have_slopes, plain, slopes_by
+from fx_beam.dual import Dual, LostSlopesError, plain, slopes_by
 from fx_beam.errors import SceneError, all_of, shown
 from fx_beam.motions.numbers import OF_OUTPUTS, OF_STEPS
 from fx_beam.scene.scene import Scene
@@ -59,8 +58,8 @@ def refuse_others(changes: Mapping[str, np.ndarray], known: Set[str], what: str)
 class BuiltScenes:
     """The scenes that a function gives for numbers, and derivatives of what they are made of."""
 
-    def __init__(self, scene_at: Callable[[Any], Scene], calls: ArrayCalls):
-        self._at, self._calls = scene_at, calls
+    def __init__(self, scene_at: Callable[[Any], Scene]):
+        self._at = scene_at
         # Numbers of which it was said that differences of `build` are inaccurate.
         self._told: set[int] = set()
         #: Why there are differences by some of the numbers, by their indices.
@@ -84,21 +83,15 @@ class BuiltScenes:
         if self._is_dual:
             try:
                 with slopes_by(x) as numbers:
-                    self._calls.share(True)
                     return of(numbers)
             except Exception:  # noqa: BLE001  # whatever takes floats, and what is wrong with both
                 self._is_dual = False
-        self._calls.share(False)
         return of(x)
 
     @property
     def reason(self) -> str:
         """By which parameters derivatives are differences of `build`, and why; empty if by none."""
         return "; ".join(f"x[{i}]: {self.reasons[i]}" for i in sorted(self.reasons))
-
-    def _built(self, x: Any) -> Scene:
-        self._calls.share(have_slopes())
-        return self._at(x)
 
     def derivatives(
         self, x: np.ndarray, known: Scene, numbers_of: NumbersOf
@@ -108,7 +101,6 @@ class BuiltScenes:
         here, by_name = self._slopes(x, known, numbers_of)
         if (shapes := {name: values.shape for name, values in here.items()}) not in self._checked:
             if not self._is_dual:
-                self._calls.share(False)
                 with slopes_by(x):  # as what the last build has changed may give them
                     _check_same(numbers_of(known, np.zeros(len(x))), here)
             self._checked.append(shapes)
@@ -131,13 +123,13 @@ class BuiltScenes:
             try:
                 with slopes_by(x, without=lost) as dual:
                     change = Dual(np.zeros(len(x)), dual.slopes)
-                    numbers = numbers_of(known if self._is_dual else self._built(dual), change)
+                    numbers = numbers_of(known if self._is_dual else self._at(dual), change)
                 break
             except Exception as error:  # noqa: BLE001  # whatever a function does that takes floats
                 self._learn(error, {*range(len(x))} - lost)
                 self._is_dual = False
         else:
-            numbers = numbers_of(self._built(x), np.zeros(len(x)))
+            numbers = numbers_of(self._at(x), np.zeros(len(x)))
         self.changing = {name for name, of in numbers.items() if isinstance(of, Dual)}
         by_name = {}
         for name, of in numbers.items():
@@ -172,7 +164,7 @@ class BuiltScenes:
         change, size = np.zeros(len(x)), np.random.default_rng(0).uniform(0.5, 1, len(x))
         change[others] = (size * steps)[others] * (-1.0) ** np.arange(len(others))
         try:
-            ends = [numbers_of(self._built(x + by), by) for by in (-change, change)]
+            ends = [numbers_of(self._at(x + by), by) for by in (-change, change)]
         except (SceneError, OtherStructureError):  # that of one number says it better
             ends = []
         if ends and not _wrong(change, ends, here, by_name):
@@ -240,7 +232,7 @@ class BuiltScenes:
         change[i] = by
         there = shown(x[i] + by)
         try:
-            scene = self._built(x + change)
+            scene = self._at(x + change)
         except SceneError as error:
             raise SceneError(
                 f"Response: no derivatives by x[{i}] at {here}, since there is no scene at "
@@ -257,8 +249,8 @@ class BuiltScenes:
 
 def _check_same(before: dict[str, Any], here: dict[str, np.ndarray]) -> None:
     for name, values in here.items():
-        gaps = abs(values - plain(before[name]))
-        gap, size = gaps.max(initial=0.0), abs(values).max(initial=0.0)
+        parts = values - plain(before[name]), values
+        gap, size = (abs(part).max(initial=0.0) for part in parts)
         if gap > _SAME * size:
             raise SceneError(
                 f"Response: build gives other numbers than before at the same x: {name!r} of the "

@@ -55,7 +55,7 @@ class Differentiable:
         """Know of no call yet; what was given until now is what pickles and copies keep."""
         self._arguments = dict(vars(self))
         self._alone, self._calls = RLock(), ArrayCalls()
-        self._scenes = BuiltScenes(self._scene_at, self._calls)
+        self._scenes = BuiltScenes(self._scene_at)
         self._x: Any = None
         self._known_changes: dict[str, np.ndarray] | None = None
 
@@ -69,6 +69,11 @@ class Differentiable:
     def _scene_at(self, x: Any) -> Scene:
         """The scene of parameters; SceneError if `build` gives something else."""
         raise NotImplementedError
+
+    def _built(self, x: Any, *more: Any) -> Any:
+        """What `build` gives."""
+        self._calls.begin_scene()
+        return self._build(x, *more)
 
     def _begin_call(self, x: Any) -> np.ndarray:
         """The parameters of a call; there are no derivatives until it succeeds."""

@@ -107,7 +107,7 @@ class HarmonicResponse(TangentResponse):
         self.response: FrequencyResponse
 
     def _scene_at(self, x: Any) -> Scene:
-        built = self._build(x)
+        built = self._built(x)
         fits = isinstance(built, tuple) and len(built) == 3 and isinstance(built[0], Scene)
         require(fits, f"{_WHAT}: what build gives", built, "(scene, load, at)")
         self._given[built[0]] = built[1:]
@@ -152,11 +152,10 @@ class HarmonicResponse(TangentResponse):
     def _solved(self, frequency: float) -> tuple[np.ndarray, np.ndarray]:
         """The motion (free,) at a frequency, and those (c, free) of the adjoint components."""
         there = self._vibration.at(frequency)
+        solved = there.solved(self._sides).T
         if there.symmetric:
-            solved = there.solved(self._sides).T
             return solved[0], solved[1:]
-        force, rows = np.hsplit(self._sides, [1])
-        return there.solved(force)[:, 0], there.solved(rows, transposed=True).T
+        return solved[0], there.solved(self._sides[:, 1:], transposed=True).T
 
     # -- Derivatives ------------------------------------------------------------------------------
 

@@ -119,7 +119,7 @@ class ModalResponse(TangentResponse):
         self.modes: Modes
 
     def _scene_at(self, x: Any) -> Scene:
-        scene = self._build(x)
+        scene = self._built(x)
         require(isinstance(scene, Scene), "ModalResponse: what build gives", scene, "a Scene")
         return scene
 
@@ -147,8 +147,8 @@ class ModalResponse(TangentResponse):
             self._take_modes(2 * self._n + _MORE)
         omega, ratios, roots = (of[: self._n] for of in (self._omega, self._ratios, self._roots))
         self._shapes = about.T @ self._vectors[:, : self._n]
-        about_state, rigid = (about.model, about.start.q, self._shapes), omega == 0
-        self.modes = modes_of(*about_state, omega, rigid, ratios, roots)
+        of_state = about.model, about.start.q, self._shapes
+        self.modes = modes_of(*of_state, omega, omega == 0, ratios, roots)
         self._x = given
         return np.column_stack([omega, ratios]) if self._damped else omega.copy()
 

@@ -172,9 +172,8 @@ class Observation:
             given = {name: of_state[name] for name in ("q", "v", "slides")}
             given["driven rates"] = driven
             of_state |= self._fit.jvp(given, changes)
-        none = np.empty(0)
         return {
-            name: output.jvp(self._rows, before.get(name, none), of_state, changes)
+            name: output.jvp(self._rows, before.get(name, np.empty(0)), of_state, changes)
             for name, output in self._outputs.items()
         }
 

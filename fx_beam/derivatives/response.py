@@ -174,9 +174,6 @@ class Response(Differentiable):
         # The equilibrium from which the last motion started, if it was computed for it.
         self._path: LoadPath | None = None
 
-    def _built(self, x: Any) -> Any:
-        return self._build(x)
-
     def _at(self, x: Any) -> tuple[Scene, dict[str, Wanted]]:
         """The scene of parameters, and its outputs; SceneError if `build` gives something else."""
         built = self._built(x)

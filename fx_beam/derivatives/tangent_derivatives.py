@@ -206,9 +206,8 @@ class TangentDerivatives:
         if self._derivatives.places_depend:
             motion, of_nodes = _times(T, right)[of.of], _times(mass, moved)
             moving = sum((by * _times(turn, motion) for turn, by in turns), m * motion)
-            on_right = of.on_right + m * of_nodes
-            on_right = sum((by * _times(turn.T, of_nodes) for turn, by in turns), on_right)
-            ends = [(of.of, on_right)]
+            turned = (by * _times(turn.T, of_nodes) for turn, by in turns)
+            ends = [(of.of, sum(turned, of.on_right + m * of_nodes))]
             ends += [(len(right) + np.arange(len(left)), _times(mass, moving) + of.on_left)]
             directions, times = np.vstack([right, left]), np.append(times, times[of.of])
         return _Along(directions, times, of.of, k * left, c * left, by_mass, ends)

@@ -491,8 +491,7 @@ class Problem:
                 if i < len(couplings.carried[joint.number]):
                     sums.append((3 * joint.b.number + i, -1, 3 * joint.number + i, 1))
         columns = np.array(sums, dtype=int).reshape(-1, 4).T
-        names = "pass_dof", "pass_to", "pass_of", "pass_sign"
-        tables = dict(zip(names, columns, strict=True))
+        tables = dict(zip(("pass_dof", "pass_to", "pass_of", "pass_sign"), columns, strict=True))
         self._set(scene_joints=self.model.scene.joint_count, passes=len(sums), **tables)
 
     def _allocate(self) -> None:
