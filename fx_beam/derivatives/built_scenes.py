@@ -98,11 +98,11 @@ class BuiltScenes:
     ) -> dict[str, np.ndarray]:
         """Derivatives (m, ...) by x of the numbers of scenes; `known` is that at x."""
         self._asked = True
+        # Before others are built, which may change what scenes have in common.
+        before = {} if self._checked or self._is_dual else numbers_of(known, np.zeros(len(x)))
         here, by_name = self._slopes(x, known, numbers_of)
+        _check_same(before, here)
         if (shapes := {name: values.shape for name, values in here.items()}) not in self._checked:
-            if not self._is_dual:
-                with slopes_by(x):  # as what the last build has changed may give them
-                    _check_same(numbers_of(known, np.zeros(len(x))), here)
             self._checked.append(shapes)
             self._check(x, here, by_name, numbers_of)
         for i in sorted(self.reasons):
@@ -247,10 +247,9 @@ class BuiltScenes:
             ) from None
 
 
-def _check_same(before: dict[str, Any], here: dict[str, np.ndarray]) -> None:
-    for name, values in here.items():
-        parts = values - plain(before[name]), values
-        gap, size = (abs(part).max(initial=0.0) for part in parts)
+def _check_same(before: dict[str, np.ndarray], here: dict[str, np.ndarray]) -> None:
+    for name, values in before.items():
+        gap, size = abs(here[name] - values).max(initial=0.0), abs(values).max(initial=0.0)
         if gap > _SAME * size:
             raise SceneError(
                 f"Response: build gives other numbers than before at the same x: {name!r} of the "
