@@ -303,7 +303,7 @@ class _OverFrequency(Shooting):
 
 def _scene(build: Build, frequency: float) -> Scene:
     scene = build(frequency)
-    require(isinstance(scene, Scene), "forced_response: build(f)", scene, "a scene")
+    require(isinstance(scene, Scene), "forced_response: what build gives", scene, "a Scene")
     return scene
 
 
