@@ -106,6 +106,13 @@ class Dual(NDArrayOperatorsMixin):
 
     # -- Functions of NumPy -----------------------------------------------------------------------
 
+    def __mul__(self, other):
+        if type(other) is float:  # as most factors are
+            return Dual(self.values * other, self.slopes * other)
+        return np.multiply(self, other)
+
+    __rmul__ = __mul__
+
     def __array_ufunc__(self, ufunc, method, *given, **options):
         if ufunc is np.add and method == "reduce":
             return _sum(given[0], options.get("axis", 0))
