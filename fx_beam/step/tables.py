@@ -436,7 +436,7 @@ class Problem:
         p, to, buffer = self.c, self._results(), self.ffi.buffer
         m, positions, wide = p.bordering_rows, p.positions, p.block
         at = np.frombuffer(buffer(p.order, 4 * n), np.int32)
-        block = np.frombuffer(buffer(to[6], 8 * positions * wide)).reshape(-1, wide)[at, 1 : 1 + m]
+        block = np.frombuffer(buffer(to[6], 8 * positions * wide)).reshape(-1, wide)[at, :m]
         reached = np.frombuffer(buffer(to[8], 4 * positions), np.int32)[at]
         corner = np.frombuffer(buffer(to[7], 8 * m * m)).reshape(m, m)
         (count,) = np.frombuffer(buffer(to[10], 4), np.int32)

@@ -119,7 +119,7 @@ def bordering_tables(
         "beside_at": at[bordered.beside],
         "bordering_rows": carriers + alone,
         "carrier_bordering": carriers,
-        "block": -(-(1 + carriers + alone) // _LANES) * _LANES,
+        "block": -(-(carriers + alone) // _LANES) * _LANES,
         "most_bordering_entries": entries,
     }
 

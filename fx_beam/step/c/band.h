@@ -84,21 +84,21 @@ INLINED int eliminate_band(int n, int band, Ends of, double *A, double *b) {
   return 1;
 }
 
-/* The solution in place of b. Those that are `reached` are known already. */
-INLINED void substitute_band(int n, int band, Ends of, const double *A, double *b, const int *reached) {
+/* The solution in place of b: only those that are `reached` or not, if it is given. */
+INLINED void substitute_band(int n, int band, Ends of, const double *A, double *b, const int *reached, int now) {
   int most = of.top > of.bottom ? of.top : of.bottom, last = n - 1 - of.bottom;
   long row = 2 * band + 1;
   const double *top = A + band, *bottom = A + band + (n - 1) * row;
   for (int k = last; k >= of.top; --k) {
-    if (reached && reached[k]) continue;
+    if (reached && reached[k] != now) continue;
     if (k + band <= last)
       substitute(band, 1, top + k * row, b + k);
     else
       substitute(last - k, 1, top + k * row, b + k);
   }
   for (int k = most - 1; k >= 0; --k) {
-    if (k < of.top && !(reached && reached[k])) substitute(band, 1, top + k * row, b + k);
-    if (k < of.bottom && !(reached && reached[n - 1 - k]))
+    if (k < of.top && !(reached && reached[k] != now)) substitute(band, 1, top + k * row, b + k);
+    if (k < of.bottom && !(reached && reached[n - 1 - k] != now))
       substitute(band, -1, bottom - k * row, b + n - 1 - k);
   }
 }
@@ -109,9 +109,8 @@ INLINED void subtract_in_block(const Work *w, int n, int row, double factor, int
   for (int j = 0; j < n; ++j) to[j] -= factor * by[j];
 }
 
-/* The block from its right sides and factors of a band matrix. With `known` its first column is the right side b, which
-   is eliminated already. */
-INLINED void solve_band_columns(const Problem *p, const Work *w, Ends of, int known, int columns) {
+/* The block from its right sides and factors of a band matrix. */
+INLINED void solve_band_columns(const Problem *p, const Work *w, Ends of, int columns) {
   int n = p->free, band = p->band, last = n - 1 - of.bottom;
   long width = 2 * band + 1;
   const double *A = w->tangent + band;
@@ -120,7 +119,6 @@ INLINED void solve_band_columns(const Problem *p, const Work *w, Ends of, int kn
       int k = part ? i : n - 1 - i, direction = part ? 1 : -1, reach_of = k >= of.top && part ? last - k : band;
       const double *pivot = A + k * width;
       if (!w->reached[k]) continue;
-      if (known) w->block[(long)k * p->block] = w->y[k];
       for (int j = 1; j <= band && j <= reach_of; ++j) {
         double below = pivot[direction * j * 2 * band];
         if (below == 0 && pivot[direction * j] == 0) continue;
@@ -154,6 +152,6 @@ COMPILED_ONCE int eliminate_tangent(const Problem *p, const Work *w, int n, Ends
   return OF_BAND(p, eliminate_band, n, of, w->tangent, w->y);
 }
 
-COMPILED_ONCE void substitute_tangent(const Problem *p, const Work *w, int n, Ends of, const int *reached) {
-  OF_BAND(p, substitute_band, n, of, w->tangent, w->y, reached);
+COMPILED_ONCE void substitute_tangent(const Problem *p, const Work *w, int n, Ends of, const int *reached, int now) {
+  OF_BAND(p, substitute_band, n, of, w->tangent, w->y, reached, now);
 }

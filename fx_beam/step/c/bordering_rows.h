@@ -31,7 +31,7 @@ INLINED void add_at(const Problem *p, const Work *w, int i, int j, double x) {
   if (x == 0 || row == -1 || column == -1) return;
   if (row >= 0) {
     reach(p, w, row);
-    w->block[(long)row * p->block + 1 + ON_BORDER - column] += x;
+    w->block[(long)row * p->block + ON_BORDER - column] += x;
   } else if (column >= 0) {
     reach(p, w, column);
     bordering_entries(p, w)[(*w->bordering_entries)++] = (BorderingEntry){ON_BORDER - row, column, x};
@@ -161,7 +161,7 @@ HOT void factorise_corner(const Problem *p, const Work *w) {
   int m = p->bordering_rows;
   double soft = 0, *D = w->corner, *unit = w->corner_units, *per_most = unit + m;
   for (const BorderingEntry *c = bordering_entries(p, w); c < bordering_entries(p, w) + *w->bordering_entries; ++c)
-    for (int j = 0; j < m; ++j) D[c->bordering_row * m + j] -= c->value * w->block[(long)c->column * p->block + 1 + j];
+    for (int j = 0; j < m; ++j) D[c->bordering_row * m + j] -= c->value * w->block[(long)c->column * p->block + j];
   for (int i = 0; i < m; ++i) unit[i] = 1;
   for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a)
     for (int j = a->bordering_row; j < a->bordering_row + a->components; ++j) soft = fmax(soft, fabs(D[j * m + j]));
@@ -186,12 +186,12 @@ INLINED void solve_corner(const Problem *p, const Work *w, int sides, double *g)
 }
 
 /* Unknowns y of the bordering rows from their right sides g, in the place of these, and A^-1 b in x, of one or GROUP_SIZE
-   right sides; the block has A^-1 B behind its first column. x becomes the solution, as far as the bordering rows reach. */
-INLINED void solve_bordering_rows(const Problem *p, const Work *w, int sides, double *g, double *x, int stride) {
+   right sides; the block has A^-1 B. x becomes the solution, as far as the bordering rows reach. */
+INLINED void solve_bordering_rows(const Problem *p, const Work *w, int sides, double *g, double *x) {
   for (const BorderingEntry *c = bordering_entries(p, w); c < bordering_entries(p, w) + *w->bordering_entries; ++c)
-    for (int k = 0; k < sides; ++k) g[c->bordering_row * sides + k] -= c->value * x[(long)c->column * stride + k];
+    for (int k = 0; k < sides; ++k) g[c->bordering_row * sides + k] -= c->value * x[(long)c->column * sides + k];
   solve_corner(p, w, sides, g);
-  for (int i = 0; i < p->positions; ++i, x += stride)
+  for (int i = 0; i < p->positions; ++i, x += sides)
     for (int j = 0; w->reached[i] && j < p->bordering_rows; ++j)
-      for (int k = 0; k < sides; ++k) x[k] -= w->block[(long)i * p->block + 1 + j] * g[j * sides + k];
+      for (int k = 0; k < sides; ++k) x[k] -= w->block[(long)i * p->block + j] * g[j * sides + k];
 }

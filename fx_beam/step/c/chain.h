@@ -83,27 +83,23 @@ INLINED int eliminate_chain(const Problem *p, const Work *w, int middle, int kee
   return isfinite(u[0][3]); /* any zero pivot comes down to it */
 }
 
-/* The unknowns of a group from those x of the group on this side, which was eliminated later; or from the block, as far as it
-   is `reached`. */
-INLINED void substitute_group(const Problem *p, const Work *w, int k, int side, const int *reached, double *x) {
+/* The unknowns of a group from those x of the group on this side, which was eliminated later; or as they are, as in
+   `substitute_chain`. */
+INLINED void substitute_group(const Work *w, int k, int side, const int *reached, int now, double *x) {
   const double *row = w->tangent + k * GROUP + side;
-  double rest[3];
+  double *y = w->y + 3 * k, rest[3];
   for (int i = 0; i < 3; ++i, row += ROW) rest[i] = row[3] - row[0] * x[0] - row[1] * x[1] - row[2] * x[2];
-  for (int i = 0; i < 3; ++i)
-    w->y[3 * k + i] = x[i] = reached && reached[3 * k] ? w->block[(3L * k + i) * p->block] : rest[i];
+  for (int i = 0; i < 3; ++i) y[i] = x[i] = reached && reached[3 * k] != now ? y[i] : rest[i];
 }
 
-/* The solution in place of y, from that of the group in the middle. Groups that are `reached` are known already. */
-INLINED void substitute_chain(const Problem *p, const Work *w, int middle, const int *reached) {
+/* The solution in place of y, from that of the group in the middle: only of groups that are `reached` or not, if it is given. */
+INLINED void substitute_chain(const Problem *p, const Work *w, int middle, const int *reached, int now) {
   int last = p->chain - 1;
   double x[3], z[3];
-  for (int i = 0; i < 3; ++i) {
-    double *y = w->y + 3 * middle + i;
-    x[i] = z[i] = *y = reached && reached[3 * middle] ? w->block[(3L * middle + i) * p->block] : *y;
-  }
+  for (int i = 0; i < 3; ++i) x[i] = z[i] = w->y[3 * middle + i];
   for (int k = 1; k <= middle || k <= last - middle; ++k) {
-    if (k <= middle) substitute_group(p, w, middle - k, AFTER, reached, x);
-    if (k <= last - middle) substitute_group(p, w, middle + k, BEFORE, reached, z);
+    if (k <= middle) substitute_group(w, middle - k, AFTER, reached, now, x);
+    if (k <= last - middle) substitute_group(w, middle + k, BEFORE, reached, now, z);
   }
 }
 
@@ -123,9 +119,8 @@ static int are_coupled(const double *one, const double *other) {
   return sum != 0;
 }
 
-/* The block (work.h), of n times four columns, from its right sides, after `eliminate_chain` that kept its rows. With
-   `known` its first column is solved already. */
-INLINED void solve_chain_columns(const Problem *p, const Work *w, int middle, int known, int n) {
+/* The block (work.h), of n times four columns, from its right sides, after `eliminate_chain` that kept its rows. */
+INLINED void solve_chain_columns(const Problem *p, const Work *w, int middle, int n) {
   double *A = w->tangent;
   Four *block = (Four *)w->block, diagonal[3];
   int last = p->chain - 1, most = middle > last - middle ? middle : last - middle;
@@ -137,15 +132,13 @@ INLINED void solve_chain_columns(const Problem *p, const Work *w, int middle, in
       if (way * (middle - k) <= 0 || !w->reached[3 * k]) continue;
       diagonal_rows(w, k, diagonal);
       solve_group(diagonal, n, block + k * rows);
-      for (int x = 0; known && x < 3; ++x) block[k * rows + x * n][0] = group[to_middle + x * ROW + 3];
-      if (known && !are_coupled(next + back, group + to_middle)) continue;
+      if (!w->reached[3 * (k + way)] && !are_coupled(next + back, group + to_middle)) continue;
       reach(p, w, 3 * (k + way));
       subtract_coupled(n, next + back, block + k * rows, block + (k + way) * rows);
     }
   if (w->reached[3 * middle]) {
     diagonal_rows(w, middle, diagonal);
     solve_group(diagonal, n, block + middle * rows);
-    for (int x = 0; known && x < 3; ++x) block[middle * rows + x * n][0] = w->y[3 * middle + x];
   }
   for (int i = 1; i <= most; ++i)
     for (int side = 0; side < 2; ++side) {

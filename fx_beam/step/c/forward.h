@@ -30,11 +30,11 @@ static void solve_right_sides(const Problem *p, const Work *w, const Linear *l) 
   Work of_block = *w;
   double *x = of_block.block = (double *)l->block, *g = (double *)l->on_bordering_rows;
   of_block.reached = l->reached;
-  solve_columns(p, &of_block, 0, 1);
+  solve_columns(p, &of_block, 1);
   if (!HAS(SLIDERS) || !p->bordering_rows) return;
   memset(g, 0, p->bordering_rows * sizeof(Changes));
   pass_on(p, GROUP_SIZE, 0, x, g);
-  solve_bordering_rows(p, w, GROUP_SIZE, g, x, GROUP_SIZE);
+  solve_bordering_rows(p, w, GROUP_SIZE, g, x);
   pass_on(p, GROUP_SIZE, 1, x, g);
 }
 

@@ -64,17 +64,17 @@ static int middle_of_elimination(const Problem *p) {
   return p->positions / 2;
 }
 
-/* The block of n times four columns from its right sides and factors (`known` in band.h). */
-INLINED void solve_columns(const Problem *p, const Work *w, int known, int n) {
+/* The block of n times four columns from its right sides and factors. */
+INLINED void solve_columns(const Problem *p, const Work *w, int n) {
   int middle = middle_of_elimination(p);
-  if (HAS(CHAIN)) solve_chain_columns(p, w, middle / 3, known, n);
-  else if (HAS(BAND)) solve_band_columns(p, w, ends_around(p->unknowns, p->band, middle), known, n);
+  if (HAS(CHAIN)) solve_chain_columns(p, w, middle / 3, n);
+  else if (HAS(BAND)) solve_band_columns(p, w, ends_around(p->unknowns, p->band, middle), n);
   else solve_sparse_columns(p, w, n);
 }
 
 /* The block by the factors, which may be those of an earlier A, and the factors of the corner with it. */
 static void eliminate_bordering_rows(const Problem *p, const Work *w) {
-  solve_columns(p, w, 1, p->block / 4);
+  solve_columns(p, w, p->block / 4);
   factorise_corner(p, w);
 }
 
@@ -83,6 +83,13 @@ INLINED int eliminate_bordered(const Problem *p, const Work *w, int middle, Ends
   if (!(HAS(CHAIN) ? eliminate_chain(p, w, middle / 3, keep) : eliminate_tangent(p, w, p->unknowns, of))) return 0;
   if (HAS(SLIDERS) && p->bordering_rows) eliminate_bordering_rows(p, w);
   return 1;
+}
+
+/* The solution in place of y from what elimination made of it: only of positions that are `reached` or not, if it is given. */
+INLINED void substitute_back(const Problem *p, const Work *w, int middle, Ends of, const int *reached, int now) {
+  if (HAS(CHAIN)) substitute_chain(p, w, middle / 3, reached, now);
+  else if (HAS(BAND)) substitute_tangent(p, w, p->unknowns, of, reached, now);
+  else substitute_backward(p->rows, w->y, reached, now);
 }
 
 /* Solution x for the right side b, with bordering rows or without: by sparse factors, or by those of a chain or a band that
@@ -98,17 +105,9 @@ HOT int solve_bordered(const Problem *p, const Work *w, const double *b, double 
   if (bordered) pass_on(p, 1, 0, w->y, w->bordering_right);
   if (!HAS(CHAIN | BAND)) substitute_forward(p->rows, w->y);
   else if (!eliminate_bordered(p, w, middle, of, bordered)) return 0;
-  if (bordered && !HAS(CHAIN | BAND)) {
-    substitute_backward(p->rows, w->y, reached, 1);
-    for (int i = 0; i < n; ++i)
-      if (reached[i]) w->block[(long)i * p->block] = w->y[i];
-  }
-  if (bordered) solve_bordering_rows(p, w, 1, w->bordering_right, w->block, p->block);
-  for (int i = 0; bordered && !HAS(CHAIN) && i < n; ++i)
-    if (reached[i]) w->y[i] = w->block[(long)i * p->block];
-  if (HAS(CHAIN)) substitute_chain(p, w, middle / 3, reached);
-  else if (HAS(BAND)) substitute_tangent(p, w, n, of, reached);
-  else substitute_backward(p->rows, w->y, reached, 0);
+  if (bordered) substitute_back(p, w, middle, of, reached, 1);
+  if (bordered) solve_bordering_rows(p, w, 1, w->bordering_right, w->y);
+  substitute_back(p, w, middle, of, reached, 0);
   if (bordered) pass_on(p, 1, 1, w->y, w->bordering_right);
   gather(p->free, w->y, p->order, x);
   return 1;
