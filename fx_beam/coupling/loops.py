@@ -76,8 +76,6 @@ class Loops:
         #: Entries of auxiliary unknowns of each, in the order in which they are collected.
         self._auxiliaries = [auxiliaries.entries_of(of_closure) for of_closure in passes]
         column = self._entries.column
-        #: Number of the entries of all closures.
-        self.entries = len(column)
         on_beam = (column >= couplings.independent) & (column < couplings.columns)
         #: Closures of loops with nodes on beams: their forces border the compiled loop's tangent.
         self._carried = np.unique(self._entries.row[on_beam])

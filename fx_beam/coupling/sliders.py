@@ -101,13 +101,6 @@ class Slide:
         """Columns on which the beam depends."""
         return np.unique(self._parts.column)
 
-    @property
-    def longest(self) -> int:
-        """Largest number of entries of the degrees of freedom in a window."""
-        width, start = 3 * self.path.width, self._parts.starts(self.dofs.size)
-        firsts = np.arange(0, len(start) - width, 3)
-        return int((start[firsts + width] - start[firsts]).max())
-
     def members(self) -> dict[str, Any]:
         """As ``Slider`` of c/slider.h."""
         path = self.path

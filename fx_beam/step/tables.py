@@ -436,14 +436,14 @@ class Problem:
         p, to, buffer = self.c, self._results(), self.ffi.buffer
         m, positions, wide = p.bordering_rows, p.positions, p.block
         at = np.frombuffer(buffer(p.order, 4 * n), np.int32)
-        block = np.frombuffer(buffer(to[6], 8 * positions * wide)).reshape(-1, wide)[at, :m]
-        reached = np.frombuffer(buffer(to[8], 4 * positions), np.int32)[at]
         corner = np.frombuffer(buffer(to[7], 8 * m * m)).reshape(m, m)
-        (count,) = np.frombuffer(buffer(to[10], 4), np.int32)
-        entries = np.frombuffer(buffer(to[9], 16 * count), "i4, i4, f8")
-        rows = np.zeros((m, n))
-        np.add.at(rows, (entries["f0"], np.argsort(at)[entries["f1"]]), entries["f2"])
-        return np.where(reached[:, None] != 0, block, 0.0), rows, corner
+
+        def at_positions(values: Any, width: int, there: Any) -> np.ndarray:
+            of = np.frombuffer(buffer(values, 8 * positions * width)).reshape(-1, width)[at, :m]
+            is_there = np.frombuffer(buffer(there, 4 * positions), np.int32)[at, None] != 0
+            return np.where(is_there, of, 0.0)
+
+        return at_positions(to[6], wide, to[8]), at_positions(to[9], m, to[10]).T, corner
 
     def transposed(self) -> np.ndarray:
         """Storage index of each entry of the tangent in its transpose, among sparse factors.

@@ -104,10 +104,7 @@ def bordering_tables(
     tables = _sliders(model, sliders, at, diagonal_at)
     sizes = [table["components"] + table["products"] for table in tables]
     carriers = len(outside) + sum(sizes) + sum(table.get("anchors", 0) for table in tables)
-    closed, loops = reduction.closed_system, reduction.loops
-    alone, entries = (len(closed.ones), loops.entries) if closed and loops else (0, 0)
-    entries += len(bordered.beside) + 3 * len(tables)
-    entries += sum(of.longest * (1 + k) for of, k in zip(sliders.all, sizes, strict=True))
+    alone = len(closed.ones) if (closed := reduction.closed_system) else 0
     return {
         "row_at": rows,
         "unknown_at": columns,
@@ -120,7 +117,6 @@ def bordering_tables(
         "bordering_rows": carriers + alone,
         "carrier_bordering": carriers,
         "block": -(-(carriers + alone) // _LANES) * _LANES,
-        "most_bordering_entries": entries,
     }
 
 

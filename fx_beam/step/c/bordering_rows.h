@@ -15,13 +15,8 @@
 #include "sliders.h"
 
 static void begin_bordering_rows(const Problem *p, const Work *w) {
-  memset(w->reached, 0, p->positions * sizeof *w->reached);
+  memset(w->reached, 0, p->positions * sizeof *w->reached), memset(w->crossed, 0, p->positions * sizeof *w->crossed);
   memset(w->corner, 0, (long)p->bordering_rows * p->bordering_rows * sizeof(double));
-  *w->bordering_entries = 0;
-}
-
-static BorderingEntry *bordering_entries(const Problem *p, const Work *w) {
-  return HAS(MEMBERS) && p->changing ? p->changing->bordering_entry : w->bordering_entry;
 }
 
 /* Adds a number in a row and a column of the system, or of its transpose: positions in the elimination, or
@@ -34,7 +29,9 @@ INLINED void add_at(const Problem *p, const Work *w, int i, int j, double x) {
     w->block[(long)row * p->block + ON_BORDER - column] += x;
   } else if (column >= 0) {
     reach(p, w, column);
-    bordering_entries(p, w)[(*w->bordering_entries)++] = (BorderingEntry){ON_BORDER - row, column, x};
+    double *crossing = w->border + (long)column * p->bordering_rows;
+    if (!w->crossed[column]) w->crossed[column] = 1, memset(crossing, 0, p->bordering_rows * sizeof(double));
+    crossing[ON_BORDER - row] += x;
   } else {
     w->corner[(ON_BORDER - row) * p->bordering_rows + ON_BORDER - column] += x;
   }
@@ -160,8 +157,11 @@ INLINED void solve_sparse_columns(const Problem *p, const Work *w, int n) {
 HOT void factorise_corner(const Problem *p, const Work *w) {
   int m = p->bordering_rows;
   double soft = 0, *D = w->corner, *unit = w->corner_units, *per_most = unit + m;
-  for (const BorderingEntry *c = bordering_entries(p, w); c < bordering_entries(p, w) + *w->bordering_entries; ++c)
-    for (int j = 0; j < m; ++j) D[c->bordering_row * m + j] -= c->value * w->block[(long)c->column * p->block + j];
+  for (long i = 0; i < p->positions; ++i)
+    for (int r = 0; w->crossed[i] && r < m; ++r) {
+      double c = w->border[i * m + r];
+      for (int j = 0; c != 0 && j < m; ++j) D[r * m + j] -= c * w->block[i * p->block + j];
+    }
   for (int i = 0; i < m; ++i) unit[i] = 1;
   for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a)
     for (int j = a->bordering_row; j < a->bordering_row + a->components; ++j) soft = fmax(soft, fabs(D[j * m + j]));
@@ -188,10 +188,12 @@ INLINED void solve_corner(const Problem *p, const Work *w, int sides, double *g)
 /* Unknowns y of the bordering rows from their right sides g, in the place of these, and A^-1 b in x, of one or GROUP_SIZE
    right sides; the block has A^-1 B. x becomes the solution, as far as the bordering rows reach. */
 INLINED void solve_bordering_rows(const Problem *p, const Work *w, int sides, double *g, double *x) {
-  for (const BorderingEntry *c = bordering_entries(p, w); c < bordering_entries(p, w) + *w->bordering_entries; ++c)
-    for (int k = 0; k < sides; ++k) g[c->bordering_row * sides + k] -= c->value * x[(long)c->column * sides + k];
+  int m = p->bordering_rows;
+  for (long i = 0; i < p->positions; ++i)
+    for (int j = 0; w->crossed[i] && j < m; ++j)
+      for (int k = 0; k < sides; ++k) g[j * sides + k] -= w->border[i * m + j] * x[i * sides + k];
   solve_corner(p, w, sides, g);
-  for (int i = 0; i < p->positions; ++i, x += sides)
-    for (int j = 0; w->reached[i] && j < p->bordering_rows; ++j)
-      for (int k = 0; k < sides; ++k) x[k] -= w->block[(long)i * p->block + j] * g[j * sides + k];
+  for (long i = 0; i < p->positions; ++i)
+    for (int j = 0; w->reached[i] && j < m; ++j)
+      for (int k = 0; k < sides; ++k) x[i * sides + k] -= w->block[i * p->block + j] * g[j * sides + k];
 }

@@ -10,7 +10,7 @@
 
 OF_STEPS void fx_free_rows(ChangingRows *c) {
   fx_free_elimination(&c->elimination);
-  free(c->entry), free(c->entry_at), free(c->entry_start), free(c->bordering_entry);
+  free(c->entry), free(c->entry_at), free(c->entry_start);
 }
 
 /* Steps within which a contact point that closes may do so with the same pattern. */
@@ -93,18 +93,11 @@ static int has_contact_points(const ChangingRows *c, const MemberContacts *m) {
 /* Position in the elimination of an unknown, or its bordering row. */
 static int place_of(const Problem *p, int of) { return of < 0 ? of : p->order[of]; }
 
-/* Places of all columns in a new order, and room for the entries of contact points in the bordering rows. */
-static void place_bordering_rows(Problem *p, int contact_points) {
-  ChangingRows *c = p->changing;
-  long most = p->most_bordering_entries;
+/* Places of all columns in a new order. */
+static void place_columns(Problem *p) {
+  const ChangingRows *c = p->changing;
   for (int k = 0; k < p->columns + p->auxiliaries; ++k)
     p->row_at[k] = place_of(p, c->row_of[k]), p->unknown_at[k] = place_of(p, c->unknown_of[k]);
-  for (int t = 0; t < contact_points; ++t) {
-    long rows = 0;
-    for (int a = c->entry_start[t]; a < c->entry_start[t + 1]; ++a) rows += c->entry[a].row < 0;
-    most += rows * (c->entry_start[t + 1] - c->entry_start[t]);
-  }
-  ROOM(c->bordering_entry, most);
 }
 
 /* Places among the factors of the entries of the tangent or of its transpose, and of those of contact points. */
@@ -139,7 +132,7 @@ static void change_rows(Problem *p) {
   find_rows(&c->elimination);
   memcpy(p->order, c->elimination.order, p->unknowns * sizeof(int));
   ROOM(p->rows->factors, p->rows->start[p->unknowns]);
-  if (HAS(SLIDERS) && p->bordering_rows) place_bordering_rows(p, m->contact_points);
+  if (HAS(SLIDERS) && p->bordering_rows) place_columns(p);
   p->reused.present = 0;
   if (c->keep) p->reused.worth = worth_of(p, c);
 }

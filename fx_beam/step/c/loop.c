@@ -333,8 +333,7 @@ OF_STEPS void fx_results(const Problem *p, double **to) {
   Work w;
   lay_out(p, &w, p->scratch);
   to[0] = w.D, to[1] = w.z, to[2] = w.r, to[3] = w.tangent;
-  to[4] = w.f, to[5] = w.reduced, to[6] = w.block, to[7] = w.corner, to[8] = (double *)w.reached;
-  to[9] = (double *)bordering_entries(p, &w), to[10] = (double *)w.bordering_entries;
+  to[4] = w.f, to[5] = w.reduced, to[6] = w.block, to[7] = w.corner, to[8] = (double *)w.reached, to[9] = w.border, to[10] = (double *)w.crossed;
 }
 
 #include "equations.h"

@@ -100,12 +100,6 @@ typedef struct {
   double sign;
 } ContactPointEntry;
 
-/* An entry in a bordering row (bordering_rows.h): its column is a position in the elimination. */
-typedef struct {
-  int bordering_row, column;
-  double value;
-} BorderingEntry;
-
 /* Sparse rows whose pattern changes with the points that are near members (changing_rows.h). */
 typedef struct {
   Elimination elimination; /* from which the order and the rows are found */
@@ -119,7 +113,6 @@ typedef struct {
   int placed;           /* whether positions among the factors are those of the transposed tangent; -1 before there are any */
   int entries, entry_room;
   struct { ContactPointEntry *entry; }; /* of all contact points, those of each from its `entry_start` on */
-  struct { BorderingEntry *bordering_entry; }; /* room for all entries in bordering rows */
   struct { int *entry_start, *entry_at; }; /* the latter: positions among the factors of all pairs of a contact point's entries */
 } ChangingRows;
 
@@ -198,9 +191,9 @@ typedef struct {
   ReusedFactors reused;
   struct { ChangingRows *changing; };
   /* Bordering rows (bordering_rows.h): their number, the first of forces that close loops on beams, columns of a block of right
-     sides, most entries in bordering rows; of each column of the scene row and column in the system: a position in the
+     sides; of each column of the scene row and column in the system: a position in the
      elimination, -1 for none, or a bordering row. */
-  struct { int bordering_rows, carrier_bordering, block, most_bordering_entries, *row_at, *unknown_at; };
+  struct { int bordering_rows, carrier_bordering, block, *row_at, *unknown_at; };
   struct { int beside, *beside_row, *beside_column, *beside_at; }; /* entries of the tangent in them, and where these are stored */
   /* How the reduced tangent is made of the full one: entries that are added as they are, `from` which `to` which; others times
      an entry of Tv and an entry of T; derivatives of Tv times the forces of joints: by the rotation of the carrier (kind 0 of the

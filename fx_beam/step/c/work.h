@@ -7,7 +7,7 @@
 
 /* Its arrays and their sizes, by numbers of `lay_out`: of degrees of freedom and of nodes; of columns; of joints, at both
    ends and over the step; of unknowns, which factors are made of; of loops, where `follows` has the closure that each of their
-   columns follows, or -1; of bordering rows: rows of right sides by position, and which of these are not zero. */
+   columns follows, or -1; by position what bordering columns and rows have there, and where they are `reached` and `crossed`. */
 #define ARRAYS(OF)                                                                                          \
   OF(D, n + 9) OF(path, n + 9) OF(slope, n + 9) OF(acc, n) OF(f, n + 4 * LANES) OF(r, n) OF(correction, n)  \
   OF(force, n) OF(dead, n) OF(scratch, n + p->free) OF(passed, n) OF(loaded, p->sliders ? n : 0)            \
@@ -23,18 +23,17 @@
   OF(G, g) OF(G_virtual, g) OF(part, p->part_size) OF(part_virtual, p->part_size) OF(closure, m)            \
   OF(closure0, m) OF(closure_row, m ? c : 0) OF(pivoting, p->pivoting_size) OF(closing, m)                  \
   OF(closed, m ? n : 0)                                                                                     \
-  OF(block, (long)p->positions * p->block) OF(corner, b * b) OF(corner_units, 2 * b) OF(bordering_right, b)
-/* Integers: among them the bands [blocks, 2] of factors, and the number of entries in bordering rows. */
+  OF(block, (long)p->positions * p->block) OF(border, p->positions * b) OF(corner, b * b) OF(corner_units, 2 * b) OF(bordering_right, b)
+/* Integers: among them the bands [blocks, 2] of factors. */
 #define INTEGERS(OF)                                                                                        \
   OF(follows, p->loop_columns) OF(largest_at, 3 * m) OF(band, 2 * p->blocks) OF(part_order, m)              \
-  OF(order_virtual, m) OF(corner_order, b) OF(reached, p->positions) OF(bordering_entries, 1)
+  OF(order_virtual, m) OF(corner_order, b) OF(reached, p->positions) OF(crossed, p->positions)
 #define NUMBERS(name, size) double *name;
 #define NUMBERED(name, size) int *name;
 
 typedef struct {
   ARRAYS(NUMBERS)
   INTEGERS(NUMBERED)
-  BorderingEntry *bordering_entry;
   const double *fields[FIELDS]; /* by the kinds of Form */
   double dt;
   const double *follower_force;
@@ -54,7 +53,6 @@ static long lay_out(const Problem *p, Work *w, double *at) {
 #define ALLOCATE(name, size) w->name = (void *)allocate(&at, size);
   ARRAYS(ALLOCATE)
   INTEGERS(ALLOCATE)
-  w->bordering_entry = (BorderingEntry *)allocate(&at, 2 * (long)p->most_bordering_entries);
   const double *fields[] = {w->D, p->q, p->v, p->a, p->q_previous, p->internal, p->natural, w->natural_end};
   memcpy(w->fields, fields, sizeof fields);
   w->transposed = 0;
