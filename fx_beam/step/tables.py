@@ -84,7 +84,7 @@ class Problem:
         else:
             self._hand_over_points(stored_at)
         self._hand_over_motors()
-        if model.scene.joints and not bare:
+        if model.scene.joints:
             self._hand_over_joint_forces()
         self._set(**vars(options), negligible=NEGLIGIBLE * options.tolerance)
         self._set(energy_floor=ENERGY_FLOOR, longest_turn=LONGEST_TURN, large_turn=LARGE_TURN)

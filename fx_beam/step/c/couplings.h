@@ -185,27 +185,25 @@ static void project(const Problem *p, const Work *w, const double *r, double *ou
 /* Nodal forces of the last residual, with those of sliding nodes on their beams. */
 static const double *with_carried(const Problem *p, const Work *w) { return p->sliders ? w->loaded : w->r; }
 
-/* Forces of the joints on b, for the forces that the last residual `reduced` was from. */
-static void transmitted(const Problem *p, const Work *w, const double *r) {
-  const double *forces = w->reduced;
-  r = closed(p, w, r);
-  if (p->closures && p->auxiliaries) {
-    memset(w->columns, 0, (p->columns + p->auxiliaries) * sizeof(double));
-    add_rows(p, w, r, w->columns), collect_auxiliaries(p, w->virtual_map, w->columns);
-    forces = w->columns;
+/* Adds forces on nodes to those of the joints through which they pass, and to the leading nodes. */
+static void pass_forces(const Problem *p, int first, int end, double *on_nodes, double *on_joints) {
+  for (int k = first; k < end; ++k) {
+    double force = on_nodes[p->pass_dof[k]];
+    on_joints[p->pass_of[k]] += p->pass_sign[k] * force;
+    if (p->pass_to[k] >= 0) on_nodes[p->pass_to[k]] += force;
   }
-  memset(w->passing, 0, 2 * p->joints * sizeof(double));
-  for (int k = 0; k < p->followers; ++k)
-    w->passing[p->through[k]] += p->joint_sign[p->through[k]] * r[p->follower[k]];
-  for (int k = 0; k < p->auxiliary_arms; ++k)
-    w->passing[p->auxiliary_arm[k]] += p->joint_sign[p->auxiliary_arm[k]] * forces[p->columns + p->auxiliary_arm_of[k]];
-  for (int k = 0; k < p->closures; ++k)
-    if (p->closure_arm[k] >= 0) w->passing[p->closure_arm[k]] = w->closing[k];
 }
 
+/* Forces of the joints on b, but for their moments, after `project` of the last residual; those on nodes are in `passed`. */
+static void pass_through_joints(const Problem *p, const Work *w) {
+  memcpy(w->passed, closed(p, w, with_carried(p, w)), p->dofs * sizeof(double));
+  memset(w->joint_forces, 0, 3 * p->scene_joints * sizeof(double));
+  pass_forces(p, 0, p->passes_of_forces, w->passed, w->joint_forces);
+  for (int k = 0; k < p->closures; ++k) w->joint_forces[p->closure_force[k]] += w->closing[k];
+}
 
-/* Completes the reduced tangent, in the storage of its factors, after `project` of r. */
-HOT void reduce_tangent(const Problem *p, const Work *w, const double *r) {
+/* Completes the reduced tangent, in the storage of its factors, after `project` of the residual. */
+HOT void reduce_tangent(const Problem *p, const Work *w) {
   double *K = w->tangent, slopes[2][4];
   if (HAS(SLIDERS)) turn_beams(p, w);
   for (int k = 0; k < p->direct; ++k) K[p->direct_to[k]] += K[p->direct_from[k]];
@@ -213,10 +211,10 @@ HOT void reduce_tangent(const Problem *p, const Work *w, const double *r) {
   for (int k = 0; k < p->coupled; ++k)
     K[p->coupled_to[k]] += K[p->coupled_from[k]] * w->virtual_map[p->coupled_virtual[k]] *
                          w->values[p->coupled_value[k]] * p->coupled_sign[k];
-  if (p->geometric) transmitted(p, w, p->sliders ? w->loaded : r);
+  if (p->geometric) pass_through_joints(p, w);
   for (int k = 0; k < p->geometric; ++k) {
     int j = p->geometric_joint[k], kind = p->geometric_kind[k];
-    double *F = w->passing + 2 * j, *by = slopes[kind % 2] + kind / 2 * 2;
+    double *F = w->joint_forces + 3 * p->slide_of[j], *by = slopes[kind % 2] + kind / 2 * 2;
     if (!k || j != p->geometric_joint[k - 1]) slopes_of_joint(p, w, j, 1, slopes);
     K[p->geometric_to[k]] += p->geometric_sign[k] * (F[0] * by[0] + F[1] * by[1]);
   }

@@ -31,7 +31,7 @@ OF_STEPS int fx_balance(Problem *p, double dt, const double *z, const double *fo
   int closed = expand(&plain, w);
   balance(&plain, w);
   if (HAS(MEMBERS) && p->changing) change_rows(p);
-  reduce_tangent(p, w, w->r);
+  reduce_tangent(p, w);
   return closed;
 }
 

@@ -93,7 +93,7 @@ static void begin_fit(Problem *p, Work *w, const Fits *of, long row) {
   multiply_mass(p, w->D, w->scratch, K, 1, w->slope);
   for (int i = 0; i < p->dofs; ++i)
     if (p->viscous_weight[i] > 0) K[p->diagonal_at[i]] += p->viscous_weight[i];
-  reduce_tangent(p, w, w->r);
+  reduce_tangent(p, w);
   for (int i = 0; i < p->scales; ++i) stiff = fmax(stiff, K[p->scale_at[i]] / (p->scale_unit[i] * p->scale_unit[i]));
   p->yielding = stiff > 0 ? YIELDING / stiff : 0;
 }

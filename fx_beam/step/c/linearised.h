@@ -124,7 +124,7 @@ static int begin_taped(Problem *p, Work *w, const Derivatives *a, const double *
   if (p->friction_follows) set_axes(p, w);
   if (!l->adds) l->of[TOUCHED].count = 0;
   if (HAS(MEMBERS) && p->points->members) put_members(l->of + TOUCHED, p, &l->at);
-  reduce_tangent(p, w, w->r);
+  reduce_tangent(p, w);
   if (HAS(LOOPS) && w->transposed) factorise_closures(p, w, w->G_virtual, 0, w->part, w->part_order);
   return 1;
 }

@@ -279,7 +279,7 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
     if (p->may_overshoot) note_tangents(p->points);
     if (HAS(MEMBERS) && p->changing) change_rows(p);
     for (int i = free; i < p->columns; ++i) w->step[i] = 0;
-    if (!p->team.solve) reduce_tangent(p, w, w->r);
+    if (!p->team.solve) reduce_tangent(p, w);
     if (iteration == 1 && !order && largest_size(p->driven, driven) > 0) drive(p, w, driven);
     if (p->reused.worth) wanted = accuracy(p, w, &convergence);
     if (p->team.solve)

@@ -5,23 +5,10 @@
 #include "assembly.h"
 #include "couplings.h"
 
-/* Adds forces on nodes to those of the joints through which they pass, and to the leading nodes. */
-static void pass_forces(const Problem *p, int first, int end, double *on_nodes, double *on_joints) {
-  for (int k = first; k < end; ++k) {
-    double force = on_nodes[p->pass_dof[k]];
-    on_joints[p->pass_of[k]] += p->pass_sign[k] * force;
-    if (p->pass_to[k] >= 0) on_nodes[p->pass_to[k]] += force;
-  }
-}
-
 /* The joint forces of a sub-step; forces at nodes are evaluated. */
 static void find_joint_forces(const Problem *p, const Work *w) {
-  const double *r = closed(p, w, with_carried(p, w));
   double *on_nodes = w->passed, *on_joints = w->joint_forces;
-  memcpy(on_nodes, r, p->dofs * sizeof(double));
-  memset(on_joints, 0, 3 * p->scene_joints * sizeof(double));
-  pass_forces(p, 0, p->passes_of_forces, on_nodes, on_joints);
-  for (int k = 0; k < p->closures; ++k) on_joints[p->closure_force[k]] += w->closing[k];
+  pass_through_joints(p, w);
   /* Joints with an offset or a slide exert a moment on their guiding node, which is no moment of another
      joint. */
   for (int j = 0; HAS(COUPLED) && j < p->joints; ++j) {

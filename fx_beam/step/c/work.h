@@ -16,10 +16,9 @@
   OF(reduced, c) OF(step, c) OF(z, c) OF(columns, c) OF(start, c)                                           \
   OF(values, 1 + 4 * j) OF(virtual_map, 1 + 4 * j) OF(frame, 4 * j) OF(rho0, 2 * j) OF(t0, 2 * j)           \
   OF(rho1, 2 * j) OF(t1, 2 * j) OF(mean_t, 2 * j) OF(carrier_slope, j) OF(carrier_bend, j)                  \
-  OF(passing, 2 * j) OF(joint_forces, 3 * p->scene_joints)                                                  \
-  OF(y, p->positions) OF(row, p->rows ? 3 * u : 0) OF(tangent, p->stored_values + 4 * LANES)                \
-  OF(factorised, p->reused.worth && b ? p->tangent_start[p->free] : 0)                                        \
-  OF(residual, k) OF(proposed, k)                                                                           \
+  OF(joint_forces, 3 * p->scene_joints) OF(y, p->positions) OF(row, p->rows ? 3 * u : 0)                    \
+  OF(tangent, p->stored_values + 4 * LANES) OF(residual, k) OF(proposed, k)                                 \
+  OF(factorised, p->reused.worth && b ? p->tangent_start[p->free] : 0)                                      \
   OF(G, g) OF(G_virtual, g) OF(part, p->part_size) OF(part_virtual, p->part_size) OF(closure, m)            \
   OF(closure0, m) OF(closure_row, m ? c : 0) OF(pivoting, p->pivoting_size) OF(closing, m)                  \
   OF(closed, m ? n : 0)                                                                                     \
