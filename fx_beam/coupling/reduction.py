@@ -176,7 +176,8 @@ class Reduction:
         couplings, moving = self.couplings, self.couplings.moving
         equal = (self._entries.value_at == 0) & (self._entries.sign == 1)
         entries = self._entries.at(np.argsort(~equal, kind="stable"))
-        carrier = [rotation_of(joint.a) for joint in moving]
+        ends = [[rotation_of(node) for node in (joint.a, joint.b)] for joint in moving]
+        carrier, carried = np.array(ends, dtype=int).reshape(-1, 2).T
         # Rows that follow through joint m: 2 m for those in x, 2 m + 1 for those in y.
         below, through = self._entries.arms
         return {
@@ -190,7 +191,8 @@ class Reduction:
             **entries.members("entry"),
             "joints": len(moving),
             "joint_sign": couplings.sign[:2, [joint.number for joint in moving]].T,
-            "carrier": np.array(carrier, dtype=int),
+            "carrier": carrier,
+            "carried_node": carried,
             "slide_column": self._slide,
             "slide_of": np.array([joint.number for joint in moving], dtype=int),
             "track": np.array([joint.track.number for joint in moving], dtype=int),

@@ -139,6 +139,9 @@ class MemberContacts:
             margin=-1.0,
             slots=self._first_slots[-1],
             first_internal=first_internal,
+            has_slot=np.zeros(self._first_slots[-1], np.int32),
+            memory=np.zeros(self.width),
+            **{name: np.zeros(mesh.dofs.size) for name in ("searched_at", "start", "v", "product")},
         )
         # Freed with this object: C allocates as much as there are contact points.
         self._freed = ffi.gc(self._all, library.fx_free_members)

@@ -19,8 +19,7 @@ from fx_beam.fem.mesh import rotation_of
 from fx_beam.fem.sparsity import blocks_with
 from fx_beam.laws.schemes import MOST_SUB_STEPS
 from fx_beam.results.state import ARRAYS, MACROS, NUMBERS, State
-from fx_beam.scene.beam import Node
-from fx_beam.scene.joints import GROUND, joints_by_number
+from fx_beam.scene.joints import GROUND
 
 from .build import begin_to_build, load_library
 from .form_tables import FormTables, aligned_zeros
@@ -247,30 +246,8 @@ class Problem:
         to, of = self._on_slides
         point_stored_at[len(point_stored_at) - len(points.slides) + of] = to
         self._set(points=points.address, point_stored_at=point_stored_at)
-        if rows := self._slide_rates():
-            rates = np.zeros(model.scene.joint_count)
-            self._set(rated=len(rows), rated_slide=rows, slide_rate=rates)
-
-    def _slide_rates(self) -> list[dict[str, Any]]:
-        """Slides with forces as ``SlideRate`` of c/problem.h: what their rates depend on."""
-        model = self.model
-        sliders = [joint.number for joint in model.couplings.sliding]
-
-        def dofs(node: Node) -> np.ndarray:
-            return np.full(3, -1) if node is GROUND else model.mesh.dofs[node.number]
-
-        joints = joints_by_number(model.scene)
-        moving = {joint.number: m for m, joint in enumerate(model.couplings.moving)}
-        return [
-            {
-                "joint": joint.number,
-                "slider": sliders.index(joint.number) if joint.number in sliders else -1,
-                "a": dofs(joint.a),
-                "b": dofs(joint.b),
-                "moving": moving.get(joint.number, -1),
-            }
-            for joint in (joints[i] for i in np.unique(model.points.slides))
-        ]
+        if len(points.slides):
+            self._set(slide_rate=np.zeros(model.scene.joint_count))
 
     def _hand_over_rates(self, stored_at: np.ndarray) -> None:
         rates, fractions = self.model.scheme.rates, self.model.scheme.fractions
@@ -499,7 +476,7 @@ class Problem:
         sizes = {name: math.prod(array.lengths(model.sizes)) for name, array in ARRAYS.items()}
         sizes["driven_now"] = reduction.driven
         # Past of the predictor and of local errors: ages and divided differences.
-        known, order = self.library.PAST, self.library.MAX_ORDER if self.c.sub_steps > 1 else 0
+        known, order = self.library.PAST, self.library.MAX_ORDER
         past = {"ages": 1, "past": model.size + reduction.free}
         every = sizes | {name: known * n for name, n in past.items()}
         every |= {"error_ages": order, "error_past": order * model.size}

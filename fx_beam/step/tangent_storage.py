@@ -109,6 +109,7 @@ def bordering_tables(
         "row_at": rows,
         "unknown_at": columns,
         "sliders": len(tables),
+        "path_numbers": sum(slide.path.numbers.size for slide in sliders.all),
         "slider": tables,
         "beside": len(bordered.beside),
         "beside_row": bordered.rows,
@@ -124,14 +125,15 @@ def _sliders(
     model: Model, sliders: Sliders, at: np.ndarray, diagonal_at: np.ndarray
 ) -> list[dict[str, Any]]:
     """Sliding nodes as ``Slider``."""
-    tables, anchored, bordering_row = [], set(), len(sliders.outside)
+    tables, anchored, bordering_row, path = [], set(), len(sliders.outside), 0
     rates = model.scheme.rates
     for slide in sliders.all:
         beam, components = slide.joint.beam, len(slide.columns)
         table = slide.members() | {"turn_stored_at": diagonal_at[slide.dofs[:, 2]]}
         # Products of the derivatives of the virtual displacement and rotation (sliders.py).
         table["products"] = 0 if rates.level != 0.5 else 2 if components == 2 else 4
-        table["bordering_row"] = bordering_row
+        table["bordering_row"], table["path"] = bordering_row, path
+        path += slide.path.numbers.size
         light = rates.at_rest or model.massless[slide.dofs[:, :2]].any()
         if beam not in anchored and light:
             anchored.add(beam)

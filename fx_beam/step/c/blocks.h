@@ -64,19 +64,6 @@ static void vjp(const Block *b, double *x) {
   for (const Entry *e = b->entry + b->count; e-- > b->entry;) x[e->from] += e->slope * x[e->to];
 }
 
-/* Number of numbers of a path: arc lengths, positions, angles and coefficients, in the order of Path.numbers. */
-static long path_numbers(const Slider *a) {
-  long nodes = (long)a->degree * a->elements + 1;
-  return a->elements + 1 + 3 * nodes + 4L * a->elements * (3 * a->degree + 1);
-}
-
-/* Where those of a node begin among those of all. */
-static long path_start(const Problem *p, int slider) {
-  long start = 0;
-  for (int i = 0; i < slider; ++i) start += path_numbers(p->slider + i);
-  return start;
-}
-
 /* Room between large arrays, so that their distance is no multiple of a page of memory: a read waits for an earlier write at
    the same place of another page. */
 enum { SPACING = 40 };
@@ -100,7 +87,7 @@ KEPT Layout fx_layout(const Problem *p, const Derivatives *a) {
 #define ARRAY(name, size) l.name = next, next += size
   ARRAY(mass, 3 * p->mass_start[p->nodes]), ARRAY(weight, n), ARRAY(columns, p->load_start[p->loads]), ARRAY(points, points);
   ARRAY(natural_columns, p->naturals ? p->natural_start[p->naturals] : 0), ARRAY(offset, 2 * joints);
-  ARRAY(axis, 2 * joints), ARRAY(rest, joints), ARRAY(places, 3 * p->sliders), ARRAY(paths, path_start(p, p->sliders));
+  ARRAY(axis, 2 * joints), ARRAY(rest, joints), ARRAY(places, 3 * p->sliders), ARRAY(paths, p->path_numbers);
   ARRAY(members, a->member_numbers), ARRAY(arcs, a->member_arcs), ARRAY(member_places, n);
   ARRAY(internal_forces, p->cells * a->internal_forces.of_element), ARRAY(drag, p->cells * a->drag.of_element);
   ARRAY(Y, columns), ARRAY(q, n), ARRAY(v, n), ARRAY(q_previous, n), ARRAY(internal, internal);

@@ -41,7 +41,7 @@ static void begin_fits(const Problem *p, Work *w, const Derivatives *a, Fit *f) 
   at->q1 = at->q, at->Y1 = at->Y, at->slides = at->size;
   /* Numbers of beams change T alone, not what is linear in the rates: what it would read of them is zero. */
   l->at.places = at->size + SLIDE_NUMBERS * p->sliders, l->at.paths = l->at.places + 3 * p->sliders;
-  f->size = l->at.paths + path_start(p, p->sliders);
+  f->size = l->at.paths + p->path_numbers;
   Block *block[] = {of + DRIVEN, by + WEIGHED, by + SLID, by + LEVERS, by + CARRIED, of + TIED_BY_MAP, of + SPREAD_BY_MAP,
                     of + WEIGHED, of + TIED, of + EQUAL, of + SPREAD, of + SLID_BY_MAP, of + PLACED, of + INERT, of + LIGHT,
                     of + INERT_BY_MASS, of + CARRIED, of + COLLECTED, of + ROWS, of + ROWS_BY_MAP, of + MAPPED};

@@ -96,11 +96,8 @@ static void set_right_sides(const Problem *p, const Layout *at, const Changes *x
 /* The changes of closing forces and of forces of joints, and of those that friction follows. */
 static void jvp_joints(const Problem *p, const Work *w, const Linear *l, Changes *x) {
   const Layout *at = &l->at;
-  for (int j = 0; p->closures && j < GROUP_SIZE; ++j) {
-    for (int i = 0; i < p->closures; ++i) w->closure[i] = x[at->R + p->loop_column[p->following[i]]][j];
-    solve_closures(p, w, 1, w->part_virtual, w->order_virtual, w->closure);
-    for (int i = 0; i < p->closures; ++i) x[at->closing + i][j] = w->closure[i];
-  }
+  for (int i = 0; i < p->closures; ++i) x[at->closing + i] = x[at->R + p->loop_column[p->following[i]]];
+  if (p->closures) solve_closures(p, w, GROUP_SIZE, 1, w->part_virtual, w->order_virtual, (double *)(x + at->closing));
   jvp(l->of + CLOSED, x);
   jvp(l->of + JOINED, x);
 }

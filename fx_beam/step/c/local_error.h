@@ -5,15 +5,10 @@
 #include "newton.h"
 
 /* What a polynomial through the last configurations does not predict of a step of length dt, divided
-   by the product that is returned, in w->scratch. Without sub-steps the predictor knows it. */
+   by the product that is returned, in w->scratch. */
 static double unpredicted(Problem *p, const Work *w, double dt) {
   int n = p->dofs, order = p->scheme_order;
   double ages[MAX_ORDER + 1] = {dt}, product = dt, *now = w->scratch;
-  if (p->sub_steps == 1) {
-    memcpy(now, p->past + order * (n + p->free), n * sizeof(double));
-    for (int k = 1; k <= order; ++k) product *= p->ages[k];
-    return product;
-  }
   for (int k = 0; k < order; ++k) product *= ages[k + 1] = p->error_ages[k] + dt;
   for (int i = 0; i < n; ++i) now[i] = (p->q[i] - w->saved[i]) / dt;
   for (int k = 0; k < order; ++k) difference(n, ages[k + 1], now, p->error_past + k * n);

@@ -178,11 +178,11 @@ static void factorise_closures(const Problem *p, const Work *w, const double *G,
   }
 }
 
-/* Solves for the unknowns that follow, in the place of x. */
-HOT void solve_closures(const Problem *p, const Work *w, int transposed, const double *factors, const int *order, double *x) {
+/* Solves for the unknowns that follow, in the place of one or GROUP_SIZE right sides x. */
+HOT void solve_closures(const Problem *p, const Work *w, int sides, int transposed, const double *factors, const int *order, double *x) {
   for (int b = 0; b < p->blocks; ++b) {
     int begin = p->block_closure[b], m = p->block_closure[b + 1] - begin, *band = w->band + 2 * b;
-    solve_band_rows(1, m, band[transposed], band[!transposed], factors + p->block_part[b], order + begin, x + begin);
+    solve_band_rows(sides, m, band[transposed], band[!transposed], factors + p->block_part[b], order + begin, x + begin * sides);
   }
 }
 
@@ -233,7 +233,7 @@ static int correct_loops(const Problem *p, const Work *w, double *last) {
   *last = size;
   derive_closures(p, w, w->values, w->G);
   factorise_closures(p, w, w->G, 0, w->part, w->part_order);
-  solve_closures(p, w, 0, w->part, w->part_order, closure);
+  solve_closures(p, w, 1, 0, w->part, w->part_order, closure);
   for (int k = 0; k < m; ++k) w->z[p->loop_column[p->following[k]]] -= closure[k];
   return 0;
 }
@@ -254,14 +254,14 @@ static void complete(const Problem *p, const Work *w, double *z) {
     for (int k = p->closure_start[i]; k < p->closure_start[i + 1]; ++k)
       w->closure[i] += w->G[k] * z[p->loop_column[p->closure_near[k]]];
   }
-  if (HAS(LOOPS) && p->closures) solve_closures(p, w, 0, w->part, w->part_order, w->closure);
+  if (HAS(LOOPS) && p->closures) solve_closures(p, w, 1, 0, w->part, w->part_order, w->closure);
   for (int k = 0; k < p->closures; ++k) z[p->loop_column[p->following[k]]] = -w->closure[k];
 }
 
 /* Forces of the closing joints, those that leave no residual of the unknowns that follow. */
 static void close_residual(const Problem *p, const Work *w, double *R) {
   for (int k = 0; k < p->closures; ++k) w->closing[k] = R[p->loop_column[p->following[k]]];
-  solve_closures(p, w, 1, w->part_virtual, w->order_virtual, w->closing);
+  solve_closures(p, w, 1, 1, w->part_virtual, w->order_virtual, w->closing);
   for (int i = 0; i < p->closures; ++i)
     for (int k = p->closure_start[i]; k < p->closure_start[i + 1]; ++k)
       R[p->loop_column[p->closure_near[k]]] -= w->G_virtual[k] * w->closing[i];

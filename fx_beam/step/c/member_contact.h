@@ -73,9 +73,9 @@ typedef struct {
   long searches;            /* their number: when it changes, so do the contact points */
   int wide;                 /* whether the next search must have a larger margin */
   int slots, first_internal; /* of friction; where they begin among all internal variables */
-  struct { int *has_slot; }; /* [slots] whether a contact point has it */
+  int *has_slot;            /* [slots] whether a contact point has it */
   /* [dofs]: positions of the last search and of the start of the step, rates there, room; its slots */
-  struct { double *searched_at, *start, *v, *product, *memory; };
+  double *searched_at, *start, *v, *product, *memory;
   struct { ContactPoint *contact_point; };
   int contact_points, near_places, near_room;
   struct { NearPlace *near; }; /* [near_room] places of the last search */

@@ -19,8 +19,7 @@ static const double SPARE = 1.5, LASTS = 8, LEAST_MARGIN = 1e-3;
 enum { MOST_PIECES = 4 };
 
 void fx_free_members(MemberContacts *m) {
-  free(m->searched_at), free(m->start), free(m->v), free(m->product), free(m->contact_point), free(m->has_slot);
-  free(m->memory), free(m->near);
+  free(m->contact_point), free(m->near);
 }
 
 /* Positions of all degrees of freedom in a configuration. */
@@ -161,13 +160,6 @@ static void find_contact_points(MemberContacts *m, const double *x, double margi
   for (int k = 0; k < m->contact_points; ++k) m->contact_point[k] = contact_point_at(m, m->near + k);
 }
 
-static void allocate_members(MemberContacts *m) {
-  if (m->searched_at) return;
-  m->searched_at = calloc(m->dofs, sizeof(double)), m->v = calloc(m->dofs, sizeof(double));
-  m->start = calloc(m->dofs, sizeof(double)), m->product = calloc(m->dofs, sizeof(double));
-  m->has_slot = calloc(m->slots + 1, sizeof(int)), m->memory = calloc(IN_SLOT * m->slots + 1, sizeof(double));
-}
-
 static double *number_of(const MemberContact *c, int point) { return c->number + (long)point * c->numbers; }
 
 /* Where the internal variables, what is of places, and the numbers of a point are among what its law is given. */
@@ -265,7 +257,6 @@ static void begin_contact_point(MemberContacts *m, ContactPoint *e, double t, do
 /* The start of a step: contact points, and what does not change in it. */
 static void begin_members(MemberContacts *m, const double *q, const double *v, double t, double dt,
                              const double *internal) {
-  allocate_members(m);
   double step = fmax(m->step, v ? largest_motion(m, v, 0, fabs(dt)) : 0), least = HUGE_VAL;
   for (int k = 0; k < m->contacts; ++k) least = fmin(least, m->of[k].number[0]);
   double wanted = fmax(2 * SPARE * LASTS * step, LEAST_MARGIN * least);
@@ -516,7 +507,6 @@ static void add_energy(const MemberContacts *m, const NearPlace *near, const dou
 }
 
 static double stored_at_members(MemberContacts *m, Energy *to, const double *q, const double *internal) {
-  allocate_members(m);
   if (m->slots) add_energy_in_slots(m, to, internal + m->first_internal, 0);
   const double *x = positions(m, q, m->product);
   search(m, x, 0);
@@ -532,7 +522,6 @@ void fx_energy_by_members(MemberContacts *m, const double *q, const double *inte
 /* Of each point the least gap, at most 1. */
 static void member_gaps(MemberContacts *m, const double *q, double *out) {
   for (int i = 0; i < m->conditions; ++i) out[i] = 1;
-  allocate_members(m);
   search(m, positions(m, q, m->product), 0);
   for (const NearPlace *near = m->near; near < m->near + m->near_places; ++near) {
     double *gap = out + m->of[near->contact].first_point + near->point;

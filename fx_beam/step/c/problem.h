@@ -86,14 +86,6 @@ typedef struct {
   double slowest_size, slowest_error; /* of Newton's quadratic convergence in the last step */
 } ReusedFactors;
 
-/* A slide on which forces act that may depend on its rate at the start of a step. */
-typedef struct {
-  int joint;           /* whose slide it is, among all joints of the scene */
-  int slider;          /* number of the Slider of a node on a beam; -1 for other joints */
-  int moving;          /* number among the joints that depend on the motion; -1 on a beam */
-  int a[3], b[3];      /* degrees of freedom of the nodes; -1 for the ground */
-} SlideRate;
-
 /* An entry of T and Tv of a degree of freedom on which a contact point acts. */
 typedef struct {
   int of, row, column, value; /* which degree of freedom of the contact point; row of forces, unknown, and value */
@@ -158,9 +150,9 @@ typedef struct {
   int entries, *entry_row, *entry_column, *entry_value;
   double *entry_sign;
   int equal;            /* number of the first entries, which are 1: all, one of each row in turn, where nothing is COUPLED */
-  /* Joints whose arms depend on the motion: rotation of the carrier (-1: ground), column of the slide (-1: none), number among
+  /* Joints whose arms depend on the motion: rotations of the carrier and of the node it carries (-1: ground), column of the slide (-1: none), number among
      all joints, kind of Track; offset and axis in the frame of the carrier; signs of the arm's components in what they move. */
-  int joints, *carrier, *slide_column, *slide_of, *track;
+  int joints, *carrier, *carried_node, *slide_column, *slide_of, *track;
   double *offset, *axis, *joint_sign;
   int followers, *follower, *through; /* degrees of freedom that arms move; 2 j + i of component i of arm j */
   /* Auxiliary unknowns: degrees of freedom in long trees with columns of their own, behind all others (graph.py). Each
@@ -172,7 +164,7 @@ typedef struct {
     double *auxiliary_sign;
   };
   struct {
-    int sliders;
+    int sliders, path_numbers; /* nodes that slide on beams, and numbers of their paths (path.py) */
     Slider *slider;
   };
 
@@ -230,11 +222,7 @@ typedef struct {
   PointForces *points;  /* forces at points */
   int spring_width, follower_forces; /* number of their internal variables; of follower forces, the first external ones */
   struct { int *point_stored_at; }; /* of the entries of their tangents, -1 for none */
-  struct {
-    int rated;          /* slides on which forces act, and the rates of the slides of all joints */
-    SlideRate *rated_slide;
-    double *slide_rate;
-  };
+  struct { double *slide_rate; }; /* rates of the slides of all joints, if forces act on some */
   /* Parameters of the user's functions: whether they vary, and stored energies with them; the values with
      which forms and laws are evaluated, those of the state where they do not vary. */
   struct { int parameter_count, parameters_vary, energies_vary; double *parameter; };

@@ -5,40 +5,41 @@
 
 #include "blocks.h"
 
-/* Where its laws are put, and what they read: configurations and slides at both ends, its path, its numbers. */
+/* Where its laws are put, and what they read: configurations and slides at both ends, numbers of its path, its numbers. */
 typedef struct {
   Block *b;
   const Slider *a;
-  int q[2], slide[2], path, numbers;
+  int q[2], slide[2], arcs, positions, coefficients, angles, numbers;
 } SlideLaws;
 
 static SlideLaws laws_of(Block *b, const Problem *p, const Layout *at, int i) {
   const Slider *a = p->slider + i;
-  int path = at->paths + path_start(p, i), numbers = at->slides + i * SLIDE_NUMBERS;
-  return (SlideLaws){b, a, {at->q, at->q1}, {at->Y + a->column, at->Y1 + a->column}, path, numbers};
+  int nodes = a->degree * a->elements + 1, arcs = at->paths + a->path, positions = arcs + a->elements + 1;
+  int coefficients = positions + 2 * nodes, angles = coefficients + 4 * a->elements * (3 * a->degree + 1);
+  return (SlideLaws){b, a, {at->q, at->q1}, {at->Y + a->column, at->Y1 + a->column}, arcs, positions, coefficients, angles,
+                     at->slides + i * SLIDE_NUMBERS};
 }
 
 static void put_weights(const SlideLaws *s, const Weight *w, int to) {
   const Slider *a = s->a;
-  int each = 3 * a->degree + 1, all = s->path + a->elements + 1 + 2 * (a->degree * a->elements + 1);
+  int each = 3 * a->degree + 1;
   for (int k = 0; k < a->width; ++k)
     for (int end = 0; end < 2; ++end) put(s->b, s->slide[end], to + k, w->by[end][k]);
   for (const WeightPart *part = w->part; part < w->part + w->parts; ++part)
     for (int i = 0; i < each; ++i) {
       int k = a->degree * (part->element - 1) - a->first + i, first = 4 * (part->element * each + i);
       if (k < 0 || k >= a->width) continue;
-      put(s->b, s->path + part->element, to + k, product_of(4, a->coefficients + first, part->by_begin));
-      put(s->b, s->path + part->element + 1, to + k, product_of(4, a->coefficients + first, part->by_end));
-      for (int m = 0; m < 4; ++m) put(s->b, all + first + m, to + k, part->factor[m]);
+      put(s->b, s->arcs + part->element, to + k, product_of(4, a->coefficients + first, part->by_begin));
+      put(s->b, s->arcs + part->element + 1, to + k, product_of(4, a->coefficients + first, part->by_end));
+      for (int m = 0; m < 4; ++m) put(s->b, s->coefficients + first + m, to + k, part->factor[m]);
     }
 }
 
 /* A component of the configuration of a node of the window. */
 static void put_node(const SlideLaws *s, int end, int i, int k, int to, double slope) {
-  int node = s->a->first + k, positions = s->path + s->a->elements + 1;
-  int angles = s->path + path_numbers(s->a) - (s->a->degree * s->a->elements + 1);
+  int node = s->a->first + k;
   put(s->b, s->q[end] + s->a->dofs[3 * node + i], to, slope);
-  put(s->b, i < 2 ? positions + 2 * node + i : angles + node, to, slope);
+  put(s->b, i < 2 ? s->positions + 2 * node + i : s->angles + node, to, slope);
 }
 
 /* A component at one end, summed with weights. */

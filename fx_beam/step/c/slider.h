@@ -46,7 +46,7 @@ typedef struct {
 
 /* Its columns border the reduced tangent (bordering_rows.h). */
 typedef struct {
-  int joint, column;    /* number of the joint, and column of the arc length */
+  int joint, column, path; /* number of the joint, column of the arc length, where its path begins among numbers of paths */
   int components, carried[3], node[3]; /* columns of the node, and its degrees of freedom */
   /* The path: degree, elements, those of a window, those that a step may pass, and nodes of a window. */
   int degree, elements, window, most, width;

@@ -98,18 +98,20 @@ static double slider_rate(const Problem *p, const Slider *a) {
 }
 
 /* Rate of a slide at the start of a step (scene/joints.py). */
-static double rate_of_slide(const Problem *p, const SlideRate *a) {
-  if (HAS(SLIDERS) && a->slider >= 0) return slider_rate(p, p->slider + a->slider);
-  Two v = {at(p->v, a->b[0]) - at(p->v, a->a[0]), at(p->v, a->b[1]) - at(p->v, a->a[1])};
-  double d = p->slides[a->joint], spin = at(p->v, a->a[2]), turn = at(p->q, a->a[2]);
-  Track track = track_of(p->track[a->moving], p->axis + 2 * a->moving, d, d);
-  Two arm = pair(p->offset + 2 * a->moving) + track.place, seen = turn_by((Two){cos(turn), -sin(turn)}, v);
+static double rate_of_slide(const Problem *p, int j) {
+  int a = p->carrier[j], b = p->carried_node[j];
+  Two v = {at(p->v, b - 2) - at(p->v, a - 2), at(p->v, b - 1) - at(p->v, a - 1)};
+  double d = p->slides[p->slide_of[j]], spin = at(p->v, a), turn = at(p->q, a);
+  Track track = track_of(p->track[j], p->axis + 2 * j, d, d);
+  Two arm = pair(p->offset + 2 * j) + track.place, seen = turn_by((Two){cos(turn), -sin(turn)}, v);
   return dot2(track.chord, seen + spin * (Two){arm[1], -arm[0]});
 }
 
 /* At mid-step forces depend on mean rates alone. */
 static void find_slide_rates(const Problem *p, const Work *w) {
-  if (HAS(SLIDERS) && p->rated && p->level != 0.5) begin_sliders(p, w);
-  for (int i = 0; i < p->rated && p->level != 0.5; ++i)
-    p->slide_rate[p->rated_slide[i].joint] = rate_of_slide(p, p->rated_slide + i);
+  if (p->points->all == p->points->nodal || p->level == 0.5) return;
+  for (int j = 0; j < p->joints; ++j)
+    if (p->slide_column[j] >= 0) p->slide_rate[p->slide_of[j]] = rate_of_slide(p, j);
+  if (HAS(SLIDERS)) begin_sliders(p, w);
+  for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a) p->slide_rate[a->joint] = slider_rate(p, a);
 }
