@@ -414,13 +414,12 @@ class Problem:
         m, positions, wide = p.bordering_rows, p.positions, p.block
         at = np.frombuffer(buffer(p.order, 4 * n), np.int32)
         corner = np.frombuffer(buffer(to[7], 8 * m * m)).reshape(m, m)
-
-        def at_positions(values: Any, width: int, there: Any) -> np.ndarray:
-            of = np.frombuffer(buffer(values, 8 * positions * width)).reshape(-1, width)[at, :m]
-            is_there = np.frombuffer(buffer(there, 4 * positions), np.int32)[at, None] != 0
-            return np.where(is_there, of, 0.0)
-
-        return at_positions(to[6], wide, to[8]), at_positions(to[9], m, to[10]).T, corner
+        block = np.frombuffer(buffer(to[6], 8 * positions * wide)).reshape(-1, wide)[at, :m]
+        reached = np.frombuffer(buffer(to[8], 4 * positions), np.int32)[at]
+        rows = np.frombuffer(buffer(to[9], 8 * positions * m)).reshape(m, -1)[:, at]
+        first, last = np.frombuffer(buffer(to[10], 8 * m), np.int32).reshape(m, 2, 1).swapaxes(0, 1)
+        crossed = (first <= at) & (at <= last)
+        return np.where(reached[:, None] != 0, block, 0.0), np.where(crossed, rows, 0.0), corner
 
     def transposed(self) -> np.ndarray:
         """Storage index of each entry of the tangent in its transpose, among sparse factors.

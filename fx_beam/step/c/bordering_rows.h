@@ -15,7 +15,8 @@
 #include "sliders.h"
 
 static void begin_bordering_rows(const Problem *p, const Work *w) {
-  memset(w->reached, 0, p->positions * sizeof *w->reached), memset(w->crossed, 0, p->positions * sizeof *w->crossed);
+  memset(w->reached, 0, p->positions * sizeof *w->reached);
+  for (int i = 0; i < p->bordering_rows; ++i) w->crossed[2 * i] = p->positions, w->crossed[2 * i + 1] = -1;
   memset(w->corner, 0, (long)p->bordering_rows * p->bordering_rows * sizeof(double));
 }
 
@@ -29,9 +30,10 @@ INLINED void add_at(const Problem *p, const Work *w, int i, int j, double x) {
     w->block[(long)row * p->block + ON_BORDER - column] += x;
   } else if (column >= 0) {
     reach(p, w, column);
-    double *crossing = w->border + (long)column * p->bordering_rows;
-    if (!w->crossed[column]) w->crossed[column] = 1, memset(crossing, 0, p->bordering_rows * sizeof(double));
-    crossing[ON_BORDER - row] += x;
+    double *of = w->border + (long)(ON_BORDER - row) * p->positions;
+    int *crossed = w->crossed + 2 * (ON_BORDER - row);
+    widen(of, crossed, crossed + 1, column, column);
+    of[column] += x;
   } else {
     w->corner[(ON_BORDER - row) * p->bordering_rows + ON_BORDER - column] += x;
   }
@@ -157,10 +159,10 @@ INLINED void solve_sparse_columns(const Problem *p, const Work *w, int n) {
 HOT void factorise_corner(const Problem *p, const Work *w) {
   int m = p->bordering_rows;
   double soft = 0, *D = w->corner, *unit = w->corner_units, *per_most = unit + m;
-  for (long i = 0; i < p->positions; ++i)
-    for (int r = 0; w->crossed[i] && r < m; ++r) {
-      double c = w->border[i * m + r];
-      for (int j = 0; c != 0 && j < m; ++j) D[r * m + j] -= c * w->block[i * p->block + j];
+  for (int i = 0; i < m; ++i)
+    for (long k = w->crossed[2 * i]; k <= w->crossed[2 * i + 1]; ++k) {
+      double c = w->border[i * p->positions + k];
+      for (int j = 0; c != 0 && j < m; ++j) D[i * m + j] -= c * w->block[k * p->block + j];
     }
   for (int i = 0; i < m; ++i) unit[i] = 1;
   for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a)
@@ -189,9 +191,9 @@ INLINED void solve_corner(const Problem *p, const Work *w, int sides, double *g)
    right sides; the block has A^-1 B. x becomes the solution, as far as the bordering rows reach. */
 INLINED void solve_bordering_rows(const Problem *p, const Work *w, int sides, double *g, double *x) {
   int m = p->bordering_rows;
-  for (long i = 0; i < p->positions; ++i)
-    for (int j = 0; w->crossed[i] && j < m; ++j)
-      for (int k = 0; k < sides; ++k) g[j * sides + k] -= w->border[i * m + j] * x[i * sides + k];
+  for (int j = 0; j < m; ++j)
+    for (long i = w->crossed[2 * j]; i <= w->crossed[2 * j + 1]; ++i)
+      for (int k = 0; k < sides; ++k) g[j * sides + k] -= w->border[j * p->positions + i] * x[i * sides + k];
   solve_corner(p, w, sides, g);
   for (long i = 0; i < p->positions; ++i)
     for (int j = 0; w->reached[i] && j < m; ++j)

@@ -333,7 +333,8 @@ OF_STEPS void fx_results(const Problem *p, double **to) {
   Work w;
   lay_out(p, &w, p->scratch);
   to[0] = w.D, to[1] = w.z, to[2] = w.r, to[3] = w.tangent;
-  to[4] = w.f, to[5] = w.reduced, to[6] = w.block, to[7] = w.corner, to[8] = (double *)w.reached, to[9] = w.border, to[10] = (double *)w.crossed;
+  to[4] = w.f, to[5] = w.reduced, to[6] = w.block, to[7] = w.corner, to[8] = (double *)w.reached;
+  to[9] = w.border, to[10] = (double *)w.crossed;
 }
 
 #include "equations.h"

@@ -7,7 +7,7 @@
 
 /* Its arrays and their sizes, by numbers of `lay_out`: of degrees of freedom and of nodes; of columns; of joints, at both
    ends and over the step; of unknowns, which factors are made of; of loops, where `follows` has the closure that each of their
-   columns follows, or -1; by position what bordering columns and rows have there, and where they are `reached` and `crossed`. */
+   columns follows, or -1; by position bordering columns, and where these are `reached`; bordering rows, and the first and last positions they have. */
 #define ARRAYS(OF)                                                                                          \
   OF(D, n + 9) OF(path, n + 9) OF(slope, n + 9) OF(acc, n) OF(f, n + 4 * LANES) OF(r, n) OF(correction, n)  \
   OF(force, n) OF(dead, n) OF(scratch, n + p->free) OF(passed, n) OF(loaded, p->sliders ? n : 0)            \
@@ -22,11 +22,12 @@
   OF(G, g) OF(G_virtual, g) OF(part, p->part_size) OF(part_virtual, p->part_size) OF(closure, m)            \
   OF(closure0, m) OF(closure_row, m ? c : 0) OF(pivoting, p->pivoting_size) OF(closing, m)                  \
   OF(closed, m ? n : 0)                                                                                     \
-  OF(block, (long)p->positions * p->block) OF(border, p->positions * b) OF(corner, b * b) OF(corner_units, 2 * b) OF(bordering_right, b)
+  OF(block, (long)p->positions * p->block) OF(border, b * p->positions) OF(bordering_right, b)              \
+  OF(corner, b * b) OF(corner_units, 2 * b)
 /* Integers: among them the bands [blocks, 2] of factors. */
 #define INTEGERS(OF)                                                                                        \
   OF(follows, p->loop_columns) OF(largest_at, 3 * m) OF(band, 2 * p->blocks) OF(part_order, m)              \
-  OF(order_virtual, m) OF(corner_order, b) OF(reached, p->positions) OF(crossed, p->positions)
+  OF(order_virtual, m) OF(corner_order, b) OF(reached, p->positions) OF(crossed, 2 * b)
 #define NUMBERS(name, size) double *name;
 #define NUMBERED(name, size) int *name;
 
