@@ -441,13 +441,12 @@ class Problem:
         return stored
 
     def _hand_over_motors(self) -> None:
-        model = self.model
-        none = [-1] * len(model.prescribed)
+        prescribed, motors = [*self.model.prescribed], self.model.motors
         self._set(
-            driven_dof=[*model.prescribed, *[-1] * len(model.motors)],
-            motor_a=none + [rotation_of(joint.a) for joint, _ in model.motors],
-            motor_b=none + [rotation_of(joint.b) for joint, _ in model.motors],
-            motor_slide=none + [j.number if on == "slide" else -1 for j, on in model.motors],
+            driven_dof=prescribed + [-1] * len(motors),
+            motor_a=[-1] * len(prescribed) + [rotation_of(joint.a) for joint, _ in motors],
+            motor_b=prescribed + [rotation_of(joint.b) for joint, _ in motors],
+            motor_slides=[0] * len(prescribed) + [on == "slide" for _, on in motors],
         )
 
     def _hand_over_joint_forces(self) -> None:

@@ -50,6 +50,7 @@ class TapeDerivatives:
         addresses, numbers, sizes = zip(*(self._model.points.slopes or [(0, 0, 0)]), strict=True)
         slopes = np.array(addresses, np.uintp)
         self._structs.set(self.c, slopes=slopes, numbers=numbers, of_point=np.zeros(max(sizes) + 1))
+        self._structs.set(self.c, point_numbers=sum(numbers))
         members = self._model.points.members
         if members is not None:
             counts = {"member_numbers": len(members.numbers), "member_arcs": len(members.arcs)}

@@ -89,6 +89,7 @@ class VjpWork:
         )
         return {
             "slopes": table,
+            "blocks": sum(-(-len(chosen) // lanes) for chosen in cells),
             "numbers": first[-1],
             "of_state": sum(self._sizes[name] for name in self._sizes.keys() & of_states),
             "weights": sum(of_weights),

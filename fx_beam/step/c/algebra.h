@@ -33,27 +33,15 @@ HOT double dot(int n, const double *x, const double *y) { return product_of_all(
 /* Sum of |x| |y|. */
 HOT double dot_of_sizes(int n, const double *x, const double *y) { return product_of_all(n, x, y, 1); }
 
-static double double_of(int64_t bits) {
-  double value;
-  memcpy(&value, &bits, sizeof value);
-  return value;
-}
-
-static int64_t bits_of(double value) {
-  int64_t bits;
-  memcpy(&bits, &value, sizeof bits);
-  return bits;
-}
-
 /* Largest |x| / unit, or |x| without units; not finite if an x is not finite. The bits of sizes are compared as integers, as
    the compiler vectorises that: they are in the same order, and NaN is above all numbers. */
 INLINED double largest_of_all(int n, const double *x, const double *per_unit) {
-  int64_t top = 0;
+  union { double size; int64_t bits; } top = {0}, now;
   for (int i = 0; i < n; ++i) {
-    int64_t bits = bits_of(fabs(per_unit ? x[i] * per_unit[i] : x[i]));
-    top = bits > top ? bits : top;
+    now.size = fabs(per_unit ? x[i] * per_unit[i] : x[i]);
+    top.bits = now.bits > top.bits ? now.bits : top.bits;
   }
-  return double_of(top);
+  return top.size;
 }
 
 HOT double largest(int n, const double *x, const double *per_unit) { return largest_of_all(n, x, per_unit); }

@@ -78,14 +78,10 @@ enum {
 
 KEPT Layout fx_layout(const Problem *p, const Derivatives *a) {
   Layout l;
-  int next = 0, n = p->dofs, joints = p->joints, points = 0, followed = 0;
+  int next = 0, n = p->dofs, joints = p->joints;
   int columns = p->columns + p->auxiliaries, internal = p->cells * p->cell_internal, natural = p->cells * p->cell_natural;
-  for (int k = 0; k < p->points->all; ++k) {
-    const PointForce *e = p->points->of + k;
-    points += a->numbers[k], followed += e->load >= 0;
-  }
 #define ARRAY(name, size) l.name = next, next += size
-  ARRAY(mass, 3 * p->mass_start[p->nodes]), ARRAY(weight, n), ARRAY(columns, p->load_start[p->loads]), ARRAY(points, points);
+  ARRAY(mass, 3 * p->mass_start[p->nodes]), ARRAY(weight, n), ARRAY(columns, p->load_start[p->loads]), ARRAY(points, a->point_numbers);
   ARRAY(natural_columns, p->naturals ? p->natural_start[p->naturals] : 0), ARRAY(offset, 2 * joints);
   ARRAY(axis, 2 * joints), ARRAY(rest, joints), ARRAY(places, 3 * p->sliders), ARRAY(paths, p->path_numbers);
   ARRAY(members, a->member_numbers), ARRAY(arcs, a->member_arcs), ARRAY(member_places, n);
@@ -100,7 +96,7 @@ KEPT Layout fx_layout(const Problem *p, const Derivatives *a) {
   ARRAY(closures, p->closures), ARRAY(closing, p->closures);
   ARRAY(pushed, p->carried ? columns : 0), ARRAY(carried, p->carried ? n : 0);
   ARRAY(moments, p->scene_joints), ARRAY(forces, 3 * p->scene_joints), ARRAY(axes, 2 * p->sliders);
-  ARRAY(followed, followed), ARRAY(nowhere, 4 * LANES), ARRAY(size, 0);
+  ARRAY(followed, p->points->followed.size), ARRAY(nowhere, 4 * LANES), ARRAY(size, 0);
 #undef ARRAY
   return l;
 }

@@ -14,11 +14,6 @@ static void begin_points(const Problem *p, const Work *w) {
     memcpy(points->of[points->external + i].numbers, w->follower_force + 2 * i, 2 * sizeof(double));
 }
 
-static void evaluate_slides(const Problem *p, const Work *w) {
-  const PointForces *points = p->points;
-  if (points->all > points->nodal) fx_evaluate_points(points, points->nodal, points->all, w->D, w->z);
-}
-
 /* The arm of a joint and the tangent of its track, at a rotation of the carrier and a slide. */
 INLINED void set_arm(const Problem *p, int j, double *frame, double psi, double d, double *rho, double *t) {
   Track track = track_of(p->track[j], p->axis + 2 * j, d, d);
@@ -132,7 +127,7 @@ static int expand(const Problem *p, const Work *w) {
     for (; left && !correct_loops(p, w, &last); --left) expand_trees(p, w);
     linearise_loops(p, w);
   }
-  evaluate_slides(p, w);
+  fx_evaluate_points(p->points, p->points->nodal, p->points->all, w->D, w->z); /* on slides */
   return left > 0;
 }
 

@@ -7,8 +7,7 @@
 
 /* Begins a sub-step from the state. */
 OF_STEPS void fx_begin(Problem *p, double dt, const double *follower_force) {
-  Work work, *w = &work;
-  lay_out(p, w, p->scratch);
+  Work work = work_of(p), *w = &work;
   w->dt = dt, w->follower_force = follower_force;
   if (!p->at_rest) p->ratio = ratio_of_lengths(p, dt);
   double t = p->t + p->level * dt;
@@ -22,9 +21,8 @@ OF_STEPS void fx_begin(Problem *p, double dt, const double *follower_force) {
    if loops cannot be closed. */
 OF_STEPS int fx_balance(Problem *p, double dt, const double *z, const double *force) {
   Problem plain = *p;
-  Work work, *w = &work;
+  Work work = work_of(p), *w = &work;
   plain.hold = 0, plain.viscosity = 0, plain.team = (Team){0};
-  lay_out(p, w, p->scratch);
   w->dt = dt;
   memcpy(w->z, z, p->columns * sizeof(double));
   memcpy(w->force, force, p->dofs * sizeof(double));
@@ -44,8 +42,7 @@ OF_STEPS int fx_negative_pivots(const Problem *p) {
 
 /* Change of the forces with a small one of the nodes, by the last tangent; with `sizes` by the sizes of its entries. */
 OF_STEPS void fx_change(const Problem *p, const double *x, int sizes, double *out) {
-  Work w;
-  lay_out(p, &w, p->scratch);
+  Work w = work_of(p);
   const double *of_members = times_members(p->points->members, x);
   for (int i = 0; i < p->dofs; ++i) {
     out[i] = of_members ? of_members[i] : 0;

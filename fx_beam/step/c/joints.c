@@ -4,8 +4,7 @@
 
 /* Begins a step of the joints from the state; returns 0 in a singular position. */
 KEPT int fx_begin_joints(Problem *p) {
-  Work work, *w = &work;
-  lay_out(p, w, p->scratch);
+  Work work = work_of(p), *w = &work;
   w->dt = 0;
   return begin_couplings(p, w);
 }
@@ -13,15 +12,13 @@ KEPT int fx_begin_joints(Problem *p) {
 /* Finds the increments for those z of the columns, of which the ones that close loops are corrected if the loops `close`;
    returns 0 if these cannot be closed. `to` are the increments of nodes and columns, values of T and Tv, and closures. */
 KEPT int fx_expand(Problem *p, const double *z, int close, double **to) {
-  Work work, *w = &work;
+  Work work = work_of(p), *w = &work;
   int closed = 1;
-  lay_out(p, w, p->scratch);
   memcpy(w->z, z, p->columns * sizeof(double));
   if (close) closed = expand(p, w);
   else {
     expand_trees(p, w);
-    find_closures(p, w->D, w->rho0, w->rho1, w->closure);
-    for (int k = 0; k < p->closures; ++k) w->closure[k] += w->closure0[k];
+    find_closures(p, w->D, w->rho0, w->rho1, w->closure0, w->closure);
   }
   double *results[] = {w->D, w->z, w->values, w->virtual_map, w->closure};
   memcpy(to, results, sizeof results);

@@ -39,12 +39,6 @@ typedef struct {
 
 static const Vjp *work_of_elements(const Derivatives *a, int i) { return i ? &a->drag : &a->internal_forces; }
 
-static long blocks_of(const Form *form) {
-  long blocks = 0;
-  for (int i = 0; i < form->integrals; ++i) blocks += (form->of[i].cells + LANES - 1) / LANES;
-  return blocks;
-}
-
 static long lay_out_linear(const Problem *p, const Derivatives *a, Linear *l, double *at) {
   double *begin = at;
   long followed = (long)GROUP_SIZE * p->points->followed.size;
@@ -57,7 +51,7 @@ static long lay_out_linear(const Problem *p, const Derivatives *a, Linear *l, do
   l->following.memory = allocate(&at, FIXED_POINT_ROWS * followed);
   for (int i = 0; i < 2; ++i) {
     const Vjp *of = work_of_elements(a, i);
-    l->slopes[i] = allocate(&at, blocks_of(&of->slopes) * of->slope_numbers * LANES);
+    l->slopes[i] = allocate(&at, (long)of->blocks * of->slope_numbers * LANES);
   }
   return at - begin;
 }
@@ -96,14 +90,6 @@ static long end_linear(Linear *l, long left) {
 /* Rates at the end for an increment of the path; none in statics. */
 static double rates_per_path(const Problem *p, double dt) { return p->at_rest ? 0 : 2 / dt; }
 
-/* Of follower forces and others that are loads it is the last number. */
-static void set_load_factor(const Problem *p, const Derivatives *a) {
-  for (int k = p->points->external; k < p->points->nodal; ++k) {
-    const PointForce *e = p->points->of + k;
-    e->numbers[a->numbers[k] - 1] = p->ratio;
-  }
-}
-
 /* The forces of a sub-step of a tape, and its tangent; returns 0 in a singular position. */
 static int begin_taped(Problem *p, Work *w, const Derivatives *a, const double *row, Linear *l) {
   double dt = row[1], level;
@@ -113,7 +99,8 @@ static int begin_taped(Problem *p, Work *w, const Derivatives *a, const double *
   begin_loads(p, w, l->loads);
   if (p->naturals) begin_natural(p, w, l->natural);
   w->follower_force = l->follower_force;
-  if (p->at_rest) set_load_factor(p, a);
+  for (int k = p->points->external; p->at_rest && k < p->points->nodal; ++k)
+    p->points->of[k].numbers[a->numbers[k] - 1] = p->ratio; /* the last number of a load is its factor */
   fx_set_parameters(p->points, p->parameter);
   begin_internal(p, w->fields, level, dt, 0);
   begin_form(p, &p->drag, w->fields, level, dt);

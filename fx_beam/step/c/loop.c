@@ -94,13 +94,7 @@ static void audit(Problem *p, const Work *w, const double *change) {
   p->algorithmic = energy_of(p, w, &p->held_by_scheme);
   project(p, w, w->r, w->columns);
   for (int i = 0; i < p->driven; ++i) {
-    double along;
-    if (p->driven_dof[i] >= 0)
-      along = w->path[p->driven_dof[i]];
-    else if (p->motor_slide[i] >= 0)
-      along = change[i];
-    else
-      along = at(w->path, p->motor_b[i]) - at(w->path, p->motor_a[i]);
+    double along = p->motor_slides[i] ? change[i] : at(w->path, p->motor_b[i]) - at(w->path, p->motor_a[i]);
     p->work += mid(p, w->columns[p->free + i], p->constraint_forces[i]) * along;
   }
   scale(constrained, p->earlier, p->constraint_forces);
@@ -252,14 +246,12 @@ static int switched(const Problem *p) {
 
 /* Records the present state, from which the first step starts. */
 OF_STEPS void fx_record_start(Problem *p, Record *to) {
-  Work work, *w = &work;
-  lay_out(p, w, p->scratch);
+  Work work = work_of(p), *w = &work;
   record(p, w, to);
 }
 
 OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
-  Work work, *w = &work;
-  lay_out(p, w, p->scratch);
+  Work work = work_of(p), *w = &work;
   w->dt = 0;
   p->failure = p->stopped = 0;  // also where no step is to be taken
   if (p->watches) fx_find_switches(p->points, p->q, p->slides, p->sides);
@@ -330,8 +322,7 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Reco
 /* Where the results of the last step are: increments of nodes and columns, forces, tangent, internal forces and reduced
    residual; what borders the tangent (work.h). */
 OF_STEPS void fx_results(const Problem *p, double **to) {
-  Work w;
-  lay_out(p, &w, p->scratch);
+  Work w = work_of(p);
   to[0] = w.D, to[1] = w.z, to[2] = w.r, to[3] = w.tangent;
   to[4] = w.f, to[5] = w.reduced, to[6] = w.block, to[7] = w.corner, to[8] = (double *)w.reached;
   to[9] = w.border, to[10] = (double *)w.crossed;

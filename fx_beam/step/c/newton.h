@@ -22,15 +22,10 @@ static void evaluate_nodes(const Problem *p, const Work *w) {
 static void assemble(const Problem *p, const Work *w, double *K) {
   assemble_forces(p, &p->internal_forces, w->fields, w->f, K);
   if (p->drag.integrals) assemble_forces(p, &p->drag, w->fields, w->f, K);
-  if (p->points->all) {
-    evaluate_nodes(p, w);
-    fx_add_points(p->points, 0, p->points->nodal, 1, w->f);
-    fx_add_point_tangents(p->points, p->point_stored_at, K);
-  }
-  if (HAS(MEMBERS) && p->points->members) {
-    if (!p->points->all) evaluate_nodes(p, w);
-    fx_add_members(p->points->members, w->f);
-  }
+  evaluate_nodes(p, w);
+  fx_add_points(p->points, 0, p->points->nodal, 1, w->f);
+  fx_add_point_tangents(p->points, p->point_stored_at, K);
+  if (HAS(MEMBERS) && p->points->members) fx_add_members(p->points->members, w->f);
 }
 
 /* The forces r less their change with the last correction, in `scratch`: of some rows, or of all; zero elsewhere. */
@@ -44,12 +39,6 @@ static void corrected_forces(const Problem *p, const Work *w, int rows, const in
     out[i] = w->r[i] - (p->team.change ? out[i] : row_times(p, w->tangent, i, w->correction));
     if (of_members) out[i] -= of_members[i];
   }
-}
-
-/* Forces of supports and joints after the last correction, to first order; zero elsewhere. */
-static void update_reactions(const Problem *p, const Work *w) {
-  corrected_forces(p, w, p->reacting, p->reacts);
-  memcpy(w->r, w->scratch, p->dofs * sizeof(double));
 }
 
 /* x becomes (x - old) / age, and old becomes x. */
@@ -298,7 +287,10 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
     set_driven(p, driven, 1, w->z);
     work = along_step(p, w);
     int end = judge(p, w, &convergence, iteration, size, shortened, work, rest);
-    if (end) update_reactions(p, w);
+    if (end) { /* forces of supports and joints, to first order */
+      corrected_forces(p, w, p->reacting, p->reacts);
+      memcpy(w->r, w->scratch, n * sizeof(double));
+    }
     if (!expand(p, w)) return OPEN_LOOP;
     if (widest_turn(p, w->D) > p->max_turn) return TURNED_TOO_FAR;
     if (end) {

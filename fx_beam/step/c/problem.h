@@ -260,8 +260,9 @@ typedef struct {
   /* Increments of the columns and forces on the nodes of all sub-steps, if they are known. */
   struct { double *known, *known_forces; };
 
-  /* Driven columns: prescribed degrees of freedom (-1: a motor), then motors. */
-  int *driven_dof, *motor_a, *motor_b, *motor_slide;
+  /* Driven columns: prescribed degrees of freedom (-1: a motor), then motors. Degrees of freedom between which their forces do
+     work (-1: the ground), but for motors on slides. */
+  int *driven_dof, *motor_a, *motor_b, *motor_slides;
 
   /* Joint forces: how forces pass through joints from the nodes that follow to those that lead (-1: none),
      the former first; first displacements, then rotations. */
@@ -367,7 +368,7 @@ typedef struct {
   int of_element, q_previous; /* numbers of each element itself; whether there are derivatives by the configuration before */
   Form slopes;
   struct {
-    int numbers, of_state, weights, slope_numbers, pieces, made; /* the first `of_state` numbers are of the state */
+    int blocks, numbers, of_state, weights, slope_numbers, pieces, made; /* the first `of_state` numbers are of the state */
     int *piece_start, *number_at, *piece_numbers, *weight_at, *piece_weights, *end_of, *from, *to;
   };
 } Vjp;
@@ -406,9 +407,9 @@ typedef struct {
   double *by_unknowns, *share;
   double *slide_at_rest; /* in the reference configuration */
   /* Of the laws of forces at points: derivatives of each force and internal variable by start, increments, internal
-     variables, numbers and parameters, and room for them; how many numbers they have. */
+     variables, numbers and parameters, and room for them; how many numbers each has, and all. */
   Law **slopes;
-  int *numbers;
+  int *numbers, point_numbers;
   double *of_point;
   /* Position among sparse factors of each entry of the transposed tangent; of a chain or a band, of each stored value. */
   struct { int *transposed_at; };

@@ -64,6 +64,13 @@ OF_STEPS long fx_scratch(const Problem *p) {
   return lay_out(p, &w, 0);
 }
 
+/* The work space that a problem has. */
+static Work work_of(const Problem *p) {
+  Work w;
+  lay_out(p, &w, p->scratch);
+  return w;
+}
+
 /* Sets rows of the block to zero that were not yet reached: one, or those of a group of a chain. */
 static inline void reach(const Problem *p, const Work *w, int row) {
   int first = HAS(CHAIN) ? row / 3 * 3 : row, end = first + (HAS(CHAIN) ? 3 : 1);
