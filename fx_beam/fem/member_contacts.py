@@ -241,8 +241,9 @@ class MemberContacts:
             0 if law.law.energy is None else law.derivatives("energy").address for law in self.laws
         ]
         functions = self._ffi.new("Law *[]", [self._ffi.cast("Law *", at) for at in by])
-        arrays = (self._of(x) for x in (of_q, to["internal"], to["members"]))
-        self._c.fx_energy_by_members(self._all, self._of(q), self._of(internal), functions, *arrays)
+        arrays = [self._of(x) for x in (of_q, to["internal"], to["members"])]
+        energy = self._ffi.new("Energy *", [functions, 0.0, *arrays])
+        self._c.fx_stored_at_members(self._all, energy, self._of(q), self._of(internal))
         to["q"] += of_q
         return of_q.reshape(-1, 3)[:, :2]
 

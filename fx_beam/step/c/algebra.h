@@ -68,11 +68,13 @@ INLINED void multiply_mass(const Problem *p, const double *restrict x, double *r
 
 HOT void times_mass(const Problem *p, const double *x, double *out) { multiply_mass(p, x, out, 0, 0, 0); }
 
-/* Product of a row of the full tangent and a vector. */
-static double row_times(const Problem *p, const double *tangent, int row, const double *x) {
+/* Product of a row of the full tangent, or with `sizes` of the sizes of its entries, and a vector. */
+INLINED double row_times(const Problem *p, const double *tangent, int row, int sizes, const double *x) {
   double sum = 0;
-  for (int k = p->row_start[row]; k < p->row_start[row + 1]; ++k)
-    sum += tangent[p->stored_at[k]] * x[p->column_of[k]];
+  for (int k = p->row_start[row]; k < p->row_start[row + 1]; ++k) {
+    double entry = tangent[p->stored_at[k]];
+    sum += (sizes ? fabs(entry) : entry) * x[p->column_of[k]];
+  }
   return sum;
 }
 

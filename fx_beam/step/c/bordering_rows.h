@@ -179,14 +179,6 @@ HOT void factorise_corner(const Problem *p, const Work *w) {
   factorise_band(m, m, m, D, w->corner_order);
 }
 
-/* Solves for the unknowns of the bordering rows, of one or GROUP_SIZE right sides (solve_band_rows). */
-INLINED void solve_corner(const Problem *p, const Work *w, int sides, double *g) {
-  int m = p->bordering_rows;
-  for (int i = 0; i < m * sides; ++i) g[i] *= w->corner_units[m + i / sides];
-  solve_band_rows(sides, m, m, m, w->corner, w->corner_order, g);
-  for (int i = 0; i < m * sides; ++i) g[i] *= w->corner_units[i / sides];
-}
-
 /* Unknowns y of the bordering rows from their right sides g, in the place of these, and A^-1 b in x, of one or GROUP_SIZE
    right sides; the block has A^-1 B. x becomes the solution, as far as the bordering rows reach. */
 INLINED void solve_bordering_rows(const Problem *p, const Work *w, int sides, double *g, double *x) {
@@ -194,7 +186,9 @@ INLINED void solve_bordering_rows(const Problem *p, const Work *w, int sides, do
   for (int j = 0; j < m; ++j)
     for (long i = w->crossed[2 * j]; i <= w->crossed[2 * j + 1]; ++i)
       for (int k = 0; k < sides; ++k) g[j * sides + k] -= w->border[j * p->positions + i] * x[i * sides + k];
-  solve_corner(p, w, sides, g);
+  for (int i = 0; i < m * sides; ++i) g[i] *= w->corner_units[m + i / sides];
+  solve_band_rows(sides, m, m, m, w->corner, w->corner_order, g);
+  for (int i = 0; i < m * sides; ++i) g[i] *= w->corner_units[i / sides];
   for (long i = 0; i < p->positions; ++i)
     for (int j = 0; w->reached[i] && j < m; ++j)
       for (int k = 0; k < sides; ++k) x[i * sides + k] -= w->block[i * p->block + j] * g[j * sides + k];

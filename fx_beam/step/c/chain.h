@@ -67,13 +67,14 @@ INLINED void eliminate_next(const Work *w, int k, int way, int keep, Four *diago
 /* Elimination for the right side y; returns 0 if a pivot is zero. Proceeds from both ends to the group `middle`, of which
    y becomes the solution: the processor can overlap the divisions. With `keep` for further right sides. */
 INLINED int eliminate_chain(const Problem *p, const Work *w, int middle, int keep) {
-  int last = p->chain - 1, k = 0;
+  int last = p->chain - 1;
   double none[GROUP] = {0};
   Four down[3], up[3], diagonal[3], u[3];
   diagonal_rows(w, 0, down), diagonal_rows(w, last, up);
-  for (; k < middle && k < last - middle; ++k) eliminate_next(w, k, 1, keep, down), eliminate_next(w, last - k, -1, keep, up);
-  for (int i = k; i < middle; ++i) eliminate_next(w, i, 1, keep, down);
-  for (int i = k; i < last - middle; ++i) eliminate_next(w, last - i, -1, keep, up);
+  for (int k = 0; k < middle || k < last - middle; ++k) {
+    if (k < middle) eliminate_next(w, k, 1, keep, down);
+    if (k < last - middle) eliminate_next(w, last - k, -1, keep, up);
+  }
   /* Both have the diagonal rows of the group in the middle, with one side's contribution each. */
   diagonal_rows(w, middle, diagonal);
   for (int i = 0; i < 3; ++i) diagonal[i] = down[i] + (up[i] - diagonal[i]);

@@ -44,11 +44,5 @@ OF_STEPS int fx_negative_pivots(const Problem *p) {
 OF_STEPS void fx_change(const Problem *p, const double *x, int sizes, double *out) {
   Work w = work_of(p);
   const double *of_members = times_members(p->points->members, x);
-  for (int i = 0; i < p->dofs; ++i) {
-    out[i] = of_members ? of_members[i] : 0;
-    for (int k = p->row_start[i]; k < p->row_start[i + 1]; ++k) {
-      double entry = w.tangent[p->stored_at[k]];
-      out[i] += (sizes ? fabs(entry) : entry) * x[p->column_of[k]];
-    }
-  }
+  for (int i = 0; i < p->dofs; ++i) out[i] = row_times(p, w.tangent, i, sizes, x) + (of_members ? of_members[i] : 0);
 }

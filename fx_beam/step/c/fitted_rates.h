@@ -48,13 +48,12 @@ static void begin_fits(const Problem *p, Work *w, const Derivatives *a, Fit *f) 
   memcpy(f->block, block, sizeof block);
   for (int i = 0; i < p->driven; ++i) put(of + DRIVEN, l->at.driven + i, l->at.Y1 + p->free + i, 1);
   for (int i = 0; i < p->dofs; ++i)
-    for (int k = p->mass_start[i / 3]; k < p->mass_start[i / 3 + 1]; ++k)
-      for (int end = 0, at = p->mass_dof[k] + i % 3; end < 2; ++end)
-        put(of + INERT, (end ? l->at.q1 : l->at.v) + at, l->at.r + i, (end ? 1 : -1) * p->mass[3 * k + i % 3]);
-  for (int i = 0; i < p->dofs; ++i) {
-    double little = p->viscous_weight[i];
-    put(of + LIGHT, l->at.q1 + i, l->at.r + i, little), put(of + LIGHT, l->at.v + i, l->at.r + i, -little);
-  }
+    for (int end = 0; end < 2; ++end) {
+      int from = end ? l->at.q1 : l->at.v, sign = end ? 1 : -1;
+      for (int k = p->mass_start[i / 3]; k < p->mass_start[i / 3 + 1]; ++k)
+        put(of + INERT, from + p->mass_dof[k] + i % 3, l->at.r + i, sign * p->mass[3 * k + i % 3]);
+      put(of + LIGHT, from + i, l->at.r + i, sign * p->viscous_weight[i]);
+    }
   f->solutions = of[LIGHT].count || p->closures ? 2 : 1;
 }
 

@@ -81,6 +81,13 @@ typedef struct {
   struct { NearPlace *near; }; /* [near_room] places of the last search */
 } MemberContacts;
 
+/* The stored energy; if there are functions `by`, of each contact that of the derivatives of its energy by all that its law is
+   given, also the derivatives by degrees of freedom, internal variables and all numbers. */
+typedef struct {
+  Law **by;
+  double sum, *of_q, *of_internal, *of_numbers;
+} Energy;
+
 /* What is wrong at the end of a step: nothing, points have moved further than was expected, a point has passed through
    a member, or has moved further along one than its contact point can. */
 enum { MEMBERS_FINE, MEMBERS_MOVED, MEMBERS_PASSED, MEMBERS_SLID };
@@ -89,7 +96,4 @@ void fx_free_members(MemberContacts *m);
 void fx_evaluate_members(MemberContacts *m, const double *D);
 void fx_add_members(const MemberContacts *m, double *f);
 int fx_check_members(MemberContacts *m, const double *D);
-/* Adds the derivatives of the stored energy by degrees of freedom, internal variables and all numbers; of each contact
-   a function has those of its energy by all that its law is given. */
-void fx_energy_by_members(MemberContacts *m, const double *q, const double *internal, Law **by, double *of_q,
-                          double *of_internal, double *of_numbers);
+double fx_stored_at_members(MemberContacts *m, Energy *to, const double *q, const double *internal);

@@ -422,12 +422,6 @@ int fx_check_members(MemberContacts *m, const double *D) {
   return state;
 }
 
-/* The stored energy, and its derivatives if there are functions `by` of all contacts (fx_energy_by_members). */
-typedef struct {
-  Law **by;
-  double sum, *of_q, *of_internal, *of_numbers;
-} Energy;
-
 /* Adds that of a point at a distance; sets its slopes, the derivatives by all that the law is given. */
 static void add_energy_at(const MemberContacts *m, Energy *to, int contact, int point, double distance,
                           const double *internal, double *slopes) {
@@ -506,17 +500,12 @@ static void add_energy(const MemberContacts *m, const NearPlace *near, const dou
   }
 }
 
-static double stored_at_members(MemberContacts *m, Energy *to, const double *q, const double *internal) {
+double fx_stored_at_members(MemberContacts *m, Energy *to, const double *q, const double *internal) {
   if (m->slots) add_energy_in_slots(m, to, internal + m->first_internal, 0);
   const double *x = positions(m, q, m->product);
   search(m, x, 0);
   for (int k = 0; k < m->near_places; ++k) add_energy(m, m->near + k, x, to);
   return to->sum;
-}
-
-void fx_energy_by_members(MemberContacts *m, const double *q, const double *internal, Law **by, double *of_q,
-                          double *of_internal, double *of_numbers) {
-  stored_at_members(m, &(Energy){by, 0, of_q, of_internal, of_numbers}, q, internal);
 }
 
 /* Of each point the least gap, at most 1. */

@@ -36,7 +36,7 @@ static void corrected_forces(const Problem *p, const Work *w, int rows, const in
   if (p->team.change) p->team.change(w->correction, out);
   for (int k = 0; k < rows; ++k) {
     int i = some ? some[k] : k;
-    out[i] = w->r[i] - (p->team.change ? out[i] : row_times(p, w->tangent, i, w->correction));
+    out[i] = w->r[i] - (p->team.change ? out[i] : row_times(p, w->tangent, i, 0, w->correction));
     if (of_members) out[i] -= of_members[i];
   }
 }

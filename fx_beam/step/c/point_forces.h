@@ -79,7 +79,7 @@ double fx_lost_at_points(const PointForces *p, const double *D, const double *z)
 }
 
 double fx_stored_at_points(const PointForces *p, const double *q, const double *slide, const double *internal) {
-  double sum = HAS(MEMBERS) && p->members ? stored_at_members(p->members, &(Energy){0}, q, internal) : 0;
+  double sum = HAS(MEMBERS) && p->members ? fx_stored_at_members(p->members, &(Energy){0}, q, internal) : 0;
   for (const PointForce *e = p->of; e < p->of + p->all; ++e) {
     if (!e->energy) continue;
     place_at(e, q, slide);
