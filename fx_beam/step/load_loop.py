@@ -152,4 +152,9 @@ class LoadLoop(CompiledLoop):
         p = self._problem
         if self.together is not None or p.raised or p.old_factors:
             return None
-        return self.problem.library.fx_negative_pivots(p)
+        if not p.unknowns:
+            return 0
+        rows, buffer = p.rows, self._ffi.buffer
+        factors = np.frombuffer(buffer(rows.factors, 8 * rows.start[p.unknowns]))
+        diagonal = np.frombuffer(buffer(rows.diagonal, 4 * p.unknowns), np.int32)
+        return int((factors[diagonal] < 0).sum())

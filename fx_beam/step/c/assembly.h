@@ -71,24 +71,6 @@ static void begin_form(const Problem *p, const Form *form, const double *const *
   set_time(p, form, t, dt);
 }
 
-/* The same for the internal forces. With `look`, returns whether a section is inverted (eq. 4) at the start of the step. The
-   padding of the last block repeats an element and has no effect. */
-static int begin_internal(const Problem *p, const double *const *fields, double t, double dt, int look) {
-  const Form *form = &p->internal_forces, *inversion = &p->inversion;
-  double sums[LANES] = {0}, A[LANES];
-  int start = 0;
-  begin_form(p, form, fields, t, dt);
-  if (!look || !form->integrals) return 0; /* the latter without beams */
-  while (form->kind[start] != START) ++start;
-  for (const Integral *of = form->of; of < form->of + form->integrals; ++of)
-    for (long block = 0; block * LANES < of->cells; ++block) {
-      inversion->of->batch(A, of->packed + (block * form->width + form->offset[start]) * LANES,
-                           inversion->constants, of->coordinates + block * p->cell_coordinates * LANES);
-      for (int l = 0; l < LANES; ++l) sums[l] += A[l];
-    }
-  return sum_of(sums) > 0;
-}
-
 /* Adds the entries of an element tensor, for LANES elements. */
 INLINED void add(int entries, const int *to, const double *tensors, double *out) {
   for (int j = 0; j < entries * LANES; j += LANES)

@@ -12,7 +12,7 @@ OF_STEPS void fx_begin(Problem *p, double dt, const double *follower_force) {
   if (!p->at_rest) p->ratio = ratio_of_lengths(p, dt);
   double t = p->t + p->level * dt;
   if (p->strains_at_end) begin_natural(p, w, 0);
-  begin_internal(p, w->fields, t, dt, 0);
+  begin_form(p, &p->internal_forces, w->fields, t, dt);
   begin_form(p, &p->drag, w->fields, t, dt);
   begin_couplings(p, w);
 }
@@ -31,13 +31,6 @@ OF_STEPS int fx_balance(Problem *p, double dt, const double *z, const double *fo
   if (HAS(MEMBERS) && p->changing) change_rows(p);
   reduce_tangent(p, w);
   return closed;
-}
-
-/* Number of negative pivots of the last sparse factors. */
-OF_STEPS int fx_negative_pivots(const Problem *p) {
-  int negative = 0;
-  for (int i = 0; i < p->unknowns; ++i) negative += p->rows->factors[p->rows->diagonal[i]] < 0;
-  return negative;
 }
 
 /* Change of the forces with a small one of the nodes, by the last tangent; with `sizes` by the sizes of its entries. */

@@ -102,7 +102,7 @@ static int begin_taped(Problem *p, Work *w, const Derivatives *a, const double *
   for (int k = p->points->external; p->at_rest && k < p->points->nodal; ++k)
     p->points->of[k].numbers[a->numbers[k] - 1] = p->ratio; /* the last number of a load is its factor */
   fx_set_parameters(p->points, p->parameter);
-  begin_internal(p, w->fields, level, dt, 0);
+  begin_form(p, &p->internal_forces, w->fields, level, dt);
   begin_form(p, &p->drag, w->fields, level, dt);
   if (!begin_couplings(p, w) && !choose_ahead(p, w)) return 0;
   if (!expand(p, w)) return 0;

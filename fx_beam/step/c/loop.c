@@ -43,18 +43,18 @@ static void begin_natural(const Problem *p, const Work *w, const double *factors
       w->natural_end[p->natural_at[i]] += p->natural_value[i] * factors[k];
 }
 
-/* Counts steps that end with inverted sections, and stores the first configuration. */
-static void count_inverted(Problem *p) {
-  if (p->inverted++ > 0) return;
-  p->inverted_t = p->t;
-  memcpy(p->inverted_q, p->q, p->dofs * sizeof(double));
-}
-
-/* An energy of the step; zero without a form for it. */
+/* An energy of the step, or another sum over elements; zero without a form for it. */
 static double energy_of(const Problem *p, const Work *w, const Form *form) {
   if (!form->integrals) return 0;
   begin_form(p, form, w->fields, p->t, w->dt);
   return assemble_scalar(p, form, w->fields);
+}
+
+/* Counts steps that end with inverted sections (eq. 4), and stores the first configuration. */
+static void count_inverted(Problem *p, const Work *w) {
+  if (!(energy_of(p, w, &p->inversion) > 0) || p->inverted++ > 0) return;
+  p->inverted_t = p->t;
+  memcpy(p->inverted_q, p->q, p->dofs * sizeof(double));
 }
 
 /* Evaluates forms and laws with other values of the parameters. */
@@ -117,7 +117,7 @@ static int follow_joints(Problem *p, Work *w, const double *driven, double t) {
     find_joint_forces(p, w);
     set_axes(p, w);
     if (!follow_forces(p->points, w->joint_forces, p->q, w->D, p->level, still, p->spring_internal)) return OK;
-    begin_internal(p, w->fields, t, w->dt, 0);
+    begin_form(p, &p->internal_forces, w->fields, t, w->dt);
     long before = p->iterations;
     int failure = newton(p, w, driven, GO_ON);
     if (failure) return failure;
@@ -167,7 +167,8 @@ static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs 
   if (!p->at_rest) p->ratio = ratio_of_lengths(p, dt);
   const double *parameters = inputs->parameters + k * 2 * p->parameter_count;
   if (p->parameters_vary) use_parameters(p, parameters);
-  if (begin_internal(p, w->fields, t, dt, look)) count_inverted(p);
+  if (look) count_inverted(p, w);
+  begin_form(p, &p->internal_forces, w->fields, t, dt);
   begin_form(p, &p->drag, w->fields, t, dt);
   begin_form(p, &p->added, w->fields, t, dt);
   int *order = p->orders + sub_step;
@@ -315,7 +316,7 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Reco
     if (to->tape) to->tape->rows = taped;
     return k;
   }
-  if (unchecked && begin_internal(p, w->fields, p->t, dt, 1)) count_inverted(p);
+  if (unchecked) count_inverted(p, w);
   return steps;
 }
 
