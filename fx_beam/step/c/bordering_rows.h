@@ -14,12 +14,6 @@
 #include "loops.h"
 #include "sliders.h"
 
-static void begin_bordering_rows(const Problem *p, const Work *w) {
-  memset(w->reached, 0, p->positions * sizeof *w->reached);
-  for (int i = 0; i < p->bordering_rows; ++i) w->crossed[2 * i] = p->positions, w->crossed[2 * i + 1] = -1;
-  memset(w->corner, 0, (long)p->bordering_rows * p->bordering_rows * sizeof(double));
-}
-
 /* Adds a number in a row and a column of the system, or of its transpose: positions in the elimination, or
    ON_BORDER less the number of a bordering row. Nothing for -1, and nothing is added to A. */
 INLINED void add_at(const Problem *p, const Work *w, int i, int j, double x) {
@@ -113,7 +107,9 @@ static void bordering_closures(const Problem *p, const Work *w) {
 
 /* The bordering rows for the tangent of a step. */
 HOT void fill_bordering_rows(const Problem *p, const Work *w) {
-  begin_bordering_rows(p, w);
+  memset(w->reached, 0, p->positions * sizeof *w->reached);
+  for (int i = 0; i < p->bordering_rows; ++i) w->crossed[2 * i] = p->positions, w->crossed[2 * i + 1] = -1;
+  memset(w->corner, 0, (long)p->bordering_rows * p->bordering_rows * sizeof(double));
   for (int i = 0; i < p->sliders; ++i)
     bordering_slider(p, w, p->slider + i), anchor_beam(p, w, p->slider + i);
   bordering_closures(p, w);

@@ -179,7 +179,8 @@ static void factorise_closures(const Problem *p, const Work *w, const double *G,
 }
 
 /* Solves for the unknowns that follow, in the place of one or GROUP_SIZE right sides x. */
-HOT void solve_closures(const Problem *p, const Work *w, int sides, int transposed, const double *factors, const int *order, double *x) {
+HOT void solve_closures(const Problem *p, const Work *w, int sides, int transposed, const double *factors, const int *order,
+                        double *x) {
   for (int b = 0; b < p->blocks; ++b) {
     int begin = p->block_closure[b], m = p->block_closure[b + 1] - begin, *band = w->band + 2 * b;
     solve_band_rows(sides, m, band[transposed], band[!transposed], factors + p->block_part[b], order + begin, x + begin * sides);

@@ -150,8 +150,9 @@ typedef struct {
   int entries, *entry_row, *entry_column, *entry_value;
   double *entry_sign;
   int equal;            /* number of the first entries, which are 1: all, one of each row in turn, where nothing is COUPLED */
-  /* Joints whose arms depend on the motion: rotations of the carrier and of the node it carries (-1: ground), column of the slide (-1: none), number among
-     all joints, kind of Track; offset and axis in the frame of the carrier; signs of the arm's components in what they move. */
+  /* Joints whose arms depend on the motion: rotations of the carrier and of the node it carries (-1: ground), column of the
+     slide (-1: none), number among all joints, kind of Track; offset and axis in the frame of the carrier; signs of the arm's
+     components in what they move. */
   int joints, *carrier, *carried_node, *slide_column, *slide_of, *track;
   double *offset, *axis, *joint_sign;
   int followers, *follower, *through; /* degrees of freedom that arms move; 2 j + i of component i of arm j */
@@ -183,8 +184,8 @@ typedef struct {
   ReusedFactors reused;
   struct { ChangingRows *changing; };
   /* Bordering rows (bordering_rows.h): their number, the first of forces that close loops on beams, columns of a block of right
-     sides; of each column of the scene row and column in the system: a position in the
-     elimination, -1 for none, or a bordering row. */
+     sides; of each column of the scene row and column in the system: a position in the elimination, -1 for none, or a
+     bordering row. */
   struct { int bordering_rows, carrier_bordering, block, *row_at, *unknown_at; };
   struct { int beside, *beside_row, *beside_column, *beside_at; }; /* entries of the tangent in them, and where these are stored */
   /* How the reduced tangent is made of the full one: entries that are added as they are, `from` which `to` which; others times

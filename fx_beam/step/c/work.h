@@ -7,7 +7,8 @@
 
 /* Its arrays and their sizes, by numbers of `lay_out`: of degrees of freedom and of nodes; of columns; of joints, at both
    ends and over the step; of unknowns, which factors are made of; of loops, where `follows` has the closure that each of their
-   columns follows, or -1; by position bordering columns, and where these are `reached`; bordering rows, and the first and last positions they have. */
+   columns follows, or -1; by position bordering columns, and where these are `reached`, and bordering rows, with the first and
+   the last position of each. */
 #define ARRAYS(OF)                                                                                          \
   OF(D, n + 9) OF(path, n + 9) OF(slope, n + 9) OF(acc, n) OF(f, n + 4 * LANES) OF(r, n) OF(correction, n)  \
   OF(force, n) OF(dead, n) OF(scratch, n + p->free) OF(passed, n) OF(loaded, p->sliders ? n : 0)            \
