@@ -69,7 +69,7 @@ INLINED void multiply_mass(const Problem *p, const double *restrict x, double *r
 HOT void times_mass(const Problem *p, const double *x, double *out) { multiply_mass(p, x, out, 0, 0, 0); }
 
 /* Product of a row of the full tangent, or with `sizes` of the sizes of its entries, and a vector. */
-INLINED double row_times(const Problem *p, const double *tangent, int row, int sizes, const double *x) {
+static double row_times(const Problem *p, const double *tangent, int row, int sizes, const double *x) {
   double sum = 0;
   for (int k = p->row_start[row]; k < p->row_start[row + 1]; ++k) {
     double entry = tangent[p->stored_at[k]];
