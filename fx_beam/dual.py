@@ -197,7 +197,7 @@ def slopes_by(x: np.ndarray, without: Iterable[int] = ()) -> Iterator[Dual]:
 
 @contextmanager
 def without_slopes(here: bool = True) -> Iterator[None]:
-    """A block in which numbers of scenes are plain, if it is `here`."""
+    """A block in which numbers of scenes are plain; without `here` nothing changes."""
     before = _COUNT.set(0 if here else _COUNT.get())
     try:
         yield

@@ -70,10 +70,10 @@ class Differentiable:
         """The scene of parameters; SceneError if `build` gives something else."""
         raise NotImplementedError
 
-    def _built(self, x: Any, *more: Any) -> Any:
-        """What `build` gives."""
+    def _built(self, *given: Any) -> Any:
+        """What `build` gives for what it is called with."""
         self._calls.begin_scene()
-        return self._build(x, *more)
+        return self._build(*given)
 
     def _begin_call(self, x: Any) -> np.ndarray:
         """The parameters of a call; there are no derivatives until it succeeds."""

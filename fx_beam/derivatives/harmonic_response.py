@@ -42,7 +42,7 @@ class HarmonicResponse(TangentResponse):
     ``values = run(x)`` builds the scene of the parameters x and computes complex amplitudes as
     `frequency_response` does. With :math:`D = K + i \omega C - \omega^2 M` and :math:`D \hat x =
     \hat F`, the derivative of a component :math:`r.\hat x` is :math:`\lambda.(\hat F_x - D_x \hat
-    x) + r_x.\hat x`, with :math:`D^T \lambda = r`: one more substitution for each frequency and
+    x) + r_x.\hat x`, with :math:`D^T \lambda = r`: one more right side for each frequency and
     component. Derivatives along :math:`\hat x` are differences of order six, as in `ModalResponse`;
     the dependence of a static state is included.
 
@@ -151,11 +151,11 @@ class HarmonicResponse(TangentResponse):
 
     def _solved(self, frequency: float) -> tuple[np.ndarray, np.ndarray]:
         """The motion (free,) at a frequency, and those (c, free) of the adjoint components."""
-        there = self._vibration.at(frequency)
-        solved = there.solved(self._sides).T
+        there, sides = self._vibration.at(frequency), self._sides
         if there.symmetric:
+            solved = there.solved(sides).T
             return solved[0], solved[1:]
-        return solved[0], there.solved(self._sides[:, 1:], transposed=True).T
+        return there.solved(sides[:, 0]), there.solved(sides[:, 1:], transposed=True).T
 
     # -- Derivatives ------------------------------------------------------------------------------
 

@@ -130,8 +130,8 @@ class PeriodicResponse(Response):
         self.motion: PeriodicMotion
         self._shooting: Shooting
 
-    def _built(self, x: Any, *more: Any) -> Any:
-        return super()._built(x, *([self._frequency] if self._finds_frequency else []))
+    def _built(self, *given: Any) -> Any:
+        return super()._built(*given, *([self._frequency] if self._finds_frequency else []))
 
     def _scene_of(self, frequency: float) -> Scene:
         """The scene of the last parameters for a frequency of its loads."""

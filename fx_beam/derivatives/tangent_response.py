@@ -54,7 +54,7 @@ class TangentResponse(Differentiable):
         fits = self._state is None or (path is not None and path.scene is scene)
         wanted = "a solution of fx_beam.static(scene)"
         require(fits, f"{self._what}: state(scene)", self._end, wanted)
-        # Only one of the models must have slopes, with damping the other one.
+        # One model with slopes is enough: this one, or with damping the model that tells it.
         with without_slopes(self._is_damped):
             self._about = about = linearised(scene, self._end, self._asked, self._models)
         check_equilibrium(about, self._end, self._asked)

@@ -18,13 +18,12 @@ from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.loads import check_node
 from fx_beam.scene.scene import Scene
 from fx_beam.step.sparse_lu import pivoted_lu
+from fx_beam.step.undamped_modes import Symmetry
 
 from .linearisation import Linearisation, check_equilibrium, linearised
 
 # Motion per force, in the units of the equations' diagonal, at which only rounding bounds it.
 _UNBOUNDED = 1e14
-# Difference of two entries across the diagonal that is round-off, in units of this.
-_ROUNDING = 1e-12
 
 
 def frequency_response(
@@ -110,19 +109,15 @@ class Vibration:
         self._values = np.zeros((3, len(pattern)))
         for values, of, at in zip(self._values, parts, places, strict=True):
             np.add.at(values, np.searchsorted(pattern, at), of.data)
-        self._rows, self._columns, self._shape = pattern % n, pattern // n, about.K.shape
-        self._pattern = self._rows, np.searchsorted(self._columns, np.arange(n + 1))
+        columns = np.searchsorted(pattern // n, np.arange(n + 1))
+        self._pattern, self._shape = (pattern % n, columns), about.K.shape
+        self._unit = about.model.unit_of_unknowns[about.unknowns]
 
     @cached_property
     def symmetric(self) -> bool:
         """Whether it is its own transpose, but for round-off."""
-        rows, columns, values = self._rows, self._columns, self._values
-        across, diagonal = np.lexsort((columns, rows)), rows == columns
-        sizes = np.zeros((3, self._shape[0]))
-        sizes[:, rows[diagonal]] = np.sqrt(abs(values[:, diagonal]))
-        gaps, units = abs(values - values[:, across]), sizes[:, rows] * sizes[:, columns]
-        there = np.array_equal(rows[across], columns) and np.array_equal(columns[across], rows)
-        return there and bool((gaps <= _ROUNDING * units).all())
+        rows, columns = self._pattern
+        return all(map(Symmetry((columns, rows), self._unit).holds, self._values))
 
     def at(self, frequency: float) -> Vibration:
         """The same with the factors at a frequency [Hz]."""

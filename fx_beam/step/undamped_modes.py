@@ -27,23 +27,23 @@ class Symmetry:
     """Whether sparse matrices of one pattern are symmetric; `unit` (n,) are sizes of unknowns."""
 
     def __init__(self, pattern: Pattern, unit: np.ndarray):
-        indptr, indices = pattern
-        n, numbers = len(indptr) - 1, np.arange(1, len(indices) + 1)
-        numbered = scipy.sparse.csr_matrix((numbers, indices, indptr), (n, n))
-        pairs = scipy.sparse.triu(numbered + 1j * numbered.T, 1).tocoo()
-        # Entries above the diagonal, and those across from them: -1 where the pattern has none.
-        self._pairs = [part.astype(int) - 1 for part in (pairs.data.real, pairs.data.imag)]
-        self._rows, self._columns, self._starts = pairs.row, pairs.col, indptr[:-1]
-        self._units = unit[np.repeat(np.arange(n), np.diff(indptr))] * unit[indices]
-        self._units_of_pairs = unit[pairs.row] * unit[pairs.col]
+        indptr, columns = pattern
+        n = len(indptr) - 1
+        rows = np.repeat(np.arange(n), np.diff(indptr))
+        places, transposed = rows * n + columns, columns.astype(np.int64) * n + rows
+        order = np.argsort(places, kind="stable")
+        at = order[np.searchsorted(places, transposed, sorter=order) % max(1, len(order))]
+        # The entry across the diagonal from each: -1 where the pattern has none.
+        self._across = np.where(places[at] == transposed, at, -1)
+        self._rows, self._columns, self._starts = rows, columns, indptr[:-1]
+        self._units = unit[rows] * unit[columns]
 
     def holds(self, values: np.ndarray) -> bool:
         """Whether the matrix with these values is symmetric up to rounding errors."""
-        above, below = (np.append(values, 0.0)[at] for at in self._pairs)
-        gaps = abs(above - below)
+        gaps = abs(values - np.append(values, 0.0)[self._across])
         if not gaps.any():
             return True
-        sizes, gaps = abs(values * self._units), gaps * self._units_of_pairs
+        sizes, gaps = abs(values * self._units), gaps * self._units
         if (gaps > _ACROSS * sizes.max()).any():
             return False  # whatever the largest ones of their rows are
         largest = np.sqrt(np.maximum.reduceat(sizes, self._starts))

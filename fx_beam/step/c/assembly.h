@@ -31,8 +31,8 @@ INLINED void pack_nodes(int nodes, const double *x, const int *at, double *to) {
   }
 }
 
-HOT void pack(const Problem *p, const Integral *of, const Form *form, long block,
-                 const double *const *fields, int first, int end) {
+HOT void pack(const Problem *p, const Integral *of, const Form *form, long block, const double *const *fields, int first,
+              int end) {
   for (int m = first; m < end; ++m) {
     int kind = form->kind[m], nodes = p->cell_dofs / 3, entries = kind == INTERNAL ? p->cell_internal : p->cell_natural;
     double *to = of->packed + (block * form->width + form->offset[m]) * LANES;
