@@ -18,7 +18,7 @@ from .prepared import Prepared
 
 # Accuracy of the time of the end, relative to the step, and to the time.
 _OF_STEP, _OF_TIME = 1e-13, 4e-16
-# A value at the start that is zero, relative to that after the first step.
+# A value that is zero: at the start relative to that after the first step, later to that before.
 _ZERO = 1e-8
 # The shortest last step, relative to the one before; with a shorter one both are one step.
 _SHORTEST = 0.1
@@ -88,7 +88,9 @@ class Ending:
         if ends[first] < least and before is not None and t0 not in kinks:
             longer = before._replace(halving=halving)
             value = self._at(first, longer, t1)
-            if _changes(self._values[first], value):
+            if abs(value) <= _ZERO * abs(self._values[first]):
+                mark, ends[first] = longer, t1  # where round-off decides the sign
+            elif _changes(self._values[first], value):
                 mark, ends[first] = longer, self._zero(first, longer, t0, t1, value)
             elif _changes(self._values[first], self._at(first, mark, least)):
                 ends[first] = least  # mean forces have jumped from the step before to this one

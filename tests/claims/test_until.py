@@ -57,6 +57,22 @@ def test_the_last_step_is_neither_tiny_nor_interpolated():
         assert fall.stats.steps == len(fall.t) - 1
 
 
+@pytest.mark.parametrize("limit", [2.0, 4.0, 6.0, 8.0, 10.0])
+def test_a_mean_force_that_is_met_at_the_start_of_a_step_is_met_in_one_about_it(limit):
+    """Round-off decides in which of two steps a joint reaches the force at which it breaks."""
+    scene = fb.Scene()
+    left, right = (scene.add_body((x, 0), m, 0.1).centre for x, m in ((0, 2.0), (1, 3.0)))
+    joint = scene.add_joint(fb.Rigid(left, right, offset=(1, 0)))
+    scene.add_force(right, lambda t: (10.0 * t, 0.0))
+    until = {"outputs": {"force": fb.Output("force", joint)}}
+    until["until"] = lambda t, y: np.hypot(*y["force"][:2]) - limit
+    run = fb.simulate(scene, dt=0.01, t_end=9.0, **until)
+    # The left mass needs 2/5 of the load, at the middle of the last step.
+    assert run.t_level[-1] == pytest.approx(limit / 4, abs=1e-9)
+    assert abs(run.joint(joint).force[-1, 0]) == pytest.approx(limit, rel=1e-10)
+    assert run.t[-1] - run.t[-2] > 0.009
+
+
 @pytest.mark.parametrize(
     ("condition", "measured"),
     [
