@@ -206,6 +206,35 @@ def test_a_scene_may_have_several_materials():
         solution.internal(arms[1], "dashpot")
 
 
+@pytest.mark.parametrize("load", [5.0, 15.0, 20.0])
+@pytest.mark.parametrize("degree", [1, 2])
+def test_at_rest_on_the_yield_surface_a_motion_has_the_derivatives_of_its_equilibrium(degree, load):
+    """Whether a point flows is decided by round-off there, and in each kind of form otherwise."""
+
+    def build(x):
+        scene = fb.Scene()
+        beam = scene.add_beam([(0, 0), (x[1], 0)], PLASTIC, elements=3, degree=degree)
+        scene.clamp(beam.start)
+        scene.add_force(beam.end, (0, load * x[0]))
+        return scene, {"tip": fb.Output("position", beam.end)}
+
+    def tip(x):
+        scene, outputs = build(x)
+        return fb.static(scene, load_steps=4).position(outputs["tip"].of)[-1]
+
+    start = {"start": lambda scene: fb.static(scene, load_steps=4)}
+    run, x, h = fb.Response(build, dt=0.01, t_end=0.05, **start), np.array([1.1, 1.05]), 1e-5
+    _, y = run(x)
+    assert abs(y["tip"] - tip(x)).max() < 1e-12
+    at = [[tip(x + k * h * row) for k in (-2, -1, 1, 2)] for row in np.eye(2)]
+    expected = np.einsum("k,mkc->cm", [1, -8, 8, -1], at) / (12 * h)
+    J = run.jacobian("tip")["tip"]
+    assert abs(J - expected).max() < 1e-8
+    weights = np.arange(y["tip"].size, dtype=float).reshape(y["tip"].shape)
+    gradient = run.vjp({"tip": weights})
+    assert gradient == pytest.approx(np.einsum("nc,ncm->m", weights, J), rel=1e-9)
+
+
 # -- Steps in parts, restarts, records -------------------------------------------------------------
 
 

@@ -115,6 +115,12 @@ static void evaluate(const Problem *p, const Form *form, const Integral *of, lon
             of->coordinates + block * p->cell_coordinates * LANES);
 }
 
+/* Adds the tangents of a block of elements with n degrees of freedom to matrix entries. */
+INLINED void add_tangents(int n, const Integral *of, long block, const double *tensors, double *K) {
+  if (HAS(CHAIN) && of->run) add_to_chain(n, of, block, tensors, K);
+  else add(n * n, of->stored_at + block * n * n * LANES, tensors, K);
+}
+
 /* Adds forces of elements with n degrees of freedom to a vector and, unless K is 0, their tangent to matrix entries. */
 INLINED void assemble_elements(const Problem *p, int n, const Form *form, const double *const *fields, double *f, double *K) {
   double A[(12 + 12 * 12) * LANES];
@@ -122,10 +128,7 @@ INLINED void assemble_elements(const Problem *p, int n, const Form *form, const 
     for (long block = 0; block * LANES < of->cells; ++block) {
       evaluate(p, form, of, block, fields, A);
       add_forces(n / 3, of->to + block * n / 3 * LANES, A, f);
-      if (K && HAS(CHAIN) && of->run)
-        add_to_chain(n, of, block, A + n * LANES, K);
-      else if (K)
-        add(n * n, of->stored_at + block * n * n * LANES, A + n * LANES, K);
+      if (K) add_tangents(n, of, block, A + n * LANES, K);
     }
 }
 

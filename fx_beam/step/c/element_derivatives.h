@@ -33,6 +33,48 @@ static void find_slopes(const Problem *p, const Work *w, const Derivatives *a, c
   }
 }
 
+/* Adds the tangent of elements with internal variables, by their slopes. On a yield surface it has a kink: there round-off may
+   choose another side of it in the tangent for steps, with which the slopes would not fit. */
+static void add_slopes(const Problem *p, const Vjp *of, const double *slopes, double *K) {
+  const Form *form = &p->internal_forces;
+  int n = p->cell_dofs;
+  double A[12 * 12 * LANES];
+  for (const Integral *integral = form->of; integral < form->of + form->integrals; ++integral)
+    for (long block = 0; block * LANES < integral->cells; ++block, slopes += of->slope_numbers * LANES) {
+      const double *by_end = slopes + of->piece_start[0] * LANES; /* [increment][force][lane] */
+      for (int k = 0; k < n * n; ++k) memcpy(A + k * LANES, by_end + (k % n * n + k / n) * LANES, LANES * sizeof(double));
+      add_tangents(n, integral, block, A, K);
+    }
+}
+
+/* The forces of a sub-step of a tape, and its tangent; returns 0 in a singular position. */
+static int begin_taped(Problem *p, Work *w, const Derivatives *a, const double *row, Linear *l) {
+  double dt = row[1], level;
+  take_from_tape(p, w, row, l->loads, l->follower_force, l->natural);
+  level = p->t + p->level * dt;
+  w->dt = dt;
+  begin_loads(p, w, l->loads);
+  if (p->naturals) begin_natural(p, w, l->natural);
+  w->follower_force = l->follower_force;
+  for (int k = p->points->external; p->at_rest && k < p->points->nodal; ++k)
+    p->points->of[k].numbers[a->numbers[k] - 1] = p->ratio; /* the last number of a load is its factor */
+  fx_set_parameters(p->points, p->parameter);
+  begin_form(p, &p->internal_forces, w->fields, level, dt);
+  begin_form(p, &p->drag, w->fields, level, dt);
+  if (!begin_couplings(p, w) && !choose_ahead(p, w)) return 0;
+  if (!expand(p, w)) return 0;
+  if (HAS(MEMBERS) && p->points->members) settle_members(p, w);
+  for (int i = 0; i < 2; ++i) set_time(p, &work_of_elements(a, i)->slopes, level, dt);
+  balance(p, w);
+  if (w->by_slopes) find_slopes(p, w, a, l), add_slopes(p, &a->internal_forces, l->slopes[0], w->tangent);
+  if (p->friction_follows) set_axes(p, w);
+  if (!l->adds) l->of[TOUCHED].count = 0;
+  if (HAS(MEMBERS) && p->points->members) put_members(l->of + TOUCHED, p, &l->at);
+  reduce_tangent(p, w);
+  if (HAS(LOOPS) && w->transposed) factorise_closures(p, w, w->G_virtual, 0, w->part, w->part_order);
+  return 1;
+}
+
 static void scale_entries(Block *b, long first, double share) {
   for (long k = first; k < b->count; ++k) b->entry[k].slope *= share;
 }
@@ -44,8 +86,7 @@ static int begin_linearised(Problem *p, Work *w, const Derivatives *a, Linear *l
   if (!begin_taped(p, w, a, row, l)) return 0;
   linearise(p, w, a, l, forces, first);
   if (l->share) scale_entries(l->of + TOUCHED, touched, l->share), scale_entries(l->of + FORCED, forced, l->share);
-  for (int i = 0; i < 2; ++i) set_time(p, &work_of_elements(a, i)->slopes, p->t + p->level * w->dt, w->dt);
-  if (store) find_slopes(p, w, a, l);
+  if (store && !w->by_slopes) find_slopes(p, w, a, l);
   l->stores = store;
   return 1;
 }

@@ -179,6 +179,7 @@ OF_DERIVATIVES long fx_jvp(Problem *p, const Tape *tape, const Derivatives *a) {
   memset(l.block, 0, p->positions * sizeof(Changes));
   for (int i = 0; i < p->positions; ++i) l.reached[i] = 1;
   l.following.size = GROUP_SIZE * p->points->followed.size, l.moves_joints = 0;
+  w->by_slopes = p->cell_internal && !a->by_unknowns;
   for (long i = 0; i < groups; ++i) {
     const Changes *x = (Changes *)a->x + i * at->size;
     l.moves_joints |= any((at->members - at->offset) * GROUP_SIZE, (double *)(x + at->offset));

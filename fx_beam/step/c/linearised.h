@@ -90,32 +90,6 @@ static long end_linear(Linear *l, long left) {
 /* Rates at the end for an increment of the path; none in statics. */
 static double rates_per_path(const Problem *p, double dt) { return p->at_rest ? 0 : 2 / dt; }
 
-/* The forces of a sub-step of a tape, and its tangent; returns 0 in a singular position. */
-static int begin_taped(Problem *p, Work *w, const Derivatives *a, const double *row, Linear *l) {
-  double dt = row[1], level;
-  take_from_tape(p, w, row, l->loads, l->follower_force, l->natural);
-  level = p->t + p->level * dt;
-  w->dt = dt;
-  begin_loads(p, w, l->loads);
-  if (p->naturals) begin_natural(p, w, l->natural);
-  w->follower_force = l->follower_force;
-  for (int k = p->points->external; p->at_rest && k < p->points->nodal; ++k)
-    p->points->of[k].numbers[a->numbers[k] - 1] = p->ratio; /* the last number of a load is its factor */
-  fx_set_parameters(p->points, p->parameter);
-  begin_form(p, &p->internal_forces, w->fields, level, dt);
-  begin_form(p, &p->drag, w->fields, level, dt);
-  if (!begin_couplings(p, w) && !choose_ahead(p, w)) return 0;
-  if (!expand(p, w)) return 0;
-  if (HAS(MEMBERS) && p->points->members) settle_members(p, w);
-  balance(p, w);
-  if (p->friction_follows) set_axes(p, w);
-  if (!l->adds) l->of[TOUCHED].count = 0;
-  if (HAS(MEMBERS) && p->points->members) put_members(l->of + TOUCHED, p, &l->at);
-  reduce_tangent(p, w);
-  if (HAS(LOOPS) && w->transposed) factorise_closures(p, w, w->G_virtual, 0, w->part, w->part_order);
-  return 1;
-}
-
 /* Natural strains at the end. */
 static void put_strains(const Problem *p, Linear *l) {
   for (int k = 0; k < p->naturals; ++k)

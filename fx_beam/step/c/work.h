@@ -39,6 +39,7 @@ typedef struct {
   double dt;
   const double *follower_force;
   int transposed; /* whether bordering rows are those of the transposed tangent */
+  int by_slopes;  /* whether elements give no tangent, as it comes from their slopes (element_derivatives.h) */
 } Work;
 
 static double *allocate(double **at, long n) {
@@ -56,7 +57,7 @@ static long lay_out(const Problem *p, Work *w, double *at) {
   INTEGERS(ALLOCATE)
   const double *fields[] = {w->D, p->q, p->v, p->a, p->q_previous, p->internal, p->natural, w->natural_end};
   memcpy(w->fields, fields, sizeof fields);
-  w->transposed = 0;
+  w->transposed = w->by_slopes = 0;
   return at - begin;
 }
 
