@@ -578,6 +578,8 @@ class Response(Differentiable):
             state = other.state_from(start.at(model, plain(change)), first, at_start)
         numbers: dict[str, Any] = numbers_of(other, state, t0, t1)
         if self._start is None and have_slopes():
+            if model.natural:
+                numbers["natural"] = model.natural.numbers_at(state.t).reshape(model.natural.shape)
             numbers["v"] = rates_with_slopes(model, other.forcing, state, first, numbers)
         if start is not None and isinstance(change, Dual):
             for name, values in numbers_of_state(model, start.at(model, change)).items():

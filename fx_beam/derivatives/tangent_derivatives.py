@@ -151,10 +151,8 @@ class TangentDerivatives:
         forcing = LoadForcing(model, self._forcing.time)
         numbers = static_numbers_of(model, forcing, np.array([self._factor]))
         if self._damped and model.natural:  # a step that tells damping also begins in the state
-            columns, factors = model.natural.unit_loads, numbers["naturals"][0]
-            of = np.repeat(np.arange(columns.shape[1]), np.diff(columns.indptr))
-            values = numbers["natural columns"] * factors[of]
-            numbers["natural"] = np.bincount(columns.indices, values, model.natural.size)
+            natural = model.natural.numbers_at(forcing.time)
+            numbers["natural"] = self._factor * natural
         if start is not None:
             of_state = numbers_of_state(model, start.at(model, change))
             numbers |= {name: of_state[name] for name in _OF_STATE & of_state.keys()}

@@ -120,17 +120,19 @@ def cell_data(mesh: Mesh, rows: np.ndarray) -> Data:
 
 def drag_data(mesh: Mesh, scene: Scene) -> dict[str, Data]:
     """Coefficients of `drag_work` on all beams, those that there are, behind "drag "."""
-    rows: dict[str, np.ndarray] = {}
+    rows: dict[str, list[Any]] = {}
     on_beams = ((drag, drag.target) for drag in scene.drags if isinstance(drag.target, Beam))
     for drag, beam in on_beams:
         for name in PARTS_OF_DRAG:
             value = getattr(drag, name)
             if value.any():
                 key = f"drag {name}" if len(value) == 1 else f"drag {name} along and across"
-                of_beams = rows.setdefault(key, np.zeros((len(scene.beams), len(value))))
-                of_beams[scene.beams.index(beam)] += value
+                of_beams = rows.setdefault(key, [np.zeros(len(value)) for _ in scene.beams])
+                i = scene.beams.index(beam)
+                of_beams[i] = of_beams[i] + stacked(value)
+    of_all = {name: stacked(of_beams) for name, of_beams in rows.items()}
     return {
-        name: cell_data(mesh, row if "across" in name else row[:, 0]) for name, row in rows.items()
+        name: cell_data(mesh, of if "across" in name else of[:, 0]) for name, of in of_all.items()
     }
 
 

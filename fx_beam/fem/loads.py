@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import functools
 import itertools
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse
 
-from fx_beam.dual import Dual
+from fx_beam.dual import Dual, plain, stacked
 from fx_beam.errors import Constant, TimeFunction, any_of, evaluate, series
 from fx_beam.laws.interval import Interval, just_inside
 from fx_beam.scene.beam import Beam, Node, arc_lengths, gauss_rule, lagrange_and_slopes
@@ -61,8 +61,11 @@ class SumOfLoads:
 
     def __init__(self, scene: Scene, size: int):
         values, rows, starts = self._read(self._unit_loads(scene))
+        shape = size, len(starts) - 1
         #: Unit loads, as a matrix (size, n).
-        self.unit_loads = scipy.sparse.csc_matrix((values, rows, starts), (size, len(starts) - 1))
+        self.unit_loads = scipy.sparse.csc_matrix((plain(values), rows, starts), shape)
+        #: The entries of these, with slopes that the scene has.
+        self.entries = values
 
     def _unit_loads(self, scene: Scene) -> list[UnitLoad]:
         """Those of a scene."""
@@ -92,7 +95,7 @@ class SumOfLoads:
         same = len(rows) == len(known.indices) and len(starts) == len(known.indptr)
         if not same or any_of(rows != known.indices) or any_of(starts != known.indptr):
             raise OtherStructureError("loads act on other degrees of freedom")
-        known.data = values
+        known.data, self.entries = plain(values), values
 
     @property
     def constant(self) -> bool:
@@ -103,8 +106,17 @@ class SumOfLoads:
         """Their sum (size,) at the time t [s]; StepError if a function fails."""
         if not self.functions:
             return np.zeros(self.unit_loads.shape[0])
-        values = [evaluate(load.function, t, load.what) for load in self._loads]
-        return self.unit_loads @ np.concatenate(values)
+        return self.unit_loads @ np.concatenate([*map(plain, self._factors(t))])
+
+    def numbers_at(self, t: float) -> Any:
+        """The same with slopes that the scene has."""
+        columns = self.unit_loads
+        of = np.repeat(np.arange(columns.shape[1]), np.diff(columns.indptr))
+        values = self.entries * np.concatenate([*map(stacked, self._factors(t))])[of]
+        return np.bincount(columns.indices, values, columns.shape[0])
+
+    def _factors(self, t: float) -> list[np.ndarray]:
+        return [evaluate(load.function, t, load.what) for load in self._loads]
 
     def series(self, times: np.ndarray) -> np.ndarray:
         """Factors (m, n) of the columns at m times [s]; StepError if a function fails."""
@@ -140,8 +152,12 @@ class Loads(SumOfLoads):
         else:
             each = np.tile(np.eye(2), (len(points), 1))
             if load.along is not None:
-                what = f"line load on {label(beam)}"
-                each = values_along(load.along, 2, what, "s", points)[:, None]
+                what, rows = f"line load on {label(beam)}", np.unique(unit.indices)
+                each, unit = values_along(load.along, 2, what, "s", points), unit[rows]
+                values: Any = unit @ plain(each)
+                if isinstance(each, Dual):
+                    values = Dual(values, unit @ each.slopes)
+                return UnitLoad(function, str(load), values, rows, np.array([len(rows)]))
             unit = scipy.sparse.csc_matrix(unit @ each)
         return UnitLoad(function, str(load), unit.data, unit.indices, np.diff(unit.indptr))
 

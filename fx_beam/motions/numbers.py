@@ -112,13 +112,13 @@ def static_numbers_of(
 def _of_model(model: Model) -> dict[str, Any]:
     numbers: dict[str, Any] = {
         "X": model.mesh.nodal_positions(model.scene),
-        "columns": model.loads.unit_loads.data,
+        "columns": model.loads.entries,
         "points": model.points.numbers,
     }
     if (members := model.points.members) is not None:
         numbers |= {"members": members.numbers, "arcs": members.arcs}
     if model.natural:
-        numbers["natural columns"] = model.natural.unit_loads.data
+        numbers["natural columns"] = model.natural.entries
     numbers |= model.masses.numbers()
     if model.forms.beams is not None:
         numbers |= model.forms.beams.numbers

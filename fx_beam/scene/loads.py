@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
+from contextvars import copy_context
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.dual import stacked
+from fx_beam.dual import have_slopes, plain, stacked
 from fx_beam.errors import (
     LARGEST,
     NUMBER,
@@ -61,6 +62,8 @@ class PlaceTimeFunction:
             raise SceneError(f"{what}: {shown(function)} must be a function of ({name}, t)")
         self._function, self._size, self._what, self._name = function, size, what, name
         self._samples = length * _SAMPLES
+        # Makes a block with slopes, as of functions of time.
+        self._block = copy_context().copy if have_slopes() else None
         one_by_one = self._one_by_one(self._samples, 0.0)
         at_once = self._at_once(self._samples, 0.0)
         self._takes_arrays = at_once is not None and np.array_equal(at_once, one_by_one)
@@ -76,6 +79,8 @@ class PlaceTimeFunction:
 
     def at(self, positions: np.ndarray, t: float) -> np.ndarray:
         """Finite values (n, size) at n positions; SceneError otherwise."""
+        if self._block is not None and not have_slopes():
+            return plain(self._block().run(self.at, positions, t))
         values = self._at_once(positions, t) if self._takes_arrays else None
         if values is None or not (abs(values) <= LARGEST).all():
             values = self._one_by_one(positions, t)  # which names the place
@@ -92,20 +97,20 @@ class PlaceTimeFunction:
             return None
 
     def _one_by_one(self, positions: np.ndarray, t: float) -> np.ndarray:
-        values = np.empty((len(positions), self._size))
-        for i, position in enumerate(positions.tolist()):
+        values = []
+        for position in positions.tolist():
             what = f"{self._what} at {self._name} = {position:g}, t = {t:g}"
             try:
                 value = self._function(position, t)
             except Exception as error:
                 raise SceneError(f"{what}: calling it raised {error!r}") from error
-            values[i] = vector(value, self._size, what)
-        return values
+            values.append(vector(value, self._size, what))
+        return stacked(values)
 
 
 def values_along(
     function: Callable[[float], np.ndarray], size: int, what: str, name: str, positions: np.ndarray
-) -> np.ndarray:
+) -> Any:
     """Values (n * size,) of a function of position at n positions."""
     checked = [vector(function(x), size, f"{what} at {name} = {x:g}") for x in positions.tolist()]
     return stacked(checked).ravel()

@@ -116,3 +116,55 @@ def test_a_load_that_jumps_between_steps_has_exact_derivatives():
             run([1.0, 2.0])
             J = run.jacobian()["speed"][-1]
             assert J == pytest.approx([jump, 1 - jump], abs=1e-9)
+
+
+LOADS = {
+    "along the arc": lambda scene, beam, x: scene.add_line_load(
+        beam, lambda s: (x[0] * s, x[1] * np.sin(s)), of="arc length"
+    ),
+    "along the arc, one by one": lambda scene, beam, x: scene.add_line_load(
+        beam, lambda s: (x[0] * float(s), x[1]), of="arc length"
+    ),
+    "in time along the arc": lambda scene, beam, x: scene.add_line_load(
+        beam, lambda s, t: (x[0] * s * t, np.sin(s * x[1])), of="arc length and time"
+    ),
+    "in time along the arc, one by one": lambda scene, beam, x: scene.add_line_load(
+        beam, lambda s, t: (x[0] * t if s > t else 0.0 * t, x[1]), of="arc length and time"
+    ),
+    "strain": lambda scene, beam, x: scene.add_natural_strain(
+        beam, curvature=x[0], axial=lambda t: 0.01 * x[1] * t
+    ),
+    "strain along the beam": lambda scene, beam, x: scene.add_natural_strain(
+        beam, curvature=lambda f: x[0] * f * x[1]
+    ),
+    "strain in time along the beam": lambda scene, beam, x: scene.add_natural_strain(
+        beam, curvature=lambda f, t: x[0] * f * (1 + t * x[1])
+    ),
+    "drag": lambda scene, beam, x: scene.add_drag(beam, linear=(x[0], x[1]), quadratic=x[0]),
+}
+
+
+@pytest.mark.parametrize("load", LOADS)
+def test_loads_of_place_and_time_have_slopes_and_serve_the_motion_as_well(load):
+    def build(x):
+        scene = fb.Scene(gravity=(0, -9.81))
+        section = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.01)
+        beam = scene.add_beam([(0, 0), (1, 0)], section, elements=3)
+        scene.clamp(beam.start)
+        LOADS[load](scene, beam, x)
+        return scene, {"tip": fb.Output("position", beam.end)}
+
+    def sum_at(x):
+        return (weights["tip"] * fb.Response(build, dt=0.01, t_end=0.1)(x)[1]["tip"]).sum()
+
+    run, x, h = fb.Response(build, dt=0.01, t_end=0.1), np.array([1.1, 0.9]), 1e-3
+    _, y = run(x)
+    weights = {"tip": np.arange(y["tip"].size, dtype=float).reshape(y["tip"].shape)}
+    first = run.vjp(weights)
+    assert run.stats.difference_reason == ""
+    # With slopes from here on.
+    assert (run(x)[1]["tip"] == y["tip"]).all()
+    ends = [[sum_at(x + k * h * row) for k in (-2, -1, 1, 2)] for row in np.eye(2)]
+    expected = np.array(ends) @ [1, -8, 8, -1] / (12 * h)
+    for gradient in (first, run.vjp(weights)):
+        assert gradient == pytest.approx(expected, rel=1e-6, abs=1e-9)
