@@ -152,11 +152,11 @@ class UndampedModes:
         if not self._factorise(shift):
             raise _failure()
         size, first = deflated.shape
-        basis = np.concatenate([deflated.T, np.empty((2 * n + 20, size))])
-        # Other starts each time: those before have no part in a copy that was missed.
-        starts = np.random.default_rng(first)
         # Nothing would bound the motion of what has no mass; it follows from that of the masses.
         massive = self._M.diagonal() > 0
+        basis = np.concatenate([massive * deflated.T, np.empty((2 * n + 20, size))])
+        # Other starts each time: those before have no part in a copy that was missed.
+        starts = np.random.default_rng(first)
         diagonal, beside, m = list[float](), list[float](), first
         x, new = self._inverse(starts.standard_normal(size)), True
         while True:

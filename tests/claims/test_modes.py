@@ -134,7 +134,7 @@ def test_no_copy_of_a_multiple_frequency_is_missed(count):
         assert fb.modes(scene, n=n).angular_frequencies == pytest.approx(exact, rel=1e-8)
 
 
-@pytest.mark.parametrize(("elements", "count"), [(1, 30), (2, 30), (4, 5)])
+@pytest.mark.parametrize(("elements", "count"), [(1, 30), (2, 30), (4, 30)])
 def test_all_modes_of_many_equal_beams_with_massless_turns_are_found(elements, count):
     one = fb.modes(side_by_side(1, SPARSE, elements), n=100).angular_frequencies
     assert len(one) == 2 * elements
