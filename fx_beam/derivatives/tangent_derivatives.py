@@ -30,9 +30,16 @@ from .static_derivatives import OtherScenes, StateChange
 # Differences of order six along a direction, and second ones: points, and weights over the distance
 # or its square. The distance is relative to a motion of the size of the scene, or of a radian.
 _FIRST = np.array([-3, -2, -1, 1, 2, 3]), np.array([-1, 9, -45, 45, -9, 1]) / 60
+# The same without a part of |v| v, by which drag may grow from rest, and how many times longer
+# steps take that tell damping which depends on the rate.
+_BENT = (
+    np.append(np.arange(-4, 0), np.arange(1, 5)),
+    np.array([9, -56, 144, -216] + [216, -144, 56, -9]) / 120,
+)
+_SLOW = 1e4
 _SECOND = np.arange(-3, 4), np.array([2, -27, 270, -490, 270, -27, 2]) / 180
 _DISTANCE = 4e-3
-# It is halved down to this one where a contact opens or closes on the way.
+# The distance is halved down to this one where a contact opens or closes on the way.
 _NEAREST = 1e-8
 # Numbers of a state that follow from the load steps before, where something flows.
 _OF_STATE = {"q", "slides", "internal", "spring internal"}
@@ -123,6 +130,11 @@ class TangentDerivatives:
         if state is not None and state.end is not None:
             self._factor, self._inputs = float(state.t[-1]), state.end.inputs
         model = about.damped_model if self._damped else about.model
+        bent: list[Any] = [
+            law.loss and (law.remembered or law.of_user) for law in model.points.laws
+        ]
+        bent += [drag.quadratic.any() for drag in model.scene.drags]
+        self._first, self._slow = (_BENT, _SLOW) if any(bent) else (_FIRST, 1.0)
         problem = Problem.of(model, NewtonOptions(), about.frame is not None)
         problem.hand_over_frame(about.frame)
         if problem is not self._problem:
@@ -222,7 +234,7 @@ class TangentDerivatives:
         basis, of_used = _basis(along.directions[used], self._unit)
         parts = np.zeros((len(along.directions), len(basis)), complex)
         parts[used] = of_used ** (1 + curved)
-        time = _mean(along.times[used])
+        time = self._slow * _mean(along.times[used])
 
         def weighted(of: np.ndarray, by: np.ndarray) -> np.ndarray:
             """Weights (r, ...) along the basis."""
@@ -232,7 +244,7 @@ class TangentDerivatives:
         on_ends = np.zeros((len(on_forces), len(self._start.q)))
         on_ends[: len(basis)] = sum(weighted(*of) for of in along.ends)
         by, by_state = self._backwards(self._steps(basis, time, curved), on_forces, on_ends)
-        mass = self._about.model.mass
+        mass = self._problem.model.mass  # with the pattern of the numbers
         rows = np.repeat(np.arange(mass.shape[0]), np.diff(mass.indptr))
         for A, of_mass in along.by_mass:
             pairs = zip(weighted(along.of, of_mass), _times(A, basis), strict=True)
@@ -250,9 +262,9 @@ class TangentDerivatives:
 
     def _forwards(self, along: _Along) -> np.ndarray:
         """Derivatives (n, m) of sums by changes of K, C, M and T along a basis."""
-        changes, mass = self.changes, self._about.model.mass
+        changes, mass = self.changes, self._problem.model.mass
         basis, parts = _basis(along.directions, self._unit)
-        time, by_state = _mean(along.times), None
+        time, by_state = self._slow * _mean(along.times), None
         count, free = len(changes["X"]), basis.shape[1]
         if self._follows:
             at_state = _Steps(np.zeros((1, free)), np.ones(1), np.zeros(1, int), np.ones(1))
@@ -291,7 +303,7 @@ class TangentDerivatives:
 
     def _steps(self, directions: np.ndarray, time: float, curved: bool = False) -> _Steps:
         """Steps along directions (r, free), also of twice the time if they tell damping."""
-        points, weights = _SECOND if curved else _FIRST
+        points, weights = _SECOND if curved else self._first
         largest = abs(directions / self._unit).max(axis=1)
         distances = [self._distance(of) for of in directions / largest[:, None]]
         sizes = (distances / largest)[:, None]
@@ -308,7 +320,7 @@ class TangentDerivatives:
         about, model, start, distance = self._about, self._about.model, self._start, _DISTANCE
         if not model.points.conditions:
             return distance
-        move = _FIRST[0][-1] * direction
+        move = self._first[0][-1] * direction
         slides = model.couplings.free_slides(about.columns @ move, len(start.slides))
         nodes, at_start = about.T @ move, model.switches(start)
 

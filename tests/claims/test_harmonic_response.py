@@ -4,6 +4,8 @@ import gc
 import pickle
 import weakref
 
+import ufl
+
 import numpy as np
 import pytest
 from test_modal_response import NUMBERS, beaded, damped, loaded, rotor, turning
@@ -162,6 +164,47 @@ def test_turns_and_slides_have_derivatives(build, state):
     moved = [run(x + k * h * direction) for k in (-3, -2, -1, 1, 2, 3)]
     expected = np.tensordot(np.array([-1, 9, -45, 45, -9, 1]) / (60 * h), moved, 1)
     assert J @ direction == pytest.approx(expected, rel=0, abs=1e-7 * abs(J).max())
+
+
+def _bent(kind, x):
+    """Two arms under their weight with damping that is no line over the rate."""
+    scene = fb.Scene(gravity=(0, -9.81))
+    section = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.01)
+    a, b = (scene.add_beam([(k, 0), (k + 1, 0)], section, elements=2) for k in (0, 1))
+    scene.clamp(a.start)
+    parts = {
+        "friction": {"friction": fb.SmoothFriction(0.5 * x[0], 0.05 * x[1])},
+        "law": {"damper": fb.Damper(law=lambda rate: 0.3 * rate + ufl.atan(30 * rate))},
+        "stop": {"stop": fb.Stop(-0.05 * x[0], 0.3, 200 * x[1], 0.5, speed=0.02)},
+    }
+    scene.add_joint(fb.Revolute(a.end, b.start, spring=fb.Spring(20.0), **parts.get(kind, {})))
+    if kind == "drag":
+        scene.add_drag(b.end, linear=0.1 * x[0], quadratic=3 * x[1])
+        scene.add_drag(b, linear=(0.1 * x[0], 0.3), quadratic=(3 * x[1], 2 * x[0]))
+    if kind == "contact":
+        loss = {"restitution": 0.4, "speed": 0.01 * x[1]}
+        scene.add_contact(b.end, fb.Line((0, -0.3), (0, 1)), stiffness=1e3 * x[0], **loss)
+    scene.add_mass(b.end, 0.1 * x[1])
+    return scene, (b.end, (0.0, 1.0)), b.end
+
+
+@pytest.mark.parametrize("kind", ["friction", "law", "stop", "drag", "contact"])
+@pytest.mark.parametrize("state", [None, lambda scene: fb.static(scene, load_steps=3)])
+def test_damping_that_depends_on_the_rate_counts_as_it_is_at_rest(kind, state):
+    def run_at(x):
+        run = fb.HarmonicResponse(lambda x: _bent(kind, x), F, state=state)
+        return run, run(x)
+
+    x, h = np.array([1.1, 0.9]), 3e-4
+    run, values = run_at(x)
+    weights = np.random.default_rng(0).standard_normal(values.shape)
+    ends = [[run_at(x + k * h * row)[1] for k in (-2, -1, 1, 2)] for row in np.eye(2)]
+    sums = np.einsum("mknc,nc->mk", np.array(ends).real, weights)
+    expected = sums @ [1, -8, 8, -1] / (12 * h)
+    size = abs(expected).max()
+    assert run.vjp(weights) == pytest.approx(expected, abs=1e-6 * size)
+    J = run.jacobian().real
+    assert np.einsum("ncm,nc->m", J, weights) == pytest.approx(expected, abs=1e-6 * size)
 
 
 def test_scenes_of_earlier_calls_are_forgotten():
