@@ -12,6 +12,7 @@ import scipy.linalg
 from fx_beam.content_cache import cached_property
 from fx_beam.dual import stacked
 from fx_beam.errors import SceneError, check_takes, is_whole, require
+from fx_beam.fem.parameter_values import before
 from fx_beam.motions.numbers import OF_STEPS, numbers_of, observed_numbers_of
 from fx_beam.orbits.closing import NO_SHIFT, ROUND_OFF, ROUNDING, turning_point
 from fx_beam.orbits.periodic_family import without_trivial
@@ -469,6 +470,8 @@ class PeriodicResponse(Response):
         later = numbers_of(other, start, t0 + period, t1 + period)
         numbers |= {name + _LATER: later[name] for name in OF_STEPS & later.keys()}
         numbers[_AT_START] = stacked(other.forcing.series(t0[:1])[0])
+        if natural := other.model.natural:
+            numbers["natural"] = natural.numbers_at(float(before(start.t))).reshape(natural.shape)
         of = [output for output in self._outputs.values() if isinstance(output, Output)]
         if any(observes_rates(other.model, output) for output in of):
             rates = rates_at(tape, np.arange(len(tape) + 1))

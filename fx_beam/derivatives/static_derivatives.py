@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.dual import Dual, plain
 from fx_beam.equilibria.statics import LoadPath
 from fx_beam.errors import SceneError
 from fx_beam.laws.schemes import Equilibrium, Scheme
@@ -175,4 +176,7 @@ class StateChange:
             if (values := getattr(self._state, name)) is not None
         }
         state = replace(self._state, t=self._path.forcing.time, parameters=None, **moved)
-        return replace(state, natural=model.natural.at(state.t) if model.natural else None)
+        if not model.natural:
+            return state
+        natural = model.natural.numbers_at(state.t).reshape(model.natural.shape)
+        return replace(state, natural=natural if isinstance(by, Dual) else plain(natural))

@@ -144,20 +144,25 @@ LOADS = {
 }
 
 
+@pytest.mark.parametrize("start", [None, lambda scene: fb.static(scene, load_steps=2)])
 @pytest.mark.parametrize("load", LOADS)
-def test_loads_of_place_and_time_have_slopes_and_serve_the_motion_as_well(load):
+def test_loads_of_place_and_time_have_slopes_and_serve_the_motion_as_well(load, start):
+    """And those of strains at the start, on which a viscous section depends."""
+    options = {"dt": 0.01, "t_end": 0.1, "start": start}
+
     def build(x):
         scene = fb.Scene(gravity=(0, -9.81))
-        section = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.01)
+        data = {"rhoA": 1.0, "rhoI": 0.01, "retardation": 0.01}
+        section = fb.Section(EA=1e4, GA=1e4, EI=100.0, **data)
         beam = scene.add_beam([(0, 0), (1, 0)], section, elements=3)
         scene.clamp(beam.start)
         LOADS[load](scene, beam, x)
         return scene, {"tip": fb.Output("position", beam.end)}
 
     def sum_at(x):
-        return (weights["tip"] * fb.Response(build, dt=0.01, t_end=0.1)(x)[1]["tip"]).sum()
+        return (weights["tip"] * fb.Response(build, **options)(x)[1]["tip"]).sum()
 
-    run, x, h = fb.Response(build, dt=0.01, t_end=0.1), np.array([1.1, 0.9]), 1e-3
+    run, x, h = fb.Response(build, **options), np.array([1.1, 0.9]), 1e-3
     _, y = run(x)
     weights = {"tip": np.arange(y["tip"].size, dtype=float).reshape(y["tip"].shape)}
     first = run.vjp(weights)

@@ -191,6 +191,21 @@ def test_a_beam_that_is_shaken_has_exact_derivatives(scheme):
     check(fb.PeriodicResponse(cantilever, motion), [1.0, 1.0, 1.0, 0.3], 1e-7)
 
 
+def test_natural_strains_have_exact_derivatives_also_at_the_start():
+    """A viscous section sees how they change in the first step, too."""
+
+    def build(x):
+        scene = fb.Scene(gravity=(0, -9.81))
+        section = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.01, retardation=0.01)
+        beam = scene.add_beam([(0, 0), (1, 0)], section, elements=2)
+        scene.clamp(beam.start)
+        scene.add_natural_strain(beam, curvature=0.3 * x[0])
+        scene.add_natural_strain(beam, curvature=lambda f, t: x[1] * f * (0.5 + np.cos(W * t)))
+        return scene, {"tip": fb.Output("position", beam.end), "M": fb.Output("M", beam)}
+
+    check(fb.PeriodicResponse(build, forced), [1.1, 0.9], 1e-6, multipliers=False)
+
+
 def test_what_a_scheme_remembers_of_the_step_before_is_followed():
     def build(x):
         scene, outputs = cantilever(x)
