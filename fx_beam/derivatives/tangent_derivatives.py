@@ -130,9 +130,9 @@ class TangentDerivatives:
         if state is not None and state.end is not None:
             self._factor, self._inputs = float(state.t[-1]), state.end.inputs
         model = about.damped_model if self._damped else about.model
-        bent: list[Any] = [
-            law.loss and (law.remembered or law.of_user) for law in model.points.laws
-        ]
+        # What relaxes is held.
+        losing = (law for law in model.points.laws if law.loss and not law.internal)
+        bent: list[Any] = [law.remembered or law.of_user for law in losing]
         bent += [drag.quadratic.any() for drag in model.scene.drags]
         self._first, self._slow = (_BENT, _SLOW) if any(bent) else (_FIRST, 1.0)
         problem = Problem.of(model, NewtonOptions(), about.frame is not None)
