@@ -471,7 +471,7 @@ class PeriodicResponse(Response):
         numbers |= {name + _LATER: later[name] for name in OF_STEPS & later.keys()}
         numbers[_AT_START] = stacked(other.forcing.series(t0[:1])[0])
         if natural := other.model.natural:
-            numbers["natural"] = natural.numbers_at(float(before(start.t))).reshape(natural.shape)
+            numbers["natural"] = natural.numbers_at(float(before(start.t)))
         of = [output for output in self._outputs.values() if isinstance(output, Output)]
         if any(observes_rates(other.model, output) for output in of):
             rates = rates_at(tape, np.arange(len(tape) + 1))

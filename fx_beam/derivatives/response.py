@@ -579,7 +579,7 @@ class Response(Differentiable):
         numbers: dict[str, Any] = numbers_of(other, state, t0, t1)
         if self._start is None and have_slopes():
             if model.natural:
-                numbers["natural"] = model.natural.numbers_at(state.t).reshape(model.natural.shape)
+                numbers["natural"] = model.natural.numbers_at(state.t)
             numbers["v"] = rates_with_slopes(model, other.forcing, state, first, numbers)
         if start is not None and isinstance(change, Dual):
             for name, values in numbers_of_state(model, start.at(model, change)).items():

@@ -176,7 +176,5 @@ class StateChange:
             if (values := getattr(self._state, name)) is not None
         }
         state = replace(self._state, t=self._path.forcing.time, parameters=None, **moved)
-        if not model.natural:
-            return state
-        natural = model.natural.numbers_at(state.t).reshape(model.natural.shape)
+        natural = model.natural.numbers_at(state.t) if model.natural else None
         return replace(state, natural=natural if isinstance(by, Dual) else plain(natural))

@@ -30,9 +30,9 @@ from .static_derivatives import OtherScenes, StateChange
 # Differences of order six along a direction, and second ones: points, and weights over the distance
 # or its square. The distance is relative to a motion of the size of the scene, or of a radian.
 _FIRST = np.array([-3, -2, -1, 1, 2, 3]), np.array([-1, 9, -45, 45, -9, 1]) / 60
-# The same without a part of |v| v, by which drag may grow from rest, and how many times longer
-# steps take that tell damping which depends on the rate.
-_BENT = (
+# The same for damping that is nonlinear in the rate: they leave out |v| v, the quadratic drag at
+# rest, and steps take so many times longer that their rates are near zero.
+_NONLINEAR = (
     np.append(np.arange(-4, 0), np.arange(1, 5)),
     np.array([9, -56, 144, -216] + [216, -144, 56, -9]) / 120,
 )
@@ -130,11 +130,13 @@ class TangentDerivatives:
         if state is not None and state.end is not None:
             self._factor, self._inputs = float(state.t[-1]), state.end.inputs
         model = about.damped_model if self._damped else about.model
-        # What relaxes is held.
+        # Internal variables are held in these steps.
         losing = (law for law in model.points.laws if law.loss and not law.internal)
-        bent: list[Any] = [law.remembered or law.of_user for law in losing]
-        bent += [drag.quadratic.any() for drag in model.scene.drags]
-        self._first, self._slow = (_BENT, _SLOW) if any(bent) else (_FIRST, 1.0)
+        nonlinear: list[Any] = [law.remembered or law.of_user for law in losing]
+        nonlinear += [drag.quadratic.any() for drag in model.scene.drags]
+        self._first, self._slow = _FIRST, 1.0
+        if self._damped and any(nonlinear):
+            self._first, self._slow = _NONLINEAR, _SLOW
         problem = Problem.of(model, NewtonOptions(), about.frame is not None)
         problem.hand_over_frame(about.frame)
         if problem is not self._problem:
@@ -163,8 +165,7 @@ class TangentDerivatives:
         forcing = LoadForcing(model, self._forcing.time)
         numbers = static_numbers_of(model, forcing, np.array([self._factor]))
         if self._damped and model.natural:  # a step that tells damping also begins in the state
-            natural = model.natural.numbers_at(forcing.time)
-            numbers["natural"] = self._factor * natural
+            numbers["natural"] = self._factor * model.natural.numbers_at(forcing.time)
         if start is not None:
             of_state = numbers_of_state(model, start.at(model, change))
             numbers |= {name: of_state[name] for name in _OF_STATE & of_state.keys()}

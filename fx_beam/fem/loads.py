@@ -153,10 +153,10 @@ class Loads(SumOfLoads):
             each = np.tile(np.eye(2), (len(points), 1))
             if load.along is not None:
                 what, rows = f"line load on {label(beam)}", np.unique(unit.indices)
-                each, unit = values_along(load.along, 2, what, "s", points), unit[rows]
-                values: Any = unit @ plain(each)
+                each = values_along(load.along, 2, what, "s", points)
+                values: Any = (unit @ plain(each))[rows]
                 if isinstance(each, Dual):
-                    values = Dual(values, unit @ each.slopes)
+                    values = Dual(values, (unit @ each.slopes)[rows])
                 return UnitLoad(function, str(load), values, rows, np.array([len(rows)]))
             unit = scipy.sparse.csc_matrix(unit @ each)
         return UnitLoad(function, str(load), unit.data, unit.indices, np.diff(unit.indptr))
@@ -201,6 +201,10 @@ class NaturalStrains(SumOfLoads):
     def at(self, t: float) -> np.ndarray:
         """Strains (cells, degree, 3) at the time t [s]; StepError if a function fails."""
         return super().at(t).reshape(self.shape)
+
+    def numbers_at(self, t: float) -> Any:
+        """The same with slopes that the scene has."""
+        return super().numbers_at(t).reshape(self.shape)
 
 
 class Followers:
