@@ -62,7 +62,9 @@ def generated(written: Written, prefix: str) -> dict[str, Any]:
     parts = [part for block in _BLOCKS for part in getattr(code, block, [])]
     folder = codegeneration.get_include_path()
     header = "".join(f"#include <{name}>\n" for name in _HEADERS) + f'#include "{folder}/ufcx.h"\n'
-    source = "\n".join([*(declared for declared, _ in parts), *(of for _, of in parts)])
+    # Equal expressions have one name, and other aliases only.
+    texts = {(_FUNCTION.search(of) or [of])[0]: of for _, of in parts}
+    source = "\n".join([*(declared for declared, _ in parts), *texts.values()])
     functions = dict(_FUNCTION.findall(source))
     every = zip(written.forms.items(), ir.forms or ir.expressions, strict=True)
     return {

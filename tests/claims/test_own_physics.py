@@ -1,5 +1,6 @@
 """A researcher's own stored energy, virtual work and scheme."""
 
+import itertools
 import math
 
 import ufl
@@ -101,6 +102,26 @@ def test_beams_of_different_laws_live_in_one_scene():
     soft = fb.Section(EA=5e3, GA=2e3, EI=30.0, rhoA=1.0, rhoI=0.1)
     assert run(soft, SAME) == pytest.approx(run(soft, FLYING), rel=1e-7, abs=1e-7)
     assert run(SAME, soft) == pytest.approx(run(FLYING, soft), rel=1e-7, abs=1e-7)
+
+
+def test_sections_of_equal_energies_have_the_resultants_of_one_that_is_shared():
+    def run(sections):
+        scene = fb.Scene(gravity=(0, -9.81))
+        beams = [scene.add_beam([(k, 0), (k + 1, 0)], of) for k, of in enumerate(sections)]
+        for a, b in itertools.pairwise(beams):
+            scene.add_joint(fb.Rigid(a.end, b.start))
+        scene.clamp(beams[0].start)
+        solution = fb.simulate(scene, dt=0.02, t_end=0.2)
+        return np.array([solution.resultants(beam).M for beam in beams])
+
+    def section():
+        def energy(*strains):
+            return stiffening(*strains)
+
+        return fb.Section(strain_energy=energy, rhoA=1.0, rhoI=0.1)
+
+    shared = section()
+    assert (run([section(), SAME, section()]) == run([shared, SAME, shared])).all()
 
 
 def test_resultants_of_a_given_energy_are_its_derivatives():
