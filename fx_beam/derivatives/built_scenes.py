@@ -106,9 +106,10 @@ class BuiltScenes:
             self._checked.append(shapes)
             self._check(x, here, by_name, numbers_of)
         for i in sorted(self.reasons):
-            differences = self._derivative(x, i, here, numbers_of)
+            names = by_name.keys() & self._names.get(i, by_name.keys())
+            differences = self._derivative(x, i, here, numbers_of) if names else {}
             self.changing |= differences.keys()
-            for name in self._names.get(i, by_name.keys()):
+            for name in names:
                 by_name[name] = rows = by_name[name].copy()  # which others may read
                 rows[i] = differences.get(name, 0.0)
         return by_name

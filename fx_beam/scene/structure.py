@@ -85,7 +85,10 @@ class Structure:
         for function, known in itertools.zip_longest(functions, self._functions):
             if function != known:
                 what = (function or known)[0]
-                raise OtherStructureError(f"{what} of your own differs in more than parameters")
+                raise OtherStructureError(
+                    f"{what} of your own differs in more than parameters. Numbers in it that "
+                    "change must be fb.Parameter(name, value)"
+                )
 
 
 def _difference(one: Any, two: Any) -> str:
