@@ -89,13 +89,14 @@ class _Along(NamedTuple):
 
 
 class _Steps(NamedTuple):
-    """Steps from the state: increments (k, free) and lengths (k,) [s].
+    """Steps from the state: increments (k, free), lengths (k,) [s] and load factors (k,).
 
     And the number (k,) of the row [length][direction] of each, and its share of that.
     """
 
     moves: np.ndarray
     lengths: np.ndarray
+    factors: np.ndarray
     rows: np.ndarray
     shares: np.ndarray
 
@@ -137,6 +138,9 @@ class TangentDerivatives:
         self._first, self._slow = _FIRST, 1.0
         if self._damped and any(nonlinear):
             self._first, self._slow = _NONLINEAR, _SLOW
+        # At the reference forces that depend on the motion count for damping, not for stiffness.
+        unloaded = self._damped and self._factor == 0.0 and model.points.has_external
+        self._factors = [0.0, 1.0] if unloaded else [self._factor]
         problem = Problem.of(model, NewtonOptions(), about.frame is not None)
         problem.hand_over_frame(about.frame)
         if problem is not self._problem:
@@ -173,8 +177,7 @@ class TangentDerivatives:
 
     def by_factor(self) -> dict[str, np.ndarray]:
         """Derivatives of the numbers by the load factor, of the names that depend on it."""
-        forcing, factor = self._forcing, self._factor
-        model = forcing.model
+        forcing, model, factor = self._forcing, self._forcing.model, self._factor
         rows = static_numbers_of(model, forcing, np.array([factor - 1, factor + 1]))
         names = {"loads", "driven", "naturals"} & rows.keys()
         numbers = {name: (rows[name][1:] - rows[name][:1]) / 2 for name in names}
@@ -259,6 +262,8 @@ class TangentDerivatives:
         that of its double C D / (2 length).
         """
         K, C = along.stiffness, 2 * time * along.damping
+        if len(self._factors) > 1:
+            return [-2 * K, 4 * K, C, -C]
         return [C - 2 * K, 4 * K - C] if self._damped else [K]
 
     def _forwards(self, along: _Along) -> np.ndarray:
@@ -268,8 +273,7 @@ class TangentDerivatives:
         time, by_state = self._slow * _mean(along.times), None
         count, free = len(changes["X"]), basis.shape[1]
         if self._follows:
-            at_state = _Steps(np.zeros((1, free)), np.ones(1), np.zeros(1, int), np.ones(1))
-            forces, _ = self._pushed(at_state, np.zeros((count, free)))
+            forces, _ = self._pushed(self._one_step(free), np.zeros((count, free)))
             by_state = -self._solved(self._about.K, forces[0])
         sums, on_forces = np.zeros((len(along.of), count), complex), self._of_lengths(along, time)
 
@@ -299,22 +303,31 @@ class TangentDerivatives:
 
     def forces(self, weights: np.ndarray) -> dict[str, np.ndarray]:
         """Derivatives of weights (free,) times the residual by numbers in the state."""
-        steps = _Steps(0 * weights[None], np.ones(1), np.zeros(1, int), np.ones(1))
+        steps = self._one_step(len(weights))
         return self._backwards(steps, weights[None], np.zeros((1, len(self._start.q))))[0]
 
+    def _one_step(self, free: int) -> _Steps:
+        """A step that remains in the state."""
+        one, factor = np.ones(1), np.array([self._factor])
+        return _Steps(np.zeros((1, free)), one, factor, np.zeros(1, int), one)
+
     def _steps(self, directions: np.ndarray, time: float, curved: bool = False) -> _Steps:
-        """Steps along directions (r, free), also of twice the time if they tell damping."""
+        """Steps along directions (r, free), also of twice the time if they tell damping.
+
+        And both with loads, if these count for damping only.
+        """
         points, weights = _SECOND if curved else self._first
         largest = abs(directions / self._unit).max(axis=1)
         distances = [self._distance(of) for of in directions / largest[:, None]]
         sizes = (distances / largest)[:, None]
         moves = ((sizes * points)[..., None] * directions[:, None]).reshape(-1, directions.shape[1])
-        rows, shares = np.arange(len(sizes)).repeat(len(points)), weights / sizes ** (1 + curved)
-        steps = _Steps(moves, np.full(len(moves), time), rows, shares.ravel())
-        if not self._damped:
-            return steps._replace(lengths=np.zeros(len(moves)))
-        twice = steps._replace(lengths=2 * steps.lengths, rows=rows + len(sizes))
-        return _Steps(*map(np.concatenate, zip(steps, twice, strict=True)))
+        times = [time, 2 * time] if self._damped else [0.0]
+        lengths, factors = np.tile(times, len(self._factors)), np.repeat(self._factors, len(times))
+        count, each = len(lengths), len(moves)
+        rows = np.arange(count * len(sizes)).repeat(len(points))
+        moves, shares = np.tile(moves, (count, 1)), weights / sizes ** (1 + curved)
+        lengths, factors = lengths.repeat(each), factors.repeat(each)
+        return _Steps(moves, lengths, factors, rows, np.tile(shares.ravel(), count))
 
     def _distance(self, direction: np.ndarray) -> float:
         """Distance of steps along a direction (free,), within which no contact opens or closes."""
@@ -363,7 +376,7 @@ class TangentDerivatives:
         state = replace(self._start, t=self._factor)
         tape = static_tape(self._problem, state, [state], self._forcing)
         tape.c.apart = True
-        tape.repeat(self._spread(steps.moves), steps.lengths)
+        tape.repeat(self._spread(steps.moves), steps.lengths, steps.factors)
         return tape
 
     def _solved(self, K: scipy.sparse.csr_matrix, by_state: np.ndarray) -> np.ndarray:

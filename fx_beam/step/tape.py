@@ -129,15 +129,18 @@ class Tape:
     def write(self, rows: np.ndarray) -> None:
         """Have rows that were not written by the loop."""
         self._set_rows(rows)
-        self.c.rows = len(rows)
-        self.c.all = self._count = len(rows)
+        self.c.rows = self.c.all = self._count = len(rows)
         self._times = Times(rows[:, 0], rows[:, 0] + rows[:, 1], rows[:, 1], rows[:, 4] == 0)
 
-    def repeat(self, moves: np.ndarray, lengths: np.ndarray) -> None:
-        """Have the only row n times, with increments (n, free) added and lengths (n,) [s]."""
+    def repeat(self, moves: np.ndarray, lengths: np.ndarray, factors: np.ndarray) -> None:
+        """Have the only row n times, with increments (n, free) added and lengths (n,) [s].
+
+        And load factors (n,) of forces that depend on the motion. The scheme's level remains at
+        the same time.
+        """
         rows = np.repeat(self._rows, len(moves), axis=0)
-        rows[:, 0] += rows[:, 1] - lengths
-        rows[:, 1] = lengths
+        rows[:, 0] += self.problem.c.level * (rows[:, 1] - lengths)
+        rows[:, 1], rows[:, 2] = lengths, factors
         first = self.c.size - self.problem.c.columns
         rows[:, first : first + moves.shape[1]] += moves
         self.write(rows)

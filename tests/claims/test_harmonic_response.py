@@ -184,12 +184,17 @@ def _bent(kind, x):
     if kind == "contact":
         loss = {"restitution": 0.4, "speed": 0.01 * x[1]}
         scene.add_contact(b.end, fb.Line((0, -0.3), (0, 1)), stiffness=1e3 * x[0], **loss)
+    if kind == "force":  # at the reference its stiffness does not count, as that of no load does
+        c, k = (fb.Parameter(name, value) for name, value in zip("ck", x, strict=True))
+        scene.add_force_between(
+            b.end, (3, 1), force=lambda d, rate, t: k * ufl.cos(3 * t) * d + c * ufl.cos(t) * rate
+        )
     scene.add_mass(b.end, 0.1 * x[1])
     return scene, (b.end, (0.0, 1.0)), b.end
 
 
-@pytest.mark.parametrize("kind", ["friction", "law", "stop", "drag", "contact"])
-@pytest.mark.parametrize("state", [None, lambda scene: fb.static(scene, load_steps=3)])
+@pytest.mark.parametrize("kind", ["friction", "law", "stop", "drag", "contact", "force"])
+@pytest.mark.parametrize("state", [None, lambda scene: fb.static(scene, load_steps=3, t=0.7)])
 def test_damping_that_depends_on_the_rate_counts_as_it_is_at_rest(kind, state):
     def run_at(x):
         run = fb.HarmonicResponse(lambda x: _bent(kind, x), F, state=state)
