@@ -47,16 +47,17 @@ class Settling:
         """The equilibrium that is found from a state. SceneError if there is none."""
         loop, first, work = self._loop, state.q, state.work
         self.stepper.hold_between(goal, goal)
-        largest = self._load(state, goal)
+        largest, last = self._load(state, goal), ""
         drag, short, moved = largest / _WANTED, False, np.inf
         for _ in range(_MOST if drag else 0):
             loop.drag = 0.0 if short else drag
             try:
                 new, moved = self._step(state, goal)
-            except StepFailed:
-                if short and moved <= _STILL:
+            except StepFailed as failure:
+                # A motion that only the drag holds goes on, as that of a node off its beam.
+                if short and moved * drag <= _STILL * largest:
                     break
-                drag, short = (drag if short else 4 * drag), False
+                drag, short, last = (drag if short else 4 * drag), False, failure.reason
                 continue
             state = new
             if short:
@@ -66,8 +67,8 @@ class Settling:
             short = moved <= _SHORT
             drag *= min(1.0, max(0.1, moved / _WANTED))
         else:
-            reason = "under its loads it finds no equilibrium" if drag else "it has no load"
-            raise self._error(reason)
+            lost = "under its loads it finds no equilibrium" + f" ({last})" * bool(last)
+            raise self._error(lost if drag else "it has no load")
         state.negative_eigenvalues = self.stepper.motions.negative_eigenvalues(loop)
         self._check(largest, state)
         return state.changed(work=work)

@@ -117,14 +117,21 @@ def test_what_no_load_holds_is_refused():
         turning.add_contact(ball, fb.Line((0, 0), (side, 1)), stiffness=1e5)
     with pytest.raises(fb.SceneError, match="they leave rotation of node 0 .* free"):
         fb.static(turning)
-    carried = fb.Scene(gravity=(0, -G))
     soft = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0, rhoI=1e-3)
-    beam = carried.add_beam([(0, 0), (0.9, -0.4)], soft, elements=4)
-    carried.clamp(beam.start)
-    bead = carried.add_body((0.45, -0.2), mass=0.5, inertia=0.01)
-    carried.add_joint(fb.Slider(beam, bead.centre))
-    with pytest.raises(fb.SceneError, match="they leave rotation of node .* free"):
-        fb.static(carried)
+    # In the sag of a beam that is held at both ends, and down one that is held at its start.
+    for end, message in (
+        ((0.9, 0.0), "they leave rotation of node .* free"),
+        ((0.9, -0.4), r"no equilibrium .*: the node runs off the end of the beam"),
+    ):
+        carried = fb.Scene(gravity=(0, -G))
+        beam = carried.add_beam([(0, 0), end], soft, elements=4)
+        carried.clamp(beam.start)
+        if not end[1]:
+            carried.clamp(beam.end)
+        bead = carried.add_body((0.45, end[1] / 2), mass=0.5, inertia=0.01)
+        carried.add_joint(fb.Slider(beam, bead.centre))
+        with pytest.raises(fb.SceneError, match=message):
+            fb.static(carried)
     loose = fb.Scene()
     loose.pin(loose.add_beam([(0, 0), (1, 0)], STIFF).start)
     with pytest.raises(fb.SceneError, match=r"can rotate about \(0, 0\) .* it has no load"):
