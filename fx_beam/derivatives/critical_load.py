@@ -60,9 +60,11 @@ class CriticalLoad:
                 f"load factor {point.load_factor:.6g}. Let them differ, by other parameters"
             )
         self._about = about = linearised(scene, state, _WHAT)
-        beams = about.model.forms.beams
-        if beams is not None and beams.has_external:
-            raise SceneError(f"{_WHAT}: no derivatives: added virtual works have none")
+        start, beams = about.start, about.model.forms.beams
+        flowed = any(of is not None and of.any() for of in (start.internal, start.spring_internal))
+        if flowed or (beams is not None and beams.has_external):
+            reason = "material flows on the path" if flowed else "added virtual works have none"
+            raise SceneError(f"{_WHAT}: no derivatives: {reason}")
         self._tangent.begin(about, state)
         changes = derivatives(self._tangent.numbers_of)
         of_factor = self._tangent.by_factor()

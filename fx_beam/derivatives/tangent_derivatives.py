@@ -33,8 +33,8 @@ _FIRST = np.array([-3, -2, -1, 1, 2, 3]), np.array([-1, 9, -45, 45, -9, 1]) / 60
 # The same for damping that is nonlinear in the rate: they leave out |v| v, the quadratic drag at
 # rest, and steps take so many times longer that their rates are near zero.
 _NONLINEAR = (
-    np.append(np.arange(-4, 0), np.arange(1, 5)),
-    np.array([9, -56, 144, -216] + [216, -144, 56, -9]) / 120,
+    np.array([-4, -3, -2, -1, 1, 2, 3, 4]),
+    np.array([9, -56, 144, -216, 216, -144, 56, -9]) / 120,
 )
 _SLOW = 1e4
 _SECOND = np.arange(-3, 4), np.array([2, -27, 270, -490, 270, -27, 2]) / 180
@@ -135,9 +135,8 @@ class TangentDerivatives:
         losing = (law for law in model.points.laws if law.loss and not law.internal)
         nonlinear: list[Any] = [law.remembered or law.of_user for law in losing]
         nonlinear += [drag.quadratic.any() for drag in model.scene.drags]
-        self._first, self._slow = _FIRST, 1.0
-        if self._damped and any(nonlinear):
-            self._first, self._slow = _NONLINEAR, _SLOW
+        slows = self._damped and any(nonlinear)
+        self._first, self._slow = (_NONLINEAR, _SLOW) if slows else (_FIRST, 1.0)
         # At the reference forces that depend on the motion count for damping, not for stiffness.
         unloaded = self._damped and self._factor == 0.0 and model.points.has_external
         self._factors = [0.0, 1.0] if unloaded else [self._factor]
@@ -303,8 +302,8 @@ class TangentDerivatives:
 
     def forces(self, weights: np.ndarray) -> dict[str, np.ndarray]:
         """Derivatives of weights (free,) times the residual by numbers in the state."""
-        steps = self._one_step(len(weights))
-        return self._backwards(steps, weights[None], np.zeros((1, len(self._start.q))))[0]
+        step, none = self._one_step(len(weights)), 0 * self._start.q[None]
+        return self._backwards(step, weights[None], none)[0]
 
     def _one_step(self, free: int) -> _Steps:
         """A step that remains in the state."""
@@ -322,12 +321,11 @@ class TangentDerivatives:
         sizes = (distances / largest)[:, None]
         moves = ((sizes * points)[..., None] * directions[:, None]).reshape(-1, directions.shape[1])
         times = [time, 2 * time] if self._damped else [0.0]
-        lengths, factors = np.tile(times, len(self._factors)), np.repeat(self._factors, len(times))
-        count, each = len(lengths), len(moves)
-        rows = np.arange(count * len(sizes)).repeat(len(points))
-        moves, shares = np.tile(moves, (count, 1)), weights / sizes ** (1 + curved)
-        lengths, factors = lengths.repeat(each), factors.repeat(each)
-        return _Steps(moves, lengths, factors, rows, np.tile(shares.ravel(), count))
+        kinds = [(length, factor) for factor in self._factors for length in times]
+        lengths, factors = np.repeat(kinds, len(moves), axis=0).T
+        rows = np.arange(len(kinds) * len(sizes)).repeat(len(points))
+        moves, shares = np.tile(moves, (len(kinds), 1)), weights / sizes ** (1 + curved)
+        return _Steps(moves, lengths, factors, rows, np.tile(shares.ravel(), len(kinds)))
 
     def _distance(self, direction: np.ndarray) -> float:
         """Distance of steps along a direction (free,), within which no contact opens or closes."""

@@ -19,6 +19,7 @@ from fx_beam.motions.surroundings import recent_model
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
+from fx_beam.scene.coordinate import Coordinate
 from fx_beam.scene.inputs import with_values
 from fx_beam.scene.scene import Scene
 from fx_beam.step.equations import Equations
@@ -62,8 +63,7 @@ class Linearisation:
     def may_be_damped(self) -> bool:
         """Whether the scene has anything whose forces depend on rates."""
         scene, beams = self.model.scene, self.model.forms.beams
-        coordinates = [c for joint in scene.joints for c in joint.coordinates.values()]
-        coordinates += [force.on for force in scene.forces_between]
+        coordinates = _coordinates(scene)
         return (
             any(beam.section.damped for beam in scene.beams)
             or any(c.damper or c.friction or (c.stop and c.stop.loss) for c in coordinates)
@@ -126,6 +126,12 @@ class Linearisation:
         return C
 
 
+def _coordinates(scene: Scene) -> list[Coordinate]:
+    """All of the joints and between points of a scene."""
+    of_joints = [c for joint in scene.joints for c in joint.coordinates.values()]
+    return of_joints + [force.on for force in scene.forces_between]
+
+
 def check_unknowns(model: Model, what: str) -> None:
     """Refuse a scene in which nothing can move."""
     if not len(model.reduction.independent):
@@ -155,7 +161,11 @@ def linearised(
     end = state.end if isinstance(state, Solution) else None
     held = with_values(scene, None if end is None else end.inputs)
     models = {} if models is None else models
-    models["plain"] = model = recent_model(held, Equilibrium(), models.get("plain"), mobile=True)
+    # On a yield surface round-off would say whether something flows.
+    springs = [of.spring for of in _coordinates(scene) if of.spring]
+    flows = any(of.internal for of in [*springs, *(beam.section for beam in scene.beams)])
+    kind = {"mobile": True} | ({"instant": True} if flows else {})
+    models["plain"] = model = recent_model(held, Equilibrium(), models.get("plain"), **kind)
     factor, start = 0.0, reference_state(model)  # an equilibrium without loads
     if state is not None:
         factor, start = _last(model, start, state, what)

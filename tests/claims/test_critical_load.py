@@ -1,5 +1,7 @@
 """Derivatives of critical loads, by closed forms, and how these fall with imperfections."""
 
+import ufl
+
 import numpy as np
 import pytest
 
@@ -108,6 +110,35 @@ def test_a_critical_load_that_there_is_not_is_told_of():
     motion = fb.Response(lambda x: column([*x, 1.0], heated), dt=0.1, t_end=0.1)
     with pytest.raises(fb.SceneError, match="a motion has no critical_load"):
         motion([1.0, 1.0])
+
+
+def test_a_load_at_which_material_has_flowed_has_no_derivatives():
+    """A shallow arch of two springs that yield before it snaps through."""
+
+    def build(x):
+        scene, stiffness = fb.Scene(), fb.Parameter("stiffness", x[0])
+
+        def energy(stretch, a):
+            return (stiffness * (stretch - a[0]) ** 2 + 200 * a[0] ** 2) / 2
+
+        def flow(old, before, now, dt):
+            trial = stiffness * (now[0] - old[0]) - 200 * old[0]
+            excess = ufl.max_value(abs(trial) - 2.0, 0)
+            return [old[0] + ufl.sign(trial) * excess / (stiffness + 200)]
+
+        internal = fb.InternalVariables(("a",), flow)
+        crown = scene.add_body((0, 0.5), mass=1.0, inertia=1.0).centre
+        scene.fix(crown, "x", "rotation")
+        for end in ((-1, 0), (1, 0)):
+            spring = fb.Spring(rest=np.hypot(1, 0.5), strain_energy=energy, internal=internal)
+            scene.add_force_between(crown, end, spring=spring)
+        scene.add_force(crown, (0, -20.0))
+        return observed(scene)
+
+    run = fb.StaticResponse(build, load_steps=40, continuation="arc-length", max_steps=60)
+    assert 0.2 < run([500.0])[1]["load"] < 0.5
+    with pytest.raises(fb.SceneError, match="no derivatives: material flows on the path"):
+        run.vjp({"load": 1.0})
 
 
 def test_two_modes_at_once_have_no_derivatives():

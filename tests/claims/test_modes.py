@@ -424,6 +424,31 @@ def test_a_state_that_has_relaxed_keeps_its_internal_variables():
     assert len(fb.modes(scene, state, n=2)) == 2
 
 
+@pytest.mark.parametrize("steps", [1, 2, 3, 7, 10])
+def test_about_a_state_on_a_yield_surface_nothing_flows(steps):
+    """There round-off would choose between two stiffnesses, 50 and 4.5."""
+
+    def energy(stretch, a):
+        return 25.0 * (stretch - a[0]) ** 2 + 2.5 * a[0] ** 2
+
+    def flow(old, before, now, dt):
+        trial = 50.0 * (now[0] - old[0]) - 5.0 * old[0]
+        return [old[0] + ufl.sign(trial) * ufl.max_value(abs(trial) - 0.4, 0) / 55.0]
+
+    scene, mass, f = fb.Scene(), 2.0, 0.3
+    body = scene.add_body((1, 0), mass, 1.0).centre
+    scene.fix(body, "y", "rotation")
+    variables = fb.InternalVariables(("a",), flow)
+    spring = fb.Spring(rest=1.0, strain_energy=energy, internal=variables)
+    scene.add_force_between(body, (0, 0), spring=spring)
+    scene.add_force(body, (3.3, 0.0))
+    state = fb.static(scene, load_steps=steps)
+    assert fb.modes(scene, state).angular_frequencies == pytest.approx([5.0], rel=1e-9)
+    response = fb.frequency_response(scene, (body, (1.0, 0.0)), body, [f], state)
+    stiffness = 50.0 - (2 * math.pi * f) ** 2 * mass
+    assert response.component("x") == pytest.approx(1 / stiffness, rel=1e-9)
+
+
 def test_a_state_that_is_unstable_in_what_has_no_mass_is_refused():
     section = fb.Section(EA=1e6, GA=1e6, EI=10.0)
     scene = simply_supported(2, 8, section)
