@@ -28,6 +28,8 @@ from .moving_state import Deviations, deviations, forces_inside
 # Round-off: of a mass or a damping of a combination of unknowns relative to the largest, and of the
 # jump of a rate with an input relative to the outputs.
 _NONE = 1e-12
+# A lever that is round-off: damping by its square is none, and the forces that it drives are none.
+_LEVER = 1e-9
 
 
 class InputColumns:
@@ -104,8 +106,8 @@ class FirstOrder:
     def __init__(self, about: Deviations, inputs: InputColumns, what: str):
         self._about, self._inputs = about, inputs
         free = len(about.unknowns)
-        V, masses, damped = _kinds(about.M[:free, :free], about.C[:free, :free], what)
-        y = slice(free)
+        y, unit = slice(free), about.model.unit_of_unknowns[about.unknowns]
+        V, masses, damped = _kinds(about.M[y, y], about.C[y, y], unit, what)
         M, C, K = ((V.T @ part[y, y] @ V) for part in (about.M, about.C, about.K))
         of_positions = inputs.of_positions
         Mp, Cp, Kp = (V.T @ part[y] @ of_positions for part in (about.M, about.C, about.K))
@@ -195,30 +197,41 @@ class FirstOrder:
         return self._states @ np.concatenate([y[self._one], slow, p, rates_of_masses])
 
 
-def _kinds(M: np.ndarray, C: np.ndarray, what: str) -> tuple[np.ndarray, int, int]:
+def _kinds(
+    M: np.ndarray, C: np.ndarray, unit: np.ndarray, what: str
+) -> tuple[np.ndarray, int, int]:
     """A basis (free, free): unknowns with mass, with damping only, with neither; how many."""
     heavy, light = (np.flatnonzero(mask) for mask in (M.diagonal() > 0, M.diagonal() <= 0))
     with_mass, without = _split(M, np.eye(len(M))[:, heavy])
     rest = np.hstack([without, np.eye(len(M))[:, light]])
-    damped, neither = _split((C + C.T) / 2, rest)
+    C = unit[:, None] * C * unit
+    most = abs(C).max(initial=0.0)
+    damped, neither = _split((C + C.T) / 2, _sized(rest / unit[:, None]), _LEVER**2 * most)
+    neither = _sized(neither)
     left = max(abs(C @ neither).max(initial=0), abs(neither.T @ C).max(initial=0))
-    if left > 1e-9 * abs(C).max(initial=0.0):
+    if left > _LEVER * most:
         raise SceneError(
             f"{what}: forces that depend on rates drive a part without mass. Give it mass"
         )
-    return np.hstack([with_mass, damped, neither]), with_mass.shape[1], damped.shape[1]
+    basis = np.hstack([with_mass, unit[:, None] * damped, unit[:, None] * neither])
+    return basis, with_mass.shape[1], damped.shape[1]
 
 
-def _split(A: np.ndarray, basis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _sized(basis: np.ndarray) -> np.ndarray:
+    """Columns (n, k) with the largest value 1."""
+    return basis / abs(basis).max(axis=0, initial=0.0)
+
+
+def _split(A: np.ndarray, basis: np.ndarray, least: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """Parts of a basis (n, k) in which a matrix without negative values is positive, and zero.
 
-    The basis itself where it is all of one kind.
+    The basis itself where it is all of one kind: its diagonal is at most the `least` value.
     """
     a = basis.T @ A @ basis
     diagonal = a.diagonal()
-    if not (diagonal > 0).any():
+    if not (diagonal > least).any():
         return basis[:, :0], basis
-    scale = np.where(diagonal > 0, 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1)), 1.0)
+    scale = 1 / np.sqrt(np.where(diagonal > least, diagonal, 1.0))
     values, vectors = scipy.linalg.eigh(scale[:, None] * a * scale)
     none = values <= _NONE * values.max()
     if not none.any():

@@ -24,10 +24,12 @@ from fx_beam.step.held_inputs import HeldInputs
 from fx_beam.step.model import Model
 from fx_beam.step.turning_frame import TurningFrame
 
-from .linearisation import INSTANT, check_damping, check_unknowns, turning_frame_of
+from .linearisation import check_damping, check_unknowns, turning_frame_of
 
 _log = logging.getLogger("fx_beam")
 
+# Length of the steps that give damping [s]: stiffness and motion have no part in them.
+_INSTANT = 1e-30
 # Rates that differ from those of a turn by less, relative to it, are rigid.
 _RIGID = 1e-2
 # Weight of rates without mass, relative to the largest.
@@ -36,8 +38,9 @@ _LITTLE = 1e-10
 # its square is their error, and damping over their length a rounding error. Internal variables
 # evolve meanwhile: with them the steps are short [s].
 _SMALL, _SHORT = 1e-5, 1e-6
-# The same between the points of differences of order six, and their weights.
-_APART = 0.02
+# The same between the points of differences of order six, and their weights; and the least one,
+# near ends of elements on which nodes slide.
+_APART, _LEAST_APART = 0.02, 1e-4
 # Half of the time over which a natural strain is seen to change, relative to the time, or 1 s [s],
 # and the largest difference of its rates before and behind, relative to them.
 _MOMENT, _KINK = 1e-6, 1e-3
@@ -110,8 +113,6 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
     _warn_of_turn(model, state, T, dT, what)
     strained = None if at is None or at.stats.static else _natural_rates(model, state.t, what)
     f, K, C, pushes, stiff, viscous = _forces(model, state, strained)
-    if strained is not None:  # no strain changes in an instant
-        f = f + _force_of_strain_rates(model, state, strained)
     mass = model.mass
     dead = factor * forcing.forces(Interval(state.t, state.t))[0]
     if frame is not None:
@@ -183,7 +184,7 @@ class _Coupling:
     """
 
     def __init__(self, model: Model, state: State):
-        self._model, self._reduction = model, model.reduction
+        self._model, self._reduction, self._slides = model, model.reduction, state.slides
         free, driven = model.reduction.free, model.reduction.driven
         model.reduction.begin(state.q, state.slides)
         #: Numbers (count,) of the columns z.
@@ -209,6 +210,11 @@ class _Coupling:
         if not (self._model.scene.joints and size):
             return first, second
         h = _APART / size
+        for slide in self._reduction.sliders.all:
+            rate = abs(self.parts(self.X)[1][slide.column] @ z)
+            beside = abs(slide.path.s - self._slides[slide.joint.number]).min()
+            if 4 * h * rate > beside:  # all points are in one element
+                h = max(beside / (4 * rate), _LEAST_APART / size)
         for k, (odd, even) in enumerate(zip(_FIRST, _SECOND, strict=True), start=1):
             # Constant entries have differences of zero, without rounding errors.
             ahead, back = self._at(k * h * z), self._at(-k * h * z)
@@ -249,20 +255,21 @@ def _natural_rates(model: Model, t: float, what: str) -> np.ndarray | None:
 def _forces(model: Model, state: State, strained: np.ndarray | None = None):
     """Internal forces (size,), stiffness and damping; the same (columns,) of those on slides.
 
-    Natural strains may be `strained` at rates (cells, degree, 3), whose own force is not in these.
+    Natural strains may be `strained` at rates (cells, degree, 3).
     """
     forms, points = model.forms, model.points
     slide_rates = model.slide_rates(state)
     count = model.reduction.columns
 
-    def step(dt: float, moving: bool, shift: float = 0.0):
+    def step(dt: float, moving: bool = True, strained: np.ndarray | None = None):
+        """About the state, half of it before."""
         D, slid = moving * dt * state.v, moving * dt * slide_rates
-        start = replace(state, q=state.q - shift * D, slides=state.slides - shift * slid)
+        start = replace(state, q=state.q - D / 2, slides=state.slides - slid / 2)
         given = model.start_of(start, dt)
         if strained is not None and state.natural is not None:
-            first = state.natural - shift * dt * strained
+            first = state.natural - dt / 2 * strained
             given = given._replace(natural=(first, first + dt * strained))
-        forms.begin(instant(state.t - shift * dt, dt), given)
+        forms.begin(instant(state.t - dt / 2, dt), given)
         f = forms.internal_force(D).copy()
         z = np.zeros(count)
         z[points.columns] = slid[points.slides]
@@ -271,21 +278,24 @@ def _forces(model: Model, state: State, strained: np.ndarray | None = None):
         return f, forms.tangent(), *on_slides
 
     if not forms.depend_on_rates:
-        f, half, pushes, half_slides = step(INSTANT, False)
+        f, half, pushes, half_slides = step(_INSTANT, moving=False)
         return f, 2 * half, 0 * half, pushes, 2 * half_slides, 0 * half_slides
-    f, at_once, pushes, slides_at_once = step(INSTANT, True)
-    _, later, _, slides_later = step(2 * INSTANT, True)
-    C, viscous = (2 * INSTANT * d for d in (at_once - later, slides_at_once - slides_later))
+    (_, at_once, _, slides_at_once), (_, later, _, slides_later) = (
+        step(_INSTANT),
+        step(2 * _INSTANT),
+    )
+    C, viscous = (2 * _INSTANT * d for d in (at_once - later, slides_at_once - slides_later))
     size = abs(state.v / model.unit).max()
     # A motion of round-off alone would have steps so long that natural strains lose their digits.
     h = min(_SMALL / size, 1.0) if size else 1.0
+    # In an instant strains of round-off would have large rates, and forces.
+    f, ahead, pushes, slides_ahead = step(min(h, _SHORT), strained=strained)
     if state.internal is not None or state.spring_internal is not None:
         h = min(h, _SHORT)
-        _, ahead, _, slides_ahead = step(h, True, 0.5)
         K, stiff = 2 * (ahead - C / h), 2 * (slides_ahead - viscous / h)
     else:  # damping over the length has the opposite sign in a step back
-        _, ahead, _, slides_ahead = step(h, True, 0.5)
-        _, back, _, slides_back = step(-h, True, 0.5)
+        _, ahead, _, slides_ahead = step(h, strained=strained)
+        _, back, _, slides_back = step(-h, strained=strained)
         K, stiff = ahead + back, slides_ahead + slides_back
     check_damping(np.append(K.data, C.data), "linearise: the damping in this state")
     return f, K, C, pushes, stiff, viscous

@@ -244,3 +244,37 @@ def test_the_rate_of_a_massless_node_on_which_an_input_acts_is_refused():
     assert fb.linearise(scene, outputs=outputs).D[0, 0] > 0  # it turns at once
     with pytest.raises(fb.SceneError, match="'spin' is the rate of a node without mass"):
         fb.linearise(scene, outputs={"spin": fb.Output("spin", beam.start)})
+
+
+@pytest.mark.parametrize("joint", ["slider", "sleeve", "slot"])
+@pytest.mark.parametrize("inertia", [0.01, 0.0])
+def test_a_system_at_rest_has_the_vibrations_of_modes(joint, inertia):
+    """With short elements under what slides, and beams that damp and are bent by themselves."""
+    data = {"EA": 1e4, "GA": 1e4, "EI": 100.0, "rhoA": 1.0}
+    scene, on_node = fb.Scene(gravity=(0, -9.81)), joint == "slot"
+    at = (1.0, 0.0) if on_node else (0.61, 0.0)
+    rail = scene.add_beam([(0, 0), (1, 0)], fb.Section(rhoI=inertia, **data), elements=20)
+    mast = scene.add_beam(
+        [at, (at[0], 1)], fb.Section(rhoI=0.01, retardation=0.01, **data), elements=3
+    )
+    scene.clamp(rail.start)
+    scene.add_natural_strain(mast, curvature=lambda f, t: 0.3 * f * t)
+    on = {"spring": fb.Spring(100.0, rest=0.6 * (not on_node)), "damper": fb.Damper(1.0)}
+    if joint == "slider":
+        scene.add_joint(fb.Slider(rail, mast.start, **on))
+        for side in (-1, 1):
+            scene.add_force_between(mast.end, (0.61 + side, 2.0), spring=fb.Spring(50.0))
+    elif joint == "sleeve":
+        scene.add_joint(fb.Sleeve(rail, mast.start, **on))
+    else:
+        hinge = fb.Coordinate(spring=fb.Spring(20.0))
+        scene.add_joint(fb.PinInSlot(rail.end, mast.start, axis=(1, 0.3), hinge=hinge, **on))
+    scene.add_force(mast.end, (2.0, -1.0))
+    state = fb.static(scene, load_steps=4, t=1.0)
+    modes, roots = fb.modes(scene, state, n=6), np.linalg.eigvals(fb.linearise(scene, state).A)
+    omega, zeta = modes.angular_frequencies, modes.damping_ratios
+    expected = omega * (-zeta + 1j * np.sqrt(1 - zeta + 0j) * np.sqrt(1 + zeta))
+    slower = omega * (-zeta + np.sqrt(np.maximum(zeta**2 - 1, 0)))
+    for root in np.where(zeta > 1, slower, expected):
+        assert abs(roots - root).min() < 1e-7 * abs(root)
+    assert len(roots) < 2 * len(scene.nodes) * 3 and abs(roots).max() < 1e6
