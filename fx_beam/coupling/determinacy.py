@@ -140,8 +140,7 @@ def _rows(scene: Scene, mesh: Mesh, parts: _Parts):
             turning.append(nodes)
     for force in scene.forces_between:
         if _is_held(force.on):
-            nodes = force.between
-            together.append((*nodes, *(force.apart / np.hypot(*force.apart)), 0.0, 0.0))
+            together.append((*force.between, *(force.apart / np.hypot(*force.apart)), 0.0, 0.0))
     given = np.array(together).reshape(-1, 6)
     pairs, along, arm = given[:, :2].astype(int), given[:, 2:4], given[:, 4:] / mesh.size
     turned = np.array(turning, dtype=int).reshape(-1, 2)

@@ -327,8 +327,7 @@ class _Sums:
         for side, entries in ((1.0, b), (-1.0, a), (1.0, self._of_joint(joint, i, -1.0))):
             for *key, sign in entries:
                 total[key[0], key[1]] = total.get((key[0], key[1]), 0.0) + side * sign
-        closure = [(at, value, sign) for (at, value), sign in total.items() if sign]
-        return Closure(joint, i, closure)
+        return Closure(joint, i, [(at, value, sign) for (at, value), sign in total.items() if sign])
 
 
 def _connected(forests: list[list[Branch]], nodes: set[int]) -> set[int]:

@@ -211,8 +211,7 @@ class Reduction:
         slides = self.sliders.all
         sliders = {"sliders": len(slides), "slider": [slide.members() for slide in slides]}
         rule = {"level": self._rates.level, **self._rates.constants}
-        joints = self.couplings.sign.shape[1]
-        return Configuration(self.members | rule | sliders, joints, slides)
+        return Configuration(self.members | rule | sliders, self.couplings.sign.shape[1], slides)
 
     def begin(self, q: np.ndarray, slides: np.ndarray) -> None:
         """Set the start of a step, and choose the unknowns that close loops.

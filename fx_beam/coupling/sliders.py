@@ -182,6 +182,12 @@ class Sliders:
         alone = (index >= 0) & (column < self._couplings.free)
         return np.where(alone, column, -1), np.where(index >= 0, position, -1)
 
+    def reach(self, slides: np.ndarray, z: np.ndarray) -> float:
+        """How often columns z can be added to a state before a node slides off its element."""
+        ends = ((of.column, of.path.s[1:-1] - slides[of.joint.number]) for of in self.all)
+        ways = (abs(beside).min(initial=np.inf) / abs(z[at]) for at, beside in ends if z[at])
+        return min(ways, default=np.inf)
+
     def fault(self, arcs: Sequence[tuple[float, float]]) -> tuple[str, str] | None:
         """Kind and reason of a step that leaves a beam, or passes too many elements; or None.
 

@@ -117,8 +117,7 @@ class StaticDerivatives:
         """The numbers of these load steps for another scene; OtherStructureError if it differs."""
         scene = with_functions(scene, self.path.options.inputs, "static: inputs")
         model = self._others.model_of(scene)
-        forcing = LoadForcing(model, self.path.forcing.time)
-        return static_numbers_of(model, forcing, self.factors)
+        return static_numbers_of(model, LoadForcing(model, self.path.forcing.time), self.factors)
 
     def change_of_end(self, derivatives: DerivativesOf, what: str) -> StateChange:
         """Changes of the last state with x, by `derivatives` of the numbers of scenes."""

@@ -39,8 +39,8 @@ _NONLINEAR = (
 _SLOW = 1e4
 _SECOND = np.arange(-3, 4), np.array([2, -27, 270, -490, 270, -27, 2]) / 180
 _DISTANCE = 4e-3
-# The distance is halved down to this one where a contact opens or closes on the way.
-_NEAREST = 1e-8
+# The least one where a contact opens or closes on the way, and where a node slides off its element.
+_NEAREST, _ON_ELEMENT = 1e-8, 1e-5
 # Numbers of a state that follow from the load steps before, where something flows.
 _OF_STATE = {"q", "slides", "internal", "spring internal"}
 # What is left of a direction of length 1 that is a sum of others.
@@ -328,12 +328,18 @@ class TangentDerivatives:
         return _Steps(moves, lengths, factors, rows, np.tile(shares.ravel(), len(kinds)))
 
     def _distance(self, direction: np.ndarray) -> float:
-        """Distance of steps along a direction (free,), within which no contact opens or closes."""
-        about, model, start, distance = self._about, self._about.model, self._start, _DISTANCE
+        """Distance of steps along a direction (free,), within which no contact opens or closes.
+
+        And no node slides off its element.
+        """
+        about, model, start = self._about, self._about.model, self._start
+        move = self._first[0][-1] * direction
+        columns = about.columns @ move
+        reach = model.reduction.sliders.reach(start.slides, columns)
+        distance = max(min(_DISTANCE, 0.9 * reach), _ON_ELEMENT)
         if not model.points.conditions:
             return distance
-        move = self._first[0][-1] * direction
-        slides = model.couplings.free_slides(about.columns @ move, len(start.slides))
+        slides = model.couplings.free_slides(columns, len(start.slides))
         nodes, at_start = about.T @ move, model.switches(start)
 
         def switches(by: float) -> bool:
@@ -346,8 +352,7 @@ class TangentDerivatives:
 
     def _pushed(self, steps: _Steps, by_state: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """Changes (rows, m, ...) of residuals and ends of steps, with all numbers and the state."""
-        tape = self._tape(steps)
-        given = tape, self.changes, by_state, steps.rows, steps.shares
+        given = self._tape(steps), self.changes, by_state, steps.rows, steps.shares
         return self._derivatives.jvp_of_equations(*given)
 
     def _backwards(

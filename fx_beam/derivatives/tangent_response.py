@@ -69,8 +69,7 @@ class TangentResponse(Differentiable):
         self._tangent.begin(self._about, self._end, self._damped)
         self._start: StateChange | None = None
         if self._path is not None and self._about.model.flows:
-            path = StaticDerivatives(self._path)
-            self._start = path.change_of_end(self._derivatives, self._what)
+            self._start = StaticDerivatives(self._path).change_of_end(self._derivatives, self._what)
         return self._derivatives(self._numbers_of)
 
     def _numbers_of(self, scene: Scene, change: Any) -> dict[str, Any]:

@@ -210,11 +210,9 @@ class _Coupling:
         if not (self._model.scene.joints and size):
             return first, second
         h = _APART / size
-        for slide in self._reduction.sliders.all:
-            rate = abs(self.parts(self.X)[1][slide.column] @ z)
-            beside = abs(slide.path.s - self._slides[slide.joint.number]).min()
-            if 4 * h * rate > beside:  # all points are in one element
-                h = max(beside / (4 * rate), _LEAST_APART / size)
+        # All points are in one element of a beam on which a node slides.
+        reach = self._reduction.sliders.reach(self._slides, self.parts(self.X)[1] @ z)
+        h = min(h, max(reach / 4, _LEAST_APART / size))
         for k, (odd, even) in enumerate(zip(_FIRST, _SECOND, strict=True), start=1):
             # Constant entries have differences of zero, without rounding errors.
             ahead, back = self._at(k * h * z), self._at(-k * h * z)

@@ -77,8 +77,7 @@ class CompiledLoop:
         known = min(p.known_steps, self._library.PAST)
         ages, differences, y = (values[:known].copy() for values in self.problem.past)
         slides = model.couplings.free_slides(y, model.scene.joint_count)
-        orders = np.array(list(p.orders[0 : p.sub_steps]))
-        return Past(ages, orders, differences, slides)
+        return Past(ages, np.array(list(p.orders[0 : p.sub_steps])), differences, slides)
 
     @past.setter
     def past(self, past: Past | None) -> None:

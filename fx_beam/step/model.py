@@ -442,5 +442,4 @@ def _probable_features(scene: Scene, scheme: Scheme) -> str:
         return "MEMBERS"
     if scheme.rates.at_rest:
         return "0"
-    wide = scene.beams and (scene.joints or scene.beams[0].degree > 1)
-    return "BAND" if wide else "CHAIN"
+    return "BAND" if scene.beams and (scene.joints or scene.beams[0].degree > 1) else "CHAIN"

@@ -1,0 +1,123 @@
+"""Small motions of random scenes: linear systems against modes, gradients against differences."""
+
+import ufl
+
+import numpy as np
+import pytest
+
+import fx_beam as fb
+
+DATA = {"EA": 1e4, "GA": 1e4, "EI": 100.0, "rhoA": 1.0}
+X = np.array([1.1, 0.9, 1.05])
+F = [0.7, 3.0, 11.0]
+
+
+def relaxing(strain, bending, k):
+    """Stored energy of which half relaxes in bending, and its internal variable."""
+
+    def energy(eps, gamma, kappa, a):
+        return strain * (eps**2 + gamma**2) + bending * k * (kappa**2 + (kappa - a[0]) ** 2)
+
+    def relax(old, strains0, strains, dt):
+        return [(old[0] + 2 * dt * strains[-1]) / (1 + 2 * dt)]
+
+    return {"strain_energy": energy, "internal": fb.InternalVariables(("dashpot",), relax)}
+
+
+def section_of(x, rng):
+    match rng.integers(5):
+        case 0:
+            return fb.Section(rhoI=0.01, retardation=0.01 * x[1], **DATA)
+        case 1:
+            return fb.Section(**DATA)  # turns have no mass
+        case 2:
+            return fb.Section(**DATA | {"EI": lambda f: 100 * (x[0] + f * x[2])}, rhoI=0.01)
+        case 3:
+            return fb.Section(rhoA=x[0], rhoI=0.01, **relaxing(5e3, 25.0, fb.Parameter("k", x[1])))
+    return fb.Section(rhoI=0.01 * x[2], **DATA)
+
+
+def scene_of(x, seed):
+    """A mast on a rail, with forces of several kinds on both."""
+    rng, scene = np.random.default_rng(seed), fb.Scene(gravity=(0, -9.81 * x[2]))
+    joint = rng.choice(["hinge", "slot", "slider", "sleeve"])
+    at, degree, elements = 1.0 if joint in ("hinge", "slot") else 0.61, *rng.integers(1, 3, 2)
+    size = {"degree": int(degree), "elements": int(2 + 2 * elements)}
+    rail = scene.add_beam([(0, 0), (1, 0)], section_of(x, rng), **size)
+    mast = scene.add_beam([(at, 0), (at + 0.2, 1)], section_of(x, rng), **size)
+    scene.clamp(rail.start)
+    spring, damper = (
+        fb.Spring(100.0 * x[0], rest=at if at < 1 else 0.1 * x[1]),
+        fb.Damper(0.3 * x[2]),
+    )
+    on = {"spring": spring, **({"damper": damper} if rng.random() < 0.5 else {})}
+    if joint == "hinge":
+        scene.add_joint(fb.Revolute(rail.end, mast.start, **on))
+    elif joint == "slot":
+        hinge = fb.Coordinate(spring=fb.Spring(20.0), friction=fb.SmoothFriction(0.5, 0.2 * x[1]))
+        scene.add_joint(fb.PinInSlot(rail.end, mast.start, axis=(1, 0.3), hinge=hinge, **on))
+    else:
+        scene.add_joint((fb.Slider if joint == "slider" else fb.Sleeve)(rail, mast.start, **on))
+        for side in (-1, 1):
+            scene.add_force_between(mast.end, (at + side, 2.0), spring=fb.Spring(50.0))
+    p, q = (fb.Parameter(f"force {k}", x[k]) for k in range(2))
+
+    def pull(distance, rate, t):
+        return p * ufl.sin(3 * t) * distance + 0.3 * q * ufl.cos(t) * rate
+
+    for kind in rng.choice(5, 2, replace=False):
+        beam = (rail, mast)[rng.integers(2)]
+        match kind:
+            case 0:
+                scene.add_force_between(mast.end, (3.0, 1.0), force=pull)
+            case 1:
+                scene.add_natural_strain(beam, curvature=lambda f, t: 0.3 * x[0] * f * t)
+            case 2:
+                scene.add_drag(beam, linear=0.5 * x[1], quadratic=x[2])
+            case 3:
+                scene.add_line_load(
+                    beam, lambda s, t: (x[0] * t, x[1] * s), of="arc length and time"
+                )
+            case 4:
+                loss = {"restitution": 0.5, "speed": 0.3}
+                scene.add_contact(mast.end, fb.Line((0, 0.9), (0, 1)), stiffness=500 * x[1], **loss)
+    return scene, mast.end
+
+
+def state_of(scene):
+    return fb.static(scene, load_steps=4, t=0.7)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_system_at_rest_has_the_vibrations_of_modes(seed):
+    scene, _ = scene_of(X, seed)
+    state = state_of(scene)
+    modes, roots = fb.modes(scene, state, n=6), np.linalg.eigvals(fb.linearise(scene, state).A)
+    omega, zeta = modes.angular_frequencies, modes.damping_ratios
+    assert (omega > 0).all()
+    turning = np.sqrt(zeta**2 - 1 + 0j)  # of the two roots without vibration modes have the slower
+    for root in omega * (-zeta + turning):
+        assert abs(roots - root).min() < 1e-6 * abs(root)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_responses_have_the_derivatives_of_differences(seed):
+    """Of order four; about a state, and with an odd seed about the reference."""
+
+    def build(x):
+        scene, node = scene_of(x, seed)
+        return scene, (node, (0.3, 1.0 + x[1])), node
+
+    def run_at(x):
+        run = fb.HarmonicResponse(build, F, state=None if seed % 2 else state_of)
+        return run, run(x)
+
+    h, (run, values) = 3e-4, run_at(X)
+    weights = np.random.default_rng(0).standard_normal(values.shape)
+    ends = [[run_at(X + k * h * row)[1] for k in (-2, -1, 1, 2)] for row in np.eye(3)]
+    expected = np.einsum("mknc,nc->mk", np.array(ends).real, weights) @ [1, -8, 8, -1] / (12 * h)
+    size = abs(expected).max()
+    assert run.vjp(weights) == pytest.approx(expected, rel=0, abs=1e-5 * size)
+    assert np.einsum("ncm,nc->m", run.jacobian().real, weights) == pytest.approx(
+        expected, rel=0, abs=1e-5 * size
+    )
