@@ -34,9 +34,8 @@ _INSTANT = 1e-30
 _RIGID = 1e-2
 # Weight of rates without mass, relative to the largest.
 _LITTLE = 1e-10
-# Largest increment, in units of the scene, of the steps that give the stiffness of a moving state:
-# its square is their error, and damping over their length a rounding error. Internal variables
-# evolve meanwhile: with them the steps are short [s].
+# Largest increment, in units of the scene, and length [s] of the steps that give the stiffness of a
+# moving state: their squares are its error, and damping over the length is a rounding error.
 _SMALL, _SHORT = 1e-5, 1e-6
 # The same between the points of differences of order six, and their weights; and the least one,
 # near ends of elements on which nodes slide.
@@ -283,16 +282,13 @@ def _forces(model: Model, state: State, strained: np.ndarray | None = None):
         step(2 * _INSTANT),
     )
     C, viscous = (2 * _INSTANT * d for d in (at_once - later, slides_at_once - slides_later))
+    # In an instant strains of round-off would have large rates; in long steps loads change.
     size = abs(state.v / model.unit).max()
-    # A motion of round-off alone would have steps so long that natural strains lose their digits.
-    h = min(_SMALL / size, 1.0) if size else 1.0
-    # In an instant strains of round-off would have large rates, and forces.
-    f, ahead, pushes, slides_ahead = step(min(h, _SHORT), strained=strained)
+    h = min(_SMALL / size, _SHORT) if size else _SHORT
+    f, ahead, pushes, slides_ahead = step(h, strained=strained)
     if state.internal is not None or state.spring_internal is not None:
-        h = min(h, _SHORT)
         K, stiff = 2 * (ahead - C / h), 2 * (slides_ahead - viscous / h)
     else:  # damping over the length has the opposite sign in a step back
-        _, ahead, _, slides_ahead = step(h, strained=strained)
         _, back, _, slides_back = step(-h, strained=strained)
         K, stiff = ahead + back, slides_ahead + slides_back
     check_damping(np.append(K.data, C.data), "linearise: the damping in this state")

@@ -91,7 +91,8 @@ def test_eigenvalues_are_those_of_damped_modes_about_a_stressed_state(case):
 @pytest.mark.parametrize("rhoI", [0.01, 0.0])
 def test_the_transfer_function_is_the_frequency_response(rhoI):
     scene, arm, joint, outputs = hanging(rhoI)
-    state, f = fb.static(scene, load_steps=4), [0.0, 0.6, 2.2, 30.0]
+    scene.add_force(arm.end, lambda t: (3.0 * np.cos(5 * t), 1.0), follower=True)
+    state, f = fb.static(scene, load_steps=4, t=0.7), [0.0, 0.6, 2.2, 30.0]
     system = fb.linearise(scene, state, outputs=outputs)
     for k, direction in enumerate(np.eye(2)):
         at_end, at_joint = (
