@@ -333,12 +333,12 @@ class TangentDerivatives:
         And no node slides off its element.
         """
         about, model, start = self._about, self._about.model, self._start
+        if not (model.points.conditions or model.couplings.sliding):
+            return _DISTANCE
         move = self._first[0][-1] * direction
         columns = about.columns @ move
         reach = model.reduction.sliders.reach(start.slides, columns)
         distance = max(min(_DISTANCE, 0.9 * reach), _ON_ELEMENT)
-        if not model.points.conditions:
-            return distance
         slides = model.couplings.free_slides(columns, len(start.slides))
         nodes, at_start = about.T @ move, model.switches(start)
 
