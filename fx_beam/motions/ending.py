@@ -84,7 +84,7 @@ class Ending:
         t0, mark, before = mark.state.t, mark._replace(halving=halving), self._before
         ends = {name: self._zero(name, mark, t0, t1, values[name]) for name in met}
         first = min(ends, key=ends.__getitem__)
-        least = t0 + _SHORTEST * (t1 - t0)
+        least, jumped = t0 + _SHORTEST * (t1 - t0), ends[first] - t0 < _JUMP * (t1 - t0)
         if ends[first] < least and before is not None and t0 not in kinks:
             longer = before._replace(halving=halving)
             value = self._at(first, longer, t1)
@@ -92,9 +92,9 @@ class Ending:
                 mark, ends[first] = longer, t1  # where round-off decides the sign
             elif _changes(self._values[first], value):
                 mark, ends[first] = longer, self._zero(first, longer, t0, t1, value)
-            elif _changes(self._values[first], self._at(first, mark, least)):
+            elif jumped and _changes(self._values[first], self._at(first, mark, least)):
                 ends[first] = least  # mean forces have jumped from the step before to this one
-        elif ends[first] - t0 < _JUMP * (t1 - t0):
+        elif jumped:
             ends[first] = least
         self._return_to(mark)
         number = self._stepper.stats.steps + 1

@@ -57,6 +57,19 @@ def test_the_last_step_is_neither_tiny_nor_interpolated():
         assert fall.stats.steps == len(fall.t) - 1
 
 
+def test_a_value_that_only_a_short_last_step_meets_is_met():
+    """A vibration that is not resolved comes back within the longer step of both."""
+    scene = fb.Scene()
+    mass = scene.add_body((0, 0), 1.0, 1.0).centre
+    spring = fb.Spring(3e4)
+    scene.add_joint(fb.Prismatic(fb.GROUND, mass, axis=(1, 0), spring=spring))
+    scene.add_force(mass, lambda t: (1e4 * t * np.cos(150 * t), 0.0))
+    outputs = {"v": fb.Output("velocity", mass, "x")}
+    run = fb.simulate(scene, dt=0.01, t_end=0.3, outputs=outputs, until=lambda t, y: y["v"] + 4.3)
+    assert 0.06 < run.t[-1] < 0.061
+    assert run.velocity(mass)[-1, 0] == pytest.approx(-4.3, rel=1e-9)
+
+
 @pytest.mark.parametrize("limit", [2.0, 4.0, 6.0, 8.0, 10.0])
 def test_a_mean_force_that_is_met_at_the_start_of_a_step_is_met_in_one_about_it(limit):
     """Round-off decides in which of two steps a joint reaches the force at which it breaks."""
