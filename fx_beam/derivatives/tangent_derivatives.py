@@ -258,7 +258,8 @@ class TangentDerivatives:
         """Weights (n, free) of residuals of steps of each length, that tell stiffness and damping.
 
         The force of a step with an increment D is K D / 2 + C D / length, that of a length less
-        that of its double C D / (2 length).
+        that of its double C D / (2 length). Of steps without loads and with them, if these count
+        for damping only, the first tell K and the others C.
         """
         K, C = along.stiffness, 2 * time * along.damping
         if len(self._factors) > 1:

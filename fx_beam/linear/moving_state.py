@@ -277,10 +277,8 @@ def _forces(model: Model, state: State, strained: np.ndarray | None = None):
     if not forms.depend_on_rates:
         f, half, pushes, half_slides = step(_INSTANT, moving=False)
         return f, 2 * half, 0 * half, pushes, 2 * half_slides, 0 * half_slides
-    (_, at_once, _, slides_at_once), (_, later, _, slides_later) = (
-        step(_INSTANT),
-        step(2 * _INSTANT),
-    )
+    _, at_once, _, slides_at_once = step(_INSTANT)
+    _, later, _, slides_later = step(2 * _INSTANT)
     C, viscous = (2 * _INSTANT * d for d in (at_once - later, slides_at_once - slides_later))
     # In an instant strains of round-off would have large rates; in long steps loads change.
     size = abs(state.v / model.unit).max()
