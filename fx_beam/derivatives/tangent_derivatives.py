@@ -135,8 +135,8 @@ class TangentDerivatives:
         losing = (law for law in model.points.laws if law.loss and not law.internal)
         nonlinear: list[Any] = [law.remembered or law.of_user for law in losing]
         nonlinear += [drag.quadratic.any() for drag in model.scene.drags]
-        slows = self._damped and any(nonlinear)
-        self._first, self._slow = (_NONLINEAR, _SLOW) if slows else (_FIRST, 1.0)
+        slow = self._damped and any(nonlinear)
+        self._first, self._slow = (_NONLINEAR, _SLOW) if slow else (_FIRST, 1.0)
         # At the reference forces that depend on the motion count for damping, not for stiffness.
         unloaded = self._damped and self._factor == 0.0 and model.points.has_external
         self._factors = [0.0, 1.0] if unloaded else [self._factor]

@@ -47,7 +47,7 @@ class Settling:
         """The equilibrium that is found from a state. SceneError if there is none."""
         loop, first, work = self._loop, state.q, state.work
         self.stepper.hold_between(goal, goal)
-        largest, last = self._load(state, goal), ""
+        largest, failed = self._load(state, goal), ""
         drag, short, moved = largest / _WANTED, False, np.inf
         for _ in range(_MOST if drag else 0):
             loop.drag = 0.0 if short else drag
@@ -57,7 +57,7 @@ class Settling:
                 # A motion that only the drag holds goes on, as that of a node off its beam.
                 if short and moved * drag <= _STILL * largest:
                     break
-                drag, short, last = (drag if short else 4 * drag), False, failure.reason
+                drag, short, failed = (drag if short else 4 * drag), False, failure.reason
                 continue
             state = new
             if short:
@@ -67,7 +67,7 @@ class Settling:
             short = moved <= _SHORT
             drag *= min(1.0, max(0.1, moved / _WANTED))
         else:
-            lost = "under its loads it finds no equilibrium" + f" ({last})" * bool(last)
+            lost = "under its loads it finds no equilibrium" + f" ({failed})" * bool(failed)
             raise self._error(lost if drag else "it has no load")
         state.negative_eigenvalues = self.stepper.motions.negative_eigenvalues(loop)
         self._check(largest, state)

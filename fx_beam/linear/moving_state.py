@@ -258,7 +258,7 @@ def _forces(model: Model, state: State, strained: np.ndarray | None = None):
     slide_rates = model.slide_rates(state)
     count = model.reduction.columns
 
-    def step(dt: float, moving: bool = True, strained: np.ndarray | None = None):
+    def step(dt: float, moving: bool = True):
         """About the state, half of it before."""
         D, slid = moving * dt * state.v, moving * dt * slide_rates
         start = replace(state, q=state.q - D / 2, slides=state.slides - slid / 2)
@@ -283,11 +283,11 @@ def _forces(model: Model, state: State, strained: np.ndarray | None = None):
     # In an instant strains of round-off would have large rates; in long steps loads change.
     size = abs(state.v / model.unit).max()
     h = min(_SMALL / size, _SHORT) if size else _SHORT
-    f, ahead, pushes, slides_ahead = step(h, strained=strained)
+    f, ahead, pushes, slides_ahead = step(h)
     if state.internal is not None or state.spring_internal is not None:
         K, stiff = 2 * (ahead - C / h), 2 * (slides_ahead - viscous / h)
     else:  # damping over the length has the opposite sign in a step back
-        _, back, _, slides_back = step(-h, strained=strained)
+        _, back, _, slides_back = step(-h)
         K, stiff = ahead + back, slides_ahead + slides_back
     check_damping(np.append(K.data, C.data), "linearise: the damping in this state")
     return f, K, C, pushes, stiff, viscous

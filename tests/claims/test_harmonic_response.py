@@ -184,7 +184,7 @@ def _bent(kind, x):
     if kind == "contact":
         loss = {"restitution": 0.4, "speed": 0.01 * x[1]}
         scene.add_contact(b.end, fb.Line((0, -0.3), (0, 1)), stiffness=1e3 * x[0], **loss)
-    if kind == "force":  # at the reference its stiffness does not count, as that of no load does
+    if kind == "force":  # a load: without a state its stiffness does not count
         c, k = (fb.Parameter(name, value) for name, value in zip("ck", x, strict=True))
         scene.add_force_between(
             b.end, (3, 1), force=lambda d, rate, t: k * ufl.cos(3 * t) * d + c * ufl.cos(t) * rate
