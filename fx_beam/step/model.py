@@ -252,11 +252,6 @@ class Model:
         return self.points.switches(state.q, state.slides)
 
     @property
-    def loses_at_impacts(self) -> bool:
-        """Whether obstacles or stops take energy."""
-        return any(law.opens and law.loss for law in self.points.laws)
-
-    @property
     def has_unseen_kinks(self) -> bool:
         """Whether forces may change quickly where no switch tells: sections' laws, flow, losses."""
         # Friction, contact with a loss, and dampers with laws of a user lose quickly.

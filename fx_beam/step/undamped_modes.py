@@ -19,6 +19,8 @@ from .sparse_lu import Pattern, sparse_lu
 _EXACT = 1e-12
 # Share of a vector that is left of it where a basis is complete: more than its rounding errors.
 _ROUNDING = 1e-10
+# An eigenvalue far above the largest, which is of order 1.
+_FAR = 1e6
 # Largest difference of two entries across the diagonal, relative to the largest ones of their rows.
 _ACROSS = 1e-12
 
@@ -44,8 +46,6 @@ class Symmetry:
         if not gaps.any():
             return True
         sizes, gaps = abs(values * self._units), gaps * self._units
-        if (gaps > _ACROSS * sizes.max()).any():
-            return False  # whatever the largest ones of their rows are
         largest = np.sqrt(np.maximum.reduceat(sizes, self._starts))
         return bool((gaps <= _ACROSS * largest[self._rows] * largest[self._columns]).all())
 
@@ -57,7 +57,7 @@ class UndampedModes:
     """
 
     def __init__(self, K: Any, M: Any):
-        massive = M.diagonal() > 0
+        self._massive = massive = M.diagonal() > 0
         ratios = abs(K.diagonal()[massive]) / M.diagonal()[massive]
         # Scaled so that stiffnesses are of order 1 and eigenvalues below 1.
         self._unit = unit = ratios.max() or 1.0
@@ -111,7 +111,8 @@ class UndampedModes:
         def reach(k):
             return levels[bisect.bisect_left(levels, k, hi=len(levels) - 1, key=below)]
 
-        n = min(n, below(levels[-1]))  # the others are infinite, for unknowns without mass
+        finite = below(levels[-1])  # the others are infinite, for motions without mass
+        n, self._massless = min(n, finite), self._motions_without_mass(finite)
         least = levels[levels > 0][0]
         if below(least) == 0 and (all_of_them := self._at_once(n, least)) is not None:
             return all_of_them
@@ -143,6 +144,15 @@ class UndampedModes:
         complete = self._below(beneath) == (squares < beneath).sum()
         return (squares, errors, new) if complete else None
 
+    def _motions_without_mass(self, finite: int) -> np.ndarray:
+        """Orthonormal ones (size, few) of unknowns that have mass, as of turns in a sleeve."""
+        number = max(0, self._massive.sum() - finite)
+        x = np.random.default_rng(0).standard_normal((number, len(self._scale)))
+        if number and self._factorise(-_FAR):
+            for _ in range(2):  # each makes other motions smaller by 1 / _FAR
+                x = np.array([self._lu.solve(self._K @ vector) for vector in x])
+        return np.linalg.qr((self._massive * x).T)[0]
+
     def _nearest(self, n: int, shift: float, deflated: np.ndarray) -> np.ndarray:
         """Eigenvectors (size, n or fewer) nearest to a shift, except the deflated ones.
 
@@ -152,24 +162,22 @@ class UndampedModes:
         if not self._factorise(shift):
             raise _failure()
         size, first = deflated.shape
-        # Nothing would bound the motion of what has no mass; it follows from that of the masses.
-        massive = self._M.diagonal() > 0
-        basis = np.concatenate([massive * deflated.T, np.empty((2 * n + 20, size))])
+        basis = np.concatenate([self._bounded(deflated).T, np.empty((2 * n + 20, size))])
         # Other starts each time: those before have no part in a copy that was missed.
         starts = np.random.default_rng(first)
         diagonal, beside, m = list[float](), list[float](), first
         x, new = self._inverse(starts.standard_normal(size)), True
         while True:
-            x = massive * x
             length = self._length(x)
             for _ in range(2):  # after once there are rounding errors
-                x = x - (basis[:m] @ (self._M @ x)) @ basis[:m]
+                x = self._bounded(x - (basis[:m] @ (self._M @ x)) @ basis[:m])
             left = self._length(x)
-            if not np.isfinite(left):
+            if not np.isfinite(left) or m > size:
                 raise _failure()
             complete = left <= _ROUNDING * length
             if complete or m == len(basis):
-                values, parts = _ritz(diagonal, beside)
+                # Eigenvalues and vectors of a tridiagonal matrix, from its lower half.
+                values, parts = np.linalg.eigh(np.diag(diagonal) + np.diag(beside[1:], -1))
                 lowest = np.argsort(-abs(values))[:n]
                 errors = left * abs(parts[-1:, lowest])
                 if new or (len(lowest) == n and (errors <= _EXACT * abs(values[lowest])).all()):
@@ -187,6 +195,11 @@ class UndampedModes:
             raise _failure()
         vectors = parts[:, lowest].T @ basis[first:m]
         return np.column_stack([self._inverse(vector) for vector in vectors])
+
+    def _bounded(self, x: np.ndarray) -> np.ndarray:
+        """Vectors without what has no mass: it follows from the masses, and nothing bounds it."""
+        x = (self._massive * x.T).T
+        return x - self._massless @ (self._massless.T @ x)
 
     def _inverse(self, x: np.ndarray) -> np.ndarray:
         return self._lu.solve(self._M @ x)
@@ -231,13 +244,6 @@ def _ritz_vectors(K, M, vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray, np
     # Of the sum, and of the vectors: the latter counts where nothing else has stiffness.
     eps = np.finfo(float).eps
     return values, 2 * eps * sizes + (10 * eps) ** 2 * (vectors**2).sum(axis=0), vectors
-
-
-def _ritz(diagonal: list[float], beside: list[float]) -> tuple[np.ndarray, np.ndarray]:
-    """Eigenvalues and vectors of the tridiagonal matrix of a basis."""
-    if not diagonal:
-        return np.empty(0), np.empty((1, 0))
-    return np.linalg.eigh(np.diag(diagonal) + np.diag(beside[1:], -1))  # reads the lower half
 
 
 def _failure() -> RuntimeError:

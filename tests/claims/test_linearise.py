@@ -283,21 +283,10 @@ def carried(joint, inertia):
     return scene, fb.static(scene, load_steps=4, t=1.0)
 
 
-@pytest.mark.parametrize(
-    ("joint", "inertia"),
-    [("slider", 0.01), ("sleeve", 0.01), ("slot", 0.01), ("slider", 0.0), ("slot", 0.0)],
-)
+@pytest.mark.parametrize("joint", ["slider", "sleeve", "slot"])
+@pytest.mark.parametrize("inertia", [0.01, 0.0])
 def test_a_system_at_rest_has_the_vibrations_of_modes(joint, inertia):
+    """Without inertia a sleeve couples turns that have no mass by a lever that is round-off."""
     scene, state = carried(joint, inertia)
     roots = roots_of_modes(scene, state, 1e-7)
     assert len(roots) < 2 * len(scene.nodes) * 3 and abs(roots).max() < 1e6
-
-
-def test_turns_without_mass_under_a_sleeve_are_those_of_very_little_mass():
-    """Their slide has a damper, and a lever that is round-off."""
-    none, little = (
-        np.linalg.eigvals(fb.linearise(*carried("sleeve", inertia)).A) for inertia in (0.0, 1e-9)
-    )
-    assert abs(none).max() < 1e6
-    for root in sorted(none, key=abs)[:10]:
-        assert abs(little - root).min() < 1e-5 * abs(root)

@@ -335,12 +335,26 @@ def dense(scene, state=None):
     return np.sort(scipy.linalg.eigvals(-A[half:, :half]).real)
 
 
-@pytest.mark.parametrize("name", ["multibody", "massless turns", "arch"])
+def sleeves(count):
+    """Masts on a rail whose turns have no mass; in sleeves they move with those of the masts."""
+    data = {"EA": 1e4, "GA": 1e4, "EI": 100.0, "rhoA": 1.0}
+    scene = fb.Scene()
+    rail = scene.add_beam([(0, 0), (1, 0)], fb.Section(**data), elements=4)
+    scene.clamp(rail.start)
+    for at in 0.61 * np.arange(1, count + 1) / count:
+        mast = scene.add_beam([(at, 0), (at + 0.2, 1)], fb.Section(rhoI=0.01, **data), elements=3)
+        scene.add_joint(fb.Sleeve(rail, mast.start, spring=fb.Spring(100.0, rest=at)))
+    return scene
+
+
+@pytest.mark.parametrize("name", ["multibody", "massless turns", "arch", "sleeves"])
 def test_frequencies_are_those_of_dense_algebra(name):
     state = None
     if name == "massless turns":
         section = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0)
         scene = simply_supported(1, 6, section)
+    elif name == "sleeves":
+        scene = sleeves(2)
     elif name == "arch":
         scene = fb.Scene(gravity=(0, -20))
         arch = scene.add_beam(fb.arc((0, 0), (1, 0.5), (2, 0)), FLYING, elements=6, degree=2)
