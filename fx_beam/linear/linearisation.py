@@ -182,9 +182,6 @@ def linearised(
     if reduction.singularity:
         raise SceneError(f"{what}: {reduction.singularity}. Take a state beside it")
     K, unknowns = equations.tangent(), reduction.independent
-    if 4 * np.count_nonzero(K.data) < K.nnz:
-        K = K.copy()
-        K.eliminate_zeros()  # it has room for all nodes that slides can reach
     T = reduction.coupling()[:, unknowns]
     M = (T.T @ model.mass @ T).tocsr()
     G = None if frame is None else (np.sqrt(factor) * T.T @ frame.gyroscopic @ T).tocsr()

@@ -168,6 +168,4 @@ class Equations:
             others = splu(A[rest][:, rest].tocsc()).solve(columns[rest].toarray())
         except RuntimeError:  # it is singular
             others = np.full((len(rest), len(independent)), np.nan)
-        n, values = len(independent), rows[:, independent].toarray() - rows[:, rest] @ others
-        full = np.tile(np.arange(n), n), n * np.arange(n + 1)
-        return scipy.sparse.csr_matrix((values.ravel(), *full), (n, n))
+        return (rows[:, independent] - rows[:, rest] @ scipy.sparse.csr_matrix(others)).tocsr()

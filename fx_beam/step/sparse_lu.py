@@ -57,9 +57,8 @@ class LU:
 
     def factorise(self, values: np.ndarray) -> bool:
         """By elimination without exchange of rows."""
-        values, factorise = np.asarray(values, float, "C"), self._library.fx_factorise
-        given = self._entries, self._at, self._doubles(values)
-        return bool(factorise(self._rows, *given))
+        given = self._doubles(np.asarray(values, float, "C"))
+        return bool(self._library.fx_factorise(self._rows, self._entries, self._at, given))
 
     def solve(self, b: np.ndarray) -> np.ndarray:
         """By substitution."""

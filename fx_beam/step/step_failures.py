@@ -120,8 +120,7 @@ class StepFailures:
             f"Largest increment: {COMPONENTS[component]} of node {node} at ({x:g}, {y:g}). Last "
             f"corrections, in sizes of the scene or rad: {history or 'none'}"
         )
-        static = self._stats.static
-        who, cuts = ("static", "cuts") if static else (model.scheme.name, "halvings")
+        who, cuts = ("static", "cuts") if self._stats.static else (model.scheme.name, "halvings")
         after = f" after {tries} {cuts}" if tries else ""
         reason = f"{who}: {what}{after}: {failed.reason}"
         advice = corner_advice(model.scene.joints, start.slides) or advice

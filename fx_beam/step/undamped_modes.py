@@ -101,29 +101,32 @@ class UndampedModes:
     def _in_slices(self, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The lowest eigenvalues, their rounding errors, and vectors, by slices of four decades."""
         # Each slice has its own shift, since eigenvalues far below a shift are lost to rounding
-        # errors. A slice is complete when it has as many eigenvalues as Sylvester's law counts. A
-        # Krylov space may lack copies of multiple eigenvalues; they are found after deflation of
-        # the others.
+        # errors. Sylvester's law counts what is missing. A Krylov space may lack copies of multiple
+        # eigenvalues; they are found after deflation of the others.
         below = functools.cache(self._below)
         sizes = 10.0 ** np.arange(np.log10(self._least), 4, 0.25)  # candidates for their bounds
         levels = _levels(below, sizes)
 
-        def reach(k):
-            return levels[bisect.bisect_left(levels, k, hi=len(levels) - 1, key=below)]
+        def missing(x):  # number of eigenvalues below
+            return below(x) - (values - rounding <= x + 1e-8 * abs(x)).sum()
 
         finite = below(levels[-1])  # the others are infinite, for motions without mass
         n, self._massless = min(n, finite), self._motions_without_mass(finite)
         least = levels[levels > 0][0]
         if below(least) == 0 and (all_of_them := self._at_once(n, least)) is not None:
             return all_of_them
-        last = reach(n)
+        last = levels[bisect.bisect_left(levels, n, hi=len(levels) - 1, key=below)]
         values: np.ndarray = np.empty(0)
         rounding, vectors = values, np.empty((self._K.shape[0], 0))
-        while (known := len(values)) < max(n, below(last)):
-            bottom, noise = reach(known + 1), rounding.max(initial=least)
+        while missing(last) > 0:
+            noise = rounding.max(initial=least)
+            last_one = np.sort(values)[n - 1 : n]
+            if any(missing(x - 2e-8 * abs(x) - 2 * noise) <= 0 for x in last_one):
+                break  # only copies of it are missing, and those above
+            bottom = levels[bisect.bisect_left(levels, 1, key=missing)]
             top = min(last, max(1e4 * bottom, 1e-4 * bottom, noise))
             shift = -max(top, -10 * bottom, 10 * noise)  # below the slice, not an eigenvalue
-            new = self._nearest(max(below(top) - known, 1), shift, vectors)
+            new = self._nearest(min(max(missing(top), 1), 2 * n), shift, vectors)
             new -= vectors @ (vectors.T @ (self._M @ new))  # orthogonal to the slices below
             squares, errors, new = _ritz_vectors(self._K, self._M, new)
             # Vectors above the slice took the place of copies that are not found yet.
@@ -170,8 +173,8 @@ class UndampedModes:
         while True:
             length = self._length(x)
             for _ in range(2):  # after once there are rounding errors
-                x = self._bounded(x - (basis[:m] @ (self._M @ x)) @ basis[:m])
-            left = self._length(x)
+                x = x - (basis[:m] @ (self._M @ x)) @ basis[:m]
+            left = self._length(x := self._bounded(x))
             if not np.isfinite(left) or m > size:
                 raise _failure()
             complete = left <= _ROUNDING * length
@@ -199,7 +202,7 @@ class UndampedModes:
     def _bounded(self, x: np.ndarray) -> np.ndarray:
         """Vectors without what has no mass: it follows from the masses, and nothing bounds it."""
         x = (self._massive * x.T).T
-        return x - self._massless @ (self._massless.T @ x)
+        return x - self._massless @ (self._massless.T @ x) if self._massless.size else x
 
     def _inverse(self, x: np.ndarray) -> np.ndarray:
         return self._lu.solve(self._M @ x)
