@@ -124,6 +124,8 @@ class MemberContacts:
         self._of = functools.partial(ffi.from_buffer, ffi.typeof("double[]"))
         self._numbers = [np.array(one.numbers) for one in self._pairs]
         mesh, pairs = self._mesh, self._pairs
+        sizes = [(len(one.points), one.numbers.size, one.arc.size) for one in pairs]
+        firsts = np.cumsum([(0, 0, 0), *sizes], axis=0)
         every = np.unique(np.concatenate([[*one.points, *one.nodes] for one in pairs]))
         self._reference = self._positions()
         self._all = ffi.new("MemberContacts *")
@@ -131,7 +133,7 @@ class MemberContacts:
             self._all,
             contacts=len(pairs),
             conditions=self.conditions,
-            of=[self._row(i) for i in range(len(pairs))],
+            of=[self._row(i, *firsts[i]) for i in range(len(pairs))],
             dofs=mesh.dofs.size,
             moving=len(every),
             moves=mesh.dofs[every, :2],
@@ -151,7 +153,8 @@ class MemberContacts:
         """Positions (size,) of all degrees of freedom in the reference configuration."""
         return np.pad(self._mesh.X, ((0, 0), (0, 1))).ravel()
 
-    def _row(self, i: int) -> dict[str, Any]:
+    def _row(self, i: int, point: int, number: int, arc: int) -> dict[str, Any]:
+        """Members of ``MemberContact`` of one, with its first of all points and so on."""
         one, law, numbers, mesh = self._pairs[i], self.laws[i], self._numbers[i], self._mesh
         return {
             **law.members,
@@ -160,7 +163,7 @@ class MemberContacts:
             "first_slot": self._first_slots[i],
             "points": len(one.points),
             "point_dof": mesh.dofs[one.points, :2],
-            "first_point": sum(len(before.points) for before in self._pairs[:i]),
+            "first_point": point,
             "point_slot": one.point_slots,
             "nodes": len(one.nodes),
             "node_dof": mesh.dofs[one.nodes, :2],
@@ -169,8 +172,8 @@ class MemberContacts:
             "number": numbers,
             "apart": one.apart,
             "arc": one.arc,
-            "first_number": sum(before.numbers.size for before in self._pairs[:i]),
-            "first_arc": sum(before.arc.size for before in self._pairs[:i]),
+            "first_number": number,
+            "first_arc": arc,
         }
 
     def refill(self, other: MemberContacts) -> None:

@@ -184,11 +184,10 @@ def _first_inside(
     arc = arc_of(X[of_member]) if touching is member else None
     rows = max(1, _NODES_AT_ONCE // len(of_member))
     for first in range(0, len(q), rows):
-        positions = X + q[first : first + rows, :, :2]
-        curvature = _curvature(positions[:, of_member])
+        curvature = _curvature(X[of_member] + q[first : first + rows, of_member, :2])
         sharp = abs(curvature) * obstacle.radii > _SHARP
         for k in np.flatnonzero(sharp.any(axis=1)):
-            at = positions[k]
+            at = X + q[first + k, :, :2]
             near = nearest(at[points], at[of_member], obstacle.apart, arc)
             tangent = np.gradient(at[of_member], axis=0)[near.node]
             arms = at[points] - near.point
