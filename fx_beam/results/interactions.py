@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +13,9 @@ from fx_beam.errors import is_one_of, shown
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.contacts import Contact, arc_of, nearest
 from fx_beam.scene.joints import Joint, NodalMotion
+
+# Distances of points and nodes, in all rows, that are looked at together.
+_AT_ONCE = 100_000
 
 
 @dataclass(frozen=True, repr=False)
@@ -265,7 +268,8 @@ class ContactMotion:
     @cached_property
     def _now(self) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
         """Gaps (n, m), directions (n, m, 2) to the free side, and nearest nodes at the times t."""
-        return self._gaps_and_normals(self.solution.recorded("q"))
+        q = self.solution.recorded("q")
+        return self._gaps_and_normals(lambda nodes: q[:, nodes])
 
     @cached_property
     def _normals_at_level(self) -> np.ndarray:
@@ -273,38 +277,49 @@ class ContactMotion:
         q, t, at = self.solution.recorded("q"), self.solution.t, self.solution.t_level
         length = np.diff(t)
         part = np.divide(at[1:] - t[:-1], length, out=np.ones_like(length), where=length > 0)
-        between = q[:-1] + part[:, None, None] * np.diff(q, axis=0)
-        return self._gaps_and_normals(np.concatenate([q[:1], between]))[1]
 
-    def _gaps_and_normals(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-        """Gaps (n, m) and directions (n, m, 2) to the free side, at displacements (n, nodes, 3).
+        def between(nodes: np.ndarray) -> np.ndarray:
+            rows = q[:, nodes]
+            rows[1:] = rows[:-1] + part[:, None, None] * np.diff(rows, axis=0)
+            return rows
 
-        Of a member also the nodes (n, m) near which its nearest points are.
+        return self._gaps_and_normals(between)[1]
+
+    def _gaps_and_normals(
+        self, of: Callable[[np.ndarray], np.ndarray]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+        """Gaps (n, m) and directions (n, m, 2) to the free side.
+
+        ``of(nodes)`` gives displacements (n, nodes, 3). Of a member also the nodes (n, m) near
+        which its nearest points are.
         """
-        shape, radius = self.contact.shape, self.contact.radius
-        nodes = self.nodes
+        X, contact = self.solution.X, self.contact
+        shape, points = contact.shape, X[self.nodes] + of(self.nodes)[..., :2]
         if isinstance(shape, Beam):
-            return self._from_member(q, shape)
-        points = self.contact.points.of(self.solution.X[nodes] + q[:, nodes, :2])
-        arms, psi = points - shape.origin, np.zeros(len(q))
+            return self._from_member(points, of, shape)
+        arms = contact.points.of(points) - shape.origin
+        psi = np.zeros(len(arms))
         if shape.carrier is not None:
-            arms = arms - q[:, None, shape.carrier.number, :2]
-            psi = q[:, shape.carrier.number, 2]
+            x, y, psi = of(np.array([shape.carrier.number]))[:, 0].T
+            arms = arms - np.column_stack([x, y])[:, None]
         distances, directions = shape.seen(arms, psi[:, None])
-        return distances - radius, directions, None
+        return distances - contact.radius, directions, None
 
     def _from_member(
-        self, q: np.ndarray, member: Beam
+        self, points: np.ndarray, of: Callable[[np.ndarray], np.ndarray], member: Beam
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        positions = self.solution.X + q[:, :, :2]
-        nodes = self.solution.nodes_of_beam[member.name]
-        arc, apart = None, 0.0
-        if member is self.contact.target:
-            arc, apart = arc_of(self.solution.X[nodes]), self.contact.apart
-        rows = [nearest(row[self.nodes], row[nodes], apart, arc) for row in positions]
-        distance, node, point = (np.stack(of) for of in zip(*rows, strict=True))
-        arms = positions[:, self.nodes] - point
-        return distance - self.contact.radii, arms / np.maximum(distance, 1e-300)[..., None], node
+        """The same of a member, for the positions (n, m, 2) of what touches it."""
+        nodes, contact = self.solution.nodes_of_beam[member.name], self.contact
+        X = self.solution.X[nodes]
+        positions, arc = X + of(nodes)[..., :2], arc_of(X) if member is contact.target else None
+        rows = max(1, _AT_ONCE // (points.shape[1] * len(nodes)))
+        parts = [
+            nearest(points[k : k + rows], positions[k : k + rows], contact.apart, arc)
+            for k in range(0, len(points), rows)
+        ]
+        distance, node, point = (np.concatenate(part) for part in zip(*parts, strict=True))
+        directions = (points - point) / np.maximum(distance, 1e-300)[..., None]
+        return distance - contact.radii, directions, node
 
     def _sides(self, member: Beam) -> np.ndarray:
         """1 for the nodes (n, m) to the right of a member, for who looks along it, else -1."""

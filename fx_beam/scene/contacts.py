@@ -443,7 +443,7 @@ def check_start(made: Contact, size: float) -> None:
 
 
 class Nearest(NamedTuple):
-    """Of points (m,): distances, nodes about which the nearest points lie, and these (m, 2)."""
+    """Of points (..., m): distances, nodes about which the nearest ones lie, and these (..., 2)."""
 
     distance: np.ndarray
     node: np.ndarray
@@ -463,30 +463,35 @@ def may_be_nearer(points: np.ndarray, nodes: np.ndarray, distance: float) -> np.
 def nearest(
     points: np.ndarray, nodes: np.ndarray, apart: float = 0.0, arc: np.ndarray | None = None
 ) -> Nearest:
-    """The nearest points of a member with nodes (n, 2) to points (m, 2).
+    """The nearest points of a member with nodes (..., n, 2) to points (..., m, 2).
 
     If these are its own nodes, with arc lengths `arc` (n,), parts that are less than `apart`
     away along the member are left out.
     """
-    square = ((points[:, None] - nodes) ** 2).sum(axis=-1)
+    square = ((points[..., None, :] - nodes[..., None, :, :]) ** 2).sum(axis=-1)
     if arc is not None:
-        square[abs(arc[:, None] - arc) < apart] = np.inf
-    node = np.argmin(square, axis=1)[:, None] + _ABOUT
-    node = np.clip(node, 0, len(nodes) - 1)
-    on_pieces = _on_pieces(points[:, None], nodes, node)
-    distance = np.hypot(*np.moveaxis(on_pieces - points[:, None], -1, 0))
+        square[..., abs(arc[:, None] - arc) < apart] = np.inf
+    node = np.argmin(square, axis=-1)[..., None] + _ABOUT
+    node = np.clip(node, 0, nodes.shape[-2] - 1)
+    on_pieces = _on_pieces(points[..., None, :], nodes[..., None, :, :], node)
+    distance = np.hypot(*np.moveaxis(on_pieces - points[..., None, :], -1, 0))
     if arc is not None:
         left_out = abs(arc[:, None] - arc[node]) < apart
         distance[left_out], on_pieces[left_out] = np.inf, np.nan
-    best = np.arange(len(points)), np.argmin(distance, axis=1)
-    return Nearest(distance[best], node[best], on_pieces[best])
+    best = np.argmin(distance, axis=-1)[..., None]
+    distance, node = (np.take_along_axis(of, best, -1)[..., 0] for of in (distance, node))
+    return Nearest(distance, node, np.take_along_axis(on_pieces, best[..., None], -2)[..., 0, :])
 
 
 def _on_pieces(points: np.ndarray, nodes: np.ndarray, node: np.ndarray) -> np.ndarray:
-    """Points (m, k, 2) of the pieces about nodes (m, k) that are nearest to points (m, 1, 2)."""
-    last = len(nodes) - 1
-    middle, begins, ends = nodes[node], node == 0, node == last
-    before, after = nodes[np.maximum(node - 1, 0)], nodes[np.minimum(node + 1, last)]
+    """Points (..., m, k, 2) of the pieces about nodes (..., m, k) that are nearest to points.
+
+    The points are (..., m, 1, 2), and all nodes (..., 1, n, 2).
+    """
+    last = nodes.shape[-2] - 1
+    begins, ends = node == 0, node == last
+    around = np.maximum(node - 1, 0), node, np.minimum(node + 1, last)
+    before, middle, after = (np.take_along_axis(nodes, k[..., None], -2) for k in around)
     before = np.where(begins[..., None], 2 * middle - after, before)
     after = np.where(ends[..., None], 2 * middle - before, after)
     bend, slope = (before - 2 * middle + after) / 2, (after - before) / 2
