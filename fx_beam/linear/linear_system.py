@@ -23,6 +23,7 @@ from fx_beam.scene.scene import Scene
 from fx_beam.step.measured import measured
 from fx_beam.step.recorded_histories import driven_of
 
+from .linearisation import have_mass
 from .moving_state import Deviations, deviations, forces_inside
 
 # Round-off: of a mass or a damping of a combination of unknowns relative to the largest, and of the
@@ -201,9 +202,9 @@ def _kinds(
     M: np.ndarray, C: np.ndarray, unit: np.ndarray, what: str
 ) -> tuple[np.ndarray, int, int]:
     """A basis (free, free): unknowns with mass, with damping only, with neither; how many."""
-    heavy, light = (np.flatnonzero(mask) for mask in (M.diagonal() > 0, M.diagonal() <= 0))
-    with_mass, without = _split(M, np.eye(len(M))[:, heavy])
-    rest = np.hstack([without, np.eye(len(M))[:, light]])
+    heavy, every = have_mass(M.diagonal(), unit), np.eye(len(M))
+    with_mass, without = _split(M, every[:, heavy])
+    rest = np.hstack([without, every[:, ~heavy]])
     C = unit[:, None] * C * unit
     most = abs(C).max(initial=0.0)
     damped, neither = _split((C + C.T) / 2, _sized(rest / unit[:, None]), _LEVER**2 * most)

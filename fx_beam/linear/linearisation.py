@@ -30,6 +30,8 @@ from fx_beam.step.undamped_modes import Symmetry, UndampedModes
 # Length of the steps whose tangents give the damping [s]. In much shorter ones damping over the
 # length hides what couples nodes that slide.
 _INSTANT = 1e-9
+# A lever that is round-off: what moves masses by it has no mass.
+_LEVER = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +185,10 @@ def linearised(
         raise SceneError(f"{what}: {reduction.singularity}. Take a state beside it")
     K, unknowns = equations.tangent(), reduction.independent
     T = reduction.coupling()[:, unknowns]
-    M = (T.T @ model.mass @ T).tocsr()
+    M = T.T @ model.mass @ T
+    heavy = have_mass(M.diagonal(), model.unit_of_unknowns[unknowns])
+    only = scipy.sparse.diags(heavy.astype(float))
+    M = (only @ M @ only).tocsr()
     G = None if frame is None else (np.sqrt(factor) * T.T @ frame.gyroscopic @ T).tocsr()
     columns = reduction.completion()[:, unknowns]
     rest = balance.residual[unknowns]
@@ -193,6 +198,12 @@ def linearised(
     )
     model.needed_by(about)
     return about
+
+
+def have_mass(masses: np.ndarray, unit: np.ndarray) -> np.ndarray:
+    """Which unknowns (n,) have mass, by their masses and sizes of unit unknowns."""
+    sizes = masses * unit**2
+    return sizes > _LEVER**2 * sizes.max(initial=0.0)
 
 
 def turning_frame_of(model: Model, state: Solution, what: str) -> TurningFrame | None:

@@ -168,4 +168,5 @@ class Equations:
             others = splu(A[rest][:, rest].tocsc()).solve(columns[rest].toarray())
         except RuntimeError:  # it is singular
             others = np.full((len(rest), len(independent)), np.nan)
-        return (rows[:, independent] - rows[:, rest] @ scipy.sparse.csr_matrix(others)).tocsr()
+        reduced = rows[:, independent] - rows[:, rest] @ scipy.sparse.csr_matrix(others)
+        return reduced.tocsc().tocsr()  # whose columns are in order

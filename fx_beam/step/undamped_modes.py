@@ -120,9 +120,8 @@ class UndampedModes:
         rounding, vectors = values, np.empty((self._K.shape[0], 0))
         while missing(last) > 0:
             noise = rounding.max(initial=least)
-            last_one = np.sort(values)[n - 1 : n]
-            if any(missing(x - 2e-8 * abs(x) - 2 * noise) <= 0 for x in last_one):
-                break  # only copies of it are missing, and those above
+            if any(missing(x - 2e-8 * abs(x) - 2 * noise) <= 0 for x in np.sort(values)[n - 1 : n]):
+                break  # only copies of the last one are missing, and those above
             bottom = levels[bisect.bisect_left(levels, 1, key=missing)]
             top = min(last, max(1e4 * bottom, 1e-4 * bottom, noise))
             shift = -max(top, -10 * bottom, 10 * noise)  # below the slice, not an eigenvalue
@@ -218,8 +217,8 @@ def _scaled(matrix, scale: np.ndarray):
 
 
 def _with(matrix, data: np.ndarray) -> scipy.sparse.csr_matrix:
-    """A matrix with other data."""
-    return scipy.sparse.csr_matrix((data, matrix.indices, matrix.indptr), matrix.shape)
+    """A matrix with other data; SciPy may sort its entries."""
+    return scipy.sparse.csr_matrix((data, matrix.indices, matrix.indptr), matrix.shape, copy=True)
 
 
 def _levels(below: Callable[[float], int], sizes: np.ndarray) -> np.ndarray:

@@ -290,3 +290,21 @@ def test_a_system_at_rest_has_the_vibrations_of_modes(joint, inertia):
     scene, state = carried(joint, inertia)
     roots = roots_of_modes(scene, state, 1e-7)
     assert len(roots) < 2 * len(scene.nodes) * 3 and abs(roots).max() < 1e6
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+@pytest.mark.parametrize("inertia", [0.01, 0.0])
+@pytest.mark.parametrize("joint", [fb.Slider, fb.Sleeve])
+def test_about_the_reference_a_system_has_the_vibrations_of_modes(joint, inertia, degree):
+    """In two elements of degree 3 some levers of a sleeve's turn are round-off."""
+    data = {"EA": 1e4, "GA": 1e4, "EI": 100.0, "rhoA": 1.0}
+    scene, size = fb.Scene(), {"elements": 2, "degree": degree}
+    rail = scene.add_beam([(0, 0), (1, 0)], fb.Section(rhoI=inertia, **data), **size)
+    mast = scene.add_beam([(0.6, 0), (0.6, 1)], fb.Section(rhoI=0.01, **data), **size)
+    scene.clamp(rail.start)
+    on = {"spring": fb.Spring(100.0, rest=0.6), "damper": fb.Damper(0.3)}
+    scene.add_joint(joint(rail, mast.start, **on))
+    if joint is fb.Slider:
+        for x in (-0.4, 1.6):
+            scene.add_force_between(mast.end, (x, 2.0), spring=fb.Spring(50.0, rest=2**0.5))
+    roots_of_modes(scene, None, 1e-6)
