@@ -343,5 +343,6 @@ def _spread(elements, lengths: np.ndarray, name: str) -> list[int]:
         return [elements]
     counts = [1] * pieces
     for _ in range(elements - pieces):
-        counts[int(np.argmax(lengths / counts))] += 1
+        size = lengths / counts
+        counts[int(np.argmax(size > (1 - 1e-9) * size.max()))] += 1  # the first of equal ones
     return counts

@@ -31,6 +31,13 @@ def test_turning_and_moving_the_scene_turns_and_moves_the_motion(scheme, degree)
     assert turned_energy == pytest.approx(energy, rel=1e-9)
 
 
+def test_turning_does_not_change_which_of_equal_pieces_has_more_elements():
+    corners, half = np.array([(0, 0), (1, 0.3), (2, 0)]), np.hypot(1, 0.3) / 2
+    for angle in np.linspace(0, 6, 50):
+        beam = fb.Scene().add_beam(corners @ rotation(angle).T, FLYING, elements=3)
+        assert beam.s == pytest.approx([0, half, 2 * half, 4 * half])
+
+
 def test_a_mirrored_scene_has_the_mirrored_motion():
     motions = []
     for sign in (1, -1):
