@@ -185,10 +185,11 @@ def linearised(
         raise SceneError(f"{what}: {reduction.singularity}. Take a state beside it")
     K, unknowns = equations.tangent(), reduction.independent
     T = reduction.coupling()[:, unknowns]
-    M = T.T @ model.mass @ T
+    M = (T.T @ model.mass @ T).tocsr()
     heavy = have_mass(M.diagonal(), model.unit_of_unknowns[unknowns])
-    only = scipy.sparse.diags(heavy.astype(float))
-    M = (only @ M @ only).tocsr()
+    if M.diagonal()[~heavy].any():
+        only = scipy.sparse.diags(heavy.astype(float))
+        M = (only @ M @ only).tocsr()
     G = None if frame is None else (np.sqrt(factor) * T.T @ frame.gyroscopic @ T).tocsr()
     columns = reduction.completion()[:, unknowns]
     rest = balance.residual[unknowns]

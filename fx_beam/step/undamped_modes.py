@@ -115,7 +115,7 @@ class UndampedModes:
         least = levels[levels > 0][0]
         if below(least) == 0 and (all_of_them := self._at_once(n, least)) is not None:
             return all_of_them
-        last = levels[bisect.bisect_left(levels, n, hi=len(levels) - 1, key=below)]
+        last = levels[bisect.bisect_left(levels, n, key=below)]
         values: np.ndarray = np.empty(0)
         rounding, vectors = values, np.empty((self._K.shape[0], 0))
         while missing(last) > 0:
