@@ -154,7 +154,7 @@ class MemberContacts:
         return np.pad(self._mesh.X, ((0, 0), (0, 1))).ravel()
 
     def _row(self, i: int, point: int, number: int, arc: int) -> dict[str, Any]:
-        """Members of ``MemberContact`` of one, with its first of all points and so on."""
+        """Members of ``MemberContact`` of a pair: its first point, number and arc among all."""
         one, law, numbers, mesh = self._pairs[i], self.laws[i], self._numbers[i], self._mesh
         return {
             **law.members,

@@ -30,8 +30,8 @@ from fx_beam.step.undamped_modes import Symmetry, UndampedModes
 # Length of the steps whose tangents give the damping [s]. In much shorter ones damping over the
 # length hides what couples nodes that slide.
 _INSTANT = 1e-9
-# A lever that is round-off: what moves masses by it has no mass.
-_LEVER = 1e-13
+# Masses relative to the largest, in sizes of unit unknowns, that a lever of round-off gives.
+_NO_MASS = 1e-26
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,8 +186,9 @@ def linearised(
     K, unknowns = equations.tangent(), reduction.independent
     T = reduction.coupling()[:, unknowns]
     M = (T.T @ model.mass @ T).tocsr()
-    heavy = have_mass(M.diagonal(), model.unit_of_unknowns[unknowns])
-    if M.diagonal()[~heavy].any():
+    masses = M.diagonal()
+    heavy = have_mass(masses, model.unit_of_unknowns[unknowns])
+    if masses[~heavy].any():
         only = scipy.sparse.diags(heavy.astype(float))
         M = (only @ M @ only).tocsr()
     G = None if frame is None else (np.sqrt(factor) * T.T @ frame.gyroscopic @ T).tocsr()
@@ -204,7 +205,7 @@ def linearised(
 def have_mass(masses: np.ndarray, unit: np.ndarray) -> np.ndarray:
     """Which unknowns (n,) have mass, by their masses and sizes of unit unknowns."""
     sizes = masses * unit**2
-    return sizes > _LEVER**2 * sizes.max(initial=0.0)
+    return sizes > _NO_MASS * sizes.max(initial=0.0)
 
 
 def turning_frame_of(model: Model, state: Solution, what: str) -> TurningFrame | None:

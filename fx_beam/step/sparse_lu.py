@@ -47,7 +47,6 @@ class LU:
         #: Solutions that cost as much as a factorisation.
         self.worth = layout.worth
         self._double = ffi.typeof("double[]")
-        self._entries = len(layout.at)
 
     def _ints(self, values: np.ndarray) -> Any:
         return self._ffi.from_buffer("int[]", np.asarray(values, np.int32, "C"))
@@ -58,7 +57,7 @@ class LU:
     def factorise(self, values: np.ndarray) -> bool:
         """By elimination without exchange of rows."""
         given = self._doubles(np.asarray(values, float, "C"))
-        return bool(self._library.fx_factorise(self._rows, self._entries, self._at, given))
+        return bool(self._library.fx_factorise(self._rows, len(self._at), self._at, given))
 
     def solve(self, b: np.ndarray) -> np.ndarray:
         """By substitution."""

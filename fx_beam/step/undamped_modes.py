@@ -107,21 +107,23 @@ class UndampedModes:
         sizes = 10.0 ** np.arange(np.log10(self._least), 4, 0.25)  # candidates for their bounds
         levels = _levels(below, sizes)
 
-        def missing(x):  # number of eigenvalues below
-            return below(x) - (values - rounding <= x + 1e-8 * abs(x)).sum()
-
         finite = below(levels[-1])  # the others are infinite, for motions without mass
         n, self._massless = min(n, finite), self._motions_without_mass(finite)
         least = levels[levels > 0][0]
         if below(least) == 0 and (all_of_them := self._at_once(n, least)) is not None:
             return all_of_them
         last = levels[bisect.bisect_left(levels, n, key=below)]
-        values: np.ndarray = np.empty(0)
-        rounding, vectors = values, np.empty((self._K.shape[0], 0))
+        values, rounding, vectors = np.empty(0), np.empty(0), np.empty((self._K.shape[0], 0))
+
+        def missing(x):
+            """Number of eigenvalues below x, and not beside it, that are not found yet."""
+            return below(x) - (values - rounding <= x + 1e-8 * abs(x)).sum()
+
         while missing(last) > 0:
             noise = rounding.max(initial=least)
-            if any(missing(x - 2e-8 * abs(x) - 2 * noise) <= 0 for x in np.sort(values)[n - 1 : n]):
-                break  # only copies of the last one are missing, and those above
+            highest = np.sort(values)[n - 1 : n]  # none while there are fewer
+            if any(missing(x - 2e-8 * abs(x) - 2 * noise) <= 0 for x in highest):
+                break  # only its copies are missing, and those above
             bottom = levels[bisect.bisect_left(levels, 1, key=missing)]
             top = min(last, max(1e4 * bottom, 1e-4 * bottom, noise))
             shift = -max(top, -10 * bottom, 10 * noise)  # below the slice, not an eigenvalue
@@ -147,12 +149,13 @@ class UndampedModes:
         return (squares, errors, new) if complete else None
 
     def _motions_without_mass(self, finite: int) -> np.ndarray:
-        """Orthonormal ones (size, few) of unknowns that have mass, as of turns in a sleeve."""
-        number = max(0, self._massive.sum() - finite)
-        x = np.random.default_rng(0).standard_normal((number, len(self._scale)))
-        if number and self._factorise(-_FAR):
-            for _ in range(2):  # each makes other motions smaller by 1 / _FAR
-                x = np.array([self._lu.solve(self._K @ vector) for vector in x])
+        """Orthonormal motions (size, few) of unknowns that have mass, such as turns in a sleeve."""
+        size = max(0, self._massive.sum() - finite), len(self._scale)
+        if size[0] and not self._factorise(-_FAR):
+            raise _failure()
+        x = np.random.default_rng(0).standard_normal(size)
+        for _ in range(2):  # each makes other motions smaller by 1 / _FAR
+            x = np.array([self._lu.solve(self._K @ vector) for vector in x]).reshape(size)
         return np.linalg.qr((self._massive * x).T)[0]
 
     def _nearest(self, n: int, shift: float, deflated: np.ndarray) -> np.ndarray:
@@ -199,7 +202,7 @@ class UndampedModes:
         return np.column_stack([self._inverse(vector) for vector in vectors])
 
     def _bounded(self, x: np.ndarray) -> np.ndarray:
-        """Vectors without what has no mass: it follows from the masses, and nothing bounds it."""
+        """Vectors without motions that have no mass, which rounding errors would let grow."""
         x = (self._massive * x.T).T
         return x - self._massless @ (self._massless.T @ x) if self._massless.size else x
 

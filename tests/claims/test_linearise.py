@@ -258,14 +258,16 @@ def roots_of_modes(scene, state, tolerance):
     return roots
 
 
+DATA = {"EA": 1e4, "GA": 1e4, "EI": 100.0, "rhoA": 1.0}
+
+
 def carried(joint, inertia):
     """A mast that damps, and is bent by itself, on a rail of short elements; and a static state."""
-    data = {"EA": 1e4, "GA": 1e4, "EI": 100.0, "rhoA": 1.0}
     scene, on_node = fb.Scene(gravity=(0, -9.81)), joint == "slot"
     at = (1.0, 0.0) if on_node else (0.61, 0.0)
-    rail = scene.add_beam([(0, 0), (1, 0)], fb.Section(rhoI=inertia, **data), elements=20)
+    rail = scene.add_beam([(0, 0), (1, 0)], fb.Section(rhoI=inertia, **DATA), elements=20)
     mast = scene.add_beam(
-        [at, (at[0], 1)], fb.Section(rhoI=0.01, retardation=0.01, **data), elements=3
+        [at, (at[0], 1)], fb.Section(rhoI=0.01, retardation=0.01, **DATA), elements=3
     )
     scene.clamp(rail.start)
     scene.add_natural_strain(mast, curvature=lambda f, t: 0.3 * f * t)
@@ -297,10 +299,9 @@ def test_a_system_at_rest_has_the_vibrations_of_modes(joint, inertia):
 @pytest.mark.parametrize("joint", [fb.Slider, fb.Sleeve])
 def test_about_the_reference_a_system_has_the_vibrations_of_modes(joint, inertia, degree):
     """In two elements of degree 3 some levers of a sleeve's turn are round-off."""
-    data = {"EA": 1e4, "GA": 1e4, "EI": 100.0, "rhoA": 1.0}
     scene, size = fb.Scene(), {"elements": 2, "degree": degree}
-    rail = scene.add_beam([(0, 0), (1, 0)], fb.Section(rhoI=inertia, **data), **size)
-    mast = scene.add_beam([(0.6, 0), (0.6, 1)], fb.Section(rhoI=0.01, **data), **size)
+    rail = scene.add_beam([(0, 0), (1, 0)], fb.Section(rhoI=inertia, **DATA), **size)
+    mast = scene.add_beam([(0.6, 0), (0.6, 1)], fb.Section(rhoI=0.01, **DATA), **size)
     scene.clamp(rail.start)
     on = {"spring": fb.Spring(100.0, rest=0.6), "damper": fb.Damper(0.3)}
     scene.add_joint(joint(rail, mast.start, **on))

@@ -335,13 +335,13 @@ def dense(scene, state=None):
     return np.sort(scipy.linalg.eigvals(-A[half:, :half]).real)
 
 
-def sleeves(count):
-    """Masts on a rail whose turns have no mass; in sleeves they move with those of the masts."""
+def sleeves():
+    """Two masts in sleeves on a rail, whose turns have no mass but move with those of the masts."""
     data = {"EA": 1e4, "GA": 1e4, "EI": 100.0, "rhoA": 1.0}
     scene = fb.Scene()
     rail = scene.add_beam([(0, 0), (1, 0)], fb.Section(**data), elements=4)
     scene.clamp(rail.start)
-    for at in 0.61 * np.arange(1, count + 1) / count:
+    for at in (0.305, 0.61):
         mast = scene.add_beam([(at, 0), (at + 0.2, 1)], fb.Section(rhoI=0.01, **data), elements=3)
         scene.add_joint(fb.Sleeve(rail, mast.start, spring=fb.Spring(100.0, rest=at)))
     return scene
@@ -354,7 +354,7 @@ def test_frequencies_are_those_of_dense_algebra(name):
         section = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0)
         scene = simply_supported(1, 6, section)
     elif name == "sleeves":
-        scene = sleeves(2)
+        scene = sleeves()
     elif name == "arch":
         scene = fb.Scene(gravity=(0, -20))
         arch = scene.add_beam(fb.arc((0, 0), (1, 0.5), (2, 0)), FLYING, elements=6, degree=2)

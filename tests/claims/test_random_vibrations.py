@@ -5,11 +5,10 @@ import ufl
 import numpy as np
 import pytest
 from test_harmonic_response import relaxing
-from test_linearise import roots_of_modes
+from test_linearise import DATA, roots_of_modes
 
 import fx_beam as fb
 
-DATA = {"EA": 1e4, "GA": 1e4, "EI": 100.0, "rhoA": 1.0}
 X = np.array([1.1, 0.9, 1.05])
 F = [0.7, 3.0, 11.0]
 
