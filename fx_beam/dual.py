@@ -149,6 +149,56 @@ class Dual(NDArrayOperatorsMixin):
         return _without_slopes(f"numpy.{function.__name__}", function, given, options)
 
 
+class LinearDual(Dual):
+    """A linear function of numbers with slopes; its own slopes are computed when they are read."""
+
+    def __init__(
+        self, values: np.ndarray, computed: Callable[[], Dual], of: Dual, transposed: Callable
+    ):
+        self.values, self._computed = values, computed
+        #: The numbers, and what takes derivatives by the values to derivatives by these.
+        self.of, self.transposed = of, transposed
+
+    @functools.cached_property
+    def slopes(self) -> np.ndarray:  # type: ignore[override]
+        """The slopes (..., m)."""
+        return self._computed().slopes
+
+
+class LinearChanges:
+    """Changes (m, ...) of a `LinearDual`: an array that is computed when it is read."""
+
+    def __init__(self, dual: LinearDual):
+        self._dual = dual
+
+    def along(self, gradient: np.ndarray) -> np.ndarray:
+        """Products (m,) with a gradient, without the array."""
+        return self._dual.transposed(gradient) @ self._dual.of.slopes
+
+    def __array__(self, dtype=None, copy=None):
+        return _by_x(self._dual.slopes)
+
+    def __abs__(self):
+        return abs(self.__array__())
+
+    def __getitem__(self, key):
+        return self.__array__()[key]
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.__array__(), name)
+
+
+def changes_of(values: Any, count: int) -> Any:
+    """Changes (m, ...) of numbers by those that they have slopes by."""
+    if isinstance(values, LinearDual):
+        return LinearChanges(values)
+    return _by_x(values.slopes if isinstance(values, Dual) else np.zeros((*values.shape, count)))
+
+
+def _by_x(slopes: np.ndarray) -> np.ndarray:
+    return slopes.transpose(slopes.ndim - 1, *range(slopes.ndim - 1))
+
+
 class DualFloat(float):
     """A float in a scene, with slopes (m,); arithmetic with other floats keeps them."""
 
@@ -187,7 +237,8 @@ class DualArray(np.ndarray):
 def slopes_by(x: np.ndarray, without: Iterable[int] = ()) -> Iterator[Dual]:
     """Numbers (m,) with slopes by themselves, but `without` some, for a block."""
     slopes = np.eye(len(x))
-    slopes[[*without]] = 0.0
+    for i in without:
+        slopes[i, i] = 0.0
     before = _COUNT.set(len(x))
     try:
         yield Dual(x, slopes)
@@ -368,13 +419,16 @@ def _interp(x, xp, fp) -> Any:
     """Interpolated on a line between points; its slopes at a point are those after it."""
     x, xp, fp = map(stacked, (x, xp, fp))
     at, points = plain(x), plain(xp)
-    i = _clip(np.searchsorted(points, at, "right") - 1, 0, len(points) - 2)
+    if len(points) == 1:
+        return fp[np.zeros(np.shape(at), int)]
+    i = np.searchsorted(points[1:-1], at, "right")
     w = _clip((x - xp[i]) / (xp[i + 1] - xp[i]), 0.0, 1.0)
     if isinstance(w, Dual) or not isinstance(fp, Dual):
         return fp[i] + w * (fp[1:] - fp[:-1])[i]
-    slopes = (fp.slopes[1:] - fp.slopes[:-1]).take(i, 0)
-    slopes *= w[..., None]  # in place, as there may be many
-    slopes += fp.slopes.take(i, 0)
+    before, slopes = fp.slopes.take(i, 0), fp.slopes.take(i + 1, 0)
+    slopes -= before  # in place, as there may be many
+    slopes *= w[..., None]
+    slopes += before
     return Dual(np.interp(at, points, fp.values), slopes)
 
 
@@ -390,6 +444,8 @@ def _linspace(start, stop, num=50, endpoint=True):
 
 
 def _broadcast_to(a, shape) -> Dual:
+    if a.values.shape == shape:
+        return a
     values = np.broadcast_to(a.values, shape)
     return Dual(values, np.broadcast_to(a.slopes, (*values.shape, a.slopes.shape[-1])))
 

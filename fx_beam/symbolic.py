@@ -26,10 +26,11 @@ def package(name: str) -> Any:
 
 
 class _Ufl:
-    """The module, whose names are looked up when they are used."""
+    """The module, whose names are looked up when they are first used."""
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(package("ufl"), name)
+        part = self.__dict__[name] = getattr(package("ufl"), name)
+        return part
 
 
 ufl: Any = _Ufl()

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from fx_beam.dual import Dual, LostSlopesError, plain, slopes_by
+from fx_beam.dual import Dual, LostSlopesError, changes_of, plain, slopes_by
 from fx_beam.errors import SceneError, all_of, shown
 from fx_beam.motions.numbers import OF_OUTPUTS, OF_STEPS
 from fx_beam.scene.scene import Scene
@@ -132,10 +132,7 @@ class BuiltScenes:
         else:
             numbers = numbers_of(self._at(x), np.zeros(len(x)))
         self.changing = {name for name, of in numbers.items() if isinstance(of, Dual)}
-        by_name = {}
-        for name, of in numbers.items():
-            slopes = of.slopes if name in self.changing else np.zeros((*of.shape, len(x)))
-            by_name[name] = slopes.transpose(of.ndim, *range(of.ndim))
+        by_name = {name: changes_of(values, len(x)) for name, values in numbers.items()}
         return {name: plain(values) for name, values in numbers.items()}, by_name
 
     def _learn(self, error: BaseException | None, others: set[int]) -> None:

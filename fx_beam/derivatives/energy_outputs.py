@@ -30,7 +30,7 @@ from .sub_steps import OF_POINTS, SubSteps
 Derivatives = dict[str, np.ndarray]
 
 
-def _by_mass(model: Model, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+def by_mass_entries(model: Model, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Derivatives of x.M y by the entries of M."""
     return np.repeat(x, np.diff(model.mass.indptr)) * y[model.mass.indices]
 
@@ -40,7 +40,7 @@ def _kinetic(model: Model, row: Arrays) -> Derivatives:
     if model.scheme.rates.at_rest:
         return {}
     v = row["v"]
-    return {"v": model.mass @ v, "mass": _by_mass(model, v, v) / 2}
+    return {"v": model.mass @ v, "mass": by_mass_entries(model, v, v) / 2}
 
 
 def _of_fit(model: Model, row: Arrays) -> Derivatives:
@@ -48,8 +48,8 @@ def _of_fit(model: Model, row: Arrays) -> Derivatives:
     if "rates" not in row or not model.couplings.driven:
         return {}
     v, rates = row["v"], row["rates"]
-    fitting, by_mass = model.mass @ rates, _by_mass(model, rates, rates - v)
-    return {"v": -fitting, "rates": 2 * fitting - model.mass @ v, "mass": by_mass}
+    fitting, of_mass = model.mass @ rates, by_mass_entries(model, rates, rates - v)
+    return {"v": -fitting, "rates": 2 * fitting - model.mass @ v, "mass": of_mass}
 
 
 def _strain(model: Model, row: Arrays) -> Derivatives:

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fx_beam.dual import LinearChanges
 from fx_beam.errors import any_of
 from fx_beam.step.layout import Arrays
 
@@ -171,8 +172,10 @@ class Gradient:
         return total
 
 
-def along(changes: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+def along(changes: Any, gradient: np.ndarray) -> np.ndarray:
     """Products (m,) of changes (m, ...) and a gradient."""
+    if isinstance(changes, LinearChanges):
+        return changes.along(np.ravel(gradient))
     # Without a copy where slopes are side by side, as of dual numbers.
     slopes = changes.transpose(*range(1, changes.ndim), 0)
     return np.ravel(gradient) @ slopes.reshape(-1, len(changes))

@@ -61,9 +61,7 @@ def _scatter(given: Any, shape: tuple[int, ...], what: str) -> np.ndarray:
     try:
         return np.broadcast_to(values, shape)
     except ValueError:
-        raise SceneError(
-            f"{what} has the shape {values.shape}, which does not fit {shape}"
-        ) from None
+        raise SceneError(f"{what}: its shape {values.shape} does not fit {shape}") from None
 
 
 class Misfit(_OfRun):

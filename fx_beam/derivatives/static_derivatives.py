@@ -42,9 +42,7 @@ def why_not(path: LoadPath) -> str:
     if path.forcing.turning is not None:
         return "a frame that turns (spin) has none"
     if path.start is not None and model.flows:
-        return (
-            "members or springs with internal variables that start from another solution have none"
-        )
+        return "parts with internal variables that start from another solution have none"
     if model.mechanism and model.flows:
         return (
             "a mechanism that its loads hold, with internal variables, has none: these depend on "

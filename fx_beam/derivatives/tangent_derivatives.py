@@ -24,6 +24,7 @@ from fx_beam.step.tape import Tape, static_tape
 from fx_beam.step.tape_derivatives import TapeDerivatives
 
 from .built_scenes import refuse_others
+from .energy_outputs import by_mass_entries
 from .gradient import along
 from .static_derivatives import OtherScenes, StateChange
 
@@ -247,11 +248,11 @@ class TangentDerivatives:
         on_ends = np.zeros((len(on_forces), len(self._start.q)))
         on_ends[: len(basis)] = sum(weighted(*of) for of in along.ends)
         by, by_state = self._backwards(self._steps(basis, time, curved), on_forces, on_ends)
-        mass = self._problem.model.mass  # with the pattern of the numbers
-        rows = np.repeat(np.arange(mass.shape[0]), np.diff(mass.indptr))
-        for A, of_mass in along.by_mass:
+        for A, of_mass in along.by_mass if "mass" in by else []:
             pairs = zip(weighted(along.of, of_mass), _times(A, basis), strict=True)
-            by["mass"] = by["mass"] + sum(one[rows] * two[mass.indices] for one, two in pairs)
+            by["mass"] = by["mass"] + sum(
+                by_mass_entries(self._problem.model, *pair) for pair in pairs
+            )
         return by, by_state
 
     def _of_lengths(self, along: _Along, time: float) -> list[np.ndarray]:
@@ -295,9 +296,8 @@ class TangentDerivatives:
                 add(ends[: len(basis[some])], of, by)
             for A, by in along.by_mass if len(heavy) else []:
                 moved = A @ basis[some].T
-                changed = (
-                    scipy.sparse.csr_matrix((masses[i], mass.indices, mass.indptr)) for i in heavy
-                )
+                pattern = mass.indices, mass.indptr
+                changed = (scipy.sparse.csr_matrix((masses[i], *pattern)) for i in heavy)
                 add(np.array([(M @ moved).T for M in changed]).swapaxes(0, 1), along.of, by, heavy)
         return sums
 
@@ -364,9 +364,8 @@ class TangentDerivatives:
         By numbers in a fixed state, if this follows from the others, and by the state.
         """
         given = self._tape(steps), steps.rows, steps.shares, self._spread(weights), of_ends
-        places = bool(self.changes["X"].any())
-        of_state = self._unknowns[: 0 if self._follows else None]
-        by, by_unknowns = self._derivatives.vjp_of_equations(*given, of_state, places)
+        of_state, names = self._unknowns[: 0 if self._follows else None], self._changing.keys()
+        by, by_unknowns = self._derivatives.vjp_of_equations(*given, of_state, names)
         return by, by_unknowns[self._unknowns]
 
     def _spread(self, rows: np.ndarray) -> np.ndarray:

@@ -199,9 +199,7 @@ class LoadStepper:
                 "predictor's length, and so has reached another path"
             )
             raise StepFailed("off the path", reason, D)
-        at_start, at_end = (
-            F @ D + hold @ step.y for F, hold in zip(forces, self._hold, strict=True)
-        )
+        at_start, at_end = (F @ D + H @ step.y for F, H in zip(forces, self._hold, strict=True))
         work, gained, rounding = self.work_and_gain(old, new, D)
         other = work - (at_start + at_end) / 2
         snapped = softer and work > gained

@@ -277,10 +277,8 @@ class PathEquations:
         legs, _ = nnls(both, step)
         beside = step - both @ legs
         # Displacements alone as well: those of stiff scenes are small beside the load factor.
-        fits = [
-            np.linalg.norm(beside[:n]) <= _BESIDE * np.linalg.norm(step[:n]) for n in (-1, None)
-        ]
-        return legs if all(fits) else None
+        fit = [np.linalg.norm(beside[:n]) <= _BESIDE * np.linalg.norm(step[:n]) for n in (-1, None)]
+        return legs if all(fit) else None
 
 
 # States between others, by polynomials in the distance along the path.

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import functools
+import itertools
 from typing import Any
 
 import numpy as np
 import scipy.sparse
 
 from fx_beam.content_cache import cached_property
-from fx_beam.dual import DualFloat, have_slopes, plain, stacked
+from fx_beam.dual import Dual, DualFloat, LinearDual, dual_of, have_slopes, plain, stacked
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 
@@ -31,18 +32,20 @@ class Mass:
     def __init__(self, scene: Scene, mesh: Mesh, forms: Forms):
         self._mesh, self._forms = mesh, forms
         self._read(scene)
+        # The masses at the last `refill`, with slopes that the scene has; None if not computed.
+        self._refilled: Any = None
         #: How often the matrix was computed.
         self.changes = 0
         #: What was assembled, in words.
         self.assembled: list[str] = []
-        #: What was computed of the scene at the last `refill`, with slopes that the scene has.
-        self._computed: dict[str, Any] = {}
 
     def _read(self, scene: Scene) -> None:
         """Keep what of it may be changed in the scene itself later."""
         self._scene, self._gravity = scene, scene.gravity
         sections = distinct(beam.section for beam in scene.beams)
         self._given = [*((section.rhoA, section.rhoI) for section in sections), *scene.masses]
+        #: Those of elements, if there are any.
+        self._unit: Any = _unit_masses(scene.beams[0].degree) if scene.beams else None
         self._has = [name for name in _WORDS if any(getattr(s, name) for s in sections)]
 
     @cached_property
@@ -53,7 +56,7 @@ class Mass:
         if self._scene.masses:
             self.assembled.append("lumped mass")
         self.changes += 1
-        entries = plain(self._entries()), K.indices, K.indptr
+        entries = self._entries(plain(self._masses())), K.indices, K.indptr
         return scipy.sparse.csr_matrix(entries, K.shape, copy=False)
 
     def refill(self, scene: Scene, moved: bool) -> bool:
@@ -66,19 +69,17 @@ class Mass:
         # Functions may give other values.
         functions = any(callable(value) for pair in given for value in pair)
         anew = moved or functions or given != self._given
-        heavier, self._computed = False, {}
+        heavier, self._refilled = False, self._masses() if anew else None
         if anew:
             self.changes += 1
-            self._computed["mass"] = self._entries()
-            entries = plain(self._computed["mass"])
+            entries = self._entries(plain(self._refilled))
             if ((mass.data != 0) != (entries != 0)).any():
                 raise OtherStructureError("other nodes have mass")
             heavier = bool((mass.data != entries).any())
             mass.data[:] = entries
         # The mass may be assembled only here, and then differs from none.
         if scene.gravity is not None and (anew or (scene.gravity != gravity).any()):
-            self._computed["weight"] = self._weights(self._computed.get("mass", mass.data))
-            self.weight = plain(self._computed["weight"])
+            self.weight = plain(self._weights(self._gravity, mass.data))
         return heavier
 
     @cached_property
@@ -87,58 +88,82 @@ class Mass:
         if self._scene.gravity is None:
             return None
         self.assembled.append("gravity")
-        return plain(self._weights(self._entries()))
+        return plain(self._weights(self._gravity, self._entries(plain(self._masses()))))
 
     def numbers(self) -> dict[str, Any]:
         """Entries of the mass, and the weight if there is any, with slopes that the scene has."""
-        numbers = {"mass": self.matrix.data, "weight": self.weight}
-        rows = self._given if self._gravity is None else [*self._given, self._gravity]
-        given = [value for row in rows for value in row]
+        numbers: dict[str, Any] = {"mass": self.matrix.data, "weight": self.weight}
+        if not have_slopes():
+            return numbers
+        masses, given = self._refilled, itertools.chain(*self._given)
         moves = self._mesh.nodal_positions(self._scene) is not self._mesh.X
-        if have_slopes() and (moves or any(type(v) is DualFloat or callable(v) for v in given)):
-            if "mass" not in self._computed:
-                self._computed["mass"] = entries = self._entries()
-                if self.weight is not None:
-                    self._computed["weight"] = self._weights(entries)
-            numbers |= self._computed
+        if masses is None and (moves or any(type(value) is DualFloat for value in given)):
+            masses = self._masses()
+        if isinstance(masses, Dual):
+            # Read later, when this may have the numbers of another scene.
+            entries, of_entries = self.matrix.data.copy(), functools.partial(self._entries, masses)
+            numbers["mass"] = LinearDual(entries, of_entries, masses, self._by_masses)
+        weight = functools.partial(self._weights, self._gravity, numbers["mass"])
+        if dual_of(self._gravity) is not None:
+            numbers["weight"] = weight()
+        elif isinstance(masses, Dual) and self.weight is not None:
+            back = functools.partial(self._by_masses_of_weight, self._gravity)
+            numbers["weight"] = LinearDual(self.weight, weight, masses, back)
         return numbers
 
-    def _entries(self) -> Any:
-        at, values = self.lumped
-        if (of_cells := self._of_cells()) is not None:
-            at = np.concatenate([at, self._entries_of_cells])
-            values = np.concatenate([values, of_cells.reshape(-1)])
-        size = len(self._forms.stiffness.data)
-        return np.bincount(at, values, size) if at.size else np.zeros(size)
+    def _masses(self) -> Any:
+        """Masses (n,), of translations and of rotations: lumped, then at Gauss points of beams."""
+        _, masses = self.lumped
+        if not self._has:
+            return masses
+        mesh, scene, degree = self._mesh, self._scene, self._scene.beams[0].degree
+        along = element_rule(degree, degree + 1)[2] @ mesh.nodal_positions(scene)[mesh.elements]
+        lengths = np.hypot(along[..., 0], along[..., 1])
+        density = section_data(mesh, scene, ("rhoA", "rhoI"), degree + 1).values
+        return np.concatenate([masses, (lengths[..., None] * density).reshape(-1)])
 
-    def _weights(self, entries: Any) -> Any:
+    def _entries(self, masses: Any) -> Any:
+        """Entries of the mass matrix by masses."""
+        at, lumped, size = self._at, 3 * len(self._scene.masses), len(self._forms.stiffness.data)
+        if not at.size:
+            return np.zeros(size)
+        if self._has:
+            of_cells = masses[lumped:].reshape(len(self._mesh.elements), -1) @ self._unit[2]
+            masses = np.concatenate([masses[:lumped], of_cells.reshape(-1)])
+        return np.bincount(at, masses, size)
+
+    def _by_masses(self, by_entries: np.ndarray) -> np.ndarray:
+        """Derivatives by masses from those by entries."""
+        by, lumped = by_entries[self._at], 3 * len(self._scene.masses)
+        if not self._has:
+            return by
+        by_cells = by[lumped:].reshape(len(self._mesh.elements), -1) @ self._unit[2].T
+        return np.concatenate([by[:lumped], by_cells.ravel()])
+
+    def _weights(self, gravity: Any, entries: Any) -> Any:
         """Weight (size,) by entries of the mass: it resists the acceleration of a free fall."""
         at, rows = self._of_translations
-        pull = stacked(self._scene.gravity)[rows % 3]
+        pull = stacked(gravity)[rows % 3]
         return np.bincount(rows, entries[at] * pull, self._mesh.dofs.size)
 
-    def _of_cells(self) -> Any:
-        """Entries (cells, n) of the mass matrices of cells, None without beams that have mass."""
-        if not self._has:
-            return None
-        mesh, degree, (_, _, masses) = self._mesh, self._degree, _unit_masses(self._degree)
-        along = (
-            element_rule(degree, degree + 1)[2] @ mesh.nodal_positions(self._scene)[mesh.elements]
-        )
-        lengths = np.hypot(along[..., 0], along[..., 1])
-        density = section_data(mesh, self._scene, ("rhoA", "rhoI"), degree + 1).values
-        of_points = lengths[..., None] * density
-        return of_points.reshape(len(lengths), -1) @ masses
+    def _by_masses_of_weight(self, gravity: Any, by_weight: np.ndarray) -> np.ndarray:
+        """The same from derivatives by the weight."""
+        at, rows = self._of_translations
+        by_pull = by_weight[rows] * gravity[rows % 3]
+        return self._by_masses(np.bincount(at, by_pull, len(self._forms.stiffness.data)))
 
     @property
-    def _degree(self) -> int:
-        return self._scene.beams[0].degree
+    def _at(self) -> np.ndarray:
+        """Entries of the stiffness where lumped masses are, then those of cells."""
+        at, _ = self.lumped
+        return np.concatenate([at, self._entries_of_cells]) if self._has else at
 
     @cached_property
     def _entries_of_cells(self) -> np.ndarray:
         """Storage indices (cells * n,) of the entries of cells in the values of the stiffness."""
-        rows, columns, _ = _unit_masses(self._degree)
-        return self._forms.of_cells[:, 3 * (self._degree + 1) * rows + columns].ravel()
+        rows, columns, _ = self._unit
+        dofs = 3 * (self._scene.beams[0].degree + 1)
+        return self._forms.of_cells[:, dofs * rows + columns].ravel()
 
     @cached_property
     def _of_translations(self) -> tuple[np.ndarray, np.ndarray]:

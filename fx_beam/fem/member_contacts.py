@@ -240,9 +240,7 @@ class MemberContacts:
         `internal` has all variables at points. Returns those by the positions of nodes, (nodes, 2).
         """
         of_q = np.zeros(len(q))
-        by = [
-            0 if law.law.energy is None else law.derivatives("energy").address for law in self.laws
-        ]
+        by = [0 if of.law.energy is None else of.derivatives("energy").address for of in self.laws]
         functions = self._ffi.new("Law *[]", [self._ffi.cast("Law *", at) for at in by])
         arrays = [self._of(x) for x in (of_q, to["internal"], to["members"])]
         energy = self._ffi.new("Energy *", [functions, 0.0, *arrays])

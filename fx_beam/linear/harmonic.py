@@ -136,8 +136,9 @@ class Vibration:
     def solved(self, force: np.ndarray, transposed: bool = False) -> np.ndarray:
         """Motions (free, ...) under forces (free, ...), or with the transposed matrix."""
         x = self._lu.solve(force, "T" if transposed else "N")
-        motion, load = (abs(of).max(axis=-1) for of in (self._scale * x.T, force.T / self._scale))
-        if not np.all(motion <= _UNBOUNDED * load):
+        scaled = self._scale * x.T, force.T / self._scale
+        motion, load = ((of * of.conj()).real.max(axis=-1) for of in scaled)  # squares of sizes
+        if not np.all(motion <= _UNBOUNDED**2 * load):
             raise self._unbounded()
         return x
 

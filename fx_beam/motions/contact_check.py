@@ -81,12 +81,10 @@ def _first_in_depth(
         if whole and len(arms) > 1:
             way = np.diff(arms, axis=0)
             # Only these can have come so near in a step: most often none.
-            rows_near, at = np.nonzero(
-                square[:-1] < (least + 1.5 * max(way.max(), -way.min())) ** 2
-            )
-            if len(rows_near):
-                bad, from_there = deep.copy(), arms[rows_near, at]
-                bad[rows_near + 1, at] |= _least_distances(from_there, way[rows_near, at]) < least
+            near, at = np.nonzero(square[:-1] < (least + 1.5 * max(way.max(), -way.min())) ** 2)
+            if len(near):
+                bad, from_there = deep.copy(), arms[near, at]
+                bad[near + 1, at] |= _least_distances(from_there, way[near, at]) < least
         if bad.any():
             k, i = np.argwhere(bad)[0]
             what = "has gone through the circle in one step"

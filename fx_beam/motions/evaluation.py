@@ -48,9 +48,8 @@ def solution_of(
     elif not later:
         histories = dict(recorded)
     of_springs = histories["spring_internal"] if model.points.width else None
-    of_name = {
-        beam.name: (beam, cells) for beam, cells in zip(scene.beams, mesh.cells, strict=True)
-    }
+    beams = zip(scene.beams, mesh.cells, strict=True)
+    of_name = {beam.name: (beam, cells) for beam, cells in beams}
 
     @functools.cache
     def resultants() -> np.ndarray:

@@ -176,10 +176,8 @@ class _Cut:
         rows = np.concatenate([nodes, self._inside[elements].ravel()])
         owned = np.ones(len(rows), dtype=bool)
         owned[: len(nodes)] = self.of_node[nodes] == process
-        pairs = [
-            (joint, local[[joint.a.number, joint.b.number]].tolist()) for joint in scene.joints
-        ]
-        joints = [(_bare(joint), a, b) for joint, (a, b) in pairs if max(a, b) >= 0]
+        ends = [(joint, local[[joint.a.number, joint.b.number]].tolist()) for joint in scene.joints]
+        joints = [(_bare(joint), a, b) for joint, (a, b) in ends if max(a, b) >= 0]
         here = {joint.number for joint, *_ in joints}
         prescribed = [(int(local[node]), i) for node, i in scene.prescribed]
         moved = [node >= 0 for node, _ in prescribed]

@@ -189,11 +189,9 @@ def to_xarray(solution):
     for name in ["q"] * solution.has_motion + ["v", "a"] * solution.has_rates:
         data[name] = (time, "node", "component"), getattr(solution, name)
     for beam in solution.beams if solution.has_motion else ():
-        resultants = solution.resultants(beam)
-        coordinates[f"s {beam}"] = resultants.s
-        data |= {
-            f"{kind} {beam}": ((time, f"s {beam}"), getattr(resultants, kind)) for kind in "NQM"
-        }
+        of_beam = solution.resultants(beam)
+        coordinates[f"s {beam}"] = of_beam.s
+        data |= {f"{kind} {beam}": ((time, f"s {beam}"), getattr(of_beam, kind)) for kind in "NQM"}
     return xarray.Dataset(data, coordinates, {"scheme": solution.stats.scheme})
 
 

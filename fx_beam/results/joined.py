@@ -181,10 +181,8 @@ class _Joined:
         return contacts
 
     def _resultants(self, name: str) -> BeamResultants:
-        motions = self._first, self._second
-        parts = [
-            {**vars(of.resultants_of_beam(name))} if name in of.beams else {} for of in motions
-        ]
+        both = self._first, self._second
+        parts = [{**vars(of.resultants_of_beam(name))} if name in of.beams else {} for of in both]
         s = [part.pop("s") for part in parts if part][0]
         return BeamResultants(s, **self._rows(*parts))
 

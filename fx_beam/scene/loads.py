@@ -171,7 +171,9 @@ def changed(load: Load, value) -> Load:
 
 def not_negative(value, what: str) -> float:
     """A number that is zero or positive; SceneError otherwise."""
-    (number,) = vector(value, 1, what)
+    number = as_float(value)
+    if not abs(number) <= LARGEST:
+        (number,) = vector(value, 1, what)
     fits = number == 0 or number >= 1 / LARGEST
     require(fits, what, value, "zero or positive")
     return as_float(number)

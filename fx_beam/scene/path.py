@@ -159,9 +159,8 @@ class Path:
         distances = np.linalg.norm(powers @ c, axis=2).min(axis=1)
         # No point is farther from one of these than a quarter of the largest slope.
         reach = np.linalg.norm(c[:, 1:], axis=2) @ [0.25, 0.5, 0.75]
-        return np.flatnonzero(
-            distances - reach <= distances.min() * (1 + 1e-6) + 1e-12 * self.length
-        )
+        most = distances.min() * (1 + 1e-6) + 1e-12 * self.length
+        return np.flatnonzero(distances - reach <= most)
 
 
 def _complex(vectors: np.ndarray) -> np.ndarray:

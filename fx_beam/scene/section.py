@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.array_calls import array_calls
-from fx_beam.dual import stacked
+from fx_beam.dual import Dual, stacked
 from fx_beam.errors import (
     NUMBER,
     SceneError,
@@ -389,7 +389,7 @@ def _value(name: str, datum: Datum, fraction: float = 0.0) -> float:
 def _evaluated(datum: Callable, fraction: float, what: str) -> float:
     try:
         value = datum if isinstance(datum, ufl.core.expr.Expr) else datum(fraction)
-        if isinstance(value, float):
+        if isinstance(value, float) or (isinstance(value, Dual) and not value.ndim):
             return as_float(value)
         # UFL functions of numbers return numbers or expressions of numbers.
         if isinstance(value, ufl.core.expr.Expr):

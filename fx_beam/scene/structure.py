@@ -14,6 +14,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fx_beam.dual import DualFloat
+
 from .beam import Node
 from .coordinate import functions_of
 from .law import functions_of_energy
@@ -47,7 +49,7 @@ def expressions_of(scene: Scene) -> Iterator[tuple[str, Any]]:
 # None stays None. Functions of a user in UFL are among them, as what they give is compared.
 _NUMBERS = "gravity", "prescribed", "masses", "parameters"
 # Kinds of values that are compared as they are.
-_PLAIN = {float, int, bool, str, type(None)}
+_PLAIN = {float, DualFloat, int, bool, str, type(None)}
 # What follows from the rest of a scene.
 _DERIVED = {"nodes", "_corners", "_couplings", "changes"}
 

@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse
 from scipy.sparse.linalg import splu
 
+from fx_beam.dual import plain
 from fx_beam.laws.interval import Interval
 from fx_beam.results.state import State
 
@@ -82,7 +83,7 @@ class Equations:
         model.forms.parameters.begin(level, start.parameters)
         p.t, self._length, self._start = interval.end - length, length, start
         follow = model.points.followers
-        self._followers = np.array(follow.at(interval) if len(follow) else [], float)
+        self._followers = plain(follow.at(interval)) if len(follow) else np.empty(0)
         self.end_at(end)
 
     def end_at(self, end: float) -> None:

@@ -99,14 +99,15 @@ class TapeDerivatives:
         of_equations: np.ndarray,
         of_ends: np.ndarray,
         of_state: Any,
-        by_places: bool,
+        names: Set[str],
     ) -> tuple[dict[str, np.ndarray], np.ndarray]:
         """Derivatives of a sum of weights times residuals and configurations at ends of load steps.
 
         Each step has a share (k,) of the weights (., free) and (., size) in one of the `rows` (k,).
-        By all numbers, of the state only by the unknowns `of_state`; and by all unknowns.
+        By the numbers that have some `names`, of the state only by the unknowns `of_state`; and by
+        all unknowns.
         """
-        self.hand_over_slopes(by_places)
+        self.hand_over_slopes("X" in names)
         count, every, layout = len(tape), np.arange(len(tape) + 1), self.layout
         x, by_unknowns = aligned_zeros(layout.size), np.zeros(self._p.free)
         of_steps, ends = np.zeros((count + 1, layout.step_size)), layout.states.only({"q": ...})
@@ -119,8 +120,9 @@ class TapeDerivatives:
         x[layout.at["Y"]] = 0.0
         x[layout.at["Y"][of_state]] = by_unknowns[of_state]
         by_step = of_steps.sum(axis=0)
-        by = {name: numbers.sums(x) for name, numbers in self.numbers.items()}
-        return by | {name: by_step[at] for name, at in layout.steps.items()}, by_unknowns
+        by = {name: self.numbers[name].sums(x) for name in self.numbers.keys() & names}
+        by |= {name: by_step[at] for name, at in layout.steps.items() if name in names}
+        return by, by_unknowns
 
     def vjp(
         self,

@@ -53,6 +53,55 @@ def test_only_numbers_that_functions_take_as_floats_are_differenced():
         assert ("x[4]: float()" in run.stats.difference_reason) == bool(of_one)
 
 
+def test_a_scene_with_slopes_serves_its_analysis():
+    """Where functions along a beam, or follower forces over time, have slopes as well."""
+    calls = []
+
+    def scene_of(x):
+        calls.append(x)
+        scene = fb.Scene()
+        section = fb.Section(EA=lambda f: 1e3 * (1 + f * x[0]), GA=1e3, EI=1.0, rhoA=1.0, rhoI=1e-3)
+        bar = scene.add_beam([(0, 0), (1, 0)], section)
+        scene.clamp(bar.start)
+        scene.add_force(bar.end, lambda t: (x[1] * t, x[2]), follower=True)
+        return scene, {"end": fb.Output("position", bar.end)}
+
+    for run in (
+        fb.Response(scene_of, dt=0.01, t_end=0.1),
+        fb.ModalResponse(lambda x: scene_of(x)[0], n=2),
+    ):
+        for _ in range(2):
+            calls.clear()
+            y = run(X)
+            run.vjp({"end": np.ones_like(y[1]["end"])} if isinstance(y, tuple) else np.ones(2))
+        assert len(calls) == 1
+
+
+@pytest.mark.parametrize("make", [fb.Response, fb.StaticResponse])
+def test_slopes_of_the_weight_are_those_of_the_scene_beside_differences(make):
+    """They are read after the scenes of the differences, whose gravity is another."""
+
+    def build(x, taken):
+        scene = fb.Scene(gravity=(0, -taken(x[0])))
+        section = fb.Section(EA=1e3, GA=1e3, EI=1.0, rhoA=x[1], rhoI=1e-3)
+        bar = scene.add_beam([(0, 0), (1, 0)], section)
+        scene.clamp(bar.start)
+        scene.add_mass(bar.end, x[2])
+        return scene, {"end": fb.Output("position", bar.end)}
+
+    options = {"load_steps": 2} if make is fb.StaticResponse else {"dt": 0.01, "t_end": 0.1}
+    gradients = []
+    for taken in (float, lambda x: x):
+        run = make(lambda x, taken=taken: build(x, taken), **options)
+        for x in ([0.8, 0.3, 0.2], [0.9, 0.3, 0.2]):  # slopes are checked at the first
+            _, y = run(x)
+            by_x = run.vjp({"end": np.ones_like(y["end"])})
+        gradients.append(by_x)
+        jacobian = run.jacobian()["end"].sum(axis=(0, 1))
+        assert jacobian == pytest.approx(gradients[-1], rel=1e-10)
+    assert gradients[0] == pytest.approx(gradients[1], rel=1e-9)
+
+
 def test_slopes_are_those_of_functions():
     """Against differences that are extrapolated twice."""
     x, A, t = np.array([0.3, 0.7, 1.2]), np.arange(6.0).reshape(2, 3), np.linspace(0, 1, 30)
@@ -61,6 +110,8 @@ def test_slopes_are_those_of_functions():
         lambda x: np.interp(t * x[0], np.cumsum(x) / 3, x ** x[0]) * np.where(t > 0.5, x[1], t),
         lambda x: np.hstack([np.exp(-x) / x, np.arctan2(x, 2.0), np.linspace(x[0], x[2], 3)]),
         lambda x: np.stack([x, np.tanh(x), [1.0, x[0], 2.0]], axis=-1).T @ np.array([x[0], 0, 1]),
+        lambda x: np.interp(3 * t - 1, [0.0, 1.0, 1.0, 1.5], x[[0, 1, 2, 0]] ** 2),
+        lambda x: np.interp(t, [0.5], x[:1] ** 2) + np.interp(0.3, [0.5], x[:1]),
     ]
     for of in functions:
         steps = [(h, h * row) for h in (4e-3, 2e-3, 1e-3) for row in np.eye(3)]
