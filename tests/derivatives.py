@@ -56,7 +56,7 @@ def assert_they_are_those_of_the_motion(run, x, J, h=1e-4):
         errors[0] *= AT_START
         if not errors.max() < 1e-6:
             wrong[name] = errors.max()
-    assert not wrong
+    assert not wrong, wrong
 
 
 def assert_derivatives(run, x, h=1e-4):

@@ -237,7 +237,7 @@ class HarmonicResponse(TangentResponse):
         size, f = abs(self.response.values[order, i]), self._f[order]
 
         def minus_amplitude(frequency: float) -> float:
-            return -float(abs(row @ self._solved(frequency)[0]))
+            return -float(abs(row @ self._vibration.at(frequency).solved(self._sides[:, 0])))
 
         peaks = []
         for k in np.flatnonzero((size[1:-1] > size[:-2]) & (size[1:-1] >= size[2:])) + 1:

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from .turning_frame import TurningFrame
 
 # Mass of what has none in rates that fit joints, relative to the least mass that there is.
-_LITTLE = 1e-9
+_LITTLE = 1e-8
 # Forms of the equations.
 _OF_EQUATIONS = "internal_forces", "drag"
 

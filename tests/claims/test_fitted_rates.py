@@ -1,7 +1,10 @@
 """Rates and forces of bodies and of other couplings that change with the motion."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from derivatives import assert_derivatives
 from jointed import chain, four_bar as linkage
 from scipy.integrate import solve_ivp
 
@@ -263,6 +266,38 @@ def test_points_of_bodies_move_with_their_centres_and_joints_stay_together(build
                 arm = found.position(joint.b) - found.position(joint.a)
                 gap = gap - found.velocity(joint.a) - turned(found.spin(joint.a), arm)
             assert abs(gap).max() < 1e-11
+
+
+def _pin_in_slot(x):
+    """A pin within 1e-4 m of the end of the slot, whose turn alone meets its condition."""
+    scene = fb.Scene(gravity=(0, -10 * x[0]))
+    section = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0)
+    slot, pin = (
+        scene.add_beam(ends, section, elements=2) for ends in ([(0, 0), (1, 0)], [(1, 0), (2, 0.2)])
+    )
+    scene.clamp(slot.start)
+    spring = fb.Spring(220 * x[1])
+    return scene, slot, fb.PinInSlot(slot.end, pin.start, axis=(1, 0.3), spring=spring)
+
+
+def _sleeve(x):
+    """A sleeve that turns with both nodes of its element: one of their motions has no mass."""
+    scene = fb.Scene(gravity=(0, -10 * x[0]))
+    section = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0)
+    carrier = scene.add_beam([(0, 0), (1, 0)], section, elements=2)
+    carried = scene.add_beam([(0.6, 0), (0.6, 1)], replace(section, rhoI=1e-2), elements=2)
+    scene.clamp(carrier.start)
+    return scene, carrier, fb.Sleeve(carrier, carried.start, damper=fb.Damper(0.3 * x[1]))
+
+
+@pytest.mark.parametrize("build", [_pin_in_slot, _sleeve])
+def test_rates_of_massless_turns_have_their_derivatives(build):
+    def outputs(x):
+        scene, beam, joint = build(x)
+        spins = {f"spin {i}": fb.Output("spin", node) for i, node in enumerate(beam.nodes)}
+        return scene, spins | {"force": fb.Output("force", scene.add_joint(joint))}
+
+    assert_derivatives(fb.Response(outputs, dt=0.01, t_end=0.12), [1.0, 1.0], h=1e-3)
 
 
 def test_rows_of_some_steps_without_motion_have_the_same_forces():

@@ -63,13 +63,13 @@ static void load_row(const Derivatives *a, const RowsOfRun *of, long row, long f
     for (int i = 0; i < of->size; ++i) x[of->place[i]][j] = of->rows[(row * a->directions + first + j) * of->size + i];
 }
 
-/* Rates u of the nodes for w of the columns, in `z`; their impulses, and in `columns` those on columns, with those that close
-   loops. Those of small masses only help. */
-static void find_impulses(const Problem *p, const Work *w, int helped, const double *v, double *u) {
+/* Rates u of the nodes for w of the columns, in `z`; their impulses, also those of small masses, and in `columns` those on
+   columns, with those that close loops. */
+static void find_impulses(const Problem *p, const Work *w, const double *v, double *u) {
   spread_open(p, w, w->z, u);
   for (int i = 0; i < p->dofs; ++i) w->acc[i] = u[i] - v[i];
   times_mass(p, w->acc, w->r);
-  for (int i = 0; helped && i < p->dofs; ++i) w->r[i] += p->viscous_weight[i] * w->acc[i];
+  for (int i = 0; i < p->dofs; ++i) w->r[i] += p->viscous_weight[i] * w->acc[i];
   memset(w->columns, 0, (p->columns + p->auxiliaries) * sizeof(double));
   add_closing(p, w, w->columns), collect(p, w, w->r, w->columns);
 }
@@ -111,13 +111,13 @@ static int find_fit(Problem *p, const Work *w, const Linear *l, int solutions, i
   memcpy(z + p->free, driven, p->driven * sizeof(double));
   int once = solutions == 1 && !needed; /* by the solver of steps, which has one right side */
   if (once) {
-    find_impulses(p, w, 1, v, u);
+    find_impulses(p, w, v, u);
     memcpy(w->reduced, w->columns, p->free * sizeof(double));
     if (!solve_reduced(p, w, 0, rest)) return 0;
     add_times(p->free, -1, w->step, z);
   } else if (!factorise_tangent(p, w)) return 0;
   for (int k = 0; !once && k < solutions; ++k) {
-    find_impulses(p, w, k == 0, v, u);
+    find_impulses(p, w, v, u);
     memset(right, 0, p->positions * sizeof(Changes));
     for (int i = 0; i < p->free; ++i) right[GROUP_SIZE * p->order[i]] = w->columns[i];
     for (int i = 0; i < p->closures; ++i)
@@ -129,7 +129,7 @@ static int find_fit(Problem *p, const Work *w, const Linear *l, int solutions, i
   }
   take_closing(p, l, closing);
   for (int i = 0; i < p->closures; ++i) w->closing[i] = closing[i][0];
-  find_impulses(p, w, 0, v, u);
+  find_impulses(p, w, v, u);
   if (p->scene_joints) find_joint_forces(p, w);
   return 1;
 }
