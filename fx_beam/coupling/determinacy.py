@@ -181,8 +181,7 @@ def _motion(rows) -> np.ndarray | None:
     if not allowed.size:
         return None
     # Of all possible motions the one that moves a single column most is simplest to describe.
-    shares = np.sum(allowed**2, axis=1)
-    most = np.zeros((n, 1))
+    shares, most = np.sum(allowed**2, axis=1), np.zeros((n, 1))
     most[np.argmax(shares > 0.5 * shares.max())] = 1.0
     return settled(most)[:, 0]
 

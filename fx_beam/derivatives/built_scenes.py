@@ -101,7 +101,13 @@ class BuiltScenes:
         # Before others are built, which may change what scenes have in common.
         before = {} if self._checked or self._is_dual else numbers_of(known, np.zeros(len(x)))
         here, by_name = self._slopes(x, known, numbers_of)
-        _check_same(before, here)
+        for name, values in before.items():
+            gap, size = abs(here[name] - values).max(initial=0.0), abs(values).max(initial=0.0)
+            if gap > _SAME * size:
+                raise SceneError(
+                    f"Response: build gives other numbers than before at the same x: {name!r} of "
+                    f"the scene differs by {gap:.2g}. They must depend on x alone"
+                )
         if (shapes := {name: values.shape for name, values in here.items()}) not in self._checked:
             self._checked.append(shapes)
             self._check(x, here, by_name, numbers_of)
@@ -226,9 +232,8 @@ class BuiltScenes:
         self, x: np.ndarray, i: int, by: float, numbers_of: NumbersOf
     ) -> dict[str, np.ndarray]:
         """Numbers of the scene with a change of x[i]."""
-        change, here = np.zeros(len(x)), shown(x[i])
-        change[i] = by
-        there = shown(x[i] + by)
+        change = by * (np.arange(len(x)) == i)
+        here, there = shown(x[i]), shown(x[i] + by)
         try:
             scene = self._at(x + change)
         except SceneError as error:
@@ -243,16 +248,6 @@ class BuiltScenes:
                 f"Response: the scene at x[{i}] = {there} has another structure than at {here}: "
                 f"{other}. There are no derivatives at {here}"
             ) from None
-
-
-def _check_same(before: dict[str, np.ndarray], here: dict[str, np.ndarray]) -> None:
-    for name, values in before.items():
-        gap, size = abs(here[name] - values).max(initial=0.0), abs(values).max(initial=0.0)
-        if gap > _SAME * size:
-            raise SceneError(
-                f"Response: build gives other numbers than before at the same x: {name!r} of the "
-                f"scene differs by {gap:.2g}. They must depend on x alone"
-            )
 
 
 def _wrong(

@@ -66,8 +66,7 @@ class CriticalLoad:
             reason = "material flows on the path" if flowed else "added virtual works have none"
             raise SceneError(f"{_WHAT}: no derivatives: {reason}")
         self._tangent.begin(about, state)
-        changes = derivatives(self._tangent.numbers_of)
-        of_factor = self._tangent.by_factor()
+        changes, of_factor = derivatives(self._tangent.numbers_of), self._tangent.by_factor()
         #: Changes (m + 1, ...) of all numbers by x, and by the load factor.
         self._changes = {}
         for name, rows in changes.items():

@@ -229,8 +229,7 @@ class HarmonicResponse(TangentResponse):
         SceneError
             As of `vjp`, and for a name that is none.
         """
-        names = self.response.names
-        what = f"{_WHAT}.peaks: component"
+        names, what = self.response.names, f"{_WHAT}.peaks: component"
         require(is_one_of(component, names), what, component, f"one of {', '.join(names)}")
         i = names.index(component)
         row, order = self._measured.rows[i], np.argsort(self._f)

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.content_cache import cached_property
 from fx_beam.dual import Dual, have_slopes, plain
 from fx_beam.equilibria.statics import LoadPath
 from fx_beam.errors import SceneError, array_of, check_takes, is_one_of, positive, require, shown
@@ -49,6 +50,8 @@ _CHAOTIC = (
     "has vibrations that the step does not resolve. They are exact for these steps, but tell only "
     "of tiny changes. Use a shorter time, or EnergyDecaying"
 )
+# Length of the step that tells the accelerations at the start, relative to the others.
+_INSTANT = 1e-9
 #: A function of parameters (m,) that gives a scene and its outputs by name.
 Build = Callable[[np.ndarray], tuple[Scene, Mapping[str, Wanted]]]
 
@@ -557,7 +560,34 @@ class Response(Differentiable):
         # Without derivatives of the equilibrium before, differences compute it for other x.
         if self._path is not None and not why_not(self._path):
             start = StaticDerivatives(self._path).change_of_end(self._derivatives, "Response")
-        return self._derivatives(functools.partial(self._numbers_of, tape=tape, start=start))
+        changes = self._derivatives(functools.partial(self._numbers_of, tape=tape, start=start))
+        if "a" in changes and self._starts_at_rest(tape.problem.model):
+            self._instant(self._x)
+            changes["a"] = self._instant._mean_acceleration_by_x()
+        return changes
+
+    def _starts_at_rest(self, model: Model) -> bool:
+        """Whether accelerations at the start are those of a very short step, which has slopes.
+
+        Arms would be differences of positions in it, without digits.
+        """
+        of, given = model.couplings, self._start is not None or self._options.tolerance is not None
+        moves = model.scene.velocities or model.needs_accelerations
+        return not (given or moves or of.driven or of.moving or of.sliding)
+
+    @cached_property
+    def _instant(self) -> Response:
+        """The motion over a very short step."""
+        dt, of = _INSTANT * self._options.dt, self._options
+        return Response(self._build, of.scheme, dt=dt, t_end=dt, newton=of.newton, inputs=of.inputs)
+
+    @one_call
+    def _mean_acceleration_by_x(self) -> np.ndarray:
+        """Changes (m, size) of the accelerations of a single step from rest."""
+        model, tape, derivatives = self._followed("jacobian")
+        changes = self._derivatives(functools.partial(self._numbers_of, tape=tape, start=None))
+        rates = derivatives.jvp(tape, changes, np.ones(1, int))["v"][0]
+        return np.where(model.massless, 2, 1) * rates / self._options.dt  # those are means
 
     def _numbers_of(
         self, given: Scene, change: Any, tape: Tape, start: StateChange | None
@@ -573,7 +603,8 @@ class Response(Differentiable):
         if self._options.tolerance is not None:
             first = float(t1[len(model.scheme.fractions) - 1] - t0[0])
         if start is None:
-            state = other.first_state(first, self._start_of(given), at_start)
+            found = at_start and not self._starts_at_rest(model)
+            state = other.first_state(first, self._start_of(given), found)
         else:
             state = other.state_from(start.at(model, plain(change)), first, at_start)
         numbers: dict[str, Any] = numbers_of(other, state, t0, t1)

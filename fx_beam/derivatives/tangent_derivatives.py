@@ -250,9 +250,8 @@ class TangentDerivatives:
         by, by_state = self._backwards(self._steps(basis, time, curved), on_forces, on_ends)
         for A, of_mass in along.by_mass if "mass" in by else []:
             pairs = zip(weighted(along.of, of_mass), _times(A, basis), strict=True)
-            by["mass"] = by["mass"] + sum(
-                by_mass_entries(self._problem.model, *pair) for pair in pairs
-            )
+            of_pairs = (by_mass_entries(self._problem.model, *pair) for pair in pairs)
+            by["mass"] = sum(of_pairs, by["mass"])
         return by, by_state
 
     def _of_lengths(self, along: _Along, time: float) -> list[np.ndarray]:

@@ -44,7 +44,7 @@ class Mass:
         self._scene, self._gravity = scene, scene.gravity
         sections = distinct(beam.section for beam in scene.beams)
         self._given = [*((section.rhoA, section.rhoI) for section in sections), *scene.masses]
-        #: Those of elements, if there are any.
+        # What `_unit_masses` gives, if there are elements.
         self._unit: Any = _unit_masses(scene.beams[0].degree) if scene.beams else None
         self._has = [name for name in _WORDS if any(getattr(s, name) for s in sections)]
 

@@ -12,7 +12,7 @@ import scipy.sparse
 
 from fx_beam import c_library
 from fx_beam.c_library import Structs
-from fx_beam.dual import stacked
+from fx_beam.dual import plain, stacked
 from fx_beam.laws.interval import Interval, StepStart
 from fx_beam.laws.point_laws import PointLaw, StepRule, arguments
 from fx_beam.scene.structure import OtherStructureError
@@ -322,7 +322,7 @@ class PointForces:
         self._c.fx_begin_points(self._all, *vectors, t, dt, variables)
         if len(self.followers):
             first = self.external.start
-            for i, force in enumerate(self.followers.at(interval), start=first):
+            for i, force in enumerate(plain(self.followers.at(interval)), start=first):
                 self._numbers[i][:2] = force
 
     def set_parameters(self, values: np.ndarray) -> None:

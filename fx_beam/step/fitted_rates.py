@@ -94,8 +94,7 @@ class FittedRates:
             driven = np.where(unknown, self._driven_rates(q, v, slides), driven)
         shapes = q.shape, (n, 0), (n, p.scene_joints, 3), (n, p.columns - p.free)
         fit = Fit(*(np.full(shape, np.nan) for shape in shapes))  # also where it is singular
-        structs = Structs(self._ffi, declarations("problem.h"))
-        of = self._ffi.new("Fits *")
+        structs, of = Structs(self._ffi, declarations("problem.h")), self._ffi.new("Fits *")
         arrays = {"q": q, "v": v, "slides": slides, "driven": driven, "rates": fit.rates}
         arrays |= {"joints": fit.joints, "constraints": fit.constraints}
         structs.set(of, rows=n, **{name: never_empty(x) for name, x in arrays.items()})

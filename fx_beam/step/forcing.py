@@ -39,9 +39,7 @@ class Forcing:
             (function, f"prescribed {COMPONENTS[component]} of {scene.nodes[node]}")
             for (node, component), function in scene.prescribed.items()
         ]
-        self._driven += [
-            (getattr(joint, name).motor, f"motor of {joint}") for joint, name in model.motors
-        ]
+        self._driven += [(getattr(j, name).motor, f"motor of {j}") for j, name in model.motors]
         #: Numbers of those that are locked.
         self._held = [i for i, (of, _) in enumerate(self._driven) if isinstance(of, Held)]
 

@@ -229,8 +229,7 @@ def rows_of_nodes(stored_at: np.ndarray, behind: int, lanes: int) -> dict[str, n
     Those of a node are in a row of three; single ones have their own places.
     """
     cells, n = len(stored_at), math.isqrt(stored_at.shape[1])
-    nodes = n // 3
-    number = np.arange(n)
+    nodes, number = n // 3, np.arange(n)
     columns = np.column_stack([number[: 2 * nodes].reshape(nodes, 2), number[2 * nodes :]])
     to = stored_at.reshape(cells, n, n)[:, :, columns]  # (cells, n, nodes, 3)
     together = (np.diff(to, axis=-1) == 1).all(axis=-1)

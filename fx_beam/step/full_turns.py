@@ -87,7 +87,6 @@ def _turning(n: int, i: np.ndarray, j: np.ndarray, counted: tuple[int, ...]) -> 
     """Groups of n nodes that pairs i, j connect, without those of nodes whose turns count."""
     graph = scipy.sparse.coo_matrix((np.ones(len(i)), (i, j)), (n, n))
     number, of_node = connected_components(graph, directed=False)
-    held = set(of_node[list(counted)])
-    order = np.argsort(of_node, kind="stable")
+    held, order = set(of_node[list(counted)]), np.argsort(of_node, kind="stable")
     members = np.split(order, np.cumsum(np.bincount(of_node, minlength=number))[:-1])
     return [nodes for m, nodes in enumerate(members) if m not in held]

@@ -45,8 +45,7 @@ class InversionCheck:
         stretch = beams.normal_stretch(q)
         cell, point = np.unravel_index(np.argmin(stretch), stretch.shape)
         number = model.mesh.beam_of_cell[cell]
-        beam = model.scene.beams[number]
-        element = cell - model.mesh.cells[number][0]
+        beam, element = model.scene.beams[number], cell - model.mesh.cells[number][0]
         start, end = beam.s[element : element + 2]
         s = start + (end - start) * gauss_rule(beam.degree)[0][point]
         when = "load factor" if self._stats.static else "t"

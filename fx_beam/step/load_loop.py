@@ -67,8 +67,7 @@ class LoadLoop(CompiledLoop):
     @cached_property
     def equations(self) -> Equations:
         """The equations of load steps; on one process they have the arrays of the loop."""
-        alone = self.problem if self._alone else None
-        forcing = self.forcing
+        alone, forcing = self.problem if self._alone else None, self.forcing
         return Equations(self.model, forcing.time, forcing.turning, forcing.natural, alone)
 
     def step(self, state: State, interval: Interval) -> tuple[State, StepSolution]:

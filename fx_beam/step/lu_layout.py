@@ -170,8 +170,7 @@ def _in_chain(order: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> Facto
     i, j = order[rows], order[columns]
     at = i * _ROW + _OWN * (1 + j // _GROUP - i // _GROUP) + j % _GROUP
     unused = np.flatnonzero(np.bincount(order, minlength=_GROUP * chain) == 0)
-    padding = unused * _ROW + _OWN + unused % _GROUP
-    size = _GROUP * chain * _ROW
+    padding, size = unused * _ROW + _OWN + unused % _GROUP, _GROUP * chain * _ROW
     return Factors(order, at, size, 2 * _GROUP - 1, chain=chain, padding=padding)
 
 

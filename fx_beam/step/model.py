@@ -388,8 +388,7 @@ class Model:
                 "order=2"
             )
         sliders = Sliders(scene, self.couplings, self.scheme.rates, self.mesh)
-        used = self.used_entries()
-        auxiliaries = Auxiliaries(self.couplings)
+        used, auxiliaries = self.used_entries(), Auxiliaries(self.couplings)
         parts = self.couplings, auxiliaries, self.points, self.scheme.rates, matrix, used
         loops = None
         if self.couplings.closures:

@@ -313,8 +313,7 @@ class Recorder:
         rows = {name: of[:n] for name, of in self.arrays.items()}
         times, steps = self._times, self._steps[:n]
         if model.fits_rates:
-            first = rows["up_to_row"][:-1]
-            starts = None
+            first, starts = rows["up_to_row"][:-1], None
             if self.every > 1:
                 starts = tuple(self.arrays_of_starts[f"start_{name}"][first] for name in "qv")
             driven = self._first.driven_rates if self._begins else None

@@ -81,8 +81,7 @@ class Stepper:
     ) -> tuple[StepsResult, int]:
         """What came of steps or parts of steps, and the number of steps that are complete."""
         halving, integrator = self.halving, self.integrator
-        parts = halving.parts
-        before = self.stats.steps
+        parts, before = halving.parts, self.stats.steps
 
         def count(taken: int, state: State) -> None:
             self.stats.steps += halving.take(taken)

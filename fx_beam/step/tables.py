@@ -337,8 +337,7 @@ class Problem:
         self._rows = self.ffi.gc(self.c.changing, lambda rows, owner=owner: free(rows))
 
     def _factors_of(self, indptr: np.ndarray, indices: np.ndarray) -> Factors:
-        reduction = self.model.reduction
-        order = np.arange(len(indptr) - 1)
+        reduction, order = self.model.reduction, np.arange(len(indptr) - 1)
         if not self._alone:  # others have the tangent
             return Factors(order, np.zeros(len(indices), int), 1, 1)
         if self._bare:

@@ -119,10 +119,11 @@ class TapeDerivatives:
         self._follow("VJP", tape, at_ends, forces)
         x[layout.at["Y"]] = 0.0
         x[layout.at["Y"][of_state]] = by_unknowns[of_state]
-        by_step = of_steps.sum(axis=0)
         by = {name: self.numbers[name].sums(x) for name in self.numbers.keys() & names}
-        by |= {name: by_step[at] for name, at in layout.steps.items() if name in names}
-        return by, by_unknowns
+        every = of_steps.sum(axis=0)
+        return by | {
+            name: every[layout.steps[name]] for name in layout.steps.keys() & names
+        }, by_unknowns
 
     def vjp(
         self,
@@ -141,8 +142,7 @@ class TapeDerivatives:
         """
         self.hand_over_slopes("X" in names)
         every, forces = len(tape), self.layout.forces
-        states = self.layout.states.only(entries)
-        x = aligned_zeros(self.layout.size)
+        states, x = self.layout.states.only(entries), aligned_zeros(self.layout.size)
         of_steps = np.zeros((every + 1, self.layout.step_size))
         structs = Structs(self._ffi, declarations("problem.h"))
         #: Sizes of the derivatives by the rates at the starts of all sub-steps.
@@ -321,9 +321,9 @@ class TapeDerivatives:
         And the slides of joints in the reference of the present scene.
         """
         if self._refills != self._model.refills:
-            self._refills, joints = self._model.refills, joints_by_number(self._model.scene)
-            for m, joint in enumerate(self._model.couplings.moving):
-                self._slide_at_rest[m] = joints[joint.number].start()[0]
+            self._refills, moving = self._model.refills, self._model.couplings.moving
+            joints = joints_by_number(self._model.scene)
+            self._slide_at_rest[:-1] = [joints[joint.number].start()[0] for joint in moving]
         if self._has_places == by_places:
             return
         self._has_places = by_places

@@ -77,6 +77,59 @@ def test_a_scene_with_slopes_serves_its_analysis():
         assert len(calls) == 1
 
 
+def _arms(x):
+    """Two arms with a spring in their joint, and a follower force."""
+    scene = fb.Scene(gravity=(0, -9.81 * x[1]))
+    section = fb.Section(EA=1e4 * x[0], GA=1e4, EI=10.0, rhoA=lambda f: x[0] * (1 + f), rhoI=1e-3)
+    first = scene.add_beam([(0, 0), (1, 0.1 * x[1])], section, elements=2)
+    second = scene.add_beam([(1, 0.1 * x[1]), (2, 0)], section, elements=2)
+    scene.pin(first.start)
+    spring = fb.Spring(5 * x[0], rest=0.3 * x[1])
+    joint = scene.add_joint(fb.Revolute(first.end, second.start, spring=spring))
+    scene.add_force(second.end, lambda t: (x[0] * (1 + t), x[1]), follower=True)
+    return scene, first, second.end, joint
+
+
+def _loop(x):
+    """A triangle of bars with a load, whose joints are a closed loop."""
+    scene = fb.Scene()
+    section = fb.Section(EA=1e4, GA=1e4, EI=10.0 * x[0], rhoA=x[1], rhoI=1e-3 * x[0])
+    corners = [(0, 0), (1, 0.1 * x[0]), (0.4, x[1])]
+    bars = [
+        scene.add_beam([corners[i], corners[(i + 1) % 3]], section, elements=2) for i in range(3)
+    ]
+    for one, other in zip(bars, [*bars[1:], bars[0]], strict=True):
+        joint = scene.add_joint(fb.Revolute(one.end, other.start))
+    scene.pin(bars[0].start)
+    scene.add_moment(bars[0].nodes[1], lambda t: 3 * x[1] * np.cos(t))
+    return scene, bars[0], bars[1].end, joint
+
+
+@pytest.mark.parametrize("build", [_arms, _loop])
+def test_accelerations_at_the_start_have_slopes(build):
+    """From rest; a gradient builds the scene twice, once for a step that tells them."""
+    calls, x = [], np.array([1.1, 0.9])
+
+    def outputs(x):
+        calls.append(x)
+        scene, beam, node, joint = build(x)
+        of = {"acceleration": node, "force": joint, "reaction": beam.start}
+        return scene, {name: fb.Output(name, place) for name, place in of.items()}
+
+    run = fb.Response(outputs, dt=0.01, t_end=0.05)
+    for _ in range(2):
+        calls.clear()
+        _, y = run(x)
+        gradient = run.vjp({name: np.ones_like(rows) for name, rows in y.items()})
+    assert len(calls) == 2 and run.stats.difference_reason == ""
+    J, h = run.jacobian(), 1e-3
+    assert gradient == pytest.approx(sum(of.sum(axis=(0, 1)) for of in J.values()), rel=1e-10)
+    for i, unit in enumerate(np.eye(2)):
+        ends = [run(x + k * h * unit)[1]["acceleration"][0] for k in (-2, -1, 1, 2)]
+        expected = (8 * (ends[2] - ends[1]) - (ends[3] - ends[0])) / (12 * h)
+        assert J["acceleration"][0, :, i] == pytest.approx(expected, rel=1e-7, abs=1e-7)
+
+
 @pytest.mark.parametrize("make", [fb.Response, fb.StaticResponse])
 def test_slopes_of_the_weight_are_those_of_the_scene_beside_differences(make):
     """They are read after the scenes of the differences, whose gravity is another."""
