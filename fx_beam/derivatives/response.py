@@ -51,7 +51,7 @@ _CHAOTIC = (
     "of tiny changes. Use a shorter time, or EnergyDecaying"
 )
 # Length of the step that tells the accelerations at the start, relative to the others.
-_INSTANT = 1e-9
+_INSTANT = 1e-13
 #: A function of parameters (m,) that gives a scene and its outputs by name.
 Build = Callable[[np.ndarray], tuple[Scene, Mapping[str, Wanted]]]
 
