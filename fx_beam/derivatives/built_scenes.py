@@ -261,8 +261,7 @@ def _wrong(
     for name, slopes in by_name.items():
         known, sizes = np.tensordot(change, slopes, 1), np.tensordot(abs(change), abs(slopes), 1)
         error, values = abs((ends[1][name] - ends[0][name]) / 2 - known), abs(here[name])
-        if name in OF_STEPS:
-            sizes, values = sizes.max(axis=0), values.max(axis=0)
+        sizes, values = (_largest_over_time(name, of) for of in (sizes, values))
         if name != "points":  # whose numbers have different units
             values = values.max(initial=0.0)
         round_off = (1e4 if name in _COMPUTED else 1.0) * _FEW_DIGITS * values
@@ -271,11 +270,14 @@ def _wrong(
     return sorted(wrong)
 
 
+def _largest_over_time(name: str, sizes: np.ndarray) -> np.ndarray:
+    """Of functions of time the largest sizes over it, of other numbers the sizes themselves."""
+    return sizes.max(axis=0) if name in OF_STEPS else sizes
+
+
 def _size(name: str, values: np.ndarray) -> np.ndarray:
     """Sizes of derivatives, over time the largest, and none far below the largest of all."""
-    of = abs(values)
-    if name in OF_STEPS:
-        of = of.max(axis=0)
+    of = _largest_over_time(name, abs(values))
     return np.maximum(of, 1e-3 * of.max(initial=0.0))
 
 
@@ -288,7 +290,5 @@ def _largest(gaps: np.ndarray, sizes: np.ndarray) -> float:
 
 def _on_a_line(name: str, low: np.ndarray, here: np.ndarray, above: np.ndarray) -> bool:
     """Whether numbers at x - h, x and x + h / 2 are those of a line, up to round-off."""
-    size = np.maximum(abs(low), abs(above))
-    if name in OF_STEPS:  # round-off is that of the largest value over time
-        size = size.max(axis=0)
+    size = _largest_over_time(name, np.maximum(abs(low), abs(above)))  # which tells the round-off
     return all_of(abs((low - here) + 2 * (above - here)) <= _ROUNDING * size)

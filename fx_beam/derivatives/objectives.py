@@ -56,12 +56,12 @@ def _measured(given: Any, what: str) -> np.ndarray:
 
 
 def _scatter(given: Any, shape: tuple[int, ...], what: str) -> np.ndarray:
-    values = array_of(given, what)
-    require(bool((np.isfinite(values) & (values > 0)).all()), what, given, "positive")
+    of = array_of(given, what)
+    require(bool((np.isfinite(of) & (of > 0)).all()), what, given, "positive")
     try:
-        return np.broadcast_to(values, shape)
+        return np.broadcast_to(of, shape)
     except ValueError:
-        raise SceneError(f"{what}: its shape {values.shape} does not fit {shape}") from None
+        raise SceneError(f"{what} has the shape {of.shape}, which does not fit {shape}") from None
 
 
 class Misfit(_OfRun):

@@ -569,7 +569,7 @@ class Response(Differentiable):
     def _starts_at_rest(self, model: Model) -> bool:
         """Whether accelerations at the start are those of a very short step, which has slopes.
 
-        Arms would be differences of positions in it, without digits.
+        Not of joints with arms: in such a step these are differences of positions without digits.
         """
         of, given = model.couplings, self._start is not None or self._options.tolerance is not None
         moves = model.scene.velocities or model.needs_accelerations
@@ -577,9 +577,14 @@ class Response(Differentiable):
 
     @cached_property
     def _instant(self) -> Response:
-        """The motion over a very short step."""
+        """The motion over a very short step, without outputs that are functions of a solution."""
+
+        def build(x: Any) -> tuple[Scene, dict[str, Wanted]]:
+            scene, outputs = self._build(x)
+            return scene, {name: of for name, of in outputs.items() if isinstance(of, Output)}
+
         dt, of = _INSTANT * self._options.dt, self._options
-        return Response(self._build, of.scheme, dt=dt, t_end=dt, newton=of.newton, inputs=of.inputs)
+        return Response(build, of.scheme, dt=dt, t_end=dt, newton=of.newton, inputs=of.inputs)
 
     @one_call
     def _mean_acceleration_by_x(self) -> np.ndarray:

@@ -67,7 +67,8 @@ class LoadLoop(CompiledLoop):
     @cached_property
     def equations(self) -> Equations:
         """The equations of load steps; on one process they have the arrays of the loop."""
-        alone, forcing = self.problem if self._alone else None, self.forcing
+        alone = self.problem if self._alone else None
+        forcing = self.forcing
         return Equations(self.model, forcing.time, forcing.turning, forcing.natural, alone)
 
     def step(self, state: State, interval: Interval) -> tuple[State, StepSolution]:

@@ -119,11 +119,10 @@ class TapeDerivatives:
         self._follow("VJP", tape, at_ends, forces)
         x[layout.at["Y"]] = 0.0
         x[layout.at["Y"][of_state]] = by_unknowns[of_state]
+        by_step = of_steps.sum(axis=0)
         by = {name: self.numbers[name].sums(x) for name in self.numbers.keys() & names}
-        every = of_steps.sum(axis=0)
-        return by | {
-            name: every[layout.steps[name]] for name in layout.steps.keys() & names
-        }, by_unknowns
+        by |= {name: by_step[layout.steps[name]] for name in layout.steps.keys() & names}
+        return by, by_unknowns
 
     def vjp(
         self,

@@ -130,6 +130,27 @@ def test_accelerations_at_the_start_have_slopes(build):
         assert J["acceleration"][0, :, i] == pytest.approx(expected, rel=1e-7, abs=1e-7)
 
 
+def test_functions_of_the_solution_stay_out_of_the_step_that_tells_accelerations():
+    """A function that needs the third row, beside an output that has slopes at the start."""
+
+    def outputs(x):
+        scene, beam, node, _ = _arms(x)
+        late = lambda solution: solution.position(node)[3]  # noqa: E731
+        return scene, {"reaction": fb.Output("reaction", beam.start), "late": late}
+
+    def without_late(x):
+        scene, of_scene = outputs(x)
+        return scene, {"reaction": of_scene["reaction"]}
+
+    run, alone = (fb.Response(build, dt=0.01, t_end=0.05) for build in (outputs, without_late))
+    _, y = run([1.1, 0.9])
+    weights = {"reaction": np.ones_like(y["reaction"])}
+    assert y["late"].shape == (2,)
+    gradient = run.vjp(weights)
+    alone([1.1, 0.9])
+    assert gradient == pytest.approx(alone.vjp(weights), rel=1e-12)
+
+
 @pytest.mark.parametrize("make", [fb.Response, fb.StaticResponse])
 def test_slopes_of_the_weight_are_those_of_the_scene_beside_differences(make):
     """They are read after the scenes of the differences, whose gravity is another."""

@@ -77,7 +77,7 @@ def cost(value, **weights):
         (lambda my: my.run.misfit({"tip": my.tip}, "a"), "scatter of 'tip' = 'a' must be an array"),
         (
             lambda my: my.run.misfit({"tip": my.tip}, np.ones(7)),
-            r"its shape \(7,\) does not",
+            r"has the shape \(7,\), which does",
         ),
         (lambda my: my.run.objective(cost(None))([1.0]), "must give a number and its derivatives"),
         (lambda my: my.run.objective(cost("a"))([1.0]), "must give a number and its derivatives"),
