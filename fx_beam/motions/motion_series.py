@@ -18,7 +18,7 @@ from .initial_state import end_of
 from .options import Options
 from .prepared import Prepared
 from .run import Run
-from .surroundings import SMALL, waiting_team, warn_of_equal_work
+from .surroundings import HELD, waiting_team, warn_of_equal_work
 
 if TYPE_CHECKING:
     from fx_beam.step.tape import Tape
@@ -35,6 +35,8 @@ class MotionSeries:
         self._memory, self._brief = memory, brief
         #: The prepared scene of the last motion, for the next one; None while a motion has it.
         self.prepared: Prepared | None = None
+        #: Degrees of freedom of the last that was kept.
+        self.size = 0
         # What has the numbers of other scenes.
         self._alike: Prepared | None = None
         # The last solution, as long as it is in use: it reads the model.
@@ -122,8 +124,8 @@ class MotionSeries:
 
     def keep(self, prepared: Prepared, solution: Solution | None = None) -> None:
         """Keep what a run was made with. As long as its solution lives, this needs it."""
-        if self._brief and (prepared.loop is None or prepared.model.size > SMALL):
+        if self._brief and (prepared.loop is None or prepared.model.size > HELD):
             return
-        self.prepared, self._solution = prepared, lambda: None
+        self.prepared, self._solution, self.size = prepared, lambda: None, prepared.model.size
         if solution is not None:
             self._solution = weakref.ref(solution.resultants_of_beam)

@@ -21,8 +21,8 @@ from fx_beam.step.model import Model
 _log = logging.getLogger("fx_beam")
 #: Elements from which on a scene is divided among processes: smaller ones take longer on several.
 SMALLEST = 10_000
-#: Degrees of freedom of a scene whose set-up is held for another, and how many a thread holds.
-SMALL, _MOST = 3000, 8
+#: Degrees of freedom of all set-ups that a thread holds for other scenes, and their number.
+HELD, _MOST = 25_000, 8
 
 
 class _OfThread(threading.local):
@@ -104,8 +104,10 @@ def take_recent(scene: Scene, kind: Any) -> tuple[Any, Any]:
 
 
 def keep(what: Any, key: Any) -> None:
-    """Keep it for the next scenes, and forget what was kept long before."""
+    """Keep it for the next scenes, and forget the earliest of what is too much together."""
     _THREAD.recent = [*_THREAD.recent, (key, what)][-_MOST:]
+    while sum(other.size for _, other in _THREAD.recent) > HELD:
+        del _THREAD.recent[0]
 
 
 def recent_model(scene: Scene, scheme: Scheme, known: Model | None = None, **kind: bool) -> Model:
@@ -118,7 +120,7 @@ def recent_model(scene: Scene, scheme: Scheme, known: Model | None = None, **kin
     model, key = take_recent(scene, (type(scheme), *kind))
     if model is None or not _refilled(model, scene):
         model = Model(scene, scheme, **kind)
-    if model.size <= SMALL:
+    if model.size <= HELD:
         keep(model, key)
     return model
 

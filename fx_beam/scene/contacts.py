@@ -242,9 +242,7 @@ class Circle(Shape):
     def check_room(self, radius: float, what: str) -> None:
         """Refuse a circle that is smaller than the one inside."""
         if self.inside and self.radius <= radius:
-            raise SceneError(
-                f"{what}: its radius {self.radius:g} must be above that of the inner one"
-            )
+            raise SceneError(f"{what}: its radius {self.radius:g} must be above the inner one's")
 
     def outline(self, positions: np.ndarray, size: float, beyond: float) -> _Two:
         """Points of the circle or of its near part."""

@@ -273,9 +273,7 @@ def check_node(scene, node, what: str) -> None:
 def check_beam(scene, beam, what: str) -> None:
     """Refuse a value that is not a beam of the scene."""
     if not isinstance(beam, Beam):
-        raise SceneError(
-            f"{what}: {shown(beam)} is not a beam; take the one that add_beam returned"
-        )
+        raise SceneError(f"{what}: {shown(beam)} is not a beam; take one that add_beam returned")
     if beam not in scene.beams or beam.start.scene is not scene:
         raise SceneError(f"{what}: {label(beam)} belongs to another scene; take a beam of this one")
 

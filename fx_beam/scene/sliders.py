@@ -344,9 +344,7 @@ def _sliding(kind, beam, node, fraction, parts, rotation) -> SlidingJoint:
             "length of the beam"
         )
     if any(node is of_beam for of_beam in beam.nodes):
-        raise SceneError(
-            f"{kind}: {node} belongs to beam {beam.name!r}. Take a node of another one"
-        )
+        raise SceneError(f"{kind}: {node} belongs to beam {beam.name!r}; take one of another beam")
     if fraction is not None:
         fits = 0 <= as_float(fraction) <= 1
         require(fits, f"{kind}: fraction", fraction, "a number from 0 to 1")

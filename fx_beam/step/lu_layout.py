@@ -145,16 +145,15 @@ def _chained(
     _, parts = connected_components(graph)
     for part in (np.zeros_like(parts), parts):  # first without gaps, then each part for itself
         count = int(part.max()) + 1
-        first = np.full(count, len(order))
-        np.minimum.at(first, part, order)
+        _, first = np.unique(part[np.argsort(order)], return_index=True)
         i, j = (order[k] - first[part[k]] for k in (rows, columns))
-        apart = np.zeros((_GROUP, count), dtype=int)
+        apart = np.zeros((_GROUP, count), dtype=bool)
         for before in range(_GROUP):
             distance = abs((i + before) // _GROUP - (j + before) // _GROUP)
-            np.maximum.at(apart[before], part[rows], distance)
-        if (apart.min(axis=0) > 1).any():
+            apart[before, part[rows[distance > 1]]] = True
+        if apart.all(axis=0).any():
             continue
-        before = np.argmax(apart <= 1, axis=0)
+        before = np.argmin(apart, axis=0)
         groups = -(-(np.bincount(part) + before) // _GROUP)
         by_first, start = np.argsort(first), np.empty(count, dtype=int)
         start[by_first] = _GROUP * (np.cumsum(groups[by_first]) - groups[by_first])

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import fx_beam as fb
+from fx_beam.motions import motion_series, surroundings
 
 
 def arm(elements=3, length=1.0, EA=1e4, force=1.0, degree=1, second=None, **more):
@@ -53,6 +54,7 @@ def test_other_numbers_in_a_scene_compile_nothing(run, degree, monkeypatch):
 SECOND = """
 import sys
 import fx_beam as fb
+from fx_beam.motions import motion_series, surroundings
 scene = fb.Scene(gravity=(0, -9.81))
 section = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0, rhoI=0.01)
 a = scene.add_beam([(0, 0), (1, 0)], section, elements=2)
@@ -100,3 +102,20 @@ def test_two_models_of_a_kind_do_not_share_their_fields():
     again = fb.simulate(first, dt=0.01, t_end=0.05)  # by the model of the other, no longer in use
     assert not again.stats.setup_reason
     np.testing.assert_array_equal(solution.resultants(beam).N, again.resultants(beam).N)
+
+
+def reason_of(elements):
+    """Why a motion of a new scene was prepared anew; empty if it was not."""
+    return fb.simulate(arm(elements)[0], dt=1e-3, t_end=2e-3).stats.setup_reason
+
+
+def test_scenes_of_thousands_of_elements_are_prepared_once_as_well():
+    assert [reason_of(2001), reason_of(2001)] == ["the first scene", ""]
+
+
+def test_the_earliest_of_the_prepared_scenes_is_forgotten_beyond_a_size(monkeypatch):
+    for module in (surroundings, motion_series):
+        monkeypatch.setattr(module, "HELD", 60)  # degrees of freedom
+    sizes = [7, 9, 7, 8, 7, 9]  # of which two are held, but not three
+    new = [bool(reason_of(elements)) for elements in sizes]
+    assert new == [True, True, False, True, False, True]

@@ -206,7 +206,7 @@ def test_interrupts_leave_the_steps_before_or_say_there_are_none(name, kind, ctr
     run = RUNS[name]()
     # Each run sets up a model of its own, so that it has as many lines as the others.
     for module in (surroundings, motion_series):
-        monkeypatch.setattr(module, "SMALL", -1)
+        monkeypatch.setattr(module, "HELD", 0)
     whole = run()
     steps, end = lines_of(run)
     # Not at the beginning of the steps: from run to run it is some lines earlier or later.

@@ -131,7 +131,7 @@ def loaded():
 
 @pytest.mark.parametrize("continuation", [None, "arc-length"])
 def test_an_interrupted_path_hands_over_its_equilibria(continuation, monkeypatch):
-    monkeypatch.setattr(surroundings, "SMALL", -1)  # each run sets up a model of its own
+    monkeypatch.setattr(surroundings, "HELD", 0)  # each run sets up a model of its own
 
     def path():
         return fb.static(loaded(), load_steps=5, continuation=continuation)
