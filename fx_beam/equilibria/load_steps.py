@@ -99,7 +99,7 @@ class LoadStepper:
 
         Holding forces balance the springs in the reference configuration; steps reduce them to 0.
         """
-        start = reference_state(self.model)
+        start = self._yielded(reference_state(self.model))
         self.path.held = self._unloaded(start)
 
         def release(state: State, before: float, after: float) -> State:
@@ -132,6 +132,15 @@ class LoadStepper:
         self.hold_between(0.0, 0.0)
         state.work = 0.0
         return state
+
+    def _yielded(self, state: State) -> State:
+        """The state in which springs under tension have yielded; what they lose is dissipated."""
+        if not self.model.points.width:
+            return state
+        y, forces = np.zeros(self.model.reduction.free), np.zeros(self.model.size)
+        new = self.loop.finished(state, Interval(0.0, 0.0), y, forces)
+        new.dissipated += self.energy(state) - self.energy(new)
+        return new
 
     def _unloaded(self, state: State) -> np.ndarray:
         """Residual (free,) without loads; notes added forces in the state."""

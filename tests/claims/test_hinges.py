@@ -111,6 +111,26 @@ def test_the_loop_of_moment_and_rotation_is_exact_at_ends_of_steps(slides):
     assert solution.energy.springs == pytest.approx(W, abs=1e-14)
 
 
+@pytest.mark.parametrize("tension", [0.05, -0.5])
+def test_springs_that_are_beyond_their_limit_at_the_start_have_yielded_without_loads(tension):
+    # A cantilever that gives way to the spring at its end, which unloads with it.
+    scene = fb.Scene()
+    arm = scene.add_beam([(0, 0), (1, 0)], LIGHT, elements=4)
+    scene.clamp(arm.start)
+    spring = fb.Spring(rest=-tension, strain_energy=plastic, internal=PLASTIC.internal)
+    joint = scene.add_joint(fb.Revolute(fb.GROUND, arm.end, spring=spring))
+    scene.add_moment(arm.end, -math.copysign(1.0, tension))
+    solution = fb.static(scene, load_steps=2)
+    motion = solution.joint(joint)
+    whole = tension + motion.angle
+    exact = [exact_forces([tension, *whole[: k + 1]])[-1] for k in range(3)]
+    assert -motion.force[:, 2] == pytest.approx(exact, rel=1e-9)
+    assert (abs(np.diff(motion.angle, prepend=0.0)) > 1e-4).all()
+    (a,) = flow([0.0], None, [tension], 0.0)
+    lost = plastic(tension, [0.0]) - plastic(tension, [float(a)])
+    assert solution.energy.dissipated == pytest.approx(lost, rel=1e-9)
+
+
 @pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.HHT(-0.2)], ids=lambda s: s.name)
 def test_a_zener_hinge_relaxes_with_second_order(scheme):
     errors, c = [], 0.8
