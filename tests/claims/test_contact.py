@@ -432,7 +432,7 @@ REFUSED = [
     (lambda s, b: s.add_contact(b, fb.Circle(b.end, 1.0), 1.0), "belongs to what it should"),
     (
         lambda s, b: s.add_contact(b, fb.Circle(edge(s), 0.1, True), radius=0.2, **LAW),
-        "above that of the inner",
+        "above the inner one",
     ),
     (lambda s, b: s.add_contact(b, FLOOR, along=0, **LAW), "along = 0 must be a whole number"),
     (lambda s, b: s.add_contact(b, FLOOR, radius=-1.0, **LAW), "finite and not negative"),

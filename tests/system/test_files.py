@@ -4,6 +4,7 @@ import os
 import resource
 import stat
 import sys
+import zipfile
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 
@@ -134,6 +135,25 @@ def test_a_damaged_file_is_refused_by_its_name_or_holds_all_that_was_saved(fall,
             for name in HISTORIES:
                 np.testing.assert_array_equal(getattr(found, name), getattr(fall, name))
     assert refused > 300
+
+
+def test_the_heads_of_arrays_are_checked_as_well(fall, tmp_path):
+    # NumPy would take spaces of a head for numbers, and stop before the sum of the file.
+    fall.save(tmp_path / "run.npz")
+    with zipfile.ZipFile(tmp_path / "run.npz") as saved:
+        parts = {name: saved.read(name) for name in saved.namelist()}
+    with zipfile.ZipFile(tmp_path / "stored.npz", "w") as stored:
+        for name, content in parts.items():
+            stored.writestr(name, content)
+    whole, damaged = (tmp_path / "stored.npz").read_bytes(), tmp_path / "damaged.npz"
+    assert fb.load(tmp_path / "stored.npz").t[-1] == fall.t[-1]
+    length = whole.index(parts["v.npy"]) + 8
+    for bit in range(8):
+        content = bytearray(whole)
+        content[length] ^= 1 << bit
+        damaged.write_bytes(content)
+        with pytest.raises(ValueError, match="is not a solution saved by fx_beam"):
+            fb.load(damaged)
 
 
 @pytest.mark.parametrize(
