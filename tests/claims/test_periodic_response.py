@@ -296,6 +296,8 @@ def test_a_frequency_is_placed_by_its_gradient():
     x = [1.0]
     for _ in range(6):
         value, gradient = run.objective(gap)(x)
+        if value < 1e-24:
+            break  # where the period has all digits, both may be zero
         x = x - 2 * value / gradient
     assert float(run(x)[1]["period"]) == pytest.approx(4.0, abs=1e-8)
 

@@ -8,10 +8,8 @@
 static void increase_auxiliaries(const Problem *p, const Work *w) {
   double *auxiliary = w->z + p->columns;
   memset(auxiliary, 0, p->auxiliaries * sizeof *auxiliary);
-  for (int k = 0; k < p->auxiliary_arms; ++k) {
-    int i = p->auxiliary_arm[k];
-    auxiliary[p->auxiliary_arm_of[k]] += p->joint_sign[i] * (w->rho1[i] - w->rho0[i]);
-  }
+  for (int k = 0; k < p->auxiliary_arms; ++k)
+    auxiliary[p->auxiliary_arm_of[k]] += p->joint_sign[p->auxiliary_arm[k]] * w->arm_change[p->auxiliary_arm[k]];
   for (int k = 0; k < p->auxiliary_entries; ++k)
     if (p->auxiliary_value[k] == 0) auxiliary[p->auxiliary_of[k]] += p->auxiliary_sign[k] * w->z[p->auxiliary_column[k]];
 }

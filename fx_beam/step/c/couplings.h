@@ -78,12 +78,16 @@ HOT void expand_columns(const Problem *p, const Work *w) {
   sum_columns(p, w);
   for (int j = 0; j < p->joints; ++j) {
     double psi = at(p->q, p->carrier[j]), Dpsi = at(D, p->carrier[j]);
-    double d0 = at(p->slides, p->slide_of[j]), d = d0 + at(w->z, p->slide_column[j]);
+    double slide = at(w->z, p->slide_column[j]), d0 = at(p->slides, p->slide_of[j]), d = d0 + slide;
     set_arm(p, j, w->frame + 4 * j + 2, psi + Dpsi, d, w->rho1, w->t1);
     double tangent = tan(Dpsi / 2), slope = p->rule == 0 ? 1 + tangent * tangent : 1;
     w->carrier_slope[j] = slope;
     w->carrier_bend[j] = p->rule == 0 ? tangent * slope : 0;
     double *frame = w->frame + 4 * j, *virtual_map = w->virtual_map + 1 + 4 * j;
+    /* R1 x1 - R0 x0 = (1 - R0 R1^T) R1 x1 + R0 (x1 - x0): a difference of arms would have no digits in short steps. */
+    double sine = 2 * tangent / (1 + tangent * tangent);
+    Two slid = turn_by(pair(frame), slide * track_of(p->track[j], p->axis + 2 * j, d0, d).chord);
+    *(Two *)(w->arm_change + 2 * j) = turn_by((Two){tangent * sine, sine}, pair(w->rho1 + 2 * j)) + slid;
     Two start = turn_by(pair(frame), track_at(p, j, d, d0).chord), end = turn_by(pair(frame + 2), track_at(p, j, d0, d).chord);
     Two mean_rho = (1 - level) * pair(w->rho0 + 2 * j) + level * pair(w->rho1 + 2 * j);
     Two mean_t = *(Two *)(w->mean_t + 2 * j) = (1 - level) * start + level * end;
@@ -92,10 +96,7 @@ HOT void expand_columns(const Problem *p, const Work *w) {
   }
   set_values(p, w->rho1, w->t1, w->values);
   if (p->auxiliaries) increase_auxiliaries(p, w), sum_columns(p, w);
-  for (int k = 0; k < p->followers; ++k) {
-    int i = p->through[k];
-    D[p->follower[k]] += p->joint_sign[i] * (w->rho1[i] - w->rho0[i]);
-  }
+  for (int k = 0; k < p->followers; ++k) D[p->follower[k]] += p->joint_sign[p->through[k]] * w->arm_change[p->through[k]];
 }
 
 /* The same with the columns of the nodes that slide on beams. */
@@ -103,7 +104,7 @@ static void expand_trees(const Problem *p, const Work *w) {
   expand_columns(p, w);
   for (int i = 0; HAS(SLIDERS) && i < p->sliders; ++i) { /* a beam may hang on a node that slides on another one */
     Slider *a = p->slider + i;
-    a->s0 = p->slides[a->joint], a->s1 = a->s0 + w->z[a->column];
+    a->s0 = p->slides[a->joint], a->slide = w->z[a->column], a->s1 = a->s0 + a->slide;
     slide_on(a, p->q, w->D);
     for (int c = 0; c < a->components; ++c) w->z[a->carried[c]] = a->increment[c];
     expand_columns(p, w);

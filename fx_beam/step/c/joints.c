@@ -18,7 +18,7 @@ KEPT int fx_expand(Problem *p, const double *z, int close, double **to) {
   if (close) closed = expand(p, w);
   else {
     expand_trees(p, w);
-    find_closures(p, w->D, w->rho0, w->rho1, w->closure0, w->closure);
+    find_closures(p, w, w->D, w->closure0, w->closure);
   }
   double *results[] = {w->D, w->z, w->values, w->virtual_map, w->closure};
   memcpy(to, results, sizeof results);

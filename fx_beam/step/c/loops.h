@@ -194,12 +194,10 @@ static void set_values(const Problem *p, const double *rho, const double *t, dou
     values[0] = -rho[1], values[1] = rho[0], values[2] = t[0], values[3] = t[1];
 }
 
-/* Closures of displacements, less the arms of the joints between two configurations, with those before if there are any. */
-static void find_closures(const Problem *p, const double *u, const double *rho0, const double *rho1, const double *before,
-                          double *closure) {
+/* Closures of displacements, less the changes of the joints' arms, with those before if there are any. */
+static void find_closures(const Problem *p, const Work *w, const double *u, const double *before, double *closure) {
   for (int k = 0; k < p->closures; ++k) {
-    closure[k] = at(u, p->closure_b[k]) - at(u, p->closure_a[k]);
-    if (p->closure_arm[k] >= 0) closure[k] -= rho1[p->closure_arm[k]] - rho0[p->closure_arm[k]];
+    closure[k] = at(u, p->closure_b[k]) - at(u, p->closure_a[k]) - at(w->arm_change, p->closure_arm[k]);
     if (before) closure[k] += before[k];
   }
 }
@@ -207,7 +205,8 @@ static void find_closures(const Problem *p, const double *u, const double *rho0,
 /* Start of a step: its closures, and the unknowns that follow; returns 0 in a singular position. */
 static int begin_loops(const Problem *p, const Work *w) {
   if (!HAS(LOOPS) || !p->closures) return 1;
-  find_closures(p, p->q, p->arm_at_rest, w->rho0, 0, w->closure0);
+  for (int i = 0; i < 2 * p->joints; ++i) w->arm_change[i] = w->rho0[i] - p->arm_at_rest[i];
+  find_closures(p, w, p->q, 0, w->closure0);
   set_values(p, w->rho0, w->t0, w->values);
   if (HAS(SLIDERS) && p->carried) begin_sliders(p, w);
   derive_closures(p, w, w->values, w->G);
@@ -226,7 +225,7 @@ static void go_on(const Problem *p, const Work *w) {
 static int correct_loops(const Problem *p, const Work *w, double *last) {
   int m = p->closures;
   double *closure = w->closure, size = 0;
-  find_closures(p, w->D, w->rho0, w->rho1, w->closure0, closure);
+  find_closures(p, w, w->D, w->closure0, closure);
   for (int k = 0; k < m; ++k) size = size < fabs(closure[k]) || isnan(closure[k]) ? fabs(closure[k]) : size;
   if (size <= p->closure_closed || (*last < size && size <= 1e3 * p->closure_closed)) return 1;
   *last = size;

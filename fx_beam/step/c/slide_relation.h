@@ -49,7 +49,7 @@ static void weigh_place(const Slider *a, int element, int end, int order, Weight
    equal numbers is taken. */
 static void weigh_quotient(const Slider *a, int e0, int e1, const Weight *at, Weight *w) {
   int step = e1 < e0 ? -1 : 1;
-  double slide = a->s1 - a->s0;
+  double slide = a->slide;
   memset(w, 0, offsetof(Weight, part));
   for (int e = e0; e != e1 + step; e += step) {
     WeightPart *part = w->part + w->parts++;
@@ -105,7 +105,7 @@ static void relate_chord(Slider *a, Relation *o) {
     o->Dr[i] = o->D[i][o->to] - o->D[i][o->from];
   }
   square = r[0] * r[0] + r[1] * r[1];
-  o->Ds = a->s1 - a->s0, o->w[0] = -r[1] / square, o->w[1] = r[0] / square;
+  o->Ds = a->slide, o->w[0] = -r[1] / square, o->w[1] = r[0] / square;
   o->z[0] = -product_of(n, o->along->of, o->D[1]) / 4, o->z[1] = product_of(n, o->along->of, o->D[0]) / 4;
   o->Dalpha = o->w[0] * o->Dr[0] + o->w[1] * o->Dr[1];
   for (int i = 0; i < 2; ++i) {
@@ -141,9 +141,11 @@ static void relate_turn(Slider *a, Relation *o) {
 static void slide_on(Slider *a, const double *q, const double *D) {
   Relation *o = &a->relation;
   int n = a->width, s = a->components * n, exact = a->level == 0.5, e0, e1;
+  double change[WINDOW_NODES]; /* of weights by the slide: it keeps the digits of small steps */
   begin_window(a, &e0, &e1);
   weigh_place(a, e0, 0, 0, o->at), weigh_place(a, e1, 1, 0, o->at + 1);
-  if (exact) weigh_quotient(a, e0, e1, o->at, o->along), o->along[1] = o->along[0];
+  weigh_quotient(a, e0, e1, o->at, o->along), memcpy(change, o->along->of, n * sizeof(double));
+  if (exact) o->along[1] = o->along[0];
   else weigh_place(a, e0, 0, 1, o->along), weigh_place(a, e1, 1, 1, o->along + 1);
   o->share[0] = 1 - a->level, o->share[1] = a->level;
   memset(a->T, 0, sizeof a->T), memset(a->virtual_map, 0, sizeof a->virtual_map);
@@ -156,7 +158,7 @@ static void slide_on(Slider *a, const double *q, const double *D) {
     }
   }
   for (int i = 0; i < a->components; ++i) {
-    a->increment[i] = product_of(n, o->at[1].of, o->x[1][i]) - product_of(n, o->at[0].of, o->x[0][i]);
+    a->increment[i] = product_of(n, o->at[1].of, o->D[i]) + a->slide * product_of(n, change, o->x[0][i]);
     memcpy(a->T[i] + i * n, o->at[1].of, n * sizeof(double));
     memcpy(a->virtual_map[i] + i * n, o->mean, n * sizeof(double));
     a->T[i][s] = product_of(n, o->at[1].by[1], o->x[1][i]);

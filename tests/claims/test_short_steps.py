@@ -1,0 +1,71 @@
+"""Accelerations and forces have their digits in steps of any length, also of joints with arms."""
+
+import numpy as np
+import pytest
+
+import fx_beam as fb
+
+SECTION = fb.Section(EA=1e3, GA=1e3, EI=10.0, rhoA=2.0, rhoI=0.1)
+
+
+def bodies(scene, joint=fb.Revolute):
+    """Two bodies in a chain, the second of which may slide."""
+    first = scene.add_body((0.5, 0.1), 2.0, 0.3, points={"pin": (0, 0), "end": (1, 0)})
+    second = scene.add_body((1.5, 0.1), 1.0, 0.1, points={"start": (1, 0)})
+    scene.pin(first["pin"])
+    return second.centre, scene.add_joint(joint(first["end"], second["start"]))
+
+
+def sliding(scene):
+    return bodies(scene, lambda a, b: fb.Prismatic(a, b, axis=(1, 0.2)))
+
+
+def loop(scene):
+    """Four bars, one of which is the ground."""
+    corners, bars = [(0, 0), (0, 1), (2, 1.5), (2.2, 0)], []
+    for i in range(3):
+        (x0, y0), (x1, y1) = corners[i : i + 2]
+        points = {"start": (x0, y0), "end": (x1, y1)}
+        bars.append(scene.add_body(((x0 + x1) / 2 + 0.1, (y0 + y1) / 2), 2.0, 0.3, points=points))
+    scene.pin(bars[0]["start"])
+    scene.pin(bars[2]["end"])
+    joint = [scene.add_joint(fb.Revolute(bars[i]["end"], bars[i + 1]["start"])) for i in (0, 1)][0]
+    return bars[1].centre, joint
+
+
+def tree(scene):
+    """A chain of bodies that is long enough for auxiliary unknowns."""
+    points = [{"start": (i, 0), "end": (i + 1, 0)} for i in range(30)]
+    chain = [scene.add_body((i + 0.6, 0.2), 1.0, 0.3, points=at) for i, at in enumerate(points)]
+    joints = [fb.Revolute(a["end"], b["start"]) for a, b in zip(chain, chain[1:], strict=False)]
+    scene.pin(chain[0]["start"])
+    return chain[-1].centre, [scene.add_joint(joint) for joint in joints][0]
+
+
+def rail(scene):
+    """A mast whose foot slides on a beam."""
+    beam = scene.add_beam([(0, 0), (1, 0.3), (2, 0)], SECTION, elements=6)
+    mast = scene.add_beam([(0.5, 0.15), (0.5, 1.0)], SECTION, elements=2)
+    scene.pin(beam.start)
+    return mast.end, scene.add_joint(fb.Slider(beam, mast.start))
+
+
+@pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.EnergyMomentum(order=4), fb.Newmark()])
+@pytest.mark.parametrize("build", [bodies, sliding, loop, tree, rail])
+def test_accelerations_and_forces_have_no_noise_in_very_short_steps(build, scheme):
+    scene = fb.Scene(gravity=(0, -9.81))
+    node, joint = build(scene)
+    solution = fb.simulate(scene, scheme, dt=1e-8, t_end=4e-7)
+    for rows in (solution.a[:, node.number], solution.joint(joint).force):
+        # The motion from rest is even in time: in such steps all but its constant part is none.
+        noise = abs(np.diff(rows[6:], 3, axis=0)).max()
+        assert noise < 1e-7 * abs(rows[6:]).max()
+
+
+@pytest.mark.parametrize("build", [bodies, loop])
+def test_energy_is_balanced_to_round_off_in_short_steps(build):
+    scene = fb.Scene(gravity=(0, -9.81))
+    build(scene)
+    swung = fb.simulate(scene, dt=1e-3, t_end=0.3)
+    solution = fb.simulate(scene, dt=1e-6, t_end=0.301, start=swung)
+    assert abs(solution.energy.balance_error).max() < 1e-12
