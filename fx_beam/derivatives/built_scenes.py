@@ -35,6 +35,8 @@ _BENT, _TRIES, _SHORTER = 1e-5, 8, 6
 # Round-off of numbers, relative to the largest of a name. Those that are themselves solutions or
 # differences have more of it: the step is not shortened for these alone.
 _NOISE, _COMPUTED = 1e-12, {"a", "v", "driven rates", "forces of columns", "forces of joints"}
+# Numbers that are differences of places, and have their round-off.
+_FROM_PLACES = {"offset", "rest", "slides"}
 # Error of numbers that depend on x along a line, relative to them.
 _ROUNDING = 8 * np.finfo(float).eps
 # Largest difference of the numbers of two scenes at the same x, relative to them.
@@ -211,7 +213,7 @@ class BuiltScenes:
                     continue
                 narrow, wide = (above[name] - below[name]) / h, (high[name] - low[name]) / (2 * h)
                 sizes[name] = np.maximum(sizes.get(name, 0.0), _size(name, wide))
-                gap = np.maximum(abs(narrow - wide) - _NOISE * abs(above[name]).max() / h, 0.0)
+                gap = np.maximum(abs(narrow - wide) - _NOISE * _largest_of(name, above) / h, 0.0)
                 bend, flat = _largest(gap, sizes[name]), not (narrow.any() or wide.any())
                 if name not in best or (bend < best[name][0] and not flat):  # flat between jumps
                     best[name] = bend, narrow + (narrow - wide) / 3
@@ -263,11 +265,16 @@ def _wrong(
         error, values = abs((ends[1][name] - ends[0][name]) / 2 - known), abs(here[name])
         sizes, values = (_largest_over_time(name, of) for of in (sizes, values))
         if name != "points":  # whose numbers have different units
-            values = values.max(initial=0.0)
+            values = _largest_of(name, here)
         round_off = (1e4 if name in _COMPUTED else 1.0) * _FEW_DIGITS * values
         if not all_of(error <= _AGREE * sizes + round_off):
             wrong.append(name)
     return sorted(wrong)
+
+
+def _largest_of(name: str, numbers: dict[str, np.ndarray]) -> np.ndarray:
+    """Largest size of numbers that have the round-off of a name."""
+    return abs(numbers["X" if name in _FROM_PLACES else name]).max(initial=0.0)
 
 
 def _largest_over_time(name: str, sizes: np.ndarray) -> np.ndarray:

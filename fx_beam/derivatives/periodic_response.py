@@ -253,9 +253,7 @@ class PeriodicResponse(Response):
             k = int(np.argmin(abs(values - value)))
             apart = np.delete(abs(values - values[k]), k).min(initial=np.inf)
             if apart < _TWICE * abs(value):
-                raise SceneError(
-                    f"{_WHAT}: the multiplier {value:.4g} is there twice, and has no derivatives"
-                )
+                raise SceneError(f"{_WHAT}: the double multiplier {value:.4g} has no derivatives")
             to = left[:, k].conj() / (left[:, k].conj() @ right[:, k])
             for factor, along in ((1.0, right[:, k].real), (1j, right[:, k].imag)):
                 if along.any():

@@ -182,9 +182,7 @@ class Response(Differentiable):
         built = self._built(x)
         fits = isinstance(built, tuple) and len(built) == 2
         if not fits or not isinstance(built[0], Scene) or not isinstance(built[1], Mapping):
-            raise SceneError(
-                f"Response: build must give a scene and a dict of outputs, not {shown(built)}"
-            )
+            raise SceneError(f"Response: build must give a scene and outputs, not {shown(built)}")
         scene, outputs = built[0], dict(built[1])
         require(bool(outputs), "Response: outputs", outputs, "at least one output by name")
         for name, output in outputs.items():
@@ -567,13 +565,9 @@ class Response(Differentiable):
         return changes
 
     def _starts_at_rest(self, model: Model) -> bool:
-        """Whether accelerations at the start are those of a very short step, which has slopes.
-
-        Not of joints with arms: in such a step these are differences of positions without digits.
-        """
-        of, given = model.couplings, self._start is not None or self._options.tolerance is not None
-        moves = model.scene.velocities or model.needs_accelerations
-        return not (given or moves or of.driven or of.moving or of.sliding)
+        """Whether accelerations at the start are those of a very short step, which has slopes."""
+        moves = model.scene.velocities or model.couplings.driven or model.needs_accelerations
+        return self._start is None and self._options.tolerance is None and not moves
 
     @cached_property
     def _instant(self) -> Response:

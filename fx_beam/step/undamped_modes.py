@@ -227,9 +227,7 @@ def _with(matrix, data: np.ndarray) -> scipy.sparse.csr_matrix:
 def _levels(below: Callable[[float], int], sizes: np.ndarray) -> np.ndarray:
     """Slice bounds of both signs and these sizes, above the rounding error."""
     if below(sizes[-1]) < 1:
-        raise SceneError(
-            "modes: a part of the scene moves freely and has no mass. Give it mass or a support"
-        )
+        raise SceneError("modes: a part moves freely and has no mass. Give it mass or a support")
     if below(-sizes[-1]) != 0:
         raise SceneError(
             "modes: the state is unstable in a motion without mass, so its growth rate is infinite."

@@ -105,7 +105,31 @@ def _loop(x):
     return scene, bars[0], bars[1].end, joint
 
 
-@pytest.mark.parametrize("build", [_arms, _loop])
+def _body(x):
+    """A body on an arm, and a block that slides on the body by a joint with an offset."""
+    scene = fb.Scene(gravity=(0, -9.81))
+    section = fb.Section(EA=1e4, GA=1e4, EI=10.0 * x[0], rhoA=x[1], rhoI=1e-3)
+    beam = scene.add_beam([(0, 0), (1, 0.1 * x[1])], section, elements=2)
+    points = {"pin": (1, 0.1 * x[1]), "rail": (1.5, 0.3 * x[0])}
+    body = scene.add_body((1.3, 0.2 * x[0]), 2.0 * x[1], 0.1 * x[0], points=points)
+    scene.pin(beam.start)
+    scene.add_joint(fb.Revolute(beam.end, body["pin"], spring=fb.Spring(5 * x[0])))
+    block = scene.add_body((1.5, 0.3 * x[0] + 0.2 * x[1]), 0.5 * x[0], 0.02)
+    rail = fb.Prismatic(body["rail"], block.centre, axis=(1, 0.2), offset=(0, 0.2 * x[1]))
+    return scene, beam, block.centre, scene.add_joint(rail)
+
+
+def _rail(x):
+    """A mast whose foot slides on a beam."""
+    scene = fb.Scene(gravity=(0, -9.81))
+    section = fb.Section(EA=1e4, GA=1e4, EI=10.0 * x[0], rhoA=x[1], rhoI=1e-3)
+    beam = scene.add_beam([(0, 0), (2, 0.4)], section, elements=4)
+    mast = scene.add_beam([(0.7, 0.14), (0.8, x[1])], section, elements=2)
+    scene.pin(beam.start)
+    return scene, beam, mast.end, scene.add_joint(fb.Slider(beam, mast.start))
+
+
+@pytest.mark.parametrize("build", [_arms, _loop, _body, _rail])
 def test_accelerations_at_the_start_have_slopes(build):
     """From rest; a gradient builds the scene twice, once for a step that tells them."""
     calls, x = [], np.array([1.1, 0.9])

@@ -342,7 +342,7 @@ ELSEWHERE = pendulum([1, 1, 0])[1]
 @pytest.mark.parametrize(
     ("build", "x", "message"),
     [
-        (lambda x: None, [1.0], "must give a scene and a dict of outputs, not None"),
+        (lambda x: None, [1.0], "must give a scene and outputs, not None"),
         (lambda x: (fb.Scene(), {}), [1.0], "at least one output"),
         (of_pendulum({"end": 3}), [1.0], "'end'"),
         (of_pendulum(ELSEWHERE), [1.0], "belongs to another scene"),
