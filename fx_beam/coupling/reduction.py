@@ -355,6 +355,18 @@ class Reduction:
         of = self.couplings
         return of.is_index and not (of.closures or of.moving or of.auxiliaries)
 
+    def moves_alone(self, dofs: np.ndarray) -> np.ndarray:
+        """Whether each unknown (free,) equals one of some degrees of freedom (size,).
+
+        So far as it is known: not in long trees, loops or on beams.
+        """
+        if len(self.auxiliaries) or self.couplings.sliding:
+            return np.zeros(self.free, dtype=bool)
+        row, column, value_at, _ = self._entries
+        alone = np.bincount(row, minlength=self._size) == 1
+        equal = column[alone[row] & dofs[row] & (value_at == 0)]
+        return np.bincount(equal, minlength=self.columns)[: self.free] > 0
+
     def normal(self, weight: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
         """T^T W T for a matrix W (size, size), as a system with equations of dependent columns.
 

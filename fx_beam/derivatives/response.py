@@ -558,24 +558,28 @@ class Response(Differentiable):
         # Without derivatives of the equilibrium before, differences compute it for other x.
         if self._path is not None and not why_not(self._path):
             start = StaticDerivatives(self._path).change_of_end(self._derivatives, "Response")
-        changes = self._derivatives(functools.partial(self._numbers_of, tape=tape, start=start))
-        if "a" in changes and self._starts_at_rest(tape.problem.model):
-            self._instant(self._x)
-            changes["a"] = self._instant._mean_acceleration_by_x()
-        return changes
+        accelerations = self._accelerations_by_x(tape.problem.model)
+        return self._derivatives(functools.partial(self._numbers_of, tape, start, accelerations))
 
-    def _starts_at_rest(self, model: Model) -> bool:
-        """Whether accelerations at the start are those of a very short step, which has slopes."""
-        moves = model.scene.velocities or model.couplings.driven or model.needs_accelerations
-        return self._start is None and self._options.tolerance is None and not moves
+    def _accelerations_by_x(self, model: Model) -> np.ndarray | None:
+        """Changes (m, size) of those at the start, by a very short step; None if not from rest."""
+        moves = model.scene.velocities or model.couplings.driven or self._start is not None
+        other_steps = self._options.tolerance is not None or len(model.scheme.fractions) > 1
+        of = [output for output in self._outputs.values() if isinstance(output, Output)]
+        if moves or other_steps or not any(map(observes_start, of)):
+            return None
+        try:
+            self._instant(self._x)
+            return self._instant._mean_acceleration_by_x()
+        except RuntimeError:  # of unknowns without mass
+            return None
 
     @cached_property
     def _instant(self) -> Response:
-        """The motion over a very short step, without outputs that are functions of a solution."""
+        """The motion over a very short step."""
 
         def build(x: Any) -> tuple[Scene, dict[str, Wanted]]:
-            scene, outputs = self._build(x)
-            return scene, {name: of for name, of in outputs.items() if isinstance(of, Output)}
+            return (scene := self._build(x)[0]), {"place": Output("position", scene.nodes[0])}
 
         dt, of = _INSTANT * self._options.dt, self._options
         return Response(build, of.scheme, dt=dt, t_end=dt, newton=of.newton, inputs=of.inputs)
@@ -584,16 +588,16 @@ class Response(Differentiable):
     def _mean_acceleration_by_x(self) -> np.ndarray:
         """Changes (m, size) of the accelerations of a single step from rest."""
         model, tape, derivatives = self._followed("jacobian")
-        changes = self._derivatives(functools.partial(self._numbers_of, tape=tape, start=None))
+        changes = self._derivatives(functools.partial(self._numbers_of, tape, None, None))
         rates = derivatives.jvp(tape, changes, np.ones(1, int))["v"][0]
         return np.where(model.massless, 2, 1) * rates / self._options.dt  # those are means
 
     def _numbers_of(
-        self, given: Scene, change: Any, tape: Tape, start: StateChange | None
+        self, tape: Tape, start: StateChange | None, a_by_x: Any, given: Scene, change: Any
     ) -> dict[str, Any]:
         """Numbers of the steps for another scene, and of the state at its start.
 
-        And those of outputs with rates.
+        And those of outputs with rates. Accelerations have the changes (m, size) as their slopes.
         """
         other, t0 = self._prepared(given), tape.times.starts
         model, first, t1 = other.model, self._options.dt, tape.times.ends
@@ -602,8 +606,7 @@ class Response(Differentiable):
         if self._options.tolerance is not None:
             first = float(t1[len(model.scheme.fractions) - 1] - t0[0])
         if start is None:
-            found = at_start and not self._starts_at_rest(model)
-            state = other.first_state(first, self._start_of(given), found)
+            state = other.first_state(first, self._start_of(given), at_start)
         else:
             state = other.state_from(start.at(model, plain(change)), first, at_start)
         numbers: dict[str, Any] = numbers_of(other, state, t0, t1)
@@ -618,7 +621,10 @@ class Response(Differentiable):
         if not any(observes_rates(model, output) for output in of):
             return numbers
         rates = rates_at(tape, np.arange(len(tape) + 1))
-        return numbers | observed_numbers_of(other, state, *rates, at_start)
+        numbers |= observed_numbers_of(other, state, *rates, at_start)
+        if a_by_x is not None and isinstance(change, Dual):
+            numbers["a"] = Dual(numbers["a"], a_by_x.T)
+        return numbers
 
     def _prepared(self, given: Scene) -> Prepared:
         """What is prepared as the motion is, with the numbers of another scene, but no loop.

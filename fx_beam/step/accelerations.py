@@ -42,18 +42,6 @@ def accelerations(model: Model, force: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return a, force - gather(mass @ reduction.spread(w))[: reduction.free]
 
 
-def move_mass(model: Model) -> bool:
-    """Whether all unknowns move mass, so that no forces are left; not known in long trees."""
-    reduction = model.reduction
-    T = reduction.coupling()[:, reduction.independent]
-    mass = (T.T @ model.mass @ T).tocsc()
-    have_mass = bool((mass.diagonal() > 0).all()) and not len(reduction.auxiliaries)
-    if reduction.equates or not have_mass:
-        return have_mass
-    S = scipy.sparse.diags(mass.diagonal() ** -0.5)
-    return _solve_sparse((S @ mass @ S).tocsc(), np.ones(mass.shape[0])) is not None
-
-
 def _of_equal(model: Model, reduction: Reduction, force: np.ndarray) -> np.ndarray | None:
     """By the reduced mass, whose factors have the pattern of the tangent; None if it is singular.
 

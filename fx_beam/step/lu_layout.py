@@ -144,10 +144,9 @@ def _chained(
     """Positions in an order in which each group of three is coupled with the next one only."""
     _, parts = connected_components(graph)
     for part in (np.zeros_like(parts), parts):  # first without gaps, then each part for itself
-        count = int(part.max()) + 1
         _, first = np.unique(part[np.argsort(order)], return_index=True)
         i, j = (order[k] - first[part[k]] for k in (rows, columns))
-        apart = np.zeros((_GROUP, count), dtype=bool)
+        apart = np.zeros((_GROUP, len(first)), dtype=bool)
         for before in range(_GROUP):
             distance = abs((i + before) // _GROUP - (j + before) // _GROUP)
             apart[before, part[rows[distance > 1]]] = True
@@ -155,7 +154,7 @@ def _chained(
             continue
         before = np.argmin(apart, axis=0)
         groups = -(-(np.bincount(part) + before) // _GROUP)
-        by_first, start = np.argsort(first), np.empty(count, dtype=int)
+        by_first, start = np.argsort(first), np.empty_like(first)
         start[by_first] = _GROUP * (np.cumsum(groups[by_first]) - groups[by_first])
         return order + (start + before - first)[part]
     return None

@@ -331,9 +331,7 @@ class Model:
         read = beams is not None and (beams.facts.needs_rates or beams.facts.resultants_need_rates)
         if read or not by_mean or len(self.scheme.fractions) > 1:
             return True
-        from .accelerations import move_mass
-
-        return not move_mass(self)
+        return not self.reduction.moves_alone(~self.massless).all()
 
     @property
     def finds_accelerations_later(self) -> bool:
