@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.dual import stacked
+from fx_beam.errors import as_float
 from fx_beam.laws import scalar_laws as laws
 from fx_beam.laws.gaps import gap_of
 from fx_beam.laws.point_laws import (
@@ -59,11 +61,11 @@ def _contacts(
     carrier = mesh.dofs[shape.carrier.number].tolist() if shape.carrier is not None else []
     carrier = carrier[: kind.size - count * (3 if thick else 2)]
     law = laws.contact(kind, loses, obstacle.energy)
-    relative = points.of(mesh.X[nodes]) - shape.origin
+    relative = points.of(mesh.nodal_positions(scene)[nodes]) - stacked(shape.origin)
     for i, of_point in enumerate(nodes[points.nodes]):
         length, weights = points.lengths[i], points.weights[i] if count > 1 else ()
         law_numbers = obstacle.stiffness * length, *of_loss
-        numbers = [*relative[i], *shape.of_gap, half, *weights, *law_numbers]
+        numbers = [*map(as_float, relative[i]), *shape.of_gap, half, *weights, *law_numbers]
         if friction is not None:
             moves = mobility[mesh.dofs[of_point, :2]].max() + mobility[carrier[:2]].max(initial=0.0)
             numbers += bristle(friction, length, moves)

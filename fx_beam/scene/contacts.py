@@ -7,6 +7,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
+from fx_beam.dual import stacked
 from fx_beam.errors import (
     NUMBER,
     SceneError,
@@ -25,7 +26,7 @@ from fx_beam.errors import (
 
 from .beam import Beam, Node, gauss_rule, lagrange, position_of, reference_positions
 from .coordinate import Coulomb, check_impact, loss_of
-from .joints import GROUND
+from .joints import GROUND, direction
 from .law import Energy, check_energy
 from .loads import label
 
@@ -48,7 +49,7 @@ def _place(given: Any, what: str) -> Any:
         wanted = "(x, y), or a node that carries it: beam.end, body.centre, body[name]"
         given = "the ground" if given is GROUND else shown(given)
         raise SceneError(f"{what} = {given} must be {wanted}")
-    x, y = vector(given, 2, what).tolist()
+    x, y = map(as_float, vector(given, 2, what))
     return x, y
 
 
@@ -107,7 +108,7 @@ class Shape:
         checked = numbers(positions)
         fits = checked.ndim > 0 and checked.shape[-1] == 2
         require(fits, f"{self.name}.gap: positions", positions, "positions (x, y)")
-        return self.seen(checked - self.origin)[0]
+        return self.seen(checked - stacked(self.origin))[0]
 
     @property
     def of_gap(self) -> tuple[float, ...]:
@@ -162,13 +163,8 @@ class Line(Shape):
 
     def __post_init__(self):
         super().__post_init__()
-        normal = vector(self.normal, 2, "Line: normal")
-        if not normal.any():
-            raise SceneError(f"Line: normal = {self.normal!r} has no direction")
-        length = np.hypot(*normal)
-        if abs(length - 1) > 4e-16:  # a unit vector stays as it is, to the last digit
-            normal = normal / length
-        object.__setattr__(self, "normal", tuple(normal.tolist()))
+        normal = direction(self.normal, "Line: normal")
+        object.__setattr__(self, "normal", tuple(map(as_float, normal)))
 
     @property
     def of_gap(self) -> tuple[float, ...]:
@@ -386,9 +382,7 @@ class Points(NamedTuple):
 
     def of(self, values: np.ndarray) -> np.ndarray:
         """Values (..., points, k) at the points of those (..., nodes, k) at the nodes."""
-        if self.nodes.shape[1] == 1:
-            return self.weights * values[..., self.nodes[:, 0], :]
-        return np.einsum("pn,...pnk->...pk", self.weights, values[..., self.nodes, :])
+        return np.sum(self.weights[..., None] * values[..., self.nodes, :], axis=-2)
 
 
 def points_of(target: Node | Beam, along: int | None = None) -> Points:

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fx_beam.errors import NUMBER, SceneError, vector
+from fx_beam.errors import NUMBER, SceneError, numbers, vector
 from fx_beam.symbolic import ufl
 
-from .beam import Node
+from .beam import Node, position_of
 from .coordinate import Coordinate, Coulomb, functions_of
 from .notebook import html_table
 from .parameters import value_of
@@ -89,10 +89,9 @@ class ForceBetween:
     @property
     def apart(self) -> np.ndarray:
         """Vector (2,) from the first point of `between` to the second, at the start [m]."""
-        start = np.array([self.a.x, self.a.y])
-        return (
-            np.array([self.b.x, self.b.y]) - start if isinstance(self.b, Node) else start - self.b
-        )
+        start, end = position_of(self.a), position_of(self.b)
+        start, end = (start, end) if isinstance(self.b, Node) else (end, start)
+        return numbers([end[0] - start[0], end[1] - start[1]])
 
     @property
     def functions(self) -> list[tuple[str, Any]]:

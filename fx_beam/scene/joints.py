@@ -548,7 +548,7 @@ def Prismatic(
     -1.25
     """
     slide = checked_coordinate("motor of a prismatic joint", spring, damper, motor, friction, stop)
-    return new_joint("Prismatic", a, b, offset, _direction("Prismatic", axis), slide)
+    return new_joint("Prismatic", a, b, offset, direction(axis, "Prismatic: axis"), slide)
 
 
 def PinInSlot(
@@ -605,18 +605,18 @@ def PinInSlot(
     require(isinstance(hinge, Coordinate), "PinInSlot: hinge", hinge, "an fx_beam.Coordinate")
     if hinge.motor is not None:
         hinge = replace(hinge, motor=time_function(hinge.motor, 1, "hinge of a pin in slot"))
-    return new_joint("PinInSlot", a, b, offset, _direction("PinInSlot", axis), slide, hinge)
+    return new_joint("PinInSlot", a, b, offset, direction(axis, "PinInSlot: axis"), slide, hinge)
 
 
-def _direction(kind: str, axis) -> np.ndarray:
-    """Unit vector (2,) of an axis."""
-    given = vector(axis, 2, f"{kind}: axis")
+def direction(value, what: str) -> np.ndarray:
+    """Unit vector (2,) in the direction of a vector; a unit vector stays, to the last digit."""
+    given = vector(value, 2, what)
     length = np.hypot(*given)
     if length == 0:
-        raise SceneError(f"{kind}: axis = {given} has no direction. Give a nonzero vector")
+        raise SceneError(f"{what} = {given} has no direction. Give a nonzero vector")
     if (dual := dual_of(given)) is not None:
         return in_scene(dual / np.hypot(*dual))
-    unit = given / length
+    unit = given / length if abs(length - 1) > 4e-16 else given
     unit.setflags(write=False)
     return unit
 

@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from derivatives import EXACT
 
 import fx_beam as fb
 from fx_beam.dual import slopes_by, stacked
@@ -152,6 +153,57 @@ def test_accelerations_at_the_start_have_slopes(build):
         ends = [run(x + k * h * unit)[1]["acceleration"][0] for k in (-2, -1, 1, 2)]
         expected = (8 * (ends[2] - ends[1]) - (ends[3] - ends[0])) / (12 * h)
         assert J["acceleration"][0, :, i] == pytest.approx(expected, rel=1e-7, abs=1e-7)
+
+
+def _stopped(target, obstacle):
+    return lambda x, scene, *beams: scene.add_contact(target(*beams), obstacle(x, *beams), 1e3)
+
+
+def _sprung(x, scene, beam, post):
+    scene.add_force_between(beam.end, post.end, spring=fb.Spring(50.0, rest=0.2))
+    scene.add_force_between(beam.nodes[1], (0, 1), spring=fb.Spring(20.0, rest=1.0))
+    scene.add_force_between(beam.end, (1.5 * x[1], 1), force=lambda length, rate, t: 3 * length)
+
+
+#: Obstacles and springs at places and in directions that depend on parameters.
+PLACED = {
+    "line": _stopped(
+        lambda beam, _: beam.end, lambda x, *_: fb.Line((0, -0.02 * x[0]), (0.1 * x[1], 1))
+    ),
+    "circle": _stopped(
+        lambda beam, _: beam.end, lambda x, *_: fb.Circle((1, -0.5 * x[0]), 0.4 * x[1])
+    ),
+    "carried": _stopped(
+        lambda beam, _: beam.end, lambda x, _, post: fb.Circle(post.end, 0.2 * x[1])
+    ),
+    "of a beam": _stopped(
+        lambda beam, _: beam, lambda x, *_: fb.Line((0, -0.02 * x[0]), (0.1 * x[1], 1))
+    ),
+    "springs": _sprung,
+}
+
+
+@pytest.mark.parametrize("place", PLACED.values(), ids=PLACED)
+def test_places_of_obstacles_and_springs_have_slopes(place):
+    def build(x):
+        scene = fb.Scene(gravity=(0, -9.81))
+        section = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0, rhoI=0.01)
+        beam = scene.add_beam([(0, 0), (1, 0)], section, elements=3)
+        post = scene.add_beam([(1, -1), (1, -0.2 * x[0])], section)
+        scene.clamp(beam.start)
+        scene.clamp(post.start)
+        place(x, scene, beam, post)
+        return scene, {"end": fb.Output("position", beam.end)}
+
+    x, h = np.array([1.1, 0.9]), 1e-4
+    run = fb.Response(build, dt=0.005, t_end=0.2, newton=EXACT)
+    run(x)
+    J = run.jacobian()["end"]
+    assert run.stats.difference_reason == ""
+    for i, unit in enumerate(np.eye(2)):
+        ends = [run(x + k * h * unit)[1]["end"] for k in (-2, -1, 1, 2)]
+        expected = (8 * (ends[2] - ends[1]) - (ends[3] - ends[0])) / (12 * h)
+        assert abs(J[..., i] - expected).max() < 1e-6 * abs(expected).max()
 
 
 def test_functions_of_the_solution_stay_out_of_the_step_that_tells_accelerations():
