@@ -623,7 +623,8 @@ class Response(Differentiable):
         rates = rates_at(tape, np.arange(len(tape) + 1))
         numbers |= observed_numbers_of(other, state, *rates, at_start)
         if a_by_x is not None and isinstance(change, Dual):
-            numbers["a"] = Dual(numbers["a"], a_by_x.T)
+            # Nodes without mass have none by definition, but those that others carry.
+            numbers["a"] = Dual(state.a, a_by_x.T * (~model.massless | (state.a != 0))[:, None])
         return numbers
 
     def _prepared(self, given: Scene) -> Prepared:

@@ -106,6 +106,17 @@ def _loop(x):
     return scene, bars[0], bars[1].end, joint
 
 
+def _light(x):
+    """Two arms without rotary inertia, whose material is viscous."""
+    scene = fb.Scene(gravity=(0, -9.81))
+    data = {"EA": 1e4 * x[0], "GA": 1e4, "EI": 10.0 * x[0], "rhoA": x[1], "retardation": 0.01}
+    first = scene.add_beam([(0, 0), (1, 0.1 * x[0])], fb.Section(**data), elements=3)
+    second = scene.add_beam([(1, 0.1 * x[0]), (2, 0)], fb.Section(**data), elements=2)
+    scene.pin(first.start)
+    joint = scene.add_joint(fb.Revolute(first.end, second.start, damper=fb.Damper(x[0])))
+    return scene, first, second.end, joint
+
+
 def _body(x):
     """A body on an arm, and a block that slides on the body by a joint with an offset."""
     scene = fb.Scene(gravity=(0, -9.81))
@@ -130,7 +141,7 @@ def _rail(x):
     return scene, beam, mast.end, scene.add_joint(fb.Slider(beam, mast.start))
 
 
-@pytest.mark.parametrize("build", [_arms, _loop, _body, _rail])
+@pytest.mark.parametrize("build", [_arms, _loop, _light, _body, _rail])
 def test_accelerations_at_the_start_have_slopes(build):
     """From rest; a gradient builds the scene twice, once for a step that tells them."""
     calls, x = [], np.array([1.1, 0.9])
