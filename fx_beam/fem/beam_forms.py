@@ -12,8 +12,9 @@ from fx_beam.errors import SceneError
 from fx_beam.laws.interval import Interval, Part, Parts, StepStart
 from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.beam import gauss_rule
-from fx_beam.scene.law import held
+from fx_beam.scene.law import functions_of_energy, held
 from fx_beam.scene.scene import Scene
+from fx_beam.scene.section import Section
 from fx_beam.scene.structure import OtherStructureError
 
 from .assembly import BoundForm, Field, PointValues, Space
@@ -33,7 +34,7 @@ from .form_library import CompiledForm, FormModule, FormSource
 from .mesh import Mesh
 from .parameter_values import ParameterValues
 from .vjp_form import DerivedForm
-from .weak_form import LOSSES, Kind, Material, StepFacts, WeakForm
+from .weak_form import LOSSES, Kind, StepFacts, WeakForm
 
 Given = np.ndarray | None
 
@@ -138,18 +139,17 @@ class BeamForms:
         mesh = self._mesh
         sections = [beam.section for beam in scene.beams]
         internal = [held(of.internal) if self._holds else of.internal for of in sections]
-        of_beams = [*zip((of.strain_energy for of in sections), internal, strict=True)]
-        materials: list[Material] = []
-        for material in of_beams:
-            if material not in materials:
-                materials.append(material)
-        kinds = [materials.index(material) for material in of_beams]
+        of_sections = {id(of): _expressions(of) for of in distinct(sections)}
+        keys = [of_sections[id(of)] for of in sections]
+        energies = (of.strain_energy for of in sections)
+        materials = dict(zip(keys, zip(energies, internal, strict=True), strict=True))
+        numbers = {key: number for number, key in enumerate(materials)}
         #: Subdomain of each cell, the number of its material.
-        self._tags = np.array(kinds)[mesh.beam_of_cell]
+        self._tags = np.array([numbers[key] for key in keys])[mesh.beam_of_cell]
         inside = [on_beam(mesh, scene, work.beam) for work in scene.virtual_works]
         works = [(work, on.shape) for work, on in zip(scene.virtual_works, inside, strict=True)]
         self._kind = Kind(
-            *(self.degree, mesh.curved, self._scheme, tuple(materials), tuple(works)),
+            *(self.degree, mesh.curved, self._scheme, tuple(materials.values()), tuple(works)),
             *(bool(scene.natural_strains), _shapes(data)),
         )
         self._forms = _forms_of(WeakForm, self._kind)
@@ -452,6 +452,12 @@ class BeamForms:
             parameters = self._parameters.at_times(parts.t)
         shape = self.degree, 3
         return self._resultants(parts, parameters[:, self.parameters], shape)
+
+
+def _expressions(section: Section) -> tuple:
+    """What its functions give: where these are equal, materials are."""
+    given, of = section.internal, functions_of_energy(section.strain_energy, section.internal, 3)
+    return (*of, given and (given.names, given.level))
 
 
 def _forms_of(writer: Callable[[Any], Any], kind: Any) -> FormSource:

@@ -101,6 +101,8 @@ class CompiledLaw:
     def __init__(self, law: PointLaw, rule: StepRule):
         self.law, self._rule = law, rule
         self._key = None if law.of_user else (*law.key, *rule)
+        #: Names of the parameters in its functions, whose values are given behind all else.
+        self.parameters: list[str] = []
         module = form_module(self._key, self._written)
         facts, functions = module.facts, map(PointFunction, module.forms.values())
         self._functions = dict(zip(["law", *facts["others"]], functions, strict=True))
@@ -108,8 +110,6 @@ class CompiledLaw:
         self.entries = np.array(facts["entries"], dtype=np.int32).reshape(-1, 2)
         #: Number of values that change their sign where the force switches.
         self.conditions: int = facts["conditions"]
-        #: Names of the parameters in its functions, whose values are given behind all else.
-        self.parameters: list[str] = facts["parameters"]
         self._derivatives: dict[str, PointFunction] = {}
         #: Number of forces, entries of the tangent, internal variables and what is remembered.
         self.values = law.size + len(self.entries) + law.internal + law.remembered
@@ -173,8 +173,9 @@ class CompiledLaw:
         named = {law.name: self._function(self._forces)}
         named |= {f"{name} of {law.name}": self._function(of) for name, of in others.items()}
         written = _written(named, self.given)
+        # Without the names of parameters, in which laws may differ that have the same code.
         facts = {"others": [*others], "entries": self._entries, "conditions": conditions}
-        return written._replace(facts={**facts, "parameters": self.parameters})
+        return written._replace(facts=facts)
 
     def _names(self, motion: Motion, others: dict[str, OfMotion]) -> list[str]:
         with symbols_only():

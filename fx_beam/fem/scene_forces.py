@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -23,12 +23,16 @@ from fx_beam.laws.point_laws import (
 )
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.contacts import Contact
-from fx_beam.scene.coordinate import Coordinate, Coulomb, SmoothFriction, Stop, bristle
+from fx_beam.scene.coordinate import Coulomb, SmoothFriction, Stop, bristle, functions_of
 from fx_beam.scene.joints import Joint
+from fx_beam.scene.law import functions_of_energy
 from fx_beam.scene.scene import Scene
 
 from .mesh import Mesh, rotation_of
 from .point_forces import Load, PointForce, Role
+
+# Laws with functions of a user, by what these give.
+_Known = dict[tuple, PointLaw]
 
 
 def point_forces(scene: Scene, mesh: Mesh, mobility: np.ndarray) -> list[PointForce]:
@@ -37,18 +41,27 @@ def point_forces(scene: Scene, mesh: Mesh, mobility: np.ndarray) -> list[PointFo
     By the `mobility`, 1 / mass of degrees of freedom, then slides, friction has critical damping.
     """
     shapes = [contact for contact in scene.contacts if not isinstance(contact.shape, Beam)]
+    known: _Known = {}
     return [  # first those of joints, whose internal variables have their places from them
-        *_of_joints(scene),
+        *_of_joints(scene, known),
         *_followers(scene, mesh),
-        *_between(scene, mesh),
+        *_between(scene, mesh, known),
         *_frictions(scene, mesh, mobility),
-        *(force for obstacle in shapes for force in _contacts(obstacle, scene, mesh, mobility)),
+        *(force for one in shapes for force in _contacts(one, scene, mesh, mobility, known)),
         *_drags(scene, mesh),
     ]
 
 
+def _shared(known: _Known, law: Callable, kind: Kind, of: Iterable, *given: Any) -> PointLaw:
+    """The law with functions of a user that give some expressions; equal ones share one."""
+    key = law, kind, *of
+    if key not in known:
+        known[key] = law(kind, *given)
+    return known[key]
+
+
 def _contacts(
-    obstacle: Contact, scene: Scene, mesh: Mesh, mobility: np.ndarray
+    obstacle: Contact, scene: Scene, mesh: Mesh, mobility: np.ndarray, known: _Known
 ) -> Iterator[PointForce]:
     loses, friction = bool(obstacle.loss), obstacle.friction
     of_loss = (obstacle.loss, obstacle.speed) if loses else ()
@@ -60,7 +73,8 @@ def _contacts(
     kind = gap_of(shape.name, count, carried, friction is not None, thick)
     carrier = mesh.dofs[shape.carrier.number].tolist() if shape.carrier is not None else []
     carrier = carrier[: kind.size - count * (3 if thick else 2)]
-    law = laws.contact(kind, loses, obstacle.energy)
+    expressions = [loses, *functions_of_energy(obstacle.energy, None, 1)]
+    law = _shared(known, laws.contact, kind, expressions, loses, obstacle.energy)
     relative = points.of(mesh.nodal_positions(scene)[nodes]) - stacked(shape.origin)
     for i, of_point in enumerate(nodes[points.nodes]):
         length, weights = points.lengths[i], points.weights[i] if count > 1 else ()
@@ -93,13 +107,12 @@ def _drags(scene: Scene, mesh: Mesh) -> Iterator[PointForce]:
             yield PointForce(drag(*parts), [number for number in numbers if number], dofs)
 
 
-def _of_joints(scene: Scene) -> Iterator[PointForce]:
+def _of_joints(scene: Scene, known: _Known) -> Iterator[PointForce]:
     """Springs, dampers, friction and stops on the coordinates of joints."""
-    by_function: dict[tuple, PointLaw] = {}
     for joint in scene.joints:
         for name, on in joint.coordinates.items():
             kind, where = _place_on(joint, name)
-            for law, numbers in _of_coordinate(on, kind, by_function):
+            for law, numbers in _of_coordinate(on, kind, known):
                 yield PointForce(law, numbers, **where)
 
 
@@ -128,22 +141,20 @@ def _frictions(scene: Scene, mesh: Mesh, mobility: np.ndarray) -> Iterator[Point
             yield PointForce(laws.joint_friction(kind), numbers, load=load, **where)
 
 
-def _between(scene: Scene, mesh: Mesh) -> Iterator[PointForce]:
-    by_function: dict[tuple, PointLaw] = {}
+def _between(scene: Scene, mesh: Mesh, known: _Known) -> Iterator[PointForce]:
     for force in scene.forces_between:
         ends = [end.number for end in (force.a, force.b) if isinstance(end, Node)]
         kind, dofs = DISTANCE if len(ends) > 1 else FROM_POINT, mesh.dofs[ends, :2].ravel().tolist()
-        for law, numbers in _of_coordinate(force.on, kind, by_function):
+        for law, numbers in _of_coordinate(force.on, kind, known):
             yield PointForce(law, [*force.apart, *numbers], dofs, owner=str(force))
         if force.force is not None:
             numbers = [*force.apart, 1.0]
-            yield PointForce(laws.pull(kind, force.force), numbers, dofs, role=Role.EXTERNAL)
+            law = _shared(known, laws.pull, kind, force.functions, force.force)
+            yield PointForce(law, numbers, dofs, role=Role.EXTERNAL)
 
 
-def _of_coordinate(
-    of: Coordinate, kind: Kind, by_function: dict[tuple, PointLaw]
-) -> Iterator[tuple[PointLaw, list[float]]]:
-    """Laws and parameters; those with the same function of a user share a law."""
+def _of_coordinate(of: Any, kind: Kind, known: _Known) -> Iterator[tuple[PointLaw, list[float]]]:
+    """Laws of a coordinate, and their numbers."""
     spring, damper = of.spring, of.damper
     k, rest = (spring.stiffness, spring.rest) if spring else (0.0, 0.0)
     c = damper.viscosity if damper else 0.0
@@ -151,10 +162,7 @@ def _of_coordinate(
         yield laws.spring(kind, bool(c)), [k, rest, c] if c else [k, rest]
 
     def shared(law: Callable, *functions: Any) -> PointLaw:
-        key = law, kind.name, *map(id, functions)
-        if key not in by_function:
-            by_function[key] = law(kind, *functions)
-        return by_function[key]
+        return _shared(known, law, kind, functions_of(of), *functions)
 
     if spring is not None and spring.strain_energy is not None:
         yield shared(laws.stored_energy, spring.strain_energy, spring.internal), [rest]
@@ -164,7 +172,7 @@ def _of_coordinate(
         yield shared(laws.damper_law, damper.law), []
     if isinstance(of.friction, SmoothFriction):
         if callable(of.friction.force):
-            yield laws.friction_law(kind, of.friction.force), [of.friction.speed]
+            yield shared(laws.friction_law, of.friction.force), [of.friction.speed]
         else:
             yield laws.friction(kind), [of.friction.speed, of.friction.force]
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import fx_beam as fb
+from fx_beam.fem import ffcx_api
 from fx_beam.motions import motion_series, surroundings
 
 
@@ -54,7 +55,6 @@ def test_other_numbers_in_a_scene_compile_nothing(run, degree, monkeypatch):
 SECOND = """
 import sys
 import fx_beam as fb
-from fx_beam.motions import motion_series, surroundings
 scene = fb.Scene(gravity=(0, -9.81))
 section = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0, rhoI=0.01)
 a = scene.add_beam([(0, 0), (1, 0)], section, elements=2)
@@ -119,3 +119,79 @@ def test_the_earliest_of_the_prepared_scenes_is_forgotten_beyond_a_size(monkeypa
     sizes = [7, 9, 7, 8, 7, 9]  # of which two are held, but not three
     new = [bool(reason_of(elements)) for elements in sizes]
     assert new == [True, True, False, True, False, True]
+
+
+LAWS = {
+    "spring": lambda: {"spring": fb.Spring(strain_energy=lambda x: 5 * x**2 + x**4)},
+    "damper": lambda: {"damper": fb.Damper(law=lambda rate: 0.1 * rate + rate**3)},
+    "friction": lambda: {"friction": fb.SmoothFriction(lambda rate: 1 + 0 * rate, 0.1)},
+    "force": lambda: {"force": lambda distance, rate, t: 3 * distance},
+    "contact": None,
+    "section": None,
+}
+
+
+def row_of(count, kind, made):
+    """Arms in a row, each with a law of its own that `made` gives, or a section."""
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    for i in range(count):
+        data = {"strain_energy": made()} if kind == "section" else {"EA": 1e4, "GA": 1e4, "EI": 9.0}
+        beam = scene.add_beam([(2 * i, 0), (2 * i + 1, 0)], fb.Section(**data, rhoA=1.0, rhoI=0.01))
+        scene.clamp(beam.start)
+        if kind == "contact":
+            scene.add_contact(beam.end, fb.Line((0, -0.001), (0, 1)), energy=made())
+        elif kind != "section":
+            scene.add_force_between(beam.end, (2 * i + 1, 1), **made())
+    return scene
+
+
+def fresh(kind):
+    """A function or law that is made anew in each call, and one that is always the same."""
+    if kind == "contact":
+        made = lambda: lambda depth: 400 * depth**2.5  # noqa: E731
+    elif kind == "section":
+        made = lambda: lambda e, g, k: 5e3 * (e**2 + g**2) + 4.5 * k**2 + k**4  # noqa: E731
+    else:
+        made = LAWS[kind]
+    same = made()
+    return made, lambda: same
+
+
+@pytest.mark.parametrize("kind", LAWS)
+def test_functions_that_give_the_same_are_written_once(kind, monkeypatch):
+    """As those that a loop makes, one for each spring."""
+    signed, signature = [], ffcx_api.signature
+    monkeypatch.setattr(ffcx_api, "signature", lambda of: signed.append(of) or signature(of))
+    counts, motions = [], []
+    for made, count in ((fresh(kind)[0], 2), (fresh(kind)[0], 7), (fresh(kind)[1], 7)):
+        signed.clear()
+        solution = fb.simulate(row_of(count, kind, made), dt=1e-3, t_end=0.02)
+        counts.append(len(signed))
+        motions.append(solution.q)
+    assert counts[0] == counts[1] == counts[2] > 0
+    np.testing.assert_array_equal(motions[1], motions[2])
+
+
+def test_functions_with_other_numbers_are_others():
+    energies = [lambda x: 5 * x**2, lambda x: 6 * x**2]
+    made = iter(fb.Spring(strain_energy=energy) for energy in energies)
+    two = fb.simulate(row_of(2, "spring", lambda: {"spring": next(made)}), dt=1e-3, t_end=0.02)
+    first, second = two.q[:, :2, 1], two.q[:, 2:, 1]
+    assert abs(first - second).max() > 1e-3 * abs(first).max()
+
+
+def test_laws_with_other_parameters_have_the_same_code(monkeypatch):
+    values = iter([5.0, 6.0, 7.0])
+
+    def made():
+        k = fb.Parameter(f"k{(value := next(values)):g}", value)
+        return {"spring": fb.Spring(strain_energy=lambda x: k * x**2 + x**6)}
+
+    signed, signature = [], ffcx_api.signature
+    monkeypatch.setattr(
+        ffcx_api, "signature", lambda of: signed.append(signature(of)) or signed[-1]
+    )
+    solution = fb.simulate(row_of(3, "spring", made), dt=1e-3, t_end=0.02)
+    assert len({*signed}) == 1
+    heights = solution.q[-1, 1::2, 1]
+    assert len({*heights.tolist()}) == 3
