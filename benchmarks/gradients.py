@@ -3,13 +3,15 @@
     .venv/bin/python benchmarks/gradients.py [elements] [steps]
     .venv/bin/python benchmarks/gradients.py frame [cells]      (100: 20 200 struts, 1 minute)
 
-An arm whose numbers are values of a load over time, or stiffnesses along it with masses. Medians of
-processor times of calls that take turns, relative to a motion of another response. Then the same
-for ten frequencies of the second arm, about the reference and about its static state, relative to
-`modes`, for damped vibrations at 20 frequencies, relative to `frequency_response`, and for the load
-under which it buckles, relative to its path with the critical point. Last, of its motion that
-repeats itself under a harmonic load, of 50 steps, relative to `periodic`. A frame is a lattice of
-struts whose stiffnesses are numbers, column by column: four frequencies, relative to `modes`.
+An arm whose numbers are values of a load over time, or stiffnesses along it with masses; two arms
+that carry a body, whose numbers are stiffnesses with masses along them, with the reaction as
+output: its first row has accelerations. Medians of processor times of calls that take turns,
+relative to a motion of another response. Then the same for ten frequencies of the second arm, about
+the reference and about its static state, relative to `modes`, for damped vibrations at 20
+frequencies, relative to `frequency_response`, and for the load under which it buckles, relative to
+its path with the critical point. Last, of its motion that repeats itself under a harmonic load, of
+50 steps, relative to `periodic`. A frame is a lattice of struts whose stiffnesses are numbers,
+column by column: four frequencies, relative to `modes`.
 """
 
 import sys
@@ -55,6 +57,27 @@ def tapered(count, elements):
     return build
 
 
+def carried(count, elements):
+    """`build` for so many stiffnesses and masses of two arms with a body between them."""
+    places = np.linspace(0, 1, count)
+
+    def build(x):
+        scene = fb.Scene(gravity=(0, -9.81))
+        along = {"EI": lambda f: 10.0 * np.interp(f, places, x)}
+        along["rhoA"] = lambda f: np.interp(f, places, x)
+        section = fb.Section(EA=1e4, GA=1e4, rhoI=1e-3, **along)
+        first = scene.add_beam([(0, 0), (1, 0)], section, elements=elements)
+        second = scene.add_beam([(1.2, 0), (2, 0)], section, elements=elements)
+        points = {"left": (1, 0), "right": (1.2, 0)}
+        body = scene.add_body((1.1, 0.1), 2.0 * x[0], 0.1, points=points)
+        scene.pin(first.start)
+        scene.add_joint(fb.Revolute(first.end, body["left"]))
+        scene.add_joint(fb.Revolute(body["right"], second.start, spring=fb.Spring(5.0)))
+        return scene, {"tip": fb.Output("reaction", first.start)}
+
+    return build
+
+
 def medians(turns, *functions, calls=5):
     """Median processor times [s] of functions that are called some times, in turns."""
     seconds = [[] for _ in functions]
@@ -71,7 +94,8 @@ def measured(build, count, steps, turns=20):
     """Times of a motion [ms], and of value with gradient and with Jacobian in motions."""
     alone, run = (fb.Response(build, dt=1 / steps, t_end=1.0) for _ in range(2))
     x = 1 + 0.1 * np.sin(np.arange(1, count + 1))
-    rng, weights = np.random.default_rng(0), {"tip": np.ones((steps + 1, 2))}
+    rng, tip = np.random.default_rng(0), alone(x)[1]["tip"]
+    weights = {"tip": np.ones_like(tip)}
 
     def moved(by=run):
         by(x * (1 + 1e-3 * rng.random(count)))
@@ -204,10 +228,12 @@ def frame(cells=100):
 def main(elements=8, steps=200):
     row = "{:>8} {:>8} {:>12} {:>10} {:>10} {:>14} {:>14}".format
     print(row("", "numbers", "motion [ms]", "gradient", "Jacobian", "fit, jac [s]", "without [s]"))
-    for kind in (loaded, tapered):
-        for count in NUMBERS[kind is tapered :]:
+    for kind in (loaded, tapered, carried):
+        for count in NUMBERS[kind is not loaded :]:
             values = measured(kind(count, elements), count, steps)
-            fits = fitted(kind(count, elements), count, steps) if count < 100 else []
+            fits = []
+            if count < 100 and kind is not carried:
+                fits = fitted(kind(count, elements), count, steps)
             texts = [f"{value:.3g}" for value in (*values, *fits)] + [""] * (2 - len(fits))
             print(row(kind.__name__, count, *texts), flush=True)
     for name, state in ("modes", None), ("loaded", fb.static):
