@@ -571,7 +571,7 @@ class Response(Differentiable):
         try:
             self._instant(self._x)
             return self._instant._mean_acceleration_by_x()
-        except RuntimeError:  # of unknowns without mass
+        except RuntimeError:  # such a step may fail with unknowns that have no mass
             return None
 
     @cached_property

@@ -455,9 +455,9 @@ class BeamForms:
 
 
 def _expressions(section: Section) -> tuple:
-    """What its functions give: where these are equal, materials are."""
-    given, of = section.internal, functions_of_energy(section.strain_energy, section.internal, 3)
-    return (*of, given and (given.names, given.level))
+    """What its functions give: sections in which it is equal have the same material."""
+    expressions = functions_of_energy(section.strain_energy, section.internal, 3)
+    return (*expressions, section.internal and (section.internal.names, section.internal.level))
 
 
 def _forms_of(writer: Callable[[Any], Any], kind: Any) -> FormSource:

@@ -53,7 +53,7 @@ def point_forces(scene: Scene, mesh: Mesh, mobility: np.ndarray) -> list[PointFo
 
 
 def _shared(known: _Known, law: Callable, kind: Kind, of: Iterable, *given: Any) -> PointLaw:
-    """The law with functions of a user that give some expressions; equal ones share one."""
+    """A law with functions of a user; functions that give equal expressions share one law."""
     key = law, kind, *of
     if key not in known:
         known[key] = law(kind, *given)

@@ -35,7 +35,7 @@ class MotionSeries:
         self._memory, self._brief = memory, brief
         #: The prepared scene of the last motion, for the next one; None while a motion has it.
         self.prepared: Prepared | None = None
-        #: Degrees of freedom of the last that was kept.
+        #: Degrees of freedom of the last scene that was kept.
         self.size = 0
         # What has the numbers of other scenes.
         self._alike: Prepared | None = None

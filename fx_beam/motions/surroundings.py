@@ -104,7 +104,7 @@ def take_recent(scene: Scene, kind: Any) -> tuple[Any, Any]:
 
 
 def keep(what: Any, key: Any) -> None:
-    """Keep it for the next scenes, and forget the earliest of what is too much together."""
+    """Keep it for the next scenes; forget the earliest ones if there are too many or too large."""
     _THREAD.recent = [*_THREAD.recent, (key, what)][-_MOST:]
     while sum(other.size for _, other in _THREAD.recent) > HELD:
         del _THREAD.recent[0]

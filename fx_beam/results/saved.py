@@ -133,7 +133,8 @@ def load(path) -> Solution:
 
 def _read(raw: BinaryIO) -> Solution:
     with np.load(raw, allow_pickle=False) as file:
-        # NumPy may stop before the end of an array, where its sum would be checked.
+        # NumPy may stop before the end of an array, where its sum would be checked. A file with a
+        # wrong sum is refused below, as one without arrays.
         arrays = dict(file) if file.zip.testzip() is None else {}
     meta = json.loads(str(arrays.pop("meta")))
     if meta.pop("format") != FORMAT:

@@ -121,13 +121,14 @@ def test_the_earliest_of_the_prepared_scenes_is_forgotten_beyond_a_size(monkeypa
     assert new == [True, True, False, True, False, True]
 
 
+#: Functions or laws by kind, made anew in each call.
 LAWS = {
     "spring": lambda: {"spring": fb.Spring(strain_energy=lambda x: 5 * x**2 + x**4)},
     "damper": lambda: {"damper": fb.Damper(law=lambda rate: 0.1 * rate + rate**3)},
     "friction": lambda: {"friction": fb.SmoothFriction(lambda rate: 1 + 0 * rate, 0.1)},
     "force": lambda: {"force": lambda distance, rate, t: 3 * distance},
-    "contact": None,
-    "section": None,
+    "contact": lambda: lambda depth: 400 * depth**2.5,
+    "section": lambda: lambda e, g, k: 5e3 * (e**2 + g**2) + 4.5 * k**2 + k**4,
 }
 
 
@@ -145,25 +146,14 @@ def row_of(count, kind, made):
     return scene
 
 
-def fresh(kind):
-    """A function or law that is made anew in each call, and one that is always the same."""
-    if kind == "contact":
-        made = lambda: lambda depth: 400 * depth**2.5  # noqa: E731
-    elif kind == "section":
-        made = lambda: lambda e, g, k: 5e3 * (e**2 + g**2) + 4.5 * k**2 + k**4  # noqa: E731
-    else:
-        made = LAWS[kind]
-    same = made()
-    return made, lambda: same
-
-
 @pytest.mark.parametrize("kind", LAWS)
 def test_functions_that_give_the_same_are_written_once(kind, monkeypatch):
     """As those that a loop makes, one for each spring."""
     signed, signature = [], ffcx_api.signature
     monkeypatch.setattr(ffcx_api, "signature", lambda of: signed.append(of) or signature(of))
     counts, motions = [], []
-    for made, count in ((fresh(kind)[0], 2), (fresh(kind)[0], 7), (fresh(kind)[1], 7)):
+    same = LAWS[kind]()
+    for made, count in ((LAWS[kind], 2), (LAWS[kind], 7), (lambda: same, 7)):
         signed.clear()
         solution = fb.simulate(row_of(count, kind, made), dt=1e-3, t_end=0.02)
         counts.append(len(signed))

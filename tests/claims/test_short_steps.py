@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from jointed import CORNERS, chain
 
 import fx_beam as fb
 
@@ -22,24 +23,19 @@ def sliding(scene):
 
 def loop(scene):
     """Four bars, one of which is the ground."""
-    corners, bars = [(0, 0), (0, 1), (2, 1.5), (2.2, 0)], []
-    for i in range(3):
-        (x0, y0), (x1, y1) = corners[i : i + 2]
-        points = {"start": (x0, y0), "end": (x1, y1)}
-        bars.append(scene.add_body(((x0 + x1) / 2 + 0.1, (y0 + y1) / 2), 2.0, 0.3, points=points))
-    scene.pin(bars[0]["start"])
-    scene.pin(bars[2]["end"])
-    joint = [scene.add_joint(fb.Revolute(bars[i]["end"], bars[i + 1]["start"])) for i in (0, 1)][0]
-    return bars[1].centre, joint
+    bars = chain(scene, CORNERS)
+    scene.pin(bars[0]["a"])
+    scene.pin(bars[-1]["b"])
+    return bars[1].centre, scene.joints[0]
 
 
 def tree(scene):
     """A chain of bodies that is long enough for auxiliary unknowns."""
     points = [{"start": (i, 0), "end": (i + 1, 0)} for i in range(30)]
-    chain = [scene.add_body((i + 0.6, 0.2), 1.0, 0.3, points=at) for i, at in enumerate(points)]
-    joints = [fb.Revolute(a["end"], b["start"]) for a, b in zip(chain, chain[1:], strict=False)]
-    scene.pin(chain[0]["start"])
-    return chain[-1].centre, [scene.add_joint(joint) for joint in joints][0]
+    links = [scene.add_body((i + 0.6, 0.2), 1.0, 0.3, points=at) for i, at in enumerate(points)]
+    joints = [fb.Revolute(a["end"], b["start"]) for a, b in zip(links, links[1:], strict=False)]
+    scene.pin(links[0]["start"])
+    return links[-1].centre, [scene.add_joint(joint) for joint in joints][0]
 
 
 def rail(scene):
