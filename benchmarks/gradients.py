@@ -5,13 +5,13 @@
 
 An arm whose numbers are values of a load over time, or stiffnesses along it with masses; two arms
 that carry a body, whose numbers are stiffnesses with masses along them, with the reaction as
-output: its first row has accelerations. Medians of processor times of calls that take turns,
-relative to a motion of another response. Then the same for ten frequencies of the second arm, about
-the reference and about its static state, relative to `modes`, for damped vibrations at 20
-frequencies, relative to `frequency_response`, and for the load under which it buckles, relative to
-its path with the critical point. Last, of its motion that repeats itself under a harmonic load, of
-50 steps, relative to `periodic`. A frame is a lattice of struts whose stiffnesses are numbers,
-column by column: four frequencies, relative to `modes`.
+output: its first row has accelerations; the arm with moments, energies or work as outputs. Medians
+of processor times of calls that take turns, relative to a motion of another response. Then the same
+for ten frequencies of the second arm, about the reference and about its static state, relative to
+`modes`, for damped vibrations at 20 frequencies, relative to `frequency_response`, and for the load
+under which it buckles, relative to its path with the critical point. Last, of its motion that
+repeats itself under a harmonic load, of 50 steps, relative to `periodic`. A frame is a lattice of
+struts whose stiffnesses are numbers, column by column: four frequencies, relative to `modes`.
 """
 
 import sys
@@ -41,8 +41,8 @@ def loaded(count, elements):
     return build
 
 
-def tapered(count, elements):
-    """`build` for masses, and so many stiffnesses less three."""
+def tapered(count, elements, quantity="position"):
+    """`build` for masses, and so many stiffnesses less three, with an output."""
     places = np.linspace(0, 1, count - 3)
 
     def build(x):
@@ -52,9 +52,25 @@ def tapered(count, elements):
         beam = scene.add_beam([(0, 0), (1, 0)], section, elements=elements)
         scene.clamp(beam.start)
         scene.add_mass(beam.end, 0.1 * x[2])
-        return scene, {"tip": fb.Output("position", beam.end)}
+        of = beam.end if quantity == "position" else beam if quantity == "M" else scene
+        return scene, {"tip": fb.Output(quantity, of)}
 
     return build
+
+
+def moments(count, elements):
+    """The same with the bending moments of all rows."""
+    return tapered(count, elements, "M")
+
+
+def energies(count, elements):
+    """The same with the energies of all rows."""
+    return tapered(count, elements, "total_energy")
+
+
+def works(count, elements):
+    """The same with the work up to all rows."""
+    return tapered(count, elements, "work")
 
 
 def carried(count, elements):
@@ -228,11 +244,11 @@ def frame(cells=100):
 def main(elements=8, steps=200):
     row = "{:>8} {:>8} {:>12} {:>10} {:>10} {:>14} {:>14}".format
     print(row("", "numbers", "motion [ms]", "gradient", "Jacobian", "fit, jac [s]", "without [s]"))
-    for kind in (loaded, tapered, carried):
+    for kind in (loaded, tapered, carried, moments, energies, works):
         for count in NUMBERS[kind is not loaded :]:
             values = measured(kind(count, elements), count, steps)
             fits = []
-            if count < 100 and kind is not carried:
+            if count < 100 and kind in (loaded, tapered):
                 fits = fitted(kind(count, elements), count, steps)
             texts = [f"{value:.3g}" for value in (*values, *fits)] + [""] * (2 - len(fits))
             print(row(kind.__name__, count, *texts), flush=True)

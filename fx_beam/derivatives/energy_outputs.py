@@ -12,10 +12,9 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse
 
 from fx_beam.errors import SceneError
-from fx_beam.laws.interval import Part
+from fx_beam.laws.interval import Interval, Parts, StepStart
 from fx_beam.scene.joints import GROUND
 from fx_beam.scene.outputs import Output
 from fx_beam.step.forcing import Forcing
@@ -23,53 +22,57 @@ from fx_beam.step.full_turns import without_turns
 from fx_beam.step.layout import Arrays
 from fx_beam.step.model import Model
 
-from .gradient import Block, Gradient, RowOutput, jvp, of_row, vjp
+from .gradient import Block, Gradient, RowOutput, jvp, of_rows, vjp
 from .sub_steps import OF_POINTS, SubSteps
 
-#: Derivatives by states, with parameters and natural strains there, and by numbers, by name.
+#: Derivatives (k, ...) in rows by states, with parameters and natural strains there, and by
+#: numbers, by name.
 Derivatives = dict[str, np.ndarray]
 
 
 def by_mass_entries(model: Model, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Derivatives of x.M y by the entries of M."""
-    return np.repeat(x, np.diff(model.mass.indptr)) * y[model.mass.indices]
+    """Derivatives (..., entries) of x.M y by the entries of M."""
+    row_of = np.repeat(np.arange(model.size), np.diff(model.mass.indptr))
+    return x.take(row_of, axis=-1) * y.take(model.mass.indices, axis=-1)
 
 
-def _kinetic(model: Model, row: Arrays) -> Derivatives:
+def _kinetic(model: Model, rows: Arrays) -> Derivatives:
     """v.M v / 2."""
     if model.scheme.rates.at_rest:
         return {}
-    v = row["v"]
-    return {"v": model.mass @ v, "mass": by_mass_entries(model, v, v) / 2}
+    v = rows["v"]
+    return {"v": v @ model.mass, "mass": by_mass_entries(model, v, v) / 2}
 
 
-def _of_fit(model: Model, row: Arrays) -> Derivatives:
+def _of_fit(model: Model, rows: Arrays) -> Derivatives:
     """v*.M (v* - v), the work of driven motions on the impulses with which rates v* fit."""
-    if "rates" not in row or not model.couplings.driven:
+    if "rates" not in rows or not model.couplings.driven:
         return {}
-    v, rates = row["v"], row["rates"]
-    fitting, of_mass = model.mass @ rates, by_mass_entries(model, rates, rates - v)
-    return {"v": -fitting, "rates": 2 * fitting - model.mass @ v, "mass": of_mass}
+    v, rates = rows["v"], rows["rates"]
+    fitting, of_mass = rates @ model.mass, by_mass_entries(model, rates, rates - v)
+    return {"v": -fitting, "rates": 2 * fitting - v @ model.mass, "mass": of_mass}
 
 
-def _strain(model: Model, row: Arrays) -> Derivatives:
+def _strain(model: Model, rows: Arrays) -> Derivatives:
     if model.forms.beams is None:
         return {}
-    model.forms.parameters.use(row.get("parameters"))
-    given = row["internal"]
-    internal = given.reshape(model.forms.internal_shape) if given.size else None
-    return model.forms.beams.stored_energy_by(row["q"], internal, row.get("natural"))
+    names, ones = ("q", "internal", "natural", "parameters"), np.ones(len(rows["q"]))
+    given = {name: rows[name] for name in names if name in rows}
+    return model.forms.beams.stored_energy_by(Parts(ones, ones, **given))
 
 
-def _potential(model: Model, row: Arrays) -> Derivatives:
-    return {} if model.weight is None else {"q": -model.weight, "weight": -row["q"]}
+def _potential(model: Model, rows: Arrays) -> Derivatives:
+    if model.weight is None:
+        return {}
+    q = rows["q"]
+    return {"q": np.broadcast_to(-model.weight, q.shape), "weight": -q}
 
 
-def _springs(model: Model, row: Arrays) -> Derivatives:
+def _springs(model: Model, rows: Arrays) -> Derivatives:
     if not model.points.any:
         return {}
-    model.forms.parameters.use(row.get("parameters"))
-    by = model.points.energy_by(row["q"], row["slides"], row["spring internal"])
+    q, slides, internal = (rows[name] for name in ("q", "slides", "spring internal"))
+    by = model.points.energy_by(q, slides, internal, rows.get("parameters"))
     wanted = {"q", "slides", "internal", "numbers", "parameters", "members", "X"}
     return {OF_POINTS.get(name, name): by[name] for name in by if name in wanted}
 
@@ -94,11 +97,12 @@ class EnergyOutput(RowOutput):
 
     def blocks(self, rows: np.ndarray) -> Iterator[Block]:
         """Derivatives of some of the rows by states, and by numbers of the scene."""
-        for k in rows.tolist():
-            place = int(self._ends[k])
-            state = self._of.row(place)
+        of, boundaries = self._of, self._of.boundaries[self._ends[rows]]
+        for group in of.groups(boundaries):
+            at = boundaries[group]
+            states = of.at(at)
             for part in self._parts:
-                yield from self._of.at_state(k, place, part(self._of.model, state))
+                yield from of.at_states(rows[group], at, part(of.model, states))
 
 
 def why_no_losses(model: Model) -> str:
@@ -119,31 +123,36 @@ class StepLosses:
         """Their derivatives in some of the rows."""
         of, model = self._of, self._of.model
         # In statics the first step leads to the equilibrium without loads, which loses nothing.
-        for row in rows[rows > int(model.scheme.rates.at_rest)].tolist():
-            k = of.tape.present.first + row - 1
-            part = of.part(k)
-            if model.scheme.rates.at_rest:
-                model.forms.set_load(float(of.tape.memories[k]), float(of.tape.times.lengths[k]))
-            for by in [] if model.forms.beams is None else model.forms.beams.losses_by(part):
-                yield from of.in_step(row, k, by)
+        counting = rows[rows > int(model.scheme.rates.at_rest)]
+        numbers = of.tape.present.first + counting - 1
+        for group in of.groups(numbers):
+            steps, parts = numbers[group], of.parts(numbers[group])
+            for by in [] if model.forms.beams is None else model.forms.beams.losses_by(parts):
+                yield from of.in_steps(counting[group], steps, by)
             if model.points.any_have("loss"):
-                yield from self._of_points(row, k, part)
+                yield from self._of_points(counting[group], steps, parts)
 
-    def _of_points(self, row: int, k: int, part: Part) -> Iterator[Block]:
+    def _of_points(self, rows: np.ndarray, steps: np.ndarray, parts: Parts) -> Iterator[Block]:
         """Derivatives of what forces at points lose."""
-        of, points, states = self._of, self._of.model.points, self._of.states
-        before, after, _ = of.places(k)
-        start = {name: states[name][before] for name in ("v", "slides")}
-        start["spring_internal"] = states["spring internal"][before]
-        of.model.forms.parameters.use(part.start.parameters)
-        points.begin(part.interval, part.start._replace(**start))
-        by = points.losses_by(part.D, states["slides"][after] - start["slides"])
+        of, forms, points, given = self._of, self._of.model.forms, self._of.model.points, []
+        places, times, states = of.places(steps), of.tape.times, of.states
+        of_step = ("q", "v", "slides", "spring internal")
+        for i, (k, before, after, _) in enumerate(zip(steps.tolist(), *places, strict=True)):
+            if of.model.scheme.rates.at_rest:
+                forms.set_load(float(of.tape.memories[k]), float(times.lengths[k]))
+            q, v, slides, internal = (states[name][before] for name in of_step)
+            forms.parameters.use(parts.parameters[i] if len(parts.parameters) else None)
+            start = StepStart(q, v, slides=slides, spring_internal=internal)
+            points.begin(Interval(float(times.starts[k]), float(times.ends[k])), start)
+            given.append(points.given_with(parts.D[i], states["slides"][after] - slides))
+        by = points.losses_by(np.array(given), *(states[name].shape[1] for name in ("q", "slides")))
         for name, increment in (("q", "increment"), ("slides", "slide increment")):
             D = by.pop(increment)
             if D.size:
-                yield of_row(name, row, by.pop(name) - D, before)
-                yield of_row(name, row, D, after)
-        yield from of.in_step(row, k, {OF_POINTS.get(name, name): by[name] for name in by})
+                yield of_rows(name, rows, by.pop(name) - D, places[0])
+                yield of_rows(name, rows, D, places[1])
+        by = {OF_POINTS.get(name, name): by[name] for name in by}
+        yield from of.in_steps(rows, steps, by)
 
 
 #: Quantities of scenes that add up over the steps.
@@ -258,7 +267,7 @@ class WorkOutput(RowOutput):
     def _of_steps(self, steps: np.ndarray) -> Iterator[Block]:
         """What some of the steps add to all later rows, and at first the start (number 0)."""
         if self._at_start:
-            yield of_row(self._at_start, 0, np.ones(1))
+            yield of_rows(self._at_start, np.zeros(1, dtype=int), np.ones(1))
         if self._before is not None:
             start = self._before.blocks(np.zeros(1, dtype=int))
             yield from (block.times(-self._sign) for block in start)
@@ -303,10 +312,8 @@ class StepWork:
         states = {name: of.states[name][self._first :] for name in ("q", "slides")}
         tape, self._at_rest = of.tape, model.scheme.rates.at_rest
         t0 = tape.times.starts[self._own]
-        t1, rates, turns = tape.times.ends[self._own], model.scheme.rates, model.turns
-        D = without_turns(model, np.diff(states["q"], axis=0))
-        each = [rates.work_increment(increment, turns) for increment in D]
-        path, slope = np.array(each).reshape(-1, 2, D.shape[1]).swapaxes(0, 1)
+        t1, D = tape.times.ends[self._own], without_turns(model, np.diff(states["q"], axis=0))
+        path, slope = model.scheme.rates.work_increment(D, model.turns)
         slides = np.diff(states["slides"], axis=0)
         driven = forces[:, : model.couplings.driven]
         if self._at_rest:
@@ -318,15 +325,19 @@ class StepWork:
             #: Means (k, loads) of the factors of the loads.
             self._factors = Forcing(model).loads(t0, t1).mean(axis=1)
         #: Works (k, loads) of the unit loads, and increments (k, n) at the entries of the columns.
-        self._unit_works = (columns.T @ path.T).T
+        self._unit_works = path @ columns
         self._at_entries = path[:, columns.indices]
         self._of_entry = np.repeat(np.arange(columns.shape[1]), np.diff(columns.indptr))
-        #: Paths (k, driven) of driven motions, and derivatives of the work by their increments.
-        of_nodes, of_slides = _driven_paths(model)
-        self._paths = path @ of_nodes.T + slides @ of_slides.T
-        self._by_slides = driven @ of_slides
+        #: Paths (k, driven) of driven motions, and derivatives of the work by increments of slides.
+        self._paths, self._by_slides = np.zeros(driven.shape), np.zeros(slides.shape)
+        by_path = self._factors @ columns.T
+        parts = {"q": (path, by_path), "slides": (slides, self._by_slides)}
+        for name, i, entry, sign in _driven_paths(model):
+            increments, by = parts[name]
+            self._paths[:, i] += sign * increments[:, entry]
+            by[:, entry] += sign * driven[:, i]
         #: Derivatives (k, size) of the work in each sub-step by its increments.
-        self._by_increments = ((columns @ self._factors.T).T + driven @ of_nodes) * slope
+        self._by_increments = by_path * slope
         #: Those by the weight, if any of its work counts.
         self._by_weight: np.ndarray | None = None
         if self._at_rest and model.weight is not None:
@@ -367,17 +378,13 @@ def _with_last(values: np.ndarray) -> np.ndarray:
     return (values + np.concatenate([values[:1], values[:-1]])) / 2
 
 
-def _driven_paths(model: Model) -> tuple[scipy.sparse.csr_matrix, scipy.sparse.csr_matrix]:
-    """Paths of driven motions as sums of those of nodes (driven, size) and slides (driven, n)."""
-    driven, joints = model.couplings.driven, model.scene.joint_count
-    nodes, slides = np.zeros((driven, model.size)), np.zeros((driven, joints))
-    first = len(model.prescribed)
-    nodes[np.arange(first), model.prescribed] = 1.0
-    for i, (joint, name) in enumerate(model.motors, start=first):
+def _driven_paths(model: Model) -> Iterator[tuple[str, int, int, int]]:
+    """Terms of the paths of driven motions: of "q" or "slides", number, entry and sign."""
+    yield from (("q", i, dof, 1) for i, dof in enumerate(model.prescribed))
+    for i, (joint, name) in enumerate(model.motors, start=len(model.prescribed)):
         if name == "slide":
-            slides[i, joint.number] = 1.0
+            yield "slides", i, joint.number, 1
             continue
-        for node, sign in ((joint.b, 1.0), (joint.a, -1.0)):
+        for node, sign in ((joint.b, 1), (joint.a, -1)):
             if node is not GROUND:
-                nodes[i, model.mesh.dofs[node.number, 2]] += sign
-    return scipy.sparse.csr_matrix(nodes), scipy.sparse.csr_matrix(slides)
+                yield "q", i, model.mesh.dofs[node.number, 2], sign

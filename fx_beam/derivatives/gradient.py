@@ -13,10 +13,7 @@ from fx_beam.step.layout import Arrays
 
 
 class Block(NamedTuple):
-    """Derivatives (k, e) of an output in rows (k,) by entries of states, forces or numbers.
-
-    Those (e,) of a single row have a number in the place of arrays (k,).
-    """
+    """Derivatives (k, e) of an output in rows (k,) by entries of states, forces or numbers."""
 
     name: str
     #: The entries of each state, or of all numbers of the name, flat: a slice or an array (e,).
@@ -35,11 +32,10 @@ class Block(NamedTuple):
         return self if factor == 1 else self._replace(derivatives=factor * self.derivatives)
 
 
-def of_row(
-    name: str, row: int, values: np.ndarray, place: int | None = None, first: int = 0
-) -> Block:
-    """Derivatives of one row by all entries of a state, or of numbers, from the `first` on."""
-    return Block(name, slice(first, first + values.size), row, values.ravel(), place)
+def of_rows(name: str, rows: np.ndarray, values: np.ndarray, places: Any = None, first: int = 0):
+    """Derivatives (k, ...) of rows by all entries of states, or of numbers, from the `first` on."""
+    of_entries = values.reshape(len(rows), -1)
+    return Block(name, slice(first, first + of_entries.shape[1]), rows, of_entries, places)
 
 
 def of_entries(
@@ -57,8 +53,7 @@ def vjp(blocks: Iterable[Block], weights: np.ndarray, to: Gradient) -> None:
     if weights.ndim == 1:
         weights = weights[:, None]
     for name, entries, rows, derivatives, places, part in blocks:
-        at = rows if isinstance(rows, int) else rows[:, None]
-        to.add(name, entries, places, weights[at, part] * derivatives)
+        to.add(name, entries, places, weights[rows[:, None], part] * derivatives)
 
 
 def jvp(
@@ -75,14 +70,9 @@ def jvp(
         else:  # without states, numbers with a row for each sub-step
             given = of_state[name] if name in of_state else changes[name].swapaxes(0, 1)
             given = given.reshape(len(given), count, -1)[..., entries][places]
-        if isinstance(rows, int):  # as of energies, in each of their rows
-            total[rows, part] += given @ derivatives
-            continue
         if np.ndim(part):
             values = (given * derivatives[:, None]).swapaxes(1, 2)
-        elif places is None:
-            values = (given @ derivatives.T).T
-        else:
+        else:  # row by row: to the last digit the same, however many there are
             values = (given @ derivatives[..., None])[..., 0]
         if any_of(rows[1:] == rows[:-1]):
             first = np.flatnonzero(np.diff(rows, prepend=-1))
@@ -138,9 +128,9 @@ class Gradient:
         return self.of_state[name]
 
     def add(self, name: str, entries: Any, places: Any, values: np.ndarray) -> None:
-        """Add derivatives (k, e) by entries, or (e,), as those of a `Block`."""
+        """Add derivatives (k, e) by entries, as those of a `Block`."""
         whole = isinstance(entries, slice)
-        if places is None and values.ndim > 1:
+        if places is None:
             values = values.sum(axis=0)
         if places is None and whole:
             key = name, entries.start, entries.stop
@@ -157,7 +147,7 @@ class Gradient:
 
     def add_numbers(self, name: str, values: np.ndarray) -> None:
         """Add the derivatives by all numbers of a name."""
-        self.add(name, slice(0, values.size), None, values.flatten())
+        self.add(name, slice(0, values.size), None, values.reshape(1, -1))
 
     def along(self, changes: Arrays) -> np.ndarray:
         """What is by numbers, times changes (m, ...) of these: (m,)."""

@@ -16,7 +16,7 @@ from fx_beam.step.measured import measured
 from fx_beam.step.tape import Steps
 
 from .gradient import Block, Gradient, RowOutput, of_entries, vjp
-from .sub_steps import NATURAL, SubSteps
+from .sub_steps import SubSteps
 
 # Step in the imaginary direction.
 _STEP = 1e-100
@@ -143,37 +143,41 @@ class ResultantOutput(RowOutput):
         self._cells = model.mesh.cells[names.index(beam.name)]
         self._component = "NQM".index(quantity)
         steps, start = places.steps, places.at_start
-        rows, ones = np.append(steps.of, start), np.ones(len(start))
-        numbers = np.append(steps.sub_steps, -np.ones(len(start), dtype=int))
         #: Rows, numbers and shares of the sub-steps.
-        self._parts = [*zip(rows.tolist(), numbers.tolist(), [*steps.shares, *ones], strict=True)]
+        self._rows = np.append(steps.of, start)
+        self._steps = np.append(steps.sub_steps, -np.ones(len(start), dtype=int))
+        self._shares = np.append(steps.shares, np.ones(len(start)))
 
     def vjp(self, weights: np.ndarray, later: float, to: Gradient) -> None:
         """As of `RowOutput`, with the Jacobians of all elements at once."""
-        of, shape = self._of, self._of.model.forms.internal_shape
-        for row, k, share in self._parts:
-            if not weights[row].any():
-                continue
-            of_cells = np.zeros((*shape[:2], 3))
-            of_cells[self._cells, :, self._component] = share * weights[row].reshape(-1, shape[1])
-            by = self._beams.resultants_by(of.part(k), of_cells)
-            vjp(of.in_step(0, k, by), np.ones(1), to)
+        of, (cells, points, _) = self._of, self._of.model.forms.internal_shape
+        of_steps = self._shares[:, None] * weights[self._rows]
+        counting = np.flatnonzero(of_steps.any(axis=1))
+        for group in of.groups(self._steps[counting]):
+            at, of_cells = counting[group], np.zeros((len(group), cells, points))
+            of_cells[:, self._cells] = of_steps[at].reshape(len(at), -1, points)
+            steps = self._steps[at]
+            by = self._beams.resultants_by(of.parts(steps), of_cells, self._component)
+            vjp(of.in_steps(np.zeros_like(at), steps, by), np.ones(1), to)
 
     def jvp(self, rows: int, before: np.ndarray, of_state: Arrays, changes: Arrays) -> np.ndarray:
         """As of `RowOutput`."""
-        of, shape, count = self._of, self._of.model.forms.internal_shape, len(changes["X"])
-        rows_by_x = np.zeros((rows, len(self._cells) * shape[1], count))
-        for row, k, share in self._parts:
-            read = {n: changes[n] for n in ("X", "stiffness", "retardation") if n in changes}
-            for name, array, place, factor in of.sources(k):
+        of, points, count = self._of, self._of.model.forms.internal_shape[1], len(changes["X"])
+        rows_by_x = np.zeros((rows, len(self._cells) * points, count))
+        for at in of.groups(self._steps):
+            steps = self._steps[at]
+            numbers = [name for name in ("X", "stiffness", "retardation") if name in changes]
+            read = {name: changes[name][None] for name in numbers}
+            for name, array, places, factor in of.sources(steps):
                 if array in of_state:
-                    read[name] = read.get(name, 0.0) + factor * of_state[array][place]
-            if of.natural is not None:
-                read |= {n: of.natural.jvp(at(k), changes) for n, at in NATURAL.items()}
-            if (name := "parameters at the start" if k < 0 else "parameters") in changes:
-                read["parameters"] = changes[name] if k < 0 else changes[name][:, k, 0]
-            change = self._beams.resultants_with(of.part(k), read)[..., self._component]
-            rows_by_x[row] += share * change[:, self._cells].reshape(count, -1).T
+                    read[name] = read.get(name, 0.0) + factor * of_state[array][places]
+            if steps[0] < 0 and "parameters at the start" in changes:
+                read["parameters"] = changes["parameters at the start"][None]
+            elif "parameters" in changes:
+                read["parameters"] = changes["parameters"][:, steps, 0].swapaxes(0, 1)
+            change = self._beams.resultants_with(of.parts(steps), read, self._component)
+            of_rows = change[:, :, self._cells].reshape(len(at), count, -1).swapaxes(1, 2)
+            np.add.at(rows_by_x, self._rows[at], self._shares[at, None, None] * of_rows)
         return rows_by_x
 
 

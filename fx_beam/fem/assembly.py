@@ -16,8 +16,8 @@ from fx_beam.laws.interval import Parts
 from .form_library import CompiledForm
 
 _LIBRARY = "forms on elements", "expression_rows.c", "expression_rows.h"
-# Constants that change in the rows of `PointValues`.
-_CHANGING = "time", "dt", "memory", "parameters"
+# Constants that change in the rows of `RowValues`.
+_CHANGING = "time", "dt", "load_increment", "memory", "parameters"
 # Values that are found at once, each by a few coefficients.
 _MOST = 2**17
 
@@ -127,13 +127,6 @@ class BoundForm:
             given = packed[tag][None], constants, places
             yield cells, tabulated(function, *given, self.size)[0]
 
-    def tensors(self) -> np.ndarray:
-        """Tensors (cells, size) of all cells."""
-        values = np.zeros((len(self._mesh.elements), self.size))
-        for cells, tensors in self._tensors():
-            values[cells] += tensors
-        return values
-
     def total(self) -> float:
         """Value of a functional."""
         return float(sum(tensors.sum() for _, tensors in self._tensors()))
@@ -147,28 +140,23 @@ class BoundForm:
         for cells, tensors in self._tensors():
             out += np.bincount(places[cells].ravel(), tensors.ravel(), len(out))
 
-    def vector(self) -> np.ndarray:
-        """Vector (size,) of a linear form."""
-        out = np.zeros(self.spaces[0].size)
-        self.add_to(out)
-        return out
 
+class RowValues:
+    """Values of expressions at Gauss points, or tensors of a form, of elements in rows of steps.
 
-class PointValues:
-    """Values of expressions at the Gauss points of elements, each of cells with its tag.
-
-    Fields that change are `Parts.moving`; constants that do are those of `_CHANGING`.
+    Each is of some cells. Fields that change are `Parts.moving`; constants that do are those of
+    `_CHANGING`.
     """
 
     def __init__(
         self,
-        expressions: Sequence[BoundForm],
-        tags: np.ndarray,
+        expressions: Iterable[tuple[BoundForm, int, np.ndarray]],
         mesh: Any,
         moving: Sequence[Field | None],
     ):
         self._mesh, self._moving = mesh, moving
-        self._expressions = [(of, np.flatnonzero(tags == i)) for i, of in enumerate(expressions)]
+        #: With the addresses of their functions, and their cells.
+        self._expressions = [*expressions]
 
     def __call__(self, parts: Parts, parameters: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
         """Values (n, cells, ...) of a shape in n steps, whose parameters (n, k) are given."""
@@ -178,11 +166,11 @@ class PointValues:
         for first in range(0, len(values), most):
             rows = slice(first, first + most)
             given = Parts(*(of[rows] if len(of) else of for of in parts))
-            for of, cells in self._expressions:
+            for of, address, cells in self._expressions:
                 fields = self._coefficients(of, cells, given)
                 numbers = fields, self._constants(of, given, parameters[rows]), coordinates[cells]
-                out = tabulated(of.compiled.addresses[0], *numbers, math.prod(shape))
-                values[rows, cells] = out.reshape(*out.shape[:2], *shape)
+                out = tabulated(address, *numbers, math.prod(shape))
+                values[rows, cells] += out.reshape(*out.shape[:2], *shape)
         return values
 
     def _coefficients(self, of: BoundForm, cells: np.ndarray, parts: Parts) -> np.ndarray:
@@ -195,14 +183,14 @@ class PointValues:
     def _on_cells(self, field: Field, parts: Parts) -> np.ndarray:
         """Values (n, cells, width) of a field, with n = 1 if it does not change."""
         values = dict(zip(self._moving, parts.moving, strict=True)).get(field)
-        if values is None:
+        if values is None or not values.size:
             return field.on_cells[None]
-        return values if values.ndim == 3 else values[:, field.space.dofs]
+        return values.take(field.space.dofs, axis=1)
 
     def _constants(self, of: BoundForm, parts: Parts, parameters: np.ndarray) -> np.ndarray:
         """Constants (n, m) of an expression."""
-        columns = parts.t[:, None], parts.dt[:, None], parts.memory[:, None], parameters
-        changing = dict(zip(_CHANGING, columns, strict=True))
+        columns = (of[:, None] for of in (parts.t, parts.dt, parts.dt, parts.memory))
+        changing = dict(zip(_CHANGING, (*columns, parameters), strict=True))
         constants = [np.empty((len(parts.t), 0))]
         for name, array in of.constants.items():
             value = changing.get(name)

@@ -9,7 +9,7 @@ import numpy as np
 
 from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError
-from fx_beam.laws.interval import Interval, Part, Parts, StepStart
+from fx_beam.laws.interval import Interval, Parts, StepStart
 from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.beam import gauss_rule
 from fx_beam.scene.law import functions_of_energy, held
@@ -17,7 +17,7 @@ from fx_beam.scene.scene import Scene
 from fx_beam.scene.section import Section
 from fx_beam.scene.structure import OtherStructureError
 
-from .assembly import BoundForm, Field, PointValues, Space
+from .assembly import BoundForm, Field, RowValues, Space
 from .fields import (
     CONSTANTS,
     NATURAL,
@@ -63,7 +63,7 @@ class BeamForms:
         #: Data of beams, by name, that vary cell by cell for derivatives.
         self._by_cells: dict[str, FilledField] = {}
         #: Derivatives of energies and resultants on the mesh, by what they are of and by.
-        self._derivatives_of: dict[str, dict[str, BoundForm]] = {}
+        self._derivatives_of: dict[str, list[tuple[str, Space, RowValues]]] = {}
         #: How often data of beams were changed.
         self.changes = 0
         #: Forms on the mesh by name.
@@ -240,53 +240,48 @@ class BeamForms:
             slopes[name, int(number)] = self._bind(form, of_form, data)
         return slopes
 
-    def _derivatives(self, of: str, *tests: Space) -> dict[str, BoundForm]:
-        """Derivatives of a quantity of `DerivedForm` on the mesh, by name."""
+    def _derivatives(
+        self, of: str, parts: Parts, points: int = 0
+    ) -> Iterator[tuple[str, Space, np.ndarray]]:
+        """Derivatives of a quantity of `DerivedForm` in steps: name, space, and values.
+
+        These are (k, cells, numbers), with `points` (k, cells, points, 3, numbers).
+        """
         if of not in self._derivatives_of:
             source, data, spaces = self._derived
-            self._derivatives_of[of] = {
-                name: self._bind(form, [*tests, spaces[name]], data)
+            tests = [self._mesh.space(points, 3)] * bool(points)
+            self._derivatives_of[of] = [
+                (name, spaces[name], self._in_rows(self._bind(form, [*tests, spaces[name]], data)))
                 for name, form in source.module("derivatives", of).forms.items()
-            }
-        return self._derivatives_of[of]
+            ]
+        shape = (points, 3) * bool(points)
+        for name, space, values in self._derivatives_of[of]:
+            yield name, space, values(parts, self._parameters_in(parts), (*shape, space.width))
 
-    def stored_energy_by(
-        self, q: np.ndarray, internal: Given = None, natural: Given = None
-    ) -> dict[str, np.ndarray]:
-        """Derivatives of `strain_energy` by "q", "X", and "stiffness" (cells, points, 3).
+    def stored_energy_by(self, parts: Parts) -> dict[str, np.ndarray]:
+        """Derivatives of `strain_energy` at the starts of k steps by "q" (k, size), as `_summed`.
 
-        And by "internal" variables (cells, degree, width), "natural" strains (cells, degree, 3) and
-        "parameters" (n,) of the scene.
+        And by "internal" variables, "natural" strains, the data of sections, "X", and "parameters".
         """
-        self._start.array[:] = q
-        self._set_internal(internal)
-        self.set_natural(natural)
-        derivatives = self._assembled("strain energy")
+        derivatives = self._summed(self._derivatives("strain energy", parts))
         derivatives["q"] = derivatives.pop("start")
         return derivatives
 
-    def _assembled(self, of: str) -> dict[str, np.ndarray]:
-        """Derivatives of an energy by name."""
-        forms = self._derivatives(of).items()
-        return self._named({name: (form.spaces[0], form.vector()) for name, form in forms})
+    def _summed(self, of_cells: Iterable[tuple[str, Space, np.ndarray]]) -> dict[str, np.ndarray]:
+        """Derivatives (k, numbers) by name: by what is in `NODAL`, positions "X", all "parameters".
 
-    def _named(self, vectors: Mapping[str, tuple[Space, np.ndarray]]) -> dict[str, np.ndarray]:
-        """Derivatives by name: those in `NODAL` (size,), and by positions "X" (n, 2).
-
-        By all "parameters" (n,) of the scene, and by others, at Gauss points or on cells, (cells,
-        points, numbers).
+        By others at Gauss points or on cells.
         """
-        derivatives = {}
-        for name, (space, values) in vectors.items():
-            if name == "coordinates":
-                derivatives["X"] = values.reshape(-1, 2)
-                continue
-            if name not in NODAL:
-                values = values.reshape(-1, space.points, space.width // space.points)
+        derivatives: dict[str, np.ndarray] = {}
+        for name, space, values in of_cells:
+            at, size = space.dofs, space.size
             if name == "parameters":
-                of_cells, values = values, np.zeros(len(self._parameters))
-                values[self.parameters] = of_cells.sum(axis=(0, 1))
-            derivatives[name] = values
+                at, size = np.array(self.parameters), len(self._parameters)
+            places = at + size * np.arange(len(values))[:, None, None]
+            sums = np.bincount(
+                np.broadcast_to(places, values.shape).ravel(), values.ravel(), len(values) * size
+            )
+            derivatives["X" if name == "coordinates" else name] = sums.reshape(-1, size)
         return derivatives
 
     @property
@@ -294,47 +289,48 @@ class BeamForms:
         """Whether they may dissipate energy."""
         return not self.bound.keys().isdisjoint(LOSSES)
 
-    def losses_by(self, part: Part) -> list[dict[str, np.ndarray]]:
-        """Derivatives of what beams lose in a completed step: to material, scheme and drag.
+    def losses_by(self, parts: Parts) -> list[dict[str, np.ndarray]]:
+        """Derivatives of what beams lose in k completed steps: to material, scheme and drag.
 
-        By "increment", "start" and "q_previous" (size of beams,), "X", "internal" variables,
-        strains "natural" at the start and "natural_end", "parameters" (n,) of the scene,
-        "stiffness", "retardation", and coefficients of "drag ...".
+        As `_summed`: by "increment", "start" and "q_previous", "X", "internal" variables, strains
+        "natural" at the start and "natural_end", "parameters", "stiffness", "retardation", and
+        coefficients of "drag ...".
         """
-        self.begin_part(part)
-        return [self._assembled(name) for name in LOSSES if name in self.bound]
+        names = (name for name in LOSSES if name in self.bound)
+        return [self._summed(self._derivatives(name, parts)) for name in names]
 
-    def resultants_by(self, part: Part, weights: np.ndarray) -> dict[str, np.ndarray]:
-        """Derivatives of the sum of weights (cells, points, 3) times N, Q and M in a step, by name.
+    def resultants_by(
+        self, parts: Parts, weights: np.ndarray, component: int
+    ) -> dict[str, np.ndarray]:
+        """Derivatives of the sums of weights (k, cells, points) times N, Q or M in k steps.
 
-        By "increment", "start" and "q_previous" (size,), "internal" variables, the data of
+        As `_summed`: by "increment", "start" and "q_previous", "internal" variables, the data of
         sections, strains "natural" at the start and "natural_end", "parameters", and "X".
         """
-        vectors = {}
-        for name, space, slopes in self._slopes_of_resultants(part):
-            by = np.einsum("cpi,cpin->cn", weights, slopes)
-            vectors[name] = space, np.bincount(space.dofs.ravel(), by.ravel(), space.size)
-        return self._named(vectors)
+        return self._summed(
+            (name, space, np.einsum("kcp,kcpn->kcn", weights, slopes))
+            for name, space, slopes in self._slopes_of_resultants(parts, component)
+        )
 
-    def resultants_with(self, part: Part, changes: Mapping[str, np.ndarray]) -> np.ndarray:
-        """Changes (m, cells, points, 3) of N, Q and M with those (m, ...) by these names."""
+    def resultants_with(
+        self, parts: Parts, changes: Mapping[str, np.ndarray], component: int
+    ) -> np.ndarray:
+        """Changes (k, m, cells, points) of N, Q or M with those (k or 1, m, ...) by these names."""
         total: Any = 0.0
-        for name, space, slopes in self._slopes_of_resultants(part):
+        for name, space, slopes in self._slopes_of_resultants(parts, component):
             values = changes["X" if name == "coordinates" else name]
-            values = values.reshape(len(values), -1)
+            values = values.reshape(*values.shape[:2], -1)
             if name == "parameters":
-                values = np.tile(values[:, self.parameters], len(space.dofs))
-            total = total + np.einsum("cpin,mcn->mcpi", slopes, values[:, space.dofs])
+                values = np.tile(values[..., self.parameters], len(space.dofs))
+            total = total + np.einsum("kcpn,kmcn->kmcp", slopes, values[..., space.dofs])
         return total
 
-    def _slopes_of_resultants(self, part: Part) -> Iterator[tuple[str, Space, np.ndarray]]:
-        """Local Jacobians (cells, points, 3, numbers) by name, and the space of the numbers."""
-        self.begin_part(part)
-        of_points = self._mesh.space(self.degree, 3)
-        for name, form in self._derivatives("resultants", of_points).items():
-            space = form.spaces[1]
-            slopes = form.tensors().reshape(-1, self.degree, 3, space.width)
-            yield name, space, slopes / self.point_weights[:, None, None]
+    def _slopes_of_resultants(
+        self, parts: Parts, component: int
+    ) -> Iterator[tuple[str, Space, np.ndarray]]:
+        """Local Jacobians (k, cells, points, numbers) by name, and the space of the numbers."""
+        for name, space, slopes in self._derivatives("resultants", parts, self.degree):
+            yield name, space, slopes[..., component, :] / self.point_weights[:, None]
 
     @property
     def numbers(self) -> dict[str, np.ndarray]:
@@ -428,30 +424,33 @@ class BeamForms:
         values = self._point_values(self._forms.module("normal_stretch"))
         return values(instant, np.empty((1, 0)), (self.degree,))[0]
 
-    def _point_values(self, expressions: FormModule) -> PointValues:
+    def _point_values(self, expressions: FormModule) -> RowValues:
         """Values of expressions, one for all cells, or for each subdomain its own."""
         bound = [self._bind(of) for of in expressions.forms.values()]
         tags = self._tags if len(bound) > 1 else 0 * self._tags
-        return PointValues(bound, tags, self._mesh, self.moving)
+        cells = (np.flatnonzero(tags == i) for i in range(len(bound)))
+        addresses = (of.compiled.addresses[0] for of in bound)
+        return RowValues(zip(bound, addresses, cells, strict=True), self._mesh, self.moving)
 
-    def begin_part(self, part: Part) -> None:
-        """Begin a completed step."""
-        level = part.interval.start + self._scheme.rates.level * part.interval.length
-        self._parameters.begin(level, part.start.parameters)
-        self.begin(part.interval, part.start)
-        self.increment.array[:] = part.D
+    def _in_rows(self, form: BoundForm) -> RowValues:
+        """Tensors of a form."""
+        pairs = zip(form.compiled.addresses, form.cells.values(), strict=True)
+        return RowValues([(form, *pair) for pair in pairs], self._mesh, self.moving)
 
     @cached_property
-    def _resultants(self) -> PointValues:
+    def _resultants(self) -> RowValues:
         return self._point_values(self._forms.module("of_points"))
 
     def resultants(self, parts: Parts) -> np.ndarray:
         """N, Q and M (n, cells, degree, 3) at the Gauss points, for n steps or parts."""
-        parameters = parts.parameters
-        if not parameters.size:
-            parameters = self._parameters.at_times(parts.t)
-        shape = self.degree, 3
-        return self._resultants(parts, parameters[:, self.parameters], shape)
+        return self._resultants(parts, self._parameters_in(parts), (self.degree, 3))
+
+    def _parameters_in(self, parts: Parts) -> np.ndarray:
+        """Values (n, k) of the parameters of the forms."""
+        of_all = parts.parameters
+        if not of_all.size:
+            of_all = self._parameters.at_times(parts.t)
+        return of_all[:, self.parameters]
 
 
 def _expressions(section: Section) -> tuple:

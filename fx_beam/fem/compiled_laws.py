@@ -17,6 +17,7 @@ from fx_beam.scene.parameters import names_of, parameters_in, replaced, symbols_
 from fx_beam.symbolic import Written, derivatives_taken, is_zero, ufl
 
 from . import elements
+from .assembly import tabulated
 from .form_library import CompiledForm, form_module
 
 # Tensor, coefficients, constants, coordinates; the others have no meaning here. Later versions of
@@ -68,6 +69,11 @@ class PointFunction:
         out = np.zeros(self.size)
         self._function(out.ctypes.data, None, numbers.ctypes.data, None, None, None, None)
         return out
+
+    def in_rows(self, numbers: np.ndarray) -> np.ndarray:
+        """Values (k, size) of numbers (k, arguments)."""
+        none = np.empty((len(numbers), 1, 0))
+        return tabulated(self.address, none, numbers, none[0], self.size)[:, 0]
 
 
 def _written(values: Mapping[str, Values], arguments: int) -> Written:

@@ -232,21 +232,22 @@ class MemberContacts:
         """Arc lengths of the nodes along all members."""
         return np.concatenate([one.arc for one in self._pairs])
 
-    def add_energy_by(
-        self, q: np.ndarray, internal: np.ndarray, to: dict[str, np.ndarray]
-    ) -> np.ndarray:
-        """Add the derivatives of the stored energy by "q", "internal" and "members".
+    def energy_by(
+        self, q: np.ndarray, internal: np.ndarray, others: dict[str, np.ndarray]
+    ) -> dict[str, np.ndarray]:
+        """Derivatives (k, ...) of stored energies by "q", "internal", "members" and positions "X".
 
-        `internal` has all variables at points. Returns those by the positions of nodes, (nodes, 2).
+        With those of the `others` by the first two. `internal` has all variables at points.
         """
-        of_q = np.zeros(len(q))
-        by = [0 if of.law.energy is None else of.derivatives("energy").address for of in self.laws]
-        functions = self._ffi.new("Law *[]", [self._ffi.cast("Law *", at) for at in by])
-        arrays = [self._of(x) for x in (of_q, to["internal"], to["members"])]
-        energy = self._ffi.new("Energy *", [functions, 0.0, *arrays])
-        self._c.fx_stored_at_members(self._all, energy, self._of(q), self._of(internal))
-        to["q"] += of_q
-        return of_q.reshape(-1, 3)[:, :2]
+        of_q, of_internal = np.zeros(q.shape), others["internal"].copy()
+        sums = of_q, of_internal, np.zeros((len(q), len(self.numbers)))
+        at = [0 if of.law.energy is None else of.derivatives("energy").address for of in self.laws]
+        functions = self._ffi.new("Law *[]", [self._ffi.cast("Law *", address) for address in at])
+        for given, *by in zip(zip(q, internal, strict=True), *sums, strict=True):
+            energy = self._ffi.new("Energy *", [functions, 0.0, *map(self._of, by)])
+            self._c.fx_stored_at_members(self._all, energy, *map(self._of, given))
+        X = of_q.reshape(len(q), -1, 3)[..., :2]
+        return {"q": of_q + others["q"], "internal": of_internal, "members": sums[2], "X": X}
 
     def follow(self) -> None:
         """Hand over what derivatives need besides; compiled once."""

@@ -125,7 +125,9 @@ class PointForces:
         self.pairs = np.concatenate([np.empty((0, 2), dtype=int), *pairs])
         #: Positions of their values in the tangent, -1 for none; `locate_in` finds them.
         self.value_at = np.full(len(self.pairs), -1, dtype=np.int32)
-        #: What each force is given, the numbers of its law among this, and what it finds.
+        #: What all forces are given, each its part of it, the numbers of its law among this, and
+        #: what it finds.
+        self._all_given = _NONE
         self._given: list[np.ndarray] = []
         self._numbers: list[np.ndarray] = []
         self._results: list[np.ndarray] = []
@@ -192,13 +194,13 @@ class PointForces:
         self._of_numbers = functools.partial(ffi.from_buffer, ffi.typeof("int[]"))
         self._structs = structs = Structs(ffi, c_library.declarations(_HEADER))
         laws = self._laws
-        self._given = _parts([law.given for law in laws])
+        self._all_given, self._given = _parts([law.given for law in laws])
         ends = [arguments(law.law) for law in laws]
         self._numbers = [
             given[end - law.law.numbers : end]
             for given, end, law in zip(self._given, ends, laws, strict=True)
         ]
-        self._results = _parts([law.values for law in laws])
+        _, self._results = _parts([law.values for law in laws])
         first_entries = np.cumsum([0, *(len(law.entries) for law in laws)])
         rows = [self._row(i, int(first)) for i, first in enumerate(first_entries[:-1])]
         self._all = ffi.new("PointForces *")
@@ -382,58 +384,72 @@ class PointForces:
         return self._c.fx_stored_at_points(self._all, *vectors)
 
     def energy_by(
-        self, q: np.ndarray, slides: np.ndarray, internal: np.ndarray | None
+        self,
+        q: np.ndarray,
+        slides: np.ndarray,
+        internal: np.ndarray,
+        parameters: np.ndarray | None = None,
     ) -> dict[str, np.ndarray]:
-        """Derivatives of `energy` by "q", "slides", "internal", "numbers" and "parameters".
+        """Derivatives (k, ...) of `energy` in k configurations, with values of the parameters.
 
-        With contact of members also by "members", their numbers, and the positions "X" of nodes.
+        By "q", "slides", "internal", "numbers" and "parameters"; with contact of members also by
+        "members", their numbers, and the positions "X" of nodes.
         """
-        self.energy(q, slides, internal)  # which places all forces
-        sums = self._sums("energy", len(q), len(slides))
+        given = np.empty((len(q), len(self._all_given)))
+        for i, of_row in enumerate(zip(q, slides, internal, strict=True)):
+            if parameters is not None:
+                self.set_parameters(parameters[i])
+            self.energy(*of_row)  # which places all forces
+            given[i] = self._all_given
+        sums = self._sums("energy", given, q.shape[1], slides.shape[1])
         if self.members is not None:
-            sums["members"] = np.zeros(len(self.members.numbers))
-            sums["X"] = self.members.add_energy_by(q, self._variables(internal), sums)
+            sums |= self.members.energy_by(q, internal, sums)
         return sums
 
-    def losses_by(self, D: np.ndarray, slides: np.ndarray) -> dict[str, np.ndarray]:
-        """Derivatives of energy lost at mean rates, for increments of nodes (size,) and of slides.
+    def given_with(self, D: np.ndarray, slides: np.ndarray) -> np.ndarray:
+        """What all forces are given at mean rates, for increments of nodes (size,) and slides."""
+        self._D, self._z = D, np.zeros(int(self.columns.max(initial=-1)) + 1)
+        self._z[self.columns] = slides[self.slides]
+        if self.any:
+            self._c.fx_lost_at_points(self._all, self._of(D), self._of(self._z))
+        return self._all_given.copy()
+
+    def losses_by(self, given: np.ndarray, size: int, joints: int) -> dict[str, np.ndarray]:
+        """Derivatives (k, ...) of energy lost at mean rates, from k rows of `given_with`.
 
         By "q" and "slides" at the start, their "increment" and "slide increment", "internal"
         variables, "numbers" and "parameters". Losses of members that touch are left out.
         """
-        self._D, self._z = D, np.zeros(int(self.columns.max(initial=-1)) + 1)
-        self._z[self.columns] = slides[self.slides]
-        if self.any:  # all forces are given the motion
-            self._c.fx_lost_at_points(self._all, self._of(D), self._of(self._z))
-        return self._sums("loss", len(D), len(slides))
+        return self._sums("loss", given, size, joints)
 
-    def _sums(self, of: str, size: int, joints: int) -> dict[str, np.ndarray]:
-        """Derivatives of the sum of an energy of all forces by what they are given, by name."""
+    def _sums(self, of: str, given: np.ndarray, size: int, joints: int) -> dict[str, np.ndarray]:
+        """Derivatives (k, ...) of the sum of an energy of all forces by what they are given."""
         sizes = {"q": size, "increment": size, "slides": joints, "slide increment": joints}
         sizes |= {"internal": self.width, "numbers": len(self.numbers)}
-        sums = {name: np.zeros(size) for name, size in sizes.items()}
-        sums["parameters"], first = np.zeros(len(self._names)), 0
-        for force, law, given, start in zip(
-            self._forces, self._laws, self._given, self._first_internal, strict=True
-        ):
+        sizes["parameters"] = len(self._names)
+        sums = {name: np.zeros((len(given), size)) for name, size in sizes.items()}
+        first = begin = 0
+        for force, law, start in zip(self._forces, self._laws, self._first_internal, strict=True):
             size, last, numbers = law.law.size, arguments(law.law), law.law.numbers
+            end = begin + law.given
             if getattr(law.law, of) is not None:
-                by = law.derivatives(of)(given)
+                by = law.derivatives(of).in_rows(given[:, begin:end])
                 for part, on_slide, at_nodes in (
-                    (by[:size], "slides", "q"),
-                    (by[size : 2 * size], "slide increment", "increment"),
+                    (by[:, :size], "slides", "q"),
+                    (by[:, size : 2 * size], "slide increment", "increment"),
                 ):
                     if force.slide >= 0:
-                        sums[on_slide][force.slide] += part[0]
-                    else:
-                        dofs = np.array(force.dofs)
-                        np.add.at(sums[at_nodes], dofs[dofs >= 0], part[dofs >= 0])
+                        sums[on_slide][:, force.slide] += part[:, 0]
+                    for k, dof in enumerate(force.dofs):
+                        if dof >= 0:
+                            sums[at_nodes][:, dof] += part[:, k]
                 at = 3 * size + 2
-                sums["internal"][start : start + law.law.internal] += by[at : at + law.law.internal]
-                sums["numbers"][first : first + numbers] += by[last - numbers : last]
+                inside = slice(start, start + law.law.internal)
+                sums["internal"][:, inside] += by[:, at : at + law.law.internal]
+                sums["numbers"][:, first : first + numbers] += by[:, last - numbers : last]
                 for i, name in enumerate(law.parameters):
-                    sums["parameters"][self._names.index(name)] += by[last + i]
-            first += numbers
+                    sums["parameters"][:, self._names.index(name)] += by[:, last + i]
+            first, begin = first + numbers, end
         return sums
 
     @property
@@ -477,6 +493,7 @@ class PointForces:
         return values
 
 
-def _parts(sizes: list[int]) -> list[np.ndarray]:
-    """Parts of one array of zeros."""
-    return np.split(np.zeros(sum(sizes)), np.cumsum(sizes)[:-1]) if sizes else []
+def _parts(sizes: list[int]) -> tuple[np.ndarray, list[np.ndarray]]:
+    """An array of zeros, and its parts."""
+    values = np.zeros(sum(sizes))
+    return values, np.split(values, np.cumsum(sizes)[:-1]) if sizes else []

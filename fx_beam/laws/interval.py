@@ -76,16 +76,6 @@ class StepStart(NamedTuple):
     natural: tuple[np.ndarray, np.ndarray] | None = None
 
 
-class Part(NamedTuple):
-    """A completed step, or a part of a halved one."""
-
-    interval: Interval
-    #: Increment (size,).
-    D: np.ndarray
-    #: Its start; rates only if resultants depend on them.
-    start: StepStart
-
-
 class Parts(NamedTuple):
     """Completed steps, or parts of halved ones, one a row; what nothing depends on is left out."""
 
@@ -98,7 +88,7 @@ class Parts(NamedTuple):
     v: np.ndarray = _NONE
     a: np.ndarray = _NONE
     q_previous: np.ndarray = _NONE
-    #: Internal variables and natural strains at the start, and these at the end (n, cells, m).
+    #: Internal variables and natural strains at the start, and these at the end (n, variables).
     internal: np.ndarray = _NONE
     natural: np.ndarray = _NONE
     natural_end: np.ndarray = _NONE

@@ -49,20 +49,20 @@ class UpdateRule(Protocol):
 
         Parameters
         ----------
-        D : (size,) float
-            Increment of displacements [m] and rotations [rad].
+        D : (..., size) float
+            Increments of displacements [m] and rotations [rad].
         turns : int array
             Degrees of freedom that are rotations.
 
         Returns
         -------
-        tuple of (size,) float arrays
-            The increment, entry by entry a function of `D`, and its derivative (eqs 32 and 33).
+        tuple of (..., size) float arrays
+            The increments, entry by entry a function of `D`, and its derivative (eqs 32 and 33).
         """
-        work, slope = D.copy(), np.ones(len(D))
+        work, slope = D.copy(), np.ones(D.shape)
         if self.turning:
-            tangent = np.tan(D[turns] / 2)
-            work[turns], slope[turns] = 2 * tangent, 1 + tangent**2
+            tangent = np.tan(D[..., turns] / 2)
+            work[..., turns], slope[..., turns] = 2 * tangent, 1 + tangent**2
         return work, slope
 
     def fields(self, Du, Dpsi, v0, a0, dt) -> tuple[Any, Any]:

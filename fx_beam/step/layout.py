@@ -56,7 +56,8 @@ class Layout:
         for joint, column in model.couplings.slides.items():
             self.slides[joint] = starts["Y"] + column
         #: Rows of states, of forces, of configurations at ends, and of forces on unknowns.
-        of_state = {name: self.at[name] for name in ("q", "v", "internal", "spring internal")}
+        arrays = "q", "v", "internal", "spring internal", "natural"
+        of_state = {name: self.at[name] for name in arrays}
         constrained = self.at["R"][p.free : p.columns]
         self.states = Rows(of_state | {"slides": self.slides})
         self.ends = Rows({"q": self.at["q1"]})

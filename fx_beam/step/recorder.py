@@ -399,9 +399,6 @@ class Recorder:
         more = {name: begins(name) for name in names}
         if "natural" in more:
             more["natural_end"] = ends(more["natural"], arrays["natural"][rows])
-        cells = beams.internal_shape[0]
-        for name in more.keys() - {"v", "a"}:
-            more[name] = more[name].reshape(len(row), cells, -1)
         memory, q_previous = np.zeros(len(row)), q
         if beams.facts.needs_previous:  # all are stored, but for the start
             q_previous = q.copy()

@@ -279,7 +279,8 @@ class Tape:
         p = self.problem.c
         n, back, internal = p.dofs, p.dofs * p.keeps_previous, p.cells * p.cell_internal
         widths = {"q": n, "v": n, "q previous": back, "slides": p.scene_joints}
-        return widths | {"internal": internal, "spring internal": p.spring_width}
+        widths |= {"internal": internal, "spring internal": p.spring_width}
+        return widths | {"natural": p.cells * p.cell_natural}
 
     def states(self, boundaries: np.ndarray) -> dict[str, np.ndarray]:
         """States (n, ...) at some boundaries of the present part, by the names of `widths`.
