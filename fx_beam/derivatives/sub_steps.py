@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 
 from fx_beam.content_cache import cached_property
-from fx_beam.laws.interval import Parts
+from fx_beam.laws.interval import INSTANT, Parts
 from fx_beam.step.full_turns import without_turns
 from fx_beam.step.model import Model
 from fx_beam.step.tape import Tape
@@ -16,8 +16,6 @@ from .gradient import Block, of_rows
 
 #: States (n, ...) before some sub-steps, by the names of the derivatives by them.
 StatesAt = Callable[[np.ndarray], dict[str, np.ndarray]]
-# Length of the short step for the resultants at the start, relative to the first step.
-_SHORT = 1e-9
 # Degrees of freedom of the sub-steps that are evaluated at once.
 _MOST = 2**16
 #: Numbers and internal variables of forces at points by their names in laws.
@@ -41,7 +39,7 @@ class SubSteps:
             self._at_start = of_scene.at(float(times.starts[0]))[None]
         # Length of the short step for the resultants at the start [s], and 1 if these depend on
         # rates, else 0.
-        self._short, beams = _SHORT * tape.first_length, model.forms.beams
+        self._short, beams = INSTANT * tape.first_length, model.forms.beams
         self._moves = float(beams is not None and beams.facts.resultants_move)
 
     @cached_property
@@ -81,6 +79,7 @@ class SubSteps:
         if of_start:
             dt = np.full(len(steps), self._short)
             D = self._moves * self._short * states["v"][before]
+            q = q - self._level * D
         else:
             D = without_turns(model, states["q"][after] - q)
         given = {name: states[name][before] for name in ("internal", "natural")}
@@ -91,7 +90,8 @@ class SubSteps:
         if beams is not None and beams.facts.needs_previous:
             given["q_previous"] = q - without_turns(model, q - states["q"][earlier])
             given["memory"] = 0 * dt if of_start else tape.memories[steps]
-        return Parts(tape.times.starts[first] + self._level * dt, dt, D, q, **given)
+        t = tape.times.starts[first] + self._level * dt * (steps >= 0)
+        return Parts(t, dt, D, q, **given)
 
     # -- Derivatives of rows, from those by what belongs to states or sub-steps --------------------
 
@@ -113,7 +113,9 @@ class SubSteps:
         if steps[0] >= 0:
             yield from (("increment", "q", after, 1.0), ("increment", "q", before, -1.0))
         else:
-            yield "increment", "v", before, self._moves * self._short
+            moved = self._moves * self._short
+            yield "increment", "v", before, moved
+            yield "start", "v", before, -self._level * moved
         yield from (("start", "q", before, 1.0), ("q_previous", "q", earlier, 1.0))
         yield "natural_end", "natural", after if steps[0] >= 0 else before, 1.0
         yield from (

@@ -363,7 +363,7 @@ class BeamForms:
 
     def begin(self, interval: Interval, start: StepStart) -> None:
         """Begin a step."""
-        self._values["time"][...] = interval.start + self._scheme.rates.level * interval.length
+        self._values["time"][...] = interval.at(self._scheme.rates.level)
         self._values["dt"][...] = interval.length
         self._start.array[:] = start.q
         if self.facts.needs_rates and len(start.v):

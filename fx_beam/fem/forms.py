@@ -133,8 +133,7 @@ class Forms:
 
     def begin(self, interval: Interval, start: StepStart) -> None:
         """Begin a step."""
-        level = interval.start + self._rates.level * interval.length
-        self.parameters.begin(level, start.parameters)
+        self.parameters.begin(interval.at(self._rates.level), start.parameters)
         for part in self._parts:
             part.begin(interval, start)
 

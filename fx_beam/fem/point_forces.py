@@ -315,7 +315,7 @@ class PointForces:
         """Begin a step. In statics its length is the increment of the load."""
         if not self.any:
             return
-        t = interval.start + self._rule.level * interval.length
+        t = interval.at(self._rule.level)
         dt = self._load_increment if self._rule.at_rest else interval.length
         missing = np.zeros(int(self.slides.max(initial=-1)) + 1)
         slides, rates = (x if len(x) else missing for x in (start.slides, start.slide_rates))

@@ -26,10 +26,19 @@ class Interval(NamedTuple):
         """End minus start."""
         return self.end - self.start if self.own_length is None else self.own_length
 
+    def at(self, level: float) -> float:
+        """Time at a level of the step: 0 is its start, 1 its end."""
+        return self.start + level * (self.end - self.start)
+
+
+#: Length of a step that tells forces at rates, relative to a step of the motion; or the motion in
+#: it, relative to the size of the scene. In a shorter one strains of round-off have large rates.
+INSTANT = 1e-5
+
 
 def instant(t: float, length: float) -> Interval:
-    """An interval from t on that is short compared with t [s]."""
-    return Interval(t, t + length, length)
+    """An interval of a length on which rates depend, and all of whose forces are those at t [s]."""
+    return Interval(t, t, length)
 
 
 def divided(

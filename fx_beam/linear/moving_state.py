@@ -266,7 +266,7 @@ def _forces(model: Model, state: State, strained: np.ndarray | None = None):
         if strained is not None and state.natural is not None:
             first = state.natural - dt / 2 * strained
             given = given._replace(natural=(first, first + dt * strained))
-        forms.begin(instant(state.t - dt / 2, dt), given)
+        forms.begin(instant(state.t, dt), given)
         f = forms.internal_force(D).copy()
         z = np.zeros(count)
         z[points.columns] = slid[points.slides]

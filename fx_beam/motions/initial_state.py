@@ -12,7 +12,7 @@ import scipy.sparse.linalg
 
 from fx_beam.dual import Dual, plain, with_slopes
 from fx_beam.errors import SceneError, all_of, any_of, shown
-from fx_beam.laws.interval import Interval, instant
+from fx_beam.laws.interval import INSTANT, Interval, instant
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import Past, State
 from fx_beam.scene.beam import COMPONENTS
@@ -169,29 +169,43 @@ class Starts:
         from fx_beam.step.accelerations import accelerations
 
         model, reduction, dt = self.model, self.model.reduction, self._dt
-        h = 1e-9 * dt
-        # Forces may depend on velocity: they see it as the increment over a very short step.
-        D = h * state.v if model.forms.depend_on_rates else np.zeros(model.size)
-        start = model.start_of(state, h)._replace(a=np.zeros(model.size))
-        if (natural := state.natural) is not None:
-            rate = (self._forcing.natural(state.t + dt) - natural) / dt
-            start = start._replace(natural=(natural, natural + h * rate))
-        model.forms.begin(instant(state.t, h), start)
+        level, moves = model.scheme.rates.level, model.forms.depend_on_rates and any_of(state.v)
+        mass, size = model.mass, abs(state.v / model.unit).max()
+
+        def internal_force(h: float) -> np.ndarray:
+            """Forces that may depend on velocity: they see it as the increment over a short step.
+
+            At its level the motion is in this state.
+            """
+            D, slid = moves * h * state.v, moves * h * model.slide_rates(state)
+            before = replace(state, q=state.q - level * D, slides=state.slides - level * slid)
+            start = model.start_of(before, h)._replace(a=np.zeros(model.size))
+            if (natural := state.natural) is not None:
+                change = h / dt * (self._forcing.natural(state.t + dt) - natural)
+                first = natural - level * change
+                start = start._replace(natural=(first, first + change))
+            model.forms.begin(instant(state.t, h), start)
+            model.points.evaluate_slides(h * w)
+            return model.forms.internal_force(D).copy()
+
         free, moved = reduction.free, slice(reduction.free, reduction.free + reduction.driven)
         a = np.zeros(reduction.columns)
         a[moved] = driven
         curved = np.zeros(model.size)
         if model.scene.joints and any_of(w):
-            k = 1e-4 / abs(state.v / model.unit).max()
+            k = 1e-4 / size
             curved = _second_difference(model, w, k)
             if model.couplings.sliding:
                 # The third derivative of a beam's curve jumps at its nodes: an error of order k.
                 curved = 2 * curved - _second_difference(model, w, 2 * k)
             reduction.expand(np.zeros(free), np.zeros(reduction.driven))
-        mass = model.mass
-        force = loads[0] - model.forms.internal_force(D)
-        force -= mass @ (reduction.spread(a) + curved)
-        model.points.evaluate_slides(h * w)
+        if moves and not model.flows:
+            # What a scheme damps over the length of a step has the opposite sign in a step back.
+            h = min(dt, INSTANT / size)
+            f = (internal_force(h) + internal_force(-h)) / 2
+        else:
+            f = internal_force(INSTANT * dt)
+        force = loads[0] - f - mass @ (reduction.spread(a) + curved)
         b = -reduction.project(-force)[:free]
         a[:free], rest = accelerations(model, b)
         # A load that grows from zero has a little of its first step already.

@@ -79,8 +79,8 @@ class Equations:
         if model.scheme.rates.at_rest:
             # The interval is one of load factors; only internal variables depend on its length.
             interval = Interval(self._time, self._time)
-        level = interval.start + model.scheme.rates.level * interval.length
-        model.forms.parameters.begin(level, start.parameters)
+        level = model.scheme.rates.level
+        model.forms.parameters.begin(interval.at(level), start.parameters)
         p.t, self._length, self._start = interval.end - length, length, start
         follow = model.points.followers
         self._followers = plain(follow.at(interval)) if len(follow) else np.empty(0)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.errors import SceneError, check_fields, flag, numbers, require, whole
-from fx_beam.laws.interval import Parts
+from fx_beam.laws.interval import INSTANT, Parts
 from fx_beam.results.state import ROWS, State
 from fx_beam.scene.inputs import Ramp
 
@@ -21,8 +21,6 @@ from .recorded_histories import RecordedHistories, fitted, sums_of
 
 # What may be recorded.
 _KINDS = "motion", "rates", "forces"
-# Length of the short step for the forces of row 0, relative to the first step.
-_SHORT = 1e-9
 
 
 def grown(array: np.ndarray, rows: int, used: int) -> np.ndarray:
@@ -385,18 +383,22 @@ class Recorder:
             rest[of_step] = np.cumsum(rest[of_step][::-1])[::-1]
         t1, t0 = self._times[self._steps[row]], self._times[np.maximum(self._steps[row] - 1, 0)]
         begin = t1 - (t1 - t0) * rest
-        dt = ends(begin, t1[last]) - begin
+        dt, level = ends(begin, t1[last]) - begin, self.model.scheme.rates.level
+        t = begin + level * dt
         q = begins("q") + self._missing(np.where(stored, row, before))
         D = ends(q, arrays["q"][rows] + self._missing(rows)) - q
         if not first:
-            dt[0] = _SHORT * np.diff(self._times[:2]).sum() or 1.0
+            dt[0] = INSTANT * np.diff(self._times[:2]).sum() or 1.0
             if beams.facts.resultants_move:
                 D[0] = dt[0] * self._first.v
-        parts = Parts(begin + self.model.scheme.rates.level * dt, dt, D, q)
+                q[0] -= level * D[0]
+        parts = Parts(t, dt, D, q)
         names = [*("v", "a")[: 2 * beams.facts.resultants_need_rates]]
         names += ["internal"] * (beams.internal_shape[-1] > 0)
         names += ["natural"] * bool(self.model.natural)
         more = {name: begins(name) for name in names}
+        if not first and "a" in more:  # there is no motion in row 0
+            more["a"][0] = 0.0
         if "natural" in more:
             more["natural_end"] = ends(more["natural"], arrays["natural"][rows])
         memory, q_previous = np.zeros(len(row)), q

@@ -157,3 +157,22 @@ def test_bad_times_are_refused():
             fb.Section(**data, retardation=tau)
     with pytest.raises(fb.SceneError, match="one time for all strains"):
         fb.Section(strain_energy=stiffening, retardation=(0.1, 0.1, 0.1))
+
+
+@pytest.mark.parametrize("scheme", [*SCHEMES[:3], fb.EnergyDecaying(0.1), *SCHEMES[4:]])
+def test_forces_and_accelerations_at_the_start_are_those_of_the_rates(scheme):
+    """A stiff bar that is stretched: its viscous force is that of a load on its end."""
+    EA, tau, rate = 2e8, 1e-3, 0.5
+    motions = []
+    for damping, load in ((tau, 0.0), (0.0, -EA * tau * rate)):
+        scene = fb.Scene()
+        section = fb.Section(EA=EA, GA=1e8, EI=2e4, rhoA=1.0, rhoI=1e-4, retardation=damping)
+        bar = scene.add_beam([(0, 0), (0.8, 0.6)], section, elements=4)
+        scene.clamp(bar.start)
+        scene.set_velocity(bar, lambda x, y: (rate * x, rate * y))
+        scene.add_force(bar.end, (0.8 * load, 0.6 * load))
+        motions.append((fb.simulate(scene, scheme, dt=1e-4, t_end=1e-4, progress=False), bar))
+    (motion, bar), (expected, _) = motions
+    assert motion.resultants(bar).N[0] == pytest.approx(EA * tau * rate, rel=1e-6)
+    a = expected.a[0]
+    assert motion.a[0] == pytest.approx(a, rel=0, abs=1e-6 * abs(a).max())
