@@ -226,6 +226,7 @@ def positive(value, what: str, wanted: str = "a positive number") -> float:
     """A positive number with which one can compute; SceneError for others."""
     number, least = as_float(value), 1 / LARGEST
     wanted += f", at least {least:g}" if 0 < number < least else ""
+    wanted += f", at most {LARGEST:g}" if number > LARGEST else ""
     require(least <= number <= LARGEST, what, value, wanted)
     return number
 

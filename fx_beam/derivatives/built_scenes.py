@@ -41,9 +41,12 @@ _FROM_PLACES = {"offset", "rest", "slides"}
 _ROUNDING = 8 * np.finfo(float).eps
 # Largest difference of the numbers of two scenes at the same x, relative to them.
 _SAME = 1e-9
-# Step of the difference by which slopes are checked, relative to x; errors of it, relative to the
-# sizes of all terms; and round-off of numbers, relative to their size.
-_CHECK_STEP, _AGREE, _FEW_DIGITS = 2.0**-20, 1e-4, 64 * np.finfo(float).eps
+# Steps of the differences by which slopes are checked, relative to x, and those of forces and
+# accelerations at the start, which are no functions of time, but have more round-off; errors,
+# relative to the sizes of all terms; and round-off of numbers, relative to their size.
+_CHECK_STEP, _CHECK_STEP_AT_START, _AGREE = 2.0**-20, 2.0**-14, 1e-4
+_FEW_DIGITS = 64 * np.finfo(float).eps
+_AT_START = {"a", "forces of columns", "forces of joints"}
 
 
 def refuse_others(changes: Mapping[str, np.ndarray], known: Set[str], what: str) -> None:
@@ -112,7 +115,11 @@ class BuiltScenes:
                 )
         if (shapes := {name: values.shape for name, values in here.items()}) not in self._checked:
             self._checked.append(shapes)
-            self._check(x, here, by_name, numbers_of)
+            at_start = {name: by_name[name] for name in by_name.keys() & _AT_START}
+            others = {name: by_name[name] for name in by_name.keys() - _AT_START}
+            self._check(_CHECK_STEP, x, here, others, numbers_of)
+            if at_start:
+                self._check(_CHECK_STEP_AT_START, x, here, at_start, numbers_of)
         for i in sorted(self.reasons):
             names = by_name.keys() & self._names.get(i, by_name.keys())
             differences = self._derivative(x, i, here, numbers_of) if names else {}
@@ -156,6 +163,7 @@ class BuiltScenes:
 
     def _check(
         self,
+        step: float,
         x: np.ndarray,
         here: dict[str, np.ndarray],
         by_name: dict[str, np.ndarray],
@@ -165,7 +173,7 @@ class BuiltScenes:
 
         One difference along a change of all parameters shows whether there are any.
         """
-        steps = _CHECK_STEP * np.where(abs(x) > _ZERO, x, 1.0)
+        steps = step * np.where(abs(x) > _ZERO, x, 1.0)
         others = sorted({*range(len(x))} - self.reasons.keys())
         change, size = np.zeros(len(x)), np.random.default_rng(0).uniform(0.5, 1, len(x))
         change[others] = (size * steps)[others] * (-1.0) ** np.arange(len(others))

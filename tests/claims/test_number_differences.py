@@ -385,3 +385,21 @@ def test_loads_of_place_and_time_have_slopes_and_serve_the_motion_as_well(load, 
     expected = np.array(ends) @ [1, -8, 8, -1] / (12 * h)
     for gradient in (first, run.vjp(weights)):
         assert gradient == pytest.approx(expected, rel=1e-6, abs=1e-9)
+
+
+def test_accelerations_at_the_start_of_a_motion_have_slopes_beside_much_larger_ones():
+    """A body that drag slows down, beside a light one that is pushed."""
+
+    def build(x):
+        scene = fb.Scene()
+        light = scene.add_body((0, 0), mass=1e-3, inertia=1e-3)
+        scene.add_force(light.centre, (20.0, 0.0))
+        body = scene.add_body((1, 0), mass=1.0, inertia=1.0)
+        scene.set_velocity(body, (1.0, 0.0))
+        scene.add_drag(body.centre, linear=x[0])
+        return scene, {"a": fb.Output("acceleration", body.centre)}
+
+    run = fb.Response(build, dt=1e-3, t_end=2e-3)
+    _, y = run([1.0])
+    assert y["a"][0] == pytest.approx([-1.0, 0.0], abs=1e-9)
+    assert run.jacobian()["a"][0, :, 0] == pytest.approx([-1.0, 0.0], abs=1e-6)
