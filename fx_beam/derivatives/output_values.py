@@ -63,7 +63,7 @@ def values_of(solution: Solution, output: Wanted, name: str) -> np.ndarray:
 
 
 def row_values(model: Model, recorder: Recorder, output: Wanted) -> np.ndarray | None:
-    """Values (n, ...) of an output of a node, if rows have it as it is; other rows leave them."""
+    """Values (n, ...) of an output of a node that rows have as it is, else None; a copy of them."""
     if not isinstance(output, Output) or not isinstance(output.of, Node):
         return None
     of = measured(model, output)

@@ -193,7 +193,7 @@ class PeriodicResponse(Response):
 
     @one_call
     def vjp(self, weights: Mapping[str, np.ndarray]) -> np.ndarray:
-        """As of `Response`, by its Jacobian: the monodromy matrix takes most of the time."""
+        """As `Response.vjp`, by the Jacobian: the monodromy matrix takes most of the time."""
         given = self._checked_weights(weights)
         jacobian = self.jacobian(*given)
         parts = [np.tensordot(of, jacobian[name], of.ndim) for name, of in given.items()]
@@ -201,7 +201,7 @@ class PeriodicResponse(Response):
 
     @one_call
     def jacobian(self, *names: str) -> dict[str, np.ndarray]:
-        """As of `Response`; of a period (m,)."""
+        """As `Response.jacobian`; that of an output "period" has the shape (m,)."""
         jacobian = super().jacobian(*names)
         others = [name for name in jacobian if not _is_period(self._outputs[name])]
         for name, rows in self._by_period(others).items():

@@ -65,7 +65,8 @@ class StaticResponse(Response):
         As of `Response`; if the path has no critical point, whose load is an output. In derivatives
         also if springs are under tension and change internal variables before the loads act; and of
         the critical load, for several modes at once, where the stiffness jumps, by parameters that
-        are imperfections, and as of `ModalResponse`.
+        are imperfections, with added virtual works, where material has flowed, and as of
+        `ModalResponse`.
 
     Examples
     --------

@@ -103,7 +103,7 @@ class _Steps(NamedTuple):
 
 
 class TangentDerivatives:
-    """The equilibria of linearised scenes, whose forces are followed backwards beside them.
+    """The equilibria of linearised scenes, beside which forces are followed backwards or forwards.
 
     The derivative of d.K d is that of the work d.r of the residual, along d: r is evaluated at
     states beside the equilibrium by the same laws, blocks and Jacobians of elements as of motions.

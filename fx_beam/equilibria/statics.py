@@ -259,9 +259,10 @@ def static(
 
     The load factor multiplies all loads, including the weight, prescribed motions and motors.
     Functions of time are evaluated at the time `t`. Inertia, damping and initial velocities have no
-    effect. The work of the loads uses the mean of the forces at both ends of each step; the energy
-    balance thus has an error of second order in the steps. The potential energy is that of the full
-    weight; the part of the weight that does not act yet is counted as an upward load.
+    effect; `Coulomb` friction acts. The work of the loads uses the mean of the forces at both ends
+    of each step; the energy balance thus has an error of second order in the steps. The potential
+    energy is that of the full weight; the part of the weight that does not act yet is counted as an
+    upward load.
 
     Parameters
     ----------

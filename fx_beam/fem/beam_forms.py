@@ -399,7 +399,7 @@ class BeamForms:
             self.bound[name].add_to(values, at)
 
     def add_external(self, out: np.ndarray) -> None:
-        """Add the forces of virtual works of a user, with the motion, to `out` (size,)."""
+        """Add the forces of virtual works of a user to `out` (size,)."""
         if self.has_external:
             self.bound["added virtual work"].add_to(out)
 

@@ -142,7 +142,7 @@ class Starts:
         return accelerations
 
     def resumed(self, start: State, same_scheme: bool) -> State:
-        """State to continue from: it has its velocities, accelerations for the same scheme."""
+        """The state itself for the same scheme, else with its velocities and new accelerations."""
         rates, accelerations = self._begin(start)
         if same_scheme:
             return start
@@ -165,7 +165,10 @@ class Starts:
     def _acceleration(
         self, state: State, w: np.ndarray, driven: np.ndarray, loads: tuple[np.ndarray, np.ndarray]
     ) -> tuple[np.ndarray, bool]:
-        """Accelerations from T^T M a = T^T (F - f), zero without mass; whether forces are left."""
+        """Accelerations from T^T M a = T^T (F - f), with those of driven motion and of couplings.
+
+        Those of unknowns without mass are zero. And whether forces are left.
+        """
         from fx_beam.step.accelerations import accelerations
 
         model, reduction, dt = self.model, self.model.reduction, self._dt
@@ -290,7 +293,7 @@ def initial_rates(model: Model, state: State, driven: np.ndarray) -> tuple[np.nd
         return w, compatible
     unit = [1.0, 1.0, 1 / model.mesh.size]
     gap = abs(compatible - v).reshape(-1, 3) / unit
-    # Prescribed motion overrides an initial velocity at its own degree of freedom.
+    # At its own degree of freedom prescribed motion gives the rate; another one is an error.
     for key in scene.prescribed:
         gap[key] = 0.0
         given, moved = (rates.reshape(-1, 3)[key] for rates in (v, compatible))

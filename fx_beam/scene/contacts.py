@@ -255,14 +255,14 @@ class Circle(Shape):
 
 @dataclass(frozen=True, eq=False)
 class Contact:
-    """A line or circle that a node or points of a beam may touch but not enter.
+    """Contact of a node, or of points of a beam, with a line, a circle or a beam.
 
-    Created by `Scene.add_contact` and `Scene.add_contact`.
+    Created by `Scene.add_contact`.
 
     Parameters
     ----------
     target : Node or Beam
-        What it stops.
+        What touches.
     shape : Line, Circle or Beam
         The line or circle, fixed or carried by a node; or the member that it touches.
     stiffness : float

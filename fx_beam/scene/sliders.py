@@ -209,9 +209,9 @@ def Slider(
 
     The node lies on the axis of the beam, which is made smooth where elements meet. It is a node of
     another beam or of a body. Node and beam have opposite forces, so that momenta are conserved,
-    and these forces do no work. `Solution.slide` is the arc length from the start of the beam [m].
-    If the node reaches an end of the beam, the run ends with a `StepError` of the kind "off the
-    end".
+    and these forces do no work. `JointMotion.slide` is the arc length from the start of the beam
+    [m]. If the node reaches an end of the beam, the run ends with a `StepError` of the kind "off
+    the end".
 
     Parameters
     ----------
@@ -226,7 +226,7 @@ def Slider(
         Needed where the beam crosses itself, and on the ground.
     spring, damper : Spring, Damper, optional
         On the arc length. The `rest` of the spring is an arc length.
-    motor : callable, optional
+    motor : callable or Input, optional
         ``motor(t)``, the change of the arc length since the start [m]; zero at t = 0.
     friction : SmoothFriction or Coulomb, optional
         On the arc length. That of Coulomb follows the force across the beam.
@@ -294,7 +294,7 @@ def Sleeve(
         Its place at the start, as a fraction of the beam's length; by default the nearest point.
     spring, damper : Spring, Damper, optional
         On the arc length.
-    motor : callable, optional
+    motor : callable or Input, optional
         ``motor(t)``, the change of the arc length since the start [m]; zero at t = 0.
     friction : SmoothFriction or Coulomb, optional
         On the arc length. That of Coulomb follows the force across the beam.

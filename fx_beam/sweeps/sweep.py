@@ -51,9 +51,10 @@ def sweep(
         Cases: parameters by name, or the rows of a table.
     executor : concurrent.futures.Executor or int, optional
         What runs the cases: any executor, or the number of processes; by default one process with
-        one thread for each core. If one of these is killed, its case fails and the others
-        continue; with your own executor this depends on the executor. Under ``mpirun -n N python -m
-        mpi4py.futures`` give an ``mpi4py.futures.MPIPoolExecutor``.
+        one thread for each core. If one of these is killed, its case is repeated after all others,
+        alone, and fails if its process dies again; with your own executor this depends on the
+        executor. Under ``mpirun -n N python -m mpi4py.futures`` give an
+        ``mpi4py.futures.MPIPoolExecutor``.
     results : path, optional
         File to which each row is appended as it finishes, a line of JSON with "case", "result",
         "seconds" and "error". Cases in the file, also failed ones, are not run again: so you can

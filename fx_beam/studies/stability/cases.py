@@ -237,7 +237,7 @@ def drift_of(error: np.ndarray) -> Drift:
     Raises
     ------
     SceneError
-        For fewer than `FEWEST` errors, or values that are not finite.
+        For fewer than 100 errors, or values that are not finite.
     """
     n = len(error)
     if n < FEWEST or not np.isfinite(error).all():
@@ -332,7 +332,7 @@ class Cell:
         """The most different verdict of the repeated runs, if one differs.
 
         One of another kind, else that with the most different number, if it differs by more than
-        `SAME`. Where the energy is kept, the numbers are round-off and are not compared.
+        a tenth. Where the energy is kept, the numbers are round-off and are not compared.
         """
         kind, amount = self.verdict.kind, self.verdict.amount
         turned = [other for other in self.others if other.kind != kind]
@@ -344,7 +344,7 @@ class Cell:
 
     @property
     def halved_often(self) -> bool:
-        """Whether the run ended with at least `OFTEN` steps per step of the time grid."""
+        """Whether the run ended with at least two steps per step of the time grid."""
         return self.verdict.kind not in ("blew up", "failed") and self.verdict.parts >= OFTEN
 
 
