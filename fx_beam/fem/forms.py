@@ -164,10 +164,7 @@ class Forms:
         return force
 
     def strain_energy(
-        self,
-        q: np.ndarray,
-        internal: np.ndarray | None = None,
-        natural: np.ndarray | None = None,
+        self, q: np.ndarray, internal: np.ndarray | None = None, natural: np.ndarray | None = None
     ) -> float:
         """Stored energy [J] of q (size,), internal variables and natural strains of beams."""
         return 0.0 if self.beams is None else self.beams.strain_energy(q, internal, natural)

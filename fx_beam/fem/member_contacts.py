@@ -11,12 +11,7 @@ import scipy.sparse
 from fx_beam.c_library import Structs
 from fx_beam.errors import SceneError
 from fx_beam.laws import scalar_laws as laws
-from fx_beam.laws.member_gap import (
-    FOLLOWED,
-    FOLLOWED_WITH_FRICTION,
-    MEMBER,
-    MEMBER_WITH_FRICTION,
-)
+from fx_beam.laws.member_gap import FOLLOWED, FOLLOWED_WITH_FRICTION, MEMBER, MEMBER_WITH_FRICTION
 from fx_beam.laws.point_laws import PointLaw, StepRule
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.contacts import Contact, arc_of, points_of

@@ -26,6 +26,9 @@ from fx_beam.step.substeps import Halving
 from .initial_state import Starts, check_joints, end_of
 from .options import Options
 
+# Energy that is round-off, relative to the sizes of its parts.
+_ROUND_OFF = 1e-11
+
 
 class Prepared:
     """The model of a scene and what takes its steps; both serve other scenes of its structure.
@@ -88,11 +91,11 @@ class Prepared:
         before = None if start is None else state_of(model, start)
         if start is None or before is None or start.stats.static:
             return self.state_from(before, dt, accelerations)
+        before = replace(before, work=before.work + _come_and_gone(model, start, before))
         if before.fitted is None:
             same = start.stats.scheme == model.scheme.name
             state = Starts(model, self.forcing, dt).resumed(before, same)
         else:
-            before = replace(before, work=before.work + _come_and_gone(model, start, before))
             state = self.state_from(before, dt, accelerations)
             supplied, lost = state.work - before.work, model.energy(before)
             lost += supplied - model.energy(state)
@@ -149,14 +152,16 @@ class Prepared:
 
 
 def _come_and_gone(model: Model, start: Solution, state: State) -> float:
-    """Energy [J] that came or went with what was added to a scene or taken away from it.
+    """Energy [J] that came or went with what was added to a scene, taken away, or changed.
 
     Energies of a solution may contain work that driven motions have done for rates to fit.
     """
     end, energy = end_of(start), start.energy
     if start.t[-1] != end.t:
         return 0.0  # the record has no row of the end
-    return model.energy(state) - float(energy.total[-1] - (energy.work[-1] - end.work))
+    come = model.energy(state) - float(energy.total[-1] - (energy.work[-1] - end.work))
+    parts = energy.kinetic, energy.strain, energy.potential, energy.springs
+    return come if abs(come) > _ROUND_OFF * sum(abs(part[-1]) for part in parts) else 0.0
 
 
 def state_of(model: Model, start: Solution) -> State:

@@ -78,7 +78,7 @@ def _check(first, second) -> None:
     if second.t[0] != first.t[-1]:
         raise ValueError(
             f"the first motion ends at t = {first.t[-1]:g}, but the second one starts at "
-            f"t = {second.t[0]:g}. Start it by simulate(..., start=first)"
+            f"t = {second.t[0]:g}. Start it by simulate(..., start=first), and record rows at both"
         )
 
 

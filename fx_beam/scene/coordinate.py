@@ -8,15 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.errors import (
-    NUMBER,
-    SceneError,
-    check_fields,
-    finite,
-    is_number,
-    number,
-    require,
-)
+from fx_beam.errors import NUMBER, SceneError, check_fields, finite, is_number, number, require
 from fx_beam.symbolic import parts_of, ufl
 
 from .inputs import Input, time_function

@@ -162,7 +162,8 @@ class Model:
     def mobility(self) -> np.ndarray:
         """1 / mass that moves with each degree of freedom, then with each slide; 0 without mass.
 
-        By the diagonal of the reduced mass in the reference. Closed loops count as open.
+        Of displacements that in the direction in which the node moves most easily. By the diagonal
+        of the reduced mass in the reference. Closed loops count as open.
         """
         reduction, free = self.reduction, self.couplings.free
         reduction.begin(np.zeros(self.size), slides_at_start(self.scene))
@@ -173,7 +174,11 @@ class Model:
         of_slides = np.zeros(self.scene.joint_count)
         for joint, column in self.couplings.slides.items():
             of_slides[joint] = of_columns[column]
-        return np.concatenate([T.multiply(T) @ of_columns[:free], of_slides])
+        of_dofs = T.multiply(T) @ of_columns[:free]
+        x, y = of_dofs[::3], of_dofs[1::3]
+        both = T[::3].multiply(T[1::3]) @ of_columns[:free]
+        of_dofs[::3] = of_dofs[1::3] = (x + y) / 2 + np.hypot((x - y) / 2, both)
+        return np.concatenate([of_dofs, of_slides])
 
     def _refill_reduction(self, last: list[Joint], moved: bool) -> bool:
         """Set the offsets and axes of joints; returns whether these or any nodes are elsewhere."""

@@ -17,7 +17,6 @@ from fx_beam.fem.mesh import rotation_of
 from fx_beam.results.audit import Energy
 from fx_beam.results.state import ARRAYS, FORCES, HISTORIES, ROWS
 from fx_beam.scene.inputs import Ramp
-from fx_beam.scene.sliders import sliding_joints
 
 from .forcing import Forcing
 from .model import Model
@@ -252,11 +251,8 @@ def sums_of(model: Model, q: np.ndarray, p: np.ndarray) -> np.ndarray:
 
 
 def _slides_near(model: Model, q: np.ndarray, slides: np.ndarray) -> np.ndarray:
-    """Slides (n, joints) at q (n, size), from ones near by; only those on beams change."""
-    nearest, mesh = slides.copy(), model.mesh
-    for joint in sliding_joints(model.scene.joints):
-        nodes = mesh.nodes_of(model.scene, joint.beam)
-        axis, point = (mesh.X[at] + q[:, mesh.dofs[at, :2]] for at in (nodes, joint.b.number))
-        number = joint.number
-        nearest[:, number] = joint.path.nearest_over(axis, point, slides[:, number])
+    """Slides (n, joints) at q (n, size), from ones near by."""
+    nearest, at = slides.copy(), model.motion(q=q)
+    for joint in model.scene.joints:
+        nearest[:, joint.number] = joint.kinematics.slide(at, slides[:, joint.number])
     return nearest

@@ -136,3 +136,18 @@ def test_critical_damping_is_that_of_the_mass_which_the_spring_holds():
     assert [low for low, _ in found.values()] == pytest.approx(expected, rel=1e-12)
     joints = [f"joint {pin.number} rotation", f"joint {rail.number} slide"]
     assert [*found] == [*joints, *map(str, scene.contacts)]
+
+
+def test_critical_damping_is_the_same_in_all_directions():
+    """A node on a guide that is turned, and stopped by a line along it."""
+    damping = []
+    for turn in (0.0, 0.7, np.pi / 4):
+        along, across = (np.cos(turn), np.sin(turn)), (-np.sin(turn), np.cos(turn))
+        scene = fb.Scene()
+        body = scene.add_body((0, 0), mass=2.0, inertia=0.1)
+        scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, along))
+        line = fb.Line((0, 0), across)
+        scene.add_contact(body.centre, line, stiffness=1e5, friction=fb.Coulomb(0.3, 1e4))
+        damping.append(fb.simulate(scene, dt=1e-3, t_end=1e-3).stats.friction_damping)
+    values = [next(iter(of.values())) for of in damping]
+    assert values[1:] == [pytest.approx(values[0], rel=1e-12)] * 2

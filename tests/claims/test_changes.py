@@ -445,3 +445,24 @@ def test_a_start_that_does_not_fit_is_refused():
     with pytest.raises(fb.SceneError, match="start with a spin"):
         fb.static(scene, start=fb.static(scene), spin=1.0)
     assert np.isfinite(fb.static(scene).q).all()
+
+
+@pytest.mark.parametrize("change", ["mass", "spring", "weight", "natural strain"])
+def test_whatever_changes_between_motions_is_in_the_balance(change):
+    scene, first, second, _ = chain()
+    if change == "natural strain":
+        strain = scene.add_natural_strain(first, curvature=0.5)
+    before = fb.simulate(scene, dt=0.002, t_end=0.3)
+    if change == "mass":
+        scene.add_mass(first.end, 1.0)
+    elif change == "spring":
+        scene.add_force_between(second.end, (3.0, 2.0), spring=fb.Spring(20.0))
+    elif change == "weight":
+        scene.gravity = (0.0, 0.0)
+    else:
+        scene.remove(strain)
+    after = fb.simulate(scene, dt=0.002, t_end=0.5, start=before)
+    come = after.energy.total[0] - before.energy.total[-1]
+    assert abs(come) > 0.1
+    assert after.energy.work[0] - before.energy.work[-1] == pytest.approx(come, abs=1e-11)
+    assert abs(before.then(after).energy.balance_error).max() < 1e-10

@@ -396,3 +396,21 @@ def test_a_double_pendulum_of_bodies_with_a_damper_is_linearised_as_by_hand():
     found = system.C @ system.A @ np.linalg.inv(system.C)
     assert found == pytest.approx(jacobian(x), abs=1e-9)
     assert abs(system.deviation(at)).max() < 1e-9
+
+
+def test_rows_farther_apart_have_the_same_forces_beside_a_slide_that_moves():
+    def motion(every):
+        scene = fb.Scene(gravity=(0.0, -9.81))
+        section = fb.Section(EA=2e4, GA=5e3, EI=15.0, rhoA=1.0, rhoI=5e-3)
+        arm = scene.add_beam([(0, 0), (1, 0)], section, elements=2)
+        scene.pin(arm.start)
+        body = scene.add_body((1.1, 0.1), mass=0.5, inertia=0.02)
+        guide = {"offset": (0.1, 0.1), "axis": (1, 0.3)}
+        joint = scene.add_joint(fb.Prismatic(arm.end, body.centre, **guide))
+        record = fb.Record(every=every)
+        return fb.simulate(scene, dt=0.005, t_end=0.3, record=record), joint
+
+    (whole, joint), (rows, same) = motion(1), motion(3)
+    force = whole.joint(joint).force[::3]
+    assert rows.joint(same).force == pytest.approx(force, rel=0, abs=1e-10 * abs(force).max())
+    assert rows.a == pytest.approx(whole.a[::3], rel=0, abs=1e-10 * abs(whole.a).max())
