@@ -326,7 +326,7 @@ def _parts(value: Any) -> Any:
     if (dual := dual_of(value)) is not None:
         return dual.values, dual.slopes
     try:
-        return np.asarray(value, float), None
+        return None if np.iscomplexobj(value) else (np.asarray(value, float), None)
     except Exception:  # noqa: BLE001  # of what is no number, such as an expression of UFL
         return None
 
@@ -474,20 +474,26 @@ def _joining(function: Callable, axes: int = 0) -> Callable:
     return result
 
 
+def _norm(a: Any, ord: Any = None, axis: Any = None) -> Any:  # noqa: A002  # as NumPy's
+    if ord is not None:
+        return _without_slopes(f"numpy.linalg.norm of order {ord}", np.linalg.norm, (a,), {})
+    return np.sqrt(_sum(a * a, axis))
+
+
 _FUNCTIONS: dict[Any, Callable] = {
     np.concatenate: _joining(np.concatenate),
     np.stack: _joining(np.stack, 1),
     np.sum: _sum,
     np.mean: _along(np.mean),
     np.cumsum: _along(np.cumsum),
-    np.diff: lambda a, axis=-1: _along(np.diff)(a, axis),
+    np.diff: lambda a, n=1, axis=-1: _along(functools.partial(np.diff, n=n))(a, axis),
     np.dot: lambda a, b: np.matmul(a, b) if np.ndim(a) and np.ndim(b) else a * b,
     np.outer: lambda a, b: stacked(a).reshape(-1)[:, None] * stacked(b).reshape(-1),
     np.interp: _interp,
     np.clip: _clip,
     np.max: lambda a: a.reshape(-1)[int(a.values.argmax())],
     np.min: lambda a: a.reshape(-1)[int(a.values.argmin())],
-    np.linalg.norm: lambda a, axis=None: np.sqrt(_sum(a * a, axis)),
+    np.linalg.norm: _norm,
     np.linspace: _linspace,
     np.bincount: _bincount,
     np.broadcast_to: _broadcast_to,
@@ -496,7 +502,7 @@ _FUNCTIONS: dict[Any, Callable] = {
 _PLACING = dict.fromkeys(
     (np.hstack, np.vstack, np.column_stack, np.dstack, np.reshape)
     + (np.ravel, np.transpose, np.atleast_1d, np.atleast_2d, np.copy, np.repeat, np.tile, np.flip)
-    + (np.roll, np.squeeze, np.expand_dims, np.swapaxes, np.moveaxis, np.take, np.diag),
+    + (np.roll, np.squeeze, np.expand_dims, np.swapaxes, np.moveaxis, np.take),
     (0,),
 ) | {np.where: (1, 2), np.append: (0, 1)}
 

@@ -41,11 +41,12 @@ _FROM_PLACES = {"offset", "rest", "slides"}
 _ROUNDING = 8 * np.finfo(float).eps
 # Largest difference of the numbers of two scenes at the same x, relative to them.
 _SAME = 1e-9
-# Steps of the differences by which slopes are checked, relative to x, and those of forces and
-# accelerations at the start, which are no functions of time, but have more round-off; errors,
-# relative to the sizes of all terms; and round-off of numbers, relative to their size.
-_CHECK_STEP, _CHECK_STEP_AT_START, _AGREE = 2.0**-20, 2.0**-14, 1e-4
-_FEW_DIGITS = 64 * np.finfo(float).eps
+# Step of the difference by which slopes are checked, relative to x; errors of it, relative to the
+# sizes of all terms; and round-off of numbers, relative to their size.
+_CHECK_STEP, _AGREE, _FEW_DIGITS = 2.0**-20, 1e-4, 64 * np.finfo(float).eps
+# Calls in which slopes are compared again: those that are lost may be zero at first.
+_CHECKED = {3, 9, 65}
+# Of outputs at the start, which have slopes or differences by all of x.
 _AT_START = {"a", "forces of columns", "forces of joints"}
 
 
@@ -77,6 +78,8 @@ class BuiltScenes:
         self._asked = self._is_dual = False
         # Shapes of all numbers, by name, for which slopes were checked.
         self._checked: list[dict[str, tuple[int, ...]]] = []
+        # How often derivatives were asked for; which of x were zero when slopes were compared.
+        self._calls, self._zero = 0, np.zeros(1, dtype=bool)
 
     def serve(self, x: np.ndarray, of: Callable[[Any], _Result], dual: bool = True) -> _Result:
         """What a function computes from the scene of x.
@@ -102,7 +105,7 @@ class BuiltScenes:
         self, x: np.ndarray, known: Scene, numbers_of: NumbersOf
     ) -> dict[str, np.ndarray]:
         """Derivatives (m, ...) by x of the numbers of scenes; `known` is that at x."""
-        self._asked = True
+        self._calls += 1
         # Before others are built, which may change what scenes have in common.
         before = {} if self._checked or self._is_dual else numbers_of(known, np.zeros(len(x)))
         here, by_name = self._slopes(x, known, numbers_of)
@@ -113,13 +116,17 @@ class BuiltScenes:
                     f"Response: build gives other numbers than before at the same x: {name!r} of "
                     f"the scene differs by {gap:.2g}. They must depend on x alone"
                 )
-        if (shapes := {name: values.shape for name, values in here.items()}) not in self._checked:
+        shapes = {name: values.shape for name, values in here.items()}
+        again = self._calls in _CHECKED or bool((self._zero & (x != 0)).any())
+        if shapes not in self._checked or again:
             self._checked.append(shapes)
-            at_start = {name: by_name[name] for name in by_name.keys() & _AT_START}
-            others = {name: by_name[name] for name in by_name.keys() - _AT_START}
-            self._check(_CHECK_STEP, x, here, others, numbers_of)
-            if at_start:
-                self._check(_CHECK_STEP_AT_START, x, here, at_start, numbers_of)
+            self._zero = x == 0
+            lost = {name for name in _AT_START & here.keys() if here[name].any()} - self.changing
+            others = {name: by_name[name] for name in by_name.keys() - lost}
+            self._check(x, here, others, numbers_of)
+            for i in self._with_slopes(x) if lost else ():
+                self.reasons.setdefault(i, f"the start has no slopes of {', '.join(sorted(lost))}")
+                self._names[i] = sorted(lost.union(self._names.get(i, ())))
         for i in sorted(self.reasons):
             names = by_name.keys() & self._names.get(i, by_name.keys())
             differences = self._derivative(x, i, here, numbers_of) if names else {}
@@ -127,7 +134,12 @@ class BuiltScenes:
             for name in names:
                 by_name[name] = rows = by_name[name].copy()  # which others may read
                 rows[i] = differences.get(name, 0.0)
+        self._asked = True
         return by_name
+
+    def _with_slopes(self, x: np.ndarray) -> list[int]:
+        """The parameters that have slopes, but for outputs."""
+        return sorted({*range(len(x))} - (self.reasons.keys() - self._names.keys()))
 
     # -- By dual numbers ---------------------------------------------------------------------------
 
@@ -163,7 +175,6 @@ class BuiltScenes:
 
     def _check(
         self,
-        step: float,
         x: np.ndarray,
         here: dict[str, np.ndarray],
         by_name: dict[str, np.ndarray],
@@ -173,8 +184,8 @@ class BuiltScenes:
 
         One difference along a change of all parameters shows whether there are any.
         """
-        steps = step * np.where(abs(x) > _ZERO, x, 1.0)
-        others = sorted({*range(len(x))} - self.reasons.keys())
+        steps = _CHECK_STEP * np.where(abs(x) > _ZERO, x, 1.0)
+        others = self._with_slopes(x)
         change, size = np.zeros(len(x)), np.random.default_rng(0).uniform(0.5, 1, len(x))
         change[others] = (size * steps)[others] * (-1.0) ** np.arange(len(others))
         try:
@@ -189,6 +200,7 @@ class BuiltScenes:
             if wrong := _wrong(change, ends, here, by_name):
                 text = ", ".join(map(repr, wrong))
                 self.reasons[i] = f"it changes {text} of the scene in a way that has no slopes"
+                self._names.pop(i, None)
                 if OF_OUTPUTS.issuperset(wrong):
                     self._names[i] = wrong
 

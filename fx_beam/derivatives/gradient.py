@@ -50,8 +50,7 @@ def of_entries(
 
 def vjp(blocks: Iterable[Block], weights: np.ndarray, to: Gradient) -> None:
     """Add the derivatives of the sum of weights (n, ...) times an output."""
-    if weights.ndim == 1:
-        weights = weights[:, None]
+    weights = weights[:, None] if weights.ndim == 1 else weights
     for name, entries, rows, derivatives, places, part in blocks:
         to.add(name, entries, places, weights[rows[:, None], part] * derivatives)
 
@@ -134,10 +133,7 @@ class Gradient:
             values = values.sum(axis=0)
         if places is None and whole:
             key = name, entries.start, entries.stop
-            if key in self._of_numbers:
-                self._of_numbers[key] += values
-            else:
-                self._of_numbers[key] = values
+            self._of_numbers[key] = self._of_numbers.get(key, 0.0) + values
         elif places is None or name not in self._sizes:
             self._picked.append((name, entries, places, values))
         elif whole:

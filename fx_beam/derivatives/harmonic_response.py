@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize_scalar, newton
 
 from fx_beam.dual import stacked
 from fx_beam.errors import array_of, is_one_of, require
@@ -25,7 +25,7 @@ _LOAD = "amplitudes of the load"
 # Complex components (3,) of their real and imaginary parts (6,).
 _COMPLEX = np.kron(np.eye(3), [[1], [1j]])
 # Error of the frequency of a peak, relative to it; that of its amplitude is the square.
-_PLACE = 1e-7
+_PLACE, _EXACT = 1e-7, 1e-14
 
 
 class Peak(NamedTuple):
@@ -238,10 +238,17 @@ class HarmonicResponse(TangentResponse):
         def minus_amplitude(frequency: float) -> float:
             return -float(abs(row @ self._vibration.at(frequency).solved(self._sides[:, 0])))
 
+        def slope(frequency: float) -> float:
+            motion, adjoints = self._solved(frequency)
+            by_frequency = adjoints[i] @ self._vibration.by_frequency(motion)
+            return float((np.conj(row @ motion) * by_frequency).real)
+
         peaks = []
         for k in np.flatnonzero((size[1:-1] > size[:-2]) & (size[1:-1] >= size[2:])) + 1:
             where = {"bounds": (f[k - 1], f[k + 1]), "options": {"xatol": _PLACE * f[k]}}
-            at = float(minimize_scalar(minus_amplitude, method="bounded", **where).x)
+            near = float(minimize_scalar(minus_amplitude, method="bounded", **where).x)
+            given = {"x1": near * (1 + _PLACE), "tol": _EXACT * near, "disp": False}
+            at = float(newton(slope, near, **given))
             motion, adjoints = self._solved(at)
             value = row @ motion
             weights = np.conj(value) / abs(value) * (np.arange(len(names)) == i)

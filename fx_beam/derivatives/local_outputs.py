@@ -166,7 +166,7 @@ class ResultantOutput(RowOutput):
         rows_by_x = np.zeros((rows, len(self._cells) * points, count))
         for at in of.groups(self._steps):
             steps = self._steps[at]
-            numbers = [name for name in ("X", "stiffness", "retardation") if name in changes]
+            numbers = {"X", "stiffness", "retardation"} & changes.keys()
             read = {name: changes[name][None] for name in numbers}
             for name, array, places, factor in of.sources(steps):
                 if array in of_state:

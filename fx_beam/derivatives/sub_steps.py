@@ -90,8 +90,7 @@ class SubSteps:
         if beams is not None and beams.facts.needs_previous:
             given["q_previous"] = q - without_turns(model, q - states["q"][earlier])
             given["memory"] = 0 * dt if of_start else tape.memories[steps]
-        t = tape.times.starts[first] + self._level * dt * (steps >= 0)
-        return Parts(t, dt, D, q, **given)
+        return Parts(tape.times.starts[first] + self._level * dt * (steps >= 0), dt, D, q, **given)
 
     # -- Derivatives of rows, from those by what belongs to states or sub-steps --------------------
 
@@ -118,9 +117,8 @@ class SubSteps:
             yield "start", "v", before, -self._level * moved
         yield from (("start", "q", before, 1.0), ("q_previous", "q", earlier, 1.0))
         yield "natural_end", "natural", after if steps[0] >= 0 else before, 1.0
-        yield from (
-            (name, name, before, 1.0) for name in ("natural", "internal", "spring internal")
-        )
+        for name in ("natural", "internal", "spring internal"):
+            yield name, name, before, 1.0
 
     def in_steps(
         self, rows: np.ndarray, steps: np.ndarray, by: Mapping[str, np.ndarray]

@@ -277,10 +277,8 @@ class BeamForms:
             at, size = space.dofs, space.size
             if name == "parameters":
                 at, size = np.array(self.parameters), len(self._parameters)
-            places = at + size * np.arange(len(values))[:, None, None]
-            sums = np.bincount(
-                np.broadcast_to(places, values.shape).ravel(), values.ravel(), len(values) * size
-            )
+            at = np.broadcast_to(at + size * np.arange(len(values))[:, None, None], values.shape)
+            sums = np.bincount(at.ravel(), values.ravel(), len(values) * size)
             derivatives["X" if name == "coordinates" else name] = sums.reshape(-1, size)
         return derivatives
 

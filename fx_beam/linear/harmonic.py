@@ -142,6 +142,11 @@ class Vibration:
             raise self._unbounded()
         return x
 
+    def by_frequency(self, motion: np.ndarray) -> np.ndarray:
+        """Its derivative by the frequency, over 2 pi, times a motion (free,)."""
+        values = np.array([0, 1j, -4 * np.pi * self._f]) @ self._values
+        return scipy.sparse.csc_matrix((values, *self._pattern), self._shape) @ motion
+
     def _unbounded(self) -> SceneError:
         return SceneError(
             f"{self._what}: at {self._f:g} Hz the motion has no bound: this is a natural frequency "

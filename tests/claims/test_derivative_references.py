@@ -482,7 +482,8 @@ def test_work_goes_on_from_a_solution_that_does_not_depend_on_x():
     for key in ("work", "lost"):
         assert y_rest[key] == pytest.approx(y[key][5:], abs=1e-12)
         J, h = rest.jacobian(key)[key], 1e-4
-        assert (J[0] == 0).all()
+        # The energy that the state has more with other numbers came from outside: it is work.
+        assert key == "work" or (J[0] == 0).all()
         low, high = (rest([X[0] + side * h, X[1]])[1][key] for side in (-1, 1))
         assert J[:, 0] == pytest.approx((high - low) / (2 * h), abs=1e-6 * abs(J).max())
         rest(X[:2])

@@ -247,3 +247,23 @@ def test_symmetric_equations_are_solved_once(build, x, state, times, monkeypatch
     monkeypatch.setattr(Vibration, "symmetric", False)
     assert run(x) == pytest.approx(values, rel=1e-9)
     assert run.jacobian() == pytest.approx(J, rel=0, abs=1e-9 * abs(J).max())
+
+
+@pytest.mark.parametrize("ratio", [1e-1, 1e-2, 1e-3])
+def test_heights_of_sharp_peaks_have_the_derivatives_of_the_closed_form(ratio):
+    """Largest amplitude F / (2 z sqrt(1 - z^2) k) with z = c / (2 sqrt(k m))."""
+    x = np.array([1.0, 4.0, 4 * ratio, 0.5])
+    place = 2 * np.sqrt(1 - 2 * ratio**2) / (2 * np.pi)
+    run = fb.HarmonicResponse(oscillator, place * (1 + ratio * np.linspace(-3, 3, 8)))
+    run(x)
+    (peak,) = run.peaks("slide")
+    assert peak.frequency == pytest.approx(place, rel=1e-12)
+
+    def height(x):
+        m, k, c, load = x
+        z = c / (2 * np.sqrt(k * m))
+        return load / (2 * z * np.sqrt(1 - z**2) * k)
+
+    assert peak.amplitude == pytest.approx(height(x), rel=1e-10)
+    ends = [(height(x + h) - height(x - h)) / (2 * h.sum()) for h in np.diag(1e-4 * x)]
+    assert peak.gradient == pytest.approx(ends, rel=1e-6)

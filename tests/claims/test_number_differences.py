@@ -1,5 +1,6 @@
 """Differences of `build`: what is read for each number, and how often."""
 
+import math
 import re
 
 import numpy as np
@@ -403,3 +404,47 @@ def test_accelerations_at_the_start_of_a_motion_have_slopes_beside_much_larger_o
     _, y = run([1.0])
     assert y["a"][0] == pytest.approx([-1.0, 0.0], abs=1e-9)
     assert run.jacobian()["a"][0, :, 0] == pytest.approx([-1.0, 0.0], abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    "of",
+    [
+        lambda x: np.diff(x, 2)[0],
+        lambda x: np.linalg.norm(x, 1),
+        lambda x: (np.diag(x) @ np.ones(3))[0],
+        lambda x: (x[0] * np.exp(1j * np.float64(1.0))).real,
+    ],
+)
+def test_functions_with_other_arguments_give_what_they_give_of_floats(of):
+    def build(x):
+        scene = fb.Scene()
+        body = scene.add_body((0, 0), mass=1.0, inertia=1.0)
+        scene.add_force(body.centre, (of(x), 0.0))
+        return scene, {"x": fb.Output("position", body.centre, "x")}
+
+    run, x = fb.Response(build, dt=0.1, t_end=1.0), np.array([1.1, 0.9, 1.3])
+    first = run(x)[1]["x"]
+    slopes = run.jacobian()["x"][-1]
+    assert np.array_equal(run(x)[1]["x"], first)
+    expected = [(of(x + h) - of(x - h)) / 2e-4 / 2 for h in 1e-4 * np.eye(3)]  # x = f t^2 / 2
+    assert slopes == pytest.approx(expected, abs=1e-9)
+
+
+def test_slopes_that_are_lost_where_they_are_zero_are_missed_later():
+    """A length by a function that takes floats alone, of a place on a line of symmetry."""
+
+    def build(x):
+        scene = fb.Scene()
+        body = scene.add_body((1, x[0]), mass=1.0, inertia=1.0)
+        rest = 0.5 * math.hypot(body.centre.x, body.centre.y)
+        scene.add_force_between(body.centre, (0.0, 0.0), spring=fb.Spring(50.0, rest=rest))
+        return scene, {"place": fb.Output("position", body.centre)}
+
+    gradients = []
+    for first in (0.0, 0.3):
+        run = fb.Response(build, dt=0.01, t_end=0.1)
+        for x in (first, 0.3):
+            run([x])
+            J = run.jacobian()["place"][-1, :, 0]
+        gradients.append(J)
+    assert gradients[0] == pytest.approx(gradients[1], rel=1e-8)
