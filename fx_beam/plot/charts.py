@@ -244,6 +244,7 @@ def frequency_response(
         The picture.
     """
     named = responses if isinstance(responses, Mapping) else {"": responses}
+    require(len(named) > 0, "responses", responses, "at least one")
     shown: dict[str, tuple[str, np.ndarray, np.ndarray]] = {}
     for label, of in named.items():
         wanted = "what fx_beam.frequency_response returned"

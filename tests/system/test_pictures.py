@@ -496,6 +496,11 @@ def test_a_motion_too_small_to_be_seen_is_said_with_a_factor(caplog):
     assert "magnify=100000 would show it" in caplog.text
 
 
+def test_a_picture_of_no_response_is_refused():
+    with pytest.raises(fb.SceneError, match="at least one"):
+        plot.frequency_response({})
+
+
 @pytest.mark.parametrize(
     ("draw", "options", "words"),
     [
