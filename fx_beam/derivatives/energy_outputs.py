@@ -62,10 +62,8 @@ def _strain(model: Model, rows: Arrays) -> Derivatives:
 
 
 def _potential(model: Model, rows: Arrays) -> Derivatives:
-    if model.weight is None:
-        return {}
-    q = rows["q"]
-    return {"q": np.broadcast_to(-model.weight, q.shape), "weight": -q}
+    q, weight = rows["q"], model.weight
+    return {} if weight is None else {"q": np.broadcast_to(-weight, q.shape), "weight": -q}
 
 
 def _springs(model: Model, rows: Arrays) -> Derivatives:

@@ -247,8 +247,7 @@ class HarmonicResponse(TangentResponse):
         for k in np.flatnonzero((size[1:-1] > size[:-2]) & (size[1:-1] >= size[2:])) + 1:
             where = {"bounds": (f[k - 1], f[k + 1]), "options": {"xatol": _PLACE * f[k]}}
             near = float(minimize_scalar(minus_amplitude, method="bounded", **where).x)
-            given = {"x1": near * (1 + _PLACE), "tol": _EXACT * near, "disp": False}
-            at = float(newton(slope, near, **given))
+            at = float(newton(slope, near, x1=near * (1 + _PLACE), tol=_EXACT * near, disp=False))
             motion, adjoints = self._solved(at)
             value = row @ motion
             weights = np.conj(value) / abs(value) * (np.arange(len(names)) == i)

@@ -25,8 +25,9 @@ from .small_motions import SmallMotions
 
 # Largest deviation of a step from its predictor, relative to the predictor. Near a limit point the
 # load factor is a parabola of the displacements; a step that ends at the limit point has the
-# deviation 1. A step with a larger deviation has reached another path.
-_MAX_DEVIATION = 1.0
+# deviation 1. A step with a larger deviation has reached another path. So may one with a smaller
+# deviation if the number of unstable modes changes in it: as long as it may be cut, it is.
+_MAX_DEVIATION, _WHERE_STABILITY_CHANGES = 1.0, 0.1
 # On a stable path displacements along the loads grow with the loads: the energy gained in a step
 # lies between the work of the dead loads at its start and the work of those at its end. These are
 # fractions of this range, from its middle: a step within the first is short enough; a step within
@@ -201,8 +202,10 @@ class LoadStepper:
         D, forces = step.D, self.forcing.forces(Interval(old.t, new.t))
         if self.is_still(D):
             return  # its deviation is a rounding error
+        counts = {old.negative_eigenvalues, new.negative_eigenvalues} - {None}
+        limit = _WHERE_STABILITY_CHANGES if self._may_be_cut and len(counts) > 1 else _MAX_DEVIATION
         kinked = functools.cache(lambda: self._has_kink(old, new, step))
-        if self.deviation > _MAX_DEVIATION and not kinked():
+        if self.deviation > limit and not kinked():
             reason = (
                 f"the step deviates from its predictor by {self.deviation:.2g} times the "
                 "predictor's length, and so has reached another path"

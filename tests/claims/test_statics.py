@@ -381,3 +381,22 @@ def test_without_equilibrium_at_the_start_the_error_says_so():
     scene.fix(beam.start, "x")
     with pytest.raises(fb.StepError, match="no equilibrium without loads was found.*singular"):
         fb.static(scene)
+
+
+@pytest.mark.parametrize("down", [0.1, 0.2, 0.5])
+def test_an_arch_that_is_pressed_down_stays_on_its_path_however_long_the_steps(down):
+    """Its path has no limit point; others that are symmetric as well are unstable."""
+    reactions = []
+    for steps in (3, 6, 20):
+        scene = fb.Scene()
+        section = fb.Section(EA=1e4, GA=4e3, EI=1.0)
+        left = scene.add_beam([(0, 0), (1, 0.2)], section, elements=6, degree=2)
+        right = scene.add_beam([left.end, (2, 0)], section, elements=6, degree=2)
+        scene.pin(left.start)
+        scene.pin(right.end)
+        scene.fix(left.end, "x", "rotation")
+        scene.prescribe(left.end, y=lambda t: -down)
+        path = fb.static(scene, load_steps=steps)
+        assert path.stable.all()
+        reactions.append(path.reaction(left.end)[-1, 1])
+    assert reactions == [pytest.approx(reactions[-1], rel=1e-6)] * 3
