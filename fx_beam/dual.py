@@ -502,14 +502,16 @@ _FUNCTIONS: dict[Any, Callable] = {
 _PLACING = dict.fromkeys(
     (np.hstack, np.vstack, np.column_stack, np.dstack, np.reshape)
     + (np.ravel, np.transpose, np.atleast_1d, np.atleast_2d, np.copy, np.repeat, np.tile, np.flip)
-    + (np.roll, np.squeeze, np.expand_dims, np.swapaxes, np.moveaxis, np.take),
+    + (np.roll, np.squeeze, np.expand_dims, np.swapaxes, np.moveaxis, np.take, np.diag),
     (0,),
 ) | {np.where: (1, 2), np.append: (0, 1)}
 
 
 def _placed(function: Callable, given: Any, options: dict) -> Dual:
     """What a function that only places entries gives: it is called with their numbers."""
-    entries: list[Dual] = []
+    flat = [one for part in given for one in (part if isinstance(part, list | tuple) else [part])]
+    count = next(one.slopes.shape[-1] for one in flat if isinstance(one, Dual))
+    entries = [with_slopes(np.zeros(1), count)]  # number 0 is the zero that some functions place
 
     def numbers_of(value: Any) -> Any:
         if isinstance(value, list | tuple):
@@ -518,16 +520,14 @@ def _placed(function: Callable, given: Any, options: dict) -> Dual:
         entries.append(with_slopes(value, count).reshape(-1))
         return first + np.arange(entries[-1].size).reshape(np.shape(value))
 
-    flat = [one for part in given for one in (part if isinstance(part, list | tuple) else [part])]
-    count = next(one.slopes.shape[-1] for one in flat if isinstance(one, Dual))
     chosen = [
         numbers_of(part) if i in _PLACING[function] else plain(part) for i, part in enumerate(given)
     ]
     at = function(*chosen, **options)
     values = np.concatenate([part.values for part in entries])
     slopes = np.concatenate([part.slopes for part in entries])
-    if at.size == values.size and (np.diff(at.ravel()) == 1).all():  # in the same order
-        return Dual(values.reshape(at.shape), slopes.reshape(*at.shape, -1))
+    if at.size == values.size - 1 and (at.ravel() == np.arange(1, len(values))).all():  # in order
+        return Dual(values[1:].reshape(at.shape), slopes[1:].reshape(*at.shape, -1))
     return Dual(values[at], slopes[at])
 
 

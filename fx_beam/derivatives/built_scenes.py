@@ -32,9 +32,11 @@ _ZERO = 1e-100
 # Difference relative to a derivative that half of the step may make before the step is shortened;
 # the error is about its square. How often it is shortened, and by which exponent at most.
 _BENT, _TRIES, _SHORTER = 1e-5, 8, 6
+# Outputs at the start, which have slopes or differences by all of x.
+_AT_START = {"a", "forces of columns", "forces of joints"}
 # Round-off of numbers, relative to the largest of a name. Those that are themselves solutions or
 # differences have more of it: the step is not shortened for these alone.
-_NOISE, _COMPUTED = 1e-12, {"a", "v", "driven rates", "forces of columns", "forces of joints"}
+_NOISE, _COMPUTED = 1e-12, _AT_START | {"v", "driven rates"}
 # Numbers that are differences of places, and have their round-off.
 _FROM_PLACES = {"offset", "rest", "slides"}
 # Error of numbers that depend on x along a line, relative to them.
@@ -46,8 +48,6 @@ _SAME = 1e-9
 _CHECK_STEP, _AGREE, _FEW_DIGITS = 2.0**-20, 1e-4, 64 * np.finfo(float).eps
 # Calls in which slopes are compared again: those that are lost may be zero at first.
 _CHECKED = {3, 9, 65}
-# Of outputs at the start, which have slopes or differences by all of x.
-_AT_START = {"a", "forces of columns", "forces of joints"}
 
 
 def refuse_others(changes: Mapping[str, np.ndarray], known: Set[str], what: str) -> None:
@@ -76,10 +76,10 @@ class BuiltScenes:
         self.changing: set[str] = set()
         # Whether derivatives were asked for after the last call; whether its scene has slopes.
         self._asked = self._is_dual = False
-        # Shapes of all numbers, by name, for which slopes were checked.
-        self._checked: list[dict[str, tuple[int, ...]]] = []
-        # How often derivatives were asked for; which of x were zero when slopes were compared.
-        self._calls, self._zero = 0, np.zeros(1, dtype=bool)
+        # Shapes of all numbers, by name, and which of x were zero, for which slopes were checked.
+        self._checked: list[tuple[dict[str, tuple[int, ...]], list[bool]]] = []
+        # How often derivatives were asked for.
+        self._calls = 0
 
     def serve(self, x: np.ndarray, of: Callable[[Any], _Result], dual: bool = True) -> _Result:
         """What a function computes from the scene of x.
@@ -116,11 +116,9 @@ class BuiltScenes:
                     f"Response: build gives other numbers than before at the same x: {name!r} of "
                     f"the scene differs by {gap:.2g}. They must depend on x alone"
                 )
-        shapes = {name: values.shape for name, values in here.items()}
-        again = self._calls in _CHECKED or bool((self._zero & (x != 0)).any())
-        if shapes not in self._checked or again:
-            self._checked.append(shapes)
-            self._zero = x == 0
+        kind = {name: values.shape for name, values in here.items()}, (x == 0).tolist()
+        if kind not in self._checked or self._calls in _CHECKED:
+            self._checked.append(kind)
             lost = {name for name in _AT_START & here.keys() if here[name].any()} - self.changing
             others = {name: by_name[name] for name in by_name.keys() - lost}
             self._check(x, here, others, numbers_of)

@@ -23,7 +23,7 @@ from fx_beam.step.layout import Arrays
 from fx_beam.step.model import Model
 
 from .gradient import Block, Gradient, RowOutput, jvp, of_rows, vjp
-from .sub_steps import OF_POINTS, SubSteps
+from .sub_steps import SubSteps
 
 #: Derivatives (k, ...) in rows by states, with parameters and natural strains there, and by
 #: numbers, by name.
@@ -70,9 +70,7 @@ def _springs(model: Model, rows: Arrays) -> Derivatives:
     if not model.points.any:
         return {}
     q, slides, internal = (rows[name] for name in ("q", "slides", "spring internal"))
-    by = model.points.energy_by(q, slides, internal, rows.get("parameters"))
-    wanted = {"q", "slides", "internal", "numbers", "parameters", "members", "X"}
-    return {OF_POINTS.get(name, name): by[name] for name in by if name in wanted}
+    return model.points.energy_by(q, slides, internal, rows.get("parameters"))
 
 
 _PARTS: dict[str, list[Callable[[Model, Arrays], Derivatives]]] = {
@@ -149,7 +147,6 @@ class StepLosses:
             if D.size:
                 yield of_rows(name, rows, by.pop(name) - D, places[0])
                 yield of_rows(name, rows, D, places[1])
-        by = {OF_POINTS.get(name, name): by[name] for name in by}
         yield from of.in_steps(rows, steps, by)
 
 

@@ -24,7 +24,8 @@ _WHAT = "HarmonicResponse"
 _LOAD = "amplitudes of the load"
 # Complex components (3,) of their real and imaginary parts (6,).
 _COMPLEX = np.kron(np.eye(3), [[1], [1j]])
-# Error of the frequency of a peak, relative to it; that of its amplitude is the square.
+# Errors of the frequency of a peak, relative to it: first where the amplitude is largest, then
+# where its slope is zero.
 _PLACE, _EXACT = 1e-7, 1e-14
 
 

@@ -563,11 +563,12 @@ class Response(Differentiable):
 
     def _accelerations_by_x(self, model: Model) -> np.ndarray | None:
         """Changes (m, size) of those at the start, by a very short step; None if not from rest."""
-        # The rate of natural strains is lost in such a step.
-        changes = model.scene.velocities, model.couplings.driven, self._start is not None
+        moving = model.scene.velocities, model.couplings.driven, self._start is not None
         other_steps = self._options.tolerance is not None or len(model.scheme.fractions) > 1
         of = [output for output in self._outputs.values() if isinstance(output, Output)]
-        if any(changes) or model.natural or other_steps or not any(map(observes_start, of)):
+        if any(moving) or other_steps or not any(map(observes_start, of)):
+            return None
+        if model.natural:  # round-off of their rates would be large in such a step
             return None
         try:
             self._instant(self._x)

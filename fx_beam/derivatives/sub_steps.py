@@ -18,8 +18,6 @@ from .gradient import Block, of_rows
 StatesAt = Callable[[np.ndarray], dict[str, np.ndarray]]
 # Degrees of freedom of the sub-steps that are evaluated at once.
 _MOST = 2**16
-#: Numbers and internal variables of forces at points by their names in laws.
-OF_POINTS = {"internal": "spring internal", "numbers": "points"}
 
 
 class SubSteps:

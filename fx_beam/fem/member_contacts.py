@@ -230,11 +230,11 @@ class MemberContacts:
     def energy_by(
         self, q: np.ndarray, internal: np.ndarray, others: dict[str, np.ndarray]
     ) -> dict[str, np.ndarray]:
-        """Derivatives (k, ...) of stored energies by "q", "internal", "members" and positions "X".
+        """Derivatives (k, ...) of stored energies: by "q", "spring internal", "members", "X".
 
         With those of the `others` by the first two. `internal` has all variables at points.
         """
-        of_q, of_internal = np.zeros(q.shape), others["internal"].copy()
+        of_q, of_internal = np.zeros(q.shape), others["spring internal"].copy()
         sums = of_q, of_internal, np.zeros((len(q), len(self.numbers)))
         at = [0 if of.law.energy is None else of.derivatives("energy").address for of in self.laws]
         functions = self._ffi.new("Law *[]", [self._ffi.cast("Law *", address) for address in at])
@@ -242,7 +242,8 @@ class MemberContacts:
             energy = self._ffi.new("Energy *", [functions, 0.0, *map(self._of, by)])
             self._c.fx_stored_at_members(self._all, energy, *map(self._of, given))
         X = of_q.reshape(len(q), -1, 3)[..., :2]
-        return {"q": of_q + others["q"], "internal": of_internal, "members": sums[2], "X": X}
+        of_both = {"q": of_q + others["q"], "spring internal": of_internal}
+        return of_both | {"members": sums[2], "X": X}
 
     def follow(self) -> None:
         """Hand over what derivatives need besides; compiled once."""

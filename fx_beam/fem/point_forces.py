@@ -392,8 +392,8 @@ class PointForces:
     ) -> dict[str, np.ndarray]:
         """Derivatives (k, ...) of `energy` in k configurations, with values of the parameters.
 
-        By "q", "slides", "internal", "numbers" and "parameters"; with contact of members also by
-        "members", their numbers, and the positions "X" of nodes.
+        By "q", "slides", "spring internal", "points" (numbers) and "parameters"; with contact of
+        members also by "members", their numbers, and the positions "X" of nodes.
         """
         given = np.empty((len(q), len(self._all_given)))
         for i, of_row in enumerate(zip(q, slides, internal, strict=True)):
@@ -417,15 +417,16 @@ class PointForces:
     def losses_by(self, given: np.ndarray, size: int, joints: int) -> dict[str, np.ndarray]:
         """Derivatives (k, ...) of energy lost at mean rates, from k rows of `given_with`.
 
-        By "q" and "slides" at the start, their "increment" and "slide increment", "internal"
-        variables, "numbers" and "parameters". Losses of members that touch are left out.
+        By "q" and "slides" at the start, their "increment" and "slide increment", and the others
+        as `energy_by`. Losses of members that touch are left out.
         """
         return self._sums("loss", given, size, joints)
 
     def _sums(self, of: str, given: np.ndarray, size: int, joints: int) -> dict[str, np.ndarray]:
         """Derivatives (k, ...) of the sum of an energy of all forces by what they are given."""
-        sizes = {"q": size, "increment": size, "slides": joints, "slide increment": joints}
-        sizes |= {"internal": self.width, "numbers": len(self.numbers)}
+        motions = [("slides", "q"), ("slide increment", "increment")][: 1 + (of == "loss")]
+        sizes = {name: n for pair in motions for name, n in zip(pair, (joints, size), strict=True)}
+        sizes |= {"spring internal": self.width, "points": len(self.numbers)}
         sizes["parameters"] = len(self._names)
         sums = {name: np.zeros((len(given), size)) for name, size in sizes.items()}
         first = begin = 0
@@ -434,10 +435,8 @@ class PointForces:
             end = begin + law.given
             if getattr(law.law, of) is not None:
                 by = law.derivatives(of).in_rows(given[:, begin:end])
-                for part, on_slide, at_nodes in (
-                    (by[:, :size], "slides", "q"),
-                    (by[:, size : 2 * size], "slide increment", "increment"),
-                ):
+                for i, (on_slide, at_nodes) in enumerate(motions):
+                    part = by[:, i * size : (i + 1) * size]
                     if force.slide >= 0:
                         sums[on_slide][:, force.slide] += part[:, 0]
                     for k, dof in enumerate(force.dofs):
@@ -445,8 +444,8 @@ class PointForces:
                             sums[at_nodes][:, dof] += part[:, k]
                 at = 3 * size + 2
                 inside = slice(start, start + law.law.internal)
-                sums["internal"][:, inside] += by[:, at : at + law.law.internal]
-                sums["numbers"][:, first : first + numbers] += by[:, last - numbers : last]
+                sums["spring internal"][:, inside] += by[:, at : at + law.law.internal]
+                sums["points"][:, first : first + numbers] += by[:, last - numbers : last]
                 for i, name in enumerate(law.parameters):
                     sums["parameters"][:, self._names.index(name)] += by[:, last + i]
             first, begin = first + numbers, end

@@ -18,7 +18,7 @@ class Interval(NamedTuple):
 
     start: float
     end: float
-    #: Given only where rounding of the end would falsify it.
+    #: Given for an instant, whose forces are those at one time.
     own_length: float | None = None
 
     @property

@@ -143,7 +143,7 @@ class Vibration:
         return x
 
     def by_frequency(self, motion: np.ndarray) -> np.ndarray:
-        """Its derivative by the frequency, over 2 pi, times a motion (free,)."""
+        """Its derivative by the angular frequency w, times a motion (free,)."""
         values = np.array([0, 1j, -4 * np.pi * self._f]) @ self._values
         return scipy.sparse.csc_matrix((values, *self._pattern), self._shape) @ motion
 

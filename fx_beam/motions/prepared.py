@@ -159,9 +159,9 @@ def _come_and_gone(model: Model, start: Solution, state: State) -> float:
     end, energy = end_of(start), start.energy
     if start.t[-1] != end.t:
         return 0.0  # the record has no row of the end
-    come = model.energy(state) - float(energy.total[-1] - (energy.work[-1] - end.work))
+    change = model.energy(state) - float(energy.total[-1] - (energy.work[-1] - end.work))
     parts = energy.kinetic, energy.strain, energy.potential, energy.springs
-    return come if abs(come) > _ROUND_OFF * sum(abs(part[-1]) for part in parts) else 0.0
+    return change if abs(change) > _ROUND_OFF * sum(abs(of[-1]) for of in parts) else 0.0
 
 
 def state_of(model: Model, start: Solution) -> State:

@@ -430,7 +430,7 @@ def test_functions_with_other_arguments_give_what_they_give_of_floats(of):
     assert slopes == pytest.approx(expected, abs=1e-9)
 
 
-def test_slopes_that_are_lost_where_they_are_zero_are_missed_later():
+def test_the_loss_of_slopes_that_are_zero_at_first_is_seen_later():
     """A length by a function that takes floats alone, of a place on a line of symmetry."""
 
     def build(x):
@@ -448,3 +448,16 @@ def test_slopes_that_are_lost_where_they_are_zero_are_missed_later():
             J = run.jacobian()["place"][-1, :, 0]
         gradients.append(J)
     assert gradients[0] == pytest.approx(gradients[1], rel=1e-8)
+
+
+def test_another_count_of_parameters_has_derivatives_as_well():
+    def build(x):
+        scene = fb.Scene()
+        body = scene.add_body((0, 0), mass=1.0, inertia=1.0)
+        scene.add_force(body.centre, (sum(x), 0.0))
+        return scene, {"place": fb.Output("position", body.centre)}
+
+    run = fb.Response(build, dt=0.1, t_end=0.2)
+    for x in ([0.0, 1.0], [1.0, 2.0, 3.0]):
+        run(x)
+        assert run.jacobian()["place"][-1, 0] == pytest.approx([0.02] * len(x))  # f t^2 / 2
