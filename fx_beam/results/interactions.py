@@ -70,7 +70,7 @@ class JointMotion:
     def spin(self) -> np.ndarray:
         """Rate (n,) of the angle [rad/s].
 
-        At nodes without rotary inertia that move freely it is a mean over a step.
+        By the mid-point rule it is a mean over a step where free nodes have no rotary inertia.
         """
         return self.joint.kinematics.spin(*self._motion)
 

@@ -53,8 +53,9 @@ class Solution:
 
     Its arrays are read-only. Rates by the mid-point rule are the nearest ones, in the norm of the
     mass, that fit the joints and driven motions; mean forces of a step are those that belong to
-    them. At nodes without mass that move freely, velocities are means over the step that ends at
-    t[k], or over the last part of a halved step; so are spins at nodes without rotary inertia.
+    them. At nodes without mass that move freely, velocities by the mid-point rule are means over
+    the step that ends at t[k], or over the last part of a halved step; so are spins at nodes
+    without rotary inertia.
 
     Parameters
     ----------

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import fx_beam as fb
 
@@ -50,6 +51,29 @@ def fine_state():
 def test_every_scheme_is_of_second_order_in_time(scheme):
     steps = np.array([1 / 200, 1 / 400, 1 / 800])
     errors = [np.linalg.norm(end_state(scheme, dt) - fine_state()) for dt in steps]
+    assert order(steps, errors) > 1.9
+
+
+@pytest.mark.parametrize("scheme", SCHEMES, ids=lambda s: s.name)
+def test_damping_at_a_point_of_a_body_leaves_the_order(scheme):
+    """A pendulum: I w' = -m g r cos(psi) - c L^2 w, with drag at a point without mass."""
+    m, r, L, c, inertia = 1.0, 0.3, 0.6, 0.5, 0.05
+
+    def rates(t, y):
+        psi, w = y
+        return w, -(m * 9.81 * r * np.cos(psi) + c * L**2 * w) / (inertia + m * r**2)
+
+    psi, w = solve_ivp(rates, (0, 0.4), (0.0, 0.0), rtol=1e-12, atol=1e-12).y[:, -1]
+    exact = L * np.array([np.cos(psi), np.sin(psi), -w * np.sin(psi), w * np.cos(psi)])
+    steps, errors = np.array([1 / 100, 1 / 200, 1 / 400]), []
+    for dt in steps:
+        scene = fb.Scene(gravity=(0, -9.81))
+        body = scene.add_body((r, 0), m, inertia, points={"pin": (0, 0), "end": (L, 0)})
+        scene.add_joint(fb.Revolute(fb.GROUND, body["pin"]))
+        scene.add_drag(body["end"], linear=c)
+        solution = fb.simulate(scene, scheme, dt=dt, t_end=0.4)
+        ends = solution.position(body["end"])[-1], solution.velocity(body["end"])[-1]
+        errors.append(np.linalg.norm(np.concatenate(ends) - exact))
     assert order(steps, errors) > 1.9
 
 

@@ -84,7 +84,8 @@ HOT void inertia(const Problem *p, const Work *w, double *r, double *K) {
 HOT void advance_rates(Problem *p, const Work *w, double dt) {
   if (p->at_rest) return;
   const double *restrict path = w->path;
-  double *restrict v = p->v, *restrict a = p->a, *restrict v0 = w->scratch, per_dt = 1 / dt;
+  double *restrict v = p->v, *restrict a = p->a, *restrict v0 = w->scratch, *restrict a0 = w->acc, per_dt = 1 / dt;
+  int newmark = p->rule && !p->rules;
   memcpy(v0, v, p->dofs * sizeof *v);
   if (p->rules) {
     evaluate_rule(p, w, dt);
@@ -94,10 +95,12 @@ HOT void advance_rates(Problem *p, const Work *w, double dt) {
   else
     for (int i = 0; i < p->dofs; ++i) {
       double a1 = newmark_end(p, w->D[i], v0[i], a[i], dt);
-      v[i] += dt * ((1 - p->gamma) * a[i] + p->gamma * a1), a[i] = a1;
+      v[i] += dt * ((1 - p->gamma) * a[i] + p->gamma * a1), a0[i] = a[i], a[i] = a1;
     }
   for (int k = 0; k < p->massless_count; ++k) {
     int i = p->massless[k];
     v[i] = per_dt * path[i], a[i] = per_dt * (v[i] - v0[i]);
+    /* Newmark's formulas take v as that at the end: the mean, and half a step with the mean acceleration since that before. */
+    if (newmark) a[i] += a0[i] / 2, v[i] += dt / 2 * a[i];
   }
 }
