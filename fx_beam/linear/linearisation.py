@@ -28,8 +28,8 @@ from fx_beam.step.turning_frame import TurningFrame, check_turns
 from fx_beam.step.undamped_modes import Symmetry, UndampedModes
 
 # Length of the steps whose tangents give the damping [s]. In much shorter ones damping over the
-# length hides what couples nodes that slide.
-_INSTANT = 1e-9
+# length hides what couples nodes that slide, and round-off of places on members is a fast slip.
+INSTANT = 1e-9
 # Masses relative to the largest, in sizes of unit unknowns, that a lever of round-off gives.
 _NO_MASS = 1e-26
 
@@ -119,11 +119,11 @@ class Linearisation:
     def _damping(self, what: str) -> scipy.sparse.csr_matrix:
         model = self.damped_model
         equations, tangents, start = Equations(model, inert=False), [], self.start
-        for dt in (_INSTANT, 2 * _INSTANT):
+        for dt in (INSTANT, 2 * INSTANT):
             equations.begin(instant(start.t, dt), start)
             equations.at_start(np.zeros(model.size))
             tangents.append(equations.tangent())
-        C = (2 * _INSTANT * (tangents[0] - tangents[1])).tocsr()
+        C = (2 * INSTANT * (tangents[0] - tangents[1])).tocsr()
         check_damping(C.data, f"{what}: the damping at rest")
         C.eliminate_zeros()
         return C

@@ -24,12 +24,10 @@ from fx_beam.step.held_inputs import HeldInputs
 from fx_beam.step.model import Model
 from fx_beam.step.turning_frame import TurningFrame
 
-from .linearisation import check_damping, check_unknowns, turning_frame_of
+from .linearisation import INSTANT, check_damping, check_unknowns, turning_frame_of
 
 _log = logging.getLogger("fx_beam")
 
-# Length of the steps that give damping [s]: stiffness and motion have no part in them.
-_INSTANT = 1e-30
 # Rates that differ from those of a turn by less, relative to it, are rigid.
 _RIGID = 1e-2
 # Weight of rates without mass, relative to the largest.
@@ -275,11 +273,11 @@ def _forces(model: Model, state: State, strained: np.ndarray | None = None):
         return f, forms.tangent(), *on_slides
 
     if not forms.depend_on_rates:
-        f, half, pushes, half_slides = step(_INSTANT, moving=False)
+        f, half, pushes, half_slides = step(INSTANT, moving=False)
         return f, 2 * half, 0 * half, pushes, 2 * half_slides, 0 * half_slides
-    _, at_once, _, slides_at_once = step(_INSTANT)
-    _, later, _, slides_later = step(2 * _INSTANT)
-    C, viscous = (2 * _INSTANT * d for d in (at_once - later, slides_at_once - slides_later))
+    _, at_once, _, slides_at_once = step(INSTANT)
+    _, later, _, slides_later = step(2 * INSTANT)
+    C, viscous = (2 * INSTANT * d for d in (at_once - later, slides_at_once - slides_later))
     # In an instant strains of round-off would have large rates; in long steps loads change.
     size = abs(state.v / model.unit).max()
     h = min(_SMALL / size, _SHORT) if size else _SHORT

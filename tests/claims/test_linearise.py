@@ -309,3 +309,30 @@ def test_about_the_reference_a_system_has_the_vibrations_of_modes(joint, inertia
         for x in (-0.4, 1.6):
             scene.add_force_between(mast.end, (x, 2.0), spring=fb.Spring(50.0, rest=2**0.5))
     roots_of_modes(scene, None, 1e-6)
+
+
+@pytest.mark.parametrize("on_member", [False, True])
+def test_friction_that_sticks_is_a_damped_spring(on_member):
+    """Of a ball on a bed, m x'' + kt tau x' + (kt + k) x = 0, as `modes` has it."""
+    m, kt, tau, k = 0.2, 1e4, 2e-3, 300.0
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    ball = scene.add_body((0.02, 0.02), mass=m, inertia=1e-4).centre
+    scene.fix(ball, "rotation")
+    for place in ((0.52, 0.02), (0.02, 0.52)):
+        scene.add_force_between(ball, place, spring=fb.Spring(k, rest=0.5))
+    law = {"stiffness": 1e4, "friction": fb.Coulomb(5.0, kt, damping=tau)}
+    if on_member:
+        section = fb.Section(EA=1e6, GA=1e6, EI=1e3, rhoA=1.0, rhoI=1e-3)
+        bed = scene.add_beam([(-0.5, 0), (0.5, 0)], section, elements=10)
+        for node in bed.nodes:
+            scene.clamp(node)
+        scene.add_contact(ball, bed, radius=(0.01, 0.01), **law)
+    else:
+        scene.add_contact(ball, fb.Line((0, 0.01), normal=(0, 1)), radius=0.01, **law)
+    state = fb.static(scene, load_steps=4)
+    decay = kt * tau / (2 * m)
+    expected = -decay + 1j * np.sqrt((kt + k) / m - decay**2)
+    values = np.linalg.eigvals(fb.linearise(scene, state=state).A)
+    assert abs(values - expected).min() < 1e-5 * abs(expected)
+    slow = fb.modes(scene, state=state)
+    assert abs(slow.damping_ratios - decay / abs(expected)).min() < 1e-5
