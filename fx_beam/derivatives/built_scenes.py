@@ -282,7 +282,7 @@ def _wrong(
         known, sizes = np.tensordot(change, slopes, 1), np.tensordot(abs(change), abs(slopes), 1)
         error, values = abs((ends[1][name] - ends[0][name]) / 2 - known), abs(here[name])
         sizes, values = (_largest_over_time(name, of) for of in (sizes, values))
-        if name != "points":  # whose numbers have different units
+        if name not in ("points", "members"):  # whose numbers have different units
             values = _largest_of(name, here)
         round_off = (1e4 if name in _COMPUTED else 1.0) * _FEW_DIGITS * values
         if not all_of(error <= _AGREE * sizes + round_off):

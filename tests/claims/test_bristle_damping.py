@@ -151,3 +151,28 @@ def test_critical_damping_is_the_same_in_all_directions():
         damping.append(fb.simulate(scene, dt=1e-3, t_end=1e-3).stats.friction_damping)
     values = [next(iter(of.values())) for of in damping]
     assert values[1:] == [pytest.approx(values[0], rel=1e-12)] * 2
+
+
+@pytest.mark.parametrize("stiffness", [1e5, 1e7])
+def test_gradients_by_a_mass_see_its_critical_damping_on_members(stiffness):
+    """Of a ball that slides on a beam. The numbers of a contact have different units."""
+
+    def build(x):
+        scene = fb.Scene(gravity=(0.0, -9.81))
+        section = fb.Section(EA=1e6, GA=1e6, EI=1e3, rhoA=1.0, rhoI=1e-3)
+        bed = scene.add_beam([(-0.5, 0), (0.5, 0)], section, elements=10)
+        scene.clamp(bed.start)
+        scene.clamp(bed.end)
+        ball = scene.add_body((0.02, 0.02), mass=0.2 * x[0], inertia=1e-4).centre
+        scene.fix(ball, "rotation")
+        scene.add_force(ball, lambda t: (1.5 * np.sin(300 * t), -20.0))
+        friction = fb.Coulomb(0.9, stiffness)
+        scene.add_contact(ball, bed, stiffness, radius=(0.01, 0.01), friction=friction)
+        return scene, {"x": fb.Output("velocity", ball, "x")}
+
+    run, h = fb.Response(build, dt=2e-4, t_end=0.02), 1e-4
+    run([1.0])
+    J = run.jacobian()["x"][:, 0]
+    low2, low, high, high2 = (run([1.0 + by * h])[1]["x"] for by in (-2, -1, 1, 2))
+    expected = (8 * (high - low) - (high2 - low2)) / (12 * h)
+    assert abs(J - expected).max() < 5e-3 * abs(expected).max()
