@@ -34,11 +34,13 @@ _ZERO = 1e-100
 _BENT, _TRIES, _SHORTER = 1e-5, 8, 6
 # Outputs at the start, which have slopes or differences by all of x.
 _AT_START = {"a", "forces of columns", "forces of joints"}
-# Round-off of numbers, relative to the largest of a name. Those that are themselves solutions or
-# differences have more of it: the step is not shortened for these alone.
+# Round-off of numbers, relative to them. Those that are themselves solutions or differences have
+# more of it: the step is not shortened for these alone.
 _NOISE, _COMPUTED = 1e-12, _AT_START | {"v", "driven rates"}
-# Numbers that are differences of places, and have their round-off.
+# Numbers that are differences of places, and have their round-off. It is that of the largest in
+# places, directions and what is computed; others of a name may have different units.
 _FROM_PLACES = {"offset", "rest", "slides"}
+_ALIKE = _FROM_PLACES | _COMPUTED | {"X", "axis", "q"}
 # Error of numbers that depend on x along a line, relative to them.
 _ROUNDING = 8 * np.finfo(float).eps
 # Largest difference of the numbers of two scenes at the same x, relative to them.
@@ -231,7 +233,7 @@ class BuiltScenes:
                     continue
                 narrow, wide = (above[name] - below[name]) / h, (high[name] - low[name]) / (2 * h)
                 sizes[name] = np.maximum(sizes.get(name, 0.0), _size(name, wide))
-                gap = np.maximum(abs(narrow - wide) - _NOISE * _largest_of(name, above) / h, 0.0)
+                gap = np.maximum(abs(narrow - wide) - _NOISE * _values_of(name, above) / h, 0.0)
                 bend, flat = _largest(gap, sizes[name]), not (narrow.any() or wide.any())
                 if name not in best or (bend < best[name][0] and not flat):  # flat between jumps
                     best[name] = bend, narrow + (narrow - wide) / 3
@@ -280,19 +282,17 @@ def _wrong(
     wrong = []
     for name, slopes in by_name.items():
         known, sizes = np.tensordot(change, slopes, 1), np.tensordot(abs(change), abs(slopes), 1)
-        error, values = abs((ends[1][name] - ends[0][name]) / 2 - known), abs(here[name])
-        sizes, values = (_largest_over_time(name, of) for of in (sizes, values))
-        if name not in ("points", "members"):  # whose numbers have different units
-            values = _largest_of(name, here)
-        round_off = (1e4 if name in _COMPUTED else 1.0) * _FEW_DIGITS * values
-        if not all_of(error <= _AGREE * sizes + round_off):
+        error = abs((ends[1][name] - ends[0][name]) / 2 - known)
+        round_off = (1e4 if name in _COMPUTED else 1.0) * _FEW_DIGITS * _values_of(name, here)
+        if not all_of(error <= _AGREE * _largest_over_time(name, sizes) + round_off):
             wrong.append(name)
     return sorted(wrong)
 
 
-def _largest_of(name: str, numbers: dict[str, np.ndarray]) -> np.ndarray:
-    """Largest size of numbers that have the round-off of a name."""
-    return abs(numbers["X" if name in _FROM_PLACES else name]).max(initial=0.0)
+def _values_of(name: str, numbers: dict[str, np.ndarray]) -> np.ndarray:
+    """Sizes of values that have the round-off of those of a name."""
+    sizes = abs(numbers["X" if name in _FROM_PLACES else name])
+    return sizes.max(initial=0.0) if name in _ALIKE else _largest_over_time(name, sizes)
 
 
 def _largest_over_time(name: str, sizes: np.ndarray) -> np.ndarray:

@@ -17,7 +17,8 @@ from fx_beam.step.sparse_lu import pivoted_lu
 from .static_derivatives import DerivativesOf
 from .tangent_derivatives import Pairs, TangentDerivatives
 
-# Part of a sum beside which it is zero but for round-off and the place of the point.
+# Part of a sum, or of the work of a load, beside which work is round-off, or due to the place of
+# the point.
 _ZERO = 1e-5
 # The same of the slope of a bifurcation's mode, beside changes of its stiffness with the load.
 _ASYMMETRIC = 1e-3
@@ -116,7 +117,7 @@ class CriticalLoad:
             return -totals[:-1] / totals[-1]
         totals, by_state, weights = self._along_path()
         if self._point.kind == "bifurcation":
-            if len(where := np.flatnonzero(self._disturbing())):
+            if len(where := np.flatnonzero(self._disturbing(totals[-1]))):
                 raise SceneError(self._infinite(int(where[0])))
             if self._slope(totals[-1], by_state, weights)[0]:
                 raise SceneError(
@@ -138,7 +139,7 @@ class CriticalLoad:
                 "only bifurcations have. For the slopes of this load use jacobian"
             )
         totals, by_state, weights = self._along_path()
-        B, C = totals[-1], self._disturbing()
+        B, C = totals[-1], self._disturbing(totals[-1])
         slope, curvature = self._slope(B, by_state, weights)
         if slope:
             size = np.sqrt(2 * abs(slope * C)) / abs(B)
@@ -171,13 +172,22 @@ class CriticalLoad:
         """The sum psi.K phi, and a factor times psi.M phi."""
         return Pairs(self.phi[None], self.psi[None], np.zeros(1, int), 1.0, mass=mass)
 
-    def _disturbing(self) -> np.ndarray:
-        """Work (m,) on the mode of forces that appear with x; zero if it is round-off of these."""
-        any_motion = self._unit * np.random.default_rng(0).standard_normal(len(self._unit))
-        work = self._tangent.by_x(self._tangent.forces(self.psi))[:-1]
-        by = {name: abs(of) for name, of in self._tangent.forces(any_motion).items()}
-        sizes = self._tangent.by_x(by, {name: abs(of) for name, of in self._changes.items()})[:-1]
-        return np.where(abs(work) > _ZERO * sizes, work, 0.0)
+    def _disturbing(self, by_factor: float) -> np.ndarray:
+        """Work (m,) on the mode of forces that appear with x; zero if it is round-off.
+
+        Of its parts, or beside that of the load, by the relative changes of numbers with x.
+        """
+        by, numbers = self._tangent.forces(self.psi), self._tangent.numbers_of(self._about.scene)
+        sizes = {name: abs(of) for name, of in by.items()}
+        changes = {name: abs(self._changes[name]) for name in by}
+        work, parts = self._tangent.by_x(by)[:-1], self._tangent.by_x(sizes, changes)[:-1]
+        largest = [
+            of.reshape(len(of), -1).max(axis=1, initial=0.0) / (abs(numbers[name]).max() or np.inf)
+            for name, of in changes.items()
+            if of.size
+        ]
+        of_load = abs(by_factor * self._point.load_factor) * np.max(largest, axis=0)[:-1]
+        return np.where(abs(work) > _ZERO * np.maximum(parts, of_load), work, 0.0)
 
     def _infinite(self, i: int) -> str:
         exponent, coefficients = self.sensitivity()

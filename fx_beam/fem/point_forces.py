@@ -76,10 +76,7 @@ def _without_numbers(force: PointForce) -> tuple:
 
     Nor with the text of its owner, which has positions, and the axis of its load.
     """
-    law: Any = force.law
-    if law.of_user:
-        law = law.name, law.size, law.numbers, law.internal, law.remembered
-    return law, *force[2:7], force.load.joint, force.load.turn
+    return force.law.kind, *force[2:7], force.load.joint, force.load.turn
 
 
 class PointForces:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from fx_beam.symbolic import ufl
 
-from .point_laws import Coordinate, Kind, Motion, Slip, add, arm_length, dot
+from .point_laws import TINY, Coordinate, Kind, Motion, Slip, add, arm_length, dot
 
 
 class _Pair(NamedTuple):
@@ -129,9 +129,9 @@ def _circle_gap(at: _Meeting) -> Coordinate:
 
 
 def _circle_slip(at: _Meeting) -> Slip:
-    length, level = ufl.sqrt(dot(at.r, at.r)), at.motion.rule.level
-    r1 = add(at.r0, 1.0, at.Dr)
-    mean = (1 - level) * ufl.sqrt(dot(at.r0, at.r0)) + level * ufl.sqrt(dot(r1, r1))
+    level, arms = at.motion.rule.level, (at.r0, add(at.r0, 1.0, at.Dr), at.r)
+    start, end, length = (ufl.sqrt(dot(arm, arm) + TINY) for arm in arms)
+    mean = (1 - level) * start + level * end
     slip = at.slip([x / length for x in at.r], length, at.numbers[1] * at.half)
     return slip._replace(normal=length / mean)
 

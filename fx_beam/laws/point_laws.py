@@ -123,6 +123,11 @@ class PointLaw:
     at_zero: str = ""
 
     @property
+    def kind(self) -> Any:
+        """What laws of the same kind share; functions of a user are compared in the scene."""
+        return self.key if self.of_user else self
+
+    @property
     def key(self) -> tuple:
         """Identifier of a law of this package: what it consists of, without its functions."""
         has = [bool(function) for function in (self.energy, self.loss, self.switches)]

@@ -179,3 +179,48 @@ def test_a_function_that_all_scenes_have_is_asked_anew_in_each(takes_floats):
         J = run.jacobian()["speed"][-1]
         assert J == pytest.approx([y["speed"][-1] / x[0], 0.0], rel=1e-8, abs=1e-12)
     assert bool(run.stats.difference_reason) == takes_floats
+
+
+def length_without_slopes(scene, x):
+    """The distance of two nodes, which NumPy computes without slopes: x[0]."""
+    ends = [scene.add_body((place, 1), mass=1.0, inertia=1.0).centre for place in (0.0, x[0])]
+    for end in ends:
+        scene.clamp(end)
+    return np.hypot(*np.array([ends[1].x - ends[0].x, ends[1].y - ends[0].y]))
+
+
+def small_parameter(scene, length, large):
+    """Beside a large one."""
+    k, other = fb.Parameter("k", 1e-2 * length), fb.Parameter("other", large)
+    energies = (lambda z: 1e4 * k * z**2), (lambda z: 1e-6 * other * z**2)
+    for place, energy in enumerate(energies):
+        body = scene.add_body((place, 0), mass=1.0, inertia=0.1)
+        spring = fb.Spring(1.0, strain_energy=energy)
+        joint = fb.Prismatic(fb.GROUND, body.centre, axis=(0, 1), spring=spring)
+        yield scene.add_joint(joint), "slide"
+
+
+def small_mass(scene, length, large):
+    """That of a rotor beside a heavy body."""
+    scene.clamp(scene.add_body((3, 0), large, 0.1).centre)
+    rotor = scene.add_body((0.5, 0), 1e-3, 1e-7 * length**2)
+    spring = fb.Spring(1e-3, rest=0.5)
+    yield scene.add_joint(fb.Revolute(fb.GROUND, rotor.centre, spring=spring)), "angle"
+
+
+@pytest.mark.parametrize("large", [1.0, 1e4, 1e9])
+@pytest.mark.parametrize("small", [small_parameter, small_mass])
+def test_slopes_that_are_lost_are_missed_also_beside_large_numbers(small, large):
+    """Parameters, masses and others in one list may have different units."""
+
+    def build(x):
+        scene = fb.Scene(gravity=(0, -9.81))
+        joint, quantity = next(iter([*small(scene, length_without_slopes(scene, x), large)]))
+        return scene, {"y": fb.Output(quantity, joint)}
+
+    run, h = fb.Response(build, dt=2e-3, t_end=0.1), 1e-4
+    run([1.0])
+    J = run.jacobian()["y"][-1, 0]
+    assert "x[0]" in run.stats.difference_reason
+    low2, low, high, high2 = (run([1 + by * h])[1]["y"][-1] for by in (-2, -1, 1, 2))
+    assert pytest.approx((8 * (high - low) - (high2 - low2)) / (12 * h), rel=1e-6) == J

@@ -285,6 +285,44 @@ def test_a_contact_law_of_a_user_is_the_built_in_one_if_it_is_quadratic():
     assert own == pytest.approx(linear, abs=1e-14)
 
 
+@pytest.mark.parametrize("mu", [0.0, 0.4])
+def test_a_contact_law_of_a_user_serves_members_also_in_a_response(mu):
+    """Each scene has a function of its own."""
+
+    def build(x):
+        scene = fb.Scene(gravity=(0, -9.81))
+        section = fb.Section(EA=2e4, GA=1e4, EI=20.0 * x[0], rhoA=0.5, rhoI=1e-3)
+        bed = scene.add_beam([(0, 0), (1, 0)], section, elements=4)
+        scene.clamp(bed.start)
+        bar = scene.add_beam([(0.6, 0.04), (1.0, 0.2)], section, elements=4)
+        friction = fb.Coulomb(mu, 1e4, damping=1e-3) if mu else None
+        law = {"energy": lambda d: 4e5 * d**2, "friction": friction}
+        scene.add_contact(bar, bed, radius=0.015, **law)
+        return scene, {"start": fb.Output("position", bar.start)}
+
+    run, h = fb.Response(build, dt=5e-4, t_end=0.1), 1e-4
+    run([1.0])
+    J = run.jacobian()["start"][-1, :, 0]
+    low2, low, high, high2 = (run([1 + by * h])[1]["start"][-1] for by in (-2, -1, 1, 2))
+    expected = (8 * (high - low) - (high2 - low2)) / (12 * h)
+    assert abs(expected).max() > 1e-6
+    assert J == pytest.approx(expected, abs=1e-4 * abs(expected).max())
+
+
+def test_a_pin_may_start_in_the_middle_of_its_hole_with_friction():
+    """The direction of its arm, which is zero, is none."""
+
+    def end(place):
+        scene = fb.Scene(gravity=(0, -9.81))
+        pin = scene.add_body((place, 0), 0.3, 5e-4).centre
+        scene.set_velocity(pin, (0.0, 0.0), spin=20.0)
+        hole, friction = fb.Circle((0, 0), 0.03, inside=True), fb.Coulomb(0.3, 3e4)
+        scene.add_contact(pin, hole, stiffness=5e4, radius=0.028, friction=friction)
+        return fb.simulate(scene, dt=1e-3, t_end=0.05).position(pin)[-1]
+
+    assert end(0.0) == pytest.approx(end(1e-12), abs=1e-9)
+
+
 def test_a_contact_law_with_restitution_returns_its_square_of_the_energy():
     solution, _ = thrown_at(2e-5, e=0.5, speed=1e-3, **HERTZ)
     assert solution.energy.kinetic[-1] == pytest.approx(0.25 * 0.5, rel=1e-3)

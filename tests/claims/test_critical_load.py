@@ -103,6 +103,69 @@ def test_loads_fall_with_imperfections_as_koiter_says(laws, exponent, exact):
         run.jacobian()
 
 
+@pytest.mark.parametrize(("EA", "elements"), [(1e3, 12), (1e4, 24), (1e5, 12)])
+def test_the_sway_of_an_arch_is_an_imperfection_however_stiff_it_is_along_its_axis(EA, elements):
+    """Against a load at 1 mm. The bending stiffness is none."""
+
+    def build(x):
+        scene = fb.Scene()
+        section = fb.Section(EA=EA, GA=EA, EI=x[1])
+        arch = scene.add_beam(
+            lambda f: (2 * f - 1, 1.8 * f * (1 - f) + x[0] * np.sin(2 * np.pi * f)),
+            section,
+            elements=elements,
+            degree=3,
+        )
+        scene.pin(arch.start)
+        scene.pin(arch.end)
+        scene.add_force(arch.node(0.5), (0, -50.0))
+        return observed(scene)
+
+    options = {"load_steps": 24, "continuation": "arc-length", "max_steps": 90}
+    run, size = fb.StaticResponse(build, **options), 1e-3
+    _, y = run([0.0, 1.0])
+    power, coefficients = run.imperfection_sensitivity()
+    _, less = run([size, 1.0])
+    falls = (y["load"] - less["load"]) / size**power
+    assert coefficients == pytest.approx([falls, 0.0], rel=1e-3, abs=1e-12)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.3, 1.1])
+def test_the_stiffness_of_a_column_is_no_imperfection_in_any_direction(angle):
+    """Of a straight column, which is not bent, the work of its bending moments is round-off."""
+
+    def build(x):
+        scene, along = fb.Scene(), np.array([-np.sin(angle), np.cos(angle)])
+        section = fb.Section(EA=STIFF, GA=STIFF, EI=x[0])
+        beam = scene.add_beam([(0, 0), along], section, elements=8, degree=2)
+        scene.clamp(beam.start)
+        scene.add_force(beam.end, -4 * along)
+        return observed(scene)
+
+    run = fb.StaticResponse(build, load_steps=4)
+    _, y = run([1.0])
+    assert y["load"] == pytest.approx(np.pi**2 / 16, rel=1e-4)
+    assert run.jacobian()["load"][0] == pytest.approx(y["load"], rel=1e-4)
+
+
+@pytest.mark.parametrize("steps", [8, 12, 16, 24])
+def test_a_path_that_is_left_in_a_long_step_has_no_critical_point_there(steps):
+    """An arch that is pushed a little to one side: it has limit points, but no bifurcation."""
+    scene = fb.Scene()
+    section = fb.Section(EA=1e4, GA=4e3, EI=1.0)
+    points = [(-1, 0), (-0.5, 0.3375), (0, 0.45), (0.5, 0.3375), (1, 0)]
+    left = scene.add_beam(points[:3], section, elements=4, degree=2)
+    right = scene.add_beam([left.end, *points[3:]], section, elements=4, degree=2)
+    scene.pin(left.start)
+    scene.pin(right.end)
+    scene.add_force(left.end, (0.01, -50.0))
+    options = {"load_steps": steps, "continuation": "arc-length", "max_steps": 2 * steps}
+    first, *_ = fb.static(scene, **options).critical_points
+    if steps == 24:
+        assert first.load_factor == pytest.approx(0.1539068, rel=1e-6)
+    assert first.kind == ("limit point" if steps == 24 else "not located")
+
+
 def test_a_critical_load_that_there_is_not_is_told_of():
     run = fb.StaticResponse(lambda x: column([*x, 0.5], followed), load_steps=2)
     with pytest.raises(fb.SceneError, match="no critical point up to load factor 1"):

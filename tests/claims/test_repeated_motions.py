@@ -1,5 +1,7 @@
 """Motions of scenes that differ in numbers only give what each gives by itself, to the digit."""
 
+import ufl
+
 import numpy as np
 import pytest
 
@@ -184,3 +186,21 @@ def test_a_motion_after_a_derivative_is_the_same_as_by_itself():
     scene, outputs = four_bars(x)
     expected = fb.simulate(scene, **STEPS).velocity(outputs["rate"].of)
     assert np.array_equal(run(x)[1]["rate"], expected)
+
+
+def test_what_is_not_finite_in_one_motion_is_gone_in_the_next():
+    """Also between the unknowns of a node with supports, which are no whole group of three."""
+    spring = fb.Spring(1.0, rest=1.0, strain_energy=lambda x: x**2 - ufl.ln(0.5 - x))
+
+    def end(speed):
+        scene = fb.Scene()
+        nodes = [scene.add_body((x, 0), mass=1.0, inertia=0.1).centre for x in (0, 1)]
+        scene.fix(nodes[0], "y", "rotation")
+        scene.add_force_between(*nodes, spring=spring)
+        scene.set_velocity(nodes[1], (speed, 0.0))
+        return fb.simulate(scene, dt=0.01, t_end=0.1).position(nodes[1])[-1]
+
+    before = end(0.1)
+    with pytest.raises(fb.StepError, match="not finite"):
+        end(1e3)
+    assert np.array_equal(end(0.1), before)

@@ -98,9 +98,9 @@ HOT int solve_bordered(const Problem *p, const Work *w, const double *b, double 
   int middle = middle_of_elimination(p), n = p->unknowns, bordered = HAS(SLIDERS) && p->bordering_rows;
   const int *reached = bordered ? w->reached : 0;
   Ends of = ends_around(n, p->band, middle);
+  memset(w->y, 0, p->positions * sizeof(double)); /* what was not finite in an earlier step is gone, also between groups */
 #pragma GCC unroll 4
   for (int i = 0; i < p->free; ++i) w->y[p->order[i]] = b[i];
-  for (int i = p->free; i < n; ++i) w->y[p->order[i]] = 0;
   if (bordered) memset(w->bordering_right, 0, p->bordering_rows * sizeof(double));
   if (bordered) pass_on(p, 1, 0, w->y, w->bordering_right);
   if (!HAS(CHAIN | BAND)) substitute_forward(p->rows, w->y);
