@@ -419,7 +419,7 @@ def _sticking(step: _Step, normal: Any, still_normal: Any) -> tuple[Any, list[An
     tau, mu, stiffness = step.numbers[-3:]
     start, slipped = step.motion.internal[:2]
     rule = step.motion.rule
-    edge = 1 - _AT_LIMIT if rule.at_rest else 1.0
+    edge = 1 - _AT_LIMIT if rule.at_rest or rule.instant else 1.0
     # The force is kt (z0 + part Dz): at the scheme's level with the viscosity, or at the end.
     part = rule.level + tau / step.motion.dt
     if rule.at_rest:

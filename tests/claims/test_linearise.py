@@ -336,3 +336,35 @@ def test_friction_that_sticks_is_a_damped_spring(on_member):
     assert abs(values - expected).min() < 1e-5 * abs(expected)
     slow = fb.modes(scene, state=state)
     assert abs(slow.damping_ratios - decay / abs(expected)).min() < 1e-5
+
+
+@pytest.mark.parametrize("kind", ["guide", "floor"])
+def test_friction_that_slips_has_no_stiffness_and_no_damping(kind):
+    """A block of 1 kg on a spring, pushed until it slips: x'' + k x = 0."""
+    k, mu, kt, push = 50.0, 0.3, 100.0, 20.0
+    scene, friction = fb.Scene(gravity=(0, -10.0)), fb.Coulomb(mu, kt, damping=0.2)
+    block = scene.add_body((0, 0), mass=1.0, inertia=0.1).centre
+    if kind == "guide":
+        spring = fb.Spring(k)
+        guide = fb.Prismatic(fb.GROUND, block, axis=(1, 0), spring=spring, friction=friction)
+        scene.add_joint(guide)
+    else:
+        scene.fix(block, "rotation")
+        far = 1e4
+        scene.add_force_between(block, (-far, 0.0), spring=fb.Spring(k, rest=far))
+        scene.add_contact(block, fb.Line((0, 0), normal=(0, 1)), 100.0, friction=friction)
+    scene.add_force(block, (push, 0.0))
+    scene.add_force(block, fb.Input("force", factor=(1, 0)))
+    state = fb.static(scene, load_steps=4)
+    assert state.displacement(block)[-1, 0] == pytest.approx((push - 10 * mu) / k, rel=1e-4)
+    outputs = {"x": fb.Output("displacement", block, "x")}
+    system = fb.linearise(scene, state=state, outputs=outputs)
+    values = np.linalg.eigvals(system.A)
+    assert abs(values - 1j * np.sqrt(k)).min() < 1e-4
+    f = 1.0
+    response = fb.frequency_response(scene, (block, (1.0, 0.0)), block, [f], state)
+    expected = 1 / (k - (2 * np.pi * f) ** 2)
+    assert response.values[0, 0] == pytest.approx(expected, rel=1e-4)
+    s = 2j * np.pi * f * np.eye(len(system.A))
+    transfer = system.C @ np.linalg.solve(s - system.A, system.B) + system.D
+    assert transfer[0, 0] == pytest.approx(expected, rel=1e-4)
