@@ -150,10 +150,10 @@ class PathStability:
         known = [state.negative_eigenvalues for state in states]
         if None in known and self._motions.model.flows:
             raise ValueError(
-                "unstable_modes: in a scene in which something may slip or flow, only the factors of "
-                "steps tell them, if the tangent is symmetric: not while friction slips, or with "
-                "forces that follow the motion, and not in scenes with closed loops, nodes that "
-                "slide on beams or contact between members, or on several processes"
+                "unstable_modes: in a scene in which something may slip or flow, only the factors "
+                "of steps tell them, if the tangent is symmetric: not while friction slips or with "
+                "forces that follow the motion, nor in scenes with closed loops, nodes that slide "
+                "on beams or contact between members, or on several processes"
             )
         counts: list[int] = []
         limits = self._stepper.stats.limit_points

@@ -112,8 +112,11 @@ def distinct(sections: Iterable[Section]) -> list[Section]:
 
 
 def cell_data(mesh: Mesh, rows: np.ndarray) -> Data:
-    """Data (beams, ...): one constant if all beams have the same, else cell by cell."""
-    if (rows == rows[0]).all():
+    """Data (beams, ...): one constant of a single beam, else cell by cell.
+
+    Also if they are equal, as they may be by chance in one scene of many.
+    """
+    if len(rows) == 1:
         return Data(0, rows[0])
     return Data(1, rows[mesh.beam_of_cell][:, None])
 

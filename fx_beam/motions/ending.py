@@ -22,8 +22,9 @@ _OF_STEP, _OF_TIME = 1e-13, 4e-16
 _ZERO = 1e-8
 # The shortest last step, relative to the one before; with a shorter one both are one step.
 _SHORTEST = 0.1
-# A mean force that is met in a shorter step than this part of one has jumped at its start.
-_JUMP = 1e-9
+# A mean force that is met in a shorter step than this part of one has jumped at its start. In such
+# steps forces may be round-off.
+_JUMP = 1e-6
 _MOST_TRIALS = 200
 
 
@@ -83,8 +84,13 @@ class Ending:
         halving = copy(vars(self._stepper.halving))
         t0, mark, before = mark.state.t, mark._replace(halving=halving), self._before
         ends = {name: self._zero(name, mark, t0, t1, values[name]) for name in met}
-        first = min(ends, key=ends.__getitem__)
-        least, jumped = t0 + _SHORTEST * (t1 - t0), ends[first] - t0 < _JUMP * (t1 - t0)
+        soon, least = (t0 + part * (t1 - t0) for part in (_JUMP, _SHORTEST))
+
+        def order(name: str) -> tuple[float, float]:
+            """Of those that jump at once the one first that goes farthest."""
+            return max(ends[name], soon), -abs(values[name]) / (abs(self._values[name]) or 1e-300)
+
+        first = min(ends, key=order)
         if ends[first] < least and before is not None and t0 not in kinks:
             longer = before._replace(halving=halving)
             value = self._at(first, longer, t1)
@@ -92,9 +98,9 @@ class Ending:
                 mark, ends[first] = longer, t1  # where round-off decides the sign
             elif _changes(self._values[first], value):
                 mark, ends[first] = longer, self._zero(first, longer, t0, t1, value)
-            elif jumped and _changes(self._values[first], self._at(first, mark, least)):
+            elif ends[first] < soon and _changes(self._values[first], self._at(first, mark, least)):
                 ends[first] = least  # mean forces have jumped from the step before to this one
-        elif jumped:
+        elif ends[first] < soon:
             ends[first] = least
         self._return_to(mark)
         number = self._stepper.stats.steps + 1

@@ -224,3 +224,26 @@ def test_slopes_that_are_lost_are_missed_also_beside_large_numbers(small, large)
     assert "x[0]" in run.stats.difference_reason
     low2, low, high, high2 = (run([1 + by * h])[1]["y"][-1] for by in (-2, -1, 1, 2))
     assert pytest.approx((8 * (high - low) - (high2 - low2)) / (12 * h), rel=1e-6) == J
+
+
+@pytest.mark.parametrize("kind", [fb.Response, fb.StaticResponse])
+def test_beams_may_be_equal_where_derivatives_are_taken(kind):
+    """As at the start of a design. Their sections are objects of their own, as are their drags."""
+
+    def build(x):
+        scene, start = fb.Scene(gravity=(0, -9.81)), (0, 0)
+        for i in range(2):
+            section = fb.Section(EA=2e4, GA=1e4, EI=20 * x[i], rhoA=0.5, rhoI=1e-3)
+            beam = scene.add_beam([start, (i + 1, 0)], section, elements=2)
+            scene.add_drag(beam, linear=0.1 * x[i])
+            start = beam.end
+        scene.clamp(scene.beams[0].start)
+        return scene, {"end": fb.Output("position", start, "y")}
+
+    steps = {"load_steps": 2} if kind is fb.StaticResponse else {"dt": 0.01, "t_end": 0.1}
+    run, h = kind(build, **steps), 1e-4
+    run([1.0, 1.0])
+    J = run.jacobian()["end"][-1]
+    for i, unit in enumerate(h * np.eye(2)):
+        below, above = (run(np.ones(2) + by)[1]["end"][-1] for by in (-unit, unit))
+        assert J[i] == pytest.approx((above - below) / (2 * h), rel=1e-6)

@@ -328,6 +328,21 @@ def test_the_weaker_of_two_joints_breaks_at_its_force(scheme):
     assert scene.joints == [fuses["joint 0"].joint]
 
 
+@pytest.mark.parametrize("names", [("first", "second"), ("second", "first")])
+@pytest.mark.parametrize("jump", [0.03, 0.0501])
+def test_of_fuses_that_a_jump_overloads_the_most_loaded_one_breaks(names, jump):
+    """Of three equal bodies in a row the last one is pulled: by 30 and 60 N in the joints."""
+    scene = fb.Scene()
+    bodies = [scene.add_body((x, 0), 1.0, 0.1).centre for x in range(3)]
+    pairs = zip(bodies[:-1], bodies[1:], strict=True)
+    joints = [scene.add_joint(fb.Rigid(*pair, offset=(1, 0))) for pair in pairs]
+    scene.add_force(bodies[2], lambda t: (90.0 if t > jump else 0.0, 0.0))
+    fuses = dict(zip(("first", "second"), (fb.Fuse(joint, 20.0) for joint in joints), strict=True))
+    changes = {name: fuses[name] for name in names}
+    motion = fb.simulate(scene, dt=0.01, t_end=0.1, changes=changes)
+    assert motion.stats.changes == {"second": pytest.approx(jump, abs=1e-9)}
+
+
 def test_a_motion_with_changes_ends_by_its_own_condition_and_goes_on_elsewhere(tmp_path):
     scene, bodies, guides = train(3, (1.0, 1.0, 1.0), (-1.0, 0.0, 2.0))
     outputs = {"x": fb.Output("position", bodies[2], "x")}
