@@ -16,6 +16,7 @@ from fx_beam.laws.point_laws import PointLaw, StepRule
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.contacts import Contact, arc_of, points_of
 from fx_beam.scene.coordinate import bristle
+from fx_beam.scene.joints import GROUND
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 
@@ -25,6 +26,9 @@ from .mesh import Mesh
 # Entries of a contact point, slots of memory of a point's friction, and numbers in each
 # (member_contact.h).
 _ENTRIES, _SLOTS, _IN_SLOT = 10, 2, 3
+# Nodes of a closed member on either side of its seam that are there twice; ends relative to its
+# length that are at one place.
+_AROUND, _SAME_PLACE = 4, 1e-9
 
 
 class MemberPair(NamedTuple):
@@ -36,7 +40,7 @@ class MemberPair(NamedTuple):
     #: Nodes that touch, and where the forces on them are recorded (-1: nowhere).
     points: np.ndarray
     point_slots: np.ndarray
-    #: Nodes of the member, in order.
+    #: Nodes of the member, in order; of a closed one some at both ends are there twice.
     nodes: np.ndarray
     node_slots: np.ndarray
     #: Numbers (points, n): sum of the radii, then those of the law.
@@ -47,6 +51,25 @@ class MemberPair(NamedTuple):
     #: Number of the contact; -1 for the points of its second member. The contact as text.
     number: int = -1
     owner: str = ""
+    #: Pieces once around a closed member; 0 for others.
+    turn: int = 0
+
+
+def _is_closed(scene: Scene, beam: Beam) -> bool:
+    """Whether a member ends where it begins, and supports or rigid joints hold both together."""
+    start, end = beam.start, beam.end
+    if np.hypot(end.x - start.x, end.y - start.y) > _SAME_PLACE * beam.length:
+        return False
+    held = [{number for number, c in scene.fixed if c == i} for i in range(2)]
+    links = [{GROUND.number, number} for number in held[0] & held[1]]
+    links += [{j.a.number, j.b.number} for j in scene.joints if not (j.slide or j.rotation)]
+    together, before = {start.number}, 0
+    while len(together) > before:
+        before = len(together)
+        for link in links:
+            if not link.isdisjoint(together):
+                together |= link
+    return end.number in together
 
 
 def _both_directions(
@@ -63,19 +86,23 @@ def _both_directions(
     )
     law, followed = (laws.contact(kind, loses, contact.energy) for kind in kinds)
     of_loss = (contact.loss, contact.speed) if loses else ()
-    sides = (nodes_a, slots_a, contact.points), (nodes_b, slots_b, points_of(b))
+    sides = (a, nodes_a, slots_a, contact.points), (b, nodes_b, slots_b, points_of(b))
     both, share = isinstance(a, Beam) and a is not b, 0.5 if isinstance(a, Beam) else 1.0
     pairs: list[MemberPair] = []
-    for (points, point_slots, of), (nodes, slots, _) in (sides, sides[::-1])[: 1 + both]:
+    for (_, points, point_slots, of), (member, nodes, slots, _) in (sides, sides[::-1])[: 1 + both]:
         lengths = share * of.lengths
         columns = [contact.radii, contact.stiffness * lengths, *of_loss]
         if friction is not None:
             columns += bristle(friction, lengths, mobility[mesh.dofs[points, :2]].max(axis=1))
         numbers = np.column_stack([column + np.zeros(len(lengths)) for column in columns])
+        turn = len(nodes) - 1 if isinstance(member, Beam) and _is_closed(scene, member) else 0
+        if turn:
+            around = np.arange(-_AROUND, turn + _AROUND) % turn
+            nodes, slots = nodes[around], slots[around]
         given = points, point_slots, nodes, slots, numbers, arc_of(mesh.X[nodes])
         apart = contact.apart if a is b else 0.0
         named = (-1, "") if pairs else (contact.number, str(contact))
-        pairs.append(MemberPair(law, followed, *given, apart, *named))
+        pairs.append(MemberPair(law, followed, *given, apart, *named, turn))
     return pairs
 
 
@@ -161,6 +188,9 @@ class MemberContacts:
             "first_point": point,
             "point_slot": one.point_slots,
             "nodes": len(one.nodes),
+            "turn": one.turn,
+            "first_node": _AROUND if one.turn else 0,
+            "end_node": _AROUND + one.turn if one.turn else len(one.nodes),
             "node_dof": mesh.dofs[one.nodes, :2],
             "node_slot": one.node_slots,
             "numbers": numbers.shape[1],

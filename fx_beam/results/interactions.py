@@ -16,6 +16,8 @@ from fx_beam.scene.joints import Joint, NodalMotion
 
 # Distances of points and nodes, in all rows, that are looked at together.
 _AT_ONCE = 100_000
+# Distance of the ends of a member, relative to its size, at which it is closed.
+_CLOSED = 1e-9
 
 
 @dataclass(frozen=True, repr=False)
@@ -312,9 +314,11 @@ class ContactMotion:
         nodes, contact = self.solution.nodes_of_beam[member.name], self.contact
         X = self.solution.X[nodes]
         positions, arc = X + of(nodes)[..., :2], arc_of(X) if member is contact.target else None
+        gap = abs(positions[:, 0] - positions[:, -1]).max()
+        closed = bool(gap <= _CLOSED * np.ptp(X, axis=0).max())
         rows = max(1, _AT_ONCE // (points.shape[1] * len(nodes)))
         parts = [
-            nearest(points[k : k + rows], positions[k : k + rows], contact.apart, arc)
+            nearest(points[k : k + rows], positions[k : k + rows], contact.apart, arc, closed)
             for k in range(0, len(points), rows)
         ]
         distance, node, point = (np.concatenate(part) for part in zip(*parts, strict=True))

@@ -453,19 +453,24 @@ def may_be_nearer(points: np.ndarray, nodes: np.ndarray, distance: float) -> np.
 
 
 def nearest(
-    points: np.ndarray, nodes: np.ndarray, apart: float = 0.0, arc: np.ndarray | None = None
+    points: np.ndarray,
+    nodes: np.ndarray,
+    apart: float = 0.0,
+    arc: np.ndarray | None = None,
+    closed: bool = False,
 ) -> Nearest:
     """The nearest points of a member with nodes (..., n, 2) to points (..., m, 2).
 
     If these are its own nodes, with arc lengths `arc` (n,), parts that are less than `apart`
-    away along the member are left out.
+    away along the member are left out. The last node of a `closed` one is its first.
     """
+    nodes, count = (nodes[..., :-1, :] if closed else nodes), nodes.shape[-2] - 1
     square = ((points[..., None, :] - nodes[..., None, :, :]) ** 2).sum(axis=-1)
     if arc is not None:
         square[..., abs(arc[:, None] - arc) < apart] = np.inf
     node = np.argmin(square, axis=-1)[..., None] + _ABOUT
-    node = np.clip(node, 0, nodes.shape[-2] - 1)
-    on_pieces = _on_pieces(points[..., None, :], nodes[..., None, :, :], node)
+    node = node % count if closed else np.clip(node, 0, count)
+    on_pieces = _on_pieces(points[..., None, :], nodes[..., None, :, :], node, closed)
     distance = np.hypot(*np.moveaxis(on_pieces - points[..., None, :], -1, 0))
     if arc is not None:
         left_out = abs(arc[:, None] - arc[node]) < apart
@@ -475,14 +480,14 @@ def nearest(
     return Nearest(distance, node, np.take_along_axis(on_pieces, best[..., None], -2)[..., 0, :])
 
 
-def _on_pieces(points: np.ndarray, nodes: np.ndarray, node: np.ndarray) -> np.ndarray:
+def _on_pieces(points: np.ndarray, nodes: np.ndarray, node: np.ndarray, closed: bool) -> np.ndarray:
     """Points (..., m, k, 2) of the pieces about nodes (..., m, k) that are nearest to points.
 
     The points are (..., m, 1, 2), and all nodes (..., 1, n, 2).
     """
-    last = nodes.shape[-2] - 1
-    begins, ends = node == 0, node == last
-    around = np.maximum(node - 1, 0), node, np.minimum(node + 1, last)
+    count = nodes.shape[-2]
+    begins, ends = ((node == end) & (not closed) for end in (0, count - 1))
+    around = ((node + k) % count for k in _ABOUT)
     before, middle, after = (np.take_along_axis(nodes, k[..., None], -2) for k in around)
     before = np.where(begins[..., None], 2 * middle - after, before)
     after = np.where(ends[..., None], 2 * middle - before, after)

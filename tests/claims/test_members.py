@@ -260,6 +260,39 @@ def test_along_the_arc_length_an_arch_snaps_through_onto_a_member():
     assert force[1] > 10
 
 
+@pytest.mark.parametrize("mu", [0.0, 0.4])
+def test_a_closed_profile_has_no_seam(mu):
+    """A roller on an eccentric disc that turns three times, wherever its profile begins."""
+    radius, off, count = 0.05, 0.02, 60
+
+    def lifted(first):
+        scene = fb.Scene()
+        shaft = scene.add_body((0, 0), mass=1.0, inertia=1e-2)
+        turn = fb.Revolute(fb.GROUND, shaft.centre, motor=lambda t: 2 * np.pi * t**2)
+        scene.add_joint(turn)
+
+        def outline(f):
+            angle = 2 * np.pi * (f + first / count)
+            return radius * np.cos(angle), off + radius * np.sin(angle)
+
+        section = fb.Section(EA=1e6, GA=1e6, EI=1e2)
+        rim = scene.add_beam(fb.Curve(outline), section, elements=count)
+        for node in rim.nodes:
+            scene.add_joint(fb.Rigid(shaft.centre, node, offset=(node.x, node.y)))
+        roller = scene.add_body((0, off + radius + 0.01), mass=0.2).centre
+        spring = fb.Spring(2000.0, rest=-0.08)
+        scene.add_joint(fb.Prismatic(fb.GROUND, roller, axis=(0, 1), spring=spring))
+        friction = fb.Coulomb(mu, 1e5, damping=1e-3) if mu else None
+        law = {"stiffness": 1e5, "friction": friction}
+        contact = scene.add_contact(roller, rim, radius=(0.01, 1e-6), **law)
+        solution = fb.simulate(scene, dt=5e-4, t_end=1.75)
+        touch = solution.contact(contact)
+        return solution.position(roller), touch.force, touch.gap, touch.normal
+
+    for here, there in zip(lifted(0), lifted(17), strict=True):
+        assert abs(here - there).max() < 1e-4 * abs(there).max()
+
+
 def test_a_node_that_would_pass_through_a_member_ends_the_run():
     scene, _ = tip_on_beam(stiffness=100.0)
     with pytest.raises(fb.StepError, match="passes through the middle of a member.*stiffness"):

@@ -24,7 +24,8 @@ typedef struct {
   int points, *point_dof;   /* [points][2] */
   int first_point;          /* number of the first of them among those of all contacts */
   int *point_slot;          /* where the force on a point is recorded, or -1 */
-  int nodes, *node_dof;     /* of the member, along it */
+  int nodes, *node_dof;     /* of the member, along it; of a closed one some beside its seam are there twice */
+  int turn, first_node, end_node; /* pieces once around a closed one, else 0; the nodes that are there once */
   int *node_slot;
   int numbers;              /* of each point */
   double *number;           /* [points][numbers]: the radii, then those of the law */

@@ -97,7 +97,7 @@ static void search(MemberContacts *m, const double *x, double margin) {
     for (int i = 0; i < c->points; ++i) {
       Two point = pair_of(x, c->point_dof + 2 * i);
       double reach = c->number[i * c->numbers] + margin;
-      for (int node = 0; node < c->nodes; ++node) {
+      for (int node = c->first_node; node < c->end_node; ++node) {
         Two arm = pair_of(x, c->node_dof + 2 * node) - point;
         double far = sqrt(dot2(arm, arm)) - reach - longest / 2;
         if (far >= 0) node += fmin(c->nodes, far / longest);
@@ -173,7 +173,8 @@ static int slot_of(MemberContacts *m, const ContactPoint *e) {
   int first = c->first_slot + SLOTS * e->point, best = -1;
   double least = 2, place = e->piece + e->first.place + 1;
   for (int k = first; k < first + SLOTS; ++k) {
-    double known = m->memory[IN_SLOT * k], away = known > 0 ? fabs(known - place) : 1.99;
+    double known = m->memory[IN_SLOT * k], way = c->turn ? remainder(known - place, c->turn) : known - place;
+    double away = known > 0 ? fabs(way) : 1.99;
     if (!m->has_slot[k] && away < least) best = k, least = away;
   }
   return best;
@@ -213,13 +214,18 @@ static int direction_to_lean(const ContactPoint *e, double steps) {
   return near < SPARE_PIECE - 0.5 && !e->begins && can_lean(e->first.place, -1) ? -1 : 0;
 }
 
+/* Whether a contact point has gone on along the nodes of a closed member that are there twice. */
+static int is_behind_seam(const MemberContact *c, int piece) {
+  return c->turn && (piece < c->first_node - 2 || piece > c->end_node);
+}
+
 /* The nearest points at the start of a step, which contact points follow along their members; returns whether they are all
    that there can be. */
 static int place_contact_points(MemberContacts *m, const double *x, const double *v, double dt) {
   int moved = 0, piece, changes = 0;
   for (ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e) {
     NearPoint near = follow(m, e, x, &piece, (Two *)e->start);
-    if (near.left) return 0;
+    if (near.left || is_behind_seam(m->of + e->contact, piece)) return 0;
     moved |= piece != e->piece;
     if (piece != e->piece) set_pieces(m->of + e->contact, e, piece);
     e->motion = v ? motion_along(e, &near, v, dt) : 0;
