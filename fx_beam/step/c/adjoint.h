@@ -26,16 +26,6 @@ static int solve_transposed(Problem *p, const Work *w, const Derivatives *a) {
   return solve_reduced(&turned, w, 0, rest);
 }
 
-/* Adds a share of the derivatives of J by a state or by forces themselves. */
-static void add_given(const RowsOfRun *of, long k, double share, double *x) {
-  if (of->at[k] < 0) return;
-  const double *row = of->rows + (long)of->at[k] * of->size;
-  for (int i = 0; i < of->size; ++i) x[of->place[i]] += share * row[i];
-}
-
-/* That of a sub-step. */
-static double share_of(const Derivatives *a, long k) { return a->by_unknowns ? a->share[k] : 1; }
-
 /* Begins a sub-step with the derivatives by the state at its end, which are those by the start of the next one. */
 static void begin_vjp(const Problem *p, const Work *w, const Derivatives *a, const Layout *at, long k, double *x) {
   int n = p->dofs, columns = p->columns + p->auxiliaries;
@@ -155,24 +145,8 @@ static int vjp_step(Problem *p, Work *w, const Derivatives *a, Linear *l, const 
   return 1;
 }
 
-/* The forces of driven and fixed columns in the sub-steps of a tape; returns the number of those that are left in a
-   singular position. */
-OF_DERIVATIVES long fx_taped_forces(Problem *p, const Tape *tape, const Derivatives *a, double *forces) {
-  Work work, *w = &work;
-  Linear l;
-  int constrained = p->columns - p->free;
-  begin_linear(p, w, a, &l);
-  long row = 0;
-  for (; row < tape->rows && begin_taped(p, w, a, tape->row + row * tape->size, &l); ++row) {
-    project(p, w, w->r, w->columns);
-    memcpy(forces + row * constrained, w->columns + p->free, constrained * sizeof(double));
-  }
-  p->reused.present = 0;
-  return end_linear(&l, tape->rows - row);
-}
-
 /* Follows a tape backwards; returns the number of sub-steps that are left where a tangent is singular. */
-OF_VJP long fx_vjp(Problem *p, const Tape *tape, const Derivatives *a) {
+KEPT long fx_vjp(Problem *p, const Tape *tape, const Derivatives *a) {
   Work work, *w = &work;
   Linear l;
   long left = tape->rows;

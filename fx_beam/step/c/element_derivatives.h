@@ -75,6 +75,22 @@ static int begin_taped(Problem *p, Work *w, const Derivatives *a, const double *
   return 1;
 }
 
+/* The forces of driven and fixed columns in the sub-steps of a tape; returns the number of those that are left in a
+   singular position. */
+OF_DERIVATIVES long fx_taped_forces(Problem *p, const Tape *tape, const Derivatives *a, double *forces) {
+  Work work, *w = &work;
+  Linear l;
+  int constrained = p->columns - p->free;
+  begin_linear(p, w, a, &l);
+  long row = 0;
+  for (; row < tape->rows && begin_taped(p, w, a, tape->row + row * tape->size, &l); ++row) {
+    project(p, w, w->r, w->columns);
+    memcpy(forces + row * constrained, w->columns + p->free, constrained * sizeof(double));
+  }
+  p->reused.present = 0;
+  return end_linear(&l, tape->rows - row);
+}
+
 static void scale_entries(Block *b, long first, double share) {
   for (long k = first; k < b->count; ++k) b->entry[k].slope *= share;
 }

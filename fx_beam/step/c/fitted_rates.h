@@ -34,8 +34,6 @@ static void begin_fits(const Problem *p, Work *w, const Derivatives *a, Fit *f) 
   begin_linear(p, w, a, l);
   of[SPREAD_BY_MAP] = (Block){0, left, 0, p->entry_value + equal, p->entry_row + equal, p->entry_column + equal,
                               p->entry_sign + equal, w->z, l->at.map, l->at.q1};
-  memset(l->block, 0, p->positions * sizeof(Changes));
-  for (int i = 0; i < p->positions; ++i) l->reached[i] = 1;
   *shape = *l, memset(by, 0, sizeof shape->of);
   Layout *at = &shape->at;
   at->q1 = at->q, at->Y1 = at->Y, at->slides = at->size;
@@ -134,13 +132,11 @@ static int find_fit(Problem *p, const Work *w, const Linear *l, int solutions, i
   return 1;
 }
 
-/* All laws, for the impulses that were found. */
-static void linearise_fit(const Problem *p, const Work *w, const Derivatives *a, Fit *f) {
+/* All other laws, for the impulses that were found. */
+static void linearise_fit(const Problem *p, const Work *w, Fit *f) {
   Linear *l = &f->of, *shape = &f->shape;
-  for (int i = 0; i < BLOCKS; ++i) {
+  for (int i = 0; i < BLOCKS; ++i)
     if (!l->of[i].from && i != DRIVEN && i != INERT && i != LIGHT) l->of[i].count = 0;
-    shape->of[i].count = 0;
-  }
   for (int i = 0; HAS(SLIDERS) && i < p->sliders; ++i) put_weights_at(l->of + WEIGHED, p, &l->at, i, 1);
   put_auxiliaries(p, l, w->values, l->at.Y1, l->of + TIED), put_places(p, l, w->values, 1, l->of + PLACED);
   put_rows(p, w, l), put_forces_on_auxiliaries(p, w, l), put_closures(p, w, l, 1, l->of + MAPPED);
@@ -149,7 +145,6 @@ static void linearise_fit(const Problem *p, const Work *w, const Derivatives *a,
   for (int i = 0; i < p->dofs; ++i)
     for (int k = p->mass_start[i / 3]; k < p->mass_start[i / 3 + 1]; ++k)
       put(l->of + INERT_BY_MASS, l->at.mass + 3 * k + i % 3, l->at.r + i, w->acc[p->mass_dof[k] + i % 3]);
-  for (int j = 0; j < p->joints; ++j) put_joint(p, w, a, shape, 0, j);
   for (int i = 0; HAS(SLIDERS) && i < p->sliders; ++i) {
     for (int end = 0; end < 2; ++end) put_weights_at(shape->of + WEIGHED, p, &shape->at, i, end);
     put_slide(shape->of + SLID, p, &shape->at, i);
@@ -244,18 +239,15 @@ KEPT int fx_fit(Problem *p, const Fits *of, const Derivatives *a, int way) {
   double *by = calloc(2 * f.size, sizeof(double));
   for (long row = 0; x && by && row < of->rows; ++row) {
     begin_fit(p, w, of, row);
+    for (int i = 0; i < BLOCKS; ++i) f.shape.of[i].count = 0;
+    for (int j = 0; way && j < p->joints; ++j) put_joint(p, w, a, &f.shape, 0, j); /* T without the increments to be found */
     const double *v = of->v + row * p->dofs;
     double *u = of->rates + row * p->dofs;
     if (!find_fit(p, w, &f.of, f.solutions, way, v, of->driven + row * p->driven, u)) continue;
     memcpy(of->joints + row * joints, w->joint_forces, joints * sizeof(double));
     memcpy(of->constraints + row * constrained, w->columns + p->free, constrained * sizeof(double));
     if (!way) continue;
-    double z[p->columns + p->auxiliaries + 1];
-    memcpy(z, w->z, (p->columns + p->auxiliaries) * sizeof(double));
-    memset(w->z, 0, (p->columns + p->auxiliaries) * sizeof(double)); /* T is that without increments */
-    linearise_fit(p, w, a, &f);
-    memcpy(w->z, z, (p->columns + p->auxiliaries) * sizeof(double));
-    put_moved(p, w, &f, u);
+    linearise_fit(p, w, &f), put_moved(p, w, &f, u);
     for (long i = 0; i < groups; ++i) {
       long first = i * GROUP_SIZE;
       int count = a->directions - first < GROUP_SIZE ? a->directions - first : GROUP_SIZE;

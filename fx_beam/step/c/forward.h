@@ -5,7 +5,7 @@
 
 #pragma once
 
-#include "adjoint.h"
+#include "element_derivatives.h"
 
 static int any(long n, const double *values) {
   for (long i = 0; i < n; ++i)
@@ -176,8 +176,6 @@ OF_DERIVATIVES long fx_jvp(Problem *p, const Tape *tape, const Derivatives *a) {
   begin_linear(p, w, a, &l);
   const Layout *at = &l.at;
   long groups = (a->directions + GROUP_SIZE - 1) / GROUP_SIZE, steps = at->Y1 - at->loads, left = tape->rows, of_state = at->v - at->Y;
-  memset(l.block, 0, p->positions * sizeof(Changes));
-  for (int i = 0; i < p->positions; ++i) l.reached[i] = 1;
   l.following.size = GROUP_SIZE * p->points->followed.size, l.moves_joints = 0;
   w->by_slopes = p->cell_internal && !a->by_unknowns;
   for (long i = 0; i < groups; ++i) {

@@ -67,6 +67,8 @@ static void begin_linear(const Problem *p, Work *w, const Derivatives *a, Linear
   const int *row = p->entry_row, *column = p->entry_column, *value = p->entry_value + equal;
   const double *sign = p->entry_sign + equal;
   lay_out(p, w, p->scratch), lay_out_linear(p, a, l, a->scratch);
+  memset(l->block, 0, p->positions * sizeof(Changes));
+  for (int i = 0; i < p->positions; ++i) l->reached[i] = 1;
   l->share = 0, l->adds = 0;
   Layout at = l->at = fx_layout(p, a);
   memset(l->of, 0, sizeof l->of);
@@ -89,6 +91,16 @@ static long end_linear(Linear *l, long left) {
 
 /* Rates at the end for an increment of the path; none in statics. */
 static double rates_per_path(const Problem *p, double dt) { return p->at_rest ? 0 : 2 / dt; }
+
+/* Adds a share of the given derivatives by a state or by forces themselves. */
+static void add_given(const RowsOfRun *of, long k, double share, double *x) {
+  if (of->at[k] < 0) return;
+  const double *row = of->rows + (long)of->at[k] * of->size;
+  for (int i = 0; i < of->size; ++i) x[of->place[i]] += share * row[i];
+}
+
+/* That of a sub-step. */
+static double share_of(const Derivatives *a, long k) { return a->by_unknowns ? a->share[k] : 1; }
 
 /* Natural strains at the end. */
 static void put_strains(const Problem *p, Linear *l) {

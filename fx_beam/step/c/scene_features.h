@@ -23,8 +23,3 @@ enum { CHAIN = 1, BAND = 2, COUPLED = 4, LOOPS = 8, SLIDERS = 16, MEMBERS = 32 }
 #else
 #define OF_DERIVATIVES KEPT
 #endif
-#ifdef VJP
-#define OF_VJP KEPT
-#else
-#define OF_VJP
-#endif
