@@ -224,9 +224,9 @@ static void go_on(const Problem *p, const Work *w) {
 /* Corrects the unknowns that follow for the closures at an increment. Returns whether they are closed. */
 static int correct_loops(const Problem *p, const Work *w, double *last) {
   int m = p->closures;
-  double *closure = w->closure, size = 0;
+  double *closure = w->closure, size;
   find_closures(p, w, w->D, w->closure0, closure);
-  for (int k = 0; k < m; ++k) size = size < fabs(closure[k]) || isnan(closure[k]) ? fabs(closure[k]) : size;
+  size = largest_size(m, closure);
   if (size <= p->closure_closed || (*last < size && size <= 1e3 * p->closure_closed)) return 1;
   *last = size;
   derive_closures(p, w, w->values, w->G);
