@@ -5,7 +5,6 @@
 #include "algebra.h"
 #include "point_forces.h"
 #include "slide_relation.h"
-#include "track.h"
 
 /* Degree of freedom that belongs to a local one; -1 for the arc length. */
 static int local_dof(const Slider *a, int local) {
@@ -52,17 +51,8 @@ static void load_beams(const Problem *p, const Work *w, const double *r, double 
   carry(p, w, w->loaded, out);
 }
 
-/* The slide of a joint at the level of a step. */
-static double slide_at_level(const Problem *p, const Work *w, int j) {
-  return at(p->slides, p->slide_of[j]) + p->level * at(w->z, p->slide_column[j]);
-}
-
-/* Sets the axes across which forces on curves count for friction. */
-static void set_axes(const Problem *p, const Work *w) {
-  for (int j = 0; j < p->joints; ++j) {
-    double d = slide_at_level(p, w, j);
-    if (p->track[j]) set_axis(p->points, p->slide_of[j], track_of(p->track[j], p->axis + 2 * j, d, d).chord);
-  }
+/* Sets the axes across which forces on beams count for friction. */
+static void set_axes(const Problem *p) {
   for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a) {
     int s = a->components * a->width;
     set_axis(p->points, a->joint, (Two){a->virtual_map[0][s], a->virtual_map[1][s]});
@@ -102,9 +92,8 @@ static double rate_of_slide(const Problem *p, int j) {
   int a = p->carrier[j], b = p->carried_node[j];
   Two v = {at(p->v, b - 2) - at(p->v, a - 2), at(p->v, b - 1) - at(p->v, a - 1)};
   double d = p->slides[p->slide_of[j]], spin = at(p->v, a), turn = at(p->q, a);
-  Track track = track_of(p->track[j], p->axis + 2 * j, d, d);
-  Two arm = pair(p->offset + 2 * j) + track.place, seen = turn_by((Two){cos(turn), -sin(turn)}, v);
-  return dot2(track.chord, seen + spin * (Two){arm[1], -arm[0]});
+  Two axis = pair(p->axis + 2 * j), arm = pair(p->offset + 2 * j) + d * axis, seen = turn_by((Two){cos(turn), -sin(turn)}, v);
+  return dot2(axis, seen + spin * (Two){arm[1], -arm[0]});
 }
 
 /* At mid-step forces depend on mean rates alone. */
