@@ -43,25 +43,16 @@ static inline void put(Block *b, int from, int to, double slope) {
 
 static inline double slope_in(const Block *b, long k) { return b->value ? b->sign[k] * b->values[b->value[k]] : 1; }
 
-/* What the same number changes by is added up before it is stored. */
 static void jvp(const Block *b, Changes *x) {
-  Changes *to_array = x + b->to_array, *from_array = x + b->from_array;
-  for (long k = 0; b->from && k < b->count; ++k) to_array[b->to[k]] += slope_in(b, k) * from_array[b->from[k]];
-  if (b->from) return;
-  const Entry *e = b->entry, *end = e + b->count;
-  while (e < end) {
-    int to = e->to;
-    Changes sum = x[to];
-    for (; e < end && e->to == to; ++e) sum += e->slope * x[e->from];
-    x[to] = sum;
-  }
+  Changes *to = x + b->to_array, *from = x + b->from_array;
+  if (b->from) for (long k = 0; k < b->count; ++k) to[b->to[k]] += slope_in(b, k) * from[b->from[k]];
+  else for (const Entry *e = b->entry; e < b->entry + b->count; ++e) x[e->to] += e->slope * x[e->from];
 }
 
 static void vjp(const Block *b, double *x) {
   double *to = x + b->to_array, *from = x + b->from_array;
-  for (long k = b->count; b->from && k-- > 0;) from[b->from[k]] += slope_in(b, k) * to[b->to[k]];
-  if (b->from) return;
-  for (const Entry *e = b->entry + b->count; e-- > b->entry;) x[e->from] += e->slope * x[e->to];
+  if (b->from) for (long k = b->count; k-- > 0;) from[b->from[k]] += slope_in(b, k) * to[b->to[k]];
+  else for (const Entry *e = b->entry + b->count; e-- > b->entry;) x[e->from] += e->slope * x[e->to];
 }
 
 /* Room between large arrays, so that their distance is no multiple of a page of memory: a read waits for an earlier write at

@@ -114,10 +114,11 @@ static long place_in(const Elimination *e, int group, int column_group, int row,
     if (column < r->run_column[k] + r->run_length[k]) return offset + column - r->run_column[k];
 }
 
-/* Rows of the factors, from the groups in their order. */
-static void lay_out_rows(Elimination *e) {
+/* The rows of the factors, from the lists. */
+static void find_rows(Elimination *e) {
   int n = e->groups, *position = e->position, *size = e->work, *group_at = e->work + n;
   SparseRows *r = &e->rows;
+  eliminate_groups(e);
   ROOM(r->first, n), ROOM(r->source_start, n), ROOM(r->run_start, n);
   for (int g = 0; g < n; ++g) size[position[g]] = e->first_unknown[g + 1] - e->first_unknown[g], group_at[position[g]] = g;
   r->first[0] = 0, r->unknowns = e->first_unknown[n];
@@ -161,12 +162,6 @@ static void lay_out_rows(Elimination *e) {
     }
   }
   r->start[r->unknowns] = at;
-}
-
-/* The rows, from the lists. */
-static void find_rows(Elimination *e) {
-  eliminate_groups(e);
-  lay_out_rows(e);
 }
 
 /* Position among the factors of an unknown's row and a column; -1 if one of them is a bordering row. */

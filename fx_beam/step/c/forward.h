@@ -51,11 +51,6 @@ static void store_row(const Derivatives *a, const RowsOfRun *of, long k, double 
   }
 }
 
-/* Whether the unknowns that are held, and nothing else, give the configuration at the end. */
-static int holds_ends(const Problem *p, const Linear *l, const Changes *x) {
-  return !l->moves_joints && !any((long)p->driven * GROUP_SIZE, (const double *)(x + l->at.driven));
-}
-
 /* Sets the changes of the configuration at the end, for the solution in the block or with none for held unknowns. */
 static void set_ends(const Problem *p, const Linear *l, int held, const Changes *solution, Changes *x) {
   const Layout *at = &l->at;
@@ -145,7 +140,8 @@ static void jvp_group(const Problem *p, const Work *w, const Derivatives *a, Lin
   forces |= p->friction_follows;
   begin_fixed_point(&l->following);
   for (int i = 0; i <= MOST_TRIALS; ++i) {
-    int held = holds_ends(p, l, x);
+    /* Whether the unknowns that are held, and nothing else, give the configuration at the end. */
+    int held = !l->moves_joints && !any((long)p->driven * GROUP_SIZE, (const double *)(x + at->driven));
     set_ends(p, l, held, 0, x);
     jvp_forces(p, w, a, l, changes_mass, held, x);
     set_right_sides(p, at, x, l->block);
