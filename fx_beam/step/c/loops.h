@@ -221,27 +221,20 @@ static void go_on(const Problem *p, const Work *w) {
   }
 }
 
-/* Corrects the unknowns that follow for the closures at an increment. Returns whether they are closed. */
+/* The derivatives of the closures at an increment, for which the unknowns that follow are corrected. Returns whether they are
+   closed. */
 static int correct_loops(const Problem *p, const Work *w, double *last) {
   int m = p->closures;
   double *closure = w->closure, size;
+  derive_closures(p, w, w->values, w->G);
+  factorise_closures(p, w, w->G, 0, w->part, w->part_order);
   find_closures(p, w, w->D, w->closure0, closure);
   size = largest_size(m, closure);
   if (size <= p->closure_closed || (*last < size && size <= 1e3 * p->closure_closed)) return 1;
   *last = size;
-  derive_closures(p, w, w->values, w->G);
-  factorise_closures(p, w, w->G, 0, w->part, w->part_order);
   solve_closures(p, w, 1, 0, w->part, w->part_order, closure);
   for (int k = 0; k < m; ++k) w->z[p->loop_column[p->following[k]]] -= closure[k];
   return 0;
-}
-
-/* Derivatives of the closures at the present increment. */
-static void linearise_loops(const Problem *p, const Work *w) {
-  derive_closures(p, w, w->values, w->G);
-  factorise_closures(p, w, w->G, 0, w->part, w->part_order);
-  derive_closures(p, w, w->virtual_map, w->G_virtual);
-  factorise_closures(p, w, w->G_virtual, 1, w->part_virtual, w->order_virtual);
 }
 
 /* Small changes of the unknowns that follow. */
