@@ -77,7 +77,7 @@ static int begin_taped(Problem *p, Work *w, const Derivatives *a, const double *
 
 /* The forces of driven and fixed columns in the sub-steps of a tape; returns the number of those that are left in a
    singular position. */
-OF_DERIVATIVES long fx_taped_forces(Problem *p, const Tape *tape, const Derivatives *a, double *forces) {
+KEPT long fx_taped_forces(Problem *p, const Tape *tape, const Derivatives *a, double *forces) {
   Work work, *w = &work;
   Linear l;
   int constrained = p->columns - p->free;

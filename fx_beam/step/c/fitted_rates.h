@@ -8,7 +8,7 @@
 
 #pragma once
 
-#include "forward.h"
+#include "linearised.h"
 
 /* How much forces that close loops yield, relative to a stiffness that the masses are: they are not known where bars are in
    line. A second solution removes its effect, and round-off of small masses. */

@@ -1,5 +1,5 @@
 /* The laws of a sub-step, linearised: couplings, forces at points and loads as blocks, and the forces of elements and of
-   inertia, which have stores of their own. */
+   inertia, which have stores of their own; linear systems and rows of results in several directions. */
 
 #pragma once
 
@@ -354,4 +354,50 @@ static void linearise(const Problem *p, const Work *w, const Derivatives *a, Lin
   forces |= p->friction_follows;
   if (forces || a->by_unknowns) put_closing(p, w, l);
   if (forces && p->scene_joints) find_joint_forces(p, w), put_joint_forces(p, w, l);
+}
+
+/* Factors of the tangent with its bordering rows; returns 0 if it is singular. */
+static int factorise_tangent(Problem *p, const Work *w) {
+  int middle = middle_of_elimination(p);
+  Ends of = ends_around(p->unknowns, p->band, middle);
+  memset(w->y, 0, p->positions * sizeof(double));
+  for (int i = 0; HAS(SLIDERS) && p->bordering_rows && i < p->positions; ++i) reach(p, w, i);
+  if (HAS(CHAIN | BAND)) return eliminate_bordered(p, w, middle, of, 1);
+  if (!factorise(p, w)) return 0;
+  if (HAS(SLIDERS) && p->bordering_rows) eliminate_bordering_rows(p, w);
+  return 1;
+}
+
+/* Solves for the right sides of the block, by the tangent's factors. */
+static void solve_right_sides(const Problem *p, const Work *w, const Linear *l) {
+  Work of_block = *w;
+  double *x = of_block.block = (double *)l->block, *g = (double *)l->on_bordering_rows;
+  of_block.reached = l->reached;
+  solve_columns(p, &of_block, 1);
+  if (!HAS(SLIDERS) || !p->bordering_rows) return;
+  memset(g, 0, p->bordering_rows * sizeof(Changes));
+  pass_on(p, GROUP_SIZE, 0, x, g);
+  solve_bordering_rows(p, w, GROUP_SIZE, g, x);
+  pass_on(p, GROUP_SIZE, 1, x, g);
+}
+
+/* Stores the changes of a state or of forces, of `count` directions from the `first` on, or adds a share of them. */
+static void store_row(const Derivatives *a, const RowsOfRun *of, long k, double share, const Changes *x, long first, int count) {
+  if (of->at[k] < 0) return;
+  double *row = of->rows + (of->at[k] * (long)a->directions + first) * of->size;
+  for (int i = 0; i < of->size; ++i) {
+    const double *values = (const double *)(x + of->place[i]);
+    for (int j = 0; j < count; ++j) {
+      double *to = row + (long)j * of->size + i;
+      *to = a->by_unknowns ? *to + share * values[j] : values[j];
+    }
+  }
+}
+
+/* The right sides of the block. */
+static void set_right_sides(const Problem *p, const Layout *at, const Changes *x, Changes *block) {
+  const int *order = p->order;
+  for (int i = 0; i < p->free; ++i) block[order[i]] = x[at->R + i];
+  for (int i = p->free; i < p->unknowns; ++i) block[order[i]] = (Changes){0};
+  for (int i = 0; i < p->closures; ++i) block[order[p->unknowns - p->closures + i]] = x[at->closures + i];
 }

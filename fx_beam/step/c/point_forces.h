@@ -116,12 +116,6 @@ static double followed_size(const PointForce *e, const double *joints, const dou
   return fabs(across);
 }
 
-/* The axis of a beam at the node that slides on it by a joint. */
-static void set_axis(const PointForces *p, int joint, Two axis) {
-  for (PointForce *e = p->of; e < p->of + p->all; ++e)
-    for (int i = 0; e->load == joint && e->slide >= 0 && i < 2; ++i) e->load_axis[i] = axis[i] / hypot(axis[0], axis[1]);
-}
-
 /* From the forces of joints in the step D from q sets those that friction follows, by which the step is repeated;
    returns 0 if they are known. With `still` the last ones had no effect. */
 static int follow_forces(PointForces *p, const double *joints, const double *q, const double *D, double level, int still,

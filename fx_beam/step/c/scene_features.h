@@ -18,8 +18,3 @@ enum { CHAIN = 1, BAND = 2, COUPLED = 4, LOOPS = 8, SLIDERS = 16, MEMBERS = 32 }
 #else
 #define OF_STEPS KEPT
 #endif
-#ifdef FIT
-#define OF_DERIVATIVES
-#else
-#define OF_DERIVATIVES KEPT
-#endif

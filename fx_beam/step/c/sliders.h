@@ -53,9 +53,11 @@ static void load_beams(const Problem *p, const Work *w, const double *r, double 
 
 /* Sets the axes across which forces on beams count for friction. */
 static void set_axes(const Problem *p) {
+  const PointForces *points = p->points;
   for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a) {
-    int s = a->components * a->width;
-    set_axis(p->points, a->joint, (Two){a->virtual_map[0][s], a->virtual_map[1][s]});
+    const double axis[] = {a->virtual_map[0][a->components * a->width], a->virtual_map[1][a->components * a->width]};
+    for (PointForce *e = points->of; e < points->of + points->all; ++e)
+      for (int i = 0; e->load == a->joint && e->slide >= 0 && i < 2; ++i) e->load_axis[i] = axis[i] / hypot(axis[0], axis[1]);
   }
 }
 
