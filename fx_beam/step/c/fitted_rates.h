@@ -113,7 +113,7 @@ static int find_fit(Problem *p, const Work *w, const Linear *l, int solutions, i
     memcpy(w->reduced, w->columns, p->free * sizeof(double));
     if (!solve_reduced(p, w, 0, rest)) return 0;
     add_times(p->free, -1, w->step, z);
-  } else if (!factorise_tangent(p, w)) return 0;
+  } else if (!factorise_for_directions(p, w)) return 0;
   for (int k = 0; !once && k < solutions; ++k) {
     find_impulses(p, w, v, u);
     memset(right, 0, p->positions * sizeof(Changes));

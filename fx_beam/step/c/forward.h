@@ -137,7 +137,7 @@ KEPT long fx_jvp(Problem *p, const Tape *tape, const Derivatives *a) {
     int forces = !a->by_unknowns && a->forces.at[k] >= 0, more = are_added(p, a, k, k + 1, tape->all);
     l.adds = are_added(p, a, k, k - 1, tape->all), l.share = l.adds || more ? a->share[k] : 0;
     if (!begin_linearised(p, w, a, &l, tape->row + row * tape->size, forces, !k, 1)) break;
-    if (!a->by_unknowns && !factorise_tangent(p, w)) break;
+    if (!a->by_unknowns && !factorise_for_directions(p, w)) break;
     for (long i = 0; i < groups; ++i) {
       Changes *x = (Changes *)a->x + i * at->size;
       int count = a->directions - i * GROUP_SIZE < GROUP_SIZE ? a->directions - i * GROUP_SIZE : GROUP_SIZE;

@@ -356,16 +356,11 @@ static void linearise(const Problem *p, const Work *w, const Derivatives *a, Lin
   if (forces && p->scene_joints) find_joint_forces(p, w), put_joint_forces(p, w, l);
 }
 
-/* Factors of the tangent with its bordering rows; returns 0 if it is singular. */
-static int factorise_tangent(Problem *p, const Work *w) {
-  int middle = middle_of_elimination(p);
-  Ends of = ends_around(p->unknowns, p->band, middle);
+/* Factors for right sides in several directions; returns 0 if the tangent is singular. */
+static int factorise_for_directions(Problem *p, const Work *w) {
   memset(w->y, 0, p->positions * sizeof(double));
   for (int i = 0; HAS(SLIDERS) && p->bordering_rows && i < p->positions; ++i) reach(p, w, i);
-  if (HAS(CHAIN | BAND)) return eliminate_bordered(p, w, middle, of, 1);
-  if (!factorise(p, w)) return 0;
-  if (HAS(SLIDERS) && p->bordering_rows) eliminate_bordering_rows(p, w);
-  return 1;
+  return factorise_tangent(p, w, 1);
 }
 
 /* Solves for the right sides of the block, by the tangent's factors. */

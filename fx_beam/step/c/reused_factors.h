@@ -64,11 +64,12 @@ static int middle_of_elimination(const Problem *p) {
   return p->positions / 2;
 }
 
+static Ends ends_of_elimination(const Problem *p) { return ends_around(p->unknowns, p->band, middle_of_elimination(p)); }
+
 /* The block of n times four columns from its right sides and factors. */
 INLINED void solve_columns(const Problem *p, const Work *w, int n) {
-  int middle = middle_of_elimination(p);
-  if (HAS(CHAIN)) solve_chain_columns(p, w, middle / 3, n);
-  else if (HAS(BAND)) solve_band_columns(p, w, ends_around(p->unknowns, p->band, middle), n);
+  if (HAS(CHAIN)) solve_chain_columns(p, w, middle_of_elimination(p) / 3, n);
+  else if (HAS(BAND)) solve_band_columns(p, w, ends_of_elimination(p), n);
   else solve_sparse_columns(p, w, n);
 }
 
@@ -76,41 +77,6 @@ INLINED void solve_columns(const Problem *p, const Work *w, int n) {
 static void eliminate_bordering_rows(const Problem *p, const Work *w) {
   solve_columns(p, w, p->block / 4);
   factorise_corner(p, w);
-}
-
-/* Factors of a chain or a band with those of its corner; returns 0 if it is singular. With `keep` for further right sides. */
-INLINED int eliminate_bordered(const Problem *p, const Work *w, int middle, Ends of, int keep) {
-  if (!(HAS(CHAIN) ? eliminate_chain(p, w, middle / 3, keep) : eliminate_tangent(p, w, p->unknowns, of))) return 0;
-  if (HAS(SLIDERS) && p->bordering_rows) eliminate_bordering_rows(p, w);
-  return 1;
-}
-
-/* The solution in place of y from what elimination made of it: only of positions that are `reached` or not, if it is given. */
-INLINED void substitute_back(const Problem *p, const Work *w, int middle, Ends of, const int *reached, int now) {
-  if (HAS(CHAIN)) substitute_chain(p, w, middle / 3, reached, now);
-  else if (HAS(BAND)) substitute_tangent(p, w, p->unknowns, of, reached, now);
-  else substitute_backward(p->rows, w->y, reached, now);
-}
-
-/* Solution x for the right side b, with bordering rows or without: by sparse factors, or by those of a chain or a band that
-   are made here; returns 0 if it is singular. */
-HOT int solve_bordered(const Problem *p, const Work *w, const double *b, double *x) {
-  int middle = middle_of_elimination(p), n = p->unknowns, bordered = HAS(SLIDERS) && p->bordering_rows;
-  const int *reached = bordered ? w->reached : 0;
-  Ends of = ends_around(n, p->band, middle);
-  memset(w->y, 0, p->positions * sizeof(double)); /* what was not finite in an earlier step is gone, also between groups */
-#pragma GCC unroll 4
-  for (int i = 0; i < p->free; ++i) w->y[p->order[i]] = b[i];
-  if (bordered) memset(w->bordering_right, 0, p->bordering_rows * sizeof(double));
-  if (bordered) pass_on(p, 1, 0, w->y, w->bordering_right);
-  if (!HAS(CHAIN | BAND)) substitute_forward(p->rows, w->y);
-  else if (!eliminate_bordered(p, w, middle, of, bordered)) return 0;
-  if (bordered) substitute_back(p, w, middle, of, reached, 1);
-  if (bordered) solve_bordering_rows(p, w, 1, w->bordering_right, w->y);
-  substitute_back(p, w, middle, of, reached, 0);
-  if (bordered) pass_on(p, 1, 1, w->y, w->bordering_right);
-  gather(p->free, w->y, p->order, x);
-  return 1;
 }
 
 /* Adds the tangents of all contact points to the factors, or to the bordering rows and columns: those of nodes that slide. */
@@ -149,6 +115,44 @@ static int factorise(Problem *p, const Work *w) {
   fill_factors(p, w);
   if (p->reused.worth && p->bordering_rows) memcpy(w->factorised, w->tangent, p->tangent_start[p->free] * sizeof(double));
   return p->reused.present = factorise_sparse(p->rows, w->row);
+}
+
+/* Factors of the tangent with its bordering rows; returns 0 if it is singular. With `keep` for further right sides. */
+INLINED int factorise_tangent(Problem *p, const Work *w, int keep) {
+  int regular = HAS(CHAIN)  ? eliminate_chain(p, w, middle_of_elimination(p) / 3, keep)
+                : HAS(BAND) ? eliminate_tangent(p, w, p->unknowns, ends_of_elimination(p))
+                            : factorise(p, w);
+  if (!regular || !HAS(SLIDERS) || !p->bordering_rows) return regular;
+  if (HAS(MEMBERS) && p->changing) add_contact_points(p, w, 1);
+  eliminate_bordering_rows(p, w);
+  return 1;
+}
+
+/* The solution in place of y from what elimination made of it: only of positions that are `reached` or not, if it is given. */
+INLINED void substitute_back(const Problem *p, const Work *w, const int *reached, int now) {
+  if (HAS(CHAIN)) substitute_chain(p, w, middle_of_elimination(p) / 3, reached, now);
+  else if (HAS(BAND)) substitute_tangent(p, w, p->unknowns, ends_of_elimination(p), reached, now);
+  else substitute_backward(p->rows, w->y, reached, now);
+}
+
+/* Solution x for the right side b, with bordering rows or without: by sparse factors, or by those of a chain or a band that
+   are made here; returns 0 if it is singular. */
+HOT int solve_bordered(Problem *p, const Work *w, const double *b, double *x) {
+  int bordered = HAS(SLIDERS) && p->bordering_rows;
+  const int *reached = bordered ? w->reached : 0;
+#pragma GCC unroll 4
+  for (int i = 0; i < p->free; ++i) w->y[p->order[i]] = b[i];
+  for (int i = p->free; i < p->unknowns; ++i) w->y[p->order[i]] = 0;
+  if (bordered) memset(w->bordering_right, 0, p->bordering_rows * sizeof(double));
+  if (bordered) pass_on(p, 1, 0, w->y, w->bordering_right);
+  if (!HAS(CHAIN | BAND)) substitute_forward(p->rows, w->y);
+  else if (!factorise_tangent(p, w, bordered)) return 0;
+  if (bordered) substitute_back(p, w, reached, 1);
+  if (bordered) solve_bordering_rows(p, w, 1, w->bordering_right, w->y);
+  substitute_back(p, w, reached, 0);
+  if (bordered) pass_on(p, 1, 1, w->y, w->bordering_right);
+  gather(p->free, w->y, p->order, x);
+  return 1;
 }
 
 /* The error that a correction of this size may have. */
@@ -252,13 +256,11 @@ static int solve_reduced(Problem *p, const Work *w, const Wanted *wanted, double
     if (refine(p, w, wanted, rest)) return p->old_factors = 1;
     if (HAS(SLIDERS) && p->bordering_rows) fill_bordering_rows(p, w);
   }
-  if (!factorise(p, w)) {
+  if (!factorise_tangent(p, w, 0)) {
     p->raised = p->at_rest && solve_raised(p, w) ? 1 : -1;
     if (p->raised > 0 || !p->at_rest || largest_size(p->free, w->reduced) > 0) return p->raised > 0;
     memset(w->step, 0, p->free * sizeof(double)); /* a straight path that bifurcates needs no correction */
     return 1;
   }
-  if (HAS(SLIDERS) && HAS(MEMBERS) && p->bordering_rows && p->changing) add_contact_points(p, w, 1);
-  if (HAS(SLIDERS) && p->bordering_rows) eliminate_bordering_rows(p, w);
   return solve_bordered(p, w, w->reduced, w->step);
 }
