@@ -7,19 +7,15 @@
 #include "fixed_point.h"
 #include "member_contacts.h"
 
-static inline double coordinate(const PointForce *e, int k, const double *nodes, const double *slides, int at) {
-  if (e->slide >= 0) return slides[at];
-  return e->dof[k] < 0 ? 0 : nodes[e->dof[k]];
+/* Numbers of the nodes of a force, or number `at` of slides. */
+static inline void coordinates(const PointForce *e, const double *nodes, const double *slides, int at, double *to) {
+  for (int k = 0; k < e->size; ++k) to[k] = e->slide >= 0 ? slides[at] : e->dof[k] < 0 ? 0 : nodes[e->dof[k]];
 }
 
 /* Place of the force that friction follows among its internal variables. */
 enum { FOLLOWED = 2 };
 
 static int values_of(const PointForce *e) { return e->size + e->entries + e->internal + e->remembered; }
-
-static void place_at(const PointForce *e, const double *q, const double *slide) {
-  for (int k = 0; k < e->size; ++k) e->given[k] = coordinate(e, k, q, slide, e->slide);
-}
 
 void fx_set_parameters(const PointForces *p, const double *values) {
   for (const PointForce *e = p->of; e < p->of + p->all; ++e)
@@ -31,8 +27,8 @@ void fx_begin_points(const PointForces *p, const double *q, const double *v, con
   for (PointForce *e = p->of; e < p->of + p->all; ++e) {
     int n = e->size;
     double *to = e->given + 3 * n;
-    place_at(e, q, slide);
-    for (int k = 0; k < n; ++k) e->given[2 * n + k] = coordinate(e, k, v, slide_rate, e->slide);
+    coordinates(e, q, slide, e->slide, e->given);
+    coordinates(e, v, slide_rate, e->slide, e->given + 2 * n);
     *to++ = t, *to++ = dt;
     for (int i = 0; i < e->internal; ++i) *to++ = internal[e->first_internal + i];
     for (int i = 0; i < e->remembered; ++i) *to++ = 0;
@@ -40,14 +36,10 @@ void fx_begin_points(const PointForces *p, const double *q, const double *v, con
   if (HAS(MEMBERS) && p->members) begin_members(p->members, q, v, t, dt, internal);
 }
 
-static void move_to(const PointForce *e, const double *D, const double *z) {
-  for (int k = 0; k < e->size; ++k) e->given[e->size + k] = coordinate(e, k, D, z, e->column);
-}
-
 void fx_evaluate_points(const PointForces *p, int first, int end, const double *D, const double *z) {
   for (PointForce *e = p->of + first; e < p->of + end; ++e) {
     int values = values_of(e);
-    move_to(e, D, z);
+    coordinates(e, D, z, e->column, e->given + e->size);
     call(e->law, e->given, e->results, values);
     for (int i = 1; i <= e->remembered; ++i) e->numbers[-i] = e->results[values - i];
   }
@@ -71,7 +63,7 @@ double fx_lost_at_points(const PointForces *p, const double *D, const double *z)
   double sum = HAS(MEMBERS) && p->members ? lost_at_members(p->members, D) : 0;
   for (const PointForce *e = p->of; e < p->of + p->all; ++e) {
     if (!e->loss) continue;
-    move_to(e, D, z);
+    coordinates(e, D, z, e->column, e->given + e->size);
     call(e->loss, e->given, p->probe, 1);
     sum += *p->probe;
   }
@@ -82,7 +74,7 @@ double fx_stored_at_points(const PointForces *p, const double *q, const double *
   double sum = HAS(MEMBERS) && p->members ? fx_stored_at_members(p->members, &(Energy){0}, q, internal) : 0;
   for (const PointForce *e = p->of; e < p->of + p->all; ++e) {
     if (!e->energy) continue;
-    place_at(e, q, slide);
+    coordinates(e, q, slide, e->slide, e->given);
     for (int i = 0; i < e->internal; ++i) e->given[3 * e->size + 2 + i] = internal[e->first_internal + i];
     call(e->energy, e->given, p->probe, 1);
     sum += *p->probe;
@@ -93,7 +85,7 @@ double fx_stored_at_points(const PointForces *p, const double *q, const double *
 static void evolve_points(const PointForces *p, const double *D, const double *z, double *internal) {
   for (const PointForce *e = p->of; e < p->of + p->all; ++e) {
     if (!e->internal) continue;
-    move_to(e, D, z);
+    coordinates(e, D, z, e->column, e->given + e->size);
     call(e->law, e->given, e->results, values_of(e));
     memcpy(internal + e->first_internal, e->results + e->size + e->entries, e->internal * sizeof(double));
   }
@@ -136,7 +128,7 @@ static int follow_forces(PointForces *p, const double *joints, const double *q, 
 void fx_find_switches(const PointForces *p, const double *q, const double *slide, double *out) {
   for (const PointForce *e = p->of; e < p->of + p->all; out += e++->conditions) {
     if (!e->conditions) continue;
-    place_at(e, q, slide);
+    coordinates(e, q, slide, e->slide, e->given);
     call(e->switches, e->given, out, e->conditions);
   }
   if (HAS(MEMBERS) && p->members) member_gaps(p->members, q, out);
@@ -160,10 +152,8 @@ static double point_deviation(const PointForces *p, const double *correction, co
     double *D = e->given + n, *results = p->probe, *along = results + values, *last_D = along + n;
     const double *from = e->tangent_at, *force = from + n, *slope = force + n;
     memcpy(last_D, D, n * sizeof(double));
-    for (int k = 0; k < n; ++k) {
-      along[k] = coordinate(e, k, correction, step, e->column);
-      D[k] += (1 - part) * along[k];
-    }
+    coordinates(e, correction, step, e->column, along);
+    for (int k = 0; k < n; ++k) D[k] += (1 - part) * along[k];
     call(e->law, e->given, results, values);
     for (int k = 0; k < n; ++k) sum += along[k] * (results[k] - force[k]);
     for (int i = 0; i < e->entries; ++i) {
