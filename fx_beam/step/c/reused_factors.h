@@ -140,9 +140,9 @@ INLINED void substitute_back(const Problem *p, const Work *w, const int *reached
 HOT int solve_bordered(Problem *p, const Work *w, const double *b, double *x) {
   int bordered = HAS(SLIDERS) && p->bordering_rows;
   const int *reached = bordered ? w->reached : 0;
+  memset(w->y, 0, p->positions * sizeof(double)); /* what was not finite in an earlier step is gone, also between groups */
 #pragma GCC unroll 4
   for (int i = 0; i < p->free; ++i) w->y[p->order[i]] = b[i];
-  for (int i = p->free; i < p->unknowns; ++i) w->y[p->order[i]] = 0;
   if (bordered) memset(w->bordering_right, 0, p->bordering_rows * sizeof(double));
   if (bordered) pass_on(p, 1, 0, w->y, w->bordering_right);
   if (!HAS(CHAIN | BAND)) substitute_forward(p->rows, w->y);
