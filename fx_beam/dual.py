@@ -459,21 +459,6 @@ def _bincount(at, weights, size):
     return Dual(np.bincount(at, weights.values, size), slopes)
 
 
-def _joining(function: Callable, axes: int = 0) -> Callable:
-    """A function that joins arrays, of which the result has so many more axes."""
-
-    def result(parts, axis=0) -> Dual:
-        count = next(part.slopes.shape[-1] for part in parts if isinstance(part, Dual))
-        duals = [with_slopes(part, count) for part in parts]
-        if axis is None:
-            axis, duals = 0, [dual.reshape(-1) for dual in duals]
-        axis %= duals[0].ndim + axes
-        values = function([dual.values for dual in duals], axis)
-        return Dual(values, function([dual.slopes for dual in duals], axis))
-
-    return result
-
-
 def _norm(a: Any, ord: Any = None, axis: Any = None) -> Any:  # noqa: A002  # as NumPy's
     if ord is not None:
         return _without_slopes(f"numpy.linalg.norm of order {ord}", np.linalg.norm, (a,), {})
@@ -481,8 +466,6 @@ def _norm(a: Any, ord: Any = None, axis: Any = None) -> Any:  # noqa: A002  # as
 
 
 _FUNCTIONS: dict[Any, Callable] = {
-    np.concatenate: _joining(np.concatenate),
-    np.stack: _joining(np.stack, 1),
     np.sum: _sum,
     np.mean: _along(np.mean),
     np.cumsum: _along(np.cumsum),
@@ -500,7 +483,7 @@ _FUNCTIONS: dict[Any, Callable] = {
 }
 #: Functions that only place entries, and which arguments have these.
 _PLACING = dict.fromkeys(
-    (np.hstack, np.vstack, np.column_stack, np.dstack, np.reshape)
+    (np.concatenate, np.stack, np.hstack, np.vstack, np.column_stack, np.dstack, np.reshape)
     + (np.ravel, np.transpose, np.atleast_1d, np.atleast_2d, np.copy, np.repeat, np.tile, np.flip)
     + (np.roll, np.squeeze, np.expand_dims, np.swapaxes, np.moveaxis, np.take, np.diag),
     (0,),
@@ -520,9 +503,8 @@ def _placed(function: Callable, given: Any, options: dict) -> Dual:
         entries.append(with_slopes(value, count).reshape(-1))
         return first + np.arange(entries[-1].size).reshape(np.shape(value))
 
-    chosen = [
-        numbers_of(part) if i in _PLACING[function] else plain(part) for i, part in enumerate(given)
-    ]
+    of = _PLACING[function]
+    chosen = (numbers_of(part) if i in of else plain(part) for i, part in enumerate(given))
     at = function(*chosen, **options)
     values = np.concatenate([part.values for part in entries])
     slopes = np.concatenate([part.slopes for part in entries])

@@ -134,8 +134,7 @@ class ArcLength:
                 # Where the path gets stiffer, or bends away from a bifurcation.
                 ds, behind = ds * min(0.9, 1 / excess), 0.0
                 continue
-            for row in step.rows:
-                states.append(row)
+            states += step.rows
             stats.steps, stats.closed = stats.steps + len(step.rows), step.closes
             if step.limit is not None:
                 self._rising = -self._rising

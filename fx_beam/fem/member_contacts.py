@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse
+import scipy.sparse.csgraph
 
 from fx_beam.c_library import Structs
 from fx_beam.errors import SceneError
@@ -60,16 +61,13 @@ def _is_closed(scene: Scene, beam: Beam) -> bool:
     start, end = beam.start, beam.end
     if np.hypot(end.x - start.x, end.y - start.y) > _SAME_PLACE * beam.length:
         return False
-    held = [{number for number, c in scene.fixed if c == i} for i in range(2)]
-    links = [{GROUND.number, number} for number in held[0] & held[1]]
-    links += [{j.a.number, j.b.number} for j in scene.joints if not (j.slide or j.rotation)]
-    together, before = {start.number}, 0
-    while len(together) > before:
-        before = len(together)
-        for link in links:
-            if not link.isdisjoint(together):
-                together |= link
-    return end.number in together
+    fixed_x, fixed_y = ({number for number, c in scene.fixed if c == i} for i in range(2))
+    links = [(GROUND.number, number) for number in fixed_x & fixed_y]
+    links += [(j.a.number, j.b.number) for j in scene.joints if j.is_rigid]
+    numbers = np.array([(start.number, start.number), (end.number, end.number), *links]).T + 1
+    graph = scipy.sparse.coo_matrix((np.ones(numbers.shape[1]), numbers), (numbers.max() + 1,) * 2)
+    _, part = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    return bool(part[start.number + 1] == part[end.number + 1])
 
 
 def _both_directions(
@@ -189,8 +187,8 @@ class MemberContacts:
             "point_slot": one.point_slots,
             "nodes": len(one.nodes),
             "turn": one.turn,
-            "first_node": _AROUND if one.turn else 0,
-            "end_node": _AROUND + one.turn if one.turn else len(one.nodes),
+            "first_node": _AROUND * bool(one.turn),
+            "end_node": len(one.nodes) - _AROUND * bool(one.turn),
             "node_dof": mesh.dofs[one.nodes, :2],
             "node_slot": one.node_slots,
             "numbers": numbers.shape[1],
@@ -204,11 +202,8 @@ class MemberContacts:
     def refill(self, other: MemberContacts) -> None:
         """Set the numbers of a scene of the same structure, and forget the last run."""
         pairs = list(zip(self._pairs, other._pairs, strict=False))
-        alike = len(self._pairs) == len(other._pairs) and all(
-            one.law.kind == two.law.kind and one.numbers.shape == two.numbers.shape
-            for one, two in pairs
-        )
-        if not alike:
+        kinds = ([(of.law.kind, of.numbers.shape, of.turn) for of in pair] for pair in pairs)
+        if len(self._pairs) != len(other._pairs) or any(one != two for one, two in kinds):
             raise OtherStructureError("other members touch")
         for i, (numbers, (_, two)) in enumerate(zip(self._numbers, pairs, strict=True)):
             numbers[...] = two.numbers

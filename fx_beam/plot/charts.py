@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.rcsetup import cycler
 
-from fx_beam.errors import array_of, check_takes, is_number, is_whole, numbers, positive, require
+from fx_beam.errors import array_of, check_takes, finite, is_whole, numbers, positive, require
 from fx_beam.results.files import replacing, writable
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import FrequencyResponse, PeriodicFamily
@@ -210,13 +210,8 @@ def save(figure: Figure, path: Path | str) -> None:
 
 
 _STABLE: dict[str, Any] = {"color": "#0072B2", "linewidth": 2.0, "label": "stable"}
-_UNSTABLE: dict[str, Any] = {
-    "color": "#CC79A7",
-    "linewidth": 1.2,
-    "linestyle": (0, (3, 1.5)),
-    "zorder": 1.5,
-    "label": "unstable",
-}
+_UNSTABLE: dict[str, Any] = {"color": "#CC79A7", "linewidth": 1.2, "label": "unstable"}
+_DASHES = 0, (3, 1.5)
 _MARKS = {"limit point": "D", "bifurcation": "o", "flutter": "^"}
 
 
@@ -249,9 +244,8 @@ def frequency_response(
     for label, of in named.items():
         wanted = "what fx_beam.frequency_response returned"
         require(isinstance(of, FrequencyResponse), "responses", of, wanted)
-        names = components
-        if names is None:
-            names = [name for name in of.names if of.component(name).any()]
+        moving = [name for name in of.names if of.component(name).any()]
+        names = moving if components is None else components
         wanted = f"names to draw, of {list(of.names)}"
         fits = isinstance(names, Sequence) and not isinstance(names, str)
         require(fits and len(names) > 0, "components", names, wanted)
@@ -317,9 +311,8 @@ def response(
         (line,) = ax.plot(f, a, label=label or None, **style)
         if not stable.all():
             of = "unstable" if not label else f"{label}, unstable"
-            ax.plot(
-                f[~stable], a[~stable], "o", ms=4, mfc="white", color=line.get_color(), label=of
-            )
+            look = {"markersize": 4, "markerfacecolor": "white", "color": line.get_color()}
+            ax.plot(f[~stable], a[~stable], "o", label=of, **look)
     unit = "rad" if component == "rotation" else "m"
     ax.set(xlabel="frequency [Hz]", ylabel=f"amplitude of {component} [{unit}]")
     return _saved(fig, path)
@@ -361,8 +354,7 @@ def equilibrium_paths(
     static = isinstance(solution, Solution) and solution.stats.static
     require(static, "solution", solution, "what fx_beam.static returned")
     check_takes(value, "solution", "value")
-    require(is_number(load), "load", load, "a number")
-    load = float(load)
+    load = finite(load, "load")
     fig, axes = figure(1, 1, height=4.0)
     ax = axes[0, 0]
     marks: dict[str, list[tuple[float, float]]] = {kind: [] for kind in _MARKS}
@@ -375,7 +367,7 @@ def equilibrium_paths(
                 ax.plot(*line, **_STABLE)
             else:  # on white: branches that coincide would fill the gaps of the dashes
                 ax.plot(*line, color="white", lw=2, zorder=1.5)
-                ax.plot(*line, **_UNSTABLE)
+                ax.plot(*line, linestyle=_DASHES, zorder=1.5, **_UNSTABLE)
     for kind, points in marks.items():
         if points:
             xs, ys = np.array(points).T

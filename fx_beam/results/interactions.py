@@ -314,8 +314,7 @@ class ContactMotion:
         nodes, contact = self.solution.nodes_of_beam[member.name], self.contact
         X = self.solution.X[nodes]
         positions, arc = X + of(nodes)[..., :2], arc_of(X) if member is contact.target else None
-        gap = abs(positions[:, 0] - positions[:, -1]).max()
-        closed = bool(gap <= _CLOSED * np.ptp(X, axis=0).max())
+        closed = bool(abs(positions[:, 0] - positions[:, -1]).max() <= _CLOSED * np.ptp(X))
         rows = max(1, _AT_ONCE // (points.shape[1] * len(nodes)))
         parts = [
             nearest(points[k : k + rows], positions[k : k + rows], contact.apart, arc, closed)
