@@ -105,8 +105,8 @@ class Reduction:
             turn = [] if joint.a is GROUND else couplings.entries(rotation_of(joint.a))
             turn = [e for e in turn if unknown_of[e[0]] >= 0]
             slide = [(self._slide[m], 0, 1.0)] if 0 <= self._slide[m] < free else []
-            of_kinds = (turn, turn), (turn, slide), (slide, turn)
-            for kind, (maps, values) in enumerate(of_kinds):
+            of_kinds = (turn, turn), (turn, slide), (slide, turn), (slide, slide)
+            for kind, (maps, values) in enumerate(of_kinds[: 4 if joint.track.number else 3]):
                 geometric += [(a, b, m, kind, s * o) for a, _, s in maps for b, _, o in values]
         #: Slides with forces that are unknowns, among all with forces.
         sprung = np.flatnonzero(unknown_of[self._points.columns] >= 0)
@@ -195,6 +195,7 @@ class Reduction:
             "carried_node": carried,
             "slide_column": self._slide,
             "slide_of": np.array([joint.number for joint in moving], dtype=int),
+            "track": np.array([joint.track.number for joint in moving], dtype=int),
             "followers": len(below),
             "follower": below,
             "through": through,

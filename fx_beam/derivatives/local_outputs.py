@@ -127,7 +127,7 @@ class LocalOutput(RowOutput):
         ] + [*joint.offset, *joint.axis]
         for k, terms in enumerate([*of_states, *([number] for number in of_numbers)]):
             x = [one + _STEP * 1j if i == k else one for i, one in enumerate(given)]
-            slopes = np.imag(axial_rate(x[5:7], x[7:], *x[:5])) / _STEP
+            slopes = np.imag(axial_rate(joint.track, x[5:7], x[7:], *x[:5])) / _STEP
             for name, entry, sign in terms if slopes.any() else ():
                 places = None if name in _OF_JOINTS else ends
                 yield of_entries(name, entry, 0, np.arange(every), sign * slopes, places)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -43,6 +43,31 @@ class Place(NamedTuple):
     slide: float
     #: Rotation of b relative to a [rad].
     turn: float
+
+
+class Track:
+    """A straight line through the joint's offset, in the frame of a.
+
+    Another joint has another one as its `track`: functions of its `axis` (2, ...) and of the slide,
+    analytic in both, and the same as a `Track` of step/c/track.h, with its number there.
+    """
+
+    number = 0
+
+    @staticmethod
+    def place(axis: Any, slide: Any) -> tuple[Any, Any]:
+        """Components of the way from the offset to b [m]."""
+        return slide * axis[0], slide * axis[1]
+
+    @staticmethod
+    def tangent(axis: Any, slide: Any) -> tuple[Any, Any]:
+        """Unit vector of the slide: the derivative of the place."""
+        return axis[0] + 0 * slide, axis[1] + 0 * slide
+
+    @staticmethod
+    def nearest(axis: Any, x: Any, y: Any) -> Any:
+        """Slide of the place that is nearest to a point (x, y), seen from the offset [m]."""
+        return x * axis[0] + y * axis[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +115,9 @@ class Joint:
     rotation: Coordinate | None = None
     number: int = field(default=-1)
     place: Place | None = None
+
+    #: Where b is on a, by its slide.
+    track: ClassVar[type[Track]] = Track
 
     def __repr__(self):
         return f"<{self}>"
@@ -264,17 +292,18 @@ class JointKinematics:
         (x, y), axis = self.joint.offset, self.joint.axis
         if axis is None:
             return np.array([x, y])
-        return np.array([x + slide * axis[0], y + slide * axis[1]])
+        along = self.joint.track.place(axis, slide)
+        return np.array([x + along[0], y + along[1]])
 
     def tangent(self, slide: Any) -> np.ndarray:
         """Unit vectors (2, ...) of the slide in the frame of a; zero without a slide."""
         axis = self.joint.axis
-        return np.zeros(2) if axis is None else np.array([x + 0 * slide for x in axis])
+        return np.zeros(2) if axis is None else np.array(self.joint.track.tangent(axis, slide))
 
     def slide_at(self, x: Any, y: Any) -> Any:
         """Slides (...) at components (...) of the place of b in the frame of a [m]."""
         (offset_x, offset_y), axis = self.joint.offset, self.joint.axis
-        return 0.0 if axis is None else (x - offset_x) * axis[0] + (y - offset_y) * axis[1]
+        return 0.0 if axis is None else self.joint.track.nearest(axis, x - offset_x, y - offset_y)
 
     def parting(self, at: NodalMotion, slide: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """From b to its place on a: components x and y (n,) [m]."""
@@ -300,7 +329,9 @@ class JointKinematics:
             return self.spin(at, slide)
         x, y, _ = self._difference(at, "v")
         psi, spin = (self._of(at, name, self.joint.a)[2] for name in "qv")
-        return axial_rate(self.joint.offset, self.joint.axis, slide, psi, spin, x, y)
+        return axial_rate(
+            self.joint.track, self.joint.offset, self.joint.axis, slide, psi, spin, x, y
+        )
 
     def parting_rate(self, at: NodalMotion, slide: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Velocity (2, n) of b as a sees it, and the direction (2, n) of the slide, or zero."""
@@ -335,16 +366,17 @@ class JointKinematics:
         return c * arm[0] - s * arm[1], s * arm[0] + c * arm[1]
 
 
-def axial_rate(offset, axis, slide, psi, spin, x, y):
+def axial_rate(track, offset, axis, slide, psi, spin, x, y):
     """Rate of a slide [m/s], for rotation and spin of a and the velocity (x, y) of b less a's.
 
     It is analytic in all numbers.
     """
+    place, along = track.place(axis, slide), track.tangent(axis, slide)
     c, s = np.cos(psi), np.sin(psi)
     # The velocity of b relative to its position on a, in the frame of a.
-    seen_x = c * x + s * y + spin * (offset[1] + slide * axis[1])
-    seen_y = c * y - s * x - spin * (offset[0] + slide * axis[0])
-    return seen_x * axis[0] + seen_y * axis[1]
+    seen_x = c * x + s * y + spin * (offset[1] + place[1])
+    seen_y = c * y - s * x - spin * (offset[0] + place[0])
+    return seen_x * along[0] + seen_y * along[1]
 
 
 def placed(joint: Joint, q_a: np.ndarray, q_b: np.ndarray, size: float) -> Joint:

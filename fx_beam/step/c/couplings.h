@@ -14,25 +14,35 @@ static void begin_points(const Problem *p, const Work *w) {
     memcpy(points->of[points->external + i].numbers, w->follower_force + 2 * i, 2 * sizeof(double));
 }
 
-/* The arm of a joint and its axis, at a rotation of the carrier and a slide. */
+/* The arm of a joint and the tangent of its track, at a rotation of the carrier and a slide. */
 INLINED void set_arm(const Problem *p, int j, double *frame, double psi, double d, double *rho, double *t) {
-  Two axis = pair(p->axis + 2 * j);
+  Track track = track_of(p->track[j], p->axis + 2 * j, d, d);
   frame[0] = cos(psi), frame[1] = sin(psi);
-  *(Two *)(rho + 2 * j) = turn_by(pair(frame), pair(p->offset + 2 * j) + d * axis);
-  *(Two *)(t + 2 * j) = turn_by(pair(frame), axis);
+  *(Two *)(rho + 2 * j) = turn_by(pair(frame), pair(p->offset + 2 * j) + track.place);
+  *(Two *)(t + 2 * j) = turn_by(pair(frame), track.chord);
+}
+
+/* The track of a joint at an end of a step, with its chord over the step, or its tangent where forces are those at the ends. */
+INLINED Track track_at(const Problem *p, int j, double d_other, double d) {
+  return track_of(p->track[j], p->axis + 2 * j, p->rule == 0 ? d_other : d, d);
 }
 
 /* Derivatives of the four values of Tv of a joint by the rotation of the carrier (0) and by the slide (1), at the start (0)
-   or at the end (1) of a step, but for those that are zero: of the last two by the slide, and without a slide. */
+   or at the end (1) of a step. Of a joint that does not slide only those of the first two by the rotation. */
 static void slopes_of_joint(const Problem *p, const Work *w, int j, int end, double by[2][4]) {
-  const double *mean = w->mean_t + 2 * j;
+  const double *frame = w->frame + 4 * j, *mean = w->mean_t + 2 * j;
   const double *rho = (end ? w->rho1 : w->rho0) + 2 * j, *t = (end ? w->t1 : w->t0) + 2 * j;
   double shares[] = {1 - p->level, p->level}, share = shares[end], slope = w->carrier_slope[j];
   by[0][0] = -share * rho[0], by[0][1] = -share * rho[1];
   if (p->slide_column[j] < 0) return;
   double carrier_bend = end ? w->carrier_bend[j] : -w->carrier_bend[j];
+  double d0 = at(p->slides, p->slide_of[j]), d1 = d0 + at(w->z, p->slide_column[j]);
+  Track track = track_at(p, j, end ? d0 : d1, end ? d1 : d0);
+  Two of_end = pair(frame + 2 * end), between = shares[0] * pair(frame) + shares[1] * pair(frame + 2);
+  Two chord = turn_by(of_end, track.chord), bend = turn_by(p->rule == 0 ? between : 2 * share * of_end, track.bend);
   by[1][0] = -share * t[1], by[1][1] = share * t[0];
-  by[0][2] = carrier_bend * mean[0] - slope * share * t[1], by[0][3] = carrier_bend * mean[1] + slope * share * t[0];
+  by[0][2] = carrier_bend * mean[0] - slope * share * chord[1], by[0][3] = carrier_bend * mean[1] + slope * share * chord[0];
+  by[1][2] = slope * bend[0], by[1][3] = slope * bend[1];
 }
 
 /* Returns 0 in a singular position. */
@@ -64,7 +74,7 @@ HOT void expand_columns(const Problem *p, const Work *w) {
   spread_columns(p, w->copied, 0, w->z, D); /* first rotations, on which the arms depend */
   for (int j = 0; j < p->joints; ++j) {
     double psi = at(p->q, p->carrier[j]), Dpsi = at(D, p->carrier[j]);
-    double slide = at(w->z, p->slide_column[j]), d = at(p->slides, p->slide_of[j]) + slide;
+    double slide = at(w->z, p->slide_column[j]), d0 = at(p->slides, p->slide_of[j]), d = d0 + slide;
     set_arm(p, j, w->frame + 4 * j + 2, psi + Dpsi, d, w->rho1, w->t1);
     double tangent = tan(Dpsi / 2), slope = p->rule == 0 ? 1 + tangent * tangent : 1;
     w->carrier_slope[j] = slope;
@@ -72,10 +82,11 @@ HOT void expand_columns(const Problem *p, const Work *w) {
     double *frame = w->frame + 4 * j, *virtual_map = w->virtual_map + 1 + 4 * j;
     /* R1 x1 - R0 x0 = (1 - R0 R1^T) R1 x1 + R0 (x1 - x0): a difference of arms would have no digits in short steps. */
     double sine = 2 * tangent / (1 + tangent * tangent);
-    Two slid = turn_by(pair(frame), slide * pair(p->axis + 2 * j));
+    Two slid = turn_by(pair(frame), slide * track_of(p->track[j], p->axis + 2 * j, d0, d).chord);
     *(Two *)(w->arm_change + 2 * j) = turn_by((Two){tangent * sine, sine}, pair(w->rho1 + 2 * j)) + slid;
+    Two start = turn_by(pair(frame), track_at(p, j, d, d0).chord), end = turn_by(pair(frame + 2), track_at(p, j, d0, d).chord);
     Two mean_rho = (1 - level) * pair(w->rho0 + 2 * j) + level * pair(w->rho1 + 2 * j);
-    Two mean_t = *(Two *)(w->mean_t + 2 * j) = (1 - level) * pair(w->t0 + 2 * j) + level * pair(w->t1 + 2 * j);
+    Two mean_t = *(Two *)(w->mean_t + 2 * j) = (1 - level) * start + level * end;
     virtual_map[0] = -mean_rho[1], virtual_map[1] = mean_rho[0];
     virtual_map[2] = slope * mean_t[0], virtual_map[3] = slope * mean_t[1];
   }

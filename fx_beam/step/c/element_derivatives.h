@@ -67,7 +67,7 @@ static int begin_taped(Problem *p, Work *w, const Derivatives *a, const double *
   for (int i = 0; i < 2; ++i) set_time(p, &work_of_elements(a, i)->slopes, level, dt);
   balance(p, w);
   if (w->by_slopes) find_slopes(p, w, a, l), add_slopes(p, &a->internal_forces, l->slopes[0], w->tangent);
-  if (p->friction_follows) set_axes(p);
+  if (p->friction_follows) set_axes(p, w);
   if (!l->adds) l->of[TOUCHED].count = 0;
   if (HAS(MEMBERS) && p->points->members) put_members(l->of + TOUCHED, p, &l->at);
   reduce_tangent(p, w);

@@ -117,10 +117,12 @@ static void put_strains(const Problem *p, Linear *l) {
 static void put_joint(const Problem *p, const Work *w, const Derivatives *a, Linear *l, int first, int j) {
   const Layout *at_ = &l->at;
   int column = p->slide_column[j], slides = column >= 0, map = at_->map + 1 + 4 * j;
-  double start = at(p->slides, p->slide_of[j]), *axis_at_rest = p->axis + 2 * j, rest = a->slide_at_rest[j];
+  double d0 = at(p->slides, p->slide_of[j]), d1 = d0 + at(w->z, column), *e = p->axis + 2 * j, rest = a->slide_at_rest[j];
+  Track at_rest = track_of(p->track[j], e, rest, rest);
   for (int end = 0; end < 2; ++end) {
-    double share = end ? p->level : 1 - p->level, d = end ? start + at(w->z, column) : start, slopes[2][4] = {{0}};
+    double share = end ? p->level : 1 - p->level, slopes[2][4] = {{0}};
     double c = w->frame[4 * j + 2 * end], s = w->frame[4 * j + 2 * end + 1], R[2][2] = {{c, -s}, {s, c}};
+    Track track = track_at(p, j, end ? d0 : d1, end ? d1 : d0);
     int turn = in(end ? at_->q1 : at_->q, p->carrier[j]), slide = in(end ? at_->Y1 : at_->Y, column);
     Block *arms = end ? l->of + ARMS : first ? l->of + BEGUN : 0, *levers = l->of + LEVERS;
     slopes_of_joint(p, w, j, end, slopes);
@@ -131,11 +133,13 @@ static void put_joint(const Problem *p, const Work *w, const Derivatives *a, Lin
       double lever_share = i ? -share : share;
       for (int k = 0; k < 2; ++k) {
         int offset = at_->offset + 2 * j + k, axis = at_->axis + 2 * j + k;
-        if (arms) put(arms, offset, arm, R[i][k] - (i == k)), put(arms, axis, arm, R[i][k] * d - (i == k) * rest);
-        put(levers, offset, lever, lever_share * R[i][k]), put(levers, axis, lever, lever_share * (R[i][k] * d));
-        if (slides) put(levers, axis, map + 2 + i, w->carrier_slope[j] * share * R[i][k]);
+        double place_by = R[i][0] * track.place_by[0][k] + R[i][1] * track.place_by[1][k];
+        double chord_by = R[i][0] * track.chord_by[0][k] + R[i][1] * track.chord_by[1][k];
+        if (arms) put(arms, offset, arm, R[i][k] - (i == k)), put(arms, axis, arm, place_by - at_rest.place_by[i][k]);
+        put(levers, offset, lever, lever_share * R[i][k]), put(levers, axis, lever, lever_share * place_by);
+        if (slides) put(levers, axis, map + 2 + i, w->carrier_slope[j] * share * chord_by);
       }
-      if (arms) put(arms, at_->rest + j, arm, -axis_at_rest[i]);
+      if (arms) put(arms, at_->rest + j, arm, -at_rest.chord[i]);
     }
   }
 }
@@ -317,8 +321,17 @@ static void put_joint_forces(const Problem *p, const Work *w, Linear *l) {
     for (int i = 0; i < 2; ++i) put(to, forces + 3 * e->load + i, followed, slope[i]);
     put(to, in(l->at.q, e->load_turn), followed, (1 - p->level) * slope[2]);
     put(to, in(l->at.q1, e->load_turn), followed, p->level * slope[2]);
-    for (int j = 0; j < p->joints; ++j)
-      for (int i = 0; p->slide_of[j] == e->load && i < 2; ++i) put(to, l->at.axis + 2 * j + i, followed, slope[3 + i]);
+    for (int j = 0; j < p->joints; ++j) {
+      if (p->slide_of[j] != e->load) continue;
+      double d = slide_at_level(p, w, j);
+      Track track = track_of(p->track[j], p->axis + 2 * j, d, d);
+      for (int i = 0; i < 2; ++i) {
+        double turned = 2 * track.bend[i] * slope[3 + i];
+        for (int k = 0; k < 2; ++k) put(to, l->at.axis + 2 * j + k, followed, slope[3 + i] * track.chord_by[i][k]);
+        put(to, in(l->at.Y, p->slide_column[j]), followed, (1 - p->level) * turned);
+        put(to, in(l->at.Y1, p->slide_column[j]), followed, p->level * turned);
+      }
+    }
     for (int j = 0; j < p->sliders; ++j) {
       const Slider *a = p->slider + j;
       int s = a->components * a->width;

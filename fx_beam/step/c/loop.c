@@ -115,7 +115,7 @@ static int follow_joints(Problem *p, Work *w, const double *driven, double t) {
   for (int k = 0, still = 0; k < MOST_TRIALS; ++k) {
     evaluate_nodes(p, w);
     find_joint_forces(p, w);
-    set_axes(p);
+    set_axes(p, w);
     if (!follow_forces(p->points, w->joint_forces, p->q, w->D, p->level, still, p->spring_internal)) return OK;
     begin_form(p, &p->internal_forces, w->fields, t, w->dt);
     long before = p->iterations;

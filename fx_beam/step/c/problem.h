@@ -151,9 +151,9 @@ typedef struct {
   double *entry_sign;
   int equal;            /* number of the first entries, which are 1: all, one of each row in turn, where nothing is COUPLED */
   /* Joints whose arms depend on the motion: rotations of the carrier and of the node it carries (-1: ground), column of the
-     slide (-1: none), number among all joints; offset and axis in the frame of the carrier; signs of the arm's
+     slide (-1: none), number among all joints, kind of Track; offset and axis in the frame of the carrier; signs of the arm's
      components in what they move. */
-  int joints, *carrier, *carried_node, *slide_column, *slide_of;
+  int joints, *carrier, *carried_node, *slide_column, *slide_of, *track;
   double *offset, *axis, *joint_sign;
   int followers, *follower, *through; /* degrees of freedom that arms move; 2 j + i of component i of arm j */
   /* Auxiliary unknowns: degrees of freedom in long trees with columns of their own, behind all others (graph.py). Each

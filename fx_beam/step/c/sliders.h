@@ -5,6 +5,7 @@
 #include "algebra.h"
 #include "point_forces.h"
 #include "slide_relation.h"
+#include "track.h"
 
 /* Degree of freedom that belongs to a local one; -1 for the arc length. */
 static int local_dof(const Slider *a, int local) {
@@ -51,13 +52,26 @@ static void load_beams(const Problem *p, const Work *w, const double *r, double 
   carry(p, w, w->loaded, out);
 }
 
-/* Sets the axes across which forces on beams count for friction. */
-static void set_axes(const Problem *p) {
-  const PointForces *points = p->points;
+/* The slide of a joint at the level of a step. */
+static double slide_at_level(const Problem *p, const Work *w, int j) {
+  return at(p->slides, p->slide_of[j]) + p->level * at(w->z, p->slide_column[j]);
+}
+
+/* The axis across which forces on a joint's slide count for friction. */
+static void set_axis(const PointForces *points, int joint, Two axis) {
+  for (PointForce *e = points->of; e < points->of + points->all; ++e)
+    for (int i = 0; e->load == joint && e->slide >= 0 && i < 2; ++i) e->load_axis[i] = axis[i] / hypot(axis[0], axis[1]);
+}
+
+/* Sets the axes across which forces on curves count for friction. */
+static void set_axes(const Problem *p, const Work *w) {
+  for (int j = 0; j < p->joints; ++j) {
+    double d = slide_at_level(p, w, j);
+    if (p->track[j]) set_axis(p->points, p->slide_of[j], track_of(p->track[j], p->axis + 2 * j, d, d).chord);
+  }
   for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a) {
-    const double axis[] = {a->virtual_map[0][a->components * a->width], a->virtual_map[1][a->components * a->width]};
-    for (PointForce *e = points->of; e < points->of + points->all; ++e)
-      for (int i = 0; e->load == a->joint && e->slide >= 0 && i < 2; ++i) e->load_axis[i] = axis[i] / hypot(axis[0], axis[1]);
+    int s = a->components * a->width;
+    set_axis(p->points, a->joint, (Two){a->virtual_map[0][s], a->virtual_map[1][s]});
   }
 }
 
@@ -94,8 +108,9 @@ static double rate_of_slide(const Problem *p, int j) {
   int a = p->carrier[j], b = p->carried_node[j];
   Two v = {at(p->v, b - 2) - at(p->v, a - 2), at(p->v, b - 1) - at(p->v, a - 1)};
   double d = p->slides[p->slide_of[j]], spin = at(p->v, a), turn = at(p->q, a);
-  Two axis = pair(p->axis + 2 * j), arm = pair(p->offset + 2 * j) + d * axis, seen = turn_by((Two){cos(turn), -sin(turn)}, v);
-  return dot2(axis, seen + spin * (Two){arm[1], -arm[0]});
+  Track track = track_of(p->track[j], p->axis + 2 * j, d, d);
+  Two arm = pair(p->offset + 2 * j) + track.place, seen = turn_by((Two){cos(turn), -sin(turn)}, v);
+  return dot2(track.chord, seen + spin * (Two){arm[1], -arm[0]});
 }
 
 /* At mid-step forces depend on mean rates alone. */
