@@ -182,11 +182,12 @@ class CriticalLoad:
         changes = {name: abs(self._changes[name]) for name in by}
         work, parts = self._tangent.by_x(by)[:-1], self._tangent.by_x(sizes, changes)[:-1]
         largest = [
-            of.reshape(len(of), -1).max(axis=1, initial=0.0) / (abs(numbers[name]).max() or np.inf)
-            for name, of in changes.items()
-            if of.size
+            (of, abs(numbers[name]).max() or np.inf) for name, of in changes.items() if of.size
         ]
-        of_load = abs(by_factor * self._point.load_factor) * np.max(largest, axis=0)[:-1]
+        relative = np.max(
+            [of.reshape(len(of), -1).max(axis=1) / most for of, most in largest], axis=0
+        )
+        of_load = abs(by_factor * self._point.load_factor) * relative[:-1]
         return np.where(abs(work) > _ZERO * np.maximum(parts, of_load), work, 0.0)
 
     def _infinite(self, i: int) -> str:

@@ -88,11 +88,8 @@ def grow(
 
     None starts at points that are `known`; those of the path become known, too.
     """
-    new = [
-        point
-        for point in path.critical_points
-        if point.kind == "bifurcation" and not any(_same(point, other) for other in known)
-    ]
+    points = [point for point in path.critical_points if point.kind == "bifurcation"]
+    new = [point for point in points if not any(_same(point, other) for other in known)]
     known += new
     path.branches = []
     for point in new:

@@ -133,11 +133,8 @@ def _variables_of_beam(
 def _variables_of_joint(model: Model, rows: np.ndarray) -> dict[int, dict[str, np.ndarray]]:
     """Internal variables (n,) of springs by the joint's number and name, from those of all."""
     columns = iter(rows.T)
-    return {
-        joint.number: {name: next(columns) for name in joint.internal}
-        for joint in model.scene.joints
-        if joint.internal
-    }
+    joints = [joint for joint in model.scene.joints if joint.internal]
+    return {joint.number: {name: next(columns) for name in joint.internal} for joint in joints}
 
 
 def _variables_of_contact(model: Model, rows: np.ndarray) -> dict[int, np.ndarray]:

@@ -331,11 +331,9 @@ class Shooting:
 
     def by_parameter(self, period: Period) -> np.ndarray:
         """Derivative (rows,) of the gap by the logarithm of the parameter."""
-        ends = [
-            self.run(period.start, period.parameter * (1 + change)).gap
-            for change in (-_CHANGE, _CHANGE)
-        ]
-        return (ends[1] - ends[0]) / (2 * _CHANGE)
+        parameters = period.parameter * (1 - _CHANGE), period.parameter * (1 + _CHANGE)
+        below, above = (self.run(period.start, parameter).gap for parameter in parameters)
+        return (above - below) / (2 * _CHANGE)
 
     def first_return(self, state: State, longest: float) -> float | None:
         """Time after which a motion comes back near to its start; None if it does not."""

@@ -241,12 +241,8 @@ def bisected(X: np.ndarray, number: int) -> np.ndarray:
 
 def _trees(scene: Scene) -> np.ndarray:
     """Number (nodes,) of the tree of joints to which a node belongs; the ground connects none."""
-    pairs = [
-        (joint.a.number, joint.b.number)
-        for joint in scene.joints
-        if GROUND not in (joint.a, joint.b)
-    ]
-    a, b = np.array(pairs, dtype=int).reshape(-1, 2).T
+    joints = [joint for joint in scene.joints if GROUND not in (joint.a, joint.b)]
+    a, b = np.array([(j.a.number, j.b.number) for j in joints], dtype=int).reshape(-1, 2).T
     count = len(scene.nodes)
     graph = scipy.sparse.coo_matrix((np.ones(len(a)), (a, b)), (count, count))
     return connected_components(graph, directed=False)[1]

@@ -93,12 +93,8 @@ def velocities_of(body: Body, velocity, spin) -> list[loads.Velocity]:
     given = loads.initial_velocity(centre, velocity, spin)
     position = np.array([[centre.x, centre.y]])
     (vx, vy), w = given.value.each(position)[0], given.spin.each(position)[0, 0]
-    return [
-        loads.initial_velocity(
-            node, (vx - w * (node.y - centre.y), vy + w * (node.x - centre.x)), w
-        )
-        for node in body.nodes
-    ]
+    arms = [(node, node.x - centre.x, node.y - centre.y) for node in body.nodes]
+    return [loads.initial_velocity(node, (vx - w * y, vy + w * x), w) for node, x, y in arms]
 
 
 def check_body(scene, body: Body, what: str) -> None:
