@@ -174,7 +174,7 @@ class Mass:
         return at, rows[at]
 
     @cached_property
-    def _diagonal(self) -> np.ndarray:
+    def diagonal(self) -> np.ndarray:
         """Positions of the diagonal in the values of the stiffness."""
         K = self._forms.stiffness
         every = np.arange(len(K.indptr) - 1)
@@ -185,7 +185,7 @@ class Mass:
         """Entries (n,) of the stiffness where masses and inertias are lumped, and these."""
         given = stacked([(mass, mass, inertia) for _, mass, inertia in self._scene.masses])
         nodes = np.array([row.node for row in self._scene.masses], int)
-        return self._diagonal.reshape(-1, 3)[nodes].ravel(), given.reshape(-1)
+        return self.diagonal.reshape(-1, 3)[nodes].ravel(), given.reshape(-1)
 
 
 @functools.cache

@@ -28,7 +28,13 @@ from fx_beam.laws.schemes import Scheme
 from fx_beam.results.state import ROWS, State
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.coordinate import Coulomb
-from fx_beam.scene.joints import Joint, NodalMotion, joints_by_number, slides_at_start
+from fx_beam.scene.joints import (
+    GROUND,
+    Joint,
+    NodalMotion,
+    joints_by_number,
+    slides_at_start,
+)
 from fx_beam.scene.law import has_pieces
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import SlidingJoint, sliding_joints
@@ -39,6 +45,8 @@ from .build import begin_to_build
 if TYPE_CHECKING:
     from .sparse_lu import LU
 
+# Mass of what has none in rates that fit joints, relative to the least mass that there is.
+_LITTLE = 1e-8
 # Cached properties that depend on the positions of nodes and joints.
 _OF_POSITIONS = "unit", "unit_of_unknowns", "fits_rates"
 
@@ -349,6 +357,18 @@ class Model:
         """Whether a degree of freedom is massless, (size,)."""
         return self.mass.diagonal() == 0
 
+    def little_mass(self) -> np.ndarray:
+        """Small masses and inertias (size,) of the degrees of freedom that have none, for fits."""
+        inertia = self.mass.diagonal() * self.unit**2
+        least = inertia[inertia > 0].min() if inertia.any() else 1.0
+        little = np.where(inertia > 0, 0.0, _LITTLE * least / self.unit**2)
+        for joint in self.scene.joints:  # what is rigid with a mass needs none
+            if joint.is_rigid and GROUND not in (joint.a, joint.b):
+                a, b = (self.mesh.dofs[node.number] for node in (joint.a, joint.b))
+                if inertia[a].all():
+                    little[b] = 0.0
+        return little
+
     @cached_property
     def unit_of_unknowns(self) -> np.ndarray:
         """Size of a unit increment of each unknown (free,); compare `unit`."""
@@ -423,6 +443,8 @@ class Model:
         used[at[plain(masses) != 0]] = True
         value_at = forms.points.value_at
         used[value_at[value_at >= 0]] = True
+        if self.fits_rates:
+            used[self.masses.diagonal[self.little_mass() > 0]] = True
         return used
 
     def motion(self, **histories: np.ndarray) -> NodalMotion:

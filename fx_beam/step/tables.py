@@ -19,7 +19,6 @@ from fx_beam.fem.mesh import rotation_of
 from fx_beam.fem.sparsity import blocks_with
 from fx_beam.laws.schemes import MOST_SUB_STEPS
 from fx_beam.results.state import ARRAYS, MACROS, NUMBERS, State
-from fx_beam.scene.joints import GROUND
 
 from .build import begin_to_build, load_library
 from .form_tables import FormTables, aligned_zeros
@@ -30,7 +29,6 @@ from .substeps import LARGE_TURN
 from .tangent_storage import (
     alone_in_column,
     bordering_tables,
-    diagonal_of,
     on_bordering_rows,
     storage_of,
     storage_of_entries,
@@ -39,8 +37,6 @@ from .tangent_storage import (
 if TYPE_CHECKING:
     from .turning_frame import TurningFrame
 
-# Mass of what has none in rates that fit joints, relative to the least mass that there is.
-_LITTLE = 1e-8
 # Forms of the equations.
 _OF_EQUATIONS = "internal_forces", "drag"
 
@@ -79,7 +75,7 @@ class Problem:
         self._set(has_added=model.forms.has_added, keeps_previous=model.keeps_previous)
         self._hand_over_rates(stored_at)
         if rates:
-            self._set(points=[{}], diagonal_at=stored_at[diagonal_of(model.forms.stiffness)])
+            self._set(points=[{}], diagonal_at=stored_at[model.masses.diagonal])
         else:
             self._hand_over_points(stored_at)
         self._hand_over_motors()
@@ -208,7 +204,7 @@ class Problem:
             values = model.mass.data[self.heavy] * [1, 1, turning] if len(self.heavy) else 0
             numbers |= {"mass": np.append(values, 0.0)}
         if self._rates:
-            numbers["viscous_weight"] = _little_mass(model)
+            numbers["viscous_weight"] = model.little_mass()
         if model.weight is not None:
             numbers["weight"] = model.weight
         if model.natural:
@@ -290,7 +286,7 @@ class Problem:
         K, alone = self.model.forms.stiffness, alone_in_column(reduction)
         stored_at, p.stored_values = storage_of_entries(tangent, K, alone, at, stored)
         if reduction.couplings.sliding:
-            diagonal_at = stored_at[diagonal_of(K)]
+            diagonal_at = stored_at[self.model.masses.diagonal]
             self._set(**bordering_tables(self.model, factors, at, diagonal_at, on_border))
         padding = np.concatenate([*padding, ones, of_auxiliaries])
         self._set(
@@ -357,7 +353,7 @@ class Problem:
 
         Returns the weights (size,) of a viscous drag on increments, zero where nothing acts.
         """
-        model, diagonal = self.model, diagonal_of(self.model.forms.stiffness)
+        model, diagonal = self.model, self.model.masses.diagonal
         weights = np.where(model.used_entries()[diagonal], model.unit**-2.0, 0.0)
         self._set(hold=hold, predicted=predicted, viscous_weight=weights)
         self._set(diagonal_at=self._stored_at[diagonal])
@@ -510,16 +506,3 @@ class Problem:
         self.memory[:] = 0.0
         for ages in self._ages:
             ages[:] = 1.0
-
-
-def _little_mass(model: Model) -> np.ndarray:
-    """Small masses and inertias (size,) of the degrees of freedom that have none."""
-    inertia = model.mass.diagonal() * model.unit**2
-    least = inertia[inertia > 0].min() if inertia.any() else 1.0
-    little = np.where(inertia > 0, 0.0, _LITTLE * least / model.unit**2)
-    for joint in model.scene.joints:  # what is rigid with a mass needs none
-        if joint.is_rigid and GROUND not in (joint.a, joint.b):
-            a, b = (model.mesh.dofs[node.number] for node in (joint.a, joint.b))
-            if inertia[a].all():
-                little[b] = 0.0
-    return little

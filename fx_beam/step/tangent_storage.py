@@ -50,15 +50,6 @@ def storage_of_entries(
     return stored_at, behind + len(others)
 
 
-def diagonal_of(tangent) -> np.ndarray:
-    """Position of each entry of the diagonal of a matrix in compressed rows; -1 without one."""
-    rows = np.repeat(np.arange(tangent.shape[0]), np.diff(tangent.indptr))
-    positions = np.full(tangent.shape[0], -1)
-    (on_diagonal,) = np.nonzero(rows == tangent.indices)
-    positions[rows[on_diagonal]] = on_diagonal
-    return positions
-
-
 def storage_of(
     reduction: Reduction, at: np.ndarray, stored: int
 ) -> tuple[np.ndarray, int, np.ndarray]:

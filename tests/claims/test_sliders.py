@@ -658,3 +658,59 @@ def test_the_first_acceleration_of_a_node_that_slides_over_a_node_is_that_of_the
     mean = np.diff(run.v, axis=0) / dt
     at_start = (25 * mean[0] - 23 * mean[1] + 13 * mean[2] - 3 * mean[3]) / 12
     assert abs(run.a[0] - at_start).max() < 1e-5 * abs(run.a[0]).max()
+
+
+def guided(load=(0.0, -20.0)):
+    """A clamped rod through a guide on the ground, which closes a loop."""
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    section = fb.Section(EA=1e4, GA=1e4, EI=20.0, rhoA=1.0, rhoI=1e-2)
+    rod = scene.add_beam([(0, 0), (1, 0.2)], section, elements=4)
+    scene.add_force(rod.end, load)
+    guide = scene.add_joint(fb.Slider(rod, fb.GROUND, fraction=0.6))
+    return scene, rod, guide
+
+
+def test_reactions_beside_a_guide_balance_the_loads():
+    scene, rod, guide = guided()
+    scene.clamp(rod.start)
+    state = fb.static(scene, load_steps=4)
+    total = state.reaction(rod.start)[-1, :2] - state.joint(guide).force[-1, :2]
+    weight = 9.81 * rod.length
+    assert total == pytest.approx([0.0, 20.0 + weight], abs=1e-8)
+    motion = fb.simulate(scene, dt=1e-3, t_end=0.05)
+    pulled = motion.reaction(rod.start)[1:, :2] - motion.joint(guide).force[1:, :2]
+    change = np.diff(motion.linear_momentum, axis=0) / 1e-3
+    assert pulled - change == pytest.approx(np.tile([0.0, 20.0 + weight], (50, 1)), abs=1e-7)
+
+
+def test_a_motor_beside_a_guide_does_the_work_of_its_moment():
+    scene, rod, guide = guided(load=(0.0, 0.0))
+    turn = scene.add_joint(fb.Revolute(fb.GROUND, rod.start, motor=lambda t: 0.5 * t**2))
+    motion = fb.simulate(scene, dt=1e-3, t_end=0.1)
+    motor = motion.joint(turn)
+    assert motor.motor_force[1:] == pytest.approx(motor.force[1:, 2], rel=1e-9)
+    assert motion.energy.work[-1] > 1e-4
+    assert abs(motion.energy.balance_error).max() < 1e-12
+
+
+@pytest.mark.parametrize("kind", ["slider", "sleeve", "prismatic"])
+def test_a_massless_body_on_a_slide_has_the_rates_of_a_light_one(kind):
+    def end(mass):
+        scene = fb.Scene()
+        section = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=0.5, rhoI=1e-3)
+        rod = scene.add_beam([(0, 0), (1, 0)], section, elements=4)
+        scene.clamp(rod.start)
+        scene.add_force(rod.end, (0, -1.0))
+        body = scene.add_body((0.5, 0), mass=mass).centre
+        slide = {"spring": fb.Spring(10.0, rest=0.5)}
+        if kind == "prismatic":
+            scene.add_joint(fb.Prismatic(rod.node(0.5), body, axis=(1, 0), **slide))
+        else:
+            make = fb.Slider if kind == "slider" else fb.Sleeve
+            scene.add_joint(make(rod, body, **slide))
+            scene.add_drag(body, rotation=0.1)
+        solution = fb.simulate(scene, dt=0.01, t_end=0.1)
+        rows = solution.velocity(rod.end), solution.reaction(rod.start), solution.linear_momentum
+        return np.hstack(rows)
+
+    assert end(0.0) == pytest.approx(end(1e-12), abs=1e-6)

@@ -84,8 +84,8 @@ KEPT long fx_taped_forces(Problem *p, const Tape *tape, const Derivatives *a, do
   begin_linear(p, w, a, &l);
   long row = 0;
   for (; row < tape->rows && begin_taped(p, w, a, tape->row + row * tape->size, &l); ++row) {
-    project(p, w, w->r, w->columns);
-    memcpy(forces + row * constrained, w->columns + p->free, constrained * sizeof(double));
+    project(p, w, w->r, w->reduced);
+    memcpy(forces + row * constrained, w->reduced + p->free, constrained * sizeof(double));
   }
   p->reused.present = 0;
   return end_linear(&l, tape->rows - row);

@@ -92,13 +92,13 @@ static void audit(Problem *p, const Work *w, const double *change) {
   p->numerical += taken;
   if (p->energies_vary && p->held_before.integrals) p->work += energy_of(p, w, &p->held_before) - p->algorithmic;
   p->algorithmic = energy_of(p, w, &p->held_by_scheme);
-  project(p, w, w->r, w->columns);
+  project(p, w, w->r, w->reduced);
   for (int i = 0; i < p->driven; ++i) {
     double along = p->motor_slides[i] ? change[i] : at(w->path, p->motor_b[i]) - at(w->path, p->motor_a[i]);
-    p->work += mid(p, w->columns[p->free + i], p->constraint_forces[i]) * along;
+    p->work += mid(p, w->reduced[p->free + i], p->constraint_forces[i]) * along;
   }
   scale(constrained, p->earlier, p->constraint_forces);
-  add_times(constrained, p->share, w->columns + p->free, p->constraint_forces);
+  add_times(constrained, p->share, w->reduced + p->free, p->constraint_forces);
   if (p->has_added) {
     memset(w->f, 0, n * sizeof(double));
     assemble_forces(p, &p->added, w->fields, w->f, 0);
