@@ -62,11 +62,11 @@ class ArrayCalls:
         at_once, is_first = _at_once(function, size, arguments), key not in self._fit
         if is_first:
             known = one_by_one(arguments)
-            self._fit[key] = at_once is not None and _agree(at_once, known)
+            self._fit[key] = at_once is not None and agree(at_once, known)
             return known
         some = np.arange(_SAMPLES) * (len(arguments) - 1) // (_SAMPLES - 1)
         some, sizes = (some[1:2], at_once) if have_slopes() else (some, None)
-        if at_once is None or not _agree(at_once[some], one_by_one(arguments[some]), sizes):
+        if at_once is None or not agree(at_once[some], one_by_one(arguments[some]), sizes):
             return one_by_one(arguments)
         return at_once
 
@@ -89,7 +89,7 @@ class calling_with_arrays:  # noqa: N801  # a block, which costs less than one b
         _NOW.reset(self._before)
 
 
-def _agree(values: np.ndarray, known: np.ndarray, sizes: Any = None) -> bool:
+def agree(values: np.ndarray, known: np.ndarray, sizes: Any = None) -> bool:
     """Whether values (n, size) differ by round-off at most, of those known or of others."""
     values, known, sizes = map(plain, (values, known, known if sizes is None else sizes))
     return bool((abs(values - known) <= _ROUNDING * abs(sizes).max(axis=0)).all())

@@ -359,8 +359,6 @@ def numbers(value) -> np.ndarray:
     parts = value if isinstance(value, list | tuple) else [value]
     if any(isinstance(part, np.ma.MaskedArray) and np.ma.is_masked(part) for part in parts):
         return np.empty((0, 0))
-    if isinstance(value, np.ndarray) and value.dtype.kind in "iuf":
-        return np.array(value, dtype=float)
     try:
         # As objects, as NumPy would take texts and booleans among numbers for numbers.
         entries = np.array(value, dtype=object)

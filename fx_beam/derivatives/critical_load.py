@@ -179,15 +179,13 @@ class CriticalLoad:
         """
         by, numbers = self._tangent.forces(self.psi), self._tangent.numbers_of(self._about.scene)
         sizes = {name: abs(of) for name, of in by.items()}
-        changes = {name: abs(self._changes[name]) for name in by}
+        changes = {name: abs(self._changes[name]) for name in by if self._changes[name].size}
         work, parts = self._tangent.by_x(by)[:-1], self._tangent.by_x(sizes, changes)[:-1]
-        largest = [
-            (of, abs(numbers[name]).max() or np.inf) for name, of in changes.items() if of.size
+        most = {name: abs(numbers[name]).max() or np.inf for name in changes}
+        relative = [
+            of.reshape(len(of), -1).max(axis=1) / most[name] for name, of in changes.items()
         ]
-        relative = np.max(
-            [of.reshape(len(of), -1).max(axis=1) / most for of, most in largest], axis=0
-        )
-        of_load = abs(by_factor * self._point.load_factor) * relative[:-1]
+        of_load = abs(by_factor * self._point.load_factor) * np.max(relative, axis=0)[:-1]
         return np.where(abs(work) > _ZERO * np.maximum(parts, of_load), work, 0.0)
 
     def _infinite(self, i: int) -> str:

@@ -175,11 +175,8 @@ class NaturalStrains(SumOfLoads):
         super().__init__(scene, self.size)
 
     def _unit_loads(self, scene: Scene) -> list[UnitLoad]:
-        return [
-            self._strain(scene, strain.beam, name, part)
-            for strain in scene.natural_strains
-            for name, part in strain.parts.items()
-        ]
+        parts = [(of.beam, *part) for of in scene.natural_strains for part in of.parts.items()]
+        return [self._strain(scene, *part) for part in parts]
 
     def _strain(self, scene: Scene, beam: Beam, name: str, part: StrainPart) -> UnitLoad:
         function, degree = part.value, self.shape[1]

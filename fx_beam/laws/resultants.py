@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from fx_beam.scene.law import Law
+from fx_beam.scene.law import Law, has_pieces
 from fx_beam.symbolic import ufl
 
 from .kinematics import Step, differences, director, elastic, perp, strains, tan, virtual_work
@@ -283,8 +283,12 @@ def discrete_gradient(law: Law, e0, e1, length):
     missing = gained - ufl.dot(ufl.as_vector(mean), ufl.as_vector(path))
     norm2 = ufl.dot(ufl.as_vector(weighted), ufl.as_vector(path))
     # The correction is of order EA De^2; round-off of W adds an error of eps EA / De. Below
-    # eps^(1/3) the correction is smaller than this error.
-    long_enough = ufl.gt(norm2, 6e-6**2)
+    # eps^(1/3) the correction is smaller than this error. Where pieces meet at small strains, both
+    # are relative to these.
+    size2: Any = 1.0
+    if has_pieces(law.energy):
+        size2 = sum(x * x * (length**2 if i % 3 == 2 else 1) for i, x in enumerate((*e0, *e1)))
+    long_enough = ufl.gt(norm2, 6e-6**2 * size2)
     factor = ufl.conditional(long_enough, missing / ufl.conditional(long_enough, norm2, 1), 0)
     return tuple(r + factor * w for r, w in zip(mean, weighted, strict=True))
 

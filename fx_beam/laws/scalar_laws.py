@@ -96,12 +96,10 @@ def _on(
 
     def step(motion: Motion) -> _Step:
         of_kind, of_law = motion.numbers[: kind.numbers], motion.numbers[kind.numbers :]
+        given = [(motion, D, of_kind) for D in (motion.increment, motion.still)]
+        slips = [kind.slip and kind.slip(*of) for of in given]
         moving, still = (
-            _Step(
-                *(motion, kind.of(motion, D, of_kind), of_law),
-                kind.slip and kind.slip(motion, D, of_kind),
-            )
-            for D in (motion.increment, motion.still)
+            _Step(motion, kind.of(*of), of_law, slip) for of, slip in zip(given, slips, strict=True)
         )
         return moving._replace(still=still)
 

@@ -200,7 +200,7 @@ class Measured:
             free, ends = at.coordinates.keys() - at.driven, ((at.b, 1.0), (at.a, -1.0))
             if "slide" in free:
                 moves["slide"] = []  # which is an unknown
-            if "rotation" in free:
+            if "rotation" in free and not at.on_beam:
                 of = [(node, sign) for node, sign in ends if node is not GROUND]
                 moves["angle"] = [(rotation_of(node), sign) for node, sign in of]
             if not moves:

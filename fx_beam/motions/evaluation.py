@@ -155,6 +155,8 @@ def _variables_of_contact(model: Model, rows: np.ndarray) -> dict[int, np.ndarra
 
 # Ratio of divided differences from which on the row of the larger one is avoided.
 _MUCH = 4.0
+# Difference of two times that are the same but for round-off, relative to a mean step.
+_SAME = 1e-9
 
 
 def at_times(
@@ -167,6 +169,8 @@ def at_times(
     the step.
     """
     t = steps["t"]
+    near = t[np.minimum(np.searchsorted(t, times - _SAME * np.ptp(t) / len(t)), len(t) - 1)]
+    times = np.where(abs(times - near) <= _SAME * np.ptp(t) / len(t), near, times)
     times = times[(times >= t[0]) & (times <= t[-1])]
     row = np.minimum(np.searchsorted(t, times), len(t) - 1)
     row[times > t[0]] = np.maximum(row[times > t[0]], 1)

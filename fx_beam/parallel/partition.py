@@ -185,6 +185,7 @@ class _Cut:
         of_column = np.full(couplings.columns + 1, -1)  # the last one is none
         of_column[: couplings.free] = numbers
         slides = [couplings.slides.get(joint.number, -1) for joint, *_ in joints]
+        heavy = [of for of in scene.masses if self.of_node[of.node] == process]
         return Share(
             mesh.X[nodes],
             rows,
@@ -195,11 +196,7 @@ class _Cut:
             joints=joints,
             fixed=[(int(local[node]), i) for node, i in scene.fixed if local[node] >= 0],
             prescribed=[(node, i) for node, i in prescribed if node >= 0],
-            masses=[
-                Mass(int(local[node]), mass, inertia)
-                for node, mass, inertia in scene.masses
-                if self.of_node[node] == process
-            ],
+            masses=[of._replace(node=int(local[of.node])) for of in heavy],
             natural=bool(scene.natural_strains),
             parameters=[*scene.parameters],
             driven=np.flatnonzero(moved),

@@ -315,7 +315,7 @@ class Drawing:
         magnified = f", displacements x {self.magnify:g}" if self.magnify != 1 else ""
         if stats.static:
             return "equilibria" + magnified
-        if len(t) == stats.steps + 1 and np.ptp(np.diff(t)) <= 1e-6 * t[-1]:
+        if len(t) == stats.steps + 1 > 1 and np.ptp(np.diff(t)) <= 1e-6 * t[-1]:
             factor, unit = time_unit(t[-1])
             dt = three_digits(factor * (t[1] - t[0]))
             return rf"{stats.scheme}, $\Delta t$ = {dt} {unit}" + magnified

@@ -79,11 +79,8 @@ def energy_density(solution: Any, rows: list[int]) -> np.ndarray:
         internal = [of for name, of in variables.items() if name not in NAMES.values()]
         columns = [*of_beam.reshape(3, -1), *(of[rows].ravel() for of in internal)]
         points = np.column_stack(columns).reshape(len(rows), -1, len(columns))
-        energies = [
-            _stored(energy, values, *point)
-            for values, of_row in zip(parameters, points, strict=True)
-            for point in of_row
-        ]
+        of_rows = zip(parameters, points, strict=True)
+        energies = [_stored(energy, values, *at) for values, of_row in of_rows for at in of_row]
         density[:, cells] = np.reshape(energies, density[:, cells].shape)
     return density
 

@@ -141,8 +141,9 @@ def output_of(change: Latch | Fuse) -> Output:
     """The slide or angle of a latch, the force (3,) of a fuse."""
     if isinstance(change, Fuse):
         return Output("force", change.joint)
-    slides = change.coordinate == "slide" or change.joint.rotation is None
-    return Output("slide" if slides else "angle", change.joint)
+    joint = change.joint
+    slides = change.coordinate == "slide" or joint.rotation is None or joint.on_beam
+    return Output("slide" if slides else "angle", joint)
 
 
 def excess(change: Latch | Fuse, measured: Any) -> float:

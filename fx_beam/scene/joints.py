@@ -193,6 +193,11 @@ class Joint:
         return not self.coordinates
 
     @property
+    def on_beam(self) -> bool:
+        """Whether b slides on a beam."""
+        return self.slide is not None and self.axis is None
+
+    @property
     def turns_with_motion(self) -> bool:
         """Whether its coupling changes with the motion."""
         return not (self.is_index or self.a is GROUND)

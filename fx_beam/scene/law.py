@@ -95,7 +95,7 @@ class Law:
             N [N], Q [N] and M [N m]: the second derivatives of the stored energy, at zero strain,
             times the strains.
         """
-        if self.quadratic and self.ends is None:
+        if self.quadratic and self.data and self.ends is None:  # else there may be forces at rest
             return self.resultants(*strains)
         e = [ufl.variable(ufl.as_ufl(0.0)) for _ in range(3)]
         forces = [ufl.diff(self.energy(*e), x) for x in e]

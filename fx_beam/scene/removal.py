@@ -82,7 +82,7 @@ def _forget(scene: Any, part: Any) -> None:
 
 def locked(joint: Joint, coordinate: str | None) -> Joint:
     """The joint with a coordinate that keeps its value; SceneError if it has no such one."""
-    names = [*joint.coordinates]
+    names = ["slide"] if joint.on_beam else [*joint.coordinates]
     fits = coordinate is None or coordinate in names
     require(fits, f"lock {joint}: coordinate", coordinate, f"one of {names}")
     if not names:

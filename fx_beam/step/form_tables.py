@@ -125,11 +125,8 @@ class FormTables:
 
     def all(self, wanted: Container[str] = _FORMS) -> dict[str, dict]:
         """The forms of the model by their names in C, or some of them."""
-        return {
-            name: self._table(name, names)
-            for name, names in _FORMS.items()
-            if name in wanted and names[0] in self._forms.bound
-        }
+        bound = {name: of for name, of in _FORMS.items() if of[0] in self._forms.bound}
+        return {name: self._table(name, of) for name, of in bound.items() if name in wanted}
 
     def _table(self, to: str, names: tuple[str, ...]) -> dict[str, Any]:
         """Forms of fields that change, in the order of `BeamForms.moving`."""

@@ -96,11 +96,9 @@ class RecordedHistories(Mapping):
 
     def small_rows(self, first: int) -> dict[str, np.ndarray]:
         """Rows from one on of what does not grow with the number of nodes."""
-        return {
-            name: rows[first:].copy()
-            for name, rows in self._fitted.items()
-            if name in ROWS and ROWS[name].record not in ("motion", "rates")
-        }
+        of_nodes = {name for name, row in ROWS.items() if row.record in ("motion", "rates")}
+        names = (self._fitted.keys() & ROWS.keys()) - of_nodes
+        return {name: self._fitted[name][first:].copy() for name in sorted(names)}
 
     @cached_property
     def _fitted(self) -> _ByName:

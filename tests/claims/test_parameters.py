@@ -312,3 +312,18 @@ def test_what_is_no_value_or_no_place_for_one_is_refused(message):
     scene, _ = swinging(energy_of(K))
     with pytest.raises(fb.SceneError, match=message):
         REFUSED[message](scene)
+
+
+@pytest.mark.parametrize("scheme", [fb.Newmark(), fb.HHT()], ids=lambda s: s.name)
+def test_the_work_of_parameters_is_of_second_order_by_newmarks_family(scheme):
+    """Of a spring that stiffens: its balance tells the error."""
+
+    def error(dt):
+        scene, k = fb.Scene(), fb.Parameter("k", lambda t: 20.0 + 30.0 * t)
+        body = scene.add_body((0, 0), mass=1.0, inertia=1.0).centre
+        spring = fb.Spring(1.0, rest=-0.2, strain_energy=lambda x: k * x**2 / 2)
+        scene.add_joint(fb.Prismatic(fb.GROUND, body, axis=(1, 0), spring=spring))
+        energy = fb.simulate(scene, scheme, dt=dt, t_end=1.0).energy
+        return abs(energy.balance_error[-1])
+
+    assert error(0.01) > 3.5 * error(0.005) > 3.5**2 * error(0.0025)

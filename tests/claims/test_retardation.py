@@ -176,3 +176,21 @@ def test_forces_and_accelerations_at_the_start_are_those_of_the_rates(scheme):
     assert motion.resultants(bar).N[0] == pytest.approx(EA * tau * rate, rel=1e-6)
     a = expected.a[0]
     assert motion.a[0] == pytest.approx(a, rel=0, abs=1e-6 * abs(a).max())
+
+
+@pytest.mark.parametrize(
+    "scheme", [fb.EnergyMomentum(), fb.HHT(), fb.EnergyDecaying()], ids=lambda s: s.name
+)
+def test_a_quadratic_energy_with_forces_at_rest_is_damped_about_its_own_rest(scheme):
+    """W = EA (eps + eps0)^2 / 2 + ..., as of a bar that is too long: it rests at eps = -eps0."""
+    eps0, EA = 1e-3, 1e4
+    energy = lambda e, g, k: EA / 2 * (e + eps0) ** 2 + EA / 2 * g**2 + 10 * k**2  # noqa: E731
+    damping = 0.0 if scheme.name == "EnergyDecaying" else 0.01
+    section = fb.Section(strain_energy=energy, rhoA=1.0, rhoI=1e-2, retardation=damping)
+    scene = fb.Scene()
+    bar = scene.add_beam([(0, 0), (1, 0)], section, elements=2)
+    scene.fix(bar.start, "x", "y", "rotation")
+    scene.add_drag(bar.end, linear=50.0)
+    solution = fb.simulate(scene, scheme, dt=2e-3, t_end=1.0)
+    assert solution.resultants(bar).N[0] == pytest.approx(EA * eps0, rel=1e-6)
+    assert solution.displacement(bar.end)[-1, 0] == pytest.approx(-eps0, rel=1e-3)

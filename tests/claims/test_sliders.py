@@ -714,3 +714,19 @@ def test_a_massless_body_on_a_slide_has_the_rates_of_a_light_one(kind):
         return np.hstack(rows)
 
     assert end(0.0) == pytest.approx(end(1e-12), abs=1e-6)
+
+
+def test_a_slider_has_only_its_slide_to_lock_and_no_angle_in_vibrations():
+    """Its node turns freely on the beam, whose slope there no single node has."""
+    scene, _, guide = guided()
+    scene.clamp(scene.beams[0].start)
+    with pytest.raises(fb.SceneError, match="one of ..slide.."):
+        scene.lock(guide, "rotation")
+    with pytest.raises(fb.SceneError, match="one of ..slide.."):
+        latch = fb.Latch(guide, 0.1, "rotation")
+        fb.simulate(scene, dt=0.01, t_end=0.1, changes={"latch": latch})
+    load = scene.beams[0].end, (0.0, 1.0)
+    assert fb.frequency_response(scene, load, guide, [1.0]).names == ("slide",)
+    held = scene.lock(guide)
+    motion = fb.simulate(scene, dt=0.01, t_end=0.1)
+    assert motion.joint(held).slide == pytest.approx(0.6 * scene.beams[0].length, abs=1e-12)

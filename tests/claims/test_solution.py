@@ -349,3 +349,17 @@ def test_iterations_and_solves_are_counted_also_of_halved_steps(framed):
 
 
 # -- Runs that break off, and words ----------------------------------------------------------
+
+
+def test_times_that_are_ends_of_steps_but_for_round_off_belong_to_these():
+    """0.1 k and k / 10 differ in the last digit; the last one may lie behind the end."""
+    scene = fb.Scene()
+    ball = scene.add_body((0, 0), 1.0, 1.0).centre
+    scene.add_force(ball, lambda t: (1.0 if t <= 0.3 else 0.0, 0.0))
+    times = 0.1 * np.arange(8)
+    record = fb.Record(times=times)
+    motion = fb.simulate(scene, dt=0.01, t_end=0.7, record=record)
+    assert motion.t == pytest.approx(times, abs=1e-12)
+    # The forces of a row are those of the step that ends there.
+    assert (motion.t_level[1:] < motion.t[1:]).all()
+    assert motion.acceleration(ball)[3, 0] == pytest.approx(1.0)

@@ -71,11 +71,15 @@ static double stored(const Problem *p, const Work *w, const double *values) {
          fx_stored_at_points(p->points, p->q, p->slides, p->spring_internal);
 }
 
-/* Work of what changes parameters of stored energies in the present state. */
-static double work_of_change(const Problem *p, const Work *w, const double *from, const double *to) {
+/* Work of what changes parameters of stored energies, by these at the start or at the end of a sub-step: up to the level of its
+   forces and from there on, or half of all if that is not mid-step. */
+static double work_of_change(const Problem *p, const Work *w, const double *level, int at_end) {
+  const double *end = level + p->parameter_count;
+  int half = p->level != 0.5;
   if (!p->energies_vary) return 0;
-  double before = stored(p, w, from);
-  return stored(p, w, to) - before;
+  double after = stored(p, w, at_end || half ? end : level), before = stored(p, w, at_end && !half ? level : p->parameters);
+  use_parameters(p, level);
+  return (after - before) / (1 + half);
 }
 
 /* Adds the work of dead loads, driven motion and added forces, and the losses of dampers, material,
@@ -181,7 +185,7 @@ static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs 
     return 1;
   }
   audit(p, w, change);
-  if (p->parameters_vary) p->work += work_of_change(p, w, p->parameters, parameters);
+  if (p->parameters_vary) p->work += work_of_change(p, w, parameters, 0);
   return 1;
 }
 
@@ -202,7 +206,7 @@ static void advance(Problem *p, const Work *w, const Inputs *inputs, long k) {
   p->steps_done += 1;
   if (p->parameters_vary) {
     const double *level = inputs->parameters + k * 2 * p->parameter_count, *end = level + p->parameter_count;
-    p->work += work_of_change(p, w, level, end);
+    p->work += work_of_change(p, w, level, 1);
     use_parameters(p, end);
     memcpy(p->parameters, end, p->parameter_count * sizeof(double));
   }
