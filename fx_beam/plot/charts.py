@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.rcsetup import cycler
 
-from fx_beam.errors import array_of, check_takes, finite, is_whole, numbers, positive, require
+from fx_beam.errors import array_of, check_takes, is_number, is_whole, numbers, positive, require
 from fx_beam.results.files import replacing, writable
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import FrequencyResponse, PeriodicFamily
@@ -211,7 +211,6 @@ def save(figure: Figure, path: Path | str) -> None:
 
 _STABLE: dict[str, Any] = {"color": "#0072B2", "linewidth": 2.0, "label": "stable"}
 _UNSTABLE: dict[str, Any] = {"color": "#CC79A7", "linewidth": 1.2, "label": "unstable"}
-_DASHES = 0, (3, 1.5)
 _MARKS = {"limit point": "D", "bifurcation": "o", "flutter": "^"}
 
 
@@ -354,7 +353,8 @@ def equilibrium_paths(
     static = isinstance(solution, Solution) and solution.stats.static
     require(static, "solution", solution, "what fx_beam.static returned")
     check_takes(value, "solution", "value")
-    load = finite(load, "load")
+    require(is_number(load), "load", load, "a number")
+    load = float(load)
     fig, axes = figure(1, 1, height=4.0)
     ax = axes[0, 0]
     marks: dict[str, list[tuple[float, float]]] = {kind: [] for kind in _MARKS}
@@ -367,7 +367,7 @@ def equilibrium_paths(
                 ax.plot(*line, **_STABLE)
             else:  # on white: branches that coincide would fill the gaps of the dashes
                 ax.plot(*line, color="white", lw=2, zorder=1.5)
-                ax.plot(*line, linestyle=_DASHES, zorder=1.5, **_UNSTABLE)
+                ax.plot(*line, linestyle=(0, (3, 1.5)), zorder=1.5, **_UNSTABLE)
     for kind, points in marks.items():
         if points:
             xs, ys = np.array(points).T
