@@ -4,12 +4,20 @@
 
 #include "algebra.h"
 
-/* Columns of the auxiliary unknowns in changes z, for values of T or Tv, and for the arms of the joints if these are given. */
-static void change_auxiliaries(const Problem *p, const double *values, const double *arms, double *z) {
+/* Columns of the auxiliary unknowns in increments, for the arms of the joints. */
+static void increase_auxiliaries(const Problem *p, const Work *w) {
+  double *auxiliary = w->z + p->columns;
+  memset(auxiliary, 0, p->auxiliaries * sizeof *auxiliary);
+  for (int k = 0; k < p->auxiliary_arms; ++k)
+    auxiliary[p->auxiliary_arm_of[k]] += p->joint_sign[p->auxiliary_arm[k]] * w->arm_change[p->auxiliary_arm[k]];
+  for (int k = 0; k < p->auxiliary_entries; ++k)
+    if (p->auxiliary_value[k] == 0) auxiliary[p->auxiliary_of[k]] += p->auxiliary_sign[k] * w->z[p->auxiliary_column[k]];
+}
+
+/* Columns of the auxiliary unknowns in small changes z, for values of T or Tv. */
+static void change_auxiliaries(const Problem *p, const double *values, double *z) {
   double *auxiliary = z + p->columns;
   memset(auxiliary, 0, p->auxiliaries * sizeof *auxiliary);
-  for (int k = 0; arms && k < p->auxiliary_arms; ++k)
-    auxiliary[p->auxiliary_arm_of[k]] += p->joint_sign[p->auxiliary_arm[k]] * arms[p->auxiliary_arm[k]];
   for (int k = 0; k < p->auxiliary_entries; ++k)
     auxiliary[p->auxiliary_of[k]] += p->auxiliary_sign[k] * values[p->auxiliary_value[k]] * z[p->auxiliary_column[k]];
 }

@@ -47,7 +47,7 @@ static void slopes_of_joint(const Problem *p, const Work *w, int j, int end, dou
 
 /* Returns 0 in a singular position. */
 static int begin_couplings(const Problem *p, const Work *w) {
-  w->values[0] = w->virtual_map[0] = w->copied[0] = 1;
+  w->values[0] = w->virtual_map[0] = 1;
   begin_points(p, w);
   for (int j = 0; HAS(COUPLED) && j < p->joints; ++j) {
     double d = at(p->slides, p->slide_of[j]);
@@ -56,22 +56,26 @@ static int begin_couplings(const Problem *p, const Work *w) {
   return begin_loops(p, w);
 }
 
-/* What all degrees of freedom have of changes z of the columns, for values of T; of auxiliary unknowns with arms if these are
-   given. */
-HOT void spread_columns(const Problem *p, const double *values, const double *arms, double *z, double *out) {
-  if (!HAS(COUPLED)) return gather(p->dofs, z, p->entry_column, out);
-  if (p->auxiliaries) change_auxiliaries(p, values, arms, z);
-  memset(out, 0, p->dofs * sizeof *out);
-  for (int k = 0; k < p->equal; ++k) out[p->entry_row[k]] += z[p->entry_column[k]];
+/* What degrees of freedom have of columns that they are equal to. */
+INLINED void copy_columns(const Problem *p, const double *z, double *D) {
+  memset(D, 0, p->dofs * sizeof *D);
+  for (int k = 0; k < p->equal; ++k) D[p->entry_row[k]] += z[p->entry_column[k]];
+}
+
+/* Increments without the arms of the joints. */
+INLINED void sum_columns(const Problem *p, const Work *w) {
+  double *D = w->D;
+  copy_columns(p, w->z, D);
   for (int k = p->equal; k < p->entries; ++k)
-    out[p->entry_row[k]] += p->entry_sign[k] * values[p->entry_value[k]] * z[p->entry_column[k]];
+    if (p->entry_value[k] == 0) D[p->entry_row[k]] += p->entry_sign[k] * w->z[p->entry_column[k]];
 }
 
 /* Increment of all degrees of freedom for the columns z, and the values of T and Tv for it. */
 HOT void expand_columns(const Problem *p, const Work *w) {
   double *D = w->D, level = p->level;
   if (!HAS(COUPLED)) return gather(p->dofs, w->z, p->entry_column, D);
-  spread_columns(p, w->copied, 0, w->z, D); /* first rotations, on which the arms depend */
+  if (p->auxiliaries) increase_auxiliaries(p, w); /* first those of rotations, on which the arms depend */
+  sum_columns(p, w);
   for (int j = 0; j < p->joints; ++j) {
     double psi = at(p->q, p->carrier[j]), Dpsi = at(D, p->carrier[j]);
     double slide = at(w->z, p->slide_column[j]), d0 = at(p->slides, p->slide_of[j]), d = d0 + slide;
@@ -91,7 +95,7 @@ HOT void expand_columns(const Problem *p, const Work *w) {
     virtual_map[2] = slope * mean_t[0], virtual_map[3] = slope * mean_t[1];
   }
   set_values(p, w->rho1, w->t1, w->values);
-  if (p->auxiliaries) spread_columns(p, w->copied, w->arm_change, w->z, D);
+  if (p->auxiliaries) increase_auxiliaries(p, w), sum_columns(p, w);
   for (int k = 0; k < p->followers; ++k) D[p->follower[k]] += p->joint_sign[p->through[k]] * w->arm_change[p->through[k]];
 }
 
@@ -129,12 +133,20 @@ static int expand(const Problem *p, const Work *w) {
   return left > 0;
 }
 
+static void spread_columns(const Problem *p, const double *values, double *z, double *out) {
+  if (!HAS(COUPLED)) return gather(p->dofs, z, p->entry_column, out);
+  if (p->auxiliaries) change_auxiliaries(p, values, z);
+  copy_columns(p, z, out);
+  for (int k = p->equal; k < p->entries; ++k)
+    out[p->entry_row[k]] += p->entry_sign[k] * values[p->entry_value[k]] * z[p->entry_column[k]];
+}
+
 /* The columns of sliding nodes in z are set. */
 HOT void spread_open(const Problem *p, const Work *w, double *z, double *out) {
-  spread_columns(p, w->values, 0, z, out);
+  spread_columns(p, w->values, z, out);
   for (const Slider *a = p->slider; HAS(SLIDERS) && a < p->slider + p->sliders; ++a) {
-    spread_slider(a, out, z);
-    spread_columns(p, w->values, 0, z, out);
+    spread_slider(a, a->T, out, z);
+    spread_columns(p, w->values, z, out);
   }
 }
 

@@ -109,7 +109,7 @@ static int find_fit(Problem *p, const Work *w, const Linear *l, int solutions, i
   memcpy(z + p->free, driven, p->driven * sizeof(double));
   int once = solutions == 1 && !needed; /* by the solver of steps, which has one right side */
   if (once) {
-    find_impulses(p, w, v, u);
+    find_impulses(p, w, v, u), forget_solution(p, w);
     memcpy(w->reduced, w->columns, p->free * sizeof(double));
     if (!solve_reduced(p, w, 0, rest)) return 0;
     add_times(p->free, -1, w->step, z);

@@ -261,6 +261,7 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
   p->tried = 0;
   if (p->team.begin) p->team.begin(p->t, w->dt);
   if (p->reused.worth) begin_reused(&p->reused);
+  forget_solution(p, w);
   if ((failure = predict(p, w, driven, &order))) return failure;
   for (int iteration = 1; iteration <= p->max_iterations; ++iteration) {
     balance(p, w);

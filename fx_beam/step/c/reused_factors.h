@@ -135,14 +135,17 @@ INLINED void substitute_back(const Problem *p, const Work *w, const int *reached
   else substitute_backward(p->rows, w->y, reached, now);
 }
 
+/* What was not finite in an earlier solution is gone, also between groups of unknowns. */
+static void forget_solution(const Problem *p, const Work *w) { memset(w->y, 0, p->positions * sizeof(double)); }
+
 /* Solution x for the right side b, with bordering rows or without: by sparse factors, or by those of a chain or a band that
    are made here; returns 0 if it is singular. */
 HOT int solve_bordered(Problem *p, const Work *w, const double *b, double *x) {
   int bordered = HAS(SLIDERS) && p->bordering_rows;
   const int *reached = bordered ? w->reached : 0;
-  memset(w->y, 0, p->positions * sizeof(double)); /* what was not finite in an earlier step is gone, also between groups */
 #pragma GCC unroll 4
   for (int i = 0; i < p->free; ++i) w->y[p->order[i]] = b[i];
+  for (int i = p->free; i < p->unknowns; ++i) w->y[p->order[i]] = 0;
   if (bordered) memset(w->bordering_right, 0, p->bordering_rows * sizeof(double));
   if (bordered) pass_on(p, 1, 0, w->y, w->bordering_right);
   if (!HAS(CHAIN | BAND)) substitute_forward(p->rows, w->y);

@@ -13,12 +13,12 @@ static int local_dof(const Slider *a, int local) {
   return local == a->components * n ? -1 : a->dofs[3 * (a->first + local % n) + local / n];
 }
 
-/* Change of the node's columns in z for small changes of all degrees of freedom, by T. */
-static void spread_slider(const Slider *a, const double *change, double *z) {
+/* Change of the node's columns in z for small changes of all degrees of freedom, by T or Tv. */
+static void spread_slider(const Slider *a, const double (*T)[LOCAL], const double *change, double *z) {
   int s = a->components * a->width;
   for (int c = 0; c < a->components; ++c) {
-    double total = a->T[c][s] * z[a->column];
-    for (int k = 0; k < s; ++k) total += a->T[c][k] * change[local_dof(a, k)];
+    double total = T[c][s] * z[a->column];
+    for (int k = 0; k < s; ++k) total += T[c][k] * change[local_dof(a, k)];
     z[a->carried[c]] = total;
   }
 }

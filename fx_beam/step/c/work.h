@@ -6,17 +6,17 @@
 #include "problem.h"
 
 /* Its arrays and their sizes, by numbers of `lay_out`: of degrees of freedom and of nodes; of columns; of joints, at both
-   ends and over the step, and `copied`, values of T of copies alone: 1 and zeros; of unknowns, which factors are made of; of
-   loops, where `follows` has the closure that each of their columns follows, or -1; by position bordering columns, and where
-   these are `reached`, and bordering rows, with the first and the last position of each. */
+   ends and over the step; of unknowns, which factors are made of; of loops, where `follows` has the closure that each of their
+   columns follows, or -1; by position bordering columns, and where these are `reached`, and bordering rows, with the first and
+   the last position of each. */
 #define ARRAYS(OF)                                                                                          \
   OF(D, n + 9) OF(path, n + 9) OF(slope, n + 9) OF(acc, n) OF(f, n + 4 * LANES) OF(r, n) OF(correction, n)  \
   OF(force, n) OF(dead, n) OF(scratch, n + p->free) OF(passed, n) OF(loaded, p->sliders ? n : 0)            \
   OF(rule, p->rules ? RULE_VALUES * (long)p->nodes : 0) OF(natural_end, (long)p->cells * p->cell_natural)   \
   OF(saved, p->memory_size)                                                                                 \
   OF(reduced, c) OF(step, c) OF(z, c) OF(columns, c) OF(start, c)                                           \
-  OF(copied, 1 + 4 * j) OF(values, 1 + 4 * j) OF(virtual_map, 1 + 4 * j) OF(frame, 4 * j) OF(rho0, 2 * j)   \
-  OF(t0, 2 * j) OF(rho1, 2 * j) OF(t1, 2 * j) OF(arm_change, 2 * j) OF(mean_t, 2 * j) OF(carrier_slope, j)  \
+  OF(values, 1 + 4 * j) OF(virtual_map, 1 + 4 * j) OF(frame, 4 * j) OF(rho0, 2 * j) OF(t0, 2 * j)           \
+  OF(rho1, 2 * j) OF(t1, 2 * j) OF(arm_change, 2 * j) OF(mean_t, 2 * j) OF(carrier_slope, j)                \
   OF(carrier_bend, j)                                                                                       \
   OF(joint_forces, 3 * p->scene_joints) OF(y, p->positions) OF(row, p->rows ? 3 * u : 0)                    \
   OF(tangent, p->stored_values + 4 * LANES) OF(residual, k) OF(proposed, k)                                 \
