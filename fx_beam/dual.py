@@ -495,13 +495,14 @@ def _placed(function: Callable, given: Any, options: dict) -> Dual:
     flat = [one for part in given for one in (part if isinstance(part, list | tuple) else [part])]
     count = next(one.slopes.shape[-1] for one in flat if isinstance(one, Dual))
     entries = [with_slopes(np.zeros(1), count)]  # number 0 is the zero that some functions place
+    ends = [1]
 
     def numbers_of(value: Any) -> Any:
         if isinstance(value, list | tuple):
             return [numbers_of(part) for part in value]
-        first = sum(part.size for part in entries)
         entries.append(with_slopes(value, count).reshape(-1))
-        return first + np.arange(entries[-1].size).reshape(np.shape(value))
+        ends.append(ends[-1] + entries[-1].size)
+        return np.arange(*ends[-2:]).reshape(np.shape(value))
 
     of = _PLACING[function]
     chosen = (numbers_of(part) if i in of else plain(part) for i, part in enumerate(given))

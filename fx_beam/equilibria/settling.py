@@ -23,8 +23,8 @@ from fx_beam.step.step_failures import StepFailed
 
 from .load_steps import LoadStepper
 
-# Length that a step may have, in units of the scene and radians, and should have, relative to it.
-_LONGEST, _WANTED = 0.5, 0.4
+# Length that a step should have and may have, in units of the scene and radians.
+_WANTED, _LONGEST = 0.2, 0.5
 # A step is so short that the next one may be without drag.
 _SHORT = 1e-3
 # Length of a step in equilibrium.
@@ -42,17 +42,13 @@ class Settling:
 
     def __init__(self, stepper: LoadStepper):
         self.stepper, self.model, self._loop = stepper, stepper.model, stepper.loop
-        # Longer steps could go through a member.
-        members, size = self.model.points.members, self.model.mesh.size
-        self._longest = min(_LONGEST, np.inf if members is None else members.radius / size)
-        self._wanted = _WANTED * self._longest
 
     def settled(self, state: State, goal: float) -> State:
         """The equilibrium that is found from a state. SceneError if there is none."""
         loop, first, work = self._loop, state.q, state.work
         self.stepper.hold_between(goal, goal)
         largest, failed = self._load(state, goal), ""
-        drag, short, moved = largest / self._wanted, False, np.inf
+        drag, short, moved = largest / _WANTED, False, np.inf
         for _ in range(_MOST if drag else 0):
             loop.drag = 0.0 if short else drag
             try:
@@ -69,7 +65,7 @@ class Settling:
             if self._size(state.q - first) > _FAR:
                 raise self._error("under its loads it moves on without an end")
             short = moved <= _SHORT
-            drag *= min(1.0, max(0.1, moved / self._wanted))
+            drag *= min(1.0, max(0.1, moved / _WANTED))
         else:
             lost = "under its loads it finds no equilibrium" + f" ({failed})" * bool(failed)
             raise self._error(lost if drag else "it has no load")
@@ -90,7 +86,7 @@ class Settling:
         new, step = self._loop.step(state, Interval(goal, goal))
         self.stepper.note(step)
         moved = self._size(step.D)
-        if moved > self._longest:
+        if moved > _LONGEST:
             raise StepFailed("off the path", "the step is too long", step.D)
         work, gained, rounding = self.stepper.work_and_gain(state, new, step.D)
         by_drag = self._loop.drag * step.D @ (self._loop.drag_weight * step.D)

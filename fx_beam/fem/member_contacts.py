@@ -236,11 +236,6 @@ class MemberContacts:
         return of_contacts
 
     @property
-    def radius(self) -> float:
-        """Least distance [m] at which a point touches."""
-        return min(float(one.numbers[:, 0].min()) for one in self._pairs)
-
-    @property
     def friction_damping(self) -> dict[str, list[float]]:
         """Damping of the friction on the points of first members [s], by the contact as text."""
         sticking = [one for one in self._pairs if one.law.sticks and one.owner]

@@ -430,6 +430,9 @@ def _sticking(step: _Step, normal: Any, still_normal: Any) -> tuple[Any, list[An
 
     limit, still_limit = mu * normal * step.slip.normal, mu * still_normal * step.still.slip.normal
     x, still = ratio(step.slip.path, limit), ratio(step.still.slip.path, still_limit)
+    if rule.instant:  # what is at its limit slips, also if round-off of places leads back
+        held = ratio(0.0, still_limit)
+        still = ufl.conditional(ufl.gt(abs(held), abs(still)), held, still)
     bounded, remembered = clipped(x, still, step.motion.remembered[-REMEMBERED:], edge)
     friction = ufl.conditional(ufl.gt(limit, _OPEN), limit * bounded, 0.0)
     end = start + (friction / stiffness - start) / part

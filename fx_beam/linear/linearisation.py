@@ -102,7 +102,7 @@ class Linearisation:
             raise SceneError(
                 "modes: the stiffness is not symmetric, since a load or an added virtual work "
                 "depends on the motion and has no potential, or friction slips, or sticks to what "
-                "is round. Simulate the scene, linearise it, or remove this load or friction"
+                "is round or bends. Simulate the scene, linearise it, or remove what causes it"
             )
         if np.array_equal(K.indptr, other.indptr) and np.array_equal(K.indices, other.indices):
             other.data = (K.data + other.data) / 2  # entries that are zero stay

@@ -338,10 +338,10 @@ def test_friction_that_sticks_is_a_damped_spring(on_member):
     assert abs(slow.damping_ratios - decay / abs(expected)).min() < 1e-5
 
 
-@pytest.mark.parametrize("kind", ["guide", "floor"])
+@pytest.mark.parametrize("kind", ["guide", "floor", "bed"])
 def test_friction_that_slips_has_no_stiffness_and_no_damping(kind):
     """A block of 1 kg on a spring, pushed until it slips: x'' + k x = 0."""
-    k, mu, kt, push = 50.0, 0.3, 100.0, 20.0
+    k, mu, kt, push, normal = 50.0, 0.3, 100.0, 20.0, 10.0
     scene, friction = fb.Scene(gravity=(0, -10.0)), fb.Coulomb(mu, kt, damping=0.2)
     block = scene.add_body((0, 0), mass=1.0, inertia=0.1).centre
     if kind == "guide":
@@ -350,13 +350,22 @@ def test_friction_that_slips_has_no_stiffness_and_no_damping(kind):
         scene.add_joint(guide)
     else:
         scene.fix(block, "rotation")
-        far = 1e4
+        far = 1e4 if kind == "floor" else 1e6  # springs that do not turn
         scene.add_force_between(block, (-far, 0.0), spring=fb.Spring(k, rest=far))
-        scene.add_contact(block, fb.Line((0, 0), normal=(0, 1)), 100.0, friction=friction)
+        floor, radius, stiffness = fb.Line((0, 0), normal=(0, 1)), 0.0, 100.0
+        if kind == "bed":
+            section = fb.Section(EA=1e6, GA=1e6, EI=1e3, rhoA=1.0, rhoI=1e-3)
+            floor = scene.add_beam([(-1, -0.02), (1, -0.02)], section, elements=40)
+            radius, stiffness, held = (0.01, 0.01), 1e6, 2000.0
+            normal *= stiffness / (stiffness + held)
+            scene.add_force_between(block, (0.0, far), spring=fb.Spring(held, rest=far))
+            for node in floor.nodes:
+                scene.clamp(node)
+        scene.add_contact(block, floor, stiffness, radius=radius, friction=friction)
     scene.add_force(block, (push, 0.0))
     scene.add_force(block, fb.Input("force", factor=(1, 0)))
     state = fb.static(scene, load_steps=4)
-    assert state.displacement(block)[-1, 0] == pytest.approx((push - 10 * mu) / k, rel=1e-4)
+    assert state.displacement(block)[-1, 0] == pytest.approx((push - normal * mu) / k, rel=1e-4)
     outputs = {"x": fb.Output("displacement", block, "x")}
     system = fb.linearise(scene, state=state, outputs=outputs)
     values = np.linalg.eigvals(system.A)

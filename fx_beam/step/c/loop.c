@@ -196,7 +196,8 @@ static void advance(Problem *p, const Work *w, const Inputs *inputs, long k) {
   if (p->naturals) memcpy(p->natural, w->natural_end, (long)p->cells * p->cell_natural * sizeof(double));
   evolve_points(p->points, w->D, w->z, p->spring_internal);
   advance_rates(p, w, w->dt);
-  if (p->keeps_previous) memcpy(p->q_previous, p->q, p->dofs * sizeof(double)), p->length = w->dt;
+  if (p->keeps_previous) memcpy(p->q_previous, p->q, p->dofs * sizeof(double));
+  p->length = w->dt;
   add_times(p->dofs, 1, w->D, p->q);
   for (int j = 0; HAS(COUPLED) && j < p->joints; ++j)
     if (p->slide_column[j] >= 0) p->slides[p->slide_of[j]] += w->z[p->slide_column[j]];

@@ -100,7 +100,7 @@ HOT void advance_rates(Problem *p, const Work *w, double dt) {
   for (int k = 0; k < p->massless_count; ++k) {
     int i = p->massless[k];
     v[i] = per_dt * path[i], a[i] = per_dt * (v[i] - v0[i]);
-    /* Newmark's formulas take v as that at the end: the mean, and half a step with the mean acceleration since that before. */
-    if (newmark) a[i] += a0[i] / 2, v[i] += dt / 2 * a[i];
+    /* Newmark's formulas take v as that at the end: the mean, and half a step with the acceleration since the mean before. */
+    if (newmark) a[i] = (2 * (v[i] - v0[i]) + p->length * a0[i]) / (dt + p->length), v[i] += dt / 2 * a[i];
   }
 }
