@@ -17,8 +17,8 @@ from fx_beam.step.sparse_lu import pivoted_lu
 from .static_derivatives import DerivativesOf
 from .tangent_derivatives import Pairs, TangentDerivatives
 
-# Part of a sum, or of the work of a load, beside which work is round-off, or due to the place of
-# the point.
+# Work that is smaller, relative to its parts or to that of the load, is taken for round-off or an
+# error in the place of the critical point.
 _ZERO = 1e-5
 # The same of the slope of a bifurcation's mode, beside changes of its stiffness with the load.
 _ASYMMETRIC = 1e-3
@@ -173,9 +173,10 @@ class CriticalLoad:
         return Pairs(self.phi[None], self.psi[None], np.zeros(1, int), 1.0, mass=mass)
 
     def _disturbing(self, by_factor: float) -> np.ndarray:
-        """Work (m,) on the mode of forces that appear with x; zero if it is round-off.
+        """Work (m,) on the mode of forces that appear with x.
 
-        Of its parts, or beside that of the load, by the relative changes of numbers with x.
+        It is set to zero where it is small beside the sum of its absolute parts, and beside the
+        work of the load times the relative changes of numbers with x.
         """
         by, numbers = self._tangent.forces(self.psi), self._tangent.numbers_of(self._about.scene)
         sizes = {name: abs(of) for name, of in by.items()}

@@ -169,8 +169,9 @@ def at_times(
     the step.
     """
     t = steps["t"]
-    near = t[np.minimum(np.searchsorted(t, times - _SAME * np.ptp(t) / len(t)), len(t) - 1)]
-    times = np.where(abs(times - near) <= _SAME * np.ptp(t) / len(t), near, times)
+    round_off = _SAME * np.ptp(t) / len(t)
+    near = t[np.minimum(np.searchsorted(t, times - round_off), len(t) - 1)]
+    times = np.where(abs(times - near) <= round_off, near, times)
     times = times[(times >= t[0]) & (times <= t[-1])]
     row = np.minimum(np.searchsorted(t, times), len(t) - 1)
     row[times > t[0]] = np.maximum(row[times > t[0]], 1)
