@@ -67,9 +67,7 @@ class SmallMotions:
 
     def symmetric(self, K: scipy.sparse.csr_matrix) -> bool:
         """Whether the forces of a state have a potential."""
-        if not K.nnz:
-            return True
-        return self._symmetric((K.indptr, K.indices), K.data)
+        return not K.nnz or self._symmetric((K.indptr, K.indices), K.data)
 
     def _symmetric(self, pattern: Pattern, values: np.ndarray) -> bool:
         if not all(map(np.array_equal, self._pattern, pattern)):

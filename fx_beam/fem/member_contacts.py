@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse
-import scipy.sparse.csgraph
 
 from fx_beam.c_library import Structs
 from fx_beam.errors import SceneError
@@ -23,6 +22,7 @@ from fx_beam.scene.structure import OtherStructureError
 
 from .compiled_laws import compiled_laws, slopes_of
 from .mesh import Mesh
+from .sparsity import parts_of
 
 # Entries of a contact point, slots of memory of a point's friction, and numbers in each
 # (member_contact.h).
@@ -65,8 +65,7 @@ def _is_closed(scene: Scene, beam: Beam) -> bool:
     links = [(GROUND.number, number) for number in fixed_x & fixed_y]
     links += [(j.a.number, j.b.number) for j in scene.joints if j.is_rigid]
     numbers = np.array([(start.number, start.number), (end.number, end.number), *links]).T + 1
-    graph = scipy.sparse.coo_matrix((np.ones(numbers.shape[1]), numbers), (numbers.max() + 1,) * 2)
-    _, part = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    part = parts_of(numbers, numbers.max() + 1)
     return bool(part[start.number + 1] == part[end.number + 1])
 
 

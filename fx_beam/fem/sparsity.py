@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import scipy.sparse
+from scipy.sparse.csgraph import connected_components
 
 from fx_beam.content_cache import cached_by_content
 
@@ -24,6 +25,12 @@ def sparsity(rows: np.ndarray, columns: np.ndarray, n: int) -> tuple[Pattern, np
     keys, position = np.unique(rows * n + columns, return_inverse=True)
     counts = np.bincount(keys // n, minlength=n)
     return (starts_of(counts).astype(np.int32), (keys % n).astype(np.int32)), position
+
+
+def parts_of(pairs: Sequence[np.ndarray] | np.ndarray, count: int) -> np.ndarray:
+    """Number (count,) of the part to which each node belongs; pairs (2, n) are connected."""
+    graph = scipy.sparse.coo_matrix((np.ones(len(pairs[0])), tuple(pairs)), (count, count))
+    return connected_components(graph, directed=False)[1]
 
 
 def positions_in(

@@ -254,8 +254,7 @@ class LinearSystem:
         rows = scipy.sparse.csr_matrix((values, columns, starts), self._sizes)
         rows = rows.tobsr((BLOCK, BLOCK))
         parts = rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data
-        sizes = self._sizes, self._sizes
-        return PETSc.Mat().createBAIJ(sizes, BLOCK, csr=parts, comm=self._comm)
+        return PETSc.Mat().createBAIJ([self._sizes] * 2, BLOCK, csr=parts, comm=self._comm)
 
     def destroy(self) -> None:
         """Free PETSc's objects; all processes at once."""

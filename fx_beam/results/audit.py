@@ -101,8 +101,7 @@ class Energy:
 
     def _repr_html_(self):
         shades = "#000", "#0072B2", "#D55E00", "#009E73"
-        names = "total", "kinetic", "strain", "potential"
-        values = {name: getattr(self, name) for name in names}
+        values = {name: getattr(self, name) for name in ("total", "kinetic", "strain", "potential")}
         largest = max(abs(of).max() for of in values.values()) or 1.0
         x = np.linspace(0, 3, len(self.total))
         lines = [np.column_stack([x, of / largest]) for of in values.values()]
