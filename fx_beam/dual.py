@@ -41,9 +41,12 @@ class Dual(NDArrayOperatorsMixin):
     def __init__(self, values: Any, slopes: np.ndarray):
         self.values, self.slopes = np.asarray(values, float), slopes
 
+    shape = property(lambda self: self.values.shape)
+    ndim = property(lambda self: self.values.ndim)
+    size = property(lambda self: self.values.size)
+    dtype = property(lambda self: self.values.dtype)
+
     def __getattr__(self, name: str) -> Any:
-        if name in ("shape", "ndim", "size", "dtype"):
-            return getattr(self.values, name)
         if name in _METHODS:  # NumPy calls those of functions for the entries of arrays of objects
             return functools.partial(_METHODS[name], self)
         raise AttributeError(name)
@@ -459,6 +462,13 @@ def _bincount(at, weights, size):
     return Dual(np.bincount(at, weights.values, size), slopes)
 
 
+def _concatenate(arrays, axis=0) -> Dual:
+    count = next(of.slopes.shape[-1] for of in map(dual_of, arrays) if of is not None)
+    duals = [with_slopes(of, count) for of in arrays]
+    values = np.concatenate([of.values for of in duals], axis)
+    return Dual(values, np.concatenate([of.slopes for of in duals], axis % values.ndim))
+
+
 def _norm(a: Any, ord: Any = None, axis: Any = None) -> Any:  # noqa: A002  # as NumPy's
     if ord is not None:
         return _without_slopes(f"numpy.linalg.norm of order {ord}", np.linalg.norm, (a,), {})
@@ -479,11 +489,12 @@ _FUNCTIONS: dict[Any, Callable] = {
     np.linalg.norm: _norm,
     np.linspace: _linspace,
     np.bincount: _bincount,
+    np.concatenate: _concatenate,
     np.broadcast_to: _broadcast_to,
 }
 #: Functions that only place entries, and which arguments have these.
 _PLACING = dict.fromkeys(
-    (np.concatenate, np.stack, np.hstack, np.vstack, np.column_stack, np.dstack, np.reshape)
+    (np.stack, np.hstack, np.vstack, np.column_stack, np.dstack, np.reshape)
     + (np.ravel, np.transpose, np.atleast_1d, np.atleast_2d, np.copy, np.repeat, np.tile, np.flip)
     + (np.roll, np.squeeze, np.expand_dims, np.swapaxes, np.moveaxis, np.take, np.diag),
     (0,),
@@ -491,27 +502,25 @@ _PLACING = dict.fromkeys(
 
 
 def _placed(function: Callable, given: Any, options: dict) -> Dual:
-    """What a function that only places entries gives: it is called with their numbers."""
-    flat = [one for part in given for one in (part if isinstance(part, list | tuple) else [part])]
-    count = next(one.slopes.shape[-1] for one in flat if isinstance(one, Dual))
-    entries = [with_slopes(np.zeros(1), count)]  # number 0 is the zero that some functions place
-    ends = [1]
+    """What a function that only places entries gives: it places values, then rows of slopes."""
+    parts, count = list[np.ndarray](), 1
 
-    def numbers_of(value: Any) -> Any:
+    def values_and_rows(value: Any) -> tuple[Any, Any]:
+        nonlocal count
         if isinstance(value, list | tuple):
-            return [numbers_of(part) for part in value]
-        entries.append(with_slopes(value, count).reshape(-1))
-        ends.append(ends[-1] + entries[-1].size)
-        return np.arange(*ends[-2:]).reshape(np.shape(value))
+            pairs = [values_and_rows(part) for part in value]
+            return [values for values, _ in pairs], [rows for _, rows in pairs]
+        if (dual := dual_of(value)) is None:
+            return value, np.zeros(np.shape(value), int)  # row 0 has no slopes
+        parts.append(dual.slopes.reshape(-1, dual.slopes.shape[-1]))
+        first, count = count, count + len(parts[-1])
+        return dual.values, np.arange(first, count).reshape(dual.shape)
 
     of = _PLACING[function]
-    chosen = (numbers_of(part) if i in of else plain(part) for i, part in enumerate(given))
-    at = function(*chosen, **options)
-    values = np.concatenate([part.values for part in entries])
-    slopes = np.concatenate([part.slopes for part in entries])
-    if at.size == values.size - 1 and (at.ravel() == np.arange(1, len(values))).all():  # in order
-        return Dual(values[1:].reshape(at.shape), slopes[1:].reshape(*at.shape, -1))
-    return Dual(values[at], slopes[at])
+    pairs = [values_and_rows(one) if i in of else (plain(one),) * 2 for i, one in enumerate(given)]
+    values, rows = (function(*arguments, **options) for arguments in zip(*pairs, strict=True))
+    slopes = np.concatenate([np.zeros((1, parts[0].shape[1])), *parts])
+    return Dual(values, slopes.take(rows, 0))
 
 
 _METHODS = {of.__name__: of for of in _RULES if of.nin == 1}

@@ -137,7 +137,7 @@ class Vibration:
         """Motions (free, ...) under forces (free, ...), or with the transposed matrix."""
         x = self._lu.solve(force, "T" if transposed else "N")
         scaled = self._scale * x.T, force.T / self._scale
-        motion, load = ((of * of.conj()).real.max(axis=-1) for of in scaled)  # squares of sizes
+        motion, load = (np.einsum("...i,...i", of, of.conj()).real for of in scaled)  # squares
         if not np.all(motion <= _UNBOUNDED**2 * load):
             raise self._unbounded()
         return x

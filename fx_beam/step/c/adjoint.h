@@ -151,7 +151,7 @@ KEPT long fx_vjp(Problem *p, const Tape *tape, const Derivatives *a) {
   Linear l;
   long left = tape->rows;
   begin_linear(p, w, a, &l);
-  w->transposed = 1, w->by_slopes = p->cell_internal && !a->by_unknowns, l.following.size = p->points->followed.size;
+  w->transposed = 1, w->by_slopes = p->cell_internal || a->by_unknowns, l.following.size = p->points->followed.size;
   for (; left; --left) {
     if (tape->apart) memset(a->x + l.at.Y, 0, (l.at.v - l.at.Y) * sizeof(double));
     if (!vjp_step(p, w, a, &l, tape, left - 1)) break;

@@ -66,7 +66,7 @@ static int begin_taped(Problem *p, Work *w, const Derivatives *a, const double *
   if (HAS(MEMBERS) && p->points->members) settle_members(p, w);
   for (int i = 0; i < 2; ++i) set_time(p, &work_of_elements(a, i)->slopes, level, dt);
   balance(p, w);
-  if (w->by_slopes) find_slopes(p, w, a, l), add_slopes(p, &a->internal_forces, l->slopes[0], w->tangent);
+  if (w->by_slopes && !a->by_unknowns) find_slopes(p, w, a, l), add_slopes(p, &a->internal_forces, l->slopes[0], w->tangent);
   if (p->friction_follows) set_axes(p, w);
   if (!l->adds) l->of[TOUCHED].count = 0;
   if (HAS(MEMBERS) && p->points->members) put_members(l->of + TOUCHED, p, &l->at);
@@ -102,7 +102,7 @@ static int begin_linearised(Problem *p, Work *w, const Derivatives *a, Linear *l
   if (!begin_taped(p, w, a, row, l)) return 0;
   linearise(p, w, a, l, forces, first);
   if (l->share) scale_entries(l->of + TOUCHED, touched, l->share), scale_entries(l->of + FORCED, forced, l->share);
-  if (store && !w->by_slopes) find_slopes(p, w, a, l);
+  if (store && (a->by_unknowns || !w->by_slopes)) find_slopes(p, w, a, l);
   l->stores = store;
   return 1;
 }
@@ -191,6 +191,8 @@ HOT void vjp_bodies(const Problem *p, const Work *w, const Derivatives *a, const
   double per_dt = rates_per_path(p, w->dt), turning = by_places_in_turn(p);
   for (int i = 0; i < p->cells * p->cell_internal; ++i) x[at->internal + i] += x[at->internal1 + i];
   vjp_elements(p, w, a, l, last, x);
+  for (int i = 0; last && i < p->dofs; ++i) x[at->weight + i] -= acting(p) * x[at->r + i];
+  if (p->at_rest && !turning) return;
   times_mass(p, x + at->r, w->scratch);
   for (int i = 0; i < p->dofs; ++i) {
     double by_increment = per_dt * per_dt / 2 * w->slope[i] * w->scratch[i];
@@ -200,7 +202,6 @@ HOT void vjp_bodies(const Problem *p, const Work *w, const Derivatives *a, const
     double by_place = turning * w->scratch[i];
     x[at->q1 + i] += p->level * by_place, x[at->q + i] += (1 - p->level) * by_place, x[at->member_places + i] += by_place;
   }
-  for (int i = 0; last && i < p->dofs; ++i) x[at->weight + i] -= acting(p) * x[at->r + i];
   for (int node = 0; last && node < p->nodes; ++node)
     for (int k = p->mass_start[node]; k < p->mass_start[node + 1]; ++k)
       for (int i = 0; i < 3; ++i) x[at->mass + 3 * k + i] += x[at->r + 3 * node + i] * w->acc[p->mass_dof[k] + i];

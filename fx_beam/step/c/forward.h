@@ -127,7 +127,7 @@ KEPT long fx_jvp(Problem *p, const Tape *tape, const Derivatives *a) {
   const Layout *at = &l.at;
   long groups = (a->directions + GROUP_SIZE - 1) / GROUP_SIZE, steps = at->Y1 - at->loads, left = tape->rows, of_state = at->v - at->Y;
   l.following.size = GROUP_SIZE * p->points->followed.size, l.moves_joints = 0;
-  w->by_slopes = p->cell_internal && !a->by_unknowns;
+  w->by_slopes = p->cell_internal || a->by_unknowns;
   for (long i = 0; i < groups; ++i) {
     const Changes *x = (Changes *)a->x + i * at->size;
     l.moves_joints |= any((at->members - at->offset) * GROUP_SIZE, (double *)(x + at->offset));

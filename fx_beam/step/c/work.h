@@ -40,7 +40,7 @@ typedef struct {
   double dt;
   const double *follower_force;
   int transposed; /* whether bordering rows are those of the transposed tangent */
-  int by_slopes;  /* whether elements give no tangent, as it comes from their slopes (element_derivatives.h) */
+  int by_slopes;  /* whether elements give no tangent: it comes from their slopes (element_derivatives.h), or none is needed */
 } Work;
 
 static double *allocate(double **at, long n) {
