@@ -181,9 +181,6 @@ class LinearChanges:
     def __array__(self, dtype=None, copy=None):
         return _by_x(self._dual.slopes)
 
-    def __abs__(self):
-        return abs(self.__array__())
-
     def __getitem__(self, key):
         return self.__array__()[key]
 

@@ -281,7 +281,7 @@ def _wrong(
     """Names of numbers whose difference, between the ends of a change, is not that of slopes."""
     wrong = []
     for name, slopes in by_name.items():
-        known, sizes = np.tensordot(change, slopes, 1), np.tensordot(abs(change), abs(slopes), 1)
+        known, sizes = np.tensordot(change, slopes, 1), np.tensordot(abs(change), np.abs(slopes), 1)
         error = abs((ends[1][name] - ends[0][name]) / 2 - known)
         round_off = (1e4 if name in _COMPUTED else 1.0) * _FEW_DIGITS * _values_of(name, here)
         if not all_of(error <= _AGREE * _largest_over_time(name, sizes) + round_off):

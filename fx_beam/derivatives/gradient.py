@@ -150,7 +150,9 @@ class Gradient:
         count = len(changes["X"])
         total = np.zeros(count)
         for (name, start, stop), values in self._of_numbers.items():
-            total += changes[name].reshape(count, -1)[:, start:stop] @ values
+            of = changes[name]
+            part = of if isinstance(of, LinearChanges) else of.reshape(count, -1)[:, start:stop]
+            total += along(part, values)
         for name, entries, places, values in self._picked:
             shape = (count, -1) if places is None else (count, changes[name].shape[1], -1)
             given = changes[name].reshape(shape)[..., entries]

@@ -48,10 +48,11 @@ class SubSteps:
     def groups(self, steps: np.ndarray) -> Iterator[np.ndarray]:
         """Indices of sub-steps or boundaries that are evaluated at once.
 
-        The start of the run is one, and the first sub-step, as none is before it.
+        The start of the run is one; where something is read before them, also the first sub-step.
         """
         most = max(1, _MOST // self.model.size)
-        for group in (steps < 0, steps == 0, steps > 0):
+        first = (steps == 0) & (self.model.forms.needs_previous or self._parameters is not None)
+        for group in (steps < 0, first, (steps >= 0) & ~first):
             indices = np.flatnonzero(group)
             yield from (indices[i : i + most] for i in range(0, len(indices), most))
 

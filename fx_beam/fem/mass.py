@@ -113,7 +113,7 @@ class Mass:
 
     def _masses(self) -> Any:
         """Masses (n,), of translations and of rotations: lumped, then at Gauss points of beams."""
-        _, masses = self.lumped
+        masses = stacked([(m, m, inertia) for _, m, inertia in self._scene.masses]).reshape(-1)
         if not self._has:
             return masses
         mesh, scene, degree = self._mesh, self._scene, self._scene.beams[0].degree
@@ -155,7 +155,7 @@ class Mass:
     @property
     def _at(self) -> np.ndarray:
         """Entries of the stiffness where lumped masses are, then those of cells."""
-        at, _ = self.lumped
+        at = self.entries_of_nodes
         return np.concatenate([at, self._entries_of_cells]) if self._has else at
 
     @cached_property
@@ -180,12 +180,11 @@ class Mass:
         every = np.arange(len(K.indptr) - 1)
         return positions_in(K.indptr, K.indices, every, every)
 
-    @property
-    def lumped(self) -> tuple[np.ndarray, Any]:
-        """Entries (n,) of the stiffness where masses and inertias are lumped, and these."""
-        given = stacked([(mass, mass, inertia) for _, mass, inertia in self._scene.masses])
+    @cached_property
+    def entries_of_nodes(self) -> np.ndarray:
+        """Storage indices (n,) where masses and inertias are lumped, in the same values."""
         nodes = np.array([row.node for row in self._scene.masses], int)
-        return self.diagonal.reshape(-1, 3)[nodes].ravel(), given.reshape(-1)
+        return self.diagonal.reshape(-1, 3)[nodes].ravel()
 
 
 @functools.cache

@@ -15,7 +15,7 @@ from fx_beam.content_cache import cached_property
 from fx_beam.coupling.graph import Auxiliaries, couple, motors
 from fx_beam.coupling.reduction import Reduction, begin_to_build_joints
 from fx_beam.coupling.sliders import Sliders
-from fx_beam.dual import have_slopes, plain
+from fx_beam.dual import have_slopes
 from fx_beam.errors import SceneError
 from fx_beam.fem.compiled_laws import PointFunction, compiled_rule
 from fx_beam.fem.forms import Forms
@@ -439,8 +439,8 @@ class Model:
         used[forms.of_cells] = True
         if self.scheme.rates.of_user:  # they may couple the components at a node
             return np.ones_like(used)
-        at, masses = self.masses.lumped
-        used[at[plain(masses) != 0]] = True
+        masses = np.array([(m, m, inertia) for _, m, inertia in self.scene.masses]).ravel()
+        used[self.masses.entries_of_nodes[masses != 0]] = True
         value_at = forms.points.value_at
         used[value_at[value_at >= 0]] = True
         if self.fits_rates:
