@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import copy
 import logging
 import math
 import multiprocessing
@@ -61,13 +62,9 @@ Outcomes = Generator[tuple[int, Outcome], None, None]
 def call(function: Callable, item: Any) -> Outcome:
     """Call the function, in the worker."""
     clock = perf_counter()
-    value, error = None, ""
-    try:
-        with simulating_by(_series_here()):
-            value = function(item)
-    except Exception as raised:
-        error = _sentence(raised)
-    return Outcome(value, perf_counter() - clock, error)
+    with simulating_by(_series_here()):  # the function may change the item that it is given
+        outcome = _tried(lambda: Outcome(function(copy.deepcopy(item)), 0.0, ""))
+    return outcome._replace(seconds=perf_counter() - clock)
 
 
 def _tried(function: Callable[..., Any], *arguments: Any) -> Any:

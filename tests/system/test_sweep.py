@@ -256,6 +256,28 @@ def test_only_bars_that_are_asked_for_are_drawn_by_workers(thread, capfd, lists)
 # -- Cases and rows ------------------------------------------------------------------------------
 
 
+def test_rows_have_the_cases_that_were_given_whatever_the_function_does_with_them(
+    tmp_path, thread, lists
+):
+    calls = []
+
+    def run(case):
+        calls.append(case["x"])
+        case["x"] *= 2
+        case["shape"].append(case.pop("name"))
+        return {"double": case["x"]}
+
+    cases = [{"x": x, "name": "a", "shape": [1, 2]} for x in (1.0, 3.0)]
+    for _ in range(2):  # from the file the second time
+        rows = fb.sweep(run, cases, thread, results=tmp_path / "rows.jsonl")
+        assert [(row["x"], row["name"], row["shape"]) for row in rows] == [
+            (1.0, "a", [1, 2]),
+            (3.0, "a", [1, 2]),
+        ]
+        assert [row["double"] for row in rows] == [2.0, 6.0] and calls == [1.0, 3.0]
+    assert cases == [{"x": x, "name": "a", "shape": [1, 2]} for x in (1.0, 3.0)]
+
+
 def test_cases_may_be_the_rows_of_a_table_and_rows_are_one_where_pandas_is(thread):
     pandas = pytest.importorskip("pandas")
     table = pandas.DataFrame({"x": [1, 2], "name": ["a", "b"]})
