@@ -19,7 +19,7 @@ import numpy as np
 
 from .array_calls import array_calls
 from .dual import Dual, DualFloat, dual_of, have_slopes, in_scene, plain, stacked
-from .symbolic import ufl
+from .symbolic import parts_of, ufl
 
 TimeFunction = Callable[[float], np.ndarray]
 # Parameter names, in lower case, that show a function of position instead of time.
@@ -172,9 +172,8 @@ def _is_real(value) -> bool:
 
 
 def _is_ufl_number(value) -> bool:
-    if not type(value).__module__.startswith("ufl."):
-        return False
-    return isinstance(value, ufl.constantvalue.RealValue | ufl.constantvalue.Zero)
+    of_ufl = type(value).__module__.startswith("ufl.")
+    return of_ufl and isinstance(value, ufl.constantvalue.RealValue | ufl.constantvalue.Zero)
 
 
 def is_whole(value, least: int, most: float = 1e9) -> bool:
@@ -395,8 +394,11 @@ def refuse_fields(symbols: Iterable, what: str, known: Iterable = ()) -> None:
 
 
 def refuse_fields_in(expression, what: str, known: Iterable = ()) -> None:
-    """The same for all functions and constants in an expression."""
+    """The same for all functions and constants in an expression, and for nan and inf."""
     refuse_fields(fields_in(expression), what, known)
+    for part in parts_of(expression):
+        if isinstance(part, ufl.constantvalue.FloatValue) and not math.isfinite(part):
+            raise SceneError(f"{what}: it contains the number {part}. Give finite numbers")
 
 
 class Constant:

@@ -52,17 +52,13 @@ def is_parameter(value: Any) -> bool:
 
 def parameters_in(*expressions: Any) -> list[Parameter]:
     """All parameters in UFL expressions, also several of one name."""
-    parameters: list[Parameter] = []
-    left, seen = [ufl.as_ufl(expression) for expression in expressions], set()
+    left, seen = [ufl.as_ufl(expression) for expression in expressions], dict[int, Any]()
     while left:
         part = left.pop()
-        if id(part) in seen:
-            continue
-        seen.add(id(part))
-        if is_parameter(part):
-            parameters.append(part)
-        left += part.ufl_operands
-    return parameters
+        if id(part) not in seen:
+            seen[id(part)] = part
+            left += part.ufl_operands
+    return [part for part in seen.values() if is_parameter(part)]
 
 
 def scalar_of(function: Callable, values: Sequence[float], call: str) -> tuple[Any, list[Any]]:

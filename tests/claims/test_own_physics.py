@@ -257,6 +257,24 @@ def test_what_needs_numbers_is_refused_at_once(factor):
         fb.NodalRates(rule)
 
 
+@pytest.mark.parametrize("number", [math.nan, math.inf])
+def test_numbers_that_are_not_finite_are_refused_by_the_name_of_the_function(number):
+    scene = fb.Scene()
+    arm = scene.add_beam([(0, 0), (1, 0)], FLYING)
+    scene.clamp(arm.start)
+    for name, give in (
+        ("strain_energy", lambda f: fb.Section(strain_energy=lambda e, g, k: f(e) + g**2 + k**2)),
+        ("Spring", lambda f: fb.Spring(strain_energy=f)),
+        ("law", lambda f: fb.Damper(law=f)),
+        ("energy", lambda f: scene.add_contact(arm.end, fb.Line((0, -1), (0, 1)), energy=f)),
+    ):
+        with pytest.raises(fb.SceneError, match=f"{name}.* contains the number {number}"):
+            give(lambda x: number * x**2)
+    scene.add_virtual_work(lambda step: number * step.virtual_u[1])
+    with pytest.raises(fb.SceneError, match=f"virtual work 1.* contains the number {number}"):
+        fb.simulate(scene, dt=0.1, t_end=0.1)
+
+
 def test_a_prestressed_section_with_pieces_moves_as_one_without_where_these_do_not_meet():
     """A cable that only takes tension: round-off of its energy is no force in tiny motions."""
 
