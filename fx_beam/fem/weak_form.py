@@ -253,9 +253,10 @@ class WeakForm:
 
     def _checked_work(self, work: VirtualWork, what: str) -> Any:
         """A virtual work per length in UFL; SceneError if it is none."""
-        test, term = self.fields.test, replaced(work.of(self.step, what), self._by_name)
-        known = [] if self.parameters is None else [self.parameters]
-        refuse_fields_in(term, what, [*self.fields.names, *known])
+        # Increments of the load are no motion: a force is that of the end.
+        step = self.step.at_its_end if self.scheme.rates.at_rest else self.step
+        test, term = self.fields.test, replaced(work.of(step, what), self._by_name)
+        refuse_fields_in(term, what, [*self.fields.names, self.parameters])
         wanted = f"{what}: the result must be a scalar UFL expression linear in step.virtual_u and "
         wanted += "step.virtual_psi"
         if term.ufl_shape != () or ufl.algorithms.extract_arguments(term) != [test]:

@@ -6,7 +6,7 @@ reference configuration, ' = d/ds along the reference arc length, t0 = X'.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from fx_beam.symbolic import ufl
@@ -81,7 +81,7 @@ class Step:
         Polynomial degree of the element.
     t, dt : ufl scalar
         Time at that level and length of the step [s]; in statics the time at which functions of
-        time are evaluated, and zero.
+        time are evaluated, and some length, in which nothing moves.
     load_factor : ufl scalar
         Load factor in statics, 1 in dynamics. Multiply a force of your own by it if the force is a
         load, not a spring.
@@ -148,6 +148,13 @@ class Step:
             Its derivative, of the same shape [1/m].
         """
         return arc_derivative(field, self.t0)
+
+    @property
+    def at_its_end(self) -> Step:
+        """The step in which the end has come about at the rates v and omega, zero in statics."""
+        ends = {"u0": self.u, "psi0": self.psi, "u_before": self.u, "psi_before": self.psi}
+        moved = {"Du": self.dt * self.v, "Dpsi": self.dt * self.omega, "natural0": self.natural1}
+        return replace(self, **ends, **moved)
 
     @property
     def strains0(self):

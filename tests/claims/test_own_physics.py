@@ -296,3 +296,40 @@ def test_a_prestressed_section_with_pieces_moves_as_one_without_where_these_do_n
         return 5e6 * (e + 1e-2) ** 2 + 5e6 * g**2 + 10 * k**2
 
     assert end(cable) == pytest.approx(end(plain), rel=1e-6)
+
+
+# -- What a step is without motion --------------------------------------------------------------
+
+
+def _held_by(work):
+    """A loaded arm with a virtual work: its equilibria by one step and by three, and its modes."""
+    scene = fb.Scene(gravity=(0, -9.81))
+    section = fb.Section(EA=3e3, GA=1.2e3, EI=20.0, rhoA=1.0, rhoI=0.01)
+    arm = scene.add_beam([(0, 0), (1, 0.3)], section, elements=2)
+    scene.clamp(arm.start)
+    scene.add_virtual_work(work)
+    states = [fb.static(scene, load_steps=n) for n in (1, 3)]
+    found = [fb.modes(scene, state, n=2).eigenvalues for state in (None, states[0])]
+    return [state.q[-1] for state in states], found
+
+
+@pytest.mark.parametrize(
+    ("of_step", "of_level"),
+    [
+        (
+            lambda step: -2 * ufl.dot(step.Du, step.virtual_u) / step.dt,
+            lambda step: -2 * ufl.dot(step.v, step.virtual_u),
+        ),
+        (
+            lambda step: -30 * step.u0[1] * step.virtual_u[1],
+            lambda step: -30 * step.u[1] * step.virtual_u[1],
+        ),
+    ],
+    ids=["increment over length", "start of the step"],
+)
+def test_forces_of_increments_and_starts_know_no_motion_in_load_steps(of_step, of_level):
+    # As the steps of the load get shorter, both are the same force.
+    given, wanted = _held_by(of_step), _held_by(of_level)
+    for values, exact in zip([*given[0], *given[1]], [*wanted[0], *wanted[1]], strict=True):
+        assert values == pytest.approx(exact, rel=1e-8, abs=1e-10)
+    assert given[0][0] == pytest.approx(given[0][1], abs=1e-10)
