@@ -70,8 +70,8 @@ def _parts(solution) -> dict[str, Any]:
     if beams:
         nodes = [solution.nodes_of_beam[name] for name in solution.beams]
         parts["beams_nodes"] = np.concatenate(nodes)
-    if beams and solution.has_motion:
-        of_beams = [vars(solution.resultants(beam)).values() for beam in solution.beams]
+    if known := solution.known_resultants():
+        of_beams = [vars(of_beam).values() for of_beam in known.values()]
         along = (np.concatenate(rows, axis=-1) for rows in zip(*of_beams, strict=True))
         parts["resultants"] = BeamResultants(*along)
     with suppress(ValueError):  # none are known, or they are not those of equilibria
@@ -188,8 +188,7 @@ def to_xarray(solution):
     coordinates |= {"x": ("node", solution.X[:, 0]), "y": ("node", solution.X[:, 1])}
     for name in ["q"] * solution.has_motion + ["v", "a"] * solution.has_rates:
         data[name] = (time, "node", "component"), getattr(solution, name)
-    for beam in solution.beams if solution.has_motion else ():
-        of_beam = solution.resultants(beam)
+    for beam, of_beam in solution.known_resultants().items():
         coordinates[f"s {beam}"] = of_beam.s
         data |= {f"{kind} {beam}": ((time, f"s {beam}"), getattr(of_beam, kind)) for kind in "NQM"}
     return xarray.Dataset(data, coordinates, {"scheme": solution.stats.scheme})

@@ -182,7 +182,7 @@ class _Joined:
 
     def _resultants(self, name: str) -> BeamResultants:
         both = self._first, self._second
-        parts = [{**vars(of.resultants_of_beam(name))} if name in of.beams else {} for of in both]
+        parts = [{**vars(of.resultants(name))} if name in of.beams else {} for of in both]
         s = [part.pop("s") for part in parts if part][0]
         return BeamResultants(s, **self._rows(*parts))
 

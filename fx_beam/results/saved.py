@@ -166,7 +166,7 @@ def _read(raw: BinaryIO) -> Solution:
         {name: known.pop(name) for name in HISTORIES},
         beams=parts.beams,
         nodes_of_beam=nodes_of_beam,
-        resultants_of_beam=resultants.__getitem__,
+        resultants_of_beam=resultants.get,
         stability=stability,
         **known,
     )

@@ -72,7 +72,7 @@ class Solution:
     nodes_of_beam : dict
         All nodes of each beam in order, those inside elements included.
     resultants_of_beam : callable
-        ``resultants_of_beam(name)`` gives the `BeamResultants`.
+        ``resultants_of_beam(name)`` gives the `BeamResultants`; None where they are not known.
     variables_of_beam : dict
         Internal variables, (n, points) each, by name for each beam that has some.
     variables_of_joint : dict
@@ -157,7 +157,7 @@ class Solution:
         stats: Stats,
         beams: dict[str, Beam],
         nodes_of_beam: dict[str, np.ndarray],
-        resultants_of_beam: Callable[[str], BeamResultants],
+        resultants_of_beam: Callable[[str], Any],
         variables_of_beam: dict[str, dict[str, np.ndarray]],
         variables_of_joint: dict[int, dict[str, np.ndarray]],
         contacts: list[Contact],
@@ -198,17 +198,14 @@ class Solution:
 
     def __getstate__(self):
         # The function for the resultants holds the compiled model: copies get computed values.
-        known = {}
-        if self.has_motion:
-            known = {name: self.resultants_of_beam(name) for name in self.beams}
+        known = self.known_resultants()
         of_run = "_histories", "_end", "_load_path"
         state = {name: value for name, value in self.__dict__.items() if name not in of_run}
         state |= {name: getattr(self, name) for name in _LATER}
         with suppress(ValueError):  # numbers of unstable modes are found for copies
             _ = self.unstable_modes
-        known_of_path = self._stability.items()
-        state["_stability"] = {name: of for name, of in known_of_path if not callable(of)}
-        return {**state, "resultants_of_beam": known.__getitem__}
+        state["_stability"] = {n: of for n, of in self._stability.items() if not callable(of)}
+        return {**state, "resultants_of_beam": known.get}
 
     def __repr__(self):
         return (
@@ -282,8 +279,7 @@ class Solution:
         """A history (n, 3) of a node; of a record alone, if the history has not been read."""
         number = _node_number(self, node)
         if name not in self.__dict__ and hasattr(self._histories, "of_node"):
-            rows = self._histories.of_node(name, number)
-            if rows is not None:
+            if (rows := self._histories.of_node(name, number)) is not None:
                 return read_only(rows)
         return self.recorded(name)[:, number]
 
@@ -494,7 +490,22 @@ class Solution:
             If the motion was not recorded, or the rates that the scheme's resultants need.
         """
         self.recorded("q")  # they are computed from the motion
-        return self.resultants_of_beam(_beam_name(self, beam))
+        resultants = self.resultants_of_beam(_beam_name(self, beam))
+        if resultants is None:  # of a copy or a file without the rates that they need
+            self.recorded("v")
+        return resultants
+
+    def known_resultants(self) -> dict[str, BeamResultants]:
+        """Stress resultants of all beams; none if what they depend on was not recorded.
+
+        Returns
+        -------
+        dict
+            The `BeamResultants` by the names of the beams.
+        """
+        with suppress(ValueError):
+            return {name: self.resultants(name) for name in self.beams}
+        return {}
 
     def internal(self, beam: Beam | str, variable: str | None = None) -> np.ndarray:
         """An internal variable along a beam over time.
@@ -603,8 +614,7 @@ def _node_number(solution: Any, node: Node) -> int:
 
 def scene_of(solution: Any) -> Any:
     """The scene of a solution; None for one that was read from a file."""
-    members = itertools.chain(solution.beams.values(), solution.bodies.values())
-    first = next(members, None)
+    first = next(itertools.chain(solution.beams.values(), solution.bodies.values()), None)
     node = first.start if isinstance(first, Beam) else getattr(first, "centre", None)
     return getattr(node, "scene", None)
 

@@ -5,6 +5,7 @@ import csv
 import inspect
 import json
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -285,6 +286,24 @@ def test_a_table_holds_the_named_columns_to_the_last_bit(framed, tmp_path):
     assert len(header) == len(set(header)) and set(table) == set(expected)
     for name, values in expected.items():
         np.testing.assert_array_equal(table[name], values)
+
+
+def test_resultants_that_need_rates_may_be_missing_in_files_and_copies(tmp_path):
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    damped = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.1, retardation=1e-3)
+    arm = scene.add_beam([(0, 0), (1, 0)], damped)
+    scene.clamp(arm.start)
+    options = {"dt": 0.02, "record": fb.Record(rates=False)}
+    solution = fb.simulate(scene, fb.Newmark(), t_end=0.1, **options)
+    solution.save(tmp_path / "run.npz")
+    for other in (fb.load(tmp_path / "run.npz"), pickle.loads(pickle.dumps(solution))):
+        assert (other.position(arm.end) == solution.position(arm.end)).all()
+        more = fb.simulate(scene, fb.Newmark(), t_end=0.2, start=other, **options)
+        joined = other.then(more)
+        joined.save(tmp_path / "joined.npz")
+        for each in (solution, other, more, joined):
+            with pytest.raises(ValueError, match="rates not recorded"):
+                each.resultants(arm)
 
 
 @pytest.mark.parametrize("left_out", ["motion", "rates", "forces"])
