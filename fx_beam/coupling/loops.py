@@ -160,46 +160,41 @@ class Loops:
             "carried_closure": self._carried,
         }
 
+    def stiffened(self) -> tuple[np.ndarray, np.ndarray]:
+        """Pairs (m, 2) of columns that the stiffness of closures couples, and of their entries."""
+        closure, column = self._entries.row, self._entries.column
+        on = np.flatnonzero(self._couplings.system[1][column] >= 0)
+        shape = len(closure), len(self)
+        of_closure = scipy.sparse.csr_matrix((np.ones(len(on)), (on, closure[on])), shape)
+        pairs = np.column_stack((of_closure @ of_closure.T).nonzero())
+        return column[pairs], pairs
+
     def system(self, pattern: Pattern) -> ClosedSystem:
         """The linear system in which the forces are unknowns behind the others."""
         closure = self._entries.row
         row_of, unknown_of = (of[self._entries.column] for of in self._couplings.system)
         # Those of loops with nodes on beams border the system (c/bordering_rows.h).
-        outside = np.isin(closure, self._carried)
-        row_of[outside] = unknown_of[outside] = -1
-        on = np.flatnonzero(unknown_of >= 0)
-        shape = len(closure), len(self)
-        of_closure = scipy.sparse.csr_matrix((np.ones(len(on)), (on, closure[on])), shape)
-        #: Pairs of entries of one closure.
-        left, right = (of_closure @ of_closure.T).nonzero()
+        on = np.flatnonzero((unknown_of >= 0) & ~np.isin(closure, self._carried))
         indptr, indices = pattern
         n = len(indptr) - 1
         inner, of_forces = np.repeat(np.arange(n), np.diff(indptr)), n + closure[on]
         alone = n + self._carried
         (start, column), position = sparsity(
-            np.concatenate([inner, row_of[left], of_forces, row_of[on], alone]),
-            np.concatenate([indices, unknown_of[right], unknown_of[on], of_forces, alone]),
+            np.concatenate([inner, of_forces, row_of[on], alone]),
+            np.concatenate([indices, unknown_of[on], of_forces, alone]),
             n + len(self),
         )
-        cuts = np.cumsum([len(inner), len(left), len(on), len(on)])
-        open_entries, stiff_to, equation, balance, ones = np.split(position, cuts)
+        cuts = np.cumsum([len(inner), len(on), len(on)])
+        open_entries, equation, balance, ones = np.split(position, cuts)
         row = np.repeat(np.arange(n + len(self)), np.diff(start))
         diagonal = np.flatnonzero((row == column) & (row < len(self.unit)))
         members = {
             "closure_unknowns": len(on),
             "closure_entry": on,
-            "stiffened": len(left),
-            "stiff_left": left,
-            "stiff_right": right,
             "scales": len(diagonal),
             "scale_unit": self.unit[row[diagonal]],
         }
-        storage = {
-            "closure_equation": equation,
-            "closure_balance": balance,
-            "stiff_to": stiff_to,
-            "scale_at": diagonal,
-        }
+        storage = {"closure_equation": equation, "closure_balance": balance, "scale_at": diagonal}
         return ClosedSystem((start, column), open_entries, ones, members, storage)
 
 

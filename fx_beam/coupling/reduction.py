@@ -37,11 +37,13 @@ class ReducedTangent(NamedTuple):
     #: Sparsity of open loops, without what slides.
     pattern: Pattern
     #: Entries of the full tangent that are added to reduced ones as they are; those multiplied by
-    #: entries of Tv and T; the derivatives of Tv; and those of the forces of springs and dampers.
+    #: entries of Tv and T; the derivatives of Tv; those of the forces of springs and dampers; and
+    #: the stiffness of closures.
     direct: dict[str, np.ndarray]
     coupled: dict[str, np.ndarray]
     geometric: dict[str, np.ndarray]
     restoring: dict[str, np.ndarray]
+    stiffened: dict[str, np.ndarray]
     #: Positions of the entries of auxiliary unknowns.
     auxiliary_to: np.ndarray
 
@@ -115,7 +117,10 @@ class Reduction:
         entries, moves = self._entries, unknown_of[self._entries.column] >= 0
         source, left, right = _products(entries.row, moves, used, matrix.indptr, matrix.indices)
         others = np.array([p[:2] for p in (*geometric, *restoring)], dtype=int).reshape(-1, 2)
-        pairs = np.vstack([np.column_stack([entries.column[left], entries.column[right]]), others])
+        none = others[:0], others[:0]
+        stiff, of_closures = none if self.loops is None else self.loops.stiffened()
+        products = np.column_stack([entries.column[left], entries.column[right]])
+        pairs = np.vstack([products, others, stiff])
         rows = np.append(row_of[pairs[:, 0]], self.auxiliaries.rows)
         columns = np.append(unknown_of[pairs[:, 1]], self.auxiliaries.columns)
         if not couplings.sliding:
@@ -123,8 +128,8 @@ class Reduction:
         else:
             position = self.sliders.set_tangent(rows, columns)
             pattern = self.sliders.bordered.pattern
-        cuts = np.cumsum([len(source), len(geometric), len(restoring)])
-        position, geometric_to, restoring_to, auxiliary_to = np.split(position, cuts)
+        cuts = np.cumsum([len(source), len(geometric), len(restoring), len(stiff)])
+        position, geometric_to, restoring_to, stiff_to, auxiliary_to = np.split(position, cuts)
         maps, values = entries.value_at[left], entries.value_at[right]
         signs = entries.sign[left] * entries.sign[right]
         direct = (maps == 0) & (values == 0) & (signs == 1)
@@ -138,6 +143,7 @@ class Reduction:
             coupled=dict(zip(names, coupled, strict=True)),
             geometric={"to": geometric_to, **joint_and_kind, "sign": table[:, 2]},
             restoring={"to": restoring_to, "of": sprung},
+            stiffened={"to": stiff_to, "of": of_closures},
             auxiliary_to=auxiliary_to,
         )
 

@@ -302,8 +302,8 @@ class Problem:
         )
         added = stored_at[tangent.direct["from"]] >= stored
         direct = {key: values[added] for key, values in tangent.direct.items()}
-        products = {"direct": direct, "coupled": tangent.coupled, "geometric": tangent.geometric}
-        for name, of in products.items():
+        products = {name: getattr(tangent, name) for name in ("coupled", "geometric", "stiffened")}
+        for name, of in {"direct": direct, **products}.items():
             table = {key: stored_at[x] if key == "from" else x for key, x in of.items()}
             table["to"] = at[of["to"]]
             self._set(**{name: len(of["to"])}, **{f"{name}_{key}": x for key, x in table.items()})

@@ -296,6 +296,60 @@ def test_a_sleeve_carries_the_moment_of_its_load():
     assert at_wall == pytest.approx([-3.0, 10.0, 10.0 * 2.3 + 3.0 * 0.5], rel=1e-2)
 
 
+def shears(x):
+    """Two bars with a hinge on top, pressed by x[0]; their feet slide on a rod, by springs x[1]."""
+    scene = fb.Scene()
+    rigid = fb.Section(EA=1e9, GA=1e9, EI=1e9)
+    rod = scene.add_beam([(0, 0), (2, 0)], rigid, elements=8)
+    scene.clamp(rod.start)
+    scene.clamp(rod.end)
+    feet = [scene.add_body((at, 0.0), 1.0, points={"hinge": (1.0, 0.8)}) for at in (0.4, 1.6)]
+    scene.add_joint(fb.Revolute(*(foot["hinge"] for foot in feet)))
+    for foot, rest in zip(feet, (0.4, 1.6), strict=True):
+        joint = scene.add_joint(fb.Slider(rod, foot.centre, spring=fb.Spring(x[1], rest=rest)))
+    scene.add_force(feet[0]["hinge"], (0.0, -x[0]))
+    return scene, {"slide": fb.Output("slide", joint)}
+
+
+def carried(x):
+    """A body on two feet that slide along a rod, pulled by x[0], with a spring x[1] on one foot."""
+    scene = fb.Scene()
+    rigid = fb.Section(EA=1e9, GA=1e9, EI=1e9)
+    rod = scene.add_beam([(0, 0), (2, 0)], rigid, elements=8)
+    scene.clamp(rod.start)
+    body = scene.add_body((0.8, 0.1), 1.0, points={"back": (0.75, 0.0), "front": (1.05, 0.0)})
+    scene.add_joint(fb.Slider(rod, body["back"], spring=fb.Spring(x[1], rest=0.75)))
+    joint = scene.add_joint(fb.Slider(rod, body["front"]))
+    scene.add_force(body.centre, (x[0], -20.0))
+    return scene, {"slide": fb.Output("slide", joint)}
+
+
+def spread(load, spring):
+    """Arc length of the second foot of shears: half the load times d / h is the springs' force."""
+
+    def unbalanced(d):
+        return spring * (d - 0.6) - load / 2 * d / np.sqrt(1.0 - d**2)
+
+    return 1.0 + brentq(unbalanced, 0.6, 0.9)
+
+
+@pytest.mark.parametrize(
+    ("build", "x", "place"),
+    [(shears, (20.0, 200.0), spread), (carried, (5.0, 50.0), lambda F, k: 1.05 + F / k)],
+)
+def test_loops_through_slides_have_equilibria_though_no_inertia_holds_their_bodies(build, x, place):
+    """With derivatives, forwards and backwards."""
+    run = fb.StaticResponse(build, load_steps=20)
+    _, y = run(x)
+    assert y["slide"][-1] == pytest.approx(place(*x), abs=1e-6)
+    h = 1e-4 * np.diag(x)
+    slopes = [(place(*(x + dx)) - place(*(x - dx))) / (2 * dx.sum()) for dx in h]
+    assert run.jacobian()["slide"][-1] == pytest.approx(slopes, rel=1e-5)
+    weights = np.zeros_like(y["slide"])
+    weights[-1] = 1.0
+    assert run.vjp({"slide": weights}) == pytest.approx(slopes, rel=1e-5)
+
+
 # -- Runs --------------------------------------------------------------------------------------
 
 

@@ -190,10 +190,10 @@ typedef struct {
   struct { int beside, *beside_row, *beside_column, *beside_at; }; /* entries of the tangent in them, and where these are stored */
   /* How the reduced tangent is made of the full one: entries that are added as they are, `from` which `to` which; others times
      an entry of Tv and an entry of T; derivatives of Tv times the forces of joints: by the rotation of the carrier (kind 0 of the
-     lever, 2 of the slide's force) or by the slide (1 and 3). */
+     lever, 2 of the slide's force) or by the slide (1 and 3); products of two entries of a closure, times its stiffness. */
   int direct, *direct_to, *direct_from;
   int coupled, *coupled_to, *coupled_from, *coupled_virtual, *coupled_value;
-  int geometric, *geometric_to, *geometric_joint, *geometric_kind;
+  int geometric, *geometric_to, *geometric_joint, *geometric_kind, stiffened, *stiffened_to, *stiffened_of;
   double *coupled_sign, *geometric_sign;
 
   /* Closures: components of the displacements of b less a and the arm of joints that close loops, which are zero. Loops that
@@ -215,8 +215,7 @@ typedef struct {
     /* Entries of the closures' derivatives in the tangent: as equations, and in the balance of what the closing forces act on. */
     int closure_unknowns, *closure_entry, *closure_equation, *closure_balance;
     int carried, *carried_closure; /* closures with nodes on beams, whose forces are bordering rows from carrier_bordering on */
-    /* Products of two entries, by a stiffness from the diagonals that are stored at `scale_at`, with a unit of each unknown. */
-    int stiffened, *stiff_to, *stiff_left, *stiff_right, scales, *scale_at;
+    int scales, *scale_at; /* the stiffness of closures is from the diagonals stored there, with a unit of each unknown */
     double *scale_unit;
   };
 
