@@ -256,7 +256,7 @@ class PointForces:
             "switches": law.address("switches"),
             "size": of.size,
             "conditions": law.conditions,
-            "overshoots": of.overshoots,
+            "overshoots": of.overshoots or (of.opens and self._rule.at_rest),
             "dof": np.array(force.dofs or [-1]),
             "slide": force.slide,
             "column": -1,

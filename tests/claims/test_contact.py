@@ -341,6 +341,45 @@ def test_a_cantilever_on_an_obstacle_is_a_propped_one(k):
     assert contact.force[-1, 0, 1] == pytest.approx(-k * contact.gap[-1, 0], rel=1e-6)
 
 
+def pressed(on, mu, load, elements, rise=None):
+    """A cantilever whose end a load presses onto something; the load rises in a time, with drag."""
+    scene, section = fb.Scene(), fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=0.1, rhoI=1e-4)
+    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=elements)
+    scene.clamp(beam.start)
+    other = {"peg": fb.Circle((0.8, -0.15), 0.1), "slope": fb.Line((1.0, -0.07), (-0.05, 1.0))}
+    if on == "beam":
+        other[on] = scene.add_beam([(0.5, -0.07), (1.2, -0.07)], section, elements=elements)
+        scene.clamp(other[on].start)
+        scene.clamp(other[on].end)
+    friction = fb.Coulomb(mu, 1e5) if mu else None
+    radius = 0.01 if on == "beam" else 0.0
+    scene.add_contact(beam, other[on], 1e5, friction=friction, radius=radius)
+    for moving in scene.beams:
+        scene.add_drag(moving, linear=2.0)
+    full = np.array(load)
+    scene.add_force(beam.end, full if rise is None else lambda t: full * min(1.0, t / rise))
+    return scene, beam
+
+
+@pytest.mark.parametrize(
+    ("on", "mu", "load", "elements"),
+    [
+        ("peg", 0.0, (0, -3), 8),
+        ("peg", 0.5, (0, -8), 20),
+        ("slope", 2.0, (0, -3), 8),
+        ("beam", 2.0, (0, -8), 8),
+    ],
+)
+def test_a_beam_that_is_pressed_onto_something_rests_where_slow_motions_end(on, mu, load, elements):
+    """The tangent of open contacts sends it far through, that of closed ones opens others."""
+    scene, beam = pressed(on, mu, load, elements)
+    path = fb.static(scene, load_steps=10)
+    slow, same = pressed(on, mu, load, elements, rise=5.0)
+    motion = fb.simulate(slow, dt=0.005, t_end=8.0)
+    for at, node in zip(beam.nodes, same.nodes, strict=True):
+        assert path.position(at)[-1] == pytest.approx(motion.position(node)[-1], abs=5e-5)
+
+
 def test_modes_have_the_stiffness_of_a_closed_contact_and_not_of_an_open_one():
     factor = 2 * math.pi * 2**2 / math.sqrt(1e3)
     for at, first in ((0.0, 15.418), (-1.0, 3.516)):

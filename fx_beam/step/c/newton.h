@@ -172,9 +172,9 @@ static const double OVERSHOOT = 0.1;
 enum { SHORTENINGS = 20 };
 
 /* Goes back along a correction that was too long, to where the residual does no more work on it, by
-   regula falsi. `gained` is the work at its start. */
+   regula falsi. `gained` is the work at its start. Where only forces at points overshoot, the others are taken as linear. */
 static void line_search(const Problem *p, const Work *w, double gained) {
-  int springs = !p->cell_internal;
+  int springs = !p->cell_internal && !(HAS(MEMBERS) && p->hold && p->points->members);
   if (springs) begin_deviation(p, w);
   double at_high = springs ? point_deviation(p->points, w->correction, w->step, 1) : along_step(p, w);
   double low = 0, high = 1, at_low = gained, taken = 1, part = 1, work;

@@ -134,7 +134,7 @@ void fx_find_switches(const PointForces *p, const double *q, const double *slide
   if (HAS(MEMBERS) && p->members) member_gaps(p->members, q, out);
 }
 
-/* Of forces with functions of a user: notes the tangent. */
+/* Of forces with functions of a user, and of contact in equilibria: notes the tangent. */
 static void note_tangents(const PointForces *p) {
   for (const PointForce *e = p->of; e < p->of + p->all; ++e) {
     if (!e->overshoots) continue;
