@@ -247,7 +247,7 @@ class LoadStepper:
         except StepFailed:
             return False
         half = legs[1] / 2 * behind.D
-        return self.size(D - half) <= _OFF_KINK * self.size(half)
+        return self.is_still(D - half) or self.size(D - half) <= _OFF_KINK * self.size(half)
 
     def work_and_gain(self, old: State, new: State, D: np.ndarray) -> tuple[float, float, float]:
         """Work of the loads in a step, energy that the scene gains [J], and round-off of both."""

@@ -341,6 +341,19 @@ def test_a_cantilever_on_an_obstacle_is_a_propped_one(k):
     assert contact.force[-1, 0, 1] == pytest.approx(-k * contact.gap[-1, 0], rel=1e-6)
 
 
+@pytest.mark.parametrize("k", [1e5, 1e6, 1e8])
+@pytest.mark.parametrize("gap", [8.9e-6, 1.45e-5])
+def test_an_obstacle_far_stiffer_than_a_beam_props_it_after_a_small_gap(gap, k):
+    """Behind the gap the beam moves less than Newton's method resolves."""
+    scene, section = fb.Scene(), fb.Section(EA=1e4, GA=1e6, EI=1.0)
+    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=8, degree=3)
+    scene.clamp(beam.start)
+    stop = scene.add_contact(beam.end, fb.Line((0, -gap), normal=(0, 1)), k)
+    scene.add_force(beam.end, (0, -0.01))
+    force = fb.static(scene, load_steps=4).contact(stop).force[-1, 0, 1]
+    assert force == pytest.approx((0.01 / 3 - gap) / (1 / 3 + 1 / k), rel=1e-4)
+
+
 def pressed(on, mu, load, elements, rise=None):
     """A cantilever whose end a load presses onto something; the load rises in a time, with drag."""
     scene, section = fb.Scene(), fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=0.1, rhoI=1e-4)
