@@ -293,6 +293,35 @@ def test_a_closed_profile_has_no_seam(mu):
         assert abs(here - there).max() < 1e-4 * abs(there).max()
 
 
+def ball_over_beam(gap, **gravity):
+    """A ball on a vertical rail over a clamped beam that is far thinner than the steps are long."""
+    scene = fb.Scene(**gravity)
+    section = fb.Section(EA=1e5, GA=1e5, EI=100.0, rhoA=1.0, rhoI=1e-4)
+    beam = scene.add_beam([(0, 0), (2, 0)], section, elements=16)
+    scene.clamp(beam.start)
+    scene.clamp(beam.end)
+    ball = scene.add_body((1.03, 0.025 + gap), mass=0.1, inertia=0.01).centre
+    scene.fix(ball, "x", "rotation")
+    return scene, ball, scene.add_contact(ball, beam, 1e5, radius=(0.02, 0.005))
+
+
+@pytest.mark.parametrize("gap", [1e-6, 0.01, 0.3])
+def test_a_ball_that_only_a_thin_beam_holds_comes_to_rest_on_it(gap):
+    """Wherever it starts; without a stiffness it settles in steps of 0.4 m."""
+    scene, ball, contact = ball_over_beam(gap, gravity=(0, -10))
+    touch = fb.static(scene).contact(contact)
+    assert touch.force[-1].sum(axis=0) == pytest.approx([0.0, 1.0], abs=1e-3)
+    assert touch.gap[-1].min() == pytest.approx(-1e-5, rel=1e-5)
+
+
+def test_a_thrown_ball_does_not_jump_over_a_thin_beam_between_two_steps():
+    scene, ball, _ = ball_over_beam(0.475)
+    scene.set_velocity(ball, (0, -20.0))
+    solution = fb.simulate(scene, dt=0.01, t_end=0.1)
+    assert solution.velocity(ball)[-1, 1] > 10.0
+    assert abs(solution.energy.balance_error).max() < 1e-11
+
+
 def test_a_node_that_would_pass_through_a_member_ends_the_run():
     scene, _ = tip_on_beam(stiffness=100.0)
     with pytest.raises(fb.StepError, match="passes through the middle of a member.*stiffness"):

@@ -51,6 +51,7 @@ typedef struct {
   int begins, ends, closed; /* whether the pieces reach the ends of the member; whether there is a force */
   int slot;                   /* of its friction, or -1 */
   int left, leans;            /* whether the nearest point has left the two pieces; to which side they should go */
+  int passed;                 /* whether the point is on the other side of the member at the end */
   int counted;                /* whether the pattern of the tangent has it */
   double start[5][2];         /* at the start of the step: the point, then arms to the four nodes */
   NearPoint first;            /* the nearest point at the start */

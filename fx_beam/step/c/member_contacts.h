@@ -306,14 +306,16 @@ static int move_contact_point(MemberContacts *m, ContactPoint *e, const double *
   Two change[4], end[4], rates[4];
   double radius = *number_of(c, e->point), widest = 0, *internal = e->given + internal_at(c);
   differences(e, D, change);
-  e->closed = e->first.distance < radius, e->left = 0;
+  Two from = {0}, to = {0};
+  e->closed = e->first.distance < radius, e->left = e->passed = 0;
   for (int i = 0; i < c->internal; ++i) e->closed |= internal[i] != 0;
   /* The distance changes by no more than the arms do. */
   for (int k = 0; k < 4; ++k) widest = fmax(widest, dot2(change[k], change[k]));
   if (!e->closed && sqrt(widest) < e->first.distance - radius) return 0;
   for (int k = 0; k < 4; ++k) end[k] = start[k] + change[k];
   NearPoint near = nearest_point(end, e->begins, e->ends);
-  e->left = near.left, e->end = near.place;
+  for (int k = 0; k < 4; ++k) from += e->first.weights[k] * start[k], to += near.weights[k] * end[k];
+  e->left = near.left, e->end = near.place, e->passed = dot2(from, to) < 0;
   e->closed |= near.distance < radius;
   if (!e->closed) return 0;
   double sums[MOST_SUMS][4], *of_places = e->given + places_at(c);
@@ -402,13 +404,6 @@ static const double *times_members(MemberContacts *m, const double *x) {
   return m->product;
 }
 
-/* Whether a point has passed through a member, after `move_contact_point`. */
-static int has_passed(const MemberContacts *m, const ContactPoint *e) {
-  const Two *start = (const Two *)e->given, *change = start + m->of[e->contact].sums / 2;
-  Two first = start[0] - start[1] / 2, last = start[0] + change[0] + (start[1] + change[1]) / 2;
-  return dot2(first, last) < 0;
-}
-
 int fx_check_members(MemberContacts *m, const double *D) {
   int state = MEMBERS_FINE;
   double *end = m->product;
@@ -418,7 +413,8 @@ int fx_check_members(MemberContacts *m, const double *D) {
   for (int i = 0; i < m->dofs; ++i) end[i] = m->start[i] + D[i];
   for (ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e) {
     int piece;
-    if (move_contact_point(m, e, D) && has_passed(m, e)) return MEMBERS_PASSED;
+    move_contact_point(m, e, D);
+    if (e->passed) return MEMBERS_PASSED;
     if (!e->left) continue;
     /* It may touch beyond the pieces of its contact point as well. */
     if (!e->closed && follow(m, e, end, &piece, r).distance >= *number_of(m->of + e->contact, e->point)) continue;
