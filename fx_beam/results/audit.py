@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -356,3 +356,10 @@ def facts(solution: Any) -> dict[str, str]:
         "largest energy error": f"{abs(energy.balance_error).max():.2g}",
     }
     return entries | ({"ended early": str(stats.failure)} if stats.failure else {})
+
+
+def known_resultants(solution: Any) -> dict[str, BeamResultants]:
+    """Resultants of all beams by their names; none if what they depend on was not recorded."""
+    with suppress(ValueError):
+        return {name: solution.resultants(name) for name in solution.beams}
+    return {}

@@ -17,7 +17,7 @@ import numpy as np
 from fx_beam.errors import is_name, require
 from fx_beam.scene.beam import COMPONENTS, Beam, Node
 
-from .audit import BeamResultants
+from .audit import BeamResultants, known_resultants
 from .files import of_numpy, replacing
 from .state import HISTORIES
 
@@ -70,7 +70,7 @@ def _parts(solution) -> dict[str, Any]:
     if beams:
         nodes = [solution.nodes_of_beam[name] for name in solution.beams]
         parts["beams_nodes"] = np.concatenate(nodes)
-    if known := solution.known_resultants():
+    if known := known_resultants(solution):
         of_beams = [vars(of_beam).values() for of_beam in known.values()]
         along = (np.concatenate(rows, axis=-1) for rows in zip(*of_beams, strict=True))
         parts["resultants"] = BeamResultants(*along)
@@ -188,7 +188,7 @@ def to_xarray(solution):
     coordinates |= {"x": ("node", solution.X[:, 0]), "y": ("node", solution.X[:, 1])}
     for name in ["q"] * solution.has_motion + ["v", "a"] * solution.has_rates:
         data[name] = (time, "node", "component"), getattr(solution, name)
-    for beam, of_beam in solution.known_resultants().items():
+    for beam, of_beam in known_resultants(solution).items():
         coordinates[f"s {beam}"] = of_beam.s
         data |= {f"{kind} {beam}": ((time, f"s {beam}"), getattr(of_beam, kind)) for kind in "NQM"}
     return xarray.Dataset(data, coordinates, {"scheme": solution.stats.scheme})

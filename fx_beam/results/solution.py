@@ -19,7 +19,7 @@ from fx_beam.scene.loads import NAMES
 from fx_beam.scene.notebook import html_table, sketch
 from fx_beam.scene.outputs import Output, definition
 
-from .audit import BeamResultants, Energy, Stats, facts, read_only
+from .audit import BeamResultants, Energy, Stats, facts, known_resultants, read_only
 from .state import HISTORIES, State
 
 if TYPE_CHECKING:
@@ -198,7 +198,7 @@ class Solution:
 
     def __getstate__(self):
         # The function for the resultants holds the compiled model: copies get computed values.
-        known = self.known_resultants()
+        known = known_resultants(self)
         of_run = "_histories", "_end", "_load_path"
         state = {name: value for name, value in self.__dict__.items() if name not in of_run}
         state |= {name: getattr(self, name) for name in _LATER}
@@ -494,18 +494,6 @@ class Solution:
         if resultants is None:  # of a copy or a file without the rates that they need
             self.recorded("v")
         return resultants
-
-    def known_resultants(self) -> dict[str, BeamResultants]:
-        """Stress resultants of all beams; none if what they depend on was not recorded.
-
-        Returns
-        -------
-        dict
-            The `BeamResultants` by the names of the beams.
-        """
-        with suppress(ValueError):
-            return {name: self.resultants(name) for name in self.beams}
-        return {}
 
     def internal(self, beam: Beam | str, variable: str | None = None) -> np.ndarray:
         """An internal variable along a beam over time.
