@@ -154,6 +154,31 @@ def test_units_change_nothing_but_rounding(name, run):
             assert abs(found - expected).max(initial=0.0) < 1e-10 * abs(expected).max(initial=1e-9)
 
 
+def test_a_sleeve_on_a_beam_without_rotary_inertia_has_the_same_rates_and_forces_in_all_units():
+    """A body beside a beam carries an arm. The force of a step has the change of the rates."""
+
+    def found(u):
+        scene = fb.Scene(gravity=u.gravity())
+        bare, inert = (u.section(2e4, 1e4, 30.0, 1.5, rhoI) for rhoI in (0.0, 0.01))
+        beam = scene.add_beam(u.points((0, 0), (1, 0)), bare, elements=4, degree=3)
+        scene.clamp(beam.start)
+        place, centre, tip = u.points((0.5, 0), (0.6, 0.2), (0.8, 0.8))
+        inertia = 0.03 / u.mass / u.length**2
+        body = scene.add_body(centre, 1.0 / u.mass, inertia, points={"foot": place})
+        sleeve = scene.add_joint(fb.Sleeve(beam, body["foot"]))
+        scene.add_beam([body.centre, tip], inert, elements=3, degree=3)
+        scene.set_velocity(body, (0.3 * u.time / u.length, 0.0))
+        scene.make_velocities_compatible()
+        solution = fb.simulate(scene, dt=1e-3 / u.time, t_end=0.05 / u.time)
+        velocity = solution.velocity(body.centre) * u.length / u.time
+        return velocity, solution.joint(sleeve).force * [u.force, u.force, u.energy]
+
+    expected = found(SI)
+    for length in (1e-3, 1e3, 1e4):
+        for values, others in zip(found(Units(length)), expected, strict=True):
+            assert abs(values - others).max() < 1e-6 * abs(others).max()
+
+
 # -- A nanorod in SI units -----------------------------------------------------------------------
 
 

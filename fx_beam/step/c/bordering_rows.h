@@ -150,11 +150,11 @@ INLINED void solve_sparse_columns(const Problem *p, const Work *w, int n) {
   }
 }
 
-/* Factors of D - C A^-1 B, from D. Equations are divided by their largest entries, and forces counted in a stiffness:
-   otherwise the units would choose the pivots. */
+/* Factors of D - C A^-1 B, from D. Equations are divided by their largest entries, and forces and moments counted in
+   stiffnesses of their own: otherwise the units would choose the pivots. */
 HOT void factorise_corner(const Problem *p, const Work *w) {
   int m = p->bordering_rows;
-  double soft = 0, *D = w->corner, *unit = w->corner_units, *per_most = unit + m;
+  double stiff[2] = {0}, *D = w->corner, *unit = w->corner_units, *per_most = unit + m;
   for (int i = 0; i < m; ++i)
     for (long k = w->crossed[2 * i]; k <= w->crossed[2 * i + 1]; ++k) {
       double c = w->border[i * p->positions + k];
@@ -162,10 +162,11 @@ HOT void factorise_corner(const Problem *p, const Work *w) {
     }
   for (int i = 0; i < m; ++i) unit[i] = 1;
   for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a)
-    for (int j = a->bordering_row; j < a->bordering_row + a->components; ++j) soft = fmax(soft, fabs(D[j * m + j]));
-  for (const Slider *a = p->slider; soft > 0 && a < p->slider + p->sliders; ++a)
-    for (int j = a->bordering_row; j < a->bordering_row + a->components + a->products; ++j) unit[j] = 1 / soft;
-  for (int j = p->carrier_bordering; soft > 0 && j < m; ++j) unit[j] = 1 / soft;
+    for (int c = 0, j = a->bordering_row; c < a->components; ++c, ++j) stiff[c == 2] = fmax(stiff[c == 2], fabs(D[j * m + j]));
+  for (int k = 0; k < 2; ++k) stiff[k] = stiff[k] > 0 ? 1 / stiff[k] : 1;
+  for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a)
+    for (int c = 0; c < a->components + a->products; ++c) unit[a->bordering_row + c] = stiff[c == 2 && a->components == 3];
+  for (int j = p->carrier_bordering; j < m; ++j) unit[j] = stiff[p->closure_force[p->carried_closure[j - p->carrier_bordering]] % 3 == 2];
   for (int i = 0; i < m; ++i) {
     double most = 0;
     for (int j = 0; j < m; ++j) most = fmax(most, fabs(D[i * m + j] *= unit[j]));
