@@ -46,7 +46,7 @@ class Symmetry:
         if not gaps.any():
             return True
         sizes, gaps = abs(values * self._units), gaps * self._units
-        largest = np.sqrt(np.maximum.reduceat(sizes, self._starts))
+        largest = np.sqrt(np.maximum.reduceat(np.append(sizes, 0.0), self._starts))
         return bool((gaps <= _ACROSS * largest[self._rows] * largest[self._columns]).all())
 
 

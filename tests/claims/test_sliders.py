@@ -784,3 +784,21 @@ def test_a_slider_has_only_its_slide_to_lock_and_no_angle_in_vibrations():
     held = scene.lock(guide)
     motion = fb.simulate(scene, dt=0.01, t_end=0.1)
     assert motion.joint(held).slide == pytest.approx(0.6 * scene.beams[0].length, abs=1e-12)
+
+
+def test_a_body_that_turns_freely_on_a_locked_slider_has_the_modes_of_one_on_a_hinge():
+    def frequencies(locked):
+        scene = fb.Scene()
+        section = fb.Section(EA=2e4, GA=1e4, EI=30.0, rhoA=1.5, rhoI=0.02)
+        arch = scene.add_beam(fb.arc((0, 0), (0.5, 0.15), (1, 0)), section, elements=4)
+        scene.pin(arch.start)
+        scene.fix(arch.end, "y")
+        node = arch.node(0.5)
+        body = scene.add_body((0.6, 0.35), 1.0, 0.03, points={"pin": (node.x, node.y)})
+        if locked:
+            scene.lock(scene.add_joint(fb.Slider(arch, body["pin"])))
+        else:
+            scene.add_joint(fb.Revolute(node, body["pin"]))
+        return fb.modes(scene).angular_frequencies
+
+    assert frequencies(locked=True) == pytest.approx(frequencies(locked=False), rel=1e-8, abs=1e-3)
