@@ -215,12 +215,11 @@ class WeakForm:
                     held += 0 if r.held is None else r.held * dx_law
                     self._held_before += 0 if r.held_before is None else r.held_before * dx_law
             stored += law.start.energy(*self.step.strains0) * dx_law
-            energy, ends = self._materials[tag][0], self._evolution[tag]
-            if energy is not None and ends is not None:
-                of_values = self._with_values(energy)
+            (energy, internal), ends = self._materials[tag], self._evolution[tag]
+            if energy is not None and internal is not None:
                 strains = self.step.strains0, self.step.strains1
-                at_rest = self.scheme.rates.at_rest
-                lost += evolution_loss(of_values, *ends, *strains, at_rest) * dx_law
+                given = self._with_values(energy), internal.level, ends, strains
+                lost += evolution_loss(*given, self.scheme.rates.at_rest) * dx_law
             if self.times is not None:
                 lost += viscous_loss(self.step, law, self.times) * dx_law
         full = self.fields.measure(self.fields.degree + 1)  # exact for products of two fields

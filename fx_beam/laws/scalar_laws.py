@@ -140,7 +140,7 @@ def spring(kind: Kind, damped: bool) -> PointLaw:
 
 def stored_energy(kind: Kind, energy: Energy, internal: InternalVariables | None) -> PointLaw:
     """A spring with a stored energy, a function of the coordinate since its rest; number: rest."""
-    count = len(internal.names) if internal else 0
+    count, level = (len(internal.names), internal.level) if internal else (0, 1.0)
 
     def stored(x: Any, a: Any) -> Any:
         return energy(x, a) if internal else energy(x)
@@ -155,8 +155,7 @@ def stored_energy(kind: Kind, energy: Energy, internal: InternalVariables | None
         old = ufl.as_vector(step.motion.internal or [0.0])
         if not internal or step.motion.rule.instant:
             return old, old
-        at_rest = step.motion.rule.at_rest
-        return old, evolved(internal, old, (x0,), (x1,), step.motion.dt, at_rest)
+        return old, evolved(internal, old, (x0,), (x1,), step.motion.dt, step.motion.rule.at_rest)
 
     def forces(step: _Step) -> StepForces:
         x0, x1 = ends(step)
@@ -174,8 +173,8 @@ def stored_energy(kind: Kind, energy: Energy, internal: InternalVariables | None
         return stored(ends(step)[0], variables(step)[0])
 
     def loss(step: _Step) -> Any:
-        x0, x1 = ends(step)
-        return evolution_loss(energy, *variables(step), (x0,), (x1,), step.motion.rule.at_rest)
+        strains = [(x,) for x in ends(step)]
+        return evolution_loss(energy, level, variables(step), strains, step.motion.rule.at_rest)
 
     def pieces(step: _Step) -> list:
         return switches(energy(ends(step)[0]))

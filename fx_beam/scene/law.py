@@ -225,12 +225,10 @@ def functions_of_energy(
     from .symbols import SCALARS
 
     e0, e, dt = SCALARS[:strains], SCALARS[3 : 3 + strains], SCALARS[6]
-    if internal is None:
-        yield "strain_energy", ufl.as_ufl(energy(*e))
-        return
-    a = _vector(len(internal.names))
-    yield "strain_energy", ufl.as_ufl(energy(*e, a))
-    yield "update", internal.updated(a, e0, e, dt)
+    a = [] if internal is None else [_vector(len(internal.names))]
+    yield "strain_energy", ufl.as_ufl(energy(*e, *a))
+    if internal is not None:
+        yield "update", internal.updated(a[0], e0, e, dt)
 
 
 @functools.cache
@@ -404,15 +402,22 @@ def law_of_step(energy: Energy, old, new) -> Law:
     return replace(law, ends=(start, end))
 
 
-def evolution_loss(energy: Energy, old, new, e0, e1, at_rest: bool):
+def evolution_loss(energy: Energy, level: float, variables, strains, at_rest: bool):
     """Energy that the evolution takes: per length, or of a spring.
 
     In motions what the work N.(E1 - E0) + M (K1 - K0) has more than the stored energy gains, in
-    statics the work of the forces that drive it, at the end of the step.
+    statics the work of the forces that drive it, at the `level` of its update in the step: the mean
+    of both ends if it flows all the time, the end if it begins to flow within. `variables` and
+    `strains` are those at both ends.
     """
+    (old, new), (e0, e1) = variables, strains
+
+    def drive(e, of):
+        a = ufl.variable(of)
+        return -ufl.diff(energy(*e, a), a)
+
     if at_rest:
-        a = ufl.variable(new)
-        return -ufl.dot(ufl.diff(energy(*e1, a), a), new - old)
+        return ufl.dot((1 - level) * drive(e0, old) + level * drive(e1, new), new - old)
     mean = (old + new) / 2
     return energy(*e1, mean) - energy(*e1, new) + energy(*e0, old) - energy(*e0, mean)
 

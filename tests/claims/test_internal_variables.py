@@ -151,6 +151,26 @@ def test_a_load_step_of_statics_is_the_time_of_the_update():
     assert found == pytest.approx(0.1 * (1 / TAU) / (1 + 1 / TAU))
 
 
+@pytest.mark.parametrize("factor", [1.0, 1.1, 0.5])
+def test_what_relaxes_is_followed_by_load_steps_from_a_loaded_state(factor):
+    # (STIFF + SOFT) kappa = M + SOFT a at the end of each step, a by implicit Euler steps.
+    scene, beam = cantilever(ZENER)
+    moment = scene.add_moment(beam.end, 0.5)
+    loaded = fb.static(scene, load_steps=4)
+    scene.remove(moment)
+    scene.add_moment(beam.end, 0.5 * factor)
+    found = fb.static(scene, load_steps=20, start=loaded)
+    a = loaded.internal(beam, "dashpot")[-1, 0]
+    M = 0.5 + 0.5 * (factor - 1) * found.t
+    for r, at_end in zip(np.diff(found.t) / TAU, M[1:] / (STIFF + SOFT), strict=True):
+        a = (a + r * at_end) / (1 + r - r * SOFT / (STIFF + SOFT))
+    assert found.internal(beam, "dashpot")[-1] == pytest.approx(a, rel=1e-9)
+    # The work of the moment is stored or dissipated.
+    work = ((M[1:] + M[:-1]) / 2 * np.diff(found.rotation(beam.end))).sum()
+    change = found.energy.strain + found.energy.dissipated
+    assert change[-1] - change[0] == pytest.approx(work, rel=1e-9)
+
+
 # -- Balances --------------------------------------------------------------------------------------
 
 
