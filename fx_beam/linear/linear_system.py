@@ -20,10 +20,10 @@ from fx_beam.scene.inputs import Ramp, check_names, widths
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.outputs import OF_JOINTS, OF_NODES, Output, check_outputs, definition
 from fx_beam.scene.scene import Scene
+from fx_beam.step.accelerations import have_mass
 from fx_beam.step.measured import measured
 from fx_beam.step.recorded_histories import driven_of
 
-from .linearisation import have_mass
 from .moving_state import Deviations, deviations, forces_inside
 
 # Round-off: of a mass or a damping of a combination of unknowns relative to the largest, and of the

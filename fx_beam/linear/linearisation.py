@@ -22,6 +22,7 @@ from fx_beam.scene.beam import COMPONENTS
 from fx_beam.scene.coordinate import Coordinate
 from fx_beam.scene.inputs import with_values
 from fx_beam.scene.scene import Scene
+from fx_beam.step.accelerations import have_mass
 from fx_beam.step.equations import Equations
 from fx_beam.step.model import Model
 from fx_beam.step.turning_frame import TurningFrame, check_turns
@@ -30,8 +31,6 @@ from fx_beam.step.undamped_modes import Symmetry, UndampedModes
 # Length of the steps whose tangents give the damping [s]. In much shorter ones damping over the
 # length hides what couples nodes that slide, and round-off of places on members is a fast slip.
 INSTANT = 1e-9
-# Masses relative to the largest, in sizes of unit unknowns, that a lever of round-off gives.
-_NO_MASS = 1e-26
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,12 +199,6 @@ def linearised(
     )
     model.needed_by(about)
     return about
-
-
-def have_mass(masses: np.ndarray, unit: np.ndarray) -> np.ndarray:
-    """Which unknowns (n,) have mass, by their masses and sizes of unit unknowns."""
-    sizes = masses * unit**2
-    return sizes > _NO_MASS * sizes.max(initial=0.0)
 
 
 def turning_frame_of(model: Model, state: Solution, what: str) -> TurningFrame | None:

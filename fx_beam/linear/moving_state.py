@@ -346,7 +346,7 @@ def _accelerations(
 
     Those of inputs are zero: they go straight.
     """
-    free, mass = len(model.reduction.independent), model.mass
+    free, mass = len(unknowns := model.reduction.independent), model.mass
     a = np.zeros(T.shape[1])
     if model.reduction.driven and state.a.any():
         unit = model.unit
@@ -356,5 +356,6 @@ def _accelerations(
         if isinstance(function, Ramp):
             a[free + i] = 0.0
     force = -(T.T @ (r + mass @ (T @ a)) + of_springs)[:free]
-    a[:free] = acceleration_of((T.T @ (mass @ T))[:free, :free], force)
+    M, unit = (T.T @ (mass @ T))[:free, :free], model.unit_of_unknowns[unknowns]
+    a[:free] = acceleration_of(M, force, unit)
     return a

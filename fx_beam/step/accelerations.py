@@ -21,6 +21,8 @@ _LARGE = 5000
 _SINGULAR = 1e-6
 # Largest error of the scaled forces of accelerations, relative to them, and most iterations for it.
 _EXACT, _MOST = 1e-14, 300
+# Masses relative to the largest, in sizes of unit unknowns, that a lever of round-off gives.
+_NO_MASS = 1e-26
 
 
 def accelerations(model: Model, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -37,7 +39,7 @@ def accelerations(model: Model, force: np.ndarray) -> tuple[np.ndarray, np.ndarr
         T = reduction.coupling()
         T = T.toarray() if T.shape[0] <= _SMALL else T
         n, gather = reduction.free, T.T.__matmul__
-        a = acceleration_of((T.T @ (mass @ T))[:n, :n], force)
+        a = acceleration_of((T.T @ (mass @ T))[:n, :n], force, model.unit_of_unknowns)
     w = np.append(a, np.zeros(reduction.columns - reduction.free))
     return a, force - gather(mass @ reduction.spread(w))[: reduction.free]
 
@@ -85,13 +87,19 @@ def _with_auxiliaries(
     return a if abs(error).max() <= _SINGULAR * abs(b).max(initial=0.0) else None
 
 
-def acceleration_of(mass, force: np.ndarray) -> np.ndarray:
-    """Accelerations (n,) under generalised forces (n,); zero where there is no mass.
+def have_mass(masses: np.ndarray, unit: np.ndarray) -> np.ndarray:
+    """Which unknowns (n,) have mass, by their masses and sizes of unit unknowns."""
+    sizes = masses * unit**2
+    return sizes > _NO_MASS * sizes.max(initial=0.0)
+
+
+def acceleration_of(mass, force: np.ndarray, unit: np.ndarray) -> np.ndarray:
+    """Accelerations (n,) under generalised forces (n,); zero where masses are none but round-off.
 
     If several unknowns move one mass, they are the accelerations of least norm.
     """
     a, diagonal, solution = np.zeros(len(force)), mass.diagonal(), None
-    moving = np.flatnonzero(diagonal > 0)
+    moving = np.flatnonzero(have_mass(diagonal, unit))
     if not len(moving):
         return a
     scale = diagonal[moving] ** -0.5

@@ -312,3 +312,20 @@ def test_a_load_without_equilibrium_is_named_before_the_step_fails(caplog):
     with caplog.at_level(logging.WARNING), pytest.raises(fb.StepError):
         fb.simulate(scene, dt=0.01, t_end=0.02)
     assert "no equilibrium was found at the start for nodes without mass" in caplog.text
+
+
+def test_a_lever_of_round_off_does_not_change_the_accelerations_at_the_start():
+    """A body hangs on a beam without rotary inertia, which has a moment at its end."""
+
+    def start(offset):
+        scene = fb.Scene(gravity=(1.0, -9.81))
+        section = fb.Section(EA=2e4, GA=1e4, EI=30.0, rhoA=1.5, retardation=0.002)
+        beam = scene.add_beam([(0, 0), (1, 0)], section, elements=3)
+        scene.clamp(beam.start)
+        body = scene.add_body((1.1, 0.2), 1.2, 0.03, points={"pin": (1, 0)})
+        slot = fb.PinInSlot(beam.end, body["pin"], axis=(1, 0.3), offset=offset)
+        scene.add_joint(slot)
+        scene.add_moment(beam.end, 1.0)
+        return fb.simulate(scene, dt=1e-4, t_end=1e-4).acceleration(body.centre)[0]
+
+    assert start((2e-17, -1e-17)) == pytest.approx(start((0.0, 0.0)), rel=1e-8)
