@@ -7,12 +7,6 @@
 
 #include "element_derivatives.h"
 
-static int any(long n, const double *values) {
-  for (long i = 0; i < n; ++i)
-    if (values[i] != 0) return 1;
-  return 0;
-}
-
 /* Sets the changes of the configuration at the end, for the solution in the block or with none for held unknowns. */
 static void set_ends(const Problem *p, const Linear *l, int held, const Changes *solution, Changes *x) {
   const Layout *at = &l->at;
@@ -95,7 +89,7 @@ static void jvp_group(const Problem *p, const Work *w, const Derivatives *a, Lin
   begin_fixed_point(&l->following);
   for (int i = 0; i <= MOST_TRIALS; ++i) {
     /* Whether the unknowns that are held, and nothing else, give the configuration at the end. */
-    int held = !l->moves_joints && !any((long)p->driven * GROUP_SIZE, (const double *)(x + at->driven));
+    int held = !l->moves_joints && largest_size(p->driven * GROUP_SIZE, (const double *)(x + at->driven)) == 0;
     set_ends(p, l, held, 0, x);
     jvp_forces(p, w, a, l, changes_mass, held, x);
     set_right_sides(p, at, x, l->block);
@@ -114,7 +108,7 @@ static void jvp_group(const Problem *p, const Work *w, const Derivatives *a, Lin
 /* Whether load steps are in the same row, in which the Jacobians of their forces may be added up, since the motions of nodes
    do not depend on the state. Their shares are those of a difference, with the sum zero. */
 static int are_added(const Problem *p, const Derivatives *a, long k, long next, long end) {
-  if (!a->by_unknowns || p->entries > p->equal || p->closures || p->sliders || p->spin_squared) return 0;
+  if (!a->by_unknowns || !has_constant_map(p) || p->spin_squared) return 0;
   return next >= 0 && next < end && a->forces.at[k] == a->forces.at[next];
 }
 
@@ -130,7 +124,7 @@ KEPT long fx_jvp(Problem *p, const Tape *tape, const Derivatives *a) {
   w->by_slopes = p->cell_internal || a->by_unknowns;
   for (long i = 0; i < groups; ++i) {
     const Changes *x = (Changes *)a->x + i * at->size;
-    l.moves_joints |= any((at->members - at->offset) * GROUP_SIZE, (double *)(x + at->offset));
+    l.moves_joints |= largest_size((at->members - at->offset) * GROUP_SIZE, (double *)(x + at->offset)) != 0;
   }
   for (; left; --left) {
     long row = tape->rows - left, k = tape->first + row;
