@@ -196,20 +196,20 @@ class ModalResponse(TangentResponse):
             Before the first call, for scenes without derivatives, and for overdamped modes.
         """
         self._changes()
-        groups = [*self._groups()]
-        jacobian = np.zeros((len(self._omega), 1 + self._damped, len(self._x)))
+        groups, count = [*self._groups()], len(self._x)
+        jacobian = np.zeros((len(self._omega), 1 + self._damped, count))
         # A mode alone is a group as well; matrices have a lower triangle.
         triangles = [np.tril_indices(len(group)) for group in groups]
         entries = [group[np.array(of)] for group, of in zip(groups, triangles, strict=True)]
         left, right = np.hstack([np.zeros((2, 0), int), *entries])
         by_roots = self._by_roots(right)
         weights = np.vstack([*map(np.diag, by_roots)])
-        rows = self._of_sums(self._pairs(left, right), weights).reshape(*by_roots.shape, -1)
+        rows = self._of_sums(self._pairs(left, right), weights).reshape(*by_roots.shape, count)
         parts = np.split(rows, np.cumsum([len(i) for i, _ in triangles]), axis=1)
         for group, (i, j), of in zip(groups, triangles, parts, strict=False):
             if len(group) > 1:
                 self._warn_of(group)
-            matrices = np.zeros((len(rows), len(self._x), len(group), len(group)))
+            matrices = np.zeros((len(rows), count, len(group), len(group)))
             matrices[..., i, j] = of.swapaxes(1, 2)
             jacobian[group] = np.moveaxis(np.linalg.eigvalsh(matrices), -1, 0)
         return jacobian[: self._n] if self._damped else jacobian[: self._n, 0]

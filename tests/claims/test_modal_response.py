@@ -315,3 +315,19 @@ def test_what_has_no_derivatives_is_refused(build, options, message):
     run([1.0, 1.0, 1.0])
     with pytest.raises(fb.SceneError, match=message):
         run.jacobian()
+
+
+@pytest.mark.parametrize("damped", [False, True])
+def test_where_all_modes_are_rigid_nothing_changes(damped):
+    """A free beam moves in three ways, whatever its data are."""
+
+    def build(x):
+        scene = fb.Scene()
+        scene.add_beam([(0, 0), (x[2], 0)], fb.Section(EA=1e4, GA=1e4, EI=x[0], rhoA=x[1]))
+        return scene
+
+    run = fb.ModalResponse(build, n=3, damped=damped)
+    assert not run([10.0, 1.0, 2.0]).any()
+    assert run.jacobian().shape == ((3, 2, 3) if damped else (3, 3))
+    assert not run.jacobian().any()
+    assert not run.vjp(np.ones((3, 2) if damped else 3)).any()
