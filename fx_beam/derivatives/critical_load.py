@@ -12,7 +12,7 @@ from fx_beam.equilibria.path_piece import FLUTTER
 from fx_beam.errors import SceneError
 from fx_beam.linear.linearisation import linearised
 from fx_beam.scene.scene import Scene
-from fx_beam.step.sparse_lu import pivoted_lu
+from fx_beam.step.sparse_lu import nearly_singular_lu, pivoted_lu
 
 from .static_derivatives import DerivativesOf
 from .tangent_derivatives import Pairs, TangentDerivatives
@@ -22,8 +22,8 @@ from .tangent_derivatives import Pairs, TangentDerivatives
 _ZERO = 1e-5
 # The same of the slope of a bifurcation's mode, beside changes of its stiffness with the load.
 _ASYMMETRIC = 1e-3
-# Change of a singular matrix, relative to its largest entry; iterations for its null vectors.
-_SHIFT, _ITERATIONS = 1e-13, 5
+# Iterations for null vectors.
+_ITERATIONS = 5
 _WHAT = "StaticResponse: critical_load"
 
 
@@ -83,11 +83,7 @@ class CriticalLoad:
         """The singular vectors of the least singular value of B in unit unknowns."""
         about, unit = self._about, scipy.sparse.diags(self._unit)
         self._B = (unit @ (about.K - self._square * about.M) @ unit).tocsr()
-        try:
-            lu = pivoted_lu(self._B)
-        except RuntimeError:
-            most = _SHIFT * abs(self._B.data).max()
-            lu = pivoted_lu(self._B + most * scipy.sparse.identity(len(self._unit)))
+        lu = nearly_singular_lu(self._B)
         left = np.random.default_rng(0).standard_normal(len(self._unit))
         for _ in range(_ITERATIONS):
             right = lu.solve(left)

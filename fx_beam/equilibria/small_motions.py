@@ -11,12 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse
-import scipy.sparse.linalg
+from scipy.sparse.linalg import LinearOperator, eigs
 
 from fx_beam.laws.interval import Interval
 from fx_beam.results.state import State
 from fx_beam.step.load_loop import LoadLoop
-from fx_beam.step.sparse_lu import Pattern, pivoted_lu, sparse_lu
+from fx_beam.step.sparse_lu import Pattern, nearly_singular_lu, pivoted_lu, sparse_lu
 from fx_beam.step.undamped_modes import Symmetry, UndampedModes
 
 from .path_equations import BorderedLU
@@ -137,24 +137,20 @@ class SmallMotions:
         if K.shape[0] <= _FULL:
             values = np.linalg.eigvals(inverse.solve(M.toarray()))
         else:
-            compliance = scipy.sparse.linalg.LinearOperator(
-                K.shape, lambda x: inverse.solve(M @ x), dtype=float
-            )
+            compliance = LinearOperator(K.shape, lambda x: inverse.solve(M @ x), dtype=float)
             start = np.ones(K.shape[0])
-            values = scipy.sparse.linalg.eigs(
-                compliance, _LOWEST, v0=start, return_eigenvectors=False
-            )
+            values = eigs(compliance, _LOWEST, v0=start, return_eigenvectors=False)
         values = values[np.argsort(-abs(values), kind="stable")][:_LOWEST]
         return 1 / values[abs(values) > 1e-12 * abs(values[0])].astype(complex)
 
     def shapes(self, state: State, square: float, several: int) -> np.ndarray:
         """Shapes (unknowns, several) of motions with the square of a frequency, of length 1."""
-        K, M = self.stiffness(state), self._mass()
-        shifted = pivoted_lu((K - (1 + 1e-7) * square * M).tocsr())
+        unit, K = scipy.sparse.diags(self.unit), self.stiffness(state)
+        lu = nearly_singular_lu(unit @ (K - square * self._mass()) @ unit)
         x = np.random.default_rng(0).standard_normal((K.shape[0], several))
         for _ in range(4):
-            x = self.unit[:, None] * np.linalg.qr(shifted.solve(M @ x) / self.unit[:, None])[0]
-        return x
+            x = np.linalg.qr(lu.solve(lu.solve(x, "T")))[0]
+        return unit @ x
 
 
 def pairs_and_others(squares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

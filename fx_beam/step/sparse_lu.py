@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from scipy.sparse import identity
 from scipy.sparse.linalg import SuperLU, splu
 
 from fx_beam import c_library
@@ -12,6 +13,9 @@ from fx_beam.c_library import Structs
 from fx_beam.fem.sparsity import Pattern
 
 from .lu_layout import factors_of
+
+# Change of a singular matrix, relative to its largest entry.
+_SHIFT = 1e-13
 
 
 def sparse_lu(pattern: Pattern, dependent: np.ndarray | None = None) -> LU:
@@ -30,6 +34,15 @@ def pivoted_lu(matrix: Any) -> SuperLU:
     """
     options = {"SymmetricMode": True}
     return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.1, options=options)
+
+
+def nearly_singular_lu(matrix: Any) -> SuperLU:
+    """The same of a matrix in unit unknowns: if it is exactly singular, of one beside it."""
+    try:
+        return pivoted_lu(matrix)
+    except RuntimeError:
+        beside = _SHIFT * abs(matrix.data).max()
+        return pivoted_lu(matrix + beside * identity(matrix.shape[0]))
 
 
 class LU:

@@ -45,6 +45,25 @@ def test_the_load_of_flutter_depends_on_neither_steps_nor_loads(tip_mass, elemen
         assert path.unstable_modes[-1] == grow
 
 
+def test_each_of_many_paths_finds_the_point_and_its_mode():
+    """At the double root K - w^2 M is singular but for round-off, and on some paths exactly."""
+    section = fb.Section(EA=1e5, GA=1e4, EI=1.0, rhoA=1.0, rhoI=1e-3)
+    loads, shapes = [], []
+    for load in np.linspace(20.0, 28.0, 41):
+        scene = fb.Scene()
+        beam = scene.add_beam([(0, 0), (np.cos(0.7), np.sin(0.7))], section, 5, 2)
+        scene.add_joint(fb.Revolute(fb.GROUND, beam.start, spring=fb.Spring(20.0)))
+        scene.add_mass(beam.end, 0.1)
+        scene.add_force(beam.end, (-load * np.cos(0.7), -load * np.sin(0.7)), follower=True)
+        (point,) = fb.static(scene, load_steps=3).critical_points
+        assert point.kind == "flutter"
+        loads.append(load * point.load_factor)
+        turns = point.modes.shapes[:, :, 2]
+        shapes.append(turns / abs(turns).max())
+    assert loads == pytest.approx(loads[:1] * 41, rel=1e-8)
+    assert np.array(shapes) == pytest.approx(np.array(shapes[:1] * 41), abs=1e-3)
+
+
 def test_two_equal_columns_flutter_at_one_point_with_two_modes():
     scene = column(24.0, 0.5, 4, 2)
     other = scene.add_beam([(1, 0), (1, 1)], scene.beams[0].section, 4, 2)
