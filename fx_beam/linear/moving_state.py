@@ -32,9 +32,10 @@ _log = logging.getLogger("fx_beam")
 _RIGID = 1e-2
 # Weight of rates without mass, relative to the largest.
 _LITTLE = 1e-10
-# Largest increment, in units of the scene, and length [s] of the steps that give the stiffness of a
-# moving state: their squares are its error, and damping over the length is a rounding error.
-_SMALL, _SHORT = 1e-5, 1e-6
+# Relative change of an input; increment in the steps that give the stiffness of a moving state, in
+# units of the scene, whose square is an error, as is round-off of damping over the length of the
+# step; and the least rate that limits this length [1/s].
+_SMALL, _SHORT, _REST = 1e-5, 1e-6, 1e-12
 # The same between the points of differences of order six, and their weights; and the least one,
 # near ends of elements on which nodes slide.
 _APART, _LEAST_APART = 0.02, 1e-4
@@ -278,9 +279,9 @@ def _forces(model: Model, state: State, strained: np.ndarray | None = None):
     _, at_once, _, slides_at_once = step(INSTANT)
     _, later, _, slides_later = step(2 * INSTANT)
     C, viscous = (2 * INSTANT * d for d in (at_once - later, slides_at_once - slides_later))
-    # In an instant strains of round-off would have large rates; in long steps loads change.
-    size = abs(state.v / model.unit).max()
-    h = min(_SMALL / size, _SHORT) if size else _SHORT
+    # In an instant strains of round-off would have large rates, and damping hides the stiffness.
+    size = max(abs(state.v / model.unit).max(), 0 if strained is None else abs(strained).max())
+    h = _SHORT / max(size, _REST)
     f, ahead, pushes, slides_ahead = step(h)
     if state.internal is not None or state.spring_internal is not None:
         K, stiff = 2 * (ahead - C / h), 2 * (slides_ahead - viscous / h)

@@ -377,3 +377,19 @@ def test_friction_that_slips_has_no_stiffness_and_no_damping(kind):
     s = 2j * np.pi * f * np.eye(len(system.A))
     transfer = system.C @ np.linalg.solve(s - system.A, system.B) + system.D
     assert transfer[0, 0] == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize("retardation", [1e-2, 1e2, 1e6])
+def test_a_cantilever_that_creeps_slowly_ends_at_its_elastic_deflection(retardation):
+    """L^3 / 3 EI + L / GA, and at each frequency as `frequency_response` has it."""
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], section(retardation=retardation), 4, 3)
+    scene.clamp(beam.start)
+    scene.add_force(beam.end, fb.Input("push", factor=(0, 1)))
+    outputs = {"y": fb.Output("displacement", beam.end, "y")}
+    system, f = fb.linearise(scene, outputs=outputs), np.array([0.0, 0.1]) / retardation
+    poles = [2j * np.pi * x * np.eye(len(system.A)) - system.A for x in f]
+    found = [(system.C @ np.linalg.solve(pole, system.B) + system.D).item() for pole in poles]
+    assert found[0] == pytest.approx(1 / 60 + 1e-4, rel=1e-8)
+    by_frequency = fb.frequency_response(scene, (beam.end, (0, 1)), beam.end, f).component("y")
+    assert found == pytest.approx(by_frequency, rel=1e-8)
