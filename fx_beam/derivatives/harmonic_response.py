@@ -135,7 +135,7 @@ class HarmonicResponse(TangentResponse):
         _, at = self._given[self._scene]
         self._measured = Measured(about, at, f"{_WHAT}: at")
         # Right sides of the motion and of the adjoint ones.
-        self._sides = np.vstack([about.T.T @ self._force, self._measured.rows]).T
+        self._sides = np.array([about.T.T @ self._force, *self._measured.rows]).T
         self._vibration = Vibration(about, _WHAT)
         solved = [self._solved(f) for f in self._f]
         motions, adjoints = map(np.array, zip(*solved, strict=True))

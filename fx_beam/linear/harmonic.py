@@ -136,8 +136,8 @@ class Vibration:
     def solved(self, force: np.ndarray, transposed: bool = False) -> np.ndarray:
         """Motions (free, ...) under forces (free, ...), or with the transposed matrix."""
         x = self._lu.solve(force, "T" if transposed else "N")
-        scaled = self._scale * x.T, force.T / self._scale
-        motion, load = (np.einsum("...i,...i", of, of.conj()).real for of in scaled)  # squares
+        scaled = (of.view(float) for of in (self._scale * x.T, force.T / self._scale))
+        motion, load = (np.einsum("...i,...i", of, of) for of in scaled)  # squares of sizes
         if not np.all(motion <= _UNBOUNDED**2 * load):
             raise self._unbounded()
         return x
