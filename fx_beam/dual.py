@@ -459,11 +459,12 @@ def _bincount(at, weights, size):
     return Dual(np.bincount(at, weights.values, size), slopes)
 
 
-def _concatenate(arrays, axis=0) -> Dual:
+def _joined(function: Callable, arrays: Any, axis: int = 0) -> Dual:
+    """Arrays side by side, without numbers of their entries, as there may be many."""
     count = next(of.slopes.shape[-1] for of in map(dual_of, arrays) if of is not None)
     duals = [with_slopes(of, count) for of in arrays]
-    values = np.concatenate([of.values for of in duals], axis)
-    return Dual(values, np.concatenate([of.slopes for of in duals], axis % values.ndim))
+    values = function([of.values for of in duals], axis)
+    return Dual(values, function([of.slopes for of in duals], axis % values.ndim))
 
 
 def _norm(a: Any, ord: Any = None, axis: Any = None) -> Any:  # noqa: A002  # as NumPy's
@@ -486,12 +487,13 @@ _FUNCTIONS: dict[Any, Callable] = {
     np.linalg.norm: _norm,
     np.linspace: _linspace,
     np.bincount: _bincount,
-    np.concatenate: _concatenate,
+    np.concatenate: functools.partial(_joined, np.concatenate),
+    np.stack: functools.partial(_joined, np.stack),
     np.broadcast_to: _broadcast_to,
 }
 #: Functions that only place entries, and which arguments have these.
 _PLACING = dict.fromkeys(
-    (np.stack, np.hstack, np.vstack, np.column_stack, np.dstack, np.reshape)
+    (np.hstack, np.vstack, np.column_stack, np.dstack, np.reshape)
     + (np.ravel, np.transpose, np.atleast_1d, np.atleast_2d, np.copy, np.repeat, np.tile, np.flip)
     + (np.roll, np.squeeze, np.expand_dims, np.swapaxes, np.moveaxis, np.take, np.diag),
     (0,),

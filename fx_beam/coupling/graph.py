@@ -13,7 +13,7 @@ import scipy.sparse
 from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError
 from fx_beam.fem.mesh import Mesh
-from fx_beam.fem.sparsity import parts_of, starts_of
+from fx_beam.fem.sparsity import connected_parts, starts_of
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import SlidingJoint, sliding_joints
@@ -336,7 +336,7 @@ def _connected(forests: list[list[Branch]], nodes: set[int]) -> set[int]:
     if not nodes or not pairs:
         return set()
     size = 1 + max(map(max, pairs))
-    tree = parts_of(np.transpose(pairs), size)
+    tree = connected_parts(np.transpose(pairs), size)
     connected = np.isin(tree, tree[[node for node in nodes if 0 <= node < size]])
     return set(np.flatnonzero(connected).tolist())
 

@@ -102,8 +102,7 @@ def section_data(mesh: Mesh, scene: Scene, names: tuple[str, ...], points: int) 
             of_beam = [beam.section.values(name, fractions) for name in names]
         except SceneError as error:
             raise SceneError(f"beam {beam.name!r}: {error}") from None
-        joined = [of[..., None] if len(names) > 1 else of for of in of_beam]
-        values.append(np.concatenate(joined, axis=-1))
+        values.append(np.stack(of_beam, axis=-1) if len(names) > 1 else of_beam[0])
     return Data(points, np.concatenate(values))
 
 

@@ -22,7 +22,7 @@ from fx_beam.scene.structure import OtherStructureError
 
 from .compiled_laws import compiled_laws, slopes_of
 from .mesh import Mesh
-from .sparsity import parts_of
+from .sparsity import connected_parts
 
 # Entries of a contact point, slots of memory of a point's friction, and numbers in each
 # (member_contact.h).
@@ -65,7 +65,7 @@ def _is_closed(scene: Scene, beam: Beam) -> bool:
     links = [(GROUND.number, number) for number in fixed_x & fixed_y]
     links += [(j.a.number, j.b.number) for j in scene.joints if j.is_rigid]
     numbers = np.array([(start.number, start.number), (end.number, end.number), *links]).T + 1
-    part = parts_of(numbers, numbers.max() + 1)
+    part = connected_parts(numbers, numbers.max() + 1)
     return bool(part[start.number + 1] == part[end.number + 1])
 
 

@@ -27,7 +27,7 @@ def sparsity(rows: np.ndarray, columns: np.ndarray, n: int) -> tuple[Pattern, np
     return (starts_of(counts).astype(np.int32), (keys % n).astype(np.int32)), position
 
 
-def parts_of(pairs: Sequence[np.ndarray] | np.ndarray, count: int) -> np.ndarray:
+def connected_parts(pairs: Sequence[np.ndarray] | np.ndarray, count: int) -> np.ndarray:
     """Number (count,) of the part to which each node belongs; pairs (2, n) are connected."""
     graph = scipy.sparse.coo_matrix((np.ones(len(pairs[0])), tuple(pairs)), (count, count))
     return connected_components(graph, directed=False)[1]

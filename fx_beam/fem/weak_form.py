@@ -252,7 +252,7 @@ class WeakForm:
 
     def _checked_work(self, work: VirtualWork, what: str) -> Any:
         """A virtual work per length in UFL; SceneError if it is none."""
-        # Increments of the load are no motion: a force is that of the end.
+        # Nothing moves in a load step: the work is that of the forces at its end.
         step = self.step.at_its_end if self.scheme.rates.at_rest else self.step
         test, term = self.fields.test, replaced(work.of(step, what), self._by_name)
         refuse_fields_in(term, what, [*self.fields.names, self.parameters])

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.errors import Constant, SceneError
-from fx_beam.fem.sparsity import parts_of
+from fx_beam.fem.sparsity import connected_parts
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.coordinate import Coordinate
 from fx_beam.scene.joints import GROUND, Joint
@@ -239,7 +239,7 @@ def _trees(scene: Scene) -> np.ndarray:
     """Number (nodes,) of the tree of joints to which a node belongs; the ground connects none."""
     joints = [joint for joint in scene.joints if GROUND not in (joint.a, joint.b)]
     a, b = np.array([(j.a.number, j.b.number) for j in joints], dtype=int).reshape(-1, 2).T
-    return parts_of((a, b), len(scene.nodes))
+    return connected_parts((a, b), len(scene.nodes))
 
 
 def _runs(flags: np.ndarray) -> list[tuple[int, int]]:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from fx_beam.content_cache import cached_by_content
-from fx_beam.fem.sparsity import parts_of
+from fx_beam.fem.sparsity import connected_parts
 from fx_beam.results.state import State
 from fx_beam.scene.joints import GROUND
 
@@ -84,7 +84,7 @@ def _members(model: Model) -> list[np.ndarray]:
 @cached_by_content
 def _turning(n: int, i: np.ndarray, j: np.ndarray, counted: tuple[int, ...]) -> list[np.ndarray]:
     """Groups of n nodes that pairs i, j connect, without those of nodes whose turns count."""
-    of_node = parts_of((i, j), n)
+    of_node = connected_parts((i, j), n)
     held, order = set(of_node[list(counted)]), np.argsort(of_node, kind="stable")
     members = np.split(order, np.cumsum(np.bincount(of_node))[:-1])
     return [nodes for m, nodes in enumerate(members) if m not in held]
