@@ -151,7 +151,7 @@ class Step:
 
     @property
     def at_its_end(self) -> Step:
-        """The step in which the end has come about at the rates v and omega, zero in statics."""
+        """A step from where this one ends, at its rates v and omega, which are zero in statics."""
         ends = {"u0": self.u, "psi0": self.psi, "u_before": self.u, "psi_before": self.psi}
         moved = {"Du": self.dt * self.v, "Dpsi": self.dt * self.omega, "natural0": self.natural1}
         return replace(self, **ends, **moved)

@@ -136,8 +136,9 @@ class Vibration:
     def solved(self, force: np.ndarray, transposed: bool = False) -> np.ndarray:
         """Motions (free, ...) under forces (free, ...), or with the transposed matrix."""
         x = self._lu.solve(force, "T" if transposed else "N")
+        # Sizes of real and imaginary parts, which are side by side.
         scaled = (of.view(float) for of in (self._scale * x.T, force.T / self._scale))
-        motion, load = (np.einsum("...i,...i", of, of) for of in scaled)  # squares of sizes
+        motion, load = (np.einsum("...i,...i", of, of) for of in scaled)  # squares
         if not np.all(motion <= _UNBOUNDED**2 * load):
             raise self._unbounded()
         return x

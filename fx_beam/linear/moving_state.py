@@ -32,9 +32,9 @@ _log = logging.getLogger("fx_beam")
 _RIGID = 1e-2
 # Weight of rates without mass, relative to the largest.
 _LITTLE = 1e-10
-# Relative change of an input; increment in the steps that give the stiffness of a moving state, in
-# units of the scene, whose square is an error, as is round-off of damping over the length of the
-# step; and the least rate that limits this length [1/s].
+# Relative change of an input. Increment, in units of the scene, in the steps that give the
+# stiffness of a moving state: the square of a larger one is an error, in a smaller one damping over
+# the length hides the stiffness. The least rate that limits this length [1/s].
 _SMALL, _SHORT, _REST = 1e-5, 1e-6, 1e-12
 # The same between the points of differences of order six, and their weights; and the least one,
 # near ends of elements on which nodes slide.

@@ -63,15 +63,15 @@ def call(function: Callable, item: Any) -> Outcome:
     """Call the function, in the worker."""
     clock = perf_counter()
     with simulating_by(_series_here()):  # the function may change the item that it is given
-        outcome = _tried(lambda: Outcome(function(copy.deepcopy(item)), 0.0, ""), of=Exception)
+        outcome = _tried(lambda: Outcome(function(copy.deepcopy(item)), 0.0, ""), errors=Exception)
     return outcome._replace(seconds=perf_counter() - clock)
 
 
-def _tried(function: Callable[..., Any], *arguments: Any, of: Any = (Exception, SystemExit)) -> Any:
-    """What a function gives; the outcome of an item if it fails, by errors `of` some kinds."""
+def _tried(function: Callable[..., Any], *given: Any, errors: Any = (Exception, SystemExit)) -> Any:
+    """What a function gives; if it raises one of the `errors`, the outcome of a failed item."""
     try:
-        return function(*arguments)
-    except of as error:
+        return function(*given)
+    except errors as error:
         return Outcome(None, np.nan, _sentence(error))
 
 

@@ -89,6 +89,21 @@ def test_a_body_comes_to_rest_in_a_groove():
     assert path.stable.all()
 
 
+@pytest.mark.parametrize("gap", [0.0, 1e-4])
+def test_a_ball_comes_to_rest_on_a_thin_beam_by_friction(gap):
+    """Steps that would pass the beam are shortened."""
+    k, weight = 1e4, 0.2 * 9.81
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    ball = scene.add_body((0.02, 0.02 + gap), mass=0.2, inertia=1e-4).centre
+    scene.fix(ball, "rotation")
+    bed = scene.add_beam([(-0.5, 0), (0.5, 0)], fb.Section(EA=1e6, GA=1e6, EI=1e3), elements=10)
+    for node in bed.nodes:
+        scene.clamp(node)
+    scene.add_contact(ball, bed, k, radius=(0.01, 0.01), friction=fb.Coulomb(0.5, k))
+    down = gap + weight / k
+    assert fb.static(scene).displacement(ball)[-1] == pytest.approx([0.0, -down], abs=1e-8)
+
+
 def test_a_second_load_starts_from_what_hangs():
     scene, bob, _ = pendulum(1.0)
     hanging = fb.static(scene, load_steps=2)

@@ -53,7 +53,7 @@ static int has_constant_map(const Problem *p) { return p->entries == p->equal &&
 /* The forces of a sub-step of a tape, and its tangent, if these are read; returns 0 in a singular position. */
 static int begin_taped(Problem *p, Work *w, const Derivatives *a, const double *row, Linear *l) {
   double dt = row[1], level;
-  int alone = a->by_unknowns && has_constant_map(p); /* derivatives of forces at nodes, which need no forces */
+  int unread = a->by_unknowns && has_constant_map(p); /* whether Jacobians are read, but no forces and no tangent */
   take_from_tape(p, w, row, l->loads, l->follower_force, l->natural);
   level = p->t + p->level * dt;
   w->dt = dt;
@@ -69,13 +69,13 @@ static int begin_taped(Problem *p, Work *w, const Derivatives *a, const double *
   if (!expand(p, w)) return 0;
   if (HAS(MEMBERS) && p->points->members) settle_members(p, w);
   for (int i = 0; i < 2; ++i) set_time(p, &work_of_elements(a, i)->slopes, level, dt);
-  if (alone) work_increment(p, w), acceleration(p, w, dt), evaluate_nodes(p, w);
+  if (unread) work_increment(p, w), acceleration(p, w, dt), evaluate_nodes(p, w);
   else balance(p, w);
   if (w->by_slopes && !a->by_unknowns) find_slopes(p, w, a, l), add_slopes(p, &a->internal_forces, l->slopes[0], w->tangent);
   if (p->friction_follows) set_axes(p, w);
   if (!l->adds) l->of[TOUCHED].count = 0;
   if (HAS(MEMBERS) && p->points->members) put_members(l->of + TOUCHED, p, &l->at);
-  if (!alone) reduce_tangent(p, w);
+  if (!unread) reduce_tangent(p, w);
   if (HAS(LOOPS) && w->transposed) factorise_closures(p, w, w->G_virtual, 0, w->part, w->part_order);
   return 1;
 }
