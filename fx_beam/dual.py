@@ -156,16 +156,19 @@ class LinearDual(Dual):
     """A linear function of numbers with slopes; its own slopes are computed when they are read."""
 
     def __init__(
-        self, values: np.ndarray, computed: Callable[[], Dual], of: Dual, transposed: Callable
+        self, values: np.ndarray, function: Callable[[Dual], Dual], of: Dual, transposed: Callable
     ):
-        self.values, self._computed = values, computed
+        self.values, self._function = values, function
         #: The numbers, and what takes derivatives by the values to derivatives by these.
         self.of, self.transposed = of, transposed
 
     @functools.cached_property
     def slopes(self) -> np.ndarray:  # type: ignore[override]
-        """The slopes (..., m)."""
-        return self._computed().slopes
+        """The slopes (..., m), of which only those that may differ from zero are computed."""
+        of, slopes = self.of, np.zeros((*self.shape, self.of.slopes.shape[-1]))
+        by = np.flatnonzero(of.slopes.any(axis=0))
+        slopes[..., by] = self._function(Dual(of.values, of.slopes[:, by])).slopes
+        return slopes
 
 
 class LinearChanges:
@@ -451,11 +454,9 @@ def _broadcast_to(a, shape) -> Dual:
 
 
 def _bincount(at, weights, size):
-    slopes = np.zeros((size, weights.slopes.shape[-1]))
-    by = np.flatnonzero(weights.slopes.any(axis=0))
-    places = at[:, None] * len(by) + np.arange(len(by))
-    sums = np.bincount(places.ravel(), weights.slopes[:, by].ravel(), size * len(by))
-    slopes[:, by] = sums.reshape(size, -1)
+    count = weights.slopes.shape[-1]
+    places = (at[:, None] * count + np.arange(count)).ravel()
+    slopes = np.bincount(places, weights.slopes.ravel(), size * count).reshape(size, count)
     return Dual(np.bincount(at, weights.values, size), slopes)
 
 

@@ -100,15 +100,17 @@ class Mass:
         if masses is None and (moves or any(type(value) is DualFloat for value in given)):
             masses = self._masses()
         if isinstance(masses, Dual):
-            # Read later, when this may have the numbers of another scene.
-            entries, of_entries = self.matrix.data.copy(), functools.partial(self._entries, masses)
-            numbers["mass"] = LinearDual(entries, of_entries, masses, self._by_masses)
-        weight = functools.partial(self._weights, self._gravity, numbers["mass"])
+            # Slopes are read later, when this may have the numbers of another scene.
+            entries = self.matrix.data.copy()
+            numbers["mass"] = LinearDual(entries, self._entries, masses, self._by_masses)
+        weights = functools.partial(self._weights, self._gravity)
         if dual_of(self._gravity) is not None:
-            numbers["weight"] = weight()
+            numbers["weight"] = weights(numbers["mass"])
         elif isinstance(masses, Dual) and self.weight is not None:
             back = functools.partial(self._by_masses_of_weight, self._gravity)
-            numbers["weight"] = LinearDual(self.weight, weight, masses, back)
+            numbers["weight"] = LinearDual(
+                self.weight, lambda of: weights(self._entries(of)), masses, back
+            )
         return numbers
 
     def _masses(self) -> Any:

@@ -73,8 +73,8 @@ class Mesh:
 
     def nodal_positions(self, scene: Scene) -> Any:
         """`X`, with slopes if positions of a scene with these nodes have some."""
-        ends = (x for node in scene.nodes for x in (node.x, node.y))
-        if self.curved or not (have_slopes() and any(type(x) is DualFloat for x in ends)):
+        have = (type(at.x) is DualFloat or type(at.y) is DualFloat for at in scene.nodes)
+        if self.curved or not (have_slopes() and any(have)):
             return self.X
         points = [stacked([(node.x, node.y) for node in scene.nodes])]
         points += [inner_positions(beam) for beam in scene.beams if beam.degree > 1]

@@ -21,7 +21,7 @@ import numpy as np
 from fx_beam.c_library import Structs, declarations
 
 from .form_tables import aligned_zeros
-from .layout import Arrays, Layout, Numbers, Rows, all_of, never_empty, side_by_side
+from .layout import Arrays, Layout, Numbers, Rows, all_of, never_empty
 from .model import Model
 from .newton import NewtonOptions
 from .tables import Problem
@@ -148,6 +148,5 @@ class RateDerivatives:
         x, of_results = fits.layout.vector(changes, fits.numbers, m), fits.results.empty(n, m)
         flat = {name: values.reshape(n * m, -1) for name, values in of_state.items()}
         states = fits.states.filled(flat, n * m)
-        given = side_by_side(x, fits.library.GROUP_SIZE)
-        self._follow(fits.library.FORWARDS, states, of_results, x=given, directions=m)
+        self._follow(fits.library.FORWARDS, states, of_results, x=x, directions=m)
         return fits.results.parts(of_results)

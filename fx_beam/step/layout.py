@@ -51,6 +51,7 @@ class Layout:
         self.steps = {name: self.at[name] - starts[_FIRST_OF_STEPS] for name in names[first:end]}
         self.step_size = starts[_FIRST_OF_RESULTS] - starts[_FIRST_OF_STEPS]
         model, p = problem.model, problem.c
+        self._group_size = problem.constants.GROUP_SIZE
         #: Indices of the slides of all joints.
         self.slides = np.full(model.scene.joint_count, starts["nowhere"])
         for joint, column in model.couplings.slides.items():
@@ -64,12 +65,16 @@ class Layout:
         self.forces = Rows({"constraints": constrained, "joints": self.at["forces"]})
         self.equations = Rows({"equations": self.at["R"][: p.free]})
 
+    def groups(self, count: int, size: int) -> np.ndarray:
+        """Zeros (groups, size, group size) for so many columns, side by side in groups."""
+        return aligned_zeros(-(-count // self._group_size), size, self._group_size)
+
     def vector(self, changes: Arrays, numbers: Mapping[str, Numbers], count: int) -> np.ndarray:
-        """A vector (size, count) with changes (count, ...) of some numbers, and zeros."""
-        x = np.zeros((self.size, count))
+        """Changes (count, ...) of some numbers in `groups`, and zeros."""
+        x = self.groups(count, self.size)
         for name in changes.keys() & numbers.keys():
             at, of, _ = numbers[name]
-            x[at] = np.reshape(changes[name], (count, -1)).T[of]
+            put_columns(x, at, np.reshape(changes[name], (count, -1)).T[of])
         return x
 
 
@@ -111,14 +116,12 @@ class Rows:
         return {name: rows[..., part] for name, part in self._of.items()}
 
 
-def side_by_side(columns: np.ndarray, group_size: int) -> np.ndarray:
-    """Columns (size, n) in groups (groups, size, group_size), the last one filled with zeros."""
-    size, count = columns.shape
-    groups = aligned_zeros(-(-count // group_size), size, group_size)
-    for group, first in zip(groups, range(0, count, group_size), strict=True):
-        part = columns[:, first : first + group_size]
-        group[:, : part.shape[1]] = part
-    return groups
+def put_columns(groups: np.ndarray, at: Any, columns: np.ndarray) -> None:
+    """Put columns (k, n) in these rows of all groups."""
+    size = groups.shape[2]
+    for group, first in zip(groups, range(0, columns.shape[1], size), strict=True):
+        part = columns[:, first : first + size]
+        group[at, : part.shape[1]] = part
 
 
 def never_empty(array: np.ndarray) -> np.ndarray:

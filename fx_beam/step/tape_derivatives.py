@@ -13,7 +13,7 @@ from fx_beam.errors import SceneError, any_of
 from fx_beam.scene.joints import joints_by_number
 
 from .form_tables import aligned_zeros
-from .layout import Layout, Numbers, all_of, never_empty, side_by_side
+from .layout import Layout, Numbers, all_of, never_empty, put_columns
 from .model import Model
 from .tables import Problem
 from .tape import Part, Tape
@@ -228,7 +228,7 @@ class TapeDerivatives:
         count = len(next(iter(changes.values())))
         x = self.layout.vector(changes, self.numbers, count)
         of_steps = self._of_steps(changes, count, len(tape))
-        _kept, x = self._begin_jvp(changes, x, of_steps, by_unknowns=0)
+        _kept = self._begin_jvp(changes, x, of_steps, directions=count, by_unknowns=0)
         states, forces = self.layout.states.only(entries), self.layout.forces
         for part in tape.parts(self.problem):
             at, of = rows_of(part)
@@ -236,10 +236,10 @@ class TapeDerivatives:
             at_ends = states.members(at, len(tape) + 1, of_states)
             self._follow("JVP", tape, at_ends, forces.members(of, len(tape), of_forces))
             yield states.parts(of_states) | forces.parts(of_forces)
-        at_end = np.concatenate(x.swapaxes(1, 2))[:count]
         names = {"motors": "motors", "internal": "internal", "spring_internal": "spring internal"}
+        at_end = {name: x[:, self.numbers[of].at] for name, of in names.items()}
         #: Changes of the rest of the state at the end of the tape.
-        self.at_end = {name: at_end[:, self.numbers[of].at] for name, of in names.items()}
+        self.at_end = {n: np.concatenate(of.swapaxes(1, 2))[:count] for n, of in at_end.items()}
 
     def jvp_of_equations(
         self,
@@ -256,31 +256,29 @@ class TapeDerivatives:
         """
         p, count, every = self._p, len(changes["X"]), np.arange(len(tape) + 1)
         x, columns = self.layout.vector(changes, self.numbers, count), self.layout.at["Y"]
-        x[columns[p.free : p.free + p.driven]] = changes["driven"].reshape(count, -1).T
+        put_columns(x, columns[p.free : p.free + p.driven], changes["driven"].reshape(count, -1).T)
         if by_unknowns is not None:
-            x[columns[: p.free]] = by_unknowns.T
-        of_steps = np.tile(self._of_steps(changes, count, 1), (len(tape), 1))
+            put_columns(x, columns[: p.free], by_unknowns.T)
+        of_steps = np.tile(self._of_steps(changes, count, 1), (1, len(tape), 1))
         of_forces, of_ends = (np.zeros((rows.max() + 1, count, n)) for n in (p.free, p.dofs))
         forces = self.layout.equations.members(every[:-1], len(tape), of_forces, rows)
         of = rows if self.places_depend else np.full(len(rows), -1)
         ends = self.layout.ends.members(every[1:], len(tape) + 1, of_ends, of)
-        _kept = self._begin_jvp(changes, x, of_steps, by_unknowns=np.zeros(1), share=shares)
+        more = {"directions": count, "by_unknowns": np.zeros(1), "share": shares}
+        _kept = self._begin_jvp(changes, x, of_steps, **more)
         self._follow("JVP", tape, ends, forces)
         return of_forces, of_ends
 
     def _begin_jvp(
         self, changes: Mapping[str, np.ndarray], x: np.ndarray, of_steps: np.ndarray, **more: Any
-    ) -> tuple[Structs, np.ndarray]:
-        """Hand over changes of all numbers; returns what keeps them, and those in groups."""
+    ) -> Structs:
+        """Hand over changes of all numbers, in groups; returns what keeps them."""
         structs, layout = Structs(self._ffi, declarations("problem.h")), self.layout
-        size, count = self.problem.derivatives("JVP").GROUP_SIZE, x.shape[1]
         self.hand_over_slopes("X" in changes and any_of(changes["X"]))
-        x, of_steps = (side_by_side(of, size) for of in (x, of_steps))
         first = len(layout.at["mass"]) + len(layout.at["weight"])
         masses = x[:, :first].any(axis=(1, 2))
-        arrays = {"of_steps": never_empty(of_steps), "x": x, "changes_mass": masses}
-        structs.set(self.c, directions=count, **arrays, **more)
-        return structs, x
+        structs.set(self.c, of_steps=never_empty(of_steps), x=x, changes_mass=masses, **more)
+        return structs
 
     def _follow(self, way: str, tape: Tape, states: dict[str, Any], forces: dict[str, Any]) -> None:
         """Follow the sub-steps on the tape, with members for rows of states and of forces."""
@@ -291,12 +289,12 @@ class TapeDerivatives:
         _check_followed(left, tape, first + left - 1 if backwards else end - left)
 
     def _of_steps(self, changes: Mapping[str, np.ndarray], count: int, rows: int) -> np.ndarray:
-        """Changes (rows * step_size, count) of the numbers of sub-steps."""
-        steps = np.zeros((rows, self.layout.step_size, count))
+        """Changes of the numbers of sub-steps in groups (groups, rows * step_size, group size)."""
+        steps = self.layout.groups(count, rows * self.layout.step_size)
         for name in changes.keys() & self.layout.steps.keys():
-            given = np.moveaxis(changes[name], 0, -1)
-            steps[:, self.layout.steps[name]] = given.reshape(rows, -1, count)
-        return steps.reshape(-1, count)
+            at = self.layout.step_size * np.arange(rows)[:, None] + self.layout.steps[name]
+            put_columns(steps, at.ravel(), changes[name].reshape(count, -1).T)
+        return steps
 
     @property
     def names(self) -> set[str]:
