@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from fx_beam.array_calls import ArrayCalls, calling_with_arrays
+from fx_beam.dual import Dual
 from fx_beam.errors import all_of, numbers, require
 from fx_beam.results.audit import Stats
 from fx_beam.scene.scene import Scene
@@ -70,10 +71,10 @@ class Differentiable:
         """The scene of parameters; SceneError if `build` gives something else."""
         raise NotImplementedError
 
-    def _built(self, *given: Any) -> Any:
-        """What `build` gives for what it is called with."""
+    def _built(self, x: Any, *more: Any) -> Any:
+        """What `build` gives; its x is a copy, which it may change in place."""
         self._calls.begin_scene()
-        return self._build(*given)
+        return self._build(x if isinstance(x, Dual) else x.copy(), *more)
 
     def _begin_call(self, x: Any) -> np.ndarray:
         """The parameters of a call; there are no derivatives until it succeeds."""

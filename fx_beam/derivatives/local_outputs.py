@@ -124,7 +124,7 @@ class LocalOutput(RowOutput):
         given = [
             sum((sign * states[name][ends, i] for name, i, sign in terms), np.zeros(every))
             for terms in of_states
-        ] + [*joint.offset, *joint.axis]
+        ] + [float(one) for one in (*joint.offset, *joint.axis)]  # which may have slopes
         for k, terms in enumerate([*of_states, *([number] for number in of_numbers)]):
             x = [one + _STEP * 1j if i == k else one for i, one in enumerate(given)]
             slopes = np.imag(axial_rate(joint.track, x[5:7], x[7:], *x[:5])) / _STEP

@@ -81,14 +81,14 @@ class Misfit(_OfRun):
             name: _scatter(of_all[name], rows.shape, f"misfit: scatter of {name!r}")
             for name, rows in self._measured.items()
         }
-        #: Numbers of the last motion, and its statistics, by which one knows it.
-        self._last: tuple[Any, Any] = None, None
+        #: Those numbers of the run of which the last deviations are.
+        self._last: Any = None
 
     @one_thread
     def __call__(self, x: Any) -> np.ndarray:
         """Deviations (n,); zero where nothing was measured, which is NaN."""
         _, y = self._run(x)
-        self._last, parts = (np.array(x, float), self._run.stats), []
+        self._last, parts = self._run._x, []
         for name, rows in self._measured.items():
             require(name in y, "misfit: measured", [*self._measured], f"names of {[*y]}")
             fits = rows.shape == y[name].shape
@@ -100,8 +100,7 @@ class Misfit(_OfRun):
     @one_thread
     def jacobian(self, x: Any) -> np.ndarray:
         """Their derivatives (n, m) by x; without another motion if the last one was that of x."""
-        last, stats = self._last
-        if not (stats and stats is self._run.stats and np.array_equal(last, np.asarray(x, float))):
+        if self._last is not self._run._x or not np.array_equal(self._last, x):
             self(x)
         J, parts = self._run.jacobian(*self._measured), []
         for name, rows in self._measured.items():

@@ -104,6 +104,51 @@ def test_a_build_that_gives_other_numbers_at_the_same_x_is_noticed():
             ask(run, y)
 
 
+def sort_and_scale(x):
+    x.sort()
+    x *= 2
+    return x
+
+
+def test_a_build_may_change_its_numbers_in_place():
+    """The speed is in proportion to the greater number, and to the inverse of the other."""
+
+    def build(x):
+        scene = fb.Scene()
+        mass, force = sort_and_scale(x)
+        body = scene.add_body((0, 0), mass, 1.0)
+        scene.add_force(body.centre, (force, 0.0))
+        return scene, {"speed": fb.Output("velocity", body.centre, "x")}
+
+    run = fb.Response(build, dt=0.1, t_end=0.2)
+    for _ in range(2):
+        assert run([3.0, 2.0])[1]["speed"][-1] == pytest.approx(0.3, rel=1e-12)
+        assert run.jacobian()["speed"][-1] == pytest.approx([0.1, -0.15], rel=1e-6)
+
+
+def test_each_frequency_has_numbers_of_its_own():
+    """A build that changes them is called for many frequencies of the same x."""
+
+    def build(x, f):
+        x *= 0.5
+        scene = fb.Scene()
+        body = scene.add_body((0, 0), mass=1.0, inertia=1.0)
+        laws = {"spring": fb.Spring(x[0], strain_energy=lambda s: s**4), "damper": fb.Damper(0.2)}
+        scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, (1, 0), **laws))
+        scene.add_force(body.centre, lambda t: (0.1 * np.cos(2 * np.pi * f * t), 0.0))
+        return scene, {"T": fb.Output("period", scene)}
+
+    seen = []
+
+    def first(build):
+        seen.extend(build(f).joints[0].slide.spring.stiffness for f in (0.1, 0.1, 0.2))
+        family = fb.forced_response(build, (0.1, 0.2), steps=15)
+        return family.motions[0]
+
+    fb.PeriodicResponse(build, first)([2.0])
+    assert seen == [1.0, 1.0, 1.0]
+
+
 @pytest.mark.parametrize("make", [fb.Response, fb.StaticResponse])
 def test_more_elements_than_before_are_set_up_anew(make):
     def build(x):
@@ -151,6 +196,24 @@ def test_functions_of_a_scene_that_is_copied_keep_their_slopes():
     for x in ([0.5], [0.7]):
         _, y = run(x)
         assert run.jacobian()["speed"][-1, 0] == pytest.approx(y["speed"][-1] / x[0], rel=1e-12)
+    assert run.stats.difference_reason == ""
+
+
+def test_the_rate_of_a_slide_has_derivatives_by_its_axis_also_if_the_scene_has_slopes():
+    """A body falls along a guide, from the second call on in a scene with slopes."""
+
+    def build(x):
+        scene = fb.Scene(gravity=(0, -10.0))
+        body = scene.add_body((0, 0), 1.0, 1.0)
+        axis = np.cos(x[0]), np.sin(x[0])
+        rail = scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, axis))
+        return scene, {"rate": fb.Output("rate", rail)}
+
+    run = fb.Response(build, dt=0.1, t_end=0.2)
+    for _ in range(2):
+        assert run([0.3])[1]["rate"][-1] == pytest.approx(-2 * np.sin(0.3))
+        assert run.jacobian()["rate"][-1, 0] == pytest.approx(-2 * np.cos(0.3))
+        assert run.vjp({"rate": np.ones(3)})[0] == pytest.approx(-3 * np.cos(0.3))
     assert run.stats.difference_reason == ""
 
 

@@ -56,6 +56,17 @@ def test_misfits_of_measurements():
     assert abs(other - J).max() > 1e-3 * abs(J).max()
 
 
+def test_a_jacobian_may_be_asked_for_after_other_numbers_have_failed():
+    run = fb.Response(pushed, dt=0.05, t_end=1.0)
+    misfit = run.misfit({"speed": np.zeros(21)})
+    misfit([1.0, 4.0])
+    with pytest.raises(fb.SceneError, match="mass"):
+        misfit([-1.0, 4.0])
+    J = misfit.jacobian([1.0, 4.0])
+    run([1.0, 4.0])
+    assert pytest.approx(J, rel=1e-12) == run.jacobian()["speed"]
+
+
 def test_steps_of_a_tolerance_that_end_at_measured_times_have_derivatives():
     times, x = np.linspace(0, 1, 5), np.array([1.0, 4.0])
     ends = {"breaks": times[1:-1], "record": fb.Record(times=times)}
