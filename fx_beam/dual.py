@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from typing import Any
 
@@ -36,7 +36,6 @@ class Dual(NDArrayOperatorsMixin):
     """
 
     __slots__ = "slopes", "values"
-    __hash__ = None  # type: ignore[assignment]
 
     def __init__(self, values: Any, slopes: np.ndarray):
         self.values, self.slopes = np.asarray(values, float), slopes
@@ -118,7 +117,7 @@ class Dual(NDArrayOperatorsMixin):
 
     def __array_ufunc__(self, ufunc, method, *given, **options):
         if ufunc is np.add and method == "reduce":
-            return _sum(given[0], options.get("axis", 0))
+            return _sum(*given, **{"axis": 0} | options)
         if method != "__call__" or options:
             what = f"numpy.{ufunc.__name__}.{method}"
             return _without_slopes(what, getattr(ufunc, method), given, options)
@@ -328,10 +327,11 @@ def _parts(value: Any) -> Any:
         return value, None
     if (dual := dual_of(value)) is not None:
         return dual.values, dual.slopes
-    try:
-        return None if np.iscomplexobj(value) else (np.asarray(value, float), None)
-    except Exception:  # noqa: BLE001  # of what is no number, such as an expression of UFL
-        return None
+    with suppress(Exception):  # of what is no number
+        # UFL does not end if it is asked for the number of a symbol.
+        if not (hasattr(value, "ufl_shape") or np.iscomplexobj(value)):
+            return np.asarray(value, float), None
+    return None
 
 
 def _in_scene(of_dual: Callable) -> Callable:

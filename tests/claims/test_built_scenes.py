@@ -217,6 +217,21 @@ def test_the_rate_of_a_slide_has_derivatives_by_its_axis_also_if_the_scene_has_s
     assert run.stats.difference_reason == ""
 
 
+def test_a_number_in_ufl_that_is_no_parameter_is_refused_also_beside_others():
+    """UFL must not be asked for the value of its symbols, which takes it for ever."""
+
+    def build(x):
+        scene, outputs = pushed((x[1], 0.0))
+        spring = fb.Spring(strain_energy=lambda r: x[0] * (r - 1) ** 4)
+        scene.add_force_between(scene.bodies[0].centre, (1, 1), spring=spring)
+        return scene, outputs
+
+    run = fb.Response(build, dt=0.1, t_end=0.2)
+    run([1.0, 1.0])
+    with pytest.raises(fb.SceneError, match="Numbers in it that change must be fb.Parameter"):
+        run.jacobian()
+
+
 class Pull:
     """A force that all scenes have in common, of a size that `build` sets."""
 
