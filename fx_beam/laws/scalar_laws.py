@@ -349,11 +349,11 @@ def _one_sided(
         return step._replace(x=step.x.beyond(limit, sign), numbers=numbers, still=still)
 
     def unit(depth: Any) -> Any:
-        """The stored energy over the first number."""
-        return depth * depth / 2 if energy is None else energy(depth)
+        """The stored energy over the first number, zero at the surface."""
+        return depth * depth / 2 if energy is None else energy(depth) - energy(ufl.as_ufl(0.0))
 
     def push(step: _Step) -> Any:
-        return step.numbers[0] * _mean_push(unit, step.x, step.motion.rule.level)
+        return step.numbers[0] * _mean_push(unit, step.x, step.motion.rule.level, energy is None)
 
     def of_loss(step: _Step) -> Any:
         """The part of the force that takes energy, against an opening."""
@@ -462,7 +462,7 @@ def _depth(gap: Any) -> Any:
     return ufl.conditional(ufl.lt(gap, 0), -gap, 0.0)
 
 
-def _mean_push(energy: Callable[[Any], Any], gap: Coordinate, level: float) -> Any:
+def _mean_push(energy: Callable, gap: Coordinate, level: float, linear: bool) -> Any:
     """Force whose work over the step is the change of the energy of the depth, if at mid-step.
 
     A convex function of the gap at the end, with a continuous slope, for k depth^2 / 2.
@@ -476,4 +476,5 @@ def _mean_push(energy: Callable[[Any], Any], gap: Coordinate, level: float) -> A
     both, crosses = depth0 + depth1, ufl.lt(g0 * g1, 0)
     part = ufl.conditional(crosses, both / ufl.conditional(crosses, abs(g1 - g0), 1.0), 1.0)
     push = part * _discrete_gradient(energy, depth0, depth1)
-    return push if is_quadratic(energy) else ufl.conditional(ufl.gt(both, 0), push, 0.0)
+    # Only a linear force is zero by itself where nothing touches.
+    return push if linear else ufl.conditional(ufl.gt(both, 0), push, 0.0)

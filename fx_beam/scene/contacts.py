@@ -29,6 +29,7 @@ from .coordinate import Coulomb, check_impact, loss_of
 from .joints import GROUND, direction
 from .law import Energy, check_energy
 from .loads import label
+from .parameters import value_of
 
 # Lengths that belong to the nodes of an element, by its degree, relative to its own: the weights of
 # the rule that integrates the nodes' polynomials.
@@ -312,6 +313,11 @@ class Contact:
             )
         what, along, friction = f"contact of {label(self.target)}", self.along, self.friction
         check_energy(self.energy, None, what, ("d",), "energy")
+        if self.energy is not None:
+            values = [value_of(self.energy, [d], f"{what}: energy(d)") for d in (0.0, 1e-6)]
+            rises = all(map(is_number, values)) and values[1] >= values[0]
+            wanted = "finite, and rise with the depth d"
+            require(rises, f"{what}: energy(d) at d = 0 and 1e-6", values, wanted)
         check_impact(self, what)
         if isinstance(self.shape, Beam):
             radius: Any = _checked_radii(what, self.radius)
@@ -323,16 +329,14 @@ class Contact:
             wanted = f"a whole number from 1 to {_MOST_POINTS}, or None"
             require(is_whole(along, 1, _MOST_POINTS), f"{what}: along", along, wanted)
             along = int(along)
-        fits = friction is None or isinstance(friction, Coulomb)
-        require(fits, f"{what}: friction", friction, "an fx_beam.Coulomb(mu, stiffness), or None")
-        if friction is not None and friction.radius is not None:
-            raise SceneError(
-                f"{what}: friction has the radius of a pin, {friction.radius:g}; omit it"
-            )
+        fits = friction is None or (isinstance(friction, Coulomb) and friction.radius is None)
+        wanted = "an fx_beam.Coulomb(mu, stiffness), without the radius of a pin, or None"
+        require(fits, f"{what}: friction", friction, wanted)
         vars(self).update(radius=radius, along=along)
 
     def __repr__(self):
-        law = f"stiffness {self.stiffness:g} N/m" if self.energy is None else "energy of its own"
+        unit = "N/m^2" if isinstance(self.target, Beam) else "N/m"
+        law = f"stiffness {self.stiffness:g} {unit}" if self.energy is None else "energy of its own"
         return f"<{self}, {law}>"
 
     def __str__(self):
@@ -509,11 +513,8 @@ def check_members(made: Contact, size: float) -> None:
     assert isinstance(b, Beam)
     if isinstance(a, Node) and a in b.nodes:
         raise SceneError(f"{made}: the node belongs to the member. Give a node of another one")
-    if made.along is not None:
-        raise SceneError(
-            f"{made}: along = {shown(made.along)}, but members touch at their nodes. Leave it out, "
-            "and give the beams more elements"
-        )
+    wanted = "None, as members touch at their nodes; give the beams more elements"
+    require(made.along is None, f"{made}: along", made.along, wanted)
     pairs = [(a, b)] if a is b or not isinstance(a, Beam) else [(a, b), (b, a)]
     for touching, member in pairs:
         points, nodes = reference_positions(touching), reference_positions(member)

@@ -4,6 +4,8 @@ import logging
 import math
 import re
 
+import ufl
+
 import numpy as np
 import pytest
 from derivatives import difference
@@ -323,6 +325,20 @@ def test_a_pin_may_start_in_the_middle_of_its_hole_with_friction():
     assert end(0.0) == pytest.approx(end(1e-12), abs=1e-9)
 
 
+@pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.Newmark()], ids=str)
+def test_a_law_with_a_force_at_its_surface_acts_only_behind_it(scheme):
+    scene, node, floor = ball(k=None, energy=lambda d: 7.0 + 30 * d)
+    solution = fb.simulate(scene, scheme, dt=1e-4, t_end=0.15)
+    falls = solution.t < 0.099  # to the floor, 0.05 m below
+    height, t = solution.position(node)[:, 1], solution.t
+    assert height[falls] == pytest.approx(0.05 - 5 * t[falls] ** 2, abs=1e-7)
+    # m g (h + d) = 30 d; the constant part of the energy does nothing.
+    assert solution.contact(floor).gap.min() == pytest.approx(-0.025, rel=4e-3)
+    assert solution.energy.springs.max() == pytest.approx(0.75, rel=4e-3)
+    if scheme.name == "EnergyMomentum":
+        assert abs(solution.energy.balance_error).max() < 1e-13
+
+
 def test_a_contact_law_with_restitution_returns_its_square_of_the_energy():
     solution, _ = thrown_at(2e-5, e=0.5, speed=1e-3, **HERTZ)
     assert solution.energy.kinetic[-1] == pytest.approx(0.25 * 0.5, rel=1e-3)
@@ -529,6 +545,8 @@ REFUSED = [
     (lambda s, b: s.add_contact(b, FLOOR), "either"),
     (lambda s, b: s.add_contact(b, FLOOR, 1.0, energy=lambda d: d**2), "either"),
     (lambda s, b: s.add_contact(b, FLOOR, energy=lambda d: 1.0), "energy"),
+    (lambda s, b: s.add_contact(b, FLOOR, energy=lambda d: -(d**2)), r"rise with the depth d"),
+    (lambda s, b: s.add_contact(b, FLOOR, energy=ufl.ln), r"energy\(d\) at d = 0 .* be finite"),
     (lambda s, b: fb.Line((0, 0), (0, 0)), "no direction"),
     (lambda s, b: fb.Line((0, math.inf), (0, 1)), "not finite"),
     (lambda s, b: fb.Circle((0, 0), -1.0), "radius = -1.0"),
