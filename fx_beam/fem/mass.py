@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import itertools
+import logging
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import scipy.sparse
 
 from fx_beam.content_cache import cached_property
 from fx_beam.dual import Dual, DualFloat, LinearDual, dual_of, have_slopes, plain, stacked
+from fx_beam.errors import any_of
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 
@@ -20,6 +22,7 @@ from .loads import element_rule
 from .mesh import Mesh
 from .sparsity import positions_in
 
+_log = logging.getLogger("fx_beam")
 _WORDS = {"rhoA": "distributed mass", "rhoI": "distributed rotary inertia"}
 
 
@@ -88,7 +91,10 @@ class Mass:
         if self._scene.gravity is None:
             return None
         self.assembled.append("gravity")
-        return plain(self._weights(self._gravity, self._entries(plain(self._masses()))))
+        weight = plain(self._weights(self._gravity, self._entries(plain(self._masses()))))
+        if any_of(plain(self._gravity)) and not any_of(weight):
+            _log.warning("gravity acts on no mass. Give sections rho or rhoA, or add masses")
+        return weight
 
     def numbers(self) -> dict[str, Any]:
         """Entries of the mass, and the weight if there is any, with slopes that the scene has."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import logging
+import os
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
@@ -31,6 +32,8 @@ from .progress import attach, failure_of, progress_bar
 
 _log = logging.getLogger("fx_beam")
 _T = TypeVar("_T")
+# Memory of this machine [GB].
+_MEMORY = 1e-9 * os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
 
 #: Steps times degrees of freedom between two updates of the progress bar and checks for Ctrl-C.
 _BLOCK = 500_000
@@ -104,7 +107,12 @@ class Run:
             self.recorder = over.recorder
             self.recorder.restart()
         else:
-            self.recorder = Recorder(model, self.times[: 1 if to_file else None], record)
+            times = self.times[: 1 if to_file else None]
+            of_row = 8e-9 * model.size * (record.motion + 2 * record.rates)
+            size = len(times) / record.every * of_row
+            if size > _MEMORY:
+                _warn_once(f"the record needs up to {size:.3g} GB. Use Record(every=...) for less")
+            self.recorder = Recorder(model, times, record)
         recorder = self.recorder
         self._files: Any = None
         if to_file:

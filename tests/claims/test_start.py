@@ -314,6 +314,29 @@ def test_a_load_without_equilibrium_is_named_before_the_step_fails(caplog):
     assert "no equilibrium was found at the start for nodes without mass" in caplog.text
 
 
+@pytest.mark.parametrize("rho", [0.0, 1000.0])
+@pytest.mark.parametrize("run", [fb.static, lambda scene: fb.simulate(scene, dt=0.1, t_end=0.1)])
+def test_gravity_that_acts_on_no_mass_is_named(run, rho, caplog):
+    scene = fb.Scene(gravity=(0, -9.81))
+    beam = scene.add_beam([(0, 0), (1, 0)], fb.Section.rectangle(0.1, 0.1, E=1e9, rho=rho))
+    scene.clamp(beam.start)
+    with caplog.at_level(logging.WARNING):
+        run(scene)
+    assert ("gravity acts on no mass" in caplog.text) == (rho == 0)
+
+
+def test_a_record_that_needs_more_than_the_memory_is_named_with_the_way_out(caplog, monkeypatch):
+    monkeypatch.setattr("fx_beam.motions.run._MEMORY", 1e-4)  # [GB]
+    scene = fb.Scene()
+    scene.set_velocity(scene.add_body((0, 0), mass=1.0, inertia=1.0).centre, (1.0, 0.0))
+    with caplog.at_level(logging.WARNING):
+        fb.simulate(scene, dt=1e-4, t_end=1.0, record=fb.Record(every=10))
+        assert "the record" not in caplog.text
+        fb.simulate(scene, dt=1e-4, t_end=1.0)
+    # Three components of position, velocity and acceleration in each of 10 001 rows.
+    assert "the record needs up to 0.00072 GB. Use Record(every=...) for less" in caplog.text
+
+
 def test_a_lever_of_round_off_does_not_change_the_accelerations_at_the_start():
     """A body hangs on a beam without rotary inertia, which has a moment at its end."""
 
