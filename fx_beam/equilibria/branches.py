@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.errors import SceneError, StepError, as_float, is_number, is_whole, require
+from fx_beam.errors import SceneError, StepError, as_float, is_number, is_whole, require, shown
 from fx_beam.motions.initial_state import rates_of_columns
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
@@ -66,11 +66,9 @@ class Branch:
     def __post_init__(self):
         fits = is_number(self.direction) and self.direction != 0
         require(fits, "branch: direction", self.direction, "1 or -1")
-        if self.point.kind != "bifurcation":
-            raise SceneError(
-                f"branch: no path branches off at a {self.point.kind}. "
-                "Its path goes on by continuation='arc-length'"
-            )
+        if (kind := getattr(self.point, "kind", shown(self.point))) != "bifurcation":
+            path = "the path itself goes on by continuation='arc-length'"
+            raise SceneError(f"branch: no path branches off at a {kind}; {path}")
         count = len(self.point.modes)
         fits = is_whole(self.mode, 0, count - 1)
         require(fits, "branch: mode", self.mode, f"a number of the {count} modes, from 0")

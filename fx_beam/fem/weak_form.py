@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from fx_beam.errors import SceneError, fields_in, refuse_fields, refuse_fields_in
+from fx_beam.errors import SceneError, fields_in, refuse_fields, refuse_fields_in, require
 from fx_beam.laws.kinematics import arc_derivative, director
 from fx_beam.laws.resultants import (
     DecayingResultants,
@@ -174,6 +174,9 @@ class WeakForm:
         if self.scheme.parameters:
             of_scheme = replace(of_scheme, damping=replaced(of_scheme.damping, self._by_name))
         resultants: list[list[Any]] = [[of_scheme(self.step, law)] for law in self._laws]
+        for (given,) in resultants:
+            what = f"{self.scheme.name}: what resultants(step, law) gives"
+            require(hasattr(given, "N"), what, given, "fx_beam.Resultants")
         if self.times is not None:
             for law, parts in zip(self._laws, resultants, strict=True):
                 parts.append(viscous(self.step, law, self.times, self.scheme.rates.level))

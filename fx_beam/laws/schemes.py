@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from itertools import accumulate
 from typing import TYPE_CHECKING, Any
 
-from fx_beam.errors import SceneError, as_float, is_number, is_one_of, require, shown
+from fx_beam.errors import SceneError, as_float, check_takes, is_number, is_one_of, require, shown
 from fx_beam.scene.law import Law
 from fx_beam.scene.parameters import is_parameter
 
@@ -78,8 +78,7 @@ class Scheme:
 
     def __post_init__(self):
         require(isinstance(self.name, str), "Scheme: name", self.name, "a string")
-        fits, wanted = callable(self.resultants), "a function of step and law"
-        require(fits, "Scheme: resultants", self.resultants, wanted)
+        check_takes(self.resultants, "step, law", "Scheme: resultants")
         fits = type(self.rates) in (MidPointRates, NewmarkRates, NodalRates, AtRest)
         wanted = "MidPointRates(), NewmarkRates(...), AtRest(), or NodalRates(rule) of your own"
         require(fits, "Scheme: rates", self.rates, wanted)

@@ -341,8 +341,9 @@ class Motion:
             raise SceneError("Motion: a record at times is not possible; use Record(every=...)")
         if options.record.file is not None:
             raise SceneError("Motion: a record to a file is not possible; use simulate")
-        outputs = {} if outputs is None else dict(outputs)
+        outputs = {} if outputs is None else outputs
         check_outputs(scene, outputs, "Motion: outputs")
+        outputs = dict(outputs)
         self._arguments = given | {"scheme": options.scheme, "dt": self._dt, "outputs": outputs}
         held = HeldInputs(scene)
         self._prepared = prepared = Prepared(held.scene, options, waiting_team(held.scene))

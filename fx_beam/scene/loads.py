@@ -325,10 +325,7 @@ def natural_strain(beam: Beam, given: Mapping[str, Any]) -> NaturalStrain:
     """Natural strains of a beam, from numbers and functions of f, of t, or of both."""
     parts = {name: _part(beam, name, value) for name, value in given.items() if value is not None}
     if not parts:
-        raise SceneError(
-            f"natural strain of beam {beam.name!r}: give axial, shear or curvature, not none of "
-            "them"
-        )
+        raise SceneError(f"natural strain of beam {beam.name!r}: give axial, shear or curvature")
     return NaturalStrain(beam, parts)
 
 

@@ -18,7 +18,6 @@ from fx_beam.errors import (
     is_one_of,
     is_whole,
     require,
-    shown,
     vector,
 )
 
@@ -360,10 +359,8 @@ class Scene:
             For nodes of another scene, nodes that do not fit the joint (the message says how far
             they are apart), or a motor that does not start from zero.
         """
-        if not isinstance(joint, Joint):
-            raise SceneError(
-                f"add_joint needs a joint such as fx_beam.Revolute(a, b), not {shown(joint)}"
-            )
+        wanted = "a joint such as fx_beam.Revolute(a, b)"
+        require(isinstance(joint, Joint), "add_joint: joint", joint, wanted)
         for node in (joint.a, joint.b):
             if node is not GROUND:
                 loads.check_node(self, node, joint.kind)

@@ -210,8 +210,9 @@ class _Runs:
             self.last = self._run(elements, tolerance)
             given = self._quantity(self.last)
             value = numbers(given)
-            wanted = "a number, or an array of numbers"
-            require(value.size > 0, "converge: the quantity", given, wanted)
+            fits = value.size > 0 and {value.shape} >= {v.shape for v in self.values.values()}
+            wanted = "a number, or an array of numbers, of one shape in all runs"
+            require(fits, "converge: the quantity", given, wanted)
             what = f"converge: the quantity with {elements} elements"
             require(bool(np.isfinite(value).all()), what, given, "finite")
             self.values[key], self.steps = value, self.steps + self.last.stats.steps

@@ -38,6 +38,8 @@ _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM
 _MOST = 10_000
 # Time of the items that a process is given at once, and of one that lets the others wait [s].
 _AT_ONCE, _LONG = 0.02, 0.1
+# Longest wait for news [s]: the system takes no longer ones.
+_LONGEST_WAIT = 1e6
 # Time for processes to end by themselves before they are killed [s].
 _GRACE = 2.0
 _DIED = "its worker process died: it was killed, ran out of memory or crashed"
@@ -281,7 +283,7 @@ class _OnProcesses:
         """Wait for workers that sent something, died, or take long."""
         left = {worker: self._patience(worker) - worker.seconds() for worker in self._workers}
         wait = min(left.values(), default=math.inf)
-        ready = self._news.select(None if wait == math.inf else max(wait, 0.0))
+        ready = self._news.select(min(max(wait, 0.0), _LONGEST_WAIT))
         late = {worker for worker, seconds in left.items() if seconds <= wait < math.inf}
         return late | {key.data for key, _ in ready}
 

@@ -95,6 +95,17 @@ def of_response(p, build=None, **options):
     )
 
 
+def mesh_of():
+    """Falling beams of the elements that `converge` asks for."""
+
+    def scene_of(elements, degree):
+        scene = fb.Scene(gravity=(0, -10))
+        scene.add_beam([(0, 0), (1, 0)], SECTION, elements, degree)
+        return scene
+
+    return scene_of
+
+
 def shaken(p, x=None):
     """Vibrations of the tip under a load there, computed for some numbers."""
     run = fb.HarmonicResponse(lambda x: (p.scene, (p.end, (1.0, 0.0)), p.end), [1.0])
@@ -261,6 +272,9 @@ REFUSED = {
         (lambda p: fb.NodalRates(3), "NodalRates: rule"),
         (lambda p: fb.NodalRates(lambda D, *rest: (D, D, D), level=0.7), "NodalRates: level"),
         (lambda p: fb.Scheme("mine", 3, fb.MidPointRates()), "Scheme: resultants"),
+        (lambda p: fb.Scheme("mine", lambda step: 1.0, fb.MidPointRates()), "take .step, law."),
+        (lambda p: p.run(fb.Scheme("mine", lambda *_: None, fb.MidPointRates())),
+         "mine: what resultants.step, law. gives = None must be fx_beam.Resultants"),
         (lambda p: fb.NewtonOptions(tolerance=1.0), "NewtonOptions: tolerance = .* be a number"),
         (lambda p: fb.NewtonOptions(max_iterations=2.0), "be a whole number from 1 on"),
         (lambda p: fb.NewtonOptions(max_turn=7), "NewtonOptions: max_turn = .* be a number betwe"),
@@ -274,7 +288,7 @@ REFUSED = {
         (lambda p: fb.simulate(fb.Scene(), dt=0.1, t_end=0.1), "the scene has no beams"),
         (lambda p: p.run(dt=math.nan), "dt = .* must be a positive number"),
         (lambda p: p.run(dt=-0.1), "dt = -0.1.* must be a positive number"),
-        (lambda p: p.run(dt=1e-12, t_end=1.0), "dt = .* steps to t_end = 1.0 are more than"),
+        (lambda p: p.run(dt=1e-12, t_end=1.0), "dt = 1e-12 must be larger: .* steps"),
         (lambda p: p.run(t_end=0.05), "t_end = 0.05 must be at least one step dt = 0.1"),
         (lambda p: p.run(dt=None), "or give a tolerance"),
         (lambda p: p.run(dt=None, tolerance=1.0), "tolerance"),
@@ -301,6 +315,7 @@ REFUSED = {
         (lambda p: fb.Motion("scene", dt=1.0), "Motion needs an fx_beam.Scene"),
         (lambda p: fb.Motion(p.scene, dt=0.0), "Motion: dt = 0.0 must be a positive number"),
         (lambda p: fb.Motion(p.scene, dt=1.0, outputs={"a": p.end}), r"outputs\['a'\]"),
+        (lambda p: fb.Motion(p.scene, dt=1.0, outputs=5), "Motion: outputs = 5 must be a dict"),
         (lambda p: fb.Motion(p.scene, dt=1.0, outputs={"a": fb.Output("slide", p.joint())}),
          "a slide"),
         (lambda p: fb.Motion(p.scene, dt=1.0, outputs={"a": fb.Output("motor_force", p.joint())}),
@@ -349,6 +364,8 @@ REFUSED = {
         (lambda p: fb.backbone(duffing(), amplitude=0.0), "amplitude"),
         (lambda p: fb.forced_response(3, (0.1, 0.2)), "build"),
         (lambda p: fb.converge(3, len, 1e-2, t_end=1.0), "scene_of"),
+        (lambda p: fb.converge(mesh_of(), lambda s: s.q, 1e-2, t_end=0.1), "of one shape in all"),
+        (lambda p: fb.Branch(None), "no path branches off at a None"),
         (lambda p: fb.sweep(3, []), "sweep: function"),
         (lambda p: of_response(p, lambda x: 3), "build"),
         (lambda p: of_response(p, dt=None), "tolerance"),

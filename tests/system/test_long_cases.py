@@ -38,6 +38,13 @@ def test_a_case_that_takes_too_long_fails_and_its_process_is_ended(tmp_path):
         os.kill(rows[0]["worker"], 0)
 
 
+def test_a_limit_may_be_longer_than_the_system_can_wait(tmp_path):
+    (row,) = fb.sweep(
+        sweep_cases.waits, [{"number": 0, "folder": str(tmp_path), "others": 0}], 1, timeout=1e12
+    )
+    assert not row["error"]
+
+
 @pytest.mark.parametrize(
     ("options", "reason"),
     [
