@@ -388,8 +388,8 @@ def refuse_fields(symbols: Iterable, what: str, known: Iterable = ()) -> None:
                 "read only once; later changes would be ignored. Use numbers and UFL expressions "
                 "of the function's arguments: the strains in a stored energy; step.t (time) and "
                 "step.X (position) elsewhere, for example ufl.sin(3 * step.t). For a number that "
-                "changes use fx_beam.Parameter, for a material with a memory "
-                "fx_beam.InternalVariables"
+                "changes use fx_beam.Parameter, in a stored energy, a law or a virtual work, for a "
+                "material with a memory fx_beam.InternalVariables"
             )
 
 
@@ -432,8 +432,8 @@ def check_takes_time(function, what: str) -> None:
     if len(names) > 1 or names and names[0].lower() in _PLACES:
         raise SceneError(
             f"{what}: the function takes ({', '.join(names)}), but it is called with the time t "
-            "only. For a load that varies along the beam, give a function of the arc length s [m] "
-            "and of='arc length'"
+            "only: give lambda t: ... For a load that varies along the beam, give a function of "
+            "the arc length s [m] and of='arc length'"
         )
 
 
