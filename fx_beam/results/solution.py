@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fx_beam.errors import is_one_of, shown
+from fx_beam.errors import SceneError, is_one_of, shown
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.body import Body
 from fx_beam.scene.contacts import Contact
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from . import export, joined, paraview
     from .interactions import ContactMotion, JointMotion
 
-# Histories that a `Record` may omit, with its name for them.
-_KINDS = {name: of.record for name, of in HISTORIES.items() if of.record != "always"}
+# What of a `Record` selects the histories.
+_KINDS = {name: of.record for name, of in HISTORIES.items()}
 
 # What is set when it is first read.
 _LATER = {*HISTORIES, "energy", "end"}
@@ -572,9 +572,7 @@ def history(solution: Solution, output: Output) -> np.ndarray:
         from .interactions import motion_of
 
         return of.of.kinematics.rate(motion_of(solution), solution.slides[:, number])
-    if quantity.of == "slides":
-        return solution.slides[:, number]
-    if quantity.of in ("joint_forces", "motor_forces"):
+    if quantity.of in ("slides", "joint_forces", "motor_forces"):
         rows = solution.recorded(quantity.of)[:, number]
         return rows[:, columns] if rows.ndim > 1 else rows
     ends = (sign * solution._of_node(quantity.of, node)[:, columns] for sign, node in of.ends())
@@ -585,7 +583,7 @@ def history(solution: Solution, output: Output) -> np.ndarray:
 def _node_number(solution: Any, node: Node) -> int:
     """Number of a node of a solution."""
     if not isinstance(node, Node):
-        raise ValueError(
+        raise SceneError(
             f"{shown(node)} is not a node; take one from a beam: beam.start, beam.end or "
             "beam.node(fraction)"
         )
@@ -596,7 +594,7 @@ def _node_number(solution: Any, node: Node) -> int:
         pairs = zip(scene.nodes, other.nodes, strict=False)
         fits = all((a.x, a.y) == (b.x, b.y) for a, b in pairs)
     if not fits:
-        raise ValueError(f"{node} is not a node of this solution; take a node of its scene")
+        raise SceneError(f"{node} is not a node of this solution; take a node of its scene")
     return node.number
 
 

@@ -20,6 +20,8 @@ from fx_beam.scene.notebook import sketch
 from .export import data_frame, write_csv
 from .solution import Solution
 
+# Displacements below this part of the size of the scene times the largest rotation are zero.
+_ZERO = 1e-6
 # Sizes of parts of a mode that differ by less, relative to the largest, are equal.
 _EQUAL = 1e-3
 # Units of the columns of a response.
@@ -96,11 +98,15 @@ class Modes:
     beams: dict[str, Beam] = field(default_factory=dict)
 
     def __post_init__(self):
-        size = float(np.ptp(self.positions, axis=0).max()) or 1.0
         # Rotations count if nothing else moves.
-        parts = (self.shapes.real * (1.0, 1.0, 1e-6 * size)).reshape(len(self), -1)
+        parts = (self.shapes.real * (1.0, 1.0, _ZERO * self._reach)).reshape(len(self), -1)
         signs = [np.copysign(1.0, part[first_of_largest(abs(part))]) for part in parts]
         object.__setattr__(self, "shapes", np.reshape(signs, (-1, 1, 1)) * self.shapes)
+
+    @property
+    def _reach(self) -> float:
+        """Size of the scene [m]; 1 m for a single point."""
+        return float(np.ptp(self.positions, axis=0).max()) or 1.0
 
     @property
     def frequencies(self) -> np.ndarray:
@@ -125,7 +131,7 @@ class Modes:
         return f"<Modes: {len(self)} from {low:.4g} to {high:.4g} Hz>"
 
     def _repr_html_(self):
-        size = 0.15 * float(np.ptp(self.positions, axis=0).max())
+        size = 0.15 * self._reach
         at_rest = [self.positions[nodes] for nodes in self.nodes_of_beam.values()]
         shades = ["#bbb"] * len(at_rest) + ["#0072B2"] * len(at_rest)
         shapes = []
@@ -153,7 +159,7 @@ class Modes:
         mode : int
             Number of the mode, from 0.
         size : float
-            Largest displacement of a node of the scene [m].
+            Largest displacement of a node of the scene [m]; zero where nodes only turn.
         phase : float
             Angle of the vibration [rad]; pi/2 is a quarter of the period later, and pi half of it.
 
@@ -188,10 +194,11 @@ def displaced(
     modes: Modes, mode: int, size: float, phase: float, nodes: np.ndarray | slice
 ) -> np.ndarray:
     """Positions (n, 2) of nodes displaced by a mode, whose largest displacement is `size` [m]."""
-    moved = modes.shapes[mode, :, :2]
-    # The largest half-axis of the ellipses on which the nodes move.
+    moved, turned = modes.shapes[mode, :, :2], modes.shapes[mode, :, 2]
+    # The largest half-axis of the ellipses on which the nodes move; where they only turn, more.
     squares = (abs(moved) ** 2).sum(axis=1) + abs((moved**2).sum(axis=1))
-    scale = size / np.sqrt(squares.max() / 2)
+    least = _ZERO * modes._reach * abs(turned).max()
+    scale = size / max(np.sqrt(squares.max() / 2), least)
     return modes.positions[nodes] + scale * (moved[nodes] * np.exp(1j * phase)).real
 
 
@@ -414,12 +421,8 @@ class PeriodicMotion:
         """
         fits = is_one_of(component, COMPONENTS)
         require(fits, "amplitude: component", component, f"one of {list(COMPONENTS)}")
-        if not isinstance(node, Node):
-            raise SceneError(f"amplitude: {node!r} is no node of the scene")
-        rows = self.solution.rotation(node)
-        if component != "rotation":
-            rows = self.solution.displacement(node)[:, COMPONENTS.index(component)]
-        return float(np.ptp(rows)) / 2
+        rows = np.column_stack([self.solution.displacement(node), self.solution.rotation(node)])
+        return float(np.ptp(rows[:, COMPONENTS.index(component)])) / 2
 
     def __repr__(self):
         verdict = self.instability or "stable"

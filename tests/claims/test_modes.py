@@ -210,6 +210,20 @@ def test_a_shape_moves_the_axis_of_its_beam():
     assert abs(moved[:, 1]) == pytest.approx(0.1 * np.sin(np.pi * moved[:, 0]), abs=2e-4)
 
 
+@pytest.mark.parametrize("elements", [1, 2])
+def test_where_nodes_only_turn_no_node_is_displaced(elements):
+    scene, size = fb.Scene(), 0.1
+    beam = scene.add_beam([(0, 0), (1, 0)], FLYING, elements)
+    scene.pin(beam.start)
+    scene.pin(beam.end)
+    modes = fb.modes(scene)
+    turns = abs(modes.shapes[..., :2]).max(axis=(1, 2)) < 1e-9 * abs(modes.shapes).max(axis=(1, 2))
+    assert turns.sum() == 2
+    for mode, only_turns in enumerate(turns):
+        moved = np.hypot(*(modes.shape(beam, mode, size) - modes.positions).T).max()
+        assert moved == pytest.approx(0.0 if only_turns else size, abs=1e-8)
+
+
 # -- Stress ------------------------------------------------------------------------------------
 
 
