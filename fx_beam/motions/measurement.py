@@ -158,16 +158,13 @@ def _reading(model: Model, now: FittedState, turns: np.ndarray, output: Output) 
     defined = definition(output)
     if defined.quantity.is_slide_rate:
         return _rate_of_slide(model, now, defined.of)
-    of, single = measured(model, output), not defined.shape
+    of = measured(model, output)
     array, plus, minus, added = of.array, of.plus, of.minus, of.added
     turning = array == "q" and defined.quantity.column == 2
 
     def force() -> Any:
         forces = now.value(array)
-        if forces is None:
-            return 0.0 if single else np.zeros(len(plus))
-        value = of.of(forces.reshape(-1))
-        return float(value) if single else value
+        return np.zeros(defined.shape) if forces is None else of.of(forces.reshape(-1))
 
     def between(values: np.ndarray) -> Any:
         value = 0.0 if plus is None else values[plus]
@@ -177,11 +174,10 @@ def _reading(model: Model, now: FittedState, turns: np.ndarray, output: Output) 
         value = between(now.value(array))
         if turning:
             value = value + between(turns)
-        if added is not None:
-            value = added + value
-        return float(value) if single else value
+        return value if added is None else added + value
 
-    return force if array.endswith("forces") else motion
+    read = force if array.endswith("forces") else motion
+    return read if defined.shape else lambda: float(read())
 
 
 def _rate_of_slide(model: Model, now: FittedState, joint: Joint) -> Reading:

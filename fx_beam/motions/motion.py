@@ -519,7 +519,9 @@ class Motion:
             raise SceneError(
                 "Motion.solution: nothing was recorded. Create the motion with record=fb.Record()"
             )
-        return solution_of(recorder, self.stats, self._open.end)
+        # Its steps are those of its rows, and not those before the last `restore`.
+        stats = replace(self.stats, steps=self._open.number)
+        return solution_of(recorder, stats, self._open.end)
 
     # -- Snapshots --------------------------------------------------------------------------------
 
