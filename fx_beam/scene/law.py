@@ -19,6 +19,9 @@ Energy = Callable[..., Any]
 _SIZES = 1e-3, 1e-2, 0.1, 1.0, 10.0
 # UFL's names of comparisons of two numbers, of which conditions are made.
 _COMPARISONS = {"EQ", "GE", "GT", "LE", "LT", "NE"}
+# What pictures and files have along members besides internal variables.
+_OF_MEMBERS = {"N", "Q", "M", "strain energy", "speed", "velocity", "displacement", "rotation"}
+_OF_MEMBERS |= {"spin", "beam", "natural axial strain", "natural shear strain", "natural curvature"}
 
 
 @dataclass(frozen=True)
@@ -183,6 +186,8 @@ def check_energy(
     if missing:
         raise SceneError(f"{part}: {name} does not depend on {missing}. Use ufl.cos, not math.cos")
     if count == 3:
+        taken = sorted(_OF_MEMBERS & {*variables})
+        require(not taken, f"{part}: internal", taken, "names that pictures and files do not have")
         _check_convexity(W, e[:3], f"{part}: {name}", strains)
     if internal is not None:
         check_dissipation(strain_energy, internal, count)
@@ -252,7 +257,8 @@ class InternalVariables:
     Parameters
     ----------
     names : tuple of str
-        A name for each variable, such as "plastic curvature".
+        A name for each variable, such as "plastic curvature"; in a section none that pictures and
+        files have for something else, such as "M" or "speed".
     update : callable
         ``update(old, strains0, strains, dt)`` gives the new variables as UFL expressions, one for
         each name: from `old`, the variables at the start of the step, `strains0`, the strains

@@ -1,6 +1,7 @@
 """Internal variables: closed solutions, balances, restarts, and refusals."""
 
 import math
+import re
 
 import ufl
 
@@ -329,6 +330,8 @@ def test_order_four_is_refused():
         fb.simulate(scene, fb.EnergyMomentum(order=4), dt=0.1, t_end=1.0)
 
 
+# What the files call connectivity.
+CELLS = "connectivity", "offsets", "types"
 VARIABLES = fb.InternalVariables(("a",), plastic_flow)
 REFUSED = {
     "gives energy to the motion": lambda old, e0, e, dt: [old[0] - 0.1 * e[2]],
@@ -353,6 +356,19 @@ INCOMPLETE = {
 def test_updates_that_do_not_fit_are_refused(text):
     with pytest.raises(fb.SceneError, match=text):
         with_variables(plastic_energy, REFUSED[text])
+
+
+def test_a_variable_has_no_name_that_something_else_along_a_member_has(tmp_path):
+    scene, beam = cantilever(ELASTIC)
+    scene.add_natural_strain(beam, axial=0.0, shear=0.0, curvature=0.1)
+    solution = fb.simulate(scene, dt=0.1, t_end=0.1)
+    solution.to_paraview(tmp_path / "run.pvd")
+    text, _, _ = (tmp_path / "run" / "run_00001.vtu").read_bytes().partition(b"<AppendedData")
+    fields = {*re.findall('Name="(.*?)"', text.decode())} - {"Points", *CELLS}
+    assert {"natural curvature", "displacement", "spin", "M", "beam"} <= fields
+    for name in (*fields, "strain energy", "speed"):
+        with pytest.raises(fb.SceneError, match=f"'{name}'.*names that pictures and files do not"):
+            with_variables(plastic_energy, plastic_flow, (name,))
 
 
 @pytest.mark.parametrize("text", INCOMPLETE)
