@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 
-from fx_beam.errors import is_whole, require
+from fx_beam.errors import check_takes, is_whole, require
 from fx_beam.results.files import replacing, writable
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node
@@ -21,17 +21,6 @@ from .drawing import Drawing, checked_drawing, clock, say_if_too_small, three_di
 from .members import Members
 from .sheet import LARGEST, Plane
 from .symbols import Supports, draw_forces, draw_joints, draw_marks, draw_moving, draw_outlines
-
-
-def check_frames(path: Path | str) -> Path:
-    """The path of an animation; raises an error if it cannot be written."""
-    path = writable(path, ("gif", "mp4"))
-    if path.suffix.lower() == ".mp4" and importlib.util.find_spec("imageio_ffmpeg") is None:
-        raise RuntimeError(
-            f"cannot write {path}: an MP4 needs imageio-ffmpeg: pip install imageio-ffmpeg. A GIF "
-            "needs nothing more"
-        )
-    return path
 
 
 def _write_mp4(frames: Iterator[np.ndarray], path: Path, fps: int) -> None:
@@ -60,7 +49,9 @@ def _write_gif(frames: Iterator[np.ndarray], path: Path, fps: int) -> None:
         image.putpalette(colours.ravel().tolist())
         images.append(image)
     first, *others = images
-    first.save(path, save_all=True, append_images=others, duration=1000 // fps, loop=0)
+    # The format knows hundredths of a second: rounded ends of frames keep the whole time.
+    ends = 10 * np.round(100 / fps * np.arange(len(images) + 1)).astype(int)
+    first.save(path, save_all=True, append_images=others, duration=np.diff(ends).tolist(), loop=0)
 
 
 _BESIDE = 4.0  # width of the axes over which the time and the title are side by side [inch]
@@ -100,7 +91,7 @@ def animate(
     count : int, optional
         Number of rows, evenly spaced; 100 if neither rows nor times are given.
     fps : int
-        Frames per second [1/s].
+        Frames per second [1/s]; in a GIF at most 50.
     trace : Node, optional
         Node whose path is drawn.
     scene_unit : str
@@ -110,8 +101,8 @@ def animate(
     marks : dict, optional
         Nodes by the names that are written beside them.
     scenery : callable, optional
-        ``scenery(axes, k)`` draws additional objects in row k, such as a user-defined force. It
-        returns the list of matplotlib artists, which are removed after the frame.
+        ``scenery(axes, k)`` draws additional objects in row k, such as a user-defined force. What
+        it adds to the axes is removed after the frame, and so is a list of artists that it returns.
     colour : {"N", "Q", "M", "strain energy", "speed"} or internal variable, optional
         Quantity that the colours show, as in `shapes`; by default each member has its own colour.
     colour_limits, colour_scale, thickness : optional
@@ -125,10 +116,17 @@ def animate(
     RuntimeError
         For an MP4 if imageio-ffmpeg is not installed.
     """
-    path = check_frames(path)
-    require(is_whole(fps, 1, 1000), "fps", fps, "a whole number from 1 to 1000")
-    fits = scenery is None or callable(scenery)
-    require(fits, "scenery", scenery, "a function of axes and row")
+    path = writable(path, ("gif", "mp4"))
+    is_film = path.suffix.lower() == ".mp4"
+    if is_film and importlib.util.find_spec("imageio_ffmpeg") is None:
+        raise RuntimeError(
+            f"cannot write {path}: an MP4 needs imageio-ffmpeg: pip install imageio-ffmpeg. A GIF "
+            "needs nothing more"
+        )
+    most = 1000 if is_film else 50  # browsers slow down a GIF with shorter frames
+    require(is_whole(fps, 1, most), "fps", fps, f"a whole number from 1 to {most}")
+    if scenery is not None:
+        check_takes(scenery, "axes, k", "scenery")
     drawing = checked_drawing(solution, magnify, scene_unit, 100, rows, times, count)
     shown = drawing.rows
     if trace is not None:
@@ -173,7 +171,7 @@ def animate(
             draw_forces(ax, drawing, k)
             supports.draw(ax, k)
             draw_marks(ax, drawing, k, marks)
-            more = scenery(ax, k) if scenery else []
+            more = (scenery(ax, k) if scenery else None) or []
             new = [artist for artist in ax.get_children() if artist not in before]
             drawn = list(dict.fromkeys([*new, *more]))
             canvas.restore_region(still)
@@ -183,7 +181,7 @@ def animate(
             for artist in drawn:
                 artist.remove()
 
-    write = _write_mp4 if path.suffix.lower() == ".mp4" else _write_gif
+    write = _write_mp4 if is_film else _write_gif
     with replacing(path) as file:
         write(frames(), file, fps)
 

@@ -25,6 +25,7 @@ _TEMPLATE = Path(__file__).with_suffix(".html")
 _ROWS = 200  # that are shown if none are named
 _MANY = 6_000  # straight pieces of all elements, if an element has several
 _SHADES = 64
+_ENERGIES = "kinetic", "strain", "potential", "springs", "total"
 _FINEST = 32_767  # positions and values are whole numbers up to this one
 
 
@@ -233,14 +234,10 @@ def _points_of(drawing: Drawing, nodes: list[int]) -> str:
 def _series(drawing: Drawing, series: dict[str, np.ndarray] | None) -> list[dict[str, Any]]:
     solution = drawing.solution
     if series is None:
-        energy = solution.energy
-        stored = {"strain": energy.strain, "potential": energy.potential, "springs": energy.springs}
-        kinetic = {} if solution.stats.static else {"kinetic": energy.kinetic}
-        series = {
-            f"{name} energy{' [J]' if drawing.unit == 'm' else ''}": values
-            for name, values in (kinetic | stored | {"total": energy.total}).items()
-            if name == "total" or np.any(values)
-        }
+        unit = " [J]" if drawing.unit == "m" else ""
+        energies = {name: getattr(solution.energy, name) for name in _ENERGIES}
+        seen = {name: of for name, of in energies.items() if name == "total" or of.any()}
+        series = {f"{name} energy{unit}": of for name, of in seen.items()}
     require(isinstance(series, dict), "series", series, "a dict of values by name")
     entries = []
     for name, given in series.items():

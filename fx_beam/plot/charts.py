@@ -245,7 +245,7 @@ def frequency_response(
         require(isinstance(of, FrequencyResponse), "responses", of, wanted)
         moving = [name for name in of.names if of.component(name).any()]
         names = moving if components is None else components
-        wanted = f"names to draw, of {list(of.names)}"
+        wanted = f"names to draw, of {list(of.names)}, of which {moving or 'none'} move"
         fits = isinstance(names, Sequence) and not isinstance(names, str)
         require(fits and len(names) > 0, "components", names, wanted)
         for name in names:
@@ -256,7 +256,7 @@ def frequency_response(
     fig, axes = figure(len(kinds) + 1, 1)
     *amplitudes, last = axes[:, 0]
     for (label, (unit, f, values)), look in zip(shown.items(), QUANTITY_STYLES(), strict=False):
-        draw = {"label": label, "linewidth": 1.5, **look}
+        draw = {"label": label, "linewidth": 1.5, "marker": "." if len(f) == 1 else "", **look}
         amplitudes[kinds.index(unit)].plot(f, abs(values), **draw)
         last.plot(f, np.degrees(np.unwrap(np.angle(values))), **draw)
     for unit, ax in zip(kinds, amplitudes, strict=True):

@@ -17,7 +17,7 @@ from fx_beam.scene.inputs import InputSlot
 from fx_beam.scene.loads import Load, PlaceTimeFunction, StrainPart, label
 from fx_beam.scene.scene import Scene
 
-from .drawing import Drawing, apart, interpolated, three_digits
+from .drawing import Drawing, apart, axis, interpolated, three_digits
 from .sheet import Sheet, picture, written
 from .symbols import Supports, draw_joints, draw_moving, draw_outlines, left_of, node_of
 
@@ -97,9 +97,9 @@ def _moment(sheet: Sheet, load: Load, si: bool) -> None:
 def _line_load(sheet: Sheet, load: Load, si: bool) -> None:
     beam: Any = load.target
     factor = _shown(load)
-    arc = np.linspace(0, beam.length, _ARROWS + 1)
-    positions = np.array([[node.x, node.y] for node in beam.nodes])
-    tips = interpolated(arc, beam.s, positions)
+    arc, points = np.linspace(0, beam.length, _ARROWS + 1), _axis(beam)
+    s = arc_of(points)
+    tips = interpolated(arc, s * beam.length / s[-1], points)
     if isinstance(load.value, PlaceTimeFunction):
         loads = load.value.at(arc, _largest(load)[0])
     elif load.along is None:
@@ -117,6 +117,11 @@ def _line_load(sheet: Sheet, load: Load, si: bool) -> None:
     sheet.label(_words("q", load, sizes.max(), "N/m", si), tails[1:-1], _LOAD)
 
 
+def _axis(beam: Beam) -> np.ndarray:
+    """Points (n, 2) of the axis of a beam in its reference configuration."""
+    return axis(reference_positions(beam), beam.degree)
+
+
 def _drags(sheet: Sheet, scene: Scene) -> None:
     """The word, at each beam and node with drag."""
     targets = {label(drag.target): drag.target for drag in scene.drags}
@@ -128,7 +133,7 @@ def _drags(sheet: Sheet, scene: Scene) -> None:
 def _natural_strains(sheet: Sheet, scene: Scene, si: bool) -> None:
     """A dashed line beside each beam that has natural strains, with what they are."""
     for strain in scene.natural_strains:
-        points = np.array([position_of(node) for node in strain.beam.nodes])
+        points = _axis(strain.beam)
         along = np.gradient(points, axis=0)
         left = np.column_stack([-along[:, 1], along[:, 0]])
         left /= np.hypot(*left.T)[:, None]

@@ -140,7 +140,8 @@ def _colours_of_times(plane: Plane, drawing: Drawing) -> np.ndarray:
     shades = scale.to_rgba(values)
     bar = plane.draw_bar(scale, label="load factor, in order" if static else f"time $t$ [{unit}]")
     if static:
-        shown = np.unique(np.linspace(0, len(rows) - 1, 12).round().astype(int)).tolist()
+        most = 12 if bar.orientation == "vertical" else 6  # numbers side by side need more room
+        shown = np.unique(np.linspace(0, len(rows) - 1, most).round().astype(int)).tolist()
         bar.set_ticks(shown, labels=[three_digits(solution.t[rows[i]]) for i in shown])
     return shades
 

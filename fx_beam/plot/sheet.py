@@ -61,6 +61,8 @@ class Plane:
         self.ax: Any = self.figure.add_axes((*(corner / whole), *(inner / whole)))
         self.ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
         self.ax.set(xlabel=f"$x$ [{drawing.unit}]", ylabel=f"$y$ [{drawing.unit}]")
+        # A power of ten of the numbers stands above them, and not where the time is written.
+        self.ax.yaxis.get_offset_text().set_horizontalalignment("right")
         self.ax.locator_params(axis="x", nbins=max(2, int(inner[0] / 0.7)))
         self.ax.locator_params(axis="y", nbins=max(2, int(inner[1] / 0.5)))
         self._bar_below = bar and below
@@ -167,8 +169,8 @@ class Sheet:
         return [line.get_xydata() for line in lines]
 
     def corner(self) -> np.ndarray:
-        """A point (2,) to the upper right of all lines so far."""
-        return np.nanmax(np.concatenate(self.drawn(marks=False)), axis=0) + 0.08 * self.size
+        """A point (2,) to the upper right of all that is drawn so far."""
+        return self.ax.dataLim.max + 0.08 * self.size
 
     def label(self, text: str, positions, colour: str = "black", size: float = 9.0) -> None:
         """A text near one of some points (n, 2); its position is chosen at the end."""
@@ -176,8 +178,7 @@ class Sheet:
 
     def finish(self, scene_unit: str) -> Figure:
         """Frame the drawing, and write the labels."""
-        points = np.concatenate([*self.drawn(marks=False), *self.drawn(marks=True)])
-        low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
+        low, high = self.ax.dataLim.get_points()
         # Space for labels; a straight member needs more beside it.
         margin = np.maximum(0.1 * self.size, (0.35 * self.size - (high - low)) / 2)
         low, high = low - margin, high + margin

@@ -102,7 +102,8 @@ def load(path) -> Solution:
     Returns
     -------
     Solution
-        The solution. Its beams are in `Solution.beams`, by name.
+        The solution. Its beams are in `Solution.beams`, by name. It has no branches and critical
+        points of a path.
 
     Raises
     ------

@@ -2,6 +2,7 @@
 
 import importlib.util
 import re
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -302,6 +303,41 @@ def test_modes_have_supports_at_rest_equal_panels_and_the_numbers_of_modes():
     assert holds(figure)
 
 
+@pytest.mark.parametrize("load", ["line load", "natural strain"])
+def test_what_is_along_a_curved_member_follows_its_axis(load):
+    radius, scene = 1.0, fb.Scene()
+    curve = fb.arc((-radius, 0), (0, radius), (radius, 0))
+    arch = scene.add_beam(curve, FLYING, elements=2, degree=2)
+    if load == "line load":
+        scene.add_line_load(arch, lambda s: (0.0, -1e-3 - s), of="arc length")
+    else:
+        scene.add_natural_strain(arch, curvature=0.1)
+    ax = plot.scene(scene).axes[0]
+    if load == "line load":
+        _, *arrows = (line.get_xydata() for line in ax.lines if line.get_color() == "black")
+        distances = np.hypot(*np.transpose([tip for _, tip in arrows]))
+    else:
+        (dashed,) = (line for line in ax.lines if line.is_dashed())
+        distances = np.hypot(*dashed.get_xydata().T)
+    assert len(distances) > 5 and np.ptp(distances) < 0.02 * radius
+
+
+def test_a_body_alone_is_drawn_with_its_weight():
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    scene.add_body((0, 0), mass=1.0, inertia=1.0, name="ball")
+    assert {"ball", "g = 9.81 m/s$^2$"} <= words(plot.scene(scene))
+
+
+def test_a_single_frequency_is_a_point():
+    scene, beam = cantilever()
+    response = fb.frequency_response(scene, (beam.end, (0, 1.0)), beam.end, [1.0])
+    curves = plot.frequency_response(response, components=["y"]).axes[0].lines
+    assert [line.get_marker() for line in curves] == ["."]
+    nothing = fb.frequency_response(scene, (beam.end, (0, 1.0)), beam.start, [1.0])
+    with pytest.raises(fb.SceneError, match=r"\['x', 'y', 'rotation'\], of which none move"):
+        plot.frequency_response(nothing)
+
+
 # -- Words -----------------------------------------------------------------------------------------
 
 
@@ -474,6 +510,48 @@ def test_films_have_all_rows_their_speed_and_the_size_that_is_asked_for(swing, t
             assert film.size == size and film.n_frames == 3
 
 
+@pytest.mark.parametrize("fps", [7, 24, 30, 50])
+def test_a_gif_takes_as_long_as_its_frames_a_second_say(fps, swing, tmp_path):
+    plot.animate(swing[2], tmp_path / "film.gif", rows=range(11), fps=fps)
+    with Image.open(tmp_path / "film.gif") as film:
+        seconds = 0.0
+        for frame in range(film.n_frames):
+            film.seek(frame)
+            seconds += film.info["duration"] / 1000
+    assert seconds == approx(11 / fps, abs=0.005 + 1e-9)  # a GIF counts hundredths
+
+
+def test_scenery_need_not_return_what_it_adds(swing, tmp_path):
+    _, _, solution = swing
+    counts = []
+
+    def scenery(axes, k):
+        counts.append(len(axes.lines))
+        axes.plot([0, 1], [-1, -1])
+
+    plot.animate(solution, tmp_path / "film.gif", rows=[0, 5, 10], scenery=scenery)
+    assert len(set(counts)) == 1
+    with pytest.raises(fb.SceneError, match=r"scenery takes \(axes\); it must take \(axes, k\)"):
+        plot.animate(solution, tmp_path / "film.gif", scenery=lambda axes: [])
+
+
+def test_the_power_of_ten_of_the_ticks_is_not_where_a_film_has_its_time(tmp_path):
+    section = fb.Section.rectangle(height=1e-7, width=1e-7, E=1e9, rho=1e3)
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1e-6, 0), (1e-6, 1e-6)], section, elements=2)
+    scene.clamp(beam.start)
+    solution = fb.simulate(scene, dt=1e-10, t_end=1e-9)
+    boxes = []
+
+    def scenery(axes, k):
+        words = axes.yaxis.get_offset_text(), *axes.texts
+        boxes.extend(text.get_window_extent() for text in words)
+
+    plot.animate(solution, tmp_path / "film.gif", rows=[10], scenery=scenery)
+    power, *texts = boxes
+    assert power.width > 0 and len(texts) == 2 and power.x1 <= min(text.x0 for text in texts) + 1e-6
+
+
 # -- What is refused -------------------------------------------------------------------------------
 
 
@@ -485,6 +563,32 @@ def test_rows_are_those_next_to_times_or_evenly_spaced(swing):
         len(t) - 1,
     ]
     assert len(shown()) == 8
+
+
+@pytest.fixture(scope="module")
+def snapping():
+    """A path of an arch under a force, which ends behind its limit point; and the arch."""
+    scene, section = fb.Scene(), fb.Section(EA=1e4, GA=1e4, EI=1.0)
+    arch = scene.add_beam(fb.arc((0, 0), (1, 0.15), (2, 0)), section, elements=8, degree=2)
+    scene.pin(arch.start)
+    scene.pin(arch.end)
+    scene.add_force(arch.node(0.5), (0.0, -60.0))
+    return fb.static(scene, continuation="arc-length", max_steps=12)
+
+
+def test_load_factors_above_the_last_one_of_a_path_can_be_drawn(snapping):
+    factors = snapping.load_factor
+    top = int(factors.argmax())
+    assert factors[-1] < 0.5 * factors[top]
+    assert checked_drawing(snapping, 1.0, "m", times=[factors[top]]).rows == [top]
+
+
+def test_numbers_of_load_factors_beside_each_other_do_not_overlap(snapping):
+    figure = plot.shapes(snapping, count=12)
+    figure.draw_without_rendering()
+    labels = figure.axes[1].get_xticklabels()
+    boxes = [label.get_window_extent() for label in labels if label.get_text()]
+    assert len(boxes) > 3 and all(a.x1 < b.x0 for a, b in pairwise(boxes))
 
 
 def test_a_motion_too_small_to_be_seen_is_said_with_a_factor(caplog):
@@ -514,6 +618,7 @@ def test_a_picture_of_no_response_is_refused():
         ("shapes", {"colour_limits": 3}, "colour_limits = 3 must be two finite numbers"),
         ("shapes", {"colour_limits": (0, 1), "colour_scale": "log"}, "both positive, on a log"),
         ("shapes", {"colour_scale": "cubic"}, "colour_scale = 'cubic' must be 'linear' or 'log'"),
+        ("animate", {"fps": 60, "path": "a.gif"}, "fps = 60 must be a whole number from 1 to 50"),
         ("diagrams", {"row": 99}, "rows of the solution"),
         ("shapes", {"times": [-1.0]}, "times of the solution, from 0 to"),
         ("shapes", {"count": 0}, "count = 0 must be a whole number, at least 1"),
