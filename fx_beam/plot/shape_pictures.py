@@ -53,9 +53,10 @@ def shapes(
 ) -> Figure:
     """Picture of superposed deformed shapes, coloured by time or by the order of load steps.
 
-    Bodies, lumped masses (discs) and forces on nodes (arrows) are drawn in all rows. Supports,
-    joints and forces between points have the symbols of `scene`; they are drawn once, where they
-    are in the last of the rows.
+    Bodies, lumped masses (discs) and forces on nodes (arrows) are drawn in all rows, but for forces
+    that are an `Input`; in equilibria the arrows are the forces at time 0, times the load factor.
+    Supports, joints and forces between points have the symbols of `scene`; they are drawn once,
+    where they are in the last of the rows.
 
     Parameters
     ----------

@@ -100,8 +100,9 @@ class JointMotion:
     def motor_power(self) -> np.ndarray:
         """Mean power (n,) of the motor over the step that ends at t[k] [W]; 0 in row 0.
 
-        The sum of power times step length is the motor's work, to second order in the step. The
-        work in `Solution.energy` is exact. A row for every step is required.
+        The sum of power times step length is the motor's work, to second order in the step; of an
+        `Input`, whose rate jumps from step to step, to first order. The work in `Solution.energy`
+        is exact. A row for every step is required.
         """
         solution, force = self.solution, self.motor_force
         if len(solution.t) != solution.stats.steps + 1:
