@@ -520,8 +520,7 @@ class Motion:
                 "Motion.solution: nothing was recorded. Create the motion with record=fb.Record()"
             )
         # Its steps are those of its rows, and not those before the last `restore`.
-        stats = replace(self.stats, steps=self._open.number)
-        return solution_of(recorder, stats, self._open.end)
+        return solution_of(recorder, replace(self.stats, steps=self._open.number), self._open.end)
 
     # -- Snapshots --------------------------------------------------------------------------------
 

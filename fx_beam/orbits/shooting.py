@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -361,7 +361,8 @@ class Shooting:
         recorder = Recorder(self.model, times, Record())
         recorder.record(0, start)
         self._advance(start, times, recorder)
-        return solution_of(recorder, self.prepared.stats, lambda: recorder.end)
+        stats = replace(self.prepared.stats, steps=self.steps)  # without those of the search
+        return solution_of(recorder, stats, lambda: recorder.end)
 
     # -- What does not change -------------------------------------------------------------------
 

@@ -300,7 +300,7 @@ def test_a_quick_return_mechanism_whose_pin_slides_on_a_beam_repeats_itself():
     rocker = scene.add_beam([(0, 0), (0, 1)], section, elements=4)
     crank = scene.add_beam([(0, 0.45), (0, 0.65)], stiff)
     scene.pin(rocker.start)
-    scene.add_joint(fb.Revolute(fb.GROUND, crank.start, motor=lambda t: SPEED * t))
+    motor = scene.add_joint(fb.Revolute(fb.GROUND, crank.start, motor=lambda t: SPEED * t))
     pin = scene.add_joint(fb.Slider(rocker, crank.end))
     scene.make_velocities_compatible()
     cycle = fb.periodic(scene, period=2 * np.pi / SPEED, steps=101, scheme=scheme)
@@ -310,6 +310,10 @@ def test_a_quick_return_mechanism_whose_pin_slides_on_a_beam_repeats_itself():
     energy = cycle.solution.energy
     assert np.ptp(energy.work[[0, -1]]) == pytest.approx(energy.dissipated[-1], rel=1e-7)
     assert abs(energy.balance_error).max() < 1e-9 * energy.dissipated[-1]
+    assert cycle.solution.stats.steps == 101
+    power = cycle.solution.joint(motor).motor_power[1:]
+    given = np.sum(power * np.diff(cycle.solution.t))
+    assert given == pytest.approx(energy.dissipated[-1], rel=1e-3)
 
 
 # -- At rest -----------------------------------------------------------------------------------
