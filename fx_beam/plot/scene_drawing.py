@@ -269,7 +269,7 @@ def scene(
     """
     if not isinstance(scene, Scene):
         raise SceneError(f"plot.scene needs an fx_beam.Scene, not {shown(scene)}")
-    if not scene.nodes:
+    if not (scene.beams or scene.bodies):
         raise SceneError("plot.scene: the scene has no beams; add one with scene.add_beam")
     path = picture(path)
     require(is_flag(dimensions), "dimensions", dimensions, "True or False")

@@ -644,6 +644,10 @@ def test_scenes_that_cannot_be_drawn_are_refused():
     scene, _ = crane()
     with pytest.raises(fb.SceneError, match="the scene has no beams; add one"):
         plot.scene(fb.Scene())
+    emptied, beam = cantilever()
+    emptied.remove(beam)
+    with pytest.raises(fb.SceneError, match="the scene has no beams; add one"):
+        plot.scene(emptied)
     with pytest.raises(fb.SceneError, match="needs an fx_beam.Scene, not 'scene'"):
         plot.scene("scene")
     with pytest.raises(fb.SceneError, match="mark 'A': Node.* is not a node of the scene"):
