@@ -4,22 +4,17 @@
 
 #include "algebra.h"
 
-/* Columns of the auxiliary unknowns in increments, for the arms of the joints. */
-static void increase_auxiliaries(const Problem *p, const Work *w) {
-  double *auxiliary = w->z + p->columns;
-  memset(auxiliary, 0, p->auxiliaries * sizeof *auxiliary);
-  for (int k = 0; k < p->auxiliary_arms; ++k)
-    auxiliary[p->auxiliary_arm_of[k]] += p->joint_sign[p->auxiliary_arm[k]] * w->arm_change[p->auxiliary_arm[k]];
-  for (int k = 0; k < p->auxiliary_entries; ++k)
-    if (p->auxiliary_value[k] == 0) auxiliary[p->auxiliary_of[k]] += p->auxiliary_sign[k] * w->z[p->auxiliary_column[k]];
-}
+/* A value of T or Tv. Without values it is that for increments, to which changes of the joints' arms are added. */
+static inline double value_of(const double *values, int number) { return values ? values[number] : number == 0; }
 
-/* Columns of the auxiliary unknowns in small changes z, for values of T or Tv. */
-static void change_auxiliaries(const Problem *p, const double *values, double *z) {
+/* Columns of the auxiliary unknowns in small changes z, for values of T or Tv; without values in increments. */
+static void change_auxiliaries(const Problem *p, const Work *w, const double *values, double *z) {
   double *auxiliary = z + p->columns;
   memset(auxiliary, 0, p->auxiliaries * sizeof *auxiliary);
+  for (int k = 0; !values && k < p->auxiliary_arms; ++k)
+    auxiliary[p->auxiliary_arm_of[k]] += p->joint_sign[p->auxiliary_arm[k]] * w->arm_change[p->auxiliary_arm[k]];
   for (int k = 0; k < p->auxiliary_entries; ++k)
-    auxiliary[p->auxiliary_of[k]] += p->auxiliary_sign[k] * values[p->auxiliary_value[k]] * z[p->auxiliary_column[k]];
+    auxiliary[p->auxiliary_of[k]] += p->auxiliary_sign[k] * value_of(values, p->auxiliary_value[k]) * z[p->auxiliary_column[k]];
 }
 
 /* Adds the forces on the auxiliary unknowns to those on the columns before, for values of T or Tv. */

@@ -14,12 +14,13 @@ static void begin_points(const Problem *p, const Work *w) {
     memcpy(points->of[points->external + i].numbers, w->follower_force + 2 * i, 2 * sizeof(double));
 }
 
-/* The arm of a joint and the tangent of its track, at a rotation of the carrier and a slide. */
-INLINED void set_arm(const Problem *p, int j, double *frame, double psi, double d, double *rho, double *t) {
+/* The values of T of a joint, its arm turned and the tangent of its track, at a rotation of the carrier and a slide. */
+INLINED void set_arm(const Problem *p, int j, double *frame, double psi, double d, double *values) {
   Track track = track_of(p->track[j], p->axis + 2 * j, d, d);
   frame[0] = cos(psi), frame[1] = sin(psi);
-  *(Two *)(rho + 2 * j) = turn_by(pair(frame), pair(p->offset + 2 * j) + track.place);
-  *(Two *)(t + 2 * j) = turn_by(pair(frame), track.chord);
+  Two arm = turn_by(pair(frame), pair(p->offset + 2 * j) + track.place);
+  values[0] = -arm[1], values[1] = arm[0];
+  *(Two *)(values + 2) = turn_by(pair(frame), track.chord);
 }
 
 /* The track of a joint at an end of a step, with its chord over the step, or its tangent where forces are those at the ends. */
@@ -30,56 +31,50 @@ INLINED Track track_at(const Problem *p, int j, double d_other, double d) {
 /* Derivatives of the four values of Tv of a joint by the rotation of the carrier (0) and by the slide (1), at the start (0)
    or at the end (1) of a step. Of a joint that does not slide only those of the first two by the rotation. */
 static void slopes_of_joint(const Problem *p, const Work *w, int j, int end, double by[2][4]) {
-  const double *frame = w->frame + 4 * j, *mean = w->mean_t + 2 * j;
-  const double *rho = (end ? w->rho1 : w->rho0) + 2 * j, *t = (end ? w->t1 : w->t0) + 2 * j;
+  const double *frame = w->frame + 4 * j, *mean = w->mean_t + 2 * j, *values = (end ? w->values : w->values0) + 1 + 4 * j;
   double shares[] = {1 - p->level, p->level}, share = shares[end], slope = w->carrier_slope[j];
-  by[0][0] = -share * rho[0], by[0][1] = -share * rho[1];
+  by[0][0] = -share * values[1], by[0][1] = share * values[0];
   if (p->slide_column[j] < 0) return;
   double carrier_bend = end ? w->carrier_bend[j] : -w->carrier_bend[j];
   double d0 = at(p->slides, p->slide_of[j]), d1 = d0 + at(w->z, p->slide_column[j]);
   Track track = track_at(p, j, end ? d0 : d1, end ? d1 : d0);
   Two of_end = pair(frame + 2 * end), between = shares[0] * pair(frame) + shares[1] * pair(frame + 2);
   Two chord = turn_by(of_end, track.chord), bend = turn_by(p->rule == 0 ? between : 2 * share * of_end, track.bend);
-  by[1][0] = -share * t[1], by[1][1] = share * t[0];
+  by[1][0] = -share * values[3], by[1][1] = share * values[2];
   by[0][2] = carrier_bend * mean[0] - slope * share * chord[1], by[0][3] = carrier_bend * mean[1] + slope * share * chord[0];
   by[1][2] = slope * bend[0], by[1][3] = slope * bend[1];
 }
 
 /* Returns 0 in a singular position. */
 static int begin_couplings(const Problem *p, const Work *w) {
-  w->values[0] = w->virtual_map[0] = 1;
+  w->values0[0] = w->values[0] = w->virtual_map[0] = 1;
   begin_points(p, w);
   for (int j = 0; HAS(COUPLED) && j < p->joints; ++j) {
     double d = at(p->slides, p->slide_of[j]);
-    set_arm(p, j, w->frame + 4 * j, at(p->q, p->carrier[j]), d, w->rho0, w->t0);
+    set_arm(p, j, w->frame + 4 * j, at(p->q, p->carrier[j]), d, w->values0 + 1 + 4 * j);
   }
   return begin_loops(p, w);
 }
 
-/* What degrees of freedom have of columns that they are equal to. */
-INLINED void copy_columns(const Problem *p, const double *z, double *D) {
-  memset(D, 0, p->dofs * sizeof *D);
-  for (int k = 0; k < p->equal; ++k) D[p->entry_row[k]] += z[p->entry_column[k]];
-}
-
-/* Increments without the arms of the joints. */
-INLINED void sum_columns(const Problem *p, const Work *w) {
-  double *D = w->D;
-  copy_columns(p, w->z, D);
+/* Small changes of all degrees of freedom for those z of the columns; without values their increments without arms. */
+INLINED void spread_columns(const Problem *p, const Work *w, const double *values, double *z, double *out) {
+  if (!HAS(COUPLED)) return gather(p->dofs, z, p->entry_column, out);
+  if (p->auxiliaries) change_auxiliaries(p, w, values, z);
+  memset(out, 0, p->dofs * sizeof *out);
+  for (int k = 0; k < p->equal; ++k) out[p->entry_row[k]] += z[p->entry_column[k]];
   for (int k = p->equal; k < p->entries; ++k)
-    if (p->entry_value[k] == 0) D[p->entry_row[k]] += p->entry_sign[k] * w->z[p->entry_column[k]];
+    out[p->entry_row[k]] += p->entry_sign[k] * value_of(values, p->entry_value[k]) * z[p->entry_column[k]];
 }
 
 /* Increment of all degrees of freedom for the columns z, and the values of T and Tv for it. */
 HOT void expand_columns(const Problem *p, const Work *w) {
   double *D = w->D, level = p->level;
-  if (!HAS(COUPLED)) return gather(p->dofs, w->z, p->entry_column, D);
-  if (p->auxiliaries) increase_auxiliaries(p, w); /* first those of rotations, on which the arms depend */
-  sum_columns(p, w);
+  spread_columns(p, w, 0, w->z, D); /* first rotations, on which the arms depend */
+  if (!HAS(COUPLED)) return;
   for (int j = 0; j < p->joints; ++j) {
     double psi = at(p->q, p->carrier[j]), Dpsi = at(D, p->carrier[j]);
     double slide = at(w->z, p->slide_column[j]), d0 = at(p->slides, p->slide_of[j]), d = d0 + slide;
-    set_arm(p, j, w->frame + 4 * j + 2, psi + Dpsi, d, w->rho1, w->t1);
+    set_arm(p, j, w->frame + 4 * j + 2, psi + Dpsi, d, w->values + 1 + 4 * j);
     double tangent = tan(Dpsi / 2), slope = p->rule == 0 ? 1 + tangent * tangent : 1;
     w->carrier_slope[j] = slope;
     w->carrier_bend[j] = p->rule == 0 ? tangent * slope : 0;
@@ -87,15 +82,13 @@ HOT void expand_columns(const Problem *p, const Work *w) {
     /* R1 x1 - R0 x0 = (1 - R0 R1^T) R1 x1 + R0 (x1 - x0): a difference of arms would have no digits in short steps. */
     double sine = 2 * tangent / (1 + tangent * tangent);
     Two slid = turn_by(pair(frame), slide * track_of(p->track[j], p->axis + 2 * j, d0, d).chord);
-    *(Two *)(w->arm_change + 2 * j) = turn_by((Two){tangent * sine, sine}, pair(w->rho1 + 2 * j)) + slid;
+    *(Two *)(w->arm_change + 2 * j) = turn_by((Two){tangent * sine, sine}, arm_of(w->values, j)) + slid;
     Two start = turn_by(pair(frame), track_at(p, j, d, d0).chord), end = turn_by(pair(frame + 2), track_at(p, j, d0, d).chord);
-    Two mean_rho = (1 - level) * pair(w->rho0 + 2 * j) + level * pair(w->rho1 + 2 * j);
     Two mean_t = *(Two *)(w->mean_t + 2 * j) = (1 - level) * start + level * end;
-    virtual_map[0] = -mean_rho[1], virtual_map[1] = mean_rho[0];
-    virtual_map[2] = slope * mean_t[0], virtual_map[3] = slope * mean_t[1];
+    *(Two *)virtual_map = (1 - level) * pair(w->values0 + 1 + 4 * j) + level * pair(w->values + 1 + 4 * j);
+    *(Two *)(virtual_map + 2) = slope * mean_t;
   }
-  set_values(p, w->rho1, w->t1, w->values);
-  if (p->auxiliaries) increase_auxiliaries(p, w), sum_columns(p, w);
+  if (p->auxiliaries) spread_columns(p, w, 0, w->z, D);
   for (int k = 0; k < p->followers; ++k) D[p->follower[k]] += p->joint_sign[p->through[k]] * w->arm_change[p->through[k]];
 }
 
@@ -133,20 +126,12 @@ static int expand(const Problem *p, const Work *w) {
   return left > 0;
 }
 
-static void spread_columns(const Problem *p, const double *values, double *z, double *out) {
-  if (!HAS(COUPLED)) return gather(p->dofs, z, p->entry_column, out);
-  if (p->auxiliaries) change_auxiliaries(p, values, z);
-  copy_columns(p, z, out);
-  for (int k = p->equal; k < p->entries; ++k)
-    out[p->entry_row[k]] += p->entry_sign[k] * values[p->entry_value[k]] * z[p->entry_column[k]];
-}
-
 /* The columns of sliding nodes in z are set. */
 HOT void spread_open(const Problem *p, const Work *w, double *z, double *out) {
-  spread_columns(p, w->values, z, out);
+  spread_columns(p, w, w->values, z, out);
   for (const Slider *a = p->slider; HAS(SLIDERS) && a < p->slider + p->sliders; ++a) {
     spread_slider(a, a->T, out, z);
-    spread_columns(p, w->values, z, out);
+    spread_columns(p, w, w->values, z, out);
   }
 }
 

@@ -264,14 +264,14 @@ static void put_forces_on_auxiliaries(const Problem *p, const Work *w, Linear *l
 /* Closures of loops at the start (0) or at the end (1), less the arms of the joints. */
 static void put_closures(const Problem *p, const Work *w, const Linear *l, int end, Block *to) {
   int Y = end ? l->at.Y1 : l->at.Y, q = end ? l->at.q1 : l->at.q;
-  const double *rho = end ? w->rho1 : w->rho0, *t = end ? w->t1 : w->t0;
+  const double *values = end ? w->values : w->values0;
   for (int k = 0; k < p->closures; ++k) {
     int i = p->closure_arm[k], j = i / 2, closure = l->at.closures + k;
     put(to, in(q, p->closure_b[k]), closure, 1), put(to, in(q, p->closure_a[k]), closure, -1);
     if (i < 0) continue;
     put(to, l->at.arms + i, closure, -1);
-    put(to, in(q, p->carrier[j]), closure, i % 2 ? -rho[i - 1] : rho[i + 1]);
-    put(to, in(Y, p->slide_column[j]), closure, -t[i]);
+    put(to, in(q, p->carrier[j]), closure, -values[1 + 4 * j + i % 2]);
+    put(to, in(Y, p->slide_column[j]), closure, -values[3 + 4 * j + i % 2]);
   }
 }
 
@@ -359,9 +359,7 @@ static void linearise(const Problem *p, const Work *w, const Derivatives *a, Lin
   put_loads(p, l), put_points(p, a, l), put_rows(p, w, l), put_forces_on_auxiliaries(p, w, l);
   put_closures(p, w, l, 1, l->of + MAPPED);
   if (first) {
-    double values[1 + 4 * p->joints];
-    set_values(p, w->rho0, w->t0, values);
-    put_auxiliaries(p, l, values, l->at.Y, l->of + BEGUN), put_places(p, l, values, 0, l->of + BEGUN);
+    put_auxiliaries(p, l, w->values0, l->at.Y, l->of + BEGUN), put_places(p, l, w->values0, 0, l->of + BEGUN);
     if (a->by_unknowns) put_closures(p, w, l, 0, l->of + BEGUN);
   }
   forces |= p->friction_follows;

@@ -187,12 +187,8 @@ HOT void solve_closures(const Problem *p, const Work *w, int sides, int transpos
   }
 }
 
-/* Values of T at an end of a step. */
-static void set_values(const Problem *p, const double *rho, const double *t, double *values) {
-  *values++ = 1;
-  for (int j = 0; j < p->joints; ++j, rho += 2, t += 2, values += 4)
-    values[0] = -rho[1], values[1] = rho[0], values[2] = t[0], values[3] = t[1];
-}
+/* The arm of a joint, by the values of T, which are its derivatives. */
+static inline Two arm_of(const double *values, int j) { return (Two){values[4 * j + 2], -values[4 * j + 1]}; }
 
 /* Closures of displacements, less the changes of the joints' arms, with those before if there are any. */
 static void find_closures(const Problem *p, const Work *w, const double *u, const double *before, double *closure) {
@@ -205,11 +201,11 @@ static void find_closures(const Problem *p, const Work *w, const double *u, cons
 /* Start of a step: its closures, and the unknowns that follow; returns 0 in a singular position. */
 static int begin_loops(const Problem *p, const Work *w) {
   if (!HAS(LOOPS) || !p->closures) return 1;
-  for (int i = 0; i < 2 * p->joints; ++i) w->arm_change[i] = w->rho0[i] - p->arm_at_rest[i];
+  for (int j = 0; j < p->joints; ++j)
+    *(Two *)(w->arm_change + 2 * j) = arm_of(w->values0, j) - pair(p->arm_at_rest + 2 * j);
   find_closures(p, w, p->q, 0, w->closure0);
-  set_values(p, w->rho0, w->t0, w->values);
   if (HAS(SLIDERS) && p->carried) begin_sliders(p, w);
-  derive_closures(p, w, w->values, w->G);
+  derive_closures(p, w, w->values0, w->G);
   return choose_following(p, w);
 }
 

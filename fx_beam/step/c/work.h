@@ -15,9 +15,8 @@
   OF(rule, p->rules ? RULE_VALUES * (long)p->nodes : 0) OF(natural_end, (long)p->cells * p->cell_natural)   \
   OF(saved, p->memory_size)                                                                                 \
   OF(reduced, c) OF(step, c) OF(z, c) OF(columns, c) OF(start, c)                                           \
-  OF(values, 1 + 4 * j) OF(virtual_map, 1 + 4 * j) OF(frame, 4 * j) OF(rho0, 2 * j) OF(t0, 2 * j)           \
-  OF(rho1, 2 * j) OF(t1, 2 * j) OF(arm_change, 2 * j) OF(mean_t, 2 * j) OF(carrier_slope, j)                \
-  OF(carrier_bend, j)                                                                                       \
+  OF(values0, 1 + 4 * j) OF(values, 1 + 4 * j) OF(virtual_map, 1 + 4 * j) OF(frame, 4 * j)                  \
+  OF(arm_change, 2 * j) OF(mean_t, 2 * j) OF(carrier_slope, j) OF(carrier_bend, j)                          \
   OF(joint_forces, 3 * p->scene_joints) OF(y, p->positions) OF(row, p->rows ? 3 * u : 0)                    \
   OF(tangent, p->stored_values + 4 * LANES) OF(residual, k) OF(proposed, k)                                 \
   OF(factorised, p->reused.worth && b ? p->tangent_start[p->free] : 0)                                      \
