@@ -99,75 +99,64 @@ static void eliminate_groups(const Elimination *e) {
 
 static int by_value(const void *a, const void *b) { return *(const int *)a - *(const int *)b; }
 
-/* Position among the factors of a row and a column of the elimination, in groups at these positions. */
-static long place_in(const Elimination *e, int group, int column_group, int row, int column) {
-  const SparseRows *r = &e->rows;
-  long offset = r->start[row];
-  if (column_group < group) {
-    for (int s = r->source_start[group]; r->source[s] != column_group; ++s)
-      offset += r->first[r->source[s] + 1] - r->first[r->source[s]];
-    return offset + column - r->first[column_group];
-  }
-  if (column_group == group) return r->diagonal[row] + column - row;
-  offset = r->diagonal[row] + r->first[group + 1] - row;
-  for (int k = r->run_start[group];; offset += r->run_length[k++])
-    if (column < r->run_column[k] + r->run_length[k]) return offset + column - r->run_column[k];
-}
+static int size_at(const SparseRows *r, int group) { return r->first[group + 1] - r->first[group]; }
 
 /* The rows of the factors, from the lists. */
 static void find_rows(Elimination *e) {
-  int n = e->groups, *position = e->position, *size = e->work, *group_at = e->work + n;
+  int n = e->groups, *position = e->position, *group_at = e->work, sources = 0, runs = 0;
+  long couplings = 0, at = 0;
   SparseRows *r = &e->rows;
   eliminate_groups(e);
+  r->groups = n, r->unknowns = e->first_unknown[n];
   ROOM(r->first, n), ROOM(r->source_start, n), ROOM(r->run_start, n);
-  for (int g = 0; g < n; ++g) size[position[g]] = e->first_unknown[g + 1] - e->first_unknown[g], group_at[position[g]] = g;
-  r->first[0] = 0, r->unknowns = e->first_unknown[n];
-  for (int k = 0; k < n; ++k) r->first[k + 1] = r->first[k] + size[k];
-  long couplings = 0;
-  for (int k = 0; k <= n; ++k) r->source_start[k] = 0;
-  for (int k = 0; k < n; ++k) {
-    IntList *list = e->near_to + group_at[k];
-    for (int i = 0; i < list->count; ++i) list->of[i] = position[list->of[i]], ++r->source_start[list->of[i] + 1];
-    qsort(list->of, list->count, sizeof(int), by_value);
-    couplings += list->count;
+  ROOM(r->start, r->unknowns), ROOM(r->diagonal, r->unknowns), ROOM(e->order, r->unknowns);
+  for (int g = 0; g < n; ++g) {
+    IntList *list = e->near_to + g;
+    for (int i = 0; i < list->count; ++i) list->of[i] = position[list->of[i]];
+    group_at[position[g]] = g, couplings += list->count;
   }
   ROOM(r->source, couplings), ROOM(r->run_column, couplings), ROOM(r->run_length, couplings);
-  for (int k = 0; k < n; ++k) r->source_start[k + 1] += r->source_start[k];
-  int runs = 0, *filled = e->work + 2 * n;
-  memset(filled, 0, n * sizeof(int));
+  r->first[0] = 0;
+  for (int k = 0; k < n; ++k) r->first[k + 1] = r->first[k] + e->first_unknown[group_at[k] + 1] - e->first_unknown[group_at[k]];
   for (int k = 0; k < n; ++k) {
+    int size = size_at(r, k), lower = 0, upper = 0;
     IntList *list = e->near_to + group_at[k];
-    r->run_start[k] = runs;
-    for (int i = 0; i < list->count; ++i) {
-      int to = list->of[i];
-      r->source[r->source_start[to] + filled[to]++] = k;
-      if (i && to == list->of[i - 1] + 1)
-        r->run_length[runs - 1] += size[to];
-      else
-        r->run_column[runs] = r->first[to], r->run_length[runs++] = size[to];
+    int behind = list->count; /* the groups before have added themselves at the end */
+    while (behind && list->of[behind - 1] < k) --behind;
+    qsort(list->of, behind, sizeof(int), by_value);
+    r->source_start[k] = sources, r->run_start[k] = runs;
+    for (int i = behind; i < list->count; lower += size_at(r, list->of[i++])) r->source[sources++] = list->of[i];
+    for (int i = 0; i < behind; ++i) {
+      int other = list->of[i], many = size_at(r, other);
+      add_to(e->near_to + group_at[other], k);
+      if (i && other == list->of[i - 1] + 1) r->run_length[runs - 1] += many;
+      else r->run_column[runs] = r->first[other], r->run_length[runs++] = many;
+      upper += many;
     }
-  }
-  r->run_start[n] = runs, r->groups = n;
-  ROOM(r->start, r->unknowns), ROOM(r->diagonal, r->unknowns), ROOM(e->order, r->unknowns);
-  long at = 0;
-  for (int k = 0; k < n; ++k) {
-    int lower = 0, upper = 0, g = group_at[k];
-    for (int s = r->source_start[k]; s < r->source_start[k + 1]; ++s) lower += size[r->source[s]];
-    for (int s = r->run_start[k]; s < r->run_start[k + 1]; ++s) upper += r->run_length[s];
-    for (int i = 0; i < size[k]; ++i) {
+    for (int i = 0; i < size; ++i, at += lower + size + upper) {
       int row = r->first[k] + i;
       r->start[row] = at, r->diagonal[row] = at + lower + i;
-      at += lower + size[k] + upper;
-      e->order[e->unknown[e->first_unknown[g] + i]] = row;
+      e->order[e->unknown[e->first_unknown[group_at[k]] + i]] = row;
     }
   }
-  r->start[r->unknowns] = at;
+  r->source_start[n] = sources, r->run_start[n] = runs, r->start[r->unknowns] = at;
 }
 
 /* Position among the factors of an unknown's row and a column; -1 if one of them is a bordering row. */
 static int place_of_pair(const Elimination *e, int i, int j) {
   if (i < 0 || j < 0) return -1;
-  return place_in(e, e->position[e->group_of[i]], e->position[e->group_of[j]], e->order[i], e->order[j]);
+  const SparseRows *r = &e->rows;
+  int row = e->order[i], column = e->order[j], group = e->position[e->group_of[i]];
+  long place = r->start[row];
+  for (int s = r->source_start[group]; column < r->first[group]; ++s) {
+    int beside = column - r->first[r->source[s]], size = size_at(r, r->source[s]);
+    if (beside < size) return place + beside;
+    place += size;
+  }
+  if (column < r->first[group + 1]) return r->diagonal[row] + column - row;
+  place = r->diagonal[row] + r->first[group + 1] - row;
+  for (int k = r->run_start[group];; place += r->run_length[k++])
+    if (column < r->run_column[k] + r->run_length[k]) return place + column - r->run_column[k];
 }
 
 void fx_find_rows(Elimination *e, int entries, const int *row, const int *column, int *at) {
