@@ -63,7 +63,7 @@ static void vjp_laws(const Problem *p, const Work *w, const Derivatives *a, cons
   const Layout *at = &l->at;
   vjp(l->of + JOINED, x);
   vjp(l->of + CLOSED, x);
-  if (HAS(LOOPS) && p->closures) solve_closures(p, w, 1, 0, w->part, w->part_order, x + at->closing);
+  if (HAS(LOOPS) && p->closures) solve_closures(p, w, 1, 0, x + at->closing);
   for (int i = 0; i < p->closures; ++i) x[at->R + p->loop_column[p->following[i]]] += x[at->closing + i];
   for (int i = MAPPED; i > LEVERS; --i) vjp(l->of + i, x);
   if (last) vjp(l->of + LEVERS, x);
@@ -106,9 +106,9 @@ static int vjp_followed(Problem *p, Work *w, const Derivatives *a, Linear *l, co
 /* The derivatives by the closures of loops, as many as make those by the unknowns that follow zero: in `trial` these are
    found without, by columns Y at the end where the closures have the derivatives G. */
 static void vjp_closures(const Problem *p, const Work *w, int Y, const double *trial, double *closures) {
-  factorise_closures(p, w, w->G, 1, w->part_virtual, w->order_virtual);
+  factorise_closures(p, w, w->G, 1);
   for (int i = 0; i < p->closures; ++i) closures[i] = -trial[Y + p->loop_column[p->following[i]]];
-  solve_closures(p, w, 1, 1, w->part_virtual, w->order_virtual, closures);
+  solve_closures(p, w, 1, 1, closures);
 }
 
 /* Takes the derivatives from the end of a sub-step to its start; returns 0 if its tangent is singular. */

@@ -120,7 +120,7 @@ static int expand(const Problem *p, const Work *w) {
   if (HAS(LOOPS) && p->closures) {
     for (; left && !correct_loops(p, w, &last); --left) expand_trees(p, w);
     derive_closures(p, w, w->virtual_map, w->G_virtual);
-    factorise_closures(p, w, w->G_virtual, 1, w->part_virtual, w->order_virtual);
+    factorise_closures(p, w, w->G_virtual, 1);
   }
   fx_evaluate_points(p->points, p->points->nodal, p->points->all, w->D, w->z); /* on slides */
   return left > 0;

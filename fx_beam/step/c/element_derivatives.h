@@ -76,7 +76,7 @@ static int begin_taped(Problem *p, Work *w, const Derivatives *a, const double *
   if (!l->adds) l->of[TOUCHED].count = 0;
   if (HAS(MEMBERS) && p->points->members) put_members(l->of + TOUCHED, p, &l->at);
   if (!unread) reduce_tangent(p, w);
-  if (HAS(LOOPS) && w->transposed) factorise_closures(p, w, w->G_virtual, 0, w->part, w->part_order);
+  if (HAS(LOOPS) && w->transposed) factorise_closures(p, w, w->G_virtual, 0);
   return 1;
 }
 

@@ -40,7 +40,7 @@ static void jvp_forces(const Problem *p, const Work *w, const Derivatives *a, co
 static void jvp_joints(const Problem *p, const Work *w, const Linear *l, Changes *x) {
   const Layout *at = &l->at;
   for (int i = 0; i < p->closures; ++i) x[at->closing + i] = x[at->R + p->loop_column[p->following[i]]];
-  if (p->closures) solve_closures(p, w, GROUP_SIZE, 1, w->part_virtual, w->order_virtual, (double *)(x + at->closing));
+  if (p->closures) solve_closures(p, w, GROUP_SIZE, 1, (double *)(x + at->closing));
   jvp(l->of + CLOSED, x);
   jvp(l->of + JOINED, x);
 }

@@ -160,11 +160,11 @@ INLINED void solve_band_rows(int sides, int n, int lower, int upper, const doubl
 }
 
 /* LU factors of the part of G that belongs to the unknowns that follow, or of its transpose, block by block. */
-static void factorise_closures(const Problem *p, const Work *w, const double *G, int transposed, double *factors, int *order) {
+static void factorise_closures(const Problem *p, const Work *w, const double *G, int transposed) {
   for (int b = 0; b < p->blocks; ++b) {
     int begin = p->block_closure[b], m = p->block_closure[b + 1] - begin;
     int lower = w->band[2 * b + transposed], upper = w->band[2 * b + !transposed];
-    double *A = factors + p->block_part[b];
+    double *A = w->part + transposed * p->part_size + p->block_part[b];
     for (int i = 0; i < m; ++i) {
       int first = i > lower ? i - lower : 0, end = i + lower + upper < m ? i + lower + upper + 1 : m;
       memset(A + (long)i * m + first, 0, (end - first) * sizeof(double));
@@ -174,13 +174,14 @@ static void factorise_closures(const Problem *p, const Work *w, const double *G,
         int j = w->follows[p->closure_near[k]] - begin;
         if (w->follows[p->closure_near[k]] >= 0) A[transposed ? (long)j * m + i : (long)i * m + j] = G[k];
       }
-    factorise_band(m, lower, upper, A, order + begin);
+    factorise_band(m, lower, upper, A, w->part_order + transposed * p->closures + begin);
   }
 }
 
 /* Solves for the unknowns that follow, in the place of one or GROUP_SIZE right sides x. */
-HOT void solve_closures(const Problem *p, const Work *w, int sides, int transposed, const double *factors, const int *order,
-                        double *x) {
+HOT void solve_closures(const Problem *p, const Work *w, int sides, int transposed, double *x) {
+  const double *factors = w->part + transposed * p->part_size;
+  const int *order = w->part_order + transposed * p->closures;
   for (int b = 0; b < p->blocks; ++b) {
     int begin = p->block_closure[b], m = p->block_closure[b + 1] - begin, *band = w->band + 2 * b;
     solve_band_rows(sides, m, band[transposed], band[!transposed], factors + p->block_part[b], order + begin, x + begin * sides);
@@ -223,12 +224,12 @@ static int correct_loops(const Problem *p, const Work *w, double *last) {
   int m = p->closures;
   double *closure = w->closure, size;
   derive_closures(p, w, w->values, w->G);
-  factorise_closures(p, w, w->G, 0, w->part, w->part_order);
+  factorise_closures(p, w, w->G, 0);
   find_closures(p, w, w->D, w->closure0, closure);
   size = largest_size(m, closure);
   if (size <= p->closure_closed || (*last < size && size <= 1e3 * p->closure_closed)) return 1;
   *last = size;
-  solve_closures(p, w, 1, 0, w->part, w->part_order, closure);
+  solve_closures(p, w, 1, 0, closure);
   for (int k = 0; k < m; ++k) w->z[p->loop_column[p->following[k]]] -= closure[k];
   return 0;
 }
@@ -241,14 +242,14 @@ static void complete(const Problem *p, const Work *w, double *z) {
     for (int k = p->closure_start[i]; k < p->closure_start[i + 1]; ++k)
       w->closure[i] += w->G[k] * z[p->loop_column[p->closure_near[k]]];
   }
-  if (HAS(LOOPS) && p->closures) solve_closures(p, w, 1, 0, w->part, w->part_order, w->closure);
+  solve_closures(p, w, 1, 0, w->closure);
   for (int k = 0; k < p->closures; ++k) z[p->loop_column[p->following[k]]] = -w->closure[k];
 }
 
 /* Forces of the closing joints, those that leave no residual of the unknowns that follow. */
 static void close_residual(const Problem *p, const Work *w, double *R) {
   for (int k = 0; k < p->closures; ++k) w->closing[k] = R[p->loop_column[p->following[k]]];
-  solve_closures(p, w, 1, 1, w->part_virtual, w->order_virtual, w->closing);
+  solve_closures(p, w, 1, 1, w->closing);
   for (int i = 0; i < p->closures; ++i)
     for (int k = p->closure_start[i]; k < p->closure_start[i + 1]; ++k)
       R[p->loop_column[p->closure_near[k]]] -= w->G_virtual[k] * w->closing[i];

@@ -42,26 +42,22 @@ static void arms_at(const MemberContact *c, int piece, Two point, const double *
   image(r, piece == 0, piece + 2 >= c->nodes);
 }
 
-static inline Two motion_of(const double *x, const double *from, const int *dof) {
-  return from ? pair_of(x, dof) - pair_of(from, dof) : pair_of(x, dof);
+/* Differences of a vector at the nodes of a contact point and at its point, images included. */
+static inline void differences(const MemberContact *c, const ContactPoint *e, const double *x, Two *r) {
+  arms_at(c, e->piece, pair_of(x, e->dof), x, r);
 }
 
 /* Largest motion of a pair of degrees of freedom, beside the mean one. */
-static double largest_motion(const MemberContacts *m, const double *x, const double *from, double factor) {
+static double largest_motion(const MemberContacts *m, const double *motion) {
   const int *end = m->moves + 2 * m->moving;
   Two mean = {0};
   double most = 0;
-  for (const int *dof = m->moves; dof < end; dof += 2) mean += motion_of(x, from, dof) / m->moving;
+  for (const int *dof = m->moves; dof < end; dof += 2) mean += pair_of(motion, dof) / m->moving;
   for (const int *dof = m->moves; dof < end; dof += 2) {
-    Two u = motion_of(x, from, dof) - mean;
+    Two u = pair_of(motion, dof) - mean;
     most = fmax(most, dot2(u, u));
   }
-  return factor * sqrt(most);
-}
-
-static void add_near(MemberContacts *m, int contact, int point, int piece, const NearPoint *nearest) {
-  if (m->near_places == m->near_room) m->near = realloc(m->near, (m->near_room = 2 * m->near_room + 16) * sizeof(NearPlace));
-  m->near[m->near_places++] = (NearPlace){contact, point, piece, nearest->place, nearest->distance};
+  return sqrt(most);
 }
 
 /* Adds a point where the piece about a node is nearest to it, among the pieces next to it. */
@@ -74,8 +70,10 @@ static void add_if_near(MemberContacts *m, int number, int i, const double *x, T
   if (!ends && !grows_at_joint(r[1], r[2])) return;
   if (c->apart > 0 && fabs(c->arc[i] - c->arc[node]) < c->apart) return;
   NearPoint nearest = nearest_on(r, 0, begins, ends);
-  nearest.place += ends; /* the last piece is the second of two */
-  if (nearest.distance < reach) add_near(m, number, i, node - ends, &nearest);
+  if (nearest.distance >= reach) return;
+  if (m->near_places == m->near_room) m->near = realloc(m->near, (m->near_room = 2 * m->near_room + 16) * sizeof(NearPlace));
+  /* The last piece is the second of two. */
+  m->near[m->near_places++] = (NearPlace){number, i, node - ends, nearest.place + ends, nearest.distance};
 }
 
 static double longest_piece(const MemberContact *c, const double *x) {
@@ -180,12 +178,6 @@ static int slot_of(MemberContacts *m, const ContactPoint *e) {
   return best;
 }
 
-/* Differences of a vector at the nodes of a contact point and at its point, images included. */
-static inline void differences(const ContactPoint *e, const double *x, Two *r) {
-  for (int k = 0; k < 4; ++k) r[k] = pair_of(x, e->dof + 2 + 2 * k) - pair_of(x, e->dof);
-  image(r, e->begins, e->ends);
-}
-
 /* Whether the pieces of a contact point can go to one side and still have its nearest point. */
 static int can_lean(double place, int direction) { return place - direction > -0.5 && place - direction < 1.5; }
 
@@ -193,15 +185,13 @@ static int can_lean(double place, int direction) { return place - direction > -0
 static const double SPARE_PIECE = 0.1;
 
 /* About how far the nearest point of a contact point will move along its member in a step. */
-static double motion_along(const ContactPoint *e, const NearPoint *near, const double *v, double dt) {
+static double motion_along(const MemberContact *c, const ContactPoint *e, const double *v, double dt) {
+  const double *n = e->first.weights, *slopes = e->first.slopes;
   const Two *r = (const Two *)e->start + 1;
   Two rates[4];
-  double sum = 0;
-  differences(e, v, rates);
-  for (int j = 0; j < 4; ++j)
-    for (int k = 0; k < 4; ++k)
-      sum += near->weights[j] * near->slopes[k] * (dot2(rates[j], r[k]) + dot2(r[j], rates[k]));
-  return -near->per_rate * dt * sum;
+  differences(c, e, v, rates);
+  double sum = dot2(weighted(n, rates), weighted(slopes, r)) + dot2(weighted(n, r), weighted(slopes, rates));
+  return -e->first.per_rate * dt * sum;
 }
 
 /* Steps in which pieces change together, as the pattern of the tangent changes with them. */
@@ -228,8 +218,8 @@ static int place_contact_points(MemberContacts *m, const double *x, const double
     if (near.left || is_behind_seam(m->of + e->contact, piece)) return 0;
     moved |= piece != e->piece;
     if (piece != e->piece) set_pieces(m->of + e->contact, e, piece);
-    e->motion = v ? motion_along(e, &near, v, dt) : 0;
     e->first = near;
+    e->motion = v ? motion_along(m->of + e->contact, e, v, dt) : 0;
     /* The last step had to be repeated, or the nearest point is about to leave its pieces. */
     e->leans = e->leans ? (can_lean(e->first.place, e->leans) ? e->leans : 0) : direction_to_lean(e, 1);
     changes |= e->leans && e->counted;
@@ -263,11 +253,12 @@ static void begin_contact_point(MemberContacts *m, ContactPoint *e, double t, do
 /* The start of a step: contact points, and what does not change in it. */
 static void begin_members(MemberContacts *m, const double *q, const double *v, double t, double dt,
                              const double *internal) {
-  double step = fmax(m->step, v ? largest_motion(m, v, 0, fabs(dt)) : 0), least = HUGE_VAL;
+  double step = fmax(m->step, v ? largest_motion(m, v) * fabs(dt) : 0), least = HUGE_VAL;
   for (int k = 0; k < m->contacts; ++k) least = fmin(least, m->of[k].number[0]);
   double wanted = fmax(2 * SPARE * LASTS * step, LEAST_MARGIN * least);
   const double *x = positions(m, q, m->start);
-  m->moved = m->searches ? largest_motion(m, x, m->searched_at, 1) : 0;
+  for (int i = 0; i < m->dofs; ++i) m->product[i] = x[i] - m->searched_at[i];
+  m->moved = largest_motion(m, m->product);
   if (!m->searches || m->wide || 2 * (m->moved + SPARE * step) > m->margin || !place_contact_points(m, x, v, dt)) {
     find_contact_points(m, x, m->wide ? fmax(2 * m->margin, wanted) : wanted), m->moved = 0;
     place_contact_points(m, x, v, dt);
@@ -280,8 +271,7 @@ static void begin_members(MemberContacts *m, const double *q, const double *v, d
 
 /* Sums of vectors at the nodes, images included, with all kinds of weights. */
 static inline void sums_of(int count, double sums[MOST_SUMS][4], const Two *r, double *out) {
-  for (int k = 0; k < count; ++k, out += 2)
-    *(Two *)out = sums[k][0] * r[0] + sums[k][1] * r[1] + sums[k][2] * r[2] + sums[k][3] * r[3];
+  for (int k = 0; k < count; ++k) *(Two *)(out + 2 * k) = weighted(sums[k], r);
 }
 
 /* Slopes of the slopes of weights. */
@@ -305,8 +295,7 @@ static int move_contact_point(MemberContacts *m, ContactPoint *e, const double *
   const Two *start = (const Two *)e->start + 1;
   Two change[4], end[4], rates[4];
   double radius = *number_of(c, e->point), widest = 0, *internal = e->given + internal_at(c);
-  differences(e, D, change);
-  Two from = {0}, to = {0};
+  differences(c, e, D, change);
   e->closed = e->first.distance < radius, e->left = e->passed = 0;
   for (int i = 0; i < c->internal; ++i) e->closed |= internal[i] != 0;
   /* The distance changes by no more than the arms do. */
@@ -314,8 +303,8 @@ static int move_contact_point(MemberContacts *m, ContactPoint *e, const double *
   if (!e->closed && sqrt(widest) < e->first.distance - radius) return 0;
   for (int k = 0; k < 4; ++k) end[k] = start[k] + change[k];
   NearPoint near = nearest_point(end, e->begins, e->ends);
-  for (int k = 0; k < 4; ++k) from += e->first.weights[k] * start[k], to += near.weights[k] * end[k];
-  e->left = near.left, e->end = near.place, e->passed = dot2(from, to) < 0;
+  e->left = near.left, e->end = near.place;
+  e->passed = dot2(weighted(e->first.weights, start), weighted(near.weights, end)) < 0;
   e->closed |= near.distance < radius;
   if (!e->closed) return 0;
   double sums[MOST_SUMS][4], *of_places = e->given + places_at(c);
@@ -327,7 +316,7 @@ static int move_contact_point(MemberContacts *m, ContactPoint *e, const double *
   }
   if (c->internal) bend_weights(first->place, sums[4]), bend_weights(near.place, sums[5]);
   sums_of(count, sums, start, e->given), sums_of(count, sums, change, e->given + c->sums);
-  differences(e, m->v, rates);
+  differences(c, e, m->v, rates);
   sums_of(count, sums, rates, e->given + 2 * c->sums);
   of_places[0] = near.per_rate, of_places[1] = first->per_rate;
   if (c->internal) {
@@ -364,8 +353,7 @@ static void make_tangent(const MemberContact *c, ContactPoint *e) {
 
 /* Calls the law of a contact point, after `move_contact_point`. */
 static void find_force(const MemberContact *c, ContactPoint *e) {
-  int values = c->sums + c->entries + c->internal + c->remembered;
-  call(c->law, e->given, e->results, values);
+  call(c->law, e->given, e->results, c->sums + c->entries + c->internal + c->remembered);
 }
 
 void fx_evaluate_members(MemberContacts *m, const double *D) {
@@ -408,7 +396,7 @@ int fx_check_members(MemberContacts *m, const double *D) {
   int state = MEMBERS_FINE;
   double *end = m->product;
   Two r[5];
-  m->step = largest_motion(m, D, 0, 1);
+  m->step = largest_motion(m, D);
   if (2 * (m->moved + m->step) > m->margin) return m->wide = 1, MEMBERS_MOVED;
   for (int i = 0; i < m->dofs; ++i) end[i] = m->start[i] + D[i];
   for (ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e) {
@@ -485,21 +473,18 @@ static void evolve_members(MemberContacts *m, const double *D, double *internal)
 /* Adds the energy of a place that is near a member at positions x. */
 static void add_energy(const MemberContacts *m, const NearPlace *near, const double *x, Energy *to) {
   const MemberContact *c = m->of + near->contact;
-  Two r[4], arm = {0};
-  double slopes[CONTACT_POINT_GIVEN], n[4] = {0}, n_slope[3];
-  int second = near->place > 0.5;
+  double slopes[CONTACT_POINT_GIVEN];
+  Two r[4];
   if (near->distance >= *number_of(c, near->point)) return;
   add_energy_at(m, to, near->contact, near->point, near->distance, 0, slopes);
   if (!to->by) return;
-  arms_at(c, near->piece, pair_of(x, c->point_dof + 2 * near->point), x, r);
-  piece_weights(near->place - second, n + second, n_slope);
-  for (int k = 0; k < 4; ++k) arm += n[k] * r[k];
-  fold(n, near->piece == 0, near->piece + 2 >= c->nodes);
-  for (int i = 0; i < 2; ++i) {
-    double along = slopes[0] * arm[i] / near->distance;
-    to->of_q[c->point_dof[2 * near->point + i]] -= along;
-    for (int k = 0; k < 4; ++k) to->of_q[c->node_dof[2 * node_of(c, near->piece, k) + i]] += along * n[k];
-  }
+  ContactPoint e = contact_point_at(m, near);
+  differences(c, &e, x, r);
+  NearPoint nearest = nearest_point(r, e.begins, e.ends);
+  Two along = slopes[0] / near->distance * weighted(nearest.weights, r);
+  fold(nearest.weights, e.begins, e.ends);
+  for (int i = 0; i < CONTACT_POINT_DOFS; ++i)
+    to->of_q[e.dof[i]] += along[i % 2] * (i < 2 ? -1 : nearest.weights[i / 2 - 1]);
 }
 
 double fx_stored_at_members(MemberContacts *m, Energy *to, const double *q, const double *internal) {

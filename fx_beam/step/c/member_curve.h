@@ -14,6 +14,8 @@
 
 static inline double dot2(Two a, Two b) { return a[0] * b[0] + a[1] * b[1]; }
 
+static inline Two weighted(const double *n, const Two *r) { return n[0] * r[0] + n[1] * r[1] + n[2] * r[2] + n[3] * r[3]; }
+
 /* Weights of three nodes at a place on a piece, and their slopes. */
 static inline void piece_weights(double x, double *n, double *slope) {
   n[0] = (x - 0.5) * (x - 0.5) / 2, n[1] = 0.75 - x * x, n[2] = (x + 0.5) * (x + 0.5) / 2;

@@ -29,8 +29,10 @@ static void push_columns(const Problem *p, double *out) {
     out[p->points->of[i].column] += p->points->of[i].results[0];
 }
 
-/* Adds the forces of all sliding nodes: those on their columns pass on to their beams and along these. */
-static void carry(const Problem *p, const Work *w, double *r, double *out) {
+/* Adds the forces of all sliding nodes, for the forces on nodes: those on their columns pass on to their beams, in `loaded`,
+   and along these. */
+static void load_beams(const Problem *p, const Work *w, const double *on_nodes, double *out) {
+  double *r = memcpy(w->loaded, on_nodes, p->dofs * sizeof(double));
   for (int i = p->sliders - 1; i >= 0; --i) {
     Slider *a = p->slider + i;
     int s = a->components * a->width;
@@ -44,12 +46,6 @@ static void carry(const Problem *p, const Work *w, double *r, double *out) {
       out[a->column] += a->force[c] * a->virtual_map[c][s];
     }
   }
-}
-
-/* The same for the forces r on nodes, in `loaded`. */
-static void load_beams(const Problem *p, const Work *w, const double *r, double *out) {
-  memcpy(w->loaded, r, p->dofs * sizeof *r);
-  carry(p, w, w->loaded, out);
 }
 
 /* The slide of a joint at the level of a step. */

@@ -20,15 +20,15 @@
   OF(joint_forces, 3 * p->scene_joints) OF(y, p->positions) OF(row, p->rows ? 3 * u : 0)                    \
   OF(tangent, p->stored_values + 4 * LANES) OF(residual, k) OF(proposed, k)                                 \
   OF(factorised, p->reused.worth && b ? p->tangent_start[p->free] : 0)                                      \
-  OF(G, g) OF(G_virtual, g) OF(part, p->part_size) OF(part_virtual, p->part_size) OF(closure, m)            \
+  OF(G, g) OF(G_virtual, g) OF(part, 2 * p->part_size) OF(closure, m)                                       \
   OF(closure0, m) OF(closure_row, m ? c : 0) OF(pivoting, p->pivoting_size) OF(closing, m)                  \
   OF(closed, m ? n : 0)                                                                                     \
   OF(block, (long)p->positions * p->block) OF(border, b * p->positions) OF(bordering_right, b)              \
   OF(corner, b * b) OF(corner_units, 2 * b)
 /* Integers: among them the bands [blocks, 2] of factors. */
 #define INTEGERS(OF)                                                                                        \
-  OF(follows, p->loop_columns) OF(largest_at, 3 * m) OF(band, 2 * p->blocks) OF(part_order, m)              \
-  OF(order_virtual, m) OF(corner_order, b) OF(reached, p->positions) OF(crossed, 2 * b)
+  OF(follows, p->loop_columns) OF(largest_at, 3 * m) OF(band, 2 * p->blocks) OF(part_order, 2 * m)          \
+  OF(corner_order, b) OF(reached, p->positions) OF(crossed, 2 * b)
 #define NUMBERS(name, size) double *name;
 #define NUMBERED(name, size) int *name;
 
