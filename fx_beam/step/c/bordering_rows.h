@@ -12,7 +12,6 @@
 #include "band.h"
 #include "chain.h"
 #include "loops.h"
-#include "sliders.h"
 
 /* Adds a number in a row and a column of the system, or of its transpose: positions in the elimination, or
    ON_BORDER less the number of a bordering row. Nothing for -1, and nothing is added to A. */

@@ -28,31 +28,34 @@ INLINED Track track_at(const Problem *p, int j, double d_other, double d) {
   return track_of(p->track[j], p->axis + 2 * j, p->rule == 0 ? d_other : d, d);
 }
 
+/* Derivative of the increment on which forces do work, by the rotation of a joint's carrier. */
+static inline double slope_of_turn(const Work *w, int j) { return 1 + w->half_turn[j] * w->half_turn[j]; }
+
 /* Derivatives of the four values of Tv of a joint by the rotation of the carrier (0) and by the slide (1), at the start (0)
    or at the end (1) of a step. Of a joint that does not slide only those of the first two by the rotation. */
 static void slopes_of_joint(const Problem *p, const Work *w, int j, int end, double by[2][4]) {
-  const double *frame = w->frame + 4 * j, *mean = w->mean_t + 2 * j, *values = (end ? w->values : w->values0) + 1 + 4 * j;
-  double shares[] = {1 - p->level, p->level}, share = shares[end], slope = w->carrier_slope[j];
+  const double *frame = w->frame + 4 * j, *values = (end ? w->values : w->values0) + 1 + 4 * j;
+  double shares[] = {1 - p->level, p->level}, share = shares[end], slope = slope_of_turn(w, j);
   by[0][0] = -share * values[1], by[0][1] = share * values[0];
   if (p->slide_column[j] < 0) return;
-  double carrier_bend = end ? w->carrier_bend[j] : -w->carrier_bend[j];
+  Two bent = (end ? w->half_turn[j] : -w->half_turn[j]) * pair(w->virtual_map + 3 + 4 * j);
   double d0 = at(p->slides, p->slide_of[j]), d1 = d0 + at(w->z, p->slide_column[j]);
   Track track = track_at(p, j, end ? d0 : d1, end ? d1 : d0);
   Two of_end = pair(frame + 2 * end), between = shares[0] * pair(frame) + shares[1] * pair(frame + 2);
   Two chord = turn_by(of_end, track.chord), bend = turn_by(p->rule == 0 ? between : 2 * share * of_end, track.bend);
   by[1][0] = -share * values[3], by[1][1] = share * values[2];
-  by[0][2] = carrier_bend * mean[0] - slope * share * chord[1], by[0][3] = carrier_bend * mean[1] + slope * share * chord[0];
+  by[0][2] = bent[0] - slope * share * chord[1], by[0][3] = bent[1] + slope * share * chord[0];
   by[1][2] = slope * bend[0], by[1][3] = slope * bend[1];
 }
 
 /* Returns 0 in a singular position. */
 static int begin_couplings(const Problem *p, const Work *w) {
   w->values0[0] = w->values[0] = w->virtual_map[0] = 1;
-  begin_points(p, w);
   for (int j = 0; HAS(COUPLED) && j < p->joints; ++j) {
     double d = at(p->slides, p->slide_of[j]);
     set_arm(p, j, w->frame + 4 * j, at(p->q, p->carrier[j]), d, w->values0 + 1 + 4 * j);
   }
+  begin_points(p, w);
   return begin_loops(p, w);
 }
 
@@ -75,18 +78,16 @@ HOT void expand_columns(const Problem *p, const Work *w) {
     double psi = at(p->q, p->carrier[j]), Dpsi = at(D, p->carrier[j]);
     double slide = at(w->z, p->slide_column[j]), d0 = at(p->slides, p->slide_of[j]), d = d0 + slide;
     set_arm(p, j, w->frame + 4 * j + 2, psi + Dpsi, d, w->values + 1 + 4 * j);
-    double tangent = tan(Dpsi / 2), slope = p->rule == 0 ? 1 + tangent * tangent : 1;
-    w->carrier_slope[j] = slope;
-    w->carrier_bend[j] = p->rule == 0 ? tangent * slope : 0;
+    double tangent = tan(Dpsi / 2);
+    w->half_turn[j] = p->rule == 0 ? tangent : 0;
     double *frame = w->frame + 4 * j, *virtual_map = w->virtual_map + 1 + 4 * j;
     /* R1 x1 - R0 x0 = (1 - R0 R1^T) R1 x1 + R0 (x1 - x0): a difference of arms would have no digits in short steps. */
     double sine = 2 * tangent / (1 + tangent * tangent);
     Two slid = turn_by(pair(frame), slide * track_of(p->track[j], p->axis + 2 * j, d0, d).chord);
     *(Two *)(w->arm_change + 2 * j) = turn_by((Two){tangent * sine, sine}, arm_of(w->values, j)) + slid;
     Two start = turn_by(pair(frame), track_at(p, j, d, d0).chord), end = turn_by(pair(frame + 2), track_at(p, j, d0, d).chord);
-    Two mean_t = *(Two *)(w->mean_t + 2 * j) = (1 - level) * start + level * end;
     *(Two *)virtual_map = (1 - level) * pair(w->values0 + 1 + 4 * j) + level * pair(w->values + 1 + 4 * j);
-    *(Two *)(virtual_map + 2) = slope * mean_t;
+    *(Two *)(virtual_map + 2) = slope_of_turn(w, j) * ((1 - level) * start + level * end);
   }
   if (p->auxiliaries) spread_columns(p, w, 0, w->z, D);
   for (int k = 0; k < p->followers; ++k) D[p->follower[k]] += p->joint_sign[p->through[k]] * w->arm_change[p->through[k]];
@@ -130,7 +131,8 @@ static int expand(const Problem *p, const Work *w) {
 HOT void spread_open(const Problem *p, const Work *w, double *z, double *out) {
   spread_columns(p, w, w->values, z, out);
   for (const Slider *a = p->slider; HAS(SLIDERS) && a < p->slider + p->sliders; ++a) {
-    spread_slider(a, a->T, out, z);
+    for (int c = 0; c < a->components; ++c)
+      z[a->carried[c]] = a->T[c][a->components * a->width] * z[a->column] + moved_by_beam(a, c, out);
     spread_columns(p, w, w->values, z, out);
   }
 }

@@ -2,7 +2,6 @@
 
 #pragma once
 
-#include <string.h>
 #include "sparse_rows.h"
 #include "vectors.h"
 

@@ -2,8 +2,6 @@
 
 #pragma once
 
-#include <math.h>
-#include <string.h>
 #include "point_force.h"
 #include "vectors.h"
 

@@ -137,7 +137,7 @@ static void put_joint(const Problem *p, const Work *w, const Derivatives *a, Lin
         double chord_by = R[i][0] * track.chord_by[0][k] + R[i][1] * track.chord_by[1][k];
         if (arms) put(arms, offset, arm, R[i][k] - (i == k)), put(arms, axis, arm, place_by - at_rest.place_by[i][k]);
         put(levers, offset, lever, lever_share * R[i][k]), put(levers, axis, lever, lever_share * place_by);
-        if (slides) put(levers, axis, map + 2 + i, w->carrier_slope[j] * share * chord_by);
+        if (slides) put(levers, axis, map + 2 + i, slope_of_turn(w, j) * share * chord_by);
       }
       if (arms) put(arms, at_->rest + j, arm, -at_rest.chord[i]);
     }

@@ -2,9 +2,7 @@
 
 #pragma once
 
-#include "member_contact.h"
 #include "member_curve.h"
-#include "vectors.h"
 
 static inline void call(Law *law, const double *given, double *results, int values) {
   for (int i = 0; i < values; ++i) results[i] = 0;

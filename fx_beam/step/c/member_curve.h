@@ -7,8 +7,6 @@
 
 #pragma once
 
-#include <math.h>
-#include <string.h>
 #include "member_contact.h"
 #include "vectors.h"
 

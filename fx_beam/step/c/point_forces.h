@@ -2,8 +2,6 @@
 
 #pragma once
 
-#include <math.h>
-#include <string.h>
 #include "fixed_point.h"
 #include "member_contacts.h"
 

@@ -3,7 +3,6 @@
 #pragma once
 
 #include <stddef.h>
-#include <string.h>
 #include "slider.h"
 #include "vectors.h"
 
@@ -28,8 +27,9 @@ static void add_weights(const Slider *a, int element, const double *powers, doub
   }
 }
 
-/* The weights at the start (0) or at the end (1) of a step, on an element, or with the order 1 their slopes. */
-static void weigh_place(const Slider *a, int element, int end, int order, Weight *w) {
+/* The weights at the start (0) or at the end (1) of a step, or with the order 1 their slopes. */
+static void weigh_place(const Slider *a, int end, int order, Weight *w) {
+  int element = a->element[end];
   double begin = a->ends[element], h = a->ends[element + 1] - begin, x = ((end ? a->s1 : a->s0) - begin) / h;
   double P[3][4] = {{1, x, x * x, x * x * x}, {0, 1, 2 * x, 3 * x * x}, {0, 0, 2, 6 * x}}, per = order ? 1 / h : 1;
   const double *powers = P[order], *slope = P[order + 1];
@@ -47,8 +47,8 @@ static void weigh_place(const Slider *a, int element, int end, int order, Weight
 
 /* The quotient of the change of the weights `at` both ends and the slide between them, element by element, so that no difference of
    equal numbers is taken. */
-static void weigh_quotient(const Slider *a, int e0, int e1, const Weight *at, Weight *w) {
-  int step = e1 < e0 ? -1 : 1;
+static void weigh_quotient(const Slider *a, const Weight *at, Weight *w) {
+  int e0 = a->element[0], e1 = a->element[1], step = e1 < e0 ? -1 : 1;
   double slide = a->slide;
   memset(w, 0, offsetof(Weight, part));
   for (int e = e0; e != e1 + step; e += step) {
@@ -73,7 +73,7 @@ static void weigh_quotient(const Slider *a, int e0, int e1, const Weight *at, We
     w->by[0][k] = (w->of[k] - at[0].by[0][k]) / slide, w->by[1][k] = (at[1].by[1][k] - w->of[k]) / slide;
   for (int end = 0; fabs(slide) <= 1e-6 * (a->ends[e0 + 1] - a->ends[e0]) && end < 2; ++end) {
     Weight slopes;
-    weigh_place(a, end ? e1 : e0, end, 1, &slopes);
+    weigh_place(a, end, 1, &slopes);
     for (int k = 0; k < a->width; ++k) w->by[end][k] = slopes.by[end][k] / 2;
   }
 }
@@ -88,10 +88,11 @@ static double over_sine_slope(double x) {
 }
 
 /* Elements of both ends of a step, of which it may pass so many; the first node of the window. */
-static void begin_window(Slider *a, int *e0, int *e1) {
+static void begin_window(Slider *a) {
   int first = element_of(a, a->s0), last = element_of(a, a->s1), limit = a->elements - a->window;
-  *e0 = first, *e1 = last > first + a->most ? first + a->most : last < first - a->most ? first - a->most : last;
-  int low = (*e0 < *e1 ? *e0 : *e1) - 1;
+  last = last > first + a->most ? first + a->most : last < first - a->most ? first - a->most : last;
+  int low = (first < last ? first : last) - 1;
+  a->element[0] = first, a->element[1] = last;
   a->first = a->degree * (low < 0 ? 0 : low > limit ? limit : low);
 }
 
@@ -99,7 +100,7 @@ static void begin_window(Slider *a, int *e0, int *e1) {
 static void relate_chord(Slider *a, Relation *o) {
   int n = a->width, s = a->components * n;
   double r[2], square;
-  o->from = a->degree * element_of(a, a->s0) - a->first, o->to = o->from + a->degree;
+  o->from = a->degree * a->element[0] - a->first, o->to = o->from + a->degree;
   for (int i = 0; i < 2; ++i) {
     r[i] = (o->x[0][i][o->to] + o->x[1][i][o->to] - o->x[0][i][o->from] - o->x[1][i][o->from]) / 2;
     o->Dr[i] = o->D[i][o->to] - o->D[i][o->from];
@@ -140,13 +141,13 @@ static void relate_turn(Slider *a, Relation *o) {
 /* Increment of the node for that of its beam and of the arc length, its derivatives T and the virtual increment. */
 static void slide_on(Slider *a, const double *q, const double *D) {
   Relation *o = &a->relation;
-  int n = a->width, s = a->components * n, exact = a->level == 0.5, e0, e1;
+  int n = a->width, s = a->components * n, exact = a->level == 0.5;
   double change[WINDOW_NODES]; /* of weights by the slide: it keeps the digits of small steps */
-  begin_window(a, &e0, &e1);
-  weigh_place(a, e0, 0, 0, o->at), weigh_place(a, e1, 1, 0, o->at + 1);
-  weigh_quotient(a, e0, e1, o->at, o->along), memcpy(change, o->along->of, n * sizeof(double));
+  begin_window(a);
+  weigh_place(a, 0, 0, o->at), weigh_place(a, 1, 0, o->at + 1);
+  weigh_quotient(a, o->at, o->along), memcpy(change, o->along->of, n * sizeof(double));
   if (exact) o->along[1] = o->along[0];
-  else weigh_place(a, e0, 0, 1, o->along), weigh_place(a, e1, 1, 1, o->along + 1);
+  else weigh_place(a, 0, 1, o->along), weigh_place(a, 1, 1, o->along + 1);
   o->share[0] = 1 - a->level, o->share[1] = a->level;
   memset(a->T, 0, sizeof a->T), memset(a->virtual_map, 0, sizeof a->virtual_map);
   for (int k = 0; k < n; ++k) {

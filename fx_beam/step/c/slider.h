@@ -68,9 +68,10 @@ typedef struct {
   /* Of a beam without mass that only sliding nodes may hold: columns of one of its nodes, and storage indices
      of their diagonals. */
   int anchors, anchor_column[3], anchor_at[3];
-  /* In the present iteration: arc lengths and the slide between them, first node of the window, increment, T and Tv, force. */
+  /* In the present iteration: arc lengths and the slide between them, their elements, first node of the window, increment, T and
+     Tv, force. */
   double s0, s1, slide;
-  int first;
+  int element[2], first;
   double increment[3], T[3][LOCAL], virtual_map[3][LOCAL], force[3];
   Relation relation;
   Second of_force; /* derivatives of virtual_map^T F by the end of the step */

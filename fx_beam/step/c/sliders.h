@@ -7,20 +7,14 @@
 #include "slide_relation.h"
 #include "track.h"
 
-/* Degree of freedom that belongs to a local one; -1 for the arc length. */
-static int local_dof(const Slider *a, int local) {
-  int n = a->width;
-  return local == a->components * n ? -1 : a->dofs[3 * (a->first + local % n) + local / n];
-}
+/* Degree of freedom that belongs to a local one. */
+static int local_dof(const Slider *a, int local) { return a->dofs[3 * (a->first + local % a->width) + local / a->width]; }
 
-/* Change of the node's columns in z for small changes of all degrees of freedom, by T or Tv. */
-static void spread_slider(const Slider *a, const double (*T)[LOCAL], const double *change, double *z) {
-  int s = a->components * a->width;
-  for (int c = 0; c < a->components; ++c) {
-    double total = T[c][s] * z[a->column];
-    for (int k = 0; k < s; ++k) total += T[c][k] * change[local_dof(a, k)];
-    z[a->carried[c]] = total;
-  }
+/* Small change of a component of the node with those of the beam, by T. */
+static double moved_by_beam(const Slider *a, int c, const double *change) {
+  double sum = 0;
+  for (int k = 0; k < a->width; ++k) sum += a->T[c][c * a->width + k] * change[a->dofs[3 * (a->first + k) + c]];
+  return sum;
 }
 
 /* Adds the forces on slides. */
@@ -91,29 +85,22 @@ static void begin_sliders(const Problem *p, const Work *w) {
   }
 }
 
-/* Rate of the arc length at the start of the step, after `begin_sliders`. */
-static double slider_rate(const Problem *p, const Slider *a) {
-  int s = a->components * a->width;
-  Two along = {a->T[0][s], a->T[1][s]}, apart = pair_of(p->v, a->node);
-  for (int k = 0; k < 2 * a->width; ++k) apart -= (Two){a->T[0][k], a->T[1][k]} * p->v[local_dof(a, k)];
-  return dot2(apart, along) / dot2(along, along);
-}
+/* The rate of a slide that moves a node with the velocity `apart`, by the tangent of its curve. */
+static double rate_along(Two apart, Two tangent) { return dot2(apart, tangent) / dot2(tangent, tangent); }
 
-/* Rate of a slide at the start of a step (scene/joints.py). */
-static double rate_of_slide(const Problem *p, int j) {
-  int a = p->carrier[j], b = p->carried_node[j];
-  Two v = {at(p->v, b - 2) - at(p->v, a - 2), at(p->v, b - 1) - at(p->v, a - 1)};
-  double d = p->slides[p->slide_of[j]], spin = at(p->v, a), turn = at(p->q, a);
-  Track track = track_of(p->track[j], p->axis + 2 * j, d, d);
-  Two arm = pair(p->offset + 2 * j) + track.place, seen = turn_by((Two){cos(turn), -sin(turn)}, v);
-  return dot2(track.chord, seen + spin * (Two){arm[1], -arm[0]});
-}
-
-/* At mid-step forces depend on mean rates alone. */
+/* Rates of slides at the start of a step, by the values of T. At mid-step forces depend on mean rates alone. */
 static void find_slide_rates(const Problem *p, const Work *w) {
+  const double *v = p->v;
   if (p->points->all == p->points->nodal || p->level == 0.5) return;
-  for (int j = 0; j < p->joints; ++j)
-    if (p->slide_column[j] >= 0) p->slide_rate[p->slide_of[j]] = rate_of_slide(p, j);
+  for (int j = 0; j < p->joints; ++j) {
+    int a = p->carrier[j], b = p->carried_node[j];
+    Two apart = {at(v, b - 2) - at(v, a - 2), at(v, b - 1) - at(v, a - 1)}, turned = at(v, a) * pair(w->values0 + 1 + 4 * j);
+    if (p->slide_column[j] >= 0) p->slide_rate[p->slide_of[j]] = rate_along(apart - turned, pair(w->values0 + 3 + 4 * j));
+  }
   if (HAS(SLIDERS)) begin_sliders(p, w);
-  for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a) p->slide_rate[a->joint] = slider_rate(p, a);
+  for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a) {
+    int s = a->components * a->width;
+    Two apart = pair_of(v, a->node) - (Two){moved_by_beam(a, 0, v), moved_by_beam(a, 1, v)};
+    p->slide_rate[a->joint] = rate_along(apart, (Two){a->T[0][s], a->T[1][s]});
+  }
 }

@@ -5,6 +5,7 @@
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
+#include <string.h>
 #include "scene_features.h"
 
 #define INLINED static inline __attribute__((always_inline))
