@@ -22,7 +22,7 @@ static void count_contact_points(MemberContacts *m) {
     const MemberContact *c = m->of + e->contact;
     Two rates[4];
     double fastest = 0, dt = fabs(e->given[3 * c->sums + 1]);
-    differences(c, e, m->v, rates);
+    differences(e, m->v, rates);
     for (int k = 0; k < 4; ++k) fastest = fmax(fastest, dot2(rates[k], rates[k]));
     e->counted = e->closed || e->first.distance - *number_of(c, e->point) < SOON * dt * sqrt(fastest);
   }

@@ -41,8 +41,9 @@ static void arms_at(const MemberContact *c, int piece, Two point, const double *
 }
 
 /* Differences of a vector at the nodes of a contact point and at its point, images included. */
-static inline void differences(const MemberContact *c, const ContactPoint *e, const double *x, Two *r) {
-  arms_at(c, e->piece, pair_of(x, e->dof), x, r);
+static inline void differences(const ContactPoint *e, const double *x, Two *r) {
+  for (int k = 0; k < 4; ++k) r[k] = pair_of(x, e->dof + 2 + 2 * k) - pair_of(x, e->dof);
+  image(r, e->begins, e->ends);
 }
 
 /* Largest motion of a pair of degrees of freedom, beside the mean one. */
@@ -183,11 +184,11 @@ static int can_lean(double place, int direction) { return place - direction > -0
 static const double SPARE_PIECE = 0.1;
 
 /* About how far the nearest point of a contact point will move along its member in a step. */
-static double motion_along(const MemberContact *c, const ContactPoint *e, const double *v, double dt) {
+static double motion_along(const ContactPoint *e, const double *v, double dt) {
   const double *n = e->first.weights, *slopes = e->first.slopes;
   const Two *r = (const Two *)e->start + 1;
   Two rates[4];
-  differences(c, e, v, rates);
+  differences(e, v, rates);
   double sum = dot2(weighted(n, rates), weighted(slopes, r)) + dot2(weighted(n, r), weighted(slopes, rates));
   return -e->first.per_rate * dt * sum;
 }
@@ -217,7 +218,7 @@ static int place_contact_points(MemberContacts *m, const double *x, const double
     moved |= piece != e->piece;
     if (piece != e->piece) set_pieces(m->of + e->contact, e, piece);
     e->first = near;
-    e->motion = v ? motion_along(m->of + e->contact, e, v, dt) : 0;
+    e->motion = v ? motion_along(e, v, dt) : 0;
     /* The last step had to be repeated, or the nearest point is about to leave its pieces. */
     e->leans = e->leans ? (can_lean(e->first.place, e->leans) ? e->leans : 0) : direction_to_lean(e, 1);
     changes |= e->leans && e->counted;
@@ -293,7 +294,7 @@ static int move_contact_point(MemberContacts *m, ContactPoint *e, const double *
   const Two *start = (const Two *)e->start + 1;
   Two change[4], end[4], rates[4];
   double radius = *number_of(c, e->point), widest = 0, *internal = e->given + internal_at(c);
-  differences(c, e, D, change);
+  differences(e, D, change);
   e->closed = e->first.distance < radius, e->left = e->passed = 0;
   for (int i = 0; i < c->internal; ++i) e->closed |= internal[i] != 0;
   /* The distance changes by no more than the arms do. */
@@ -314,7 +315,7 @@ static int move_contact_point(MemberContacts *m, ContactPoint *e, const double *
   }
   if (c->internal) bend_weights(first->place, sums[4]), bend_weights(near.place, sums[5]);
   sums_of(count, sums, start, e->given), sums_of(count, sums, change, e->given + c->sums);
-  differences(c, e, m->v, rates);
+  differences(e, m->v, rates);
   sums_of(count, sums, rates, e->given + 2 * c->sums);
   of_places[0] = near.per_rate, of_places[1] = first->per_rate;
   if (c->internal) {
@@ -477,7 +478,7 @@ static void add_energy(const MemberContacts *m, const NearPlace *near, const dou
   add_energy_at(m, to, near->contact, near->point, near->distance, 0, slopes);
   if (!to->by) return;
   ContactPoint e = contact_point_at(m, near);
-  differences(c, &e, x, r);
+  differences(&e, x, r);
   NearPoint nearest = nearest_point(r, e.begins, e.ends);
   Two along = slopes[0] / near->distance * weighted(nearest.weights, r);
   fold(nearest.weights, e.begins, e.ends);
