@@ -477,7 +477,7 @@ class Configuration:
             c = self._c.slider[i]
             rows = np.frombuffer(self._ffi.buffer(c.virtual_map if virtual else c.T)).reshape(3, -1)
             width, components = slide.path.width, len(slide.columns)
-            yield rows[:components, : components * width + 1].copy(), c.first
+            yield rows[:components, [*range(components * width), -1]], c.first
 
     @property
     def arcs(self) -> list[tuple[float, float]]:

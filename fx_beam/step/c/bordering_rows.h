@@ -68,8 +68,8 @@ static void bordering_slider(const Problem *p, const Work *w, Slider *a) {
     }
   }
   for (int c = 0; c < m; ++c) {
-    add_at(p, w, force - c, column_s, -a->T[c][m * n]);
-    add_at(p, w, row_s, force - c, -a->virtual_map[c][m * n]);
+    add_at(p, w, force - c, column_s, -a->T[c][ARC]);
+    add_at(p, w, row_s, force - c, -a->virtual_map[c][ARC]);
     add_at(p, w, force - c, p->unknown_at[a->carried[c]], 1);
     add_at(p, w, p->row_at[a->carried[c]], force - c, 1);
   }

@@ -132,7 +132,7 @@ HOT void spread_open(const Problem *p, const Work *w, double *z, double *out) {
   spread_columns(p, w, w->values, z, out);
   for (const Slider *a = p->slider; HAS(SLIDERS) && a < p->slider + p->sliders; ++a) {
     for (int c = 0; c < a->components; ++c)
-      z[a->carried[c]] = a->T[c][a->components * a->width] * z[a->column] + moved_by_beam(a, c, out);
+      z[a->carried[c]] = a->T[c][ARC] * z[a->column] + moved_by_beam(a, c, out);
     spread_columns(p, w, w->values, z, out);
   }
 }

@@ -243,7 +243,7 @@ static void put_rows(const Problem *p, const Work *w, Linear *l) {
         put(to, map + a->entry_value[k], held[c], a->entry_sign[k] * r[a->entry_row[k]]);
     }
     put_carry(to, w, a, held, l->at.r);
-    for (int c = 0; c < a->components; ++c) put(to, held[c], R + a->column, a->virtual_map[c][a->components * a->width]);
+    for (int c = 0; c < a->components; ++c) put(to, held[c], R + a->column, a->virtual_map[c][ARC]);
   }
 }
 
@@ -334,8 +334,7 @@ static void put_joint_forces(const Problem *p, const Work *w, Linear *l) {
     }
     for (int j = 0; j < p->sliders; ++j) {
       const Slider *a = p->slider + j;
-      int s = a->components * a->width;
-      double length = hypot(a->virtual_map[0][s], a->virtual_map[1][s]);
+      double length = hypot(a->virtual_map[0][ARC], a->virtual_map[1][ARC]);
       for (int i = 0; a->joint == e->load && i < 2; ++i)
         put(to, l->at.axes + 2 * j + i, followed, (slope[3 + i] - across * e->load_axis[i]) / length);
     }

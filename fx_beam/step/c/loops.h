@@ -15,12 +15,12 @@ static const double LARGE_PIVOT = 0.5;
 /* Derivatives by columns of nodes on beams, by those of the beams and slides. */
 static void derive_by_beams(const Problem *p, const Work *w, const double *values, double *row) {
   for (const Slider *a = p->slider + p->sliders - 1; a >= p->slider && p->sliders; --a)
-    for (int c = 0, s = a->components * a->width; c < a->components; ++c) {
+    for (int c = 0; c < a->components; ++c) {
       const double *T = values == w->virtual_map ? a->virtual_map[c] : a->T[c];
       double of = row[a->carried[c]];
       row[a->carried[c]] = 0;
-      row[a->column] += of * T[s];
-      for (int l = 0; l < s && of != 0; ++l) {
+      row[a->column] += of * T[ARC];
+      for (int l = 0; l < a->components * a->width && of != 0; ++l) {
         int dof = 3 * (a->first + l % a->width) + l / a->width;
         for (int e = a->part_start[dof]; e < a->part_start[dof + 1]; ++e)
           row[a->part_column[e]] += of * T[l] * a->part_sign[e] * values[a->part_value[e]];

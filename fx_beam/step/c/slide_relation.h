@@ -98,7 +98,7 @@ static void begin_window(Slider *a) {
 
 /* The part of the virtual displacement with the chord, which makes it a rotation for a rotation. */
 static void relate_chord(Slider *a, Relation *o) {
-  int n = a->width, s = a->components * n;
+  int n = a->width;
   double r[2], square;
   o->from = a->degree * a->element[0] - a->first, o->to = o->from + a->degree;
   for (int i = 0; i < 2; ++i) {
@@ -115,13 +115,13 @@ static void relate_chord(Slider *a, Relation *o) {
       a->virtual_map[i][j * n + o->to] += o->Ds * o->z[i] * o->w[j];
       a->virtual_map[i][j * n + o->from] -= o->Ds * o->z[i] * o->w[j];
     }
-    a->virtual_map[i][s] -= o->z[i] * o->Dalpha;
+    a->virtual_map[i][ARC] -= o->z[i] * o->Dalpha;
   }
 }
 
 /* The virtual rotation that gives 2 tan(Dpsi_c/2) for that of the nodes. */
 static void relate_turn(Slider *a, Relation *o) {
-  int n = a->width, s = 3 * n;
+  int n = a->width;
   for (int k = 0; k < n; ++k) o->half[k] = o->D[2][k] / 2;
   double y = product_of(n, o->mean, o->half), y_c = a->increment[2] / 2, u = y_c - y;
   o->total = 0;
@@ -135,13 +135,13 @@ static void relate_turn(Slider *a, Relation *o) {
   double bend = over_sine_slope(u) / over_sine(u);
   o->of_turn[0] = 1 / (over_sine(u) * cos(y_c) * cos(y)), o->along_turn = o->axis[2] * o->of_turn[0];
   o->of_turn[1] = o->along_turn * (tan(y_c) - bend), o->of_turn[2] = o->along_turn * (tan(y) + bend);
-  a->virtual_map[2][s] = o->along_turn;
+  a->virtual_map[2][ARC] = o->along_turn;
 }
 
 /* Increment of the node for that of its beam and of the arc length, its derivatives T and the virtual increment. */
 static void slide_on(Slider *a, const double *q, const double *D) {
   Relation *o = &a->relation;
-  int n = a->width, s = a->components * n, exact = a->level == 0.5;
+  int n = a->width, exact = a->level == 0.5;
   double change[WINDOW_NODES]; /* of weights by the slide: it keeps the digits of small steps */
   begin_window(a);
   weigh_place(a, 0, 0, o->at), weigh_place(a, 1, 0, o->at + 1);
@@ -162,10 +162,10 @@ static void slide_on(Slider *a, const double *q, const double *D) {
     a->increment[i] = product_of(n, o->at[1].of, o->D[i]) + a->slide * product_of(n, change, o->x[0][i]);
     memcpy(a->T[i] + i * n, o->at[1].of, n * sizeof(double));
     memcpy(a->virtual_map[i] + i * n, o->mean, n * sizeof(double));
-    a->T[i][s] = product_of(n, o->at[1].by[1], o->x[1][i]);
+    a->T[i][ARC] = product_of(n, o->at[1].by[1], o->x[1][i]);
     o->axis[i] = 0;
     for (int end = 0; end < 2; ++end) o->axis[i] += o->share[end] * product_of(n, o->along[end].of, o->x[end][i]);
-    a->virtual_map[i][s] = o->axis[i];
+    a->virtual_map[i][ARC] = o->axis[i];
   }
   if (exact) relate_chord(a, o);
   o->turned = a->components == 3 && exact && a->by_tangent;

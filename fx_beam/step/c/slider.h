@@ -2,9 +2,9 @@
 
 #pragma once
 
-/* Largest numbers of nodes and of local degrees of freedom in a window, of products in the derivatives of its forces,
-   and of elements in a step. */
-enum { WINDOW_NODES = 16, LOCAL = 49, PRODUCTS = 4, MOST_PARTS = 6 };
+/* Largest numbers of nodes and of local degrees of freedom in a window, of which the last is the arc length, of products in the
+   derivatives of its forces, and of elements in a step. */
+enum { WINDOW_NODES = 16, LOCAL = 49, ARC = LOCAL - 1, PRODUCTS = 4, MOST_PARTS = 6 };
 
 /* A part of weights of nodes: the coefficients of an element times these factors of 1, x, x^2 and x^3, which have these
    derivatives by the arc lengths of its ends. */

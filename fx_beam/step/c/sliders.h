@@ -29,15 +29,14 @@ static void load_beams(const Problem *p, const Work *w, const double *on_nodes, 
   double *r = memcpy(w->loaded, on_nodes, p->dofs * sizeof(double));
   for (int i = p->sliders - 1; i >= 0; --i) {
     Slider *a = p->slider + i;
-    int s = a->components * a->width;
     for (int c = 0; c < a->components; ++c) {
       a->force[c] = out[a->carried[c]];
       for (int k = a->entry_start[c]; k < a->entry_start[c + 1]; ++k)
         a->force[c] += a->entry_sign[k] * w->virtual_map[a->entry_value[k]] * r[a->entry_row[k]];
     }
     for (int c = 0; c < a->components; ++c) {
-      for (int k = 0; k < s; ++k) r[local_dof(a, k)] += a->force[c] * a->virtual_map[c][k];
-      out[a->column] += a->force[c] * a->virtual_map[c][s];
+      for (int k = 0; k < a->components * a->width; ++k) r[local_dof(a, k)] += a->force[c] * a->virtual_map[c][k];
+      out[a->column] += a->force[c] * a->virtual_map[c][ARC];
     }
   }
 }
@@ -59,10 +58,8 @@ static void set_axes(const Problem *p, const Work *w) {
     double d = slide_at_level(p, w, j);
     if (p->track[j]) set_axis(p->points, p->slide_of[j], track_of(p->track[j], p->axis + 2 * j, d, d).chord);
   }
-  for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a) {
-    int s = a->components * a->width;
-    set_axis(p->points, a->joint, (Two){a->virtual_map[0][s], a->virtual_map[1][s]});
-  }
+  for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a)
+    set_axis(p->points, a->joint, (Two){a->virtual_map[0][ARC], a->virtual_map[1][ARC]});
 }
 
 /* Whether a node leaves its beam in the step, or passes too many elements. */
@@ -99,8 +96,7 @@ static void find_slide_rates(const Problem *p, const Work *w) {
   }
   if (HAS(SLIDERS)) begin_sliders(p, w);
   for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a) {
-    int s = a->components * a->width;
     Two apart = pair_of(v, a->node) - (Two){moved_by_beam(a, 0, v), moved_by_beam(a, 1, v)};
-    p->slide_rate[a->joint] = rate_along(apart, (Two){a->T[0][s], a->T[1][s]});
+    p->slide_rate[a->joint] = rate_along(apart, (Two){a->T[0][ARC], a->T[1][ARC]});
   }
 }
