@@ -34,20 +34,18 @@ static inline void apply_secants(const FixedPoint *f, double *change, double *tr
    1 if not. With `still`, the last change of the trial had no effect. */
 static int next_trial(FixedPoint *f, const double *values, int still, double *trial) {
   int n = f->size;
-  double *last_change = f->memory, *last_values = last_change + n, size = 0, change = 0;
+  double *last = f->memory, *secant = last + 2 * n * (1 + f->trials % SECANTS), size = 0, change = 0;
   for (int i = 0; i < n; ++i) size = fmax(size, fabs(values[i])), change = fmax(change, fabs(values[i] - trial[i]));
   int known = f->trials >= (n < SECANTS ? n : SECANTS);
   int stalls = known && change > 0.5 * f->change && (still || change <= ROUGHLY * size);
   if (change <= SETTLED * size || stalls) return 0;
-  double change_and_values[2 * n], *secant = last_values + n + 2 * n * (f->trials % SECANTS);
-  for (int i = 0; i < n; ++i) change_and_values[i] = values[i] - trial[i], change_and_values[n + i] = values[i];
-  if (f->change < HUGE_VAL) {
-    for (int i = 0; i < 2 * n; ++i) secant[i] = change_and_values[i] - last_change[i];
-    ++f->trials;
+  for (int i = 0; i < 2 * n; ++i) {
+    double now = i < n ? values[i] - trial[i] : values[i - n];
+    secant[i] = now - last[i], last[i] = now;
   }
+  f->trials += f->change < HUGE_VAL; /* the first trial has no secant */
   f->change = change;
-  memcpy(f->memory, change_and_values, 2 * n * sizeof(double));
   memcpy(trial, values, n * sizeof(double));
-  apply_secants(f, change_and_values, trial);
+  apply_secants(f, last, trial);
   return 1;
 }

@@ -184,11 +184,12 @@ static void find_second(const Slider *a, Second *h) {
   for (int i = 0; i < a->components; ++i) {
     axis_s[i] = 0;
     for (int end = 0; end < 2; ++end) axis_s[i] += o->share[end] * product_of(n, o->along[end].by[1], o->x[end][i]);
-    for (int k = 0; k < n && !(i == 2 && o->turned); ++k) {
+    if (i == 2 && o->turned) continue;
+    h->square += F[i] * axis_s[i];
+    for (int k = 0; k < n; ++k) {
       h->by_s[i * n + k] = F[i] * mean_s[k];
       h->of_s[i * n + k] = F[i] * late * o->along[1].of[k];
     }
-    if (!(i == 2 && o->turned)) h->square += F[i] * axis_s[i];
   }
   if (exact) {
     double G[2] = {F[1] / 4, -F[0] / 4}, Z = F[0] * o->z[0] + F[1] * o->z[1], Z_s = 0;
