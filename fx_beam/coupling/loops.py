@@ -136,7 +136,7 @@ class Loops:
             "loop_free": len(self.unknowns),
             "blocks": len(sizes),
             "part_size": int(sizes @ sizes),
-            "pivoting_size": int((sizes * (widths + 1)).max()),
+            "pivoting_size": int((sizes * widths).max()),
             "loop_column": self.columns,
             "loop_dof": dofs[self.unknowns],
             "loop_unit": self.unit[self.unknowns],

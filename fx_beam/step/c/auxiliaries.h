@@ -4,17 +4,15 @@
 
 #include "algebra.h"
 
-/* A value of T or Tv. Without values it is that for increments, to which changes of the joints' arms are added. */
-static inline double value_of(const double *values, int number) { return values ? values[number] : number == 0; }
-
 /* Columns of the auxiliary unknowns in small changes z, for values of T or Tv; without values in increments. */
-static void change_auxiliaries(const Problem *p, const Work *w, const double *values, double *z) {
+INLINED void change_auxiliaries(const Problem *p, const Work *w, const double *values, double *z) {
   double *auxiliary = z + p->columns;
   memset(auxiliary, 0, p->auxiliaries * sizeof *auxiliary);
   for (int k = 0; !values && k < p->auxiliary_arms; ++k)
     auxiliary[p->auxiliary_arm_of[k]] += p->joint_sign[p->auxiliary_arm[k]] * w->arm_change[p->auxiliary_arm[k]];
   for (int k = 0; k < p->auxiliary_entries; ++k)
-    auxiliary[p->auxiliary_of[k]] += p->auxiliary_sign[k] * value_of(values, p->auxiliary_value[k]) * z[p->auxiliary_column[k]];
+    if (values || p->auxiliary_value[k] == 0)
+      auxiliary[p->auxiliary_of[k]] += p->auxiliary_sign[k] * (values ? values[p->auxiliary_value[k]] : 1) * z[p->auxiliary_column[k]];
 }
 
 /* Adds the forces on the auxiliary unknowns to those on the columns before, for values of T or Tv. */

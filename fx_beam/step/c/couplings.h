@@ -66,7 +66,8 @@ INLINED void spread_columns(const Problem *p, const Work *w, const double *value
   memset(out, 0, p->dofs * sizeof *out);
   for (int k = 0; k < p->equal; ++k) out[p->entry_row[k]] += z[p->entry_column[k]];
   for (int k = p->equal; k < p->entries; ++k)
-    out[p->entry_row[k]] += p->entry_sign[k] * value_of(values, p->entry_value[k]) * z[p->entry_column[k]];
+    if (values || p->entry_value[k] == 0)
+      out[p->entry_row[k]] += p->entry_sign[k] * (values ? values[p->entry_value[k]] : 1) * z[p->entry_column[k]];
 }
 
 /* Increment of all degrees of freedom for the columns z, and the values of T and Tv for it. */

@@ -6,11 +6,9 @@
 #include "sliders.h"
 #include "auxiliaries.h"
 
-/* Largest number of corrections that close the loops, and least ratio of pivots. */
+/* Largest number of corrections that close the loops, and least pivot, relative to the largest entry. */
 enum { CLOSINGS = 30 };
 static const double LEAST_PIVOT = 1e-6;
-/* Least size of a pivot, relative to the largest possible one. */
-static const double LARGE_PIVOT = 0.5;
 
 /* Derivatives by columns of nodes on beams, by those of the beams and slides. */
 static void derive_by_beams(const Problem *p, const Work *w, const double *values, double *row) {
@@ -83,48 +81,41 @@ static void widen(double *row, int *low, int *high, int from, int to) {
   for (; *high < to;) row[++*high] = 0;
 }
 
-/* Chooses the unknowns that follow by large pivots of G, block by block; returns 0 in a singular
-   position. Most rows of G have no entry of a pivot's column: they keep their largest entries. */
+/* Chooses the unknowns that follow, block by block: of each row of G the largest entry, after those before are eliminated;
+   returns 0 in a singular position. */
 static int choose_following(const Problem *p, const Work *w) {
   for (int j = 0; j < p->loop_columns; ++j) w->follows[j] = -1;
   for (int b = 0; b < p->blocks; ++b) {
     int begin = p->block_closure[b], m = p->block_closure[b + 1] - begin;
     int from = p->block_column[b], n = p->block_column[b + 1] - from;
-    double *M = w->pivoting, *largest = M + (long)m * n, first = 0;
-    int *at = w->largest_at, *low = at + p->closures, *high = low + p->closures; /* rows are zero beside these */
+    int *low = w->low, *high = low + p->closures; /* rows are zero beside these */
+    double *M = w->pivoting, most = 0;
     for (int i = 0; i < m; ++i) {
       double *of = M + (long)i * n;
-      low[i] = n, high[i] = -1, largest[i] = -1;
+      low[i] = n, high[i] = -1;
       for (int k = p->closure_start[begin + i]; k < p->closure_start[begin + i + 1]; ++k) {
         int column = p->closure_near[k] - from;
         if (p->closure_near[k] >= p->loop_free) continue;
         widen(of, low + i, high + i, column, column);
         of[column] = w->G[k] * p->loop_unit[p->closure_near[k]];
+        most = fmax(most, fabs(of[column]));
       }
-      for (int j = low[i]; j <= high[i]; ++j)
-        if (fabs(of[j]) > largest[i]) largest[i] = fabs(of[j]), at[i] = j;
     }
     for (int k = 0; k < m; ++k) {
-      int row = 0;
-      for (int i = 1; i < m; ++i)
-        if (largest[i] > largest[row]) row = i;
-      if (k == 0) first = largest[row];
-      if (!(largest[row] > LEAST_PIVOT * first)) return 0;
-      double enough = LARGE_PIVOT * largest[row];
-      for (row = 0; largest[row] < enough;) ++row; /* the first: others stay short */
-      int column = at[row];
-      const double *pivot = M + (long)row * n;
+      const double *pivot = M + (long)k * n;
+      int column = -1;
+      double size = LEAST_PIVOT * most;
+      for (int j = low[k]; j <= high[k]; ++j)
+        if (fabs(pivot[j]) > size) size = fabs(pivot[j]), column = j;
+      if (column < 0) return 0;
       w->follows[from + column] = begin;
-      largest[row] = -2; /* done */
-      for (int i = 0; i < m; ++i) {
+      for (int i = k + 1; i < m; ++i) {
         double *other = M + (long)i * n;
-        if (largest[i] < -1 || column < low[i] || column > high[i] || other[column] == 0) continue;
+        if (column < low[i] || column > high[i] || other[column] == 0) continue;
         double factor = other[column] / pivot[column];
-        widen(other, low + i, high + i, low[row], high[row]);
-        for (int j = low[row]; j <= high[row]; ++j) other[j] -= factor * pivot[j];
-        other[column] = 0, largest[i] = -1;
-        for (int j = low[i]; j <= high[i]; ++j)
-          if (fabs(other[j]) > largest[i]) largest[i] = fabs(other[j]), at[i] = j;
+        widen(other, low + i, high + i, low[k], high[k]);
+        for (int j = low[k]; j <= high[k]; ++j) other[j] -= factor * pivot[j];
+        other[column] = 0;
       }
     }
     /* In the order of their columns, near to the diagonal. */
