@@ -91,32 +91,29 @@ static int choose_following(const Problem *p, const Work *w) {
     int *low = w->low, *high = low + p->closures; /* rows are zero beside these */
     double *M = w->pivoting, most = 0;
     for (int i = 0; i < m; ++i) {
-      double *of = M + (long)i * n;
+      double *row = M + (long)i * n;
+      int column = -1;
       low[i] = n, high[i] = -1;
       for (int k = p->closure_start[begin + i]; k < p->closure_start[begin + i + 1]; ++k) {
-        int column = p->closure_near[k] - from;
-        if (p->closure_near[k] >= p->loop_free) continue;
-        widen(of, low + i, high + i, column, column);
-        of[column] = w->G[k] * p->loop_unit[p->closure_near[k]];
-        most = fmax(most, fabs(of[column]));
+        int near = p->closure_near[k], j = near - from;
+        if (near >= p->loop_free) continue;
+        widen(row, low + i, high + i, j, j);
+        row[j] = w->G[k] * p->loop_unit[near], most = fmax(most, fabs(row[j]));
       }
-    }
-    for (int k = 0; k < m; ++k) {
-      const double *pivot = M + (long)k * n;
-      int column = -1;
+      for (int k = 0; k < i; ++k) {
+        const double *pivot = M + (long)k * n;
+        int at = p->following[begin + k] - from;
+        if (at < low[i] || at > high[i] || row[at] == 0) continue;
+        double factor = row[at] / pivot[at];
+        widen(row, low + i, high + i, low[k], high[k]);
+        for (int j = low[k]; j <= high[k]; ++j) row[j] -= factor * pivot[j];
+        row[at] = 0;
+      }
       double size = LEAST_PIVOT * most;
-      for (int j = low[k]; j <= high[k]; ++j)
-        if (fabs(pivot[j]) > size) size = fabs(pivot[j]), column = j;
+      for (int j = low[i]; j <= high[i]; ++j)
+        if (fabs(row[j]) > size) size = fabs(row[j]), column = j;
       if (column < 0) return 0;
-      w->follows[from + column] = begin;
-      for (int i = k + 1; i < m; ++i) {
-        double *other = M + (long)i * n;
-        if (column < low[i] || column > high[i] || other[column] == 0) continue;
-        double factor = other[column] / pivot[column];
-        widen(other, low + i, high + i, low[k], high[k]);
-        for (int j = low[k]; j <= high[k]; ++j) other[j] -= factor * pivot[j];
-        other[column] = 0;
-      }
+      p->following[begin + i] = from + column, w->follows[from + column] = begin;
     }
     /* In the order of their columns, near to the diagonal. */
     int *lower = w->band + 2 * b, *upper = lower + 1;

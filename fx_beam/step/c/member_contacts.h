@@ -136,15 +136,14 @@ static NearPoint follow(const MemberContacts *m, ContactPoint *e, const double *
 }
 
 /* Whether a contact point that has moved along its member may be one that there should not be: of a point with what is too
-   near to it along the same member, or one that another contact point has. */
+   near to it along the same member, or one that another contact point behind it has. */
 static int is_lost(const MemberContacts *m, const ContactPoint *e) {
   const MemberContact *c = m->of + e->contact;
   if (c->apart > 0 && fabs(c->arc[e->point] - c->arc[(int)(e->seen + 0.5)]) < c->apart) return 1;
-  for (int direction = -1; direction <= 1; direction += 2)
-    for (const ContactPoint *t = e + direction; t >= m->contact_point && t < m->contact_point + m->contact_points; t += direction) {
-      if (t->contact != e->contact || t->point != e->point) break;
-      if (fabs(t->seen - e->seen) < 0.5) return 1;
-    }
+  for (const ContactPoint *t = e + 1; t < m->contact_point + m->contact_points; ++t) {
+    if (t->contact != e->contact || t->point != e->point) return 0;
+    if (fabs(t->seen - e->seen) < 0.5) return 1;
+  }
   return 0;
 }
 
