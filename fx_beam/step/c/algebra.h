@@ -35,7 +35,7 @@ HOT double dot_of_sizes(int n, const double *x, const double *y) { return produc
 
 /* Largest |x| / unit, or |x| without units; not finite if an x is not finite. The bits of sizes are compared as integers, as
    the compiler vectorises that: they are in the same order, and NaN is above all numbers. */
-INLINED double largest_of_all(int n, const double *x, const double *per_unit) {
+HOT double largest(int n, const double *x, const double *per_unit) {
   union { double size; int64_t bits; } top = {0}, now;
   for (int i = 0; i < n; ++i) {
     now.size = fabs(per_unit ? x[i] * per_unit[i] : x[i]);
@@ -43,10 +43,6 @@ INLINED double largest_of_all(int n, const double *x, const double *per_unit) {
   }
   return top.size;
 }
-
-HOT double largest(int n, const double *x, const double *per_unit) { return largest_of_all(n, x, per_unit); }
-
-HOT double largest_size(int n, const double *x) { return largest_of_all(n, x, 0); }
 
 /* Product of the mass matrix and x. With a tangent K, the matrix times `steep` and the slopes of its columns is stored there. */
 INLINED void multiply_mass(const Problem *p, const double *restrict x, double *restrict out, double *K, double steep,

@@ -71,6 +71,14 @@ static void begin_form(const Problem *p, const Form *form, const double *const *
   set_time(p, form, t, dt);
 }
 
+/* The same of the forces of elements, at the level of a sub-step. */
+static void begin_elements(const Problem *p, const Work *w) {
+  double t = p->t + p->level * w->dt;
+  begin_form(p, &p->internal_forces, w->fields, t, w->dt);
+  begin_form(p, &p->drag, w->fields, t, w->dt);
+  begin_form(p, &p->added, w->fields, t, w->dt);
+}
+
 /* Adds the entries of an element tensor, for LANES elements. */
 INLINED void add(int entries, const int *to, const double *tensors, double *out) {
   for (int j = 0; j < entries * LANES; j += LANES)
@@ -137,25 +145,27 @@ HOT void assemble_forces(const Problem *p, const Form *form, const double *const
   else assemble_elements(p, p->cell_dofs, form, fields, f, K);
 }
 
-static double assemble_scalar(const Problem *p, const Form *form, const double *const *fields) {
+/* An energy of the step, or another sum over elements; zero without a form for it. */
+static double sum_over_elements(const Problem *p, const Work *w, const Form *form) {
   double sum = 0, A[LANES];
+  begin_form(p, form, w->fields, p->t, w->dt);
   for (const Integral *of = form->of; of < form->of + form->integrals; ++of)
     for (long block = 0; block * LANES < of->cells; ++block) {
-      evaluate(p, form, of, block, fields, A);
+      evaluate(p, form, of, block, w->fields, A);
       for (int l = 0; l < LANES && block * LANES + l < of->cells; ++l) sum += A[l];
     }
   return sum;
 }
 
 /* The internal variables at the end of the step. */
-static void evolve(const Problem *p, const double *const *fields, double t, double dt) {
+static void evolve(const Problem *p, const Work *w) {
   const Form *form = &p->evolution;
   int n = p->cell_internal;
   double A[n * LANES];
-  begin_form(p, form, fields, t, dt);
+  begin_form(p, form, w->fields, p->t + p->level * w->dt, w->dt);
   for (const Integral *of = form->of; of < form->of + form->integrals; ++of)
     for (long block = 0; block * LANES < of->cells; ++block) {
-      evaluate(p, form, of, block, fields, A);
+      evaluate(p, form, of, block, w->fields, A);
       for (int l = 0; l < LANES && block * LANES + l < of->cells; ++l)
         for (int k = 0; k < n; ++k)
           p->internal[of->internal[(block * n + k) * LANES + l]] += p->per_weight[k] * A[k * LANES + l];

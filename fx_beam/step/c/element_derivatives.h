@@ -54,17 +54,15 @@ static int has_constant_map(const Problem *p) { return p->entries == p->equal &&
 static int begin_taped(Problem *p, Work *w, const Derivatives *a, const double *row, Linear *l) {
   double dt = row[1], level;
   int unread = a->by_unknowns && has_constant_map(p); /* whether Jacobians are read, but no forces and no tangent */
-  take_from_tape(p, w, row, l->loads, l->follower_force, l->natural);
+  take_from_tape(p, w, row);
   level = p->t + p->level * dt;
   w->dt = dt;
-  begin_loads(p, w, l->loads);
-  if (p->naturals) begin_natural(p, w, l->natural);
-  w->follower_force = l->follower_force;
+  begin_loads(p, w);
+  if (p->naturals) begin_natural(p, w);
   for (int k = p->points->external; p->at_rest && k < p->points->nodal; ++k)
     p->points->of[k].numbers[a->numbers[k] - 1] = p->ratio; /* the last number of a load is its factor */
   fx_set_parameters(p->points, p->parameter);
-  begin_form(p, &p->internal_forces, w->fields, level, dt);
-  begin_form(p, &p->drag, w->fields, level, dt);
+  begin_elements(p, w);
   if (!begin_couplings(p, w) && !choose_ahead(p, w)) return 0;
   if (!expand(p, w)) return 0;
   if (HAS(MEMBERS) && p->points->members) settle_members(p, w);

@@ -6,14 +6,12 @@
 #include "newton.h"
 
 /* Begins a sub-step from the state. */
-OF_STEPS void fx_begin(Problem *p, double dt, const double *follower_force) {
+OF_STEPS void fx_begin(Problem *p, double dt, double *follower_force) {
   Work work = work_of(p), *w = &work;
   w->dt = dt, w->follower_force = follower_force;
   if (!p->at_rest) p->ratio = ratio_of_lengths(p, dt);
-  double t = p->t + p->level * dt;
-  if (p->strains_at_end) begin_natural(p, w, 0);
-  begin_form(p, &p->internal_forces, w->fields, t, dt);
-  begin_form(p, &p->drag, w->fields, t, dt);
+  if (p->strains_at_end) begin_natural(p, w);
+  begin_elements(p, w);
   begin_couplings(p, w);
 }
 

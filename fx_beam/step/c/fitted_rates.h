@@ -77,7 +77,6 @@ static void begin_fit(Problem *p, Work *w, const Fits *of, long row) {
   double *K = w->tangent, stiff = 0;
   memcpy(p->q, of->q + row * p->dofs, p->dofs * sizeof(double));
   memcpy(p->slides, of->slides + row * p->scene_joints, p->scene_joints * sizeof(double));
-  w->dt = 0;
   memset(w->z, 0, (p->columns + p->auxiliaries) * sizeof(double));
   begin_couplings(p, w), expand_trees(p, w);
   derive_closures(p, w, w->virtual_map, w->G_virtual);
@@ -109,7 +108,7 @@ static int find_fit(Problem *p, const Work *w, const Linear *l, int solutions, i
   memcpy(z + p->free, driven, p->driven * sizeof(double));
   int once = solutions == 1 && !needed; /* by the solver of steps, which has one right side */
   if (once) {
-    find_impulses(p, w, v, u), forget_solution(p, w);
+    find_impulses(p, w, v, u);
     memcpy(w->reduced, w->columns, p->free * sizeof(double));
     if (!solve_reduced(p, w, 0, rest)) return 0;
     add_times(p->free, -1, w->step, z);

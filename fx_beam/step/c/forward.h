@@ -89,7 +89,7 @@ static void jvp_group(const Problem *p, const Work *w, const Derivatives *a, Lin
   begin_fixed_point(&l->following);
   for (int i = 0; i <= MOST_TRIALS; ++i) {
     /* Whether the unknowns that are held, and nothing else, give the configuration at the end. */
-    int held = !l->moves_joints && largest_size(p->driven * GROUP_SIZE, (const double *)(x + at->driven)) == 0;
+    int held = !l->moves_joints && largest(p->driven * GROUP_SIZE, (const double *)(x + at->driven), 0) == 0;
     set_ends(p, l, held, 0, x);
     jvp_forces(p, w, a, l, changes_mass, held, x);
     set_right_sides(p, at, x, l->block);
@@ -124,7 +124,7 @@ KEPT long fx_jvp(Problem *p, const Tape *tape, const Derivatives *a) {
   w->by_slopes = p->cell_internal || a->by_unknowns;
   for (long i = 0; i < groups; ++i) {
     const Changes *x = (Changes *)a->x + i * at->size;
-    l.moves_joints |= largest_size((at->members - at->offset) * GROUP_SIZE, (double *)(x + at->offset)) != 0;
+    l.moves_joints |= largest((at->members - at->offset) * GROUP_SIZE, (double *)(x + at->offset), 0) != 0;
   }
   for (; left; --left) {
     long row = tape->rows - left, k = tape->first + row;

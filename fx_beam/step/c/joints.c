@@ -5,7 +5,6 @@
 /* Begins a step of the joints from the state; returns 0 in a singular position. */
 KEPT int fx_begin_joints(Problem *p) {
   Work work = work_of(p), *w = &work;
-  w->dt = 0;
   return begin_couplings(p, w);
 }
 

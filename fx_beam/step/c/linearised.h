@@ -22,7 +22,6 @@ enum {
 typedef struct {
   Layout at;
   Block of[BLOCKS];
-  double *loads, *follower_force, *natural; /* given on the tape */
   double *on_auxiliaries;                   /* forces on auxiliary unknowns */
   double *slopes[2];                        /* of the forces of elements, and of drag */
   int stores;                               /* whether they are there */
@@ -39,11 +38,11 @@ typedef struct {
 
 static const Vjp *work_of_elements(const Derivatives *a, int i) { return i ? &a->drag : &a->internal_forces; }
 
-static long lay_out_linear(const Problem *p, const Derivatives *a, Linear *l, double *at) {
+static long lay_out_linear(const Problem *p, Work *w, const Derivatives *a, Linear *l, double *at) {
   double *begin = at;
   long followed = (long)GROUP_SIZE * p->points->followed.size;
-  l->loads = allocate(&at, 2 * p->loads), l->follower_force = allocate(&at, 2 * p->follower_forces);
-  l->natural = allocate(&at, p->naturals), l->on_auxiliaries = allocate(&at, p->columns + p->auxiliaries);
+  w->loads = allocate(&at, 2 * p->loads), w->follower_force = allocate(&at, 2 * p->follower_forces);
+  w->naturals = allocate(&at, p->naturals), l->on_auxiliaries = allocate(&at, p->columns + p->auxiliaries);
   l->trial = allocate(&at, fx_layout(p, a).size);
   l->on_bordering_rows = (Changes *)allocate(&at, (long)p->bordering_rows * GROUP_SIZE);
   l->block = (Changes *)allocate(&at, (long)p->positions * GROUP_SIZE), l->reached = (int *)allocate(&at, p->positions);
@@ -57,8 +56,9 @@ static long lay_out_linear(const Problem *p, const Derivatives *a, Linear *l, do
 }
 
 KEPT long fx_linear_scratch(const Problem *p, const Derivatives *a) {
+  Work w;
   Linear l;
-  return lay_out_linear(p, a, &l, 0);
+  return lay_out_linear(p, &w, a, &l, 0);
 }
 
 /* Begins to follow a tape. */
@@ -66,7 +66,7 @@ static void begin_linear(const Problem *p, Work *w, const Derivatives *a, Linear
   int equal = p->equal, left = p->entries - equal;
   const int *row = p->entry_row, *column = p->entry_column, *value = p->entry_value + equal;
   const double *sign = p->entry_sign + equal;
-  lay_out(p, w, p->scratch), lay_out_linear(p, a, l, a->scratch);
+  lay_out(p, w, p->scratch), lay_out_linear(p, w, a, l, a->scratch);
   memset(l->block, 0, p->positions * sizeof(Changes));
   for (int i = 0; i < p->positions; ++i) l->reached[i] = 1;
   l->share = 0, l->adds = 0;
@@ -103,11 +103,11 @@ static void add_given(const RowsOfRun *of, long k, double share, double *x) {
 static double share_of(const Derivatives *a, long k) { return a->by_unknowns ? a->share[k] : 1; }
 
 /* Natural strains at the end. */
-static void put_strains(const Problem *p, Linear *l) {
+static void put_strains(const Problem *p, const Work *w, Linear *l) {
   for (int k = 0; k < p->naturals; ++k)
     for (int i = p->natural_start[k]; i < p->natural_start[k + 1]; ++i) {
       int to = l->at.natural1 + p->natural_at[i];
-      put(l->of + STRAINED, l->at.natural_columns + i, to, l->natural[k]);
+      put(l->of + STRAINED, l->at.natural_columns + i, to, w->naturals[k]);
       put(l->of + STRAINED, l->at.naturals + k, to, p->natural_value[i]);
     }
 }
@@ -169,9 +169,9 @@ static void put_places(const Problem *p, const Linear *l, const double *values, 
   }
 }
 
-static void put_loads(const Problem *p, Linear *l) {
+static void put_loads(const Problem *p, const Work *w, Linear *l) {
   for (int k = 0; k < p->loads; ++k) {
-    double now = (1 - p->level) * l->loads[k] + p->level * l->loads[p->loads + k];
+    double now = (1 - p->level) * w->loads[k] + p->level * w->loads[p->loads + k];
     for (int i = p->load_start[k]; i < p->load_start[k + 1]; ++i) {
       int to = l->at.r + p->load_dof[i];
       put(l->of + FORCED, l->at.loads + k, to, (p->level - 1) * p->load_force[i]);
@@ -347,7 +347,7 @@ static void linearise(const Problem *p, const Work *w, const Derivatives *a, Lin
   for (int i = 0; i < BLOCKS; ++i)
     if (i != TOUCHED && !(i == FORCED && l->adds) && !l->of[i].from) l->of[i].count = 0;
   for (int i = 0; i < p->driven; ++i) put(l->of + DRIVEN, l->at.driven + i, l->at.Y1 + p->free + i, 1);
-  put_strains(p, l);
+  put_strains(p, w, l);
   for (int j = 0; j < p->joints; ++j) put_joint(p, w, a, l, first, j);
   for (int i = 0; HAS(SLIDERS) && i < p->sliders; ++i) {
     for (int end = 0; end < 2; ++end) put_weights_at(l->of + WEIGHED, p, &l->at, i, end);
@@ -355,7 +355,7 @@ static void linearise(const Problem *p, const Work *w, const Derivatives *a, Lin
     put_slide(l->of + SLID, p, &l->at, i);
   }
   put_auxiliaries(p, l, w->values, l->at.Y1, l->of + TIED), put_places(p, l, w->values, 1, l->of + PLACED);
-  put_loads(p, l), put_points(p, a, l), put_rows(p, w, l), put_forces_on_auxiliaries(p, w, l);
+  put_loads(p, w, l), put_points(p, a, l), put_rows(p, w, l), put_forces_on_auxiliaries(p, w, l);
   put_closures(p, w, l, 1, l->of + MAPPED);
   if (first) {
     put_auxiliaries(p, l, w->values0, l->at.Y, l->of + BEGUN), put_places(p, l, w->values0, 0, l->of + BEGUN);

@@ -14,8 +14,8 @@ static double mid(const Problem *p, double force, double previous) {
 static double acting(const Problem *p) { return p->at_rest ? p->ratio : 1; }
 
 /* Dead forces with weight at the scheme's level; their mean over the step, which does the work. */
-static void begin_loads(const Problem *p, const Work *w, const double *loads) {
-  const double *start = loads, *end = loads + p->loads;
+static void begin_loads(const Problem *p, const Work *w) {
+  const double *start = w->loads, *end = start + p->loads;
   memset(w->dead, 0, p->dofs * sizeof(double));
   memset(w->force, 0, p->dofs * sizeof(double));
   for (int i = 0; p->weight && i < p->dofs; ++i) w->force[i] = acting(p) * p->weight[i];
@@ -32,7 +32,7 @@ static void begin_loads(const Problem *p, const Work *w, const double *loads) {
 }
 
 /* Natural strains at the end of a step. */
-static void begin_natural(const Problem *p, const Work *w, const double *factors) {
+static void begin_natural(const Problem *p, const Work *w) {
   if (p->strains_at_end) {
     memcpy(w->natural_end, p->strains_at_end, (long)p->cells * p->cell_natural * sizeof(double));
     return;
@@ -40,19 +40,12 @@ static void begin_natural(const Problem *p, const Work *w, const double *factors
   memset(w->natural_end, 0, (long)p->cells * p->cell_natural * sizeof(double));
   for (int k = 0; k < p->naturals; ++k)
     for (int i = p->natural_start[k]; i < p->natural_start[k + 1]; ++i)
-      w->natural_end[p->natural_at[i]] += p->natural_value[i] * factors[k];
-}
-
-/* An energy of the step, or another sum over elements; zero without a form for it. */
-static double energy_of(const Problem *p, const Work *w, const Form *form) {
-  if (!form->integrals) return 0;
-  begin_form(p, form, w->fields, p->t, w->dt);
-  return assemble_scalar(p, form, w->fields);
+      w->natural_end[p->natural_at[i]] += p->natural_value[i] * w->naturals[k];
 }
 
 /* Counts steps that end with inverted sections (eq. 4), and stores the first configuration. */
 static void count_inverted(Problem *p, const Work *w) {
-  if (!(energy_of(p, w, &p->inversion) > 0) || p->inverted++ > 0) return;
+  if (!(sum_over_elements(p, w, &p->inversion) > 0) || p->inverted++ > 0) return;
   p->inverted_t = p->t;
   memcpy(p->inverted_q, p->q, p->dofs * sizeof(double));
 }
@@ -66,9 +59,7 @@ static void use_parameters(const Problem *p, const double *values) {
 /* Energy that is stored in the present state, with some values of the parameters. */
 static double stored(const Problem *p, const Work *w, const double *values) {
   use_parameters(p, values);
-  begin_form(p, &p->energy, w->fields, p->t, 0);
-  return assemble_scalar(p, &p->energy, w->fields) +
-         fx_stored_at_points(p->points, p->q, p->slides, p->spring_internal);
+  return sum_over_elements(p, w, &p->energy) + fx_stored_at_points(p->points, p->q, p->slides, p->spring_internal);
 }
 
 /* Work of what changes parameters of stored energies, by these at the start or at the end of a sub-step: up to the level of its
@@ -89,13 +80,13 @@ static void audit(Problem *p, const Work *w, const double *change) {
   work_increment(p, w);
   p->work += dot(n, w->dead, w->path);
   p->dissipated += fx_lost_at_points(p->points, w->D, w->z);
-  p->work += energy_of(p, w, &p->actuated);
-  double taken = energy_of(p, w, &p->taken);
-  p->dissipated += energy_of(p, w, &p->lost) + taken;
-  p->dissipated += energy_of(p, w, &p->lost_to_drag);
+  p->work += sum_over_elements(p, w, &p->actuated);
+  double taken = sum_over_elements(p, w, &p->taken);
+  p->dissipated += sum_over_elements(p, w, &p->lost) + taken;
+  p->dissipated += sum_over_elements(p, w, &p->lost_to_drag);
   p->numerical += taken;
-  if (p->energies_vary && p->held_before.integrals) p->work += energy_of(p, w, &p->held_before) - p->algorithmic;
-  p->algorithmic = energy_of(p, w, &p->held_by_scheme);
+  if (p->energies_vary && p->held_before.integrals) p->work += sum_over_elements(p, w, &p->held_before) - p->algorithmic;
+  p->algorithmic = sum_over_elements(p, w, &p->held_by_scheme);
   project(p, w, w->r, w->reduced);
   for (int i = 0; i < p->driven; ++i) {
     double along = p->motor_slides[i] ? change[i] : at(w->path, p->motor_b[i]) - at(w->path, p->motor_a[i]);
@@ -114,14 +105,13 @@ static void audit(Problem *p, const Work *w, const double *change) {
 }
 
 /* Finds the forces of joints that friction follows, and repeats the step with them. */
-static int follow_joints(Problem *p, Work *w, const double *driven, double t) {
+static int follow_joints(Problem *p, Work *w, const double *driven) {
   begin_fixed_point(&p->points->followed);
   for (int k = 0, still = 0; k < MOST_TRIALS; ++k) {
     evaluate_nodes(p, w);
     find_joint_forces(p, w);
     set_axes(p, w);
     if (!follow_forces(p->points, w->joint_forces, p->q, w->D, p->level, still, p->spring_internal)) return OK;
-    begin_form(p, &p->internal_forces, w->fields, t, w->dt);
     long before = p->iterations;
     int failure = newton(p, w, driven, GO_ON);
     if (failure) return failure;
@@ -158,12 +148,13 @@ static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs 
                      const double *known) {
   p->sub_step = sub_step;
   const double *target = inputs->driven + k * p->driven;
-  double *change = w->start, t = p->t + p->level * dt;
+  double *change = w->start;
   w->dt = dt;
-  if (k == 0 || inputs->loads_stride) begin_loads(p, w, inputs->loads + k * inputs->loads_stride);
-  if (p->naturals && (k == 0 || inputs->natural_stride))
-    begin_natural(p, w, inputs->natural + k * inputs->natural_stride);
+  w->loads = inputs->loads + k * inputs->loads_stride;
   w->follower_force = inputs->follower_force + k * inputs->follower_force_stride;
+  w->naturals = inputs->natural + k * inputs->natural_stride;
+  if (k == 0 || inputs->loads_stride) begin_loads(p, w);
+  if (p->naturals && (k == 0 || inputs->natural_stride)) begin_natural(p, w);
   for (int i = 0; i < p->driven; ++i) {
     int dof = p->driven_dof[i];
     change[i] = target[i] - (dof >= 0 ? p->q[dof] : p->driven_now[i]);
@@ -172,13 +163,11 @@ static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs 
   const double *parameters = inputs->parameters + k * 2 * p->parameter_count;
   if (p->parameters_vary) use_parameters(p, parameters);
   if (look) count_inverted(p, w);
-  begin_form(p, &p->internal_forces, w->fields, t, dt);
-  begin_form(p, &p->drag, w->fields, t, dt);
-  begin_form(p, &p->added, w->fields, t, dt);
+  begin_elements(p, w);
   int *order = p->orders + sub_step;
   p->failure = known ? take_increment(p, w, known) : find_increment(p, w, change, *order);
   if (p->failure) return 0;
-  if (p->friction_follows && !p->known && (p->failure = follow_joints(p, w, change, t))) return 0;
+  if (p->friction_follows && !p->known && (p->failure = follow_joints(p, w, change))) return 0;
   if (!p->at_rest) *order = update_predictor(p, w);
   if (p->repeats) {
     work_increment(p, w);
@@ -192,7 +181,7 @@ static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs 
 /* The state at the end of a sub-step. */
 static void advance(Problem *p, const Work *w, const Inputs *inputs, long k) {
   const double *driven = inputs->driven + k * p->driven;
-  evolve(p, w->fields, p->t + p->level * w->dt, w->dt);
+  evolve(p, w);
   if (p->naturals) memcpy(p->natural, w->natural_end, (long)p->cells * p->cell_natural * sizeof(double));
   evolve_points(p->points, w->D, w->z, p->spring_internal);
   advance_rates(p, w, w->dt);
@@ -258,7 +247,6 @@ OF_STEPS void fx_record_start(Problem *p, Record *to) {
 
 OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
   Work work = work_of(p), *w = &work;
-  w->dt = 0;
   p->failure = p->stopped = 0;  // also where no step is to be taken
   if (p->watches) fx_find_switches(p->points, p->q, p->slides, p->sides);
   int unchecked = 0;
@@ -287,10 +275,7 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Reco
       if (joints || contacts) evaluate_nodes(p, w);
       if (joints) add_joint_forces(p, w);
       if (contacts) add_contact_forces(p);
-      if (to->tape)
-        put_on_tape(p, w, to->tape, inputs->loads + number * inputs->loads_stride,
-                    inputs->follower_force + number * inputs->follower_force_stride,
-                    inputs->natural + number * inputs->natural_stride);
+      if (to->tape) put_on_tape(p, w, to->tape);
       advance(p, w, inputs, number);
       if (p->watches && switched(p)) {
         p->failure = SWITCHED;

@@ -214,7 +214,7 @@ static int correct_loops(const Problem *p, const Work *w, double *last) {
   derive_closures(p, w, w->values, w->G);
   factorise_closures(p, w, w->G, 0);
   find_closures(p, w, w->D, w->closure0, closure);
-  size = largest_size(m, closure);
+  size = largest(m, closure, 0);
   if (size <= p->closure_closed || (*last < size && size <= 1e3 * p->closure_closed)) return 1;
   *last = size;
   solve_closures(p, w, 1, 0, closure);

@@ -261,7 +261,6 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
   p->tried = 0;
   if (p->team.begin) p->team.begin(p->t, w->dt);
   if (p->reused.worth) begin_reused(&p->reused);
-  forget_solution(p, w);
   if ((failure = predict(p, w, driven, &order))) return failure;
   for (int iteration = 1; iteration <= p->max_iterations; ++iteration) {
     balance(p, w);
@@ -270,7 +269,7 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
     if (HAS(MEMBERS) && p->changing) change_rows(p);
     for (int i = free; i < p->columns; ++i) w->step[i] = 0;
     if (!p->team.solve) reduce_tangent(p, w);
-    if (iteration == 1 && !order && largest_size(p->driven, driven) > 0) drive(p, w, driven);
+    if (iteration == 1 && !order && largest(p->driven, driven, 0) > 0) drive(p, w, driven);
     if (p->reused.worth) wanted = accuracy(p, w, &convergence);
     if (p->team.solve)
       rest[1] = 0, p->team.solve(w->reduced, energy_of_step(p, w, kinetic(p, w)), w->step, rest);

@@ -433,7 +433,7 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to);
 void fx_record_start(Problem *p, Record *to);
 long fx_scratch(const Problem *p);
 void fx_results(const Problem *p, double **to);
-void fx_begin(Problem *p, double dt, const double *follower_force);
+void fx_begin(Problem *p, double dt, double *follower_force);
 int fx_balance(Problem *p, double dt, const double *z, const double *force);
 void fx_change(const Problem *p, const double *x, int sizes, double *out);
 long fx_tape_size(const Problem *p);

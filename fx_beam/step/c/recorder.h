@@ -59,10 +59,8 @@ static void record(Problem *p, const Work *w, Record *to) {
   times_mass(p, p->v, momentum);
   memset(energy, 0, 5 * sizeof(double)), memset(sums, 0, 3 * sizeof(double));
   energy[0] = dot(n, p->v, momentum) / 2;
-  begin_form(p, &p->energy, w->fields, p->t, 0);
-  energy[1] = assemble_scalar(p, &p->energy, w->fields);
-  if (p->weight)
-    energy[2] = -dot(n, p->weight, p->q);
+  energy[1] = sum_over_elements(p, w, &p->energy);
+  if (p->weight) energy[2] = -dot(n, p->weight, p->q);
   energy[3] = p->work, energy[4] = fx_stored_at_points(p->points, p->q, p->slides, p->spring_internal);
   energy[5] = p->dissipated;
   energy[6] = p->algorithmic, energy[7] = p->numerical;

@@ -135,17 +135,14 @@ INLINED void substitute_back(const Problem *p, const Work *w, const int *reached
   else substitute_backward(p->rows, w->y, reached, now);
 }
 
-/* What was not finite in an earlier solution is gone, also between groups of unknowns. */
-static void forget_solution(const Problem *p, const Work *w) { memset(w->y, 0, p->positions * sizeof(double)); }
-
 /* Solution x for the right side b, with bordering rows or without: by sparse factors, or by those of a chain or a band that
    are made here; returns 0 if it is singular. */
 HOT int solve_bordered(Problem *p, const Work *w, const double *b, double *x) {
   int bordered = HAS(SLIDERS) && p->bordering_rows;
   const int *reached = bordered ? w->reached : 0;
+  memset(w->y, 0, p->positions * sizeof(double)); /* also between groups of unknowns: an earlier one may not be finite */
 #pragma GCC unroll 4
   for (int i = 0; i < p->free; ++i) w->y[p->order[i]] = b[i];
-  for (int i = p->free; i < p->unknowns; ++i) w->y[p->order[i]] = 0;
   if (bordered) memset(w->bordering_right, 0, p->bordering_rows * sizeof(double));
   if (bordered) pass_on(p, 1, 0, w->y, w->bordering_right);
   if (!HAS(CHAIN | BAND)) substitute_forward(p->rows, w->y);
@@ -219,7 +216,7 @@ static int solve_raised(Problem *p, const Work *w) {
   const SparseRows *rows = p->rows;
   const int *order = p->order;
   if (p->bordering_rows || p->band) return 0;
-  double b = largest_size(p->tangent_start[n], w->tangent);
+  double b = largest(p->tangent_start[n], w->tangent, 0);
   while (!regular && many < RAISED && b > 0) {
     at[many++] = w->row[0];
     fill_factors(p, w);
@@ -261,7 +258,7 @@ static int solve_reduced(Problem *p, const Work *w, const Wanted *wanted, double
   }
   if (!factorise_tangent(p, w, 0)) {
     p->raised = p->at_rest && solve_raised(p, w) ? 1 : -1;
-    if (p->raised > 0 || !p->at_rest || largest_size(p->free, w->reduced) > 0) return p->raised > 0;
+    if (p->raised > 0 || !p->at_rest || largest(p->free, w->reduced, 0) > 0) return p->raised > 0;
     memset(w->step, 0, p->free * sizeof(double)); /* a straight path that bifurcates needs no correction */
     return 1;
   }

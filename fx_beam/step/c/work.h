@@ -35,7 +35,7 @@ typedef struct {
   INTEGERS(NUMBERED)
   const double *fields[FIELDS]; /* by the kinds of Form */
   double dt;
-  const double *follower_force;
+  double *loads, *follower_force, *naturals; /* inputs of a sub-step */
   int transposed; /* whether bordering rows are those of the transposed tangent */
   int by_slopes;  /* whether elements give no tangent: it comes from their slopes (element_derivatives.h), or none is needed */
 } Work;
@@ -55,7 +55,7 @@ static long lay_out(const Problem *p, Work *w, double *at) {
   INTEGERS(ALLOCATE)
   const double *fields[] = {w->D, p->q, p->v, p->a, p->q_previous, p->internal, p->natural, w->natural_end};
   memcpy(w->fields, fields, sizeof fields);
-  w->transposed = w->by_slopes = 0;
+  w->dt = w->transposed = w->by_slopes = 0;
   return at - begin;
 }
 
