@@ -183,7 +183,7 @@ def _check(axes: Any, curves: Any, what: str) -> None:
 def curve(given: Any, t: np.ndarray, what: str) -> np.ndarray:
     """Values (n,) over times or load factors (n,)."""
     values = numbers(given)
-    require(values.shape == t.shape, what, given, f"{len(t)} numbers, one for each row or time")
+    require(values.shape == t.shape, what, given, f"{t.size} numbers, one for each row or time")
     return values
 
 

@@ -29,7 +29,7 @@ def several(name: str, given) -> list[Any]:
     """The entries of a sequence that is not empty and has no entry twice."""
     if isinstance(given, str) or not isinstance(given, Sequence | np.ndarray):
         raise SceneError(f"{name} must be a sequence, as [...], not {given!r:.60}")
-    entries = list(given)
+    entries = given.tolist() if isinstance(given, np.ndarray) else list(given)
     if not entries:
         raise SceneError(f"a study needs {name}; none are given")
     if twice := [entry for entry in entries if entries.count(entry) > 1]:

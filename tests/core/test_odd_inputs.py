@@ -127,6 +127,11 @@ def cost(value, **weights):
         (lambda my: fb.plot.curves(my.axes, my.fall, len), "solutions = .* must be a dict"),
         (lambda my: fb.plot.curves(my.axes, {"a": 1}, len), r"solutions\['a'\] = 1 must be a Sol"),
         (lambda my: fb.plot.quantities(my.axes, {"a": 1}, [0, 1]), r"values\['a'\] = 1 must be 2"),
+        (lambda my: fb.plot.quantities(my.axes, {"a": [0, 1]}, 1.0), r"= \[0, 1\] must be 1 num"),
+        (
+            lambda my: fb.plot.animate(my.fall, f"{my.folder}/a.gif", scenery=no_arguments),
+            r"scenery takes \(\); it must take \(axes, row\)",
+        ),
         (lambda my: fb.plot.figure(1.5, 1), "rows = 1.5 must be a whole number"),
         (lambda my: fb.plot.save(my.axes, "a.png"), "must be a figure"),
     ],

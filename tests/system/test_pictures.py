@@ -484,7 +484,8 @@ def test_a_film_has_marks_scenery_and_colours_and_is_white_elsewhere(swing, tmp_
 
     def scenery(axes, k):
         drawn.append(k)
-        return axes.plot([0, 1], [-1, -1])
+        lines = axes.plot([0, 1], [-1, -1])
+        return lines if len(drawn) < 3 else None  # what is new is found
 
     more = {"marks": {"tip": bar.end}, "scenery": scenery}
     for colour in (None, "speed"):

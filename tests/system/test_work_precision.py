@@ -394,6 +394,13 @@ def test_a_reference_that_fails_is_said_and_exact_quantities_keep_their_errors(t
     assert found.missing["tip"] in (tmp_path / "lost.md").read_text()
 
 
+def test_steps_and_meshes_may_be_arrays():
+    found = small(dt=np.array([0.1, 0.05]), meshes=np.array([[1, 1], [2, 1]]))
+    assert [(run.mesh.elements, run.dt) for run in found.runs] == [
+        (1, 0.1), (1, 0.05), (2, 0.1), (2, 0.05)
+    ]  # fmt: skip
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
