@@ -468,8 +468,8 @@ class Scene:
             Speed below which the loss is viscous [m/s]; required for e < 1.
         energy : callable, optional
             In place of the stiffness ``energy(d)``, the stored energy of a node [J], of a beam per
-            length [J/m], as a UFL expression of the depth d [m]; zero at d = 0. Its derivative is
-            in the place of k d.
+            length [J/m], as a UFL expression of the depth d [m] that rises from d = 0 on. Its
+            derivative is in the place of k d.
         friction : Coulomb, optional
             Friction that sticks; none by default. It acts on the surface of a member with a
             `radius`, and on that of a circle or line that moves.
