@@ -56,3 +56,16 @@ def test_a_spring_counts_all_turns():
     exact = amplitude * np.sin(omega * solution.t)
     assert abs(solution.rotation(beam.start) - exact).max() < 1e-2 * amplitude
     assert relative_drift(solution.energy.total) < 1e-11
+
+
+@pytest.mark.parametrize(("order", "lags"), [(2, (0.0201, 0.0727)), (4, (5.7e-5, 8.4e-4))])
+def test_the_angle_of_a_free_spin_lags_behind_by_what_the_page_on_limits_says(order, lags):
+    for dt, lag in zip((0.5, 1.0), lags, strict=True):
+        scene = fb.Scene()
+        body = scene.add_body((0, 0), mass=1.0, inertia=1.0).centre
+        scene.set_velocity(body, spin=1.0)
+        solution = fb.simulate(scene, fb.EnergyMomentum(order), dt=dt, t_end=20.0)
+        assert 1 - solution.rotation(body)[-1] / 20.0 == pytest.approx(lag, rel=0.01)
+        if order == 2:
+            assert solution.rotation(body)[1] == pytest.approx(2 * np.arctan(dt / 2), rel=1e-12)
+        assert solution.spin(body) == pytest.approx(np.ones(len(solution.t)), abs=1e-12)
