@@ -129,7 +129,9 @@ class Energy:
     def balance_error(self) -> np.ndarray:
         """Increase of the energy since the start, minus the supplied energy, (n,) [J].
 
-        The energy is `total` plus `algorithmic`.
+        The energy is `total` plus `algorithmic`. In statics `work` is a sum over load steps, each
+        with the mean of its loads; the error is that of the sum, and falls with the square of the
+        number of steps.
         """
         energy = self.total + self.algorithmic
         return energy - energy[0] - self.supplied
