@@ -1,5 +1,7 @@
 """Kelvin-Voigt damping of members: exact solutions, balance, all schemes, degrees and solvers."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scenes import PINNED, pinned_beam
@@ -194,3 +196,23 @@ def test_a_quadratic_energy_with_forces_at_rest_is_damped_about_its_own_rest(sch
     solution = fb.simulate(scene, scheme, dt=2e-3, t_end=1.0)
     assert solution.resultants(bar).N[0] == pytest.approx(EA * eps0, rel=1e-6)
     assert solution.displacement(bar.end)[-1, 0] == pytest.approx(-eps0, rel=1e-3)
+
+
+@pytest.mark.parametrize("inertia", [1.0, 0.0])
+def test_a_damped_strip_that_is_struck_moves_alike_in_all_schemes_but_newmarks_family(inertia):
+    """The page on limits says what HHT does here in its place."""
+
+    def height(scheme, dt=1e-3):
+        steel = fb.Section.rectangle(2e-3, 20e-3, *fb.materials.steel)
+        section = replace(steel, rhoI=inertia * steel.rhoI, retardation=1e-3)
+        scene = fb.Scene()
+        strip = scene.add_beam([(0, 0), (0.5, 0)], section, elements=10)
+        scene.clamp(strip.start)
+        scene.set_velocity(strip, lambda x, y: (0.0, 8 * x**3), lambda x, y: 24 * x**2)
+        solution = fb.simulate(scene, scheme, dt=dt, t_end=0.05)
+        return solution.displacement(strip.end)[:, 1]
+
+    exact = height(fb.EnergyMomentum(order=4), 1e-4)[::10]
+    for scheme in (fb.EnergyMomentum(), fb.MidPoint(), fb.EnergyDecaying()):
+        assert height(scheme) == pytest.approx(exact, abs=1e-3 * abs(exact).max())
+    assert abs(height(fb.HHT()) - exact).max() > 0.1 * abs(exact).max()
