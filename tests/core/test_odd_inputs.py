@@ -130,7 +130,7 @@ def cost(value, **weights):
         (lambda my: fb.plot.quantities(my.axes, {"a": [0, 1]}, 1.0), r"= \[0, 1\] must be 1 num"),
         (
             lambda my: fb.plot.animate(my.fall, f"{my.folder}/a.gif", scenery=no_arguments),
-            r"scenery takes \(\); it must take \(axes, row\)",
+            r"scenery takes \(\); it must take \(axes, k\)",
         ),
         (lambda my: fb.plot.figure(1.5, 1), "rows = 1.5 must be a whole number"),
         (lambda my: fb.plot.save(my.axes, "a.png"), "must be a figure"),
