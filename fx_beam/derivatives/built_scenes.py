@@ -40,7 +40,7 @@ _NOISE, _COMPUTED = 1e-12, _AT_START | {"v", "driven rates"}
 # Numbers that are differences of places, and have their round-off. It is that of the largest in
 # places, directions and what is computed; others of a name may have different units.
 _FROM_PLACES = {"offset", "rest", "slides"}
-_ALIKE = _FROM_PLACES | _COMPUTED | {"X", "axis", "q"}
+_ALIKE = _FROM_PLACES | _COMPUTED | {"X", "axis", "q", "q previous"}
 # Error of numbers that depend on x along a line, relative to them.
 _ROUNDING = 8 * np.finfo(float).eps
 # Largest difference of the numbers of two scenes at the same x, relative to them.
@@ -308,8 +308,7 @@ def _size(name: str, values: np.ndarray) -> np.ndarray:
 
 def _largest(gaps: np.ndarray, sizes: np.ndarray) -> float:
     """The largest of some gaps relative to sizes; these are zero only where both are."""
-    part = np.zeros(gaps.shape)
-    np.divide(gaps, sizes, out=part, where=sizes > 0)
+    part = np.divide(gaps, sizes, out=np.zeros(gaps.shape), where=sizes > 0)
     return float(part.max(initial=0.0))
 
 

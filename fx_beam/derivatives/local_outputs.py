@@ -171,6 +171,8 @@ class ResultantOutput(RowOutput):
             for name, array, places, factor in of.sources(steps):
                 if array in of_state:
                     read[name] = read.get(name, 0.0) + factor * of_state[array][places]
+            if "q_previous" not in read and "q previous" in changes:
+                read["q_previous"] = changes["q previous"][None]
             if steps[0] < 0 and "parameters at the start" in changes:
                 read["parameters"] = changes["parameters at the start"][None]
             elif "parameters" in changes:

@@ -73,7 +73,7 @@ class SubSteps:
     def parts(self, steps: np.ndarray) -> Parts:
         """Sub-steps by their numbers; -1 for the start of the run."""
         tape, model, states = self.tape, self.model, self.states
-        first, (before, after, earlier) = np.maximum(steps, 0), self.places(steps)
+        first, (before, after, _) = np.maximum(steps, 0), self.places(steps)
         q, dt, of_start = states["q"][before], tape.times.lengths[first], steps[0] < 0
         if of_start:
             dt = np.full(len(steps), self._short)
@@ -82,12 +82,11 @@ class SubSteps:
         else:
             D = without_turns(model, states["q"][after] - q)
         given = {name: states[name][before] for name in ("internal", "natural")}
+        given["q_previous"] = states["q previous"][before]
         given["natural_end"] = states["natural"][before if of_start else after]
         if self._parameters is not None:
             given["parameters"] = self._at_start if of_start else self._parameters[first, 0]
-        beams = model.forms.beams
-        if beams is not None and beams.facts.needs_previous:
-            given["q_previous"] = q - without_turns(model, q - states["q"][earlier])
+        if model.forms.needs_previous:
             given["memory"] = 0 * dt if of_start else tape.memories[steps]
         return Parts(tape.times.starts[first] + self._level * dt * (steps >= 0), dt, D, q, **given)
 
@@ -114,7 +113,9 @@ class SubSteps:
             moved = self._moves * self._short
             yield "increment", "v", before, moved
             yield "start", "v", before, -self._level * moved
-        yield from (("start", "q", before, 1.0), ("q_previous", "q", earlier, 1.0))
+        yield "start", "q", before, 1.0
+        if steps[0] or not self.tape.memories[0]:  # else it is a number, of what came before
+            yield "q_previous", "q", earlier, 1.0
         yield "natural_end", "natural", after if steps[0] >= 0 else before, 1.0
         for name in ("natural", "internal", "spring internal"):
             yield name, name, before, 1.0
@@ -128,7 +129,7 @@ class SubSteps:
             read.add(name)
             if name in given and factor:
                 yield of_rows(array, rows, factor * given[name], places)
-        numbers = {name: values for name, values in given.items() if name not in read}
+        numbers = {name.replace("_", " "): of for name, of in given.items() if name not in read}
         yield from self._by_numbers(rows, steps, numbers)
 
     @staticmethod

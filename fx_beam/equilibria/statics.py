@@ -180,7 +180,8 @@ class LoadPath:
         for step, state in enumerate(turning):
             recorder.record(step, state)
             self._stepper.loop.inversion.check(state.t, state.q)
-        end = replace(turning[-1], t=self.forcing.time, inputs=self._inputs)
+        # Load factors are no times: no step in time came before.
+        end = replace(turning[-1], t=self.forcing.time, inputs=self._inputs, length=0.0)
         path = self._stability(states, lambda state: self._solution([state]))
         later = {name: getattr(path, name) for name in ("unstable_modes", "critical_points")}
         solution = solution_of(recorder, stats, lambda: end, ended=True, stability=later)

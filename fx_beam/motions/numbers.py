@@ -31,7 +31,7 @@ OF_OUTPUTS = {
 #: Numbers with a row for each sub-step: values of functions of time.
 OF_STEPS = {"loads", "driven", "follower force", "parameters", "naturals", "driven rates"}
 # What steps with mean rates read of the state at the start.
-_OF_STATE = "q", "v", "slides", "motors", "internal", "spring_internal", "natural"
+_OF_STATE = "q", "q_previous", "v", "slides", "motors", "internal", "spring_internal", "natural"
 
 
 def numbers_of(

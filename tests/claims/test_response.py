@@ -4,7 +4,13 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from derivatives import assert_derivatives
+from derivatives import (
+    EXACT,
+    assert_both_ways_agree,
+    assert_derivatives,
+    difference,
+    size_of,
+)
 from jointed import frame, linkage
 
 import fx_beam as fb
@@ -281,6 +287,36 @@ def test_reactions_after_statics_have_derivatives():
     assert by_x == pytest.approx((high - low) / 2e-3, rel=1e-6)
     run([5.0])
     assert run.vjp({"reaction": weights}) == pytest.approx(by_x, rel=1e-9)
+
+
+def swinging(scene):
+    """A motion from which another goes on, as a function of the scene."""
+    return fb.simulate(scene, fb.EnergyDecaying(), dt=0.01, t_end=0.1, newton=EXACT)
+
+
+@pytest.mark.parametrize("start", [fb.static, swinging])
+def test_the_step_before_the_first_one_counts_in_derivatives(start):
+    """`EnergyDecaying` reads it, but after an equilibrium there is none."""
+
+    def build(x):
+        scene = fb.Scene(gravity=(0.0, -9.81 * x[0]))
+        section = fb.Section(EA=1e4, GA=5e3, EI=20.0, rhoA=1.0, rhoI=0.01)
+        beam = scene.add_beam([(0, 0), (1, 0.1)], section, elements=3)
+        scene.clamp(beam.start)
+        names = ("position", beam.end), ("velocity", beam.end), ("M", beam)
+        names += ("strain_energy", scene), ("dissipated_energy", scene)
+        return scene, {name: fb.Output(name, of) for name, of in names}
+
+    dt = {"dt": 0.01, "t_end": 0.05 if start is fb.static else 0.15}
+    run = fb.Response(build, fb.EnergyDecaying(), start=start, newton=EXACT, **dt)
+    run([1.0])
+    J = run.jacobian()
+    assert_both_ways_agree(run, run([1.0])[1], J)
+    for name, rows in J.items():
+        expected = difference(lambda step, name=name: run([1 + step])[1][name], 1e-3)
+        assert rows[..., 0] == pytest.approx(expected, abs=1e-6 * max(size_of(rows), 1.0))
+    if start is fb.static:
+        assert abs(J["velocity"]).max() < 1e-9
 
 
 def measured(case, kept=None):

@@ -108,6 +108,22 @@ def test_a_scene_in_equilibrium_stays_at_rest():
     assert motion.energy.work[0] == rest.energy.work[-1]
 
 
+@pytest.mark.parametrize("scheme", [fb.Newmark(), fb.HHT()])
+def test_rates_of_massless_nodes_do_not_depend_on_the_load_steps_before(scheme):
+    scene = fb.Scene(gravity=(0, -9.81))
+    section = fb.Section(EA=1e4, GA=5e3, EI=20.0)
+    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=2)
+    scene.clamp(beam.start)
+    scene.add_mass(beam.end, 1.0, 0.01)
+    scene.add_force(beam.end, lambda t: (0.0, 5.0 * np.sin(20 * t)))
+    rates = []
+    for load_steps in (1, 10):
+        start = fb.static(scene, load_steps=load_steps)
+        solution = fb.simulate(scene, scheme, dt=0.01, t_end=0.03, start=start)
+        rates.append(solution.velocity(beam.nodes[1]))
+    assert rates[0] == pytest.approx(rates[1], abs=1e-9)
+
+
 def test_a_beam_let_go_keeps_the_energy_that_bent_it():
     scene = fb.Scene()
     beam = scene.add_beam([(0, 0), (1, 0)], FLYING, elements=4)
