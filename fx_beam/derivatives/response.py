@@ -566,9 +566,9 @@ class Response(Differentiable):
         moving = model.scene.velocities, model.couplings.driven, self._start is not None
         other_steps = self._options.tolerance is not None or len(model.scheme.fractions) > 1
         of = [output for output in self._outputs.values() if isinstance(output, Output)]
-        if any(moving) or other_steps or not any(map(observes_start, of)):
-            return None
-        if model.natural:  # round-off of their rates would be large in such a step
+        # Round-off of the rates of natural strains would be large in such a step.
+        unfit = any(moving) or other_steps or model.natural
+        if unfit or not any(map(observes_start, of)):
             return None
         try:
             self._instant(self._x)
@@ -602,11 +602,10 @@ class Response(Differentiable):
         And those of outputs with rates. Accelerations have the changes (m, size) as their slopes.
         """
         other, t0 = self._prepared(given), tape.times.starts
-        model, first, t1 = other.model, self._options.dt, tape.times.ends
+        model, t1, fixed = other.model, tape.times.ends, self._options.tolerance is None
+        first = self._options.dt if fixed else tape.first_length
         of = [output for output in self._outputs.values() if isinstance(output, Output)]
         at_start = any(map(observes_start, of))
-        if self._options.tolerance is not None:
-            first = float(t1[len(model.scheme.fractions) - 1] - t0[0])
         if start is None:
             state = other.first_state(first, self._start_of(given), at_start)
         else:
@@ -634,7 +633,8 @@ class Response(Differentiable):
 
         Of the last scene it is that of the motion, if it has slopes.
         """
-        if given is self._scene and (last := self._series.prepared) and last.model.is_dual:
+        same = given is self._scene and have_slopes()  # else `build` has set others in it
+        if same and (last := self._series.prepared) and last.model.is_dual:
             return last
         inputs = self._options.inputs, "Response: inputs"
         scene, base = (with_functions(of, *inputs) for of in (given, self._scene))

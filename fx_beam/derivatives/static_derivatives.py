@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.dual import Dual, plain
+from fx_beam.dual import Dual, have_slopes, plain
 from fx_beam.equilibria.statics import LoadPath
 from fx_beam.errors import SceneError
 from fx_beam.laws.schemes import Equilibrium, Scheme
@@ -80,9 +80,9 @@ class OtherScenes:
     def model_of(self, scene: Scene, known: Model | None = None) -> Model:
         """The model of a scene; OtherStructureError if it differs.
 
-        It is the `known` one if this has the slopes of the scene.
+        It is the `known` one if this has the slopes that are asked for.
         """
-        if known is not None and known.scene is scene and known.is_dual:
+        if have_slopes() and known is not None and known.scene is scene and known.is_dual:
             return known
         model = self._model or self._made_of(self._scene)
         try:

@@ -232,6 +232,39 @@ def test_a_number_in_ufl_that_is_no_parameter_is_refused_also_beside_others():
         run.jacobian()
 
 
+def oscillator():
+    """A body on a spring, whose stiffness is a parameter; and its slide."""
+    k = fb.Parameter("k", 1.0)
+    scene = fb.Scene()
+    body = scene.add_body((0, 0), 1.0, 1.0)
+    spring = fb.Spring(strain_energy=lambda s: k * s**2 / 2)
+    joint = scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, (1, 0), spring=spring))
+    scene.set_velocity(body, (1.0, 0.0))
+    return scene, joint
+
+
+@pytest.mark.parametrize("kind", [fb.Response, fb.ModalResponse])
+def test_a_scene_that_all_calls_have_may_get_its_parameters_in_each(kind):
+    """Also where slopes are compared with differences again, in the third call."""
+    scene, joint = oscillator()
+    outputs = {"slide": fb.Output("slide", joint)}
+
+    def build(x):
+        scene.parameters["k"] = x[0]
+        return scene if kind is fb.ModalResponse else (scene, outputs)
+
+    options = {"n": 1} if kind is fb.ModalResponse else {"dt": 0.01, "t_end": 1.0}
+    run = kind(build, **options)
+    for k in (4.0, 5.0, 6.0, 7.0):
+        run([k])
+        J, w = run.jacobian(), k**0.5
+        if kind is fb.ModalResponse:
+            assert J[0, 0] == pytest.approx(1 / (2 * w), rel=1e-9)
+        else:
+            exact = (np.cos(w) / w - np.sin(w) / w**2) / (2 * w)
+            assert J["slide"][-1, 0] == pytest.approx(exact, rel=1e-3)
+
+
 class Pull:
     """A force that all scenes have in common, of a size that `build` sets."""
 
