@@ -43,8 +43,7 @@ class Objective(_OfRun):
                 "objective: function(t, y) must give a number and its derivatives by outputs, a "
                 f"dict of arrays by names, not {shown(given)}"
             )
-        value, weights = given
-        return float(value), self._run.vjp(weights)
+        return float(given[0]), self._run.vjp(given[1])
 
 
 def _measured(given: Any, what: str) -> np.ndarray:
@@ -81,14 +80,15 @@ class Misfit(_OfRun):
             name: _scatter(of_all[name], rows.shape, f"misfit: scatter of {name!r}")
             for name, rows in self._measured.items()
         }
-        #: Those numbers of the run of which the last deviations are.
-        self._last: Any = None
+        #: Numbers of the last motion, and its statistics, by which one knows it.
+        self._last: tuple[Any, Any] = None, None
 
     @one_thread
     def __call__(self, x: Any) -> np.ndarray:
         """Deviations (n,); zero where nothing was measured, which is NaN."""
+        self._last, parts = (None, None), list[np.ndarray]()
         _, y = self._run(x)
-        self._last, parts = self._run._x, []
+        self._last = np.array(x, float), self._run.stats
         for name, rows in self._measured.items():
             require(name in y, "misfit: measured", [*self._measured], f"names of {[*y]}")
             fits = rows.shape == y[name].shape
@@ -100,7 +100,7 @@ class Misfit(_OfRun):
     @one_thread
     def jacobian(self, x: Any) -> np.ndarray:
         """Their derivatives (n, m) by x; without another motion if the last one was that of x."""
-        if self._last is not self._run._x or not np.array_equal(self._last, x):
+        if not np.array_equal(self._last[0], x) or self._last[1] is not self._run.stats:
             self(x)
         J, parts = self._run.jacobian(*self._measured), []
         for name, rows in self._measured.items():
