@@ -144,15 +144,15 @@ class LoadStepper:
         return new
 
     def _unloaded(self, state: State) -> np.ndarray:
-        """Residual (free,) without loads; notes added forces in the state."""
-        forms, zero, time = self.model.forms, np.zeros(self.model.size), self.forcing.time
+        """Residual (free,) at load factor 0; notes added forces in the state."""
+        forms, first, time = self.model.forms, self.forcing.first, self.forcing.time
         if forms.has_added:
             forms.set_load(0.0, 0.0)
             forms.begin(Interval(time, time), self.model.start_of(state, 0.0))
-            forms.internal_force(zero)
+            forms.internal_force(np.zeros(self.model.size))
             state.added_forces = forms.added_force()
         self.loop.equations.begin(Interval(0.0, 0.0), state)
-        return self.loop.equations.at_start(zero).residual[: self.model.reduction.free].copy()
+        return self.loop.equations.at_start(first).residual[: self.model.reduction.free].copy()
 
     def start_from(self, state: State) -> State:
         """A state as the start: the forces that hold it there fade as the loads rise."""

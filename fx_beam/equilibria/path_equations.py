@@ -159,7 +159,7 @@ class PathEquations:
     def __init__(self, loop: LoadLoop):
         self._loop, self._forcing, self.model = loop, loop.forcing, loop.model
         self._reduction = self.model.reduction
-        #: Forces (free,) in the place of the loads at the start, which fade as these rise.
+        #: Forces (free,) that hold the start besides its loads, and fade as those of now rise.
         self.held = np.zeros(self._reduction.free)
         #: Weights of the degrees of freedom in the inner product.
         self.weight = 1 / (self.model.unit**2 * len(self.model.turns))
@@ -208,7 +208,8 @@ class PathEquations:
             balance = self._evaluate(y, load)
         else:
             balance = self._evaluate(y, load)
-            per_load = self._equations.change(self.spread(np.zeros_like(y), 1.0)) - forcing.full
+            per_load = self._equations.change(self.spread(np.zeros_like(y), 1.0))
+            per_load -= forcing.full - forcing.first
             if forcing.turning is not None:
                 per_load -= forcing.turning.force(self._start.q + balance.D)
             column = reduction.project(per_load) - reduction.project(np.zeros_like(per_load))
@@ -218,7 +219,7 @@ class PathEquations:
     def _evaluate(self, y: np.ndarray, load: float) -> Balance:
         at = self._start.t + load
         self._equations.end_at(at)
-        return self._equations.at(y, self._driven(load), at * self._forcing.full)
+        return self._equations.at(y, self._driven(load), self._forcing.dead(at))
 
     def _at(self, y: np.ndarray, load: float) -> tuple[np.ndarray, np.ndarray]:
         balance = self._evaluate(y, load)

@@ -75,7 +75,7 @@ class Settling:
 
     def _load(self, state: State, goal: float) -> float:
         """Largest load or force without balance in a state, times its unit [J]."""
-        forces, equations = goal * self.stepper.forcing.full, self._loop.equations
+        forces, equations = self.stepper.forcing.dead(goal), self._loop.equations
         equations.begin(Interval(goal, goal), state)
         balance, free = equations.at_start(forces), self.model.reduction.free
         largest = abs(balance.residual[:free] * self.model.unit_of_unknowns).max(initial=0.0)

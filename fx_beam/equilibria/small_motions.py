@@ -58,7 +58,7 @@ class SmallMotions:
         """The tangent (n, n) of an equilibrium without flow."""
         equations = self._loop.equations
         equations.begin(Interval(state.t, state.t), state)
-        equations.at_start(state.t * self._loop.forcing.full)
+        equations.at_start(self._loop.forcing.dead(state.t))
         return equations.tangent()
 
     def coupling(self) -> scipy.sparse.csr_matrix:

@@ -113,10 +113,9 @@ class Transfer:
         """Configuration and rates (size,), with those that new nodes are given."""
         end, known = self._end, self._rows >= 0
         rates, nodal = end.v if end.fitted is None else end.fitted, dict[str, Any]()
-        for name, values in (("q", end.q), ("v", end.v), ("fitted", rates)):
-            mine = np.zeros((len(known), 3))
-            mine[known] = values[self._rows[known]]
-            nodal[name] = mine.ravel()
+        for name, values in (("q", end.q), ("v", end.v), ("fitted", rates), ("loads", end.loads)):
+            if values is not None:
+                nodal[name] = np.where(known[:, None], values[self._rows], 0.0).ravel()
         if self._start.stats.static:  # the motion begins with the initial velocities of the scene
             nodal.pop("fitted")
         elif not known.all():

@@ -110,6 +110,8 @@ class State:
     #: joints and supports of the scene, as `constraints_of` gives them.
     fitted: np.ndarray | None = _kept("nodes", 3, default=None)
     constraints: Constraints | None = None
+    #: Set at the end of a path of equilibria: its dead loads (size,) [N, N m].
+    loads: np.ndarray | None = _kept("nodes", 3, default=None)
     #: Set at the end of a run: what the variables of `spring_internal` belong to, as texts.
     owners: np.ndarray | None = _kept("spring variables", default=None)
     #: Of an equilibrium: the number of negative eigenvalues of the tangent, if the factors of its
@@ -145,7 +147,7 @@ ARRAYS: dict[str, Quantity] = {
     part.name: part.metadata["quantity"] for part in fields(State) if "quantity" in part.metadata
 }
 #: Arrays that have an entry for each degree of freedom.
-AT_NODES = *(n for n, of in ARRAYS.items() if str(of.shape[0]).endswith("dofs")), "fitted"
+AT_NODES = *(n for n, of in ARRAYS.items() if str(of.shape[0]).endswith("dofs")), "fitted", "loads"
 NUMBERS = "t", *(part.name for part in fields(State) if "number" in part.metadata)
 FORCES = tuple(name for name, quantity in ARRAYS.items() if quantity.mean)
 #: What a record has of the state at the end of a step, and of its sums.

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fx_beam.content_cache import cached_property
 from fx_beam.errors import Constant, SceneError, TimeFunction, evaluate, series
 from fx_beam.fem.parameter_values import before
 from fx_beam.laws.interval import Interval, just_inside
@@ -158,18 +157,17 @@ class LoadForcing(Forcing):
         model.forms.parameters.hold(time)
         #: All dead loads (size,) [N, N m], and how far driven motions go (driven,) [m, rad].
         self.full, self.goal = self._dead(time), self.series(np.array([time]))[0]
+        #: Dead loads at load factor 0.
+        self.first = np.zeros(model.size)
         self._origin = np.zeros(len(self.goal))
         # Natural strains from which they go.
         self._without: np.ndarray | float = 0.0
 
-    @cached_property
-    def _natural(self) -> np.ndarray | None:
-        """Natural strains to which they go; None without any."""
-        return super().natural(self.time)
-
     def start_from(self, state: State) -> None:
-        """Let driven motions and natural strains start from what they are in a state."""
-        if self._natural is not None and state.natural is not None:
+        """Let loads, driven motions and natural strains start from what they are in a state."""
+        # Those at the end of a motion are not known: those of now take their place.
+        self.first[:] = self.full if state.loads is None else state.loads
+        if state.natural is not None:
             self._without = state.natural
         origin = self.current(state)
         self.goal[self._held] = (origin - self._origin)[self._held]
@@ -177,7 +175,11 @@ class LoadForcing(Forcing):
 
     def forces(self, step: Interval) -> tuple[np.ndarray, np.ndarray]:
         """Dead forces (size,) at two load factors [N, N m]."""
-        return step.start * self.full, step.end * self.full
+        return self.dead(step.start), self.dead(step.end)
+
+    def dead(self, factor: float) -> np.ndarray:
+        """Dead forces (size,) at a load factor [N, N m]."""
+        return self.first + factor * (self.full - self.first)
 
     def positions(self, t: float) -> np.ndarray:
         """Prescribed motions and positions of motors (driven,) at a load factor [m, rad]."""
@@ -185,6 +187,5 @@ class LoadForcing(Forcing):
 
     def natural(self, t: float) -> np.ndarray | None:
         """Natural strains (cells, degree, 3) at a load factor; None without any."""
-        if self._natural is None:
-            return None
-        return self._without + t * (self._natural - self._without)
+        full = super().natural(self.time)
+        return None if full is None else self._without + t * (full - self._without)

@@ -47,9 +47,9 @@ class LoadLoop(CompiledLoop):
         p.keeps_joint_forces = True
         #: Holding forces (free,) on the unknowns, in addition to the forces of the model.
         self.hold, self._predicted = np.zeros(free), np.zeros(model.size)
-        given = self.hold, self._predicted, forcing.turning
+        arrays = {"hold": self.hold, "first_loads": forcing.first, "predicted": self._predicted}
         #: Weights (size,) of a viscous drag on increments; zero at points at which nothing acts.
-        self.drag_weight = self.problem.hand_over_statics(*given)
+        self.drag_weight = self.problem.hand_over_statics(forcing.turning, **arrays)
         n, columns = model.size, model.reduction.columns
         sizes = n, columns, n, len(model.reduction.factored[1])
         self._D, self._z, self._r, self._tangent = self.problem.results(*sizes)

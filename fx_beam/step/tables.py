@@ -346,16 +346,14 @@ class Problem:
         behind = reduction.dependent, reduction.forces
         return factors_of(indptr, indices, *behind, keep, sparse, COSTS)
 
-    def hand_over_statics(
-        self, hold: np.ndarray, predicted: np.ndarray, frame: TurningFrame | None
-    ) -> np.ndarray:
+    def hand_over_statics(self, frame: TurningFrame | None, **arrays: np.ndarray) -> np.ndarray:
         """Let C read and write arrays of load steps, in a frame that turns or None.
 
         Returns the weights (size,) of a viscous drag on increments, zero where nothing acts.
         """
         model, diagonal = self.model, self.model.masses.diagonal
         weights = np.where(model.used_entries()[diagonal], model.unit**-2.0, 0.0)
-        self._set(hold=hold, predicted=predicted, viscous_weight=weights)
+        self._set(**arrays, viscous_weight=weights)
         self._set(diagonal_at=self._stored_at[diagonal])
         self.hand_over_ends(frame)
         return weights

@@ -26,6 +26,10 @@ static void begin_loads(const Problem *p, const Work *w) {
       w->dead[p->load_dof[i]] += p->load_force[i] * (start[k] + end[k]) / 2;
     }
   }
+  for (int i = 0; p->first_loads && i < p->dofs; ++i) {
+    w->force[i] += (1 - p->ratio) * p->first_loads[i];
+    w->dead[i] += (1 - (p->ratio_before + p->ratio) / 2) * p->first_loads[i];
+  }
   /* Weight does work by the potential energy of the record, which has all of it. */
   for (int i = 0; p->at_rest && p->weight && i < p->dofs; ++i)
     w->dead[i] += ((p->ratio_before + p->ratio) / 2 - 1) * p->weight[i];
