@@ -62,28 +62,26 @@ class Mass:
         entries = self._entries(plain(self._masses())), K.indices, K.indptr
         return scipy.sparse.csr_matrix(entries, K.shape, copy=False)
 
-    def refill(self, scene: Scene, moved: bool) -> bool:
+    def refill(self, scene: Scene, moved: bool) -> None:
         """Set mass and weight to those of a scene of the same structure, whose mesh is set.
 
-        Returns whether any mass differs. OtherStructureError if other entries are zero.
+        OtherStructureError if other entries are zero.
         """
         mass, gravity, given = self.matrix, self._gravity, self._given
         self._read(scene)
         # Functions may give other values.
         functions = any(callable(value) for pair in given for value in pair)
         anew = moved or functions or given != self._given
-        heavier, self._refilled = False, self._masses() if anew else None
+        self._refilled = self._masses() if anew else None
         if anew:
             self.changes += 1
             entries = self._entries(plain(self._refilled))
             if ((mass.data != 0) != (entries != 0)).any():
                 raise OtherStructureError("other nodes have mass")
-            heavier = bool((mass.data != entries).any())
             mass.data[:] = entries
         # The mass may be assembled only here, and then differs from none.
         if scene.gravity is not None and (anew or (scene.gravity != gravity).any()):
             self.weight = plain(self._weights(self._gravity, mass.data))
-        return heavier
 
     @cached_property
     def weight(self) -> np.ndarray | None:

@@ -74,7 +74,7 @@ class Scene:
     """
 
     def __init__(self, gravity: Sequence[float] | None = None):
-        self.gravity = None if gravity is None else vector(gravity, 2, "gravity")
+        self.gravity = gravity
         self.beams: list[Beam] = Members[Beam]()
         self._names: set[str] = set()
         self.nodes: list[Node] = []
@@ -116,6 +116,15 @@ class Scene:
         self.__dict__.update(state)
         for node in self.nodes:
             object.__setattr__(node, "scene", self)
+
+    @property
+    def gravity(self) -> Any:
+        """Acceleration (2,) of every mass [m/s^2], or None. It may be set."""
+        return self.__dict__["gravity"]
+
+    @gravity.setter
+    def gravity(self, gravity: Sequence[float] | None) -> None:
+        self.__dict__["gravity"] = None if gravity is None else vector(gravity, 2, "gravity")
 
     @property
     def _size(self) -> float:

@@ -173,10 +173,6 @@ class LoadForcing(Forcing):
         self.goal[self._held] = (origin - self._origin)[self._held]
         self._origin, self.goal = origin, self._origin + self.goal - origin
 
-    def forces(self, step: Interval) -> tuple[np.ndarray, np.ndarray]:
-        """Dead forces (size,) at two load factors [N, N m]."""
-        return self.dead(step.start), self.dead(step.end)
-
     def dead(self, factor: float) -> np.ndarray:
         """Dead forces (size,) at a load factor [N, N m]."""
         return self.first + factor * (self.full - self.first)

@@ -353,8 +353,7 @@ class Problem:
         """
         model, diagonal = self.model, self.model.masses.diagonal
         weights = np.where(model.used_entries()[diagonal], model.unit**-2.0, 0.0)
-        self._set(**arrays, viscous_weight=weights)
-        self._set(diagonal_at=self._stored_at[diagonal])
+        self._set(**arrays, viscous_weight=weights, diagonal_at=self._stored_at[diagonal])
         self.hand_over_ends(frame)
         return weights
 
