@@ -33,8 +33,6 @@ static void load_beams(const Problem *p, const Work *w, const double *on_nodes, 
       a->force[c] = out[a->carried[c]];
       for (int k = a->entry_start[c]; k < a->entry_start[c + 1]; ++k)
         a->force[c] += a->entry_sign[k] * w->virtual_map[a->entry_value[k]] * r[a->entry_row[k]];
-    }
-    for (int c = 0; c < a->components; ++c) {
       for (int k = 0; k < a->components * a->width; ++k) r[local_dof(a, k)] += a->force[c] * a->virtual_map[c][k];
       out[a->column] += a->force[c] * a->virtual_map[c][ARC];
     }
