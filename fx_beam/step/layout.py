@@ -108,8 +108,8 @@ class Rows:
         return rows
 
     def empty(self, *lengths: int) -> np.ndarray:
-        """Rows (*lengths, size) to be written."""
-        return np.empty((*lengths, len(self._places)))
+        """Rows (*lengths, size) of zeros, to which C adds."""
+        return np.zeros((*lengths, len(self._places)))
 
     def parts(self, rows: np.ndarray) -> dict[str, np.ndarray]:
         """Parts of rows by name."""

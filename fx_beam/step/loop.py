@@ -133,7 +133,7 @@ class CompiledLoop:
         self.problem.load(state)
         recorder.begin(state)
         to = self.c_record(recorder, 0, first=0)
-        self._library.fx_record_start(self._problem, to)
+        self._library.fx_run(self._problem, 0, 0.0, self._ffi.NULL, to)
         recorder.count(to.rows, to.starts)
 
     def _run(self, state: State, steps: Steps, recorder: Rows) -> int:

@@ -103,14 +103,15 @@ class Tape:
         self._ffi, self._limit, self.problem = problem.ffi, limit, problem
         #: The C struct Tape.
         self.c: Any = problem.ffi.new("Tape *")
-        self.c.size = problem.library.fx_tape_size(problem.c)
-        self._sub_steps = int(problem.c.sub_steps)
+        p, self._sub_steps = problem.c, int(problem.c.sub_steps)
+        given = 2 * (p.loads + p.follower_forces) + p.naturals + p.parameter_count
+        self.c.size = TAPED_NUMBERS + sum(self.widths.values()) + given + p.columns
         self._rows = np.empty((0, self.c.size))
         self.clear()
 
     def _set_rows(self, rows: np.ndarray) -> None:
         self._rows = rows
-        self.c.row, self.c.room = self._ffi.cast("double *", rows.ctypes.data), len(rows)
+        self.c.row = self._ffi.cast("double *", rows.ctypes.data)
 
     def clear(self) -> None:
         """Forget all sub-steps; the memory is kept."""
@@ -189,8 +190,7 @@ class Tape:
         """Take increments out of the rows, which end with them, before these are given up."""
         for i, checkpoint in enumerate(self._checkpoints):
             rows = self._rows[checkpoint.first :][: checkpoint.steps.number * self._sub_steps]
-            increments = self._increments(len(rows))
-            if increments is None:
+            if (increments := self._increments(len(rows))) is None:
                 return
             increments[:] = rows[:, self.c.size - self.problem.c.columns :]
             self._checkpoints[i] = checkpoint._replace(increments=increments)
@@ -210,8 +210,8 @@ class Tape:
 
     def _with_room(self, more: int) -> Any:
         """The C struct, with room for some more sub-steps."""
-        if self.c.rows + more > self.c.room:
-            doubled = min(2 * self.c.room, int(self._limit / (8 * self.c.size)))
+        if self.c.rows + more > len(self._rows):
+            doubled = min(2 * len(self._rows), int(self._limit / (8 * self.c.size)))
             rows = np.empty((max(self.c.rows + more, doubled), self.c.size))
             rows[: self.c.rows] = self._rows[: self.c.rows]
             self._set_rows(rows)

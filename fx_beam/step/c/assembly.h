@@ -31,15 +31,19 @@ INLINED void pack_nodes(int nodes, const double *x, const int *at, double *to) {
   }
 }
 
-HOT void pack(const Problem *p, const Integral *of, const Form *form, long block, const double *const *fields, int first,
-              int end) {
+/* Each block of LANES elements of a form. */
+#define EACH_BLOCK(integral, block, form)                                                                \
+  for (const Integral *integral = (form)->of; integral < (form)->of + (form)->integrals; ++integral) \
+    for (long block = 0; block * LANES < integral->cells; ++block)
+
+HOT void pack(const Problem *p, const Work *w, const Form *form, const Integral *of, long block, int first, int end) {
   for (int m = first; m < end; ++m) {
     int kind = form->kind[m], nodes = p->cell_dofs / 3, entries = kind == INTERNAL ? p->cell_internal : p->cell_natural;
     double *to = of->packed + (block * form->width + form->offset[m]) * LANES;
     const int *at = (kind == INTERNAL ? of->internal : of->natural) + block * entries * LANES;
-    if (kind < INTERNAL) pack_nodes(nodes, fields[kind], of->dofs + block * nodes * LANES, to);
+    if (kind < INTERNAL) pack_nodes(nodes, w->fields[kind], of->dofs + block * nodes * LANES, to);
     else
-      for (int j = 0; j < entries * LANES; j += LANES) *(Lanes *)(to + j) = lanes_of(fields[kind], at + j);
+      for (int j = 0; j < entries * LANES; j += LANES) *(Lanes *)(to + j) = lanes_of(w->fields[kind], at + j);
   }
 }
 
@@ -63,20 +67,17 @@ static void set_time(const Problem *p, const Form *form, double t, double dt) {
 }
 
 /* Sets the time, and the coefficients that change only from step to step. */
-static void begin_form(const Problem *p, const Form *form, const double *const *fields, double t,
-                       double dt) {
-  for (int i = 0; i < form->integrals; ++i)
-    for (long block = 0; block * LANES < form->of[i].cells; ++block)
-      pack(p, form->of + i, form, block, fields, form->changing, form->moving);
-  set_time(p, form, t, dt);
+static void begin_form(const Problem *p, const Work *w, const Form *form, double t) {
+  EACH_BLOCK(of, block, form) pack(p, w, form, of, block, form->changing, form->moving);
+  set_time(p, form, t, w->dt);
 }
 
 /* The same of the forces of elements, at the level of a sub-step. */
 static void begin_elements(const Problem *p, const Work *w) {
   double t = p->t + p->level * w->dt;
-  begin_form(p, &p->internal_forces, w->fields, t, w->dt);
-  begin_form(p, &p->drag, w->fields, t, w->dt);
-  begin_form(p, &p->added, w->fields, t, w->dt);
+  begin_form(p, w, &p->internal_forces, t);
+  begin_form(p, w, &p->drag, t);
+  begin_form(p, w, &p->added, t);
 }
 
 /* Adds the entries of an element tensor, for LANES elements. */
@@ -116,9 +117,8 @@ INLINED void add_to_chain(int n, const Integral *of, long block, const double *t
     K[of->single_to[k]] += tensors[of->single_from[k]];
 }
 
-static void evaluate(const Problem *p, const Form *form, const Integral *of, long block,
-                     const double *const *fields, double *tensors) {
-  pack(p, of, form, block, fields, 0, form->changing);
+static void evaluate(const Problem *p, const Work *w, const Form *form, const Integral *of, long block, double *tensors) {
+  pack(p, w, form, of, block, 0, form->changing);
   of->batch(tensors, of->packed + block * form->width * LANES, form->constants,
             of->coordinates + block * p->cell_coordinates * LANES);
 }
@@ -129,31 +129,29 @@ INLINED void add_tangents(int n, const Integral *of, long block, const double *t
   else add(n * n, of->stored_at + block * n * n * LANES, tensors, K);
 }
 
-/* Adds forces of elements with n degrees of freedom to a vector and, unless K is 0, their tangent to matrix entries. */
-INLINED void assemble_elements(const Problem *p, int n, const Form *form, const double *const *fields, double *f, double *K) {
+/* Adds forces of elements with n degrees of freedom to f and, unless K is 0, their tangent to matrix entries. */
+INLINED void assemble_elements(const Problem *p, const Work *w, int n, const Form *form, double *K) {
   double A[(12 + 12 * 12) * LANES];
-  for (const Integral *of = form->of; of < form->of + form->integrals; ++of)
-    for (long block = 0; block * LANES < of->cells; ++block) {
-      evaluate(p, form, of, block, fields, A);
-      add_forces(n / 3, of->to + block * n / 3 * LANES, A, f);
-      if (K) add_tangents(n, of, block, A + n * LANES, K);
-    }
+  EACH_BLOCK(of, block, form) {
+    evaluate(p, w, form, of, block, A);
+    add_forces(n / 3, of->to + block * n / 3 * LANES, A, w->f);
+    if (K) add_tangents(n, of, block, A + n * LANES, K);
+  }
 }
 
-HOT void assemble_forces(const Problem *p, const Form *form, const double *const *fields, double *f, double *K) {
-  if (p->cell_dofs == 6) assemble_elements(p, 6, form, fields, f, K); /* whose loops are unrolled */
-  else assemble_elements(p, p->cell_dofs, form, fields, f, K);
+HOT void assemble_forces(const Problem *p, const Work *w, const Form *form, double *K) {
+  if (p->cell_dofs == 6) assemble_elements(p, w, 6, form, K); /* whose loops are unrolled */
+  else assemble_elements(p, w, p->cell_dofs, form, K);
 }
 
 /* An energy of the step, or another sum over elements; zero without a form for it. */
 static double sum_over_elements(const Problem *p, const Work *w, const Form *form) {
   double sum = 0, A[LANES];
-  begin_form(p, form, w->fields, p->t, w->dt);
-  for (const Integral *of = form->of; of < form->of + form->integrals; ++of)
-    for (long block = 0; block * LANES < of->cells; ++block) {
-      evaluate(p, form, of, block, w->fields, A);
-      for (int l = 0; l < LANES && block * LANES + l < of->cells; ++l) sum += A[l];
-    }
+  begin_form(p, w, form, p->t);
+  EACH_BLOCK(of, block, form) {
+    evaluate(p, w, form, of, block, A);
+    for (int l = 0; l < LANES && block * LANES + l < of->cells; ++l) sum += A[l];
+  }
   return sum;
 }
 
@@ -162,12 +160,11 @@ static void evolve(const Problem *p, const Work *w) {
   const Form *form = &p->evolution;
   int n = p->cell_internal;
   double A[n * LANES];
-  begin_form(p, form, w->fields, p->t + p->level * w->dt, w->dt);
-  for (const Integral *of = form->of; of < form->of + form->integrals; ++of)
-    for (long block = 0; block * LANES < of->cells; ++block) {
-      evaluate(p, form, of, block, w->fields, A);
-      for (int l = 0; l < LANES && block * LANES + l < of->cells; ++l)
-        for (int k = 0; k < n; ++k)
-          p->internal[of->internal[(block * n + k) * LANES + l]] += p->per_weight[k] * A[k * LANES + l];
-    }
+  begin_form(p, w, form, p->t + p->level * w->dt);
+  EACH_BLOCK(of, block, form) {
+    evaluate(p, w, form, of, block, A);
+    for (int l = 0; l < LANES && block * LANES + l < of->cells; ++l)
+      for (int k = 0; k < n; ++k)
+        p->internal[of->internal[(block * n + k) * LANES + l]] += p->per_weight[k] * A[k * LANES + l];
+  }
 }

@@ -7,7 +7,7 @@
 
 /* The Jacobians of a block of elements in a sub-step that has begun. */
 static void evaluate_slopes(const Problem *p, const Work *w, const Vjp *of, const Integral *integral, long block, double *to) {
-  evaluate(p, &of->slopes, integral, block, w->fields, to);
+  evaluate(p, w, &of->slopes, integral, block, to);
   for (int i = 0; i < of->pieces; ++i) {
     int end = of->end_of[i], weights = of->piece_weights[i], n = of->piece_numbers[i] * weights * LANES;
     double *piece = to + of->piece_start[i] * LANES, *by_end = end < 0 ? 0 : to + of->piece_start[end] * LANES;
@@ -22,29 +22,27 @@ static void evaluate_slopes(const Problem *p, const Work *w, const Vjp *of, cons
 static void find_slopes(const Problem *p, const Work *w, const Derivatives *a, const Linear *l) {
   for (int i = 0; i < 2; ++i) {
     const Vjp *of = work_of_elements(a, i);
-    const Form *form = &of->slopes;
     long n = (long)of->slope_numbers * LANES;
     double *to = l->slopes[i], room[n + 1];
-    for (const Integral *integral = form->of; integral < form->of + form->integrals; ++integral)
-      for (long block = 0; block * LANES < integral->cells; ++block, to += n) {
-        evaluate_slopes(p, w, of, integral, block, l->share ? room : to);
-        for (long k = 0; l->share && k < n; ++k) to[k] = l->share * room[k] + (l->adds ? to[k] : 0);
-      }
+    EACH_BLOCK(integral, block, &of->slopes) {
+      evaluate_slopes(p, w, of, integral, block, l->share ? room : to);
+      for (long k = 0; l->share && k < n; ++k) to[k] = l->share * room[k] + (l->adds ? to[k] : 0);
+      to += n;
+    }
   }
 }
 
 /* Adds the tangent of elements with internal variables, by their slopes. On a yield surface it has a kink: there round-off may
    choose another side of it in the tangent for steps, with which the slopes would not fit. */
 static void add_slopes(const Problem *p, const Vjp *of, const double *slopes, double *K) {
-  const Form *form = &p->internal_forces;
   int n = p->cell_dofs;
   double A[12 * 12 * LANES];
-  for (const Integral *integral = form->of; integral < form->of + form->integrals; ++integral)
-    for (long block = 0; block * LANES < integral->cells; ++block, slopes += of->slope_numbers * LANES) {
-      const double *by_end = slopes + of->piece_start[0] * LANES; /* [increment][force][lane] */
-      for (int k = 0; k < n * n; ++k) memcpy(A + k * LANES, by_end + (k % n * n + k / n) * LANES, LANES * sizeof(double));
-      add_tangents(n, integral, block, A, K);
-    }
+  EACH_BLOCK(integral, block, &p->internal_forces) {
+    const double *by_end = slopes + of->piece_start[0] * LANES; /* [increment][force][lane] */
+    for (int k = 0; k < n * n; ++k) memcpy(A + k * LANES, by_end + (k % n * n + k / n) * LANES, LANES * sizeof(double));
+    add_tangents(n, integral, block, A, K);
+    slopes += of->slope_numbers * LANES;
+  }
 }
 
 /* Whether the motions of nodes do not depend on the state. */
@@ -121,19 +119,18 @@ INLINED void add_products(int numbers, int weights, const double *slopes, const 
    With `held` the end does not change. */
 INLINED void jvp_cells(const Vjp *of, const double *slopes, int weights, int internal, int held, Changes *x) {
   const int *from = of->from, *to = of->to + (internal ? (of->weights - weights) * LANES : 0);
-  for (const Integral *integral = of->slopes.of; integral < of->slopes.of + of->slopes.integrals; ++integral)
-    for (long cell = 0; cell < integral->cells; cell += LANES) {
-      for (int lane = 0; lane < LANES && cell + lane < integral->cells; ++lane) {
-        Changes sums[weights];
-        for (int k = 0; k < weights; ++k) sums[k] = (Changes){0};
-        for (int i = 0; i < of->pieces; ++i)
-          if (!of->weight_at[i] == !internal && !(held && !of->number_at[i]))
-            add_products(of->piece_numbers[i], weights, slopes + of->piece_start[i] * LANES + lane,
-                         from + of->number_at[i] * LANES + lane, x, sums);
-        for (int k = 0; k < weights; ++k) x[to[k * LANES + lane]] += sums[k];
-      }
-      slopes += (long)of->slope_numbers * LANES, from += of->numbers * LANES, to += of->weights * LANES;
+  EACH_BLOCK(integral, block, &of->slopes) {
+    for (int lane = 0; lane < LANES && block * LANES + lane < integral->cells; ++lane) {
+      Changes sums[weights];
+      for (int k = 0; k < weights; ++k) sums[k] = (Changes){0};
+      for (int i = 0; i < of->pieces; ++i)
+        if (!of->weight_at[i] == !internal && !(held && !of->number_at[i]))
+          add_products(of->piece_numbers[i], weights, slopes + of->piece_start[i] * LANES + lane,
+                       from + of->number_at[i] * LANES + lane, x, sums);
+      for (int k = 0; k < weights; ++k) x[to[k * LANES + lane]] += sums[k];
     }
+    slopes += (long)of->slope_numbers * LANES, from += of->numbers * LANES, to += of->weights * LANES;
+  }
 }
 
 HOT void jvp_elements(const Problem *p, const Derivatives *a, const Linear *l, int held, Changes *x) {
@@ -161,19 +158,19 @@ INLINED void vjp_cells(const Problem *p, const Work *w, const Vjp *of, const dou
   const int *from = of->from, *to = of->to;
   Four weight[of->weights * (LANES / 4) + 1];
   double room[of->slope_numbers * LANES + 1];
-  for (const Integral *integral = of->slopes.of; integral < of->slopes.of + of->slopes.integrals; ++integral)
-    for (long block = 0; block * LANES < integral->cells; ++block, from += of->numbers * LANES, to += of->weights * LANES) {
-      const double *slopes = stored ? stored : room;
-      if (stored) stored += (long)of->slope_numbers * LANES;
-      else evaluate_slopes(p, w, of, integral, block, room);
-      for (int k = 0; k < of->weights * LANES; ++k) ((double *)weight)[k] = x[to[k]];
-      for (int i = 0; i < of->pieces; ++i) {
-        int internal = of->weight_at[i], at = of->number_at[i];
-        if (last || at < of->of_state)
-          add_transposed(of->piece_numbers[i], internal ? of->piece_weights[i] : weights, slopes + of->piece_start[i] * LANES,
-                         from + at * LANES, weight + internal * (LANES / 4), x);
-      }
+  EACH_BLOCK(integral, block, &of->slopes) {
+    const double *slopes = stored ? stored : room;
+    if (stored) stored += (long)of->slope_numbers * LANES;
+    else evaluate_slopes(p, w, of, integral, block, room);
+    for (int k = 0; k < of->weights * LANES; ++k) ((double *)weight)[k] = x[to[k]];
+    for (int i = 0; i < of->pieces; ++i) {
+      int internal = of->weight_at[i], at = of->number_at[i];
+      if (last || at < of->of_state)
+        add_transposed(of->piece_numbers[i], internal ? of->piece_weights[i] : weights, slopes + of->piece_start[i] * LANES,
+                       from + at * LANES, weight + internal * (LANES / 4), x);
     }
+    from += of->numbers * LANES, to += of->weights * LANES;
+  }
 }
 
 HOT void vjp_elements(const Problem *p, const Work *w, const Derivatives *a, const Linear *l, int last, double *x) {

@@ -253,7 +253,7 @@ KEPT int fx_fit(Problem *p, const Fits *of, const Derivatives *a, int way) {
       memcpy(x, (Changes *)a->x + i * at->size, at->size * sizeof(Changes));
       load_row(a, &a->states, row, first, count, x);
       fit_group(p, w, &f, x);
-      store_row(a, &a->forces, row, 1, x, first, count);
+      add_changes(a, &a->forces, row, 1, x, first, count);
     }
     if (way == FORWARDS) continue;
     memset(by + at->Y, 0, (f.size - at->Y) * sizeof(double));

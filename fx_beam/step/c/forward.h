@@ -141,12 +141,12 @@ KEPT long fx_jvp(Problem *p, const Tape *tape, const Derivatives *a) {
         memset(x + at->q, 0, p->dofs * sizeof(Changes)), jvp(l.of + BEGUN, x);
       }
       if (more) continue;
-      if (row == 0) store_row(a, &a->states, k, 0, x, i * GROUP_SIZE, count);
+      if (row == 0) add_changes(a, &a->states, k, !a->by_unknowns, x, i * GROUP_SIZE, count);
       memcpy(x + at->loads, (Changes *)a->of_steps + (i * tape->all + k) * steps, steps * sizeof(Changes));
       double share = l.share ? 1 : share_of(a, k);
       if (a->by_unknowns) jvp_equations(p, w, a, &l, a->changes_mass[i] && !l.share, x);
       else jvp_group(p, w, a, &l, a->changes_mass[i], forces, x);
-      store_row(a, &a->forces, k, share, x, i * GROUP_SIZE, count), store_row(a, &a->states, k + 1, share, x, i * GROUP_SIZE, count);
+      add_changes(a, &a->forces, k, share, x, i * GROUP_SIZE, count), add_changes(a, &a->states, k + 1, share, x, i * GROUP_SIZE, count);
     }
   }
   p->reused.present = 0;

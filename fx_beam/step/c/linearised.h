@@ -22,14 +22,12 @@ enum {
 typedef struct {
   Layout at;
   Block of[BLOCKS];
-  double *on_auxiliaries;                   /* forces on auxiliary unknowns */
   double *slopes[2];                        /* of the forces of elements, and of drag */
   int stores;                               /* whether they are there */
   double share;                             /* with which forces are added to a sum; 0 for none */
   int adds;                                 /* whether this has begun */
   double *trial;                            /* backwards, derivatives without those by the equations */
   Changes *block, *on_bordering_rows;       /* forwards, right sides and solutions (work.h), and those of bordering rows */
-  int *reached;
   /* Whether offsets, axes and rests of joints, or places and paths of nodes that slide, change in any direction. */
   int moves_joints;
   double *followed, *next; /* forces that friction follows */
@@ -42,10 +40,9 @@ static long lay_out_linear(const Problem *p, Work *w, const Derivatives *a, Line
   double *begin = at;
   long followed = (long)GROUP_SIZE * p->points->followed.size;
   w->loads = allocate(&at, 2 * p->loads), w->follower_force = allocate(&at, 2 * p->follower_forces);
-  w->naturals = allocate(&at, p->naturals), l->on_auxiliaries = allocate(&at, p->columns + p->auxiliaries);
-  l->trial = allocate(&at, fx_layout(p, a).size);
+  w->naturals = allocate(&at, p->naturals), l->trial = allocate(&at, fx_layout(p, a).size);
   l->on_bordering_rows = (Changes *)allocate(&at, (long)p->bordering_rows * GROUP_SIZE);
-  l->block = (Changes *)allocate(&at, (long)p->positions * GROUP_SIZE), l->reached = (int *)allocate(&at, p->positions);
+  l->block = (Changes *)allocate(&at, (long)p->positions * GROUP_SIZE);
   l->followed = allocate(&at, followed), l->next = allocate(&at, followed);
   l->following.memory = allocate(&at, FIXED_POINT_ROWS * followed);
   for (int i = 0; i < 2; ++i) {
@@ -68,7 +65,6 @@ static void begin_linear(const Problem *p, Work *w, const Derivatives *a, Linear
   const double *sign = p->entry_sign + equal;
   lay_out(p, w, p->scratch), lay_out_linear(p, w, a, l, a->scratch);
   memset(l->block, 0, p->positions * sizeof(Changes));
-  for (int i = 0; i < p->positions; ++i) l->reached[i] = 1;
   l->share = 0, l->adds = 0;
   Layout at = l->at = fx_layout(p, a);
   memset(l->of, 0, sizeof l->of);
@@ -249,7 +245,7 @@ static void put_rows(const Problem *p, const Work *w, Linear *l) {
 
 /* Forces on auxiliary unknowns, which pass them on. */
 static void put_forces_on_auxiliaries(const Problem *p, const Work *w, Linear *l) {
-  double *on_auxiliaries = l->on_auxiliaries;
+  double *on_auxiliaries = w->columns;
   if (!p->auxiliaries) return;
   memset(on_auxiliaries, 0, (p->columns + p->auxiliaries) * sizeof(double));
   add_rows(p, w, with_carried(p, w), on_auxiliaries), add_closing(p, w, on_auxiliaries);
@@ -369,7 +365,7 @@ static void linearise(const Problem *p, const Work *w, const Derivatives *a, Lin
 /* Factors for right sides in several directions; returns 0 if the tangent is singular. */
 static int factorise_for_directions(Problem *p, const Work *w) {
   memset(w->y, 0, p->positions * sizeof(double));
-  for (int i = 0; HAS(SLIDERS) && p->bordering_rows && i < p->positions; ++i) reach(p, w, i);
+  for (int i = 0; i < p->positions; ++i) reach(p, w, i);
   return factorise_tangent(p, w, 1);
 }
 
@@ -377,7 +373,6 @@ static int factorise_for_directions(Problem *p, const Work *w) {
 static void solve_right_sides(const Problem *p, const Work *w, const Linear *l) {
   Work of_block = *w;
   double *x = of_block.block = (double *)l->block, *g = (double *)l->on_bordering_rows;
-  of_block.reached = l->reached;
   solve_columns(p, &of_block, 1);
   if (!HAS(SLIDERS) || !p->bordering_rows) return;
   memset(g, 0, p->bordering_rows * sizeof(Changes));
@@ -386,17 +381,12 @@ static void solve_right_sides(const Problem *p, const Work *w, const Linear *l) 
   pass_on(p, GROUP_SIZE, 1, x, g);
 }
 
-/* Stores the changes of a state or of forces, of `count` directions from the `first` on, or adds a share of them. */
-static void store_row(const Derivatives *a, const RowsOfRun *of, long k, double share, const Changes *x, long first, int count) {
+/* Adds a share of the changes of a state or of forces, of `count` directions from the `first` on, to a row. */
+static void add_changes(const Derivatives *a, const RowsOfRun *of, long k, double share, const Changes *x, long first, int count) {
   if (of->at[k] < 0) return;
   double *row = of->rows + (of->at[k] * (long)a->directions + first) * of->size;
-  for (int i = 0; i < of->size; ++i) {
-    const double *values = (const double *)(x + of->place[i]);
-    for (int j = 0; j < count; ++j) {
-      double *to = row + (long)j * of->size + i;
-      *to = a->by_unknowns ? *to + share * values[j] : values[j];
-    }
-  }
+  for (int i = 0; i < of->size; ++i)
+    for (int j = 0; j < count; ++j) row[(long)j * of->size + i] += share * x[of->place[i]][j];
 }
 
 /* The right sides of the block. */

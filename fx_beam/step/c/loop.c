@@ -100,7 +100,7 @@ static void audit(Problem *p, const Work *w, const double *change) {
   add_times(constrained, p->share, w->reduced + p->free, p->constraint_forces);
   if (p->has_added) {
     memset(w->f, 0, n * sizeof(double));
-    assemble_forces(p, &p->added, w->fields, w->f, 0);
+    assemble_forces(p, w, &p->added, 0);
     fx_evaluate_points(p->points, p->points->external, p->points->nodal, w->D, w->z);
     fx_add_points(p->points, p->points->external, p->points->nodal, -1, w->f);
     for (int i = 0; i < n; ++i) p->work += mid(p, w->f[i], p->added_forces[i]) * w->path[i];
@@ -243,16 +243,12 @@ static int switched(const Problem *p) {
   return any;
 }
 
-/* Records the present state, from which the first step starts. */
-OF_STEPS void fx_record_start(Problem *p, Record *to) {
-  Work work = work_of(p), *w = &work;
-  record(p, w, to);
-}
-
+/* Takes steps, and returns how many; from step 0 on, the present state is recorded, from which the first one starts. */
 OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
   Work work = work_of(p), *w = &work;
   p->failure = p->stopped = 0;  // also where no step is to be taken
   if (p->watches) fx_find_switches(p->points, p->q, p->slides, p->sides);
+  if (to->first == 0) record(p, w, to);
   int unchecked = 0;
   for (int k = 0; k < steps; ++k) {
     int part = (to->part + k) % to->parts, step = to->first + (to->part + k) / to->parts;

@@ -325,12 +325,12 @@ typedef struct {
   long size;
 } Rows;
 
-/* A tape (tape.h): rows of numbers, one for each sub-step, and how many there may be. If they are `apart`, as
+/* A tape (tape.h): rows of numbers, one for each sub-step. If they are `apart`, as
    equilibria are, none depends on those before. They may be a part of a run: there are `all`, and `first` before
    these. A tape without a `row` keeps increments of the columns alone, [sub-step][column], from which steps are
    repeated. */
 typedef struct {
-  long size, rows, room, first, all;
+  long size, rows, first, all;
   int apart;
   double *row, *increments;
 } Tape;
@@ -431,13 +431,11 @@ enum { VALUES, BACKWARDS, FORWARDS };
 int fx_begin_joints(Problem *p);
 int fx_expand(Problem *p, const double *z, int close, double **to);
 int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to);
-void fx_record_start(Problem *p, Record *to);
 long fx_scratch(const Problem *p);
 void fx_results(const Problem *p, double **to);
 void fx_begin(Problem *p, double dt, double *follower_force);
 int fx_balance(Problem *p, double dt, const double *z, const double *force);
 void fx_change(const Problem *p, const double *x, int sizes, double *out);
-long fx_tape_size(const Problem *p);
 Layout fx_layout(const Problem *p, const Derivatives *a);
 long fx_linear_scratch(const Problem *p, const Derivatives *a);
 long fx_taped_forces(Problem *p, const Tape *tape, const Derivatives *a, double *forces);
