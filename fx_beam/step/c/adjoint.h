@@ -19,7 +19,6 @@ static void transpose_tangent(const Problem *p, const int *transposed_at, double
 static int solve_transposed(Problem *p, const Work *w, const Derivatives *a) {
   double rest[2];
   Problem turned = *p;
-  p->reused.present = 0;
   turned.reused.present = 0;
   if (HAS(CHAIN | BAND)) transpose_tangent(p, a->transposed_at, w->tangent);
   else if (a->transposed_at) turned.factor_at = a->transposed_at;
@@ -156,5 +155,5 @@ KEPT long fx_vjp(Problem *p, const Tape *tape, const Derivatives *a) {
     if (tape->apart) memset(a->x + l.at.Y, 0, (l.at.v - l.at.Y) * sizeof(double));
     if (!vjp_step(p, w, a, &l, tape, left - 1)) break;
   }
-  return end_linear(&l, left);
+  return end_linear(p, &l, left);
 }

@@ -6,26 +6,21 @@
 #include "vectors.h"
 #include "work.h"
 
-/* Sums are computed in LANES lanes, which the compiler vectorises. */
-static inline double sum_of(const double *lanes) {
-  double sum = 0;
-  for (int l = 0; l < LANES; ++l) sum += lanes[l];
-  return sum;
-}
-
 /* Multiplies a vector by a factor; by zero also if it is not finite. */
 HOT void scale(long n, double factor, double *x) {
   if (factor == 0) memset(x, 0, n * sizeof(double));
   for (long i = 0; i < n && factor != 0 && factor != 1; ++i) x[i] *= factor;
 }
 
+/* A sum of products, in LANES lanes, which the compiler vectorises. */
 INLINED double product_of_all(int n, const double *x, const double *y, int sizes) {
-  double sum[LANES] = {0}, rest = 0;
+  double sum[LANES] = {0}, rest = 0, all = 0;
   int i = 0;
   for (; i + LANES <= n; i += LANES)
     for (int l = 0; l < LANES; ++l) sum[l] += sizes ? fabs(x[i + l] * y[i + l]) : x[i + l] * y[i + l];
   for (; i < n; ++i) rest += sizes ? fabs(x[i] * y[i]) : x[i] * y[i];
-  return rest + sum_of(sum);
+  for (int l = 0; l < LANES; ++l) all += sum[l];
+  return rest + all;
 }
 
 HOT double dot(int n, const double *x, const double *y) { return product_of_all(n, x, y, 0); }

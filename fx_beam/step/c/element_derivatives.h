@@ -88,8 +88,7 @@ KEPT long fx_taped_forces(Problem *p, const Tape *tape, const Derivatives *a, do
     project(p, w, w->r, w->reduced);
     memcpy(forces + row * constrained, w->reduced + p->free, constrained * sizeof(double));
   }
-  p->reused.present = 0;
-  return end_linear(&l, tape->rows - row);
+  return end_linear(p, &l, tape->rows - row);
 }
 
 static void scale_entries(Block *b, long first, double share) {

@@ -94,17 +94,12 @@ static void begin_fit(Problem *p, Work *w, const Fits *of, long row) {
   p->yielding = stiff > 0 ? YIELDING / stiff : 0;
 }
 
-/* The forces that close loops in a solution. */
-static void take_closing(const Problem *p, const Linear *l, Changes *to) {
-  for (int i = 0; i < p->closures; ++i) to[i] = l->block[p->order[p->unknowns - p->closures + i]];
-}
-
 /* Rates w of the columns, and u of the nodes, with their impulses, and factors if these are `needed` later; returns 0 if the
    equations are singular. */
 static int find_fit(Problem *p, const Work *w, const Linear *l, int solutions, int needed, const double *v, const double *driven,
                     double *u) {
+  const int *of_closing = p->order + p->unknowns - p->closures;
   double *z = w->z, *right = (double *)l->block, rest[2];
-  Changes closing[p->closures + 1];
   memcpy(z + p->free, driven, p->driven * sizeof(double));
   int once = solutions == 1 && !needed; /* by the solver of steps, which has one right side */
   if (once) {
@@ -119,13 +114,11 @@ static int find_fit(Problem *p, const Work *w, const Linear *l, int solutions, i
     for (int i = 0; i < p->free; ++i) right[GROUP_SIZE * p->order[i]] = w->columns[i];
     for (int i = 0; i < p->closures; ++i)
       for (int e = p->closure_entry_start[i]; e < p->closure_entry_start[i + 1]; ++e)
-        right[GROUP_SIZE * p->order[p->unknowns - p->closures + i]] +=
-            p->closure_sign[e] * w->values[p->closure_value[e]] * z[p->closure_column[e]];
+        right[GROUP_SIZE * of_closing[i]] += p->closure_sign[e] * w->values[p->closure_value[e]] * z[p->closure_column[e]];
     solve_right_sides(p, w, l);
     for (int i = 0; i < p->free; ++i) z[i] -= right[GROUP_SIZE * p->order[i]];
   }
-  take_closing(p, l, closing);
-  for (int i = 0; i < p->closures; ++i) w->closing[i] = closing[i][0];
+  for (int i = 0; i < p->closures; ++i) w->closing[i] = right[GROUP_SIZE * of_closing[i]];
   find_impulses(p, w, v, u);
   if (p->scene_joints) find_joint_forces(p, w);
   return 1;
@@ -194,7 +187,7 @@ static void fit_group(const Problem *p, const Work *w, const Fit *f, Changes *x)
     for (int i = 0; i < p->free; ++i) x[at->Y1 + i] -= l->block[p->order[i]];
   }
   jvp_fit(p, f, x);
-  take_closing(p, l, x + at->closing);
+  for (int i = 0; i < p->closures; ++i) x[at->closing + i] = l->block[p->order[p->unknowns - p->closures + i]];
   jvp(l->of + CLOSED, x), jvp(l->of + JOINED, x);
 }
 
@@ -208,18 +201,17 @@ static void vjp_fit(const Fit *f, double *x) {
 static void vjp_group(const Problem *p, const Work *w, const Fit *f, double *trial, double *x) {
   const Linear *l = &f->of;
   const Layout *at = &l->at;
+  const int *of_closing = p->order + p->unknowns - p->closures;
   long state = (f->size - at->Y) * sizeof(double);
-  Changes by_closures[p->closures + 1];
   for (int k = 0; k < f->solutions; ++k) {
     memcpy(trial + at->Y, x + at->Y, state);
     vjp_fit(f, trial);
     memset(l->block, 0, p->positions * sizeof(Changes));
     for (int i = 0; i < p->free; ++i) l->block[p->order[i]][0] = trial[at->Y1 + i];
-    for (int i = 0; i < p->closures; ++i) l->block[p->order[p->unknowns - p->closures + i]][0] = -trial[at->closing + i];
+    for (int i = 0; i < p->closures; ++i) l->block[of_closing[i]][0] = -trial[at->closing + i];
     solve_right_sides(p, w, l);
     for (int i = 0; i < p->free; ++i) x[at->R + i] -= l->block[p->order[i]][0];
-    take_closing(p, l, by_closures);
-    for (int i = 0; i < p->closures; ++i) x[at->closures + i] -= by_closures[i][0];
+    for (int i = 0; i < p->closures; ++i) x[at->closures + i] -= l->block[of_closing[i]][0];
   }
   vjp_fit(f, x);
 }
@@ -262,7 +254,7 @@ KEPT int fx_fit(Problem *p, const Fits *of, const Derivatives *a, int way) {
     for (int i = 0; i < a->states.size; ++i) a->states.rows[row * a->states.size + i] = by[a->states.place[i]];
   }
   if (x && by && way == BACKWARDS) memcpy(a->x, by, at->Y * sizeof(double));
-  int lacks = !x || !by || end_linear(&f.shape, 0) | end_linear(&f.of, 0);
+  int lacks = !x || !by || end_linear(p, &f.shape, 0) | end_linear(p, &f.of, 0);
   free(x), free(by);
   return !lacks;
 }

@@ -149,6 +149,5 @@ KEPT long fx_jvp(Problem *p, const Tape *tape, const Derivatives *a) {
       add_changes(a, &a->forces, k, share, x, i * GROUP_SIZE, count), add_changes(a, &a->states, k + 1, share, x, i * GROUP_SIZE, count);
     }
   }
-  p->reused.present = 0;
-  return end_linear(&l, left);
+  return end_linear(p, &l, left);
 }

@@ -76,8 +76,9 @@ static void begin_linear(const Problem *p, Work *w, const Derivatives *a, Linear
   l->of[ROWS_BY_MAP] = (Block){0, left, 0, value, column, row, sign, p->sliders ? w->loaded : w->r, at.map, at.R};
 }
 
-/* Ends it; returns the number of sub-steps that are left, or -1 if there was no memory. */
-static long end_linear(Linear *l, long left) {
+/* Ends it, and forgets its factors; returns the number of sub-steps that are left, or -1 if there was no memory. */
+static long end_linear(Problem *p, Linear *l, long left) {
+  p->reused.present = 0;
   for (int i = 0; i < BLOCKS; ++i) {
     if (l->of[i].lacks_memory) left = -1;
     free(l->of[i].entry);
