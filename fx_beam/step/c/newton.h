@@ -113,8 +113,9 @@ static Wanted accuracy(const Problem *p, const Work *w, const Convergence *c) {
                   SHARE * p->negligible * sqrt(energy), sqrt(energy)};
 }
 
-/* What holds the unknowns, besides the forces of the model. */
-static void hold(const Problem *p, const Work *w) {
+/* The residual of the columns from forces on nodes, less what holds the unknowns besides the forces of the model. */
+static void reduce_residual(const Problem *p, const Work *w, const double *r) {
+  project(p, w, r, w->reduced);
   for (int i = 0; p->hold && i < p->free; ++i) w->reduced[i] -= p->hold[i];
 }
 
@@ -128,24 +129,20 @@ static void resist(const Problem *p, const Work *w) {
 
 /* Residual, internal forces and tangent at the unknowns z. */
 static void balance(const Problem *p, const Work *w) {
-  if (p->team.forces) {
-    p->team.forces(w->z, w->force, w->f, w->r);
-    project(p, w, w->r, w->reduced);
-    hold(p, w);
-    return;
-  }
   double *K = w->tangent;
-  work_increment(p, w);
-  acceleration(p, w, w->dt);
-  memset(w->f, 0, p->dofs * sizeof(double));
-  clear(p->stored_values, K);
-  for (int k = 0; k < p->paddings; ++k) K[p->padding[k]] = 1;
-  inertia(p, w, w->r, K);
-  assemble(p, w, K);
-  add_difference(p->dofs, w->f, w->force, w->r);
-  if (p->viscosity > 0) resist(p, w);
-  project(p, w, w->r, w->reduced);
-  hold(p, w);
+  if (p->team.forces) p->team.forces(w->z, w->force, w->f, w->r);
+  else {
+    work_increment(p, w);
+    acceleration(p, w, w->dt);
+    memset(w->f, 0, p->dofs * sizeof(double));
+    clear(p->stored_values, K);
+    for (int k = 0; k < p->paddings; ++k) K[p->padding[k]] = 1;
+    inertia(p, w, w->r, K);
+    assemble(p, w, K);
+    add_difference(p->dofs, w->f, w->force, w->r);
+    if (p->viscosity > 0) resist(p, w);
+  }
+  reduce_residual(p, w, w->r);
 }
 
 static double along_step(const Problem *p, const Work *w) {
@@ -249,8 +246,7 @@ static void drive(const Problem *p, const Work *w, const double *driven) {
   set_driven(p, driven, -1, w->step);
   spread(p, w, w->step, w->correction);
   corrected_forces(p, w, p->dofs, 0);
-  project(p, w, w->scratch, w->reduced);
-  hold(p, w);
+  reduce_residual(p, w, w->scratch);
 }
 
 static int iterations_of(Problem *p, const Work *w, const double *driven, int order) {
