@@ -181,8 +181,8 @@ class LoadPath:
             recorder.record(step, state)
             self._stepper.loop.inversion.check(state.t, state.q)
         # Load factors are no times: no step in time came before.
-        changes = {"inputs": self._inputs, "loads": self.forcing.dead(turning[-1].t), "length": 0.0}
-        end = replace(turning[-1], t=self.forcing.time, **changes)
+        loads, last = self.forcing.dead(turning[-1].t), replace(turning[-1], length=0.0)
+        end = replace(last, t=self.forcing.time, inputs=self._inputs, loads=loads)
         path = self._stability(states, lambda state: self._solution([state]))
         later = {name: getattr(path, name) for name in ("unstable_modes", "critical_points")}
         solution = solution_of(recorder, stats, lambda: end, ended=True, stability=later)
