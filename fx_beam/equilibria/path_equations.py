@@ -208,8 +208,7 @@ class PathEquations:
             balance = self._evaluate(y, load)
         else:
             balance = self._evaluate(y, load)
-            per_load = self._equations.change(self.spread(np.zeros_like(y), 1.0))
-            per_load -= forcing.full - forcing.first
+            per_load = self._equations.change(self.spread(np.zeros_like(y), 1.0)) - forcing.rise
             if forcing.turning is not None:
                 per_load -= forcing.turning.force(self._start.q + balance.D)
             column = reduction.project(per_load) - reduction.project(np.zeros_like(per_load))

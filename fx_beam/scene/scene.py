@@ -120,11 +120,11 @@ class Scene:
     @property
     def gravity(self) -> Any:
         """Acceleration (2,) of every mass [m/s^2], or None. It may be set."""
-        return self.__dict__["gravity"]
+        return self._gravity
 
     @gravity.setter
     def gravity(self, gravity: Sequence[float] | None) -> None:
-        self.__dict__["gravity"] = None if gravity is None else vector(gravity, 2, "gravity")
+        self._gravity = None if gravity is None else vector(gravity, 2, "gravity")
 
     @property
     def _size(self) -> float:

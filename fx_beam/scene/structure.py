@@ -47,7 +47,7 @@ def expressions_of(scene: Scene) -> Iterator[tuple[str, Any]]:
 # Attributes of a scene of which only the kind must be the same, as of fields that are marked by
 # `NUMBER`: an array keeps its shape, a function of time or place stays one or becomes a number, and
 # None stays None. Functions of a user in UFL are among them, as what they give is compared.
-_NUMBERS = "gravity", "prescribed", "masses", "parameters"
+_NUMBERS = "_gravity", "prescribed", "masses", "parameters"
 # Kinds of values that are compared as they are.
 _PLAIN = {float, DualFloat, int, bool, str, type(None)}
 # What follows from the rest of a scene.

@@ -155,8 +155,8 @@ class LoadForcing(Forcing):
         super().__init__(model)
         self.time, self.turning = time, turning
         model.forms.parameters.hold(time)
-        #: All dead loads (size,) [N, N m], and how far driven motions go (driven,) [m, rad].
-        self.full, self.goal = self._dead(time), self.series(np.array([time]))[0]
+        #: Rise of dead loads (size,) [N, N m], and how far driven motions go (driven,) [m, rad].
+        self.rise, self.goal = self._dead(time), self.series(np.array([time]))[0]
         #: Dead loads at load factor 0.
         self.first = np.zeros(model.size)
         self._origin = np.zeros(len(self.goal))
@@ -166,7 +166,8 @@ class LoadForcing(Forcing):
     def start_from(self, state: State) -> None:
         """Let loads, driven motions and natural strains start from what they are in a state."""
         # Those at the end of a motion are not known: those of now take their place.
-        self.first[:] = self.full if state.loads is None else state.loads
+        loads = self.rise if state.loads is None else state.loads
+        self.first[:], self.rise = loads, self.rise - loads
         if state.natural is not None:
             self._without = state.natural
         origin = self.current(state)
@@ -175,7 +176,7 @@ class LoadForcing(Forcing):
 
     def dead(self, factor: float) -> np.ndarray:
         """Dead forces (size,) at a load factor [N, N m]."""
-        return self.first + factor * (self.full - self.first)
+        return self.first + factor * self.rise
 
     def positions(self, t: float) -> np.ndarray:
         """Prescribed motions and positions of motors (driven,) at a load factor [m, rad]."""
