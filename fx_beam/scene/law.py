@@ -170,7 +170,7 @@ def check_energy(
     fits = internal is None or isinstance(internal, InternalVariables)
     require(fits, f"{part}: internal", internal, "an fx_beam.InternalVariables")
     if strain_energy is None:
-        wanted = f"None, as there is no strain_energy({', '.join(strains)}, a) that depends on it"
+        wanted = f"None: internal variables need a strain_energy({', '.join(strains)}, a)"
         require(internal is None, f"{part}: internal", internal, wanted)
         return
     count, variables = len(strains), () if internal is None else internal.names
