@@ -181,7 +181,7 @@ def _time_grid(dt: Any, t_end: Any, t0: float, goes_on: bool) -> np.ndarray:
     if t_end - t0 < dt * (1e-6 if goes_on else 1 - 1e-6):
         least = f"after the start at t = {t0:g}" if goes_on else f"at least one step dt = {dt!r}"
         raise SceneError(f"t_end = {t_end!r} must be {least}")
-    wanted = f"larger: a run has at most {MOST_STEPS:.0e} steps, here to t_end = {t_end!r}"
+    wanted = f"larger: its steps to t_end = {t_end!r} are more than {MOST_STEPS:.0e}"
     require((t_end - t0) / dt <= MOST_STEPS, "dt", dt, wanted)
     # A remainder below 1e-6 steps is a rounding error of t_end / dt, not a step.
     steps = math.ceil((t_end - t0) / dt - 1e-6)

@@ -330,7 +330,7 @@ class Contact:
             require(is_whole(along, 1, _MOST_POINTS), f"{what}: along", along, wanted)
             along = int(along)
         fits = friction is None or (isinstance(friction, Coulomb) and friction.radius is None)
-        wanted = "an fx_beam.Coulomb(mu, stiffness), without the radius of a pin, or None"
+        wanted = "an fx_beam.Coulomb(mu, stiffness), none that has the radius of a pin, or None"
         require(fits, f"{what}: friction", friction, wanted)
         vars(self).update(radius=radius, along=along)
 
@@ -513,8 +513,8 @@ def check_members(made: Contact, size: float) -> None:
     assert isinstance(b, Beam)
     if isinstance(a, Node) and a in b.nodes:
         raise SceneError(f"{made}: the node belongs to the member. Give a node of another one")
-    wanted = "None, as members touch at their nodes; give the beams more elements"
-    require(made.along is None, f"{made}: along", made.along, wanted)
+    if made.along is not None:
+        raise SceneError(f"{made}: along = {made.along}, but members touch at their nodes: omit it")
     pairs = [(a, b)] if a is b or not isinstance(a, Beam) else [(a, b), (b, a)]
     for touching, member in pairs:
         points, nodes = reference_positions(touching), reference_positions(member)

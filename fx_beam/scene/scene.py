@@ -368,8 +368,8 @@ class Scene:
             For nodes of another scene, nodes that do not fit the joint (the message says how far
             they are apart), or a motor that does not start from zero.
         """
-        wanted = "a joint such as fx_beam.Revolute(a, b)"
-        require(isinstance(joint, Joint), "add_joint: joint", joint, wanted)
+        if not isinstance(joint, Joint):
+            raise SceneError(f"add_joint needs a joint such as fx_beam.Revolute, not {joint!r}")
         for node in (joint.a, joint.b):
             if node is not GROUND:
                 loads.check_node(self, node, joint.kind)

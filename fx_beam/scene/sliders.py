@@ -338,7 +338,7 @@ def sliding_joints(joints: Iterable[Joint]) -> list[SlidingJoint]:
 def _sliding(kind, beam, node, fraction, parts, rotation) -> SlidingJoint:
     if not isinstance(beam, Beam):
         raise SceneError(f"{kind}: {beam!r} is not a beam; give the beam that guides the node")
-    wanted = "a fraction of the length of the beam, where a guide on the ground is at the start"
+    wanted = "given: a guide on the ground needs its place at the start, as a fraction of the beam"
     require(node is not GROUND or fraction is not None, f"{kind}: fraction", fraction, wanted)
     if any(node is of_beam for of_beam in beam.nodes):
         raise SceneError(f"{kind}: {node} belongs to beam {beam.name!r}; take one of another beam")

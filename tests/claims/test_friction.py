@@ -491,7 +491,7 @@ REFUSED = [
         lambda n: n.scene.add_force_between(n, (1, 0), friction=fb.Coulomb(0.3, 1e4)),
         "needs a normal force",
     ),
-    (lambda n: ball(friction=PINNED), "without the radius of a pin"),
+    (lambda n: ball(friction=PINNED), "has the radius of a pin"),
     (
         lambda n: fb.static(block(0.0, **SPRUNG)[0], continuation="arc-length"),
         "arc-length steps do not find the force of a joint",

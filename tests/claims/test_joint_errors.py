@@ -50,10 +50,7 @@ GROUND, OTHER = fb.GROUND, fb.Scene().add_beam([(0, 0), (1, 0)], MEMBER)
         (lambda a, b: fb.Prismatic(a.start, b.start, axis=(0, 0)), "axis = .* has no direction"),
         (lambda a, b: fb.PinInSlot(a.start, b.start, axis=(math.nan, 0)), r"axis: \(nan, 0\)"),
         (lambda a, b: fb.Rigid(a.start, b.start, offset=1.0), "Rigid: offset: 1.0"),
-        (
-            lambda a, b: fb.Rigid(GROUND, b.start, offset=(1, 0)),
-            "offset = .* must be zero, as a is",
-        ),
+        (lambda a, b: fb.Rigid(GROUND, b.start, offset=(1, 0)), "the ground takes no offset"),
         (lambda a, b: fb.Revolute(a.start, b.start, spring=30.0), "must be an fx_beam.Spring"),
         (lambda a, b: fb.Revolute(a.start, b.start, damper=fb.Spring(1.0)), "fx_beam.Damper"),
         (lambda a, b: fb.Revolute(a.start, b.start, motor=lambda t: 1 / t), "motor .*: call"),
@@ -71,10 +68,7 @@ GROUND, OTHER = fb.GROUND, fb.Scene().add_beam([(0, 0), (1, 0)], MEMBER)
         ),
         (lambda a, b: fb.Revolute(OTHER.start, b.start), "Revolute: node 0 .* to another scene"),
         (lambda a, b: fb.Rigid(GROUND, OTHER.start), "Rigid: node 0 at .* to another scene"),
-        (
-            lambda a, b: (a.start, b.start),
-            "add_joint: joint = .* must be a joint such",
-        ),
+        (lambda a, b: (a.start, b.start), "add_joint needs a joint such as fx_beam.Revolute"),
     ],
 )
 def test_an_invalid_joint_is_refused(build, message):

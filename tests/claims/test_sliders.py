@@ -525,7 +525,7 @@ JUMP = {"motor": lambda t: 1 + t}
     [
         (lambda rod, post, *_: fb.Slider(rod.start, post.start), "is not a beam"),
         (lambda rod, *_: fb.Sleeve(rod, rod.end), "node 8 .* belongs to beam 'beam 1'"),
-        (lambda rod, *_: fb.Slider(rod, fb.GROUND), "fraction = None .* a guide on the ground"),
+        (lambda rod, *_: fb.Slider(rod, fb.GROUND), "ground needs its place .* fraction"),
         (lambda rod, post, *_: fb.Slider(rod, post.start, fraction=1.2), "1.2 .* from 0 to 1"),
         (
             lambda rod, post, away, _: fb.Slider(rod, away.start),
