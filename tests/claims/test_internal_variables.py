@@ -341,7 +341,7 @@ REFUSED = {
     "takes 2 positional arguments": lambda old, e: [old[0]],
 }
 INCOMPLETE = {
-    "there is no strain_energy": lambda: fb.Section(EA=EA, GA=GA, EI=EI, internal=VARIABLES),
+    "need a strain_energy": lambda: fb.Section(EA=EA, GA=GA, EI=EI, internal=VARIABLES),
     r"does not depend on \['b'\]": lambda: with_variables(
         plastic_energy, isotropic_flow, ("a", "b")
     ),

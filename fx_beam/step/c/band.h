@@ -6,7 +6,7 @@
 #include "sparse_lu.h"
 
 /* Eliminates a column from the next `reach` rows, downwards (direction 1) or upwards (direction -1). */
-INLINED void eliminate(int band, int reach, int direction, double *restrict pivot, double *restrict b) {
+INLINED void eliminate_rows(int band, int reach, int direction, double *restrict pivot, double *restrict b) {
   double inverse = pivot[0] = 1 / pivot[0], above = b[0];
 #pragma GCC unroll 12
   for (int i = 1; i <= reach; ++i) {
@@ -19,11 +19,30 @@ INLINED void eliminate(int band, int reach, int direction, double *restrict pivo
 }
 
 /* Unknown of a row from the next `reach` unknowns; the nearest last, since it is the latest result. */
-INLINED void substitute(int reach, int direction, const double *restrict row, double *restrict b) {
+INLINED void substitute_row(int reach, int direction, const double *restrict row, double *restrict b) {
   double sum = b[0];
 #pragma GCC unroll 12
   for (int j = reach; j > 0; --j) sum -= row[direction * j] * b[direction * j];
   b[0] = sum * row[0];
+}
+
+/* The same for a reach that the compiler does not know: each once, as unrolled loops take long to compile. */
+COMPILED_ONCE void eliminate_any(int band, int reach, int direction, double *restrict pivot, double *restrict b) {
+  eliminate_rows(band, reach, direction, pivot, b);
+}
+
+COMPILED_ONCE void substitute_any(int reach, int direction, const double *restrict row, double *restrict b) {
+  substitute_row(reach, direction, row, b);
+}
+
+INLINED void eliminate(int band, int reach, int direction, double *restrict pivot, double *restrict b) {
+  if (__builtin_constant_p(reach)) eliminate_rows(band, reach, direction, pivot, b);
+  else eliminate_any(band, reach, direction, pivot, b);
+}
+
+INLINED void substitute(int reach, int direction, const double *restrict row, double *restrict b) {
+  if (__builtin_constant_p(reach)) substitute_row(reach, direction, row, b);
+  else substitute_any(reach, direction, row, b);
 }
 
 /* Rows of a band matrix that are eliminated downwards from its start, and those that are eliminated upwards

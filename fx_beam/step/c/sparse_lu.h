@@ -103,6 +103,11 @@ INLINED void eliminate_source(const SparseRows *p, double *A, int g, int h, int 
   }
 }
 
+COMPILED_ONCE void eliminate_others(const SparseRows *p, double *A, int g, int h, int size, int many, int lower,
+                                    double *const *row) {
+  eliminate_source(p, A, g, h, size, many, lower, row);
+}
+
 /* Elimination of the rows of a group; returns 0 if a pivot is zero. */
 INLINED int factorise_group(const SparseRows *p, double *A, int g, int size, double *const *row) {
   const int *first = p->first;
@@ -111,7 +116,7 @@ INLINED int factorise_group(const SparseRows *p, double *A, int g, int size, dou
   for (int s = p->source_start[g]; s < p->source_start[g + 1]; ++s) {
     int h = p->source[s], many = first[h + 1] - first[h];
     if (size == 3 && many == 3) eliminate_source(p, A, g, h, 3, 3, lower, row);
-    else eliminate_source(p, A, g, h, size, many, lower, row);
+    else eliminate_others(p, A, g, h, size, many, lower, row);
     lower += many;
   }
   return finish(p, A, g, size, row);
