@@ -147,6 +147,7 @@ HOT void assemble_forces(const Problem *p, const Work *w, const Form *form, doub
 /* An energy of the step, or another sum over elements; zero without a form for it. */
 static double sum_over_elements(const Problem *p, const Work *w, const Form *form) {
   double sum = 0, A[LANES];
+  if (!form->integrals) return 0;
   begin_form(p, w, form, p->t);
   EACH_BLOCK(of, block, form) {
     evaluate(p, w, form, of, block, A);

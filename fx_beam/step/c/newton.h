@@ -21,7 +21,7 @@ static void evaluate_nodes(const Problem *p, const Work *w) {
 /* Adds the internal forces to f, and their tangent to K. */
 static void assemble(const Problem *p, const Work *w, double *K) {
   assemble_forces(p, w, &p->internal_forces, w->by_slopes ? 0 : K);
-  assemble_forces(p, w, &p->drag, K);
+  if (p->drag.integrals) assemble_forces(p, w, &p->drag, K);
   evaluate_nodes(p, w);
   fx_add_points(p->points, 0, p->points->nodal, 1, w->f);
   fx_add_point_tangents(p->points, p->point_stored_at, K);
