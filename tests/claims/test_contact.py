@@ -339,6 +339,15 @@ def test_a_law_with_a_force_at_its_surface_acts_only_behind_it(scheme):
         assert abs(solution.energy.balance_error).max() < 1e-13
 
 
+def test_in_one_load_step_a_weight_passes_the_force_at_the_surface_of_a_law():
+    scene, _, floor = ball(height=0.0, k=None, energy=lambda d: 4.0 * d + 1e3 * d**2)
+    state = fb.static(scene, load_steps=1)
+    assert state.contact(floor).gap[-1, 0] == pytest.approx(-(10.0 - 4.0) / 2e3, rel=1e-9)
+    assert fb.modes(scene, state=state, n=1).angular_frequencies[0] == pytest.approx(2e3**0.5)
+    with pytest.raises(fb.SceneError, match="finds no equilibrium"):
+        fb.static(scene, load_steps=10)  # the first weight is 1 N
+
+
 def test_a_contact_law_with_restitution_returns_its_square_of_the_energy():
     solution, _ = thrown_at(2e-5, e=0.5, speed=1e-3, **HERTZ)
     assert solution.energy.kinetic[-1] == pytest.approx(0.25 * 0.5, rel=1e-3)
