@@ -286,6 +286,20 @@ def test_a_linkage_that_starts_with_all_bars_in_line_is_refused_as_singular():
         run(scene)
 
 
+@pytest.mark.parametrize("angle", [0.0, 0.7, np.pi / 2, np.pi])
+def test_bars_in_line_are_refused_in_any_direction(angle):
+    # Along y the closure in x comes first, and has small entries only.
+    scene = fb.Scene(gravity=GRAVITY)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    bars = chain(
+        scene, [turn @ point for point in [(0, 0), (0.3, 0.4), (1.1, 0.4 + 1e-7), (1.9, 0.4)]]
+    )
+    scene.add_joint(fb.Revolute(fb.GROUND, bars[0]["a"], motor=lambda t: 0.3 * t**2))
+    scene.add_joint(fb.Revolute(fb.GROUND, bars[2]["b"]))
+    with pytest.raises(fb.SceneError, match="singular position, such as bars in one line"):
+        run(scene)
+
+
 def test_a_driven_step_that_begins_with_bars_in_line_goes_on():
     scene = fb.Scene()
     bars = chain(scene, [(0, 0), (0, 1), (2, 1), (2, 0)])

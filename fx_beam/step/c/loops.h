@@ -6,7 +6,7 @@
 #include "sliders.h"
 #include "auxiliaries.h"
 
-/* Largest number of corrections that close the loops, and least pivot, relative to the largest entry. */
+/* Largest number of corrections that close the loops, and least pivot, relative to the largest entry of G. */
 enum { CLOSINGS = 30 };
 static const double LEAST_PIVOT = 1e-6;
 
@@ -89,9 +89,9 @@ static int choose_following(const Problem *p, const Work *w) {
     int begin = p->block_closure[b], m = p->block_closure[b + 1] - begin;
     int from = p->block_column[b], n = p->block_column[b + 1] - from;
     int *low = w->low, *high = low + p->closures; /* rows are zero beside these */
-    double *M = w->pivoting, most = 0;
+    double *M = w->pivoting, most = 0, least = HUGE_VAL;
     for (int i = 0; i < m; ++i) {
-      double *row = M + (long)i * n;
+      double *row = M + (long)i * n, size = 0;
       int column = -1;
       low[i] = n, high[i] = -1;
       for (int k = p->closure_start[begin + i]; k < p->closure_start[begin + i + 1]; ++k) {
@@ -109,12 +109,13 @@ static int choose_following(const Problem *p, const Work *w) {
         for (int j = low[k]; j <= high[k]; ++j) row[j] -= factor * pivot[j];
         row[at] = 0;
       }
-      double size = LEAST_PIVOT * most;
       for (int j = low[i]; j <= high[i]; ++j)
         if (fabs(row[j]) > size) size = fabs(row[j]), column = j;
       if (column < 0) return 0;
+      least = fmin(least, size);
       p->following[begin + i] = from + column, w->follows[from + column] = begin;
     }
+    if (least <= LEAST_PIVOT * most) return 0; /* not before: it must not depend on the order of closures */
     /* In the order of their columns, near to the diagonal. */
     int *lower = w->band + 2 * b, *upper = lower + 1;
     for (int j = from, k = begin; j < from + n; ++j)
