@@ -33,7 +33,7 @@ INLINED void pack_nodes(int nodes, const double *x, const int *at, double *to) {
 
 /* Each block of LANES elements of a form. */
 #define EACH_BLOCK(integral, block, form)                                                                \
-  for (const Integral *integral = (form)->of; integral < (form)->of + (form)->integrals; ++integral) \
+  for (const Integral *integral = (form)->of; integral < (form)->of + (form)->integrals; ++integral)     \
     for (long block = 0; block * LANES < integral->cells; ++block)
 
 HOT void pack(const Problem *p, const Work *w, const Form *form, const Integral *of, long block, int first, int end) {

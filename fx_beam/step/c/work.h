@@ -25,7 +25,7 @@
   OF(corner, b * b) OF(corner_units, 2 * b)
 /* Integers: among them the bands [blocks, 2] of factors. */
 #define INTEGERS(OF)                                                                                        \
-  OF(follows, p->loop_columns) OF(low, 2 * m) OF(band, 2 * p->blocks) OF(part_order, 2 * m)          \
+  OF(follows, p->loop_columns) OF(low, 2 * m) OF(band, 2 * p->blocks) OF(part_order, 2 * m)                 \
   OF(corner_order, b) OF(reached, p->positions) OF(crossed, 2 * b)
 #define NUMBERS(name, size) double *name;
 #define NUMBERED(name, size) int *name;
