@@ -101,7 +101,7 @@ class LoadStepper:
         Holding forces balance the springs in the reference configuration; steps reduce them to 0.
         """
         start = self._yielded(reference_state(self.model))
-        self.path.held = self._unloaded(start)
+        self.path.held = self.residual(start, 0.0)
 
         def release(state: State, before: float, after: float) -> State:
             self.hold_between(before, after)
@@ -143,21 +143,28 @@ class LoadStepper:
         new.dissipated += self.energy(state) - self.energy(new)
         return new
 
-    def _unloaded(self, state: State) -> np.ndarray:
-        """Residual (free,) at load factor 0; notes added forces in the state."""
-        forms, first, time = self.model.forms, self.forcing.first, self.forcing.time
-        if forms.has_added:
-            forms.set_load(0.0, 0.0)
-            forms.begin(Interval(time, time), self.model.start_of(state, 0.0))
-            forms.internal_force(np.zeros(self.model.size))
-            state.added_forces = forms.added_force()
-        self.loop.equations.begin(Interval(0.0, 0.0), state)
-        return self.loop.equations.at_start(first).residual[: self.model.reduction.free].copy()
+    def residual(self, state: State, factor: float) -> np.ndarray:
+        """Forces (free,) that hold a state at a load factor."""
+        return self.loop.balance(state, factor).residual[: self.model.reduction.free].copy()
+
+    def _added(self, state: State, factor: float) -> np.ndarray:
+        """Followers and added virtual works (size,) of a state at a load factor [N, N m]."""
+        forms, time, zero = self.model.forms, self.forcing.time, np.zeros(self.model.size)
+        if not forms.has_added:
+            return zero
+        forms.set_load(factor, 0.0)
+        forms.begin(Interval(time, time), self.model.start_of(state, 0.0))
+        forms.internal_force(zero)
+        return forms.added_force()
 
     def start_from(self, state: State) -> State:
         """A state as the start: the forces that hold it there fade as the loads rise."""
-        self.forcing.start_from(state)
-        self.path.held = self._unloaded(state)
+        loads = state.loads
+        if loads is None:  # those at the end of a motion are not known
+            loads = self.forcing.dead(1.0) + self._added(state, 1.0)
+        # Virtual works may act at load factor 0 already.
+        self.forcing.start_from(state, loads - self._added(state, 0.0))
+        self.path.held = self.residual(state, 0.0)
         self.hold_between(0.0, 0.0)
         try:
             return replace(self.step(state, 0.0), work=state.work)

@@ -75,10 +75,8 @@ class Settling:
 
     def _load(self, state: State, goal: float) -> float:
         """Largest load or force without balance in a state, times its unit [J]."""
-        forces, equations = self.stepper.forcing.dead(goal), self._loop.equations
-        equations.begin(Interval(goal, goal), state)
-        balance, free = equations.at_start(forces), self.model.reduction.free
-        largest = abs(balance.residual[:free] * self.model.unit_of_unknowns).max(initial=0.0)
+        forces, residual = self.stepper.forcing.dead(goal), self.stepper.residual(state, goal)
+        largest = abs(residual * self.model.unit_of_unknowns).max(initial=0.0)
         return float(max(largest, abs(forces * self.model.unit).max()))
 
     def _step(self, state: State, goal: float) -> tuple[State, float]:

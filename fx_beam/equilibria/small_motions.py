@@ -13,7 +13,6 @@ import numpy as np
 import scipy.sparse
 from scipy.sparse.linalg import LinearOperator, eigs
 
-from fx_beam.laws.interval import Interval
 from fx_beam.results.state import State
 from fx_beam.step.load_loop import LoadLoop
 from fx_beam.step.sparse_lu import Pattern, nearly_singular_lu, pivoted_lu, sparse_lu
@@ -56,10 +55,8 @@ class SmallMotions:
 
     def stiffness(self, state: State) -> scipy.sparse.csr_matrix:
         """The tangent (n, n) of an equilibrium without flow."""
-        equations = self._loop.equations
-        equations.begin(Interval(state.t, state.t), state)
-        equations.at_start(self._loop.forcing.dead(state.t))
-        return equations.tangent()
+        self._loop.balance(state, state.t)
+        return self._loop.equations.tangent()
 
     def coupling(self) -> scipy.sparse.csr_matrix:
         """Motions (size, n) of the nodes for those of the unknowns, in the last state."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fx_beam.errors import Constant, SceneError
-from fx_beam.laws.interval import Interval, instant
+from fx_beam.laws.interval import instant
 from fx_beam.laws.schemes import EnergyMomentum
 from fx_beam.motions.initial_state import end_of, reference_state
 from fx_beam.motions.prepared import state_of
@@ -112,7 +112,7 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
     strained = None if at is None or at.stats.static else _natural_rates(model, state.t, what)
     f, K, C, pushes, stiff, viscous = _forces(model, state, strained)
     mass = model.mass
-    dead = factor * forcing.forces(Interval(state.t, state.t))[0]
+    dead = factor * forcing.dead(state.t)
     if frame is not None:
         dead += factor * frame.force(state.q)
         K = K - factor * frame.spin**2 * frame.mass

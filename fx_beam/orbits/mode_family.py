@@ -9,7 +9,6 @@ from collections.abc import Iterator
 import numpy as np
 
 from fx_beam.errors import SceneError, StepError, is_whole, require
-from fx_beam.laws.interval import Interval
 from fx_beam.linear.linearisation import check_equilibrium, linearised
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
@@ -64,7 +63,7 @@ class ModeFamily:
                 f"{what}: loads, motors or parameters depend on time, so that the motion is "
                 "forced: it has their period. Give period=, without a mode"
             )
-        if state is None and shooting.prepared.forcing.forces(Interval(0.0, 0.0))[0].any():
+        if state is None and shooting.prepared.forcing.dead(0.0).any():
             raise SceneError(
                 f"{what}: the scene has loads. Give the equilibrium about which the mode vibrates, "
                 "such as state=fx_beam.static(scene)"

@@ -10,7 +10,6 @@ import numpy as np
 
 from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError, as_float, between, number, whole
-from fx_beam.laws.interval import Interval
 from fx_beam.laws.schemes import Scheme
 from fx_beam.linear.linearisation import check_unknowns
 from fx_beam.motions.evaluation import solution_of
@@ -374,8 +373,7 @@ class Shooting:
     def _constant_loads(self) -> np.ndarray:
         if not self.model.loads.constant:
             return np.zeros(self.model.size)
-        force = self.prepared.forcing.forces(Interval(0.0, 0.0))[0]
-        return force if self.model.weight is None else force - self.model.weight
+        return self.model.loads.at(0.0)
 
     def slope_of_energy(self, state: State, by: Directions) -> np.ndarray:
         """Derivatives (n,) of the energy, by differences."""

@@ -50,8 +50,8 @@ class Forcing:
     def forces(self, step: Interval) -> tuple[np.ndarray, np.ndarray]:
         """Dead forces (size,) at the start and at the end of a step, weight included [N, N m]."""
         start, end = just_inside(step.start, step.end)
-        before = self._dead(start)
-        return before, before if self.model.loads.constant else self._dead(end)
+        before = self.dead(start)
+        return before, before if self.model.loads.constant else self.dead(end)
 
     def positions(self, t: float) -> np.ndarray:
         """Prescribed motions and positions of motors (driven,) at a time [m, rad]."""
@@ -140,7 +140,8 @@ class Forcing:
                     f"value by static(scene, t={state.t:g}), and start from this solution"
                 )
 
-    def _dead(self, t: float) -> np.ndarray:
+    def dead(self, t: float) -> np.ndarray:
+        """Dead forces (size,) at a time, weight included [N, N m]."""
         force = self.model.loads.at(t)
         return force if self.model.weight is None else force + self.model.weight
 
@@ -156,17 +157,15 @@ class LoadForcing(Forcing):
         self.time, self.turning = time, turning
         model.forms.parameters.hold(time)
         #: Rise of dead loads (size,) [N, N m], and how far driven motions go (driven,) [m, rad].
-        self.rise, self.goal = self._dead(time), self.series(np.array([time]))[0]
+        self.rise, self.goal = super().dead(time), self.series(np.array([time]))[0]
         #: Dead loads at load factor 0.
         self.first = np.zeros(model.size)
         self._origin = np.zeros(len(self.goal))
         # Natural strains from which they go.
         self._without: np.ndarray | float = 0.0
 
-    def start_from(self, state: State) -> None:
-        """Let loads, driven motions and natural strains start from what they are in a state."""
-        # Those at the end of a motion are not known: those of now take their place.
-        loads = self.rise if state.loads is None else state.loads
+    def start_from(self, state: State, loads: np.ndarray) -> None:
+        """Let loads (size,), driven motions and natural strains start from those of a state."""
         self.first[:], self.rise = loads, self.rise - loads
         if state.natural is not None:
             self._without = state.natural

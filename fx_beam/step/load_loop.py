@@ -11,7 +11,7 @@ from fx_beam.laws.interval import Interval
 from fx_beam.results.audit import Stats
 from fx_beam.results.state import State
 
-from .equations import Equations
+from .equations import Balance, Equations
 from .forcing import LoadForcing
 from .loop import CompiledLoop, StepInputs
 from .newton import NewtonOptions
@@ -70,6 +70,11 @@ class LoadLoop(CompiledLoop):
         alone = self.problem if self._alone else None
         forcing = self.forcing
         return Equations(self.model, forcing.time, forcing.turning, forcing.natural, alone)
+
+    def balance(self, state: State, factor: float) -> Balance:
+        """The equations in a state at a load factor, without holding forces."""
+        self.equations.begin(Interval(factor, factor), state)
+        return self.equations.at_start(self.forcing.dead(factor))
 
     def step(self, state: State, interval: Interval) -> tuple[State, StepSolution]:
         """State at the end of a load step, and its increment; StepFailed if none is found."""

@@ -480,6 +480,38 @@ def test_friction_alone_that_holds_a_block_holds_on_in_further_load_steps():
     assert fb.static(scene, 3, start=first).joint(guide).slide[-1] == pytest.approx(3.0 / 1e4)
 
 
+@pytest.mark.parametrize("follower", [True, False])
+def test_friction_sticks_while_followers_go_on(follower):
+    scene, block, guide, load = block_on_a_guide()
+    scene.remove(load)
+    load = scene.add_force(block.centre, (2.0, -10.0), follower=True)
+    first = fb.static(scene, 5)
+    if not follower:  # a load that follows gives way to a dead one
+        scene.remove(load)
+        scene.add_force(block.centre, (2.0, -10.0))
+    moved = fb.simulate(scene, dt=0.01, t_end=0.1, start=first)
+    for start in (first, moved):
+        same = fb.static(scene, 3, start=start)
+        assert same.joint(guide).slide == pytest.approx(2.0 / (1e4 + 10.0))
+        assert same.joint(guide).force[:, 1] == pytest.approx(10.0)
+        assert abs(same.energy.balance_error).max() < 1e-12
+
+
+@pytest.mark.parametrize("rises", [True, False])
+def test_reactions_to_a_virtual_work_go_on_from_those_of_the_start(rises):
+    def weighs(step):
+        return -3.0 * (step.load_factor if rises else 1.0) * step.virtual_u[1]
+
+    scene, beam = cantilever()
+    scene.add_virtual_work(weighs, beam)
+    first = fb.static(scene)
+    for start in (first, fb.static(scene, start=first, continuation="arc-length")):
+        same = fb.static(scene, 4, start=start)
+        then = np.broadcast_to(first.reaction(beam.start)[-1], (5, 3))
+        np.testing.assert_allclose(same.reaction(beam.start), then, atol=1e-7)
+        assert abs(same.energy.balance_error).max() < 1e-12
+
+
 def test_driven_motions_go_on_from_where_they_are():
     scene, beam = cantilever()
     scene.prescribe(beam.end, y=lambda t: 0.1 * t)
