@@ -103,9 +103,8 @@ class Tape:
         self._ffi, self._limit, self.problem = problem.ffi, limit, problem
         #: The C struct Tape.
         self.c: Any = problem.ffi.new("Tape *")
-        p, self._sub_steps = problem.c, int(problem.c.sub_steps)
-        given = 2 * (p.loads + p.follower_forces) + p.naturals + p.parameter_count
-        self.c.size = TAPED_NUMBERS + sum(self.widths.values()) + given + p.columns
+        self.c.size = problem.library.fx_tape_size(problem.c)
+        self._sub_steps = int(problem.c.sub_steps)
         self._rows = np.empty((0, self.c.size))
         self.clear()
 

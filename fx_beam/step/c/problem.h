@@ -438,6 +438,7 @@ int fx_balance(Problem *p, double dt, const double *z, const double *force);
 void fx_change(const Problem *p, const double *x, int sizes, double *out);
 Layout fx_layout(const Problem *p, const Derivatives *a);
 long fx_linear_scratch(const Problem *p, const Derivatives *a);
+long fx_tape_size(const Problem *p);
 long fx_taped_forces(Problem *p, const Tape *tape, const Derivatives *a, double *forces);
 long fx_vjp(Problem *p, const Tape *tape, const Derivatives *a);
 long fx_jvp(Problem *p, const Tape *tape, const Derivatives *a);

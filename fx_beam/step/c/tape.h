@@ -23,6 +23,14 @@ static TapedArrays taped_arrays(const Problem *p, const Work *w) {
        2L * p->follower_forces, p->naturals, p->parameter_count, p->columns}};
 }
 
+OF_STEPS long fx_tape_size(const Problem *p) {
+  Work none = {0};
+  TapedArrays arrays = taped_arrays(p, &none);
+  long size = TAPED_NUMBERS;
+  for (int i = 0; i < TAPED; ++i) size += arrays.size[i];
+  return size;
+}
+
 /* Adds a sub-step that succeeded, before the state advances. */
 static void put_on_tape(const Problem *p, const Work *w, Tape *tape) {
   if (!tape->row) {
