@@ -634,7 +634,8 @@ class Response(Differentiable):
 
         Of the last scene it is that of the motion, if it has slopes.
         """
-        same = given is self._scene and have_slopes()  # else `build` has set others in it
+        # Without slopes it may be a scene that all calls share, with other numbers since.
+        same = given is self._scene and have_slopes()
         if same and (last := self._series.prepared) and last.model.is_dual:
             return last
         inputs = self._options.inputs, "Response: inputs"

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from . import export, joined, paraview
     from .interactions import ContactMotion, JointMotion
 
-# What of a `Record` selects the histories.
+# By which option of a `Record` each history is kept.
 _KINDS = {name: of.record for name, of in HISTORIES.items()}
 
 # What is set when it is first read.

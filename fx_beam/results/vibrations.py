@@ -99,12 +99,12 @@ class Modes:
 
     def __post_init__(self):
         # Rotations count if nothing else moves.
-        parts = (self.shapes.real * (1.0, 1.0, _ZERO * self._reach)).reshape(len(self), -1)
+        parts = (self.shapes.real * (1.0, 1.0, _ZERO * self._size)).reshape(len(self), -1)
         signs = [np.copysign(1.0, part[first_of_largest(abs(part))]) for part in parts]
         object.__setattr__(self, "shapes", np.reshape(signs, (-1, 1, 1)) * self.shapes)
 
     @property
-    def _reach(self) -> float:
+    def _size(self) -> float:
         """Size of the scene [m]; 1 m for a single point."""
         return float(np.ptp(self.positions, axis=0).max()) or 1.0
 
@@ -131,7 +131,7 @@ class Modes:
         return f"<Modes: {len(self)} from {low:.4g} to {high:.4g} Hz>"
 
     def _repr_html_(self):
-        size = 0.15 * self._reach
+        size = 0.15 * self._size
         at_rest = [self.positions[nodes] for nodes in self.nodes_of_beam.values()]
         shades = ["#bbb"] * len(at_rest) + ["#0072B2"] * len(at_rest)
         shapes = []
@@ -197,7 +197,7 @@ def displaced(
     moved, turned = modes.shapes[mode, :, :2], modes.shapes[mode, :, 2]
     # The largest half-axis of the ellipses on which the nodes move; where they only turn, more.
     squares = (abs(moved) ** 2).sum(axis=1) + abs((moved**2).sum(axis=1))
-    least = _ZERO * modes._reach * abs(turned).max()
+    least = _ZERO * modes._size * abs(turned).max()
     scale = size / max(np.sqrt(squares.max() / 2), least)
     return modes.positions[nodes] + scale * (moved[nodes] * np.exp(1j * phase)).real
 

@@ -187,7 +187,7 @@ def check_energy(
         raise SceneError(f"{part}: {name} does not depend on {missing}. Use ufl.cos, not math.cos")
     if count == 3:
         taken = sorted(_OF_MEMBERS & {*variables})
-        require(not taken, f"{part}: internal", taken, "names that pictures and files do not have")
+        require(not taken, f"{part}: internal", taken, "names that pictures and files do not use")
         _check_convexity(W, e[:3], f"{part}: {name}", strains)
     if internal is not None:
         check_dissipation(strain_energy, internal, count)
