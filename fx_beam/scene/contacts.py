@@ -330,7 +330,7 @@ class Contact:
             require(is_whole(along, 1, _MOST_POINTS), f"{what}: along", along, wanted)
             along = int(along)
         fits = friction is None or (isinstance(friction, Coulomb) and friction.radius is None)
-        wanted = "None or an fx_beam.Coulomb(mu, stiffness), but none that has the radius of a pin"
+        wanted = "an fx_beam.Coulomb(mu, stiffness), none that has the radius of a pin, or None"
         require(fits, f"{what}: friction", friction, wanted)
         vars(self).update(radius=radius, along=along)
 
