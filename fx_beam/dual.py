@@ -44,6 +44,17 @@ class Dual(NDArrayOperatorsMixin):
     ndim = property(lambda self: self.values.ndim)
     size = property(lambda self: self.values.size)
     dtype = property(lambda self: self.values.dtype)
+    count = property(lambda self: self.slopes.shape[-1])
+
+    @property
+    def columns(self) -> tuple[np.ndarray, np.ndarray]:
+        """The numbers (k,) by which slopes differ from zero, and these slopes (..., k)."""
+        by = np.flatnonzero(self.slopes.reshape(-1, self.count).any(axis=0))
+        return by, self.slopes[..., by]
+
+    def along(self, gradient: np.ndarray) -> np.ndarray:
+        """Derivatives (m,) from a gradient (n,) by the values (n,)."""
+        return gradient @ self.slopes
 
     def __getattr__(self, name: str) -> Any:
         if name in _METHODS:  # NumPy calls those of functions for the entries of arrays of objects
@@ -157,16 +168,25 @@ class LinearDual(Dual):
     def __init__(
         self, values: np.ndarray, function: Callable[[Dual], Dual], of: Dual, transposed: Callable
     ):
-        self.values, self._function = values, function
-        #: The numbers, and what takes derivatives by the values to derivatives by these.
-        self.of, self.transposed = of, transposed
+        self.values, self._function, self._of, self._transposed = values, function, of, transposed
+
+    count = property(lambda self: self._of.count)
+
+    @functools.cached_property
+    def columns(self) -> tuple[np.ndarray, np.ndarray]:
+        """As of `Dual`, of which no others are computed."""
+        by, slopes = self._of.columns
+        return by, self._function(Dual(self._of.values, slopes)).slopes
+
+    def along(self, gradient: np.ndarray) -> np.ndarray:
+        """As of `Dual`, without the slopes."""
+        return self._of.along(self._transposed(gradient))
 
     @functools.cached_property
     def slopes(self) -> np.ndarray:  # type: ignore[override]
-        """The slopes (..., m), of which only those that may differ from zero are computed."""
-        of, slopes = self.of, np.zeros((*self.shape, self.of.slopes.shape[-1]))
-        by = np.flatnonzero(of.slopes.any(axis=0))
-        slopes[..., by] = self._function(Dual(of.values, of.slopes[:, by])).slopes
+        """The slopes (n, m)."""
+        (by, columns), slopes = self.columns, np.zeros((*self.shape, self.count))
+        slopes[..., by] = columns
         return slopes
 
 
@@ -178,7 +198,13 @@ class LinearChanges:
 
     def along(self, gradient: np.ndarray) -> np.ndarray:
         """Products (m,) with a gradient, without the array."""
-        return self._dual.transposed(gradient) @ self._dual.of.slopes
+        return self._dual.along(gradient)
+
+    @property
+    def columns(self) -> tuple[np.ndarray, np.ndarray]:
+        """Parameters (k,) by which they may differ from zero, and changes (k, n) by these."""
+        by, columns = self._dual.columns
+        return by, columns.T
 
     def __array__(self, dtype=None, copy=None):
         return _by_x(self._dual.slopes)
@@ -194,7 +220,17 @@ def changes_of(values: Any, count: int) -> Any:
     """Changes (m, ...) of numbers by those that they have slopes by."""
     if isinstance(values, LinearDual):
         return LinearChanges(values)
-    return _by_x(values.slopes if isinstance(values, Dual) else np.zeros((*values.shape, count)))
+    if isinstance(values, Dual):
+        return _by_x(values.slopes)
+    # Zeros that take no memory, and cannot be written to.
+    return np.ndarray((count, *values.shape), buffer=bytes(8), strides=(0,) * (1 + values.ndim))
+
+
+def changing(changes: Any) -> np.ndarray:
+    """The parameters (k,) by which changes (m, ...) of numbers may differ from zero."""
+    if isinstance(changes, LinearChanges):
+        return changes.columns[0]
+    return np.flatnonzero(changes.reshape(len(changes), -1).any(axis=1))
 
 
 def _by_x(slopes: np.ndarray) -> np.ndarray:

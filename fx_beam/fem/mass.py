@@ -111,10 +111,8 @@ class Mass:
         if dual_of(self._gravity) is not None:
             numbers["weight"] = weights(numbers["mass"])
         elif isinstance(masses, Dual) and self.weight is not None:
-            back = functools.partial(self._by_masses_of_weight, self._gravity)
-            numbers["weight"] = LinearDual(
-                self.weight, lambda of: weights(self._entries(of)), masses, back
-            )
+            back = functools.partial(self._by_entries, self._gravity)
+            numbers["weight"] = LinearDual(self.weight, weights, numbers["mass"], back)
         return numbers
 
     def _masses(self) -> Any:
@@ -152,11 +150,11 @@ class Mass:
         pull = stacked(gravity)[rows % 3]
         return np.bincount(rows, entries[at] * pull, self._mesh.dofs.size)
 
-    def _by_masses_of_weight(self, gravity: Any, by_weight: np.ndarray) -> np.ndarray:
-        """The same from derivatives by the weight."""
+    def _by_entries(self, gravity: Any, by_weight: np.ndarray) -> np.ndarray:
+        """Derivatives by entries from those by the weight."""
         at, rows = self._of_translations
         by_pull = by_weight[rows] * gravity[rows % 3]
-        return self._by_masses(np.bincount(at, by_pull, len(self._forms.stiffness.data)))
+        return np.bincount(at, by_pull, len(self._forms.stiffness.data))
 
     @property
     def _at(self) -> np.ndarray:

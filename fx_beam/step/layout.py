@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fx_beam.dual import LinearChanges
+
 from .form_tables import aligned_zeros
 from .tables import Problem
 
@@ -71,10 +73,14 @@ class Layout:
 
     def vector(self, changes: Arrays, numbers: Mapping[str, Numbers], count: int) -> np.ndarray:
         """Changes (count, ...) of some numbers in `groups`, and zeros."""
-        x = self.groups(count, self.size)
+        x, size = self.groups(count, self.size), self._group_size
         for name in changes.keys() & numbers.keys():
-            at, of, _ = numbers[name]
-            put_columns(x, at, np.reshape(changes[name], (count, -1)).T[of])
+            (at, of, _), given = numbers[name], changes[name]
+            if isinstance(given, LinearChanges):
+                for i, column in zip(*given.columns, strict=True):
+                    x[i // size, at, i % size] = column[of]
+            elif any(given.strides):  # others are zeros (dual.py)
+                put_columns(x, at, np.reshape(given, (count, -1)).T[of])
         return x
 
 

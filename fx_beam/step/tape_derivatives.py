@@ -9,6 +9,7 @@ import numpy as np
 
 from fx_beam.c_library import Structs, declarations
 from fx_beam.content_cache import cached_property
+from fx_beam.dual import changing
 from fx_beam.errors import SceneError, any_of
 from fx_beam.scene.joints import joints_by_number
 
@@ -273,10 +274,11 @@ class TapeDerivatives:
         self, changes: Mapping[str, np.ndarray], x: np.ndarray, of_steps: np.ndarray, **more: Any
     ) -> Structs:
         """Hand over changes of all numbers, in groups; returns what keeps them."""
-        structs, layout = Structs(self._ffi, declarations("problem.h")), self.layout
+        structs = Structs(self._ffi, declarations("problem.h"))
         self.hand_over_slopes("X" in changes and any_of(changes["X"]))
-        first = len(layout.at["mass"]) + len(layout.at["weight"])
-        masses = x[:, :first].any(axis=(1, 2))
+        masses = np.zeros(len(x), int)
+        for name in changes.keys() & {"mass", "weight"}:
+            masses[changing(changes[name]) // x.shape[2]] = 1
         structs.set(self.c, of_steps=never_empty(of_steps), x=x, changes_mass=masses, **more)
         return structs
 

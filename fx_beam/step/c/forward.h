@@ -13,9 +13,8 @@ static void set_ends(const Problem *p, const Linear *l, int held, const Changes 
   const int *order = p->order;
   int first = solution ? p->free : 0, forces = p->points->all || p->points->members;
   for (int i = 0; i < first; ++i) x[at->Y1 + i] = -solution[order[i]];
-  memset(x + at->Y1 + first, 0, (p->columns + p->auxiliaries - first) * sizeof(Changes));
   if (!held || forces || p->joints || p->closures || p->sliders)
-    memset(x + at->q1, 0, (at->natural1 - at->q1) * sizeof(Changes));
+    memset(x + at->Y1 + first, 0, (at->natural1 - at->Y1 - first) * sizeof(Changes));
   memset(x + at->natural1, 0, (at->internal1 - at->natural1) * sizeof(Changes));
   if (held) jvp(l->of + STRAINED, x), jvp(l->of + WEIGHED, x);
   for (int i = STRAINED; !held && i <= PLACED; ++i)
@@ -27,9 +26,8 @@ static void jvp_forces(const Problem *p, const Work *w, const Derivatives *a, co
                        Changes *x) {
   const Layout *at = &l->at;
   memset(x + at->springs1, 0, (at->held + 3 * p->sliders - at->springs1) * sizeof(Changes));
-  memset(x + at->r, 0, p->dofs * sizeof(Changes));
-  jvp_elements(p, a, l, held, x);
   jvp_inertia(p, w, at, changes_mass, held, x);
+  jvp_elements(p, a, l, held, x);
   memset(x + at->R, 0, (at->size - at->R) * sizeof(Changes)); /* after its use as room */
   for (int i = TOUCHED; i <= SLID; ++i) jvp(l->of + i, x);
   if (l->moves_joints) jvp(l->of + LEVERS, x);
