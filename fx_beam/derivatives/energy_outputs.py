@@ -36,16 +36,18 @@ def by_mass_entries(model: Model, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return x.take(row_of, axis=-1) * y.take(model.mass.indices, axis=-1)
 
 
-def _kinetic(model: Model, rows: Arrays) -> Derivatives:
+def _kinetic(of: SubSteps, rows: Arrays) -> Derivatives:
     """v.M v / 2."""
+    model = of.model
     if model.scheme.rates.at_rest:
         return {}
     v = rows["v"]
-    return {"v": v @ model.mass, "mass": by_mass_entries(model, v, v) / 2}
+    return {"v": (model.mass @ v.T).T, "mass": by_mass_entries(model, v, v) / 2}
 
 
-def _of_fit(model: Model, rows: Arrays) -> Derivatives:
+def _of_fit(of: SubSteps, rows: Arrays) -> Derivatives:
     """v*.M (v* - v), the work of driven motions on the impulses with which rates v* fit."""
+    model = of.model
     if "rates" not in rows or not model.couplings.driven:
         return {}
     v, rates = rows["v"], rows["rates"]
@@ -53,27 +55,29 @@ def _of_fit(model: Model, rows: Arrays) -> Derivatives:
     return {"v": -fitting, "rates": 2 * fitting - v @ model.mass, "mass": of_mass}
 
 
-def _strain(model: Model, rows: Arrays) -> Derivatives:
-    if model.forms.beams is None:
+def _strain(of: SubSteps, rows: Arrays) -> Derivatives:
+    beams = of.model.forms.beams
+    if beams is None:
         return {}
     names, ones = ("q", "internal", "natural", "parameters"), np.ones(len(rows["q"]))
     given = {name: rows[name] for name in names if name in rows}
-    return model.forms.beams.stored_energy_by(Parts(ones, ones, **given))
+    return beams.stored_energy_by(Parts(ones, ones, **given), of.by_places)
 
 
-def _potential(model: Model, rows: Arrays) -> Derivatives:
-    q, weight = rows["q"], model.weight
+def _potential(of: SubSteps, rows: Arrays) -> Derivatives:
+    q, weight = rows["q"], of.model.weight
     return {} if weight is None else {"q": np.broadcast_to(-weight, q.shape), "weight": -q}
 
 
-def _springs(model: Model, rows: Arrays) -> Derivatives:
-    if not model.points.any:
+def _springs(of: SubSteps, rows: Arrays) -> Derivatives:
+    points = of.model.points
+    if not points.any:
         return {}
     q, slides, internal = (rows[name] for name in ("q", "slides", "spring internal"))
-    return model.points.energy_by(q, slides, internal, rows.get("parameters"))
+    return points.energy_by(q, slides, internal, rows.get("parameters"))
 
 
-_PARTS: dict[str, list[Callable[[Model, Arrays], Derivatives]]] = {
+_PARTS: dict[str, list[Callable[[SubSteps, Arrays], Derivatives]]] = {
     "kinetic_energy": [_kinetic, _of_fit],
     "strain_energy": [_strain],
     "potential_energy": [_potential],
@@ -98,7 +102,7 @@ class EnergyOutput(RowOutput):
             at = boundaries[group]
             states = of.at(at)
             for part in self._parts:
-                yield from of.at_states(rows[group], at, part(of.model, states))
+                yield from of.at_states(rows[group], at, part(of, states))
 
 
 def why_no_losses(model: Model) -> str:
@@ -123,7 +127,8 @@ class StepLosses:
         numbers = of.tape.present.first + counting - 1
         for group in of.groups(numbers):
             steps, parts = numbers[group], of.parts(numbers[group])
-            for by in [] if model.forms.beams is None else model.forms.beams.losses_by(parts):
+            beams = model.forms.beams
+            for by in [] if beams is None else beams.losses_by(parts, of.by_places):
                 yield from of.in_steps(counting[group], steps, by)
             if model.points.any_have("loss"):
                 yield from self._of_points(counting[group], steps, parts)
@@ -183,11 +188,6 @@ def _other_work(model: Model) -> str:
         "parameters of stored energies that vary": forms.parameters.in_energies,
     }
     return ", ".join(name for name, there in others.items() if there)
-
-
-def fits_rates(model: Model, output: Output) -> bool:
-    """Whether rates that fit the joints are in the work: that of driven motions on them."""
-    return output.quantity == "work" and bool(model.couplings.driven)
 
 
 def check_work(model: Model, output: Output, name: str, of_start: str) -> None:

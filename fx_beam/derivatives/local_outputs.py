@@ -153,11 +153,11 @@ class ResultantOutput(RowOutput):
         of, (cells, points, _) = self._of, self._of.model.forms.internal_shape
         of_steps = self._shares[:, None] * weights[self._rows]
         counting = np.flatnonzero(of_steps.any(axis=1))
-        for group in of.groups(self._steps[counting]):
-            at, of_cells = counting[group], np.zeros((len(group), cells, points))
+        for group in of.groups(counting):
+            at = counting[group]
+            steps, of_cells = self._steps[at], np.zeros((len(at), cells, points))
             of_cells[:, self._cells] = of_steps[at].reshape(len(at), -1, points)
-            steps = self._steps[at]
-            by = self._beams.resultants_by(of.parts(steps), of_cells, self._component)
+            by = self._beams.resultants_by(of.parts(steps), of.by_places, of_cells, self._component)
             vjp(of.in_steps(np.zeros_like(at), steps, by), np.ones(1), to)
 
     def jvp(self, rows: int, before: np.ndarray, of_state: Arrays, changes: Arrays) -> np.ndarray:
@@ -165,20 +165,21 @@ class ResultantOutput(RowOutput):
         of, points, count = self._of, self._of.model.forms.internal_shape[1], len(changes["X"])
         rows_by_x = np.zeros((rows, len(self._cells) * points, count))
         for at in of.groups(self._steps):
-            steps = self._steps[at]
-            numbers = {"X", "stiffness", "retardation"} & changes.keys()
+            steps, numbers = self._steps[at], {"X", "stiffness", "retardation"} & changes.keys()
             read = {name: changes[name][None] for name in numbers}
-            for name, array, places, factor in of.sources(steps):
+            for name, which, array, places, factor in of.sources(steps):
                 if array in of_state:
-                    read[name] = read.get(name, 0.0) + factor * of_state[array][places]
-            if "q_previous" not in read and "q previous" in changes:
-                read["q_previous"] = changes["q previous"][None]
-            if steps[0] < 0 and "parameters at the start" in changes:
-                read["parameters"] = changes["parameters at the start"][None]
-            elif "parameters" in changes:
-                read["parameters"] = changes["parameters"][:, steps, 0].swapaxes(0, 1)
-            change = self._beams.resultants_with(of.parts(steps), read, self._component)
-            of_rows = change[:, :, self._cells].reshape(len(at), count, -1).swapaxes(1, 2)
+                    given = of_state[array][places]
+                elif array in changes:
+                    given = changes[array][None]
+                    given = given if places is None else given[0, :, places, 0]
+                else:
+                    continue
+                total = read.setdefault(name, np.zeros((len(steps), *given.shape[1:])))
+                total[which] += factor * given
+            parts = of.parts(steps)
+            change = self._beams.resultants_with(parts, of.by_places, read, self._component)
+            of_rows = change[:, :, self._cells].reshape(len(steps), count, -1).swapaxes(1, 2)
             np.add.at(rows_by_x, self._rows[at], self._shares[at, None, None] * of_rows)
         return rows_by_x
 

@@ -18,7 +18,7 @@ from fx_beam.step.measured import measured
 from fx_beam.step.model import Model
 from fx_beam.step.tape import Steps, Tape
 
-from .energy_outputs import SINCE_START, EnergyOutput, WorkOutput, check_work, fits_rates, sum_of
+from .energy_outputs import SINCE_START, EnergyOutput, WorkOutput, check_work, sum_of
 from .gradient import Gradient, RowOutput
 from .local_outputs import LocalOutput, Places, ResultantOutput
 from .output_values import record_of
@@ -80,6 +80,7 @@ class Observation:
         states_at: StatesAt,
         forces: Callable[[], np.ndarray],
         entries: Arrays,
+        by_places: bool,
         outputs: Mapping[str, Output],
         boundaries: np.ndarray,
     ):
@@ -109,6 +110,7 @@ class Observation:
         rows = np.flatnonzero(boundaries), np.flatnonzero(boundaries == 0)
         self._places = Places(ends, starts, *rows, steps, forces_at, entries)
         self._of = of = SubSteps(model, tape, self.boundaries, states_at)
+        of.by_places = by_places
         #: Rates that fit the joints, and their derivatives.
         self._fit = None
         if model.fits_rates and needed:
@@ -181,7 +183,8 @@ class Observation:
 def observes_rates(model: Model, output: Output) -> bool:
     """Whether rates that fit the joints, or forces, are in an output."""
     if isinstance(output.of, Scene):
-        return output.quantity in ("kinetic_energy", "total_energy") or fits_rates(model, output)
+        moving = "kinetic_energy", "total_energy", *["work"] * bool(model.couplings.driven)
+        return model.fits_rates and output.quantity in moving
     return record_of(output) in ("rates", "forces")
 
 

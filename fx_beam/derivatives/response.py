@@ -478,11 +478,13 @@ class Response(Differentiable):
         check_outputs(model, tape, outputs, why_no_sums(self._path))
         changes, entries = self._changes(), read_entries(model, outputs)
         # Forms are compiled beside the library, for which names wait.
-        derivatives.hand_over_slopes("X" in self._scenes.changing)
+        by_places = "X" in self._scenes.changing
+        derivatives.hand_over_slopes(by_places)
         refuse_others(changes, derivatives.names, "Response")
         states_at = functools.partial(self._states, tape)
         forces = functools.partial(derivatives.constraint_forces, tape)
-        observe = functools.partial(Observation, model, tape, states_at, forces, entries)
+        given = model, tape, states_at, forces, entries, by_places
+        observe = functools.partial(Observation, *given)
         return tape, derivatives, changes, observe, entries
 
     def _followed(self, what: str) -> tuple[Model, Tape, TapeDerivatives]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,6 +14,19 @@ from fx_beam.step.model import Model
 from fx_beam.step.tape import Tape
 
 from .gradient import Block, of_rows
+
+
+class Source(NamedTuple):
+    """A term of what forms read of some sub-steps: its name, and which (k,) of them read it."""
+
+    name: str
+    which: np.ndarray
+    #: An array of states, or of numbers with a row for each sub-step, and places (k,) in it; or
+    #: without places all numbers of this name.
+    array: str
+    places: np.ndarray | None = None
+    factor: float = 1.0
+
 
 #: States (n, ...) before some sub-steps, by the names of the derivatives by them.
 StatesAt = Callable[[np.ndarray], dict[str, np.ndarray]]
@@ -25,6 +39,9 @@ class SubSteps:
 
     Rows, and sub-steps or boundaries of each, are one of `groups`.
     """
+
+    #: Whether derivatives by the positions of nodes are wanted.
+    by_places = True
 
     def __init__(self, model: Model, tape: Tape, boundaries: np.ndarray, states_at: StatesAt):
         self.model, self.tape, self.boundaries, self._states_at = model, tape, boundaries, states_at
@@ -45,16 +62,10 @@ class SubSteps:
         """The states (n, ...), which are read if an output is not linear in them."""
         return self._states_at(self.boundaries)
 
-    def groups(self, steps: np.ndarray) -> Iterator[np.ndarray]:
-        """Indices of sub-steps or boundaries that are evaluated at once.
-
-        The start of the run is one; where something is read before them, also the first sub-step.
-        """
+    def groups(self, steps: np.ndarray) -> Iterator[slice]:
+        """Sub-steps or boundaries that are evaluated at once."""
         most = max(1, _MOST // self.model.size)
-        first = (steps == 0) & (self.model.forms.needs_previous or self._parameters is not None)
-        for group in (steps < 0, first, (steps >= 0) & ~first):
-            indices = np.flatnonzero(group)
-            yield from (indices[i : i + most] for i in range(0, len(indices), most))
+        return (slice(i, i + most) for i in range(0, len(steps), most))
 
     def places(self, steps: np.ndarray) -> np.ndarray:
         """Places (3, k) of states before and after sub-steps, and of those a sub-step earlier."""
@@ -66,84 +77,88 @@ class SubSteps:
         places = np.searchsorted(self.boundaries, boundaries)
         rows = {name: values[places] for name, values in self.states.items()}
         if self._parameters is not None:
-            at_end = boundaries[0] > 0
-            rows["parameters"] = self._parameters[boundaries - 1, 1] if at_end else self._at_start
+            rows["parameters"] = self._parameters[boundaries - 1, 1]
+            rows["parameters"][boundaries == 0] = self._at_start
         return rows
 
     def parts(self, steps: np.ndarray) -> Parts:
         """Sub-steps by their numbers; -1 for the start of the run."""
-        tape, model, states = self.tape, self.model, self.states
+        tape, model, states, starts = self.tape, self.model, self.states, steps < 0
         first, (before, after, _) = np.maximum(steps, 0), self.places(steps)
-        q, dt, of_start = states["q"][before], tape.times.lengths[first], steps[0] < 0
-        if of_start:
-            dt = np.full(len(steps), self._short)
-            D = self._moves * self._short * states["v"][before]
-            q = q - self._level * D
-        else:
-            D = without_turns(model, states["q"][after] - q)
+        q, dt = states["q"][before], np.where(starts, self._short, tape.times.lengths[first])
+        D = without_turns(model, states["q"][after] - q)
+        D[starts] = self._moves * self._short * states["v"][before[starts]]
+        q[starts] -= self._level * D[starts]
         given = {name: states[name][before] for name in ("internal", "natural")}
         given["q_previous"] = states["q previous"][before]
-        given["natural_end"] = states["natural"][before if of_start else after]
+        given["natural_end"] = states["natural"][np.where(starts, before, after)]
         if self._parameters is not None:
-            given["parameters"] = self._at_start if of_start else self._parameters[first, 0]
+            given["parameters"] = self._parameters[first, 0]
+            given["parameters"][starts] = self._at_start
         if model.forms.needs_previous:
-            given["memory"] = 0 * dt if of_start else tape.memories[steps]
-        return Parts(tape.times.starts[first] + self._level * dt * (steps >= 0), dt, D, q, **given)
+            given["memory"] = np.where(starts, 0.0, tape.memories[first])
+        return Parts(tape.times.starts[first] + self._level * dt * ~starts, dt, D, q, **given)
 
     # -- Derivatives of rows, from those by what belongs to states or sub-steps --------------------
+
+    def kinds(self, steps: np.ndarray) -> Iterator[np.ndarray]:
+        """Indices of the start of the run, and of others, each of which reads a state once at most.
+
+        Where something is read before sub-steps, the first one is for itself.
+        """
+        first = (steps == 0) & self.model.forms.needs_previous
+        return filter(len, map(np.flatnonzero, (steps < 0, first, (steps >= 0) & ~first)))
 
     def at_states(
         self, rows: np.ndarray, boundaries: np.ndarray, by: Mapping[str, np.ndarray]
     ) -> Iterator[Block]:
         """From those (k, ...) by what `at` has of states, and by numbers of the scene."""
         given, places = _there(by), np.searchsorted(self.boundaries, boundaries)
-        for name in [name for name in given if name in self.states]:
-            yield of_rows(name, rows, given.pop(name), places)
-        yield from self._by_numbers(rows, boundaries - 1, given, at_end=1)
+        for name, values in given.items():
+            if name != "parameters":
+                yield of_rows(name, rows, values, places if name in self.states else None)
+        for which in self.kinds(boundaries - 1) if "parameters" in given else ():
+            name, steps = _parameters_of(boundaries[which] - 1)
+            values = given["parameters"][which]
+            begin = 0 if steps is None else values.shape[1]
+            yield of_rows(name, rows[which], values, steps, begin)
 
-    def sources(self, steps: np.ndarray) -> Iterator[tuple[str, str, np.ndarray, float]]:
-        """What forms read of sub-steps, or of the start of the run, as sums of states.
-
-        Its name, the array and its places (k,), and a factor.
-        """
-        before, after, earlier = self.places(steps)
-        if steps[0] >= 0:
-            yield from (("increment", "q", after, 1.0), ("increment", "q", before, -1.0))
-        else:
-            moved = self._moves * self._short
-            yield "increment", "v", before, moved
-            yield "start", "v", before, -self._level * moved
-        yield "start", "q", before, 1.0
-        if steps[0] or not self.tape.memories[0]:  # else it is a number, of what came before
-            yield "q_previous", "q", earlier, 1.0
-        yield "natural_end", "natural", after if steps[0] >= 0 else before, 1.0
-        for name in ("natural", "internal", "spring internal"):
-            yield name, name, before, 1.0
+    def sources(self, steps: np.ndarray) -> Iterator[Source]:
+        """What forms read of sub-steps, or of the start of the run, as sums of what there is."""
+        all_places, moved = self.places(steps), self._moves * self._short
+        for which in self.kinds(steps):
+            (before, after, earlier), first = all_places[:, which], steps[which[0]]
+            if first < 0:
+                yield Source("increment", which, "v", before, moved)
+                yield Source("start", which, "v", before, -self._level * moved)
+            else:
+                yield Source("increment", which, "q", after)
+                yield Source("increment", which, "q", before, -1.0)
+            yield Source("start", which, "q", before)
+            if first == 0 and self.tape.memories[0]:  # of what came before
+                yield Source("q_previous", which, "q previous")
+            else:
+                yield Source("q_previous", which, "q", earlier)
+            yield Source("natural_end", which, "natural", before if first < 0 else after)
+            for name in ("natural", "internal", "spring internal"):
+                yield Source(name, which, name, before)
+            yield Source("parameters", which, *_parameters_of(steps[which]))
 
     def in_steps(
         self, rows: np.ndarray, steps: np.ndarray, by: Mapping[str, np.ndarray]
     ) -> Iterator[Block]:
         """From those (k, ...) by what forms read of sub-steps, or of the start of the run."""
         given, read = _there(by), set()
-        for name, array, places, factor in self.sources(steps):
+        for name, which, array, places, factor in self.sources(steps):
             read.add(name)
             if name in given and factor:
-                yield of_rows(array, rows, factor * given[name], places)
-        numbers = {name.replace("_", " "): of for name, of in given.items() if name not in read}
-        yield from self._by_numbers(rows, steps, numbers)
+                yield of_rows(array, rows[which], factor * given[name][which], places)
+        yield from (of_rows(name, rows, given[name]) for name in given.keys() - read)
 
-    @staticmethod
-    def _by_numbers(
-        rows: np.ndarray, steps: np.ndarray, by: Mapping[str, np.ndarray], at_end: int = 0
-    ) -> Iterator[Block]:
-        """Those by numbers, of which parameters are at the level of sub-steps, or at their ends."""
-        for name, values in by.items():
-            if name != "parameters":
-                yield of_rows(name, rows, values)
-            elif steps[0] < 0:
-                yield of_rows("parameters at the start", rows, values)
-            else:
-                yield of_rows(name, rows, values, steps, at_end * values.shape[1])
+
+def _parameters_of(steps: np.ndarray) -> tuple[str, np.ndarray | None]:
+    """Name of the parameters in steps of a kind, and these if they have a row for each."""
+    return ("parameters at the start", None) if steps[0] < 0 else ("parameters", steps)
 
 
 def _there(by: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

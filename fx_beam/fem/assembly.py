@@ -175,17 +175,14 @@ class RowValues:
 
     def _coefficients(self, of: BoundForm, cells: np.ndarray, parts: Parts) -> np.ndarray:
         """Coefficients (n, cells, width) of an expression."""
-        shape = len(parts.t), len(cells)
-        fields = [self._on_cells(field, parts)[:, cells] for field in of.fields]
-        each = [np.broadcast_to(field, (*shape, field.shape[2])) for field in fields]
-        return np.concatenate([np.empty((*shape, 0)), *each], axis=2)
-
-    def _on_cells(self, field: Field, parts: Parts) -> np.ndarray:
-        """Values (n, cells, width) of a field, with n = 1 if it does not change."""
-        values = dict(zip(self._moving, parts.moving, strict=True)).get(field)
-        if values is None or not values.size:
-            return field.on_cells[None]
-        return values.take(field.space.dofs, axis=1)
+        changing = dict(zip(self._moving, parts.moving, strict=True))
+        packed = np.empty((len(parts.t), len(cells), of.width))
+        for field, first in of.field_starts.items():
+            values, dofs = changing.get(field), field.space.dofs[cells]
+            fixed = values is None or not values.size
+            at = field.array[dofs] if fixed else values.take(dofs, axis=1)  # type: ignore[union-attr]
+            packed[..., first : first + field.space.width] = at
+        return packed
 
     def _constants(self, of: BoundForm, parts: Parts, parameters: np.ndarray) -> np.ndarray:
         """Constants (n, m) of an expression."""

@@ -241,11 +241,12 @@ class BeamForms:
         return slopes
 
     def _derivatives(
-        self, of: str, parts: Parts, points: int = 0
+        self, of: str, parts: Parts, by_places: bool, points: int = 0
     ) -> Iterator[tuple[str, Space, np.ndarray]]:
         """Derivatives of a quantity of `DerivedForm` in steps: name, space, and values.
 
-        These are (k, cells, numbers), with `points` (k, cells, points, 3, numbers).
+        Those by positions only if they are wanted. These are (k, cells, numbers), with `points`
+        (k, cells, points, 3, numbers).
         """
         if of not in self._derivatives_of:
             source, data, spaces = self._derived
@@ -254,16 +255,17 @@ class BeamForms:
                 (name, spaces[name], self._in_rows(self._bind(form, [*tests, spaces[name]], data)))
                 for name, form in source.module("derivatives", of).forms.items()
             ]
-        shape = (points, 3) * bool(points)
+        shape, parameters = (points, 3) * bool(points), self._parameters_in(parts)
         for name, space, values in self._derivatives_of[of]:
-            yield name, space, values(parts, self._parameters_in(parts), (*shape, space.width))
+            if by_places or name != "coordinates":
+                yield name, space, values(parts, parameters, (*shape, space.width))
 
-    def stored_energy_by(self, parts: Parts) -> dict[str, np.ndarray]:
+    def stored_energy_by(self, parts: Parts, by_places: bool) -> dict[str, np.ndarray]:
         """Derivatives of `strain_energy` at the starts of k steps by "q" (k, size), as `_summed`.
 
         And by "internal" variables, "natural" strains, the data of sections, "X", and "parameters".
         """
-        derivatives = self._summed(self._derivatives("strain energy", parts))
+        derivatives = self._summed(self._derivatives("strain energy", parts, by_places))
         derivatives["q"] = derivatives.pop("start")
         return derivatives
 
@@ -287,7 +289,7 @@ class BeamForms:
         """Whether they may dissipate energy."""
         return not self.bound.keys().isdisjoint(LOSSES)
 
-    def losses_by(self, parts: Parts) -> list[dict[str, np.ndarray]]:
+    def losses_by(self, parts: Parts, by_places: bool) -> list[dict[str, np.ndarray]]:
         """Derivatives of what beams lose in k completed steps: to material, scheme and drag.
 
         As `_summed`: by "increment", "start" and "q_previous", "X", "internal" variables, strains
@@ -295,10 +297,10 @@ class BeamForms:
         coefficients of "drag ...".
         """
         names = (name for name in LOSSES if name in self.bound)
-        return [self._summed(self._derivatives(name, parts)) for name in names]
+        return [self._summed(self._derivatives(name, parts, by_places)) for name in names]
 
     def resultants_by(
-        self, parts: Parts, weights: np.ndarray, component: int
+        self, parts: Parts, by_places: bool, weights: np.ndarray, component: int
     ) -> dict[str, np.ndarray]:
         """Derivatives of the sums of weights (k, cells, points) times N, Q or M in k steps.
 
@@ -307,15 +309,15 @@ class BeamForms:
         """
         return self._summed(
             (name, space, np.einsum("kcp,kcpn->kcn", weights, slopes))
-            for name, space, slopes in self._slopes_of_resultants(parts, component)
+            for name, space, slopes in self._slopes_of_resultants(parts, by_places, component)
         )
 
     def resultants_with(
-        self, parts: Parts, changes: Mapping[str, np.ndarray], component: int
+        self, parts: Parts, by_places: bool, changes: Mapping[str, np.ndarray], component: int
     ) -> np.ndarray:
         """Changes (k, m, cells, points) of N, Q or M with those (k or 1, m, ...) by these names."""
         total: Any = 0.0
-        for name, space, slopes in self._slopes_of_resultants(parts, component):
+        for name, space, slopes in self._slopes_of_resultants(parts, by_places, component):
             values = changes["X" if name == "coordinates" else name]
             values = values.reshape(*values.shape[:2], -1)
             if name == "parameters":
@@ -324,10 +326,10 @@ class BeamForms:
         return total
 
     def _slopes_of_resultants(
-        self, parts: Parts, component: int
+        self, parts: Parts, by_places: bool, component: int
     ) -> Iterator[tuple[str, Space, np.ndarray]]:
         """Local Jacobians (k, cells, points, numbers) by name, and the space of the numbers."""
-        for name, space, slopes in self._derivatives("resultants", parts, self.degree):
+        for name, space, slopes in self._derivatives("resultants", parts, by_places, self.degree):
             yield name, space, slopes[..., component, :] / self.point_weights[:, None]
 
     @property
