@@ -325,7 +325,7 @@ class StepWork:
         self._of_entry = np.repeat(np.arange(columns.shape[1]), np.diff(columns.indptr))
         #: Paths (k, driven) of driven motions, and derivatives of the work by increments of slides.
         self._paths, self._by_slides = np.zeros(driven.shape), np.zeros(slides.shape)
-        by_path = self._factors @ columns.T
+        by_path = (columns @ self._factors.T).T
         parts = {"q": (path, by_path), "slides": (slides, self._by_slides)}
         for name, i, entry, sign in _driven_paths(model):
             increments, by = parts[name]
