@@ -80,8 +80,8 @@ class BuiltScenes:
         self._asked = self._is_dual = False
         # Shapes of all numbers, by name, and which of x were zero, for which slopes were checked.
         self._checked: list[tuple[dict[str, tuple[int, ...]], list[bool]]] = []
-        # How often derivatives were asked for.
-        self._calls = 0
+        # At how many x derivatives were asked for, and the last of them.
+        self._calls, self._last_x = 0, np.empty(0)
 
     def serve(self, x: np.ndarray, of: Callable[[Any], _Result], dual: bool = True) -> _Result:
         """What a function computes from the scene of x.
@@ -107,7 +107,8 @@ class BuiltScenes:
         self, x: np.ndarray, known: Scene, numbers_of: NumbersOf
     ) -> dict[str, np.ndarray]:
         """Derivatives (m, ...) by x of the numbers of scenes; `known` is that at x."""
-        self._calls += 1
+        self._calls += x is not self._last_x
+        self._last_x = x
         # Before others are built, which may change what scenes have in common.
         before = {} if self._checked or self._is_dual else numbers_of(known, np.zeros(len(x)))
         here, by_name = self._slopes(x, known, numbers_of)

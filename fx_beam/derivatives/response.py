@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.content_cache import cached_property
 from fx_beam.dual import Dual, have_slopes, plain
 from fx_beam.equilibria.statics import LoadPath
 from fx_beam.errors import SceneError, array_of, check_takes, is_one_of, positive, require, shown
@@ -22,6 +21,7 @@ from fx_beam.motions.numbers import numbers_of, numbers_of_state, observed_numbe
 from fx_beam.motions.options import Options
 from fx_beam.motions.prepared import Prepared
 from fx_beam.motions.run import Run
+from fx_beam.results.audit import uncounted
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.inputs import with_functions
@@ -40,7 +40,7 @@ from .local_outputs import observes_start
 from .objectives import Cost, Misfit, Objective
 from .observation import Observation, check_outputs, observes_rates, rates_at, read_entries, summed
 from .output_values import Wanted, recorded, row_values, values_of
-from .static_derivatives import StateChange, StaticDerivatives, why_no_sums, why_not
+from .static_derivatives import StaticDerivatives, why_no_sums, why_not
 
 _log = logging.getLogger("fx_beam")
 # Growth of derivatives towards the start above which they say little about the motion.
@@ -561,11 +561,13 @@ class Response(Differentiable):
         # Without derivatives of the equilibrium before, differences compute it for other x.
         if self._path is not None and not why_not(self._path):
             start = StaticDerivatives(self._path).change_of_end(self._derivatives, "Response")
-        accelerations = self._accelerations_by_x(tape.problem.model)
-        return self._derivatives(functools.partial(self._numbers_of, tape, start, accelerations))
+        first = self._options.dt if self._options.tolerance is None else tape.first_length
+        given = tape, first, start, self._accelerations_by_x(first)
+        return self._derivatives(functools.partial(self._numbers_of, *given))
 
-    def _accelerations_by_x(self, model: Model) -> np.ndarray | None:
+    def _accelerations_by_x(self, first: float) -> np.ndarray | None:
         """Changes (m, size) of those at the start, by a very short step; None if not from rest."""
+        (model, _, derivatives), prepared = self._followed("vjp"), self._series.prepared
         moving = model.scene.velocities, model.couplings.driven, self._start is not None
         other_steps = self._options.tolerance is not None or len(model.scheme.fractions) > 1
         of = [output for output in self._outputs.values() if isinstance(output, Output)]
@@ -573,42 +575,23 @@ class Response(Differentiable):
         unfit = any(moving) or other_steps or model.natural
         if unfit or not any(map(observes_start, of)):
             return None
-        try:
-            self._instant(self._x)
-            return self._instant._mean_acceleration_by_x()
-        except RuntimeError:  # such a step may fail with unknowns that have no mass
-            return None
-
-    @cached_property
-    def _instant(self) -> Response:
-        """The motion over a very short step."""
-
-        def build(x: Any) -> tuple[Scene, dict[str, Wanted]]:
-            return (scene := self._build(x)[0]), {"place": Output("position", scene.nodes[0])}
-
-        dt, of = _INSTANT * self._options.dt, self._options
-        return Response(build, of.scheme, dt=dt, t_end=dt, newton=of.newton, inputs=of.inputs)
-
-    @one_call
-    def _mean_acceleration_by_x(self) -> np.ndarray:
-        """Changes (m, size) of the accelerations of a single step from rest."""
-        model, tape, derivatives = self._followed("jacobian")
-        changes = self._derivatives(functools.partial(self._numbers_of, tape, None, None))
+        assert prepared is not None  # it has the model
+        tape, short = Tape(derivatives.problem), _INSTANT * first
+        with uncounted(prepared.stats):
+            state = prepared.first_state(short, None, accelerations=False)
+            if prepared.stepper.trial(state, state.t + short, tape=tape).state is None:
+                return None  # such a step may fail with unknowns that have no mass
+        of_step = functools.partial(self._numbers_of_steps, tape, short, None, False)
+        changes = self._derivatives(lambda *given: of_step(*given)[2])
         rates = derivatives.jvp(tape, changes, np.ones(1, int))["v"][0]
-        return np.where(model.massless, 2, 1) * rates / self._options.dt  # those are means
+        return np.where(model.massless, 2, 1) * rates / short  # those are means
 
-    def _numbers_of(
-        self, tape: Tape, start: StateChange | None, a_by_x: Any, given: Scene, change: Any
-    ) -> dict[str, Any]:
-        """Numbers of the steps for another scene, and of the state at its start.
-
-        And those of outputs with rates. Accelerations have the changes (m, size) as their slopes.
-        """
+    def _numbers_of_steps(
+        self, tape: Tape, first: float, start: Any, at_start: bool, given: Scene, change: Any
+    ) -> tuple[Prepared, State, dict[str, Any]]:
+        """Numbers of the steps for another scene, and of the state at its start, with both."""
         other, t0 = self._prepared(given), tape.times.starts
-        model, t1, fixed = other.model, tape.times.ends, self._options.tolerance is None
-        first = self._options.dt if fixed else tape.first_length
-        of = [output for output in self._outputs.values() if isinstance(output, Output)]
-        at_start = any(map(observes_start, of))
+        model, t1 = other.model, tape.times.ends
         if start is None:
             state = other.first_state(first, self._start_of(given), at_start)
         else:
@@ -622,13 +605,26 @@ class Response(Differentiable):
             for name, values in numbers_of_state(model, start.at(model, change)).items():
                 if isinstance(values, Dual):
                     numbers[name] = Dual(plain(numbers[name]), values.slopes)
-        if not any(observes_rates(model, output) for output in of):
+        return other, state, numbers
+
+    def _numbers_of(
+        self, tape: Tape, first: float, start: Any, a_by_x: Any, given: Scene, change: Any
+    ) -> dict[str, Any]:
+        """The same with those of outputs with rates.
+
+        Accelerations have the changes (m, size) as their slopes.
+        """
+        of = [output for output in self._outputs.values() if isinstance(output, Output)]
+        at_start = any(map(observes_start, of))
+        other, state, numbers = self._numbers_of_steps(tape, first, start, at_start, given, change)
+        if not any(observes_rates(other.model, output) for output in of):
             return numbers
         rates = rates_at(tape, np.arange(len(tape) + 1))
         numbers |= observed_numbers_of(other, state, *rates, at_start)
         if a_by_x is not None and isinstance(change, Dual):
             # Nodes without mass have none by definition, but those that others carry.
-            numbers["a"] = Dual(state.a, a_by_x.T * (~model.massless | (state.a != 0))[:, None])
+            has = ~other.model.massless | (state.a != 0)
+            numbers["a"] = Dual(state.a, a_by_x.T * has[:, None])
         return numbers
 
     def _prepared(self, given: Scene) -> Prepared:

@@ -142,8 +142,9 @@ class CompiledLoop:
         inputs, number = steps.inputs, len(steps.ends)
         dt = (steps.ends[-1] - state.t) / number
         to = self.c_record(recorder, number, steps.first, steps.parts, steps.done)
-        if self.tape is not None and not isinstance(recorder, NullRecorder):
-            taken = self._run_taped(self.tape, steps, state.t, dt, to)
+        tape = recorder.tape if isinstance(recorder, NullRecorder) else self.tape
+        if tape is not None:
+            taken = self._run_taped(tape, steps, state.t, dt, to)
         else:
             known = len(inputs.driven) // self._problem.sub_steps
             taken = self._steps(known, dt, self.c_inputs(inputs), to)

@@ -125,6 +125,8 @@ class Record:
 class NullRecorder:
     """In place of a `Recorder`, for trial steps."""
 
+    #: That of a trial step.
+    tape: Any = None
     every = planned = np.iinfo(np.int32).max
     last, rows, starts, complete = -1, 0, 0, 0
     plans, end = 0, None

@@ -96,13 +96,14 @@ class Stepper:
 
     # -- Steps whose local errors are controlled --------------------------------------------------
 
-    def trial(self, state: State, t1: float, watch: bool = False) -> Trial:
+    def trial(self, state: State, t1: float, watch: bool = False, tape=None) -> Trial:
         """One step to t1 [s] that is not part of the run; with `watch` also its switches."""
         integrator, ends = self.integrator, np.array([t1])
         past, inputs = integrator.past, integrator.inputs_ahead(state.t, ends)
-        steps = Steps(ends, inputs, 1, watch=watch)
+        steps, recorder = Steps(ends, inputs, 1, watch=watch), NullRecorder()
+        recorder.tape = tape
         try:
-            result = integrator.take(state, steps, NullRecorder(), lambda *_: None)
+            result = integrator.take(state, steps, recorder, lambda *_: None)
         finally:
             integrator.past = past
         return Trial(result.state if result.taken else None, result.switches)
