@@ -111,33 +111,27 @@ class _Cut:
         #: Nodes (elements, 2) at the ends of all elements, and inside them.
         self._ends, self._inside = model.mesh.elements[:, [0, -1]], model.mesh.elements[:, 1:-1]
         self._tree = _trees(self._scene)
-        self._assign()
-
-    def _assign(self) -> None:
-        """Give each element and each node to a process; a tree of joints has one owner."""
-        X, ends, count = self._model.mesh.X, self._ends, len(self._scene.nodes)
-        alone = np.ones(count, dtype=bool)
-        alone[ends] = False
-        alone = np.flatnonzero(alone)
-        of_beams = zip(self._scene.beams, self._model.mesh.cells, strict=True)
+        X, ends, count = model.mesh.X, self._ends, len(self._scene.nodes)
+        alone = np.setdiff1d(np.arange(count), ends)
+        of_beams = zip(self._scene.beams, model.mesh.cells, strict=True)
         # A part of a beam has the same section, unless its data are functions along the beam.
         whole = [cells for beam, cells in of_beams if beam.section.constants(DATA) is None]
         middles = X[ends].mean(axis=1)
         for cells in whole:
             middles[cells] = middles[cells].mean(axis=0)
-        process = bisected(np.vstack([middles, X[alone]]), self._number)
+        process = bisected(np.vstack([middles, X[alone]]), number)
         for cells in whole:
             process[cells] = process[cells[0]]
-        #: Process of each element, and of each node of the scene.
+        #: Process of each element, and of each node of the scene: a tree of joints has one owner.
         self.of_element = process[: len(ends)]
         of_node = np.empty(count, dtype=int)
         of_node[alone] = process[len(ends) :]
         of_node[ends[::-1]] = self.of_element[::-1, None]
         first = np.unique(self._tree, return_index=True)[1]
         self.of_node = of_node[first[self._tree]]
-        if len(np.unique(self.of_node)) < self._number:
+        if len(np.unique(self.of_node)) < number:
             raise SceneError(
-                f"the scene has too few members for {self._number} processes. Start fewer of them, "
+                f"the scene has too few members for {number} processes. Start fewer of them, "
                 "or compute it on one, without mpirun"
             )
 

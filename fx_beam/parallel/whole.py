@@ -188,22 +188,25 @@ class DistributedEquations:
         self._crew = team.make(Part, [(share, *how) for share in self._shares])
         for share in self._shares:
             share.runs.clear()  # the parts have them
-        self._place(self._crew("unknowns"))
-        self._locate_points()
+        column = np.empty(self._ends[-1], dtype=int)
+        column[self._numbers] = np.arange(len(self._numbers))
+        #: Of the whole, degrees of freedom and unknowns of each part.
+        self._dofs = [model.mesh.dofs[share.rows].ravel() for share in self._shares]
+        self._columns = [column[numbers] for numbers in self._crew("unknowns")]
+        #: Whether forces at a degree of freedom are its own.
+        self._owned = [np.repeat(share.owned, 3) for share in self._shares]
+        K, points = model.forms.stiffness, model.points
+        #: Entries of the tangent of forces at points.
+        self._at_points = np.unique(points.value_at[points.value_at >= 0])
+        rows = np.searchsorted(K.indptr, self._at_points, side="right") - 1
+        self._entries = rows, K.indices[self._at_points]
+        #: Pairs of unknowns between which they have entries, as numbers.
+        self._pairs = np.empty(0, dtype=int)
+        self._set_pattern()
 
     def pieces(self) -> tuple[list[np.ndarray], Callable[[Callable, Sequence[tuple]], Crew]]:
         """Elements of each process, and what makes objects on all."""
         return [share.elements for share in self._shares], self._team.make
-
-    def _place(self, unknowns: list[np.ndarray]) -> None:
-        """Find what of the whole the entries of the parts' vectors are."""
-        column = np.empty(self._ends[-1], dtype=int)
-        column[self._numbers] = np.arange(len(self._numbers))
-        #: Degrees of freedom and unknowns of each part.
-        self._dofs = [self.model.mesh.dofs[share.rows].ravel() for share in self._shares]
-        self._columns = [column[numbers] for numbers in unknowns]
-        #: Whether forces at a degree of freedom are its own.
-        self._owned = [np.repeat(share.owned, 3) for share in self._shares]
 
     # -- A step -----------------------------------------------------------------------------------
 
@@ -268,16 +271,6 @@ class DistributedEquations:
 
     # -- Forces at points -------------------------------------------------------------------------
 
-    def _locate_points(self) -> None:
-        """Find the entries of the tangent of forces at points."""
-        K, points = self.model.forms.stiffness, self.model.points
-        self._at_points = np.unique(points.value_at[points.value_at >= 0])
-        rows = np.searchsorted(K.indptr, self._at_points, side="right") - 1
-        self._entries = rows, K.indices[self._at_points]
-        #: Pairs of unknowns between which they have entries, as numbers.
-        self._pairs = np.empty(0, dtype=int)
-        self._set_pattern()
-
     def _tangent_of_points(self) -> scipy.sparse.csr_matrix:
         values, size = self.model.forms.stiffness.data[self._at_points], self.model.size
         return scipy.sparse.csr_matrix((values, self._entries), (size, size))
@@ -337,7 +330,12 @@ class Part:
         problem.hand_over_ends(None)
         self._natural: np.ndarray | None = None
         self._equations = Equations(model, time, None, lambda end: self._natural, problem)
-        self._unknowns = _numbers_of_unknowns(share, model)
+        column, dof, of_slide, joint = model.couplings.free_columns
+        #: Number in the whole linear system of each of its unknowns.
+        self._unknowns = np.full(model.reduction.free, -1)
+        self._unknowns[column] = share.unknowns.ravel()[dof]
+        self._unknowns[of_slide] = share.slides[joint]
+        assert (self._unknowns >= 0).all(), "a part has other unknowns than the whole"
         #: Indices of its parameters among those of the scene.
         self._parameters = [share.parameters.index(name) for name in model.forms.parameters.names]
         self._system = LinearSystem(*of_system)
@@ -387,13 +385,3 @@ class Part:
     def destroy(self) -> None:
         """Free what PETSc has; all processes at once."""
         self._system.destroy()
-
-
-def _numbers_of_unknowns(share: Share, model: Model) -> np.ndarray:
-    """Number in the whole linear system of each unknown of the part."""
-    column, dof, of_slide, joint = model.couplings.free_columns
-    numbers = np.full(model.reduction.free, -1)
-    numbers[column] = share.unknowns.ravel()[dof]
-    numbers[of_slide] = share.slides[joint]
-    assert (numbers >= 0).all(), "a part has other unknowns than the whole"
-    return numbers
