@@ -30,7 +30,7 @@ from fx_beam.content_cache import cached_property
 from fx_beam.laws.interval import Interval
 from fx_beam.results.state import ARRAYS, NUMBERS, State
 from fx_beam.scene.beam import lagrange
-from fx_beam.step.equations import Balance, Equations
+from fx_beam.step.equations import Balance
 from fx_beam.step.load_loop import LoadLoop
 from fx_beam.step.sparse_lu import Pattern, sparse_lu
 from fx_beam.step.step_failures import StepFailed
@@ -177,14 +177,10 @@ class PathEquations:
         given = None if self._fills else reduction.dependent
         return BorderedLU((indptr, indices), unit, given)
 
-    @property
-    def _equations(self) -> Equations:
-        return self._loop.equations
-
     def begin(self, start: State) -> None:
         """Set the state at the start of a step. No time passes for internal variables."""
         self._start = start
-        self._equations.begin(Interval(start.t, start.t), start)
+        self._loop.equations.begin(Interval(start.t, start.t), start)
 
     def expand(self, y: np.ndarray, load: float) -> np.ndarray:
         """Increment of all degrees of freedom."""
@@ -208,7 +204,8 @@ class PathEquations:
             balance = self._evaluate(y, load)
         else:
             balance = self._evaluate(y, load)
-            per_load = self._equations.change(self.spread(np.zeros_like(y), 1.0)) - forcing.rise
+            moved = self.spread(np.zeros_like(y), 1.0)
+            per_load = self._loop.equations.change(moved) - forcing.rise
             if forcing.turning is not None:
                 per_load -= forcing.turning.force(self._start.q + balance.D)
             column = reduction.project(per_load) - reduction.project(np.zeros_like(per_load))
@@ -217,8 +214,8 @@ class PathEquations:
 
     def _evaluate(self, y: np.ndarray, load: float) -> Balance:
         at = self._start.t + load
-        self._equations.end_at(at)
-        return self._equations.at(y, self._driven(load), self._forcing.dead(at))
+        self._loop.equations.end_at(at)
+        return self._loop.equations.at(y, self._driven(load), self._forcing.dead(at))
 
     def _at(self, y: np.ndarray, load: float) -> tuple[np.ndarray, np.ndarray]:
         balance = self._evaluate(y, load)
@@ -231,10 +228,10 @@ class PathEquations:
         reduction, free = self._reduction, self._reduction.free
         independent, moved = reduction.independent, slice(free, free + reduction.driven)
         if self._fills or self.model.points.members is not None:  # its sparsity may have changed
-            A = self._equations.tangent() if self._fills else self._equations.system()
+            A = self._loop.equations.tangent() if self._fills else self._loop.equations.system()
             self.bordered, values = self._bordered(A.indptr, A.indices), A.data
         else:
-            values = self._equations.values
+            values = self._loop.equations.values
         across = reduction.coupling().T @ (self.weight * normal.D)
         corner = normal.load + across[moved] @ self._forcing.goal
         self.bordered.factorise(values, column[independent], across[independent], corner)
