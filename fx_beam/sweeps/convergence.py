@@ -153,12 +153,10 @@ def converge(
     check_takes(scene_of, "elements, degree", "converge: scene_of")
     check_takes(quantity, "solution", "converge: quantity")
     tolerance = positive(tolerance, "converge: tolerance")
-    for name, given, fits, wanted in (
-        ("elements", elements, is_whole(elements, 1, _MOST), f"a whole number from 1 to {_MOST}"),
-        ("degree", degree, is_whole(degree, 1, 3), "1, 2 or 3"),
-        ("max_runs", max_runs, is_whole(max_runs, 4), "a whole number from 4 on"),
-    ):
-        require(fits, f"converge: {name}", given, wanted)
+    wanted = f"a whole number from 1 to {_MOST}"
+    require(is_whole(elements, 1, _MOST), "converge: elements", elements, wanted)
+    require(is_whole(degree, 1, 3), "converge: degree", degree, "1, 2 or 3")
+    require(is_whole(max_runs, 4), "converge: max_runs", max_runs, "a whole number from 4 on")
 
     def run(elements: int, tolerance: float) -> Solution:
         scene = scene_of(elements, int(degree))
