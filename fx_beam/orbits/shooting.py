@@ -19,6 +19,7 @@ from fx_beam.motions.prepared import Prepared
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.scene import Scene
+from fx_beam.step.full_turns import TurnCounter
 from fx_beam.step.recorder import Record, Recorder
 from fx_beam.step.tape import Tape
 from fx_beam.step.tape_derivatives import TapeDerivatives
@@ -264,9 +265,7 @@ class Shooting:
         last = self._advance(state, self._times(state, length, self.steps))
         turns, of = np.zeros(self.model.size), self.model.turns  # full ones of rotations
         turns[of] = 2 * np.pi * np.round((last.q - state.q)[of] / (2 * np.pi))
-        end = self._at_start(last.changed(q=last.q - turns, t=state.t))
-        if last.q_previous is not None:
-            end = end.changed(q_previous=last.q_previous - turns)
+        end = self._at_start(TurnCounter.without(turns, last).changed(t=state.t))
         scale, first = self.scales(state, length), self.rows_of(state)
         movable, parts = self._movable, len(self.model.scheme.fractions)
         apart = (self._taped_rows() - first[:movable]) / scale[:movable]
