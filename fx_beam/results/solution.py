@@ -20,11 +20,11 @@ from fx_beam.scene.notebook import html_table, sketch
 from fx_beam.scene.outputs import Output, definition
 
 from .audit import BeamResultants, Energy, Stats, facts, known_resultants, read_only
+from .interactions import ContactMotion, JointMotion, motion_of
 from .state import HISTORIES, State
 
 if TYPE_CHECKING:
     from . import export, joined, paraview
-    from .interactions import ContactMotion, JointMotion
 
 # By which option of a `Record` each history is kept.
 _KINDS = {name: of.record for name, of in HISTORIES.items()}
@@ -407,8 +407,6 @@ class Solution:
             With `angle`, `slide`, `spin`, `rate`, `force`, `motor_force`, `motor_power`, `gap`.
         """
         _check_joint(self, joint)
-        from .interactions import JointMotion
-
         return JointMotion(self, joint)
 
     # -- Parameters -----------------------------------------------------------------------------
@@ -447,8 +445,6 @@ class Solution:
         ContactMotion
             With `gap`, `force` and its parts, `slip`, and `nodes`.
         """
-        from .interactions import ContactMotion
-
         return ContactMotion(self, _contact_of(self, contact))
 
     # -- Beams ----------------------------------------------------------------------------------
@@ -569,8 +565,6 @@ def history(solution: Solution, output: Output) -> np.ndarray:
     of = definition(output)
     quantity, number, columns = of.quantity, of.number, of.columns
     if quantity.is_slide_rate:
-        from .interactions import motion_of
-
         return of.of.kinematics.rate(motion_of(solution), solution.slides[:, number])
     if quantity.of in ("slides", "joint_forces", "motor_forces"):
         rows = solution.recorded(quantity.of)[:, number]
