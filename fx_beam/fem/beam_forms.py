@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -152,7 +152,7 @@ class BeamForms:
             *(self.degree, mesh.curved, self._scheme, tuple(materials.values()), tuple(works)),
             *(bool(scene.natural_strains), _shapes(data)),
         )
-        self._forms = _forms_of(WeakForm, self._kind)
+        self._forms = FormSource(WeakForm, self._kind)
         return inside
 
     def _compiled_works(self) -> CompiledForm:
@@ -218,7 +218,7 @@ class BeamForms:
         if facts.names:
             data["more"] = Data(1, np.zeros((cells, 1, len(facts.names)))).on(mesh)
             spaces["parameters"] = data["more"].space
-        return _forms_of(DerivedForm, self._kind._replace(data=_shapes(given))), data, spaces
+        return FormSource(DerivedForm, self._kind._replace(data=_shapes(given))), data, spaces
 
     def sizes_of_slopes(self, of: str) -> dict[str, int]:
         """How many numbers of an element "internal forces" or "drag" depend on, by name."""
@@ -457,11 +457,6 @@ def _expressions(section: Section) -> tuple:
     """What its functions give: sections in which it is equal have the same material."""
     expressions = functions_of_energy(section.strain_energy, section.internal, 3)
     return (*expressions, section.internal and (section.internal.names, section.internal.level))
-
-
-def _forms_of(writer: Callable[[Any], Any], kind: Any) -> FormSource:
-    """What a writer has of a kind."""
-    return FormSource(kind.key and (writer.__name__, *kind.key), lambda: writer(kind))
 
 
 def _shapes(data: Mapping[str, Data]) -> tuple[tuple[str, DataShape], ...]:

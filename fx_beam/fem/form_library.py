@@ -122,14 +122,15 @@ def _origin() -> tuple:
 
 
 class FormSource:
-    """Forms of a writer in UFL, which is asked only if they are not in the cache.
+    """Forms of a kind by a writer in UFL, which is asked only if they are not in the cache.
 
-    Without a key it is made in any case: it has functions of a user.
+    For a kind without a key it is made in any case: it has functions of a user.
     """
 
-    def __init__(self, key: tuple | None, make: Callable[[], Any]):
-        self._key, self._make = key, make
-        if key is None:
+    def __init__(self, writer: Callable[[Any], Any], kind: Any):
+        self._make = functools.partial(writer, kind)
+        self._key = kind.key and (writer.__name__, *kind.key)
+        if self._key is None:
             self._writer  # noqa: B018  # what is wrong with functions is said at once
 
     @cached_property
