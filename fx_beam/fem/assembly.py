@@ -20,6 +20,7 @@ _LIBRARY = "forms on elements", "expression_rows.c", "expression_rows.h"
 _CHANGING = "time", "dt", "load_increment", "memory", "parameters"
 # Values that are found at once, each by a few coefficients.
 _MOST = 2**17
+_NONE = np.empty(0)
 
 
 class Space:
@@ -176,13 +177,12 @@ class RowValues:
     def _coefficients(self, of: BoundForm, cells: np.ndarray, parts: Parts) -> np.ndarray:
         """Coefficients (n, cells, width) of an expression."""
         changing = dict(zip(self._moving, parts.moving, strict=True))
-        packed = np.empty((len(parts.t), len(cells), of.width))
-        for field, first in of.field_starts.items():
-            values, dofs = changing.get(field), field.space.dofs[cells]
-            fixed = values is None or not values.size
-            at = field.array[dofs] if fixed else values.take(dofs, axis=1)  # type: ignore[union-attr]
-            packed[..., first : first + field.space.width] = at
-        return packed
+        coefficients = np.empty((len(parts.t), len(cells), of.width))
+        for field, start in of.field_starts.items():
+            values, dofs = changing.get(field, _NONE), field.space.dofs[cells]
+            of_field = values.take(dofs, axis=1) if values.size else field.array[dofs]
+            coefficients[..., start : start + field.space.width] = of_field
+        return coefficients
 
     def _constants(self, of: BoundForm, parts: Parts, parameters: np.ndarray) -> np.ndarray:
         """Constants (n, m) of an expression."""
