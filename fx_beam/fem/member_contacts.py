@@ -200,17 +200,19 @@ class MemberContacts:
 
     def refill(self, other: MemberContacts) -> None:
         """Set the numbers of a scene of the same structure, and forget the last run."""
-        pairs = list(zip(self._pairs, other._pairs, strict=False))
-        kinds = ([(of.law.kind, of.numbers.shape, of.turn) for of in pair] for pair in pairs)
-        if len(self._pairs) != len(other._pairs) or any(one != two for one, two in kinds):
+        known, kinds = (
+            [(one.law.kind, one.numbers.shape, one.turn) for one in contacts._pairs]
+            for contacts in (self, other)
+        )
+        if kinds != known:
             raise OtherStructureError("other members touch")
-        for i, (numbers, (_, two)) in enumerate(zip(self._numbers, pairs, strict=True)):
-            numbers[...] = two.numbers
-            row = self._all.of[i]
-            self._ffi.memmove(row.arc, np.ascontiguousarray(two.arc), two.arc.nbytes)
-            row.apart = two.apart
-        self._reference[...] = self._positions()
         self._pairs = other._pairs
+        for i, one in enumerate(self._pairs):
+            self._numbers[i][...] = one.numbers
+            row = self._all.of[i]
+            self._ffi.memmove(row.arc, np.ascontiguousarray(one.arc), one.arc.nbytes)
+            row.apart = one.apart
+        self._reference[...] = self._positions()
         self.forget()
 
     def forget(self) -> None:
