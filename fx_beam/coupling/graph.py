@@ -345,15 +345,13 @@ class _Columns:
     """Numbers of the columns: free, driven, fixed."""
 
     def __init__(self, scene: Scene, mesh: Mesh, forests: list[list[Branch]]):
-        follows = [(branch.node, i) for i, forest in enumerate(forests) for branch in forest]
+        follow = {(branch.node, i) for i, forest in enumerate(forests) for branch in forest}
         held = [*scene.prescribed, *sorted(scene.fixed)]
-        root, free_root = np.ones((2, len(mesh.X), 3), dtype=bool)
         sliding = sliding_joints(scene.joints)
         carried = [key for joint in sliding for key in joint.carried]
-        for key in follows:
-            root[key] = free_root[key] = False
-        for key in (*held, *(key[1:] for key in carried)):
-            free_root[key] = False
+        free_root = np.ones((len(mesh.X), 3), dtype=bool)
+        for node, component in (*follow, *held, *(key[1:] for key in carried)):
+            free_root[node, component] = False
         motored = motors(scene)
         moved = {joint.number for joint, name in motored if name == "slide"}
         slides = [joint.number for joint in scene.joints if joint.slide is not None]
@@ -367,10 +365,10 @@ class _Columns:
         #: Columns of slides, driven and fixed degrees of freedom, and of the ground.
         self.of: dict[tuple, int] = {key: column for column, key in enumerate(keys, start=alone)}
         #: Column (nodes, 3) of each component of a node that follows no joint; -1 for the others.
-        self.of_roots = np.full(root.shape, -1)
+        self.of_roots = np.full(free_root.shape, -1)
         self.of_roots[free_root] = np.arange(alone)
         for key in held:
-            if root[key]:
+            if key not in follow:
                 self.of_roots[key] = self.of[key]
         for of_sliding in carried:
             self.of_roots[of_sliding[1:]] = self.of[of_sliding]

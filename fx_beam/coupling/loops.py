@@ -115,16 +115,10 @@ class Loops:
     def members(self) -> dict[str, Any]:
         """The loops by the names in problem.h, without positions in the tangent."""
         couplings, moving = self._couplings, self._couplings.moving
-        number = {joint.number: m for m, joint in enumerate(moving)}
+        arms = {(joint.number, i): 2 * m + i for m, joint in enumerate(moving) for i in range(2)}
+        closed = [(one.joint, one.component) for one in self.closures]
         near = np.empty(couplings.columns, dtype=int)
         near[self.columns] = np.arange(len(self.columns))
-        ends, arms = np.full((2, len(self)), -1), np.full(len(self), -1)
-        for k, one in enumerate(self.closures):
-            for side, node in enumerate((one.joint.b, one.joint.a)):
-                if node.number >= 0:
-                    ends[side, k] = 3 * node.number + one.component
-            if one.component < 2 and one.joint.number in number:
-                arms[k] = 2 * number[one.joint.number] + one.component
         column, dof, _, _ = couplings.free_columns
         dofs = np.full(couplings.columns, -1)
         dofs[column] = dof
@@ -141,10 +135,11 @@ class Loops:
             "loop_dof": dofs[self.unknowns],
             "loop_unit": self.unit[self.unknowns],
             "following": np.zeros(len(self), dtype=int),
-            "closure_b": ends[0],
-            "closure_a": ends[1],
-            "closure_arm": arms,
-            "closure_force": [3 * one.joint.number + one.component for one in self.closures],
+            # -1 for the ground, whose number is -1.
+            "closure_b": [max(-1, 3 * joint.b.number + i) for joint, i in closed],
+            "closure_a": [max(-1, 3 * joint.a.number + i) for joint, i in closed],
+            "closure_arm": [arms.get((joint.number, i), -1) for joint, i in closed],
+            "closure_force": [3 * joint.number + i for joint, i in closed],
             "closure_entry_start": self._entries.starts(len(self)),
             **self._entries.members("closure"),
             "closure_near": near[self._near.indices],

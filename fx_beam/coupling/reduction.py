@@ -436,8 +436,8 @@ class Configuration:
         self._c, self._ffi, self._double = ffi.new("Problem *"), ffi, ffi.typeof("double[]")
         size, columns = members["dofs"], members["columns"] + members["auxiliaries"]
         self._state = np.zeros(size), np.zeros(joints)
-        self._structs.set(self._c, **members, points=[{}])
-        self._structs.set(self._c, q=self._state[0], slides=self._state[1])
+        q, slides_at_start = self._state
+        self._structs.set(self._c, **members, points=[{}], q=q, slides=slides_at_start)
         self._structs.set(self._c, scratch=np.zeros(self._library.fx_scratch(self._c)))
         counts = size, columns, *[1 + 4 * members["joints"]] * 2, members.get("closures", 0)
         to = ffi.new("double *[]", len(counts))
