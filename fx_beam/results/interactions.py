@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -133,13 +133,8 @@ class JointMotion:
         ValueError
             If the motion was not recorded, or the joint has no such variable.
         """
-        self.solution.recorded("q")  # internal variables are recorded with the motion
         known = self.solution.variables_of_joint.get(self.joint.number, {})
-        if not is_one_of(variable, known):
-            raise ValueError(
-                f"{self.joint} has no internal variable {shown(variable)}; it has {list(known)}"
-            )
-        return known[variable]
+        return internal_variable(self.solution, known, variable, str(self.joint))
 
     @property
     def gap(self) -> np.ndarray:
@@ -154,6 +149,16 @@ class JointMotion:
     def _check(self, there: bool, what: str) -> None:
         if not there:
             raise ValueError(f"{self.joint} has no {what}")
+
+
+def internal_variable(
+    solution: Any, known: Mapping[str, np.ndarray], name: Any, what: str
+) -> np.ndarray:
+    """One of the internal variables of a beam or joint; ValueError if there is no such one."""
+    solution.recorded("q")  # they are recorded with the motion
+    if not is_one_of(name, known):
+        raise ValueError(f"{what} has no internal variable {shown(name)}; it has {list(known)}")
+    return known[name]
 
 
 def motion_of(solution: Any) -> NodalMotion:
