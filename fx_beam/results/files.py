@@ -57,7 +57,10 @@ def replacing(path: Path | str, durable: bool = True) -> Iterator[Path]:
     try:
         new.touch(exist_ok=False)
         if target.exists():
-            _like(new, target)
+            old = target.stat()
+            with suppress(OSError):  # where the owner may not be changed
+                os.chown(new, old.st_uid, old.st_gid)
+            new.chmod(old.st_mode & 0o777)
         yield new
         if durable:
             with open(new, "rb") as file:
@@ -65,11 +68,3 @@ def replacing(path: Path | str, durable: bool = True) -> Iterator[Path]:
         new.replace(target)
     finally:
         new.unlink(missing_ok=True)
-
-
-def _like(new: Path, old: Path) -> None:
-    """Give a file the permissions of another one, and its owner where this is allowed."""
-    has = old.stat()
-    with suppress(OSError):
-        os.chown(new, has.st_uid, has.st_gid)
-    new.chmod(has.st_mode & 0o777)

@@ -20,7 +20,7 @@ from fx_beam.scene.notebook import html_table, sketch
 from fx_beam.scene.outputs import Output, definition
 
 from .audit import BeamResultants, Energy, Stats, facts, known_resultants, read_only
-from .interactions import ContactMotion, JointMotion, motion_of
+from .interactions import ContactMotion, JointMotion, internal_variable, motion_of
 from .state import HISTORIES, State
 
 if TYPE_CHECKING:
@@ -406,7 +406,14 @@ class Solution:
         JointMotion
             With `angle`, `slide`, `spin`, `rate`, `force`, `motor_force`, `motor_power`, `gap`.
         """
-        _check_joint(self, joint)
+        if not isinstance(joint, Joint) or not 0 <= joint.number < self.slides.shape[1]:
+            raise ValueError(
+                f"{shown(joint)} is not a joint of this solution; take the one that add_joint "
+                "returned"
+            )
+        for node in (joint.a, joint.b):
+            if node is not GROUND:
+                _node_number(self, node)  # a joint of another scene has other nodes
         return JointMotion(self, joint)
 
     # -- Parameters -----------------------------------------------------------------------------
@@ -445,7 +452,17 @@ class Solution:
         ContactMotion
             With `gap`, `force` and its parts, `slip`, and `nodes`.
         """
-        return ContactMotion(self, _contact_of(self, contact))
+        known = {ours.number: ours for ours in self.contacts}
+        if not isinstance(contact, Contact) or contact.number not in known:
+            raise ValueError(
+                f"{shown(contact)} is not a contact of this solution; take the one that "
+                "add_contact returned"
+            )
+        ours = known[contact.number]  # also for that of its scene or of a copy
+        other = ours.shape != contact.shape and not isinstance(ours.shape, Beam)
+        if str(ours) != str(contact) or other:
+            raise ValueError(f"{contact} belongs to another scene; this solution has {ours}")
+        return ContactMotion(self, ours)
 
     # -- Beams ----------------------------------------------------------------------------------
 
@@ -512,16 +529,11 @@ class Solution:
             If the motion was not recorded, or the beam has no such variable.
         """
         name = _beam_name(self, beam)
-        self.recorded("q")  # internal variables are recorded with the motion
-        known: dict[Any, np.ndarray] = {**self.variables_of_beam.get(name, {})}
+        known = self.variables_of_beam.get(name, {})
         internal_names = [name for name in known if name not in NAMES.values()]
         if variable is None and len(internal_names) == 1:
             (variable,) = internal_names
-        if not is_one_of(variable, known):
-            raise ValueError(
-                f"beam {name!r} has no internal variable {shown(variable)}; it has {list(known)}"
-            )
-        return known[variable]
+        return internal_variable(self, known, variable, f"beam {name!r}")
 
     # -- Files and tables -----------------------------------------------------------------------
 
@@ -597,32 +609,6 @@ def scene_of(solution: Any) -> Any:
     first = next(itertools.chain(solution.beams.values(), solution.bodies.values()), None)
     node = first.start if isinstance(first, Beam) else getattr(first, "centre", None)
     return getattr(node, "scene", None)
-
-
-def _check_joint(solution: Any, joint: Joint) -> None:
-    """Refuse a joint of another scene."""
-    if not isinstance(joint, Joint) or not 0 <= joint.number < solution.slides.shape[1]:
-        raise ValueError(
-            f"{shown(joint)} is not a joint of this solution; take the one that add_joint returned"
-        )
-    for node in (joint.a, joint.b):
-        if node is not GROUND:
-            _node_number(solution, node)  # a joint of another scene has other nodes
-
-
-def _contact_of(solution: Any, contact: Contact) -> Contact:
-    """The contact of a solution, also for that of its scene or of a copy."""
-    known = {ours.number: ours for ours in solution.contacts}
-    if not isinstance(contact, Contact) or contact.number not in known:
-        raise ValueError(
-            f"{shown(contact)} is not a contact of this solution; take the one that add_contact "
-            "returned"
-        )
-    ours = known[contact.number]
-    other = ours.shape != contact.shape and not isinstance(ours.shape, Beam)
-    if str(ours) != str(contact) or other:
-        raise ValueError(f"{contact} belongs to another scene; this solution has {ours}")
-    return ours
 
 
 def _beam_name(solution: Any, beam: Beam | str) -> str:
