@@ -18,7 +18,7 @@ from fx_beam.results.solution import Solution
 from .drawing import Drawing, checked_drawing, three_digits, time_unit
 from .members import SIGNED, words_for
 from .sheet import panels, picture, written
-from .symbols import Supports, draw_joints, draw_lines, draw_outlines
+from .symbols import draw_lines, draw_surroundings
 
 _TALLEST = 0.15  # of a diagram, as a fraction of the picture's size
 _OVER = 1.5  # of a diagram, as a multiple of the distance between members
@@ -145,6 +145,4 @@ def _panel(ax, drawing: Drawing, quantity: str, row: int, tallest: float, thinne
             beside = tips[peak] + _BESIDE_TIP / 2 * drawing.size * out
             centred = {"ha": "center", "va": "center", "fontsize": "small", "zorder": 7}
             ax.annotate(three_digits(values[peak]), beside, bbox=box, **centred)
-    draw_outlines(ax, drawing.obstacles)
-    draw_joints(ax, drawing, row)
-    Supports(drawing).draw(ax, row)
+    draw_surroundings(ax, drawing, row)

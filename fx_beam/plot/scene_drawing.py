@@ -19,7 +19,7 @@ from fx_beam.scene.scene import Scene
 
 from .drawing import Drawing, apart, axis, interpolated, three_digits
 from .sheet import Sheet, picture, written
-from .symbols import Supports, draw_joints, draw_moving, draw_outlines, left_of, node_of
+from .symbols import draw_moving, draw_surroundings, left_of, node_of
 
 # Fractions of the drawing's size: arrows of forces, line loads and motions; radius of rotations.
 _FORCE, _LINE_LOAD, _MOTION, _TURN = 0.12, 0.06, 0.08, 0.045
@@ -277,10 +277,8 @@ def scene(
     axes = {beam.name: drawing.axis(beam.name, 0) for beam in scene.beams}
     sheet = Sheet(drawing.reach)
     _members(sheet, scene, axes, drawing.thinness)
-    draw_outlines(sheet.ax, drawing.obstacles)
-    Supports(drawing).draw(sheet.ax, 0)
+    draw_surroundings(sheet.ax, drawing, 0)
     draw_moving(sheet.ax, drawing, 0)
-    draw_joints(sheet.ax, drawing, 0)
     draw_actions(sheet, scene, si=scene_unit == "m")
     _names(sheet, scene, axes, {} if marks is None else marks, si=scene_unit == "m")
     if dimensions:

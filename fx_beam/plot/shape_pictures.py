@@ -27,11 +27,10 @@ from .symbols import (
     draw_bodies,
     draw_forces,
     draw_hinges,
-    draw_joints,
     draw_lines,
     draw_marks,
     draw_moving,
-    draw_outlines,
+    draw_surroundings,
 )
 
 _MANY = 1000  # members above which their tubes have six sides
@@ -105,7 +104,6 @@ def shapes(
     say_if_too_small(drawing)
     ax = plane.ax
     ax.set_title(drawing.title(), fontsize="medium")
-    draw_outlines(ax, drawing.obstacles)
     members = Members(drawing, thickness, colour, colour_limits, colour_scale)
     shades: Any = ["0.35"] * len(shown)
     if colour is None:
@@ -123,8 +121,7 @@ def shapes(
     for k, shade in zip(shown, shades, strict=True):
         draw_moving(ax, drawing, k, shade, small=True)
         draw_forces(ax, drawing, k, shade)
-    draw_joints(ax, drawing, shown[-1])
-    Supports(drawing).draw(ax, shown[-1])
+    draw_surroundings(ax, drawing, shown[-1])
     draw_marks(ax, drawing, shown[0], marks)
     return written(plane.figure, path)
 

@@ -245,6 +245,13 @@ def draw_outlines(ax, outlines: Sequence[Outline], colour: Any = "0.35") -> None
     draw_lines(ax, strokes, linewidth=0.7, **look)
 
 
+def draw_surroundings(ax, drawing: Drawing, k: int) -> None:
+    """Draw fixed obstacles, and joints and supports of row k."""
+    draw_outlines(ax, drawing.obstacles)
+    draw_joints(ax, drawing, k)
+    Supports(drawing).draw(ax, k)
+
+
 def nodes_with_mass(drawing: Drawing) -> list[int]:
     """Numbers of the nodes with lumped masses."""
     return sorted({node for node, mass, _ in drawing.of_scene("masses") if mass})
