@@ -218,15 +218,11 @@ def _discrete_gradient(energy: Callable[[Any], Any], x0: Any, x1: Any) -> Any:
 
 def damper_law(kind: Kind, law: Callable[[Any], Any]) -> PointLaw:
     """A damper with a law of its own."""
-
-    def forces(step: _Step) -> StepForces:
-        return step.forces(other=law(step.rate))
-
     return _on(
         kind,
         "law of a damper",
         0,
-        forces,
+        lambda step: step.forces(other=law(step.rate)),
         loss=lambda step: law(step.mean) * step.x.path,
         of_user=True,
         at_zero="Damper: law at the rate 0 and its derivative must be finite. Write "
