@@ -47,8 +47,7 @@ class Forms:
         self.beams = None
         if scene.beams:
             self.beams = BeamForms(scene, scheme, mesh, parameters, holds=instant)
-        of_beams = [] if self.beams is None else [self.beams]
-        self._parts: list[BeamForms | PointForces] = [*of_beams, self.points]
+        self._parts = [part for part in (self.beams, self.points) if part is not None]
         #: Matrix with the entries of beams and of each node.
         self.of_members = matrix_between(mesh.elements, len(mesh.X))
         #: Tangent of all forces, and the places (cells, n * n) in it of the entries of cells.
