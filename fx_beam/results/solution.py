@@ -26,9 +26,6 @@ from .state import HISTORIES, State
 if TYPE_CHECKING:
     from . import export, joined, paraview
 
-# By which option of a `Record` each history is kept.
-_KINDS = {name: of.record for name, of in HISTORIES.items()}
-
 # What is set when it is first read.
 _LATER = {*HISTORIES, "energy", "end"}
 
@@ -559,9 +556,9 @@ class Solution:
         (n, ...) float
             The history.
         """
-        if not is_one_of(name, _KINDS):
-            raise ValueError(f"name = {shown(name)} must be one of {list(_KINDS)}")
-        rows, kind = getattr(self, name), _KINDS[name]
+        if not is_one_of(name, HISTORIES):
+            raise ValueError(f"name = {shown(name)} must be one of {list(HISTORIES)}")
+        rows, kind = getattr(self, name), HISTORIES[name].record
         if len(rows) != len(self.t):
             if self.stats.file and kind in ("motion", "rates"):
                 raise ValueError(
