@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -330,11 +331,10 @@ class InternalVariables:
         """Refuse an update that does not fit; returns whether it depends on dt."""
         try:
             return self._takes_time(3)  # the strains of a section
-        except SceneError as error:
-            try:
+        except SceneError:
+            with suppress(SceneError):
                 return self._takes_time(1)  # that of a spring
-            except SceneError:
-                raise error from None
+            raise
 
     def _takes_time(self, strains_of_part: int) -> bool:
         old = [ufl.variable(ufl.as_ufl(0.0)) for _ in self.names]
