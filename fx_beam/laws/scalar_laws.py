@@ -284,8 +284,7 @@ def _friction(kind: Kind, magnitude: Callable, more: int, **options: Any) -> Poi
         force = magnitude(step.mean, *numbers) * ufl.tanh(step.mean / speed)
         return force * step.x.path
 
-    options["remembered"] = REMEMBERED
-    return _on(kind, "friction", 1 + more, forces, loss=loss, **options)
+    return _on(kind, "friction", 1 + more, forces, loss=loss, remembered=REMEMBERED, **options)
 
 
 # -- Forces of a user ---------------------------------------------------------------------------
