@@ -408,15 +408,11 @@ def drag_loss(step: Step, of: Mapping[str, Any]):
 def _force(step: Step, of: Mapping[str, Any], v):
     """Resisting force per length at the velocity v."""
     force = of.get("linear", 0) * v
-    if "quadratic" in of:
-        force += of["quadratic"] * ufl.sqrt(ufl.dot(v, v) + _AT_REST) * v
-    if {"linear along and across", "quadratic along and across"} & of.keys():
-        t = director(step.psi, step.t0)
-        for i, direction in enumerate((t, perp(t))):
-            speed, factor = ufl.dot(v, direction), 0
-            if "linear along and across" in of:
-                factor += of["linear along and across"][i]
-            if "quadratic along and across" in of:
-                factor += of["quadratic along and across"][i] * abs(speed)
-            force += factor * speed * direction
+    force += of.get("quadratic", 0) * ufl.sqrt(ufl.dot(v, v) + _AT_REST) * v
+    t = director(step.psi, step.t0)
+    linear = of.get("linear along and across", (0, 0))
+    quadratic = of.get("quadratic along and across", (0, 0))
+    for i, direction in enumerate((t, perp(t))):
+        speed = ufl.dot(v, direction)
+        force += (linear[i] + quadratic[i] * abs(speed)) * speed * direction
     return force
