@@ -7,6 +7,7 @@ from typing import Any
 from fx_beam.symbolic import Written, ufl
 
 from . import elements
+from .fields import NATURAL
 from .weak_form import Kind, WeakForm
 
 
@@ -73,10 +74,10 @@ class DerivedForm(WeakForm):
         if self.parameters is not None:
             quantity = ufl.replace(quantity, {self.parameters: self.parameters + self._more})
         symbols = {name: symbol for symbol, name in self.named.items()}
-        names = "q_previous", "internal", "natural", "natural_end", *self.data
+        nodal = "increment", "start", "q_previous"
+        names = *nodal, "internal", *NATURAL, *self.data
         by = {name: symbols.get(name) for name in names} | {"parameters": self._more}
         by = {name: field for name, field in by.items() if field in quantity.coefficients()}
-        by = {"increment": fields.increment, "start": fields.start, **by}
         forms = {what: ufl.derivative(quantity, field) for what, field in by.items()}
         X, of_X = fields.coordinates
         argument = ufl.Argument(of_X, len(quantity.arguments()))

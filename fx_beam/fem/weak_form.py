@@ -292,15 +292,12 @@ class WeakForm:
 
     def _facts(self) -> StepFacts:
         fields, residual = self.fields, self._residual
-        needs_previous = fields.q_previous in residual.coefficients()
         forces = [*residual.coefficients(), *(self._of_drag.coefficients() if self._drag else ())]
-        needs_rates = any(rate in forces for rate in fields.start_rates)
-        moves = needs_rates or fields.dt in residual.constants()
-        used = [part for r in self.resultants for part in fields_in(r)] if moves else []
+        used = [part for r in self.resultants for part in fields_in(r)]
         resultants_need_rates = any(rate in used for rate in fields.start_rates)
         return StepFacts(
-            needs_previous=needs_previous,
-            needs_rates=needs_rates,
+            needs_previous=fields.q_previous in residual.coefficients(),
+            needs_rates=any(rate in forces for rate in fields.start_rates),
             resultants_need_rates=resultants_need_rates,
             resultants_move=resultants_need_rates or fields.dt in used,
             width=self.width,
