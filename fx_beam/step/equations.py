@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse
 from scipy.sparse.linalg import splu
 
+from fx_beam.coupling.sliders import Sliders
 from fx_beam.dual import plain
 from fx_beam.laws.interval import Interval
 from fx_beam.results.state import State
@@ -16,11 +17,7 @@ from fx_beam.results.state import State
 from .model import Model
 from .newton import NewtonOptions
 from .tables import Problem
-
-if TYPE_CHECKING:
-    from fx_beam.coupling.sliders import Sliders
-
-    from .turning_frame import TurningFrame
+from .turning_frame import TurningFrame
 
 
 class Balance(NamedTuple):

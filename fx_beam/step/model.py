@@ -6,7 +6,7 @@ import math
 import weakref
 from collections.abc import Callable
 from threading import RLock
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import scipy.sparse
@@ -41,9 +41,7 @@ from fx_beam.scene.sliders import SlidingJoint, sliding_joints
 from fx_beam.scene.structure import ElsewhereError, OtherStructureError, Structure
 
 from .build import begin_to_build
-
-if TYPE_CHECKING:
-    from .sparse_lu import LU
+from .sparse_lu import LU, sparse_lu
 
 # Mass of what has none in rates that fit joints, relative to the least mass that there is.
 _LITTLE = 1e-8
@@ -328,8 +326,6 @@ class Model:
     @cached_property
     def factors_of_mass(self) -> LU:
         """Factors for matrices of the reduced pattern, in which the mass of unknowns is one."""
-        from .sparse_lu import sparse_lu
-
         return sparse_lu(self.reduction.factored)
 
     @cached_property
