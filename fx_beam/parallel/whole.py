@@ -157,12 +157,12 @@ class TeamLoop(CompiledLoop):
         return no_inputs(len(self.model.scheme.fractions))
 
     def take(
-        self, state: State, steps: Steps, recorder: Rows, count: Callable[[int, State], None]
+        self, state: State, steps: Steps, recorder: Rows, completed: Callable[[int], int] = int
     ) -> StepsResult:
         """Take the first of some steps or parts, if it succeeds."""
         end = steps.ends[:1]
         one = steps._replace(ends=end, inputs=self.inputs(state.t, end))
-        return super().take(state, one, recorder, count)
+        return super().take(state, one, recorder, completed)
 
 
 class DistributedEquations:

@@ -99,9 +99,12 @@ class CompiledLoop:
         p.known_errors, p.ratios = 0, [-1.0, -1.0]
 
     def take(
-        self, state: State, steps: Steps, recorder: Rows, count: Callable[[int, State], None]
+        self, state: State, steps: Steps, recorder: Rows, completed: Callable[[int], int] = int
     ) -> StepsResult:
-        """Take steps or parts of equal length, as long as they succeed and this length is right."""
+        """Take steps or parts of equal length, as long as they succeed and this length is right.
+
+        `completed` counts the parts that were taken, and gives the number of whole steps.
+        """
         p, ends, inputs = self._problem, steps.ends, steps.inputs
         p.controlled, p.watches = steps.control is not None, steps.watch and p.switches > 0
         if steps.control is not None:
@@ -112,7 +115,8 @@ class CompiledLoop:
             if taken := self._run(state, steps, recorder):
                 within = (steps.done + taken) % steps.parts > 0
                 state = self.state(float(ends[taken - 1]), within)
-                count(taken, state)
+                self.stats.steps += completed(taken)
+                recorder.end = state
         C, before, ratio = self._library, *(ratio if ratio >= 0 else None for ratio in p.ratios)
         switched = steps.watch and p.failure == C.SWITCHED
         if steps.control is None or p.failure not in (C.OK, C.TOO_INACCURATE):

@@ -81,27 +81,30 @@ class Stepper:
         halving, integrator = self.halving, self.integrator
         parts, before = halving.parts, self.stats.steps
 
-        def count(taken: int, state: State) -> None:
-            self.stats.steps += halving.take(taken)
+        def completed(taken: int) -> int:
+            whole = halving.take(taken)
             if halving.parts != parts:
                 # Where steps fail, predictions from steps of another length lead astray.
                 integrator.forget_past()
-            recorder.end = state
+            return whole
 
         steps = Steps(ends, inputs, first, halving.done, parts)
-        result = integrator.take(state, steps, recorder, count)
+        result = integrator.take(state, steps, recorder, completed)
         return result, self.stats.steps - before
 
     # -- Steps whose local errors are controlled --------------------------------------------------
 
     def trial(self, state: State, t1: float, watch: bool = False, tape=None) -> Trial:
-        """One step to t1 [s] that is not part of the run; with `watch` also its switches."""
+        """One step to t1 [s] that is not part of the run; with `watch` also its switches.
+
+        It is counted as others are; see `uncounted`.
+        """
         integrator, ends = self.integrator, np.array([t1])
         past, inputs = integrator.past, integrator.inputs_ahead(state.t, ends)
         steps, recorder = Steps(ends, inputs, 1, watch=watch), NullRecorder()
         recorder.tape = tape
         try:
-            result = integrator.take(state, steps, recorder, lambda *_: None)
+            result = integrator.take(state, steps, recorder)
         finally:
             integrator.past = past
         return Trial(result.state if result.taken else None, result.switches)
@@ -121,12 +124,7 @@ class Stepper:
         """
         inputs = self.integrator.inputs_ahead(state.t, ends)
         steps = Steps(ends, inputs, first, control=control, watch=watch)
-
-        def count(taken: int, state: State) -> None:
-            self.stats.steps += taken
-            recorder.end = state
-
-        result = self.integrator.take(state, steps, recorder, count)
+        result = self.integrator.take(state, steps, recorder)
         if result.error is not None:
             raise result.error
         return result
