@@ -230,6 +230,11 @@ class Reduction:
         self.singularity = "" if regular or self.loops is None else self.loops.singularity
         self.expand_open(np.zeros(self.free), np.zeros(self.driven))
 
+    def in_columns(self, y: np.ndarray, driven: Any = ()) -> np.ndarray:
+        """Increments (columns,) with those of the unknowns and of driven columns; else zero."""
+        fixed = np.zeros(self.columns - self.free - len(driven))
+        return np.concatenate([y, driven, fixed])
+
     def expand(self, y: np.ndarray, driven: np.ndarray) -> np.ndarray:
         """Increment of all degrees of freedom from increments of unknowns and driven columns: g.
 
@@ -237,8 +242,7 @@ class Reduction:
         finite if they cannot be closed.
         """
         if self.equates:
-            fixed = np.zeros(self.columns - self.free - self.driven)
-            return np.concatenate([y, driven, fixed])[self.couplings.column]
+            return self.in_columns(y, driven)[self.couplings.column]
         closed = self._expand(y, driven, True)
         self._points.evaluate_slides(self._configuration.z[: self.columns])
         return self._configuration.D.copy() if closed else np.full(self._size, np.nan)

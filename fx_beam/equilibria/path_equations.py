@@ -191,8 +191,8 @@ class PathEquations:
 
     def spread(self, dy: np.ndarray, dload: float) -> np.ndarray:
         """Small change of all degrees of freedom."""
-        fixed = np.zeros(self._reduction.columns - self._reduction.free - self._reduction.driven)
-        return self._reduction.spread(np.concatenate([dy, dload * self._forcing.goal, fixed]))
+        reduction = self._reduction
+        return reduction.spread(reduction.in_columns(dy, dload * self._forcing.goal))
 
     def balance(self, y: np.ndarray, load: float) -> tuple[Balance, np.ndarray, np.ndarray]:
         """The equations, and their derivative with respect to the load factor: full and reduced."""

@@ -40,8 +40,7 @@ def accelerations(model: Model, force: np.ndarray) -> tuple[np.ndarray, np.ndarr
         T = T.toarray() if T.shape[0] <= _SMALL else T
         n, gather = reduction.free, T.T.__matmul__
         a = acceleration_of((T.T @ (mass @ T))[:n, :n], force, model.unit_of_unknowns)
-    w = np.append(a, np.zeros(reduction.columns - reduction.free))
-    return a, force - gather(mass @ reduction.spread(w))[: reduction.free]
+    return a, force - gather(mass @ reduction.spread(reduction.in_columns(a)))[: reduction.free]
 
 
 def _of_equal(model: Model, reduction: Reduction, force: np.ndarray) -> np.ndarray | None:
@@ -50,11 +49,9 @@ def _of_equal(model: Model, reduction: Reduction, force: np.ndarray) -> np.ndarr
     Or without factors where they would need more memory than all else.
     """
     free, mass = reduction.free, model.mass
-    w = np.zeros(reduction.columns)
 
     def times(a):
-        w[:free] = a
-        return reduction.project(mass @ reduction.spread(w))[:free]
+        return reduction.project(mass @ reduction.spread(reduction.in_columns(a)))[:free]
 
     if free > _LARGE:
         diagonal = reduction.project(mass.diagonal())[:free]
@@ -82,8 +79,7 @@ def _with_auxiliaries(
         a = scipy.sparse.linalg.splu(matrix.tocsc()).solve(b)[:n]
     except RuntimeError:  # exactly singular
         return None
-    w = np.append(a, np.zeros(reduction.columns - n))
-    error = reduction.gather(mass @ reduction.spread(w))[:n] - b[:n]
+    error = reduction.gather(mass @ reduction.spread(reduction.in_columns(a)))[:n] - b[:n]
     return a if abs(error).max() <= _SINGULAR * abs(b).max(initial=0.0) else None
 
 

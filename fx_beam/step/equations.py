@@ -101,8 +101,7 @@ class Equations:
         """
         reduction = self.model.reduction
         reduction.expand(y, driven)
-        fixed = np.zeros(reduction.columns - len(y) - len(driven))
-        given = self._of(np.concatenate([y, driven, fixed])), self._of(force)
+        given = self._of(reduction.in_columns(y, driven)), self._of(force)
         if not self._library.fx_balance(self._c, self._length, *given):
             self._balance.D[:] = np.nan
         y[:] = self._z[: len(y)]

@@ -95,8 +95,7 @@ class LoadLoop(CompiledLoop):
         """
         p, driven = self._problem, self.forcing.positions(interval.end)
         inputs = self._begin_step(state, interval, 0.0)
-        z = np.zeros(self.model.reduction.columns)
-        z[: len(y) + len(driven)] = np.concatenate([y, driven - self.forcing.current(state)])
+        z = self.model.reduction.in_columns(y, driven - self.forcing.current(state))
         r = np.ascontiguousarray(r)
         p.known, p.known_forces = (self._address("double[]", x) for x in (z, r))
         self._one_row.rows = 0

@@ -398,10 +398,7 @@ def _at_start(model: Model, old: State, new: State) -> np.ndarray | None:
 
 def _increments(model: Model, old: State, new: State) -> np.ndarray:
     """Increments (columns,) of the unknowns and of driven motions; zero for those that follow."""
-    D, reduction, driven = new.q - old.q, model.reduction, len(model.prescribed)
-    z = np.zeros(reduction.columns)
-    z[: reduction.free] = model.couplings.unknowns(D, new.slides - old.slides)
-    z[reduction.free : reduction.free + driven] = D[model.prescribed]
-    end = reduction.free + reduction.driven
-    z[reduction.free + driven : end] = new.motors - old.motors
-    return z
+    D = new.q - old.q
+    y = model.couplings.unknowns(D, new.slides - old.slides)
+    driven = np.append(D[model.prescribed], new.motors - old.motors)
+    return model.reduction.in_columns(y, driven)
