@@ -30,17 +30,16 @@ def accelerations(model: Model, force: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
     As `acceleration_of`, in the configuration in which the reduction is.
     """
-    reduction, mass, a, gather = model.reduction, model.mass, None, None
+    reduction, mass, n, a = model.reduction, model.mass, model.reduction.free, None
     if reduction.equates:
-        a, gather = _of_equal(model, reduction, force), reduction.project
+        a = _of_equal(model, reduction, force)
     elif not reduction.couplings.sliding and len(reduction.auxiliaries):
-        a, gather = _with_auxiliaries(reduction, mass, force), reduction.gather
-    if a is None or gather is None:
+        a = _with_auxiliaries(reduction, mass, force)
+    if a is None:
         T = reduction.coupling()
         T = T.toarray() if T.shape[0] <= _SMALL else T
-        n, gather = reduction.free, T.T.__matmul__
         a = acceleration_of((T.T @ (mass @ T))[:n, :n], force, model.unit_of_unknowns)
-    return a, force - gather(mass @ reduction.spread(reduction.in_columns(a)))[: reduction.free]
+    return a, force - reduction.gather(mass @ reduction.spread(reduction.in_columns(a)))[:n]
 
 
 def _of_equal(model: Model, reduction: Reduction, force: np.ndarray) -> np.ndarray | None:
@@ -51,10 +50,10 @@ def _of_equal(model: Model, reduction: Reduction, force: np.ndarray) -> np.ndarr
     free, mass = reduction.free, model.mass
 
     def times(a):
-        return reduction.project(mass @ reduction.spread(reduction.in_columns(a)))[:free]
+        return reduction.gather(mass @ reduction.spread(reduction.in_columns(a)))[:free]
 
     if free > _LARGE:
-        diagonal = reduction.project(mass.diagonal())[:free]
+        diagonal = reduction.gather(mass.diagonal())[:free]
         if (a := _iterated_acceleration(times, diagonal, force)) is not None:
             return a
     (indptr, indices), of = reduction.factored, reduction.tangent.direct
