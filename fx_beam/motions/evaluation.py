@@ -15,7 +15,7 @@ from fx_beam.scene.beam import Beam, arc_lengths, gauss_rule, lagrange_and_slope
 from fx_beam.scene.joints import constraints_of
 from fx_beam.scene.loads import NAMES
 from fx_beam.step.model import Model
-from fx_beam.step.recorded_histories import RecordedHistories
+from fx_beam.step.recorded_histories import RecordedHistories, slides_near
 from fx_beam.step.recorder import Recorder
 
 
@@ -196,7 +196,7 @@ def at_times(
         if steps[name] is not None:
             histories[name] = linear(steps[name])
     histories["energy"] = Energy(*(linear(part) for part in vars(steps["energy"]).values()))
-    histories["slides"] = _slides(model, q, histories["slides"])
+    histories["slides"] = slides_near(model, q, histories["slides"])
     return histories, row
 
 
@@ -262,12 +262,3 @@ def _smoothest(t, q, ends: np.ndarray, known: int) -> np.ndarray:
         left = 2 * (ends - start) <= number
         start = start - np.where(left, before <= _MUCH * after, _MUCH * before < after)
     return np.clip(start, 0, last + 1 - known)
-
-
-def _slides(model: Model, q: np.ndarray, slides: np.ndarray) -> np.ndarray:
-    """Slides (n, joints) of the joints [m] in the configurations q (n, n_node, 3)."""
-    slides, at = slides.copy(), model.motion(q=q)
-    for joint in model.scene.joints:
-        slide = slides[:, joint.number]
-        slide[:] = joint.kinematics.slide(at, slide)
-    return slides

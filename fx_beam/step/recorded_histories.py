@@ -171,7 +171,7 @@ def fitted(
     if starts is None:
         before = type(now)(*(values[:-1] for values in now))
     else:
-        near = _slides_near(model, starts[0], slides[1:])
+        near = slides_near(model, starts[0], slides[1:])
         before = _fit(model, (times, steps[1:] - 1), (*starts, near), in_turn=False)
     histories["v"] = now.rates
     impulses = (model.mass @ now.corrections.T).T
@@ -244,8 +244,8 @@ def sums_of(model: Model, q: np.ndarray, p: np.ndarray) -> np.ndarray:
     return sums
 
 
-def _slides_near(model: Model, q: np.ndarray, slides: np.ndarray) -> np.ndarray:
-    """Slides (n, joints) at q (n, size), from ones near by."""
+def slides_near(model: Model, q: np.ndarray, slides: np.ndarray) -> np.ndarray:
+    """Slides (n, joints) [m] at q (n, ...), from ones near by."""
     nearest, at = slides.copy(), model.motion(q=q)
     for joint in model.scene.joints:
         nearest[:, joint.number] = joint.kinematics.slide(at, slides[:, joint.number])
