@@ -334,8 +334,7 @@ class ArcLength:
             if size <= failures.options.tolerance or stuck:
                 change = self.stepper.loop.equations.change(self._path.spread(dy, 0.0))
                 r = r + change + dload * per_load
-                failures.check_slides(D, corrections)
-                failures.check_members(D, corrections)
+                failures.check_places(D, corrections)
                 ended_by = "round-off" if stuck else "increment"
                 return StepSolution(D, y, r, iteration, ended_by, predicted), load
             previous = size

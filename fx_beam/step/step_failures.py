@@ -64,18 +64,18 @@ class StepFailures:
         most = self.options.max_turn
         return f"a node turns by {turn:.3g} rad in one step, more than max_turn = {most:g}"
 
-    def check_members(self, D: np.ndarray, corrections: list[float]) -> None:
-        """Reject a step in which a point passes a member, or comes near more than were found."""
+    def check_places(self, D: np.ndarray, corrections: list[float]) -> None:
+        """Reject a step in which a node leaves the beam on which it slides.
+
+        Or a point passes a member, or comes near more than were found.
+        """
+        if (fault := self.model.reduction.fault()) is not None:
+            raise StepFailed(*fault, D, corrections)
         if (members := self.model.points.members) is None:
             return
         reasons = {members.MOVED: _MOVED, members.SLID: _MOVED, members.PASSED: _PASSED}
         if (reason := reasons.get(members.check(D))) is not None:
             raise StepFailed("members", reason, D, corrections)
-
-    def check_slides(self, D: np.ndarray, corrections: list[float]) -> None:
-        """Reject a step in which a node leaves the beam on which it slides."""
-        if (fault := self.model.reduction.fault()) is not None:
-            raise StepFailed(*fault, D, corrections)
 
     def unconverged(self, D: np.ndarray, corrections: list[float]) -> StepFailed:
         """After the largest number of iterations."""
