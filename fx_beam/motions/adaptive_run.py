@@ -187,7 +187,7 @@ class AdaptiveRun:
             raise self._stepper.error(state, state.t + dt, _ADVICE)
         self._halvings += 1
         self._stats.halvings += 1
-        self._control.fail(dt)
+        self._control.begin(dt / 2)
 
     def _too_short(self, t: float) -> StepError:
         return StepError(

@@ -114,10 +114,6 @@ class StepControl:
         self.length, self._before = dt, ratio
         self._change(-min(math.ceil(self._distance(ratio)), 3 * self.order))
 
-    def fail(self, dt: float) -> None:
-        """Halve the steps after one of length dt in which Newton's method failed."""
-        self.length, self._before = dt / 2, 0.0
-
     def matters(self, difference: float) -> bool:
         """Whether an event may not be passed that moves the end of a step, relative to the size."""
         return difference > _EVENT * self._tolerance
