@@ -42,18 +42,11 @@ class VjpWork:
         self._sizes = nodal | beams.sizes_of_slopes(self.array)
         self._local = {name: size for name, size in self._sizes.items() if name not in _IN_COMMON}
         self._compiled: dict[bool, tuple[list[tuple[str, int]], Kernel, dict[str, Any]]] = {}
-        self._members: dict[bool, dict[str, Any]] = {}
 
     def handed_over(self) -> dict[str, Any]:
         """What the layout of the vector needs of it, as members of ``Vjp`` of c/problem.h."""
         has_previous = int("q_previous" in self._sizes)
         return {"of_element": sum(self._local.values()), "q_previous": has_previous}
-
-    def members(self, layout: Layout, by_places: bool) -> dict[str, Any]:
-        """The others; derivatives by places of nodes are left out if they are not wanted."""
-        if by_places not in self._members:
-            self._members[by_places] = self._made(layout, by_places)
-        return self._members[by_places]
 
     def compiled(self, by_places: bool) -> tuple[list[tuple[str, int]], Kernel, dict[str, Any]]:
         """Names of derivatives, each by a weight, and their forms, also as a table for C."""
@@ -69,7 +62,8 @@ class VjpWork:
             self._compiled[by_places] = [*slopes][1:], kernel, table  # behind the work
         return self._compiled[by_places]
 
-    def _made(self, layout: Layout, by_places: bool) -> dict[str, Any]:
+    def members(self, layout: Layout, by_places: bool) -> dict[str, Any]:
+        """The others; derivatives by places of nodes are left out if they are not wanted."""
         tables, lanes = self._problem.tables, self._problem.constants.LANES
         assert tables is not None
         made, kernel, table = self.compiled(by_places)
