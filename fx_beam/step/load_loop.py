@@ -105,23 +105,21 @@ class LoadLoop(CompiledLoop):
             p.known = p.known_forces = self._ffi.NULL
         return self._taken(state, interval)
 
-    def _inputs(self, interval: Interval) -> StepInputs:
-        model, forcing, t = self.model, self.forcing, np.array([self.forcing.time])
+    def _begin_step(self, state: State, interval: Interval, length: float) -> StepInputs:
+        """Begin in a state; the inputs of the step."""
+        p, model, forcing = self._problem, self.model, self.forcing
+        self.problem.load(state)
+        model.points.set_load(interval.end, length)
+        if model.natural:
+            self.problem.strains[...] = forcing.natural(interval.end)
+        p.t, p.ratio_before, p.ratio = forcing.time - length, interval.start, interval.end
+        t = np.array([forcing.time])
         unit, followers = model.loads.series(t), model.points.followers
         follower_force = followers.series(t, t) if len(followers) else np.empty((1, 0))
         values = np.tile(model.forms.parameters.values, (1, 2, 1))
         loads = np.stack([interval.start * unit, interval.end * unit], axis=1)
         driven, natural = forcing.positions(interval.end)[None], np.empty((1, 0))
         return StepInputs(loads, driven, follower_force, values, natural, 1)
-
-    def _begin_step(self, state: State, interval: Interval, length: float) -> StepInputs:
-        p, forcing = self._problem, self.forcing
-        self.problem.load(state)
-        self.model.points.set_load(interval.end, length)
-        if self.model.natural:
-            self.problem.strains[...] = forcing.natural(interval.end)
-        p.t, p.ratio_before, p.ratio = forcing.time - length, interval.start, interval.end
-        return self._inputs(interval)
 
     def _taken(self, state: State, interval: Interval) -> State:
         new = self.state(interval.end)
