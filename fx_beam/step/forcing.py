@@ -96,10 +96,8 @@ class Forcing:
 
     def loads(self, t0: np.ndarray, t1: np.ndarray) -> np.ndarray:
         """Factors (steps, 2, loads) of the unit loads at the starts and ends of steps."""
-        if not self.model.loads.unit_loads.shape[1]:
-            return np.empty((len(t0), 2, 0))
-        both_ends = np.stack(just_inside(t0, t1), axis=1)
-        return self.model.loads.series(both_ends.ravel()).reshape(len(t0), 2, -1)
+        loads, both_ends = self.model.loads, np.stack(just_inside(t0, t1), axis=1)
+        return loads.series(both_ends.ravel()).reshape(len(t0), 2, loads.unit_loads.shape[1])
 
     def series(self, times: np.ndarray) -> np.ndarray:
         """Prescribed motions and positions of motors (n, driven) at several times [m, rad]."""

@@ -136,7 +136,8 @@ class Problem:
         model, p = self.model, self.c
         mesh, K = model.mesh, model.forms.stiffness
         cells, cell_dofs = mesh.unknowns.dofs.shape
-        massless = np.flatnonzero(model.massless) if self._moves else np.empty(0, int)
+        at_rest = model.scheme.rates.at_rest
+        massless = np.empty(0, int) if at_rest else np.flatnonzero(model.massless)
         if natural := model.natural:
             strains = natural.unit_loads
             self._set(cell_natural=int(np.prod(natural.shape[1:])), naturals=strains.shape[1])
@@ -171,14 +172,11 @@ class Problem:
                 width = beams.internal_shape[-1]
                 self._set(per_weight=np.repeat(1 / beams.point_weights, width))
 
-    @property
-    def _moves(self) -> bool:
-        return not self.model.scheme.rates.at_rest
-
     @cached_property
     def _mass_blocks(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        inert, K = self._moves or self._frame_turns, self.model.forms.stiffness
-        has_mass = self.model.mass.data != 0 if inert else np.zeros(K.nnz, bool)
+        weightless = self.model.scheme.rates.at_rest and not self._frame_turns
+        K = self.model.forms.stiffness
+        has_mass = np.zeros(K.nnz, bool) if weightless else self.model.mass.data != 0
         return blocks_with(has_mass, K.indptr, K.indices)
 
     @cached_property
