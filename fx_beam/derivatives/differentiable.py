@@ -51,6 +51,10 @@ class Differentiable:
     jacobian: Callable[..., Any]
     _build: Callable[..., Any]
     _scene: Scene
+    #: The scene of parameters; SceneError if `build` gives something else.
+    _scene_at: Callable[..., Scene]
+    #: Derivatives (m, ...) of all numbers of the last call by x, as they are found.
+    _changes_by_x: Callable[..., dict[str, np.ndarray]]
 
     def _begin(self) -> None:
         """Know of no call yet; what was given until now is what pickles and copies keep."""
@@ -66,10 +70,6 @@ class Differentiable:
     def __setstate__(self, given):
         vars(self).update(given)
         self._begin()
-
-    def _scene_at(self, x: Any) -> Scene:
-        """The scene of parameters; SceneError if `build` gives something else."""
-        raise NotImplementedError
 
     def _built(self, x: Any, *more: Any) -> Any:
         """What `build` gives; its x is a copy, which it may change in place."""
@@ -89,9 +89,6 @@ class Differentiable:
         if self._known_changes is None:
             self._known_changes = self._changes_by_x()
         return self._known_changes
-
-    def _changes_by_x(self) -> dict[str, np.ndarray]:
-        raise NotImplementedError
 
     def _derivatives(self, numbers_of: NumbersOf) -> dict[str, np.ndarray]:
         """Derivatives (m, ...) by x of the numbers of scenes at the last one."""
