@@ -219,9 +219,10 @@ class Response(Differentiable):
             The outputs by name.
         """
         given = self._begin_call(x)
-        rows = self._run(given)
+        t, y = self._run(given)
+        self._shapes = {name: rows.shape for name, rows in y.items()}
         self._x = given
-        return rows
+        return t, y
 
     def _run(self, x: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         # Functions of the user's, which have read a scene before, may take plain floats alone.
@@ -246,7 +247,6 @@ class Response(Differentiable):
             return self._t, self._read_all(read)
         self._series.keep(run.prepared)
         self._last_run, self._t = run, run.recorder.t
-        self._shapes = {name: rows.shape for name, rows in read.items()}
         return self._t.copy(), read
 
     def _rows_of(self, run: Run) -> dict[str, np.ndarray]:
@@ -260,9 +260,7 @@ class Response(Differentiable):
         return y if len(y) == len(every) else {}
 
     def _read_all(self, solution: Solution) -> dict[str, np.ndarray]:
-        y = {name: self._values_of(solution, of, name) for name, of in self._outputs.items()}
-        self._shapes = {name: rows.shape for name, rows in y.items()}
-        return y
+        return {name: self._values_of(solution, of, name) for name, of in self._outputs.items()}
 
     def _values_of(self, solution: Solution, of: Wanted, name: str) -> np.ndarray:
         """Values of an output in a solution."""
@@ -524,16 +522,16 @@ class Response(Differentiable):
         require(isinstance(weights, Mapping), what, weights, "a dict by names of outputs")
         given = {}
         for name in self._differentiable(weights, what):
-            given[name] = values = array_of(weights[name], f"{what}[{name!r}]")
-            shape = self._shapes[name]
-            fits = values.shape == shape
-            require(fits, f"{what}[{name!r}]", values.shape, f"of the shape {shape}")
+            of, shape = f"{what}[{name!r}]", self._shapes[name]
+            given[name] = values = array_of(weights[name], of)
+            require(values.shape == shape, of, values.shape, f"of the shape {shape}")
             if not (is_finite := np.isfinite(values)).all():
                 wrong = np.argwhere(~is_finite)[0]
-                row, at = wrong[0], "".join(f"[{i}]" for i in wrong)
+                at = "".join(f"[{i}]" for i in wrong)
+                when = f", at t = {self._t[wrong[0]]:.6g}" if shape else ""  # or a single number
                 raise SceneError(
-                    f"{what}[{name!r}]{at} is no finite number, at t = {self._t[row]:.6g}. Give "
-                    "rows without one, such as those that were not measured, the weight 0"
+                    f"{of}{at} is no finite number{when}. Give rows without one, such as those "
+                    "that were not measured, the weight 0"
                 )
         return given
 

@@ -217,3 +217,5 @@ def test_two_modes_at_once_have_no_derivatives():
     assert 15 * run([1.0])[1]["load"] == pytest.approx(10.0, rel=1e-4)
     with pytest.raises(fb.SceneError, match="2 modes become unstable at once"):
         run.vjp({"load": 1.0})
+    with pytest.raises(fb.SceneError, match=r"weights\['load'\] is no finite number\. "):
+        run.vjp({"load": np.nan})
