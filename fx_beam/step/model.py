@@ -81,9 +81,8 @@ class Model:
         self.size, self.turns = self.forms.size, self.mesh.dofs[:, 2]
         #: The mass of beams and lumped ones.
         self.masses = Mass(scene, self.mesh, self.forms)
-        numbers = {joint.number for joint in scene.joints}
         #: Numbers of joints that were removed, or are not there yet.
-        self.removed_joints = [n for n in range(scene.joint_count) if n not in numbers]
+        self.removed_joints = sorted({*range(scene.joint_count)} - joints_by_number(scene).keys())
         #: Held by the thread that makes what solutions have only when it is read.
         self.reading = RLock()
         #: Names of the compiled forms and of the assembled matrices and vectors.
