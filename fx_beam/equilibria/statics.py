@@ -182,6 +182,8 @@ class LoadPath:
             self._stepper.loop.inversion.check(state.t, state.q)
         # Load factors are no times: no step in time came before.
         loads, last = self.forcing.dead(turning[-1].t), replace(turning[-1], length=0.0)
+        if self.forcing.turning is not None:
+            loads = loads + last.t * self.forcing.turning.force(last.q)
         if model.forms.has_added:
             loads += last.added_forces
         end = replace(last, t=self.forcing.time, inputs=self._inputs, loads=loads)

@@ -50,6 +50,15 @@ def test_the_work_of_a_turn_is_its_kinetic_and_its_strain_energy():
     assert errors[1] < 0.3 * errors[0] < 0.01
 
 
+def test_a_turn_that_stops_lets_its_support_go_as_slowly():
+    """The forces of the turn fade on all nodes, the supported ones too: by equal steps to zero."""
+    scene, beam = blade()
+    turning = fb.static(scene, load_steps=4, spin=60.0)
+    stopped = fb.static(scene, load_steps=4, start=turning).reaction(beam.start)
+    expected = turning.reaction(beam.start)[-1] * np.linspace(1, 0, 5)[:, None]
+    assert stopped == pytest.approx(expected, rel=0, abs=1e-8 * abs(expected).max())
+
+
 @pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.Newmark()], ids=lambda s: s.name)
 def test_a_motion_from_a_turn_goes_on_turning(scheme):
     spin, gaps = 5.0, []
