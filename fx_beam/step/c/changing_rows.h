@@ -10,7 +10,7 @@
 
 OF_STEPS void fx_free_rows(ChangingRows *c) {
   fx_free_elimination(&c->elimination);
-  free(c->entry), free(c->entry_at), free(c->entry_start);
+  free(c->pair);
 }
 
 /* Steps within which a contact point that closes may do so with the same pattern. */
@@ -23,51 +23,33 @@ static void count_contact_points(MemberContacts *m) {
     Two rates[4];
     double fastest = 0, dt = fabs(e->given[3 * c->sums + 1]);
     differences(e, m->v, rates);
-    for (int k = 0; k < 4; ++k) fastest = fmax(fastest, dot2(rates[k], rates[k]));
+    for (int k = 0; k < 4; ++k) fastest = larger(dot2(rates[k], rates[k]), fastest);
     e->counted = e->closed || e->first.distance - *number_of(c, e->point) < SOON * dt * sqrt(fastest);
   }
 }
 
-/* The unknowns on which contact points act: for each of their entries those of its degree of freedom; returns the number of
-   pairs of a contact point's entries. */
-static long find_entries(const Problem *p, ChangingRows *c) {
-  const MemberContacts *m = p->points->members;
-  long pairs = 0;
-  c->entries = 0;
-  for (int i = 0; i < m->contact_points; ++i) {
-    c->entry_start[i] = c->entries;
-    for (int k = 0; m->contact_point[i].counted && k < CONTACT_POINT_DOFS; ++k)
-      for (int e = c->dof_start[m->contact_point[i].dof[k]]; e < c->dof_start[m->contact_point[i].dof[k] + 1]; ++e) {
-        int column = c->dof_column[e];
-        if (c->unknown_of[column] == -1) continue;
-        if (c->entries == c->entry_room)
-          c->entry = realloc(c->entry, (c->entry_room = 2 * c->entry_room + 64) * sizeof(ContactPointEntry));
-        c->entry[c->entries++] =
-            (ContactPointEntry){k, c->row_of[column], c->unknown_of[column], c->dof_value[e], c->dof_sign[e]};
-      }
-    long many = c->entries - c->entry_start[i];
-    pairs += many * many;
-  }
-  c->entry_start[m->contact_points] = c->entries;
-  return pairs;
+/* Adds a pair, and if it is not on a bordering row its groups to the graph. */
+static void add_pair(ChangingRows *c, ContactPair pair) {
+  const Elimination *e = &c->elimination;
+  if (pair.row == -1 || pair.column == -1) return;
+  if (c->pairs == c->room) c->pair = realloc(c->pair, (c->room = 2 * c->room + 64) * sizeof(ContactPair));
+  c->pair[c->pairs++] = pair;
+  if (pair.row < 0 || pair.column < 0) return;
+  int g = e->group_of[pair.row], h = e->group_of[pair.column];
+  if (g != h) add_once(e->near_to + g, h), add_once(e->near_to + h, g);
 }
 
-/* Adds all pairs of each contact point to the graph of groups. */
-static void add_pairs(const ChangingRows *c, int contact_points) {
-  const Elimination *g = &c->elimination;
-  IntList of = {0};
-  for (int i = 0; i < contact_points; ++i) {
-    of.count = 0;
-    for (int a = c->entry_start[i]; a < c->entry_start[i + 1]; ++a) {
-      const ContactPointEntry *e = c->entry + a;
-      if (e->row >= 0) add_once(&of, g->group_of[e->row]);
-      if (e->column >= 0) add_once(&of, g->group_of[e->column]);
+/* The rows and unknowns on which contact points act. */
+static void find_pairs(ChangingRows *c, const MemberContacts *m) {
+  c->pairs = 0;
+  for (int t = 0; t < m->contact_points; ++t)
+    for (int i = 0; m->contact_point[t].counted && i < CONTACT_POINT_DOFS * CONTACT_POINT_DOFS; ++i) {
+      const int *dof = m->contact_point[t].dof, a = dof[i / CONTACT_POINT_DOFS], b = dof[i % CONTACT_POINT_DOFS];
+      for (int e = c->dof_start[a]; e < c->dof_start[a + 1]; ++e)
+        for (int f = c->dof_start[b]; f < c->dof_start[b + 1]; ++f)
+          add_pair(c, (ContactPair){t, i, c->row_of[c->dof_column[e]], c->unknown_of[c->dof_column[f]], c->dof_value[e],
+                                    c->dof_value[f], -1, c->dof_sign[e] * c->dof_sign[f]});
     }
-    for (int a = 0; a < of.count; ++a)
-      for (int b = 0; b < a; ++b)
-        add_once(g->near_to + of.of[a], of.of[b]), add_once(g->near_to + of.of[b], of.of[a]);
-  }
-  free(of.of);
 }
 
 /* Substitutions that cost as much as a factorisation (lu_layout.py). */
@@ -102,19 +84,13 @@ static void place_columns(Problem *p) {
 
 /* Places among the factors of the entries of the tangent or of its transpose, and of those of contact points. */
 static void place_entries(const Problem *p, ChangingRows *c, int transposed) {
-  const MemberContacts *m = p->points->members;
-  int *to = c->entry_at;
   for (int i = 0; i < p->unknowns; ++i)
     for (int k = p->tangent_start[i]; k < p->tangent_start[i + 1]; ++k) {
       int j = p->tangent_column[k];
       p->factor_at[k] = transposed ? place_of_pair(&c->elimination, j, i) : place_of_pair(&c->elimination, i, j);
     }
-  for (int t = 0; t < m->contact_points; ++t)
-    for (int a = c->entry_start[t]; a < c->entry_start[t + 1]; ++a)
-      for (int b = c->entry_start[t]; b < c->entry_start[t + 1]; ++b) {
-        int i = c->entry[a].row, j = c->entry[b].column;
-        *to++ = transposed ? place_of_pair(&c->elimination, j, i) : place_of_pair(&c->elimination, i, j);
-      }
+  for (ContactPair *e = c->pair; e < c->pair + c->pairs; ++e)
+    e->at = transposed ? place_of_pair(&c->elimination, e->column, e->row) : place_of_pair(&c->elimination, e->row, e->column);
   c->placed = transposed;
 }
 
@@ -125,10 +101,7 @@ static void change_rows(Problem *p) {
   if (has_contact_points(c, m)) return;
   c->searches = m->searches, c->placed = -1;
   count_contact_points(m);
-  ROOM(c->entry_start, m->contact_points);
-  long pairs = find_entries(p, c);
-  ROOM(c->entry_at, pairs);
-  begin_elimination(&c->elimination), add_pairs(c, m->contact_points);
+  begin_elimination(&c->elimination), find_pairs(c, m);
   find_rows(&c->elimination);
   memcpy(p->order, c->elimination.order, p->unknowns * sizeof(int));
   ROOM(p->rows->factors, p->rows->start[p->unknowns]);

@@ -54,7 +54,7 @@ static double largest_motion(const MemberContacts *m, const double *motion) {
   for (const int *dof = m->moves; dof < end; dof += 2) mean += pair_of(motion, dof) / m->moving;
   for (const int *dof = m->moves; dof < end; dof += 2) {
     Two u = pair_of(motion, dof) - mean;
-    most = fmax(most, dot2(u, u));
+    most = larger(dot2(u, u), most);
   }
   return sqrt(most);
 }
@@ -197,7 +197,7 @@ static const double TOGETHER = 4;
 
 /* To which side the pieces of a contact point go if its nearest point is to remain in them for some steps. */
 static int direction_to_lean(const ContactPoint *e, double steps) {
-  double there = e->first.place + steps * e->motion, far = fmax(e->first.place, there), near = fmin(e->first.place, there);
+  double there = e->first.place + steps * e->motion, far = larger(e->first.place, there), near = smaller(e->first.place, there);
   if (far > 1.5 - SPARE_PIECE && !e->ends && can_lean(e->first.place, 1)) return 1;
   return near < SPARE_PIECE - 0.5 && !e->begins && can_lean(e->first.place, -1) ? -1 : 0;
 }
@@ -297,7 +297,7 @@ static int move_contact_point(MemberContacts *m, ContactPoint *e, const double *
   e->closed = e->first.distance < radius, e->left = e->passed = 0;
   for (int i = 0; i < c->internal; ++i) e->closed |= internal[i] != 0;
   /* The distance changes by no more than the arms do. */
-  for (int k = 0; k < 4; ++k) widest = fmax(widest, dot2(change[k], change[k]));
+  for (int k = 0; k < 4; ++k) widest = larger(dot2(change[k], change[k]), widest);
   if (!e->closed && sqrt(widest) < e->first.distance - radius) return 0;
   for (int k = 0; k < 4; ++k) end[k] = start[k] + change[k];
   NearPoint near = nearest_point(end, e->begins, e->ends);

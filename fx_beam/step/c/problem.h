@@ -86,11 +86,12 @@ typedef struct {
   double slowest_size, slowest_error; /* of Newton's quadratic convergence in the last step */
 } ReusedFactors;
 
-/* An entry of T and Tv of a degree of freedom on which a contact point acts. */
+/* An entry of the tangent of a contact point, of all 10 x 10, times an entry of Tv and one of T of its two degrees of freedom, of
+   these values: row of forces and unknown, or bordering rows; position among the factors, or -1. */
 typedef struct {
-  int of, row, column, value; /* which degree of freedom of the contact point; row of forces, unknown, and value */
+  int contact_point, entry, row, column, virtual_value, value, at;
   double sign;
-} ContactPointEntry;
+} ContactPair;
 
 /* Sparse rows whose pattern changes with the points that are near members (changing_rows.h). */
 typedef struct {
@@ -103,9 +104,8 @@ typedef struct {
   double row_entry, substitution, least_worth;
   long searches;        /* number of the search for contact points for which the rows are */
   int placed;           /* whether positions among the factors are those of the transposed tangent; -1 before there are any */
-  int entries, entry_room;
-  struct { ContactPointEntry *entry; }; /* of all contact points, those of each from its `entry_start` on */
-  struct { int *entry_start, *entry_at; }; /* the latter: positions among the factors of all pairs of a contact point's entries */
+  int pairs, room;
+  struct { ContactPair *pair; }; /* of all contact points */
 } ChangingRows;
 
 typedef struct {

@@ -82,20 +82,13 @@ static void eliminate_bordering_rows(const Problem *p, const Work *w) {
 /* Adds the tangents of all contact points to the factors, or to the bordering rows and columns: those of nodes that slide. */
 static void add_contact_points(const Problem *p, const Work *w, int bordering) {
   const ChangingRows *c = p->changing;
-  const int *to = c->entry_at;
-  const MemberContacts *m = p->points->members;
-  for (int t = 0; t < m->contact_points; ++t)
-    for (int a = c->entry_start[t]; a < c->entry_start[t + 1]; ++a) {
-      const ContactPointEntry *row = c->entry + a;
-      const double *K = m->contact_point[t].tangent + row->of * CONTACT_POINT_DOFS;
-      double factor = m->contact_point[t].closed ? row->sign * w->virtual_map[row->value] : 0;
-      for (int b = c->entry_start[t]; b < c->entry_start[t + 1]; ++b, ++to) {
-        const ContactPointEntry *column = c->entry + b;
-        double value = factor == 0 ? 0 : factor * K[column->of] * column->sign * w->values[column->value];
-        if (!bordering && *to >= 0) p->rows->factors[*to] += value;
-        if (bordering && *to < 0) add_at(p, w, place_of(p, row->row), place_of(p, column->column), value);
-      }
-    }
+  for (const ContactPair *e = c->pair; e < c->pair + c->pairs; ++e) {
+    const ContactPoint *t = p->points->members->contact_point + e->contact_point;
+    if (!t->closed || bordering != (e->at < 0)) continue;
+    double value = e->sign * w->virtual_map[e->virtual_value] * w->values[e->value] * t->tangent[e->entry];
+    if (bordering) add_at(p, w, place_of(p, e->row), place_of(p, e->column), value);
+    else p->rows->factors[e->at] += value;
+  }
 }
 
 /* The tangent, or its transpose, with that of the contact points in the place of its factors. */
