@@ -65,6 +65,13 @@ class Entries(NamedTuple):
         return {f"{name}_{part}": values for part, values in parts}
 
     @property
+    def factors(self) -> dict[str, np.ndarray]:
+        """As equations, by values of T, then in the balance of their forces, by those of Tv."""
+        one = np.zeros(len(self.row), dtype=int)
+        virtual, value = np.append(one, self.value_at), np.append(self.value_at, one)
+        return {"virtual": virtual, "value": value, "sign": np.tile(self.sign, 2)}
+
+    @property
     def arms(self) -> tuple[np.ndarray, np.ndarray]:
         """Sums and arms of joints in them (n,): 2 m for x and 2 m + 1 for y of joint m."""
         moves = self.value_at > 0
@@ -75,6 +82,23 @@ class Entries(NamedTuple):
     def starts(self, rows: int) -> np.ndarray:
         """Where the entries of each of so many sums begin, and the last ones end."""
         return starts_of(np.bincount(self.row, minlength=rows))
+
+
+def joined(*tables: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """One table of several, behind each other."""
+    return {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
+
+
+class Ties(NamedTuple):
+    """Entries of T and Tv that are entries of the linear system, in these rows and columns of it.
+
+    Behind them may be others, which are 1.
+    """
+
+    rows: np.ndarray
+    columns: np.ndarray
+    #: Their values and signs, by the names in problem.h.
+    factors: dict[str, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -150,7 +174,7 @@ class Couplings:
         """Row of the forces on each column in the linear system, and its unknown; -1 for none.
 
         Of free columns, then of auxiliaries: its equation is in the row of its displacement, the
-        balance in that of its force. Those of nodes that slide on beams are behind.
+        balance in that of its force. Those of nodes that slide on beams are behind all unknowns.
         """
         columns, auxiliaries = self.columns, len(self.auxiliaries)
         unknowns = np.full(columns + auxiliaries, -1)
@@ -164,8 +188,8 @@ class Couplings:
 
     @property
     def unknown_count(self) -> int:
-        """Number of free columns, and two for each auxiliary unknown."""
-        return self.free + 2 * len(self.auxiliaries)
+        """Number of free columns, two for each auxiliary unknown, and forces of closures."""
+        return self.free + 2 * len(self.auxiliaries) + len(self.closures)
 
     def entries(self, dof: int) -> list[Entry]:
         """Entries of a degree of freedom."""
@@ -407,14 +431,15 @@ class Auxiliaries:
         self._count = len(auxiliaries)
         self._shape = self._count, couplings.columns + self._count
         self._entries = entries = Entries.of((k, one.entries) for k, one in enumerate(auxiliaries))
-        self._moves = np.flatnonzero(unknown_of[entries.column] >= 0)
-        numbers, column = unknown_of[couplings.columns :], entries.column[self._moves]
-        of = numbers[entries.row[self._moves]]
-        #: Entries that auxiliary unknowns add to the linear system: diagonals, equations, forces.
-        self.rows = np.concatenate([numbers, numbers + 1, of, row_of[column]])
-        self.columns = np.concatenate([numbers, numbers + 1, unknown_of[column], of + 1])
+        moving = entries.at(unknown_of[entries.column] >= 0)
+        numbers = unknown_of[couplings.columns :]
+        of, on = numbers[moving.row], unknown_of[moving.column]
+        rows = np.concatenate([of, row_of[moving.column], numbers, numbers + 1])
+        columns = np.concatenate([on, of + 1, numbers, numbers + 1])
+        #: What auxiliary unknowns add to the linear system: equations, forces, diagonals.
+        self.ties = Ties(rows, columns, moving._replace(sign=-moving.sign).factors)
         #: Unknowns (2, m) of auxiliary unknowns, and those on which they depend.
-        self.dependent = np.array([np.append(of, of + 1), np.tile(unknown_of[column], 2)])
+        self.dependent = np.array([np.append(of, of + 1), np.tile(on, 2)])
 
     def __len__(self):
         return self._count
@@ -441,12 +466,3 @@ class Auxiliaries:
             "auxiliary_arm_of": of_arms,
             "auxiliary_arm": arms,
         }
-
-    def storage(self, at: np.ndarray) -> tuple[dict[str, np.ndarray], np.ndarray]:
-        """Storage indices in the tangent by the names in problem.h, and of entries that are 1.
-
-        `at` has those of the entries at `rows` and `columns`.
-        """
-        both = np.full((2, len(self._entries.row)), -1)
-        ones, both[:, self._moves] = at[: 2 * self._count], at[2 * self._count :].reshape(2, -1)
-        return dict(zip(("auxiliary_equation", "auxiliary_force"), both, strict=True)), ones

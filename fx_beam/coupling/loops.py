@@ -19,34 +19,21 @@ no inertia against a motion that the loops do not allow.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import scipy.sparse
 
-from fx_beam.fem.sparsity import Pattern, sparsity, starts_of
+from fx_beam.fem.sparsity import Pattern, starts_of
 
 from .column_map import ColumnMap
-from .graph import Auxiliaries, Couplings, Entries
+from .graph import Auxiliaries, Couplings, Entries, Ties
 from .sliders import Slide
 
 # Closure that is left, relative to the size of the scene.
 _CLOSED = 1e-15
 # Sums of numbers near one that are zero but for round-off.
 _ROUNDING = 1e-9
-
-
-class ClosedSystem(NamedTuple):
-    """A linear system in which forces close the loops."""
-
-    pattern: Pattern
-    #: Positions of the entries of open loops in it, and of entries that are 1: of forces that
-    #: border the system.
-    open_entries: np.ndarray
-    ones: np.ndarray
-    #: Numbers, and positions of entries, by the names in problem.h.
-    members: dict[str, Any]
-    storage: dict[str, np.ndarray]
 
 
 class Loops:
@@ -75,10 +62,18 @@ class Loops:
         passes = abs(passed[order, :count]) > _ROUNDING
         #: Entries of auxiliary unknowns of each, in the order in which they are collected.
         self._auxiliaries = [auxiliaries.entries_of(of_closure) for of_closure in passes]
+        row_of, unknown_of = couplings.system
+        moving = self._entries.at(unknown_of[self._entries.column] >= 0)
+        force = couplings.unknown_count - len(self) + moving.row
+        rows = np.append(force, row_of[moving.column])
+        columns = np.append(unknown_of[moving.column], force)
+        #: What closures add to the linear system.
+        self.ties = Ties(rows, columns, moving.factors)
         column = self._entries.column
         on_beam = (column >= couplings.independent) & (column < couplings.columns)
-        #: Closures of loops with nodes on beams: their forces border the compiled loop's tangent.
         self._carried = np.unique(self._entries.row[on_beam])
+        #: Forces of loops with nodes on beams, which border the compiled loop's tangent.
+        self.bordering = couplings.unknown_count - len(self) + self._carried
         #: Largest closure of closed loops; some are angles.
         self.tolerance = _CLOSED * max(unit.max(), max(k.component == 2 for k in self.closures))
         sizes, widths = ([len(part[i]) for part in blocks] for i in (0, 1))
@@ -155,42 +150,21 @@ class Loops:
             "carried_closure": self._carried,
         }
 
-    def stiffened(self) -> tuple[np.ndarray, np.ndarray]:
-        """Pairs (m, 2) of columns that the stiffness of closures couples, and of their entries."""
+    def stiffened(self) -> tuple[Entries, Entries]:
+        """Pairs of entries of a closure, which its stiffness couples."""
         closure, column = self._entries.row, self._entries.column
         on = np.flatnonzero(self._couplings.system[1][column] >= 0)
         shape = len(closure), len(self)
         of_closure = scipy.sparse.csr_matrix((np.ones(len(on)), (on, closure[on])), shape)
-        pairs = np.column_stack((of_closure @ of_closure.T).nonzero())
-        return column[pairs], pairs
+        left, right = (of_closure @ of_closure.T).nonzero()
+        return self._entries.at(left), self._entries.at(right)
 
-    def system(self, pattern: Pattern) -> ClosedSystem:
-        """The linear system in which the forces are unknowns behind the others."""
-        closure = self._entries.row
-        row_of, unknown_of = (of[self._entries.column] for of in self._couplings.system)
-        # Those of loops with nodes on beams border the system (c/bordering_rows.h).
-        on = np.flatnonzero((unknown_of >= 0) & ~np.isin(closure, self._carried))
-        indptr, indices = pattern
-        n = len(indptr) - 1
-        inner, of_forces = np.repeat(np.arange(n), np.diff(indptr)), n + closure[on]
-        alone = n + self._carried
-        (start, column), position = sparsity(
-            np.concatenate([inner, of_forces, row_of[on], alone]),
-            np.concatenate([indices, unknown_of[on], of_forces, alone]),
-            n + len(self),
-        )
-        cuts = np.cumsum([len(inner), len(on), len(on)])
-        open_entries, equation, balance, ones = np.split(position, cuts)
-        row = np.repeat(np.arange(n + len(self)), np.diff(start))
+    def scales(self, pattern: Pattern) -> tuple[np.ndarray, np.ndarray]:
+        """Diagonals of unknowns in the linear system, which give the stiffness, and units."""
+        indptr, column = pattern
+        row = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
         diagonal = np.flatnonzero((row == column) & (row < len(self.unit)))
-        members = {
-            "closure_unknowns": len(on),
-            "closure_entry": on,
-            "scales": len(diagonal),
-            "scale_unit": self.unit[row[diagonal]],
-        }
-        storage = {"closure_equation": equation, "closure_balance": balance, "scale_at": diagonal}
-        return ClosedSystem((start, column), open_entries, ones, members, storage)
+        return diagonal, self.unit[row[diagonal]]
 
 
 def _dependence(

@@ -24,28 +24,29 @@ from fx_beam.results.state import MACROS
 from fx_beam.scene.joints import GROUND, Joint
 
 from .column_map import ColumnMap
-from .graph import Auxiliaries, Couplings
+from .graph import Auxiliaries, Couplings, Entries, joined
 
 if TYPE_CHECKING:
-    from .loops import ClosedSystem, Loops
+    from .loops import Loops
     from .sliders import Slide, Sliders
 
 
 class ReducedTangent(NamedTuple):
     """How the reduced tangent is made of the full one, by the names in c/problem.h."""
 
-    #: Sparsity of open loops, without what slides.
+    #: Sparsity, without what slides.
     pattern: Pattern
     #: Entries of the full tangent that are added to reduced ones as they are; those multiplied by
-    #: entries of Tv and T; the derivatives of Tv; those of the forces of springs and dampers; and
-    #: the stiffness of closures.
+    #: entries of Tv and T; the derivatives of Tv; those of the forces of springs and dampers. Among
+    #: the second are from a number on those of the stiffness of closures, of auxiliary unknowns and
+    #: of closures: behind the full tangent are an entry that is 1 and this stiffness.
     direct: dict[str, np.ndarray]
     coupled: dict[str, np.ndarray]
     geometric: dict[str, np.ndarray]
     restoring: dict[str, np.ndarray]
-    stiffened: dict[str, np.ndarray]
-    #: Positions of the entries of auxiliary unknowns.
-    auxiliary_to: np.ndarray
+    stiffened: int
+    #: Positions of entries of auxiliary unknowns that are 1.
+    ones: np.ndarray
 
 
 class Reduction:
@@ -115,42 +116,42 @@ class Reduction:
         restoring = [(c, c) for c in self._points.columns[sprung].tolist()]
 
         entries, moves = self._entries, unknown_of[self._entries.column] >= 0
-        source, left, right = _products(entries.row, moves, used, matrix.indptr, matrix.indices)
-        others = np.array([p[:2] for p in (*geometric, *restoring)], dtype=int).reshape(-1, 2)
-        none = others[:0], others[:0]
-        stiff, of_closures = none if self.loops is None else self.loops.stiffened()
-        products = np.column_stack([entries.column[left], entries.column[right]])
-        pairs = np.vstack([products, others, stiff])
-        rows = np.append(row_of[pairs[:, 0]], self.auxiliaries.rows)
-        columns = np.append(unknown_of[pairs[:, 1]], self.auxiliaries.columns)
+        source, i, j = _products(entries.row, moves, used, matrix.indptr, matrix.indices)
+        left, right, of_full = entries.at(i), entries.at(j), len(source)
+        ties, forces = [self.auxiliaries.ties], np.empty(0, dtype=int)
+        if self.loops is not None:
+            ties, forces = [self.loops.ties, *ties], self.loops.bordering
+            both = zip((left, right), self.loops.stiffened(), strict=True)
+            left, right = (Entries(*map(np.append, *sides)) for sides in both)
+        source = np.append(source, np.full(len(left.row) - of_full, matrix.nnz + 1))
+        others = np.array([p[:2] for p in (*geometric, *restoring)], dtype=int).reshape(-1, 2).T
+        rows = [row_of[left.column], row_of[others[0]], *(of.rows for of in ties)]
+        columns = [unknown_of[right.column], unknown_of[others[1]], *(of.columns for of in ties)]
+        pairs = np.concatenate(rows), np.concatenate(columns)
         if not couplings.sliding:
-            pattern, position = sparsity(rows, columns, couplings.unknown_count)
+            pattern, position = sparsity(*pairs, couplings.unknown_count)
         else:
-            position = self.sliders.set_tangent(rows, columns)
+            position = self.sliders.set_tangent(*pairs, forces)
             pattern = self.sliders.bordered.pattern
-        cuts = np.cumsum([len(source), len(geometric), len(restoring), len(stiff)])
-        position, geometric_to, restoring_to, stiff_to, auxiliary_to = np.split(position, cuts)
-        maps, values = entries.value_at[left], entries.value_at[right]
-        signs = entries.sign[left] * entries.sign[right]
-        direct = (maps == 0) & (values == 0) & (signs == 1)
+        factors = joined(*(of.factors for of in ties))
+        counts = len(source), len(geometric), len(restoring), len(factors["sign"])
+        position, geometric_to, restoring_to, to, ones = np.split(position, np.cumsum(counts))
+        virtual, value, sign = left.value_at, right.value_at, left.sign * right.sign
+        direct = (virtual == 0) & (value == 0) & (sign == 1) & (source < matrix.nnz)
         names = "to", "from", "virtual", "value", "sign"
-        coupled = (part[~direct] for part in (position, source, maps, values, signs))
+        coupled = (part[~direct] for part in (position, source, virtual, value, sign))
+        factors |= {"to": to, "from": np.full(len(to), matrix.nnz)}
         table = np.array([(m, kind, sign) for _, _, m, kind, sign in geometric]).reshape(-1, 3)
         joint_and_kind = dict(zip(("joint", "kind"), table[:, :2].T.astype(int), strict=True))
         return ReducedTangent(
             pattern,
             direct={"to": position[direct], "from": source[direct]},
-            coupled=dict(zip(names, coupled, strict=True)),
+            coupled=joined(dict(zip(names, coupled, strict=True)), factors),
             geometric={"to": geometric_to, **joint_and_kind, "sign": table[:, 2]},
             restoring={"to": restoring_to, "of": sprung},
-            stiffened={"to": stiff_to, "of": of_closures},
-            auxiliary_to=auxiliary_to,
+            stiffened=np.count_nonzero(~direct[:of_full]),
+            ones=ones,
         )
-
-    @cached_property
-    def closed_system(self) -> ClosedSystem | None:
-        """The linear system with the forces that close loops; None without loops."""
-        return None if self.loops is None else self.loops.system(self.tangent.pattern)
 
     @property
     def factored(self) -> Pattern:
@@ -158,8 +159,7 @@ class Reduction:
 
         Of the unknowns, and of what is behind them; nodes that slide on beams border it.
         """
-        closed = self.closed_system
-        return self.tangent.pattern if closed is None else closed.pattern
+        return self.tangent.pattern
 
     @cached_property
     def equates(self) -> bool:

@@ -145,8 +145,10 @@ class Sliders:
         #: Columns of the scene that border the others: free slides and all sliding columns.
         self.outside = np.concatenate([slides[slides < couplings.free], sliding])
 
-    def set_tangent(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    def set_tangent(self, rows: np.ndarray, columns: np.ndarray, forces: np.ndarray) -> np.ndarray:
         """Set the entries of the tangent before the elimination; returns their positions."""
+        #: Forces that close loops and border the other unknowns as well.
+        self.forces = forces
         self._given, position = np.unique(rows * self._size + columns, return_inverse=True)
         #: Number of these entries.
         self.entries_before = len(self._given)
@@ -156,7 +158,7 @@ class Sliders:
     def bordered(self) -> Bordered:
         """The tangent of the compiled loop, in which what slides borders the other unknowns."""
         n, rows, columns = self._unknowns, *np.divmod(self._given, self._size)
-        slides = self.outside[self.outside < self._couplings.free]
+        slides = np.append(self.outside[self.outside < self._couplings.free], self.forces)
         outside = np.zeros(self._size, dtype=bool)
         outside[n:] = outside[slides] = True
         on_bordering = outside[rows] | outside[columns]
@@ -166,6 +168,7 @@ class Sliders:
         pattern, position = sparsity(all_rows, all_columns, n)
         positions, ones = np.split(position, [len(inside)])
         column_of = np.empty(self._size, dtype=int)
+        column_of[self.forces] = len(self._couplings.system[0]) + np.arange(len(self.forces))
         for at in self._couplings.system:
             column_of[at[at >= 0]] = np.flatnonzero(at >= 0)
         of_beside = column_of[rows[beside]], column_of[columns[beside]]

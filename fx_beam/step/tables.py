@@ -270,21 +270,18 @@ class Problem:
         elif factors.rows:
             self._sparse_factors = np.zeros(factors.size)
             self._set(rows=[factors.rows | {"factors": self._sparse_factors}])
-        padding = [factors.padding]
-        if (closed := reduction.closed_system) is not None:
-            self._set(**closed.members, **{name: at[k] for name, k in closed.storage.items()})
-            padding.append(at[closed.ones])
-            at = at[closed.open_entries]
+        if (loops := reduction.loops) is not None:
+            diagonal, unit = loops.scales(reduction.factored)
+            self._set(scales=len(unit), scale_at=at[diagonal], scale_unit=unit)
         at, stored, ones = storage_of(reduction, at, stored)
         tangent = reduction.tangent
-        storage, of_auxiliaries = reduction.auxiliaries.storage(at[tangent.auxiliary_to])
-        self._set(**storage)
         K, alone = self.model.forms.stiffness, alone_in_column(reduction)
-        stored_at, p.stored_values = storage_of_entries(tangent, K, alone, at, stored)
+        stored_at, one = storage_of_entries(tangent, K, alone, at, stored)
+        p.stored_values, p.stiffness_at, p.stiffened = one + 2, one + 1, tangent.stiffened
         if reduction.couplings.sliding:
             diagonal_at = stored_at[self.model.masses.diagonal]
             self._set(**bordering_tables(self.model, factors, at, diagonal_at, on_border))
-        padding = np.concatenate([*padding, ones, of_auxiliaries])
+        padding = np.concatenate([factors.padding, ones, at[tangent.ones], [one]])
         self._set(
             band=factors.band,
             chain=factors.chain,
@@ -298,9 +295,10 @@ class Problem:
         )
         added = stored_at[tangent.direct["from"]] >= stored
         direct = {key: values[added] for key, values in tangent.direct.items()}
-        products = {name: getattr(tangent, name) for name in ("coupled", "geometric", "stiffened")}
+        stored_from = np.append(stored_at, [one, p.stiffness_at])
+        products = {"coupled": tangent.coupled, "geometric": tangent.geometric}
         for name, of in {"direct": direct, **products}.items():
-            table = {key: stored_at[x] if key == "from" else x for key, x in of.items()}
+            table = {key: stored_from[x] if key == "from" else x for key, x in of.items()}
             table["to"] = at[of["to"]]
             self._set(**{name: len(of["to"])}, **{f"{name}_{key}": x for key, x in table.items()})
         #: Storage indices of the forces on slides, and which these are.

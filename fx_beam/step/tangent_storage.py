@@ -93,7 +93,8 @@ def bordering_tables(
     tables = _sliders(model, sliders, at, diagonal_at)
     sizes = [table["components"] + table["products"] for table in tables]
     carriers = len(outside) + sum(sizes) + sum(table.get("anchors", 0) for table in tables)
-    alone = len(closed.ones) if (closed := reduction.closed_system) else 0
+    alone, slides = len(sliders.forces), outside[outside < reduction.free]
+    rows, columns = (np.append(of, first - carriers - np.arange(alone)) for of in (rows, columns))
     return {
         "row_at": rows,
         "unknown_at": columns,
@@ -104,6 +105,9 @@ def bordering_tables(
         "beside_row": bordered.rows,
         "beside_column": bordered.columns,
         "beside_at": at[bordered.beside],
+        "bordered": len(slides) + alone,
+        "bordered_unknown": np.append(slides, sliders.forces),
+        "bordered_row": np.append(np.arange(len(slides)), carriers + np.arange(alone)),
         "bordering_rows": carriers + alone,
         "carrier_bordering": carriers,
         "block": -(-(carriers + alone) // _LANES) * _LANES,

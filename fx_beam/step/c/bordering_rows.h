@@ -93,17 +93,6 @@ static void anchor_beam(const Problem *p, const Work *w, const Slider *a) {
   }
 }
 
-/* The forces that close loops with nodes on beams: the closures are derived by columns of these nodes. */
-static void bordering_closures(const Problem *p, const Work *w) {
-  for (int i = 0; i < p->carried; ++i) {
-    int k = p->carried_closure[i], force = ON_BORDER - p->carrier_bordering - i;
-    for (int e = p->closure_entry_start[k]; e < p->closure_entry_start[k + 1]; ++e) {
-      add_at(p, w, force, p->unknown_at[p->closure_column[e]], p->closure_sign[e] * w->values[p->closure_value[e]]);
-      add_at(p, w, p->row_at[p->closure_column[e]], force, p->closure_sign[e] * w->virtual_map[p->closure_value[e]]);
-    }
-  }
-}
-
 /* The bordering rows for the tangent of a step. */
 HOT void fill_bordering_rows(const Problem *p, const Work *w) {
   memset(w->reached, 0, p->positions * sizeof *w->reached);
@@ -111,7 +100,6 @@ HOT void fill_bordering_rows(const Problem *p, const Work *w) {
   memset(w->corner, 0, (long)p->bordering_rows * p->bordering_rows * sizeof(double));
   for (int i = 0; i < p->sliders; ++i)
     bordering_slider(p, w, p->slider + i), anchor_beam(p, w, p->slider + i);
-  bordering_closures(p, w);
   for (int k = 0; k < p->beside; ++k)
     add_at(p, w, p->row_at[p->beside_row[k]], p->unknown_at[p->beside_column[k]], w->tangent[p->beside_at[k]]);
 }

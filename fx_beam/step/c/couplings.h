@@ -193,9 +193,6 @@ HOT void reduce_tangent(const Problem *p, const Work *w) {
   if (HAS(SLIDERS)) turn_beams(p, w);
   for (int k = 0; k < p->direct; ++k) K[p->direct_to[k]] += K[p->direct_from[k]];
   if (!HAS(COUPLED)) return;
-  for (int k = 0; k < p->coupled; ++k)
-    K[p->coupled_to[k]] += K[p->coupled_from[k]] * w->virtual_map[p->coupled_virtual[k]] *
-                         w->values[p->coupled_value[k]] * p->coupled_sign[k];
   if (p->geometric) pass_through_joints(p, w);
   for (int k = 0; k < p->geometric; ++k) {
     int j = p->geometric_joint[k], kind = p->geometric_kind[k];
@@ -203,11 +200,10 @@ HOT void reduce_tangent(const Problem *p, const Work *w) {
     if (!k || j != p->geometric_joint[k - 1]) slopes_of_joint(p, w, j, 1, slopes);
     K[p->geometric_to[k]] += p->geometric_sign[k] * (F[0] * by[0] + F[1] * by[1]);
   }
-  for (int k = 0; k < p->auxiliary_entries; ++k) {
-    if (p->auxiliary_equation[k] < 0) continue;
-    K[p->auxiliary_equation[k]] -= p->auxiliary_sign[k] * w->values[p->auxiliary_value[k]];
-    K[p->auxiliary_force[k]] -= p->auxiliary_sign[k] * w->virtual_map[p->auxiliary_value[k]];
+  for (int k = 0; k < p->coupled; ++k) {
+    if (HAS(LOOPS) && k == p->stiffened) K[p->stiffness_at] = stiffness_of_closures(p, K);
+    K[p->coupled_to[k]] += K[p->coupled_from[k]] * w->virtual_map[p->coupled_virtual[k]] *
+                         w->values[p->coupled_value[k]] * p->coupled_sign[k];
   }
-  if (HAS(LOOPS) && p->closures) close_tangent(p, w);
   if (HAS(SLIDERS) && p->bordering_rows) hold_beams(p, w), fill_bordering_rows(p, w);
 }

@@ -74,7 +74,7 @@ static void find_impulses(const Problem *p, const Work *w, const double *v, doub
 
 /* The equations at a configuration. */
 static void begin_fit(Problem *p, Work *w, const Fits *of, long row) {
-  double *K = w->tangent, stiff = 0;
+  double *K = w->tangent;
   memcpy(p->q, of->q + row * p->dofs, p->dofs * sizeof(double));
   memcpy(p->slides, of->slides + row * p->scene_joints, p->scene_joints * sizeof(double));
   memset(w->z, 0, (p->columns + p->auxiliaries) * sizeof(double));
@@ -90,7 +90,7 @@ static void begin_fit(Problem *p, Work *w, const Fits *of, long row) {
   for (int i = 0; i < p->dofs; ++i)
     if (p->viscous_weight[i] > 0) K[p->diagonal_at[i]] += p->viscous_weight[i];
   reduce_tangent(p, w);
-  for (int i = 0; i < p->scales; ++i) stiff = fmax(stiff, K[p->scale_at[i]] / (p->scale_unit[i] * p->scale_unit[i]));
+  double stiff = stiffness_of_closures(p, K);
   p->yielding = stiff > 0 ? YIELDING / stiff : 0;
 }
 

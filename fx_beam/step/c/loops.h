@@ -270,21 +270,11 @@ static const double *closed(const Problem *p, const Work *w, const double *r) {
   return w->closed;
 }
 
-/* The closures in the tangent: their derivatives, with the closing forces as unknowns behind all others, and a
-   stiffness. It does no work where they are closed, and keeps the tangent of open loops regular, also
-   without what borders it. */
-static void close_tangent(const Problem *p, const Work *w) {
-  double stiff = 0, *K = w->tangent;
+/* The stiffness of closures, by the size of the tangent. It does no work where they are closed, and keeps the tangent of open
+   loops regular, also without what borders it. */
+static double stiffness_of_closures(const Problem *p, const double *K) {
+  double stiff = 0;
   for (int i = 0; i < p->scales; ++i)
     stiff = fmax(stiff, fabs(K[p->scale_at[i]]) / (p->scale_unit[i] * p->scale_unit[i]));
-  for (int k = 0; k < p->stiffened; ++k) {
-    int a = p->stiffened_of[2 * k], b = p->stiffened_of[2 * k + 1];
-    K[p->stiffened_to[k]] += stiff * p->closure_sign[a] * w->virtual_map[p->closure_value[a]] * p->closure_sign[b] *
-                              w->values[p->closure_value[b]];
-  }
-  for (int k = 0; k < p->closure_unknowns; ++k) {
-    int e = p->closure_entry[k];
-    K[p->closure_equation[k]] += p->closure_sign[e] * w->values[p->closure_value[e]];
-    K[p->closure_balance[k]] += p->closure_sign[e] * w->virtual_map[p->closure_value[e]];
-  }
+  return stiff;
 }

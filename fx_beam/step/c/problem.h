@@ -157,11 +157,10 @@ typedef struct {
   double *offset, *axis, *joint_sign;
   int followers, *follower, *through; /* degrees of freedom that arms move; 2 j + i of component i of arm j */
   /* Auxiliary unknowns: degrees of freedom in long trees with columns of their own, behind all others (graph.py). Each
-     is a sum of entries of T, and of arms; positions of an entry in the tangent: in the sum's equation, and in the balance of
-     what its force acts on, -1 where it is no unknown. */
+     is a sum of entries of T, and of arms. */
   struct {
     int auxiliaries, auxiliary_entries, auxiliary_arms;
-    int *auxiliary_of, *auxiliary_column, *auxiliary_value, *auxiliary_equation, *auxiliary_force, *auxiliary_arm_of, *auxiliary_arm;
+    int *auxiliary_of, *auxiliary_column, *auxiliary_value, *auxiliary_arm_of, *auxiliary_arm;
     double *auxiliary_sign;
   };
   struct {
@@ -175,7 +174,7 @@ typedef struct {
   int band;             /* half bandwidth; 0 for sparse rows */
   int chain;            /* groups of three unknowns in a row (chain.h); 0 if they are more entangled */
   int positions;        /* in the elimination: more than unknowns, where groups of a chain have fewer than three */
-  int paddings, *padding; /* diagonal entries that are 1: of groups that have fewer, and of auxiliary unknowns */
+  int paddings, *padding; /* entries that are 1: diagonals of groups that have fewer and of auxiliary unknowns, and another one */
   /* Sparse rows of factors, besides which the tangent is stored, in compressed rows of the unknowns: `factor_at` has the
      position of each of its values among the factors. Where the pattern changes, `rows` are those of `changing`, which sets
      `order` and `factor_at`, too. */
@@ -187,13 +186,16 @@ typedef struct {
      sides; of each column of the scene row and column in the system: a position in the elimination, -1 for none, or a
      bordering row. */
   struct { int bordering_rows, carrier_bordering, block, *row_at, *unknown_at; };
+  struct { int bordered, *bordered_unknown, *bordered_row; }; /* unknowns of them that stand alone among the others */
   struct { int beside, *beside_row, *beside_column, *beside_at; }; /* entries of the tangent in them, and where these are stored */
   /* How the reduced tangent is made of the full one: entries that are added as they are, `from` which `to` which; others times
      an entry of Tv and an entry of T; derivatives of Tv times the forces of joints: by the rotation of the carrier (kind 0 of the
-     lever, 2 of the slide's force) or by the slide (1 and 3); products of two entries of a closure, times its stiffness. */
+     lever, 2 of the slide's force) or by the slide (1 and 3). Entries of T and Tv of auxiliary unknowns and of closures, in equations
+     and in the balance of what their forces act on, are such products with a stored 1. From number `stiffened` on there are
+     also products of two entries of a closure with the stiffness of closures, which is stored at `stiffness_at`. */
   int direct, *direct_to, *direct_from;
   int coupled, *coupled_to, *coupled_from, *coupled_virtual, *coupled_value;
-  int geometric, *geometric_to, *geometric_joint, *geometric_kind, stiffened, *stiffened_to, *stiffened_of;
+  int stiffened, stiffness_at, geometric, *geometric_to, *geometric_joint, *geometric_kind;
   double *coupled_sign, *geometric_sign;
 
   /* Closures: components of the displacements of b less a and the arm of joints that close loops, which are zero. Loops that
@@ -212,8 +214,6 @@ typedef struct {
     int *block_closure, *block_column, *block_part; /* [blocks + 1] where each begins, the last in its factors */
     int part_size, pivoting_size; /* sizes of arrays of Work */
     int *following;     /* [closures] the loops' columns that depend on the others, chosen in each step */
-    /* Entries of the closures' derivatives in the tangent: as equations, and in the balance of what the closing forces act on. */
-    int closure_unknowns, *closure_entry, *closure_equation, *closure_balance;
     int carried, *carried_closure; /* closures with nodes on beams, whose forces are bordering rows from carrier_bordering on */
     int scales, *scale_at; /* the stiffness of closures is from the diagonals stored there, with a unit of each unknown */
     double *scale_unit;

@@ -45,12 +45,8 @@ static void subtract_product(const Problem *p, const Work *w, const double *x, d
 /* Right sides of bordering rows from the other equations, which have what slides and forces of carriers as they are; or, to
    these, solutions. */
 INLINED void pass_on(const Problem *p, int sides, int solutions, double *x, double *g) {
-  for (int i = 0; i < p->sliders + p->carried; ++i) {
-    int slides = i < p->sliders, carrier = i - p->sliders;
-    int of_other = slides ? p->slider[i].column : p->unknowns - p->closures + p->carried_closure[carrier];
-    int row = slides ? ON_BORDER - p->row_at[of_other] : p->carrier_bordering + carrier;
-    if (slides && of_other >= p->free) continue; /* it is driven */
-    double *of = x + p->order[of_other] * sides, *on = g + row * sides;
+  for (int i = 0; i < p->bordered; ++i) {
+    double *of = x + p->order[p->bordered_unknown[i]] * sides, *on = g + p->bordered_row[i] * sides;
     memcpy(solutions ? of : on, solutions ? on : of, sides * sizeof(double));
   }
 }
