@@ -80,9 +80,18 @@ class Linearisation:
 
         None without any; errors say `what` asks.
         """
-        parts = [self._damping(what)] if damped and self.may_be_damped else []
-        parts += [] if self.coriolis is None else [self.coriolis]
-        return sum(parts) if parts else None
+        if not (damped and self.may_be_damped):
+            return self.coriolis
+        model = self.damped_model
+        equations, tangents, start = Equations(model, inert=False), [], self.start
+        for dt in (INSTANT, 2 * INSTANT):
+            equations.begin(instant(start.t, dt), start)
+            equations.at_start(np.zeros(model.size))
+            tangents.append(equations.tangent())
+        C = (2 * INSTANT * (tangents[0] - tangents[1])).tocsr()
+        check_damping(C.data, f"{what}: the damping at rest")
+        C.eliminate_zeros()
+        return C if self.coriolis is None else C + self.coriolis
 
     @cached_property
     def damped_model(self) -> Model:
@@ -114,18 +123,6 @@ class Linearisation:
         if not self.M.data.any():
             raise SceneError("modes: the scene has no mass. Give a section rhoA or add a mass")
         return UndampedModes(self.symmetric, self.M)
-
-    def _damping(self, what: str) -> scipy.sparse.csr_matrix:
-        model = self.damped_model
-        equations, tangents, start = Equations(model, inert=False), [], self.start
-        for dt in (INSTANT, 2 * INSTANT):
-            equations.begin(instant(start.t, dt), start)
-            equations.at_start(np.zeros(model.size))
-            tangents.append(equations.tangent())
-        C = (2 * INSTANT * (tangents[0] - tangents[1])).tocsr()
-        check_damping(C.data, f"{what}: the damping at rest")
-        C.eliminate_zeros()
-        return C
 
 
 def _coordinates(scene: Scene) -> list[Coordinate]:

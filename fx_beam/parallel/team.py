@@ -212,8 +212,12 @@ def follow() -> None:
     comm, objects = world(), dict[int, Any]()
     try:
         while (message := _received(comm, 0)) is not None:
-            answered = _sendable(answer(objects, partial(pickle.loads, message)))
-            comm.send(answered, 0, 0 if answered[0] is None else _FAILED)
+            error, value = answer(objects, partial(pickle.loads, message))
+            try:
+                pickle.loads(pickle.dumps(error))
+            except Exception:  # it cannot be sent
+                error = RuntimeError(repr(error))
+            comm.send((error, value), 0, 0 if error is None else _FAILED)
     except BaseException:
         traceback.print_exc()
         sys.stderr.flush()
@@ -244,16 +248,6 @@ def _received(comm: Any, rank: int) -> Any:
             time.sleep(pause)
             pause = min(1.1 * pause, _PAUSE)
     return comm.recv(source=rank)
-
-
-def _sendable(answered: tuple[Exception | None, Any]) -> tuple[Exception | None, Any]:
-    """An answer whose error can be sent."""
-    error, value = answered
-    try:
-        pickle.loads(pickle.dumps(error))
-    except Exception:
-        error = RuntimeError(repr(error))
-    return error, value
 
 
 def _packed(message: Any) -> bytes:
