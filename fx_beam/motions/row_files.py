@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -39,18 +39,6 @@ class RowFiles:
         self._path = writable(file, ("pvd",)).resolve()
         self._folder = self._path.with_suffix("")
         self._folder.mkdir(exist_ok=True)
-        self._divide(prepared)
-        self._times: list[float] = []
-        self._names: list[list[str]] = []
-        self._small: list[dict[str, np.ndarray]] = []
-        #: Rates that fit the joints at the last row, if those of steps do not.
-        self._fitted: np.ndarray | None = None
-        self._saved, self._took = time.monotonic(), 0.0
-        #: Whether a file could not be written.
-        self._broken = False
-
-    def _divide(self, prepared: Prepared) -> None:
-        """Let each process have its elements."""
         mesh = self._model.mesh
         make, self._elements = None, [np.arange(len(mesh.elements))]
         if (together := prepared.stepper.integrator.together) is not None:
@@ -63,6 +51,14 @@ class RowFiles:
             local = local.reshape(-1, mesh.elements.shape[1])
             self._arguments.append((mesh.X[of_process], local, mesh.beam_of_cell[elements]))
         self._crew = _Alone(self._arguments) if make is None else make(Grid, self._arguments)
+        self._times: list[float] = []
+        self._names: list[list[str]] = []
+        self._small: list[dict[str, np.ndarray]] = []
+        #: Rates that fit the joints at the last row, if those of steps do not.
+        self._fitted: np.ndarray | None = None
+        self._saved, self._took = time.monotonic(), 0.0
+        #: Whether a file could not be written.
+        self._broken = False
 
     # -- Writing ------------------------------------------------------------------------------
 
@@ -101,27 +97,20 @@ class RowFiles:
     def _write(self, histories: RecordedHistories, new: int) -> list[list[str]]:
         """Write the rows from one on; the names of their files beside the collection."""
         q, v, along = histories["q"], histories["v"], self._along(histories, new)
-        names = []
+        pieces, names = list(zip(self._elements, self._nodes, strict=True)), []
         for i, row in enumerate(range(new, len(q))):
-            rates = v[row] if len(v) == len(q) else None
-            of_row = {name: values[i] for name, values in along.items()}
-            names.append(self._write_row(len(self._times) + i, q[row], rates, of_row))
+            if not isinstance(self._crew, _Alone) and self._crew.team.lost:
+                self._crew = _Alone(self._arguments)  # all others have ended
+            stem, of_row, given = f"{self._folder.name}_{len(self._times) + i:05d}", [], []
+            for number, (elements, nodes) in enumerate(pieces):
+                name = f"{stem}_{number}.vtu" if len(pieces) > 1 else f"{stem}.vtu"
+                rates = v[row, nodes] if len(v) == len(q) else None
+                of_piece = {kind: values[i, elements] for kind, values in along.items()}
+                given.append((self._folder / name, q[row, nodes], rates, of_piece))
+                of_row.append(f"{self._folder.name}/{name}")
+            self._crew("write", given)
+            names.append(of_row)
         return names
-
-    def _write_row(
-        self, number: int, q: np.ndarray, v: np.ndarray | None, along: Mapping[str, np.ndarray]
-    ) -> list[str]:
-        """Write a row; the names of its files beside the collection."""
-        if not isinstance(self._crew, _Alone) and self._crew.team.lost:
-            self._crew = _Alone(self._arguments)  # all others have ended
-        stem, given = f"{self._folder.name}_{number:05d}", list[tuple]()
-        several = len(self._elements) > 1
-        names = [f"{stem}{f'_{i}' if several else ''}.vtu" for i in range(len(self._elements))]
-        for name, elements, nodes in zip(names, self._elements, self._nodes, strict=True):
-            of_piece = {kind: values[elements] for kind, values in along.items()}
-            given.append((self._folder / name, q[nodes], None if v is None else v[nodes], of_piece))
-        self._crew("write", given)
-        return [f"{self._folder.name}/{name}" for name in names]
 
     def _along(self, histories: RecordedHistories, new: int) -> dict[str, np.ndarray]:
         """Resultants and internal variables (rows, elements, points) of the rows from one on."""
