@@ -262,9 +262,8 @@ class ArcLength:
         way, rise = home.q - state.q, home.t - state.t
         length = path.length(step, load)
         part = float((path.weight * step) @ way + load * rise) / length**2
-        if not (0 <= part <= 1) or path.length(way - part * step, rise - part * load) > (
-            _BESIDE * length
-        ):
+        beside = path.length(way - part * step, rise - part * load)
+        if not 0 <= part <= 1 or beside > _BESIDE * length:
             return None
         place = float((path.weight * tangent.D) @ way + tangent.load * rise)
         states = [self.state_at(state, tangent, place + ds * side) for side in _SIDES]
@@ -389,14 +388,12 @@ class ArcLength:
 
     def error(self, state: State, failure: StepFailed) -> StepError:
         """What to report of a step that failed after all cuts."""
-        return self._failures.error(
-            f"the step along the arc length from load factor {state.t:.6g} failed",
-            self.stepper.options.max_cuts,
-            state,
-            failure,
+        what = f"the step along the arc length from load factor {state.t:.6g} failed"
+        advice = (
             "Try more steps or more cuts (max_cuts). If this does not help, check the units of "
-            "loads and stiffnesses",
+            "loads and stiffnesses"
         )
+        return self._failures.error(what, self.stepper.options.max_cuts, state, failure, advice)
 
     def _lost(self, state: State) -> StepError:
         turned = ", ".join(f"{point:.6g}" for point in self.stepper.stats.limit_points)

@@ -474,8 +474,8 @@ def linearise(
     outputs = {} if outputs is None else outputs
     check_outputs(scene, outputs, f"{what}: outputs")
     known = widths(scene)
-    fits = inputs is None or isinstance(inputs, Sequence) and not isinstance(inputs, str)
-    names = list(known) if inputs is None or not fits else list(inputs)
+    names = list(known) if inputs is None else inputs
+    fits = isinstance(names, Sequence) and not isinstance(names, str)
     fits = fits and all(isinstance(name, str) for name in names)
     require(fits, f"{what}: inputs", inputs, "a sequence of names")
     check_names(names, known, f"{what}: inputs")

@@ -66,9 +66,8 @@ def _not_rigid(K, C, M, n: int, undamped: np.ndarray, rigid: np.ndarray, unit: f
         if whole or not len(new):
             return damped
         values = damped.values
-        V = _independent(
-            [V, *(_nearer(K, C, M, values[k], damped.vectors[:, k]) for k in new)], scale
-        )
+        nearer = (_nearer(K, C, M, values[k], damped.vectors[:, k]) for k in new)
+        V = _independent([V, *nearer], scale)
     raise RuntimeError(
         f"modes: {len(new)} of {n} damped modes did not converge. Try fewer modes, or leave "
         "damping out by damping=False"
@@ -105,9 +104,8 @@ def _independent(parts: list[np.ndarray], scale: np.ndarray) -> np.ndarray:
     """Basis of the span of columns (size, n), without those that depend on others."""
     columns = np.column_stack(parts) / scale[:, None]
     sizes = np.linalg.norm(columns, axis=0)
-    basis, R, _ = scipy.linalg.qr(
-        columns[:, sizes > 0] / sizes[sizes > 0], mode="economic", pivoting=True
-    )
+    unit_columns = columns[:, sizes > 0] / sizes[sizes > 0]
+    basis, R, _ = scipy.linalg.qr(unit_columns, mode="economic", pivoting=True)
     return scale[:, None] * basis[:, abs(R.diagonal()) > 1e-9]
 
 
@@ -188,9 +186,8 @@ def rayleigh(frequencies: Sequence[float], ratios: Sequence[float]) -> tuple[flo
     """
     f = vector(frequencies, 2, "rayleigh: frequencies")
     zeta = vector(ratios, 2, "rayleigh: ratios")
-    require(
-        f.min() > 0 and f[0] != f[1], "rayleigh: frequencies", frequencies, "positive and different"
-    )
+    fits = f.min() > 0 and f[0] != f[1]
+    require(fits, "rayleigh: frequencies", frequencies, "positive and different")
     require(zeta.min() >= 0, "rayleigh: ratios", ratios, "zero or positive")
     # alpha + tau omega^2 = 2 zeta omega, with the frequencies in order.
     (w1, z1), (w2, z2) = sorted(zip(2 * np.pi * f, zeta, strict=True))

@@ -235,17 +235,14 @@ def _natural_rates(model: Model, t: float, what: str) -> np.ndarray | None:
         return None
     h = _MOMENT * max(1.0, abs(t))
     before, now, behind = (model.natural.at(t + x) for x in (-h, 0.0, h))
-    rates, bend = (behind - before) / (2 * h), behind - 2 * now + before
+    change, bend = behind - before, behind - 2 * now + before
     for beam, cells in zip(model.scene.beams, model.mesh.cells, strict=True):
-        if (
-            beam.section.damped
-            and abs(bend[cells]).max() > _KINK * abs(behind - before)[cells].max()
-        ):
+        if beam.section.damped and abs(bend[cells]).max() > _KINK * abs(change[cells]).max():
             raise SceneError(
                 f"{what}: beam {beam.name!r} has retardation, and a natural strain whose rate "
                 f"jumps at t = {t:g}, and with it a force. Take a state before or behind it"
             )
-    return rates
+    return change / (2 * h)
 
 
 def _forces(model: Model, state: State, strained: np.ndarray | None = None):

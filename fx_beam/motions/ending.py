@@ -171,12 +171,10 @@ class Ending:
         return values
 
     def _mark(self) -> _Mark:
-        stepper = self._stepper
+        stepper, recorder = self._stepper, self._recorder
         stats = copy(vars(stepper.stats)) | {"ended_by": dict(stepper.stats.ended_by)}
         halving = copy(vars(stepper.halving))
-        return _Mark(
-            self._recorder.end, stepper.integrator.past, halving, stats, self._recorder.rows
-        )
+        return _Mark(recorder.end, stepper.integrator.past, halving, stats, recorder.rows)
 
     def _return_to(self, mark: _Mark) -> None:
         stepper = self._stepper

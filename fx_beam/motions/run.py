@@ -102,18 +102,17 @@ class Run:
         self.times, self._control = grid
         model, record, control = prepared.model, prepared.options.record, self._control
         to_file = record.file is not None
-        self.recorder: Recorder
         if over is not None and over.recorder.model is model:
-            self.recorder = over.recorder
-            self.recorder.restart()
+            recorder = over.recorder
+            recorder.restart()
         else:
             times = self.times[: 1 if to_file else None]
             of_row = 8e-9 * model.size * (record.motion + 2 * record.rates)
             size = len(times) / record.every * of_row
             if size > _MEMORY:
                 _warn_once(f"the record needs up to {size:.3g} GB. Use Record(every=...) for less")
-            self.recorder = Recorder(model, times, record)
-        recorder = self.recorder
+            recorder = Recorder(model, times, record)
+        self.recorder: Recorder = recorder
         self._files: Any = None
         if to_file:
             from .row_files import RowFiles

@@ -158,10 +158,9 @@ class Path:
     def family(self, motions: Iterator[Closed]) -> PeriodicFamily:
         """What users get of motions along this path."""
         members, critical = list[PeriodicMotion](), dict[int, functools.partial[PeriodicMotion]]()
+        chosen_by = "arc" if self._free else "frequency"
         for closed in itertools.islice(motions, self._shooting.options.most):
-            motion = motion_of(
-                self._shooting, closed, self._free, "arc" if self._free else "frequency"
-            )
+            motion = motion_of(self._shooting, closed, self._free, chosen_by)
             if members and motion.instability != members[-1].instability:
                 critical[len(members)] = functools.partial(self._critical, *self.last_step, motion)
             members.append(motion)

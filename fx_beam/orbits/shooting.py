@@ -68,8 +68,7 @@ class PeriodicOptions(CommonOptions):
         self._require("steps", self.steps % 2 == 1, wanted)
         self._require("step", 0 < as_float(self.step) <= 1, "a number between 0 and 1")
         if self.amplitude is not None and self.energy is not None:
-            text = "give the amplitude or the energy: each sets the other"
-            raise SceneError(f"{self.what}: {text}")
+            raise SceneError(f"{self.what}: give the amplitude or the energy: each sets the other")
         self.__dict__["step"] = as_float(self.step)
 
 
@@ -154,9 +153,8 @@ class Shooting:
     def check_free(self) -> None:
         """Refuse what takes energy from any motion, if no loads give it back."""
         if self.remembers:
-            taking = (
-                "friction of joints" if self.model.points.follow_joints else self.model.scheme.name
-            )
+            by_joints = self.model.points.follow_joints
+            taking = "friction of joints" if by_joints else self.model.scheme.name
             raise SceneError(
                 f"{self.what}: {taking} takes energy from a free motion, which then does not "
                 "repeat itself. Use EnergyMomentum without friction, or give loads"

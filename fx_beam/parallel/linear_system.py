@@ -116,9 +116,8 @@ class LinearSystem:
         self._rows = tuple(part.astype(PETSc.IntType) for part in (starts, keys % n))
         map_ = PETSc.LGMap().create(numbers.astype(PETSc.IntType), comm=self._comm)
         # PETSc uses these arrays directly, without copies.
-        self._own = PETSc.Mat().createAIJWithArrays(
-            (n, n), (*self._rows, self._entries), comm=PETSc.COMM_SELF
-        )
+        arrays = *self._rows, self._entries
+        self._own = PETSc.Mat().createAIJWithArrays((n, n), arrays, comm=PETSc.COMM_SELF)
         for old in (self._matrix, self._b, self._x):
             old.destroy()
         self._matrix = PETSc.Mat().createIS(

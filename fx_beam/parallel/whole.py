@@ -247,15 +247,13 @@ class DistributedEquations:
             model.forms.stiffness.data[self._at_points] = 0.0
             model.points.add_tangent(model.forms.stiffness.data)
         loads = force - f
+        parts = zip(self._columns, self._shares, self._owned, self._dofs, strict=True)
         given = [
             (y[columns], driven[share.driven], np.where(owned, loads[dofs], 0.0))
-            for columns, share, owned, dofs in zip(
-                self._columns, self._shares, self._owned, self._dofs, strict=True
-            )
+            for columns, share, owned, dofs in parts
         ]
-        for dofs, (force_of_part, residual) in zip(
-            self._dofs, self._crew("at", given), strict=True
-        ):
+        balances = self._crew("at", given)
+        for dofs, (force_of_part, residual) in zip(self._dofs, balances, strict=True):
             f[dofs] += force_of_part
             r[dofs] += residual
         return f, r

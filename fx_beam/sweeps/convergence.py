@@ -175,10 +175,8 @@ def _refined(runs: _Runs, mesh: int, tolerance: float) -> Converged:
     step = _FIRST
     while True:
         value = runs.value(mesh, step)
-        in_mesh, in_step = (
-            _SHARE * float(abs(runs.value(*finer) - value).max())
-            for finer in ((2 * mesh, step), (mesh, _FACTOR * step))
-        )
+        in_mesh = _SHARE * float(abs(runs.value(2 * mesh, step) - value).max())
+        in_step = _SHARE * float(abs(runs.value(mesh, _FACTOR * step) - value).max())
         if in_mesh + in_step <= tolerance:
             finest = runs.value(2 * mesh, _FACTOR * step)
             errors, used = (in_mesh + in_step, in_step, in_mesh), (len(runs.values), runs.steps)

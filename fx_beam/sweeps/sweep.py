@@ -185,12 +185,11 @@ def _row(case: dict, outcome: workers.Outcome) -> dict:
 
 
 def _table(rows: dict[int, dict]):
-    return export.of_rows(
-        [
-            {**row["case"], **(row["result"] or {}), **{name: row[name] for name in _OWN}}
-            for _, row in sorted(rows.items())
-        ]
-    )
+    table = [
+        {**row["case"], **(row["result"] or {}), **{name: row[name] for name in _OWN}}
+        for _, row in sorted(rows.items())
+    ]
+    return export.of_rows(table)
 
 
 # -- The file of results -------------------------------------------------------------------------

@@ -280,9 +280,8 @@ def _compare(precision: Precision, measured, fine, exact: dict[str, History]) ->
     references = dict(exact)
     for name in list(precision.missing) if fine else ():
         try:
-            references[name] = accuracy.computed(
-                name, *(_history(motion, name) for motion in fine[:2])
-            )
+            of_both = (_history(motion, name) for motion in fine[:2])
+            references[name] = accuracy.computed(name, *of_both)
             precision.references[name] = references[name].error
             del precision.missing[name]
         except SceneError as wrong:
