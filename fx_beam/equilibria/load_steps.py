@@ -103,8 +103,7 @@ class LoadStepper:
         start = self._yielded(reference_state(self.model))
         self.path.held = self.residual(start, 0.0)
 
-        def release(state: State, before: float, after: float) -> State:
-            self.hold_between(before, after)
+        def release(state: State, _: float) -> State:
             new = self.step(state, 0.0)
             if self.loop.singular:
                 raise StepFailed("singular", "the tangent is singular", new.q - state.q)
@@ -112,7 +111,8 @@ class LoadStepper:
 
         try:
             # Without tension a single step is enough; otherwise several steps are more robust.
-            state = release(start, 0.0, 1.0)
+            self.hold_between(0.0, 1.0)
+            state = release(start, 1.0)
             done = self.is_still(state.q)
         except StepFailed:
             done = False
@@ -125,10 +125,8 @@ class LoadStepper:
                     "Check for a part without support, or a spring far from its rest position. The "
                     f"last step was to {self._goal:.3g} times the springs' tension"
                 )
-                failures = self.loop.failures
-                raise failures.error(
-                    what, self.options.max_cuts, start, failure, advice
-                ) from failure
+                cuts = self.options.max_cuts
+                raise self.loop.failures.error(what, cuts, start, failure, advice) from failure
         self.path.held = 0 * self.path.held
         self.hold_between(0.0, 0.0)
         state.work = 0.0
@@ -280,29 +278,23 @@ class LoadStepper:
 
     def raise_load(self, states: list[State]) -> None:
         """Append the states from the last one to load factor 1; StepError if a step fails."""
-
-        def raised(state: State, before: float, goal: float) -> State:
-            self.hold_between(before, goal)
-            return self.step(state, goal)
-
         try:
-            for state in self._in_steps(states[-1], raised):
+            for state in self._in_steps(states[-1], self.step):
                 states.append(state)
                 self.stats.steps += 1
         except StepFailed as failure:
             raise self._error(states[-1], failure) from failure
 
-    def _in_steps(
-        self, state: State, take: Callable[[State, float, float], State]
-    ) -> Iterator[State]:
+    def _in_steps(self, state: State, take: Callable[[State, float], State]) -> Iterator[State]:
         """States up to 1; a step is halved if it fails, and doubled after an easy step."""
         steps, longest = self.options.load_steps, 2**self.options.max_cuts
         last, stride = steps * longest, longest
         at = round(state.t * steps) * longest
         while at < last:
             self._goal, self._may_be_cut = (at + stride) / last, stride > 1
+            self.hold_between(at / last, self._goal)
             try:
-                state = take(state, at / last, self._goal)
+                state = take(state, self._goal)
             except StepFailed:
                 if stride == 1:
                     raise
