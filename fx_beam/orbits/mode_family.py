@@ -141,7 +141,8 @@ class ModeFamily:
         except (NotClosed, StepError):
             path = Path(self._shooting, True)
             *_, last = itertools.islice(self.followed(path), _FAR)
-            if abs(self._error(last)) > max(self._shooting.options.tolerance, ROUND_OFF):
+            missing = abs(self._wanted.error(last.period))
+            if missing > max(self._shooting.options.tolerance, ROUND_OFF):
                 raise NotClosed(
                     f"{self._shooting.what}: no motion with this amplitude or energy was found, "
                     f"nor does the family of the mode come to it in {_FAR} motions. See how far "
@@ -168,15 +169,12 @@ class ModeFamily:
         rows = shooting.rows_of(first.period.start) - shooting.rows_of(self._rest)
         towards = np.append(rows / first.by.scale / first.period.size, 0.0)
         for closed in path.follow(first, towards):
-            if self._error(closed) >= 0:
+            if self._wanted.error(closed.period) >= 0:
                 last = closed.period
                 phase = turning_point(shooting, last)
                 yield close(shooting, last.start, last.length, phase, (self._wanted,))
                 return
             yield closed
-
-    def _error(self, closed: Closed) -> float:
-        return self._wanted.error(closed.period)
 
 
 def holds_energy(shooting: Shooting, energy: float, unit: float) -> Condition:
