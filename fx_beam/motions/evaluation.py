@@ -155,6 +155,8 @@ def _variables_of_contact(model: Model, rows: np.ndarray) -> dict[int, np.ndarra
 
 # Ratio of divided differences from which on the row of the larger one is avoided.
 _MUCH = 4.0
+# Sums (n, ...) of rows (n, k, ...) with weights (n, k).
+_WEIGHTED = "nk,nk...->n..."
 # Difference of two times that are the same but for round-off, relative to a mean step.
 _SAME = 1e-9
 
@@ -213,16 +215,13 @@ def _polynomials(t, q, v, unit, times, row, breaks, points: int) -> tuple[np.nda
         ends = np.maximum(row[inside], first + 1) - first
         start = first + _smoothest(t[smooth], q[smooth] / unit, ends, known)
         rows = start[:, None] + np.arange(known)
-        at, slope = lagrange_and_slopes(t[rows], times[inside])
-        values[inside], rates[inside] = (
-            np.einsum("nk,nk...->n...", w, q[rows]) for w in (at, slope)
-        )
+        q_near = q[rows]
+        weights = lagrange_and_slopes(t[rows], times[inside])
+        values[inside], rates[inside] = (np.einsum(_WEIGHTED, w, q_near) for w in weights)
         if len(v) and last - first < len(t) - 1 and points > 4:  # between events, long steps
             both_ends = first + ends + np.array([[-1], [0]])
             slopes = (lagrange_and_slopes(t[rows], end)[1] for end in t[both_ends])
-            missing = v[both_ends] - [
-                np.einsum("nk,nk...->n...", slope, q[rows]) for slope in slopes
-            ]
+            missing = v[both_ends] - [np.einsum(_WEIGHTED, slope, q_near) for slope in slopes]
             value, rate = _bend(t[both_ends], times[inside], missing)
             values[inside] += value
             rates[inside] += rate

@@ -324,8 +324,7 @@ def rates_of_columns(model: Model, state: State, v: np.ndarray, driven: np.ndarr
     v, slides = v.copy(), np.zeros(len(state.slides))
     v[model.prescribed] = driven[: len(model.prescribed)]
     joints = [j for j in model.scene.joints if j.axis is not None or j.slide is not None]
-    if joints:
-        at = model.motion(q=state.q[None], v=v[None])
+    at = model.motion(q=state.q[None], v=v[None])
     for joint in joints:
         number = [joint.number]
         slides[number] = joint.kinematics.rate(at, state.slides[number])

@@ -98,9 +98,8 @@ def static_numbers_of(
         "driven": np.stack([forcing.positions(of) for of in factors]) + _before_motors(model),
     }
     if len(parameters := model.forms.parameters):
-        of_steps["parameters"] = np.broadcast_to(
-            parameters.over_steps(t, t, 1.0)[0, 0], (rows, 2, len(parameters))
-        )
+        at_time = parameters.over_steps(t, t, 1.0)[0, 0]
+        of_steps["parameters"] = np.broadcast_to(at_time, (rows, 2, len(parameters)))
     if len(followers):
         of_steps["follower force"] = np.repeat(followers.series(t, t), rows, axis=0)
     if model.natural:
@@ -146,10 +145,8 @@ def numbers_of_state(model: Model, state: State) -> dict[str, Any]:
 
 def _before_motors(model: Model) -> np.ndarray:
     """Slides (driven,) in the reference configuration, from which motors go on; 0 for others."""
-    start = np.zeros(model.couplings.driven)
-    for i, (joint, name) in enumerate(model.motors, start=len(model.prescribed)):
-        start[i] = joint.start()[0] if name == "slide" else 0.0
-    return start
+    of_motors = [joint.start()[0] if name == "slide" else 0.0 for joint, name in model.motors]
+    return np.append(np.zeros(len(model.prescribed)), of_motors)
 
 
 def _arrays(numbers: dict[str, Any]) -> dict[str, np.ndarray]:
