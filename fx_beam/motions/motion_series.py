@@ -51,7 +51,8 @@ class MotionSeries:
 
     def motion(self, scene: Scene, options: Options, start: Solution | None = None) -> Solution:
         """The motion of a scene, from its reference configuration or the end of a solution."""
-        return self.begun(scene, options, start).complete()
+        run = self.begun(scene, options, start)
+        return run.take_steps(run.solution)
 
     def begun(
         self, scene: Scene, options: Options, start: Solution | None = None, over: Run | None = None

@@ -126,10 +126,6 @@ class Run:
         prepared.stepper.integrator.record_start(state, recorder)
         self._clock = time.perf_counter()
 
-    def complete(self) -> Solution:
-        """The motion after all steps."""
-        return self.take_steps(self.solution)
-
     def take_steps(self, then: Callable[[], _T]) -> _T:
         """Take all steps; gives what comes `then`. Exceptions have the solution of those before."""
         prepared, recorder, control = self.prepared, self.recorder, self._control
