@@ -284,12 +284,12 @@ def discrete_gradient(law: Law, e0, e1, length):
     norm2 = ufl.dot(ufl.as_vector(weighted), ufl.as_vector(path))
     # The correction is of order EA De^2; round-off of W adds an error of eps EA / De. Below
     # eps^(1/3) the correction is smaller than this error. Where pieces meet at small strains, both
-    # are relative to these, if it is more than round-off of W.
+    # are relative to these, if it is more than round-off of W, and norm2 has a reciprocal.
     long_enough = ufl.gt(norm2, 6e-6**2)
     if has_pieces(law.energy):
         size2 = sum(x * x * (length**2 if i % 3 == 2 else 1) for i, x in enumerate((*e0, *e1)))
         certain = ufl.gt(abs(missing), 2e-14 * (abs(law.energy(*e0)) + abs(law.energy(*e1))))
-        long_enough = ufl.Or(long_enough, ufl.And(certain, ufl.gt(norm2, 6e-6**2 * size2)))
+        long_enough = ufl.Or(long_enough, ufl.And(certain, ufl.gt(norm2, 6e-6**2 * size2 + 1e-100)))
     factor = ufl.conditional(long_enough, missing / ufl.conditional(long_enough, norm2, 1), 0)
     return tuple(r + factor * w for r, w in zip(mean, weighted, strict=True))
 
