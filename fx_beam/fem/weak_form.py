@@ -164,11 +164,11 @@ class WeakForm:
         """The resultants of each law in a step of the present fields."""
         what = f"rates of {self.scheme.name}"
         self.step = self.fields.step(self.scheme.rates, what, self.has_natural)
-        #: Internal variables at both ends of the step, of each law that has some.
+        #: Internal variables at both ends of the step and between, of each law that has some.
         self._evolution = [self._evolved(variables) for _, variables in self._materials]
         self._laws = [
-            self._law(energy, ends)
-            for (energy, _), ends in zip(self._materials, self._evolution, strict=True)
+            self._law(energy, of_step)
+            for (energy, _), of_step in zip(self._materials, self._evolution, strict=True)
         ]
         of_scheme: Any = self.scheme.resultants
         if self.scheme.parameters:
@@ -182,24 +182,24 @@ class WeakForm:
                 parts.append(viscous(self.step, law, self.times, self.scheme.rates.level))
         return resultants
 
-    def _evolved(self, variables: InternalVariables | None) -> tuple[Any, Any] | None:
+    def _evolved(self, variables: InternalVariables | None) -> tuple[Any, ...] | None:
         if variables is None:
             return None
         old = ufl.as_vector([self.internal[i] for i in range(len(variables.names))])
         at_rest = self.scheme.rates.at_rest
         dt = self.fields.load_increment if at_rest else self.fields.dt
-        ends = self.step.strains0, self.step.strains1
-        return old, replaced(evolved(variables, old, *ends, dt, at_rest), self._by_name)
+        of_step = evolved(variables, old, self.step.strains0, self.step.strains1, dt, at_rest)
+        return tuple(replaced(of, self._by_name) for of in of_step)
 
     def _with_values(self, energy: Energy) -> Energy:
         """A stored energy with the values of its parameters."""
         return lambda *arguments: replaced(energy(*arguments), self._by_name)
 
-    def _law(self, energy: Energy | None, ends: tuple[Any, Any] | None) -> Law:
+    def _law(self, energy: Energy | None, of_step: tuple[Any, ...] | None) -> Law:
         if energy is None:
             return quadratic_law(self.data["stiffness"])
         energy = self._with_values(energy)
-        return own_law(energy) if ends is None else law_of_step(energy, *ends)
+        return own_law(energy) if of_step is None else law_of_step(energy, *of_step[:2])
 
     def _build_residual(self) -> None:
         dx = self.fields.measure(self.fields.degree)
@@ -218,10 +218,10 @@ class WeakForm:
                     held += 0 if r.held is None else r.held * dx_law
                     self._held_before += 0 if r.held_before is None else r.held_before * dx_law
             stored += law.start.energy(*self.step.strains0) * dx_law
-            (energy, internal), ends = self._materials[tag], self._evolution[tag]
+            (energy, internal), of_step = self._materials[tag], self._evolution[tag]
             if energy is not None and internal is not None:
                 strains = self.step.strains0, self.step.strains1
-                given = self._with_values(energy), internal.level, ends, strains
+                given = self._with_values(energy), internal.level, of_step, strains
                 lost += evolution_loss(*given, self.scheme.rates.at_rest) * dx_law
             if self.times is not None:
                 lost += viscous_loss(self.step, law, self.times) * dx_law
@@ -310,7 +310,7 @@ class WeakForm:
         return Written({"added virtual work": self._added}, self.named)
 
     def _increments(self) -> Any:
-        grown = [ends and ends[1] - ends[0] for ends in self._evolution]
+        grown = [of_step and of_step[1] - of_step[0] for of_step in self._evolution]
         return self._at_points(grown, ufl.TestFunction(self.fields.internal(self.width)))
 
     def _at_points(self, of_laws: Sequence[Any], test: Any) -> Any:

@@ -12,6 +12,7 @@ from fx_beam.scene.law import (
     evolution_loss,
     evolved,
     is_quadratic,
+    slope,
     switches,
 )
 from fx_beam.symbolic import ufl
@@ -97,9 +98,8 @@ def _on(
     def step(motion: Motion) -> _Step:
         of_kind, of_law = motion.numbers[: kind.numbers], motion.numbers[kind.numbers :]
         given = [(motion, D, of_kind) for D in (motion.increment, motion.still)]
-        slips = [kind.slip and kind.slip(*of) for of in given]
         moving, still = (
-            _Step(motion, kind.of(*of), of_law, slip) for of, slip in zip(given, slips, strict=True)
+            _Step(motion, kind.of(*of), of_law, kind.slip and kind.slip(*of)) for of in given
         )
         return moving._replace(still=still)
 
@@ -149,23 +149,23 @@ def stored_energy(kind: Kind, energy: Energy, internal: InternalVariables | None
         (rest,) = step.numbers
         return step.x.start - rest, step.x.end - rest
 
-    def variables(step: _Step) -> tuple[Any, Any]:
-        """Internal variables at both ends of the step."""
+    def variables(step: _Step) -> tuple[Any, Any, Any]:
+        """Internal variables at both ends of the step, and shortly after its start."""
         x0, x1 = ends(step)
         old = ufl.as_vector(step.motion.internal or [0.0])
         if not internal or step.motion.rule.instant:
-            return old, old
-        return old, evolved(internal, old, (x0,), (x1,), step.motion.dt, step.motion.rule.at_rest)
+            return old, old, old
+        return evolved(internal, old, (x0,), (x1,), step.motion.dt, step.motion.rule.at_rest)
 
     def forces(step: _Step) -> StepForces:
         x0, x1 = ends(step)
-        old, new = variables(step)
+        old, new, _ = variables(step)
         level = step.motion.rule.level
         if level == 0.5:
             mean = _discrete_gradient(lambda x: stored(x, (old + new) / 2), x0, x1)
         else:
-            start = _slope(lambda x: stored(x, old), x0)
-            end = _slope(lambda x: stored(x, new), x1)
+            start = slope(lambda x: stored(x, old), x0)
+            end = slope(lambda x: stored(x, new), x1)
             mean = (1 - level) * start + level * end
         return step.forces(mean, internal=[new[i] for i in range(count)])
 
@@ -197,14 +197,9 @@ def stored_energy(kind: Kind, energy: Energy, internal: InternalVariables | None
     )
 
 
-def _slope(energy: Callable[[Any], Any], x: Any) -> Any:
-    x = ufl.variable(x)
-    return ufl.diff(energy(x), x)
-
-
 def _discrete_gradient(energy: Callable[[Any], Any], x0: Any, x1: Any) -> Any:
     """Force whose work over the step is the increment of the energy."""
-    middle = _slope(energy, (x0 + x1) / 2)
+    middle = slope(energy, (x0 + x1) / 2)
     if is_quadratic(energy):
         return middle
     path = x1 - x0
@@ -465,7 +460,7 @@ def _mean_push(energy: Callable, gap: Coordinate, level: float, linear: bool) ->
     g0, g1 = gap.start, gap.end
     if level != 0.5:
         depth = _depth(g0 + level * (g1 - g0))
-        return ufl.conditional(ufl.gt(depth, 0), _slope(energy, depth), 0.0)
+        return ufl.conditional(ufl.gt(depth, 0), slope(energy, depth), 0.0)
     depth0, depth1 = _depth(g0), _depth(g1)
     # The part of the way behind the obstacle.
     both, crosses = depth0 + depth1, ufl.lt(g0 * g1, 0)

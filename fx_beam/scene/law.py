@@ -18,6 +18,8 @@ Energy = Callable[..., Any]
 
 # Strains at which a stored energy is compared with that of zero strain.
 _SIZES = 1e-3, 1e-2, 0.1, 1.0, 10.0
+# Share of a load step after which what flows from its start on has changed.
+_SHORTLY = 1e-3
 # UFL's names of comparisons of two numbers, of which conditions are made.
 _COMPARISONS = {"EQ", "GE", "GT", "LE", "LT", "NE"}
 # What pictures and files have along members besides internal variables.
@@ -149,6 +151,12 @@ def switches(expression: Any) -> list[Any]:
         elif kind in _COMPARISONS | {"MaxValue", "MinValue"}:
             values.append(operands[0] - operands[1])
     return values
+
+
+def slope(function: Callable[[Any], Any], x: Any) -> Any:
+    """Derivative of a function of a number or a vector."""
+    x = ufl.variable(x)
+    return ufl.diff(function(x), x)
 
 
 def has_pieces(energy: Energy) -> bool:
@@ -386,12 +394,17 @@ class InternalVariables:
         return ufl.as_vector(updated)
 
 
-def evolved(variables: InternalVariables, old, e0, e1, dt, at_rest: bool):
-    """Internal variables at the end of a step: updated to their level in it, then linear."""
+def evolved(variables: InternalVariables, old, e0, e1, dt, at_rest: bool) -> tuple[Any, Any, Any]:
+    """Internal variables at both ends of a step, and in statics shortly after its start."""
     level = 1.0 if at_rest else variables.level
-    strains = tuple((1 - level) * a + level * b for a, b in zip(e0, e1, strict=True))
-    at_level = variables.updated(old, e0, strains, level * dt)
-    return old + (at_level - old) / level
+
+    def after(share: float) -> Any:
+        """They are updated to their level in this share of the step, then linear."""
+        until = level * share
+        strains = tuple((1 - until) * a + until * b for a, b in zip(e0, e1, strict=True))
+        return old + (variables.updated(old, e0, strains, until * dt) - old) / level
+
+    return old, after(1.0), after(_SHORTLY) if at_rest else old
 
 
 def law_of_step(energy: Energy, old, new) -> Law:
@@ -409,18 +422,20 @@ def evolution_loss(energy: Energy, level: float, variables, strains, at_rest: bo
     """Energy that the evolution takes: per length, or of a spring.
 
     In motions what the work N.(E1 - E0) + M (K1 - K0) has more than the stored energy gains, in
-    statics the work of the forces that drive it, at the `level` of its update in the step: the mean
-    of both ends if it flows all the time, the end if it begins to flow within. `variables` and
-    `strains` are those at both ends.
+    statics the work of the forces that drive it: their mean over both ends if it flows from the
+    start on, else that at the `level` of its update, the end if it begins to flow within.
+    `variables` are those of `evolved`, `strains` those at both ends.
     """
-    (old, new), (e0, e1) = variables, strains
+    (old, new, begun), (e0, e1) = variables, strains
 
     def drive(e, of):
-        a = ufl.variable(of)
-        return -ufl.diff(energy(*e, a), a)
+        return -slope(lambda a: energy(*e, a), of)
 
     if at_rest:
-        return ufl.dot((1 - level) * drive(e0, old) + level * drive(e1, new), new - old)
+        change = new - old
+        flows = ufl.gt(ufl.dot(begun - old, change), _SHORTLY / 100 * ufl.dot(change, change))
+        at_start = ufl.conditional(flows, 0.5, 1 - level)
+        return ufl.dot(at_start * drive(e0, old) + (1 - at_start) * drive(e1, new), change)
     mean = (old + new) / 2
     return energy(*e1, mean) - energy(*e1, new) + energy(*e0, old) - energy(*e0, mean)
 
@@ -474,8 +489,6 @@ def _update(energy, variables, old, strains, dt) -> tuple[list[float], float, fl
     e = tuple(map(ufl.as_ufl, strains))
     updated = variables.updated(ufl.as_vector([*map(ufl.as_ufl, old)]), e, e, ufl.as_ufl(dt))
     new = [float(updated[i](())) for i in range(len(old))]
-    a = [ufl.variable(ufl.as_ufl(value)) for value in new]
-    W = energy(*e, ufl.as_vector(a))
-    forces = [float(-ufl.diff(W, value)(())) for value in a]
-    terms = [f * (n - o) for f, n, o in zip(forces, new, old, strict=True)]
+    against = slope(lambda a: energy(*e, a), ufl.as_vector([*map(ufl.as_ufl, new)]))
+    terms = [-float(against[i](())) * (new[i] - old[i]) for i in range(len(old))]
     return new, sum(terms), sum(map(abs, terms))

@@ -110,9 +110,6 @@ class Section:
     internal: InternalVariables | None = None
 
     def __post_init__(self):
-        for name in ("EA", "GA", "EI"):
-            if getattr(self, name) is None and self.strain_energy is None:
-                raise SceneError(f"Section: {name} is missing. Give it, or a strain_energy")
         fits = self.strain_energy is None or not isinstance(self.retardation, tuple)
         wanted = "one time for all strains, as there is a strain_energy"
         require(fits, "Section: retardation", self.retardation, wanted)
@@ -121,6 +118,8 @@ class Section:
         for name in ("EA", "GA", "EI", "rhoA", "rhoI"):
             datum = getattr(self, name)
             if datum is None and name not in _MAY_BE_ZERO:
+                if self.strain_energy is None:
+                    raise SceneError(f"Section: {name} is missing. Give it, or a strain_energy")
                 continue
             value = _value(name, datum, 0.5)
             if not callable(datum):

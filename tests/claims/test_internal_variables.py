@@ -172,6 +172,50 @@ def test_what_relaxes_is_followed_by_load_steps_from_a_loaded_state(factor):
     assert change[-1] - change[0] == pytest.approx(work, rel=1e-9)
 
 
+@pytest.mark.parametrize("part", ["section", "spring"])
+def test_what_damage_dissipates_in_load_steps_is_of_second_order(part):
+    """A bar that is pulled beyond its strength: its force falls from 20 N as exp(-(x - 0.02)/0.1).
+
+    The force that drives the damage, k x^2 / 2, grows with it.
+    """
+    k, limit, length, end = 1e3, 0.02, 0.1, 0.2
+
+    def damaged(x, a):
+        return (1 - a[0]) * k / 2 * x**2
+
+    def damage(old, strains0, strains, dt):
+        x = ufl.max_value(abs(strains[0]), limit)
+        return [ufl.max_value(old[0], 1 - limit / x * ufl.exp(-(x - limit) / length))]
+
+    def energy(eps, gamma, kappa, a):
+        return damaged(eps, a) + GA / 2 * gamma**2 + EI / 2 * kappa**2
+
+    def dissipated(load_steps):
+        """What is dissipated, the error of the balance, and how many steps were halved."""
+        if part == "section":
+            scene, bar = cantilever(with_variables(energy, damage, ("damage",)), elements=1)
+        else:
+            scene = fb.Scene()
+            bar = scene.add_beam([(0, 0), (1, 0)], ELASTIC)
+            variables = fb.InternalVariables(("damage",), damage)
+            spring = fb.Spring(strain_energy=damaged, internal=variables)
+            scene.add_joint(fb.Prismatic(fb.GROUND, bar.start, axis=(1, 0), spring=spring))
+        scene.prescribe(bar.end, x=end)
+        solution = fb.static(scene, load_steps=load_steps)
+        of_row = solution.energy
+        return of_row.dissipated[-1], of_row.balance_error[-1], solution.stats.halvings
+
+    fall = math.exp(-(end - limit) / length)
+    work = k * limit**2 / 2 + k * limit * length * (1 - fall)
+    exact = work - k * limit * fall * end / 2
+    assert dissipated(5)[2] < 5
+    errors = {n: dissipated(n)[0] - exact for n in (20, 40)}
+    assert abs(errors[40]) < 0.01 * exact
+    if part == "section":  # whose strain is prescribed
+        assert errors[20] / errors[40] == pytest.approx(4, rel=0.05)
+    assert abs(dissipated(40)[1]) < 0.01 * exact
+
+
 # -- Balances --------------------------------------------------------------------------------------
 
 
