@@ -119,10 +119,6 @@ class CompiledLaw:
         self._derivatives: dict[str, PointFunction] = {}
         #: Number of forces, entries of the tangent, internal variables and what is remembered.
         self.values = law.size + len(self.entries) + law.internal + law.remembered
-        zero = np.zeros(self.given)
-        zero[3 * law.size + 1] = 1.0  # the length of the step
-        if law.at_zero and not np.isfinite(self(zero)).all():
-            raise SceneError(law.at_zero)
 
     def address(self, name: str) -> int:
         """Address of a function: of the "law", its "energy", "loss" or "switches"; 0 for none."""
@@ -138,9 +134,13 @@ class CompiledLaw:
             **{"entries": len(self.entries), "entry_row": row, "entry_column": column},
         }
 
-    def __call__(self, given: np.ndarray) -> np.ndarray:
-        """Forces, entries of their tangent, and the rest, of what is given (arguments,)."""
-        return self._functions["law"](given)
+    def check_at_zero(self, parameters: np.ndarray) -> None:
+        """Refuse a law that is not finite at zero with these values of its parameters."""
+        given = np.zeros(self.given)
+        given[3 * self.law.size + 1] = 1.0  # the length of the step
+        given[arguments(self.law) :] = parameters
+        if self.law.at_zero and not np.isfinite(self._functions["law"](given)).all():
+            raise SceneError(self.law.at_zero)
 
     @property
     def given(self) -> int:
@@ -169,7 +169,7 @@ class CompiledLaw:
     def _written(self) -> Written:
         """Its functions in UFL."""
         law = self.law
-        motion = self._motion(ufl.Constant(elements.domain(1), shape=(arguments(law),)))
+        motion = Motion(ufl.Constant(elements.domain(1), shape=(arguments(law),)), law, self._rule)
         functions = {name: getattr(law, name) for name in ("energy", "loss", "switches")}
         others = {name: _listed(of) for name, of in functions.items() if of is not None}
         conditions = len(others["switches"](motion)) if "switches" in others else 0
@@ -189,9 +189,6 @@ class CompiledLaw:
             parts = [part for of in others.values() for part in of(motion)]
         return names_of(parameters_in(*law.forces, *law.internal, *parts))
 
-    def _motion(self, given: Any) -> Motion:
-        return Motion(given, self.law, self._rule)
-
     def _function(self, values: OfMotion) -> Callable[[Any], Any]:
         """The values as a vector of what the law is given."""
         first = arguments(self.law)
@@ -199,7 +196,8 @@ class CompiledLaw:
         def of(given: Any) -> Any:
             by_name = {parameter: given[first + i] for i, parameter in enumerate(self.parameters)}
             with symbols_only():
-                return replaced(ufl.as_vector(values(self._motion(given))), by_name)
+                found = values(Motion(given, self.law, self._rule))
+                return replaced(ufl.as_vector(found), by_name)
 
         return of
 

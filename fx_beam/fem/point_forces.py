@@ -103,6 +103,8 @@ class PointForces:
         self._first_internal = [firsts[i] for i in order]
         self._forces = forces = [forces[i] for i in order]
         self._laws = compiled_laws([force.law for force in forces], rule)
+        for law in dict.fromkeys(self._laws):
+            law.check_at_zero(parameters.values[parameters.indices(law.parameters)])
         roles = np.array([force.role for force in forces], dtype=int)
         #: Numbers of forces up to the end of each role.
         self.ends = [int(np.searchsorted(roles, role, "right")) for role in Role]
@@ -132,8 +134,7 @@ class PointForces:
         self.any = bool(forces) or members is not None
         if self.any:
             self._build()
-        laws_with_energy = (law for law in self._laws if law.law.energy)
-        in_energies = [name for law in laws_with_energy for name in law.parameters]
+        in_energies = [name for law in self._laws if law.law.energy for name in law.parameters]
         parameters.add_reader(self.set_parameters, in_energies)
 
     def __len__(self):

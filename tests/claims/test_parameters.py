@@ -106,6 +106,25 @@ def ended(scene):
     return scene, {"end": fb.Output("position", scene.beams[0].end)}
 
 
+@pytest.mark.parametrize("part", ["spring", "damper"])
+def test_laws_of_joints_may_divide_by_a_parameter(part):
+    def rolled(scale):
+        given = {
+            "spring": fb.Spring(strain_energy=lambda x: 10 * (x / scale) ** 2),
+            "damper": fb.Damper(law=lambda rate: 3 * ufl.tanh(rate / scale)),
+        }
+        scene = fb.Scene()
+        block = scene.add_body((0, 0), 1.0, 0.1).centre
+        law = {part: given[part]}
+        scene.add_joint(fb.Prismatic(fb.GROUND, block, axis=(1, 0), **law))
+        scene.set_velocity(block, (1.0, 0.0))
+        return moved(scene)
+
+    assert abs(rolled(fb.Parameter("scale", 0.3)) - rolled(0.3)).max() < 1e-14
+    with pytest.raises(fb.SceneError, match="must be finite"):
+        rolled(fb.Parameter("scale", 0.0))
+
+
 @every_function
 def test_scenes_that_differ_in_parameters_only_share_their_set_up(build):
     run = fb.Response(lambda x: ended(valued(build, float(x[0]))), dt=0.01, t_end=0.2)
