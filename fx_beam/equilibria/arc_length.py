@@ -134,7 +134,8 @@ class ArcLength:
                 # Where the path gets stiffer, or bends away from a bifurcation.
                 ds, behind = ds * min(0.9, 1 / excess), 0.0
                 continue
-            states += step.rows
+            for row in step.rows:
+                states.append(row)  # which a progress bar shows
             stats.steps, stats.closed = stats.steps + len(step.rows), step.closes
             if step.limit is not None:
                 self._rising = -self._rising
