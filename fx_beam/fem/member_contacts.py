@@ -49,9 +49,8 @@ class MemberPair(NamedTuple):
     #: Of a member and itself: arc lengths of its nodes, and how far apart they must be to touch.
     arc: np.ndarray
     apart: float = 0.0
-    #: Number of the contact; -1 for the points of its second member. The contact as text.
-    number: int = -1
-    owner: str = ""
+    #: The contact; None for the points of its second member.
+    contact: Contact | None = None
     #: Pieces once around a closed member; 0 for others.
     turn: int = 0
 
@@ -98,8 +97,7 @@ def _both_directions(
             nodes, slots = nodes[around], slots[around]
         given = points, point_slots, nodes, slots, numbers, arc_of(mesh.X[nodes])
         apart = contact.apart if a is b else 0.0
-        named = (-1, "") if pairs else (contact.number, str(contact))
-        pairs.append(MemberPair(law, followed, *given, apart, *named, turn))
+        pairs.append(MemberPair(law, followed, *given, apart, None if pairs else contact, turn))
     return pairs
 
 
@@ -227,20 +225,20 @@ class MemberContacts:
         """
         of_contacts = {}
         for one, first in zip(self._pairs, self._first_slots[:-1], strict=True):
-            if one.number < 0 or not one.law.internal:
+            if one.contact is None or not one.law.internal:
                 continue
             slots = slice(_IN_SLOT * first, _IN_SLOT * (first + _SLOTS * len(one.points)))
             points = memory[:, slots].reshape(len(memory), len(one.points), _SLOTS, _IN_SLOT)
             most = abs(points[..., 1]).argmax(axis=-1)
             known = np.take_along_axis(points, most[..., None, None], axis=2)
-            of_contacts[one.number] = known[:, :, 0, 1:]
+            of_contacts[one.contact.number] = known[:, :, 0, 1:]
         return of_contacts
 
     @property
     def friction_damping(self) -> dict[str, list[float]]:
         """Damping of the friction on the points of first members [s], by the contact as text."""
-        sticking = [one for one in self._pairs if one.law.sticks and one.owner]
-        return {one.owner: one.numbers[:, -3].tolist() for one in sticking}
+        sticking = [one for one in self._pairs if one.law.sticks and one.contact]
+        return {str(one.contact): one.numbers[:, -3].tolist() for one in sticking}
 
     # -- Derivatives ------------------------------------------------------------------------------
 
