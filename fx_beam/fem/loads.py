@@ -59,7 +59,8 @@ class UnitLoad(NamedTuple):
 class SumOfLoads:
     """Sums of constant columns, those of unit loads, times functions of time."""
 
-    def __init__(self, scene: Scene, size: int):
+    def __init__(self, scene: Scene, mesh: Mesh, size: int):
+        self._mesh = mesh
         values, rows, starts = self._read(self._unit_loads(scene))
         shape = size, len(starts) - 1
         #: Unit loads, as a matrix (size, n).
@@ -130,8 +131,7 @@ class Loads(SumOfLoads):
     """All dead loads as a nodal vector."""
 
     def __init__(self, scene: Scene, mesh: Mesh):
-        self._mesh = mesh
-        super().__init__(scene, mesh.dofs.size)
+        super().__init__(scene, mesh, mesh.dofs.size)
 
     def _unit_loads(self, scene: Scene) -> list[UnitLoad]:
         return [self._unit_load(scene, load) for load in scene.loads if not load.follower]
@@ -147,18 +147,17 @@ class Loads(SumOfLoads):
         beam, rule = target, target.degree + 1
         unit = line_forces(self._mesh, scene.beams.index(beam), rule)
         points = arc_lengths(beam, gauss_rule(rule)[0]).ravel()
+        if load.along is not None:
+            what, rows = f"line load on {label(beam)}", np.unique(unit.indices)
+            each = values_along(load.along, 2, what, "s", points)
+            values: Any = (unit @ plain(each))[rows]
+            if isinstance(each, Dual):
+                values = Dual(values, (unit @ each.slopes)[rows])
+            return UnitLoad(function, str(load), values, rows, np.array([len(rows)]))
         if isinstance(function, PlaceTimeFunction):
             function = function.over(points)
         else:
-            each = np.tile(np.eye(2), (len(points), 1))
-            if load.along is not None:
-                what, rows = f"line load on {label(beam)}", np.unique(unit.indices)
-                each = values_along(load.along, 2, what, "s", points)
-                values: Any = (unit @ plain(each))[rows]
-                if isinstance(each, Dual):
-                    values = Dual(values, (unit @ each.slopes)[rows])
-                return UnitLoad(function, str(load), values, rows, np.array([len(rows)]))
-            unit = scipy.sparse.csc_matrix(unit @ each)
+            unit = scipy.sparse.csc_matrix(unit @ np.tile(np.eye(2), (len(points), 1)))
         return UnitLoad(function, str(load), unit.data, unit.indices, np.diff(unit.indptr))
 
 
@@ -166,13 +165,12 @@ class NaturalStrains(SumOfLoads):
     """Natural strains at all Gauss points."""
 
     def __init__(self, scene: Scene, mesh: Mesh):
-        self._mesh = mesh
         degree = scene.beams[0].degree if scene.beams else 1
         #: Shape (cells, degree, 3) of the strains at the Gauss points.
         self.shape = len(mesh.beam_of_cell), degree, 3
         #: Number of strains at all Gauss points.
         self.size = int(np.prod(self.shape))
-        super().__init__(scene, self.size)
+        super().__init__(scene, mesh, self.size)
 
     def _unit_loads(self, scene: Scene) -> list[UnitLoad]:
         parts = [(of.beam, *part) for of in scene.natural_strains for part in of.parts.items()]
