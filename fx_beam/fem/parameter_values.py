@@ -30,9 +30,8 @@ class ParameterValues:
         if not self.names:
             return
         new = list(scene.parameters.functions.values())
-        if [isinstance(of, Constant) for of in new] != [
-            isinstance(of, Constant) for of in self.functions
-        ]:
+        pairs = zip(self.functions, new, strict=True)
+        if any(isinstance(one, Constant) != isinstance(two, Constant) for one, two in pairs):
             raise OtherStructureError("parameters that were constant vary in time, or conversely")
         self.functions, self._held = new, False
         self.use(self.at(0.0))
