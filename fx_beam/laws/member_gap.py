@@ -78,9 +78,8 @@ def _slip(follows: bool, motion: Motion, D: Sequence[Any], numbers: Sequence[Any
     change = dot(arm1, w1) - dot(arm0, w0)
     moves = ufl.gt(abs(change), _STILL * dot(w0, w0))
     factor = ufl.conditional(moves, path / ufl.conditional(moves, change, 1.0), still)
-    on_arm, on_w = (
-        [factor / 2 * x for x in add(*ends)] for ends in ((w0, 1.0, w1), (arm0, 1.0, arm1))
-    )
+    on_arm = [factor / 2 * x for x in add(w0, 1.0, w1)]
+    on_w = [factor / 2 * x for x in add(arm0, 1.0, arm1)]
     along = near.with_places(on_arm, [0.0, 0.0], size, on_w=on_w)
     return Slip(path, along, _relative(on_normal, on_arm))
 

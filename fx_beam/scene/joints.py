@@ -330,13 +330,12 @@ class JointKinematics:
 
     def rate(self, at: NodalMotion, slide: np.ndarray) -> np.ndarray:
         """Rate (n,) of the slide [m/s] if the joint has one, else of the angle [rad/s]."""
-        if self.joint.axis is None:
+        joint = self.joint
+        if joint.axis is None:
             return self.spin(at, slide)
         x, y, _ = self._difference(at, "v")
-        psi, spin = (self._of(at, name, self.joint.a)[2] for name in "qv")
-        return axial_rate(
-            self.joint.track, self.joint.offset, self.joint.axis, slide, psi, spin, x, y
-        )
+        psi, spin = (self._of(at, name, joint.a)[2] for name in "qv")
+        return axial_rate(joint.track, joint.offset, joint.axis, slide, psi, spin, x, y)
 
     def parting_rate(self, at: NodalMotion, slide: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Velocity (2, n) of b as a sees it, and the direction (2, n) of the slide, or zero."""
