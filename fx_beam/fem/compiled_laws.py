@@ -169,25 +169,24 @@ class CompiledLaw:
     def _written(self) -> Written:
         """Its functions in UFL."""
         law = self.law
-        motion = Motion(ufl.Constant(elements.domain(1), shape=(arguments(law),)), law, self._rule)
+        given = ufl.Constant(elements.domain(1), shape=(arguments(law),))
+        motion = Motion(given, law, self._rule)
         functions = {name: getattr(law, name) for name in ("energy", "loss", "switches")}
         others = {name: _listed(of) for name, of in functions.items() if of is not None}
         conditions = len(others["switches"](motion)) if "switches" in others else 0
         if not conditions:
             others.pop("switches", None)
-        self.parameters = self._names(motion, others) if law.of_user else []
+        if law.of_user:
+            with symbols_only():
+                of_step = law.forces(motion)
+                parts = [part for of in others.values() for part in of(motion)]
+            self.parameters = names_of(parameters_in(*of_step.forces, *of_step.internal, *parts))
         named = {law.name: self._function(self._forces)}
         named |= {f"{name} of {law.name}": self._function(of) for name, of in others.items()}
         written = _written(named, self.given)
         # Without the names of parameters, in which laws may differ that have the same code.
         facts = {"others": [*others], "entries": self._entries, "conditions": conditions}
         return written._replace(facts=facts)
-
-    def _names(self, motion: Motion, others: dict[str, OfMotion]) -> list[str]:
-        with symbols_only():
-            law = self.law.forces(motion)
-            parts = [part for of in others.values() for part in of(motion)]
-        return names_of(parameters_in(*law.forces, *law.internal, *parts))
 
     def _function(self, values: OfMotion) -> Callable[[Any], Any]:
         """The values as a vector of what the law is given."""
@@ -196,8 +195,8 @@ class CompiledLaw:
         def of(given: Any) -> Any:
             by_name = {parameter: given[first + i] for i, parameter in enumerate(self.parameters)}
             with symbols_only():
-                found = values(Motion(given, self.law, self._rule))
-                return replaced(ufl.as_vector(found), by_name)
+                motion = Motion(given, self.law, self._rule)
+                return replaced(ufl.as_vector(values(motion)), by_name)
 
         return of
 
