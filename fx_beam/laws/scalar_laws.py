@@ -169,24 +169,18 @@ def stored_energy(kind: Kind, energy: Energy, internal: InternalVariables | None
             mean = (1 - level) * start + level * end
         return step.forces(mean, internal=[new[i] for i in range(count)])
 
-    def at_start(step: _Step) -> Any:
-        return stored(ends(step)[0], variables(step)[0])
-
     def loss(step: _Step) -> Any:
         strains = [(x,) for x in ends(step)]
         return evolution_loss(energy, level, variables(step), strains, step.motion.rule.at_rest)
-
-    def pieces(step: _Step) -> list:
-        return switches(energy(ends(step)[0]))
 
     return _on(
         kind,
         "stored energy",
         1,
         forces,
-        at_start,
+        lambda step: stored(ends(step)[0], variables(step)[0]),
         loss if internal else None,
-        None if internal else pieces,
+        None if internal else lambda step: switches(energy(ends(step)[0])),
         internal=count,
         of_user=True,
         overshoots=True,
