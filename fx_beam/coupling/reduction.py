@@ -80,6 +80,7 @@ class Reduction:
         self.auxiliaries = auxiliaries
         self._rates, self._points = rates, points
         self._size, self._full = matrix.shape[0], (matrix, used)
+        self._shape = self._size, self.columns + len(auxiliaries)
         self._entries = couplings.all_entries
         moving = couplings.moving
         self._arms = np.zeros((2, len(moving), 2))
@@ -288,10 +289,6 @@ class Reduction:
             dependence = self._dependence(values, virtual, auxiliaries, closed)
             self._maps[key] = ColumnMap(self._entries.weights(values), self._shape, *dependence)
         return self._maps[key]
-
-    @property
-    def _shape(self) -> tuple[int, int]:
-        return self._size, self.columns + len(self.auxiliaries)
 
     def _dependence(
         self, values: np.ndarray, virtual: bool, auxiliaries: bool, closed: bool

@@ -31,11 +31,8 @@ class Space:
         self.dofs, self.size = dofs, size
         #: Number of points of a cell with values of their own.
         self.points = points
-
-    @property
-    def width(self) -> int:
-        """Number of those of a cell."""
-        return self.dofs.shape[1]
+        #: Number of degrees of freedom of a cell.
+        self.width = dofs.shape[1]
 
 
 class Field:
@@ -70,23 +67,15 @@ class BoundForm:
         self.fields: list[Field] = [data[name] for name in compiled.coefficients]
         #: Arrays of its constants by name.
         self.constants: dict[str, np.ndarray] = {name: data[name] for name in compiled.constants}
-
-    @property
-    def size(self) -> int:
-        """Number of entries of an element's tensor."""
-        return math.prod(space.width for space in self.spaces)
-
-    @property
-    def width(self) -> int:
-        """Number of its coefficients of an element."""
-        return sum(field.space.width for field in self.fields)
+        #: Numbers of entries of an element's tensor, and of its coefficients.
+        self.size = math.prod(space.width for space in spaces)
+        self.width = sum(field.space.width for field in self.fields)
 
     @cached_property
     def cells(self) -> dict[int, np.ndarray]:
         """Cells of each integral by its subdomain; -1 is that of all cells."""
         every = np.arange(len(self._mesh.elements))
-        tags = self.compiled.tags
-        return {tag: every if tag < 0 else every[self._tags == tag] for tag in tags}
+        return {tag: every if tag < 0 else every[self._tags == tag] for tag in self.compiled.tags}
 
     def coefficients(self) -> dict[int, np.ndarray]:
         """Values (cells, width) of its fields for each subdomain, in the order of its code."""

@@ -58,6 +58,8 @@ class BeamForms:
     ):
         self._scheme, self._mesh, self._parameters = scheme, mesh, parameters
         self._holds = holds
+        #: Whether the scheme is static.
+        self.at_rest = scheme.rates.at_rest
         #: Indices of the parameters in the forms among all.
         self.parameters: list[int] = []
         #: Data of beams, by name, that vary cell by cell for derivatives.
@@ -103,6 +105,9 @@ class BeamForms:
             self.bound[form.name] = self._bind(form, [of] * form.arguments)
         #: Whether there is drag.
         self.have_drag = "drag" in self.bound
+        #: Whether forces may depend on rates, and may dissipate energy.
+        self.depend_on_rates = self.has_external or self.have_drag or facts.resultants_move
+        self.dissipate = not self.bound.keys().isdisjoint(LOSSES)
         #: Weights (degree,) of the Gauss points, relative to the element's length.
         self.point_weights = gauss_rule(self.degree)[1]
         #: Shape (cells, degree, width) of the internal variables; the width is zero without any.
@@ -284,11 +289,6 @@ class BeamForms:
             derivatives["X" if name == "coordinates" else name] = sums.reshape(-1, size)
         return derivatives
 
-    @property
-    def dissipate(self) -> bool:
-        """Whether they may dissipate energy."""
-        return not self.bound.keys().isdisjoint(LOSSES)
-
     def losses_by(self, parts: Parts, by_places: bool) -> list[dict[str, np.ndarray]]:
         """Derivatives of what beams lose in k completed steps: to material, scheme and drag.
 
@@ -345,16 +345,6 @@ class BeamForms:
         return BoundForm(compiled, self._mesh, data or self._data, spaces, self._tags)
 
     # -- Evaluation -----------------------------------------------------------------------------
-
-    @property
-    def at_rest(self) -> bool:
-        """Whether the scheme is static."""
-        return self._scheme.rates.at_rest
-
-    @property
-    def depend_on_rates(self) -> bool:
-        """Whether forces may depend on rates."""
-        return self.has_external or self.have_drag or self.facts.resultants_move
 
     def set_load(self, factor: float, increment: float) -> None:
         """Set the load factor, and in statics its increment in the step."""

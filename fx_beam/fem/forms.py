@@ -48,10 +48,20 @@ class Forms:
         if scene.beams:
             self.beams = BeamForms(scene, scheme, mesh, parameters, holds=instant)
         self._parts = [part for part in (self.beams, self.points) if part is not None]
+        #: Shape (cells, degree, width) of the internal variables; the width is zero without any.
+        self.internal_shape = (0, 1, 0) if self.beams is None else self.beams.internal_shape
+        #: Whether the forces depend on the start of the last step.
+        self.needs_previous = self.beams is not None and self.beams.facts.needs_previous
+        #: Whether the scene has added virtual works or follower forces.
+        self.has_added = any(part.has_external for part in self._parts)
+        #: Whether forces may depend on rates, and may dissipate energy.
+        self.depend_on_rates = any(part.depend_on_rates for part in self._parts)
+        self.dissipate = any(part.dissipate for part in self._parts)
         #: Matrix with the entries of beams and of each node.
         self.of_members = matrix_between(mesh.elements, len(mesh.X))
         #: Tangent of all forces, and the places (cells, n * n) in it of the entries of cells.
-        self.stiffness = with_pairs(self.of_members, self.points.pairs_of_nodes)
+        at_nodes = self.points.pairs.min(axis=1) >= 0
+        self.stiffness = with_pairs(self.of_members, self.points.pairs[at_nodes])
         K = self.stiffness
         self.of_cells = places_of_cells(mesh.unknowns.dofs, K.indptr, K.indices)
         self.points.locate_in(self.stiffness)
@@ -96,32 +106,6 @@ class Forms:
 
             members = MemberContacts(scene, self._rule, self._mesh, mobility)
         return forces, Followers(scene, self._rates.level), members
-
-    @property
-    def internal_shape(self) -> tuple[int, int, int]:
-        """Shape (cells, degree, width) of the internal variables; the width is zero without any."""
-        return (0, 1, 0) if self.beams is None else self.beams.internal_shape
-
-    @property
-    def needs_previous(self) -> bool:
-        """Whether the forces depend on the start of the last step."""
-        return self.beams is not None and self.beams.facts.needs_previous
-
-    @property
-    def has_added(self) -> bool:
-        """Whether the scene has added virtual works or follower forces."""
-        return any(part.has_external for part in self._parts)
-
-    @property
-    def depend_on_rates(self) -> bool:
-        """Whether forces may depend on rates."""
-        return any(part.depend_on_rates for part in self._parts)
-
-    @property
-    def dissipate(self) -> bool:
-        """Whether they may dissipate energy."""
-        of_beams = self.beams is not None and self.beams.dissipate
-        return of_beams or self.points.any_have("loss")
 
     # -- A step ---------------------------------------------------------------------------------
 

@@ -208,14 +208,11 @@ class Followers:
     def __init__(self, scene: Scene, level: float):
         self._loads = [load for load in scene.loads if load.follower]
         self._level = level
+        #: Whether all forces are constant in time.
+        self.constant = all(isinstance(load.value, Constant) for load in self._loads)
 
     def __len__(self):
         return len(self._loads)
-
-    @property
-    def constant(self) -> bool:
-        """Whether all forces are constant in time."""
-        return all(isinstance(load.value, Constant) for load in self._loads)
 
     def at(self, interval: Interval) -> np.ndarray:
         """Forces (n, 2) [N] in a step."""

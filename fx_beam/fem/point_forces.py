@@ -108,6 +108,15 @@ class PointForces:
         roles = np.array([force.role for force in forces], dtype=int)
         #: Numbers of forces up to the end of each role.
         self.ends = [int(np.searchsorted(roles, role, "right")) for role in Role]
+        self._nodal = self.ends[Role.EXTERNAL]
+        #: Number of points that obstacles or members may stop.
+        self.contacts = self.ends[Role.CONTACT] + (members.slots if members else 0)
+        #: Those whose work is that of loads, and whether there are any.
+        self.external = slice(self.ends[Role.OTHER], self._nodal)
+        self.has_external = self._nodal > self.external.start
+        #: Whether forces may dissipate energy, and may depend on rates.
+        self.dissipate = self.any_have("loss")
+        self.depend_on_rates = self.has_external or self.dissipate
         #: Number of all internal variables.
         self._of_forces = sum(counts)
         self.width = self._of_forces + (members.width if members else 0)
@@ -140,30 +149,6 @@ class PointForces:
     def __len__(self):
         return len(self._forces)
 
-    @property
-    def contacts(self) -> int:
-        """Number of points that obstacles or members may stop."""
-        return self.ends[Role.CONTACT] + (self.members.slots if self.members else 0)
-
-    @property
-    def external(self) -> slice:
-        """Those whose work is that of loads."""
-        return slice(self.ends[Role.OTHER], self._nodal)
-
-    @property
-    def has_external(self) -> bool:
-        """Whether there are any."""
-        return self._nodal > self.ends[Role.OTHER]
-
-    @property
-    def depend_on_rates(self) -> bool:
-        """Whether forces may depend on rates."""
-        return self.has_external or self.any_have("loss")
-
-    @property
-    def _nodal(self) -> int:
-        return self.ends[Role.EXTERNAL]
-
     def any_have(self, name: str) -> bool:
         """Whether a law has an attribute, such as a "loss"."""
         return any(bool(getattr(law, name)) for law in self.laws)
@@ -178,11 +163,6 @@ class PointForces:
         """Number of all `switches`."""
         of_members = self.members.conditions if self.members else 0
         return sum(law.conditions for law in self._laws) + of_members
-
-    @property
-    def pairs_of_nodes(self) -> np.ndarray:
-        """Rows and columns (n, 2) of all entries of the tangents at nodes."""
-        return self.pairs[self.pairs.min(axis=1) >= 0]
 
     # -- Data in C ------------------------------------------------------------------------------
 
@@ -215,9 +195,8 @@ class PointForces:
             followed={"size": following, "memory": np.zeros(self._c.FIXED_POINT_ROWS * following)},
         )
         if self.members is not None:
-            structs.set(
-                self._all, members=self.members.build(ffi, self._c, structs, self._of_forces)
-            )
+            address = self.members.build(ffi, self._c, structs, self._of_forces)
+            structs.set(self._all, members=address)
         structs.check(self._all)
         #: Address of the C struct PointForces.
         self.address = int(ffi.cast("uintptr_t", self._all))

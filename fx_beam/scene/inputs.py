@@ -81,11 +81,8 @@ class InputSlot:
         self.name, self.what, self._size = given.name, what, size
         #: Values (size,) are this (size, width) times the input.
         self.factor = np.eye(size) if given.factor is None else np.array(given.factor)[:, None]
-
-    @property
-    def width(self) -> int:
-        """Number of values of the input."""
-        return self.factor.shape[1]
+        #: Number of values of the input.
+        self.width = self.factor.shape[1]
 
     def __call__(self, t: float) -> np.ndarray:
         """Zero."""

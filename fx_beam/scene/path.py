@@ -30,6 +30,8 @@ class Path:
     def __init__(self, beam: Beam):
         self.beam, self.s, p = beam, beam.s, beam.degree
         self.degree, self.h = p, np.diff(beam.s)
+        #: Arc length [m].
+        self.length = beam.length
         elements = len(self.h)
         #: Reference positions (nodes, 2) of all nodes in order [m].
         self.X = reference_positions(beam)
@@ -42,11 +44,6 @@ class Path:
 
     def __len__(self):
         return len(self.X)
-
-    @property
-    def length(self) -> float:
-        """Arc length [m]."""
-        return float(self.s[-1])
 
     def _set_polynomials(self) -> None:
         p, h, n = self.degree, self.h, len(self.h)
