@@ -260,7 +260,9 @@ class Reduction:
     @property
     def independent(self) -> np.ndarray:
         """Unknowns that follow no others: all, but for those that close loops."""
-        return np.delete(np.arange(self.free), self._following)
+        if self.loops is None:
+            return np.arange(self.free)
+        return np.setdiff1d(np.arange(self.free), self._following)
 
     @property
     def _following(self) -> np.ndarray:

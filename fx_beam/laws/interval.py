@@ -45,6 +45,8 @@ def divided(
     t0: np.ndarray, t1: np.ndarray, fractions: Sequence[float]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Starts and ends (n * m,) of the m sub-steps of each step from t0 to t1 (n,)."""
+    if len(fractions) == 1:
+        return t0, t1
     inner = t0[:, None] + (t1 - t0)[:, None] * np.cumsum(fractions)[:-1]
     ends = np.column_stack([t0, inner, t1])
     return ends[:, :-1].ravel(), ends[:, 1:].ravel()
