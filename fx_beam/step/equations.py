@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy.sparse
 from scipy.sparse.linalg import splu
 
-from fx_beam.coupling.sliders import Sliders
 from fx_beam.dual import plain
 from fx_beam.laws.interval import Interval
 from fx_beam.results.state import State
@@ -17,7 +16,11 @@ from fx_beam.results.state import State
 from .model import Model
 from .newton import NewtonOptions
 from .tables import Problem
-from .turning_frame import TurningFrame
+
+if TYPE_CHECKING:
+    from fx_beam.coupling.sliders import Sliders
+
+    from .turning_frame import TurningFrame
 
 
 class Balance(NamedTuple):

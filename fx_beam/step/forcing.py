@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from fx_beam.errors import Constant, SceneError, TimeFunction, evaluate, series
@@ -12,7 +14,9 @@ from fx_beam.scene.beam import COMPONENTS
 from fx_beam.scene.coordinate import Held
 
 from .model import Model
-from .turning_frame import TurningFrame
+
+if TYPE_CHECKING:
+    from .turning_frame import TurningFrame
 
 # Weights of the differences of five positions, backwards in time, in the rate at the first one.
 _OF_DIFFERENCES = np.array([-25, 23, -13, 3]) / 12

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -19,10 +19,12 @@ from .interrupts import uninterrupted
 from .inverted_sections import InversionCheck
 from .newton import NewtonOptions
 from .recorder import NullRecorder, Recorder, Rows
-from .step_control import StepControl
 from .step_failures import StepFailed, StepFailures
 from .tables import Problem
-from .tape import TakenSteps, Tape
+
+if TYPE_CHECKING:
+    from .step_control import StepControl
+    from .tape import Tape
 
 # Inputs of which a single row may stand for all sub-steps.
 _REPEATED = "loads", "follower_force", "natural"
@@ -167,6 +169,8 @@ class CompiledLoop:
 
     def _run_taped(self, tape: Tape, steps: Steps, t: float, dt: float, to: Any) -> int:
         """The same on a tape, which keeps the state before every so many steps."""
+        from .tape import TakenSteps
+
         taken, inputs, times = 0, steps.inputs, np.append(t, steps.ends)
         total = len(inputs.driven) // self._problem.sub_steps
         while taken < total:

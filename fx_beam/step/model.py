@@ -6,7 +6,7 @@ import math
 import weakref
 from collections.abc import Callable
 from threading import RLock
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse
@@ -41,7 +41,9 @@ from fx_beam.scene.sliders import SlidingJoint, sliding_joints
 from fx_beam.scene.structure import ElsewhereError, OtherStructureError, Structure
 
 from .build import begin_to_build
-from .sparse_lu import LU, sparse_lu
+
+if TYPE_CHECKING:
+    from .sparse_lu import LU
 
 # Mass of what has none in rates that fit joints, relative to the least mass that there is.
 _LITTLE = 1e-8
@@ -325,6 +327,8 @@ class Model:
     @cached_property
     def factors_of_mass(self) -> LU:
         """Factors for matrices of the reduced pattern, in which the mass of unknowns is one."""
+        from .sparse_lu import sparse_lu
+
         return sparse_lu(self.reduction.factored)
 
     @cached_property

@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,9 +18,11 @@ from fx_beam.results.audit import Energy
 from fx_beam.results.state import ARRAYS, FORCES, HISTORIES, ROWS
 from fx_beam.scene.inputs import Ramp
 
-from .fitted_rates import Fit, rate_fit
 from .forcing import Forcing
 from .model import Model
+
+if TYPE_CHECKING:
+    from .fitted_rates import Fit
 
 # What a solution has besides.
 _OTHERS = "energy", "internal", "spring_internal", "natural"
@@ -202,6 +204,8 @@ def _fit(
     Inputs go straight in a step, so that their rates are those over it, if the rows are `in_turn`.
     `first` are the rates of driven motion at the first one, if `State` has them.
     """
+    from .fitted_rates import rate_fit
+
     (times, steps), (q, v, slides) = grid, states
     lengths, forcing = _lengths(times, steps), Forcing(model)
     driven = np.full((len(steps), model.couplings.driven), np.nan)

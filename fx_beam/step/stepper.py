@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -11,8 +11,10 @@ from fx_beam.results.state import State
 
 from .loop import CompiledLoop, StepInputs, Steps, StepsResult
 from .recorder import NullRecorder, Rows
-from .step_control import StepControl
 from .substeps import Halving
+
+if TYPE_CHECKING:
+    from .step_control import StepControl
 
 
 class Trial(NamedTuple):

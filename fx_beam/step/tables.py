@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse
@@ -33,7 +33,9 @@ from .tangent_storage import (
     storage_of,
     storage_of_entries,
 )
-from .turning_frame import TurningFrame
+
+if TYPE_CHECKING:
+    from .turning_frame import TurningFrame
 
 # Forms of the equations.
 _OF_EQUATIONS = "internal_forces", "drag"

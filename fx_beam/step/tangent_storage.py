@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fx_beam.coupling.reduction import ReducedTangent, Reduction
-from fx_beam.coupling.sliders import Slide, Sliders
 
 from .lu_layout import Factors
 from .model import Model
+
+if TYPE_CHECKING:
+    from fx_beam.coupling.sliders import Slide, Sliders
 
 # Columns of the block of right sides are computed in such lanes.
 _LANES = 4
