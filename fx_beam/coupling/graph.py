@@ -66,7 +66,7 @@ class Entries(NamedTuple):
 
     @property
     def factors(self) -> dict[str, np.ndarray]:
-        """As equations, by values of T, then in the balance of their forces, by those of Tv."""
+        """Their values twice: of T for equations, then of Tv for the balance of forces."""
         one = np.zeros(len(self.row), dtype=int)
         virtual, value = np.append(one, self.value_at), np.append(self.value_at, one)
         return {"virtual": virtual, "value": value, "sign": np.tile(self.sign, 2)}
@@ -89,8 +89,8 @@ def joined(*tables: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     return {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
 
 
-class Ties(NamedTuple):
-    """Entries of T and Tv that are entries of the linear system, in these rows and columns of it.
+class SystemEntries(NamedTuple):
+    """Entries of T and Tv that stand in the linear system, in these rows and columns of it.
 
     Behind them may be others, which are 1.
     """
@@ -437,7 +437,7 @@ class Auxiliaries:
         rows = np.concatenate([of, row_of[moving.column], numbers, numbers + 1])
         columns = np.concatenate([on, of + 1, numbers, numbers + 1])
         #: What auxiliary unknowns add to the linear system: equations, forces, diagonals.
-        self.ties = Ties(rows, columns, moving._replace(sign=-moving.sign).factors)
+        self.in_system = SystemEntries(rows, columns, moving._replace(sign=-moving.sign).factors)
         #: Unknowns (2, m) of auxiliary unknowns, and those on which they depend.
         self.dependent = np.array([np.append(of, of + 1), np.tile(on, 2)])
 

@@ -27,7 +27,7 @@ import scipy.sparse
 from fx_beam.fem.sparsity import Pattern, starts_of
 
 from .column_map import ColumnMap
-from .graph import Auxiliaries, Couplings, Entries, Ties
+from .graph import Auxiliaries, Couplings, Entries, SystemEntries
 from .sliders import Slide
 
 # Closure that is left, relative to the size of the scene.
@@ -68,7 +68,7 @@ class Loops:
         rows = np.append(force, row_of[moving.column])
         columns = np.append(unknown_of[moving.column], force)
         #: What closures add to the linear system.
-        self.ties = Ties(rows, columns, moving.factors)
+        self.in_system = SystemEntries(rows, columns, moving.factors)
         column = self._entries.column
         on_beam = (column >= couplings.independent) & (column < couplings.columns)
         self._carried = np.unique(self._entries.row[on_beam])

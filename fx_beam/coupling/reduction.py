@@ -119,22 +119,22 @@ class Reduction:
         entries, moves = self._entries, unknown_of[self._entries.column] >= 0
         source, i, j = _products(entries.row, moves, used, matrix.indptr, matrix.indices)
         left, right, of_full = entries.at(i), entries.at(j), len(source)
-        ties, forces = [self.auxiliaries.ties], np.empty(0, dtype=int)
+        added, forces = [self.auxiliaries.in_system], np.empty(0, dtype=int)
         if self.loops is not None:
-            ties, forces = [self.loops.ties, *ties], self.loops.bordering
+            added, forces = [self.loops.in_system, *added], self.loops.bordering
             both = zip((left, right), self.loops.stiffened(), strict=True)
             left, right = (Entries(*map(np.append, *sides)) for sides in both)
         source = np.append(source, np.full(len(left.row) - of_full, matrix.nnz + 1))
         others = np.array([p[:2] for p in (*geometric, *restoring)], dtype=int).reshape(-1, 2).T
-        rows = [row_of[left.column], row_of[others[0]], *(of.rows for of in ties)]
-        columns = [unknown_of[right.column], unknown_of[others[1]], *(of.columns for of in ties)]
+        rows = [row_of[left.column], row_of[others[0]], *(of.rows for of in added)]
+        columns = [unknown_of[right.column], unknown_of[others[1]], *(of.columns for of in added)]
         pairs = np.concatenate(rows), np.concatenate(columns)
         if not couplings.sliding:
             pattern, position = sparsity(*pairs, couplings.unknown_count)
         else:
             position = self.sliders.set_tangent(*pairs, forces)
             pattern = self.sliders.bordered.pattern
-        factors = joined(*(of.factors for of in ties))
+        factors = joined(*(of.factors for of in added))
         counts = len(source), len(geometric), len(restoring), len(factors["sign"])
         position, geometric_to, restoring_to, to, ones = np.split(position, np.cumsum(counts))
         virtual, value, sign = left.value_at, right.value_at, left.sign * right.sign

@@ -36,13 +36,18 @@ def by_mass_entries(model: Model, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return x.take(row_of, axis=-1) * y.take(model.mass.indices, axis=-1)
 
 
+def _momenta(model: Model, v: np.ndarray) -> np.ndarray:
+    """v.M of rows (k, size); M is symmetric, and from the left it needs no transposed copy."""
+    return (model.mass @ v.T).T
+
+
 def _kinetic(of: SubSteps, rows: Arrays) -> Derivatives:
     """v.M v / 2."""
     model = of.model
     if model.scheme.rates.at_rest:
         return {}
     v = rows["v"]
-    return {"v": (model.mass @ v.T).T, "mass": by_mass_entries(model, v, v) / 2}
+    return {"v": _momenta(model, v), "mass": by_mass_entries(model, v, v) / 2}
 
 
 def _of_fit(of: SubSteps, rows: Arrays) -> Derivatives:
@@ -51,8 +56,8 @@ def _of_fit(of: SubSteps, rows: Arrays) -> Derivatives:
     if "rates" not in rows or not model.couplings.driven:
         return {}
     v, rates = rows["v"], rows["rates"]
-    fitting, of_mass = rates @ model.mass, by_mass_entries(model, rates, rates - v)
-    return {"v": -fitting, "rates": 2 * fitting - v @ model.mass, "mass": of_mass}
+    fitting, of_mass = _momenta(model, rates), by_mass_entries(model, rates, rates - v)
+    return {"v": -fitting, "rates": 2 * fitting - _momenta(model, v), "mass": of_mass}
 
 
 def _strain(of: SubSteps, rows: Arrays) -> Derivatives:

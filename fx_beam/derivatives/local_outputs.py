@@ -170,11 +170,12 @@ class ResultantOutput(RowOutput):
             for name, which, array, places, factor in of.sources(steps):
                 if array in of_state:
                     given = of_state[array][places]
-                elif array in changes:
-                    given = changes[array][None]
-                    given = given if places is None else given[0, :, places, 0]
-                else:
+                elif array not in changes:
                     continue
+                elif places is None:
+                    given = changes[array][None]
+                else:  # parameters, at the level of steps
+                    given = changes[array][:, places, 0].swapaxes(0, 1)
                 total = read.setdefault(name, np.zeros((len(steps), *given.shape[1:])))
                 total[which] += factor * given
             parts = of.parts(steps)

@@ -587,7 +587,7 @@ class Response(Differentiable):
     def _numbers_of_steps(
         self, tape: Tape, first: float, start: Any, at_start: bool, given: Scene, change: Any
     ) -> tuple[Prepared, State, dict[str, Any]]:
-        """Numbers of the steps for another scene, and of the state at its start, with both."""
+        """Another scene, prepared, with its first state; numbers of the steps and of this state."""
         other, t0 = self._prepared(given), tape.times.starts
         model, t1 = other.model, tape.times.ends
         if start is None:
@@ -608,9 +608,9 @@ class Response(Differentiable):
     def _numbers_of(
         self, tape: Tape, first: float, start: Any, a_by_x: Any, given: Scene, change: Any
     ) -> dict[str, Any]:
-        """The same with those of outputs with rates.
+        """Numbers of steps and state for another scene, and of outputs that have rates.
 
-        Accelerations have the changes (m, size) as their slopes.
+        Accelerations have the changes `a_by_x` (m, size) as their slopes.
         """
         of = [output for output in self._outputs.values() if isinstance(output, Output)]
         at_start = any(map(observes_start, of))

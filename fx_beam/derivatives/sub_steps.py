@@ -102,9 +102,10 @@ class SubSteps:
     # -- Derivatives of rows, from those by what belongs to states or sub-steps --------------------
 
     def kinds(self, steps: np.ndarray) -> Iterator[np.ndarray]:
-        """Indices of the start of the run, and of others, each of which reads a state once at most.
+        """Indices of the start of the run and of the others, by parts.
 
-        Where something is read before sub-steps, the first one is for itself.
+        No two of a part read the same state. So the first sub-step is a part of its own if forms
+        read the step before.
         """
         first = (steps == 0) & self.model.forms.needs_previous
         return filter(len, map(np.flatnonzero, (steps < 0, first, (steps >= 0) & ~first)))

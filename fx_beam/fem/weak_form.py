@@ -164,7 +164,7 @@ class WeakForm:
         """The resultants of each law in a step of the present fields."""
         what = f"rates of {self.scheme.name}"
         self.step = self.fields.step(self.scheme.rates, what, self.has_natural)
-        #: Internal variables at both ends of the step and between, of each law that has some.
+        #: Internal variables of each law that has some, as `evolved` gives them.
         self._evolution = [self._evolved(variables) for _, variables in self._materials]
         self._laws = [
             self._law(energy, of_step)

@@ -125,7 +125,7 @@ class Record:
 class NullRecorder:
     """In place of a `Recorder`, for trial steps."""
 
-    #: That of a trial step.
+    #: The tape of a trial step, if it has one.
     tape: Any = None
     every = planned = np.iinfo(np.int32).max
     last, rows, starts, complete = -1, 0, 0, 0

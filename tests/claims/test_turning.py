@@ -50,10 +50,11 @@ def test_the_work_of_a_turn_is_its_kinetic_and_its_strain_energy():
     assert errors[1] < 0.3 * errors[0] < 0.01
 
 
-def test_a_turn_that_stops_lets_its_support_go_as_slowly():
-    """The forces of the turn fade on all nodes, the supported ones too: by equal steps to zero."""
+@pytest.mark.parametrize("spin", [1.0, 60.0, 200.0])
+def test_reactions_of_a_turn_that_stops_fall_in_equal_steps(spin):
+    """As the forces of the turn fade on all nodes, the supported ones too."""
     scene, beam = blade()
-    turning = fb.static(scene, load_steps=4, spin=60.0)
+    turning = fb.static(scene, load_steps=4, spin=spin)
     stopped = fb.static(scene, load_steps=4, start=turning).reaction(beam.start)
     expected = turning.reaction(beam.start)[-1] * np.linspace(1, 0, 5)[:, None]
     assert stopped == pytest.approx(expected, rel=0, abs=1e-8 * abs(expected).max())

@@ -211,7 +211,7 @@ HOT void jvp_inertia(const Problem *p, const Work *w, const Layout *at, int chan
   double per_dt = rates_per_path(p, w->dt), turning = by_places_in_turn(p);
   const Changes *q = x + at->q, *end = x + at->q1, *v = x + at->v, *X = x + at->member_places;
   Changes *moving = x + at->R; /* which begins afterwards */
-  memset(x + at->r, 0, p->at_rest * p->dofs * sizeof(Changes));
+  if (p->at_rest) memset(x + at->r, 0, p->dofs * sizeof(Changes));
   if (p->at_rest && !changes_mass && !turning) return;
   for (int i = 0; i < p->dofs; ++i) {
     Changes increment = held ? -q[i] : end[i] - q[i];

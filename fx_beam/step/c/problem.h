@@ -86,8 +86,8 @@ typedef struct {
   double slowest_size, slowest_error; /* of Newton's quadratic convergence in the last step */
 } ReusedFactors;
 
-/* An entry of the tangent of a contact point, of all 10 x 10, times an entry of Tv and one of T of its two degrees of freedom, of
-   these values: row of forces and unknown, or bordering rows; position among the factors, or -1. */
+/* What contact adds to an entry of the linear system: a sign times an entry of the 10 x 10 tangent of a contact point, a value of
+   Tv and a value of T. `row` and `column` are of unknowns, or bordering rows; `at` is the position among the factors, or -1. */
 typedef struct {
   int contact_point, entry, row, column, virtual_value, value, at;
   double sign;
