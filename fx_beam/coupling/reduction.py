@@ -34,7 +34,8 @@ if TYPE_CHECKING:
 class ReducedTangent(NamedTuple):
     """How the reduced tangent is made of the full one, by the names in c/problem.h."""
 
-    #: Sparsity, without what slides.
+    #: Sparsity (indptr, indices) of the linear system of the unknowns and of what is behind them,
+    #: in compressed rows; nodes that slide on beams border it.
     pattern: Pattern
     #: Entries of the full tangent that are added to reduced ones as they are; those multiplied by
     #: entries of Tv and T; the derivatives of Tv; those of the forces of springs and dampers. Among
@@ -153,14 +154,6 @@ class Reduction:
             stiffened=np.count_nonzero(~direct[:of_full]),
             ones=ones,
         )
-
-    @property
-    def factored(self) -> Pattern:
-        """Sparsity (indptr, indices) of the linear system in compressed rows.
-
-        Of the unknowns, and of what is behind them; nodes that slide on beams border it.
-        """
-        return self.tangent.pattern
 
     @cached_property
     def equates(self) -> bool:

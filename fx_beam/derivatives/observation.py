@@ -109,8 +109,7 @@ class Observation:
         forces_at = np.searchsorted(self.sub_steps, steps.sub_steps)
         rows = np.flatnonzero(boundaries), np.flatnonzero(boundaries == 0)
         self._places = Places(ends, starts, *rows, steps, forces_at, entries)
-        self._of = of = SubSteps(model, tape, self.boundaries, states_at)
-        of.by_places = by_places
+        self._of = of = SubSteps(model, tape, self.boundaries, states_at, by_places)
         #: Rates that fit the joints, and their derivatives.
         self._fit = None
         if model.fits_rates and needed:

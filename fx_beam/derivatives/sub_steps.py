@@ -40,11 +40,17 @@ class SubSteps:
     Rows, and sub-steps or boundaries of each, are one of `groups`.
     """
 
-    #: Whether derivatives by the positions of nodes are wanted.
-    by_places = True
-
-    def __init__(self, model: Model, tape: Tape, boundaries: np.ndarray, states_at: StatesAt):
+    def __init__(
+        self,
+        model: Model,
+        tape: Tape,
+        boundaries: np.ndarray,
+        states_at: StatesAt,
+        by_places: bool = True,
+    ):
         self.model, self.tape, self.boundaries, self._states_at = model, tape, boundaries, states_at
+        #: Whether derivatives by the positions of nodes are wanted.
+        self.by_places = by_places
         of_scene, self._level = model.forms.parameters, model.scheme.rates.level
         #: Values of the parameters (sub-steps, 2, n) at the level of the scheme and at the ends.
         self._parameters = None

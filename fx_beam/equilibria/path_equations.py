@@ -169,7 +169,7 @@ class PathEquations:
     @cached_property
     def bordered(self) -> BorderedLU:
         """The factors of the last tangent."""
-        return self._bordered(*self._reduction.factored)
+        return self._bordered(*self._reduction.tangent.pattern)
 
     def _bordered(self, indptr: np.ndarray, indices: np.ndarray) -> BorderedLU:
         reduction = self._reduction

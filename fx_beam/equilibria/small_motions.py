@@ -79,7 +79,7 @@ class SmallMotions:
         model, reduction = self.model, self.model.reduction
         # Auxiliary unknowns, loops, sliders and contact of members make them those of another
         # matrix than the tangent.
-        rows = len(reduction.factored[0]) - 1
+        rows = len(reduction.tangent.pattern[0]) - 1
         if not rows == reduction.free == len(reduction.independent):
             return None
         if model.couplings.sliding or model.points.members is not None:
@@ -87,7 +87,7 @@ class SmallMotions:
         follow = model.forms.has_added or any(force.force for force in model.scene.forces_between)
         if follow or model.flows:  # else all forces have a potential
             values = factors.values
-            if values is None or not self._symmetric(reduction.factored, values):
+            if values is None or not self._symmetric(reduction.tangent.pattern, values):
                 return None
         return factors.negative_eigenvalues()
 

@@ -369,7 +369,7 @@ class Part:
 
     def set_pattern(self, more: np.ndarray) -> None:
         """Set the pattern of the linear system, with (m, 2) more entries; all processes at once."""
-        indptr, indices = self._model.reduction.factored
+        indptr, indices = self._model.reduction.tangent.pattern
         rows = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
         self._system.set_pattern(self._unknowns, rows, indices, more)
 

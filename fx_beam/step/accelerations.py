@@ -56,7 +56,7 @@ def _of_equal(model: Model, reduction: Reduction, force: np.ndarray) -> np.ndarr
         diagonal = reduction.gather(mass.diagonal())[:free]
         if (a := _iterated_acceleration(times, diagonal, force)) is not None:
             return a
-    (indptr, indices), of = reduction.factored, reduction.tangent.direct
+    (indptr, indices), of = reduction.tangent.pattern, reduction.tangent.direct
     values = np.bincount(of["to"], mass.data[of["from"]], len(indices))
     diagonal = values[np.repeat(np.arange(free), np.diff(indptr)) == indices]
     has_mass = free and (diagonal > 0).all()

@@ -126,13 +126,13 @@ class Equations:
 
     @property
     def values(self) -> np.ndarray:
-        """Values of the tangent in the sparsity of `Reduction.factored`."""
+        """Values of the tangent in the sparsity of `ReducedTangent.pattern`."""
         return self._tangent[self._problem.tangent_at]
 
     def system(self) -> scipy.sparse.csr_matrix:
         """The linear system of the last balance: the unknowns and auxiliary ones before others."""
         reduction = self.model.reduction
-        indptr, indices = reduction.factored
+        indptr, indices = reduction.tangent.pattern
         n = len(indptr) - 1
         A = scipy.sparse.csr_matrix((self.values, indices, indptr), (n, n))
         if reduction.couplings.sliding:

@@ -51,7 +51,7 @@ class LoadLoop(CompiledLoop):
         #: Weights (size,) of a viscous drag on increments; zero at points at which nothing acts.
         self.drag_weight = self.problem.hand_over_statics(forcing.turning, **arrays)
         n, columns = model.size, model.reduction.columns
-        sizes = n, columns, n, len(model.reduction.factored[1])
+        sizes = n, columns, n, len(model.reduction.tangent.pattern[1])
         self._D, self._z, self._r, self._tangent = self.problem.results(*sizes)
         #: Drag [J] on the increments of all nodes.
         self.drag = 0.0

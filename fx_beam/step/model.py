@@ -329,7 +329,7 @@ class Model:
         """Factors for matrices of the reduced pattern, in which the mass of unknowns is one."""
         from .sparse_lu import sparse_lu
 
-        return sparse_lu(self.reduction.factored)
+        return sparse_lu(self.reduction.tangent.pattern)
 
     @cached_property
     def unit(self) -> np.ndarray:

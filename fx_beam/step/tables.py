@@ -58,7 +58,7 @@ class Problem:
     ):
         self.model, self._frame_turns, self._alone, self._bare = model, turns, alone, bare
         self._rates = rates
-        self.factors = self._factors_of(*model.reduction.factored)
+        self.factors = self._factors_of(*model.reduction.tangent.pattern)
         self._features = self._features_of_scene()
         begin_to_build(self._features)  # beside what is compiled for the elements
         self.ffi = declared("problem.h", MACROS)
@@ -260,12 +260,12 @@ class Problem:
         self._set(**reduction.members)
         at, stored = factors.at, factors.size
         if not factors.band:  # the tangent is stored apart
-            indptr, indices = reduction.factored
+            indptr, indices = reduction.tangent.pattern
             at, stored = np.arange(len(indices)), len(indices)
             self._set(tangent_start=indptr, tangent_column=indices)
             worth = 0 if self._rates else factors.worth
             self._set(factor_at=factors.at.astype(np.int32), reused={"worth": worth})
-        #: Storage indices of the entries of `Reduction.factored`.
+        #: Storage indices of the entries of `ReducedTangent.pattern`.
         self.tangent_at = at
         if self.model.points.members is not None and not self._rates:
             self._hand_over_changing_rows()
@@ -273,7 +273,7 @@ class Problem:
             self._sparse_factors = np.zeros(factors.size)
             self._set(rows=[factors.rows | {"factors": self._sparse_factors}])
         if (loops := reduction.loops) is not None:
-            diagonal, unit = loops.scales(reduction.factored)
+            diagonal, unit = loops.scales(reduction.tangent.pattern)
             self._set(scales=len(unit), scale_at=at[diagonal], scale_unit=unit)
         at, stored, ones = storage_of(reduction, at, stored)
         tangent = reduction.tangent
@@ -308,9 +308,10 @@ class Problem:
         return stored_at
 
     def _hand_over_changing_rows(self) -> None:
-        """Hand over what a pattern that changes with the touches of members is found from."""
+        """Hand over what a pattern that changes with contact points is found from."""
         reduction, couplings = self.model.reduction, self.model.couplings
-        groups = groups_of(graph_of(*reduction.factored), reduction.dependent, reduction.forces)
+        graph = graph_of(*reduction.tangent.pattern)
+        groups = groups_of(graph, reduction.dependent, reduction.forces)
         system = *couplings.system, self.constants.ON_BORDER
         row_of, unknown_of = on_bordering_rows(reduction, *system)
         row = {
@@ -414,7 +415,7 @@ class Problem:
 
         Of a chain or a band it is that of each stored value.
         """
-        indptr, indices = self.model.reduction.factored
+        indptr, indices = self.model.reduction.tangent.pattern
         n = len(indptr) - 1
         numbered = scipy.sparse.csr_matrix((np.arange(len(indices)), indices, indptr), (n, n))
         turned = numbered.T.tocsr()
