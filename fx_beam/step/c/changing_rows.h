@@ -47,8 +47,8 @@ static void find_pairs(ChangingRows *c, const MemberContacts *m) {
       const int *dof = m->contact_point[t].dof, a = dof[i / CONTACT_POINT_DOFS], b = dof[i % CONTACT_POINT_DOFS];
       for (int e = c->dof_start[a]; e < c->dof_start[a + 1]; ++e)
         for (int f = c->dof_start[b]; f < c->dof_start[b + 1]; ++f)
-          add_pair(c, (ContactPair){t, i, c->row_of[c->dof_column[e]], c->unknown_of[c->dof_column[f]], c->dof_value[e],
-                                    c->dof_value[f], -1, c->dof_sign[e] * c->dof_sign[f]});
+          add_pair(c, (ContactPair){i, c->dof_sign[e] * c->dof_sign[f], t, c->row_of[c->dof_column[e]],
+                                    c->unknown_of[c->dof_column[f]], c->dof_value[e], c->dof_value[f], -1});
     }
 }
 

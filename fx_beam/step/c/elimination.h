@@ -10,8 +10,9 @@ static void add_to(IntList *list, int value) {
   list->of[list->count++] = value;
 }
 
+/* Those that were added last are asked for most often. */
 static void add_once(IntList *list, int value) {
-  for (int i = 0; i < list->count; ++i)
+  for (int i = list->count - 1; i >= 0; --i)
     if (list->of[i] == value) return;
   add_to(list, value);
 }

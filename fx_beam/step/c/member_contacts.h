@@ -62,13 +62,14 @@ static double largest_motion(const MemberContacts *m, const double *motion) {
 /* Adds a point where the piece about a node is nearest to it, among the pieces next to it. */
 static void add_if_near(MemberContacts *m, int number, int i, const double *x, Two point, int node, double reach) {
   const MemberContact *c = m->of + number;
+  const int *dof = c->node_dof + 2 * node;
   int begins = node == 0, ends = node == c->nodes - 1;
-  Two arms[4], *r = arms + ends;
-  arms_at(c, node - ends, point, x, arms);
-  if (!begins && grows_at_joint(r[0], r[1])) return;
-  if (!ends && !grows_at_joint(r[1], r[2])) return;
+  Two arms[4], arm = pair_of(x, dof) - point;
+  if (!begins && grows_at_joint(pair_of(x, dof - 2) - point, arm)) return;
+  if (!ends && !grows_at_joint(arm, pair_of(x, dof + 2) - point)) return;
   if (c->apart > 0 && fabs(c->arc[i] - c->arc[node]) < c->apart) return;
-  NearPoint nearest = nearest_on(r, 0, begins, ends);
+  arms_at(c, node - ends, point, x, arms);
+  NearPoint nearest = nearest_on(arms + ends, 0, begins, ends);
   if (nearest.distance >= reach) return;
   if (m->near_places == m->near_room) m->near = realloc(m->near, (m->near_room = 2 * m->near_room + 16) * sizeof(NearPlace));
   /* The last piece is the second of two. */
@@ -93,12 +94,12 @@ static void search(MemberContacts *m, const double *x, double margin) {
     double longest = longest_piece(c, x);
     for (int i = 0; i < c->points; ++i) {
       Two point = pair_of(x, c->point_dof + 2 * i);
-      double reach = c->number[i * c->numbers] + margin;
+      double reach = c->number[i * c->numbers] + margin, of_node = reach + longest / 2;
       for (int node = c->first_node; node < c->end_node; ++node) {
         Two arm = pair_of(x, c->node_dof + 2 * node) - point;
-        double far = sqrt(dot2(arm, arm)) - reach - longest / 2;
-        if (far >= 0) node += fmin(c->nodes, far / longest);
-        else add_if_near(m, number, i, x, point, node, reach);
+        double square = dot2(arm, arm);
+        if (square < of_node * of_node) add_if_near(m, number, i, x, point, node, reach);
+        else node += smaller((sqrt(square) - of_node) / longest, c->nodes);
       }
     }
   }
@@ -336,13 +337,14 @@ INLINED void tangent_of(ContactPoint *e, double K[2 * MOST_SUMS][2 * MOST_SUMS],
     for (int j = 0; j < 5; ++j)
       for (int k = 0; k < count; ++k) half[i][j] += e->sums[j][k] * *(Two *)(K[i] + 2 * k);
   for (int i = 0; i < CONTACT_POINT_DOFS; ++i)
-    for (int j = 0; j < 5; ++j, ++row) {
-      *row = (Two){0};
-      for (int k = 0; k < count; ++k) *row += e->sums[i / 2][k] * half[2 * k + i % 2][j];
+    for (int j = 0; j < 5; ++j) {
+      Two sum = {0};
+      for (int k = 0; k < count; ++k) sum += e->sums[i / 2][k] * half[2 * k + i % 2][j];
+      *row++ = sum;
     }
 }
 
-static void make_tangent(const MemberContact *c, ContactPoint *e) {
+HOT void make_tangent(const MemberContact *c, ContactPoint *e) {
   double K[2 * MOST_SUMS][2 * MOST_SUMS] = {{0}};
   for (int i = 0; i < c->entries; ++i) K[c->entry_row[i]][c->entry_column[i]] = e->results[c->sums + i];
   if (c->loaded == 6) tangent_of(e, K, 3);

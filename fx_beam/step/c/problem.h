@@ -89,8 +89,8 @@ typedef struct {
 /* What contact adds to an entry of the linear system: a sign times an entry of the 10 x 10 tangent of a contact point, a value of
    Tv and a value of T. `row` and `column` are of unknowns, or bordering rows; `at` is the position among the factors, or -1. */
 typedef struct {
-  int contact_point, entry, row, column, virtual_value, value, at;
-  double sign;
+  short entry, sign;
+  int contact_point, row, column, virtual_value, value, at;
 } ContactPair;
 
 /* Sparse rows whose pattern changes with the points that are near members (changing_rows.h). */

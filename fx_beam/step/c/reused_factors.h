@@ -76,7 +76,7 @@ static void eliminate_bordering_rows(const Problem *p, const Work *w) {
 }
 
 /* Adds the tangents of all contact points to the factors, or to the bordering rows and columns: those of nodes that slide. */
-static void add_contact_points(const Problem *p, const Work *w, int bordering) {
+HOT void add_contact_points(const Problem *p, const Work *w, int bordering) {
   const ChangingRows *c = p->changing;
   for (const ContactPair *e = c->pair; e < c->pair + c->pairs; ++e) {
     const ContactPoint *t = p->points->members->contact_point + e->contact_point;
@@ -88,12 +88,13 @@ static void add_contact_points(const Problem *p, const Work *w, int bordering) {
 }
 
 /* The tangent, or its transpose, with that of the contact points in the place of its factors. */
-static void fill_factors(const Problem *p, const Work *w) {
-  double *A = p->rows->factors;
-  int members = HAS(MEMBERS) && p->changing;
+HOT void fill_factors(const Problem *p, const Work *w) {
+  double *restrict A = p->rows->factors;
+  const double *restrict K = w->tangent;
+  int members = HAS(MEMBERS) && p->changing, entries = p->tangent_start[p->unknowns];
   if (members && p->changing->placed != w->transposed) place_entries(p, p->changing, w->transposed);
   memset(A, 0, p->rows->start[p->unknowns] * sizeof(double));
-  for (int k = 0; k < p->tangent_start[p->unknowns]; ++k) A[p->factor_at[k]] = w->tangent[k];
+  for (int k = 0; k < entries; ++k) A[p->factor_at[k]] = K[k];
   if (members) add_contact_points(p, w, 0);
   for (int i = p->unknowns - p->closures; p->yielding > 0 && i < p->unknowns; ++i)
     A[p->rows->diagonal[p->order[i]]] -= p->yielding;
