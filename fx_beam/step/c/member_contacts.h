@@ -70,7 +70,7 @@ static void add_if_near(MemberContacts *m, int number, int i, const double *x, T
   if (c->apart > 0 && fabs(c->arc[i] - c->arc[node]) < c->apart) return;
   arms_at(c, node - ends, point, x, arms);
   NearPoint nearest = nearest_on(arms + ends, 0, begins, ends);
-  if (nearest.distance >= reach) return;
+  if (!(nearest.distance < reach)) return;
   if (m->near_places == m->near_room) m->near = realloc(m->near, (m->near_room = 2 * m->near_room + 16) * sizeof(NearPlace));
   /* The last piece is the second of two. */
   m->near[m->near_places++] = (NearPlace){number, i, node - ends, nearest.place + ends, nearest.distance};
@@ -80,7 +80,7 @@ static double longest_piece(const MemberContact *c, const double *x) {
   double longest = 0;
   for (const int *dof = c->node_dof; dof < c->node_dof + 2 * (c->nodes - 1); dof += 2) {
     Two piece = pair_of(x, dof + 2) - pair_of(x, dof);
-    longest = fmax(longest, dot2(piece, piece));
+    longest = larger(dot2(piece, piece), longest);
   }
   return sqrt(longest);
 }
@@ -91,15 +91,15 @@ static void search(MemberContacts *m, const double *x, double margin) {
   m->near_places = 0;
   for (int number = 0; isfinite(margin) && number < m->contacts; ++number) {
     const MemberContact *c = m->of + number;
-    double longest = longest_piece(c, x);
+    double longest = longest_piece(c, x), per_longest = 1 / longest;
     for (int i = 0; i < c->points; ++i) {
       Two point = pair_of(x, c->point_dof + 2 * i);
-      double reach = c->number[i * c->numbers] + margin, of_node = reach + longest / 2;
+      double reach = c->number[i * c->numbers] + margin;
       for (int node = c->first_node; node < c->end_node; ++node) {
         Two arm = pair_of(x, c->node_dof + 2 * node) - point;
-        double square = dot2(arm, arm);
-        if (square < of_node * of_node) add_if_near(m, number, i, x, point, node, reach);
-        else node += smaller((sqrt(square) - of_node) / longest, c->nodes);
+        double far = larger(fabs(arm[0]), fabs(arm[1])) - reach - longest / 2;
+        if (far < 0) add_if_near(m, number, i, x, point, node, reach);
+        else node += smaller(far * per_longest, c->nodes);
       }
     }
   }
