@@ -5,7 +5,7 @@
 #include "member_curve.h"
 
 static inline void call(Law *law, const double *given, double *results, int values) {
-  for (int i = 0; i < values; ++i) results[i] = 0;
+  clear(values, results);
   law(results, 0, given, 0, 0, 0, 0);
 }
 
