@@ -142,11 +142,13 @@ class ArcLength:
                 stats.limit_points.append(step.limit)
             if end.t < _LOWEST:
                 raise self._lost(end)
+            growth = (step.ahead.load - tangent.load) / ds
             tangent, cuts = step.ahead, 0
             ratio = min(target / max(step.turn, 1e-6), _CORRECTIONS / step.corrections)
             ds = max(ds * min(2.0, max(0.5, ratio)), behind)
-            # The load factor changes at most as much as in a load step.
-            ds, behind = min(ds, 1 / (steps * max(abs(tangent.load), 1e-6))), 0.0
+            # The load factor changes at most as much as in a load step, also if its slope grows.
+            slope = max(abs(tangent.load), abs(tangent.load + growth * ds), 1e-6)
+            ds, behind = min(ds, 1 / (steps * slope)), 0.0
 
     def state_at(self, state: State, tangent: Tangent, distance: float) -> State:
         """State in the plane normal to a tangent at a distance along it; StepFailed if none."""
