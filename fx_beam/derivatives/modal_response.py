@@ -76,8 +76,9 @@ class ModalResponse(TangentResponse):
     SceneError
         If `build` or `state` is no function of its argument; in a call if x are not finite numbers,
         if `build` does not give a scene, or `state` no static solution of it, and as of `modes`. In
-        derivatives for friction that sticks, internal variables in a turn, contact with members
-        beside nodes that slide on beams, or if the tangent of the state is singular.
+        derivatives for friction that sticks (of contact if it is closed), internal variables in a
+        turn, contact with members beside nodes that slide on beams, or if the tangent of the state
+        is singular.
 
     Examples
     --------

@@ -120,7 +120,7 @@ class TangentDerivatives:
 
     def begin(self, about: Linearisation, state: Solution | None, damped: bool = False) -> None:
         """Take the tangent about a state, or about the reference."""
-        if about.model.points.any_have("sticks"):
+        if about.model.points.friction_sticks(about.start.q, about.start.slides):
             raise SceneError(f"{self._what}: no derivatives: friction that sticks has none")
         self._about, self._unit = about, about.model.unit_of_unknowns[about.unknowns]
         # Where something flows, the state follows from all load steps before.

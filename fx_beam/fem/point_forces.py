@@ -159,10 +159,15 @@ class PointForces:
         return [of.law for of in (*self._laws, *(self.members.laws if self.members else ()))]
 
     @property
+    def _condition_counts(self) -> list[int]:
+        """Number of `switches` of each law."""
+        of_members = self.members.condition_counts if self.members else []
+        return [law.conditions for law in self._laws] + of_members
+
+    @property
     def conditions(self) -> int:
         """Number of all `switches`."""
-        of_members = self.members.conditions if self.members else 0
-        return sum(law.conditions for law in self._laws) + of_members
+        return sum(self._condition_counts)
 
     # -- Data in C ------------------------------------------------------------------------------
 
@@ -467,6 +472,12 @@ class PointForces:
             vectors = (self._of(x) for x in (q, slides, values))
             self._c.fx_find_switches(self._all, *vectors)
         return values
+
+    def friction_sticks(self, q: np.ndarray, slides: np.ndarray) -> bool:
+        """Whether friction acts that sticks: of a joint, or of a contact that is closed."""
+        ends = np.cumsum(self._condition_counts, dtype=int)
+        pairs = zip(self.laws, np.split(self.switches(q, slides) <= 0, ends), strict=False)
+        return any(law.sticks and (not law.opens or of.any()) for law, of in pairs)
 
 
 def _parts(sizes: list[int]) -> tuple[np.ndarray, list[np.ndarray]]:

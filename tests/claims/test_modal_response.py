@@ -302,12 +302,22 @@ def held_by_friction(x):
     return scene
 
 
+def resting(x):
+    scene = fb.Scene(gravity=(0, -x[0]))
+    body = scene.add_body((0, 0), mass=1.0, inertia=1.0)
+    scene.fix(body.centre, "rotation")
+    ground = fb.Line((0, 0), normal=(0, 1))
+    scene.add_contact(body.centre, ground, stiffness=100.0, friction=fb.Coulomb(1.0, 100.0))
+    return scene
+
+
 @pytest.mark.parametrize(
     ("build", "options", "message"),
     [
         (lambda x: crossed(np.ones(3)), {"damped": True, "n": 3}, "the same root"),
         (overdamped, {"damped": True}, "mode 0 does not vibrate: it is overdamped"),
         (held_by_friction, {"state": loaded}, "friction that sticks has none"),
+        (resting, {"state": loaded}, "friction that sticks has none"),
     ],
 )
 def test_what_has_no_derivatives_is_refused(build, options, message):
@@ -315,6 +325,35 @@ def test_what_has_no_derivatives_is_refused(build, options, message):
     run([1.0, 1.0, 1.0])
     with pytest.raises(fb.SceneError, match=message):
         run.jacobian()
+
+
+def above(gap, friction):
+    """Two beams, one of them above the other and above the ground."""
+
+    def build(x):
+        scene = fb.Scene(gravity=(0, -x[2]))
+        low = scene.add_beam([(0, 0), (1, 0)], limb(10.0 * x[0]), elements=4)
+        high = scene.add_beam([(0, 0.02 + gap), (x[1], 0.02 + gap)], limb(x[1]), elements=4)
+        scene.clamp(low.start)
+        scene.clamp(high.start)
+        scene.add_contact(low, high, stiffness=1e4, radius=0.01, friction=friction)
+        ground = fb.Line((0, -gap - 0.1), normal=(0, 1))
+        scene.add_contact(low.end, ground, stiffness=1e3, friction=friction)
+        return scene
+
+    return build
+
+
+@pytest.mark.parametrize("state", [None, loaded])
+@pytest.mark.parametrize("damped", [False, True])
+def test_friction_of_open_contact_has_no_part_in_derivatives(state, damped):
+    friction = fb.Coulomb(0.3, 1e3)
+    runs = [
+        fb.ModalResponse(above(0.5, of), 3, state=state, damped=damped) for of in (None, friction)
+    ]
+    (w, J), (same, by_x) = ((run(np.ones(3)), run.jacobian()) for run in runs)
+    assert same == pytest.approx(w, rel=1e-9, abs=1e-12)
+    assert by_x == pytest.approx(J, rel=0, abs=1e-9 * abs(J).max())
 
 
 @pytest.mark.parametrize("damped", [False, True])
