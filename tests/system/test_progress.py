@@ -165,3 +165,17 @@ def test_a_path_shows_its_load_factor_to_those_who_ask(continuation, capfd):
     assert out == "" and "load factor" in err
     fb.static(loaded(), load_steps=2, continuation=continuation)
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("continuation", [None, "arc-length"])
+def test_a_bar_of_a_path_follows_the_load_factor_of_each_state(continuation, monkeypatch):
+    shown, update = [], progress._Bar.update
+
+    def noted(bar, more):
+        update(bar, more)
+        shown.append(bar.n)
+
+    monkeypatch.setattr(progress._Bar, "update", noted)
+    path = fb.static(loaded(), load_steps=5, continuation=continuation, progress=True)
+    assert len(shown) > 4
+    assert shown == pytest.approx(path.load_factor, abs=1e-12)
