@@ -50,6 +50,9 @@ _FLAT = 1e-9
 # Load factor at which a path is abandoned. Of 43 arches that snap through, three reached load
 # factors between -1 and -1.5 before their full load.
 _LOWEST = -10.0
+# Displacement, in sizes of the scene, from which on a path leads nowhere if the load factor rises
+# along it by less than this part of its mean rise so far.
+_FARTHEST, _LEVEL = 1e5, 0.01
 # Change of the load factor in a step, relative to that of a load step, at which it is taken again.
 # It is not if it is so short that this would not help.
 _EXCESS, _SHORTEST = 1 + 1e-6, 1e-12
@@ -140,8 +143,7 @@ class ArcLength:
             if step.limit is not None:
                 self._rising = -self._rising
                 stats.limit_points.append(step.limit)
-            if end.t < _LOWEST:
-                raise self._lost(end)
+            self._check_way(end, step.ahead)
             growth = (step.ahead.load - tangent.load) / ds
             tangent, cuts = step.ahead, 0
             ratio = min(target / max(step.turn, 1e-6), _CORRECTIONS / step.corrections)
@@ -398,16 +400,33 @@ class ArcLength:
         )
         return self._failures.error(what, self.stepper.options.max_cuts, state, failure, advice)
 
-    def _lost(self, state: State) -> StepError:
-        turned = ", ".join(f"{point:.6g}" for point in self.stepper.stats.limit_points)
-        return StepError(
-            Failure(
-                "off the path",
-                "static: the path does not return to load factor 1: after limit points at "
-                f"{turned} it has reached {state.t:.6g}",
-                state.t,
-                advice="The path so far is in the error's `solution`. There may be equilibria at "
-                "load factor 1 on other paths: try a simulation with dampers, or apply the loads "
-                "in other proportions",
+    def _check_way(self, state: State, ahead: Tangent) -> None:
+        """StepError if the load falls for ever, or no force is left that could carry more."""
+        limits = self.stepper.stats.limit_points
+        farthest, largest = abs(state.q / self.model.unit).max(), max(map(abs, limits), default=0.0)
+        level = farthest > _FARTHEST and ahead.load * farthest <= _LEVEL * abs(state.t)
+        if state.t < _LOWEST:
+            turned = ", ".join(f"{point:.6g}" for point in limits)
+            reason = (
+                f"does not return to load factor 1: after limit points at {turned} it has reached "
+                f"{state.t:.6g}"
             )
+            advice = (
+                "There may be equilibria at load factor 1 on other paths: try a simulation with "
+                "dampers, or apply the loads in other proportions"
+            )
+        elif level or max(abs(state.t), abs(ahead.load)) < _FLAT * largest:
+            reason = (
+                "leads nowhere: no force is left that carries more than load factor "
+                f"{state.t:.6g}, at displacements of up to {farthest:.3g} sizes of the scene or rad"
+            )
+            advice = (
+                "Springs and materials that soften carry no more than its largest load factor: "
+                "give less load, or let more members carry it"
+            )
+        else:
+            return
+        advice = f"The path so far is in the error's `solution`. {advice}"
+        raise StepError(
+            Failure("off the path", f"static: the path {reason}", state.t, advice=advice)
         )

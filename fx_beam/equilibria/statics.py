@@ -284,8 +284,8 @@ def static(
         Time at which functions of time are evaluated [s].
     continuation : {"arc-length"}, optional
         Method to pass limit points: the load factor is an unknown; it falls after a limit point
-        and rises again after the next. A path is abandoned at the load factor -10. By default the
-        load factor only rises.
+        and rises again after the next. A path is abandoned at the load factor -10, and where no
+        force is left that carries more load. By default the load factor only rises.
     newton : NewtonOptions, optional
         Convergence criteria of Newton's method.
     max_cuts : int

@@ -1,5 +1,7 @@
 """Arc-length continuation: limit points in closed form, tangents, joints, and where paths end."""
 
+import ufl
+
 import numpy as np
 import pytest
 from scenes import demo
@@ -202,3 +204,50 @@ def test_a_path_that_runs_off_is_given_up_and_its_limit_points_are_named():
     assert path.load_factor.max() == limit
     assert -10.2 < path.load_factor[-1] < -10 < path.load_factor[-2]
     assert path.stats.steps < 150
+
+
+def pulled(energy):
+    """A body on a guide whose spring has this energy, and a load of 2 N."""
+    scene = fb.Scene()
+    body = scene.add_body((1, 0), mass=1.0, inertia=1.0)
+    spring = fb.Spring(strain_energy=energy)
+    scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, axis=(1, 0), spring=spring))
+    scene.add_force(body.centre, (2.0, 0))
+    return scene
+
+
+def stretched(energy):
+    """A bar of two elements whose normal force is ten times the slope of this energy at 10 eps."""
+    scene = fb.Scene()
+    section = fb.Section(
+        strain_energy=lambda eps, gamma, kappa: energy(10 * eps) + gamma**2 + kappa**2
+    )
+    bar = scene.add_beam([(0, 0), (1, 0)], section, elements=2)
+    scene.clamp(bar.start)
+    scene.add_force(bar.end, (40.0, 0))
+    return scene
+
+
+@pytest.mark.parametrize(
+    ("build", "energy", "largest"),
+    [
+        (pulled, lambda x: 1 - ufl.exp(-(x**2)), 0.4288819),  # exp(-1/2) / sqrt(2)
+        (pulled, lambda x: ufl.sqrt(1 + x**2), 0.5),  # a plateau
+        (pulled, lambda x: ufl.ln(1 + x**2) / 2, 0.25),
+        (stretched, lambda x: x**2 / (1 + x**2), 0.1623798),  # 3 sqrt(3) / 32
+    ],
+    ids=["exponential", "plateau", "logarithm", "bar"],
+)
+def test_a_path_on_which_no_force_is_left_ends_with_what_was_computed(build, energy, largest):
+    with pytest.raises(fb.StepError, match="the path leads nowhere") as caught:
+        fb.static(build(energy), continuation="arc-length")
+    path = caught.value.solution
+    assert path.load_factor.max() == pytest.approx(largest, rel=1e-6)
+    assert len(path.t) == path.stats.steps + 1 < 60
+    assert path.stats.failure.kind == "off the path"
+
+
+def test_a_path_that_goes_far_and_carries_more_is_followed_to_its_end():
+    scene = pulled(lambda x: ufl.sqrt(1 + x**2) + 1e-6 * x**2)
+    path = fb.static(scene, continuation="arc-length")
+    assert path.q[-1, 0, 0] == pytest.approx((2 - 1) / 2e-6, rel=1e-6)
