@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -50,6 +50,8 @@ class Closed(NamedTuple):
     #: Derivatives (rows, n + 1) of the gap, and of the phase of a free motion.
     equations: np.ndarray
     iterations: int = 0
+    #: How far its ends are apart, relative to the motion, if round-off leaves more than allowed.
+    left_over: float = 0.0
 
 
 class NotClosed(RuntimeError):
@@ -157,13 +159,7 @@ def close(
         best, idle = (now, 0) if now < best / 2 else (best, idle + 1)
         small = now <= max(shooting.options.tolerance, _LOST / period.size)
         if small or (idle >= _IDLE and now < ROUND_OFF):
-            if not small:
-                _log.warning(
-                    "%s: round-off leaves the state after a period %.1e of the motion away from "
-                    "that before, where tolerance = %g; a larger tolerance says that this will do",
-                    *(shooting.what, now, shooting.options.tolerance),
-                )
-            return closed._replace(iterations=iteration)
+            return closed._replace(iterations=iteration, left_over=0.0 if small else now)
         solve = _damped(matrix, damping)
         step = solve(gap)
         try:
@@ -190,6 +186,18 @@ def close(
         f"{shooting.what}: no periodic motion was found in {iteration + 1} iterations: the state "
         f"after a period is still {now:.1e} of the motion away from that before{advice}"
     )
+
+
+def warn_of_round_off(shooting: Shooting, left_over: Sequence[float]) -> None:
+    """Warn, once, of motions of which round-off leaves more than allowed; others have 0."""
+    count = int(np.count_nonzero(left_over))
+    if count:
+        _log.warning(
+            "%s: round-off leaves the state after a period %.1e of the motion away from that "
+            "before, where tolerance = %g; a larger tolerance says that this will do%s",
+            *(shooting.what, max(left_over), shooting.options.tolerance),
+            f". So it is in {count} of {len(left_over)} motions" * (len(left_over) > 1),
+        )
 
 
 def _damped(matrix: np.ndarray, damping: float) -> Callable[[np.ndarray], np.ndarray]:

@@ -15,7 +15,7 @@ from fx_beam.errors import StepError
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import PeriodicFamily, PeriodicMotion
 
-from .closing import Closed, NotClosed, close, plane, turning_point
+from .closing import Closed, NotClosed, close, plane, turning_point, warn_of_round_off
 from .shooting import Period, PeriodicOptions, Shooting
 
 # Multipliers that are larger than 1 by less are round-off.
@@ -159,11 +159,14 @@ class Path:
         """What users get of motions along this path."""
         members, critical = list[PeriodicMotion](), dict[int, functools.partial[PeriodicMotion]]()
         chosen_by = "arc" if self._free else "frequency"
+        left_over = list[float]()
         for closed in itertools.islice(motions, self._shooting.options.most):
+            left_over.append(closed.left_over)
             motion = motion_of(self._shooting, closed, self._free, chosen_by)
             if members and motion.instability != members[-1].instability:
                 critical[len(members)] = functools.partial(self._critical, *self.last_step, motion)
             members.append(motion)
+        warn_of_round_off(self._shooting, left_over)
         return PeriodicFamily(members, self._free, critical)
 
     def _critical(

@@ -35,3 +35,17 @@ def test_a_motion_below_round_off_needs_a_tolerance_that_the_error_names(caplog)
         fb.periodic(scene, period=1.0, steps=401)
     assert 1e-9 < fb.periodic(scene, period=1.0, steps=401, tolerance=1e-2).error <= 1e-2
     assert not caplog.text
+
+
+def test_a_family_tells_once_of_all_motions_that_round_off_leaves_open(caplog):
+    """Such a motion is told of by its error, and so are those of searches that came to nothing."""
+    scene = fb.Scene()
+    section = fb.Section(EA=1e8, GA=1e8, EI=1.0, rhoA=1.0, rhoI=1e-4)
+    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=3)
+    scene.pin(beam.start)
+    scene.fix(beam.end, "y")
+    family = fb.backbone(scene, amplitude=0.1, most=8, tolerance=1e-14)
+    (warning,) = caplog.messages
+    assert "backbone: round-off leaves" in warning and f"of {len(family)} motions" in warning
+    errors = [motion.error for motion in family]
+    assert f"{max(errors):.1e} of the motion away" in warning
