@@ -29,7 +29,7 @@ STYLES: dict[str, dict] = {
     "HHT": {"color": "#009E73", "linestyle": (0, (3, 1.2))},
     "GeneralizedAlpha": {"color": "#E69F00", "linestyle": (0, (6, 1, 1, 1, 1, 1))},
 }
-# Markers that distinguish curves of one scheme in one panel, after the first, a plain line.
+# Markers that distinguish curves of one line style in one panel, after the first, a plain line.
 _MARKERS = "o", "s", "^", "D", "v"
 QUANTITY_STYLES = cycler(
     color=("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "black"),
@@ -137,12 +137,18 @@ def curves(
 
 
 def _marked(number: int) -> dict:
-    """Marker style of the curve with this number among those of one scheme."""
+    """Marker style of the curve with this number among those of one line style."""
     if not number:
         return {}
     marker = _MARKERS[(number - 1) % len(_MARKERS)]
     markers = (0.03 * number, 0.12)
     return {"marker": marker, "markevery": markers, "fillstyle": "none", "markersize": 5}
+
+
+def _looks() -> Iterator[dict]:
+    """Styles of quantities one after the other; when all lines are used, with markers as well."""
+    for number, look in enumerate(QUANTITY_STYLES()):
+        yield look | _marked(number // len(QUANTITY_STYLES))
 
 
 def quantities(axes, values: dict[str, np.ndarray], t: np.ndarray) -> None:
@@ -168,7 +174,7 @@ def quantities(axes, values: dict[str, np.ndarray], t: np.ndarray) -> None:
     """
     _check(axes, values, "values")
     t = array_of(t, "t")
-    for (label, given), look in zip(values.items(), QUANTITY_STYLES(), strict=False):
+    for (label, given), look in zip(values.items(), _looks(), strict=False):
         y = curve(given, t, f"values[{label!r}]")
         axes.plot(t, y, label=label, linewidth=1.5, **look)
 
@@ -255,7 +261,7 @@ def frequency_response(
     kinds = sorted({unit for unit, _, _ in shown.values()})
     fig, axes = figure(len(kinds) + 1, 1)
     *amplitudes, last = axes[:, 0]
-    for (label, (unit, f, values)), look in zip(shown.items(), QUANTITY_STYLES(), strict=False):
+    for (label, (unit, f, values)), look in zip(shown.items(), _looks(), strict=False):
         draw = {"label": label, "linewidth": 1.5, "marker": "." if len(f) == 1 else "", **look}
         amplitudes[kinds.index(unit)].plot(f, abs(values), **draw)
         last.plot(f, np.degrees(np.unwrap(np.angle(values))), **draw)

@@ -338,6 +338,20 @@ def test_a_single_frequency_is_a_point():
         plot.frequency_response(nothing)
 
 
+def test_each_of_many_curves_has_a_look_of_its_own():
+    scene, beam = cantilever()
+    times, t = range(1, 15), np.linspace(0, 1, 9)
+    response = fb.frequency_response(scene, (beam.end, (0, 1.0)), beam.end, [1.0, 2.0])
+    of_frequency = plot.frequency_response({str(k): response for k in times}, components=["y"])
+    of_time, axes = plot.figure(1, 1)
+    plot.quantities(axes[0, 0], {str(k): k * t for k in times}, t)
+    for figure in (of_frequency, of_time):
+        lines = figure.axes[0].lines
+        looks = [(line.get_color(), line.get_linestyle(), line.get_marker()) for line in lines]
+        assert len(set(looks)) == len(looks) == len(times)
+        assert looks[5][2] in ("", "None") and looks[6][2] == "o"
+
+
 # -- Words -----------------------------------------------------------------------------------------
 
 
