@@ -56,6 +56,7 @@ class LoadPath:
         warn_of_equal_work()
         connected = with_functions(scene, options.inputs, "static: inputs")
         self.scene, self.options, self.start = scene, options, start
+        self._acting = tuple(scene.loads), start  # the scene may change later
         self._inputs = values_at(scene, options.inputs, options.t)
         self.began = time.perf_counter()
         self.model = model = recent_model(connected, Equilibrium(), settles=True)
@@ -190,6 +191,7 @@ class LoadPath:
         path = self._stability(states, lambda state: self._solution([state]))
         later = {name: getattr(path, name) for name in ("unstable_modes", "critical_points")}
         solution = solution_of(recorder, stats, lambda: end, ended=True, stability=later)
+        solution._acting = self._acting  # which pictures show
         model.needed_by(solution.resultants_of_beam)
         return solution
 

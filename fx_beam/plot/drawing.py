@@ -42,6 +42,15 @@ class Outline(NamedTuple):
         return Outline(self.line @ turn + position, self.strokes @ turn + position)
 
 
+class _Force(NamedTuple):
+    """A force on a node, by its number."""
+
+    node: int
+    #: Its load, if the scene has one there, and the force (2,) at the start of a path [N].
+    load: Any
+    held: np.ndarray
+
+
 def _turn(angle: float) -> np.ndarray:
     """Matrix (2, 2) that turns rows by an angle."""
     c, s = np.cos(angle), np.sin(angle)
@@ -284,22 +293,38 @@ class Drawing:
         b = self.positions(force.b.number, rows) if isinstance(force.b, Node) else force.b
         return np.stack([a, np.broadcast_to(b, a.shape)], axis=-2)
 
-    def force(self, load: Any, k: int) -> np.ndarray:
+    def force(self, of: _Force, k: int) -> np.ndarray:
         """A force (2,) in row k [N]."""
-        t = self.solution.t[k]
-        force = np.asarray(load.value(0.0) * t if self.solution.stats.static else load.value(t))
-        return self.turned(load.target, k, force) if load.follower else force
+        solution, load, t = self.solution, of.load, self.solution.t[k]
+        if load is None:
+            return (1 - t) * of.held
+        static = solution.stats.static
+        force = np.asarray(t * load.value(solution.end.t) if static else load.value(t))
+        return (self.turned(load.target, k, force) if load.follower else force) + (1 - t) * of.held
 
-    def arrow(self, load: Any, k: int) -> np.ndarray:
+    def arrow(self, of: _Force, k: int) -> np.ndarray:
         """Tail and tip (2, 2) of the arrow of a force in row k, with its tip at the node."""
-        tip, scale = self.positions(load.target.number, k), _LONGEST_FORCE * self.reach
-        return np.array([tip - scale * self.force(load, k) / (self.largest_force or 1.0), tip])
+        tip, scale = self.positions(of.node, k), _LONGEST_FORCE * self.reach
+        return np.array([tip - scale * self.force(of, k) / (self.largest_force or 1.0), tip])
 
     @cached_property
-    def forces(self) -> list[Any]:
-        """The forces on nodes of a solution."""
-        loads = self.of_scene("loads") if isinstance(self.solution, Solution) else []
-        return [load for load in loads if load.kind == "force"]
+    def forces(self) -> list[_Force]:
+        """Forces on nodes of a solution; of equilibria also those that fade from their start."""
+        solution = self.solution
+        if not isinstance(solution, Solution):
+            return []
+        loads, start = solution._acting or (self.of_scene("loads"), None)
+        held, forces = np.zeros((len(solution.X), 2)), list[_Force]()
+        if isinstance(start, Solution):
+            before = Drawing(start, [])
+            for of in before.forces:
+                held[of.node] += before.force(of, -1)
+        for load in (load for load in loads if load.kind == "force"):
+            node = load.target.number
+            forces.append(_Force(node, load, held[node].copy()))
+            held[node] = 0.0
+        fading = np.flatnonzero(held.any(axis=1)).tolist()
+        return forces + [_Force(node, None, held[node]) for node in fading]
 
     @cached_property
     def largest_force(self) -> float:

@@ -53,9 +53,9 @@ def shapes(
     """Picture of superposed deformed shapes, coloured by time or by the order of load steps.
 
     Bodies, lumped masses (discs) and forces on nodes (arrows) are drawn in all rows, but for forces
-    that are an `Input`; in equilibria the arrows are the forces at time 0, times the load factor.
-    Supports, joints and forces between points have the symbols of `scene`; they are drawn once,
-    where they are in the last of the rows.
+    that are an `Input`. In equilibria the arrows are the forces at their time `t`, times the load
+    factor; those of the state at their `start` fade. Supports, joints and forces between points
+    have the symbols of `scene`; they are drawn once, where they are in the last of the rows.
 
     Parameters
     ----------

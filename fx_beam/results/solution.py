@@ -145,6 +145,8 @@ class Solution:
     end: State | None
     #: The path whose equilibria these are, for derivatives; copies have none.
     _load_path: Any = None
+    #: Of equilibria the loads of the scene as they were, and the solution from which they start.
+    _acting: Any = None
 
     def __init__(
         self,

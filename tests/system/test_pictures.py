@@ -14,6 +14,7 @@ from fx_beam.plot.drawing import checked_drawing
 
 plot = pytest.importorskip("fx_beam.plot")
 Figure = pytest.importorskip("matplotlib.figure").Figure
+Quiver = pytest.importorskip("matplotlib.quiver").Quiver
 Image = pytest.importorskip("PIL.Image")
 pytestmark = pytest.mark.plot
 SPAN, LOAD = 4.0, 1000.0
@@ -350,6 +351,36 @@ def test_each_of_many_curves_has_a_look_of_its_own():
         looks = [(line.get_color(), line.get_linestyle(), line.get_marker()) for line in lines]
         assert len(set(looks)) == len(looks) == len(times)
         assert looks[5][2] in ("", "None") and looks[6][2] == "o"
+
+
+def arrows(ax):
+    """Heads (n, 2) and vectors (n, 2) of all arrows of forces, these relative to the longest."""
+    of_rows = [of for of in ax.collections if isinstance(of, Quiver)]
+    vectors = np.vstack([np.column_stack([of.U, of.V]) for of in of_rows])
+    heads = np.vstack([of.XY for of in of_rows]) + vectors
+    return heads, vectors / np.hypot(*vectors.T).max()
+
+
+def test_arrows_of_equilibria_are_the_forces_that_act():
+    """With those that fade from the state at the start, and as the scene was in the run."""
+    scene, beam = cantilever()
+    middle, end = beam.node(0.5), beam.end
+    first = scene.add_force(end, lambda t: (0, -4.0 * t))
+    bent = fb.static(scene, load_steps=2, t=2.0)
+    second = scene.add_force(middle, (0, 2.0))
+    both = fb.static(scene, load_steps=2, t=2.0, start=bent)
+    scene.remove(first)
+    one = fb.static(scene, load_steps=2, start=both)
+    scene.remove(second)
+    for path, acting in (
+        (bent, [(1, end, -4), (2, end, -8)]),
+        (both, [(0, end, -8), (1, middle, 1), (1, end, -8), (2, middle, 2), (2, end, -8)]),
+        (one, [(0, middle, 2), (0, end, -8), (1, middle, 2), (1, end, -4), (2, middle, 2)]),
+    ):
+        heads, vectors = arrows(plot.shapes(path, rows=[0, 1, 2]).axes[0])
+        order = np.lexsort((heads[:, 0], [k for k, *_ in acting]))  # of a row along the beam
+        assert heads[order] == approx(np.array([path.position(at)[k] for k, at, _ in acting]))
+        assert vectors[order] == approx(np.array([(0, force / 8) for *_, force in acting]))
 
 
 # -- Words -----------------------------------------------------------------------------------------
