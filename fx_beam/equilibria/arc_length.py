@@ -403,8 +403,8 @@ class ArcLength:
     def _check_way(self, state: State, ahead: Tangent) -> None:
         """StepError if the load falls for ever, or no force is left that could carry more."""
         limits = self.stepper.stats.limit_points
-        farthest, largest = abs(state.q / self.model.unit).max(), max(map(abs, limits), default=0.0)
-        level = farthest > _FARTHEST and ahead.load * farthest <= _LEVEL * abs(state.t)
+        far, largest = abs(state.q / self.model.unit).max(), max(map(abs, limits), default=0.0)
+        level = far > _FARTHEST and ahead.load * far <= _LEVEL * abs(state.t)
         if state.t < _LOWEST:
             turned = ", ".join(f"{point:.6g}" for point in limits)
             reason = (
@@ -416,14 +416,8 @@ class ArcLength:
                 "dampers, or apply the loads in other proportions"
             )
         elif level or max(abs(state.t), abs(ahead.load)) < _FLAT * largest:
-            reason = (
-                "leads nowhere: no force is left that carries more than load factor "
-                f"{state.t:.6g}, at displacements of up to {farthest:.3g} sizes of the scene or rad"
-            )
-            advice = (
-                "Springs and materials that soften carry no more than its largest load factor: "
-                "give less load, or let more members carry it"
-            )
+            reason = f"leads nowhere: at load factor {state.t:.6g} no force is left to carry more"
+            advice = "What softens carries no more than the largest load factor: give less load"
         else:
             return
         advice = f"The path so far is in the error's `solution`. {advice}"

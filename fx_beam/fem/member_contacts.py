@@ -127,7 +127,7 @@ class MemberContacts:
                 "Write the number in its place"
             )
         #: Number of points of each that may touch.
-        self.condition_counts = [len(one.points) for one in pairs]
+        self.switch_counts = [len(one.points) for one in pairs]
         counts = [_SLOTS * len(one.points) * bool(one.law.internal) for one in pairs]
         #: First slot of memory of each; all their internal variables.
         self._first_slots, self.width = np.cumsum([0, *counts]), _IN_SLOT * sum(counts)
@@ -149,7 +149,7 @@ class MemberContacts:
         structs.set(
             self._all,
             contacts=len(pairs),
-            conditions=sum(self.condition_counts),
+            conditions=sum(self.switch_counts),
             of=[self._row(i, *firsts[i]) for i in range(len(pairs))],
             dofs=mesh.dofs.size,
             moving=len(every),

@@ -111,6 +111,10 @@ class PointForces:
         self._nodal = self.ends[Role.EXTERNAL]
         #: Number of points that obstacles or members may stop.
         self.contacts = self.ends[Role.CONTACT] + (members.slots if members else 0)
+        #: Number of `switches` of each law, and of all.
+        self._switch_counts = [law.conditions for law in self._laws]
+        self._switch_counts += members.switch_counts if members else []
+        self.conditions = sum(self._switch_counts)
         #: Those whose work is that of loads, and whether there are any.
         self.external = slice(self.ends[Role.OTHER], self._nodal)
         self.has_external = self._nodal > self.external.start
@@ -157,17 +161,6 @@ class PointForces:
     def laws(self) -> list[PointLaw]:
         """Those of all forces."""
         return [of.law for of in (*self._laws, *(self.members.laws if self.members else ()))]
-
-    @property
-    def _condition_counts(self) -> list[int]:
-        """Number of `switches` of each law."""
-        of_members = self.members.condition_counts if self.members else []
-        return [law.conditions for law in self._laws] + of_members
-
-    @property
-    def conditions(self) -> int:
-        """Number of all `switches`."""
-        return sum(self._condition_counts)
 
     # -- Data in C ------------------------------------------------------------------------------
 
@@ -475,7 +468,7 @@ class PointForces:
 
     def friction_sticks(self, q: np.ndarray, slides: np.ndarray) -> bool:
         """Whether friction acts that sticks: of a joint, or of a contact that is closed."""
-        ends = np.cumsum(self._condition_counts, dtype=int)
+        ends = np.cumsum(self._switch_counts, dtype=int)
         pairs = zip(self.laws, np.split(self.switches(q, slides) <= 0, ends), strict=False)
         return any(law.sticks and (not law.opens or of.any()) for law, of in pairs)
 

@@ -94,6 +94,7 @@ def motion_of(
     state: Solution | None = None,
 ) -> PeriodicMotion:
     """What users get of a periodic motion."""
+    warn_of_round_off(shooting, [closed.left_over])
     period = closed.period
     energy, multipliers = shooting.energy(period.start), multipliers_of(closed)
     conserves = period.lost <= _NO_LOSS * max(1.0, abs(energy))
@@ -162,7 +163,8 @@ class Path:
         left_over = list[float]()
         for closed in itertools.islice(motions, self._shooting.options.most):
             left_over.append(closed.left_over)
-            motion = motion_of(self._shooting, closed, self._free, chosen_by)
+            told_later = closed._replace(left_over=0.0)
+            motion = motion_of(self._shooting, told_later, self._free, chosen_by)
             if members and motion.instability != members[-1].instability:
                 critical[len(members)] = functools.partial(self._critical, *self.last_step, motion)
             members.append(motion)

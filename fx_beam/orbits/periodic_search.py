@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 from fx_beam.step.newton import NewtonOptions
 
-from .closing import NO_SHIFT, Closed, Condition, NotClosed, at_rest, close, warn_of_round_off
+from .closing import NO_SHIFT, Closed, Condition, NotClosed, at_rest, close
 from .mode_family import ModeFamily, holds_energy
 from .periodic_family import Path, motion_of
 from .shooting import STEP, Period, PeriodicOptions, Shooting, nearest_return
@@ -129,13 +128,7 @@ def periodic(
             )
     family = ModeFamily(shooting, scene, state, mode)
     chosen_by = "energy" if amplitude is None else "amplitude"
-    return _told_of(shooting, family.last(), True, chosen_by, family.most, state)
-
-
-def _told_of(shooting: Shooting, closed: Closed, *how: Any) -> PeriodicMotion:
-    """What users get of a motion, with a warning of what round-off leaves."""
-    warn_of_round_off(shooting, [closed.left_over])
-    return motion_of(shooting, closed, *how)
+    return motion_of(shooting, family.last(), True, chosen_by, family.most, state)
 
 
 def _from_state(shooting: Shooting, start: Solution | None, period: float | None) -> PeriodicMotion:
@@ -156,7 +149,7 @@ def _from_state(shooting: Shooting, start: Solution | None, period: float | None
             return motion_of(shooting, rest, False)
         if free:
             shooting.check_free()
-        return _told_of(shooting, of_period(shooting, first, period, free), free)
+        return motion_of(shooting, of_period(shooting, first, period, free), free)
     shooting.check_free()
     length = _period_in(start, what)
     conditions = tuple[Condition, ...]()
@@ -164,7 +157,7 @@ def _from_state(shooting: Shooting, start: Solution | None, period: float | None
         size = abs(energy - shooting.energy(shooting.first_state(None, dt or 1e-3)))
         conditions = (holds_energy(shooting, energy, size or 1.0),)
     closed = close(shooting, first, length, NO_SHIFT, conditions)
-    return _told_of(shooting, closed, True, "energy" if conditions else "")
+    return motion_of(shooting, closed, True, "energy" if conditions else "")
 
 
 def of_period(shooting: Shooting, first: State, parameter: float, free: bool) -> Closed:

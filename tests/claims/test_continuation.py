@@ -239,7 +239,7 @@ def stretched(energy):
     ids=["exponential", "plateau", "logarithm", "bar"],
 )
 def test_a_path_on_which_no_force_is_left_ends_with_what_was_computed(build, energy, largest):
-    with pytest.raises(fb.StepError, match="the path leads nowhere") as caught:
+    with pytest.raises(fb.StepError, match="leads nowhere: .* no force is left") as caught:
         fb.static(build(energy), continuation="arc-length")
     path = caught.value.solution
     assert path.load_factor.max() == pytest.approx(largest, rel=1e-6)
