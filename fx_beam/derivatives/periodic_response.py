@@ -19,7 +19,6 @@ from fx_beam.orbits.periodic_family import without_trivial
 from fx_beam.orbits.shooting import Directions, Period, Shooting
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import PeriodicMotion
-from fx_beam.scene.beam import Beam
 from fx_beam.scene.outputs import PERIOD, Output
 from fx_beam.scene.scene import Scene
 from fx_beam.step.model import Model
@@ -28,7 +27,7 @@ from fx_beam.step.tape_derivatives import TapeDerivatives
 
 from .built_scenes import refuse_others
 from .differentiable import one_call
-from .energy_outputs import SINCE_START, EnergyOutput
+from .energy_outputs import EnergyOutput
 from .gradient import jvp
 from .observation import observes_rates, rates_at
 from .output_values import Wanted
@@ -95,8 +94,7 @@ class PeriodicResponse(Response):
     SceneError
         As of `Response` and `periodic`; if `motion` gives something else. In derivatives for
         motions that are not isolated, such as free ones whose energy or amplitude is not given,
-        and for those of a `backbone`; for parameters that change a period of loads; for resultants,
-        work and losses with a scheme whose forces depend on the step before (`EnergyDecaying`).
+        and for those of a `backbone`; for parameters that change a period of loads.
 
     Examples
     --------
@@ -213,7 +211,7 @@ class PeriodicResponse(Response):
         return {name: self._period.length * self._slopes.period for name in periods}
 
     def _begin_derivatives(self, what: str, outputs: Mapping[str, Output]) -> tuple[Any, ...]:
-        self._check_rows(outputs)
+        self._check_rows()
         return super()._begin_derivatives(what, outputs)
 
     @one_call
@@ -242,7 +240,7 @@ class PeriodicResponse(Response):
             Before the first call, for scenes without derivatives, for multipliers that are equal,
             and at a fold.
         """
-        self._check_rows({})
+        self._check_rows()
         known = without_trivial(self.motion.multipliers, self._cycle.trivial)
         known = known[known.imag >= 0]
         fits = is_whole(n, 1, len(known))
@@ -287,20 +285,13 @@ class PeriodicResponse(Response):
             rows += _slope(longer, _CHANGE) * slopes.period
         return np.linalg.solve(unit, rows)
 
-    def _check_rows(self, outputs: Mapping[str, Output]) -> None:
-        """SceneError for outputs of which there are no derivatives."""
+    def _check_rows(self) -> None:
+        """SceneError for motions whose rows have no derivatives."""
         if self._cycle.chosen_by == "fold":
             raise SceneError(
                 f"{_WHAT}: at a fold only the output 'period' has derivatives: the motion changes "
                 "along the curve of folds, which needs second derivatives"
             )
-        if self._shooting.model.forms.needs_previous:
-            for name, of in outputs.items():
-                if isinstance(of.of, Beam) or of.quantity in SINCE_START:
-                    raise SceneError(
-                        f"{_WHAT}: the output {name!r}, {of}, has no derivatives with a scheme "
-                        "whose forces depend on the step before. Use EnergyMomentum"
-                    )
 
     @cached_property
     def _slopes(self) -> _Slopes:
