@@ -19,6 +19,9 @@ _FIRST, _FACTOR = 1e-2, 0.25
 _MOST = 10_000
 # Error of the finer of two runs, relative to their difference: at second order it is a third.
 _SHARE = 0.5
+# Largest factors by which an error falls in a refinement of the steps, and over 4^degree of the
+# mesh. A smaller change is chance: both runs are not yet in the range of their order.
+_FASTEST, _FASTEST_OF_MESH = 8.0, 2.0
 
 
 @dataclass(frozen=True)
@@ -164,28 +167,30 @@ def converge(
 
     runs = _Runs(run, quantity, max_runs)
     try:
-        return _refined(runs, int(elements), tolerance)
+        return _refined(runs, int(elements), int(degree), tolerance)
     except BaseException as stop:
         stop.values = runs.values  # type: ignore[attr-defined]
         raise
 
 
-def _refined(runs: _Runs, mesh: int, tolerance: float) -> Converged:
+def _refined(runs: _Runs, mesh: int, degree: int, tolerance: float) -> Converged:
     """The quantity, known to the tolerance; from a number of elements on."""
-    step = _FIRST
+    step, mesh_before, step_before = _FIRST, 0.0, 0.0
     while True:
         value = runs.value(mesh, step)
         in_mesh = _SHARE * float(abs(runs.value(2 * mesh, step) - value).max())
         in_step = _SHARE * float(abs(runs.value(mesh, _FACTOR * step) - value).max())
+        in_mesh = max(in_mesh, mesh_before / (_FASTEST_OF_MESH * 4**degree))
+        in_step = max(in_step, step_before / _FASTEST)
         if in_mesh + in_step <= tolerance:
             finest = runs.value(2 * mesh, _FACTOR * step)
             errors, used = (in_mesh + in_step, in_step, in_mesh), (len(runs.values), runs.steps)
             known = finest if finest.ndim else float(finest)
             return Converged(known, *errors, 2 * mesh, _FACTOR * step, *used, runs.last)
         if in_mesh > in_step:
-            mesh *= 2
+            mesh, mesh_before = 2 * mesh, in_mesh
         else:
-            step *= _FACTOR
+            step, step_before = _FACTOR * step, in_step
 
 
 class _Runs:

@@ -51,6 +51,19 @@ def test_the_larger_of_the_two_errors_is_refined():
     assert found.mesh_error < found.step_error
 
 
+def test_a_small_change_between_two_runs_may_be_chance():
+    """From 8 to 16 elements the quantity hardly changes, after a large change: it goes on."""
+    values = {4: 0.0, 8: 1.0, 16: 1.01, 32: 1.25, 64: 1.3125, 128: 1.328125}  # tends to 4/3
+
+    def quantity(solution):
+        return values[len(solution.beams["arm"].s) - 1]
+
+    found = fb.converge(cantilever, quantity, 0.03, t_end=0.01)
+    assert found.error < 0.03 and abs(found.value - 4 / 3) < found.error
+    rough = fb.converge(cantilever, quantity, 0.1, t_end=0.01)  # an eighth of the first error
+    assert rough.error == 0.5 / 8
+
+
 def test_a_quantity_that_does_not_converge_is_reported_with_the_last_solution():
     numbers = iter(range(100))
     with pytest.raises(fb.StepError, match="not known") as raised:
