@@ -20,6 +20,8 @@ from .linearisation import Linearisation, check_equilibrium, linearised
 # A root is known when inverse iteration changes it by less, relative to its size.
 _CLOSE = 1e-9
 _ROUNDS = 20
+# Most unknowns with damping and without mass whose motions are all in a subspace.
+_RELAXING = 12
 
 
 class Damped(NamedTuple):
@@ -48,15 +50,17 @@ def _not_rigid(K, C, M, n: int, undamped: np.ndarray, rigid: np.ndarray, unit: f
     shifted = pivoted_lu(K + unit * C + unit**2 * M)
     Z, zeros = _untouched(C, shifted, rigid, unit)
     held, scale = M @ Z, (abs(K.diagonal()) + unit**2 * M.diagonal()) ** -0.5
+    relaxing = np.flatnonzero((M.diagonal() == 0) & (C.diagonal() != 0))
     start = [undamped, shifted.solve(C @ undamped), rigid]
+    apart = relaxing[: len(relaxing) * (len(relaxing) <= _RELAXING)]
     whole = K.shape[0] <= 40 + sum(part.shape[1] for part in start)
-    V = np.diag(scale) if whole else _independent(start, scale)
+    V = np.diag(scale) if whole else _independent(start, scale, apart)
     values: np.ndarray = np.empty(0)
     for _ in range(_ROUNDS):
         k, c, m = (V.T @ (A @ V) for A in (K, C, M))
         # Rigid motions without damping are double roots at zero: moved away, since they are known.
         k += (1e3 * unit) ** 2 * (V.T @ held) @ (held.T @ V)
-        damped = _roots(k, c, m, unit, zeros)
+        damped = _roots(k, c, m, unit, zeros, len(relaxing))
         damped = damped._replace(vectors=V @ damped.vectors)
         moved = (abs(held.T @ damped.vectors) ** 2).sum(axis=0) > 0.5
         damped = damped.only(np.flatnonzero(~moved)[:n])
@@ -67,7 +71,7 @@ def _not_rigid(K, C, M, n: int, undamped: np.ndarray, rigid: np.ndarray, unit: f
             return damped
         values = damped.values
         nearer = (_nearer(K, C, M, values[k], damped.vectors[:, k]) for k in new)
-        V = _independent([V, *nearer], scale)
+        V = _independent([V, *nearer], scale, apart)
     raise RuntimeError(
         f"modes: {len(new)} of {n} damped modes did not converge. Try fewer modes, or leave "
         "damping out by damping=False"
@@ -100,13 +104,19 @@ def _untouched(C, shifted, R: np.ndarray, unit: float) -> tuple[np.ndarray, int]
     return R @ turned[alone].T, moved.shape[1] + int((rates < 1e-5 * unit).sum())
 
 
-def _independent(parts: list[np.ndarray], scale: np.ndarray) -> np.ndarray:
-    """Basis of the span of columns (size, n), without those that depend on others."""
+def _independent(parts: list[np.ndarray], scale: np.ndarray, apart: np.ndarray) -> np.ndarray:
+    """Basis of the span of columns (size, n), without those that depend on others.
+
+    Unknowns `apart` have vectors of their own, so that those without mass have none exactly.
+    """
     columns = np.column_stack(parts) / scale[:, None]
+    columns[apart] = 0.0
     sizes = np.linalg.norm(columns, axis=0)
     unit_columns = columns[:, sizes > 0] / sizes[sizes > 0]
     basis, R, _ = scipy.linalg.qr(unit_columns, mode="economic", pivoting=True)
-    return scale[:, None] * basis[:, abs(R.diagonal()) > 1e-9]
+    own = np.zeros((len(scale), len(apart)))
+    own[apart, np.arange(len(apart))] = 1.0
+    return scale[:, None] * np.column_stack([basis[:, abs(R.diagonal()) > 1e-9], own])
 
 
 def _nearer(K, C, M, root: complex, x: np.ndarray) -> np.ndarray:
@@ -119,24 +129,35 @@ def _nearer(K, C, M, root: complex, x: np.ndarray) -> np.ndarray:
     return np.column_stack([x.real, x.imag]) / abs(x).max()
 
 
-def _roots(k, c, m, unit: float, zeros: int) -> Damped:
-    """All modes of small dense matrices, lowest first, without so many simple roots at zero."""
+def _roots(k, c, m, unit: float, zeros: int, relaxing: int) -> Damped:
+    """All modes of small dense matrices, lowest first, without so many simple roots at zero.
+
+    Nor those of unknowns that relax, at most so many.
+    """
     c, m = unit * c, unit**2 * m
     # Linear in (x, lambda x), inverse about the shift 1: the low roots come out best.
     size = len(k)
     left, right = np.hsplit(-scipy.linalg.solve(k + c + m, np.hstack([m + c, m])), 2)
     mu, vectors = np.linalg.eig(np.block([[left, right], [np.eye(size) + left, right]]))
     finite = np.flatnonzero(abs(mu) > 1e-14 * abs(mu).max())
-    modes = finite[np.argsort(abs(1 + 1 / mu[finite]))[zeros:]]
-    modes = modes[mu[modes].imag <= 0]  # one of each pair
+    order = np.argsort(abs(1 + 1 / mu[finite]))
+    half = mu[finite[order]].imag <= 0  # one of each pair
+    modes, moves = finite[order[half]], np.flatnonzero(half) >= zeros
     mu, x = mu[modes], vectors[:size, modes]
     root = 1 + 1 / mu
+    rounding = 1e-12 * np.einsum("ij,ij->j", abs(x), abs(m) @ abs(x))
     k, c, m = (np.einsum("ij,ij->j", x.conj(), A @ x) for A in (k, c, m))
     k, m = k.real, m.real
-    massive = m > 1e-18 * abs(k)
+    massive = m > np.maximum(1e-18 * abs(k), rounding)
     real = mu.imag == 0
     # Of two real roots the larger: the smaller is its partner, exactly so in proportional damping.
-    modes = massive & (~real | (2 * root.real * m + c.real > 0))
+    larger = real & (2 * root.real * m + c.real > 0)
+    modes = massive & moves & (~real | larger)
+    # Without a partner are those of motions that have damping but hardly any mass.
+    alone = min(relaxing, 2 * np.sum(massive & larger) - np.sum(massive & real))
+    decaying = np.flatnonzero(massive & larger & (root.real < 0))
+    lightest = decaying[np.argsort(m[decaying] / c.real[decaying])]
+    modes[lightest[: max(0, alone)]] = False
     k, c, m, x, root, real = k[modes], c[modes], m[modes], x[:, modes], root[modes], real[modes]
     grows = real & (root.real > 0)
     natural = np.where(real, np.sqrt(abs(k / m)), abs(root))

@@ -42,6 +42,8 @@ class Modes:
     :math:`\lambda = \omega (-\zeta + i \sqrt{1 - \zeta^2})`. An overdamped mode has two real
     roots; the slower one stands for both. Its frequency and damping ratio are those of the modal
     mass 1, :math:`\omega^2 = \hat x.K \hat x` and :math:`2 \zeta \omega = \hat x.C \hat x`.
+    Where a node without mass relaxes against a damper, the root is alone, and is no mode:
+    `linearise` has it among the eigenvalues of its matrix A.
     In a frame that turns, C has the Coriolis forces as well, which do not damp.
 
     Parameters

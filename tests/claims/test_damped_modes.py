@@ -138,6 +138,49 @@ def test_a_free_mass_with_a_damper_is_a_rigid_mode():
     assert found.eigenvalues == 0
 
 
+def standard_solid(m, k, series, c, c_of_mass=0.0, elements=1):
+    """A mass on a spring k, and on another one in series with a damper; on rods without mass.
+
+    Beside it is a chain of elements that does not take part, for a subspace.
+    """
+    scene = fb.Scene()
+    rod = fb.Section(EA=1e4, GA=1e4, EI=1e4)
+    mass, between = (scene.add_beam([(x, 0), (x, 1)], rod) for x in (0, 1))
+    of_mass = fb.Damper(c_of_mass) if c_of_mass else None
+    ends = (mass.start, fb.Spring(k), of_mass), (between.start, None, fb.Damper(c))
+    for node, spring, damper in ends:
+        guide = fb.Prismatic(fb.GROUND, node, axis=(1, 0), spring=spring, damper=damper)
+        scene.add_joint(guide)
+    scene.add_force_between(mass.start, between.start, spring=fb.Spring(series))
+    scene.add_mass(mass.start, m)
+    chain = scene.add_beam([(0, 5), (1, 5)], section(), elements=elements, degree=1)
+    scene.clamp(chain.start)
+    return scene
+
+
+@pytest.mark.parametrize("elements", [1, 40])
+@pytest.mark.parametrize(
+    ("series", "c", "c_of_mass"),
+    [(50.0, 1.0, 0.0), (50.0, 1e3, 0.0), (1e9, 1e3, 0.0), (1.0, 1e-2, 1e3), (1.0, 1e2, 1e3)],
+    ids=["soft", "slow", "stiff", "faster than a mode", "slower than a mode"],
+)
+def test_a_node_without_mass_that_relaxes_is_no_mode(series, c, c_of_mass, elements):
+    """m s^2 + c_of_mass s + k + series c s / (series + c s) = 0 has three roots.
+
+    A real one alone has no frequency and no ratio; two real ones are those of an overdamped mode.
+    """
+    scene = standard_solid(1.0, 100.0, series, c, c_of_mass, elements)
+    found, plain = (fb.modes(scene, n=4, damping=of) for of in (True, False))
+    assert len(found) == len(plain)
+    (root,) = (s for s in found.eigenvalues if s.real < -1e-9)
+    by_s = c * (100.0 + series) + series * c_of_mass
+    roots = np.roots([c, series + c * c_of_mass, by_s, 100.0 * series])
+    vibrates = roots.imag > 0
+    nearest = abs(roots + 0.1).argmin()  # with -0.1 = -k / c of an overdamped mode
+    expected = roots[vibrates] if vibrates.any() else roots[[nearest]]
+    assert root == pytest.approx(expected[0], rel=1e-6)
+
+
 # -- Dense algebra -----------------------------------------------------------------------------
 
 
