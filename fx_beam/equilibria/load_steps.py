@@ -258,7 +258,9 @@ class LoadStepper:
         """Work of the loads in a step, energy that the scene gains [J], and round-off of both."""
         weight = 0.0 if self.model.weight is None else float(self.model.weight @ D)
         before, after = self.energy(old), self.energy(new)
-        rounding = 1e-14 * self.loop.change_of_sizes(D, abs(old.q) + abs(D))
+        # Natural strains do work on forces whose rounding errors are those of places, not strains.
+        sizes = abs(old.q) + abs(D) + self.model.unit * bool(self.model.natural)
+        rounding = 1e-14 * self.loop.change_of_sizes(D, sizes)
         rounding += 1e-12 * (max(abs(before), abs(after)) + abs(new.work) + abs(weight))
         return new.work - old.work + weight, after - before, rounding
 

@@ -99,16 +99,16 @@ class Settling:
         """SceneError if an equilibrium is free to move: the loads give it no stiffness."""
         model, motions = self.model, self.stepper.motions
         K, T, unit = motions.stiffness(state), motions.coupling(), motions.unit
+        none = max(_OF_LOADS * largest, _ROUNDING * abs(K.diagonal() * unit**2).max())
         # With so little drag the tangent is never singular.
-        drag = T.T @ scipy.sparse.diags(0.1 * _OF_LOADS * largest * self._loop.drag_weight) @ T
+        drag = T.T @ scipy.sparse.diags(0.1 * none * self._loop.drag_weight) @ T
         factors = pivoted_lu(K + drag)
-        stiffest = abs(K.diagonal() * unit**2).max()
         least, x = 0.0, np.random.default_rng(0).standard_normal(len(unit)) * unit
         for _ in range(4):  # inverse iteration
             x = factors.solve(x / unit**2)
             size = float(np.linalg.norm(x / unit))
             least, x = 1 / size, x / size
-        if least > max(_OF_LOADS * largest, _ROUNDING * stiffest):
+        if least > none:
             return
         moved = abs(T @ x / model.unit).reshape(-1, 3)
         node, component = np.unravel_index(moved.argmax(), moved.shape)

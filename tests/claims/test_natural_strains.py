@@ -38,6 +38,37 @@ def test_a_free_beam_becomes_an_arc_without_stress(degree, error, continuation):
     assert abs(arc.reaction(beam.start)[-1]).max() < 1e-9
 
 
+@pytest.mark.parametrize("height", [1e-2, 1e-5])
+@pytest.mark.parametrize("support", ["clamp", "roller", "middle"])
+def test_a_thin_free_beam_that_expands_has_no_step_halved(support, height):
+    """Round-off in its forces, of stiffness times places, does work on its natural strain."""
+    thin = fb.Section.rectangle(height=height, width=0.02, E=210e9, nu=0.3, rho=7850.0)
+    for expansion, elements, length in ((1e-5, 1, 1.0), (-1e-3, 7, 10.0), (0.03, 16, 0.37)):
+        scene = fb.Scene()
+        beam = scene.add_beam([(0, 0), (length, 0)], thin, elements=2 * elements)
+        at = {"clamp": beam.start, "roller": beam.start, "middle": beam.node(0.5)}[support]
+        scene.fix(at, "x", "y")
+        if support == "roller":
+            scene.fix(beam.end, "y")
+        else:
+            scene.fix(at, "rotation")
+        scene.add_natural_strain(beam, axial=expansion)
+        grown = fb.static(scene)
+        assert grown.stats.steps == 10 and not grown.stats.halvings
+        way = grown.displacement(beam.end)[-1, 0] - grown.displacement(beam.start)[-1, 0]
+        assert way == pytest.approx(expansion * length, rel=1e-9)
+
+
+@pytest.mark.parametrize("elements", [3, 4, 8])
+def test_a_beam_that_nothing_holds_is_refused_though_it_expands(elements):
+    thin = fb.Section.rectangle(height=1e-2, width=0.02, E=210e9, nu=0.3, rho=7850.0)
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], thin, elements=elements)
+    scene.add_natural_strain(beam, axial=1e-5)
+    with pytest.raises(fb.SceneError, match="in their equilibrium they leave"):
+        fb.static(scene)
+
+
 def test_a_beam_clamped_at_both_ends_does_not_move_and_has_the_moment_of_its_curvature():
     k0 = 3.0
     scene, beam = bar(curvature=k0)
