@@ -210,10 +210,6 @@ class PeriodicResponse(Response):
         periods = [name for name in names if _is_period(self._outputs[name])]
         return {name: self._period.length * self._slopes.period for name in periods}
 
-    def _begin_derivatives(self, what: str, outputs: Mapping[str, Output]) -> tuple[Any, ...]:
-        self._check_rows()
-        return super()._begin_derivatives(what, outputs)
-
     @one_call
     def multipliers(self, n: int = 1) -> tuple[np.ndarray, np.ndarray]:
         r"""The largest Floquet multipliers, with their derivatives by all numbers.
@@ -436,6 +432,7 @@ class PeriodicResponse(Response):
 
         As of `Response`, they have the independent variables of the start held.
         """
+        self._check_rows()
         slopes = self._slopes  # which have the steps of the motion on the tape
         return _added(super()._changes(), slopes.by, slopes.start)
 

@@ -407,10 +407,8 @@ class ArcLength:
         level = far > _FARTHEST and ahead.load * far <= _LEVEL * abs(state.t)
         if state.t < _LOWEST:
             turned = ", ".join(f"{point:.6g}" for point in limits)
-            reason = (
-                f"does not return to load factor 1: after limit points at {turned} it has reached "
-                f"{state.t:.6g}"
-            )
+            since = f"after limit points at {turned} it has reached {state.t:.6g}"
+            reason = f"does not return to load factor 1: {since}"
             advice = (
                 "There may be equilibria at load factor 1 on other paths: try a simulation with "
                 "dampers, or apply the loads in other proportions"

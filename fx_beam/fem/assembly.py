@@ -41,11 +41,6 @@ class Field:
     def __init__(self, space: Space):
         self.space, self.array = space, np.zeros(space.size)
 
-    @property
-    def on_cells(self) -> np.ndarray:
-        """Values (cells, width) of all cells."""
-        return self.array[self.space.dofs]
-
 
 class BoundForm:
     """A compiled form or expression on a mesh.
@@ -80,7 +75,7 @@ class BoundForm:
     def coefficients(self) -> dict[int, np.ndarray]:
         """Values (cells, width) of its fields for each subdomain, in the order of its code."""
         none = np.empty((len(self._mesh.elements), 0))
-        of_fields = [field.on_cells for field in self.fields]
+        of_fields = [field.array[field.space.dofs] for field in self.fields]
         values = of_fields[0] if len(of_fields) == 1 else np.concatenate([none, *of_fields], axis=1)
         return {tag: values if tag < 0 else values[of] for tag, of in self.cells.items()}
 

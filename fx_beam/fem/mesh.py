@@ -116,10 +116,6 @@ class Mesh:
         cells, width = len(self.elements), points * numbers
         return Space(np.arange(cells * width).reshape(cells, width), cells * width, points)
 
-    def at_points(self, values: np.ndarray) -> np.ndarray:
-        """Values (k, cells, 2 m) of those (k, n_node, 2) at the `points` of cells."""
-        return values[:, self.points].reshape(len(values), len(self.points), -1)
-
     def nodes_of(self, scene: Scene, target) -> np.ndarray:
         """Nodes of a beam, those inside its elements included, or the node itself."""
         if isinstance(target, Beam):

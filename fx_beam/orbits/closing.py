@@ -190,13 +190,12 @@ def close(
 
 def warn_of_round_off(shooting: Shooting, left_over: Sequence[float]) -> None:
     """Warn, once, of motions of which round-off leaves more than allowed; others have 0."""
-    count = int(np.count_nonzero(left_over))
-    if count:
+    if count := np.count_nonzero(left_over):
+        among = f". So it is in {count} of {len(left_over)} motions" * (len(left_over) > 1)
         _log.warning(
             "%s: round-off leaves the state after a period %.1e of the motion away from that "
             "before, where tolerance = %g; a larger tolerance says that this will do%s",
-            *(shooting.what, max(left_over), shooting.options.tolerance),
-            f". So it is in {count} of {len(left_over)} motions" * (len(left_over) > 1),
+            *(shooting.what, max(left_over), shooting.options.tolerance, among),
         )
 
 

@@ -163,8 +163,8 @@ class Path:
         left_over = list[float]()
         for closed in itertools.islice(motions, self._shooting.options.most):
             left_over.append(closed.left_over)
-            told_later = closed._replace(left_over=0.0)
-            motion = motion_of(self._shooting, told_later, self._free, chosen_by)
+            closed = closed._replace(left_over=0.0)  # told for all of them below
+            motion = motion_of(self._shooting, closed, self._free, chosen_by)
             if members and motion.instability != members[-1].instability:
                 critical[len(members)] = functools.partial(self._critical, *self.last_step, motion)
             members.append(motion)

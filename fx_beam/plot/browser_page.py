@@ -146,8 +146,8 @@ def interactive(
             for force in drawing.of_scene("forces_between")
         ],
         "forces": [
-            {"points": _points(drawing, [drawing.arrow(load, k) for k in drawing.rows])}
-            for load in drawing.forces
+            {"points": _points(drawing, [drawing.arrow(node, k) for k in drawing.rows])}
+            for node in drawing.forces
         ],
         "traces": [_points_of(drawing, [node.number]) for node in traced],
         "series": _series(drawing, series),

@@ -42,15 +42,6 @@ class Outline(NamedTuple):
         return Outline(self.line @ turn + position, self.strokes @ turn + position)
 
 
-class _Force(NamedTuple):
-    """A force on a node, by its number."""
-
-    node: int
-    #: Its load, if the scene has one there, and the force (2,) at the start of a path [N].
-    load: Any
-    held: np.ndarray
-
-
 def _turn(angle: float) -> np.ndarray:
     """Matrix (2, 2) that turns rows by an angle."""
     c, s = np.cos(angle), np.sin(angle)
@@ -221,7 +212,7 @@ class Drawing:
         """Lower left and upper right corner of the drawing, with a margin."""
         between = self.of_scene("forces_between")
         fixed = [force.b for force in between if not isinstance(force.b, Node)]
-        arrows = [self.arrow(load, k) for load in self.forces for k in self.rows]
+        arrows = [self.arrow(node, k) for node in self.forces for k in self.rows]
         lines = [of.line for of in self.obstacles]
         lines += [of.line for k in self.rows for of in self.carried(k)]
         seen = np.concatenate([self.points, np.reshape(fixed, (-1, 2)), *arrows, *lines])
@@ -293,43 +284,39 @@ class Drawing:
         b = self.positions(force.b.number, rows) if isinstance(force.b, Node) else force.b
         return np.stack([a, np.broadcast_to(b, a.shape)], axis=-2)
 
-    def force(self, of: _Force, k: int) -> np.ndarray:
-        """A force (2,) in row k [N]."""
-        solution, load, t = self.solution, of.load, self.solution.t[k]
-        if load is None:
-            return (1 - t) * of.held
-        static = solution.stats.static
-        force = np.asarray(t * load.value(solution.end.t) if static else load.value(t))
-        return (self.turned(load.target, k, force) if load.follower else force) + (1 - t) * of.held
+    def force(self, node: int, k: int) -> np.ndarray:
+        """The force (2,) on a node in row k [N]."""
+        solution, t, (loads, fading) = self.solution, self.solution.t[k], self.forces[node]
+        force, static = (1 - t) * fading, solution.stats.static
+        for load in loads:
+            value = np.asarray(t * load.value(solution.end.t) if static else load.value(t))
+            force = force + (self.turned(load.target, k, value) if load.follower else value)
+        return force
 
-    def arrow(self, of: _Force, k: int) -> np.ndarray:
+    def arrow(self, node: int, k: int) -> np.ndarray:
         """Tail and tip (2, 2) of the arrow of a force in row k, with its tip at the node."""
-        tip, scale = self.positions(of.node, k), _LONGEST_FORCE * self.reach
-        return np.array([tip - scale * self.force(of, k) / (self.largest_force or 1.0), tip])
+        tip, scale = self.positions(node, k), _LONGEST_FORCE * self.reach
+        return np.array([tip - scale * self.force(node, k) / (self.largest_force or 1.0), tip])
 
     @cached_property
-    def forces(self) -> list[_Force]:
-        """Forces on nodes of a solution; of equilibria also those that fade from their start."""
-        solution = self.solution
-        if not isinstance(solution, Solution):
-            return []
-        loads, start = solution._acting or (self.of_scene("loads"), None)
-        held, forces = np.zeros((len(solution.X), 2)), list[_Force]()
+    def forces(self) -> dict[int, tuple[list[Any], np.ndarray]]:
+        """By the numbers of nodes their loads, and what fades (2,) from the start of a path [N]."""
+        if not isinstance(self.solution, Solution):
+            return {}
+        acting = getattr(self.solution, "_acting", None)
+        loads, start = acting or (self.of_scene("loads"), None)
+        forces = dict[int, tuple[list[Any], np.ndarray]]()
         if isinstance(start, Solution):
             before = Drawing(start, [])
-            for of in before.forces:
-                held[of.node] += before.force(of, -1)
+            forces = {node: ([], before.force(node, -1)) for node in before.forces}
         for load in (load for load in loads if load.kind == "force"):
-            node = load.target.number
-            forces.append(_Force(node, load, held[node].copy()))
-            held[node] = 0.0
-        fading = np.flatnonzero(held.any(axis=1)).tolist()
-        return forces + [_Force(node, None, held[node]) for node in fading]
+            forces.setdefault(load.target.number, ([], np.zeros(2)))[0].append(load)
+        return forces
 
     @cached_property
     def largest_force(self) -> float:
         """The largest force in the rows that are drawn [N]."""
-        sizes = [np.hypot(*self.force(load, k)) for load in self.forces for k in self.rows]
+        sizes = [np.hypot(*self.force(node, k)) for node in self.forces for k in self.rows]
         return max(sizes, default=0.0)
 
     # -- Words ----------------------------------------------------------------------------------

@@ -52,10 +52,10 @@ def shapes(
 ) -> Figure:
     """Picture of superposed deformed shapes, coloured by time or by the order of load steps.
 
-    Bodies, lumped masses (discs) and forces on nodes (arrows) are drawn in all rows, but for forces
-    that are an `Input`. In equilibria the arrows are the forces at their time `t`, times the load
-    factor; those of the state at their `start` fade. Supports, joints and forces between points
-    have the symbols of `scene`; they are drawn once, where they are in the last of the rows.
+    Bodies, lumped masses (discs) and forces on nodes (arrows of their sums) are drawn in all rows,
+    but for forces that are an `Input`. In equilibria these are the forces at their time `t`, times
+    the load factor; those of the state at their `start` fade. Supports, joints and forces between
+    points have the symbols of `scene`; they are drawn once, where they are in the last of the rows.
 
     Parameters
     ----------

@@ -263,10 +263,10 @@ def draw_forces(ax, drawing: Drawing, k: int, colour: Any = "black") -> None:
     Forces below a fiftieth of the largest one are left out.
     """
     least = 0.02 * drawing.largest_force
-    loads = [load for load in drawing.forces if np.hypot(*drawing.force(load, k)) > least]
-    if not loads:
+    nodes = [node for node in drawing.forces if np.hypot(*drawing.force(node, k)) > least]
+    if not nodes:
         return
-    tails, tips = np.moveaxis(np.array([drawing.arrow(load, k) for load in loads]), 1, 0)
+    tails, tips = np.moveaxis(np.array([drawing.arrow(node, k) for node in nodes]), 1, 0)
     look = _ARROW | {"width": 0.018, "headwidth": 6, "headlength": 8, "headaxislength": 8}
     ax.quiver(*tails.T, *(tips - tails).T, color=colour, **look, zorder=4)
 

@@ -197,11 +197,6 @@ class Joint:
         """Whether b slides on a beam."""
         return self.slide is not None and self.axis is None
 
-    @property
-    def turns_with_motion(self) -> bool:
-        """Whether its coupling changes with the motion."""
-        return not (self.is_index or self.a is GROUND)
-
     def lacks(self, quantity: str) -> str:
         """What an `Output` of a quantity must be of, if not of this joint.
 

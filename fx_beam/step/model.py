@@ -382,7 +382,8 @@ class Model:
     @cached_property
     def fits_rates(self) -> bool:
         """Whether rates by the mean rule must be fitted to joints and driven motions."""
-        turning = any(joint.turns_with_motion for joint in self.scene.joints)
+        # Couplings that change with the motion.
+        turning = any(not (joint.is_index or joint.a is GROUND) for joint in self.scene.joints)
         return self.scheme.rates.by_mean and bool(turning or self.couplings.driven)
 
     @property

@@ -183,7 +183,7 @@ class TapeDerivatives:
         places = [(at["member places"][model.mesh.dofs[:, :2]], X)]
         for work in self._works:
             of_element = work.of_element(self.layout)
-            places.append((of_element.pop("coordinates"), model.mesh.at_points(X[None])))
+            places.append((of_element.pop("coordinates"), X[model.mesh.points]))
             numbers |= {name: all_of(of) for name, of in of_element.items()}
         at_X, of_X = (np.concatenate([*map(np.ravel, part)]) for part in zip(*places, strict=True))
         return numbers | {
