@@ -280,8 +280,9 @@ def check_loops(scene: Scene, reduction: Reduction, loops: Loops) -> None:
 
 
 def _derivative(reduction: Reduction, loops: Loops) -> np.ndarray:
-    """Derivative (closures, unknowns) of the closures by units of the loops' unknowns [m]."""
-    return reduction.closure_derivatives()[:, loops.unknowns] * loops.unit[loops.unknowns]
+    """Derivative (closures, unknowns) of closures [m] by units of the loops' unknowns."""
+    G, unit = reduction.closure_derivatives()[:, loops.unknowns], loops.unit[loops.unknowns]
+    return loops.lengths[:, None] * G * unit
 
 
 def _rank(reduction: Reduction, loops: Loops) -> tuple[int, np.ndarray, np.ndarray]:
@@ -301,8 +302,8 @@ def _rank_near_by(reduction: Reduction, loops: Loops, motions: np.ndarray) -> in
     change = _AWAY * np.random.default_rng(0).choice([-1.0, 1.0], len(motions)) @ motions
     for _ in range(_CLOSURES):
         y[loops.unknowns] += change * loops.unit[loops.unknowns]
-        closure = reduction.expand_open(y, np.zeros(reduction.driven))
-        if abs(closure).max() < 1e-13 * loops.unit.max():
+        closure = loops.lengths * reduction.expand_open(y, np.zeros(reduction.driven))
+        if abs(closure).max() < 1e-13 * loops.size:
             return _rank(reduction, loops)[0]
         change = -np.linalg.lstsq(_derivative(reduction, loops), closure, rcond=_DEPENDENT)[0]
     return 0

@@ -24,11 +24,11 @@ from typing import Any
 import numpy as np
 import scipy.sparse
 
-from fx_beam.fem.sparsity import Pattern, starts_of
+from fx_beam.fem.sparsity import Pattern, positions_in, starts_of
 
 from .column_map import ColumnMap
 from .graph import Auxiliaries, Couplings, Entries, SystemEntries
-from .sliders import Slide
+from .sliders import Slide, Sliders
 
 # Closure that is left, relative to the size of the scene.
 _CLOSED = 1e-15
@@ -37,17 +37,22 @@ _ROUNDING = 1e-9
 
 
 class Loops:
-    """The closed loops of a scene; `unit` (free,) is the size of unit unknowns.
+    """The closed loops of a scene of some `size`; `unit` (free,) is that of unit unknowns.
 
     Closures are in the order of blocks, those that share unknowns directly or through others.
     """
 
     def __init__(
-        self, couplings: Couplings, auxiliaries: Auxiliaries, unit: np.ndarray, slides: list[Slide]
+        self,
+        couplings: Couplings,
+        auxiliaries: Auxiliaries,
+        size: float,
+        unit: np.ndarray,
+        sliders: Sliders,
     ):
-        self.unit, self._couplings = unit, couplings
+        self.size, self.unit, self._couplings, self._sliders = size, unit, couplings, sliders
         self._entries = Entries.of((k, one.entries) for k, one in enumerate(couplings.closures))
-        values, *dependence = _dependence(couplings, auxiliaries, slides)
+        values, *dependence = _dependence(couplings, auxiliaries, sliders.all)
         count, shape = len(auxiliaries), (len(couplings.closures), dependence[0].shape[1])
         of_closures = ColumnMap(self._entries.weights(values), shape, *dependence)
         by_others, passed = of_closures.matrix, of_closures.by_dependent()
@@ -74,8 +79,8 @@ class Loops:
         self._carried = np.unique(self._entries.row[on_beam])
         #: Forces of loops with nodes on beams, which border the compiled loop's tangent.
         self.bordering = couplings.unknown_count - len(self) + self._carried
-        #: Largest closure of closed loops; some are angles.
-        self.tolerance = _CLOSED * max(unit.max(), max(k.component == 2 for k in self.closures))
+        #: What makes lengths of closures: some are angles.
+        self.lengths = np.array([size if k.component == 2 else 1.0 for k in self.closures])
         sizes, widths = ([len(part[i]) for part in blocks] for i in (0, 1))
         self._block_starts = starts_of(sizes), starts_of(widths)
         used = np.unique(self._near.indices)
@@ -145,7 +150,8 @@ class Loops:
             "block_column": self._block_starts[1],
             "block_part": starts_of(sizes**2),
             "arm_at_rest": np.array(at_rest).reshape(-1, 2),
-            "closure_closed": self.tolerance,
+            "closure_length": self.lengths,
+            "closure_closed": _CLOSED * self.size,
             "carried": len(self._carried),
             "carried_closure": self._carried,
         }
@@ -157,14 +163,16 @@ class Loops:
         shape = len(closure), len(self)
         of_closure = scipy.sparse.csr_matrix((np.ones(len(on)), (on, closure[on])), shape)
         left, right = (of_closure @ of_closure.T).nonzero()
-        return self._entries.at(left), self._entries.at(right)
+        weighted = self._entries._replace(sign=self._entries.sign * self.lengths[closure] ** 2)
+        return weighted.at(left), self._entries.at(right)
 
     def scales(self, pattern: Pattern) -> tuple[np.ndarray, np.ndarray]:
-        """Diagonals of unknowns in the linear system, which give the stiffness, and units."""
-        indptr, column = pattern
-        row = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
-        diagonal = np.flatnonzero((row == column) & (row < len(self.unit)))
-        return diagonal, self.unit[row[diagonal]]
+        """Diagonals of unknowns in the linear system, which give the stiffness, and units [size].
+
+        Without those of slides on beams, which border it and have ones there.
+        """
+        inside = np.setdiff1d(np.arange(len(self.unit)), self._sliders.outside)
+        return positions_in(*pattern, inside, inside), self.unit[inside] / self.size
 
 
 def _dependence(

@@ -179,6 +179,56 @@ def test_a_sleeve_on_a_beam_without_rotary_inertia_has_the_same_rates_and_forces
             assert abs(values - others).max() < 1e-6 * abs(others).max()
 
 
+def guided(u, kind):
+    """A rod in a guide on the ground, pushed along: its closures may be angles."""
+    scene = fb.Scene(gravity=u.gravity())
+    section = u.section(1e4, 4e3, 10.0, 1.3, 0.02)
+    rod = scene.add_beam(u.points((0, 0), (2, 0)), section, elements=4)
+    scene.add_joint(kind(rod, fb.GROUND, 0.6))
+    push = fb.Prismatic(
+        fb.GROUND, rod.start, axis=(1, 0), motor=lambda t: 0.3 * (t * u.time) ** 2 / u.length
+    )
+    scene.add_joint(push)
+    return scene
+
+
+def linkage(u):
+    """A loop of rigid bodies: all unknowns are angles."""
+    scene = fb.Scene(gravity=u.gravity())
+    corners = u.points((0, 0), (0.2, 0.5), (1.2, 0.8), (1.6, 0))
+    centres = u.points((0.1, 0.25), (0.7, 0.65), (1.4, 0.4))
+    inertia = 0.05 / u.mass / u.length**2
+    ends = zip(centres, corners, corners[1:], strict=False)
+    bars = [scene.add_body(c, 1.0 / u.mass, inertia, points={"a": a, "b": b}) for c, a, b in ends]
+    before = fb.GROUND
+    for bar in bars:
+        scene.add_joint(fb.Revolute(before, bar["a"]))
+        before = bar["b"]
+    scene.add_joint(fb.Revolute(fb.GROUND, before))
+    return scene
+
+
+LOOPS = {
+    "slider": functools.partial(guided, kind=fb.Slider),
+    "sleeve": functools.partial(guided, kind=fb.Sleeve),
+    "linkage": linkage,
+}
+
+
+@pytest.mark.parametrize("name", LOOPS)
+def test_closed_loops_have_the_same_motion_and_forces_in_all_units(name):
+    def found(u):
+        scene = LOOPS[name](u)
+        solution = fb.simulate(scene, dt=0.01 / u.time, t_end=0.2 / u.time)
+        forces = solution.joint_forces * [u.force, u.force, u.energy]
+        return *motion(solution, u), forces, fb.modes(scene).angular_frequencies / u.time
+
+    expected = found(SI)
+    for u in UNITS.values():
+        for values, others in zip(found(u), expected, strict=True):
+            assert abs(values - others).max(initial=0.0) < 1e-6 * abs(others).max(initial=1e-9)
+
+
 # -- A nanorod in SI units -----------------------------------------------------------------------
 
 

@@ -89,7 +89,7 @@ static int choose_following(const Problem *p, const Work *w) {
     int begin = p->block_closure[b], m = p->block_closure[b + 1] - begin;
     int from = p->block_column[b], n = p->block_column[b + 1] - from;
     int *low = w->low, *high = low + p->closures; /* rows are zero beside these */
-    double *M = w->pivoting, most = 0, least = HUGE_VAL;
+    double *M = w->pivoting, *length = p->closure_length + begin, most = 0, least = HUGE_VAL;
     for (int i = 0; i < m; ++i) {
       double *row = M + (long)i * n, size = 0;
       int column = -1;
@@ -98,7 +98,7 @@ static int choose_following(const Problem *p, const Work *w) {
         int near = p->closure_near[k], j = near - from;
         if (near >= p->loop_free) continue;
         widen(row, low + i, high + i, j, j);
-        row[j] = w->G[k] * p->loop_unit[near], most = fmax(most, fabs(row[j]));
+        row[j] = w->G[k] * p->loop_unit[near], most = fmax(most, fabs(row[j]) * length[i]);
       }
       for (int k = 0; k < i; ++k) {
         const double *pivot = M + (long)k * n;
@@ -112,7 +112,7 @@ static int choose_following(const Problem *p, const Work *w) {
       for (int j = low[i]; j <= high[i]; ++j)
         if (fabs(row[j]) > size) size = fabs(row[j]), column = j;
       if (column < 0) return 0;
-      least = fmin(least, size);
+      least = fmin(least, size * length[i]);
       p->following[begin + i] = from + column, w->follows[from + column] = begin;
     }
     if (least <= LEAST_PIVOT * most) return 0; /* not before: it must not depend on the order of closures */
@@ -215,7 +215,7 @@ static int correct_loops(const Problem *p, const Work *w, double *last) {
   derive_closures(p, w, w->values, w->G);
   factorise_closures(p, w, w->G, 0);
   find_closures(p, w, w->D, w->closure0, closure);
-  size = largest(m, closure, 0);
+  size = largest(m, closure, p->closure_length);
   if (size <= p->closure_closed || (*last < size && size <= 1e3 * p->closure_closed)) return 1;
   *last = size;
   solve_closures(p, w, 1, 0, closure);
@@ -270,11 +270,11 @@ static const double *closed(const Problem *p, const Work *w, const double *r) {
   return w->closed;
 }
 
-/* The stiffness of closures, by the size of the tangent. It does no work where they are closed, and keeps the tangent of open
-   loops regular, also without what borders it. */
+/* The stiffness of closures as lengths, by the size of the tangent. It does no work where they are closed, and keeps the
+   tangent of open loops regular, also without what borders it. */
 static double stiffness_of_closures(const Problem *p, const double *K) {
   double stiff = 0;
   for (int i = 0; i < p->scales; ++i)
-    stiff = fmax(stiff, fabs(K[p->scale_at[i]]) / (p->scale_unit[i] * p->scale_unit[i]));
+    stiff = fmax(stiff, fabs(K[p->scale_at[i]]) * p->scale_unit[i] * p->scale_unit[i]);
   return stiff;
 }

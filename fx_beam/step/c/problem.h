@@ -210,12 +210,13 @@ typedef struct {
     int *closure_auxiliary_start, *closure_auxiliary;
     int *closure_start, *closure_near;
     int *loop_column, *loop_dof; /* columns of the scene; degrees of freedom that are equal to them, or -1 */
-    double *loop_unit, *arm_at_rest, closure_closed; /* units of columns; arms in the reference; size of a closed closure */
+    double *loop_unit, *arm_at_rest; /* units of columns; arms in the reference */
+    double *closure_length, closure_closed; /* what makes lengths of closures, as some are angles; length of a closed one */
     int *block_closure, *block_column, *block_part; /* [blocks + 1] where each begins, the last in its factors */
     int part_size, pivoting_size; /* sizes of arrays of Work */
     int *following;     /* [closures] the loops' columns that depend on the others, chosen in each step */
     int carried, *carried_closure; /* closures with nodes on beams, whose forces are bordering rows from carrier_bordering on */
-    int scales, *scale_at; /* the stiffness of closures is from the diagonals stored there, with a unit of each unknown */
+    int scales, *scale_at; /* the stiffness of closures is from the diagonals stored there, with a unit [size] of each unknown */
     double *scale_unit;
   };
 

@@ -96,8 +96,8 @@ HOT void fill_factors(const Problem *p, const Work *w) {
   memset(A, 0, p->rows->start[p->unknowns] * sizeof(double));
   for (int k = 0; k < entries; ++k) A[p->factor_at[k]] = K[k];
   if (members) add_contact_points(p, w, 0);
-  for (int i = p->unknowns - p->closures; p->yielding > 0 && i < p->unknowns; ++i)
-    A[p->rows->diagonal[p->order[i]]] -= p->yielding;
+  for (int i = 0, first = p->unknowns - p->closures; p->yielding > 0 && i < p->closures; ++i)
+    A[p->rows->diagonal[p->order[first + i]]] -= p->yielding / (p->closure_length[i] * p->closure_length[i]);
 }
 
 static int factorise(Problem *p, const Work *w) {
