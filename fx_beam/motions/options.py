@@ -183,8 +183,10 @@ def _time_grid(dt: Any, t_end: Any, t0: float, goes_on: bool) -> np.ndarray:
         raise SceneError(f"t_end = {t_end!r} must be {least}")
     wanted = f"larger: its steps to t_end = {t_end!r} are more than {MOST_STEPS:.0e}"
     require((t_end - t0) / dt <= MOST_STEPS, "dt", dt, wanted)
-    # A remainder below 1e-6 steps is a rounding error of t_end / dt, not a step.
-    steps = math.ceil((t_end - t0) / dt - 1e-6)
+    # A remainder below 1e-6 steps is a rounding error of t_end / dt or of the times, not a step.
+    rounding = 4 * math.ulp(max(abs(t0), abs(t_end))) / dt
+    require(rounding < 0.1, "dt", dt, f"larger, as times near t = {t0:g} s are rounded by as much")
+    steps = math.ceil((t_end - t0) / dt - max(rounding, 1e-6))
     times = t0 + dt * np.arange(steps + 1)
     times[-1] = t_end
     return times

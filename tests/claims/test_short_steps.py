@@ -65,3 +65,17 @@ def test_energy_is_balanced_to_round_off_in_short_steps(build):
     swung = fb.simulate(scene, dt=1e-3, t_end=0.3)
     solution = fb.simulate(scene, dt=1e-6, t_end=0.301, start=swung)
     assert abs(solution.energy.balance_error).max() < 1e-12
+
+
+def test_short_steps_late_in_time_are_as_many_as_asked_for_or_refused():
+    """A remainder that is a rounding error of the times is no step: it may have no length."""
+    scene = fb.Scene()
+    node, _ = bodies(scene, lambda a, b: fb.Revolute(a, b, spring=fb.Spring(10.0)))
+    scene.prescribe(node, rotation=lambda t: np.sin(t) - np.sin(1000.0) * t / 1000.0)
+    held = fb.static(scene, t=1000.0)
+    scene.make_velocities_compatible()
+    solution = fb.simulate(scene, dt=1e-8, t_end=1000.0 + 20e-8, start=held)
+    assert len(solution.t) == 21
+    assert np.isfinite(solution.v).all()
+    with pytest.raises(fb.SceneError, match="dt = 1e-12 must be larger, as times near t = 1000"):
+        fb.simulate(scene, dt=1e-12, t_end=1000.0 + 20e-12, start=held)
