@@ -149,8 +149,7 @@ class Starts:
         w = rates_of_columns(self.model, start, start.v, rates)
         a, _ = self._acceleration(start, w, accelerations, self._loads(start))
         # What the last step of another scheme leaves to the next one does not count.
-        start = start.changed(a=a, parts=None, past=None)
-        return start.changed(q_previous=None, algorithmic=0.0, length=0.0)
+        return start.changed(a=a, parts=None, past=None).released()
 
     def _begin(self, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Set the reduction to the start; rates and accelerations (driven,) of driven motion."""

@@ -47,7 +47,7 @@ class Transfer:
     """
 
     def __init__(self, model: Model, start: Solution):
-        self._model, self._start, self._end = model, start, end_of(start)
+        self._model, self._start, self._end = model, start, end_of(start).released()
         #: Row (n_node,) of each node in the solution, or `_NEW`.
         self._rows = self._rows_of_nodes()
         #: Joints of the solution, and by the numbers of the same joints of the scene.
@@ -69,9 +69,8 @@ class Transfer:
             a=np.zeros(model.size),
             slides=slides,
             work=end.work,
-            # What a scheme holds for the next step is lost.
-            dissipated=end.dissipated + end.algorithmic,
-            numerical=end.numerical + end.algorithmic,
+            dissipated=end.dissipated,
+            numerical=end.numerical,
             impact=end.impact,
             internal=self._internal(),
             natural=self._natural(),

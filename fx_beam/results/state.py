@@ -124,6 +124,12 @@ class State:
         new.__dict__.update(self.__dict__, **values)
         return new
 
+    def released(self) -> State:
+        """The state without what a scheme holds for the next step: its energy is lost."""
+        kept, held = {"q_previous": None, "length": 0.0, "algorithmic": 0.0}, self.algorithmic
+        losses = {"dissipated": self.dissipated + held, "numerical": self.numerical + held}
+        return self.changed(**kept, **losses)
+
     @property
     def at_nodes(self) -> dict[str, np.ndarray]:
         """Its arrays at all nodes by name."""

@@ -69,6 +69,16 @@ def test_the_balance_closes_for_steps_in_parts_of_changing_length(order):
     assert abs(whole.reaction(beam.start)[1:, :2] - given).max() < 1e-9 * abs(given).max()
 
 
+@pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.EnergyDecaying(order=1)])
+def test_what_the_scheme_holds_is_lost_where_another_one_goes_on(scheme):
+    scene, _ = free_flight(elements=3)
+    pushed = fb.simulate(scene, fb.EnergyDecaying(), dt=0.1, t_end=2.5)
+    held = pushed.energy.algorithmic[-1]
+    energy = pushed.then(fb.simulate(scene, scheme, dt=0.1, t_end=2.6, start=pushed)).energy
+    assert energy.numerical[-1] - energy.numerical[-2] > (1 - 1e-9) * held > 1e-9 * energy.total[-1]
+    assert abs(energy.balance_error).max() < 1e-11 * energy.total.max()
+
+
 # -- Amplification and order ----------------------------------------------------------------------
 
 
