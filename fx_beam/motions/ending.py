@@ -45,6 +45,8 @@ class Ending:
         self._stepper, self._recorder = prepared.stepper, recorder
         self._conditions = prepared.options.until
         self._last = start = recorder.end
+        #: Time over which rates of driven motions are found at the start [s].
+        self._ahead = prepared.options.dt or 1e-3 * (prepared.options.t_end - start.t)
         #: The present state in a step, as `FittedState` reads that of a stepper.
         self._step = SimpleNamespace()
         self._now = FittedState(prepared.model, prepared.forcing, self._step)
@@ -141,7 +143,8 @@ class Ending:
     ) -> dict[str, float]:
         """Values of conditions at the end of a step: numbers, or 1 where they are met, else -1."""
         step = self._step
-        step.present, step.grid, step.number = start, Grid(start.t, 0, end.t - start.t), 0
+        grid = Grid(start.t, 0, end.t - start.t or self._ahead)
+        step.present, step.grid, step.number = start, grid, 0
         self._now.begin(start)
         if end is not start:
             self._now.leave()

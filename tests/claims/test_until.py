@@ -148,6 +148,24 @@ def test_the_next_motion_may_be_shorter_than_a_step():
         fb.simulate(scene, start=caught, **options)
 
 
+@pytest.mark.parametrize("options", [{"dt": 0.01}, {"tolerance": 1e-3}], ids=str)
+def test_a_condition_sees_the_rate_of_a_motor_at_the_start(options):
+    scene = fb.Scene()
+    body = scene.add_body((0.5, 0), 2.0, 0.4, points={"pin": (0, 0)})
+    # It starts at once, by which the rates of steps alternate.
+    motor = fb.Revolute(fb.GROUND, body["pin"], motor=lambda t: 3.0 * max(0.0, t - 0.5))
+    motor, seen = scene.add_joint(motor), []
+    begun = fb.simulate(scene, dt=0.01, t_end=0.52)
+
+    def faster(t, y):
+        seen.append(y["spin"])
+        return y["spin"] > 4.0
+
+    outputs = {"spin": fb.Output("spin", motor)}
+    fb.simulate(scene, t_end=0.6, start=begun, until=faster, outputs=outputs, **options)
+    assert abs(np.array(seen) - 3.0).max() < 1e-9
+
+
 def test_a_condition_within_halved_steps():
     scene = fb.Scene()
     arm = scene.add_body((1, 0), 1.0, 0.1, points={"pin": (0, 0)})
