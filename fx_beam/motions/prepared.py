@@ -193,6 +193,9 @@ def _same(model: Model, start: Solution) -> State:
         natural = np.zeros(model.natural.shape)
     if forces is not None and len(forces) != model.reduction.columns - model.reduction.free:
         forces = None  # other supports
+    if state.fitted is not None and not model.scheme.rates.by_mean:
+        # Its accelerations keep what joints do not allow; the energy of that is work.
+        state = replace(state, v=state.fitted)
     return replace(state, fitted=None, natural=natural, constraint_forces=forces)
 
 

@@ -66,6 +66,22 @@ def test_another_scheme_finds_its_accelerations_anew():
     assert np.hypot(*(second.acceleration(beam.end)[0] - close)) < 0.02 * np.hypot(*close)
 
 
+@pytest.mark.parametrize("steps", [2, 3])
+@pytest.mark.parametrize("scheme", [fb.GeneralizedAlpha(0.5), fb.HHT()], ids=str)
+def test_another_rule_goes_on_from_rates_that_fit(scheme, steps):
+    """A motor starts at once: by the mid-point rule the spins of steps are 6, 0, 6, ... rad/s."""
+    scene = fb.Scene()
+    body = scene.add_body((0.5, 0), 2.0, 0.4, points={"pin": (0, 0)})
+    motor = fb.Revolute(fb.GROUND, body["pin"], motor=lambda t: 3.0 * max(0.0, t - 0.5))
+    scene.add_joint(motor)
+    first = fb.simulate(scene, dt=0.01, t_end=0.5 + 0.01 * steps)
+    second = fb.simulate(scene, scheme, dt=0.01, t_end=1.0, start=first)
+    assert abs(second.spin(body.centre) - 3.0).max() < 1e-9
+    energy = first.then(second).energy
+    assert energy.total[len(first.t) :] == pytest.approx(0.9 * 3.0**2 / 2, rel=1e-3)
+    assert abs(energy.balance_error).max() < 1e-3
+
+
 def test_loads_go_on_in_time_and_may_be_others():
     scene, beam = free_flight(3)
     pushed = fb.simulate(scene, dt=0.1, t_end=2.5)
