@@ -283,12 +283,10 @@ def initial_rates(model: Model, state: State, driven: np.ndarray) -> tuple[np.nd
     if not (any_of(state.v) or scene.velocities or any_of(driven)):
         return np.zeros(model.reduction.columns), np.zeros(model.size)
     v = state.v.copy() if any_of(state.v) else plain(given_velocity(model))
-    if scene.projects_velocities:
-        w = projected_rates(model, state, v, driven)
-        return w, model.reduction.spread(w)
-    w = rates_of_columns(model, state, v, driven)
+    project = scene.projects_velocities
+    w = (projected_rates if project else rates_of_columns)(model, state, v, driven)
     compatible = model.reduction.spread(w)
-    if not scene.prescribed and all_of(compatible == v):
+    if project or (not scene.prescribed and all_of(compatible == v)):
         return w, compatible
     unit = [1.0, 1.0, 1 / model.mesh.size]
     gap = abs(compatible - v).reshape(-1, 3) / unit

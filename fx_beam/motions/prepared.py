@@ -193,10 +193,9 @@ def _same(model: Model, start: Solution) -> State:
         natural = np.zeros(model.natural.shape)
     if forces is not None and len(forces) != model.reduction.columns - model.reduction.free:
         forces = None  # other supports
-    if state.fitted is not None and not model.scheme.rates.by_mean:
-        # Its accelerations keep what joints do not allow; the energy of that is work.
-        state = replace(state, v=state.fitted)
-    return replace(state, fitted=None, natural=natural, constraint_forces=forces)
+    # Accelerations of other rules keep what joints do not allow; the energy of that is work.
+    v = state.v if state.fitted is None or model.scheme.rates.by_mean else state.fitted
+    return replace(state, v=v, fitted=None, natural=natural, constraint_forces=forces)
 
 
 def stats_of(model: Model, **others: Any) -> Stats:

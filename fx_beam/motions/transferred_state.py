@@ -22,6 +22,8 @@ from .initial_state import end_of, given_velocity, reference_state
 
 # In the place of rows: of the ground, whose number in `JointKey` this is, and of new nodes.
 _GROUND, _NEW = -1, -2
+# What goes on as it is.
+_GOES_ON = "work", "dissipated", "numerical", "impact", "inputs"
 
 
 def has_changed(model: Model, start: Solution) -> bool:
@@ -30,10 +32,8 @@ def has_changed(model: Model, start: Solution) -> bool:
     if start.X.shape != X.shape or (start.X != X).any():
         return True
     members = [one.name for one in scene.beams], [one.name for one in scene.bodies]
-    if members != ([*start.beams], [*start.bodies]):
-        return True
     has, had = ([(str(o), o.along, o.variables) for o in of.contacts] for of in (scene, start))
-    if has != had:
+    if members != ([*start.beams], [*start.bodies]) or has != had:
         return True
     if end.constraints is None:  # a solution that is no run
         return len(end.slides) != scene.joint_count or len(end.motors) != len(model.motors)
@@ -68,14 +68,10 @@ class Transfer:
             self._motors(slides, at),
             a=np.zeros(model.size),
             slides=slides,
-            work=end.work,
-            dissipated=end.dissipated,
-            numerical=end.numerical,
-            impact=end.impact,
             internal=self._internal(),
             natural=self._natural(),
             spring_internal=self._spring_internal(),
-            inputs=end.inputs,
+            **{name: getattr(end, name) for name in _GOES_ON},
             **nodal,
         )
 
