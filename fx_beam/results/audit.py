@@ -45,7 +45,8 @@ class Energy:
     ----------
     kinetic : (n,) float
         1/2 v.M v (eq. 8), with the rates of the scheme. Those of `Solution.v` fit the joints; where
-        couplings change with the motion, their energy is smaller, by the order of dt^4.
+        couplings change with the motion, their energy is smaller, by the order of dt^4. Where the
+        rate of a driven motion jumps, it is smaller by the energy of the jump, from there on.
     strain : (n,) float
         Stored energy of the beams (eq. 10).
     potential : (n,) float
