@@ -112,7 +112,8 @@ class Slide:
             "width": path.width,
             "ends": path.s,
             "coefficients": path.coefficients,
-            "position": path.X,
+            # Only differences count, which have few digits far from the origin.
+            "position": path.X - path.X[0],
             "angle": path.angles(),
             "joint": self.joint.number,
             "column": self.column,

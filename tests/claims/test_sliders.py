@@ -802,3 +802,20 @@ def test_a_body_that_turns_freely_on_a_locked_slider_has_the_modes_of_one_on_a_h
         return fb.modes(scene).angular_frequencies
 
     assert frequencies(locked=True) == pytest.approx(frequencies(locked=False), rel=1e-8, abs=1e-3)
+
+
+@pytest.mark.parametrize("make", [fb.Slider, fb.Sleeve])
+def test_a_guide_works_as_well_far_from_the_origin(make):
+    """As in coordinates of a map: those that C uses are of the rod."""
+
+    def pushed(x, y):
+        scene = fb.Scene(gravity=(0.0, -9.81))
+        rod = scene.add_beam([(x, y), (x + 2, y)], SOFT, elements=6, degree=2)
+        scene.add_joint(make(rod, fb.GROUND, 0.5))
+        scene.add_joint(fb.Prismatic(fb.GROUND, rod.start, (1, 0), motor=lambda t: 0.2 * t**2))
+        return fb.simulate(scene, dt=0.01, t_end=0.3)
+
+    near, far = pushed(0.0, 0.0), pushed(5e5, 5.4e6)
+    assert far.stats.halvings == 0
+    assert abs(far.q - near.q).max() < 1e-8
+    assert abs(far.joint_forces - near.joint_forces).max() < 1e-4 * abs(near.joint_forces).max()
