@@ -29,6 +29,8 @@ class Measured(NamedTuple):
         """Values (..., components) or (...) from arrays (..., size)."""
         if self.plus is None:
             return -values[..., self.minus]
+        if not values.shape[-1]:  # a scene without supports has no reactions
+            return np.zeros(values.shape[:-1] + np.shape(self.plus))
         components = values[..., self.plus]
         if self.minus is not None:
             components = components - values[..., self.minus]

@@ -260,3 +260,16 @@ def test_a_snapshot_of_another_scene_is_refused():
     motion, other = (fb.Motion(arm(m)[0], dt=DT) for m in (None, fb.Input("place")))
     with pytest.raises(fb.SceneError, match="another scene"):
         other.restore(motion.snapshot())
+
+
+def test_a_scene_without_supports_has_no_reactions():
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    beam = scene.add_beam([(0, 0), (1, 0)], SECTION)
+    outputs = {"all": fb.Output("reaction", beam.end), "x": fb.Output("reaction", beam.end, "x")}
+    motion = fb.Motion(scene, dt=DT, outputs=outputs)
+    for seen in (motion.outputs, motion.step()):
+        assert seen["all"].tolist() == [0.0] * 3
+        assert seen["x"] == 0.0
+    run = fb.Response(lambda x: (scene, outputs), dt=DT, t_end=5 * DT)
+    _, rows = run([1.0])
+    assert rows["all"].tolist() == [[0.0] * 3] * 6
