@@ -190,7 +190,11 @@ def groups_of(
     of_forces = np.isin(row, last) & ~np.isin(column, last)
     first, then = column[of_forces], row[of_forces]
     if dependent is not None:
-        first, then = np.hstack([(first, then), group_of[dependent]])
+        auxiliary, on = group_of[dependent]
+        # Forces on auxiliary unknowns alone have no pivot before what these depend on.
+        alone = ~np.isin(then, then[~np.isin(first, auxiliary)])
+        k, at = np.nonzero(first[alone][:, None] == auxiliary)
+        first, then = np.hstack([(first, then), (on[at], then[alone][k]), (auxiliary, on)])
     pairs = first.astype(np.int64) * count + then
     first, then = np.divmod(np.unique(pairs[first != then]), count)
     return {

@@ -269,3 +269,18 @@ def test_a_long_chain_of_springs_has_the_frequencies_of_lagrange():
     expected = scipy.linalg.eigh(40.0 * apart.T @ apart, coupled, eigvals_only=True) ** 0.5
     found = fb.modes(scene, n=5).angular_frequencies
     assert found == pytest.approx(expected[:5], rel=1e-8)
+
+
+@pytest.mark.parametrize("n", range(8, 20))
+def test_rings_of_any_number_of_links_move_wherever_they_are_cut(n):
+    """At the cut the gap may be that of auxiliary unknowns alone."""
+    cut = ring(n)
+    joints = [joint for joint in cut.joints if joint.kind == "Revolute"]
+    cut.remove(*joints)
+    cut.free(joints[0].b)
+    cut.add_joint(fb.Revolute(fb.GROUND, joints[0].b))
+    for joint in (*joints[1:], joints[0]):
+        cut.add_joint(fb.Revolute(joint.a, joint.b))
+    found, expected = (fb.simulate(scene, dt=0.005, t_end=0.05) for scene in (cut, ring(n)))
+    assert abs(found.q - expected.q).max() < 1e-9
+    assert abs(found.energy.balance_error).max() < 1e-11
