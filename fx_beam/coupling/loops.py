@@ -37,20 +37,17 @@ _ROUNDING = 1e-9
 
 
 class Loops:
-    """The closed loops of a scene of some `size`; `unit` (free,) is that of unit unknowns.
+    """The closed loops of a scene; `unit` (free,) is the size of unit unknowns.
 
     Closures are in the order of blocks, those that share unknowns directly or through others.
     """
 
     def __init__(
-        self,
-        couplings: Couplings,
-        auxiliaries: Auxiliaries,
-        size: float,
-        unit: np.ndarray,
-        sliders: Sliders,
+        self, couplings: Couplings, auxiliaries: Auxiliaries, unit: np.ndarray, sliders: Sliders
     ):
-        self.size, self.unit, self._couplings, self._sliders = size, unit, couplings, sliders
+        #: Size of the scene [m].
+        self.size = size = sliders.scene_size
+        self.unit, self._couplings, self._sliders = unit, couplings, sliders
         self._entries = Entries.of((k, one.entries) for k, one in enumerate(couplings.closures))
         values, *dependence = _dependence(couplings, auxiliaries, sliders.all)
         count, shape = len(auxiliaries), (len(couplings.closures), dependence[0].shape[1])

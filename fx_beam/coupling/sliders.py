@@ -136,7 +136,7 @@ class Sliders:
     """All sliding nodes of a scene, in the order of `Couplings.sliding`."""
 
     def __init__(self, scene: Scene, couplings: Couplings, rates: UpdateRule, mesh: Mesh):
-        self._couplings = couplings
+        self._couplings, self.scene_size = couplings, mesh.size
         pairs = [(joint, mesh.nodes_of(scene, joint.beam)) for joint in couplings.sliding]
         self.all = [Slide(joint, couplings, rates, mesh, nodes) for joint, nodes in pairs]
         self._unknowns = couplings.unknown_count

@@ -419,8 +419,7 @@ class Model:
         if self.couplings.closures:
             from fx_beam.coupling.loops import Loops
 
-            size, unit = self.mesh.size, self.unit_of_unknowns
-            loops = Loops(self.couplings, auxiliaries, size, unit, sliders)
+            loops = Loops(self.couplings, auxiliaries, self.unit_of_unknowns, sliders)
         self.reduction = Reduction(*parts, sliders, loops)
         if loops is not None and all(joint.place is None for joint in scene.joints):
             from fx_beam.coupling.determinacy import check_loops
