@@ -115,8 +115,7 @@ class CompiledLoop:
             p.lowest, p.highest = steps.control.band(dt)
         with uninterrupted:
             if taken := self._run(state, steps, recorder):
-                within = (steps.done + taken) % steps.parts > 0
-                state = self.state(float(ends[taken - 1]), within)
+                state = self.state(float(ends[taken - 1]))
                 self.stats.steps += completed(taken)
                 recorder.end = state
         C, before, ratio = self._library, *(ratio if ratio >= 0 else None for ratio in p.ratios)
@@ -308,14 +307,14 @@ class CompiledLoop:
             inputs = self.inputs(t, times[:before]) if before else no_inputs(p.sub_steps)
             return inputs._replace(error=inputs.error or raised)
 
-    def state(self, t: float, within: bool = False) -> State:
-        """The state in the memory of C, at the time t [s]; `within` a step that is in parts."""
+    def state(self, t: float) -> State:
+        """The state in the memory of C, at the time t [s]."""
         p = self._problem
         taken = p.steps_done > 0
         arrays: dict[str, Any] = {name: of.copy() for name, of in self._shaped.items()}
         for name in FORCES:
             # Those of joints and obstacles are not computed in steps that are not recorded.
-            if taken and (name == "constraint_forces" or p.keeps_joint_forces or within):
+            if taken and (name == "constraint_forces" or p.forces_found):
                 arrays[name] = self._state_arrays[name].reshape(self.shapes[name]).copy()
         numbers = {name: getattr(p, name) for name in NUMBERS} | {"t": t}
         motors = self._state_arrays["driven_now"][len(self.model.prescribed) :].copy()

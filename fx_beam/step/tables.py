@@ -377,6 +377,7 @@ class Problem:
         if len(state.motors):
             arrays["driven_now"][len(self.model.prescribed) :] = state.motors
         p.steps_done = state.constraint_forces is not None
+        p.forces_found = state.joint_forces is not None
         for name in NUMBERS:
             setattr(p, name, getattr(state, name))
 

@@ -5,7 +5,7 @@ import logging
 
 import numpy as np
 import pytest
-from jointed import MEMBER, thrown, whirling
+from jointed import MEMBER, pair, thrown, whirling
 from scenes import FLYING, free_flight, pinned_beam
 
 import fx_beam as fb
@@ -25,6 +25,22 @@ def test_a_thin_file_keeps_all_that_a_continuation_needs(tmp_path):
     # So does the predictor.
     iterations = first.stats.newton_iterations + rest.stats.newton_iterations
     assert iterations == pytest.approx(whole.stats.newton_iterations, abs=1)
+
+
+@pytest.mark.parametrize("kind", ["revolute", "prismatic with offset"])
+@pytest.mark.parametrize("every", [1, 3])
+def test_row_0_has_the_forces_of_the_last_step_also_if_none_were_recorded(kind, every):
+    rows = []
+    for record in (fb.Record(), fb.Record(every=every, rates=False, forces=False)):
+        scene, first, second, _ = pair(kind, gravity=(0, -9.81))
+        scene.pin(first.start)
+        scene.add_contact(second.end, fb.Line((0, second.end.y), (0, 1)), stiffness=100.0)
+        before = fb.simulate(scene, dt=1 / 128, t_end=0.25, record=record)
+        rest = fb.simulate(scene, dt=1 / 128, t_end=0.28, start=before)
+        rows.append([rest.joint_forces[0], rest.reactions[0], rest.contact_forces[0], rest.a[0]])
+        assert all(of.any() for of in rows[-1])
+    for full, left_out in zip(*rows, strict=True):
+        assert left_out == pytest.approx(full, rel=1e-12)
 
 
 # -- Steps taken in parts --------------------------------------------------------------------------

@@ -269,9 +269,11 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Reco
       const double *known = p->known ? p->known + i * p->columns : p->repeats && to->tape->increments ? to->tape->increments + number * p->columns : 0;
       if (!take_step(p, w, dt * p->fractions[i], i, inputs, number, unchecked && i == 0, known)) goto failed;
       changed = 1;
-      int asked = !p->repeats && (p->keeps_joint_forces || (of_row && to->forces));
-      int joints = p->scene_joints && asked;
-      int contacts = of_row && to->forces && p->points->recorded;
+      /* Another run may start from the last step, and then has its forces in row 0. */
+      int forces = of_row && (to->forces || step == to->last);
+      int joints = p->scene_joints && !p->repeats && (p->keeps_joint_forces || forces);
+      int contacts = forces && p->points->recorded;
+      p->forces_found = forces || p->keeps_joint_forces;
       if (joints || contacts) evaluate_nodes(p, w);
       if (joints) add_joint_forces(p, w);
       if (contacts) add_contact_forces(p);
