@@ -43,7 +43,7 @@ class BeamForms:
     """Forces and energies of the beams of a scene, their drag, and virtual works added by a user.
 
     Vectors contain all degrees of freedom. Internal variables change in a step unless it `holds`
-    them.
+    them, as in an instant.
     """
 
     # -- Construction ---------------------------------------------------------------------------
@@ -155,7 +155,7 @@ class BeamForms:
         works = [(work, on.shape) for work, on in zip(scene.virtual_works, inside, strict=True)]
         self._kind = Kind(
             *(self.degree, mesh.curved, self._scheme, tuple(materials.values()), tuple(works)),
-            *(bool(scene.natural_strains), _shapes(data)),
+            *(bool(scene.natural_strains), _shapes(data), bool(works) and self._holds),
         )
         self._forms = FormSource(WeakForm, self._kind)
         return inside

@@ -49,7 +49,7 @@ class Kind(NamedTuple):
     `materials` are those of the sections, numbered as subdomains if there are several. Data are
     known by their shapes: "stiffness" of the quadratic energy, "retardation" times, coefficients of
     the drag; each virtual work comes with that of its indicator. With `natural` there are natural
-    strains.
+    strains. Virtual works that are `held` are those of an instant.
     """
 
     degree: int
@@ -59,6 +59,7 @@ class Kind(NamedTuple):
     works: tuple[tuple[VirtualWork, DataShape], ...]
     natural: bool
     data: tuple[tuple[str, DataShape], ...]
+    held: bool
 
     @property
     def key(self) -> tuple | None:
@@ -94,7 +95,7 @@ class WeakForm:
         scheme, materials, works = kind.scheme, kind.materials, kind.works
         self.scheme, (self.fields, self._nodal) = scheme, fields_of(kind.degree, kind.curved)
         fields = self.fields
-        self.has_natural = kind.natural
+        self.has_natural, self._held = kind.natural, kind.held
         #: Data of beams by name: (EA, GA, EI) of the quadratic law, retardation times, and drag.
         self.data = {name: fields.data(shape) for name, shape in kind.data}
         self.times = self.data.get("retardation")
@@ -255,8 +256,11 @@ class WeakForm:
 
     def _checked_work(self, work: VirtualWork, what: str) -> Any:
         """A virtual work per length in UFL; SceneError if it is none."""
-        # Nothing moves in a load step: the work is that of the forces at its end.
-        step = self.step.at_its_end if self.scheme.rates.at_rest else self.step
+        step = self.step
+        if self.scheme.rates.at_rest:  # nothing moves in a load step: forces are those at its end
+            step = step.at_its_end
+        elif self._held:  # derivatives by the motion are sought, not by increments
+            step = step.in_an_instant
         test, term = self.fields.test, replaced(work.of(step, what), self._by_name)
         refuse_fields_in(term, what, [*self.fields.names, self.parameters])
         wanted = f"{what}: the result must be a scalar UFL expression linear in step.virtual_u and "

@@ -11,6 +11,9 @@ from typing import Any
 
 from fx_beam.symbolic import ufl
 
+# Length of an instant, relative to the step in it.
+_INSTANT = 2.0**-40
+
 
 def perp(a):
     """W a with W = [[0, -1], [1, 0]]: a rotated by 90 degrees anticlockwise (eq. 5)."""
@@ -152,9 +155,19 @@ class Step:
     @property
     def at_its_end(self) -> Step:
         """A step from where this one ends, at its rates v and omega, which are zero in statics."""
-        ends = {"u0": self.u, "psi0": self.psi, "u_before": self.u, "psi_before": self.psi}
         moved = {"Du": self.dt * self.v, "Dpsi": self.dt * self.omega, "natural0": self.natural1}
-        return replace(self, **ends, **moved)
+        return replace(self._from_its_level, **moved)
+
+    @property
+    def in_an_instant(self) -> Step:
+        """A step from the level of this one, at the same rates, in which next to nothing moves."""
+        short = {name: _INSTANT * getattr(self, name) for name in ("Du", "Dpsi", "dt")}
+        return replace(self._from_its_level, **short)
+
+    @property
+    def _from_its_level(self) -> Step:
+        ends = {"u0": self.u, "psi0": self.psi, "u_before": self.u, "psi_before": self.psi}
+        return replace(self, **ends)
 
     @property
     def strains0(self):

@@ -333,3 +333,30 @@ def test_forces_of_increments_and_starts_know_no_motion_in_load_steps(of_step, o
     for values, exact in zip([*given[0], *given[1]], [*wanted[0], *wanted[1]], strict=True):
         assert values == pytest.approx(exact, rel=1e-8, abs=1e-10)
     assert given[0][0] == pytest.approx(given[0][1], abs=1e-10)
+
+
+@pytest.mark.parametrize("moves", [False, True])
+@pytest.mark.parametrize(
+    "of_step",
+    [
+        lambda step: step.u0 + 0.1 * step.Du / step.dt,
+        lambda step: step.u0 + step.Du + 0.1 * step.v,
+        lambda step: step.u_before + 0.1 * step.v,
+    ],
+    ids=["start", "end", "start of the last step"],
+)
+def test_small_motions_see_forces_of_starts_and_ends_as_those_of_places(of_step, moves):
+    def system(force, state=None):
+        scene = fb.Scene(gravity=(0, -9.81))
+        section = fb.Section(EA=3e3, GA=1.2e3, EI=20.0, rhoA=1.0, rhoI=0.01)
+        arm = scene.add_beam([(0, 0), (1, 0.3)], section, elements=2)
+        scene.clamp(arm.start)
+        scene.add_virtual_work(lambda step: -30 * ufl.dot(force(step), step.virtual_u))
+        motion = fb.simulate(scene, dt=0.01, t_end=0.1) if moves and state is None else state
+        return fb.linearise(scene, state=motion).A, motion
+
+    expected, motion = system(lambda step: step.u + 0.1 * step.v)
+    found, _ = system(of_step, motion)
+    assert abs(found - expected).max() < 1e-6 * abs(expected).max()
+    values = (np.sort_complex(np.linalg.eigvals(A)) for A in (found, expected))
+    assert next(values) == pytest.approx(next(values), rel=1e-4)
