@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from fx_beam.errors import SceneError, as_float, between, check_fields, require
+from fx_beam.errors import SceneError, as_float, between, check_fields, refuse_fields_in, require
 from fx_beam.scene.parameters import symbols_only
 from fx_beam.symbolic import parts_of, ufl
 
@@ -207,8 +207,9 @@ class NodalRates(UpdateRule):
     Raises
     ------
     SceneError
-        For rules that are no functions, that do not give three UFL vectors, or whose acceleration
-        does not depend on the increment; or another level.
+        For rules that are no functions, that do not give three UFL vectors, that contain nan, inf
+        or symbols of your own, or whose acceleration does not depend on the increment; or another
+        level.
 
     Examples
     --------
@@ -242,12 +243,15 @@ class NodalRates(UpdateRule):
             self._check(rule)
 
     def _check(self, rule: Rule) -> None:
-        """Refuse a rule whose acceleration does not depend on the increment."""
+        """Refuse a rule whose acceleration does not depend on the increment, and nan and inf."""
         from fx_beam.scene.symbols import Symbol
 
-        D, v0, a0, before = (ufl.as_vector([Symbol() for _ in range(3)]) for _ in range(4))
-        a, _, _ = self.values(rule, D, v0, a0, before, Symbol())
-        if not set(D.ufl_operands) & set(parts_of(a)):
+        symbols = [Symbol() for _ in range(13)]
+        D, v0, a0, before = (ufl.as_vector(symbols[k : k + 3]) for k in range(0, 12, 3))
+        values = self.values(rule, D, v0, a0, before, symbols[-1])
+        for value in values:
+            refuse_fields_in(value, "NodalRates: rule(D, v0, a0, before, dt)", symbols)
+        if not set(D.ufl_operands) & set(parts_of(values[0])):
             raise SceneError(
                 "NodalRates: the acceleration that rule(D, v0, a0, before, dt) gives does not "
                 "depend on the increment D: the mass then has no effect. By the mid-point rule it "

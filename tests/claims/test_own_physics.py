@@ -266,6 +266,7 @@ def test_numbers_that_are_not_finite_are_refused_by_the_name_of_the_function(num
         ("strain_energy", lambda f: fb.Section(strain_energy=lambda e, g, k: f(e) + g**2 + k**2)),
         ("Spring", lambda f: fb.Spring(strain_energy=f)),
         ("law", lambda f: fb.Damper(law=f)),
+        ("NodalRates", lambda f: fb.NodalRates(lambda D, v0, *rest: (f(D[0]) * D, v0, v0))),
         ("energy", lambda f: scene.add_contact(arm.end, fb.Line((0, -1), (0, 1)), energy=f)),
     ):
         with pytest.raises(fb.SceneError, match=f"{name}.* contains the number {number}"):
