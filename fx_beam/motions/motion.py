@@ -272,7 +272,8 @@ class Motion:
     Parameters
     ----------
     scene : Scene
-        The scene. If something is added to it later, `step` ends with an error.
+        The scene. If something is added to it later, or its gravity or a parameter is set, `step`
+        ends with an error.
     scheme : Scheme, optional
         Time scheme; `EnergyMomentum()` by default.
     dt : float

@@ -109,6 +109,7 @@ class Parameters(Mapping):
     """The parameters of a scene by name, and their values: numbers, functions of time or inputs.
 
     A value is changed by ``scene.parameters[name] = value``, for the analyses that begin after it.
+    The next step of a `Motion` that has begun ends with an error.
     """
 
     def __init__(self) -> None:
@@ -117,6 +118,8 @@ class Parameters(Mapping):
         self._given: dict[str, Any] = {}
         # Values at the beginning, of which those with the same name must be the same.
         self._first: dict[str, Any] = {}
+        #: How often a value was changed.
+        self.changes = 0
 
     def __getitem__(self, name: str) -> Any:
         return self._given[name]
@@ -141,6 +144,7 @@ class Parameters(Mapping):
             )
         self.functions[name] = checked_value(name, value)
         self._given[name] = value
+        self.changes += 1
 
     def add(self, functions: Iterable[tuple[str, Any]], what: str) -> None:
         """Add the parameters of a part's functions; SceneError for a name with two values."""

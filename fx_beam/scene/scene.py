@@ -74,6 +74,8 @@ class Scene:
     """
 
     def __init__(self, gravity: Sequence[float] | None = None):
+        #: Changes of what it has, which the lengths of its lists do not show.
+        self.changes = 0
         self.gravity = gravity
         self.beams: list[Beam] = Members[Beam]()
         self._names: set[str] = set()
@@ -106,8 +108,6 @@ class Scene:
         self.contact_count = self.force_count = 0
         # Whether incompatible initial velocities are projected instead of refused.
         self.projects_velocities = False
-        # Changes of what it has, which the lengths of its lists do not show.
-        self.changes = 0
 
     def __copy__(self):
         return copy.deepcopy(self)
@@ -125,6 +125,7 @@ class Scene:
     @gravity.setter
     def gravity(self, gravity: Sequence[float] | None) -> None:
         self._gravity = None if gravity is None else vector(gravity, 2, "gravity")
+        self.changes += 1
 
     @property
     def _size(self) -> float:

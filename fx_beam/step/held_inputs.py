@@ -15,9 +15,9 @@ from fx_beam.scene.scene import Scene
 
 from .forcing import Forcing
 
-# Parts of a scene on which its motion depends.
+# Parts of a scene on which its motion depends, or its start.
 _PARTS = ["beams", "nodes", "fixed", "prescribed", "masses", "loads", "drags", "virtual_works"]
-_PARTS += ["joints", "contacts", "forces_between", "natural_strains"]
+_PARTS += ["joints", "contacts", "forces_between", "natural_strains", "velocities"]
 
 
 class HeldInputs:
@@ -54,7 +54,7 @@ class HeldInputs:
                 "from it or changed; the motion does not know it. Create another motion, which "
                 "goes on: fb.Motion(scene, dt=..., start=motion.state)"
             )
-        if not isinstance(given, Mapping):
+        if type(given) is not dict and not isinstance(given, Mapping):  # the first is quick
             require(False, "inputs", given, f"a dictionary of {list(self.widths)}")
         values: dict[str, Any] = {}
         for name, value in given.items():
@@ -66,7 +66,7 @@ class HeldInputs:
 
     def _changes(self, scene: Scene) -> tuple[int, ...]:
         """Numbers of which one changes with what the scene has."""
-        return *map(len, self._watched), scene.changes
+        return *map(len, self._watched), scene.changes, scene.parameters.changes
 
     def set(self, values: Mapping[str, Any]) -> None:
         """Set some inputs for the next steps."""
