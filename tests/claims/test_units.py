@@ -35,6 +35,11 @@ class Units:
     def damper(self, viscosity):
         return fb.Damper(viscosity * self.length / self.force / self.time)
 
+    def body(self, scene, mass, inertia, centre, **points):
+        places = {name: self.points(place)[0] for name, place in points.items()}
+        inertia = inertia / self.mass / self.length**2
+        return scene.add_body(self.points(centre)[0], mass / self.mass, inertia, points=places)
+
     def turning_spring(self, stiffness, rest=0.0):
         return fb.Spring(stiffness / self.energy, rest)
 
@@ -105,7 +110,33 @@ def braked(u):
     return scene
 
 
-SCENES = {make.__name__: make for make in (cantilever, crank_and_slot, pendulum, braked)}
+def loops_with_slides(u):
+    """A four-bar of bodies with a bead on a rod, and a carriage of two sleeves on another rod."""
+    scene = fb.Scene(gravity=u.gravity())
+    section = u.section(1e4, 1e4, 10.0, 1.0, 1e-3)
+    corners, mass = [(0, 0), (0.2, 0.6), (1.1, 0.8), (1.0, 0)], (1.0, 2.0, 3.0)
+    bars = [
+        u.body(scene, m, 0.1, ((a[0] + b[0]) / 2, (a[1] + b[1]) / 2), a=a, b=b)
+        for m, a, b in zip(mass, corners, corners[1:], strict=False)
+    ]
+    ends = [fb.GROUND, *(bar[end] for bar in bars for end in "ab"), fb.GROUND]
+    for a, b in zip(ends[::2], ends[1::2], strict=True):
+        scene.add_joint(fb.Revolute(a, b))
+    rod = scene.add_beam([bars[1].centre, *u.points((2.65, 1.1))], section, elements=4)
+    bead = u.body(scene, 0.5, 0.01, (1.75, 0.92)).centre
+    scene.add_joint(fb.Sleeve(rod, bead, spring=u.spring(30.0, np.hypot(1.1, 0.22))))
+    rail = scene.add_beam(u.points((3, 0), (5, 0)), section, elements=4)
+    scene.clamp(rail.start)
+    scene.clamp(rail.end)
+    carriage = u.body(scene, 1.0, 0.05, (3.8, 0.1), back=(3.72, 0), front=(4.05, 0))
+    scene.add_joint(fb.Sleeve(rail, carriage["back"], spring=u.spring(50.0, 0.72)))
+    scene.add_joint(fb.Sleeve(rail, carriage["front"]))
+    scene.add_force(carriage.centre, u.forces(3.0, 0.0))
+    return scene
+
+
+MAKERS = cantilever, crank_and_slot, pendulum, braked, loops_with_slides
+SCENES = {make.__name__: make for make in MAKERS}
 
 
 def motion(solution, u):
@@ -152,6 +183,19 @@ def test_units_change_nothing_but_rounding(name, run):
     for u in UNITS.values():
         for found, expected in zip(RUNS[run](SCENES[name](u), u), in_si(name, run), strict=True):
             assert abs(found - expected).max(initial=0.0) < 1e-10 * abs(expected).max(initial=1e-9)
+
+
+def test_forces_that_close_loops_are_the_same_in_all_units():
+    def found(u):
+        solution = fb.simulate(loops_with_slides(u), dt=5e-3 / u.time, t_end=0.1 / u.time)
+        forces = solution.joint_forces[1:] * [u.force, u.force, u.energy]
+        return forces, solution.stats.newton_iterations
+
+    expected, iterations = found(SI)
+    for u in (*UNITS.values(), Units(1e-3, 1.0, 1.0), Units(force=1e-3)):
+        forces, as_many = found(u)
+        assert abs(forces - expected).max() < 1e-8 * abs(expected).max()
+        assert as_many == pytest.approx(iterations, abs=1)  # but for round-off
 
 
 def test_a_sleeve_on_a_beam_without_rotary_inertia_has_the_same_rates_and_forces_in_all_units():
