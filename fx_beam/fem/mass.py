@@ -208,3 +208,24 @@ def _unit_masses(degree: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     masses = masses.reshape(2 * n, 3 * n, 3 * n)
     rows, columns = np.nonzero(masses.any(axis=0))
     return rows, columns, masses[:, rows, columns]
+
+
+def about_centres(T: Any, roots: np.ndarray, masses: np.ndarray) -> Any:
+    """T (size, free) whose turns and slides leave centres of mass, by masses (size,) of nodes.
+
+    Then it does not depend on which nodes are `roots`, whose displacements are unknowns (free,).
+    """
+    by_roots = T * roots
+    others, of_roots = T - by_roots, by_roots.T @ masses
+    shares = by_roots * np.divide(1.0, of_roots, out=np.zeros(len(roots)), where=of_roots > 0)
+    return T - by_roots @ ((shares.T * masses) @ others)
+
+
+def mobilities(T: Any, mass: scipy.sparse.csr_matrix) -> tuple[np.ndarray, np.ndarray]:
+    """1 / mass of unknowns (free,) and of degrees of freedom (size,) that are T times these."""
+    masses = (T * (mass @ T)).sum(axis=0)
+    of_unknowns = np.divide(1.0, masses, out=np.zeros(len(masses)), where=masses > 0)
+    of_dofs = (T * T) @ of_unknowns
+    x, y, both = of_dofs[::3], of_dofs[1::3], (T[::3] * T[1::3]) @ of_unknowns
+    of_dofs[::3] = of_dofs[1::3] = (x + y) / 2 + np.hypot((x - y) / 2, both)
+    return of_unknowns, of_dofs

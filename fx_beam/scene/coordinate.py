@@ -158,7 +158,8 @@ class Coulomb:
     damping : float, optional
         Time tau [s]. By default that of critical damping, 2 sqrt(m / kt), with the mass m that the
         spring holds: of the node (the lighter of both) with what joints fix to it, of a slide, or
-        the inertia of a rotation; `Stats.friction_damping` has it. With 0 the steps alone damp.
+        the inertia of a rotation, both about the centre of mass of what is free;
+        `Stats.friction_damping` has it. With 0 the steps alone damp.
 
     Raises
     ------

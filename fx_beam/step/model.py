@@ -20,7 +20,7 @@ from fx_beam.errors import SceneError
 from fx_beam.fem.compiled_laws import PointFunction, compiled_rule
 from fx_beam.fem.forms import Forms
 from fx_beam.fem.loads import Loads, NaturalStrains
-from fx_beam.fem.mass import Mass
+from fx_beam.fem.mass import Mass, about_centres, mobilities
 from fx_beam.fem.mesh import build_mesh
 from fx_beam.laws.interval import StepStart
 from fx_beam.laws.rates import NodalRates
@@ -47,6 +47,8 @@ if TYPE_CHECKING:
 
 # Mass of what has none in rates that fit joints, relative to the least mass that there is.
 _LITTLE = 1e-8
+# Degrees of freedom up to which a coupling is an array.
+_SMALL = 200
 # Cached properties that depend on the positions of nodes and joints.
 _OF_POSITIONS = "unit", "unit_of_unknowns", "fits_rates"
 
@@ -170,21 +172,21 @@ class Model:
         """1 / mass that moves with each degree of freedom, then with each slide; 0 without mass.
 
         Of displacements that in the direction in which the node moves most easily. By the diagonal
-        of the reduced mass in the reference. Closed loops count as open.
+        of the reduced mass in the reference; what is free moves about its centre of mass, unless
+        nodes slide on beams.
         """
-        reduction, free = self.reduction, self.couplings.free
+        reduction, couplings, mass = self.reduction, self.couplings, self.mass
         reduction.begin(np.zeros(self.size), slides_at_start(self.scene))
-        T = reduction.coupling(closed=False)[:, :free]
-        masses = np.asarray(T.multiply(self.mass @ T).sum(axis=0)).ravel()
-        of_columns = np.zeros(self.couplings.columns)
-        of_columns[np.flatnonzero(masses > 0)] = 1 / masses[masses > 0]
+        T = reduction.coupling(closed=not reduction.singularity)[:, : couplings.free]
+        # Operations on small arrays are quick, those on sparse ones take 0.1 ms.
+        T = T.toarray() if self.size <= _SMALL else scipy.sparse.csr_array(T)
+        if not (reduction.only_copies or couplings.sliding):
+            roots = np.isin(np.arange(couplings.free), couplings.column[self.mesh.dofs[:, :2]])
+            T = about_centres(T, roots, mass.diagonal())
+        of_unknowns, of_dofs = mobilities(T, mass)
         of_slides = np.zeros(self.scene.joint_count)
-        for joint, column in self.couplings.slides.items():
-            of_slides[joint] = of_columns[column]
-        of_dofs = T.multiply(T) @ of_columns[:free]
-        x, y = of_dofs[::3], of_dofs[1::3]
-        both = T[::3].multiply(T[1::3]) @ of_columns[:free]
-        of_dofs[::3] = of_dofs[1::3] = (x + y) / 2 + np.hypot((x - y) / 2, both)
+        for joint, column in couplings.slides.items():
+            of_slides[joint] = of_unknowns[column] if column < couplings.free else 0.0
         return np.concatenate([of_dofs, of_slides])
 
     def _refill_reduction(self, last: list[Joint], moved: bool) -> bool:

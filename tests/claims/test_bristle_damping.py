@@ -139,6 +139,46 @@ def test_critical_damping_is_that_of_the_mass_which_the_spring_holds():
     assert [*found] == [*joints, *map(str, scene.contacts)]
 
 
+def test_critical_damping_does_not_depend_on_the_order_of_bodies_and_joints():
+    """Of two free bodies on a slide, with its reduced mass, and of loops, free or grounded."""
+    corners = [(0, 0), (0.2, 0.6), (1.1, 0.8), (1.0, 0)]
+    places = {"first": (0, 1), "middle": (1, 2), "last": (2, 3), "base": (0, 3)}
+
+    def loop(names, joints, free):
+        scene, bars, number = fb.Scene(gravity=(0, -GRAVITY)), {}, {}
+        for name in names:
+            a, b = (corners[k] for k in places[name])
+            centre = ((a[0] + b[0]) / 2, (a[1] + b[1]) / 2 - 0.1)
+            points = {"a": a, "b": b}
+            if free or name != "base":
+                bars[name] = scene.add_body(centre, len(name), inertia=0.1, points=points)
+        base = bars.get("base", dict.fromkeys("ab", fb.GROUND))
+        first, middle, last = bars["first"], bars["middle"], bars["last"]
+        every = [(base["a"], first["a"]), (first["b"], middle["a"])]
+        every += [(middle["b"], last["a"]), (base["b"], last["b"])]
+        for k in joints:
+            pin = fb.Revolute(*every[k], friction=fb.Coulomb(0.1, 1e4, radius=0.1))
+            number[f"joint {scene.add_joint(pin).number} rotation"] = k
+        scene.add_contact(
+            first.centre, fb.Line((0, -9), (0, 1)), 1e4, friction=fb.Coulomb(0.1, 1e4)
+        )
+        scene.add_force(last.centre, (3.0, 1.0))
+        found = fb.simulate(scene, dt=1e-4, t_end=1e-4).stats.friction_damping
+        return [found[key][0] for key in sorted(found, key=lambda key: number.get(key, 9))]
+
+    orders = [[0, 1, 2, 3], [3, 1, 0, 2], [2, 3, 1, 0]]
+    for free in (False, True):
+        ways = [loop([[*places][k] for k in order], order[::-1], free) for order in orders]
+        assert ways[1:] == [pytest.approx(ways[0], rel=1e-9)] * 2
+    for masses in ((1.0, 5.0), (5.0, 1.0)):
+        scene = fb.Scene(gravity=(0, -GRAVITY))
+        a, b = (scene.add_body((0, 0), mass, inertia=0.1).centre for mass in masses)
+        rail = fb.Prismatic(a, b, axis=(1, 0), friction=fb.Coulomb(0.3, 1e4))
+        scene.add_joint(rail)
+        ((found, _),) = fb.simulate(scene, dt=1e-3, t_end=1e-3).stats.friction_damping.values()
+        assert found == pytest.approx(2 * sqrt(5 / 6 / 1e4), rel=1e-12)
+
+
 def test_critical_damping_is_the_same_in_all_directions():
     """A node on a guide that is turned, and stopped by a line along it."""
     damping = []
