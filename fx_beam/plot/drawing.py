@@ -109,15 +109,24 @@ def axis(nodes: np.ndarray, degree: int) -> np.ndarray:
     -------
     (..., points, 2) float
         Positions along the beam, including the nodes [m].
+
+    Raises
+    ------
+    SceneError
+        For another degree, or positions of another shape.
     """
+    require(is_whole(degree, 1, 3), "axis: degree", degree, "1, 2 or 3")
+    given = numbers(nodes)
+    fits = given.ndim > 1 and given.shape[-1] == 2 and given.shape[-2] % degree == 1 % degree
+    require(fits, "axis: nodes", nodes, f"positions (..., elements * {degree} + 1, 2)")
     if degree == 1:
-        return nodes
+        return given
     values = lagrange(np.linspace(0, 1, degree + 1), np.arange(_LINES) / _LINES)
-    elements = (nodes.shape[-2] - 1) // degree
+    elements = (given.shape[-2] - 1) // degree
     of_element = degree * np.arange(elements)[:, None] + np.arange(degree + 1)
-    points = values @ nodes[..., of_element, :]
-    points = points.reshape(*nodes.shape[:-2], elements * _LINES, 2)
-    return np.concatenate([points, nodes[..., -1:, :]], axis=-2)
+    points = values @ given[..., of_element, :]
+    points = points.reshape(*given.shape[:-2], elements * _LINES, 2)
+    return np.concatenate([points, given[..., -1:, :]], axis=-2)
 
 
 def apart(lines: Iterable[np.ndarray]) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,14 @@ def labelled(schemes: Any) -> dict[str, Scheme]:
         if sum(label == other for other, _ in pairs) > 1:
             raise SceneError(f"several schemes are called {label}; give a dict, a label for each")
     return dict(pairs)
+
+
+def entries_of(kind: type, given) -> list[Any]:
+    """Cases or cells of a study of stability; SceneError for what is none."""
+    entries = list(given) if isinstance(given, Iterable) else [given]
+    if wrong := [entry for entry in entries if not isinstance(entry, kind)]:
+        raise SceneError(f"{wrong[0]!r} is no fx_beam.stability.{kind.__name__}")
+    return entries
 
 
 def several(name: str, given) -> list[Any]:

@@ -131,6 +131,21 @@ def test_what_is_drawn_goes_through_the_nodes_and_between_them_along_the_polynom
     np.testing.assert_array_equal(plot.axis(nodes[1], degree), drawn[1])
 
 
+@pytest.mark.parametrize(
+    ("nodes", "degree", "reason"),
+    [
+        (None, 2, "axis: nodes = None must be positions"),
+        ("abc", 1, "axis: nodes = 'abc' must be positions"),
+        (np.zeros((4, 2)), 2, "must be positions"),
+        (np.zeros((3, 3)), 2, "must be positions"),
+        (np.zeros((3, 2)), 7, "axis: degree = 7 must be 1, 2 or 3"),
+    ],
+)
+def test_an_axis_of_other_positions_or_of_another_degree_is_refused(nodes, degree, reason):
+    with pytest.raises(fb.SceneError, match=reason):
+        plot.axis(nodes, degree)
+
+
 @pytest.mark.parametrize("degree", [2, 3])
 def test_a_curve_is_drawn_round_and_before_it_moves_where_its_motion_starts(degree):
     def off_the_circle(points):

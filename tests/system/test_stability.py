@@ -208,6 +208,22 @@ def test_a_study_that_cannot_be_made_is_refused_before_anything_runs(schemes, ca
         stability.study(schemes, cases)
 
 
+@pytest.mark.parametrize(
+    ("call", "reason"),
+    [
+        (lambda run: stability.study([fb.Newmark()], 3), "3 is no fx_beam.stability.Case"),
+        (lambda run: stability.counts(3), "3 is no fx_beam.stability.Cell"),
+        (lambda run: stability.counts(["kept"]), "'kept' is no fx_beam.stability.Cell"),
+        (lambda run: stability.classify("kept", 1.0), "classify: run = 'kept' must be"),
+        (lambda run: stability.classify(run, 0.0), "classify: t_end = 0.0 must be a positive"),
+    ],
+)
+def test_what_is_no_case_cell_or_run_is_refused_by_name(call, reason):
+    scene, _ = pendulum(1e4)
+    with pytest.raises(fb.SceneError, match=reason):
+        call(fb.simulate(scene, dt=0.1, t_end=0.1))
+
+
 def at_rest():
     scene = fb.Scene()
     scene.clamp(scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1.0, GA=1.0, EI=1.0)).start)

@@ -409,6 +409,8 @@ def test_steps_and_meshes_may_be_arrays():
         ({"dt": [0.1, 0.3]}, "dt = 0.3 must be a positive number, at most t_end = 0.2"),
         ({"dt": [0.1, 0.05, 0.1]}, "dt: 0.1 is given twice"),
         ({"meshes": [4, 8]}, "mesh = 4 must be a pair"),
+        ({"finer": None}, "finer = None must be a pair of whole numbers"),
+        ({"finer": (16, 3)}, r"finer = \(16, 3\) must be .* the second one even"),
         ({"schemes": {"ours": fb.EnergyMomentum}}, "with brackets"),
         ({"schemes": [fb.HHT(-0.1), fb.HHT(-0.3)]}, "several schemes are called HHT"),
         ({"repetitions": 0}, "repetitions = 0"),

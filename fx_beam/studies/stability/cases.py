@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.errors import SceneError, StepError, positive
+from fx_beam.errors import SceneError, StepError, positive, require
 from fx_beam.laws.schemes import Scheme
 from fx_beam.motions.dynamics import simulate
 from fx_beam.motions.progress import progress_bar
@@ -175,11 +175,13 @@ def classify(run: Solution | StepError, t_end: float) -> Verdict:
     Raises
     ------
     SceneError
-        If nothing moves.
+        If nothing moves, or for another run, or a time that is not positive.
     """
+    positive(t_end, "classify: t_end")
     if isinstance(run, StepError):
         solution, time = run.solution, run.time
     else:
+        require(hasattr(run, "energy"), "classify: run", run, "what simulate gives or raises")
         solution, time = run, float(run.t[-1])
     if solution is None:  # no step was tried
         return Verdict("failed", time, time / t_end, 1.0, 1.0, reason=str(run))
@@ -351,7 +353,7 @@ class Cell:
 def grouped(cells: Iterable[Cell], attribute: str) -> dict[str, list[Cell]]:
     """Cells by an attribute, such as "scheme" or "case.group", in their order."""
     groups: dict[str, list[Cell]] = {}
-    for cell in cells:
+    for cell in candidates.entries_of(Cell, cells):
         groups.setdefault(attrgetter(attribute)(cell), []).append(cell)
     return groups
 
@@ -418,9 +420,7 @@ def study(
     >>> cells = fb.stability.study(schemes, cases)
     >>> fb.stability.write("results/arm", cells, "an arm")  # .json, .csv, .md, .png
     """
-    labelled, cases = candidates.labelled(schemes), list(cases)
-    if wrong := [case for case in cases if not isinstance(case, Case)]:
-        raise SceneError(f"{wrong[0]!r} is no fx_beam.stability.Case")
+    labelled, cases = candidates.labelled(schemes), candidates.entries_of(Case, cases)
     candidates.several("cases", [case.name for case in cases])
     none = Verdict("no verdict")
     items = [

@@ -221,6 +221,11 @@ def counts(cells: Iterable[Cell]) -> dict[str, dict[str, float]]:
         lost, and "largest gain", as parts of the energy; and the numbers of cases in which it kept
         the energy with "steps halved often", whose number "depends on rounding" (is sensitive to
         round-off), and whose "verdict depends on rounding".
+
+    Raises
+    ------
+    SceneError
+        For what is no cell of a study.
     """
     rows: dict[str, dict[str, float]] = {}
     for scheme, of_scheme in grouped(cells, "scheme").items():

@@ -111,7 +111,7 @@ def study(
     """
     exact = exact or {}
     check_takes(scene, "elements, degree", "scene")
-    _check(quantities, exact, t_end, dt, meshes, repetitions)
+    _check(quantities, exact, t_end, dt, meshes, finer, repetitions)
     labelled, grid = candidates.labelled(schemes), [Mesh(*mesh) for mesh in meshes]
     motion = _Motion(scene, start, t_end, quantities, labelled)
     runs = [
@@ -151,7 +151,7 @@ def study(
     return precision
 
 
-def _check(quantities, exact, t_end, dt, meshes, repetitions) -> None:
+def _check(quantities, exact, t_end, dt, meshes, finer, repetitions) -> None:
     """Check the arguments before anything is computed."""
     require(isinstance(quantities, Mapping), "quantities", quantities, "a dict by name")
     require(isinstance(exact, Mapping), "exact", exact, "a dict by name of a quantity")
@@ -167,6 +167,8 @@ def _check(quantities, exact, t_end, dt, meshes, repetitions) -> None:
     for mesh in candidates.several("meshes", meshes):
         fits = np.shape(mesh) == (2,) and all(is_whole(n, 1) for n in mesh)
         require(fits, "mesh", mesh, "a pair of elements and degree, as (8, 1)")
+    fits = np.shape(finer) == (2,) and all(is_whole(n, 1) for n in finer) and finer[1] % 2 == 0
+    require(fits, "finer", finer, "a pair of whole numbers, as (16, 4), the second one even")
 
 
 def _fine(grid: list[Mesh], dt: float, finer: tuple[int, int]) -> list[Fine]:
