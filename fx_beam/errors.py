@@ -167,13 +167,9 @@ def _scalar(value):
 
 def _is_real(value) -> bool:
     """Whether a value is real; UFL functions of numbers may give numbers of UFL."""
-    is_number = isinstance(value, Real | Decimal) or _is_ufl_number(value)
-    return is_number and not isinstance(value, bool | np.timedelta64)
-
-
-def _is_ufl_number(value) -> bool:
-    of_ufl = type(value).__module__.startswith("ufl.")
-    return of_ufl and isinstance(value, ufl.constantvalue.RealValue | ufl.constantvalue.Zero)
+    if type(value).__module__.startswith("ufl."):
+        return isinstance(value, ufl.constantvalue.RealValue | ufl.constantvalue.Zero)
+    return isinstance(value, Real | Decimal) and not isinstance(value, bool | np.timedelta64)
 
 
 def is_whole(value, least: int, most: float = 1e9) -> bool:

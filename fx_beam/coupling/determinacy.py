@@ -279,21 +279,15 @@ def check_loops(scene: Scene, reduction: Reduction, loops: Loops) -> None:
     )
 
 
-def _derivative(reduction: Reduction, loops: Loops) -> np.ndarray:
-    """Derivative (closures, unknowns) of closures [m] by units of the loops' unknowns."""
-    G, unit = reduction.closure_derivatives()[:, loops.unknowns], loops.unit[loops.unknowns]
-    return loops.lengths[:, None] * G * unit
-
-
 def _rank(reduction: Reduction, loops: Loops) -> tuple[int, np.ndarray, np.ndarray]:
     """Rank of the closures, combinations (n, closures) that vanish, and motions (n, unknowns)."""
-    G = _derivative(reduction, loops)
+    G = reduction.closure_derivatives()
     parts = [np.linalg.svd(G[block]) for block in loops.blocks]
     largest = max([1e-300, *(values.max(initial=0.0) for _, values, _ in parts)])
     ranks = [int(np.count_nonzero(values > _DEPENDENT * largest)) for _, values, _ in parts]
     left = block_diag(*(part[0][:, rank:] for part, rank in zip(parts, ranks, strict=True)))
     right = block_diag(*(part[2][rank:] for part, rank in zip(parts, ranks, strict=True)))
-    return sum(ranks), left.T, right
+    return sum(ranks), left.T * loops.lengths, right
 
 
 def _rank_near_by(reduction: Reduction, loops: Loops, motions: np.ndarray) -> int:
@@ -305,7 +299,7 @@ def _rank_near_by(reduction: Reduction, loops: Loops, motions: np.ndarray) -> in
         closure = loops.lengths * reduction.expand_open(y, np.zeros(reduction.driven))
         if abs(closure).max() < 1e-13 * loops.size:
             return _rank(reduction, loops)[0]
-        change = -np.linalg.lstsq(_derivative(reduction, loops), closure, rcond=_DEPENDENT)[0]
+        change = -np.linalg.lstsq(reduction.closure_derivatives(), closure, rcond=_DEPENDENT)[0]
     return 0
 
 

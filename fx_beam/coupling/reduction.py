@@ -306,10 +306,11 @@ class Reduction:
         return C, np.concatenate(dependent)
 
     def closure_derivatives(self) -> np.ndarray:
-        """G (closures, columns): derivatives of the closures of loops by other columns."""
-        assert self.loops is not None
-        G = self.loops.derivatives(self._values(False))
-        return (G @ self._map(False, closed=False).completion).toarray()
+        """Derivatives (closures, unknowns) of closures [m] by units of the loops' unknowns."""
+        assert (loops := self.loops) is not None
+        G = loops.derivatives(self._values(False)) @ self._map(False, closed=False).completion
+        G = G[:, loops.unknowns].toarray()
+        return loops.lengths[:, None] * G * loops.unit[loops.unknowns]
 
     def completion(self) -> scipy.sparse.csr_matrix:
         """Matrix (columns, columns) that gives all rates from those of independent columns."""

@@ -256,10 +256,9 @@ class WeakForm:
 
     def _checked_work(self, work: VirtualWork, what: str) -> Any:
         """A virtual work per length in UFL; SceneError if it is none."""
-        step = self.step
-        if self.scheme.rates.at_rest:  # nothing moves in a load step: forces are those at its end
-            step = step.at_its_end
-        elif self._held:  # derivatives by the motion are sought, not by increments
+        # Nothing moves in a load step: the work is that of the forces at its end.
+        step = self.step.at_its_end if self.scheme.rates.at_rest else self.step
+        if self._held:  # derivatives by the motion are sought, not by increments
             step = step.in_an_instant
         test, term = self.fields.test, replaced(work.of(step, what), self._by_name)
         refuse_fields_in(term, what, [*self.fields.names, self.parameters])

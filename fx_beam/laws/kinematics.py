@@ -155,19 +155,15 @@ class Step:
     @property
     def at_its_end(self) -> Step:
         """A step from where this one ends, at its rates v and omega, which are zero in statics."""
+        ends = {"u0": self.u, "psi0": self.psi, "u_before": self.u, "psi_before": self.psi}
         moved = {"Du": self.dt * self.v, "Dpsi": self.dt * self.omega, "natural0": self.natural1}
-        return replace(self._from_its_level, **moved)
+        return replace(self, **ends, **moved)
 
     @property
     def in_an_instant(self) -> Step:
         """A step from the level of this one, at the same rates, in which next to nothing moves."""
         short = {name: _INSTANT * getattr(self, name) for name in ("Du", "Dpsi", "dt")}
-        return replace(self._from_its_level, **short)
-
-    @property
-    def _from_its_level(self) -> Step:
-        ends = {"u0": self.u, "psi0": self.psi, "u_before": self.u, "psi_before": self.psi}
-        return replace(self, **ends)
+        return replace(self.at_its_end, natural0=self.natural0, **short)
 
     @property
     def strains0(self):

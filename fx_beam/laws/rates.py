@@ -247,11 +247,11 @@ class NodalRates(UpdateRule):
         from fx_beam.scene.symbols import Symbol
 
         symbols = [Symbol() for _ in range(13)]
-        D, v0, a0, before = (ufl.as_vector(symbols[k : k + 3]) for k in range(0, 12, 3))
-        values = self.values(rule, D, v0, a0, before, symbols[-1])
+        arguments = [*(ufl.as_vector(symbols[k : k + 3]) for k in range(0, 12, 3)), symbols[-1]]
+        values = self.values(rule, *arguments)
         for value in values:
             refuse_fields_in(value, "NodalRates: rule(D, v0, a0, before, dt)", symbols)
-        if not set(D.ufl_operands) & set(parts_of(values[0])):
+        if not set(symbols[:3]) & set(parts_of(values[0])):
             raise SceneError(
                 "NodalRates: the acceleration that rule(D, v0, a0, before, dt) gives does not "
                 "depend on the increment D: the mass then has no effect. By the mid-point rule it "

@@ -72,7 +72,7 @@ def solution_of(
         state = end()
         state = state.changed(
             impact=recorder.impact,
-            **recorded.at_end(state.t, state),
+            **recorded.at_end(state.t),
             constraints=constraints_of(scene) if constraints is None else constraints,
             owners=model.points.owners,
         )

@@ -15,7 +15,7 @@ import numpy as np
 from fx_beam.content_cache import cached_property
 from fx_beam.fem.mesh import rotation_of
 from fx_beam.results.audit import Energy
-from fx_beam.results.state import ARRAYS, FORCES, HISTORIES, ROWS, State
+from fx_beam.results.state import ARRAYS, FORCES, HISTORIES, ROWS
 from fx_beam.scene.inputs import Ramp
 
 from .forcing import Forcing
@@ -80,11 +80,10 @@ class RecordedHistories(Mapping):
             return None
         return rows[:, self._model.mesh.dofs[number]]
 
-    def at_end(self, t: float, end: State | None = None) -> dict[str, np.ndarray]:
+    def at_end(self, t: float) -> dict[str, np.ndarray]:
         """What a state at a time [s] has of the last row, if that is there: forces.
 
-        And rates that fit the joints, with accelerations, if those of steps do not. What is not
-        recorded is that of the `end`, with its change by the fit.
+        And rates that fit the joints, with accelerations, if those of steps do not.
         """
         if self["t"][-1] != t:
             return {}
@@ -93,15 +92,12 @@ class RecordedHistories(Mapping):
             if (rows := self._recorded(name)) is not None:
                 shape = ARRAYS[name].lengths(self._model.sizes)
                 state["fitted" if name == "v" else name] = rows[-1].reshape(shape).copy()
-            elif name != "v" and (value := getattr(end, name, None)) is not None:
-                change = self._fitted.get(name, np.zeros((0, value.size)))
-                state[name] = value + change.sum(axis=0).reshape(value.shape)
         return state
 
     def small_rows(self, first: int) -> dict[str, np.ndarray]:
         """Rows from one on of what does not grow with the number of nodes."""
         of_nodes = {name for name, row in ROWS.items() if row.record in ("motion", "rates")}
-        names = (self._rows.keys() & ROWS.keys()) - of_nodes
+        names = (self._fitted.keys() & ROWS.keys()) - of_nodes
         return {name: self._fitted[name][first:].copy() for name in sorted(names)}
 
     @cached_property
@@ -169,7 +165,7 @@ def fitted(
 
     `starts` are q and v at the starts of the steps before the other rows, where these are not the
     rows before; `grid` has the times at the ends of all steps, and the steps of the rows; `driven`
-    the rates at the start. Of forces and accelerations that are not recorded the last change.
+    the rates at the start.
     """
     times, steps = grid
     histories, slides = dict(rows), rows.get("slides", np.empty((len(steps), 0)))
@@ -187,13 +183,10 @@ def fitted(
         histories["energies"] = rows["energies"] + np.outer(given, _BY_DRIVEN)
     changes = ("a", "corrections"), ("joint_forces", "joints"), ("constraint_forces", "constraints")
     for name, change in changes:
-        after, start = getattr(now, change), getattr(before, change)
-        change_of_rows = (after[1:] - start).reshape(len(start), after[0].size)
-        mean = change_of_rows / _lengths(times, steps)[1:, None]
         if name in rows:
+            after, start = getattr(now, change)[1:], getattr(before, change)
+            mean = (after - start).reshape(rows[name][1:].shape) / _lengths(times, steps)[1:, None]
             histories[name] = np.concatenate([rows[name][:1], rows[name][1:] + mean])
-        else:
-            histories[name] = mean[-1:]
     return histories
 
 
