@@ -238,12 +238,13 @@ class WeakForm:
         self._refuse_fields()
 
     def _refuse_fields(self) -> None:
-        # UFL extracts those of the form anyway, and caches them.
-        used = [*self._residual.coefficients(), *self._residual.constants()]
-        used += [field for parts in self._of_laws for field in fields_in(parts[0].M)]
+        what = f"resultants of {self.scheme.name}"
         known = [*self.fields.names, *(field for law in self._laws for field in law.data)]
         known += [*self.data.values(), self.internal, self.parameters]
-        refuse_fields(used, f"resultants of {self.scheme.name}", known)
+        # UFL extracts those of the form anyway, and caches them.
+        refuse_fields([*self._residual.coefficients(), *self._residual.constants()], what, known)
+        for of_law in self.resultants:
+            refuse_fields_in(of_law, what, known)
 
     def _add(self, works: Sequence[VirtualWork]) -> None:
         """Add the virtual works of further forces."""

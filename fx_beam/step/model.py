@@ -184,9 +184,7 @@ class Model:
             roots = np.isin(np.arange(couplings.free), couplings.column[self.mesh.dofs[:, :2]])
             T = about_centres(T, roots, mass.diagonal())
         of_unknowns, of_dofs = mobilities(T, mass)
-        of_slides = np.zeros(self.scene.joint_count)
-        for joint, column in couplings.slides.items():
-            of_slides[joint] = of_unknowns[column] if column < couplings.free else 0.0
+        of_slides = couplings.free_slides(of_unknowns, self.scene.joint_count)
         return np.concatenate([of_dofs, of_slides])
 
     def _refill_reduction(self, last: list[Joint], moved: bool) -> bool:

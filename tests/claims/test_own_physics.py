@@ -271,6 +271,8 @@ def test_numbers_that_are_not_finite_are_refused_by_the_name_of_the_function(num
     ):
         with pytest.raises(fb.SceneError, match=f"{name}.* contains the number {number}"):
             give(lambda x: number * x**2)
+    with pytest.raises(fb.SceneError, match=f"of Damped: it contains the number {number}"):
+        fb.simulate(scene, damped(number), dt=0.1, t_end=0.1)
     scene.add_virtual_work(lambda step: number * step.virtual_u[1])
     with pytest.raises(fb.SceneError, match=f"virtual work 1.* contains the number {number}"):
         fb.simulate(scene, dt=0.1, t_end=0.1)
