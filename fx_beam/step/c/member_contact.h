@@ -37,11 +37,11 @@ typedef struct {
   double apart;             /* of a member and itself: how far apart they must be */
 } MemberContact;
 
-/* A point of two successive pieces: weights of four nodes, their slopes by the place, 1 / the second
-   derivative of half the squared distance (0 at an end of the member), the distance; at which of their ends
-   it has left them, -1 or 1. */
+/* A point of two successive pieces: weights of four nodes, their slopes by the place and the slopes of these, 1 / the
+   second derivative of half the squared distance (0 at an end of the member), the distance; at which of their ends it
+   has left them, -1 or 1. */
 typedef struct {
-  double place, weights[4], slopes[4], per_rate, distance;
+  double place, weights[4], slopes[4], bends[4], per_rate, distance;
   int left;
 } NearPoint;
 

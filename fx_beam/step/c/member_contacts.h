@@ -28,22 +28,20 @@ static double *positions(const MemberContacts *m, const double *q, double *out) 
 
 static inline Two pair_of(const double *x, const int *dof) { return (Two){x[dof[0]], x[dof[1]]}; }
 
-/* Nodes of the two pieces from `piece` on; in the place of images the node next to them. */
+/* Nodes of the two pieces from `piece` on; behind an end of the member the node there, which has no weight. */
 static inline int node_of(const MemberContact *c, int piece, int k) {
   int node = piece - 1 + k;
   return node < 0 ? piece : node >= c->nodes ? c->nodes - 1 : node;
 }
 
-/* Arms from a point to four nodes at positions x, images included. */
+/* Arms from a point to four nodes at positions x. */
 static void arms_at(const MemberContact *c, int piece, Two point, const double *x, Two *r) {
   for (int k = 0; k < 4; ++k) r[k] = pair_of(x, c->node_dof + 2 * node_of(c, piece, k)) - point;
-  image(r, piece == 0, piece + 2 >= c->nodes);
 }
 
-/* Differences of a vector at the nodes of a contact point and at its point, images included. */
+/* Differences of a vector at the nodes of a contact point and at its point. */
 static inline void differences(const ContactPoint *e, const double *x, Two *r) {
   for (int k = 0; k < 4; ++k) r[k] = pair_of(x, e->dof + 2 + 2 * k) - pair_of(x, e->dof);
-  image(r, e->begins, e->ends);
 }
 
 /* Largest motion of a pair of degrees of freedom, beside the mean one. */
@@ -268,16 +266,9 @@ static void begin_members(MemberContacts *m, const double *q, const double *v, d
   for (ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e) begin_contact_point(m, e, t, dt);
 }
 
-/* Sums of vectors at the nodes, images included, with all kinds of weights. */
+/* Sums of vectors at the nodes with all kinds of weights. */
 static inline void sums_of(int count, double sums[MOST_SUMS][4], const Two *r, double *out) {
   for (int k = 0; k < count; ++k) *(Two *)(out + 2 * k) = weighted(sums[k], r);
-}
-
-/* Slopes of the slopes of weights. */
-static inline void bend_weights(double place, double bends[4]) {
-  int k = place > 0.5;
-  memset(bends, 0, 4 * sizeof(double));
-  bends[k] = bends[k + 2] = 1, bends[k + 1] = -2;
 }
 
 /* Arc length of a place, which is counted in nodes, and its slope. */
@@ -311,9 +302,8 @@ static int move_contact_point(MemberContacts *m, ContactPoint *e, const double *
   int count = c->sums / 2;
   for (int k = 0; k < 4; ++k) {
     sums[0][k] = (first->weights[k] + near.weights[k]) / 2, sums[1][k] = near.weights[k] - first->weights[k];
-    sums[2][k] = near.slopes[k], sums[3][k] = first->slopes[k];
+    sums[2][k] = near.slopes[k], sums[3][k] = first->slopes[k], sums[4][k] = first->bends[k], sums[5][k] = near.bends[k];
   }
-  if (c->internal) bend_weights(first->place, sums[4]), bend_weights(near.place, sums[5]);
   sums_of(count, sums, start, e->given), sums_of(count, sums, change, e->given + c->sums);
   differences(e, m->v, rates);
   sums_of(count, sums, rates, e->given + 2 * c->sums);
@@ -323,7 +313,6 @@ static int move_contact_point(MemberContacts *m, ContactPoint *e, const double *
     of_places[2] += arc_at(c, e->piece + near.place, of_places + 3);
   }
   for (int k = 0; k < count; ++k) {
-    fold(sums[k], e->begins, e->ends);
     e->sums[0][k] = 0;
     for (int j = 0; j < 4; ++j) e->sums[0][k] -= sums[k][j], e->sums[j + 1][k] = sums[k][j];
   }
@@ -482,7 +471,6 @@ static void add_energy(const MemberContacts *m, const NearPlace *near, const dou
   differences(&e, x, r);
   NearPoint nearest = nearest_point(r, e.begins, e.ends);
   Two along = slopes[0] / near->distance * weighted(nearest.weights, r);
-  fold(nearest.weights, e.begins, e.ends);
   for (int i = 0; i < CONTACT_POINT_DOFS; ++i)
     to->of_q[e.dof[i]] += along[i % 2] * (i < 2 ? -1 : nearest.weights[i / 2 - 1]);
 }

@@ -3,7 +3,7 @@
      c(x) = P_i + (P_i+1 - P_i-1) x / 2 + (P_i-1 - 2 P_i + P_i+1) (x^2 + 1/4) / 2,
 
    the quadratic spline, which has a continuous tangent. Behind its ends lie mirror images of the next
-   nodes, so that it begins and ends at its first and last node. */
+   nodes, so that it begins and ends at its first and last node, with half of a piece that is straight. */
 
 #pragma once
 
@@ -14,10 +14,17 @@ static inline double dot2(Two a, Two b) { return a[0] * b[0] + a[1] * b[1]; }
 
 static inline Two weighted(const double *n, const Two *r) { return n[0] * r[0] + n[1] * r[1] + n[2] * r[2] + n[3] * r[3]; }
 
-/* Weights of three nodes at a place on a piece, and their slopes. */
-static inline void piece_weights(double x, double *n, double *slope) {
+/* Weights of three nodes at a place on a piece, their slopes, and the slopes of these. */
+static inline void piece_weights(double x, double *n, double *slope, double *bend) {
   n[0] = (x - 0.5) * (x - 0.5) / 2, n[1] = 0.75 - x * x, n[2] = (x + 0.5) * (x + 0.5) / 2;
   slope[0] = x - 0.5, slope[1] = -2 * x, slope[2] = x + 0.5;
+  bend[0] = bend[2] = 1, bend[1] = -2;
+}
+
+/* Weights of images go to the nodes themselves. */
+static inline void fold(double *n, int begins, int ends) {
+  if (begins) n[1] += 2 * n[0], n[2] -= n[0], n[0] = 0;
+  if (ends) n[1] += 2 * n[2], n[0] -= n[2], n[2] = 0;
 }
 
 /* A piece as a polynomial, and half the derivative of its squared distance from the origin, f . (1, x, ..). */
@@ -63,14 +70,16 @@ static inline double nearest_place(const Piece *c, double low, double high) {
 static inline int grows_at_joint(Two a, Two b) { return dot2(b - a, a + b) > 0; }
 
 /* The nearest point of a piece to the origin, from the arms to its nodes: the first or the second of two (0 or 1). `begins`
-   and `ends` say whether its first or last node is an image. */
+   and `ends` say whether its first or last node is an image, which is made here. */
 static NearPoint nearest_on(const Two *r, int second, int begins, int ends) {
   NearPoint near = {0};
-  Piece c = piece_of(r[0], r[1], r[2]);
+  Piece c = piece_of(begins ? 2 * r[1] - r[2] : r[0], r[1], ends ? 2 * r[1] - r[0] : r[2]);
   Two arm = {0};
+  double *of[] = {near.weights + second, near.slopes + second, near.bends + second};
   double low = begins ? 0 : -0.5, high = ends ? 0 : 0.5, x = nearest_place(&c, low, high);
   int inside = second ? x < high : x > low; /* also at the joint of the pieces */
-  piece_weights(x, near.weights + second, near.slopes + second);
+  piece_weights(x, of[0], of[1], of[2]);
+  for (int k = 0; k < 3; ++k) fold(of[k], begins, ends);
   for (int j = 0; j < 3; ++j) arm += near.weights[second + j] * r[j];
   near.place = x + second, near.distance = sqrt(dot2(arm, arm));
   near.per_rate = inside ? 1 / rate_of_residual(&c, x) : 0;
@@ -82,15 +91,4 @@ static NearPoint nearest_on(const Two *r, int second, int begins, int ends) {
 static NearPoint nearest_point(const Two *r, int begins, int ends) {
   int second = !grows_at_joint(r[1], r[2]);
   return nearest_on(r + second, second, !second && begins, second && ends);
-}
-
-/* Weights of images go to the nodes themselves. */
-static inline void fold(double *n, int begins, int ends) {
-  if (begins) n[1] += 2 * n[0], n[2] -= n[0], n[0] = 0;
-  if (ends) n[2] += 2 * n[3], n[1] -= n[3], n[3] = 0;
-}
-
-static inline void image(Two *r, int begins, int ends) {
-  if (begins) r[0] = 2 * r[1] - r[2];
-  if (ends) r[3] = 2 * r[2] - r[1];
 }
