@@ -55,7 +55,7 @@ typedef struct {
   int counted;                /* whether the pattern of the tangent has it */
   double start[5][2];         /* at the start of the step: the point, then arms to the four nodes */
   NearPoint first;            /* the nearest point at the start */
-  double end, seen, motion;   /* its place at the end; where it was last followed along the member; how far it moves along it in a step */
+  double end, motion;         /* its place at the end; how far it moves along the member in a step */
   double sums[5][MOST_SUMS];  /* weights of the sums at the point and at the nodes */
   double given[CONTACT_POINT_GIVEN], results[CONTACT_POINT_RESULTS], tangent[CONTACT_POINT_DOFS * CONTACT_POINT_DOFS];
 } ContactPoint;

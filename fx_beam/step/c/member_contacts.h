@@ -13,7 +13,7 @@ static inline void call(Law *law, const double *given, double *results, int valu
    to the radii; least arm at the end of a step in the direction of that at its start. */
 static const double SPARE = 1.5, LASTS = 8, LEAST_MARGIN = 1e-3;
 
-/* Pieces along which a contact point follows its nearest point, from one step to the next. */
+/* Pieces along which a contact point follows its nearest point in a step. */
 enum { MOST_PIECES = 4 };
 
 void fx_free_members(MemberContacts *m) {
@@ -118,32 +118,21 @@ static ContactPoint contact_point_at(const MemberContacts *m, const NearPlace *n
   return e;
 }
 
-/* The nearest point of a contact point at positions x, from the piece on which it is then; `r` has its arms. */
-static NearPoint follow(const MemberContacts *m, ContactPoint *e, const double *x, int *piece, Two *r) {
+/* The nearest point of a contact point at positions x, on the two pieces from `piece` on; `r` has its arms. */
+static NearPoint near_from(const MemberContacts *m, const ContactPoint *e, const double *x, int piece, Two *r) {
   const MemberContact *c = m->of + e->contact;
-  NearPoint near;
   r[0] = pair_of(x, e->dof);
-  *piece = e->piece;
-  for (int k = 0; k <= MOST_PIECES; ++k) {
-    arms_at(c, *piece, r[0], x, r + 1);
-    near = nearest_point(r + 1, *piece == 0, *piece + 2 >= c->nodes);
-    e->seen = *piece + near.place;
-    if (!near.left) break;
-    *piece += near.left;
-  }
-  return near;
+  arms_at(c, piece, r[0], x, r + 1);
+  return nearest_point(r + 1, piece == 0, piece + 2 >= c->nodes);
 }
 
-/* Whether a contact point that has moved along its member may be one that there should not be: of a point with what is too
-   near to it along the same member, or one that another contact point behind it has. */
-static int is_lost(const MemberContacts *m, const ContactPoint *e) {
-  const MemberContact *c = m->of + e->contact;
-  if (c->apart > 0 && fabs(c->arc[e->point] - c->arc[(int)(e->seen + 0.5)]) < c->apart) return 1;
-  for (const ContactPoint *t = e + 1; t < m->contact_point + m->contact_points; ++t) {
-    if (t->contact != e->contact || t->point != e->point) return 0;
-    if (fabs(t->seen - e->seen) < 0.5) return 1;
-  }
-  return 0;
+/* The distance of a contact point that has left its pieces, on those along the member on which it is then. */
+static double distance_beyond(const MemberContacts *m, const ContactPoint *e, const double *x) {
+  NearPoint near = {.left = e->left};
+  Two r[5];
+  for (int k = 0, piece = e->piece; near.left && k < MOST_PIECES; ++k)
+    piece += near.left, near = near_from(m, e, x, piece, r);
+  return near.distance;
 }
 
 static void find_contact_points(MemberContacts *m, const double *x, double margin) {
@@ -206,16 +195,12 @@ static int is_behind_seam(const MemberContact *c, int piece) {
   return c->turn && (piece < c->first_node - 2 || piece > c->end_node);
 }
 
-/* The nearest points at the start of a step, which contact points follow along their members; returns whether they are all
-   that there can be. */
+/* The nearest points at the start of a step; returns whether all are still on the pieces of their contact points. */
 static int place_contact_points(MemberContacts *m, const double *x, const double *v, double dt) {
-  int moved = 0, piece, changes = 0;
+  int changes = 0;
   for (ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e) {
-    NearPoint near = follow(m, e, x, &piece, (Two *)e->start);
-    if (near.left || is_behind_seam(m->of + e->contact, piece)) return 0;
-    moved |= piece != e->piece;
-    if (piece != e->piece) set_pieces(m->of + e->contact, e, piece);
-    e->first = near;
+    e->first = near_from(m, e, x, e->piece, (Two *)e->start);
+    if (e->first.left || is_behind_seam(m->of + e->contact, e->piece)) return 0;
     e->motion = v ? motion_along(e, v, dt) : 0;
     /* The last step had to be repeated, or the nearest point is about to leave its pieces. */
     e->leans = e->leans ? (can_lean(e->first.place, e->leans) ? e->leans : 0) : direction_to_lean(e, 1);
@@ -226,10 +211,8 @@ static int place_contact_points(MemberContacts *m, const double *x, const double
     e->leans = 0;
     if (!direction) continue;
     set_pieces(m->of + e->contact, e, e->piece + direction);
-    e->first = follow(m, e, x, &piece, (Two *)e->start);
+    e->first = near_from(m, e, x, e->piece, (Two *)e->start);
   }
-  for (const ContactPoint *e = m->contact_point; moved && e < m->contact_point + m->contact_points; ++e)
-    if (is_lost(m, e)) return 0;
   return 1;
 }
 
@@ -384,17 +367,15 @@ static const double *times_members(MemberContacts *m, const double *x) {
 int fx_check_members(MemberContacts *m, const double *D) {
   int state = MEMBERS_FINE;
   double *end = m->product;
-  Two r[5];
   m->step = largest_motion(m, D);
   if (2 * (m->moved + m->step) > m->margin) return m->wide = 1, MEMBERS_MOVED;
   for (int i = 0; i < m->dofs; ++i) end[i] = m->start[i] + D[i];
   for (ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e) {
-    int piece;
     move_contact_point(m, e, D);
     if (e->passed) return MEMBERS_PASSED;
     if (!e->left) continue;
     /* It may touch beyond the pieces of its contact point as well. */
-    if (!e->closed && follow(m, e, end, &piece, r).distance >= *number_of(m->of + e->contact, e->point)) continue;
+    if (!e->closed && distance_beyond(m, e, end) >= *number_of(m->of + e->contact, e->point)) continue;
     if (!can_lean(e->first.place, e->left)) return MEMBERS_SLID;
     e->leans = e->left, state = MEMBERS_MOVED;
   }
