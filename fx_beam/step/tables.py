@@ -282,7 +282,7 @@ class Problem:
         p.stored_values, p.stiffness_at, p.stiffened = one + 2, one + 1, tangent.stiffened
         if reduction.couplings.sliding:
             diagonal_at = stored_at[self.model.masses.diagonal]
-            self._set(**bordering_tables(self.model, factors, at, diagonal_at, on_border))
+            self._set(**bordering_tables(self.model, at, diagonal_at, on_border))
         padding = np.concatenate([factors.padding, ones, at[tangent.ones], [one]])
         self._set(
             band=factors.band,
@@ -314,12 +314,11 @@ class Problem:
         groups = groups_of(graph, reduction.dependent, reduction.forces)
         system = *couplings.system, self.constants.ON_BORDER
         row_of, unknown_of = on_bordering_rows(reduction, *system)
+        self._set(row_of=row_of, unknown_of=unknown_of)
         row = {
             "elimination": groups,
             "dof_start": couplings.all_entries.starts(self.model.size),
             **couplings.all_entries.members("dof"),
-            "row_of": row_of,
-            "unknown_of": unknown_of,
             "keep": not couplings.closures and not couplings.auxiliaries and not couplings.sliding,
             **{name: getattr(COSTS, name) for name in ("row_entry", "substitution", "least_worth")},
         }

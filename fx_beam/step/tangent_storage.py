@@ -8,7 +8,6 @@ import numpy as np
 
 from fx_beam.coupling.reduction import ReducedTangent, Reduction
 
-from .lu_layout import Factors
 from .model import Model
 
 if TYPE_CHECKING:
@@ -80,7 +79,7 @@ def on_bordering_rows(
 
 
 def bordering_tables(
-    model: Model, factors: Factors, at: np.ndarray, diagonal_at: np.ndarray, first: int
+    model: Model, at: np.ndarray, diagonal_at: np.ndarray, first: int
 ) -> dict[str, Any]:
     """Columns of what slides, and what belongs to them, as members of ``Problem``.
 
@@ -88,9 +87,7 @@ def bordering_tables(
     full tangent. BorderingRows are numbered downwards from `first`.
     """
     reduction, sliders = model.reduction, model.reduction.sliders
-    order = np.append(factors.order, np.full(1 + reduction.columns, -1))
-    rows, columns = (order[index] for index in reduction.couplings.system)
-    rows, columns = on_bordering_rows(reduction, rows, columns, first)
+    rows, columns = on_bordering_rows(reduction, *reduction.couplings.system, first)
     outside, bordered = sliders.outside, sliders.bordered
     tables = _sliders(model, sliders, at, diagonal_at)
     sizes = [table["components"] + table["products"] for table in tables]
@@ -98,8 +95,8 @@ def bordering_tables(
     alone, slides = len(sliders.forces), outside[outside < reduction.free]
     rows, columns = (np.append(of, first - carriers - np.arange(alone)) for of in (rows, columns))
     return {
-        "row_at": rows,
-        "unknown_at": columns,
+        "row_of": rows,
+        "unknown_of": columns,
         "sliders": len(tables),
         "path_numbers": sum(slide.path.numbers.size for slide in sliders.all),
         "slider": tables,

@@ -13,20 +13,21 @@
 #include "chain.h"
 #include "loops.h"
 
-/* Adds a number in a row and a column of the system, or of its transpose: positions in the elimination, or
-   ON_BORDER less the number of a bordering row. Nothing for -1, and nothing is added to A. */
+/* Adds a number in a row and a column of the system, or of its transpose: unknowns, or ON_BORDER less the number of a bordering
+   row. Nothing for -1, and nothing is added to A. */
 INLINED void add_at(const Problem *p, const Work *w, int i, int j, double x) {
   int row = w->transposed ? j : i, column = w->transposed ? i : j;
   if (x == 0 || row == -1 || column == -1) return;
   if (row >= 0) {
-    reach(p, w, row);
-    w->block[(long)row * p->block + ON_BORDER - column] += x;
+    int at = p->order[row];
+    reach(p, w, at);
+    w->block[(long)at * p->block + ON_BORDER - column] += x;
   } else if (column >= 0) {
-    reach(p, w, column);
+    int at = p->order[column], *crossed = w->crossed + 2 * (ON_BORDER - row);
     double *of = w->border + (long)(ON_BORDER - row) * p->positions;
-    int *crossed = w->crossed + 2 * (ON_BORDER - row);
-    widen(of, crossed, crossed + 1, column, column);
-    of[column] += x;
+    reach(p, w, at);
+    widen(of, crossed, crossed + 1, at, at);
+    of[at] += x;
   } else {
     w->corner[(ON_BORDER - row) * p->bordering_rows + ON_BORDER - column] += x;
   }
@@ -47,7 +48,7 @@ static void turn_beams(const Problem *p, const Work *w) {
    derivatives of Tv consist. */
 static void bordering_slider(const Problem *p, const Work *w, Slider *a) {
   int n = a->width, m = a->components, force = ON_BORDER - a->bordering_row, product = force - m;
-  int row_s = p->row_at[a->column], column_s = p->unknown_at[a->column];
+  int row_s = p->row_of[a->column], column_s = p->unknown_of[a->column];
   const Second *h = &a->of_force;
   for (int l = 0; l < m * n; ++l) {
     int dof = 3 * (a->first + l % n) + l / n;
@@ -56,22 +57,22 @@ static void bordering_slider(const Problem *p, const Work *w, Slider *a) {
       double of_T = a->part_sign[e] * w->values[a->part_value[e]];
       double of_virtual = a->part_sign[e] * w->virtual_map[a->part_value[e]];
       for (int c = 0; c < m; ++c) {
-        add_at(p, w, force - c, p->unknown_at[column], -of_T * a->T[c][l]);
-        add_at(p, w, p->row_at[column], force - c, -of_virtual * a->virtual_map[c][l]);
+        add_at(p, w, force - c, p->unknown_of[column], -of_T * a->T[c][l]);
+        add_at(p, w, p->row_of[column], force - c, -of_virtual * a->virtual_map[c][l]);
       }
-      add_at(p, w, p->row_at[column], column_s, of_virtual * h->by_s[l]);
-      add_at(p, w, row_s, p->unknown_at[column], of_T * h->of_s[l]);
+      add_at(p, w, p->row_of[column], column_s, of_virtual * h->by_s[l]);
+      add_at(p, w, row_s, p->unknown_of[column], of_T * h->of_s[l]);
       for (int r = 0; r < a->products; ++r) {
-        add_at(p, w, p->row_at[column], product - r, of_virtual * h->left[r][l]);
-        add_at(p, w, product - r, p->unknown_at[column], of_T * h->right[r][l]);
+        add_at(p, w, p->row_of[column], product - r, of_virtual * h->left[r][l]);
+        add_at(p, w, product - r, p->unknown_of[column], of_T * h->right[r][l]);
       }
     }
   }
   for (int c = 0; c < m; ++c) {
     add_at(p, w, force - c, column_s, -a->T[c][ARC]);
     add_at(p, w, row_s, force - c, -a->virtual_map[c][ARC]);
-    add_at(p, w, force - c, p->unknown_at[a->carried[c]], 1);
-    add_at(p, w, p->row_at[a->carried[c]], force - c, 1);
+    add_at(p, w, force - c, p->unknown_of[a->carried[c]], 1);
+    add_at(p, w, p->row_of[a->carried[c]], force - c, 1);
   }
   add_at(p, w, row_s, column_s, h->square);
   for (int r = 0; r < a->products; ++r) add_at(p, w, product - r, product - r, -1);
@@ -87,8 +88,8 @@ static void anchor_beam(const Problem *p, const Work *w, const Slider *a) {
   for (int i = 0; i < a->anchors; ++i) {
     int bordering_row = ON_BORDER - a->bordering_row - a->components - a->products - i, column = a->anchor_column[i];
     double k = w->tangent[a->anchor_at[i]] / 2;
-    add_at(p, w, p->row_at[column], bordering_row, -k);
-    add_at(p, w, bordering_row, p->unknown_at[column], 1);
+    add_at(p, w, p->row_of[column], bordering_row, -k);
+    add_at(p, w, bordering_row, p->unknown_of[column], 1);
     add_at(p, w, bordering_row, bordering_row, -1);
   }
 }
@@ -101,7 +102,7 @@ HOT void fill_bordering_rows(const Problem *p, const Work *w) {
   for (int i = 0; i < p->sliders; ++i)
     bordering_slider(p, w, p->slider + i), anchor_beam(p, w, p->slider + i);
   for (int k = 0; k < p->beside; ++k)
-    add_at(p, w, p->row_at[p->beside_row[k]], p->unknown_at[p->beside_column[k]], w->tangent[p->beside_at[k]]);
+    add_at(p, w, p->row_of[p->beside_row[k]], p->unknown_of[p->beside_column[k]], w->tangent[p->beside_at[k]]);
 }
 
 /* The block of n times four columns from its right sides and sparse factors. */

@@ -40,15 +40,15 @@ static void add_pair(ChangingRows *c, ContactPair pair) {
 }
 
 /* The rows and unknowns on which contact points act. */
-static void find_pairs(ChangingRows *c, const MemberContacts *m) {
+static void find_pairs(const Problem *p, ChangingRows *c, const MemberContacts *m) {
   c->pairs = 0;
   for (int t = 0; t < m->contact_points; ++t)
     for (int i = 0; m->contact_point[t].counted && i < CONTACT_POINT_DOFS * CONTACT_POINT_DOFS; ++i) {
       const int *dof = m->contact_point[t].dof, a = dof[i / CONTACT_POINT_DOFS], b = dof[i % CONTACT_POINT_DOFS];
       for (int e = c->dof_start[a]; e < c->dof_start[a + 1]; ++e)
         for (int f = c->dof_start[b]; f < c->dof_start[b + 1]; ++f)
-          add_pair(c, (ContactPair){i, c->dof_sign[e] * c->dof_sign[f], t, c->row_of[c->dof_column[e]],
-                                    c->unknown_of[c->dof_column[f]], c->dof_value[e], c->dof_value[f], -1});
+          add_pair(c, (ContactPair){i, c->dof_sign[e] * c->dof_sign[f], t, p->row_of[c->dof_column[e]],
+                                    p->unknown_of[c->dof_column[f]], c->dof_value[e], c->dof_value[f], -1});
     }
 }
 
@@ -72,16 +72,6 @@ static int has_contact_points(const ChangingRows *c, const MemberContacts *m) {
   return 1;
 }
 
-/* Position in the elimination of an unknown, or its bordering row. */
-static int place_of(const Problem *p, int of) { return of < 0 ? of : p->order[of]; }
-
-/* Places of all columns in a new order. */
-static void place_columns(Problem *p) {
-  const ChangingRows *c = p->changing;
-  for (int k = 0; k < p->columns + p->auxiliaries; ++k)
-    p->row_at[k] = place_of(p, c->row_of[k]), p->unknown_at[k] = place_of(p, c->unknown_of[k]);
-}
-
 /* Places among the factors of the entries of the tangent or of its transpose, and of those of contact points. */
 static void place_entries(const Problem *p, ChangingRows *c, int transposed) {
   for (int i = 0; i < p->unknowns; ++i)
@@ -101,11 +91,10 @@ static void change_rows(Problem *p) {
   if (has_contact_points(c, m)) return;
   c->searches = m->searches, c->placed = -1;
   count_contact_points(m);
-  begin_elimination(&c->elimination), find_pairs(c, m);
+  begin_elimination(&c->elimination), find_pairs(p, c, m);
   find_rows(&c->elimination);
   memcpy(p->order, c->elimination.order, p->unknowns * sizeof(int));
   ROOM(p->rows->factors, p->rows->start[p->unknowns]);
-  if (HAS(SLIDERS) && p->bordering_rows) place_columns(p);
   p->reused.present = 0;
   if (c->keep) p->reused.worth = worth_of(p, c);
 }

@@ -96,9 +96,7 @@ typedef struct {
 /* Sparse rows whose pattern changes with the points that are near members (changing_rows.h). */
 typedef struct {
   Elimination elimination; /* from which the order and the rows are found */
-  /* Entries of T and Tv of each degree of freedom; unknown of each column of the scene, and row of the forces on it: -1 for
-     none, or a bordering row. */
-  int *dof_start, *dof_column, *dof_value, *row_of, *unknown_of;
+  int *dof_start, *dof_column, *dof_value; /* entries of T and Tv of each degree of freedom */
   double *dof_sign;
   int keep;             /* whether factors may be kept; the costs of lu_layout.py */
   double row_entry, substitution, least_worth;
@@ -182,10 +180,11 @@ typedef struct {
   struct { int *tangent_start, *tangent_column, *factor_at; };
   ReusedFactors reused;
   struct { ChangingRows *changing; };
+  /* Of each column of the scene the row of the forces on it, and its unknown: -1 for none, or a bordering row. */
+  struct { int *row_of, *unknown_of; };
   /* Bordering rows (bordering_rows.h): their number, the first of forces that close loops on beams, columns of a block of right
-     sides; of each column of the scene row and column in the system: a position in the elimination, -1 for none, or a
-     bordering row. */
-  struct { int bordering_rows, carrier_bordering, block, *row_at, *unknown_at; };
+     sides. */
+  int bordering_rows, carrier_bordering, block;
   struct { int bordered, *bordered_unknown, *bordered_row; }; /* unknowns of them that stand alone among the others */
   struct { int beside, *beside_row, *beside_column, *beside_at; }; /* entries of the tangent in them, and where these are stored */
   /* How the reduced tangent is made of the full one: entries that are added as they are, `from` which `to` which; others times

@@ -56,7 +56,7 @@ static int middle_of_elimination(const Problem *p) {
   const Slider *a = p->slider;
   for (int dof = p->sliders ? 3 * (a->first + a->width / 2) : 0; p->sliders && dof >= 0; --dof)
     for (int e = a->part_start[dof]; e < a->part_start[dof + 1]; ++e)
-      if (p->unknown_at[a->part_column[e]] >= 0) return p->unknown_at[a->part_column[e]];
+      if (p->unknown_of[a->part_column[e]] >= 0) return p->order[p->unknown_of[a->part_column[e]]];
   return p->positions / 2;
 }
 
@@ -82,7 +82,7 @@ HOT void add_contact_points(const Problem *p, const Work *w, int bordering) {
     const ContactPoint *t = p->points->members->contact_point + e->contact_point;
     if (!t->closed || bordering != (e->at < 0)) continue;
     double value = e->sign * w->virtual_map[e->virtual_value] * w->values[e->value] * t->tangent[e->entry];
-    if (bordering) add_at(p, w, place_of(p, e->row), place_of(p, e->column), value);
+    if (bordering) add_at(p, w, e->row, e->column, value);
     else p->rows->factors[e->at] += value;
   }
 }
