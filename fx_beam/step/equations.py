@@ -66,6 +66,7 @@ class Equations:
         n, columns, p = model.size, model.reduction.columns, problem.c
         sizes = n, columns, n, p.stored_values, n, columns
         D, self._z, r, self._tangent, f, residual = problem.results(*sizes)
+        *_, self._strains = problem.given()
         self._balance = Balance(D, f, r, residual)
 
     def _of(self, values: np.ndarray):
@@ -94,7 +95,7 @@ class Equations:
             model.points.set_load(end, self._length)
         if model.natural:
             strains = self._start.natural if self._natural is None else self._natural(end)
-            self._problem.strains[...] = 0.0 if strains is None else strains
+            self._strains[:] = 0.0 if strains is None else strains.ravel()
         self._library.fx_begin(self._c, self._length, self._of(self._followers))
 
     def at(self, y: np.ndarray, driven: np.ndarray, force: np.ndarray) -> Balance:

@@ -47,12 +47,13 @@ class LoadLoop(CompiledLoop):
         p.keeps_joint_forces = True
         #: Holding forces (free,) on the unknowns, in addition to the forces of the model.
         self.hold, self._predicted = np.zeros(free), np.zeros(model.size)
-        arrays = {"hold": self.hold, "first_loads": forcing.first, "predicted": self._predicted}
+        arrays = {"hold": self.hold, "predicted": self._predicted}
         #: Weights (size,) of a viscous drag on increments; zero at points at which nothing acts.
         self.drag_weight = self.problem.hand_over_statics(forcing.turning, **arrays)
         n, columns = model.size, model.reduction.columns
         sizes = n, columns, n, len(model.reduction.tangent.pattern[1])
         self._D, self._z, self._r, self._tangent = self.problem.results(*sizes)
+        self._force, self._mean_force, self._strains = self.problem.given()
         #: Drag [J] on the increments of all nodes.
         self.drag = 0.0
 
@@ -110,16 +111,17 @@ class LoadLoop(CompiledLoop):
         p, model, forcing = self._problem, self.model, self.forcing
         self.problem.load(state)
         model.points.set_load(interval.end, length)
-        if model.natural:
-            self.problem.strains[...] = forcing.natural(interval.end)
+        self._force[:], self._mean_force[:] = map(forcing.dead, (interval.end, interval.at(0.5)))
+        if model.weight is not None:  # whose work is all of its potential energy
+            self._mean_force -= model.weight
+        if (strains := forcing.natural(interval.end)) is not None:
+            self._strains[:] = strains.ravel()
         p.t, p.ratio_before, p.ratio = forcing.time - length, interval.start, interval.end
-        t = np.array([forcing.time])
-        unit, followers = model.loads.series(t), model.points.followers
+        t, followers = np.array([forcing.time]), model.points.followers
         follower_force = followers.series(t, t) if len(followers) else np.empty((1, 0))
         values = np.tile(model.forms.parameters.values, (1, 2, 1))
-        loads = np.stack([interval.start * unit, interval.end * unit], axis=1)
-        driven, natural = forcing.positions(interval.end)[None], np.empty((1, 0))
-        return StepInputs(loads, driven, follower_force, values, natural, 1)
+        driven, none = forcing.positions(interval.end)[None], np.empty((1, 0))
+        return StepInputs(none, driven, follower_force, values, none, 1)
 
     def _taken(self, state: State, interval: Interval) -> State:
         new = self.state(interval.end)

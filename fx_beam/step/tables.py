@@ -66,9 +66,7 @@ class Problem:
         self.constants = self.ffi.dlopen(None)
         self._structs = Structs(self.ffi, declarations("problem.h"))
         self.c = self.ffi.new("Problem *")
-        self._pointers = self.ffi.typeof("double *[11]")
-        #: Natural strains at the end of a step.
-        self.strains = np.zeros(model.natural.shape if model.natural else 0)
+        self._pointers = self.ffi.typeof("double *[14]")
         self._sparse_factors = np.zeros(0)
         self._stored_at = stored_at = self._hand_over_couplings()
         self._hand_over_mesh(stored_at)
@@ -354,9 +352,8 @@ class Problem:
         return weights
 
     def hand_over_ends(self, frame: TurningFrame | None) -> None:
-        """Let C read natural strains at the end of a step, and a frame that turns or None."""
-        if self.model.natural:
-            self._set(strains_at_end=self.strains)
+        """Let C leave natural strains at the end of a step as `given`, and read a frame or None."""
+        self.c.naturals = 0
         self.hand_over_frame(frame)
 
     def hand_over_frame(self, frame: TurningFrame | None) -> None:
@@ -380,14 +377,19 @@ class Problem:
         for name in NUMBERS:
             setattr(p, name, getattr(state, name))
 
-    def results(self, *sizes: int) -> list[np.ndarray]:
-        """What C has found in the last step, arrays of these sizes.
+    def results(self, *sizes: int, first: int = 0) -> list[np.ndarray]:
+        """What C has found in the last step, arrays of these sizes, from the `first` on.
 
         Increments of nodes and columns, forces, tangent, internal forces and residual.
         """
         to, buffer = self._results(), self.ffi.buffer
-        pairs = zip(to, sizes, strict=False)
+        pairs = zip(to[first : first + len(sizes)], sizes, strict=True)
         return [np.frombuffer(buffer(at, 8 * n)) if n else np.empty(0) for at, n in pairs]
+
+    def given(self) -> list[np.ndarray]:
+        """What of a step is set here: dead forces at its level, their mean, strains at the end."""
+        n, natural = self.model.size, self.model.natural
+        return self.results(n, n, natural.size if natural else 0, first=11)
 
     def _results(self) -> Any:
         to = self.ffi.new(self._pointers)

@@ -10,7 +10,6 @@ OF_STEPS void fx_begin(Problem *p, double dt, double *follower_force) {
   Work work = work_of(p), *w = &work;
   w->dt = dt, w->follower_force = follower_force;
   if (!p->at_rest) p->ratio = ratio_of_lengths(p, dt);
-  if (p->strains_at_end) begin_natural(p, w);
   begin_elements(p, w);
   begin_couplings(p, w);
 }

@@ -13,7 +13,8 @@ static double mid(const Problem *p, double force, double previous) {
 /* Part of the weight that acts. */
 static double acting(const Problem *p) { return p->at_rest ? p->ratio : 1; }
 
-/* Dead forces with weight at the scheme's level; their mean over the step, which does the work. */
+/* Dead forces with weight at the scheme's level; their mean over the step, which does the work. Python sets those of load
+   steps. */
 static void begin_loads(const Problem *p, const Work *w) {
   const double *start = w->loads, *end = start + p->loads;
   memset(w->dead, 0, p->dofs * sizeof(double));
@@ -26,21 +27,10 @@ static void begin_loads(const Problem *p, const Work *w) {
       w->dead[p->load_dof[i]] += p->load_force[i] * (start[k] + end[k]) / 2;
     }
   }
-  for (int i = 0; p->first_loads && i < p->dofs; ++i) {
-    w->force[i] += (1 - p->ratio) * p->first_loads[i];
-    w->dead[i] += (1 - (p->ratio_before + p->ratio) / 2) * p->first_loads[i];
-  }
-  /* Weight does work by the potential energy of the record, which has all of it. */
-  for (int i = 0; p->at_rest && p->weight && i < p->dofs; ++i)
-    w->dead[i] += ((p->ratio_before + p->ratio) / 2 - 1) * p->weight[i];
 }
 
-/* Natural strains at the end of a step. */
+/* Natural strains at the end of a step, unless Python sets them. */
 static void begin_natural(const Problem *p, const Work *w) {
-  if (p->strains_at_end) {
-    memcpy(w->natural_end, p->strains_at_end, (long)p->cells * p->cell_natural * sizeof(double));
-    return;
-  }
   memset(w->natural_end, 0, (long)p->cells * p->cell_natural * sizeof(double));
   for (int k = 0; k < p->naturals; ++k)
     for (int i = p->natural_start[k]; i < p->natural_start[k + 1]; ++i)
@@ -157,7 +147,7 @@ static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs 
   w->loads = inputs->loads + k * inputs->loads_stride;
   w->follower_force = inputs->follower_force + k * inputs->follower_force_stride;
   w->naturals = inputs->natural + k * inputs->natural_stride;
-  if (k == 0 || inputs->loads_stride) begin_loads(p, w);
+  if (!p->at_rest && (k == 0 || inputs->loads_stride)) begin_loads(p, w);
   if (p->naturals && (k == 0 || inputs->natural_stride)) begin_natural(p, w);
   for (int i = 0; i < p->driven; ++i) {
     int dof = p->driven_dof[i];
@@ -186,7 +176,7 @@ static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs 
 static void advance(Problem *p, const Work *w, const Inputs *inputs, long k) {
   const double *driven = inputs->driven + k * p->driven;
   evolve(p, w);
-  if (p->naturals) memcpy(p->natural, w->natural_end, (long)p->cells * p->cell_natural * sizeof(double));
+  memcpy(p->natural, w->natural_end, (long)p->cells * p->cell_natural * sizeof(double));
   evolve_points(p->points, w->D, w->z, p->spring_internal);
   advance_rates(p, w, w->dt);
   if (p->keeps_previous) memcpy(p->q_previous, p->q, p->dofs * sizeof(double));
@@ -313,12 +303,12 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Reco
 }
 
 /* Where the results of the last step are: increments of nodes and columns, forces, tangent, internal forces and reduced
-   residual; what borders the tangent (work.h). */
+   residual; what borders the tangent (work.h). And what Python may set: dead forces, their means, natural strains at the end. */
 OF_STEPS void fx_results(const Problem *p, double **to) {
   Work w = work_of(p);
-  to[0] = w.D, to[1] = w.z, to[2] = w.r, to[3] = w.tangent;
-  to[4] = w.f, to[5] = w.reduced, to[6] = w.block, to[7] = w.corner, to[8] = (double *)w.reached;
-  to[9] = w.border, to[10] = (double *)w.crossed;
+  double *results[] = {w.D, w.z, w.r, w.tangent, w.f, w.reduced, w.block, w.corner, (double *)w.reached, w.border,
+                       (double *)w.crossed, w.force, w.dead, w.natural_end};
+  memcpy(to, results, sizeof results);
 }
 
 #include "equations.h"

@@ -231,11 +231,9 @@ typedef struct {
      the load factor at its end. Sub-steps, relative to a step. */
   int rule, at_rest;
   double level, beta, gamma, alpha_m;
-  /* Of statics: holding forces on the unknowns, and dead loads at the load factor 0; natural strains at the end;
-     square of the spin, and arms of the displacements in the reference; a viscosity on increments, with weights and
-     positions in the tangent. */
-  struct { double *hold; double *first_loads; };
-  struct { double *strains_at_end; };
+  /* Of statics: holding forces on the unknowns; square of the spin, and arms of the displacements in the reference; a
+     viscosity on increments, with weights and positions in the tangent; the load factor at the start, for several processes. */
+  struct { double *hold; };
   struct { double *arm; };
   struct { double *viscous_weight; int *diagonal_at; };
   double ratio_before, spin_squared, viscosity;
