@@ -33,10 +33,8 @@ static void begin_vjp(const Problem *p, const Work *w, const Derivatives *a, con
   memset(x + at->loads, 0, (at->Y1 - at->loads) * sizeof(double));
   memset(x + at->arms, 0, (at->size - at->arms) * sizeof(double));
   memcpy(x + at->Y1, x + at->Y, columns * sizeof(double)), memset(x + at->Y, 0, columns * sizeof(double));
-  memcpy(x + at->internal1, x + at->internal, (at->spring_internal - at->internal) * sizeof(double));
-  memcpy(x + at->springs1, x + at->spring_internal, p->spring_width * sizeof(double));
   memcpy(x + at->natural1, x + at->natural, (at->loads - at->natural) * sizeof(double));
-  memset(x + at->internal, 0, (at->loads - at->internal) * sizeof(double));
+  memset(x + at->natural, 0, (at->loads - at->natural) * sizeof(double));
   for (int i = 0; i < p->massless_count; ++i) v[p->massless[i]] /= 2;
   for (int i = 0; i < n; ++i) {
     double of_path = per_dt * w->slope[i] * v[i];

@@ -77,8 +77,8 @@ KEPT Layout fx_layout(const Problem *p, const Derivatives *a) {
   ARRAY(axis, 2 * joints), ARRAY(rest, joints), ARRAY(places, 3 * p->sliders), ARRAY(paths, p->path_numbers);
   ARRAY(members, a->member_numbers), ARRAY(arcs, a->member_arcs), ARRAY(member_places, n);
   ARRAY(internal_forces, p->cells * a->internal_forces.of_element), ARRAY(drag, p->cells * a->drag.of_element);
-  ARRAY(Y, columns), ARRAY(q, n), ARRAY(v, n), ARRAY(q_previous, n), ARRAY(internal, internal);
-  ARRAY(spring_internal, p->spring_width), ARRAY(natural, natural);
+  ARRAY(Y, columns), ARRAY(q, n), ARRAY(v, n), ARRAY(q_previous, n);
+  ARRAY(natural, natural), ARRAY(internal, internal), ARRAY(spring_internal, p->spring_width);
   ARRAY(loads, 2 * p->loads), ARRAY(driven, p->driven), ARRAY(follower_force, 2 * p->follower_forces);
   ARRAY(parameters, 2 * p->parameter_count), ARRAY(naturals, p->naturals);
   ARRAY(Y1, columns + SPACING), ARRAY(q1, n), ARRAY(arms, 2 * joints), ARRAY(slides, SLIDE_NUMBERS * p->sliders);

@@ -65,10 +65,8 @@ static void change_state(const Problem *p, const Work *w, const Derivatives *a, 
   const Layout *at = &l->at;
   double per_dt = rates_per_path(p, w->dt);
   Changes *q = x + at->q, *v = x + at->v, *end = x + at->q1;
-  long internal = (at->spring_internal - at->internal) * sizeof(Changes);
-  memcpy(x + at->internal1, x + at->internal, internal);
-  if (internal) jvp_cells(&a->internal_forces, l->slopes[0], p->cell_internal, 1, 0, x);
-  memcpy(x + at->internal, x + at->internal1, internal);
+  memcpy(x + at->internal1, x + at->internal, (at->spring_internal - at->internal) * sizeof(Changes));
+  if (p->cell_internal) jvp_cells(&a->internal_forces, l->slopes[0], p->cell_internal, 1, 0, x);
   for (int k = 0; k < p->massless_count; ++k) { /* half of their rates */
     int i = p->massless[k];
     v[i] = per_dt / 2 * w->slope[i] * (end[i] - q[i]);
@@ -76,7 +74,6 @@ static void change_state(const Problem *p, const Work *w, const Derivatives *a, 
   if (a->internal_forces.q_previous) memcpy(x + at->q_previous, q, p->dofs * sizeof(Changes));
   for (int i = 0; i < p->dofs; ++i) v[i] = per_dt * w->slope[i] * (end[i] - q[i]) - v[i], q[i] = end[i];
   if (p->scene_joints) memcpy(x + at->Y, x + at->Y1, (p->columns + p->auxiliaries) * sizeof(Changes));
-  memcpy(x + at->spring_internal, x + at->springs1, p->spring_width * sizeof(Changes));
   memcpy(x + at->natural, x + at->natural1, (at->loads - at->natural) * sizeof(Changes));
 }
 

@@ -380,7 +380,7 @@ typedef struct {
    moments of springs at joints, forces of joints, axes of beams, and sizes of forces that friction follows. */
 typedef struct {
   int mass, weight, columns, points, natural_columns, offset, axis, rest, places, paths, members, arcs, member_places, internal_forces, drag;
-  int Y, q, v, q_previous, internal, spring_internal, natural;
+  int Y, q, v, q_previous, natural, internal, spring_internal; /* the last three as behind the slides at the end */
   int loads, driven, follower_force, parameters, naturals;
   int Y1, q1, arms, slides, natural1, internal1, springs1, map, held, r, R, closures, closing, pushed, carried, moments;
   int forces, axes, followed, nowhere, size;
