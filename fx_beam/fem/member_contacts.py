@@ -215,7 +215,7 @@ class MemberContacts:
 
     def forget(self) -> None:
         """Search anew in the next step, as in the first one of a run."""
-        self._all.margin, self._all.step, self._all.wide = -1.0, 0.0, 0
+        self._all.margin, self._all.step = -1.0, 0.0
 
     def friction(self, memory: np.ndarray) -> dict[int, np.ndarray]:
         """Stretch and slip (n, points, 2) of the first members, by the contact's number.

@@ -71,9 +71,8 @@ typedef struct {
   MemberContact *of;
   int dofs, moving, *moves; /* all degrees of freedom; those of all points and members, as pairs */
   double *reference;        /* [dofs] positions in the reference configuration */
-  double margin, moved, step; /* of the last search; largest motions since then, and in the last step */
+  double margin, moved, step; /* of the last search, below 0 without one; largest motions since then, and in the last step */
   long searches;            /* their number: when it changes, so do the contact points */
-  int wide;                 /* whether the next search must have a larger margin */
   int slots, first_internal; /* of friction; where they begin among all internal variables */
   int *has_slot;            /* [slots] whether a contact point has it */
   /* [dofs]: positions of the last search and of the start of the step, rates there, room; its slots */

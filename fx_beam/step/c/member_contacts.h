@@ -136,7 +136,7 @@ static double distance_beyond(const MemberContacts *m, const ContactPoint *e, co
 }
 
 static void find_contact_points(MemberContacts *m, const double *x, double margin) {
-  m->margin = margin, m->wide = 0, ++m->searches;
+  m->margin = margin, ++m->searches;
   memcpy(m->searched_at, x, m->dofs * sizeof(double));
   search(m, x, margin);
   m->contact_points = m->near_places;
@@ -239,8 +239,8 @@ static void begin_members(MemberContacts *m, const double *q, const double *v, d
   const double *x = positions(m, q, m->start);
   for (int i = 0; i < m->dofs; ++i) m->product[i] = x[i] - m->searched_at[i];
   m->moved = largest_motion(m, m->product);
-  if (!m->searches || m->wide || 2 * (m->moved + SPARE * step) > m->margin || !place_contact_points(m, x, v, dt)) {
-    find_contact_points(m, x, m->wide ? fmax(2 * m->margin, wanted) : wanted), m->moved = 0;
+  if (2 * (m->moved + SPARE * step) > m->margin || !place_contact_points(m, x, v, dt)) {
+    find_contact_points(m, x, wanted), m->moved = 0;
     place_contact_points(m, x, v, dt);
   }
   if (v) memcpy(m->v, v, m->dofs * sizeof(double));
@@ -368,7 +368,7 @@ int fx_check_members(MemberContacts *m, const double *D) {
   int state = MEMBERS_FINE;
   double *end = m->product;
   m->step = largest_motion(m, D);
-  if (2 * (m->moved + m->step) > m->margin) return m->wide = 1, MEMBERS_MOVED;
+  if (2 * (m->moved + m->step) > m->margin) return MEMBERS_MOVED; /* the next margin is by this step */
   for (int i = 0; i < m->dofs; ++i) end[i] = m->start[i] + D[i];
   for (ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e) {
     move_contact_point(m, e, D);
