@@ -7,12 +7,6 @@
 #include "reused_factors.h"
 #include "rates.h"
 
-/* Twice the kinetic energy at the start of the step. */
-static double kinetic(const Problem *p, const Work *w) {
-  times_mass(p, p->v, w->scratch);
-  return dot(p->dofs, p->v, w->scratch);
-}
-
 static void evaluate_nodes(const Problem *p, const Work *w) {
   fx_evaluate_points(p->points, 0, p->points->nodal, w->D, w->z);
   if (HAS(MEMBERS) && p->points->members) fx_evaluate_members(p->points->members, w->D);
@@ -73,44 +67,17 @@ HOT int update_predictor(Problem *p, const Work *w) {
   return order;
 }
 
-/* Error of a correction by kept factors, relative to what Newton's method leaves. */
-static const double SHARE = 0.1;
-
 static double widest_turn(const Problem *p, const double *D) {
   double widest = 0;
   for (int i = 0; i < p->nodes; ++i) widest = larger(fabs(D[3 * i + 2]), widest);
   return widest;
 }
 
-/* A sequence that converges quadratically: its last value, and its slowest convergence so far. */
-typedef struct {
-  double last, slowest;
-} Sequence;
-
-/* What the corrections of a step tell of its convergence: their sizes, roots of their work, and how many were small. */
-typedef struct {
-  Sequence sizes, errors;
-  int small;
-} Convergence;
-
 /* Adds a value; returns a bound of the one after it. */
 static double next_after(Sequence *s, double value) {
   s->slowest = larger(value / (s->last * s->last), s->slowest);
   s->last = value;
   return s->slowest * value * value;
-}
-
-/* Twice the kinetic energy at the start of the step, and the forces' work in it. */
-static double energy_of_step(const Problem *p, const Work *w, double moving) {
-  return moving + dot_of_sizes(p->dofs, w->f, w->D);
-}
-
-/* The accuracy of the next correction: less than what Newton's method leaves by being quadratic. */
-static Wanted accuracy(const Problem *p, const Work *w, const Convergence *c) {
-  double energy = energy_of_step(p, w, kinetic(p, w));
-  return (Wanted){SHARE * fmax(c->sizes.slowest, p->reused.slowest_size),
-                  SHARE * fmax(c->errors.slowest, p->reused.slowest_error), SHARE * p->negligible,
-                  SHARE * p->negligible * sqrt(energy), sqrt(energy)};
 }
 
 /* The residual of the columns from forces on nodes, less what holds the unknowns besides the forces of the model. */
@@ -253,7 +220,6 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
   int n = p->dofs, free = p->free, failure;
   Convergence convergence = {{HUGE_VAL, 0}, {HUGE_VAL, 0}, 0};
   double work = 0, rest[2];
-  Wanted wanted = {0};
   p->tried = 0;
   if (p->team.begin) p->team.begin(p->t, w->dt);
   if (p->reused.worth) begin_reused(&p->reused);
@@ -266,10 +232,9 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
     for (int i = free; i < p->columns; ++i) w->step[i] = 0;
     if (!p->team.solve) reduce_tangent(p, w);
     if (iteration == 1 && !order && largest(p->driven, driven, 0) > 0) drive(p, w, driven);
-    if (p->reused.worth) wanted = accuracy(p, w, &convergence);
     if (p->team.solve)
       rest[1] = 0, p->team.solve(w->reduced, energy_of_step(p, w, kinetic(p, w)), w->step, rest);
-    else if (!solve_reduced(p, w, &wanted, rest))
+    else if (!solve_reduced(p, w, &convergence, rest))
       return SINGULAR;
     spread(p, w, w->step, w->correction);
     for (int i = 0; iteration == 1 && p->predicted && i < n; ++i) p->predicted[i] = -w->correction[i];

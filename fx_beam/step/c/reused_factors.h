@@ -8,15 +8,31 @@
 #include "changing_rows.h"
 #include "couplings.h"
 
-/* How exact a correction must be: what may remain to be corrected, relative to the squares of the
-   correction and of the root of its work, or absolute; and the root of the energy of the step. */
+/* A sequence that converges quadratically: its last value, and its slowest convergence so far. */
 typedef struct {
-  double size, error, least_size, least_error, energy;
-} Wanted;
+  double last, slowest;
+} Sequence;
 
-/* Slowest convergence at which factors are good enough to judge an error by them, and bounds of the
-   wanted error of a solution, relative to it. */
-static const double SLOWEST = 0.3, MOST = 1e-3, LEAST = 1e-12;
+/* What the corrections of a step tell of its convergence: their sizes, roots of their work, and how many were small. */
+typedef struct {
+  Sequence sizes, errors;
+  int small;
+} Convergence;
+
+/* Error of a correction by kept factors, relative to what Newton's method leaves by being quadratic; slowest convergence at
+   which factors are good enough to judge an error by them, and bounds of the wanted error of a solution, relative to it. */
+static const double SHARE = 0.1, SLOWEST = 0.3, MOST = 1e-3, LEAST = 1e-12;
+
+/* Twice the kinetic energy at the start of the step. */
+static double kinetic(const Problem *p, const Work *w) {
+  times_mass(p, p->v, w->scratch);
+  return dot(p->dofs, p->v, w->scratch);
+}
+
+/* Twice the kinetic energy at the start of the step, and the forces' work in it. */
+static double energy_of_step(const Problem *p, const Work *w, double moving) {
+  return moving + dot_of_sizes(p->dofs, w->f, w->D);
+}
 
 /* Largest correction of a degree of freedom, for corrections x of the unknowns. */
 static double size_of(const Problem *p, const Work *w, const double *x) {
@@ -145,18 +161,19 @@ HOT int solve_bordered(Problem *p, const Work *w, const double *b, double *x) {
   return 1;
 }
 
-/* The error that a correction of this size may have. */
-static double allowed(double per_square, double size, double negligible) {
-  return fmax(negligible, fmin(MOST, fmax(per_square * size, LEAST)) * size);
+/* The error that a correction of this size may have, by the slowest convergence in this step and in the last one. */
+static double allowed(double slowest, double slowest_before, double size, double negligible) {
+  return fmax(SHARE * negligible, fmin(MOST, fmax(SHARE * fmax(slowest, slowest_before) * size, LEAST)) * size);
 }
 
 /* Solution by iterative refinement: the sum of the corrections that the factors propose, each for what the ones before leave.
    The error is what the factors propose next, and, whatever the factors are worth, the work of the residual in the step.
    Returns 0 if a factorisation is better. `rest` is the error relative to the correction, in size and root of work. */
-static int refine(Problem *p, const Work *w, const Wanted *wanted, double *rest) {
+static int refine(Problem *p, const Work *w, const Convergence *c, double *rest) {
   int n = p->free;
   double first_size = 0, first_error = 0, last_excess = 0, last_length = 0;
   double *x = w->step, *r = w->residual, *proposed = w->proposed;
+  double root = sqrt(energy_of_step(p, w, kinetic(p, w))); /* as errors are roots of work */
   memset(x, 0, n * sizeof(double));
   memcpy(r, w->reduced, n * sizeof(double));
   for (int k = 0; k <= p->reused.worth; ++k) {
@@ -165,10 +182,10 @@ static int refine(Problem *p, const Work *w, const Wanted *wanted, double *rest)
     double size = size_of(p, w, proposed), error = sqrt(fabs(dot(n, r, proposed))), length = sqrt(dot(n, r, r));
     if (!isfinite(size)) return 0;
     if (k == 0) first_size = size, first_error = error;
-    double fine = allowed(wanted->size, first_size, wanted->least_size);
-    double exact = allowed(wanted->error, first_error, wanted->least_error);
+    double fine = allowed(c->sizes.slowest, p->reused.slowest_size, first_size, p->negligible);
+    double exact = allowed(c->errors.slowest, p->reused.slowest_error, first_error, p->negligible * root);
     double excess = fmax(fmax(size / fine, error / exact),
-                         fabs(dot(n, r, w->z) - dot(n, r, x)) / (exact * wanted->energy));
+                         fabs(dot(n, r, w->z) - dot(n, r, x)) / (exact * root));
     double slowness = fmax(excess / last_excess, length / last_length);
     if (k > 0 && slowness > SLOWEST) return 0;
     add_times(n, 1, proposed, x);
@@ -236,14 +253,14 @@ static int solve_raised(Problem *p, const Work *w) {
 
 /* The correction `step` of the unknowns for the residual `reduced`; returns 0 if the tangent is
    singular. `rest` is as in `refine`. */
-static int solve_reduced(Problem *p, const Work *w, const Wanted *wanted, double *rest) {
+static int solve_reduced(Problem *p, const Work *w, const Convergence *c, double *rest) {
   rest[0] = rest[1] = 0;
   if (!p->free) return 1;
   if (HAS(CHAIN | BAND)) return solve_bordered(p, w, w->reduced, w->step);
   p->old_factors = p->raised = 0;
   if (p->reused.worth && p->reused.present && !p->reused.exact) {
     if (HAS(SLIDERS) && p->bordering_rows) eliminate_bordering_rows(p, w);
-    if (refine(p, w, wanted, rest)) return p->old_factors = 1;
+    if (refine(p, w, c, rest)) return p->old_factors = 1;
     if (HAS(SLIDERS) && p->bordering_rows) fill_bordering_rows(p, w);
   }
   if (!factorise_tangent(p, w, 0)) {
