@@ -136,10 +136,8 @@ static int take_increment(Problem *p, const Work *w, const double *known) {
   return OK;
 }
 
-/* Takes a sub-step with the inputs number `k`; returns 0 if it fails. With `look`, counts sections
-   that are inverted at its start. The increment of its columns may be known. */
-static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs *inputs, long k, int look,
-                     const double *known) {
+/* Takes a sub-step with the inputs number `k`; returns 0 if it fails. The increment of its columns may be known. */
+static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs *inputs, long k, const double *known) {
   p->sub_step = sub_step;
   const double *target = inputs->driven + k * p->driven;
   double *change = w->start;
@@ -156,7 +154,6 @@ static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs 
   if (!p->at_rest) p->ratio = ratio_of_lengths(p, dt);
   const double *parameters = inputs->parameters + k * 2 * p->parameter_count;
   if (p->parameters_vary) use_parameters(p, parameters);
-  if (look) count_inverted(p, w);
   begin_elements(p, w);
   int *order = p->orders + sub_step;
   p->failure = known ? take_increment(p, w, known) : find_increment(p, w, change, *order);
@@ -196,17 +193,16 @@ static void advance(Problem *p, const Work *w, const Inputs *inputs, long k) {
   }
 }
 
-/* After the sub-steps of a part of length dt, with others before it: the mean acceleration of the step so
-   far, and the largest rotation of the part. */
-static double summarise(Problem *p, const Work *w, double dt, int before) {
-  if (p->sub_steps == 1 && before == 0) return widest_turn(p, w->D);
+/* After the sub-steps of a part of length dt, with others before it: sets the mean acceleration of the step so far, and counts
+   a part that turns too far. */
+static void summarise(Problem *p, const Work *w, double dt, int before, int parts) {
   const double *q = w->saved, *v = q + p->dofs, *a = v + p->dofs;
   int means = p->rule == 0 && !p->rules;
   for (int i = 0; i < p->dofs; ++i) {
     if (means) p->a[i] = ((p->v[i] - v[i]) / dt + before * a[i]) / (before + 1);
     w->scratch[i] = p->q[i] - q[i];
   }
-  return widest_turn(p, w->scratch);
+  p->too_large += parts > 1 && widest_turn(p, w->scratch) * parts > p->large_turn;
 }
 
 /* Shares of a sub-step and of the parts before in the means over the step so far. */
@@ -239,7 +235,6 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Reco
   p->failure = p->stopped = 0;  // also where no step is to be taken
   if (p->watches) fx_find_switches(p->points, p->q, p->slides, p->sides);
   if (to->first == 0) record(p, w, to);
-  int unchecked = 0;
   for (int k = 0; k < steps; ++k) {
     int part = (to->part + k) % to->parts, step = to->first + (to->part + k) / to->parts;
     int of_row = step % to->every == 0 || step == to->last, wanted = of_row && part + 1 == to->parts;
@@ -252,12 +247,12 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Reco
       before = *p;
       memcpy(w->saved, p->memory, p->memory_size * sizeof(double));
     }
-    for (int i = 0; i < p->sub_steps; ++i) {
+    for (int i = 0; i < p->sub_steps && !p->failure; ++i) {
       long number = (long)k * p->sub_steps + i;
       set_shares(p, i, part);
       if (of_row && to->stores_starts) record_start(p, dt * p->fractions[i], i, to);
       const double *known = p->known ? p->known + i * p->columns : p->repeats && to->tape->increments ? to->tape->increments + number * p->columns : 0;
-      if (!take_step(p, w, dt * p->fractions[i], i, inputs, number, unchecked && i == 0, known)) goto failed;
+      if (!take_step(p, w, dt * p->fractions[i], i, inputs, number, known)) break;
       changed = 1;
       /* Another run may start from the last step, and then has its forces in row 0. */
       int forces = of_row && (to->forces || step == to->last);
@@ -269,36 +264,28 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Reco
       if (contacts) add_contact_forces(p);
       if (to->tape) put_on_tape(p, w, to->tape);
       advance(p, w, inputs, number);
-      if (p->watches && switched(p)) {
-        p->failure = SWITCHED;
-        goto failed;
-      }
+      if (p->watches && switched(p)) p->failure = SWITCHED;
     }
-    if (p->controlled) {
+    if (p->controlled && !p->failure) {
       double ratio = local_error(p, w, dt);
       p->ratios[0] = p->ratios[1], p->ratios[1] = ratio;
-      if (ratio > 1) {
-        p->failure = TOO_INACCURATE;
-        goto failed;
-      }
       int low = ratio >= 0 && fmax(ratio, p->ratios[0]) < p->lowest;
-      if (low || ratio > p->highest) steps = k + 1, p->stopped = 1;
+      if (ratio > 1) p->failure = TOO_INACCURATE;
+      else if (low || ratio > p->highest) steps = k + 1, p->stopped = 1;
     }
-    double turn = summarise(p, w, dt, part);
+    if (p->failure) { /* nothing of it is recorded */
+      if (changed) undo(p, w, before);
+      to->starts = starts;
+      if (to->tape) to->tape->rows = taped;
+      return k;
+    }
+    if (p->sub_steps > 1 || to->parts > 1) summarise(p, w, dt, part, to->parts);
     /* Beyond rounding: damping at rest takes next to nothing. */
     p->amplified += p->sub_steps > 1 && lost - p->dissipated > 1e-14 * fabs(lost);
-    if (to->parts > 1) p->too_large += turn * to->parts > p->large_turn;
     if (wanted) record(p, w, to);
     ++p->completed;
-    unchecked = !wanted || p->energies[1] >= p->least_energy;
-    continue;
-  failed: /* nothing of it is recorded */
-    if (changed) undo(p, w, before);
-    to->starts = starts;
-    if (to->tape) to->tape->rows = taped;
-    return k;
+    if (!wanted || p->energies[1] >= p->least_energy) count_inverted(p, w);
   }
-  if (unchecked) count_inverted(p, w);
   return steps;
 }
 
