@@ -12,13 +12,7 @@ INLINED Lanes lanes_of(const double *x, const int *at) {
   return (Lanes){x[at[0]], x[at[1]], x[at[2]], x[at[3]], x[at[4]], x[at[5]], x[at[6]], x[at[7]]};
 }
 
-INLINED void put_lanes(Four a, Four b, double *to) {
-#if defined __AVX512F__ && __has_builtin(__builtin_shufflevector)
-  *(Lanes *)to = PICK(a, b, 0, 1, 2, 3, 4, 5, 6, 7);
-#else
-  *(Four *)to = a, *(Four *)(to + 4) = b;
-#endif
-}
+INLINED void put_lanes(Four a, Four b, double *to) { *(Four *)to = a, *(Four *)(to + 4) = b; }
 
 /* Displacements of the nodes of LANES elements, then rotations. */
 INLINED void pack_nodes(int nodes, const double *x, const int *at, double *to) {

@@ -84,7 +84,7 @@ static void begin_fit(Problem *p, Work *w, const Fits *of, long row) {
   memset(w->closing, 0, p->closures * sizeof(double));
   if (p->sliders) memset(w->loaded, 0, p->dofs * sizeof(double));
   for (int i = 0; i < p->sliders; ++i) memset(p->slider[i].force, 0, sizeof p->slider->force);
-  clear(p->stored_values, K);
+  memset(K, 0, p->stored_values * sizeof(double));
   for (int k = 0; k < p->paddings; ++k) K[p->padding[k]] = 1;
   multiply_mass(p, w->D, w->scratch, K, 1, w->slope);
   for (int i = 0; i < p->dofs; ++i)

@@ -102,7 +102,7 @@ static void balance(const Problem *p, const Work *w) {
     work_increment(p, w);
     acceleration(p, w, w->dt);
     memset(w->f, 0, p->dofs * sizeof(double));
-    clear(p->stored_values, K);
+    memset(K, 0, p->stored_values * sizeof(double));
     for (int k = 0; k < p->paddings; ++k) K[p->padding[k]] = 1;
     inertia(p, w, w->r, K);
     assemble(p, w, K);

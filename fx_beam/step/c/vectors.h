@@ -73,14 +73,6 @@ static inline double product_of(int n, const double *x, const double *y) {
   return sum;
 }
 
-/* In the place of memset, which needs longer for a few thousand numbers. */
-static void clear(int n, double *x) {
-  int i = 0;
-#pragma GCC unroll 8
-  for (; i + 4 <= n; i += 4) *(Four *)(x + i) = (Four){0};
-  for (; i < n; ++i) x[i] = 0;
-}
-
 /* x += a - b */
 HOT void add_difference(int n, const double *restrict a, const double *restrict b, double *restrict x) {
   for (int i = 0; i < n; ++i) x[i] += a[i] - b[i];
