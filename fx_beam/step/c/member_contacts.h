@@ -5,7 +5,7 @@
 #include "member_curve.h"
 
 static inline void call(Law *law, const double *given, double *results, int values) {
-  clear(values, results);
+  memset(results, 0, values * sizeof(double));
   law(results, 0, given, 0, 0, 0, 0);
 }
 
