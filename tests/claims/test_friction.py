@@ -515,3 +515,18 @@ def test_a_contact_without_friction_has_no_slip():
     pressed = fb.simulate(scene, dt=1e-3, t_end=1e-2).contact(contact)
     with pytest.raises(ValueError, match="has no friction"):
         print(pressed.slip)
+
+
+@pytest.mark.parametrize("mass", (1.0, 2.0, 1e3))
+def test_bodies_on_a_pin_with_friction_fall_freely(mass):
+    # Of the force in the pin, which friction follows, only round-off of the weights is left.
+    scene = fb.Scene(gravity=(0, -G))
+    a = scene.add_body((0, 0), 1.0, 0.1, points={"pin": (0.5, 0)})
+    b = scene.add_body((1, 0), mass, 0.1, points={"pin": (0.5, 0)})
+    friction = fb.Coulomb(0.3, radius=0.05, stiffness=1e3)
+    pin = scene.add_joint(fb.Revolute(a["pin"], b["pin"], friction=friction))
+    motion = fb.simulate(scene, dt=0.01, t_end=0.5, max_halvings=0)
+    assert abs(motion.joint(pin).force).max() < 1e-12 * mass * G
+    assert np.allclose(
+        motion.displacement(b.centre)[:, 1], -G * motion.t**2 / 2, rtol=1e-12, atol=1e-15
+    )

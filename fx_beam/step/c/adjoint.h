@@ -87,7 +87,7 @@ static int vjp_solution(Problem *p, const Work *w, const Derivatives *a, const L
 /* The same with the derivatives by the forces that friction follows: those by internal variables that have them. */
 static int vjp_followed(Problem *p, Work *w, const Derivatives *a, Linear *l, const double *row, long k, double *x) {
   const Layout *at = &l->at;
-  begin_fixed_point(&l->following);
+  begin_fixed_point(&l->following, 0);
   for (int i = 0; i < MOST_TRIALS; ++i) {
     if (i && !begin_taped(p, w, a, row, l)) return 0;
     begin_forces(a, at, k, x);

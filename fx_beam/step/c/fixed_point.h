@@ -11,7 +11,9 @@ static const double SETTLED = 1e-13, ROUGHLY = 1e-6;
 /* Part of a secant that must be new. */
 static const double INDEPENDENT = 0.03;
 
-static inline void begin_fixed_point(FixedPoint *f) { f->trials = 0, f->change = HUGE_VAL; }
+static inline void begin_fixed_point(FixedPoint *f, double round_off) {
+  f->trials = 0, f->change = HUGE_VAL, f->round_off = round_off;
+}
 
 /* Corrects a trial, which is the values of the last one, by what the secants say of their changes, the newest first. */
 static inline void apply_secants(const FixedPoint *f, double *change, double *trial) {
@@ -38,7 +40,7 @@ static int next_trial(FixedPoint *f, const double *values, int still, double *tr
   for (int i = 0; i < n; ++i) size = fmax(size, fabs(values[i])), change = fmax(change, fabs(values[i] - trial[i]));
   int known = f->trials >= (n < SECANTS ? n : SECANTS);
   int stalls = known && change > 0.5 * f->change && (still || change <= ROUGHLY * size);
-  if (change <= SETTLED * size || stalls) return 0;
+  if (change <= SETTLED * fmax(size, f->round_off) || stalls) return 0;
   for (int i = 0; i < 2 * n; ++i) {
     double now = i < n ? values[i] - trial[i] : values[i - n];
     secant[i] = now - last[i], last[i] = now;

@@ -81,7 +81,7 @@ static void change_state(const Problem *p, const Work *w, const Derivatives *a, 
 static void jvp_group(const Problem *p, const Work *w, const Derivatives *a, Linear *l, int changes_mass, int forces, Changes *x) {
   const Layout *at = &l->at;
   forces |= p->friction_follows;
-  begin_fixed_point(&l->following);
+  begin_fixed_point(&l->following, 0);
   for (int i = 0; i <= MOST_TRIALS; ++i) {
     /* Whether the unknowns that are held, and nothing else, give the configuration at the end. */
     int held = !l->moves_joints && largest(p->driven * GROUP_SIZE, (const double *)(x + at->driven), 0) == 0;

@@ -100,7 +100,8 @@ static void audit(Problem *p, const Work *w, const double *change) {
 
 /* Finds the forces of joints that friction follows, and repeats the step with them. */
 static int follow_joints(Problem *p, Work *w, const double *driven) {
-  begin_fixed_point(&p->points->followed);
+  /* In free fall forces of joints are what round-off leaves of the loads. */
+  begin_fixed_point(&p->points->followed, fmax(largest(p->dofs, w->force, 0), largest(p->dofs, w->f, 0)));
   for (int k = 0, still = 0; k < MOST_TRIALS; ++k) {
     evaluate_nodes(p, w);
     find_joint_forces(p, w);
