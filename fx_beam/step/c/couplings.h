@@ -181,10 +181,14 @@ static void pass_forces(const Problem *p, int first, int end, double *on_nodes, 
 
 /* Forces of the joints on b, but for their moments, after `project` of the last residual; those on nodes are in `passed`. */
 static void pass_through_joints(const Problem *p, const Work *w) {
-  memcpy(w->passed, closed(p, w, with_carried(p, w)), p->dofs * sizeof(double));
+  double *on_nodes = memcpy(w->passed, with_carried(p, w), p->dofs * sizeof(double));
   memset(w->joint_forces, 0, 3 * p->scene_joints * sizeof(double));
-  pass_forces(p, 0, p->passes_of_forces, w->passed, w->joint_forces);
-  for (int k = 0; k < p->closures; ++k) w->joint_forces[p->closure_force[k]] += w->closing[k];
+  for (int k = 0; HAS(LOOPS) && k < p->closures; ++k) {
+    if (p->closure_b[k] >= 0) on_nodes[p->closure_b[k]] -= w->closing[k];
+    if (p->closure_a[k] >= 0) on_nodes[p->closure_a[k]] += w->closing[k];
+    w->joint_forces[p->closure_force[k]] += w->closing[k];
+  }
+  pass_forces(p, 0, p->passes_of_forces, on_nodes, w->joint_forces);
 }
 
 /* Completes the reduced tangent, in the storage of its factors, after `project` of the residual. */

@@ -259,17 +259,6 @@ static void carry_in_loops(const Problem *p, const Work *w, const double *r) {
   load_beams(p, w, r, w->columns);
 }
 
-/* Nodal forces with those of the closing joints, of the last residual. */
-static const double *closed(const Problem *p, const Work *w, const double *r) {
-  if (!HAS(LOOPS) || !p->closures) return r;
-  memcpy(w->closed, r, p->dofs * sizeof(double));
-  for (int k = 0; k < p->closures; ++k) {
-    if (p->closure_b[k] >= 0) w->closed[p->closure_b[k]] -= w->closing[k];
-    if (p->closure_a[k] >= 0) w->closed[p->closure_a[k]] += w->closing[k];
-  }
-  return w->closed;
-}
-
 /* The stiffness of closures as lengths, by the size of the tangent. It does no work where they are closed, and keeps the
    tangent of open loops regular, also without what borders it. */
 static double stiffness_of_closures(const Problem *p, const double *K) {
