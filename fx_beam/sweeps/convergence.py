@@ -97,7 +97,10 @@ def converge(
     Each run chooses its steps by a tolerance. From run to run either this tolerance is divided by
     four or the number of elements is doubled, whichever has changed the quantity more. This ends
     when half of the last change by the steps plus half of the last change by the mesh is below the
-    `tolerance`. The quantity must converge, which it does not in a chaotic motion.
+    `tolerance`. A change that is far smaller than the one before is chance: it counts as an eighth
+    of that by the steps, or as 1 / (2 4^degree) of that by the mesh. The quantity must converge,
+    which it does not in a chaotic motion. What none of the first runs sees, such as damage that
+    begins only on a finer mesh, is found as 0 with the error 0: begin with more `elements`.
 
     Parameters
     ----------
