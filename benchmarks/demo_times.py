@@ -5,7 +5,8 @@
 Each version computes its own demos, in processes that take turns. What a demo asks of `simulate`,
 `static` and other functions is done three times; the least processor time counts. A row is a demo:
 the times of both versions [s], their ratio, corrections by Newton's method, and the largest ratio
-of a call. Calls of other names are told, and those that a scene allows only once.
+of a call. Demos that ask for other analyses in the other version cannot be compared, nor those
+whose scene allows an analysis only once.
 """
 
 import importlib

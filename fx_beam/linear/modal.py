@@ -114,8 +114,8 @@ def _independent(parts: list[np.ndarray], scale: np.ndarray, apart: np.ndarray) 
     sizes = np.linalg.norm(columns, axis=0)
     unit_columns = columns[:, sizes > 0] / sizes[sizes > 0]
     basis, R, _ = scipy.linalg.qr(unit_columns, mode="economic", pivoting=True)
-    own = np.arange(len(scale))[:, None] == apart
-    return scale[:, None] * np.column_stack([basis[:, abs(R.diagonal()) > 1e-9], own])
+    alone = np.arange(len(scale))[:, None] == apart
+    return scale[:, None] * np.column_stack([basis[:, abs(R.diagonal()) > 1e-9], alone])
 
 
 def _nearer(K, C, M, root: complex, x: np.ndarray) -> np.ndarray:

@@ -126,9 +126,8 @@ class State:
 
     def released(self) -> State:
         """The state without what a scheme holds for the next step: its energy is lost."""
-        kept, held = {"q_previous": None, "length": 0.0, "algorithmic": 0.0}, self.algorithmic
-        losses = {"dissipated": self.dissipated + held, "numerical": self.numerical + held}
-        return self.changed(**kept, **losses)
+        losses = {of: getattr(self, of) + self.algorithmic for of in ("dissipated", "numerical")}
+        return self.changed(q_previous=None, length=0.0, algorithmic=0.0, **losses)
 
     @property
     def at_nodes(self) -> dict[str, np.ndarray]:

@@ -19,8 +19,8 @@ _FIRST, _FACTOR = 1e-2, 0.25
 _MOST = 10_000
 # Error of the finer of two runs, relative to their difference: at second order it is a third.
 _SHARE = 0.5
-# Largest factors by which an error falls in a refinement of the steps, and over 4^degree of the
-# mesh. A smaller change is chance: both runs are not yet in the range of their order.
+# An error falls at most by the first factor when the steps are refined, and by the second one times
+# 4^degree when the mesh is. If a change is smaller than that, it is chance.
 _FASTEST, _FASTEST_OF_MESH = 8.0, 2.0
 
 

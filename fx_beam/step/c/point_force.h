@@ -34,7 +34,7 @@ enum { SECANTS = 8, FIXED_POINT_ROWS = 4 * SECANTS + 2 };
 typedef struct {
   int size, trials; /* numbers; secants so far */
   double change;    /* the largest of the last trial */
-  double round_off; /* a size whose rounding errors they have at least */
+  double round_off; /* size of the loads, whose rounding errors they have */
   double *memory;   /* [FIXED_POINT_ROWS][size] */
 } FixedPoint;
 
