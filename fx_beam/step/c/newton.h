@@ -47,20 +47,35 @@ HOT void difference(int n, double age, double *restrict x, double *restrict old)
 /* The predictor is used up to this relative error in the previous step. */
 static const double PREDICTOR_ERROR = 0.4;
 
+/* Divided differences of an increment and those before, of orders 1 to PAST in their place, and of the next order. All orders
+   at once: in turn, each would wait for what the one before has stored. */
+INLINED void extend_differences(int n, int all, const double *restrict increment, const double *restrict per_age,
+                                double *restrict past, double *restrict highest) {
+#pragma GCC ivdep
+  for (int i = 0; i < n; ++i) {
+    double x = increment[i] * per_age[0];
+#pragma GCC unroll 4
+    for (int k = 0; k < PAST; ++k) {
+      double now = x;
+      x = (x - past[k * all + i]) * per_age[k + 1], past[k * all + i] = now;
+    }
+    highest[i] = x;
+  }
+}
+
 /* Adds an increment to the divided differences of the last configurations and unknowns. Returns the order of
    extrapolation with the least error in this step. */
 HOT int update_predictor(Problem *p, const Work *w) {
   int n = p->dofs, all = n + p->free, order = 0;
-  double dt = w->dt, ages[PAST + 1] = {dt}, product = dt, *left = w->scratch;
+  double dt = w->dt, ages[PAST + 1] = {dt}, per_age[PAST + 1] = {1 / dt}, product = dt, *highest = w->scratch;
   double best = PREDICTOR_ERROR * largest(n, w->D, p->per_unit);
-  for (int i = 0; i < n; ++i) left[i] = w->D[i] / dt;
-  for (int i = n; i < all; ++i) left[i] = w->z[i - n] / dt;
-  for (int k = 0; k < PAST; ++k) {
-    ages[k + 1] = p->ages[k] + dt;
-    difference(all, ages[k + 1], left, p->past + k * all);
-    product *= ages[k + 1];
-    double error = k < p->known_steps ? largest(n, left, p->per_unit) * fabs(product) : HUGE_VAL;
-    if (error <= best) best = error, order = k + 1;
+  for (int k = 0; k < PAST; ++k) ages[k + 1] = p->ages[k] + dt, per_age[k + 1] = 1 / ages[k + 1];
+  extend_differences(n, all, w->D, per_age, p->past, highest);
+  extend_differences(p->free, all, w->z, per_age, p->past + n, highest + n);
+  for (int k = 1; k <= PAST && k <= p->known_steps; ++k) {
+    product *= ages[k];
+    double error = largest(n, k < PAST ? p->past + k * all : highest, p->per_unit) * fabs(product);
+    if (error <= best) best = error, order = k;
   }
   memcpy(p->ages, ages, PAST * sizeof(double));
   ++p->known_steps;
