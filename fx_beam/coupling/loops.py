@@ -116,9 +116,6 @@ class Loops:
         closed = [(one.joint, one.component) for one in self.closures]
         near = np.empty(couplings.columns, dtype=int)
         near[self.columns] = np.arange(len(self.columns))
-        column, dof, _, _ = couplings.free_columns
-        dofs = np.full(couplings.columns, -1)
-        dofs[column] = dof
         at_rest = [joint.arm if joint.place is None else joint.apart for joint in moving]
         sizes, widths = map(np.diff, self._block_starts)
         return {
@@ -129,7 +126,6 @@ class Loops:
             "part_size": int(sizes @ sizes),
             "pivoting_size": int((sizes * widths).max()),
             "loop_column": self.columns,
-            "loop_dof": dofs[self.unknowns],
             "loop_unit": self.unit[self.unknowns],
             "following": np.zeros(len(self), dtype=int),
             # -1 for the ground, whose number is -1.

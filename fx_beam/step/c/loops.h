@@ -199,14 +199,6 @@ static int begin_loops(const Problem *p, const Work *w) {
   return choose_following(p, w);
 }
 
-/* Out of a singular position a step goes on with the motion: increments of the loops' unknowns. */
-static void go_on(const Problem *p, const Work *w) {
-  for (int j = 0; j < p->loop_free; ++j) {
-    int dof = p->loop_dof[j];
-    if (dof >= 0) w->z[p->loop_column[j]] = w->dt * p->v[dof];
-  }
-}
-
 /* The derivatives of the closures at an increment, for which the unknowns that follow are corrected. Returns whether they are
    closed. */
 static int correct_loops(const Problem *p, const Work *w, double *last) {

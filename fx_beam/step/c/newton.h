@@ -206,19 +206,16 @@ static void set_driven(const Problem *p, const double *driven, double factor, do
   for (int i = 0; i < p->driven; ++i) columns[p->free + i] = factor * driven[i];
 }
 
-/* Predicts the unknowns with an order, 0 for none, which loops may choose; returns why they give no configuration. */
+/* Predicts the unknowns with an order, 0 for none; out of a singular position a step goes on with the last motion. Returns why
+   they give no configuration. */
 static int predict(Problem *p, const Work *w, const double *driven, int *order) {
-  int all = p->dofs + p->free;
+  int all = p->dofs + p->free, singular = !begin_couplings(p, w);
   double factor = w->dt;
+  if (singular && !*order) *order = 1;
   if (*order != GO_ON) memset(w->z, 0, p->columns * sizeof(double));
   for (int k = 0; k < *order; factor *= w->dt + p->ages[k++]) add_times(p->free, factor, p->past + k * all + p->dofs, w->z);
   if (*order > 0) set_driven(p, driven, 1, w->z);
-  if (!begin_couplings(p, w) && HAS(LOOPS)) {
-    if (!*order) go_on(p, w);
-    *order = 1;
-    set_driven(p, driven, 1, w->z);
-    if (!choose_ahead(p, w)) return OUT_OF_LINE;
-  }
+  if (HAS(LOOPS) && singular && !choose_ahead(p, w)) return OUT_OF_LINE;
   return expand(p, w) ? OK : OPEN_LOOP;
 }
 

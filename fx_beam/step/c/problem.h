@@ -208,7 +208,7 @@ typedef struct {
     double *closure_sign;
     int *closure_auxiliary_start, *closure_auxiliary;
     int *closure_start, *closure_near;
-    int *loop_column, *loop_dof; /* columns of the scene; degrees of freedom that are equal to them, or -1 */
+    int *loop_column;   /* columns of the scene */
     double *loop_unit, *arm_at_rest; /* units of columns; arms in the reference */
     double *closure_length, closure_closed; /* what makes lengths of closures, as some are angles; length of a closed one */
     int *block_closure, *block_column, *block_part; /* [blocks + 1] where each begins, the last in its factors */
