@@ -61,6 +61,12 @@ class Loops:
         self._entries = Entries.of((k, one.entries) for k, one in enumerate(self.closures))
         #: In compressed rows the columns on which each closure depends.
         self._near = by_others[order]
+        moved = scipy.sparse.csgraph.maximum_bipartite_matching(
+            self._near[:, : couplings.free], perm_type="column"
+        )
+        #: Of each closure an unknown of the linear system on which its force acts, each another
+        #: one; -1 for none.
+        self.acts_on = np.where(moved < 0, -1, couplings.system[1][moved])
         passes = abs(passed[order, :count]) > _ROUNDING
         #: Entries of auxiliary unknowns of each, in the order in which they are collected.
         self._auxiliaries = [auxiliaries.entries_of(of_closure) for of_closure in passes]

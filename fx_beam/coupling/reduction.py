@@ -76,8 +76,9 @@ class Reduction:
         #: Number of unknowns, of driven columns (prescribed, motors), and of all with fixed ones.
         self.free, self.driven = couplings.free, couplings.driven
         self.columns = couplings.columns
-        #: Number of forces that close loops, which are unknowns of the loop in C behind the others.
-        self.forces = 0 if loops is None else len(loops)
+        #: Of forces that close loops, which are unknowns of the loop in C behind the others, an
+        #: unknown on which each acts.
+        self.forces = np.empty(0, dtype=int) if loops is None else loops.acts_on
         self.auxiliaries = auxiliaries
         self._rates, self._points = rates, points
         self._size, self._full = matrix.shape[0], (matrix, used)
@@ -158,7 +159,7 @@ class Reduction:
     @cached_property
     def equates(self) -> bool:
         """Whether supports and joints only make degrees of freedom equal."""
-        return self.couplings.is_index and not (self.forces or len(self._points.columns))
+        return self.couplings.is_index and not (len(self.forces) or len(self._points.columns))
 
     @property
     def dependent(self) -> np.ndarray | None:

@@ -18,6 +18,7 @@ from fx_beam.fem.sparsity import starts_of
 _GROUP = 3
 # Values of a row of a chain, and position of its couplings with its own group (chain.h).
 _ROW, _OWN = 12, 4
+_NONE = np.empty(0, dtype=int)
 
 
 class Costs(NamedTuple):
@@ -58,7 +59,7 @@ class Factors(NamedTuple):
     rows: dict[str, Any] = {}
     #: Number of groups of three unknowns in a row, and diagonals of those that are not there.
     chain: int = 0
-    padding: np.ndarray = np.empty(0, dtype=int)
+    padding: np.ndarray = _NONE
     #: Substitutions that cost as much as a factorisation; 0 if factors are not kept.
     worth: int = 0
     #: Time of a correction by Newton's method, relative to that of a multiplication.
@@ -78,7 +79,7 @@ def factors_of(
     indptr: np.ndarray,
     indices: np.ndarray,
     dependent: np.ndarray | None = None,
-    forces: int = 0,
+    forces: np.ndarray = _NONE,
     keep: bool = True,
     sparse: bool = True,
     costs: Costs = COSTS,
@@ -86,14 +87,14 @@ def factors_of(
     """Storage in sparse rows, to keep if it pays; or in a band if its corrections cost less.
 
     With auxiliary unknowns (`Reduction.dependent`) sparse rows are from the leaves of trees to the
-    roots. The last unknowns may be forces without a stiffness, which come after all with which they
-    are coupled. Then, or if they shall be `sparse`, there is no band.
+    roots. The last unknowns may be forces without a stiffness. They come after all with which they
+    are coupled, and after one unknown each on which they act, each another one: then pivots do not
+    vanish but by chance. -1 is none. Then, or if they shall be `sparse`, there is no band.
     """
     if len(indptr) == 1:  # nothing is unknown
-        none = np.empty(0, dtype=int)
-        return Factors(none, none, 0, 1)
+        return Factors(_NONE, _NONE, 0, 1)
     graph, rows = graph_of(indptr, indices), np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
-    sparse = sparse or dependent is not None or forces > 0
+    sparse = sparse or dependent is not None or len(forces) > 0
     band_cost = np.inf
     if not sparse:
         banded = _in_band(graph, rows, indices)
@@ -101,7 +102,7 @@ def factors_of(
             return banded
         band_cost = len(banded.order) * banded.band * (banded.band + 1 + costs.band_entry)
     groups = groups_of(graph, dependent, forces)
-    if dependent is None and not forces:
+    if dependent is None and not len(forces):
         groups |= _one_by_one(_minimum_degree(groups["graph_start"], groups["graph"]))
     in_rows = _with_cost(_eliminated(groups, rows, indices), len(indices), keep, costs)
     return in_rows if in_rows.cost < band_cost else banded
@@ -173,28 +174,30 @@ def _in_chain(order: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> Facto
 
 
 def groups_of(
-    graph: scipy.sparse.csr_matrix, dependent: np.ndarray | None = None, forces: int = 0
+    graph: scipy.sparse.csr_matrix,
+    dependent: np.ndarray | None = None,
+    forces: np.ndarray = _NONE,
 ) -> dict[str, Any]:
     """What an order of elimination is found from, by the names of sparse_rows.h.
 
     With auxiliary unknowns and forces as in `factors_of`.
     """
-    group_of = _alike(graph, dependent, forces)
+    group_of = _alike(graph, dependent, len(forces))
     n, count = len(group_of), int(group_of.max()) + 1
     members = scipy.sparse.csr_matrix((np.ones(n), group_of, np.arange(n + 1)), (n, count))
     coupled = (members.T @ graph @ members).tocsr().tocoo()
     apart = coupled.row != coupled.col
     row, column = coupled.row[apart], coupled.col[apart]
-    # Forces wait for all unknowns with which they are coupled, others for auxiliary unknowns.
-    last = np.unique(group_of[n - forces :])
+    # Forces wait as in `factors_of`, others for auxiliary unknowns.
+    at_end = group_of[n - len(forces) :]
+    last = np.unique(at_end)
     of_forces = np.isin(row, last) & ~np.isin(column, last)
-    first, then = column[of_forces], row[of_forces]
+    acting = forces >= 0
+    first = np.append(column[of_forces], group_of[forces[acting]])
+    then = np.append(row[of_forces], at_end[acting])
     if dependent is not None:
         auxiliary, on = group_of[dependent]
-        # Forces on auxiliary unknowns alone have no pivot before what these depend on.
-        alone = ~np.isin(then, then[~np.isin(first, auxiliary)])
-        k, at = np.nonzero(first[alone][:, None] == auxiliary)
-        first, then = np.hstack([(first, then), (on[at], then[alone][k]), (auxiliary, on)])
+        first, then = np.append(first, auxiliary), np.append(then, on)
     pairs = first.astype(np.int64) * count + then
     first, then = np.divmod(np.unique(pairs[first != then]), count)
     return {

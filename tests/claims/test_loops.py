@@ -203,6 +203,62 @@ def plank(end):
     return scene, scene.add_joint(end(fb.GROUND, body["b"]))
 
 
+def pinned_at_random(seed, factor=1.0):
+    """Bodies with pins at random, in several loops; an output; derivatives of the pins' equations."""
+    random = np.random.default_rng(seed)
+    count = int(random.integers(4, 16))
+    loops = int(random.integers(1, max(2, (count - 1) // 2) + 1))
+    centres = random.uniform(-1, 1, (count, 2))
+    pins = []
+    for b in range(count):
+        place = random.uniform(-1, 1, 2)
+        pins.append((int(random.integers(-1, b)) if b else -1, b, place))
+    for _ in range(loops):
+        a, b = random.choice(count, 2, replace=False)
+        pins.append((int(a), int(b), random.uniform(-1, 1, 2)))
+    scene, bodies = fb.Scene(gravity=GRAVITY), []
+    for i, centre in enumerate(centres):
+        points = {str(k): tuple(pin[2]) for k, pin in enumerate(pins) if i in pin[:2]}
+        mass, inertia = 10 ** random.uniform(-1, 1), 10 ** random.uniform(-2, 0)
+        bodies.append(scene.add_body(tuple(centre), factor * mass, inertia, points=points))
+    order = np.arange(len(pins)) if random.random() < 0.5 else random.permutation(len(pins))
+    for k in order:
+        ends = (fb.GROUND if i < 0 else bodies[i][str(k)] for i in pins[k][:2])
+        scene.add_joint(fb.Revolute(*ends))
+    G = np.zeros((len(pins), 2, count, 3))
+    for k, (a, b, place) in enumerate(pins):
+        for i, sign in ((a, -1), (b, 1)):
+            x, y = place - centres[i]
+            if i >= 0:
+                G[k, :, i] = sign * np.array([(1, 0, -y), (0, 1, x)])
+    return scene, {"place": fb.Output("position", bodies[-1][str(count - 1)])}, G
+
+
+# Pivots of the last ones were zero, by chance or by what was eliminated before them.
+@pytest.mark.parametrize("seed", [*range(40), 80, 372, 849])
+def test_linkages_of_several_loops_move_unless_a_pin_is_redundant(seed):
+    scene, _, G = pinned_at_random(seed)
+    pins, _, count, _ = G.shape
+    rank = np.linalg.matrix_rank(G.reshape(2 * pins, 3 * count), tol=1e-6)
+    if rank < 2 * pins:
+        with pytest.raises(fb.SceneError, match="over-constrained"):
+            run(scene, dt=0.002, t_end=0.02)
+        return
+    assert_balanced(scene, dt=0.002, t_end=0.02)
+
+
+@pytest.mark.parametrize("seed", [80, 372, 849])
+def test_linkages_of_several_loops_have_derivatives(seed):
+    response = fb.Response(lambda x: pinned_at_random(seed, x[0])[:2], dt=0.002, t_end=0.02)
+    at = [response([1.0 + h])[1]["place"] for h in (-2e-3, -1e-3, 1e-3, 2e-3)]
+    difference = (8 * (at[2] - at[1]) - (at[3] - at[0])) / 0.012
+    response([1.0])
+    by_mass = response.jacobian()["place"][..., 0]
+    assert by_mass == pytest.approx(difference, rel=1e-7, abs=1e-8 * largest(difference))
+    weights = {"place": np.ones_like(difference)}
+    assert response.vjp(weights) == pytest.approx([by_mass.sum()], rel=1e-11)
+
+
 def test_a_plank_on_two_supports_has_their_forces_and_cannot_move():
     scene, roller = plank(lambda a, b: fb.PinInSlot(a, b, axis=(1, 0)))
     for solution in (fb.static(scene, load_steps=1), run(scene, t_end=0.02)):

@@ -367,14 +367,16 @@ static void linearise(const Problem *p, const Work *w, const Derivatives *a, Lin
 static int factorise_for_directions(Problem *p, const Work *w) {
   memset(w->y, 0, p->positions * sizeof(double));
   for (int i = 0; i < p->positions; ++i) reach(p, w, i);
-  return factorise_tangent(p, w, 1);
+  p->raised = !factorise_tangent(p, w, 1);
+  return !p->raised || solve_raised(p, w, 0, 0);
 }
 
 /* Solves for the right sides of the block, by the tangent's factors. */
 static void solve_right_sides(const Problem *p, const Work *w, const Linear *l) {
   Work of_block = *w;
   double *x = of_block.block = (double *)l->block, *g = (double *)l->on_bordering_rows;
-  solve_columns(p, &of_block, 1);
+  if (p->raised) solve_raised(p, w, GROUP_SIZE, x);
+  else solve_columns(p, &of_block, 1);
   if (!HAS(SLIDERS) || !p->bordering_rows) return;
   memset(g, 0, p->bordering_rows * sizeof(Changes));
   pass_on(p, GROUP_SIZE, 0, x, g);

@@ -212,40 +212,43 @@ static void begin_reused(ReusedFactors *reused) {
 enum { RAISED = 24 };
 static const double NO_PIVOT = 1e-14;
 
-/* Where pivots vanish, which those of a regular matrix may do that is not positive definite: b is added to them, and
+/* Where pivots vanish, which those of a regular matrix may do that is not positive definite: b_i is added to them, a stiffness or
+   for forces that close loops what these yield, and
 
-       A x = r + b sum e_i x_i,    (A with b on the diagonals i)
+       A x = r + sum b_i e_i x_i,    (A with b_i on the diagonals i)
 
-   gives the solution from those for r and all e_i. Returns 0 if the matrix is singular. */
-static int solve_raised(Problem *p, const Work *w) {
+   gives the solution from those for r and all e_i. In place of right sides x, [position][side]; returns 0 if the matrix is
+   singular. */
+static int solve_raised(const Problem *p, const Work *w, int sides, double *x) {
   int n = p->unknowns, at[RAISED], row[RAISED], many = 0, regular = 0;
-  double most = 0, least = HUGE_VAL, S[RAISED * RAISED], x[RAISED];
+  double most = 0, least = HUGE_VAL, S[RAISED * RAISED], raised[RAISED], of_raised[RAISED];
   const SparseRows *rows = p->rows;
-  const int *order = p->order;
-  if (p->bordering_rows || p->band) return 0;
+  if (HAS(CHAIN | BAND) || p->bordering_rows) return 0;
   double b = largest(p->tangent_start[n], w->tangent, 0);
-  while (!regular && many < RAISED && b > 0) {
-    at[many++] = w->row[0];
+  while (b > 0) {
     fill_factors(p, w);
-    for (int i = 0; i < many; ++i) rows->factors[rows->diagonal[at[i]]] += b;
-    regular = factorise_sparse(rows, w->row);
+    for (int i = 0; i < many; ++i) rows->factors[rows->diagonal[at[i]]] += raised[i];
+    if ((regular = factorise_sparse(rows, w->row)) || many == RAISED) break;
+    at[many] = w->row[0], raised[many] = b;
+    for (int i = 0; i < p->closures; ++i)
+      if (p->order[n - p->closures + i] == at[many]) raised[many] = -1 / (b * p->closure_length[i] * p->closure_length[i]);
+    ++many;
   }
   double *y = regular ? calloc((long)n * (many + 1), sizeof(double)) : 0, *z = y + n;
   if (!y) return 0;
-  for (int i = 0; i < p->free; ++i) y[order[i]] = w->reduced[i];
-  for (int j = 0; j < many; ++j) z[(long)j * n + at[j]] = b;
-  for (int j = 0; j <= many; ++j) substitute_sparse(rows, y + (long)j * n);
+  for (int j = 0; j < many; ++j) z[(long)j * n + at[j]] = raised[j], substitute_sparse(rows, z + (long)j * n);
   for (int i = 0; i < many; ++i)
     for (int j = 0; j < many; ++j) S[i * many + j] = (i == j) - z[(long)j * n + at[i]];
   factorise_band(many, many, many, S, row);
-  for (int i = 0; i < many; ++i) {
+  for (int i = 0; i < many; ++i)
     most = fmax(most, fabs(S[row[i] * many + i])), least = fmin(least, fabs(S[row[i] * many + i]));
-    x[i] = y[at[i]];
-  }
-  solve_band_rows(1, many, many, many, S, row, x);
-  for (int i = 0; i < p->free; ++i) {
-    w->step[i] = y[order[i]];
-    for (int j = 0; j < many; ++j) w->step[i] += z[(long)j * n + order[i]] * x[j];
+  for (int side = 0; side < sides; ++side) {
+    for (int i = 0; i < n; ++i) y[i] = x[i * sides + side];
+    substitute_sparse(rows, y);
+    gather(many, y, at, of_raised);
+    solve_band_rows(1, many, many, many, S, row, of_raised);
+    for (int j = 0; j < many; ++j) add_times(n, of_raised[j], z + (long)j * n, y);
+    for (int i = 0; i < n; ++i) x[i * sides + side] = y[i];
   }
   free(y);
   return least > NO_PIVOT * fmax(most, 1);
@@ -264,7 +267,10 @@ static int solve_reduced(Problem *p, const Work *w, const Convergence *c, double
     if (HAS(SLIDERS) && p->bordering_rows) fill_bordering_rows(p, w);
   }
   if (!factorise_tangent(p, w, 0)) {
-    p->raised = p->at_rest && solve_raised(p, w) ? 1 : -1;
+    memset(w->y, 0, p->positions * sizeof(double));
+    for (int i = 0; i < p->free; ++i) w->y[p->order[i]] = w->reduced[i];
+    p->raised = solve_raised(p, w, 1, w->y) ? 1 : -1;
+    gather(p->free, w->y, p->order, w->step);
     if (p->raised > 0 || !p->at_rest || largest(p->free, w->reduced, 0) > 0) return p->raised > 0;
     memset(w->step, 0, p->free * sizeof(double)); /* a straight path that bifurcates needs no correction */
     return 1;
