@@ -202,7 +202,6 @@ def groups_of(
     first, then = np.divmod(np.unique(pairs[first != then]), count)
     return {
         "groups": count,
-        "forces": len(last),
         "group_of": group_of,
         "first_unknown": starts_of(np.bincount(group_of)),
         "unknown": np.argsort(group_of, kind="stable"),

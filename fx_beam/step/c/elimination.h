@@ -47,16 +47,15 @@ static void take_out(Degrees *d, int g) {
   if (d->next[g] >= 0) d->previous[d->next[g]] = d->previous[g]; else d->tail[d->degree[g]] = d->previous[g];
 }
 
-/* Behind those of the same degree, so that several chains are eliminated in turns: the processor overlaps them. Forces come
-   after unknowns of the same degree, without which they may have no pivot. Returns the least degree, which was another
-   one before. */
+/* Behind those of the same degree, so that several chains are eliminated in turns: the processor overlaps them. Returns the
+   least degree, which was another one before. */
 static int put_in(const Elimination *e, Degrees *d, int g, int least) {
   const IntList *list = e->near_to + g;
   if (d->waits[g]) return least;
-  d->degree[g] = g >= e->groups - e->forces;
-  for (int i = 0; i < list->count; ++i) d->degree[g] += e->first_unknown[list->of[i] + 1] - e->first_unknown[list->of[i]];
-  int degree = d->degree[g], last = d->tail[degree];
-  d->previous[g] = last, d->next[g] = -1, d->tail[degree] = g;
+  int degree = 0;
+  for (int i = 0; i < list->count; ++i) degree += e->first_unknown[list->of[i] + 1] - e->first_unknown[list->of[i]];
+  int last = d->tail[degree];
+  d->degree[g] = degree, d->previous[g] = last, d->next[g] = -1, d->tail[degree] = g;
   if (last >= 0) d->next[last] = g; else d->head[degree] = g;
   return degree < least ? degree : least;
 }

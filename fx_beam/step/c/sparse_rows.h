@@ -14,11 +14,10 @@ typedef struct {
   int *of, count, room;
 } IntList;
 
-/* Groups of unknowns with equal columns, the last of which are forces, their graph, and those that wait until others are
-   eliminated. Then what
-   is found from them (elimination.h): lists of what each group is coupled with, the order, and the rows. */
+/* Groups of unknowns with equal columns, their graph, and those that wait until others are eliminated. Then what is found from
+   them (elimination.h): lists of what each group is coupled with, the order, and the rows. */
 typedef struct {
-  int groups, forces, *group_of, *first_unknown, *unknown, *graph_start, *graph, *waits, *waiting_start, *waiting;
+  int groups, *group_of, *first_unknown, *unknown, *graph_start, *graph, *waits, *waiting_start, *waiting;
   struct { IntList *near_to; };
   struct { int *order, *work, *position; };
   SparseRows rows;
