@@ -204,7 +204,7 @@ def plank(end):
 
 
 def pinned_at_random(seed, factor=1.0):
-    """Bodies with pins at random, in several loops; an output; derivatives of the pins' equations."""
+    """Bodies with pins at random, in loops; an output; derivatives of the equations of the pins."""
     random = np.random.default_rng(seed)
     count = int(random.integers(4, 16))
     loops = int(random.integers(1, max(2, (count - 1) // 2) + 1))
