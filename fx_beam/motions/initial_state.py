@@ -27,6 +27,9 @@ _TOLERANCE, _STALLED = 1e-10, 1e-6
 _MOST_CORRECTIONS = 100
 # Longest turn of a node in a correction [rad].
 _LONGEST_TURN = 0.5
+# Times in which massless parts find their equilibrium, in steps. Where several unknowns move one
+# mass, stiffnesses are round-off beside its inertia in the shortest one.
+_SHORTEST, _SHORT = 1e-9, 1e-3
 
 # Forces where there is no mass that are round-off, relative to the largest force.
 _NONE = 1e-9
@@ -39,27 +42,39 @@ _ADVICE = "Give compatible velocities to all members, or call scene.make_velocit
 
 
 def _settled(model: Model, state: State, force: np.ndarray, dt: float) -> State:
-    """The state with massless parts in equilibrium under dead forces (size,), by Newton's method.
+    """The state with massless parts in equilibrium under dead forces (size,).
 
-    In a time so short that mass and dampers hold all others. The state itself if that fails, or
-    with internal variables, whose flow would depend on the way.
+    The state itself if that fails, or with internal variables, whose flow would depend on the way.
     """
-    from fx_beam.step.equations import Equations
-
     if state.internal is not None or state.spring_internal is not None:
         return state
-    equations, reduction, zero = Equations(model), model.reduction, np.zeros(model.size)
-    now, last = replace(state, v=zero, a=zero), np.inf
+    has_mass, reduction = ~model.massless, model.reduction
+    shared = reduction.moves(has_mass) & ~reduction.moves_alone(has_mass)
+    for part in (_SHORT, _SHORTEST) if shared.any() else (_SHORTEST,):
+        if (settled := _balanced(model, state, force, part * dt)) is not None:
+            return settled
+    _log.warning(_NOT_SETTLED)
+    return state
+
+
+def _balanced(model: Model, state: State, force: np.ndarray, time: float) -> State | None:
+    """The same by Newton's method, in a time so short that mass and dampers hold all others."""
+    from fx_beam.step.equations import Equations
+
+    equations, reduction, still = Equations(model), model.reduction, np.zeros(model.size)
+    now, last, level = replace(state, a=still), np.inf, model.scheme.rates.level
     for _ in range(_MOST_CORRECTIONS):
-        equations.begin(instant(now.t, 1e-9 * dt), now)
+        # What has mass returns to its place, from which a correction along its path leads away.
+        now.v = np.where(model.massless, 0.0, (state.q - now.q) / (level * time))
+        equations.begin(instant(now.t, time), now)
         residual = equations.at_start(force).residual[: reduction.free]
         w, independent = np.zeros(reduction.columns), reduction.independent
         try:
-            # The tangent is that of the scheme's level in the step.
+            # The stiffness is that of the scheme's level in the step.
             factors = scipy.sparse.linalg.splu(equations.tangent().tocsc())
         except RuntimeError:  # it is singular
-            break
-        w[independent] = -model.scheme.rates.level * factors.solve(residual[independent])
+            return None
+        w[independent] = -level * factors.solve(residual[independent])
         y = reduction.completed(w)[: reduction.free]
         D = reduction.expand(y, np.zeros(reduction.driven))
         turn = abs(D[model.turns]).max()
@@ -68,14 +83,13 @@ def _settled(model: Model, state: State, force: np.ndarray, dt: float) -> State:
             D = reduction.expand(y, np.zeros(reduction.driven))
         size = abs(D / model.unit).max()
         if not np.isfinite(size):
-            break
+            return None
         slides = now.slides + model.couplings.free_slides(y, len(now.slides))
         now = replace(now, q=now.q + D, slides=slides)
         if size <= _TOLERANCE or _STALLED >= size > 0.5 * last:
             return replace(state, q=now.q, slides=now.slides)
         last = size
-    _log.warning(_NOT_SETTLED)
-    return state
+    return None
 
 
 class Starts:

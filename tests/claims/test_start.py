@@ -330,6 +330,48 @@ def test_what_hangs_on_a_mass_follows_it_at_its_own_stretch(scheme):
     assert x == pytest.approx(force / k * (1 - np.cos(omega * found.t)), abs=0.02 * force / k)
 
 
+def beside_its_end(held):
+    """A mass without rotary inertia beside the end of a beam that a moment and a force bend."""
+    scene, beam = massless_cantilever()
+    bob = scene.add_body((1.2, 0.2), mass=0.5).centre
+    if held:
+        scene.pin(bob)
+    scene.add_joint(fb.Rigid(beam.end, bob, offset=(0.2, 0.2)))
+    scene.add_moment(beam.end, 5.0)
+    scene.add_force(beam.nodes[1], (0.0, 10.0))
+    return scene
+
+
+def along_it(held):
+    """Two masses that slide along a beam with natural strains."""
+    scene, beam = massless_cantilever()
+    for joint, node in ((fb.Slider, beam.nodes[1]), (fb.Sleeve, beam.nodes[3])):
+        bead = scene.add_body((node.x, node.y), mass=0.5, inertia=0.03).centre
+        if held:
+            scene.clamp(bead)
+        scene.add_joint(joint(beam, bead))
+    scene.add_natural_strain(beam, axial=1e-3, curvature=lambda f: 0.5 * f)
+    return scene
+
+
+def massless_cantilever():
+    scene = fb.Scene(gravity=(0, -9.81))
+    beam = scene.add_beam([(0, 0), (1, 0)], LIGHT, elements=4)
+    scene.clamp(beam.start)
+    return scene, beam
+
+
+@pytest.mark.parametrize("dt", [1e-5, 0.02])
+@pytest.mark.parametrize("scheme", SCHEMES, ids=lambda scheme: scheme.name)
+@pytest.mark.parametrize("masses", [beside_its_end, along_it])
+def test_a_massless_beam_begins_as_if_the_masses_that_it_carries_were_held(masses, scheme, dt):
+    found = fb.simulate(masses(held=False), scheme, dt=dt, t_end=4 * dt)
+    held = fb.static(masses(held=True))
+    (nodes,) = held.nodes_of_beam.values()
+    assert found.q[0, nodes] == pytest.approx(held.q[-1, nodes], abs=1e-7)
+    assert len(found.t) == 5
+
+
 def test_a_massless_slide_starts_where_its_spring_balances_the_force():
     scene = fb.Scene()
     guide = scene.add_beam([(0, 0), (1, 0)], fb.Section(1e4, 1e4, 10.0, 1.0, 0.1), elements=2)
