@@ -27,9 +27,9 @@ _TOLERANCE, _STALLED = 1e-10, 1e-6
 _MOST_CORRECTIONS = 100
 # Longest turn of a node in a correction [rad].
 _LONGEST_TURN = 0.5
-# Times in which massless parts find their equilibrium, in steps. Where several unknowns move one
-# mass, stiffnesses are round-off beside its inertia in the shortest one.
-_SHORTEST, _SHORT = 1e-9, 1e-3
+# Part of the masses that holds them while massless parts find their equilibrium, where several
+# unknowns move one mass: beside all of it, in so short a time, stiffnesses would be round-off.
+_LITTLE = 1e-12
 
 # Forces where there is no mass that are round-off, relative to the largest force.
 _NONE = 1e-9
@@ -42,30 +42,23 @@ _ADVICE = "Give compatible velocities to all members, or call scene.make_velocit
 
 
 def _settled(model: Model, state: State, force: np.ndarray, dt: float) -> State:
-    """The state with massless parts in equilibrium under dead forces (size,).
+    """The state with massless parts in equilibrium under dead forces (size,), by Newton's method.
 
-    The state itself if that fails, or with internal variables, whose flow would depend on the way.
+    In a time so short that mass and dampers hold all others. The state itself if that fails, or
+    with internal variables, whose flow would depend on the way.
     """
-    if state.internal is not None or state.spring_internal is not None:
-        return state
-    has_mass, reduction = ~model.massless, model.reduction
-    shared = reduction.moves(has_mass) & ~reduction.moves_alone(has_mass)
-    for part in (_SHORT, _SHORTEST) if shared.any() else (_SHORTEST,):
-        if (settled := _balanced(model, state, force, part * dt)) is not None:
-            return settled
-    _log.warning(_NOT_SETTLED)
-    return state
-
-
-def _balanced(model: Model, state: State, force: np.ndarray, time: float) -> State | None:
-    """The same by Newton's method, in a time so short that mass and dampers hold all others."""
     from fx_beam.step.equations import Equations
 
-    equations, reduction, still = Equations(model), model.reduction, np.zeros(model.size)
-    now, last, level = replace(state, a=still), np.inf, model.scheme.rates.level
+    if state.internal is not None or state.spring_internal is not None:
+        return state
+    reduction, still, has_mass = model.reduction, np.zeros(model.size), ~model.massless
+    shared = reduction.moves(has_mass) & ~reduction.moves_alone(has_mass)
+    equations = Equations(model, inertia=_LITTLE if shared.any() else 1.0)
+    time, level = 1e-9 * dt, model.scheme.rates.level
+    now, last = replace(state, a=still), np.inf
     for _ in range(_MOST_CORRECTIONS):
         # What has mass returns to its place, from which a correction along its path leads away.
-        now.v = np.where(model.massless, 0.0, (state.q - now.q) / (level * time))
+        now.v = np.where(has_mass, (state.q - now.q) / (level * time), 0.0)
         equations.begin(instant(now.t, time), now)
         residual = equations.at_start(force).residual[: reduction.free]
         w, independent = np.zeros(reduction.columns), reduction.independent
@@ -73,7 +66,7 @@ def _balanced(model: Model, state: State, force: np.ndarray, time: float) -> Sta
             # The stiffness is that of the scheme's level in the step.
             factors = scipy.sparse.linalg.splu(equations.tangent().tocsc())
         except RuntimeError:  # it is singular
-            return None
+            break
         w[independent] = -level * factors.solve(residual[independent])
         y = reduction.completed(w)[: reduction.free]
         D = reduction.expand(y, np.zeros(reduction.driven))
@@ -83,13 +76,14 @@ def _balanced(model: Model, state: State, force: np.ndarray, time: float) -> Sta
             D = reduction.expand(y, np.zeros(reduction.driven))
         size = abs(D / model.unit).max()
         if not np.isfinite(size):
-            return None
+            break
         slides = now.slides + model.couplings.free_slides(y, len(now.slides))
         now = replace(now, q=now.q + D, slides=slides)
         if size <= _TOLERANCE or _STALLED >= size > 0.5 * last:
             return replace(state, q=now.q, slides=now.slides)
         last = size
-    return None
+    _log.warning(_NOT_SETTLED)
+    return state
 
 
 class Starts:

@@ -42,7 +42,7 @@ class Equations:
     In statics, functions of time are evaluated at one `time` [s], and the scene may rest in a frame
     that turns. ``natural(end)`` gives the natural strains at the end of a step; without, they are
     those at its start. A `problem` may be that of a loop; otherwise it is made, without masses if
-    it is not `inert`.
+    it is not `inert`, or with a part of their `inertia`.
     """
 
     def __init__(
@@ -53,12 +53,14 @@ class Equations:
         natural: Callable[[float], np.ndarray | None] | None = None,
         problem: Problem | None = None,
         inert: bool = True,
+        inertia: float = 1.0,
     ):
         self.model, self._time, self._natural = model, time, natural
         if problem is None:
             # The loop of a motion has another storage, whose library is there already.
             bare = model.scheme.rates.at_rest or not inert
-            problem = Problem.of(model, NewtonOptions(), turning is not None, True, bare)
+            given = NewtonOptions(), turning is not None, True, bare, False, inertia
+            problem = Problem.of(model, *given)
             problem.hand_over_ends(turning)
             problem.c.at_rest |= not inert
         self._problem, self._c, self._library = problem, problem.c, problem.library

@@ -44,7 +44,8 @@ _OF_EQUATIONS = "internal_forces", "drag"
 class Problem:
     """The C struct Problem, and the arrays to which it points.
 
-    A `bare` one is for `Equations` alone: it takes no steps. One of `rates` has no forces.
+    A `bare` one is for `Equations` alone: it takes no steps. One of `rates` has no forces. It may
+    have a part of the `inertia` only.
     """
 
     def __init__(
@@ -55,9 +56,10 @@ class Problem:
         alone: bool = True,
         bare: bool = False,
         rates: bool = False,
+        inertia: float = 1.0,
     ):
         self.model, self._frame_turns, self._alone, self._bare = model, turns, alone, bare
-        self._rates = rates
+        self._rates, self._inertia = rates, inertia
         self.factors = self._factors_of(*model.reduction.tangent.pattern)
         self._features = self._features_of_scene()
         begin_to_build(self._features)  # beside what is compiled for the elements
@@ -198,7 +200,7 @@ class Problem:
         if masses:
             turning = 0 if self._frame_turns else 1  # centrifugal forces have no moments
             values = model.mass.data[self.heavy] * [1, 1, turning] if len(self.heavy) else 0
-            numbers |= {"mass": np.append(values, 0.0)}
+            numbers |= {"mass": np.append(self._inertia * values, 0.0)}
         if self._rates:
             numbers["viscous_weight"] = model.little_mass()
         if model.weight is not None:

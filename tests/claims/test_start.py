@@ -330,9 +330,9 @@ def test_what_hangs_on_a_mass_follows_it_at_its_own_stretch(scheme):
     assert x == pytest.approx(force / k * (1 - np.cos(omega * found.t)), abs=0.02 * force / k)
 
 
-def beside_its_end(held):
+def beside_its_end(held, **section):
     """A mass without rotary inertia beside the end of a beam that a moment and a force bend."""
-    scene, beam = massless_cantilever()
+    scene, beam = massless_cantilever(**section)
     bob = scene.add_body((1.2, 0.2), mass=0.5).centre
     if held:
         scene.pin(bob)
@@ -354,9 +354,10 @@ def along_it(held):
     return scene
 
 
-def massless_cantilever():
+def massless_cantilever(**section):
     scene = fb.Scene(gravity=(0, -9.81))
-    beam = scene.add_beam([(0, 0), (1, 0)], LIGHT, elements=4)
+    section = fb.Section(LIGHT.EA, LIGHT.GA, LIGHT.EI, **section)
+    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=4)
     scene.clamp(beam.start)
     return scene, beam
 
@@ -370,6 +371,14 @@ def test_a_massless_beam_begins_as_if_the_masses_that_it_carries_were_held(masse
     (nodes,) = held.nodes_of_beam.values()
     assert found.q[0, nodes] == pytest.approx(held.q[-1, nodes], abs=1e-7)
     assert len(found.t) == 5
+
+
+@pytest.mark.parametrize("scheme", SCHEMES, ids=lambda scheme: scheme.name)
+def test_damping_holds_a_massless_beam_that_carries_a_mass_at_the_start(scheme):
+    scene = beside_its_end(held=False, retardation=1e-4)
+    found = fb.simulate(scene, scheme, dt=0.02, t_end=0.04)
+    assert abs(found.q[0]).max() < 1e-7
+    assert abs(found.q[1]).max() > 1e-3
 
 
 def test_a_massless_slide_starts_where_its_spring_balances_the_force():
