@@ -199,8 +199,10 @@ class PathEquations:
         model, forcing, reduction = self.model, self._forcing, self._reduction
         if model.forms.has_added or model.natural or (model.scene.joints and forcing.goal.any()):
             # Driven motion rotates the joints, and with them the directions of their forces.
+            given = model.points.given.copy()
             ends = [self._at(y.copy(), load + side) for side in (_APART, -_APART)]
             per_load, column = (np.subtract(*of) / (2 * _APART) for of in zip(*ends, strict=True))
+            model.points.given[:] = given  # laws remember iterations, not what is beside them
             balance = self._evaluate(y, load)
         else:
             balance = self._evaluate(y, load)

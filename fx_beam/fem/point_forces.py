@@ -139,7 +139,7 @@ class PointForces:
         self.value_at = np.full(len(self.pairs), -1, dtype=np.int32)
         #: What all forces are given, each its part of it, the numbers of its law among this, and
         #: what it finds.
-        self._all_given = _NONE
+        self.given = _NONE
         self._given: list[np.ndarray] = []
         self._numbers: list[np.ndarray] = []
         self._results: list[np.ndarray] = []
@@ -170,7 +170,7 @@ class PointForces:
         self._of_numbers = functools.partial(ffi.from_buffer, ffi.typeof("int[]"))
         self._structs = structs = Structs(ffi, c_library.declarations(_HEADER))
         laws = self._laws
-        self._all_given, self._given = _parts([law.given for law in laws])
+        self.given, self._given = _parts([law.given for law in laws])
         ends = [arguments(law.law) for law in laws]
         self._numbers = [
             given[end - law.law.numbers : end]
@@ -370,12 +370,12 @@ class PointForces:
         By "q", "slides", "spring internal", "points" (numbers) and "parameters"; with contact of
         members also by "members", their numbers, and the positions "X" of nodes.
         """
-        given = np.empty((len(q), len(self._all_given)))
+        given = np.empty((len(q), len(self.given)))
         for i, of_row in enumerate(zip(q, slides, internal, strict=True)):
             if parameters is not None:
                 self.set_parameters(parameters[i])
             self.energy(*of_row)  # which places all forces
-            given[i] = self._all_given
+            given[i] = self.given
         sums = self._sums("energy", given, q.shape[1], slides.shape[1])
         if self.members is not None:
             sums |= self.members.energy_by(q, internal, sums)
@@ -387,7 +387,7 @@ class PointForces:
         self._z[self.columns] = slides[self.slides]
         if self.any:
             self._c.fx_lost_at_points(self._all, self._of(D), self._of(self._z))
-        return self._all_given.copy()
+        return self.given.copy()
 
     def losses_by(self, given: np.ndarray, size: int, joints: int) -> dict[str, np.ndarray]:
         """Derivatives (k, ...) of energy lost at mean rates, from k rows of `given_with`.

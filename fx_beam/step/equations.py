@@ -86,7 +86,8 @@ class Equations:
         model.forms.parameters.begin(interval.at(level), start.parameters)
         p.t, self._length, self._start = interval.end - length, length, start
         follow = model.points.followers
-        self._followers = plain(follow.at(interval)) if len(follow) else np.empty(0)
+        followers = plain(follow.at(interval)) if len(follow) else np.empty(0)
+        self._library.fx_begin(p, length, self._of(followers))
         self.end_at(end)
 
     def end_at(self, end: float) -> None:
@@ -98,7 +99,7 @@ class Equations:
         if model.natural:
             strains = self._start.natural if self._natural is None else self._natural(end)
             self._strains[:] = 0.0 if strains is None else strains.ravel()
-        self._library.fx_begin(self._c, self._length, self._of(self._followers))
+        self._library.fx_end_at(self._c, self._length)
 
     def at(self, y: np.ndarray, driven: np.ndarray, force: np.ndarray) -> Balance:
         """Evaluate at increments of the unknowns y (free,) and of driven motion (driven,).

@@ -160,6 +160,25 @@ def test_a_linkage_with_motors_is_driven_to_the_same_place_on_both_ways():
 # -- Where a path ends ---------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("axial", [None, 1e-3])
+def test_a_contact_that_closes_on_the_path_may_stick_or_slip(axial):
+    """A beam presses a bracket on a plane; Newton's method remembers its last iteration."""
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=10.0), elements=2)
+    scene.clamp(beam.start)
+    bracket = scene.add_body((1, 0), mass=1.0, inertia=0.1, points={"foot": (0.5, 1.0)})
+    scene.add_joint(fb.Rigid(beam.end, bracket.centre))
+    plane = fb.Line((0, 0.92), normal=(0.1, 1))
+    scene.add_contact(bracket["foot"], plane, stiffness=500.0, friction=fb.Coulomb(0.3, 1e3))
+    scene.add_force(beam.end, (0.0, -20.0))
+    if axial is not None:
+        scene.add_natural_strain(beam, axial=axial)
+    ends = [
+        fb.static(scene, continuation=way).position(beam.end)[-1] for way in (None, "arc-length")
+    ]
+    assert abs(ends[1] - ends[0]).max() < 1e-5
+
+
 def test_a_path_ends_after_the_steps_that_it_may_take(caplog):
     scene, bar, exact, _ = truss(2.0)
     solution = fb.static(scene, continuation="arc-length", max_steps=12)

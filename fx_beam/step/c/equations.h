@@ -9,9 +9,15 @@
 OF_STEPS void fx_begin(Problem *p, double dt, double *follower_force) {
   Work work = work_of(p), *w = &work;
   w->dt = dt, w->follower_force = follower_force;
+  begin_couplings(p, w);
+}
+
+/* Sets its end for the elements. Laws at points go on with what they remember of the iterations so far. */
+OF_STEPS void fx_end_at(Problem *p, double dt) {
+  Work work = work_of(p), *w = &work;
+  w->dt = dt;
   if (!p->at_rest) p->ratio = ratio_of_lengths(p, dt);
   begin_elements(p, w);
-  begin_couplings(p, w);
 }
 
 /* Forces, residual and tangent for increments of the columns and dead forces, without what holds the unknowns; returns 0

@@ -433,6 +433,7 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to);
 long fx_scratch(const Problem *p);
 void fx_results(const Problem *p, double **to);
 void fx_begin(Problem *p, double dt, double *follower_force);
+void fx_end_at(Problem *p, double dt);
 int fx_balance(Problem *p, double dt, const double *z, const double *force);
 void fx_change(const Problem *p, const double *x, int sizes, double *out);
 Layout fx_layout(const Problem *p, const Derivatives *a);
