@@ -36,8 +36,8 @@ _LITTLE = 1e-10
 # stiffness of a moving state: the square of a larger one is an error, in a smaller one damping over
 # the length hides the stiffness. The least rate that limits this length [1/s].
 _SMALL, _SHORT, _REST = 1e-5, 1e-6, 1e-12
-# The same between the points of differences of order six, and their weights; and the least one,
-# near ends of elements on which nodes slide.
+# The same between the points of differences of order six, and their weights, with nodes that slide
+# in units of the shortest element; and the least one, near ends of elements on which nodes slide.
 _APART, _LEAST_APART = 0.02, 1e-4
 # Half of the time over which a natural strain is seen to change, relative to the time, or 1 s [s],
 # and the largest difference of its rates before and behind, relative to them.
@@ -208,6 +208,9 @@ class _Coupling:
         if not (self._model.scene.joints and size):
             return first, second
         h = _APART / size
+        if self._reduction.couplings.sliding:
+            # Nodes of an element move against each other, which bends and turns it.
+            h *= min(self._model.mesh.shortest) / self._model.mesh.size
         # All points are in one element of a beam on which a node slides.
         reach = self._reduction.sliders.reach(self._slides, self.parts(self.X)[1] @ z)
         h = min(h, max(reach / 4, _LEAST_APART / size))

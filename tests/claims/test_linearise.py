@@ -393,3 +393,18 @@ def test_a_cantilever_that_creeps_slowly_ends_at_its_elastic_deflection(retardat
     assert found[0] == pytest.approx(1 / 60 + 1e-4, rel=1e-8)
     by_frequency = fb.frequency_response(scene, (beam.end, (0, 1)), beam.end, f).component("y")
     assert found == pytest.approx(by_frequency, rel=1e-8)
+
+
+@pytest.mark.parametrize("elements", [4, 40])
+def test_a_rod_in_a_sleeve_on_the_ground_has_the_frequencies_of_its_modes(elements):
+    """Forces turn it about the sleeve: part of its stiffness is that of its coupling."""
+    scene = fb.Scene(gravity=(0, -9.81))
+    made = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.01)
+    rod = scene.add_beam([(0, 0), (1, 0.3)], made, elements)
+    spring = fb.Spring(300.0, rest=0.4)
+    scene.add_joint(fb.Sleeve(rod, fb.GROUND, fraction=0.6, spring=spring))
+    scene.add_force(rod.end, (3.0, -20.0))
+    state = fb.static(scene)
+    values = np.linalg.eigvals(fb.linearise(scene, state=state).A)
+    found = np.sort(values.imag[values.imag > 0])[:3]
+    assert found == pytest.approx(fb.modes(scene, state, n=3).angular_frequencies, rel=1e-6)
