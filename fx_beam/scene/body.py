@@ -7,8 +7,7 @@ from collections.abc import Set
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-import numpy as np
-
+from fx_beam.dual import stacked
 from fx_beam.errors import NUMBER, SceneError, is_name, require
 
 from . import loads
@@ -91,8 +90,9 @@ def velocities_of(body: Body, velocity, spin) -> list[loads.Velocity]:
     """Initial velocities of the nodes of a body, from that of its centre and its spin."""
     centre = body.centre
     given = loads.initial_velocity(centre, velocity, spin)
-    position = np.array([[centre.x, centre.y]])
-    (vx, vy), w = given.value.each(position)[0], given.spin.each(position)[0, 0]
+    position = stacked([(centre.x, centre.y)])
+    # Floats of NumPy would lose the slopes of the arms.
+    (vx, vy), (w,) = (of.each(position)[0].tolist() for of in (given.value, given.spin))
     arms = [(node, node.x - centre.x, node.y - centre.y) for node in body.nodes]
     return [loads.initial_velocity(node, (vx - w * y, vy + w * x), w) for node, x, y in arms]
 
