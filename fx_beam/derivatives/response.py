@@ -50,8 +50,9 @@ _CHAOTIC = (
     "has vibrations that the step does not resolve. They are exact for these steps, but tell only "
     "of tiny changes. Use a shorter time, or EnergyDecaying"
 )
-# Length of the step that tells the accelerations at the start, relative to the others.
-_INSTANT = 1e-13
+# Length of the step that tells the accelerations at the start, relative to the others: its mean
+# loads are those just after the start, which accelerations have.
+_INSTANT = 2e-12
 #: A function of parameters (m,) that gives a scene and its outputs by name.
 Build = Callable[[np.ndarray], tuple[Scene, Mapping[str, Wanted]]]
 

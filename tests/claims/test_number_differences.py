@@ -262,6 +262,61 @@ def test_slopes_of_the_weight_are_those_of_the_scene_beside_differences(make):
     assert gradients[0] == pytest.approx(gradients[1], rel=1e-9)
 
 
+def test_accelerations_of_loads_that_begin_at_zero_have_slopes():
+    """They are zero at the start for all numbers."""
+
+    def build(x):
+        scene = fb.Scene()
+        body = scene.add_body((0, 0), x[0], 0.1).centre
+        scene.add_force(body, lambda t: (x[1] * np.sin(3 * t), 0.0))
+        return scene, {"acceleration": fb.Output("acceleration", body, "x")}
+
+    run = fb.Response(build, dt=0.01, t_end=0.05)
+    _, y = run([2.0, 1.5])
+    J = run.jacobian()["acceleration"]
+    assert run.stats.difference_reason == ""
+    expected = np.outer(y["acceleration"], [-1 / 2.0, 1 / 1.5])
+    assert J == pytest.approx(expected, rel=1e-10, abs=1e-12)
+
+
+def test_parts_without_mass_that_a_damper_holds_keep_their_slopes(caplog):
+    """At the start the hinge of two beams without rotary inertia turns by their round-off."""
+
+    def build(x):
+        scene = fb.Scene(gravity=(0, -9.81))
+        section = fb.Section(EA=1e4, GA=5e3, EI=30.0 * x[0], rhoA=1.0)
+        upper = scene.add_beam([(0, 0), (1, 0)], section, elements=2)
+        lower = scene.add_beam([(1, 0), (1.5, 0)], section, elements=2)
+        scene.pin(upper.start)
+        scene.add_joint(fb.Revolute(upper.end, lower.start, damper=fb.Damper(0.3 * x[1])))
+        scene.set_velocity(upper, lambda X, Y: (-2 * Y, 2 * X), spin=2.0)
+        scene.set_velocity(lower, lambda X, Y: (-5 * Y, 5 * X - 3), spin=5.0)
+        of = {"acceleration": upper.end, "rotation": lower.start}
+        return scene, {name: fb.Output(name, node) for name, node in of.items()}
+
+    run = fb.Response(build, dt=0.01, t_end=0.05)
+    run([1.0, 1.0])
+    J = run.jacobian()
+    assert "'q'" not in run.stats.difference_reason and not caplog.records
+    assert not J["rotation"][0].any()
+
+
+def test_velocities_of_bodies_have_slopes_by_their_places():
+    """Those of its points are (x - 2 y, 2 x) from the centre, whose velocity is (X, 0)."""
+
+    def build(x):
+        scene = fb.Scene()
+        body = scene.add_body((x[0], 0), 1.0, 0.1, points={"end": (3, x[1])})
+        scene.set_velocity(body, lambda X, Y: (X, 0.0), spin=2.0)
+        return scene, {"velocity": fb.Output("velocity", body["end"])}
+
+    run = fb.Response(build, dt=0.01, t_end=0.05)
+    run([1.0, 1.0])
+    J = run.jacobian()["velocity"][0]
+    assert run.stats.difference_reason == ""
+    assert J == pytest.approx(np.array([[1.0, -2.0], [-2.0, 0.0]]), abs=1e-12)
+
+
 def test_slopes_are_those_of_functions():
     """Against differences that are extrapolated twice."""
     x, A, t = np.array([0.3, 0.7, 1.2]), np.arange(6.0).reshape(2, 3), np.linspace(0, 1, 30)
