@@ -35,8 +35,9 @@ _BENT, _TRIES, _SHORTER = 1e-5, 8, 6
 # Outputs at the start, which have slopes or differences by all of x.
 _AT_START = {"a", "forces of columns", "forces of joints"}
 # Round-off of numbers, relative to them. Those that are themselves solutions or differences have
-# more of it: the step is not shortened for these alone.
+# more of it: for these the step is shortened only if the difference is larger.
 _NOISE, _COMPUTED = 1e-12, _AT_START | {"v", "driven rates"}
+_MORE_NOISE, _MORE_BENT = 1e-9, 1e-2
 # Numbers that are differences of places, and have their round-off, however small they are: parts
 # without mass find their balance beside a damper where they are. It is that of the largest in
 # places, directions and what is computed; others of a name may have different units.
@@ -218,6 +219,7 @@ class BuiltScenes:
         size = x[i] if abs(x[i]) > _ZERO else 1.0
         h = 2.0 ** (np.frexp(size)[1] + _STEP)  # x + h is exact
         best: dict[str, tuple[float, np.ndarray]] = {}
+        most = {name: _MORE_BENT if name in _COMPUTED else _BENT for name in here}
         sizes, worse, bent = dict[str, np.ndarray](), 0, dict[str, float]()
         for attempt in range(_TRIES):
             low, above = (self._moved(x, i, by, numbers_of) for by in (-h, h / 2))
@@ -235,13 +237,13 @@ class BuiltScenes:
                     continue
                 narrow, wide = (above[name] - below[name]) / h, (high[name] - low[name]) / (2 * h)
                 sizes[name] = np.maximum(sizes.get(name, 0.0), _size(name, wide))
-                gap = np.maximum(abs(narrow - wide) - _NOISE * _values_of(name, above) / h, 0.0)
+                noise = (_MORE_NOISE if name in _COMPUTED else _NOISE) * _values_of(name, above)
+                gap = np.maximum(abs(narrow - wide) - noise / h, 0.0)
                 bend, flat = _largest(gap, sizes[name]), not (narrow.any() or wide.any())
                 if name not in best or (bend < best[name][0] and not flat):  # flat between jumps
                     best[name] = bend, narrow + (narrow - wide) / 3
-            before, bent = bent, {name: error for name, (error, _) in best.items() if error > _BENT}
-            for name in _COMPUTED & bent.keys():
-                del bent[name]
+            before = bent
+            bent = {name: bend for name, (bend, _) in best.items() if bend > most[name]}
             worse = worse + 1 if bent == before else 0
             if not bent or worse == 2:
                 break  # all is well, or round-off grows

@@ -61,6 +61,26 @@ def test_derivative_by_a_number_that_is_zero_is_the_same_in_small_scenes(size):
     assert J == pytest.approx(expected, rel=1e-6)
 
 
+def test_a_start_by_order_four_has_derivatives_by_a_zero_in_small_scenes():
+    """A number of metres moves the hinge of bodies of a millimetre; rates are found by a step."""
+    size = 1e-3
+
+    def build(x):
+        scene, points = fb.Scene(), {"hinge": (0.3 * size, size + x[0])}
+        link = scene.add_body((0, 0), 1.0, 0.1 * size**2, points=points)
+        other = scene.add_body((size, 0), 1.0, 0.1 * size**2, points=points)
+        scene.add_joint(fb.Revolute(link["hinge"], other["hinge"]))
+        scene.set_velocity(link, (0.1 * size, size), spin=1.0)
+        scene.make_velocities_compatible()
+        return scene, {"speed": fb.Output("velocity", other.centre)}
+
+    run = fb.Response(build, fb.EnergyMomentum(order=4), dt=1e-3, t_end=4e-3)
+    run([0.0])
+    J = run.jacobian()["speed"][..., 0]
+    expected = difference(lambda step: run([step])[1]["speed"], 1e-3 * size)
+    assert J == pytest.approx(expected, abs=1e-5 * abs(expected).max())
+
+
 @pytest.mark.parametrize("power", [2, 3])
 def test_a_derivative_that_is_zero_is_not_inaccurate(power, caplog):
     run = fb.Response(lambda x: pushed((x[0] ** power, 0.0)), dt=0.1, t_end=0.2)
