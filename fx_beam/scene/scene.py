@@ -376,9 +376,8 @@ class Scene:
                 loads.check_node(self, node, joint.kind)
         guide = None
         if isinstance(joint, SlidingJoint) and self._holds(joint.b):
-            guide = joint.b
-            (node,) = self._nodes_at([joint.place_of_guide()], str(joint))
-            joint = replace(joint, b=node)
+            guide, place = joint.b, joint.place_of_guide()
+            joint = replace(joint, b=Node(len(self.nodes), *place, self))
         if at is None:
             joint.check_start(self._size)
         else:
@@ -388,6 +387,9 @@ class Scene:
             raise SceneError(f"{joint}: the scene has it already, as {twin}. Add each joint once")
         for on in joint.coordinates.values():
             self.parameters.add(functions_of(on), str(joint))
+        if guide is not None:  # the scene gets its node with the joint, which is not refused
+            (node,) = self._nodes_at([place], str(joint))
+            joint = replace(joint, b=node)
         joint = replace(joint, number=self.joint_count)
         self.joint_count += 1
         self._couplings[joint.coupling] = joint

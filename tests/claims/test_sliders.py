@@ -546,6 +546,19 @@ def test_bad_sliders_are_refused_with_their_names(make, message):
         scene.add_joint(make(*beams))
 
 
+def test_a_sleeve_on_the_ground_that_is_refused_leaves_nothing_in_the_scene():
+    """A node that it left would be free to move."""
+    scene = fb.Scene()
+    bent = scene.add_beam([(0, 0), (1, 0), (2, 1)], LIGHT, elements=[2, 2])
+    scene.clamp(bent.start)
+    scene.add_force(bent.end, (0.0, -1.0))
+    before = fb.static(scene).q[-1]
+    with pytest.raises(fb.SceneError, match="corners"):
+        scene.add_joint(fb.Sleeve(bent, fb.GROUND, fraction=0.5))
+    assert len(scene.nodes) == len(before)
+    assert np.array_equal(fb.static(scene).q[-1], before)
+
+
 def test_only_a_pin_slides_round_corners():
     scene = fb.Scene()
     bent = scene.add_beam(SHAPES["cornered"], SOFT, elements=6)
