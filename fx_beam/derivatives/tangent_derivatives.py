@@ -32,12 +32,13 @@ from .static_derivatives import OtherScenes, StateChange
 # or its square. The distance is relative to a motion of the size of the scene, or of a radian.
 _FIRST = np.array([-3, -2, -1, 1, 2, 3]), np.array([-1, 9, -45, 45, -9, 1]) / 60
 # The same for damping that is nonlinear in the rate: they leave out |v| v, the quadratic drag at
-# rest, and steps take so many times longer that their rates are near zero.
+# rest, and steps take so many times longer that their rates are near zero. Forces of damping then
+# have so many times the round-off: drag, of which little is left, takes fewer.
 _NONLINEAR = (
     np.array([-4, -3, -2, -1, 1, 2, 3, 4]),
     np.array([9, -56, 144, -216, 216, -144, 56, -9]) / 120,
 )
-_SLOW = 1e4
+_SLOW, _SLOW_DRAG = 1e4, 1e2
 _SECOND = np.arange(-3, 4), np.array([2, -27, 270, -490, 270, -27, 2]) / 180
 _DISTANCE = 4e-3
 # The least one where a contact opens or closes on the way, and where a node slides off its element.
@@ -134,10 +135,11 @@ class TangentDerivatives:
         model = about.damped_model if self._damped else about.model
         # Internal variables are held in these steps.
         losing = (law for law in model.points.laws if law.loss and not law.internal)
-        nonlinear: list[Any] = [law.remembered or law.of_user for law in losing]
-        nonlinear += [drag.quadratic.any() for drag in model.scene.drags]
-        slow = self._damped and any(nonlinear)
-        self._first, self._slow = (_NONLINEAR, _SLOW) if slow else (_FIRST, 1.0)
+        nonlinear = any(law.remembered or law.of_user for law in losing)
+        quadratic = any(drag.quadratic.any() for drag in model.scene.drags)
+        self._first, self._slow = _FIRST, 1.0
+        if self._damped and (nonlinear or quadratic):
+            self._first, self._slow = _NONLINEAR, _SLOW if nonlinear else _SLOW_DRAG
         # At the reference forces that depend on the motion count for damping, not for stiffness.
         unloaded = self._damped and self._factor == 0.0 and model.points.has_external
         self._factors = [0.0, 1.0] if unloaded else [self._factor]

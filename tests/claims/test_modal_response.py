@@ -1,5 +1,6 @@
 """Derivatives of natural frequencies: closed forms, remainders, crossing and repeated modes."""
 
+import functools
 import pickle
 
 import numpy as np
@@ -252,6 +253,29 @@ def test_slopes_of_all_numbers_come_from_a_single_scene(build):
         count[0] = 0
         run.jacobian()
     assert count == [1]  # the first time, slopes are compared with differences
+
+
+def test_quadratic_drag_leaves_the_derivatives_of_small_damping_as_they_are():
+    """At rest it has no part in damping, whose forces are small beside those of a stiff frame."""
+
+    def build(x, quadratic):
+        scene = fb.Scene()
+        section = fb.Section(EA=1e8, GA=5e7, EI=30.0 * x[0], rhoA=1.0, rhoI=0.01)
+        arm = scene.add_beam([(0, 0), (1, 0.2)], section, elements=4, degree=2)
+        post = scene.add_beam([arm.end, (1, 1)], section, elements=4, degree=2)
+        scene.clamp(arm.start)
+        scene.add_force(post.end, (0.0, -8.0))
+        for beam in (arm, post):
+            scene.add_drag(beam, linear=0.01 * x[1], quadratic=quadratic * x[1])
+        return scene
+
+    of_both = []
+    for quadratic in (0.0, 1.0):
+        made = functools.partial(build, quadratic=quadratic)
+        run = fb.ModalResponse(made, n=3, state=fb.static, damped=True)
+        run([1.0, 1.0])
+        of_both.append(run.jacobian()[:, 1])
+    assert of_both[1] == pytest.approx(of_both[0], rel=1e-4)
 
 
 def test_modes_keep_their_places_where_frequencies_cross():
