@@ -30,6 +30,8 @@ _LONGEST_TURN = 0.5
 # Part of the masses that holds them while massless parts find their equilibrium, where several
 # unknowns move one mass: beside all of it, in so short a time, stiffnesses would be round-off.
 _LITTLE = 1e-12
+# Distance from a place that is round-off, in units of the scene's size.
+_IN_PLACE = 1e-13
 
 # Forces where there is no mass that are round-off, relative to the largest force.
 _NONE = 1e-9
@@ -55,10 +57,12 @@ def _settled(model: Model, state: State, force: np.ndarray, dt: float) -> State:
     shared = reduction.moves(has_mass) & ~reduction.moves_alone(has_mass)
     equations = Equations(model, inertia=_LITTLE if shared.any() else 1.0)
     time, level = 1e-9 * dt, model.scheme.rates.level
-    now, last = replace(state, a=still), np.inf
+    now, holding, last = replace(state, a=still), still, np.inf
     for _ in range(_MOST_CORRECTIONS):
         # What has mass returns to its place, from which a correction along its path leads away.
-        now.v = np.where(has_mass, (state.q - now.q) / (level * time), 0.0)
+        away = state.q - now.q
+        away[~has_mass | (abs(away) < _IN_PLACE * model.unit)] = 0.0
+        now.v = holding + away / (level * time)
         equations.begin(instant(now.t, time), now)
         residual = equations.at_start(force).residual[: reduction.free]
         w, independent = np.zeros(reduction.columns), reduction.independent
@@ -80,7 +84,10 @@ def _settled(model: Model, state: State, force: np.ndarray, dt: float) -> State:
         slides = now.slides + model.couplings.free_slides(y, len(now.slides))
         now = replace(now, q=now.q + D, slides=slides)
         if size <= _TOLERANCE or _STALLED >= size > 0.5 * last:
-            return replace(state, q=now.q, slides=now.slides)
+            if holding.any() or not away.any():
+                return replace(state, q=now.q, slides=now.slides)
+            # The force on it that was found holds it there, in the place of the little mass.
+            holding, size = away / (level * time), np.inf
         last = size
     _log.warning(_NOT_SETTLED)
     return state
