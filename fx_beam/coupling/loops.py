@@ -64,8 +64,8 @@ class Loops:
         moved = scipy.sparse.csgraph.maximum_bipartite_matching(
             self._near[:, : couplings.free], perm_type="column"
         )
-        #: Of each closure an unknown of the linear system on which its force acts, each another
-        #: one; -1 for none.
+        #: For each closure an unknown of the linear system on which its force acts, a different
+        #: one for each; -1 for none.
         self.acts_on = np.where(moved < 0, -1, couplings.system[1][moved])
         passes = abs(passed[order, :count]) > _ROUNDING
         #: Entries of auxiliary unknowns of each, in the order in which they are collected.

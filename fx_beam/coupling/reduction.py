@@ -76,8 +76,8 @@ class Reduction:
         #: Number of unknowns, of driven columns (prescribed, motors), and of all with fixed ones.
         self.free, self.driven = couplings.free, couplings.driven
         self.columns = couplings.columns
-        #: Of forces that close loops, which are unknowns of the loop in C behind the others, an
-        #: unknown on which each acts.
+        #: For each force that closes a loop an unknown on which it acts. The forces themselves are
+        #: unknowns in C, behind the others.
         self.forces = np.empty(0, dtype=int) if loops is None else loops.acts_on
         self.auxiliaries = auxiliaries
         self._rates, self._points = rates, points

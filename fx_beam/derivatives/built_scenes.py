@@ -288,7 +288,7 @@ def _wrong(
         known, sizes = np.tensordot(change, slopes, 1), np.tensordot(abs(change), np.abs(slopes), 1)
         error = abs((ends[1][name] - ends[0][name]) / 2 - known)
         if name in _AT_START:  # loads have begun in the short step that tells their slopes
-            error *= ends[1][name] != ends[0][name]
+            error = np.where(ends[1][name] == ends[0][name], 0.0, error)
         round_off = (1e4 if name in _COMPUTED else 1.0) * _FEW_DIGITS * _values_of(name, here)
         if not all_of(error <= _AGREE * _largest_over_time(name, sizes) + round_off):
             wrong.append(name)

@@ -86,7 +86,7 @@ def _settled(model: Model, state: State, force: np.ndarray, dt: float) -> State:
         if size <= _TOLERANCE or _STALLED >= size > 0.5 * last:
             if holding.any() or not away.any():
                 return replace(state, q=now.q, slides=now.slides)
-            # The force on it that was found holds it there, in the place of the little mass.
+            # Little inertia gives way. The force that it had is given, and brings all back.
             holding, size = away / (level * time), np.inf
         last = size
     _log.warning(_NOT_SETTLED)

@@ -87,9 +87,10 @@ def factors_of(
     """Storage in sparse rows, to keep if it pays; or in a band if its corrections cost less.
 
     With auxiliary unknowns (`Reduction.dependent`) sparse rows are from the leaves of trees to the
-    roots. The last unknowns may be forces without a stiffness. They come after all with which they
-    are coupled, and after one unknown each on which they act, each another one: then pivots do not
-    vanish but by chance. -1 is none. Then, or if they shall be `sparse`, there is no band.
+    roots. The last unknowns may be `forces` without a stiffness, given by an unknown on which each
+    acts, a different one for each (-1: none). A force comes after this unknown and after all with
+    which it is coupled: then a pivot vanishes only by chance. With forces, with auxiliary unknowns,
+    or if rows shall be `sparse`, there is no band.
     """
     if len(indptr) == 1:  # nothing is unknown
         return Factors(_NONE, _NONE, 0, 1)

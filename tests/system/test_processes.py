@@ -38,7 +38,7 @@ def started(folder, number, text):
     known["PYTHONPATH"] = os.pathsep.join([str(HERE.parent), str(HERE)])
     own = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
     own |= {"OMPI_MCA_mpi_yield_when_idle": "1", "OMP_NUM_THREADS": "1"}
-    # A second from the signal to end to the kill is not enough to save where others compile.
+    # By itself mpirun kills a second after its signal: too short to save while others compile.
     own |= {f"{of}_MCA_odls_base_sigkill_timeout": "3" for of in ("OMPI", "PRTE")}
     command = [*process_cases.mpirun(number), sys.executable]
     return subprocess.Popen(

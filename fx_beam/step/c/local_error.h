@@ -4,6 +4,15 @@
 
 #include "newton.h"
 
+/* x becomes (x - old) / age, and old becomes x. */
+HOT void difference(int n, double age, double *restrict x, double *restrict old) {
+  double per_age = 1 / age;
+  for (int i = 0; i < n; ++i) {
+    double now = x[i];
+    x[i] = (now - old[i]) * per_age, old[i] = now;
+  }
+}
+
 /* Ratio of the error of a step of length dt to what is allowed, from the configurations at its start, which is in `saved`, and
    at its end: by what a polynomial through the last configurations does not predict of the step. Negative in the first
    steps. */

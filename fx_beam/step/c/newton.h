@@ -35,15 +35,6 @@ static void corrected_forces(const Problem *p, const Work *w, int rows, const in
   }
 }
 
-/* x becomes (x - old) / age, and old becomes x. */
-HOT void difference(int n, double age, double *restrict x, double *restrict old) {
-  double per_age = 1 / age;
-  for (int i = 0; i < n; ++i) {
-    double now = x[i];
-    x[i] = (now - old[i]) * per_age, old[i] = now;
-  }
-}
-
 /* The predictor is used up to this relative error in the previous step. */
 static const double PREDICTOR_ERROR = 0.4;
 
