@@ -69,7 +69,8 @@ class SmallMotions:
     def _symmetric(self, pattern: Pattern, values: np.ndarray) -> bool:
         if not all(map(np.array_equal, self._pattern, pattern)):
             indptr, indices = self._pattern = pattern[0].copy(), pattern[1].copy()
-            self._symmetry = Symmetry(self._pattern, self.unit)
+            unknowns = self.model.reduction.independent
+            self._symmetry = Symmetry(self._pattern, self.model, unknowns)
         return self._symmetry.holds(values)
 
     # -- Forces with a potential ------------------------------------------------------------------

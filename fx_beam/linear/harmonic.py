@@ -111,13 +111,12 @@ class Vibration:
             np.add.at(values, np.searchsorted(pattern, at), of.data)
         columns = np.searchsorted(pattern // n, np.arange(n + 1))
         self._pattern, self._shape = (pattern % n, columns), about.K.shape
-        self._unit = about.model.unit_of_unknowns[about.unknowns]
+        self._symmetry = Symmetry((columns, pattern % n), about.model, about.unknowns)
 
     @cached_property
     def symmetric(self) -> bool:
         """Whether it is its own transpose, but for round-off."""
-        rows, columns = self._pattern
-        return all(map(Symmetry((columns, rows), self._unit).holds, self._values))
+        return all(map(self._symmetry.holds, self._values))
 
     def at(self, frequency: float) -> Vibration:
         """The same with the factors at a frequency [Hz]."""

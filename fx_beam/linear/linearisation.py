@@ -105,8 +105,7 @@ class Linearisation:
     def symmetric(self) -> scipy.sparse.csr_matrix:
         """The stiffness of `modes`, which is symmetric but for round-off."""
         K, other = self.K, self.K.T.tocsr()
-        unit = self.model.unit_of_unknowns[self.unknowns]
-        if not Symmetry((K.indptr, K.indices), unit).holds(K.data):
+        if not Symmetry((K.indptr, K.indices), self.model, self.unknowns).holds(K.data):
             raise SceneError(
                 "modes: the stiffness is not symmetric, since a load or an added virtual work "
                 "depends on the motion and has no potential, or friction slips, or sticks to what "

@@ -13,6 +13,7 @@ import scipy.sparse
 
 from fx_beam.errors import SceneError
 
+from .model import Model
 from .sparse_lu import Pattern, sparse_lu
 
 # Largest error of a vector in its iteration.
@@ -26,9 +27,10 @@ _ACROSS = 1e-12
 
 
 class Symmetry:
-    """Whether sparse matrices of one pattern are symmetric; `unit` (n,) are sizes of unknowns."""
+    """Whether sparse matrices of one pattern, for some `unknowns` (n,) of a model, are symmetric."""
 
-    def __init__(self, pattern: Pattern, unit: np.ndarray):
+    def __init__(self, pattern: Pattern, model: Model, unknowns: np.ndarray):
+        unit = model.unit_of_unknowns[unknowns]
         indptr, columns = pattern
         n = len(indptr) - 1
         rows = np.repeat(np.arange(n), np.diff(indptr))
@@ -39,6 +41,8 @@ class Symmetry:
         self._across = np.where(places[at] == transposed, at, -1)
         self._rows, self._columns, self._starts = rows, columns, indptr[:-1]
         self._units = unit[rows] * unit[columns]
+        # With nodes that slide on beams entries are differences of others, which may be far larger.
+        self._sliding = bool(model.couplings.sliding)
 
     def holds(self, values: np.ndarray) -> bool:
         """Whether the matrix with these values is symmetric up to rounding errors."""
@@ -47,6 +51,8 @@ class Symmetry:
             return True
         sizes, gaps = abs(values * self._units), gaps * self._units
         largest = np.sqrt(np.maximum.reduceat(np.append(sizes, 0.0), self._starts))
+        if self._sliding:
+            largest[:] = largest.max()
         return bool((gaps <= _ACROSS * largest[self._rows] * largest[self._columns]).all())
 
 
