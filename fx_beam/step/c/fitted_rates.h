@@ -72,18 +72,22 @@ static void find_impulses(const Problem *p, const Work *w, const double *v, doub
   add_closing(p, w, w->columns), collect(p, w, w->r, w->columns);
 }
 
-/* The equations at a configuration. */
-static void begin_fit(Problem *p, Work *w, const Fits *of, long row) {
+/* The equations at a configuration; returns whether they are those of the row before, as no arm has turned. */
+static int begin_fit(Problem *p, Work *w, const Fits *of, long row) {
   double *K = w->tangent;
   memcpy(p->q, of->q + row * p->dofs, p->dofs * sizeof(double));
   memcpy(p->slides, of->slides + row * p->scene_joints, p->scene_joints * sizeof(double));
   memset(w->z, 0, (p->columns + p->auxiliaries) * sizeof(double));
-  begin_couplings(p, w), expand_trees(p, w);
+  begin_couplings(p, w);
+  int same = row > 0 && p->raised == 0 && !(HAS(CHAIN | BAND) || p->sliders || p->closures);
+  for (int i = 0; i < 4 * p->joints; ++i) same &= w->values0[1 + i] == w->values[1 + i];
+  expand_trees(p, w);
   derive_closures(p, w, w->virtual_map, w->G_virtual);
   for (int i = 0; i < p->dofs; ++i) w->r[i] = 0, w->slope[i] = 1;
   memset(w->closing, 0, p->closures * sizeof(double));
   if (p->sliders) memset(w->loaded, 0, p->dofs * sizeof(double));
   for (int i = 0; i < p->sliders; ++i) memset(p->slider[i].force, 0, sizeof p->slider->force);
+  if (same) return 1;
   memset(K, 0, p->stored_values * sizeof(double));
   for (int k = 0; k < p->paddings; ++k) K[p->padding[k]] = 1;
   multiply_mass(p, w->D, w->scratch, K, 1, w->slope);
@@ -92,12 +96,13 @@ static void begin_fit(Problem *p, Work *w, const Fits *of, long row) {
   reduce_tangent(p, w);
   double stiff = stiffness_of_closures(p, K);
   p->yielding = stiff > 0 ? YIELDING / stiff : 0;
+  return 0;
 }
 
 /* Rates w of the columns, and u of the nodes, with their impulses, and factors if these are `needed` later; returns 0 if the
-   equations are singular. */
-static int find_fit(Problem *p, const Work *w, const Linear *l, int solutions, int needed, const double *v, const double *driven,
-                    double *u) {
+   equations are singular. With the `same` ones the factors serve again. */
+static int find_fit(Problem *p, const Work *w, const Linear *l, int solutions, int needed, int same, const double *v,
+                    const double *driven, double *u) {
   const int *of_closing = p->order + p->unknowns - p->closures;
   double *z = w->z, *right = (double *)l->block, rest[2];
   memcpy(z + p->free, driven, p->driven * sizeof(double));
@@ -105,7 +110,7 @@ static int find_fit(Problem *p, const Work *w, const Linear *l, int solutions, i
   if (once) {
     find_impulses(p, w, v, u);
     memcpy(w->reduced, w->columns, p->free * sizeof(double));
-    if (!solve_reduced(p, w, 0, rest)) return 0;
+    if (!(same ? solve_bordered(p, w, w->reduced, w->step) : solve_reduced(p, w, 0, rest))) return 0;
     add_times(p->free, -1, w->step, z);
   } else if (!factorise_for_directions(p, w)) return 0;
   for (int k = 0; !once && k < solutions; ++k) {
@@ -229,12 +234,12 @@ KEPT int fx_fit(Problem *p, const Fits *of, const Derivatives *a, int way) {
   Changes *x = calloc(f.size, sizeof(Changes));
   double *by = calloc(2 * f.size, sizeof(double));
   for (long row = 0; x && by && row < of->rows; ++row) {
-    begin_fit(p, w, of, row);
+    int same = begin_fit(p, w, of, row);
     for (int i = 0; i < BLOCKS; ++i) f.shape.of[i].count = 0;
     for (int j = 0; way && j < p->joints; ++j) put_joint(p, w, a, &f.shape, 0, j); /* T without the increments to be found */
     const double *v = of->v + row * p->dofs;
     double *u = of->rates + row * p->dofs;
-    if (!find_fit(p, w, &f.of, f.solutions, way, v, of->driven + row * p->driven, u)) continue;
+    if (!find_fit(p, w, &f.of, f.solutions, way, same, v, of->driven + row * p->driven, u)) continue;
     memcpy(of->joints + row * joints, w->joint_forces, joints * sizeof(double));
     memcpy(of->constraints + row * constrained, w->columns + p->free, constrained * sizeof(double));
     if (!way) continue;
