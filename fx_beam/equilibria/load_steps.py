@@ -11,6 +11,7 @@ import numpy as np
 
 from fx_beam.errors import StepError, is_one_of, number, vector, whole
 from fx_beam.laws.interval import Interval
+from fx_beam.motions.contact_check import goes_through
 from fx_beam.motions.initial_state import reference_state
 from fx_beam.motions.options import CommonOptions
 from fx_beam.results.audit import Stats
@@ -207,6 +208,8 @@ class LoadStepper:
         D, forces = step.D, [self.forcing.dead(t) for t in (old.t, new.t)]
         if self.is_still(D):
             return  # its deviation is a rounding error
+        if self._may_be_cut and self._goes_through_a_circle(old, new):
+            raise StepFailed("off the path", "a point goes through a circle in it", D)
         counts = {old.negative_eigenvalues, new.negative_eigenvalues} - {None}
         limit = _WHERE_STABILITY_CHANGES if self._may_be_cut and len(counts) > 1 else _MAX_DEVIATION
         kinked = functools.cache(lambda: self._has_kink(old, new, step))
@@ -229,6 +232,13 @@ class LoadStepper:
                 "the step is too long or has reached another path"
             )
             raise StepFailed("off the path", reason, D)
+
+    def _goes_through_a_circle(self, old: State, new: State) -> bool:
+        """Whether a point is behind a circle of a contact at the end of a step."""
+        scene, mesh = self.model.scene, self.model.mesh
+        q = np.reshape([old.q, new.q], (2, -1, 3))
+        every = ((obstacle, mesh.nodes_of(scene, obstacle.target)) for obstacle in scene.contacts)
+        return any(goes_through(obstacle, mesh.X, q, nodes) for obstacle, nodes in every)
 
     def _has_kink(self, old: State, new: State, step: StepSolution) -> bool:
         """Whether a step that can be cut no more goes along a path of two straight parts.

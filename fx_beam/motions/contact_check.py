@@ -16,8 +16,9 @@ from fx_beam.scene.joints import Joint
 from fx_beam.scene.loads import label
 
 _log = logging.getLogger("fx_beam")
-# Depth in a circle, relative to its radius, from which its force says little.
-_DEEP = 0.5
+# Depth in a circle, relative to its radius, from which its force says little. How near to its
+# centre, relative to both ends and to where contact begins, a way that goes through it comes.
+_DEEP, _THROUGH = 0.5, 0.95
 # Points of all rows that are looked at together.
 _AT_ONCE = 20_000
 # Steps that an impact must take for its restitution, and from which speed on, relative to that
@@ -70,11 +71,7 @@ def _first_in_depth(
     nodes = solution.contact(obstacle).nodes
     rows = max(2, _AT_ONCE // len(nodes))
     for first in range(0, len(q), rows - 1):
-        now = q[first : first + rows]
-        points = obstacle.points.of(solution.X[nodes] + now[:, nodes, :2])
-        arms = points - shape.origin
-        if shape.carrier is not None:
-            arms = arms - now[:, None, shape.carrier.number, :2]
+        points, arms = _points_and_arms(obstacle, shape, solution.X, q[first : first + rows], nodes)
         square, least = np.einsum("nmi,nmi->nm", arms, arms), _DEEP * shape.radius
         reach = shape.radius + np.broadcast_to(obstacle.radius, square.shape)
         bad = deep = square < (reach - least) ** 2
@@ -93,6 +90,27 @@ def _first_in_depth(
                 what = f"lies {depth:.3g} deep in the circle, which has the radius {radius:.3g}"
             return first + int(k), points[k, i], what
     return None
+
+
+def goes_through(obstacle: Contact, X: np.ndarray, q: np.ndarray, nodes: np.ndarray) -> bool:
+    """Whether a point of some nodes goes through a circle between the rows q (2, all nodes, 3)."""
+    shape = obstacle.shape
+    if not isinstance(shape, Circle) or shape.inside:
+        return False
+    arms = _points_and_arms(obstacle, shape, X, q, nodes)[1]
+    reach = np.add(shape.radius, obstacle.radius)
+    outside = np.minimum(reach, np.linalg.norm(arms, axis=-1).min(axis=0))
+    least = _least_distances(arms[0], arms[1] - arms[0])
+    return bool((least < _THROUGH * outside).any())
+
+
+def _points_and_arms(
+    obstacle: Contact, circle: Circle, X: np.ndarray, q: np.ndarray, nodes: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points (rows, m, 2) that may touch a circle, and the same from its centre."""
+    points = obstacle.points.of(X[nodes] + q[:, nodes, :2])
+    centre = 0.0 if circle.carrier is None else q[:, None, circle.carrier.number, :2]
+    return points, points - circle.origin - centre
 
 
 def _least_distances(arms: np.ndarray, way: np.ndarray) -> np.ndarray:

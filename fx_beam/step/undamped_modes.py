@@ -27,7 +27,7 @@ _ACROSS = 1e-12
 
 
 class Symmetry:
-    """Whether sparse matrices of one pattern, for some `unknowns` (n,) of a model, are symmetric."""
+    """Whether sparse matrices of one pattern, for `unknowns` (n,) of a model, are symmetric."""
 
     def __init__(self, pattern: Pattern, model: Model, unknowns: np.ndarray):
         unit = model.unit_of_unknowns[unknowns]
