@@ -116,6 +116,7 @@ class ArcLength:
         cuts, behind = 0, 0.0
         while states[-1].t < 1 and stats.steps < options.max_steps and not stats.closed:
             back = home if len(states) >= _ROUND else None
+            self.stepper.may_be_cut = cuts < options.max_cuts
             try:
                 step = self._advance(states[-1], tangent, ds, target, back)
             except StepFailed as failure:
@@ -286,7 +287,9 @@ class ArcLength:
 
     def _finish(self, state: State, t1: float, step: StepSolution) -> State:
         self.stepper.note(step)
-        return self._end(state, t1, step)
+        new = self._end(state, t1, step)
+        self.stepper.check_circles(state, new)
+        return new
 
     def _end(self, state: State, t1: float, step: StepSolution) -> State:
         """State at the end of a converged step."""

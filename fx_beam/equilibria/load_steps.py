@@ -85,8 +85,8 @@ class LoadStepper:
         self.path = PathEquations(self.loop)
         #: Deviation of the last step from its predictor, relative to this, and its corrections.
         self.deviation, self.iterations = 0.0, 0
-        #: Whether a step whose work is too inaccurate may be cut.
-        self._may_be_cut = False
+        #: Whether a step may be cut: if its work is too inaccurate, or it goes through a circle.
+        self.may_be_cut = False
         #: Fraction of the loads, or of the springs' tension, at the end of the last step tried.
         self._goal = 0.0
         #: Holding forces (free,), besides the loads, at the start and the end of a step.
@@ -208,10 +208,9 @@ class LoadStepper:
         D, forces = step.D, [self.forcing.dead(t) for t in (old.t, new.t)]
         if self.is_still(D):
             return  # its deviation is a rounding error
-        if self._may_be_cut and self._goes_through_a_circle(old, new):
-            raise StepFailed("off the path", "a point goes through a circle in it", D)
+        self.check_circles(old, new)
         counts = {old.negative_eigenvalues, new.negative_eigenvalues} - {None}
-        limit = _WHERE_STABILITY_CHANGES if self._may_be_cut and len(counts) > 1 else _MAX_DEVIATION
+        limit = _WHERE_STABILITY_CHANGES if self.may_be_cut and len(counts) > 1 else _MAX_DEVIATION
         kinked = functools.cache(lambda: self._has_kink(old, new, step))
         if self.deviation > limit and not kinked():
             reason = (
@@ -223,7 +222,7 @@ class LoadStepper:
         work, gained, rounding = self.work_and_gain(old, new, D)
         other = work - (at_start + at_end) / 2
         snapped = softer and work > gained
-        short = self._may_be_cut or (snapped and not kinked())
+        short = self.may_be_cut or (snapped and not kinked())
         allowed = (_SHORT if short else _ON_PATH) * abs(at_end - at_start) / 2
         allowed += (_SHORT_OTHER if short else _ON_PATH_OTHER) * abs(other)
         if abs(gained - work) > allowed + rounding:
@@ -233,12 +232,14 @@ class LoadStepper:
             )
             raise StepFailed("off the path", reason, D)
 
-    def _goes_through_a_circle(self, old: State, new: State) -> bool:
-        """Whether a point is behind a circle of a contact at the end of a step."""
+    def check_circles(self, old: State, new: State) -> None:
+        """Reject a step in which a point goes through a circle of a contact, if it may be cut."""
         scene, mesh = self.model.scene, self.model.mesh
         q = np.reshape([old.q, new.q], (2, -1, 3))
-        every = ((obstacle, mesh.nodes_of(scene, obstacle.target)) for obstacle in scene.contacts)
-        return any(goes_through(obstacle, mesh.X, q, nodes) for obstacle, nodes in every)
+        for obstacle in scene.contacts if self.may_be_cut else ():
+            if goes_through(obstacle, mesh.X, q, mesh.nodes_of(scene, obstacle.target)):
+                reason = f"a point goes through the circle of {obstacle} in it"
+                raise StepFailed("off the path", reason, new.q - old.q)
 
     def _has_kink(self, old: State, new: State, step: StepSolution) -> bool:
         """Whether a step that can be cut no more goes along a path of two straight parts.
@@ -247,7 +248,7 @@ class LoadStepper:
         determinant of the tangent must keep its sign.
         """
         load = new.t - old.t
-        if self._may_be_cut or not load or not self.model.nonsmooth:
+        if self.may_be_cut or not load or not self.model.nonsmooth:
             return False
         path = self.path
         try:
@@ -303,7 +304,7 @@ class LoadStepper:
         last, stride = steps * longest, longest
         at = round(state.t * steps) * longest
         while at < last:
-            self._goal, self._may_be_cut = (at + stride) / last, stride > 1
+            self._goal, self.may_be_cut = (at + stride) / last, stride > 1
             self.hold_between(at / last, self._goal)
             try:
                 state = take(state, self._goal)

@@ -418,19 +418,21 @@ def test_a_beam_that_is_pressed_onto_something_rests_where_slow_motions_end(on, 
         assert path.position(at)[-1] == pytest.approx(motion.position(node)[-1], abs=5e-5)
 
 
+@pytest.mark.parametrize("continuation", [None, "arc-length"])
 @pytest.mark.parametrize("load_steps", [1, 2, 5])
-def test_few_load_steps_do_not_pass_a_small_circle(load_steps):
+def test_few_load_steps_do_not_pass_a_small_circle(load_steps, continuation):
     """The end of a cantilever is caught by a peg; the equilibrium behind it is not on the path."""
 
-    def end(steps):
+    def end(steps, continuation=None):
         scene = fb.Scene()
         beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=1.0), elements=8)
         scene.clamp(beam.start)
         scene.add_contact(beam.end, fb.Circle((0.99, -0.1), 0.02), stiffness=1e4)
         scene.add_force(beam.end, (0, -1.5))
-        return fb.static(scene, load_steps=steps).position(beam.end)[-1]
+        solution = fb.static(scene, load_steps=steps, continuation=continuation)
+        return solution.position(beam.end)[-1]
 
-    assert end(load_steps) == pytest.approx(end(100), abs=1e-9)
+    assert end(load_steps, continuation) == pytest.approx(end(100), abs=1e-9)
 
 
 def test_modes_have_the_stiffness_of_a_closed_contact_and_not_of_an_open_one():
