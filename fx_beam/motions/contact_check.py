@@ -71,22 +71,17 @@ def _first_in_depth(
     nodes = solution.contact(obstacle).nodes
     rows = max(2, _AT_ONCE // len(nodes))
     for first in range(0, len(q), rows - 1):
-        points, arms = _points_and_arms(obstacle, shape, solution.X, q[first : first + rows], nodes)
-        square, least = np.einsum("nmi,nmi->nm", arms, arms), _DEEP * shape.radius
-        reach = shape.radius + np.broadcast_to(obstacle.radius, square.shape)
-        bad = deep = square < (reach - least) ** 2
-        if whole and len(arms) > 1:
-            way = np.diff(arms, axis=0)
-            # Only these can have come so near in a step: most often none.
-            near, at = np.nonzero(square[:-1] < (least + 1.5 * max(way.max(), -way.min())) ** 2)
-            if len(near):
-                bad, from_there = deep.copy(), arms[near, at]
-                bad[near + 1, at] |= _least_distances(from_there, way[near, at]) < least
+        points, arms, reach = _arms(obstacle, shape, solution.X, q[first : first + rows], nodes)
+        distances = np.linalg.norm(arms, axis=-1)
+        bad = deep = distances < reach - _DEEP * shape.radius
+        if whole:
+            bad = deep.copy()
+            bad[1:] |= _through(arms, reach)
         if bad.any():
             k, i = np.argwhere(bad)[0]
             what = "has gone through the circle in one step"
             if deep[k, i]:
-                depth, radius = reach[k, i] - np.hypot(*arms[k, i]), shape.radius
+                depth, radius = reach[k, i] - distances[k, i], shape.radius
                 what = f"lies {depth:.3g} deep in the circle, which has the radius {radius:.3g}"
             return first + int(k), points[k, i], what
     return None
@@ -97,27 +92,34 @@ def goes_through(obstacle: Contact, X: np.ndarray, q: np.ndarray, nodes: np.ndar
     shape = obstacle.shape
     if not isinstance(shape, Circle) or shape.inside:
         return False
-    arms = _points_and_arms(obstacle, shape, X, q, nodes)[1]
-    reach = np.add(shape.radius, obstacle.radius)
-    outside = np.minimum(reach, np.linalg.norm(arms, axis=-1).min(axis=0))
-    least = _least_distances(arms[0], arms[1] - arms[0])
-    return bool((least < _THROUGH * outside).any())
+    return bool(_through(*_arms(obstacle, shape, X, q, nodes)[1:]).any())
 
 
-def _points_and_arms(
+def _arms(
     obstacle: Contact, circle: Circle, X: np.ndarray, q: np.ndarray, nodes: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Points (rows, m, 2) that may touch a circle, and the same from its centre."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points (rows, m, 2) that may touch a circle, the same from its centre, and its reach."""
     points = obstacle.points.of(X[nodes] + q[:, nodes, :2])
     centre = 0.0 if circle.carrier is None else q[:, None, circle.carrier.number, :2]
-    return points, points - circle.origin - centre
+    reach = np.broadcast_to(np.add(circle.radius, obstacle.radius), points.shape[:2])
+    return points, points - circle.origin - centre, reach
 
 
-def _least_distances(arms: np.ndarray, way: np.ndarray) -> np.ndarray:
-    """Distances (n,) from the origin of the straight ways (n, 2) from arms (n, 2)."""
-    square = np.maximum((way**2).sum(axis=-1), 1e-300)
-    part = np.clip(-(arms * way).sum(axis=-1) / square, 0.0, 1.0)
-    return np.linalg.norm(arms + part[..., None] * way, axis=-1)
+def _through(arms: np.ndarray, reach: np.ndarray) -> np.ndarray:
+    """Whether points (rows - 1, m) come nearer to a circle's centre between two rows than in these.
+
+    By the straight ways of their arms (rows, m, 2) from it; contact begins at the `reach`.
+    """
+    distances = np.linalg.norm(arms, axis=-1)
+    way, through = np.diff(arms, axis=0), np.zeros((len(arms) - 1, arms.shape[1]), bool)
+    # Only these can have come so near in a step: most often few.
+    at = np.nonzero(distances[:-1] < reach[1:] + 1.5 * abs(way).max(initial=0.0))
+    start, way = arms[:-1][at], way[at]
+    part = -(start * way).sum(axis=-1) / np.maximum((way**2).sum(axis=-1), 1e-300)
+    least = np.linalg.norm(start + np.clip(part, 0.0, 1.0)[:, None] * way, axis=-1)
+    ends = np.minimum(distances[:-1][at], distances[1:][at])
+    through[at] = least < _THROUGH * np.minimum(ends, reach[1:][at])
+    return through
 
 
 def _warn_of_short_impacts(solution: Solution, joints: Sequence[Joint]) -> None:

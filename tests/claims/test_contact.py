@@ -418,21 +418,29 @@ def test_a_beam_that_is_pressed_onto_something_rests_where_slow_motions_end(on, 
         assert path.position(at)[-1] == pytest.approx(motion.position(node)[-1], abs=5e-5)
 
 
+def end_above_a_peg(**options):
+    """Where the end of a cantilever is that is loaded towards a peg."""
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=1.0), elements=8)
+    scene.clamp(beam.start)
+    scene.add_contact(beam.end, fb.Circle((0.99, -0.1), 0.02), stiffness=1e4)
+    scene.add_force(beam.end, (0, -1.5))
+    return fb.static(scene, **options).position(beam.end)[-1]
+
+
 @pytest.mark.parametrize("continuation", [None, "arc-length"])
 @pytest.mark.parametrize("load_steps", [1, 2, 5])
 def test_few_load_steps_do_not_pass_a_small_circle(load_steps, continuation):
-    """The end of a cantilever is caught by a peg; the equilibrium behind it is not on the path."""
+    """The equilibrium behind it is not on the path."""
+    found = end_above_a_peg(load_steps=load_steps, continuation=continuation)
+    assert found == pytest.approx(end_above_a_peg(load_steps=100), abs=1e-9)
 
-    def end(steps, continuation=None):
-        scene = fb.Scene()
-        beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=1.0), elements=8)
-        scene.clamp(beam.start)
-        scene.add_contact(beam.end, fb.Circle((0.99, -0.1), 0.02), stiffness=1e4)
-        scene.add_force(beam.end, (0, -1.5))
-        solution = fb.static(scene, load_steps=steps, continuation=continuation)
-        return solution.position(beam.end)[-1]
 
-    assert end(load_steps, continuation) == pytest.approx(end(100), abs=1e-9)
+@pytest.mark.parametrize("continuation", [None, "arc-length"])
+def test_a_step_that_may_not_be_cut_and_passes_a_circle_is_told(continuation, caplog):
+    """Its straight way comes 0.016 near to the centre of a circle with the radius 0.02."""
+    assert end_above_a_peg(load_steps=1, max_cuts=0, continuation=continuation)[1] < -0.4
+    assert "has gone through the circle in one step" in caplog.text
 
 
 def test_modes_have_the_stiffness_of_a_closed_contact_and_not_of_an_open_one():
