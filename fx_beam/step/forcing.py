@@ -30,10 +30,7 @@ class Forcing:
     turning: TurningFrame | None = None
 
     def __init__(self, model: Model):
-        self.model = model
-        #: The last natural strains, with their time.
-        self._known: tuple[float, np.ndarray] | None = None
-        scene = model.scene
+        self.model, scene = model, model.scene
         self._driven = [
             (function, f"prescribed {COMPONENTS[component]} of {scene.nodes[node]}")
             for (node, component), function in scene.prescribed.items()
@@ -60,11 +57,7 @@ class Forcing:
     def natural(self, t: float) -> np.ndarray | None:
         """Natural strains (cells, degree, 3) at the end of a step [s]; None without any."""
         natural = self.model.natural
-        if not natural:
-            return None
-        if self._known is None or self._known[0] != t:
-            self._known = t, natural.at(float(before(t)))
-        return self._known[1]
+        return natural.at(float(before(t))) if natural else None
 
     def derivatives(self, t: float, h: float) -> tuple[np.ndarray, np.ndarray]:
         """First and second derivatives (driven,) of driven motion, from steps of length h [s]."""
@@ -159,7 +152,8 @@ class LoadForcing(Forcing):
         #: Dead loads at load factor 0.
         self.first = np.zeros(model.size)
         self._origin = np.zeros(len(self.goal))
-        # Natural strains from which they go.
+        #: Natural strains in full, and those from which they go.
+        self._full = super().natural(time)
         self._without: np.ndarray | float = 0.0
 
     def start_from(self, state: State, loads: np.ndarray) -> None:
@@ -181,5 +175,6 @@ class LoadForcing(Forcing):
 
     def natural(self, t: float) -> np.ndarray | None:
         """Natural strains (cells, degree, 3) at a load factor; None without any."""
-        full = super().natural(self.time)
-        return None if full is None else self._without + t * (full - self._without)
+        if self._full is None:
+            return None
+        return self._without + t * (self._full - self._without)
