@@ -81,18 +81,16 @@ class CompiledLoop:
 
     @past.setter
     def past(self, past: Past | None) -> None:
-        if past is not None:
-            p, known = self._problem, len(past.ages)
-            p.known_steps, p.orders[0 : p.sub_steps] = known, past.orders.tolist()
-            y = self.model.couplings.unknowns(past.differences, past.slides)
-            given = past.ages, past.differences, y
-            for values, of_past in zip(self.problem.past, given, strict=True):
-                values[:known] = of_past
-
-    def forget_past(self) -> None:
-        """Predict nothing in the next step."""
         p = self._problem
-        p.known_steps, p.orders[0 : p.sub_steps] = 0, [0] * p.sub_steps
+        if past is None:  # nothing is predicted in the next step
+            p.known_steps, p.orders[0 : p.sub_steps] = 0, [0] * p.sub_steps
+            return
+        known = len(past.ages)
+        p.known_steps, p.orders[0 : p.sub_steps] = known, past.orders.tolist()
+        y = self.model.couplings.unknowns(past.differences, past.slides)
+        given = past.ages, past.differences, y
+        for values, of_past in zip(self.problem.past, given, strict=True):
+            values[:known] = of_past
 
     def forget_errors(self) -> None:
         """Do not compare the next steps with those before."""
@@ -190,7 +188,7 @@ class CompiledLoop:
         p, past, inputs = self._problem, self.past, self.inputs(state.t, np.array([t1]))
         if inputs.error is not None:
             raise inputs.error
-        self.forget_past()
+        self.past = None
         self.problem.load(state)
         p.controlled = p.watches = 0
         to = self.c_record(NullRecorder(), 1)

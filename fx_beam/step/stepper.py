@@ -36,7 +36,6 @@ class Stepper:
 
     def load(self, state: State) -> None:
         """Begin with the past of a state, and with the parts of its steps."""
-        self.integrator.forget_past()
         self.integrator.past = state.past
         self.halving.resume(state.parts)
 
@@ -64,7 +63,7 @@ class Stepper:
                 now = integrator.inputs_ahead(state.t, ends)
             result, steps = self._take(state, ends, now, first + done, recorder)
             if result.failed:
-                integrator.forget_past()
+                integrator.past = None
                 if not halving.fail():
                     end = halving.ends(np.concatenate([[t0], times])[done + steps :])[0]
                     raise self.error(result.state, end)
@@ -87,7 +86,7 @@ class Stepper:
             whole = halving.take(taken)
             if halving.parts != parts:
                 # Where steps fail, predictions from steps of another length lead astray.
-                integrator.forget_past()
+                integrator.past = None
             return whole
 
         steps = Steps(ends, inputs, first, halving.done, parts)
