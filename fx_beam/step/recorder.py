@@ -28,8 +28,7 @@ def grown(array: np.ndarray, rows: int, used: int) -> np.ndarray:
     if len(array) >= rows:
         return array
     grown = np.zeros((max(rows, 2 * len(array)), *array.shape[1:]), dtype=array.dtype)
-    if used:
-        grown[:used] = array[:used]
+    grown[:used] = array[:used]
     return grown
 
 
@@ -211,8 +210,7 @@ class Recorder:
         self._steps = grown(self._steps, rows, self.rows)
         self._steps[self.rows : rows] = steps
         for name, array in self.arrays.items():
-            if len(array) < rows:
-                self.arrays[name] = grown(array, rows, self.rows)
+            self.arrays[name] = grown(array, rows, self.rows)
         if self.stores_starts(1):
             self.make_room(len(self.model.scheme.fractions) * len(steps))
         self.planned = stop
@@ -331,8 +329,6 @@ class Recorder:
         """Length (n,) of the step or last part that a row's forces belong to; 0 for row 0."""
         steps = self._steps[: self.rows]
         of_step = self._times[steps] - self._times[np.maximum(steps - 1, 0)]
-        if not self.starts:
-            return of_step
         row, shares, _ = self._parts(0)
         return of_step * np.bincount(row, shares)
 
@@ -371,8 +367,7 @@ class Recorder:
 
         def begins(name: str) -> np.ndarray:
             values = arrays[name][before]
-            if stored.any():
-                values[stored] = starts[f"start_{name}"][span]
+            values[stored] = starts[f"start_{name}"][span]
             return values
 
         def ends(begins: np.ndarray, of_rows: np.ndarray) -> np.ndarray:
