@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import scipy.linalg
 import scipy.sparse
 import scipy.sparse.linalg
-
-from fx_beam.coupling.reduction import Reduction
 
 from .model import Model
 
@@ -30,46 +26,45 @@ def accelerations(model: Model, force: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
     As `acceleration_of`, in the configuration in which the reduction is.
     """
-    reduction, mass, n, a = model.reduction, model.mass, model.reduction.free, None
+    reduction, n, a = model.reduction, model.reduction.free, None
     if reduction.equates:
-        a = _of_equal(model, reduction, force)
+        a = _of_equal(model, force)
     elif not reduction.couplings.sliding and len(reduction.auxiliaries):
-        a = _with_auxiliaries(reduction, mass, force)
+        a = _with_auxiliaries(model, force)
     if a is None:
         T = reduction.coupling()
         T = T.toarray() if T.shape[0] <= _SMALL else T
-        a = acceleration_of((T.T @ (mass @ T))[:n, :n], force, model.unit_of_unknowns)
-    return a, force - reduction.gather(mass @ reduction.spread(reduction.in_columns(a)))[:n]
+        a = acceleration_of((T.T @ (model.mass @ T))[:n, :n], force, model.unit_of_unknowns)
+    return a, force - _inertia(model, a)
 
 
-def _of_equal(model: Model, reduction: Reduction, force: np.ndarray) -> np.ndarray | None:
+def _inertia(model: Model, a: np.ndarray) -> np.ndarray:
+    """Generalised forces (free,) of accelerations of the unknowns (free,)."""
+    reduction = model.reduction
+    of_nodes = model.mass @ reduction.spread(reduction.in_columns(a))
+    return reduction.gather(of_nodes)[: reduction.free]
+
+
+def _of_equal(model: Model, force: np.ndarray) -> np.ndarray | None:
     """By the reduced mass, whose factors have the pattern of the tangent; None if it is singular.
 
     Or without factors where they would need more memory than all else.
     """
-    free, mass = reduction.free, model.mass
-
-    def times(a):
-        return reduction.gather(mass @ reduction.spread(reduction.in_columns(a)))[:free]
-
-    if free > _LARGE:
-        diagonal = reduction.gather(mass.diagonal())[:free]
-        if (a := _iterated_acceleration(times, diagonal, force)) is not None:
-            return a
-    (indptr, indices), of = reduction.tangent.pattern, reduction.tangent.direct
-    values = np.bincount(of["to"], mass.data[of["from"]], len(indices))
+    tangent, free = model.reduction.tangent, model.reduction.free
+    if free > _LARGE and (a := _iterated(model, force)) is not None:
+        return a
+    (indptr, indices), of = tangent.pattern, tangent.direct
+    values = np.bincount(of["to"], model.mass.data[of["from"]], len(indices))
     diagonal = values[np.repeat(np.arange(free), np.diff(indptr)) == indices]
     has_mass = free and (diagonal > 0).all()
     regular = has_mass and model.factors_of_mass.factorise(values)
     return model.factors_of_mass.solve(force) if regular else None
 
 
-def _with_auxiliaries(
-    reduction: Reduction, mass: scipy.sparse.csr_matrix, force: np.ndarray
-) -> np.ndarray | None:
+def _with_auxiliaries(model: Model, force: np.ndarray) -> np.ndarray | None:
     """By the system with auxiliary unknowns, without unknowns that move no mass and no loop."""
-    n, still = reduction.free, ~reduction.moves(mass.diagonal() > 0)
-    matrix = reduction.normal(mass)
+    n, still = model.reduction.free, ~model.reduction.moves(model.mass.diagonal() > 0)
+    matrix = model.reduction.normal(model.mass)
     moving = np.append(~still, np.ones(matrix.shape[0] - n, dtype=bool))
     matrix = scipy.sparse.diags(1.0 * moving) @ matrix + scipy.sparse.diags(1.0 * ~moving)
     b = np.zeros(matrix.shape[0])
@@ -78,7 +73,7 @@ def _with_auxiliaries(
         a = scipy.sparse.linalg.splu(matrix.tocsc()).solve(b)[:n]
     except RuntimeError:  # exactly singular
         return None
-    error = reduction.gather(mass @ reduction.spread(reduction.in_columns(a)))[:n] - b[:n]
+    error = _inertia(model, a) - b[:n]
     return a if abs(error).max() <= _SINGULAR * abs(b).max(initial=0.0) else None
 
 
@@ -113,13 +108,12 @@ def acceleration_of(mass, force: np.ndarray, unit: np.ndarray) -> np.ndarray:
     return a
 
 
-def _iterated_acceleration(
-    times: Callable[[np.ndarray], np.ndarray], diagonal: np.ndarray, force: np.ndarray
-) -> np.ndarray | None:
-    """The same for a mass matrix as a product; None if conjugate gradients do not find them.
+def _iterated(model: Model, force: np.ndarray) -> np.ndarray | None:
+    """By products with the mass; None if conjugate gradients do not find them.
 
     Scaled by its diagonal, the mass of a mesh has a condition number below ten.
     """
+    diagonal = model.reduction.gather(model.mass.diagonal())[: len(force)]
     scale = np.zeros(len(force))
     scale[diagonal > 0] = diagonal[diagonal > 0] ** -0.5
     x, r = np.zeros(len(force)), scale * force
@@ -128,7 +122,7 @@ def _iterated_acceleration(
     for _ in range(_MOST):
         if size <= least:
             return scale * x
-        image = scale * times(scale * d)
+        image = scale * _inertia(model, scale * d)
         if (moved := d @ image) <= _EXACT * (d @ d):  # nothing that has mass
             return None
         part = size / moved
