@@ -8,7 +8,6 @@ import numpy as np
 
 from fx_beam.dual import stacked
 from fx_beam.results.state import State
-from fx_beam.scene.joints import joints_by_number
 from fx_beam.step.forcing import LoadForcing
 from fx_beam.step.model import Model
 
@@ -121,9 +120,7 @@ def _of_model(model: Model) -> dict[str, Any]:
     numbers |= model.masses.numbers()
     if model.forms.beams is not None:
         numbers |= model.forms.beams.numbers
-    if model.couplings.moving:
-        by_number = joints_by_number(model.scene)
-        moving = [by_number[joint.number] for joint in model.couplings.moving]
+    if moving := model.moving:
         axes = [(0.0, 0.0) if joint.axis is None else joint.axis for joint in moving]
         numbers["offset"] = stacked([joint.offset for joint in moving]).reshape(-1, 2)
         numbers["axis"] = stacked(axes).reshape(-1, 2)

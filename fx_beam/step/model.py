@@ -199,8 +199,7 @@ class Model:
             return False
         if self.couplings.closures or self.couplings.sliding:
             raise ElsewhereError("joints that close loops, or slide on beams, lie elsewhere")
-        joints = joints_by_number(self.scene)
-        self.reduction.set_arms([joints[joint.number] for joint in self.couplings.moving])
+        self.reduction.set_arms(self.moving)
         return True
 
     def start_of(self, state: State, length: float) -> StepStart:
@@ -385,6 +384,12 @@ class Model:
         # Couplings that change with the motion.
         turning = any(not (joint.is_index or joint.a is GROUND) for joint in self.scene.joints)
         return self.scheme.rates.by_mean and bool(turning or self.couplings.driven)
+
+    @property
+    def moving(self) -> list[Joint]:
+        """Joints with an arm or a slide, in the order of the couplings, as the scene has them."""
+        joints = joints_by_number(self.scene)
+        return [joints[joint.number] for joint in self.couplings.moving]
 
     @property
     def sliding(self) -> list[SlidingJoint]:

@@ -11,7 +11,6 @@ from fx_beam.c_library import Structs, declarations
 from fx_beam.content_cache import cached_property
 from fx_beam.dual import changing
 from fx_beam.errors import SceneError, any_of
-from fx_beam.scene.joints import joints_by_number
 
 from .form_tables import aligned_zeros
 from .layout import Layout, Numbers, all_of, never_empty, put_columns
@@ -320,9 +319,8 @@ class TapeDerivatives:
         And the slides of joints in the reference of the present scene.
         """
         if self._refills != self._model.refills:
-            self._refills, moving = self._model.refills, self._model.couplings.moving
-            joints = joints_by_number(self._model.scene)
-            self._slide_at_rest[:-1] = [joints[joint.number].start()[0] for joint in moving]
+            self._refills = self._model.refills
+            self._slide_at_rest[:-1] = [joint.start()[0] for joint in self._model.moving]
         if self._has_places == by_places:
             return
         self._has_places = by_places
