@@ -131,10 +131,9 @@ class LoadLoop(CompiledLoop):
         return new
 
     def change_of_sizes(self, left: np.ndarray, right: np.ndarray) -> float:
-        """Product of two vectors (size,) and the last tangent, with the sizes of all entries."""
-        if self.together is not None:
-            return float(abs(left) @ self.together.equations.change(right, sizes=True))
-        return float(abs(left) @ self.equations.change(abs(right), sizes=True))
+        """Product of sizes: of a vector (size,), of the last tangent's entries, and `right`."""
+        equations = self.equations if self.together is None else self.together.equations
+        return float(abs(left) @ equations.change(right, sizes=True))
 
     # -- The last tangent -------------------------------------------------------------------------
 
