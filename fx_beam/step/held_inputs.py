@@ -15,17 +15,13 @@ from fx_beam.scene.scene import Scene
 
 from .forcing import Forcing
 
-# Parts of a scene on which its motion depends, or its start.
-_PARTS = ["beams", "nodes", "fixed", "prescribed", "masses", "loads", "drags", "virtual_works"]
-_PARTS += ["joints", "contacts", "forces_between", "natural_strains", "velocities"]
-
 
 class HeldInputs:
     """The inputs of a scene and their present values."""
 
     def __init__(self, scene: Scene):
         #: What the scene has, to notice what is added to it later.
-        self._watched = [getattr(scene, name) for name in _PARTS]
+        self._watched = [of for of in vars(scene).values() if isinstance(of, list | dict | set)]
         self._scene, self._count = scene, self._changes(scene)
         #: Number of values of each input, by name.
         self.widths = widths(scene)
