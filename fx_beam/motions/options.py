@@ -53,7 +53,6 @@ class Tolerance:
         t_end, breaks = options.t_end, options.breaks
         fits = _LEAST <= as_float(tolerance) <= _MOST
         require(fits, "tolerance", tolerance, f"a number from {_LEAST:g} to {_MOST:g}")
-        require(is_number(t_end), "t_end", t_end, "a finite number")
         if not t_end - t0 >= 1 / LARGEST:
             since = f"the start at t = {t0:g}" if t0 else "0"
             raise SceneError(f"t_end = {t_end!r} must be after {since}")
@@ -161,6 +160,7 @@ class Options(CommonOptions):
 
     def grid(self, t0: float, goes_on: bool) -> tuple[np.ndarray, Tolerance | None]:
         """Ends of steps from t0 [s] on; or t0 alone and what controls the steps."""
+        require(is_number(self.t_end), "t_end", self.t_end, "a finite number")
         if self.tolerance is None:
             times, control = _time_grid(self.dt, self.t_end, t0, goes_on), None
         else:
@@ -177,7 +177,6 @@ def _time_grid(dt: Any, t_end: Any, t0: float, goes_on: bool) -> np.ndarray:
     """Ends of equal steps; a motion that goes on may end with a part of a step, as events do."""
     choice = ", or give a tolerance, which chooses the steps" if dt is None else ""
     dt = positive(dt, "dt", f"a positive number{choice}")
-    require(is_number(t_end), "t_end", t_end, "a finite number")
     if t_end - t0 < dt * (1e-6 if goes_on else 1 - 1e-6):
         least = f"after the start at t = {t0:g}" if goes_on else f"at least one step dt = {dt!r}"
         raise SceneError(f"t_end = {t_end!r} must be {least}")
