@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -34,8 +34,10 @@ class VjpWork:
     """
 
     def __init__(self, name: str, beams: BeamForms, problem: Problem):
+        assert problem.tables is not None  # as there are beams
         #: Its name in C.
-        self.name, self._beams, self._problem = name, beams, problem
+        self.name, self._beams, self._tables = name, beams, problem.tables
+        self._lanes = problem.constants.LANES
         #: The form, and the array of `Layout` with the numbers of one element after the other.
         self.array = name.replace("_", " ")
         nodal = dict.fromkeys(("increment", "start"), problem.c.cell_dofs)
@@ -51,25 +53,21 @@ class VjpWork:
     def compiled(self, by_places: bool) -> tuple[list[tuple[str, int]], Kernel, dict[str, Any]]:
         """Names of derivatives, each by a weight, and their forms, also as a table for C."""
         if by_places not in self._compiled:
-            tables = self._problem.tables
-            assert tables is not None
             names = self._beams.sizes_of_slopes(self.array)
             wanted = [name for name in names if by_places or name != "coordinates"]
             slopes = self._beams.slopes(self.array, wanted)
             kernel = Kernel([*slopes.values()])
-            table = tables.of("slopes of forces", kernel)
+            table = self._tables.of("slopes of forces", kernel)
             table["changing"] = table["moving"]
             self._compiled[by_places] = [*slopes][1:], kernel, table  # behind the work
         return self._compiled[by_places]
 
     def members(self, layout: Layout, by_places: bool) -> dict[str, Any]:
-        """The others; derivatives by places of nodes are left out if they are not wanted."""
-        tables, lanes = self._problem.tables, self._problem.constants.LANES
-        assert tables is not None
+        """The other members; without derivatives by places of nodes if they are not wanted."""
         made, kernel, table = self.compiled(by_places)
         ends = {weight: i for i, (name, weight) in enumerate(made) if name == "increment"}
         pieces = made + [key for weight in ends if (key := ("start", weight)) not in made]
-        numbers, weights = self._numbers(layout, tables.rows), self._weights(layout, tables.rows)
+        numbers, weights, lanes = self._numbers(layout), self._weights(layout), self._lanes
         first, of_weights = _starts(self._sizes.values()), [rows.shape[1] for rows in weights]
         at = dict(zip(self._sizes, first, strict=False))
         size = [self._sizes[name] for name, _ in pieces]
@@ -106,9 +104,9 @@ class VjpWork:
         parts = np.split(cells, _starts(self._local.values())[1:-1], axis=1)
         return dict(zip(self._local, parts, strict=True))
 
-    def _numbers(self, layout: Layout, rows: Mapping[str, np.ndarray]) -> Iterator[np.ndarray]:
+    def _numbers(self, layout: Layout) -> Iterator[np.ndarray]:
         """Places (cells, n) of all numbers of the elements, in the order of the sizes."""
-        of_element = iter(self.of_element(layout).values())
+        of_element, rows = iter(self.of_element(layout).values()), self._tables.rows
         for name, size in self._sizes.items():
             if name not in _IN_COMMON:
                 yield next(of_element)
@@ -118,12 +116,12 @@ class VjpWork:
             at = layout.at[array][np.reshape(of, (-1, size))]
             yield np.broadcast_to(at, (len(rows["dofs"]), size))
 
-    def _weights(self, layout: Layout, rows: Mapping[str, np.ndarray]) -> list[np.ndarray]:
+    def _weights(self, layout: Layout) -> list[np.ndarray]:
         """Places (cells, n) of forces, and of internal variables at the end."""
         pairs = [("r", "dofs")]
         if "internal" in self._sizes:
             pairs.append(("internal1", "internal"))
-        return [layout.at[array][rows[kind]] for array, kind in pairs]
+        return [layout.at[array][self._tables.rows[kind]] for array, kind in pairs]
 
 
 def _starts(sizes: Any) -> list[int]:
