@@ -14,8 +14,8 @@ from fx_beam.fem.beam_forms import BeamForms
 
 from .build import load_batches
 
-# Forms that are evaluated together, by their names in C.
-_FORMS = {
+#: Forms that are evaluated together, by their names in C.
+FORMS = {
     "internal_forces": ("internal forces", "tangent"),
     "energy": ("strain energy",),
     "inversion": ("inverted sections",),
@@ -123,16 +123,14 @@ class FormTables:
                     by_tag[tag][...] = self._blocks(rows)
             constants[...] = form.values_of_constants()
 
-    def all(self, wanted: Container[str] = _FORMS) -> dict[str, dict]:
-        """The forms of the model by their names in C, or some of them."""
-        bound = {name: of for name, of in _FORMS.items() if of[0] in self._forms.bound}
-        return {name: self._table(name, of) for name, of in bound.items() if name in wanted}
-
-    def _table(self, to: str, names: tuple[str, ...]) -> dict[str, Any]:
-        """Forms of fields that change, in the order of `BeamForms.moving`."""
-        forms = self._forms
-        bound = [forms.bound[name] for name in names if name in forms.bound]
-        return self.of(names[min(1, len(bound) - 1)], Kernel(bound))
+    def all(self, wanted: Container[str]) -> dict[str, dict]:
+        """The wanted ones of `FORMS` that the model has, by their names in C."""
+        tables, bound = dict[str, dict](), self._forms.bound
+        for name, forms in FORMS.items():
+            known = [form for form in forms if form in bound]
+            if known and name in wanted:
+                tables[name] = self.of(known[-1], Kernel([bound[form] for form in known]))
+        return tables
 
     def of(self, name: str, kernel: Kernel) -> dict[str, Any]:
         """Forms of a kernel; `name` is that of the form that takes longest to compile."""

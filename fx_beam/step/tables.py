@@ -21,7 +21,7 @@ from fx_beam.laws.schemes import MOST_SUB_STEPS
 from fx_beam.results.state import ARRAYS, MACROS, NUMBERS, State
 
 from .build import begin_to_build, load_library
-from .form_tables import FormTables, aligned_zeros
+from .form_tables import FORMS, FormTables, aligned_zeros
 from .lu_layout import COSTS, Factors, factors_of, graph_of, groups_of
 from .model import Model
 from .newton import ENERGY_FLOOR, LONGEST_TURN, NEGLIGIBLE, NewtonOptions
@@ -169,7 +169,7 @@ class Problem:
         if (beams := model.forms.beams) is not None and not self._rates:
             stored = stored_at[model.forms.of_cells]
             self.tables = FormTables(self, stored)
-            self._set(**self.tables.all(*([_OF_EQUATIONS] if self._bare else [])))
+            self._set(**self.tables.all(_OF_EQUATIONS if self._bare else FORMS))
             if p.cell_internal:
                 width = beams.internal_shape[-1]
                 self._set(per_weight=np.repeat(1 / beams.point_weights, width))
