@@ -33,9 +33,8 @@ def solution_of(
     """Solution from a record, or from what is `stored` of it; `end` gives the last state.
 
     With `times` its rows are at these times, otherwise those of the record; the motion is smooth
-    between `breaks`. What depends on nothing that may change is made when it is first read: the
-    record stays as it is if the run has `ended`, and the scene if `scene_stays` until the solution
-    is read.
+    between `breaks`. What cannot change any more is made when it is first read: the record does not
+    if the run has `ended`, and the scene does not if it `scene_stays` as it is until then.
     """
     model, scene, mesh = recorder.model, recorder.model.scene, recorder.model.mesh
     # Fitted rates depend on the joints of the scene, which may be changed.

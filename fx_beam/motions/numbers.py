@@ -57,11 +57,10 @@ def numbers_of(
 def observed_numbers_of(
     prepared: Prepared, state: State, times: np.ndarray, lengths: np.ndarray, at_start: bool
 ) -> dict[str, np.ndarray]:
-    """What outputs read besides: of joints, and rates of driven motions.
+    """What outputs read besides: axes of joints, and rates of driven motions.
 
-    And accelerations and forces `at_start`, if it is true.
-
-    These at `times` (n,), by steps of the `lengths` (n,) that end there [s].
+    These rates are at `times` (n,), by steps of the `lengths` (n,) that end there [s]. With
+    `at_start` also accelerations and forces at the start.
     """
     model = prepared.model
     joints, columns = model.sizes["joints"], model.sizes["constraints"]

@@ -76,7 +76,7 @@ class Prepared:
         return self.stepper.integrator if self._team is None else None
 
     def refill_model(self, scene: Scene) -> None:
-        """Set all numbers but those of the compiled loop: for what they are, not for a run."""
+        """Set all numbers but those of the compiled loop: to read them, not for a run."""
         self.model.refill(scene)
         self.forcing = Forcing(self.model)
         if len(self.model.scheme.fractions) > 1:  # a step of the loop smooths the start

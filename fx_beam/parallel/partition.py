@@ -237,6 +237,6 @@ def _trees(scene: Scene) -> np.ndarray:
 
 
 def _runs(flags: np.ndarray) -> list[tuple[int, int]]:
-    """First and last but one of all runs of True."""
+    """Where each run of True begins, and where the flags are False again."""
     change = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
     return [(int(a), int(b)) for a, b in change.reshape(-1, 2)]

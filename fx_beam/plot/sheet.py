@@ -32,8 +32,6 @@ class Plane:
     ----------
     drawing : Drawing
         What is drawn.
-    scene_unit : str
-        Unit of length in which the scene is given, for labels.
     bar : bool
         Whether there is a colour bar.
     size : (float, float), optional

@@ -100,7 +100,10 @@ class Rows:
     def members(
         self, numbers: np.ndarray, every: int, rows: np.ndarray, of: np.ndarray | None = None
     ) -> dict[str, Any]:
-        """Members for rows with these numbers, of so many, or if some are `of` the same rows."""
+        """Members for `rows` that belong to these numbers among `every`.
+
+        In their order, or number k to row `of[k]`: several may have one row.
+        """
         at = np.full(every, -1)
         at[numbers] = np.arange(len(numbers)) if of is None else of
         size = len(self._places)

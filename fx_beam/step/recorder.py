@@ -134,7 +134,7 @@ class NullRecorder:
     arrays_of_starts: dict[str, np.ndarray] = {}
 
     def stores_starts(self, parts: int) -> bool:
-        """None."""
+        """Whether starts are stored: never."""
         return False
 
     def record(self, *_: Any, **options: Any) -> None:
@@ -260,7 +260,7 @@ class Recorder:
 
     @property
     def complete(self) -> int:
-        """Number of those of the rows so far; there are more within a step."""
+        """Number of starts up to the last row; within a step there are more."""
         return self._up_to(self.rows - 1)
 
     def _up_to(self, row: int) -> int:
@@ -333,9 +333,9 @@ class Recorder:
         return of_step * np.bincount(row, shares)
 
     def _parts(self, first: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Row after each sub-step before rows from one on, its share, and if its start is stored.
+        """Of the sub-steps before rows from one on: the row, the share, and if the start is stored.
 
-        The previous row is the start of the others, which are whole steps.
+        If not, it is a whole step, which starts at the row before.
         """
         counts = np.diff(self.arrays["up_to_row"][: self.rows], prepend=0)[first:]
         repeats, rows = np.maximum(counts, 1), np.arange(first, self.rows)

@@ -84,7 +84,7 @@ def bordering_tables(
     """Columns of what slides, and what belongs to them, as members of ``Problem``.
 
     `at` are the storage indices of `storage_of`, `diagonal_at` (size,) those of the diagonal of the
-    full tangent. BorderingRows are numbered downwards from `first`.
+    full tangent. Bordering rows are numbered downwards from `first`.
     """
     reduction, sliders = model.reduction, model.reduction.sliders
     rows, columns = on_bordering_rows(reduction, *reduction.couplings.system, first)
