@@ -67,7 +67,7 @@ class Prepared:
         """
         self.options = options or self.options
         self.model.refill(scene)
-        self.turn_counter.reset()
+        self.turn_counter.removed[:] = 0.0
         self._begin(self.loop)
 
     @property

@@ -14,11 +14,11 @@ from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.contacts import Contact
-from fx_beam.scene.joints import Constraints, JointKey, constraints_of, key_of
+from fx_beam.scene.joints import Constraints, JointKey, constraints_of, key_of, slides_at_start
 from fx_beam.scene.loads import NAMES
 from fx_beam.step.model import Model
 
-from .initial_state import end_of, given_velocity, reference_state
+from .initial_state import end_of, given_velocity
 
 # In the place of rows: of the ground, whose number in `JointKey` this is, and of new nodes.
 _GROUND, _NEW = -1, -2
@@ -57,7 +57,7 @@ class Transfer:
     def state(self) -> State:
         """The state of the scene, before its rates are made to fit; it has no past."""
         model, end = self._model, self._end
-        nodal, slides = self._at_nodes(), reference_state(model).slides
+        nodal, slides = self._at_nodes(), slides_at_start(model.scene)
         self._check_new_beams(nodal["q"].reshape(-1, 3))
         at = model.motion(q=nodal["q"][None])
         for joint in model.scene.joints:

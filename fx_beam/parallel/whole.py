@@ -180,8 +180,6 @@ class DistributedEquations:
         self._team = team
         self._shares, self._numbers, counts = divided(model, team.size)
         self._ends = np.cumsum(counts)
-        #: Number of processes.
-        self.size = team.size
         kind = "MUMPS" if model.scheme.rates.at_rest else "Schwarz"
         negligible = NEGLIGIBLE * options.tolerance * min(model.mesh.size, 1.0)
         how = model.scheme, forcing.time, counts, kind, negligible
@@ -214,7 +212,7 @@ class DistributedEquations:
         """Set the interval of a step and the state at its start, everywhere."""
         self._reduction.begin(start.q, start.slides)
         end = self._natural(interval.end)
-        starts = [self._start_of(i, start) for i in range(self.size)]
+        starts = [self._start_of(i, start) for i in range(self._team.size)]
         pairs, values = zip(self._shares, starts, strict=True), self.model.forms.parameters.values
         given = [(interval, of, self._in_part(share, end), values) for share, of in pairs]
         self._crew("begin", given)
@@ -276,7 +274,7 @@ class DistributedEquations:
     def _set_pattern(self) -> None:
         free = self.model.reduction.free
         pairs = self._numbers[np.column_stack(np.divmod(self._pairs, free))]
-        others = [(np.empty((0, 2), dtype=int),)] * (self.size - 1)
+        others = [(np.empty((0, 2), dtype=int),)] * (self._team.size - 1)
         self._crew("set_pattern", [(pairs,), *others])
 
     def _of_points(self) -> np.ndarray:
@@ -315,7 +313,7 @@ class DistributedEquations:
         if first.size:
             self._stiffness = math.sqrt(abs(b @ x)) / first.size
         self._stats.krylov_iterations += first.iterations
-        self._stats.solver = f"PETSc on {self.size} processes, {first.kind}"
+        self._stats.solver = f"PETSc on {self._team.size} processes, {first.kind}"
         return x, first.error
 
 

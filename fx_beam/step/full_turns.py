@@ -27,10 +27,6 @@ class TurnCounter:
         #: Rotations (size,) subtracted so far [rad].
         self.removed = np.zeros(model.size)
 
-    def reset(self) -> None:
-        """Begin again, without turns."""
-        self.removed = np.zeros(len(self.removed))
-
     def turns_of(self, state: State) -> np.ndarray:
         """Full turns (size,) [rad] of a state, where these have no effect on the equations."""
         turns = np.zeros_like(self.removed)

@@ -40,9 +40,8 @@ class LoadLoop(CompiledLoop):
     def __init__(
         self, forcing: LoadForcing, options: NewtonOptions, stats: Stats, alone: bool = True
     ):
-        solver, self._alone, model = stats.solver, alone, forcing.model
+        self._alone, model = alone, forcing.model
         super().__init__(forcing, options, stats, alone)
-        stats.solver = solver
         p, free = self._problem, model.reduction.free
         p.keeps_joint_forces = True
         #: Holding forces (free,) on the unknowns, in addition to the forces of the model.
@@ -62,7 +61,7 @@ class LoadLoop(CompiledLoop):
         """A record of forces alone, for one step."""
         to, self._row = self._ffi.new("Record *"), np.zeros(1, np.int32)
         to.every = to.parts = to.forces = 1
-        to.up_to_row = self._address("int[]", self._row)
+        to.up_to_row = self._ffi.from_buffer("int[]", self._row)
         return to
 
     @cached_property
@@ -98,7 +97,7 @@ class LoadLoop(CompiledLoop):
         inputs = self._begin_step(state, interval, 0.0)
         z = self.model.reduction.in_columns(y, driven - self.forcing.current(state))
         r = np.ascontiguousarray(r)
-        p.known, p.known_forces = (self._address("double[]", x) for x in (z, r))
+        p.known, p.known_forces = (self._ffi.from_buffer("double[]", x) for x in (z, r))
         self._one_row.rows = 0
         try:
             self._steps(1, 0.0, self.c_inputs(inputs), self._one_row)

@@ -63,7 +63,7 @@ class CompiledLoop:
         #: Checks and counts states with inverted sections.
         self.inversion = InversionCheck(self.model, stats)
         self.problem.c.least_energy = self.inversion.least_energy
-        self.stats.solver = f"compiled, {self.problem.factors}"
+        stats.solver = stats.solver or f"compiled, {self.problem.factors}"
 
     def refill(self, forcing: Forcing, stats: Stats) -> None:
         """Begin another run, with the numbers that the model has now."""
@@ -204,7 +204,7 @@ class CompiledLoop:
         for name, rows in inputs.arrays().items():
             if rows.size:
                 # The first row is contiguous, also where it stands for all.
-                setattr(c_inputs, name, self._address("double[]", rows[:1]))
+                setattr(c_inputs, name, self._ffi.from_buffer("double[]", rows[:1]))
                 if name in _REPEATED:
                     setattr(c_inputs, f"{name}_stride", rows.strides[0] // rows.itemsize)
         return c_inputs
@@ -231,10 +231,10 @@ class CompiledLoop:
         rows, starts = dict(recorder.arrays), dict(recorder.arrays_of_starts)
         to.every, to.forces = recorder.every, "constraint_forces" in rows
         if "up_to_row" in rows:
-            to.up_to_row = self._address("int[]", rows.pop("up_to_row"))
+            to.up_to_row = self._ffi.from_buffer("int[]", rows.pop("up_to_row"))
         for name in ("share", "memory"):
             if name in starts:
-                setattr(to, name, self._address("double[]", starts.pop(name)))
+                setattr(to, name, self._ffi.from_buffer("double[]", starts.pop(name)))
         histories, stored = self._rows(rows), self._rows(starts)
         to.histories, to.history = len(histories), histories
         to.stored, to.start = len(stored), stored
@@ -248,11 +248,8 @@ class CompiledLoop:
         for row, (name, array) in zip(rows, arrays.items(), strict=True):
             row.source = getattr(self._problem, name.removeprefix("start_"))
             row.size = array.shape[1]
-            row.target = self._address("double[]", array)
+            row.target = self._ffi.from_buffer("double[]", array)
         return rows
-
-    def _address(self, kind: str, array: np.ndarray):
-        return self._ffi.from_buffer(kind, array)
 
     def count(self, taken: int) -> None:
         """Add what C has counted in some steps or parts to the statistics."""

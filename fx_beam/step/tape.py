@@ -236,7 +236,7 @@ class Tape:
             for checkpoint in groups[i]:
                 self._repeat(problem, checkpoint)
             self._after = groups[i + 1][0] if i + 1 in order else None
-            yield Part(self.c.first, self.c.first + self.c.rows)
+            yield self.present
 
     @property
     def present(self) -> Part:
