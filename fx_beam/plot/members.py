@@ -89,10 +89,10 @@ class Members:
         values = along_all(solution, quantity, drawing.rows, middles)
         rows = values.reshape(len(drawing.rows), -1)
         signed = is_signed(quantity)
-        norm, (least, most) = _norm(values, signed, limits, scale == "log")
-        low, high = bool((rows < least).any()), bool((rows > most).any())
-        if isinstance(norm, LogNorm):  # zero has the colour of the low end
-            rows = np.maximum(rows, least)
+        norm = _norm(values, signed, limits, scale == "log")
+        low, high = bool((rows < norm.vmin).any()), bool((rows > norm.vmax).any())
+        if scale == "log" and not signed:  # zero has the colour of the low end
+            rows = np.maximum(rows, norm.vmin)
         self._values = dict(zip(drawing.rows, rows, strict=True))
         self.scale = ScalarMappable(norm, SIGNED if signed else SEQUENTIAL)
         beyond = {(True, True): "both", (True, False): "min", (False, True): "max"}
@@ -189,8 +189,8 @@ def hexadecimal(scale, count: int) -> list[str]:
     return [to_hex(shade) for shade in scale(np.linspace(0, 1, count))]
 
 
-def _norm(values: np.ndarray, signed: bool, limits: Any, logarithmic: bool):
-    """The scale, and the values at its ends."""
+def _norm(values: np.ndarray, signed: bool, limits: Any, logarithmic: bool) -> Any:
+    """The scale between two values."""
     largest = float(abs(values).max()) or 1.0
     if limits is not None:
         fits = numbers(limits).shape == (2,) and bool(np.isfinite(numbers(limits)).all())
@@ -205,7 +205,5 @@ def _norm(values: np.ndarray, signed: bool, limits: Any, logarithmic: bool):
     else:
         low, high = -largest if signed else 0.0, largest
     if not logarithmic:
-        return Normalize(low, high), (low, high)
-    if signed:
-        return SymLogNorm(low, vmin=-high, vmax=high), (-high, high)
-    return LogNorm(low, high), (low, high)
+        return Normalize(low, high)
+    return SymLogNorm(low, vmin=-high, vmax=high) if signed else LogNorm(low, high)
