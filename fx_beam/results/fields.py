@@ -68,10 +68,8 @@ def energy_density(solution: Any, rows: list[int]) -> np.ndarray:
         cells = slice(end, end := end + beam.elements)
         of_beam, energy = strains[:, :, cells], beam.section.strain_energy
         if energy is None:
-            stiffness = beam.section.constants(_STIFFNESSES)
-            if stiffness is None:
-                fractions = arc_lengths(beam, gauss_rule(beam.degree)[0]) / beam.length
-                stiffness = [beam.section.values(kind, fractions) for kind in _STIFFNESSES]
+            fractions = arc_lengths(beam, gauss_rule(beam.degree)[0]) / beam.length
+            stiffness = [beam.section.values(kind, fractions) for kind in _STIFFNESSES]
             parts = zip(stiffness, of_beam**2, strict=True)
             density[:, cells] = sum(factor * squares for factor, squares in parts) / 2
             continue
