@@ -94,7 +94,7 @@ class MotionSeries:
         return Prepared(scene, options, waiting_team(scene) if self._memory is None else None)
 
     def alike(self, scene: Scene, base: Scene, options: Options) -> Prepared:
-        """The prepared `base` with the numbers of another scene, but for those of its loop."""
+        """The prepared `base` with the numbers of another scene; those of its loop stay."""
         self._alike = self._alike or Prepared(base, options)
         try:
             self._alike.refill_model(scene)

@@ -154,7 +154,7 @@ class Prepared:
 def _come_and_gone(model: Model, start: Solution, state: State) -> float:
     """Energy [J] that came or went with what was added to a scene, taken away, or changed.
 
-    Energies of a solution may contain work that driven motions have done for rates to fit.
+    Energies of a solution may contain work of driven motions that made the rates fit.
     """
     end, energy = end_of(start), start.energy
     if start.t[-1] != end.t:

@@ -171,7 +171,7 @@ class DistributedEquations:
     def __init__(self, team: Team, forcing: Forcing, options: NewtonOptions, stats: Stats):
         self.model, self._natural = (model := forcing.model), forcing.natural
         self._reduction = model.reduction
-        #: Counts of iterations, and the root of the work of the last solution, per size.
+        #: Where iterations are counted; root of the work of the last solution, over its size.
         self._stats, self._stiffness = stats, 0.0
         _check(model)
         if forcing.turning is not None:

@@ -85,7 +85,7 @@ class FittedRates:
         return self.followed(self.library.VALUES, q, v, slides, driven)
 
     def followed(self, way: int, *given: np.ndarray, **derivatives: Any) -> Fit:
-        """The same as `fit`, with derivatives in a `way` by members of ``Derivatives`` in C."""
+        """As `fit`, and derivatives in one `way`, by members of ``Derivatives`` in C."""
         model, n, p = self._model, len(given[0]), self._p
         if self._problem.refills != model.refills:
             self._problem.refill()

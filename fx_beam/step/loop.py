@@ -322,7 +322,7 @@ class Steps(NamedTuple):
     #: Their ends [s], and their inputs.
     ends: np.ndarray
     inputs: StepInputs
-    #: Number of the first one; parts of it that are taken already, and parts of a step.
+    #: Number of the first one; how many of its parts were taken before, and parts of a step.
     first: int
     done: int = 0
     parts: int = 1

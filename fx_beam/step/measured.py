@@ -39,7 +39,7 @@ class Measured(NamedTuple):
         return components if self.added is None else self.added + components
 
     def terms(self) -> Iterator[tuple[np.ndarray, np.ndarray, float]]:
-        """Components, their entries and the sign of all that counts."""
+        """Of all that counts: components, their entries, and the sign."""
         for entries, sign in ((self.plus, 1.0), (self.minus, -1.0)):
             if entries is not None:
                 parts = np.arange(np.size(entries))

@@ -81,9 +81,9 @@ class RecordedHistories(Mapping):
         return rows[:, self._model.mesh.dofs[number]]
 
     def at_end(self, t: float) -> dict[str, np.ndarray]:
-        """What a state at a time [s] has of the last row, if that is there: forces.
+        """Forces of the last row by name, if it is at this time [s]; else nothing.
 
-        And rates that fit the joints, with accelerations, if those of steps do not.
+        Also the rates that fit the joints, and accelerations, if the rates of steps do not fit.
         """
         if self["t"][-1] != t:
             return {}
@@ -163,9 +163,9 @@ def fitted(
 ) -> dict[str, np.ndarray]:
     """Rows (n, ...) of a record with fitted rates; row 0 is the start.
 
-    `starts` are q and v at the starts of the steps before the other rows, where these are not the
-    rows before; `grid` has the times at the ends of all steps, and the steps of the rows; `driven`
-    the rates at the start.
+    `starts` are q and v where the steps start that end with the other rows; None if these are the
+    rows before. `grid` has the times at the ends of all steps, and the steps of the rows; `driven`
+    are the rates at the start.
     """
     times, steps = grid
     histories, slides = dict(rows), rows.get("slides", np.empty((len(steps), 0)))
@@ -200,9 +200,8 @@ def _fit(
 ) -> Fit:
     """Rates that fit at ends or starts of steps, whose `states` are q, v and slides.
 
-    Rates of driven motion are NaN if not known.
-    Inputs go straight in a step, so that their rates are those over it, if the rows are `in_turn`.
-    `first` are the rates of driven motion at the first one, if `State` has them.
+    Rates of driven motion that are not known are NaN. Inputs go straight in a step: if the rows are
+    `in_turn`, their rates are those over it. `first` are the rates at the first row, if known.
     """
     from .fitted_rates import rate_fit
 

@@ -162,8 +162,8 @@ class Recorder:
         names = [name for name, quantity in ROWS.items() if quantity.record in kinds]
         #: Names of the rows that only serve the others.
         self._serving = {"q", "v"} - {*names} if model.fits_rates else set()
-        #: Starts (n, ...) of the sub-steps of the rows' steps, where these are not the previous
-        #: row, and their number; `up_to_row` has that up to each row.
+        #: Starts (n, ...) of the sub-steps before rows, where these are not the rows before;
+        #: `up_to_row` has their number up to each row.
         self.arrays_of_starts = _starts(model, record.motion, record.rates)
         self._parted = len(model.scheme.fractions) > 1 or model.forms.needs_previous
         #: Rows (n, ...) by name, vectors in the order of the degrees of freedom.

@@ -18,9 +18,9 @@ _LANES = 4
 
 
 def alone_in_column(reduction: Reduction) -> np.ndarray:
-    """Whether a degree of freedom equals an unknown on which no other depends, (size,).
+    """Whether a degree of freedom equals an unknown on which nothing else depends, (size,).
 
-    Nor closures of loops, nor auxiliary unknowns.
+    No other degree of freedom, no closure of a loop, and no auxiliary unknown.
     """
     row, column, value, sign = reduction.couplings.all_entries
     equal = (value == 0) & (sign == 1) & (column < reduction.free)

@@ -127,16 +127,16 @@ class Tape:
         self.is_whole = True
 
     def write(self, rows: np.ndarray) -> None:
-        """Have rows that were not written by the loop."""
+        """Take rows that the loop did not write."""
         self._set_rows(rows)
         self.c.rows = self.c.all = self._count = len(rows)
         self._times = Times(rows[:, 0], rows[:, 0] + rows[:, 1], rows[:, 1], rows[:, 4] == 0)
 
     def repeat(self, moves: np.ndarray, lengths: np.ndarray, factors: np.ndarray) -> None:
-        """Have the only row n times, with increments (n, free) added and lengths (n,) [s].
+        """Take the only row n times, with increments (n, free) added, and other lengths (n,) [s].
 
-        And load factors (n,) of forces that depend on the motion. The scheme's level remains at
-        the same time.
+        And with load factors (n,) of forces that depend on the motion. The scheme's level remains
+        at the same time.
         """
         rows = np.repeat(self._rows, len(moves), axis=0)
         rows[:, 0] += self.problem.c.level * (rows[:, 1] - lengths)
