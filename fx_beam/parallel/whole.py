@@ -241,9 +241,8 @@ class DistributedEquations:
         D = self._reduction.expand(y, driven)
         f, r = np.zeros(model.size), np.zeros(model.size)
         model.points.add_force(D, f)
-        if len(self._at_points):
-            model.forms.stiffness.data[self._at_points] = 0.0
-            model.points.add_tangent(model.forms.stiffness.data)
+        model.forms.stiffness.data[self._at_points] = 0.0
+        model.points.add_tangent(model.forms.stiffness.data)
         loads = force - f
         parts = zip(self._columns, self._shares, self._owned, self._dofs, strict=True)
         given = [
