@@ -32,7 +32,7 @@ from fx_beam.results.state import ARRAYS, NUMBERS, State
 from fx_beam.scene.beam import lagrange
 from fx_beam.step.equations import Balance
 from fx_beam.step.load_loop import LoadLoop
-from fx_beam.step.sparse_lu import Pattern, sparse_lu
+from fx_beam.step.sparse_lu import LU, Pattern
 from fx_beam.step.step_failures import StepFailed
 
 
@@ -51,7 +51,7 @@ class BorderedLU:
         #: Places of the diagonal of the unknowns.
         self._diagonal = np.flatnonzero((rows == indices) & (rows < len(unit)))
         if self._free:
-            self._lu = sparse_lu(pattern, dependent)
+            self._lu = LU(pattern, dependent)
         #: Sign of the determinant.
         self.sign = 0.0
 

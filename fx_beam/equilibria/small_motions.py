@@ -15,7 +15,7 @@ from scipy.sparse.linalg import LinearOperator, eigs
 
 from fx_beam.results.state import State
 from fx_beam.step.load_loop import LoadLoop
-from fx_beam.step.sparse_lu import Pattern, nearly_singular_lu, pivoted_lu, sparse_lu
+from fx_beam.step.sparse_lu import LU, Pattern, nearly_singular_lu, pivoted_lu
 from fx_beam.step.undamped_modes import Symmetry, UndampedModes
 
 from .path_equations import BorderedLU
@@ -104,7 +104,7 @@ class SmallMotions:
         for shift in (0.0, _SHIFT * most):  # if a pivot, or an eigenvalue, is zero
             shifted = (K + shift * self.metric).tocsr() if shift else K
             shifted.sort_indices()
-            lu = sparse_lu((shifted.indptr, shifted.indices))
+            lu = LU((shifted.indptr, shifted.indices))
             if lu.factorise(shifted.data):
                 return Growing(0, lu.negative_pivots() or 0)
         raise ValueError(f"unstable_modes: the tangent at load factor {state.t:g} is singular")

@@ -326,9 +326,9 @@ class Model:
     @cached_property
     def factors_of_mass(self) -> LU:
         """Factors for matrices of the reduced pattern, in which the mass of unknowns is one."""
-        from .sparse_lu import sparse_lu
+        from .sparse_lu import LU
 
-        return sparse_lu(self.reduction.tangent.pattern)
+        return LU(self.reduction.tangent.pattern)
 
     @cached_property
     def unit(self) -> np.ndarray:

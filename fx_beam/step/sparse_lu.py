@@ -18,15 +18,6 @@ from .lu_layout import factors_of
 _SHIFT = 1e-13
 
 
-def sparse_lu(pattern: Pattern, dependent: np.ndarray | None = None) -> LU:
-    """Factors without exchange of rows for a pattern (indptr, indices).
-
-    With auxiliary unknowns, `dependent` is that of `Reduction`.
-    """
-    library = c_library.open_library("factors of sparse matrices", "sparse_lu.h", "sparse_rows.h")
-    return LU(*library, pattern, dependent)
-
-
 def pivoted_lu(matrix: Any) -> SuperLU:
     """Factors by SciPy of a sparse matrix whose pattern is symmetric, also a complex one.
 
@@ -46,11 +37,15 @@ def nearly_singular_lu(matrix: Any) -> SuperLU:
 
 
 class LU:
-    """Factors in sparse rows (lu_layout.py)."""
+    """Factors in sparse rows (lu_layout.py) without exchange of rows, for a pattern.
 
-    def __init__(self, ffi: Any, library: Any, pattern: Pattern, dependent: np.ndarray | None):
-        self._ffi, self._library = ffi, library
-        layout = factors_of(*pattern, dependent)
+    With auxiliary unknowns, `dependent` is that of `Reduction`.
+    """
+
+    def __init__(self, pattern: Pattern, dependent: np.ndarray | None = None):
+        files = "sparse_lu.h", "sparse_rows.h"
+        ffi, self._library = c_library.open_library("factors of sparse matrices", *files)
+        self._ffi, layout = ffi, factors_of(*pattern, dependent)
         self._rows = ffi.new("SparseRows *")
         self._diagonals = layout.rows.get("diagonal", layout.order)  # none without unknowns
         self._structs = Structs(ffi, c_library.declarations("sparse_rows.h"))

@@ -14,7 +14,7 @@ import scipy.sparse
 from fx_beam.errors import SceneError
 
 from .model import Model
-from .sparse_lu import Pattern, sparse_lu
+from .sparse_lu import LU, Pattern
 
 # Largest error of a vector in its iteration.
 _EXACT = 1e-12
@@ -77,7 +77,7 @@ class UndampedModes:
         numbered.sort_indices()
         numbers = (part.astype(int) - 1 for part in (numbered.data.real, numbered.data.imag))
         self._values = [np.append(A.data, 0.0)[k] for A, k in zip((K, M), numbers, strict=True)]
-        self._lu = sparse_lu((numbered.indptr, numbered.indices))
+        self._lu = LU((numbered.indptr, numbered.indices))
 
     def lowest(self, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Lowest angular frequencies (n,), which are rigid (n,), and vectors (size, n).
