@@ -22,7 +22,7 @@ from .energy_outputs import SINCE_START, EnergyOutput, WorkOutput, check_work, s
 from .gradient import Gradient, RowOutput
 from .local_outputs import LocalOutput, Places, ResultantOutput
 from .output_values import record_of
-from .sub_steps import StatesAt, SubSteps
+from .sub_steps import SubSteps
 
 # Rates that fit the joints, and the impulses that make them fit, by their names as states.
 _FITTED = "rates", "rates of slides", "impulses of joints", "impulses of columns"
@@ -77,7 +77,6 @@ class Observation:
         self,
         model: Model,
         tape: Tape,
-        states_at: StatesAt,
         forces: Callable[[], np.ndarray],
         entries: Arrays,
         by_places: bool,
@@ -109,7 +108,7 @@ class Observation:
         forces_at = np.searchsorted(self.sub_steps, steps.sub_steps)
         rows = np.flatnonzero(boundaries), np.flatnonzero(boundaries == 0)
         self._places = Places(ends, starts, *rows, steps, forces_at, entries)
-        self._of = of = SubSteps(model, tape, self.boundaries, states_at, by_places)
+        self._of = of = SubSteps(model, tape, self.boundaries, by_places)
         #: Rates that fit the joints, and their derivatives.
         self._fit = None
         if model.fits_rates and needed:

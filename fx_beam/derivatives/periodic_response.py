@@ -160,8 +160,6 @@ class PeriodicResponse(Response):
         solution = self._shooting.solution(self._period)
         self._series.keep(self._shooting.prepared, solution)
         self.stats, self._t = solution.stats, solution.t[1:]
-        assert solution.end is not None  # of steps that are all taken
-        self._end = solution.end.reshaped(-1)
         return self._t.copy(), self._read_all(solution)
 
     def _values_of(self, solution: Solution, of: Wanted, name: str) -> np.ndarray:
@@ -376,7 +374,7 @@ class PeriodicResponse(Response):
     def _energy_by_x(self, changes: dict[str, np.ndarray]) -> np.ndarray:
         """Derivatives (m,) of the energy of the state at the start, which is held."""
         model, tape, none = self._shooting.model, self._shooting.tape, np.zeros(1, dtype=int)
-        of = SubSteps(model, tape, none, lambda at: self._states(tape, at))
+        of = SubSteps(model, tape, none)
         output = EnergyOutput(of, "energy of steps", none)
         held = {name: np.zeros((1, len(self._x), width)) for name, width in tape.widths.items()}
         by_x = jvp(output.blocks(none), (1,), held, changes)[0]

@@ -166,7 +166,6 @@ class Response(Differentiable):
 
     def _begin(self) -> None:
         super()._begin()
-        self._end: State | None
         self._record = self._options.record
         self._outputs: dict[str, Wanted] = {}
         #: Names of the outputs, from the first scene on.
@@ -242,7 +241,9 @@ class Response(Differentiable):
 
     def _motion(self, run: Run) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         read = run.take_steps(lambda: self._rows_of(run) or run.solution())
-        self.stats, self._end = run.prepared.stats, run.recorder.end
+        self.stats = run.prepared.stats
+        if self._series.tape is not None:
+            self._series.tape.last = run.recorder.end
         if isinstance(read, Solution):
             self._t = read.t
             return self._t, self._read_all(read)
@@ -480,9 +481,8 @@ class Response(Differentiable):
         by_places = "X" in self._scenes.changing
         derivatives.hand_over_slopes(by_places)
         refuse_others(changes, derivatives.names, "Response")
-        states_at = functools.partial(self._states, tape)
         forces = functools.partial(derivatives.constraint_forces, tape)
-        given = model, tape, states_at, forces, entries, by_places
+        given = model, tape, forces, entries, by_places
         observe = functools.partial(Observation, *given)
         return tape, derivatives, changes, observe, entries
 
@@ -508,15 +508,6 @@ class Response(Differentiable):
     def _boundaries(self, tape: Tape) -> np.ndarray:
         """Numbers of sub-steps before the rows of the last call."""
         return tape.boundaries(self._t)
-
-    def _states(self, tape: Tape, steps: np.ndarray) -> dict[str, np.ndarray]:
-        """States (n, ...) of the last call before some sub-steps, or at its end, by name."""
-        states = tape.states(steps)
-        for name, rows in states.items():
-            values = getattr(self._end, name.replace(" ", "_"))
-            if values is not None and rows.size:
-                rows[steps == len(tape)] = np.ravel(values)
-        return states
 
     def _checked_weights(self, weights: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         what = "Response.vjp: weights"

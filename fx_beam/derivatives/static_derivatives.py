@@ -137,21 +137,12 @@ class StaticDerivatives:
         works: dict[str, StepWork | StepLosses] = {}
         if self.path.start is not None:
             return {}
-        of = SubSteps(model, self.tape, every, self.states_at)
+        of = SubSteps(model, self.tape, every)
         if not why_no_work(model):
             works["work"] = StepWork(of, self.derivatives.constraint_forces(self.tape))
         if model.forms.dissipate and not why_no_losses(model):
             works["dissipated"] = StepLosses(of)
         return works
-
-    def states_at(self, boundaries: np.ndarray) -> dict[str, np.ndarray]:
-        """States (n, ...) before some load steps, or at the end, by the names of `Tape.widths`."""
-        states = self.tape.states(np.maximum(boundaries - 1, 0))
-        for name, rows in states.items():
-            for row, step in zip(rows, boundaries.tolist(), strict=True):
-                if row.size and step:
-                    row[:] = np.ravel(getattr(self.states[step - 1], name.replace(" ", "_")))
-        return states
 
 
 class StateChange:

@@ -202,8 +202,5 @@ class StaticResponse(Response):
     def _boundaries(self, tape: Tape) -> np.ndarray:
         return np.arange(1, len(tape) + 1)
 
-    def _states(self, tape: Tape, steps: np.ndarray) -> dict[str, np.ndarray]:
-        return self._load_steps.states_at(steps)
-
     def _changes_by_x(self) -> dict[str, np.ndarray]:
         return self._derivatives(self._load_steps.numbers_of)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -28,8 +28,6 @@ class Source(NamedTuple):
     factor: float = 1.0
 
 
-#: States (n, ...) before some sub-steps, by the names of the derivatives by them.
-StatesAt = Callable[[np.ndarray], dict[str, np.ndarray]]
 # Degrees of freedom of the sub-steps that are evaluated at once.
 _MOST = 2**16
 
@@ -40,15 +38,8 @@ class SubSteps:
     Rows, and sub-steps or boundaries of each, are one of `groups`.
     """
 
-    def __init__(
-        self,
-        model: Model,
-        tape: Tape,
-        boundaries: np.ndarray,
-        states_at: StatesAt,
-        by_places: bool = True,
-    ):
-        self.model, self.tape, self.boundaries, self._states_at = model, tape, boundaries, states_at
+    def __init__(self, model: Model, tape: Tape, boundaries: np.ndarray, by_places: bool = True):
+        self.model, self.tape, self.boundaries = model, tape, boundaries
         #: Whether derivatives by the positions of nodes are wanted.
         self.by_places = by_places
         of_scene, self._level = model.forms.parameters, model.scheme.rates.level
@@ -66,7 +57,7 @@ class SubSteps:
     @cached_property
     def states(self) -> dict[str, np.ndarray]:
         """The states (n, ...), which are read if an output is not linear in them."""
-        return self._states_at(self.boundaries)
+        return self.tape.states(self.boundaries)
 
     def groups(self, steps: np.ndarray) -> Iterator[slice]:
         """Sub-steps or boundaries that are evaluated at once."""

@@ -294,7 +294,8 @@ class Shooting:
         self.tape.clear()
         self.prepared.stepper.load(state)
         recorder = recorder or Recorder(self.model, times, _NOTHING)
-        return self.prepared.stepper.advance(state, times[1:], 1, recorder)
+        self.tape.last = self.prepared.stepper.advance(state, times[1:], 1, recorder)
+        return self.tape.last
 
     @staticmethod
     def _times(state: State, length: float, steps: int) -> np.ndarray:

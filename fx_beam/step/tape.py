@@ -106,6 +106,8 @@ class Tape:
         self.c.size = problem.library.fx_tape_size(problem.c)
         self._sub_steps = int(problem.c.sub_steps)
         self._rows = np.empty((0, self.c.size))
+        #: The state at the end of the run, from whoever takes its steps.
+        self.last: State
         self.clear()
 
     def _set_rows(self, rows: np.ndarray) -> None:
@@ -282,22 +284,24 @@ class Tape:
         return widths | {"natural": p.cells * p.cell_natural}
 
     def states(self, boundaries: np.ndarray) -> dict[str, np.ndarray]:
-        """States (n, ...) at some boundaries of the present part, by the names of `widths`.
-
-        Not that at the end of the run.
-        """
-        states, first = {}, TAPED_NUMBERS
-        places = boundaries - self.c.first
-        behind = (places == self.c.rows) & (boundaries < len(self))
-        rows = np.minimum(places, self.c.rows - 1)
+        """States (n, ...) at some boundaries of the present part, by the names of `widths`."""
+        states, first, end = {}, TAPED_NUMBERS, self.present.end
+        # Rows have the states before their sub-steps; those of equilibria apart the states behind.
+        rows = np.clip(boundaries - self.c.apart, self.c.first, end - 1) - self.c.first
+        behind = boundaries - self.c.apart == end
         for name, size in self.widths.items():
             states[name] = self._rows[rows, first : first + size]
             first += size
-            if behind.any():  # there is a part behind this one
-                assert self._after is not None
-                place = self.problem.places[name.replace(" ", "_")]
-                states[name][behind] = self._after.memory[place][:size]
+            if size and behind.any():
+                states[name][behind] = self._behind(name.replace(" ", "_"))[:size]
         return states
+
+    def _behind(self, name: str) -> np.ndarray:
+        """An array of the state behind the present part."""
+        if self.present.end == len(self):
+            return np.ravel(getattr(self.last, name))
+        assert self._after is not None
+        return self._after.memory[self.problem.places[name]]
 
     def steps_to(self, boundaries: np.ndarray) -> Steps:
         """The steps that end before some sub-steps."""
@@ -382,7 +386,7 @@ def static_tape(
         )
         rows.append(np.concatenate([np.ravel(part) for part in parts if part is not None]))
     tape = Tape(problem)
-    tape.c.apart = apart
+    tape.c.apart, tape.last = apart, states[-1]
     tape.write(np.array(rows))
     return tape
 
