@@ -12,7 +12,7 @@ from fx_beam.equilibria.path_piece import FLUTTER
 from fx_beam.errors import SceneError
 from fx_beam.linear.linearisation import linearised
 from fx_beam.scene.scene import Scene
-from fx_beam.step.sparse_lu import nearly_singular_lu, pivoted_lu
+from fx_beam.step.sparse_lu import null_vectors, pivoted_lu
 
 from .static_derivatives import DerivativesOf
 from .tangent_derivatives import Pairs, TangentDerivatives
@@ -22,8 +22,6 @@ from .tangent_derivatives import Pairs, TangentDerivatives
 _ZERO = 1e-5
 # The same of the slope of a bifurcation's mode, beside changes of its stiffness with the load.
 _ASYMMETRIC = 1e-3
-# Iterations for null vectors.
-_ITERATIONS = 5
 _WHAT = "StaticResponse: critical_load"
 
 
@@ -77,19 +75,9 @@ class CriticalLoad:
         omega = point.modes.angular_frequencies[0]
         self._square = omega**2 if point.kind == FLUTTER else 0.0
         self._unit = about.model.unit_of_unknowns[about.unknowns]
-        self._take_null_vectors()
-
-    def _take_null_vectors(self) -> None:
-        """The singular vectors of the least singular value of B in unit unknowns."""
-        about, unit = self._about, scipy.sparse.diags(self._unit)
+        unit = scipy.sparse.diags(self._unit)
         self._B = (unit @ (about.K - self._square * about.M) @ unit).tocsr()
-        lu = nearly_singular_lu(self._B)
-        left = np.random.default_rng(0).standard_normal(len(self._unit))
-        for _ in range(_ITERATIONS):
-            right = lu.solve(left)
-            right /= np.linalg.norm(right)
-            left = lu.solve(right, "T")
-            left /= np.linalg.norm(left)
+        left, right = (vectors[:, 0] for vectors in null_vectors(self._B))
         self._right, self._left = right, left if left @ right > 0 else -left
         self.phi, self.psi = self._unit * self._right, self._unit * self._left
 

@@ -15,7 +15,7 @@ from scipy.sparse.linalg import LinearOperator, eigs
 
 from fx_beam.results.state import State
 from fx_beam.step.load_loop import LoadLoop
-from fx_beam.step.sparse_lu import LU, Pattern, nearly_singular_lu, pivoted_lu
+from fx_beam.step.sparse_lu import LU, Pattern, null_vectors, pivoted_lu
 from fx_beam.step.undamped_modes import Symmetry, UndampedModes
 
 from .path_equations import BorderedLU
@@ -144,11 +144,8 @@ class SmallMotions:
     def shapes(self, state: State, square: float, several: int) -> np.ndarray:
         """Shapes (unknowns, several) of motions with the square of a frequency, of length 1."""
         unit, K = scipy.sparse.diags(self.unit), self.stiffness(state)
-        lu = nearly_singular_lu(unit @ (K - square * self._mass()) @ unit)
-        x = np.random.default_rng(0).standard_normal((K.shape[0], several))
-        for _ in range(4):
-            x = np.linalg.qr(lu.solve(lu.solve(x, "T")))[0]
-        return unit @ x
+        _, right = null_vectors(unit @ (K - square * self._mass()) @ unit, several)
+        return unit @ right
 
 
 def pairs_and_others(squares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

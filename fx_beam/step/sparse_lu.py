@@ -16,6 +16,8 @@ from .lu_layout import factors_of
 
 # Change of a singular matrix, relative to its largest entry.
 _SHIFT = 1e-13
+# Iterations for null vectors, each of which makes other vectors far smaller.
+_ITERATIONS = 5
 
 
 def pivoted_lu(matrix: Any) -> SuperLU:
@@ -27,13 +29,21 @@ def pivoted_lu(matrix: Any) -> SuperLU:
     return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.1, options=options)
 
 
-def nearly_singular_lu(matrix: Any) -> SuperLU:
-    """The same of a matrix in unit unknowns: if it is exactly singular, of one beside it."""
+def null_vectors(matrix: Any, several: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """Left and right vectors (n, several) of the least singular values, by inverse iteration.
+
+    The matrix is one in unit unknowns, nearly singular, or exactly.
+    """
     try:
-        return pivoted_lu(matrix)
+        lu = pivoted_lu(matrix)
     except RuntimeError:
         beside = _SHIFT * abs(matrix.data).max()
-        return pivoted_lu(matrix + beside * identity(matrix.shape[0]))
+        lu = pivoted_lu(matrix + beside * identity(matrix.shape[0]))
+    right = np.random.default_rng(0).standard_normal((matrix.shape[0], several))
+    for _ in range(_ITERATIONS):
+        left = np.linalg.qr(lu.solve(right, "T"))[0]
+        right = np.linalg.qr(lu.solve(left))[0]
+    return left, right
 
 
 class LU:
