@@ -9,7 +9,7 @@ import numpy as np
 
 from fx_beam.dual import without_slopes
 from fx_beam.errors import check_takes, require
-from fx_beam.linear.linearisation import Linearisation, check_equilibrium, linearised
+from fx_beam.linear.linearisation import Linearisation, linearised
 from fx_beam.results.audit import Stats
 from fx_beam.results.solution import Solution
 from fx_beam.scene.scene import Scene
@@ -57,7 +57,6 @@ class TangentResponse(Differentiable):
         # One model with slopes is enough: this one, or with damping the model that tells it.
         with without_slopes(self._is_damped):
             self._about = about = linearised(scene, self._end, self._asked, self._models)
-        check_equilibrium(about, self._end, self._asked)
         scheme, unknowns = about.model.scheme, len(about.unknowns)
         self.stats = Stats(scheme.name, scheme.rates.level, "", unknowns, static=True)
         self._is_damped = self._damped and about.may_be_damped

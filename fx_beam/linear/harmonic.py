@@ -20,7 +20,7 @@ from fx_beam.scene.scene import Scene
 from fx_beam.step.sparse_lu import pivoted_lu
 from fx_beam.step.undamped_modes import Symmetry
 
-from .linearisation import Linearisation, check_equilibrium, linearised
+from .linearisation import Linearisation, linearised
 
 # Motion per force, in the units of the equations' diagonal, at which only rounding bounds it.
 _UNBOUNDED = 1e14
@@ -86,7 +86,6 @@ def frequency_response(
     """
     what = "frequency_response"
     about = linearised(scene, state, what)
-    check_equilibrium(about, state, what)
     force = about.T.T @ nodal_load(about, load, f"{what}: load")
     measured = Measured(about, at, f"{what}: at")
     f = checked_frequencies(frequencies, f"{what}: frequencies")

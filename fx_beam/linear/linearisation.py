@@ -51,10 +51,6 @@ class Linearisation:
     columns: scipy.sparse.csr_matrix
     #: The configuration, at rest in its frame.
     start: State
-    #: Forces of the unknowns that nothing balances, and the largest work of a force at a node in a
-    #: unit motion of the scene [J].
-    unbalanced: np.ndarray
-    largest: float
     #: A frame that turns, and Coriolis forces by rates in it (free, free); None for one at rest.
     frame: TurningFrame | None = None
     coriolis: scipy.sparse.csr_matrix | None = None
@@ -153,7 +149,8 @@ def linearised(
 ) -> Linearisation:
     """Linearise about the last row of a state, or about the reference without loads.
 
-    Errors say `what` asks. Models of an earlier scene serve again.
+    SceneError for a state that is no equilibrium; errors say `what` asks. Models of an earlier
+    scene serve again.
     """
     check_scene(scene, what)
     end = state.end if isinstance(state, Solution) else None
@@ -188,11 +185,11 @@ def linearised(
         M = (only @ M @ only).tocsr()
     G = None if frame is None else (np.sqrt(factor) * T.T @ frame.gyroscopic @ T).tocsr()
     columns = reduction.completion()[:, unknowns]
-    rest = balance.residual[unknowns]
-    largest = max(abs(part * model.unit).max() for part in (balance.f, balance.r, force))
-    about = Linearisation(
-        scene, model, K, M, T, unknowns, columns, start, rest, largest, frame, G, models
-    )
+    about = Linearisation(scene, model, K, M, T, unknowns, columns, start, frame, G, models)
+    if state is not None:
+        # The largest work of a force at a node in a unit motion of the scene [J].
+        largest = max(abs(part * model.unit).max() for part in (balance.f, balance.r, force))
+        _check_equilibrium(about, state, balance.residual[unknowns], largest, what)
     model.needed_by(about)
     return about
 
@@ -248,15 +245,18 @@ _ADVICE = (
 )
 
 
-def check_equilibrium(about: Linearisation, state: Solution | None, what: str) -> None:
-    """Refuse the last row of a state in which forces or rates are left; errors say `what` asks."""
-    if state is None:
-        return
+def _check_equilibrium(
+    about: Linearisation, state: Solution, unbalanced: np.ndarray, largest: float, what: str
+) -> None:
+    """Refuse a state in whose last row rates are left, or forces of the unknowns.
+
+    The `largest` work of a force in a unit motion [J] says how many are round-off.
+    """
     model = about.model
     unit = model.unit_of_unknowns[about.unknowns]
-    left = abs(about.unbalanced) * unit
+    left = abs(unbalanced) * unit
     rounding = _ROUNDING * (unit * (abs(about.K) @ unit)).max()
-    if left.max() <= _BALANCED * about.largest + rounding:
+    if left.max() <= _BALANCED * largest + rounding:
         if not state.stats.static:
             _check_rest(about, state, what)
         return
@@ -270,7 +270,7 @@ def check_equilibrium(about: Linearisation, state: Solution | None, what: str) -
     raise SceneError(
         f"{what}: the state is no equilibrium: {force:.3g} {of} in {COMPONENTS[component]} of node "
         f"{node} at ({x:g}, {y:g}) has no balance; the largest force in the state is "
-        f"{about.largest / model.mesh.size:.3g} N. {_ADVICE}"
+        f"{largest / model.mesh.size:.3g} N. {_ADVICE}"
     )
 
 

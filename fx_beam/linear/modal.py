@@ -15,7 +15,7 @@ from fx_beam.results.vibrations import Modes, modes_of
 from fx_beam.scene.scene import Scene
 from fx_beam.step.sparse_lu import pivoted_lu
 
-from .linearisation import Linearisation, check_equilibrium, linearised
+from .linearisation import Linearisation, linearised
 
 # A root is known when inverse iteration changes it by less, relative to its size.
 _CLOSE = 1e-9
@@ -281,7 +281,6 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool
     require(is_whole(n, 1), "modes: n", n, "a whole number from 1 on")
     require(is_flag(damping), "modes: damping", damping, "True or False")
     about = linearised(scene, state, "modes")
-    check_equilibrium(about, state, "modes")
     omega, rigid, ratios, roots, vectors = lowest_modes(about, about.by_rates("modes", damping), n)
     return modes_of(about.model, about.start.q, about.T @ vectors, omega, rigid, ratios, roots)
 

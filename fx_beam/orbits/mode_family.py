@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from fx_beam.errors import SceneError, StepError, is_whole, require
-from fx_beam.linear.linearisation import check_equilibrium, linearised
+from fx_beam.linear.linearisation import linearised
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.results.vibrations import first_of_largest
@@ -69,7 +69,6 @@ class ModeFamily:
                 "such as state=fx_beam.static(scene)"
             )
         about = linearised(scene, state, what)
-        check_equilibrium(about, state, what)
         omega, rigid, vectors = UndampedModes(about.K, about.M).lowest(mode + 1)
         if mode >= len(omega) or rigid[mode] or omega[mode] <= 0:
             raise SceneError(
