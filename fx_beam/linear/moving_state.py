@@ -316,22 +316,9 @@ def forces_inside(about: Deviations, name: str) -> tuple[np.ndarray, np.ndarray]
     if not natural or not about.model.forms.depend_on_rates:
         return force, np.zeros_like(force)
     rate = (strains[1] - strains[0]) / (2 * h)
-    return force, -about.T.T @ _force_of_strain_rates(about.model, about.state, rate)
-
-
-def _force_of_strain_rates(model: Model, state: State, rates: np.ndarray) -> np.ndarray:
-    """Internal force (size,) of natural strains that change at rates (cells, degree, 3) [1/s].
-
-    Their mean is that of the state, so that only damping sees them.
-    """
-    assert state.natural is not None
-    forces, D, half = [], np.zeros(model.size), _SHORT / 2 * rates
-    for change in (half, -half):
-        given = model.start_of(state, _SHORT)
-        given = given._replace(natural=(state.natural - change, state.natural + change))
-        model.forms.begin(instant(state.t, _SHORT), given)
-        forces.append(model.forms.internal_force(D).copy())
-    return (forces[0] - forces[1]) / 2
+    still = replace(about.state, v=0 * about.state.v)  # without the round-off of other rates
+    ahead, back = (_forces(about.model, still, sign * rate)[0] for sign in (1, -1))
+    return force, -about.T.T @ (ahead - back) / 2
 
 
 def _accelerations(
