@@ -201,6 +201,11 @@ class LinearChanges:
         return self._dual.along(gradient)
 
     @property
+    def shape(self) -> tuple[int, ...]:
+        """That of the array."""
+        return self._dual.count, *self._dual.shape
+
+    @property
     def columns(self) -> tuple[np.ndarray, np.ndarray]:
         """Parameters (k,) by which they may differ from zero, and changes (k, n) by these."""
         by, columns = self._dual.columns

@@ -109,16 +109,14 @@ class RowOutput:
 class Gradient:
     """Derivatives by states and forces of a run, and by numbers of its scene.
 
-    `sizes` has the numbers of states or forces, and of the values in each, by name.
+    `sizes` has the numbers of states or forces, and of the values in each, by name. Derivatives by
+    numbers are added to those of other parts of the run, `of_numbers`; others are left out.
     """
 
-    def __init__(self, sizes: Mapping[str, tuple[int, ...]]):
-        self._sizes = sizes
+    def __init__(self, sizes: Mapping[str, tuple[int, ...]], of_numbers: Arrays):
+        self._sizes, self._of_numbers = sizes, of_numbers
         #: Those by states and forces (n, size).
         self.of_state: dict[str, np.ndarray] = {}
-        #: Those by ranges of numbers, and by single ones or those with a row for each sub-step.
-        self._of_numbers: dict[tuple[str, int, int], np.ndarray] = {}
-        self._picked: list[tuple[str, Any, Any, np.ndarray]] = []
 
     def at(self, name: str) -> np.ndarray:
         """Those by all states or forces of a name, to which one adds."""
@@ -128,36 +126,18 @@ class Gradient:
 
     def add(self, name: str, entries: Any, places: Any, values: np.ndarray) -> None:
         """Add derivatives (k, e) by entries, as those of a `Block`."""
-        whole = isinstance(entries, slice)
-        if places is None:
-            values = values.sum(axis=0)
-        if places is None and whole:
-            key = name, entries.start, entries.stop
-            self._of_numbers[key] = self._of_numbers.get(key, 0.0) + values
-        elif places is None or name not in self._sizes:
-            self._picked.append((name, entries, places, values))
-        elif whole:
-            self.at(name)[:, entries][places] += values
+        if places is not None and name in self._sizes:
+            to = self.at(name)
+        elif name in self._of_numbers:
+            to = self._of_numbers[name]
         else:
-            self.at(name)[np.reshape(places, (-1, 1)), entries] += values
-
-    def add_numbers(self, name: str, values: np.ndarray) -> None:
-        """Add the derivatives by all numbers of a name."""
-        self.add(name, slice(0, values.size), None, values.reshape(1, -1))
-
-    def along(self, changes: Arrays) -> np.ndarray:
-        """What is by numbers, times changes (m, ...) of these: (m,)."""
-        count = len(changes["X"])
-        total = np.zeros(count)
-        for (name, start, stop), values in self._of_numbers.items():
-            of = changes[name]
-            part = of if isinstance(of, LinearChanges) else of.reshape(count, -1)[:, start:stop]
-            total += along(part, values)
-        for name, entries, places, values in self._picked:
-            shape = (count, -1) if places is None else (count, changes[name].shape[1], -1)
-            given = changes[name].reshape(shape)[..., entries]
-            total += along(given if places is None else given[:, places], values)
-        return total
+            return
+        if places is None:
+            to.reshape(-1)[entries] += values.sum(axis=0)
+        elif isinstance(entries, slice):
+            to.reshape(len(to), -1)[:, entries][places] += values
+        else:
+            to.reshape(len(to), -1)[np.reshape(places, (-1, 1)), entries] += values
 
 
 def along(changes: Any, gradient: np.ndarray) -> np.ndarray:

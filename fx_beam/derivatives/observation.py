@@ -138,26 +138,27 @@ class Observation:
         sizes |= {name: (n, width) for name, width in zip(_FITTED, of_fit, strict=True)}
         return sizes | {"constraints": (k, columns), "joints": (k, joints)}
 
-    def vjp(self, weights: Arrays, later: Mapping[str, float]) -> Gradient:
-        """Derivatives of the sum of weights (n, ...) times outputs, by states and by numbers.
+    def vjp(
+        self, weights: Arrays, later: Mapping[str, float], of_numbers: Arrays
+    ) -> dict[str, np.ndarray]:
+        """Derivatives of the sum of weights (n, ...) times outputs by states and forces.
 
-        `later` are sums of the weights of outputs that add up over the steps, in later parts.
+        Those by numbers are added to `of_numbers`. `later` are sums of the weights of outputs that
+        add up over the steps, in later parts.
         """
-        gradient = Gradient(self._sizes)
+        gradient = Gradient(self._sizes, of_numbers)
         for name, output in self._outputs.items():
             output.vjp(weights[name], later.get(name, 0.0), gradient)
         if self._fit is not None:
-            of_state, of_numbers = self._fit.vjp({name: gradient.at(name) for name in _FITTED})
+            every = slice(None)
+            of_state, of_shape = self._fit.vjp({name: gradient.at(name) for name in _FITTED})
             driven = of_state.pop("driven rates")
             for name, values in of_state.items():
                 gradient.at(name)[:] += values
-            for name, values in of_numbers.items():
-                gradient.add_numbers(name, values)
-            if driven.size:
-                of_boundaries = np.zeros((len(self._tape) + 1, driven.shape[1]))
-                of_boundaries[self.boundaries] = driven
-                gradient.add_numbers("driven rates", of_boundaries)
-        return gradient
+            for name, values in of_shape.items():
+                gradient.add(name, every, None, values.reshape(1, -1))
+            gradient.add("driven rates", every, self.boundaries, driven)
+        return gradient.of_state
 
     def jvp(self, of_state: dict, changes: Arrays, before: Arrays) -> dict[str, np.ndarray]:
         """Changes (n, ..., m) of all outputs from those of states, forces and numbers.

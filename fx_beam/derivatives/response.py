@@ -35,7 +35,7 @@ from fx_beam.step.tape_derivatives import TapeDerivatives, Weights
 
 from .built_scenes import refuse_others
 from .differentiable import Differentiable, one_call
-from .gradient import Gradient, along
+from .gradient import along
 from .local_outputs import observes_start
 from .objectives import Cost, Misfit, Objective
 from .observation import Observation, check_outputs, observes_rates, rates_at, read_entries, summed
@@ -310,7 +310,8 @@ class Response(Differentiable):
             return by_x
         outputs = self._differentiable(given, "Response.vjp: weights")
         tape, derivatives, changes, observe, entries = self._begin_derivatives("vjp", outputs)
-        boundaries, direct = self._boundaries(tape), list[Gradient]()
+        boundaries, changing = self._boundaries(tape), changes.keys() & self._scenes.changing
+        by_outputs = {name: np.zeros(changes[name].shape[1:]) for name in changing}
         counting = np.zeros(len(self._t), dtype=bool)  # others need no states, nor fitted rates
         for values in given.values():
             counting |= values.reshape(len(values), -1).any(axis=1)
@@ -323,18 +324,16 @@ class Response(Differentiable):
             if not (len(inside) or any(later.values())):
                 return {}, boundaries[:0], boundaries[:0]
             observed = observe(wanted, boundaries[inside])
-            gradient = observed.vjp({name: given[name][inside] for name in wanted}, later)
-            of_state, gradient.of_state = gradient.of_state, {}  # not for longer than the part
-            direct.append(gradient)
+            of_part = {name: given[name][inside] for name in wanted}
+            of_state = observed.vjp(of_part, later, by_outputs)
             return of_state, observed.boundaries, observed.sub_steps
 
-        by_numbers = derivatives.vjp(tape, weights_of, self._scenes.changing, entries)
+        by_states = derivatives.vjp(tape, weights_of, changing, entries)
         self.stats.gradient_growth = growth = derivatives.growth
         if growth > _USEFUL_GROWTH:
             _log.warning(_CHAOTIC, growth)
-        parts = [along(changes[name], of) for name, of in by_numbers.items()]
-        parts += [gradient.along(changes) for gradient in direct]
-        return sum(parts, by_x)
+        every = [*by_states.items(), *by_outputs.items()]
+        return sum((along(changes[name], by) for name, by in every), by_x)
 
     @one_call
     def jacobian(self, *names: str) -> dict[str, np.ndarray]:
