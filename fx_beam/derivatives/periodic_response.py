@@ -16,7 +16,7 @@ from fx_beam.fem.parameter_values import before
 from fx_beam.motions.numbers import OF_STEPS, numbers_of, observed_numbers_of
 from fx_beam.orbits.closing import NO_SHIFT, ROUND_OFF, ROUNDING, turning_point
 from fx_beam.orbits.periodic_family import without_trivial
-from fx_beam.orbits.shooting import Directions, Period, Shooting
+from fx_beam.orbits.shooting import Directions, Period, Shooting, slope
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import PeriodicMotion
 from fx_beam.scene.outputs import PERIOD, Output
@@ -273,10 +273,10 @@ class PeriodicResponse(Response):
             return shooting.slopes(along, period)[0][by.independent]
 
         size = period.size if period.moves else 1.0
-        rows = _slope(beside, _DEVIATION * size / abs(deviation).max())
+        rows = slope(beside, _DEVIATION * size / abs(deviation).max())
         if slopes.period.any():
             along = {name: np.tensordot(deviation[None], of, 1) for name, of in by.changes.items()}
-            rows += _slope(longer, _CHANGE) * slopes.period
+            rows += slope(longer, _CHANGE) * slopes.period
         return np.linalg.solve(unit, rows)
 
     def _check_rows(self) -> None:
@@ -396,7 +396,7 @@ class PeriodicResponse(Response):
             other = Shooting(self._scene_of(frequency * (1 + change)), self._cycle.options)
             return other.run(period.start, period.length / (1 + change)).gap
 
-        of_frequency = _slope(gap, _CHANGE)[by.independent]
+        of_frequency = slope(gap, _CHANGE)[by.independent]
         self._frequency = frequency
         self._lay()
         return (vector @ right) / (vector @ of_frequency)  # of the period, the inverse
@@ -461,12 +461,6 @@ class PeriodicResponse(Response):
             rates = rates_at(tape, np.arange(len(tape) + 1))
             numbers |= observed_numbers_of(other, start, *rates, False)
         return numbers
-
-
-def _slope(function: Callable[[float], np.ndarray], h: float) -> np.ndarray:
-    """The derivative at zero, by a central difference."""
-    low, high = function(-h), function(h)
-    return (high - low) / (2 * h)
 
 
 def _check_repeats(changes: np.ndarray, later: np.ndarray) -> None:

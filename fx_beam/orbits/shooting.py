@@ -328,9 +328,7 @@ class Shooting:
 
     def by_parameter(self, period: Period) -> np.ndarray:
         """Derivative (rows,) of the gap by the logarithm of the parameter."""
-        parameters = period.parameter * (1 - _CHANGE), period.parameter * (1 + _CHANGE)
-        below, above = (self.run(period.start, parameter).gap for parameter in parameters)
-        return (above - below) / (2 * _CHANGE)
+        return slope(lambda x: self.run(period.start, period.parameter * (1 + x)).gap, _CHANGE)
 
     def first_return(self, state: State, longest: float) -> float | None:
         """Time after which a motion comes back near to its start; None if it does not."""
@@ -375,11 +373,11 @@ class Shooting:
 
     def slope_of_energy(self, state: State, by: Directions) -> np.ndarray:
         """Derivatives (n,) of the energy, by differences."""
-        slopes = np.empty(by.matrix.shape[1])
-        for i, unit in enumerate(np.eye(len(slopes))):
-            below, above = (self.energy(self.moved(state, by, h * unit)) for h in (-_STEP, _STEP))
-            slopes[i] = (above - below) / (2 * _STEP)
-        return slopes
+
+        def along(unit: np.ndarray) -> float:
+            return slope(lambda x: self.energy(self.moved(state, by, x * unit)), _STEP)
+
+        return np.array([along(unit) for unit in np.eye(by.matrix.shape[1])])
 
     def _of_time(self, state: State, t0: float, length: float) -> np.ndarray:
         """Functions of time (steps, n) in a period."""
@@ -403,6 +401,12 @@ class Shooting:
                 f"{self.what}: loads, driven motions or parameters do not repeat after the period "
                 f"of {length:.6g} s. Give the period of these functions of time, or a multiple"
             )
+
+
+def slope(function: Callable[[float], Any], h: float) -> Any:
+    """The derivative at zero, by a central difference."""
+    low, high = function(-h), function(h)
+    return (high - low) / (2 * h)
 
 
 def _remembered(state: State, name: str) -> np.ndarray:
