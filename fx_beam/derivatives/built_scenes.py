@@ -27,10 +27,10 @@ _INACCURATE = (
 # Exponent of the step in differences of `build`, relative to a number: wide, to keep round-off
 # small. On a line two numbers are enough; else four are combined, with an error of fourth order.
 _STEP = -12
-# A smaller number counts as zero, whose step is that of one.
+# A smaller number counts as zero, with the step of the number 1.
 _ZERO = 1e-100
-# Difference relative to a derivative that half of the step may make before the step is shortened;
-# the error is about its square. How often it is shortened, and by which exponent at most.
+# Half of the step may change a derivative by this part of it, else the step is shortened; the error
+# is about the square. How often it is shortened, and by which power of two at most.
 _BENT, _TRIES, _SHORTER = 1e-5, 8, 6
 # Outputs at the start, which have slopes or differences by all of x.
 _AT_START = {"a", "forces of columns", "forces of joints"}
@@ -38,9 +38,9 @@ _AT_START = {"a", "forces of columns", "forces of joints"}
 # more of it: for these the step is shortened only if the difference is larger.
 _NOISE, _COMPUTED = 1e-12, _AT_START | {"v", "driven rates"}
 _MORE_NOISE, _MORE_BENT = 1e-9, 1e-2
-# Numbers that are differences of places, and have their round-off, however small they are: parts
-# without mass find their balance beside a damper where they are. It is that of the largest in
-# places, directions and what is computed; others of a name may have different units.
+# Differences of places have the round-off of places, however small they are: parts without mass
+# find their balance beside a damper where they are. Of places, directions and what is computed the
+# largest of a name tells the round-off; other numbers of one name may have different units.
 _FROM_PLACES = {"offset", "rest", "slides", "q", "q previous"}
 _ALIKE = _FROM_PLACES | _COMPUTED | {"X", "axis"}
 # Error of numbers that depend on x along a line, relative to them.

@@ -24,7 +24,7 @@ _Method = TypeVar("_Method", bound=Callable)
 def one_call(method: _Method) -> _Method:
     """A method for one thread, in which functions are called with arrays where they accept them.
 
-    All but calls themselves need one before.
+    All methods but `__call__` need a call before.
     """
     name = method.__name__
 

@@ -228,8 +228,8 @@ def why_no_work(model: Model) -> str:
 class WorkOutput(RowOutput):
     """Work or dissipated energy since the start, at the rows of a run in a part of a tape.
 
-    The rows are at `places` (n,) among the states, which `of` has; `forces` gives those of columns
-    in the sub-steps of the part.
+    The rows are the states of `of` at `places` (n,); `forces` gives the forces of columns in the
+    sub-steps of the part.
     """
 
     def __init__(
@@ -301,9 +301,9 @@ class StepWork:
     columns (k, columns) times their paths. The last states are those before these sub-steps and
     after the last.
 
-    In load steps the loads and the forces are those at the ends. The first one, to the equilibrium
-    without loads, does not count; and of the weight, whose work is potential energy, what the load
-    factor leaves out.
+    In load steps the loads and the forces are those at the ends. The first step, to the equilibrium
+    without loads, does not count. Of the weight only the part counts that the load factor leaves
+    out, since the work of all of it is potential energy.
     """
 
     def __init__(self, of: SubSteps, forces: np.ndarray):

@@ -272,7 +272,7 @@ class HarmonicResponse(TangentResponse):
         return super()._numbers_of(scene, change) | {_LOAD: filled}
 
     def _pairs(self, solutions: tuple[np.ndarray, ...], weights: np.ndarray) -> Pairs:
-        """Their derivatives are those of weights (., k, c) times amplitudes, but by the load.
+        """Pairs with the derivatives of weights (., k, c) times amplitudes, but for the load's.
 
         At frequencies (k,), with motions (k, free) and adjoint ones (k, c, free).
         """

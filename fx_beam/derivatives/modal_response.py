@@ -154,7 +154,7 @@ class ModalResponse(TangentResponse):
         return np.column_stack([omega, ratios]) if self._damped else omega.copy()
 
     def _take_modes(self, count: int) -> float:
-        """Have the lowest modes in their places; how much the least is like the last one there."""
+        """Find the lowest modes, in their places; the least likeness to the last ones there."""
         omega, _, ratios, roots, vectors = lowest_modes(self._about, self._by_rates, count)
         order, alike = self._places(vectors)
         self._omega, self._ratios, self._roots = omega[order], ratios[order], roots[order]
@@ -162,7 +162,7 @@ class ModalResponse(TangentResponse):
         return alike
 
     def _places(self, vectors: np.ndarray) -> tuple[np.ndarray, float]:
-        """Modes in the order of the last shapes, then the others; and how much the least is alike.
+        """Order of the modes, as the last shapes, then the others; the least likeness to these.
 
         By the modal assurance criterion.
         """
@@ -282,7 +282,7 @@ class ModalResponse(TangentResponse):
                 yield np.sort(group)
 
     def _by_roots(self, modes: np.ndarray) -> np.ndarray:
-        """Factors (1 or 2, n): the real part of these times ds is that of a frequency and ratio."""
+        """Factors (1 or 2, n) of ds: the real part is the change of a frequency, and of a ratio."""
         s, w = self._roots[modes], abs(self._omega[modes])
         if self._damped and not s.imag.all():
             raise SceneError(
@@ -293,7 +293,7 @@ class ModalResponse(TangentResponse):
         return np.array([of_frequency, (s.real * np.conj(s) / w**2 - 1) / w])[: 1 + self._damped]
 
     def _pairs(self, left: np.ndarray, right: np.ndarray) -> Pairs:
-        """Their derivatives are those of roots s, or of entries of matrices for equal ones.
+        """Pairs with the derivatives of roots s, or of entries of matrices for equal roots.
 
         With left and right vectors l and x, ds = -l.(s^2 dM + s dC + dK) x / l.(2 s M + C) x.
         """

@@ -163,7 +163,8 @@ class Observation:
     def jvp(self, of_state: dict, changes: Arrays, before: Arrays) -> dict[str, np.ndarray]:
         """Changes (n, ..., m) of all outputs from those of states, forces and numbers.
 
-        To those `before` (m,) of outputs that add up over the steps it adds what this part gives.
+        Of outputs that add up over the steps, `before` (m,) are the sums of earlier parts, to which
+        those of this part are added.
         """
         if self._fit is not None:
             count = len(changes["X"])

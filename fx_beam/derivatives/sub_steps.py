@@ -99,10 +99,10 @@ class SubSteps:
     # -- Derivatives of rows, from those by what belongs to states or sub-steps --------------------
 
     def kinds(self, steps: np.ndarray) -> Iterator[np.ndarray]:
-        """Indices of the start of the run and of the others, by parts.
+        """Groups of indices: of the start of the run, and of sub-steps.
 
-        No two of a part read the same state. So the first sub-step is a part of its own if forms
-        read the step before.
+        In a group no two read the same state: the first sub-step is alone if forms read the step
+        before.
         """
         first = (steps == 0) & self.model.forms.needs_previous
         return filter(len, map(np.flatnonzero, (steps < 0, first, (steps >= 0) & ~first)))
@@ -110,7 +110,7 @@ class SubSteps:
     def at_states(
         self, rows: np.ndarray, boundaries: np.ndarray, by: Mapping[str, np.ndarray]
     ) -> Iterator[Block]:
-        """From those (k, ...) by what `at` has of states, and by numbers of the scene."""
+        """Blocks, from derivatives (k, ...) by what `at` gives, and by numbers of the scene."""
         given, places = _there(by), np.searchsorted(self.boundaries, boundaries)
         for name, values in given.items():
             if name != "parameters":
@@ -145,7 +145,7 @@ class SubSteps:
     def in_steps(
         self, rows: np.ndarray, steps: np.ndarray, by: Mapping[str, np.ndarray]
     ) -> Iterator[Block]:
-        """From those (k, ...) by what forms read of sub-steps, or of the start of the run."""
+        """Blocks, from derivatives (k, ...) by what forms read of sub-steps, or of the start."""
         given, read = _there(by), set()
         for name, which, array, places, factor in self.sources(steps):
             read.add(name)

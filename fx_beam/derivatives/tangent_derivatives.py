@@ -209,7 +209,7 @@ class TangentDerivatives:
         return sum((along(changes[name], of) for name, of in by.items() if name in changes), none)
 
     def along_motions(self, of: Pairs) -> _Along:
-        """The motions r of pairs as directions, and those l where motions of the nodes depend."""
+        """The motions r of pairs as directions; also l, if motions of nodes depend on the state."""
         about, right, left, mass = self._about, of.right, of.left, self._about.model.mass
         k, c, m = (np.reshape(by, (-1, 1)) for by in (of.stiffness, of.damping, of.mass))
         T, moved, directions = about.T, _times(about.T, left), right
@@ -231,9 +231,9 @@ class TangentDerivatives:
     def followed(
         self, along: _Along, weights: np.ndarray, curved: bool = False
     ) -> tuple[dict[str, np.ndarray], np.ndarray]:
-        """Derivatives of the real part of weights (n,) times sums by numbers, and by the state.
+        """Derivatives by numbers, and by the state, of the real part of weights (n,) times sums.
 
-        If `curved` those of the second derivatives of a sum along its direction r, twice.
+        If `curved`, with the second derivatives of forces along the direction r in place of K r.
         """
         numbers = [of[weights != 0] for of in (along.of, *(of for of, _ in along.ends))]
         used = np.unique(np.concatenate(numbers[: 1 if curved else None]))
@@ -360,9 +360,9 @@ class TangentDerivatives:
     def _backwards(
         self, steps: _Steps, weights: np.ndarray, of_ends: np.ndarray
     ) -> tuple[dict[str, np.ndarray], np.ndarray]:
-        """Derivatives of weights of residuals and of ends in rows of steps.
+        """Derivatives of weighted residuals and ends of steps, by numbers and by the state.
 
-        By numbers in a fixed state, if this follows from the others, and by the state.
+        Those by numbers hold the state, if this follows from other numbers.
         """
         given = self._tape(steps), steps.rows, steps.shares, self._spread(weights), of_ends
         of_state, names = self._unknowns[: 0 if self._follows else None], self._changing.keys()

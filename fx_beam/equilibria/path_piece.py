@@ -36,8 +36,8 @@ _BESIDE_STEP = 0.05
 # Where measures may jump: one is smooth if its extrapolation is wrong by less than so many times
 # the interval; where smooth parts are short, states are so much nearer.
 _SMOOTH, _CLOSE = 3.0, 0.01
-# The place of a jump relative to the step, how near to it they are looked
-# at, and how far from zero they are there, relative to their values at the ends.
+# The place of a jump relative to the step; how near to it measures are looked at, and how far from
+# zero they are there, relative to their values at the ends.
 _JUMP, _BESIDE, _LARGE = 1e-11, 1e-8, 1e-4
 # Change of the load factor from state to state, relative to that over all of them, which is zero;
 # more where it is extrapolated over more than one of their distances.
@@ -51,7 +51,7 @@ _FLOWING, _AGAIN = 1e-9, 1e-5
 class Piece:
     """The path between two states, by the distance along its tangent at the first one.
 
-    By that along the way from one to the other where the path may have corners, or branches.
+    Where the path may have corners or branches, by that along the straight way between them.
     """
 
     def __init__(self, arc: ArcLength, motions: SmallMotions, first: State, second: State):
@@ -141,7 +141,7 @@ class Bracket(NamedTuple):
     high: float
     #: How far apart states beside it should be; 0 for a jump at the start of the piece.
     apart: float
-    #: The smaller and the larger number of modes that vibrate or diverge, and which of them.
+    #: The smaller and the larger number of modes that diverge, or at flutter of those that vibrate.
     few: int
     many: int
     flutter: bool = False

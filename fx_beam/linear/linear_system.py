@@ -34,7 +34,7 @@ _LEVER = 1e-9
 
 
 class InputColumns:
-    """Forces F (columns, m) of the inputs and of their rates, positions and rates of driven ones.
+    """Forces (columns, m) of the inputs and of their rates; motions of those that drive.
 
     Positions p (k) of driven inputs move the driven columns by `of_positions` (columns, k); their
     rates are `rates` (k, m) times the inputs.

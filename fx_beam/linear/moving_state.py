@@ -36,13 +36,14 @@ _LITTLE = 1e-10
 # stiffness of a moving state: the square of a larger one is an error, in a smaller one damping over
 # the length hides the stiffness. The least rate that limits this length [1/s].
 _SMALL, _SHORT, _REST = 1e-5, 1e-6, 1e-12
-# The same between the points of differences of order six, and their weights, with nodes that slide
-# in units of the shortest element; and the least one, near ends of elements on which nodes slide.
+# Increment between the points of differences of order six, in units of the scene, or of the
+# shortest element if nodes slide; the least one, near ends of elements on which nodes slide.
+# Weights of these differences.
 _APART, _LEAST_APART = 0.02, 1e-4
+_FIRST, _SECOND = (3 / 4, -3 / 20, 1 / 60), (3 / 2, -3 / 20, 1 / 90)
 # Half of the time over which a natural strain is seen to change, relative to the time, or 1 s [s],
 # and the largest difference of its rates before and behind, relative to them.
 _MOMENT, _KINK = 1e-6, 1e-3
-_FIRST, _SECOND = (3 / 4, -3 / 20, 1 / 60), (3 / 2, -3 / 20, 1 / 90)
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,8 +53,7 @@ class Deviations:
     model: Model
     held: HeldInputs
     forcing: Forcing
-    #: The state, and the matrix (columns, size) that gives rates of
-    #: z from those of the nodes.
+    #: The state, and the matrix (columns, size) that gives rates of z from those of the nodes.
     state: State
     rates_from: np.ndarray
     #: The rates (columns,) in the state.

@@ -70,9 +70,10 @@ NO_SHIFT = Condition(lambda period: 0.0, _along)
 def plane(
     shooting: Shooting, scale: np.ndarray, along: np.ndarray, at: Any = 0.0, parameter: float = 1.0
 ) -> Condition:
-    """That a motion begins in the plane through rows, over scales, and a parameter.
+    """That a motion begins in a plane through the rows `at`, over scales, and a parameter.
 
-    It lies across a direction (rows + 1,), also of the parameter's logarithm.
+    It lies across the direction `along` (rows + 1,), whose last entry is for the parameter's
+    logarithm.
     """
 
     def error(period: Period) -> float:
