@@ -167,12 +167,8 @@ class Observation:
         those of this part are added.
         """
         if self._fit is not None:
-            count = len(changes["X"])
-            driven = np.zeros((len(self.boundaries), count, 0))
-            if "driven rates" in changes:
-                driven = changes["driven rates"][:, self.boundaries].swapaxes(0, 1)
             given = {name: of_state[name] for name in ("q", "v", "slides")}
-            given["driven rates"] = driven
+            given["driven rates"] = changes["driven rates"][:, self.boundaries].swapaxes(0, 1)
             of_state |= self._fit.jvp(given, changes)
         return {
             name: output.jvp(self._rows, before.get(name, np.empty(0)), of_state, changes)
