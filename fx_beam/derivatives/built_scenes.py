@@ -85,7 +85,7 @@ class BuiltScenes:
         # At how many x derivatives were asked for, and the last of them.
         self._calls, self._last_x = 0, np.empty(0)
 
-    def serve(self, x: np.ndarray, of: Callable[[Any], _Result], dual: bool = True) -> _Result:
+    def serve(self, x: np.ndarray, of: Callable[[Any], _Result], dual: bool) -> _Result:
         """What a function computes from the scene of x.
 
         The scene has slopes, and serves derivatives as well, if it may be `dual` and derivatives

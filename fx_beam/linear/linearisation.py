@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -52,10 +52,10 @@ class Linearisation:
     #: The configuration, at rest in its frame.
     start: State
     #: A frame that turns, and Coriolis forces by rates in it (free, free); None for one at rest.
-    frame: TurningFrame | None = None
-    coriolis: scipy.sparse.csr_matrix | None = None
+    frame: TurningFrame | None
+    coriolis: scipy.sparse.csr_matrix | None
     #: Models of an earlier scene by kind, which serve again.
-    models: dict[str, Model] = field(default_factory=dict)
+    models: dict[str, Model]
 
     @property
     def may_be_damped(self) -> bool:

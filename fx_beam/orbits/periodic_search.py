@@ -133,8 +133,8 @@ def periodic(
 
 def _from_state(shooting: Shooting, start: Solution | None, period: float | None) -> PeriodicMotion:
     what, energy = shooting.what, shooting.options.energy
-    dt = None if period is None else period / shooting.steps
-    first = shooting.first_state(start, 1e-3 if dt is None else dt)
+    dt = 1e-3 if period is None else period / shooting.steps
+    first = shooting.first_state(start, dt)
     free = not shooting.depends_on_time(first, _span(start) if period is None else period)
     if not free and period is None:
         raise SceneError(
@@ -154,7 +154,7 @@ def _from_state(shooting: Shooting, start: Solution | None, period: float | None
     length = _period_in(start, what)
     conditions = tuple[Condition, ...]()
     if energy is not None:
-        size = abs(energy - shooting.energy(shooting.first_state(None, dt or 1e-3)))
+        size = abs(energy - shooting.energy(shooting.first_state(None, dt)))
         conditions = (holds_energy(shooting, energy, size or 1.0),)
     closed = close(shooting, first, length, NO_SHIFT, conditions)
     return motion_of(shooting, closed, True, "energy" if conditions else "")
