@@ -311,7 +311,7 @@ class Response(Differentiable):
         outputs = self._differentiable(given, "Response.vjp: weights")
         tape, derivatives, changes, observe, entries = self._begin_derivatives("vjp", outputs)
         boundaries, changing = self._boundaries(tape), changes.keys() & self._scenes.changing
-        by_outputs = {name: np.zeros(changes[name].shape[1:]) for name in changing}
+        by_numbers = {name: np.zeros(changes[name].shape[1:]) for name in changing}
         counting = np.zeros(len(self._t), dtype=bool)  # others need no states, nor fitted rates
         for values in given.values():
             counting |= values.reshape(len(values), -1).any(axis=1)
@@ -325,15 +325,16 @@ class Response(Differentiable):
                 return {}, boundaries[:0], boundaries[:0]
             observed = observe(wanted, boundaries[inside])
             of_part = {name: given[name][inside] for name in wanted}
-            of_state = observed.vjp(of_part, later, by_outputs)
+            of_state = observed.vjp(of_part, later, by_numbers)
             return of_state, observed.boundaries, observed.sub_steps
 
-        by_states = derivatives.vjp(tape, weights_of, changing, entries)
+        of_steps = derivatives.vjp(tape, weights_of, changing, entries)
         self.stats.gradient_growth = growth = derivatives.growth
         if growth > _USEFUL_GROWTH:
             _log.warning(_CHAOTIC, growth)
-        every = [*by_states.items(), *by_outputs.items()]
-        return sum((along(changes[name], by) for name, by in every), by_x)
+        for name, by in of_steps.items():
+            by_numbers[name] += by.reshape(by_numbers[name].shape)
+        return sum((along(changes[name], by) for name, by in by_numbers.items()), by_x)
 
     @one_call
     def jacobian(self, *names: str) -> dict[str, np.ndarray]:
