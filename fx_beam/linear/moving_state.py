@@ -10,7 +10,7 @@ import numpy as np
 from fx_beam.errors import Constant, SceneError
 from fx_beam.laws.interval import instant
 from fx_beam.laws.schemes import EnergyMomentum
-from fx_beam.motions.initial_state import end_of, reference_state
+from fx_beam.motions.initial_state import reference_state
 from fx_beam.motions.prepared import state_of
 from fx_beam.motions.surroundings import recent_model
 from fx_beam.results.solution import Solution
@@ -81,15 +81,14 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
     T^T (M x'' + f(x, x') - F) = 0 with x = g(z) and T = dg/dz; rates and accelerations of the state
     are kept while its equations are differentiated. A static state that turns rests in its frame.
     """
-    held = HeldInputs(scene)
+    held, factor = HeldInputs(scene), 1.0
     if at is None:
         factor = 0.0
         for i, load in enumerate(held.scene.loads):
             if not isinstance(load.value, Hold):
                 held.scene.loads[i] = replace(load, value=Constant(0 * load.value(0.0)))
-    else:
-        end_of(at)
-        factor = float(at.t[-1]) if at.stats.static else 1.0
+    elif at.stats.static:
+        factor = float(at.t[-1])
     model, frame = recent_model(held.scene, EnergyMomentum(), instant=True), None
     check_unknowns(model, what)
     forcing = Forcing(model)
