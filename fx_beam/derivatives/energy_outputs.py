@@ -198,7 +198,7 @@ def _other_work(model: Model) -> str:
 def check_work(model: Model, output: Output, name: str, of_start: str) -> None:
     """Refuse work and dissipated energy that are neither sums over steps nor given by a balance.
 
-    And those since an equilibrium before the motion, `of_start` says why; empty if there is none.
+    And those since an equilibrium before the motion, if `of_start` says why.
     """
     parts, others, why = sum_of(model, output.quantity), _other_work(model), of_start
     if model.scheme.rates.at_rest:

@@ -33,9 +33,9 @@ _NO_STEPS = Steps(*[np.empty(0, dtype=int)] * 5)
 def check_outputs(
     model: Model, tape: Tape, outputs: Mapping[str, Output], start: Mapping[str, str]
 ) -> None:
-    """SceneError for outputs without derivatives; `start` says why that since the start has none.
+    """SceneError for outputs without derivatives.
 
-    By its quantity.
+    `start` says why those since the start have none, by quantity.
     """
     for name, output in outputs.items():
         if output.quantity in SINCE_START:
@@ -101,7 +101,7 @@ class Observation:
             every.append(np.arange(first, end + 1))
             if model.couplings.driven:
                 self.sub_steps = np.arange(first, end)
-        #: Sub-steps before the states that outputs need, and those whose forces they need.
+        #: Boundaries at which outputs need states; in `sub_steps` they need forces.
         self.boundaries = np.unique(np.concatenate(every)) if len(every) > 1 else boundaries
         ends = np.searchsorted(self.boundaries, boundaries)
         starts = np.searchsorted(self.boundaries, steps.starts)

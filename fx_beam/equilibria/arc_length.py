@@ -169,7 +169,7 @@ class ArcLength:
     def _advance(
         self, state: State, tangent: Tangent, ds: float, target: float, home: State | None
     ) -> Advance:
-        """An arc-length step ds that ends at a limit point, load factor 1 or home if on its way."""
+        """An arc-length step ds, at most to a limit point, load factor 1 or home on its way."""
         new, ahead = self.step(state, tangent, ds)
         turn = self._turn(state, new, tangent, ahead, ds)
         straight = turn <= _STRAIGHT and ahead.load * tangent.load > 0

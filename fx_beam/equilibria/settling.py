@@ -25,7 +25,7 @@ from .load_steps import LoadStepper
 
 # Length that a step should have and may have, in units of the scene and radians.
 _WANTED, _LONGEST = 0.2, 0.5
-# A step is so short that the next one may be without drag.
+# Length of a step after which the next one may be without drag.
 _SHORT = 1e-3
 # Length of a step in equilibrium.
 _STILL = 1e-12

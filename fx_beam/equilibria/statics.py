@@ -45,7 +45,7 @@ _BAR = "{percentage:3.0f}%|{bar}| load factor {n:.3g} [{elapsed}]"
 
 
 class LoadPath:
-    """The equilibria of a scene, from rest or from a start on, where the loads of this have held.
+    """The equilibria of a scene, from rest, or from a start whose loads go over to its own.
 
     `began` is when it was begun, by `time.perf_counter` [s].
     """

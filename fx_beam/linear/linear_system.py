@@ -224,9 +224,9 @@ def _sized(basis: np.ndarray) -> np.ndarray:
 
 
 def _split(A: np.ndarray, basis: np.ndarray, least: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """Parts of a basis (n, k) in which a matrix without negative values is positive, and zero.
+    """Parts of a basis (n, k) in which a positive semidefinite matrix is positive, and zero.
 
-    The basis itself where it is all of one kind: its diagonal is at most the `least` value.
+    The basis itself where it is all of one kind; diagonals up to the `least` value are zero.
     """
     a = basis.T @ A @ basis
     diagonal = a.diagonal()

@@ -129,9 +129,9 @@ def _nearer(K, C, M, root: complex, x: np.ndarray) -> np.ndarray:
 
 
 def _roots(k, c, m, unit: float, zeros: int, relaxing: int) -> Damped:
-    """All modes of small dense matrices, lowest first, without so many simple roots at zero.
+    """All modes of small dense matrices, lowest first.
 
-    Nor those of unknowns that relax, at most so many.
+    Without so many `zeros`, simple roots at zero, and at most so many of unknowns `relaxing`.
     """
     c, m = unit * c, unit**2 * m
     # Linear in (x, lambda x), inverse about the shift 1: the low roots come out best.

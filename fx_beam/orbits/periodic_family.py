@@ -21,7 +21,8 @@ from .shooting import Period, PeriodicOptions, Shooting
 # Multipliers that are larger than 1 by less are round-off.
 _NEUTRAL = 1e-5
 
-# Iterations up to which steps become longer, and allowed ones; the factors, and the shortest step.
+# Most iterations after which steps become longer, most of all, and damping in them; factors of
+# longer and shorter steps, and the shortest one.
 _FEW, _MOST, _DAMPED = 5, 12, 1e-6
 _LONGER, _SHORTER, _SHORTEST = 1.5, 0.4, 1e-4
 # Error of the place of a change of stability, relative to the step in which it is.

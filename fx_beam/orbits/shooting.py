@@ -43,8 +43,8 @@ _AT_REST = 1e-10
 _CLOSE = 0.2
 # Least number of steps in which it is looked for.
 _FINE = 200
-# Times as many steps show whether a motion repeats itself within a period, where it comes back to
-# such a part of its size.
+# So many times the steps show whether a motion repeats itself within a period: where it comes back
+# to this part of its size.
 _FINER, _SAME = 4, 0.03
 _OF_TIME = "loads", "driven", "follower force", "parameters", "naturals"
 
