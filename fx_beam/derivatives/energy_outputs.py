@@ -318,19 +318,19 @@ class StepWork:
         driven = forces[:, : model.couplings.driven]
         if self._at_rest:
             path[:1], slope[:1], slides[:1] = 0.0, 0.0, 0.0
-            self._factors = _with_last(tape.memories[:, None] * model.loads.series(t1))
+            factors = _with_last(tape.memories[:, None] * model.loads.series(t1))
             driven = _with_last(driven)
             driven[:1] = 0.0
         else:
-            #: Means (k, loads) of the factors of the loads.
-            self._factors = Forcing(model).loads(t0, t1).mean(axis=1)
-        #: Works (k, loads) of the unit loads, and increments (k, n) at the entries of the columns.
+            # Means (k, loads) of the factors of the loads.
+            factors = Forcing(model).loads(t0, t1).mean(axis=1)
+        #: Works (k, loads) of the unit loads, and derivatives (k, n) by the entries of these.
         self._unit_works = path @ columns
-        self._at_entries = path[:, columns.indices]
-        self._of_entry = np.repeat(np.arange(columns.shape[1]), np.diff(columns.indptr))
+        of_entry = np.repeat(np.arange(columns.shape[1]), np.diff(columns.indptr))
+        self._by_entries = factors[:, of_entry] * path[:, columns.indices]
         #: Paths (k, driven) of driven motions, and derivatives of the work by increments of slides.
         self._paths, self._by_slides = np.zeros(driven.shape), np.zeros(slides.shape)
-        by_path = (columns @ self._factors.T).T
+        by_path = (columns @ factors.T).T
         parts = {"q": (path, by_path), "slides": (slides, self._by_slides)}
         for name, i, entry, sign in _driven_paths(model):
             increments, by = parts[name]
@@ -367,8 +367,7 @@ class StepWork:
                 yield Block(name, slice(0, 2 * loads), 1 + steps, np.tile(by / 2, 2), places)
             else:
                 yield Block(name, slice(0, by.shape[1]), 1 + steps, by, places)
-        of_values = self._factors[:, self._of_entry] * self._at_entries
-        for name, by in (("columns", of_values), ("weight", self._by_weight)):
+        for name, by in (("columns", self._by_entries), ("weight", self._by_weight)):
             if by is not None:
                 yield Block(name, slice(0, by.shape[1]), 1 + steps, by)
 
