@@ -118,46 +118,43 @@ def why_no_losses(model: Model) -> str:
     return "friction follows the force of a joint" if model.points.follow_joints else ""
 
 
-class StepLosses:
-    """Energies that are lost in the k sub-steps of a part of a tape, in the rows 1 to k."""
+def losses_in_steps(of: SubSteps, rows: np.ndarray) -> Iterator[Block]:
+    """Derivatives of what is lost in sub-steps of a part of a tape, some of its rows 1 to k."""
+    model = of.model
+    # In statics the first step leads to the equilibrium without loads, which loses nothing.
+    counting = rows[rows > int(model.scheme.rates.at_rest)]
+    numbers = of.tape.present.first + counting - 1
+    for group in of.groups(numbers):
+        steps, parts = numbers[group], of.parts(numbers[group])
+        beams = model.forms.beams
+        for by in [] if beams is None else beams.losses_by(parts, of.by_places):
+            yield from of.in_steps(counting[group], steps, by)
+        if model.points.any_have("loss"):
+            yield from _losses_of_points(of, counting[group], steps, parts)
 
-    def __init__(self, of: SubSteps):
-        self._of = of
 
-    def blocks(self, rows: np.ndarray) -> Iterator[Block]:
-        """Their derivatives in some of the rows."""
-        of, model = self._of, self._of.model
-        # In statics the first step leads to the equilibrium without loads, which loses nothing.
-        counting = rows[rows > int(model.scheme.rates.at_rest)]
-        numbers = of.tape.present.first + counting - 1
-        for group in of.groups(numbers):
-            steps, parts = numbers[group], of.parts(numbers[group])
-            beams = model.forms.beams
-            for by in [] if beams is None else beams.losses_by(parts, of.by_places):
-                yield from of.in_steps(counting[group], steps, by)
-            if model.points.any_have("loss"):
-                yield from self._of_points(counting[group], steps, parts)
-
-    def _of_points(self, rows: np.ndarray, steps: np.ndarray, parts: Parts) -> Iterator[Block]:
-        """Derivatives of what forces at points lose."""
-        of, forms, points, given = self._of, self._of.model.forms, self._of.model.points, []
-        places, times, states = of.places(steps), of.tape.times, of.states
-        of_step = ("q", "v", "slides", "spring internal")
-        for i, (k, before, after, _) in enumerate(zip(steps.tolist(), *places, strict=True)):
-            if of.model.scheme.rates.at_rest:
-                forms.set_load(float(of.tape.memories[k]), float(times.lengths[k]))
-            q, v, slides, internal = (states[name][before] for name in of_step)
-            forms.parameters.use(parts.parameters[i] if len(parts.parameters) else None)
-            start = StepStart(q, v, slides=slides, spring_internal=internal)
-            points.begin(Interval(float(times.starts[k]), float(times.ends[k])), start)
-            given.append(points.given_with(parts.D[i], states["slides"][after] - slides))
-        by = points.losses_by(np.array(given), *(states[name].shape[1] for name in ("q", "slides")))
-        for name, increment in (("q", "increment"), ("slides", "slide increment")):
-            D = by.pop(increment)
-            if D.size:
-                yield of_rows(name, rows, by.pop(name) - D, places[0])
-                yield of_rows(name, rows, D, places[1])
-        yield from of.in_steps(rows, steps, by)
+def _losses_of_points(
+    of: SubSteps, rows: np.ndarray, steps: np.ndarray, parts: Parts
+) -> Iterator[Block]:
+    """Derivatives of what forces at points lose."""
+    forms, points, given = of.model.forms, of.model.points, []
+    places, times, states = of.places(steps), of.tape.times, of.states
+    of_step = ("q", "v", "slides", "spring internal")
+    for i, (k, before, after, _) in enumerate(zip(steps.tolist(), *places, strict=True)):
+        if of.model.scheme.rates.at_rest:
+            forms.set_load(float(of.tape.memories[k]), float(times.lengths[k]))
+        q, v, slides, internal = (states[name][before] for name in of_step)
+        forms.parameters.use(parts.parameters[i] if len(parts.parameters) else None)
+        start = StepStart(q, v, slides=slides, spring_internal=internal)
+        points.begin(Interval(float(times.starts[k]), float(times.ends[k])), start)
+        given.append(points.given_with(parts.D[i], states["slides"][after] - slides))
+    by = points.losses_by(np.array(given), *(states[name].shape[1] for name in ("q", "slides")))
+    for name, increment in (("q", "increment"), ("slides", "slide increment")):
+        D = by.pop(increment)
+        if D.size:
+            yield of_rows(name, rows, by.pop(name) - D, places[0])
+            yield of_rows(name, rows, D, places[1])
+    yield from of.in_steps(rows, steps, by)
 
 
 #: Quantities of scenes that add up over the steps.
@@ -235,29 +232,25 @@ class WorkOutput(RowOutput):
     def __init__(
         self, of: SubSteps, quantity: str, places: np.ndarray, forces: Callable[[], np.ndarray]
     ):
-        model, parts, part = of.model, sum_of(of.model, quantity), of.tape.present
+        model, part = of.model, of.tape.present
+        self._of, self._signs = of, sum_of(model, quantity)
         #: Numbers of the sub-steps of the part before the rows, and of all.
         self._ends, self._count = of.boundaries[places] - part.first, part.end - part.first
         #: Energies with their signs, at the rows, and at the start of the run.
         self._at_rows, self._at_start = list[tuple[int, EnergyOutput]](), ""
         self._before: EnergyOutput | None = None
-        self._sign = parts.energy
-        if parts.energy:
+        if sign := self._signs.energy:
             # Losses are those of the steps, without rates that fit.
             name = "total_energy" if quantity == "work" else "energy of steps"
-            self._at_rows.append((parts.energy, EnergyOutput(of, name, places)))
+            self._at_rows.append((sign, EnergyOutput(of, name, places)))
         elif quantity == "work" and model.couplings.driven and model.fits_rates:
             self._at_rows.append((1, EnergyOutput(of, "work of rates that fit", places)))
         if not part.first and not model.scheme.rates.at_rest:
             self._at_start = f"{quantity} at the start"
-            if parts.energy:
+            if sign:
                 self._before = EnergyOutput(of, "energy of steps", np.zeros(1, dtype=int))
-        #: Sums over the steps, with their signs.
-        self._sums: list[tuple[int, StepWork | StepLosses]] = []
-        if parts.steps:
-            self._sums.append((parts.steps, StepWork(of, forces())))
-        if parts.losses:
-            self._sums.append((parts.losses, StepLosses(of)))
+        #: Derivatives of the work in the steps, if it counts.
+        self._work = [*work_in_steps(of, forces())] if self._signs.steps else []
 
     def _of_rows(self, rows: np.ndarray) -> Iterator[Block]:
         """What is not a sum, in some of the rows."""
@@ -270,9 +263,10 @@ class WorkOutput(RowOutput):
             yield of_rows(self._at_start, np.zeros(1, dtype=int), np.ones(1))
         if self._before is not None:
             start = self._before.blocks(np.zeros(1, dtype=int))
-            yield from (block.times(-self._sign) for block in start)
-        for sign, of in self._sums:
-            yield from (block.times(sign) for block in of.blocks(steps))
+            yield from (block.times(-self._signs.energy) for block in start)
+        yield from (block.times(self._signs.steps) for block in self._work)
+        if sign := self._signs.losses:
+            yield from (block.times(sign) for block in losses_in_steps(self._of, steps))
 
     def vjp(self, weights: np.ndarray, later: float, to: Gradient) -> None:
         """As of `RowOutput`."""
@@ -294,82 +288,64 @@ class WorkOutput(RowOutput):
         return sums[self._ends] + at_rows
 
 
-class StepWork:
-    """Work of dead loads and driven motions in the k sub-steps of a part of a tape, rows 1 to k.
+def work_in_steps(of: SubSteps, forces: np.ndarray) -> Iterator[Block]:
+    """Derivatives of the work of loads and driven motions in a part of a tape, in rows 1 to k.
 
     It is F . w, with the mean F of the loads at both ends and the path w, and the forces of driven
-    columns (k, columns) times their paths. The last states are those before these sub-steps and
-    after the last.
-
-    In load steps the loads and the forces are those at the ends. The first step, to the equilibrium
-    without loads, does not count. Of the weight only the part counts that the load factor leaves
-    out, since the work of all of it is potential energy.
+    columns (k, columns) times their paths. The last states are those of its k sub-steps.
     """
-
-    def __init__(self, of: SubSteps, forces: np.ndarray):
-        model, part, columns = of.model, of.tape.present, of.model.loads.unit_loads
-        self._own, self._first = np.arange(*part), len(of.boundaries) - 1 - (part.end - part.first)
-        states = {name: of.states[name][self._first :] for name in ("q", "slides")}
-        tape, self._at_rest = of.tape, model.scheme.rates.at_rest
-        t0 = tape.times.starts[self._own]
-        t1, D = tape.times.ends[self._own], without_turns(model, np.diff(states["q"], axis=0))
-        path, slope = model.scheme.rates.work_increment(D, model.turns)
-        slides = np.diff(states["slides"], axis=0)
-        driven = forces[:, : model.couplings.driven]
-        if self._at_rest:
-            path[:1], slope[:1], slides[:1] = 0.0, 0.0, 0.0
-            factors = _with_last(tape.memories[:, None] * model.loads.series(t1))
-            driven = _with_last(driven)
-            driven[:1] = 0.0
+    model, part, columns = of.model, of.tape.present, of.model.loads.unit_loads
+    own, first = np.arange(*part), len(of.boundaries) - 1 - (part.end - part.first)
+    states = {name: of.states[name][first:] for name in ("q", "slides")}
+    tape, at_rest = of.tape, model.scheme.rates.at_rest
+    t0, t1, steps = tape.times.starts[own], tape.times.ends[own], np.arange(len(own))
+    rows = 1 + steps
+    D = without_turns(model, np.diff(states["q"], axis=0))
+    path, slope = model.scheme.rates.work_increment(D, model.turns)
+    slides = np.diff(states["slides"], axis=0)
+    driven = forces[:, : model.couplings.driven]
+    # Means (k, loads) of the factors of the loads.
+    if at_rest:
+        # Loads and forces are those at the ends of steps. The first one, to the equilibrium without
+        # loads, does not count.
+        path[:1], slope[:1], slides[:1] = 0.0, 0.0, 0.0
+        factors = _with_last(tape.memories[:, None] * model.loads.series(t1))
+        driven = _with_last(driven)
+        driven[:1] = 0.0
+    else:
+        factors = Forcing(model).loads(t0, t1).mean(axis=1)
+    # Paths (k, driven) of driven motions, and derivatives by the increments along the path.
+    paths, by_slides = np.zeros_like(driven), np.zeros_like(slides)
+    by_path = (columns @ factors.T).T
+    parts = {"q": (path, by_path), "slides": (slides, by_slides)}
+    for name, i, entry, sign in _driven_paths(model):
+        increments, by = parts[name]
+        paths[:, i] += sign * increments[:, entry]
+        by[:, entry] += sign * driven[:, i]
+    by_increments = by_path * slope
+    if at_rest and model.weight is not None:
+        # All of its work is potential energy, but for what the load factor leaves out.
+        missing = _with_last(tape.memories[:, None]) - 1
+        by_increments += missing * model.weight * slope
+        yield of_rows("weight", rows, missing * path)
+    for name, by in (("q", by_increments), ("slides", by_slides)):
+        if by.size:
+            starts, ends = slice(first, first + len(steps)), slice(first + 1, None)
+            yield of_rows(name, rows, by, ends)
+            yield of_rows(name, rows, -by, starts)
+    works, loads = path @ columns, columns.shape[1]
+    for name, last, by, places in (("constraints", 0, paths, steps), ("loads", loads, works, own)):
+        if not by.size:
+            continue
+        if at_rest:  # the means of forces and loads at both ends
+            yield of_rows(name, rows, by / 2, places, last)
+            yield of_rows(name, rows[1:], by[1:] / 2, places[:-1], last)
+        elif name == "loads":
+            yield of_rows(name, rows, np.tile(by / 2, 2), places)
         else:
-            # Means (k, loads) of the factors of the loads.
-            factors = Forcing(model).loads(t0, t1).mean(axis=1)
-        #: Works (k, loads) of the unit loads, and derivatives (k, n) by the entries of these.
-        self._unit_works = path @ columns
-        of_entry = np.repeat(np.arange(columns.shape[1]), np.diff(columns.indptr))
-        self._by_entries = factors[:, of_entry] * path[:, columns.indices]
-        #: Paths (k, driven) of driven motions, and derivatives of the work by increments of slides.
-        self._paths, self._by_slides = np.zeros(driven.shape), np.zeros(slides.shape)
-        by_path = (columns @ factors.T).T
-        parts = {"q": (path, by_path), "slides": (slides, self._by_slides)}
-        for name, i, entry, sign in _driven_paths(model):
-            increments, by = parts[name]
-            self._paths[:, i] += sign * increments[:, entry]
-            by[:, entry] += sign * driven[:, i]
-        #: Derivatives (k, size) of the work in each sub-step by its increments.
-        self._by_increments = by_path * slope
-        #: Those by the weight, if any of its work counts.
-        self._by_weight: np.ndarray | None = None
-        if self._at_rest and model.weight is not None:
-            missing = _with_last(tape.memories[:, None]) - 1
-            self._by_weight = missing * path
-            self._by_increments += missing * model.weight * slope
-
-    def blocks(self, rows: np.ndarray) -> Iterator[Block]:
-        """Their derivatives, in all rows."""
-        steps = np.arange(len(self._own))
-        for name, by in (("q", self._by_increments), ("slides", self._by_slides)):
-            if by.size:
-                every, first = slice(0, by.shape[1]), self._first
-                starts, ends = slice(first, first + len(steps)), slice(first + 1, None)
-                yield Block(name, every, 1 + steps, by, ends)
-                yield Block(name, every, 1 + steps, -by, starts)
-        loads = self._unit_works.shape[1]
-        of_forces = "constraints", 0, self._paths, steps
-        for name, last, by, places in (of_forces, ("loads", loads, self._unit_works, self._own)):
-            if not by.size:
-                continue
-            if self._at_rest:  # the means of forces and loads at both ends
-                entries = slice(last, last + by.shape[1])
-                yield Block(name, entries, 1 + steps, by / 2, places)
-                yield Block(name, entries, 1 + steps[1:], by[1:] / 2, places[:-1])
-            elif name == "loads":
-                yield Block(name, slice(0, 2 * loads), 1 + steps, np.tile(by / 2, 2), places)
-            else:
-                yield Block(name, slice(0, by.shape[1]), 1 + steps, by, places)
-        for name, by in (("columns", self._by_entries), ("weight", self._by_weight)):
-            if by is not None:
-                yield Block(name, slice(0, by.shape[1]), 1 + steps, by)
+            yield of_rows(name, rows, by, places)
+    of_entry = np.repeat(np.arange(loads), np.diff(columns.indptr))
+    yield of_rows("columns", rows, factors[:, of_entry] * path[:, columns.indices])
 
 
 def _with_last(values: np.ndarray) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -26,8 +26,8 @@ from fx_beam.step.tape import static_tape
 from fx_beam.step.tape_derivatives import TapeDerivatives
 
 from .built_scenes import NumbersOf, refuse_others
-from .energy_outputs import StepLosses, StepWork, why_no_losses, why_no_work
-from .gradient import jvp
+from .energy_outputs import losses_in_steps, why_no_losses, why_no_work, work_in_steps
+from .gradient import Block, jvp
 from .sub_steps import SubSteps
 
 #: Derivatives (m, ...) by x of numbers of scenes.
@@ -126,22 +126,22 @@ class StaticDerivatives:
         forces = {"constraint_forces": "constraints", "joint_forces": "joints"}
         of_state = {"q": "q", "slides": "slides"} | forces
         at_end = {name: changed_rows[rows][-1] for name, rows in of_state.items()}
-        for quantity, sums in self._sums().items():
-            of_steps = jvp(sums.blocks(every), every.shape, changed_rows, changes)
+        for quantity, blocks in self._sums().items():
+            of_steps = jvp(blocks, every.shape, changed_rows, changes)
             at_end[quantity] = of_steps.sum(axis=0)
         return StateChange(self, at_end | self.derivatives.at_end)
 
-    def _sums(self) -> dict[str, StepWork | StepLosses]:
-        """Work and losses of all load steps, those that have derivatives, by names of `State`."""
+    def _sums(self) -> dict[str, Iterable[Block]]:
+        """Derivatives of work and losses in all load steps, if there are, by names of `State`."""
         every, model = np.arange(len(self.tape) + 1), self.model
-        works: dict[str, StepWork | StepLosses] = {}
+        works: dict[str, Iterable[Block]] = {}
         if self.path.start is not None:
-            return {}
+            return works
         of = SubSteps(model, self.tape, every)
         if not why_no_work(model):
-            works["work"] = StepWork(of, self.derivatives.constraint_forces(self.tape))
+            works["work"] = work_in_steps(of, self.derivatives.constraint_forces(self.tape))
         if model.forms.dissipate and not why_no_losses(model):
-            works["dissipated"] = StepLosses(of)
+            works["dissipated"] = losses_in_steps(of, every)
         return works
 
 
