@@ -22,12 +22,9 @@ from .fields import (
     CONSTANTS,
     NATURAL,
     NODAL,
-    Data,
-    DataShape,
-    FilledField,
+    DataField,
     distinct,
     drag_data,
-    on_beam,
     section_data,
 )
 from .form_library import CompiledForm, FormModule, FormSource
@@ -62,18 +59,14 @@ class BeamForms:
         self.at_rest = scheme.rates.at_rest
         #: Indices of the parameters in the forms among all.
         self.parameters: list[int] = []
-        #: Data of beams, by name, that vary cell by cell for derivatives.
-        self._by_cells: dict[str, FilledField] = {}
         #: Derivatives of energies and resultants on the mesh, by what they are of and by.
         self._derivatives_of: dict[str, list[tuple[str, Space, RowValues]]] = {}
-        #: How often data of beams were changed.
-        self.changes = 0
         #: Forms on the mesh by name.
         self.bound: dict[str, BoundForm] = {}
         #: Polynomial degree of the elements.
         self.degree = scene.beams[0].degree
         data = self._data_of_beams(scene)
-        inside = self._read(scene, data)
+        self._read(scene, data)
         #: Whether there are virtual works of a user.
         self.has_external = bool(scene.virtual_works)
         works = [self._compiled_works()] if self.has_external else []
@@ -86,16 +79,19 @@ class BeamForms:
                 "have sub-steps. Use fractions=(1.0,)"
             )
         #: Data of sections and of drag by name.
-        self.of_beams = {name: FilledField(values, mesh) for name, values in data.items()}
+        self.of_beams = {name: DataField(values, mesh) for name, values in data.items()}
         #: Fields and arrays on this mesh by their names in forms.
         self._data = self._fields()
-        self._data |= {f"indicator {i}": of.on(mesh) for i, of in enumerate(inside)}
+        for i, work in enumerate(scene.virtual_works):
+            if work.beam is not None:
+                inside = mesh.beam_of_cell == scene.beams.index(work.beam)
+                self._data[f"indicator {i}"] = DataField(inside[:, None], mesh)
         if facts.names:
             self._read_parameters()
         #: Functions that change: the first in every iteration, the others in every step. They are
         #: numbered as the kinds of coefficients in problem.h; None is missing.
         self.moving: list[Any] = [self._data.get(name) for name in (*NODAL, "internal", *NATURAL)]
-        self._start, *self._start_rates = self.moving[1:4]
+        self._increment, self._start, *self._start_rates, self._q_previous = self.moving[:5]
         #: Field of the internal variables; None without any.
         self._internal: Any = self._data.get("internal")
         for form in [*works, *step.forms.values()]:
@@ -115,22 +111,15 @@ class BeamForms:
 
     def _fields(self) -> dict[str, Any]:
         """Constants and functions."""
-        mesh, degree, facts, unknowns = self._mesh, self.degree, self.facts, self._mesh.unknowns
-        #: Increments of displacements and rotations.
-        self.increment = Field(unknowns)
+        mesh, degree, width = self._mesh, self.degree, self.facts.width
         self._values = {name: np.zeros(()) for name in CONSTANTS}
         self._reset_constants()
-        data: dict[str, Any] = {**self._values, "increment": self.increment}
-        data |= {name: field.on_mesh for name, field in self.of_beams.items()}
-        if facts.width:
-            data["internal"] = Field(mesh.space(degree, facts.width))
+        data: dict[str, Any] = {**self._values, **self.of_beams}
+        if width:
+            data["internal"] = Field(mesh.space(degree, width))
         if self._kind.natural:
             data |= {name: Field(mesh.space(degree, 3)) for name in NATURAL}
-        given = ["start"]
-        if facts.needs_rates or facts.resultants_need_rates:
-            given += ["velocity", "acceleration"]
-        given += ["q_previous"] * facts.needs_previous
-        data |= {name: Field(unknowns) for name in given}
+        data |= {name: Field(mesh.unknowns) for name in NODAL}
         coordinate = data["coordinate"] = Field(mesh.space(2))
         coordinate.array.reshape(-1, 2)[:] = 0.0, degree
         return data
@@ -139,8 +128,8 @@ class BeamForms:
         for name, value in self._values.items():
             value[...] = 1.0 if name in ("dt", "load_factor") else 0.0
 
-    def _read(self, scene: Scene, data: dict[str, Data]) -> list[Data]:
-        """Find the kind of the scene, and where virtual works act."""
+    def _read(self, scene: Scene, data: dict[str, Any]) -> None:
+        """Find the kind of the scene."""
         mesh = self._mesh
         sections = [beam.section for beam in scene.beams]
         internal = [held(of.internal) if self._holds else of.internal for of in sections]
@@ -151,14 +140,13 @@ class BeamForms:
         numbers = {key: number for number, key in enumerate(materials)}
         #: Subdomain of each cell, the number of its material.
         self._tags = np.array([numbers[key] for key in keys])[mesh.beam_of_cell]
-        inside = [on_beam(mesh, scene, work.beam) for work in scene.virtual_works]
-        works = [(work, on.shape) for work, on in zip(scene.virtual_works, inside, strict=True)]
+        works, natural = tuple(scene.virtual_works), bool(scene.natural_strains)
+        shapes = tuple((name, (of.shape[1], of.shape[2:])) for name, of in data.items())
         self._kind = Kind(
-            *(self.degree, mesh.curved, self._scheme, tuple(materials.values()), tuple(works)),
-            *(bool(scene.natural_strains), _shapes(data), bool(works) and self._holds),
+            *(self.degree, mesh.curved, self._scheme, tuple(materials.values())),
+            *(works, natural, shapes, bool(works) and self._holds),
         )
         self._forms = FormSource(WeakForm, self._kind)
-        return inside
 
     def _compiled_works(self) -> CompiledForm:
         try:
@@ -181,7 +169,7 @@ class BeamForms:
 
         self._parameters.add_reader(read, self.facts.names_in_energies)
 
-    def _data_of_beams(self, scene: Scene) -> dict[str, Data]:
+    def _data_of_beams(self, scene: Scene) -> dict[str, Any]:
         """Stiffnesses of the quadratic law, retardation times and drag, if there are any."""
         mesh, degree, data = self._mesh, scene.beams[0].degree, {}
         sections = distinct(beam.section for beam in scene.beams)
@@ -201,29 +189,24 @@ class BeamForms:
         data = self._data_of_beams(scene)
         if list(self.of_beams) != list(data):
             raise OtherStructureError("beams have other kinds of data")
-        changed = {name for name, field in self.of_beams.items() if field.refill(data[name])}
-        self.changes += bool(changed)
-        for name in self._by_cells.keys() & changed:
-            self._by_cells[name].refill(data[name].by_cells(len(self._tags)))
+        for name, field in self.of_beams.items():
+            field.refill(data[name])
 
     # -- Derivatives ----------------------------------------------------------------------------
 
     @cached_property
     def _derived(self) -> tuple[FormSource, dict[str, Any], dict[str, Space]]:
-        """Forms whose data vary cell by cell; the data, and spaces of derivatives, by name."""
-        mesh, facts, cells = self._mesh, self.facts, len(self._tags)
-        given = {name: field.data.by_cells(cells) for name, field in self.of_beams.items()}
-        self._by_cells = {name: FilledField(of, mesh) for name, of in given.items()}
-        data = self._data | {name: field.on_mesh for name, field in self._by_cells.items()}
-        data["weight 0"] = Field(mesh.unknowns)
+        """Forms of derivatives; their data, and spaces of derivatives, by name."""
+        mesh, facts = self._mesh, self.facts
+        data = self._data | {"weight 0": Field(mesh.unknowns)}
         if facts.width:
             data["weight 1"] = Field(self._internal.space)
         spaces = {name: of.space for name, of in data.items() if isinstance(of, Field)}
         spaces["coordinates"] = mesh.positions
         if facts.names:
-            data["more"] = Data(1, np.zeros((cells, 1, len(facts.names)))).on(mesh)
+            data["more"] = Field(mesh.space(1, len(facts.names)))
             spaces["parameters"] = data["more"].space
-        return FormSource(DerivedForm, self._kind._replace(data=_shapes(given))), data, spaces
+        return FormSource(DerivedForm, self._kind), data, spaces
 
     def sizes_of_slopes(self, of: str) -> dict[str, int]:
         """How many numbers of an element "internal forces" or "drag" depend on, by name."""
@@ -334,9 +317,8 @@ class BeamForms:
 
     @property
     def numbers(self) -> dict[str, np.ndarray]:
-        """Data of sections and of drag by name, cell by cell."""
-        cells = len(self._tags)
-        return {name: of.data.by_cells(cells).values for name, of in self.of_beams.items()}
+        """Data (cells, points, ...) of sections and of drag by name, with slopes of the scene."""
+        return {name: of.data for name, of in self.of_beams.items()}
 
     def _bind(
         self, compiled: CompiledForm, spaces: Sequence[Space] = (), data: Mapping | None = None
@@ -362,7 +344,7 @@ class BeamForms:
         if self.facts.needs_previous:
             self._values["memory"][...] = start.memory
             before = start.q if start.q_previous is None else start.q_previous
-            self.moving[4].array[:] = before
+            self._q_previous.array[:] = before
         self._set_internal(start.internal)
         self.set_natural(*(start.natural or (None, None)))
 
@@ -379,7 +361,7 @@ class BeamForms:
 
     def add_force(self, D: np.ndarray, out: np.ndarray) -> None:
         """Add the internal forces (eq. 53), by the reduced rule, and drag to `out` (size,)."""
-        self.increment.array[:] = D
+        self._increment.array[:] = D
         for name in ["internal forces"] + ["drag"] * self.have_drag:
             self.bound[name].add_to(out)
 
@@ -447,8 +429,3 @@ def _expressions(section: Section) -> tuple:
     """What its functions give: sections in which it is equal have the same material."""
     expressions = functions_of_energy(section.strain_energy, section.internal, 3)
     return (*expressions, section.internal and (section.internal.names, section.internal.level))
-
-
-def _shapes(data: Mapping[str, Data]) -> tuple[tuple[str, DataShape], ...]:
-    """Shapes of data by name, as `Kind` has them."""
-    return tuple((name, of.shape) for name, of in data.items())

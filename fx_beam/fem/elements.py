@@ -96,9 +96,7 @@ def coefficient(space):
 
 
 def data(on, points: int, shape: tuple[int, ...] = ()):
-    """UFL's symbol for data: a constant for 0 points, else a function on a `gauss_space`."""
-    if not points:
-        return ufl.Constant(on, shape=shape)
+    """UFL's symbol for data on a `gauss_space`."""
     return coefficient(gauss_space(on, points, *shape))
 
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Iterable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from fx_beam.dual import plain, stacked
-from fx_beam.errors import SceneError, all_of, refuse_fields_in
+from fx_beam.errors import SceneError, refuse_fields_in
 from fx_beam.laws.kinematics import Step
 from fx_beam.laws.rates import UpdateRule
 from fx_beam.laws.resultants import Nodes, lagrange
@@ -31,59 +31,32 @@ NODAL = "increment", "start", "velocity", "acceleration", "q_previous"
 NATURAL = "natural", "natural_end"
 #: Of numbers of a step.
 CONSTANTS = "time", "dt", "load_factor", "load_increment", "memory"
-#: What a form must know of its data: number of Gauss points (0: constant) and shape of a value.
+#: What a form must know of data (cells, points, ...): number of points, and shape of a value.
 DataShape = tuple[int, tuple[int, ...]]
 
 
-class Data(NamedTuple):
-    """Data of all beams: one value, or values (cells, points, ...) at the Gauss points."""
+class DataField(Field):
+    """Data (cells, points, ...) of beams, constant in cells or at Gauss points, as a field.
 
-    points: int
-    values: np.ndarray
+    Others of the same shape may replace them.
+    """
 
-    @property
-    def shape(self) -> DataShape:
-        """What a form must know of the data."""
-        return self.points, self.values.shape[2 if self.points else 0 :]
+    def __init__(self, data: Any, mesh: Mesh):
+        super().__init__(mesh.space(data.shape[1], math.prod(data.shape[2:])))
+        #: With slopes that the scene has.
+        self.data = data
+        self.array[:] = plain(data).ravel()
 
-    def by_cells(self, cells: int) -> Data:
-        """The same data as values of each cell."""
-        if self.points:
-            return self
-        return Data(1, np.broadcast_to(self.values, (cells, 1, *self.values.shape)))
-
-    def on(self, mesh: Mesh) -> Any:
-        """A field or, of a single value, an array with the data."""
-        values = np.array(plain(self.values), float)
-        if not self.points:
-            return values
-        field = Field(mesh.space(self.points, math.prod(values.shape[2:])))
-        field.array[:] = values.ravel()
-        return field
+    def refill(self, data: Any) -> None:
+        """Set the data; OtherStructureError if they have another shape."""
+        if data.shape != self.data.shape:
+            raise OtherStructureError("data of beams that were constant vary, or conversely")
+        self.data = data
+        self.array[:] = plain(data).ravel()
 
 
-class FilledField:
-    """A field or an array with data; others of the same shape may replace them."""
-
-    def __init__(self, data: Data, mesh: Mesh):
-        self.data, self.on_mesh = data, data.on(mesh)
-        array = self.on_mesh.array if isinstance(self.on_mesh, Field) else self.on_mesh
-        self._values = array.reshape(np.shape(plain(data.values)))
-
-    def refill(self, data: Data) -> bool:
-        """Set the data, and whether they differ; OtherStructureError if they have another shape."""
-        known = self.data
-        if data.points != known.points or data.values.shape != known.values.shape:
-            raise OtherStructureError("data of beams that were equal differ, or conversely")
-        self.data = data  # its slopes may be others
-        if all_of(plain(data.values) == plain(known.values)):
-            return False
-        self._values[...] = plain(data.values)
-        return True
-
-
-def section_data(mesh: Mesh, scene: Scene, names: tuple[str, ...], points: int) -> Data:
-    """Section data, a vector or a scalar: one constant, cell by cell, or along the beams.
+def section_data(mesh: Mesh, scene: Scene, names: tuple[str, ...], points: int) -> Any:
+    """Section data (cells, n, ...), vectors or scalars: n is 1 if they are constant on each beam.
 
     Data that vary are evaluated at so many Gauss points. The SceneError for an invalid value names
     its beam and its fraction.
@@ -91,9 +64,8 @@ def section_data(mesh: Mesh, scene: Scene, names: tuple[str, ...], points: int) 
     sections = [beam.section for beam in scene.beams]
     constants = {id(section): section.constants(names) for section in distinct(sections)}
     if None not in constants.values():
-        if len(constants) == 1:
-            return Data(0, stacked(*constants.values()))
-        return cell_data(mesh, stacked([constants[id(section)] for section in sections]))
+        of_beams = stacked([constants[id(section)] for section in sections])
+        return of_beams[mesh.beam_of_cell][:, None]
     gauss, _ = gauss_rule(points)
     values: list[np.ndarray] = []
     for beam in scene.beams:
@@ -103,7 +75,7 @@ def section_data(mesh: Mesh, scene: Scene, names: tuple[str, ...], points: int) 
         except SceneError as error:
             raise SceneError(f"beam {beam.name!r}: {error}") from None
         values.append(np.stack(of_beam, axis=-1) if len(names) > 1 else of_beam[0])
-    return Data(points, np.concatenate(values))
+    return np.concatenate(values)
 
 
 def distinct(sections: Iterable[Section]) -> list[Section]:
@@ -111,18 +83,8 @@ def distinct(sections: Iterable[Section]) -> list[Section]:
     return list({id(section): section for section in sections}.values())
 
 
-def cell_data(mesh: Mesh, rows: np.ndarray) -> Data:
-    """Data (beams, ...): one constant of a single beam, else cell by cell.
-
-    Also if they are equal, as they may be by chance in one scene of many.
-    """
-    if len(rows) == 1:
-        return Data(0, rows[0])
-    return Data(1, rows[mesh.beam_of_cell][:, None])
-
-
-def drag_data(mesh: Mesh, scene: Scene) -> dict[str, Data]:
-    """Coefficients of `drag_work` on all beams, those that there are, behind "drag "."""
+def drag_data(mesh: Mesh, scene: Scene) -> dict[str, Any]:
+    """Coefficients (cells, 1, ...) of `drag_work`, those that there are, behind "drag "."""
     rows: dict[str, list[Any]] = {}
     on_beams = ((drag, drag.target) for drag in scene.drags if isinstance(drag.target, Beam))
     for drag, beam in on_beams:
@@ -133,18 +95,8 @@ def drag_data(mesh: Mesh, scene: Scene) -> dict[str, Data]:
                 of_beams = rows.setdefault(key, [np.zeros(len(value)) for _ in scene.beams])
                 i = scene.beams.index(beam)
                 of_beams[i] = of_beams[i] + stacked(value)
-    of_all = {name: stacked(of_beams) for name, of_beams in rows.items()}
-    return {
-        name: cell_data(mesh, of if "across" in name else of[:, 0]) for name, of in of_all.items()
-    }
-
-
-def on_beam(mesh: Mesh, scene: Scene, beam: Beam | None) -> Data:
-    """Indicator of a beam: 1 on it, 0 on the others; without a beam 1 on all."""
-    if beam is None:
-        return Data(0, np.array(1.0))
-    inside = np.arange(len(scene.beams)) == scene.beams.index(beam)
-    return cell_data(mesh, inside.astype(float))
+    of_cells = {name: stacked(of_beams)[mesh.beam_of_cell] for name, of_beams in rows.items()}
+    return {name: of[:, None] if "across" in name else of for name, of in of_cells.items()}
 
 
 class Fields:
@@ -198,8 +150,12 @@ class Fields:
         return ufl.SpatialCoordinate(self._domain), ufl.FunctionSpace(self._domain, element)
 
     def data(self, shape: DataShape):
-        """UFL's symbol for data of the sections."""
+        """UFL's symbol for data of beams."""
         return elements.data(self._domain, *shape)
+
+    def constants(self, count: int):
+        """UFL's symbol for so many numbers."""
+        return ufl.Constant(self._domain, shape=(count,))
 
     def internal(self, width: int):
         """UFL's space of so many internal variables at the Gauss points."""

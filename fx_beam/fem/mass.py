@@ -123,7 +123,7 @@ class Mass:
         mesh, scene, degree = self._mesh, self._scene, self._scene.beams[0].degree
         along = element_rule(degree, degree + 1)[2] @ mesh.nodal_positions(scene)[mesh.elements]
         lengths = np.hypot(along[..., 0], along[..., 1])
-        density = section_data(mesh, scene, ("rhoA", "rhoI"), degree + 1).values
+        density = section_data(mesh, scene, ("rhoA", "rhoI"), degree + 1)
         return np.concatenate([masses, (lengths[..., None] * density).reshape(-1)])
 
     def _entries(self, masses: Any) -> Any:

@@ -12,10 +12,7 @@ from .weak_form import Kind, WeakForm
 
 
 class DerivedForm(WeakForm):
-    """Quantities of a step, and their derivatives by all that they depend on.
-
-    All data of beams must vary, cell by cell at least.
-    """
+    """Quantities of a step, and their derivatives by all that they depend on."""
 
     def __init__(self, kind: Kind):
         super().__init__(kind)

@@ -48,15 +48,15 @@ class Kind(NamedTuple):
 
     `materials` are those of the sections, numbered as subdomains if there are several. Data are
     known by their shapes: "stiffness" of the quadratic energy, "retardation" times, coefficients of
-    the drag; each virtual work comes with that of its indicator. With `natural` there are natural
-    strains. Virtual works that are `held` are those of an instant.
+    the drag. With `natural` there are natural strains. Virtual works that are `held` are those of
+    an instant.
     """
 
     degree: int
     curved: bool
     scheme: Scheme
     materials: tuple[Material, ...]
-    works: tuple[tuple[VirtualWork, DataShape], ...]
+    works: tuple[VirtualWork, ...]
     natural: bool
     data: tuple[tuple[str, DataShape], ...]
     held: bool
@@ -102,7 +102,7 @@ class WeakForm:
         of_drag = [name for name in self.data if name.startswith("drag ")]
         self._drag = {name.removeprefix("drag "): self.data[name] for name in of_drag}
         #: Where each virtual work acts: 1 there, 0 elsewhere.
-        self.indicators = [fields.data(shape) for _, shape in works]
+        self.indicators = [fields.data((1, ())) for _ in works]
         self._materials = materials
         of_energies = parameters_of(
             function for material in materials for function in functions_of_energy(*material, 3)
@@ -113,12 +113,12 @@ class WeakForm:
         if works:
             from fx_beam.scene.symbols import STEP
 
-            of_works = parameters_in(*(work.of(STEP, "virtual work") for work, _ in works))
+            of_works = parameters_in(*(work.of(STEP, "virtual work") for work in works))
         self.names = names_of([*of_energies, *scheme.parameters, *of_works])
         #: Their values (n,), None without any, and those by name.
         self.parameters: Any = None
         if self.names:
-            self.parameters = fields.data((0, (len(self.names),)))
+            self.parameters = fields.constants(len(self.names))
         self._by_name: dict[str, Any] = {
             name: self.parameters[i] for i, name in enumerate(self.names)
         }
@@ -143,7 +143,7 @@ class WeakForm:
         }
         self._added: Any = 0
         if works:
-            self._add([work for work, _ in works])
+            self._add(works)
 
     def _build_resultants(self) -> None:
         """The step, and the resultants of each law."""
@@ -239,8 +239,7 @@ class WeakForm:
 
     def _refuse_fields(self) -> None:
         what = f"resultants of {self.scheme.name}"
-        known = [*self.fields.names, *(field for law in self._laws for field in law.data)]
-        known += [*self.data.values(), self.internal, self.parameters]
+        known = [*self.fields.names, *self.data.values(), self.internal, self.parameters]
         # UFL extracts those of the form anyway, and caches them.
         refuse_fields([*self._residual.coefficients(), *self._residual.constants()], what, known)
         for of_law in self.resultants:

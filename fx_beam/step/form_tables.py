@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fx_beam.content_cache import cached_by_content
-from fx_beam.fem.assembly import BoundForm
+from fx_beam.fem.assembly import BoundForm, Field
 from fx_beam.fem.beam_forms import BeamForms
 
 from .build import load_batches
@@ -99,28 +99,24 @@ class FormTables:
             if n:
                 self.rows[name] = np.arange(p.cells * n).reshape(-1, n)
         self._places = mesh.coordinates
-        #: Number of changes of data that are packed here.
-        self._changes = self._forms.changes
         #: Data of cells by cells, since forms have them in common.
         self._shared: dict[bytes, dict[str, np.ndarray]] = {}
-        #: Numbers of the scene, which C reads here: coordinates with their cells, and of each form
-        #: coefficients of its integrals and constants.
+        #: Numbers of the scene, which C reads here: coordinates with their cells; data of beams
+        #: with their fields, and where they are in these; and constants of each form.
         self._coordinates: list[tuple[np.ndarray, np.ndarray]] = []
-        self._packed: list[tuple[BoundForm, dict[int, np.ndarray], np.ndarray]] = []
+        self._data: list[tuple[np.ndarray, Field, np.ndarray]] = []
+        self._constants: list[tuple[BoundForm, np.ndarray]] = []
 
     def move(self, coordinates: np.ndarray) -> None:
         """Set the coordinates of the cells."""
         for cells, blocks in self._coordinates:
             blocks[...] = self._blocks(coordinates[cells])
-        self._changes = -1
 
     def refill(self) -> None:
         """Set the numbers to those that the forms have now."""
-        changed, self._changes = self._forms.changes != self._changes, self._forms.changes
-        for form, by_tag, constants in self._packed:
-            if by_tag and changed:
-                for tag, rows in form.coefficients().items():
-                    by_tag[tag][...] = self._blocks(rows)
+        for blocks, field, at in self._data:
+            blocks[...] = field.array[at]
+        for form, constants in self._constants:
             constants[...] = form.values_of_constants()
 
     def all(self, wanted: Container[str]) -> dict[str, dict]:
@@ -147,9 +143,11 @@ class FormTables:
         of_scene = {"parameters": len(forms.parameters), "parameter": forms.parameters}
         *offsets, first = (known.get(name, -1) for name in ("time", *of_step, "parameters"))
         blocks = {tag: self._blocks(rows) for tag, rows in packed.items()}
-        # C sets all coefficients that move.
-        varies = not set(form.fields) <= set(fields)
-        self._packed.append((form, blocks if varies else {}, constants))
+        for field in starts.keys() - {*fields}:  # C sets those that move
+            columns = slice(starts[field], starts[field] + field.space.width)
+            places = {tag: self._blocks(field.space.dofs[of]) for tag, of in cells.items()}
+            self._data += [(blocks[tag][:, columns], field, at) for tag, at in places.items()]
+        self._constants.append((form, constants))
         return {
             "integrals": len(cells),
             "width": width,
