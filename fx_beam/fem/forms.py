@@ -61,10 +61,9 @@ class Forms:
         self.of_members = matrix_between(mesh.elements, len(mesh.X))
         #: Tangent of all forces, and the places (cells, n * n) in it of the entries of cells.
         at_nodes = self.points.pairs.min(axis=1) >= 0
-        self.stiffness = with_pairs(self.of_members, self.points.pairs[at_nodes])
-        K = self.stiffness
+        self.stiffness = K = with_pairs(self.of_members, self.points.pairs[at_nodes])
         self.of_cells = places_of_cells(mesh.unknowns.dofs, K.indptr, K.indices)
-        self.points.locate_in(self.stiffness)
+        self.points.locate_in(K)
         self._force = np.zeros(self.size)
         #: Least and largest damping [s] of each friction that sticks, by what it belongs to.
         self.friction_damping: dict[str, list[float]] = {}

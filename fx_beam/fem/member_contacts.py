@@ -281,12 +281,9 @@ class MemberContacts:
 
     # -- A step ---------------------------------------------------------------------------------
 
-    def evaluate(self, D: np.ndarray) -> None:
-        """Evaluate the forces for the increment D (size,)."""
+    def add_force(self, D: np.ndarray, out: np.ndarray) -> None:
+        """Evaluate the forces for the increment D (size,), and add them against the motion."""
         self._c.fx_evaluate_members(self._all, self._of(D))
-
-    def add_force(self, out: np.ndarray) -> None:
-        """Add them (size,) against the motion."""
         self._c.fx_add_members(self._all, self._of(out))
 
     def tangent(self) -> scipy.sparse.csr_matrix:

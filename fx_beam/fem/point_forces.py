@@ -127,8 +127,6 @@ class PointForces:
         #: Joints of the slides, and their columns, once they are known.
         self.slides = np.array([force.slide for force in forces[self._nodal :]], dtype=int)
         self.columns = np.full(len(self.slides), -1)
-        #: Increments at which the forces were evaluated, of nodes and of columns.
-        self._D = self._z = _NONE
         #: In statics the increment of the load factor.
         self._load_increment = 0.0
         dofs = (np.array(force.dofs or [-1]) for force in forces)
@@ -307,33 +305,23 @@ class PointForces:
         if self.any:
             self._c.fx_set_parameters(self._all, self._of(values))
 
-    def evaluate(self, D: np.ndarray) -> None:
-        """Evaluate the forces at nodes for the increment D (size,)."""
-        self._D = D
-        if self.any:
-            self._c.fx_evaluate_points(self._all, 0, self._nodal, self._of(D), self._of(_NONE))
-        if self.members is not None:
-            self.members.evaluate(D)
-
     def evaluate_slides(self, z: np.ndarray) -> None:
         """Evaluate the forces on slides for the increments of all columns (columns,)."""
-        self._z = z
         if len(self.slides):
             ends = self._nodal, len(self._forces)
             self._c.fx_evaluate_points(self._all, *ends, self._of(_NONE), self._of(z))
 
     def add_force(self, D: np.ndarray, out: np.ndarray) -> None:
-        """Evaluate the forces at nodes for D, and add them (size,) against the motion."""
-        self.evaluate(D)
+        """Evaluate the forces at nodes for D (size,), and add them (size,) against the motion."""
         if self._forces:
+            self._c.fx_evaluate_points(self._all, 0, self._nodal, self._of(D), self._of(_NONE))
             self._c.fx_add_points(self._all, 0, self._nodal, 1.0, self._of(out))
         if self.members is not None:
-            self.members.add_force(out)
+            self.members.add_force(D, out)
 
     def add_external(self, out: np.ndarray) -> None:
-        """Evaluate the external ones at the last increment, and add them with the motion."""
+        """Add the external ones at the last increment with the motion."""
         if self.has_external:
-            self.evaluate(self._D)
             first, end = self.external.start, self.external.stop
             self._c.fx_add_points(self._all, first, end, -1.0, self._of(out))
 
@@ -383,10 +371,9 @@ class PointForces:
 
     def given_with(self, D: np.ndarray, slides: np.ndarray) -> np.ndarray:
         """What all forces are given at mean rates, for increments of nodes (size,) and slides."""
-        self._D, self._z = D, np.zeros(int(self.columns.max(initial=-1)) + 1)
-        self._z[self.columns] = slides[self.slides]
-        if self.any:
-            self._c.fx_lost_at_points(self._all, self._of(D), self._of(self._z))
+        z = np.zeros(int(self.columns.max(initial=-1)) + 1)
+        z[self.columns] = slides[self.slides]
+        self._c.fx_lost_at_points(self._all, self._of(D), self._of(z))
         return self.given.copy()
 
     def losses_by(self, given: np.ndarray, size: int, joints: int) -> dict[str, np.ndarray]:
@@ -446,12 +433,9 @@ class PointForces:
         return np.array(texts, dtype=str)
 
     @property
-    def of_contacts(self) -> slice:
-        """Internal variables of contacts among all; those of an obstacle follow each other."""
-        contacts = self.ends[Role.CONTACT]
-        first = self._first_internal[0] if contacts else 0
-        count = sum(force.law.internal for force in self._forces[:contacts])
-        return slice(first, first + count)
+    def first_of_contacts(self) -> int:
+        """First of the internal variables of contacts, which follow each other."""
+        return self._first_internal[0] if self.ends[Role.CONTACT] else 0
 
     def friction_of_members(self, internal: np.ndarray) -> dict[int, np.ndarray]:
         """`MemberContacts.friction` from all internal variables (n, width)."""

@@ -138,7 +138,7 @@ def _variables_of_joint(model: Model, rows: np.ndarray) -> dict[int, dict[str, n
 
 def _variables_of_contact(model: Model, rows: np.ndarray) -> dict[int, np.ndarray]:
     """Stretch and slip (n, points, 2) by the number of a contact."""
-    by_contact, first = dict[int, np.ndarray](), model.points.of_contacts.start
+    by_contact, first = dict[int, np.ndarray](), model.points.first_of_contacts
     for obstacle in model.scene.contacts:
         of_points = rows[:, first : first + obstacle.variables]
         if obstacle.variables:
