@@ -26,11 +26,9 @@ _NONE = np.empty(0)
 class Space:
     """Degrees of freedom of a kind of field: those of each cell, in the order of its tensors."""
 
-    def __init__(self, dofs: np.ndarray, size: int, points: int = 1):
+    def __init__(self, dofs: np.ndarray, size: int):
         #: Degrees of freedom (cells, width), and the number of all.
         self.dofs, self.size = dofs, size
-        #: Number of points of a cell with values of their own.
-        self.points = points
         #: Number of degrees of freedom of a cell.
         self.width = dofs.shape[1]
 

@@ -114,7 +114,7 @@ class Mesh:
     def space(self, points: int, numbers: int = 1) -> Space:
         """Space of so many numbers at each of some points of a cell, such as Gauss points."""
         cells, width = len(self.elements), points * numbers
-        return Space(np.arange(cells * width).reshape(cells, width), cells * width, points)
+        return Space(np.arange(cells * width).reshape(cells, width), cells * width)
 
     def nodes_of(self, scene: Scene, target) -> np.ndarray:
         """Nodes of a beam, those inside its elements included, or the node itself."""

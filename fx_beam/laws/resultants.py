@@ -277,7 +277,7 @@ def discrete_gradient(law: Law, e0, e1, length):
     mean = law.resultants(*((a + b) / 2 for a, b in zip(e0, e1, strict=True)))
     if law.quadratic:
         return mean
-    path = tuple(b - a for a, b in zip(e0, e1, strict=True))
+    path = differences(e0, e1)
     weighted = path[0], path[1], length**2 * path[2]
     gained = law.energy(*e1) - law.energy(*e0)
     missing = gained - ufl.dot(ufl.as_vector(mean), ufl.as_vector(path))

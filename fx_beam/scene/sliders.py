@@ -41,11 +41,6 @@ class SlidingJoint(Joint):
         return False
 
     @property
-    def turns_together(self) -> bool:
-        """Whether b turns with the beam."""
-        return self.rotation is None
-
-    @property
     def carried(self) -> list[tuple[str, int, int]]:
         """Keys of the components of b that depend on the beam: "carried", node, component."""
         return [("carried", self.b.number, i) for i in range(3 if self.turns_together else 2)]
