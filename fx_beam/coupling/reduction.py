@@ -254,15 +254,11 @@ class Reduction:
     @property
     def independent(self) -> np.ndarray:
         """Unknowns that follow no others: all, but for those that close loops."""
-        if self.loops is None:
-            return np.arange(self.free)
-        return np.setdiff1d(np.arange(self.free), self._following)
+        every = np.arange(self.free)
+        return every if self.loops is None else np.setdiff1d(every, self._following(self.loops))
 
-    @property
-    def _following(self) -> np.ndarray:
-        if self.loops is None:
-            return np.empty(0, dtype=int)
-        return self.loops.columns[self._configuration.following]
+    def _following(self, loops: Loops) -> np.ndarray:
+        return loops.columns[self._configuration.following]
 
     def fault(self, arcs: Sequence[tuple[float, float]] | None = None) -> tuple[str, str] | None:
         """Kind and reason of a step in which a node leaves the beam on which it slides; or None.
@@ -298,7 +294,7 @@ class Reduction:
         dependent = [np.empty(0, int), *(slide.columns for slide in slides)]
         if closed and self.loops is not None:
             rows.append(self.loops.derivatives(values).toarray())
-            dependent.append(self._following)
+            dependent.append(self._following(self.loops))
         if not auxiliaries or not len(self.auxiliaries):
             return np.concatenate(rows), np.concatenate(dependent)
         rows.append(self.auxiliaries.equations(values))
