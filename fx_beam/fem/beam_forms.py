@@ -69,8 +69,7 @@ class BeamForms:
         self._read(scene, data)
         #: Whether there are virtual works of a user.
         self.has_external = bool(scene.virtual_works)
-        works = [self._compiled_works()] if self.has_external else []
-        step = self._forms.module("of_step")
+        step = self._compiled()
         #: What is known of the forms.
         self.facts = facts = StepFacts(**step.facts)
         if facts.needs_previous and len(scheme.fractions) > 1:
@@ -94,7 +93,7 @@ class BeamForms:
         self._increment, self._start, *self._start_rates, self._q_previous = self.moving[:5]
         #: Field of the internal variables; None without any.
         self._internal: Any = self._data.get("internal")
-        for form in [*works, *step.forms.values()]:
+        for form in step.forms.values():
             of = (
                 self._data["internal"].space if form.name == "internal variables" else mesh.unknowns
             )
@@ -148,12 +147,15 @@ class BeamForms:
         )
         self._forms = FormSource(WeakForm, self._kind)
 
-    def _compiled_works(self) -> CompiledForm:
+    def _compiled(self) -> FormModule:
         try:
-            return self._forms.module("added").forms["added virtual work"]
+            return self._forms.module("of_step")
         except Exception as error:
+            if not self.has_external:
+                raise
             raise SceneError(
-                f"the added virtual work does not compile: {error}. Simplify its expressions"
+                f"forms with the added virtual work do not compile: {error}. Simplify its "
+                "expressions"
             ) from error
 
     def _read_parameters(self) -> None:
@@ -233,8 +235,8 @@ class BeamForms:
     ) -> Iterator[tuple[str, Space, np.ndarray]]:
         """Derivatives of a quantity of `DerivedForm` in steps: name, space, and values.
 
-        Those by positions only if they are wanted. These are (k, cells, numbers), with `points`
-        (k, cells, points, 3, numbers).
+        Those by positions come only if they are wanted. Values are (k, cells, numbers), or with
+        `points` (k, cells, points, 3, numbers).
         """
         if of not in self._derivatives_of:
             source, data, spaces = self._derived
@@ -258,9 +260,9 @@ class BeamForms:
         return derivatives
 
     def _summed(self, of_cells: Iterable[tuple[str, Space, np.ndarray]]) -> dict[str, np.ndarray]:
-        """Derivatives (k, numbers) by name: by what is in `NODAL`, positions "X", all "parameters".
+        """Derivatives (k, numbers), by name, by nodal fields, positions "X" and all "parameters".
 
-        By others at Gauss points or on cells.
+        Others are by numbers at Gauss points or of cells.
         """
         derivatives: dict[str, np.ndarray] = {}
         for name, space, values in of_cells:

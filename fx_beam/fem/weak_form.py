@@ -280,6 +280,7 @@ class WeakForm:
         forms = {
             "internal forces": residual,
             "tangent": ufl.derivative(residual, fields.increment, fields.trial),
+            "added virtual work": self._added,
             "drag": drag,
             "tangent of drag": ufl.derivative(drag, fields.increment, fields.trial) if drag else 0,
             "inverted sections": _inverted_sections(fields),
@@ -307,10 +308,6 @@ class WeakForm:
             names=self.names,
             names_in_energies=self.names_in_energies,
         )
-
-    def added(self) -> Written:
-        """The virtual works of a user."""
-        return Written({"added virtual work": self._added}, self.named)
 
     def _increments(self) -> Any:
         grown = [of_step and of_step[1] - of_step[0] for of_step in self._evolution]
