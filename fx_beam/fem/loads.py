@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import itertools
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -57,14 +58,16 @@ class UnitLoad(NamedTuple):
 
 
 class SumOfLoads:
-    """Sums of constant columns, those of unit loads, times functions of time."""
+    """A sum of unit loads, which are constant columns, each times a function of time."""
 
-    def __init__(self, scene: Scene, mesh: Mesh, size: int):
+    def __init__(self, scene: Scene, mesh: Mesh, shape: tuple[int, ...]):
         self._mesh = mesh
+        #: Shape of the sum, and the number of all values in it.
+        self.shape, self.size = shape, math.prod(shape)
         values, rows, starts = self._read(self._unit_loads(scene))
-        shape = size, len(starts) - 1
+        of_unit_loads = self.size, len(starts) - 1
         #: Unit loads, as a matrix (size, n).
-        self.unit_loads = scipy.sparse.csc_matrix((plain(values), rows, starts), shape)
+        self.unit_loads = scipy.sparse.csc_matrix((plain(values), rows, starts), of_unit_loads)
         #: The entries of these, with slopes that the scene has.
         self.entries = values
 
@@ -104,17 +107,18 @@ class SumOfLoads:
         return all(isinstance(function, Constant) for _, function in self.functions)
 
     def at(self, t: float) -> np.ndarray:
-        """Their sum (size,) at the time t [s]; StepError if a function fails."""
+        """Their sum at the time t [s]; StepError if a function fails."""
         if not self.functions:
-            return np.zeros(self.unit_loads.shape[0])
-        return self.unit_loads @ np.concatenate([*map(plain, self._factors(t))])
+            return np.zeros(self.shape)
+        factors = np.concatenate([*map(plain, self._factors(t))])
+        return (self.unit_loads @ factors).reshape(self.shape)
 
     def numbers_at(self, t: float) -> Any:
         """The same with slopes that the scene has."""
         columns = self.unit_loads
         of = np.repeat(np.arange(columns.shape[1]), np.diff(columns.indptr))
         values = self.entries * np.concatenate([*map(stacked, self._factors(t))])[of]
-        return np.bincount(columns.indices, values, columns.shape[0])
+        return np.bincount(columns.indices, values, self.size).reshape(self.shape)
 
     def _factors(self, t: float) -> list[np.ndarray]:
         return [evaluate(load.function, t, load.what) for load in self._loads]
@@ -131,7 +135,7 @@ class Loads(SumOfLoads):
     """All dead loads as a nodal vector."""
 
     def __init__(self, scene: Scene, mesh: Mesh):
-        super().__init__(scene, mesh, mesh.dofs.size)
+        super().__init__(scene, mesh, (mesh.dofs.size,))
 
     def _unit_loads(self, scene: Scene) -> list[UnitLoad]:
         return [self._unit_load(scene, load) for load in scene.loads if not load.follower]
@@ -162,15 +166,11 @@ class Loads(SumOfLoads):
 
 
 class NaturalStrains(SumOfLoads):
-    """Natural strains at all Gauss points."""
+    """Natural strains (cells, degree, 3) at all Gauss points."""
 
     def __init__(self, scene: Scene, mesh: Mesh):
         degree = scene.beams[0].degree if scene.beams else 1
-        #: Shape (cells, degree, 3) of the strains at the Gauss points.
-        self.shape = len(mesh.beam_of_cell), degree, 3
-        #: Number of strains at all Gauss points.
-        self.size = int(np.prod(self.shape))
-        super().__init__(scene, mesh, self.size)
+        super().__init__(scene, mesh, (len(mesh.beam_of_cell), degree, 3))
 
     def _unit_loads(self, scene: Scene) -> list[UnitLoad]:
         parts = [(of.beam, *part) for of in scene.natural_strains for part in of.parts.items()]
@@ -192,14 +192,6 @@ class NaturalStrains(SumOfLoads):
 
     def __bool__(self):
         return bool(self.functions)
-
-    def at(self, t: float) -> np.ndarray:
-        """Strains (cells, degree, 3) at the time t [s]; StepError if a function fails."""
-        return super().at(t).reshape(self.shape)
-
-    def numbers_at(self, t: float) -> Any:
-        """The same with slopes that the scene has."""
-        return super().numbers_at(t).reshape(self.shape)
 
 
 class Followers:
