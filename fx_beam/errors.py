@@ -469,9 +469,9 @@ class _CheckedFunction:
             raise self._failure(arguments, error) from error
 
     def each(self, arguments: np.ndarray, run: str = "") -> np.ndarray:
-        """Values (n, size) for arguments (n, k); of a run, at times (n, 1), they must be finite.
+        """Values (n, size) for arguments (n, k); SceneError for what does not fit.
 
-        What is wrong is a SceneError, or of a run, with this text, a StepError.
+        With `run`, what they are of in a run, arguments are times; StepError if one is not finite.
         """
         one_by_one = functools.partial(self._each, run=run)
         if (calls := array_calls()) is not None:

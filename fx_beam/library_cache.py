@@ -136,7 +136,7 @@ def _warn(sentence: str) -> None:
 def _one_at_a_time(path: Path) -> Iterator[None]:
     """Let other processes wait, except where the file system has no locks.
 
-    The file goes before the lock does: who waited for it looks for the library first.
+    The file is removed before the lock ends: who waited for it looks for the library first.
     """
     with open(path, "w") as file:
         with suppress(OSError):

@@ -125,10 +125,10 @@ class BoundForm:
 
 
 class RowValues:
-    """Values of expressions at Gauss points, or tensors of a form, of elements in rows of steps.
+    """Values of expressions at Gauss points, or tensors of a form, in several steps.
 
-    Each is of some cells. Fields that change are `Parts.moving`; constants that do are those of
-    `_CHANGING`.
+    Each expression is of some cells. From step to step fields change that are in `Parts.moving`,
+    and constants that are in `_CHANGING`.
     """
 
     def __init__(
