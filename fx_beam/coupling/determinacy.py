@@ -16,7 +16,6 @@ from fx_beam.errors import SceneError
 from fx_beam.fem.mesh import Mesh
 from fx_beam.scene.coordinate import Coordinate
 from fx_beam.scene.joints import Joint
-from fx_beam.scene.removal import resting
 from fx_beam.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -49,8 +48,7 @@ def check_no_massless_mechanism(
     parts = _parts(mesh, stiffness, None if mass is None else _inertia(scene, mesh, mass))
     if parts is None or not parts.free.any():
         return
-    rows = _rows(resting(scene) if mass is None else scene, mesh, parts)
-    motion = _motion(rows)
+    motion = _motion(_rows(scene, mesh, parts, at_rest=mass is None))
     if motion is None:
         return
     rates = np.zeros(parts.free.shape)
@@ -119,7 +117,7 @@ def _parts(mesh: Mesh, stiffness, inertia: np.ndarray | None) -> _Parts | None:
     return _Parts(of_node, middle, point, free)
 
 
-def _rows(scene: Scene, mesh: Mesh, parts: _Parts):
+def _rows(scene: Scene, mesh: Mesh, parts: _Parts, at_rest: bool):
     """Linear constraints of supports and joints on the free rates: an array (rows, free) if few."""
     # Nodes a and b, -1 for the ground: along a direction the displacement of b is that of the end
     # of an arm on a; or they turn together.
@@ -132,14 +130,14 @@ def _rows(scene: Scene, mesh: Mesh, parts: _Parts):
             together.append((-1, node, 1 - component, component, 0.0, 0.0))
     for joint in scene.joints:
         nodes, along = (joint.a.number, joint.b.number), joint.direction
-        if along is None or _is_held(joint.slide):
+        if along is None or _is_held(joint.slide, at_rest):
             together += [(*nodes, 1.0, 0.0, *joint.arm), (*nodes, 0.0, 1.0, *joint.arm)]
         else:
             together.append((*nodes, -along[1], along[0], *joint.arm))
-        if joint.turns_together or _is_held(joint.rotation):
+        if joint.turns_together or _is_held(joint.rotation, at_rest):
             turning.append(nodes)
     for force in scene.forces_between:
-        if _is_held(force.on):
+        if _is_held(force.on, at_rest):
             together.append((*force.between, *(force.apart / np.hypot(*force.apart)), 0.0, 0.0))
     given = np.array(together).reshape(-1, 6)
     pairs, along, arm = given[:, :2].astype(int), given[:, 2:4], given[:, 4:] / mesh.size
@@ -163,15 +161,15 @@ def _rows(scene: Scene, mesh: Mesh, parts: _Parts):
     return rows.reshape(shape)[:, free]
 
 
-def _is_held(coordinate: Coordinate | None) -> bool:
-    """Whether a motor, a spring, a damper or friction restrains a coordinate."""
+def _is_held(coordinate: Coordinate | None, at_rest: bool) -> bool:
+    """Whether a motor or a spring restrains a coordinate, or in a motion a damper or friction."""
     if coordinate is None:
         return False
     spring, damper, friction = coordinate.spring, coordinate.damper, coordinate.friction
     held = coordinate.motor or (spring and (spring.stiffness or spring.strain_energy))
     resists = getattr(friction, "force", False)  # that of Coulomb may be zero
     damped = (damper and (damper.viscosity or damper.law)) or resists
-    return bool(held or damped)
+    return bool(held or (damped and not at_rest))
 
 
 def _motion(rows) -> np.ndarray | None:

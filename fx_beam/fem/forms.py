@@ -12,7 +12,6 @@ from fx_beam.laws.interval import Interval, StepStart
 from fx_beam.laws.point_laws import StepRule
 from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.beam import Beam
-from fx_beam.scene.removal import resting
 from fx_beam.scene.scene import Scene
 
 from .beam_forms import BeamForms
@@ -94,12 +93,11 @@ class Forms:
         """The forces at points, the values over time of those that follow nodes, and members."""
         if mobility is None:
             mobility = np.zeros(self.size + scene.joint_count)
-        scene = resting(scene) if self._rates.at_rest else scene
         forces, members = [], None
         if may_have_forces(scene):
             from .scene_forces import point_forces
 
-            forces = point_forces(scene, self._mesh, mobility)
+            forces = point_forces(scene, self._mesh, mobility, self._rates.at_rest)
         if any(isinstance(obstacle.shape, Beam) for obstacle in scene.contacts):
             from .member_contacts import MemberContacts
 

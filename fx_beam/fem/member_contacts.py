@@ -15,7 +15,7 @@ from fx_beam.laws.member_gap import FOLLOWED, FOLLOWED_WITH_FRICTION, MEMBER, ME
 from fx_beam.laws.point_laws import PointLaw, StepRule
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.contacts import Contact, arc_of, points_of
-from fx_beam.scene.coordinate import bristle
+from fx_beam.scene.coordinate import bristle, numbers_of_loss
 from fx_beam.scene.joints import GROUND
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
@@ -69,25 +69,24 @@ def _is_closed(scene: Scene, beam: Beam) -> bool:
 
 
 def _both_directions(
-    contact: Contact, scene: Scene, mesh: Mesh, mobility: np.ndarray, first: int
+    contact: Contact, scene: Scene, mesh: Mesh, mobility: np.ndarray, first: int, at_rest: bool
 ) -> list[MemberPair]:
     a, b = contact.target, contact.shape
     assert isinstance(b, Beam)
     nodes_a, nodes_b = mesh.nodes_of(scene, a), mesh.nodes_of(scene, b)
     slots_a = first + np.arange(len(nodes_a))
     slots_b = slots_a if a is b else np.full(len(nodes_b), -1)
-    loses, friction = bool(contact.loss), contact.friction
+    of_loss, friction = numbers_of_loss(contact, at_rest), contact.friction
     kinds = (
         (MEMBER, FOLLOWED) if friction is None else (MEMBER_WITH_FRICTION, FOLLOWED_WITH_FRICTION)
     )
-    law, followed = (laws.contact(kind, loses, contact.energy) for kind in kinds)
-    of_loss = (contact.loss, contact.speed) if loses else ()
+    law, followed = (laws.contact(kind, bool(of_loss), contact.energy) for kind in kinds)
     sides = (a, nodes_a, slots_a, contact.points), (b, nodes_b, slots_b, points_of(b))
     both, share = isinstance(a, Beam) and a is not b, 0.5 if isinstance(a, Beam) else 1.0
     pairs: list[MemberPair] = []
     for (_, points, point_slots, of), (member, nodes, slots, _) in (sides, sides[::-1])[: 1 + both]:
         lengths = share * of.lengths
-        columns = [contact.radii, contact.stiffness * lengths, *of_loss]
+        columns: list[Any] = [contact.radii, contact.stiffness * lengths, *of_loss]
         if friction is not None:
             columns += bristle(friction, lengths, mobility[mesh.dofs[points, :2]].max(axis=1))
         numbers = np.column_stack([column + np.zeros(len(lengths)) for column in columns])
@@ -117,7 +116,8 @@ class MemberContacts:
         self._pairs: list[MemberPair] = []
         for contact in scene.contacts:
             if isinstance(contact.shape, Beam):
-                self._pairs += _both_directions(contact, scene, mesh, mobility, self.slots)
+                given = contact, scene, mesh, mobility, self.slots, rule.at_rest
+                self._pairs += _both_directions(*given)
                 self.slots += len(contact.points.lengths)
         pairs = self._pairs
         self.laws = compiled_laws([one.law for one in pairs], rule)

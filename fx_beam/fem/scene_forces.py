@@ -23,7 +23,13 @@ from fx_beam.laws.point_laws import (
 )
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.contacts import Contact
-from fx_beam.scene.coordinate import Coulomb, SmoothFriction, Stop, bristle, functions_of
+from fx_beam.scene.coordinate import (
+    Coulomb,
+    SmoothFriction,
+    bristle,
+    functions_of,
+    numbers_of_loss,
+)
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.law import functions_of_energy
 from fx_beam.scene.scene import Scene
@@ -35,20 +41,20 @@ from .point_forces import Load, PointForce, Role
 _Known = dict[tuple, PointLaw]
 
 
-def point_forces(scene: Scene, mesh: Mesh, mobility: np.ndarray) -> list[PointForce]:
-    """All forces at points.
+def point_forces(scene: Scene, mesh: Mesh, mobility: np.ndarray, at_rest: bool) -> list[PointForce]:
+    """All forces at points; without those of rates alone if the scene is `at_rest`.
 
     By the `mobility`, 1 / mass of degrees of freedom, then slides, friction has critical damping.
     """
     shapes = [contact for contact in scene.contacts if not isinstance(contact.shape, Beam)]
     known: _Known = {}
     return [  # first those of joints, whose internal variables have their places from them
-        *_of_joints(scene, known),
+        *_of_joints(scene, known, at_rest),
         *_followers(scene, mesh),
-        *_between(scene, mesh, known),
+        *_between(scene, mesh, known, at_rest),
         *_frictions(scene, mesh, mobility),
-        *(force for one in shapes for force in _contacts(one, scene, mesh, mobility, known)),
-        *_drags(scene, mesh),
+        *(of for one in shapes for of in _contacts(one, scene, mesh, mobility, known, at_rest)),
+        *([] if at_rest else _drags(scene, mesh)),
     ]
 
 
@@ -61,10 +67,14 @@ def _shared(known: _Known, law: Callable, kind: Kind, of: Iterable, *given: Any)
 
 
 def _contacts(
-    obstacle: Contact, scene: Scene, mesh: Mesh, mobility: np.ndarray, known: _Known
+    obstacle: Contact,
+    scene: Scene,
+    mesh: Mesh,
+    mobility: np.ndarray,
+    known: _Known,
+    at_rest: bool,
 ) -> Iterator[PointForce]:
-    loses, friction = bool(obstacle.loss), obstacle.friction
-    of_loss = (obstacle.loss, obstacle.speed) if loses else ()
+    of_loss, friction = numbers_of_loss(obstacle, at_rest), obstacle.friction
     points, nodes = obstacle.points, mesh.nodes_of(scene, obstacle.target)
     count, thick = points.nodes.shape[1], friction is not None and obstacle.radii > 0
     shape, half = obstacle.shape, obstacle.radii
@@ -73,8 +83,8 @@ def _contacts(
     kind = gap_of(shape.name, count, carried, friction is not None, thick)
     carrier = mesh.dofs[shape.carrier.number].tolist() if shape.carrier is not None else []
     carrier = carrier[: kind.size - count * (3 if thick else 2)]
-    expressions = [loses, *functions_of_energy(obstacle.energy, None, 1)]
-    law = _shared(known, laws.contact, kind, expressions, loses, obstacle.energy)
+    expressions = [bool(of_loss), *functions_of_energy(obstacle.energy, None, 1)]
+    law = _shared(known, laws.contact, kind, expressions, bool(of_loss), obstacle.energy)
     relative = points.of(mesh.nodal_positions(scene)[nodes]) - stacked(shape.origin)
     for i, of_point in enumerate(nodes[points.nodes]):
         length, weights = points.lengths[i], points.weights[i] if count > 1 else ()
@@ -107,12 +117,12 @@ def _drags(scene: Scene, mesh: Mesh) -> Iterator[PointForce]:
             yield PointForce(drag(*parts), [number for number in numbers if number], dofs)
 
 
-def _of_joints(scene: Scene, known: _Known) -> Iterator[PointForce]:
+def _of_joints(scene: Scene, known: _Known, at_rest: bool) -> Iterator[PointForce]:
     """Springs, dampers, friction and stops on the coordinates of joints."""
     for joint in scene.joints:
         for name, on in joint.coordinates.items():
             kind, where = _place_on(joint, name)
-            for law, numbers in _of_coordinate(on, kind, known):
+            for law, numbers in _of_coordinate(on, kind, known, at_rest):
                 yield PointForce(law, numbers, **where)
 
 
@@ -141,11 +151,11 @@ def _frictions(scene: Scene, mesh: Mesh, mobility: np.ndarray) -> Iterator[Point
             yield PointForce(laws.joint_friction(kind), numbers, load=load, **where)
 
 
-def _between(scene: Scene, mesh: Mesh, known: _Known) -> Iterator[PointForce]:
+def _between(scene: Scene, mesh: Mesh, known: _Known, at_rest: bool) -> Iterator[PointForce]:
     for force in scene.forces_between:
         ends = [end.number for end in (force.a, force.b) if isinstance(end, Node)]
         kind, dofs = DISTANCE if len(ends) > 1 else FROM_POINT, mesh.dofs[ends, :2].ravel().tolist()
-        for law, numbers in _of_coordinate(force.on, kind, known):
+        for law, numbers in _of_coordinate(force.on, kind, known, at_rest):
             yield PointForce(law, [*force.apart, *numbers], dofs, owner=str(force))
         if force.force is not None:
             numbers = [*force.apart, 1.0]
@@ -153,9 +163,11 @@ def _between(scene: Scene, mesh: Mesh, known: _Known) -> Iterator[PointForce]:
             yield PointForce(law, numbers, dofs, role=Role.EXTERNAL)
 
 
-def _of_coordinate(of: Any, kind: Kind, known: _Known) -> Iterator[tuple[PointLaw, list[float]]]:
+def _of_coordinate(
+    of: Any, kind: Kind, known: _Known, at_rest: bool
+) -> Iterator[tuple[PointLaw, list[float]]]:
     """Laws of a coordinate, and their numbers."""
-    spring, damper = of.spring, of.damper
+    spring, stop, damper = of.spring, of.stop, None if at_rest else of.damper
     k, rest = (spring.stiffness, spring.rest) if spring else (0.0, 0.0)
     c = damper.viscosity if damper else 0.0
     if k or c:
@@ -166,20 +178,15 @@ def _of_coordinate(of: Any, kind: Kind, known: _Known) -> Iterator[tuple[PointLa
 
     if spring is not None and spring.strain_energy is not None:
         yield shared(laws.stored_energy, spring.strain_energy, spring.internal), [rest]
-    if of.stop is not None:
-        yield from _stops(of.stop, kind)
+    if stop is not None:
+        of_loss = numbers_of_loss(stop, at_rest)
+        for sign, limit in ((1, stop.lower), (-1, stop.upper)):
+            if limit is not None:
+                yield laws.stop(kind, sign, bool(of_loss)), [stop.stiffness, *of_loss, limit]
     if damper is not None and damper.law is not None:
         yield shared(laws.damper_law, damper.law), []
-    if isinstance(of.friction, SmoothFriction):
+    if isinstance(of.friction, SmoothFriction) and not at_rest:
         if callable(of.friction.force):
             yield shared(laws.friction_law, of.friction.force), [of.friction.speed]
         else:
             yield laws.friction(kind), [of.friction.speed, of.friction.force]
-
-
-def _stops(stop: Stop, kind: Kind) -> Iterator[tuple[PointLaw, list[float]]]:
-    loses = bool(stop.loss)
-    of_loss: list[Any] = [stop.loss, stop.speed] if loses else []
-    for sign, limit in ((1, stop.lower), (-1, stop.upper)):
-        if limit is not None:
-            yield laws.stop(kind, sign, loses), [stop.stiffness, *of_loss, limit]

@@ -209,6 +209,11 @@ def bristle(friction: Coulomb, share: Any, mobility: Any) -> list[Any]:
     return [damping + 0 * mobility, friction.mu + 0 * mobility, stiffness + 0 * mobility]
 
 
+def numbers_of_loss(part: Any, at_rest: bool) -> list[float]:
+    """Numbers r and speed of the loss of a stop or a contact; none without, or in statics."""
+    return [part.loss, part.speed] if part.loss and not at_rest else []
+
+
 @dataclass(frozen=True)
 class Spring:
     """Spring on a joint's free coordinate: linear, by a stored energy of its own, or both.

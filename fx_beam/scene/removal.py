@@ -1,4 +1,4 @@
-"""What is taken away from a scene, and what goes with it; joints that are locked; scenes at rest.
+"""What is taken away from a scene, and what goes with it; joints that are locked.
 
 Numbers of nodes and joints stay: rows of solutions belong to them. Nodes of no member are held.
 """
@@ -13,7 +13,7 @@ from fx_beam.errors import SceneError, require, shown
 
 from .beam import COMPONENTS, Beam, Node
 from .body import Body
-from .coordinate import Coordinate, Coulomb, Held
+from .coordinate import Held
 from .forces_between import ForceBetween, GivenPull
 from .joints import Joint, joints_by_number
 
@@ -132,28 +132,3 @@ def _remove_what_is_on(scene: Any, target: Beam | Node) -> None:
         known[:] = [part for part in known if not is_on_it(part)]
     if isinstance(target, Node):
         scene.masses[:] = [mass for mass in scene.masses if mass.node != target.number]
-
-
-def resting(scene: Any) -> Any:
-    """The scene without dampers, friction of a constant size, drag, and losses of contact.
-
-    Nodes, beams and all that has none of these are the same.
-    """
-    rest = object.__new__(type(scene))
-    rest.__dict__.update(vars(scene))
-    rest.drags = []
-    rest.contacts = [replace(of, restitution=1.0) if of.loss else of for of in scene.contacts]
-    rest.joints = [_at_rest(joint, joint.coordinates) for joint in scene.joints]
-    rest.forces_between = [_at_rest(force, {"on": force.on}) for force in scene.forces_between]
-    return rest
-
-
-def _at_rest(part: Any, coordinates: dict[str, Coordinate]) -> Any:
-    """A part whose coordinates, by their names, have nothing that acts by rates."""
-    changed: dict[str, Any] = {}
-    for name, on in coordinates.items():
-        if on.damper or on.friction or on.stop:
-            friction = on.friction if isinstance(on.friction, Coulomb) else None
-            stop = on.stop and replace(on.stop, restitution=1.0)
-            changed[name] = replace(on, damper=None, friction=friction, stop=stop)
-    return replace(part, **changed) if changed else part
