@@ -52,18 +52,14 @@ static __attribute__((noinline)) void set_parameters(const Problem *p, const For
     form->constants[form->parameters_at + i] = p->parameter[form->parameter[i]];
 }
 
-static void set_time(const Problem *p, const Form *form, double t, double dt) {
-  if (!form->integrals) return;
-  if (form->time_at >= 0) form->constants[form->time_at] = t;
-  if (form->dt_at >= 0) form->constants[form->dt_at] = dt;
-  if (form->memory_at >= 0) form->constants[form->memory_at] = p->ratio;
-  if (form->parameters) set_parameters(p, form);
-}
-
 /* Sets the time, and the coefficients that change only from step to step. */
 static void begin_form(const Problem *p, const Work *w, const Form *form, double t) {
+  if (!form->integrals) return;
   EACH_BLOCK(of, block, form) pack(p, w, form, of, block, form->changing, form->moving);
-  set_time(p, form, t, w->dt);
+  if (form->time_at >= 0) form->constants[form->time_at] = t;
+  if (form->dt_at >= 0) form->constants[form->dt_at] = w->dt;
+  if (form->memory_at >= 0) form->constants[form->memory_at] = p->ratio;
+  if (form->parameters) set_parameters(p, form);
 }
 
 /* The same of the forces of elements, at the level of a sub-step. */

@@ -50,10 +50,9 @@ static int has_constant_map(const Problem *p) { return p->entries == p->equal &&
 
 /* The forces of a sub-step of a tape, and its tangent, if these are read; returns 0 in a singular position. */
 static int begin_taped(Problem *p, Work *w, const Derivatives *a, const double *row, Linear *l) {
-  double dt = row[1], level;
+  double dt = row[1];
   int unread = a->by_unknowns && has_constant_map(p); /* whether Jacobians are read, but no forces and no tangent */
   take_from_tape(p, w, row);
-  level = p->t + p->level * dt;
   w->dt = dt;
   begin_loads(p, w);
   if (p->naturals) begin_natural(p, w);
@@ -64,7 +63,7 @@ static int begin_taped(Problem *p, Work *w, const Derivatives *a, const double *
   if (!begin_couplings(p, w) && !choose_ahead(p, w)) return 0;
   if (!expand(p, w)) return 0;
   if (HAS(MEMBERS) && p->points->members) settle_members(p, w);
-  for (int i = 0; i < 2; ++i) set_time(p, &work_of_elements(a, i)->slopes, level, dt);
+  for (int i = 0; i < 2; ++i) begin_form(p, w, &work_of_elements(a, i)->slopes, p->t + p->level * dt);
   if (unread) work_increment(p, w), acceleration(p, w, dt), evaluate_nodes(p, w);
   else balance(p, w);
   if (w->by_slopes && !a->by_unknowns) find_slopes(p, w, a, l), add_slopes(p, &a->internal_forces, l->slopes[0], w->tangent);

@@ -71,7 +71,6 @@ static double work_of_change(const Problem *p, const Work *w, const double *leve
    drag and contact. */
 static void audit(Problem *p, const Work *w, const double *change) {
   int n = p->dofs, constrained = p->columns - p->free;
-  work_increment(p, w);
   p->work += dot(n, w->dead, w->path);
   p->dissipated += fx_lost_at_points(p->points, w->D, w->z);
   p->work += sum_over_elements(p, w, &p->actuated);
@@ -161,10 +160,8 @@ static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs 
   if (p->failure) return 0;
   if (p->friction_follows && !p->known && (p->failure = follow_joints(p, w, change))) return 0;
   if (!p->at_rest) *order = update_predictor(p, w);
-  if (p->repeats) {
-    work_increment(p, w);
-    return 1;
-  }
+  work_increment(p, w);
+  if (p->repeats) return 1;
   audit(p, w, change);
   if (p->parameters_vary) p->work += work_of_change(p, w, parameters, 0);
   return 1;
