@@ -436,9 +436,9 @@ class Problem:
     def _hand_over_motors(self) -> None:
         prescribed, motors = [*self.model.prescribed], self.model.motors
         self._set(
-            driven_dof=prescribed + [-1] * len(motors),
-            motor_a=[-1] * len(prescribed) + [rotation_of(joint.a) for joint, _ in motors],
-            motor_b=prescribed + [rotation_of(joint.b) for joint, _ in motors],
+            prescribed=len(prescribed),
+            driven_a=[-1] * len(prescribed) + [rotation_of(joint.a) for joint, _ in motors],
+            driven_b=prescribed + [rotation_of(joint.b) for joint, _ in motors],
             motor_slides=[0] * len(prescribed) + [on == "slide" for _, on in motors],
         )
 

@@ -82,7 +82,7 @@ static void audit(Problem *p, const Work *w, const double *change) {
   p->algorithmic = sum_over_elements(p, w, &p->held_by_scheme);
   project(p, w, w->r, w->reduced);
   for (int i = 0; i < p->driven; ++i) {
-    double along = p->motor_slides[i] ? change[i] : at(w->path, p->motor_b[i]) - at(w->path, p->motor_a[i]);
+    double along = p->motor_slides[i] ? change[i] : at(w->path, p->driven_b[i]) - at(w->path, p->driven_a[i]);
     p->work += mid(p, w->reduced[p->free + i], p->constraint_forces[i]) * along;
   }
   scale(constrained, p->earlier, p->constraint_forces);
@@ -147,10 +147,8 @@ static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs 
   w->naturals = inputs->natural + k * inputs->natural_stride;
   if (!p->at_rest && (k == 0 || inputs->loads_stride)) begin_loads(p, w);
   if (p->naturals && (k == 0 || inputs->natural_stride)) begin_natural(p, w);
-  for (int i = 0; i < p->driven; ++i) {
-    int dof = p->driven_dof[i];
-    change[i] = target[i] - (dof >= 0 ? p->q[dof] : p->driven_now[i]);
-  }
+  for (int i = 0; i < p->driven; ++i)
+    change[i] = target[i] - (i < p->prescribed ? p->q[p->driven_b[i]] : p->driven_now[i]);
   if (!p->at_rest) p->ratio = ratio_of_lengths(p, dt);
   const double *parameters = inputs->parameters + k * 2 * p->parameter_count;
   if (p->parameters_vary) use_parameters(p, parameters);

@@ -259,9 +259,9 @@ typedef struct {
   /* Increments of the columns and forces on the nodes of all sub-steps, if they are known. */
   struct { double *known, *known_forces; };
 
-  /* Driven columns: prescribed degrees of freedom (-1: a motor), then motors. Degrees of freedom between which their forces do
-     work (-1: the ground), but for motors on slides. */
-  int *driven_dof, *motor_a, *motor_b, *motor_slides;
+  /* Driven columns: those of prescribed degrees of freedom, so many, then motors. Degrees of freedom a and b between which their
+     forces do work (-1: the ground), b the prescribed one; but for motors on slides. */
+  int prescribed, *driven_a, *driven_b, *motor_slides;
 
   /* Joint forces: how forces pass through joints from the nodes that follow to those that lead (-1: none),
      the former first; first displacements, then rotations. */
