@@ -188,10 +188,7 @@ class Problem:
 
     def _positions(self) -> dict[str, np.ndarray]:
         """The members that change where nodes move."""
-        per_unit = 1 / self.model.unit
-        of_displacements = np.where(np.arange(len(per_unit)) % 3 == 2, 0, per_unit)
-        units = {"per_unit": per_unit, "per_displacement": of_displacements}
-        return {"position": self.model.mesh.X, **units}
+        return {"position": self.model.mesh.X, "per_unit": 1 / self.model.unit}
 
     def _numbers(self, masses: bool) -> dict[str, np.ndarray]:
         """The other numbers of the scene, besides those of forms and points."""
@@ -467,11 +464,10 @@ class Problem:
         sizes = {name: math.prod(array.lengths(model.sizes)) for name, array in ARRAYS.items()}
         sizes["driven_now"] = reduction.driven
         # Past of the predictor and of local errors: ages and divided differences.
-        known, order = self.library.PAST, self.library.MAX_ORDER
-        past = {"ages": 1, "past": model.size + reduction.free}
-        every = sizes | {name: known * n for name, n in past.items()}
-        every |= {"error_ages": order, "error_past": order * model.size}
-        every["error_highest"] = (self.library.AVERAGED - 1) * model.size
+        known, n = self.library.PAST, model.size
+        every = sizes | {"ages": known + 1, "past": known * (n + reduction.free)}
+        every |= {"error_ages": known + 1, "error_past": known * n}
+        every["error_highest"] = (self.library.AVERAGED - 1) * n
         #: One piece of memory, which the loop copies before a step with sub-steps.
         self.memory = np.zeros(sum(every.values()))
         ends = itertools.pairwise(itertools.accumulate(every.values(), initial=0))

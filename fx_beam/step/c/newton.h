@@ -38,6 +38,13 @@ static void corrected_forces(const Problem *p, const Work *w, int rows, const in
 /* The predictor is used up to this relative error in the previous step. */
 static const double PREDICTOR_ERROR = 0.4;
 
+/* An increment over dt makes those before older; 1 / each age. */
+static inline void advance_ages(double dt, double *ages, double *per_age) {
+  for (int k = PAST; k > 0; --k) ages[k] = ages[k - 1] + dt;
+  ages[0] = dt;
+  for (int k = 0; k <= PAST; ++k) per_age[k] = 1 / ages[k];
+}
+
 /* Divided differences of an increment and those before, of orders 1 to PAST in their place, and of the next order. All orders
    at once: in turn, each would wait for what the one before has stored. */
 INLINED void extend_differences(int n, int all, const double *restrict increment, const double *restrict per_age,
@@ -58,17 +65,15 @@ INLINED void extend_differences(int n, int all, const double *restrict increment
    extrapolation with the least error in this step. */
 HOT int update_predictor(Problem *p, const Work *w) {
   int n = p->dofs, all = n + p->free, order = 0;
-  double dt = w->dt, ages[PAST + 1] = {dt}, per_age[PAST + 1] = {1 / dt}, product = dt, *highest = w->scratch;
-  double best = PREDICTOR_ERROR * largest(n, w->D, p->per_unit);
-  for (int k = 0; k < PAST; ++k) ages[k + 1] = p->ages[k] + dt, per_age[k + 1] = 1 / ages[k + 1];
+  double best = PREDICTOR_ERROR * largest(n, w->D, p->per_unit), product = w->dt, per_age[PAST + 1], *highest = w->scratch;
+  advance_ages(w->dt, p->ages, per_age);
   extend_differences(n, all, w->D, per_age, p->past, highest);
   extend_differences(p->free, all, w->z, per_age, p->past + n, highest + n);
   for (int k = 1; k <= PAST && k <= p->known_steps; ++k) {
-    product *= ages[k];
+    product *= p->ages[k];
     double error = largest(n, k < PAST ? p->past + k * all : highest, p->per_unit) * fabs(product);
     if (error <= best) best = error, order = k;
   }
-  memcpy(p->ages, ages, PAST * sizeof(double));
   ++p->known_steps;
   return order;
 }

@@ -11,9 +11,8 @@
 enum {
   LANES = 8,        /* elements that are evaluated at once */
   RULE_VALUES = 18, /* values of a user's rule for the rates of a node */
-  PAST = 4,         /* earlier configurations from which the predictor extrapolates */
+  PAST = 4,         /* earlier configurations from which the predictor extrapolates; largest order of a scheme */
   SUB_STEPS = 32,   /* most sub-steps of a scheme */
-  MAX_ORDER = 4,    /* largest order of a scheme */
   AVERAGED = 3,     /* differences that are averaged in a local error */
   CORRECTIONS = 8,  /* last corrections of Newton's method whose sizes are stored */
   GROUP_SIZE = 4    /* directions in which derivatives forwards are followed at once */
@@ -287,19 +286,18 @@ typedef struct {
   double energies[8], momenta[3]; /* of the last row */
   int steps_done;       /* 0 if there is no previous step */
   long completed;       /* steps or parts; Python knows by it what an interrupt leaves */
-  double *ages;         /* [PAST] times since the configurations before the last one, the latest first */
+  double *ages;         /* [PAST + 1] times since the configurations before the last one, the latest first */
   int known_steps;      /* number of previous sub-steps */
   int orders[SUB_STEPS]; /* of the prediction of each sub-step; 0: none */
   double *past;         /* [PAST] divided differences of configurations and then unknowns, from order 1 on */
 
   /* Local errors of whole steps, for controlled steps. */
   int controlled, scheme_order;
-  double *per_displacement; /* as per_unit, but zero for rotations */
-  double smooth, raw;   /* factors of averaged and of single differences */
+  double smooth, raw;   /* factors of averaged differences of displacements and of single ones of all */
   double lowest, highest; /* ratios of error and limit at which a run ends: two below, or one above */
-  double *error_ages;   /* [scheme_order] */
-  double *error_past;   /* [scheme_order] divided differences from order 1 on */
-  double *error_highest; /* [2] the last two differences of the next order */
+  double *error_ages;   /* [PAST + 1] */
+  double *error_past;   /* [PAST] divided differences of configurations from order 1 on */
+  double *error_highest; /* [2] the last two of the order after that of the scheme */
   int known_errors;     /* number of previous steps */
   int watches, switches; /* whether a run ends before a step in which a contact or law switches */
   double *sides;        /* [2][switches] values whose signs tell it, at both ends of a sub-step */
