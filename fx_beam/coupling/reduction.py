@@ -425,26 +425,22 @@ class Configuration:
     def __init__(self, members: dict[str, Any], joints: int, slides: Sequence[Slide]):
         ffi, self._library = c_library.open_library(*_LIBRARY, "problem.h", MACROS, (), _FLAGS)
         self._structs, self._slides = Structs(ffi, c_library.declarations("problem.h")), slides
-        self._c, self._ffi, self._double = ffi.new("Problem *"), ffi, ffi.typeof("double[]")
+        self._c, self._ffi = ffi.new("Problem *"), ffi
         size, columns = members["dofs"], members["columns"] + members["auxiliaries"]
         self._state = np.zeros(size), np.zeros(joints)
         q, slides_at_start = self._state
         self._structs.set(self._c, **members, points=[{}], q=q, slides=slides_at_start)
         self._structs.set(self._c, scratch=np.zeros(self._library.fx_scratch(self._c)))
         counts = size, columns, *[1 + 4 * members["joints"]] * 2, members.get("closures", 0)
-        to = ffi.new("double *[]", len(counts))
-        self._results, self._columns = to, np.zeros(members["columns"])
-        self._library.fx_expand(self._c, self._of(self._columns), 0, to)
+        to = ffi.new("double *[]", self._library.RESULTS)
+        self._library.fx_results(self._c, to)
         #: Increments of nodes and columns; the values of T and Tv; closures.
-        pairs = zip(to, counts, strict=True)
+        pairs = zip([*to[0:2], *to[14:17]], counts, strict=True)
         parts = (np.frombuffer(ffi.buffer(at, 8 * n)) if n else np.empty(0) for at, n in pairs)
         self.D, self.z, *values, self.closure = parts
         self.values = tuple(values)
         loops = self._c.following, 4 * self.closure.size
         self.following = np.frombuffer(ffi.buffer(*loops), np.int32) if loops[1] else np.empty(0)
-
-    def _of(self, values: np.ndarray) -> Any:
-        return self._ffi.from_buffer(self._double, values)
 
     def begin(self, q: np.ndarray, slides: np.ndarray) -> bool:
         """Set the start: displacements and rotations, and slides; False in a singular position."""
@@ -457,9 +453,8 @@ class Configuration:
         Those that close loops are corrected in y if they shall `close`.
         """
         free = len(y)
-        self._columns[:free], self._columns[free : free + len(driven)] = y, driven
-        given = self._of(self._columns), close, self._results
-        closed = bool(self._library.fx_expand(self._c, *given))
+        self.z[:free], self.z[free : free + len(driven)] = y, driven
+        closed = bool(self._library.fx_expand(self._c, close))
         y[:] = self.z[:free]
         return closed
 

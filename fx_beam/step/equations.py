@@ -68,7 +68,7 @@ class Equations:
         n, columns, p = model.size, model.reduction.columns, problem.c
         sizes = n, columns, n, p.stored_values, n, columns
         D, self._z, r, self._tangent, f, residual = problem.results(*sizes)
-        *_, self._strains = problem.given()
+        self._force, _, self._strains = problem.given()
         self._balance = Balance(D, f, r, residual)
 
     def _of(self, values: np.ndarray):
@@ -108,8 +108,8 @@ class Equations:
         """
         reduction = self.model.reduction
         reduction.expand(y, driven)
-        given = self._of(reduction.in_columns(y, driven)), self._of(force)
-        if not self._library.fx_balance(self._c, self._length, *given):
+        self._z[:], self._force[:] = reduction.in_columns(y, driven), force
+        if not self._library.fx_balance(self._c, self._length):
             self._balance.D[:] = np.nan
         y[:] = self._z[: len(y)]
         return self._balance

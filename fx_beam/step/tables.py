@@ -68,7 +68,7 @@ class Problem:
         self.constants = self.ffi.dlopen(None)
         self._structs = Structs(self.ffi, declarations("problem.h"))
         self.c = self.ffi.new("Problem *")
-        self._pointers = self.ffi.typeof("double *[14]")
+        self._pointers = self.ffi.typeof(f"double *[{self.constants.RESULTS}]")
         self._sparse_factors = np.zeros(0)
         self._stored_at = stored_at = self._hand_over_couplings()
         self._hand_over_mesh(stored_at)

@@ -20,15 +20,13 @@ OF_STEPS void fx_end_at(Problem *p, double dt) {
   begin_elements(p, w);
 }
 
-/* Forces, residual and tangent for increments of the columns and dead forces, without what holds the unknowns; returns 0
-   if loops cannot be closed. */
-OF_STEPS int fx_balance(Problem *p, double dt, const double *z, const double *force) {
+/* Forces, residual and tangent for the increments of the columns and dead forces that were set, without what holds the
+   unknowns; returns 0 if loops cannot be closed. */
+OF_STEPS int fx_balance(Problem *p, double dt) {
   Problem plain = *p;
   Work work = work_of(p), *w = &work;
   plain.hold = 0, plain.viscosity = 0, plain.team = (Team){0};
   w->dt = dt;
-  memcpy(w->z, z, p->columns * sizeof(double));
-  memcpy(w->force, force, p->dofs * sizeof(double));
   int closed = expand(&plain, w);
   balance(&plain, w);
   if (HAS(MEMBERS) && p->changing) change_rows(p);

@@ -285,15 +285,6 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Reco
   return steps;
 }
 
-/* Where the results of the last step are: increments of nodes and columns, forces, tangent, internal forces and reduced
-   residual; what borders the tangent (work.h). And what Python may set: dead forces, their means, natural strains at the end. */
-OF_STEPS void fx_results(const Problem *p, double **to) {
-  Work w = work_of(p);
-  double *results[] = {w.D, w.z, w.r, w.tangent, w.f, w.reduced, w.block, w.corner, (double *)w.reached, w.border,
-                       (double *)w.crossed, w.force, w.dead, w.natural_end};
-  memcpy(to, results, sizeof results);
-}
-
 #include "equations.h"
 
 #ifdef VJP

@@ -15,7 +15,8 @@ enum {
   SUB_STEPS = 32,   /* most sub-steps of a scheme */
   AVERAGED = 3,     /* differences that are averaged in a local error */
   CORRECTIONS = 8,  /* last corrections of Newton's method whose sizes are stored */
-  GROUP_SIZE = 4    /* directions in which derivatives forwards are followed at once */
+  GROUP_SIZE = 4,   /* directions in which derivatives forwards are followed at once */
+  RESULTS = 17      /* arrays that Python may read (work.h) */
 };
 
 /* The first bordering row (bordering_rows.h) in lists of positions in the elimination; others are below it, and -1 is none. */
@@ -426,13 +427,13 @@ typedef struct {
 enum { VALUES, BACKWARDS, FORWARDS };
 
 int fx_begin_joints(Problem *p);
-int fx_expand(Problem *p, const double *z, int close, double **to);
+int fx_expand(Problem *p, int close);
 int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to);
 long fx_scratch(const Problem *p);
 void fx_results(const Problem *p, double **to);
 void fx_begin(Problem *p, double dt, double *follower_force);
 void fx_end_at(Problem *p, double dt);
-int fx_balance(Problem *p, double dt, const double *z, const double *force);
+int fx_balance(Problem *p, double dt);
 void fx_change(const Problem *p, const double *x, int sizes, double *out);
 Layout fx_layout(const Problem *p, const Derivatives *a);
 long fx_linear_scratch(const Problem *p, const Derivatives *a);
