@@ -127,9 +127,7 @@ class Loops:
         return {
             "closures": len(self),
             "loop_columns": len(self.columns),
-            "loop_free": len(self.unknowns),
             "blocks": len(sizes),
-            "part_size": int(sizes @ sizes),
             "pivoting_size": int((sizes * widths).max()),
             "loop_column": self.columns,
             "loop_unit": self.unit[self.unknowns],

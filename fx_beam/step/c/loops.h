@@ -96,7 +96,7 @@ static int choose_following(const Problem *p, const Work *w) {
       low[i] = n, high[i] = -1;
       for (int k = p->closure_start[begin + i]; k < p->closure_start[begin + i + 1]; ++k) {
         int near = p->closure_near[k], j = near - from;
-        if (near >= p->loop_free) continue;
+        if (p->loop_column[near] >= p->free) continue;
         widen(row, low + i, high + i, j, j);
         row[j] = w->G[k] * p->loop_unit[near], most = fmax(most, fabs(row[j]) * length[i]);
       }
@@ -153,7 +153,7 @@ static void factorise_closures(const Problem *p, const Work *w, const double *G,
   for (int b = 0; b < p->blocks; ++b) {
     int begin = p->block_closure[b], m = p->block_closure[b + 1] - begin;
     int lower = w->band[2 * b + transposed], upper = w->band[2 * b + !transposed];
-    double *A = w->part + transposed * p->part_size + p->block_part[b];
+    double *A = w->part + transposed * p->block_part[p->blocks] + p->block_part[b];
     for (int i = 0; i < m; ++i) {
       int first = i > lower ? i - lower : 0, end = i + lower + upper < m ? i + lower + upper + 1 : m;
       memset(A + (long)i * m + first, 0, (end - first) * sizeof(double));
@@ -169,11 +169,11 @@ static void factorise_closures(const Problem *p, const Work *w, const double *G,
 
 /* Solves for the unknowns that follow, in the place of one or GROUP_SIZE right sides x. */
 HOT void solve_closures(const Problem *p, const Work *w, int sides, int transposed, double *x) {
-  const double *factors = w->part + transposed * p->part_size;
   const int *order = w->part_order + transposed * p->closures;
   for (int b = 0; b < p->blocks; ++b) {
     int begin = p->block_closure[b], m = p->block_closure[b + 1] - begin, *band = w->band + 2 * b;
-    solve_band_rows(sides, m, band[transposed], band[!transposed], factors + p->block_part[b], order + begin, x + begin * sides);
+    const double *factors = w->part + transposed * p->block_part[p->blocks] + p->block_part[b];
+    solve_band_rows(sides, m, band[transposed], band[!transposed], factors, order + begin, x + begin * sides);
   }
 }
 

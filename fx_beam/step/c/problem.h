@@ -200,7 +200,7 @@ typedef struct {
   /* Closures: components of the displacements of b less a and the arm of joints that close loops, which are zero. Loops that
      share unknowns are a block, of which the closures and columns follow each other. */
   struct {
-    int closures, blocks, loop_columns, loop_free; /* columns on which closures depend, the first of which are unknowns */
+    int closures, blocks, loop_columns; /* columns on which closures depend, the first of which are unknowns */
     int *closure_b, *closure_a, *closure_arm, *closure_force; /* degrees of freedom (-1: ground); arm (-1: none); joint force */
     /* Derivatives of closures: entries of T or Tv, those of each closure from its start on; entries of auxiliary unknowns on
        which they depend, in the order in which these are collected; which of the loops' columns they have. */
@@ -212,7 +212,7 @@ typedef struct {
     double *loop_unit, *arm_at_rest; /* units of columns; arms in the reference */
     double *closure_length, closure_closed; /* what makes lengths of closures, as some are angles; length of a closed one */
     int *block_closure, *block_column, *block_part; /* [blocks + 1] where each begins, the last in its factors */
-    int part_size, pivoting_size; /* sizes of arrays of Work */
+    int pivoting_size;  /* of an array of Work */
     int *following;     /* [closures] the loops' columns that depend on the others, chosen in each step */
     int carried, *carried_closure; /* closures with nodes on beams, whose forces are bordering rows from carrier_bordering on */
     int scales, *scale_at; /* the stiffness of closures is from the diagonals stored there, with a unit [size] of each unknown */

@@ -19,8 +19,8 @@
   OF(arm_change, 2 * j) OF(half_turn, j) OF(joint_forces, 3 * p->scene_joints) OF(y, p->positions)          \
   OF(row, p->rows ? 3 * u : 0) OF(tangent, p->stored_values + 4 * LANES) OF(residual, k) OF(proposed, k)    \
   OF(factorised, p->reused.worth && b ? p->tangent_start[p->free] : 0) OF(G, g) OF(G_virtual, g)            \
-  OF(part, 2 * p->part_size) OF(closure, m) OF(closure0, m) OF(closure_row, m ? c : 0)                      \
-  OF(pivoting, p->pivoting_size) OF(closing, m)                                                             \
+  OF(part, m ? 2 * p->block_part[p->blocks] : 0) OF(closure, m) OF(closure0, m)                             \
+  OF(closure_row, m ? c : 0) OF(pivoting, p->pivoting_size) OF(closing, m)                                  \
   OF(block, (long)p->positions * p->block) OF(border, b * p->positions) OF(bordering_right, b)              \
   OF(corner, b * b) OF(corner_units, 2 * b)
 /* Integers: among them the bands [blocks, 2] of factors. */
