@@ -30,7 +30,6 @@ import numpy as np
 from fx_beam.content_cache import cached_property
 from fx_beam.fem.mesh import Mesh
 from fx_beam.fem.sparsity import Pattern, sparsity, starts_of
-from fx_beam.laws.rates import UpdateRule
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import SlidingJoint
 
@@ -58,15 +57,8 @@ class Bordered(NamedTuple):
 class Slide:
     """One sliding node: the degrees of freedom of its beam, and its columns."""
 
-    def __init__(
-        self,
-        joint: SlidingJoint,
-        couplings: Couplings,
-        rates: UpdateRule,
-        mesh: Mesh,
-        nodes: np.ndarray,
-    ):
-        self.joint, self.path, self._rates = joint, joint.path, rates
+    def __init__(self, joint: SlidingJoint, couplings: Couplings, mesh: Mesh, nodes: np.ndarray):
+        self.joint, self.path = joint, joint.path
         self.columns = np.array(couplings.carried[joint.number])
         self.column = couplings.slides[joint.number]
         #: Degrees of freedom (nodes, 3) of the beam, and those of the node (3,).
@@ -107,7 +99,6 @@ class Slide:
         return {
             "degree": path.degree,
             "elements": len(path.h),
-            "window": path.window,
             "most": path.most,
             "width": path.width,
             "ends": path.s,
@@ -121,8 +112,6 @@ class Slide:
             "carried": self.columns,
             "node": self.node_dofs,
             "dofs": self.dofs,
-            "level": self._rates.level,
-            "by_tangent": self._rates.turning,
             "part_start": self._parts.starts(self.dofs.size),
             **self._parts.members("part"),
             "entry_start": self._entry_start,
@@ -135,10 +124,10 @@ class Slide:
 class Sliders:
     """All sliding nodes of a scene, in the order of `Couplings.sliding`."""
 
-    def __init__(self, scene: Scene, couplings: Couplings, rates: UpdateRule, mesh: Mesh):
+    def __init__(self, scene: Scene, couplings: Couplings, mesh: Mesh):
         self._couplings, self.scene_size = couplings, mesh.size
         pairs = [(joint, mesh.nodes_of(scene, joint.beam)) for joint in couplings.sliding]
-        self.all = [Slide(joint, couplings, rates, mesh, nodes) for joint, nodes in pairs]
+        self.all = [Slide(joint, couplings, mesh, nodes) for joint, nodes in pairs]
         self._unknowns = couplings.unknown_count
         self._size = self._unknowns + couplings.columns - couplings.independent
         slides = np.array([slide.column for slide in self.all], dtype=int)

@@ -417,7 +417,7 @@ class Model:
                 "internal variables of a spring, or friction that sticks, have dissipated. Use "
                 "order=2"
             )
-        sliders = Sliders(scene, self.couplings, self.scheme.rates, self.mesh)
+        sliders = Sliders(scene, self.couplings, self.mesh)
         used, auxiliaries = self.used_entries(), Auxiliaries(self.couplings)
         parts = self.couplings, auxiliaries, self.points, self.scheme.rates, matrix, used
         loops = None

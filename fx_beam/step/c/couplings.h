@@ -100,7 +100,7 @@ static void expand_trees(const Problem *p, const Work *w) {
   for (int i = 0; HAS(SLIDERS) && i < p->sliders; ++i) { /* a beam may hang on a node that slides on another one */
     Slider *a = p->slider + i;
     a->s0 = p->slides[a->joint], a->slide = w->z[a->column], a->s1 = a->s0 + a->slide;
-    slide_on(a, p->q, w->D);
+    slide_on(p, a, w->D);
     for (int c = 0; c < a->components; ++c) w->z[a->carried[c]] = a->increment[c];
     expand_columns(p, w);
   }

@@ -82,7 +82,7 @@ static void put_place(Block *b, const Problem *p, const Layout *at, int i, int e
 static void put_axis(const SlideLaws *s) {
   const Slider *a = s->a;
   const Relation *o = &a->relation;
-  int exact = a->level == 0.5, axis = s->numbers + AXIS, apart = s->numbers + APART, turn = s->numbers + TURN;
+  int exact = o->exact, axis = s->numbers + AXIS, apart = s->numbers + APART, turn = s->numbers + TURN;
   double F[2] = {a->force[0], a->force[1]}, Z = F[0] * o->z[0] + F[1] * o->z[1], by_r[2], none[2] = {0};
   for (int end = 0; end < (exact ? 1 : 2); ++end) put_weights(s, o->along + end, s->numbers + ALONG + end * WINDOW_NODES);
   for (int i = 0; i < a->components; ++i)
@@ -141,7 +141,7 @@ static void put_slide(Block *b, const Problem *p, const Layout *at, int i) {
   put_axis(&s);
   for (int c = 0; c < a->components; ++c) {
     if (c < 2) put(b, s.numbers + AXIS + c, at->axes + 2 * i + c, 1);
-    if (c < 2 && a->level == 0.5)
+    if (c < 2 && o->exact)
       put(b, s.numbers + ON_CHORD + c, at->r + local_dof(a, c * n + o->to), 1),
           put(b, s.numbers + ON_CHORD + c, at->r + local_dof(a, c * n + o->from), -1);
     if (c == 2 && o->turned) continue;

@@ -3,8 +3,7 @@
 #pragma once
 
 #include <stddef.h>
-#include "slider.h"
-#include "vectors.h"
+#include "algebra.h"
 
 static int element_of(const Slider *a, double s) {
   int low = 0, high = a->elements;
@@ -89,7 +88,7 @@ static double over_sine_slope(double x) {
 
 /* Elements of both ends of a step, of which it may pass so many; the first node of the window. */
 static void begin_window(Slider *a) {
-  int first = element_of(a, a->s0), last = element_of(a, a->s1), limit = a->elements - a->window;
+  int first = element_of(a, a->s0), last = element_of(a, a->s1), limit = a->elements - (a->width - 1) / a->degree;
   last = last > first + a->most ? first + a->most : last < first - a->most ? first - a->most : last;
   int low = (first < last ? first : last) - 1;
   a->element[0] = first, a->element[1] = last;
@@ -139,22 +138,22 @@ static void relate_turn(Slider *a, Relation *o) {
 }
 
 /* Increment of the node for that of its beam and of the arc length, its derivatives T and the virtual increment. */
-static void slide_on(Slider *a, const double *q, const double *D) {
+static void slide_on(const Problem *p, Slider *a, const double *D) {
   Relation *o = &a->relation;
-  int n = a->width, exact = a->level == 0.5;
+  int n = a->width, exact = p->level == 0.5;
   double change[WINDOW_NODES]; /* of weights by the slide: it keeps the digits of small steps */
   begin_window(a);
   weigh_place(a, 0, 0, o->at), weigh_place(a, 1, 0, o->at + 1);
   weigh_quotient(a, o->at, o->along), memcpy(change, o->along->of, n * sizeof(double));
   if (exact) o->along[1] = o->along[0];
   else weigh_place(a, 0, 1, o->along), weigh_place(a, 1, 1, o->along + 1);
-  o->share[0] = 1 - a->level, o->share[1] = a->level;
+  o->exact = exact, o->share[0] = 1 - p->level, o->share[1] = p->level;
   memset(a->T, 0, sizeof a->T), memset(a->virtual_map, 0, sizeof a->virtual_map);
   for (int k = 0; k < n; ++k) {
     o->mean[k] = o->share[0] * o->at[0].of[k] + o->share[1] * o->at[1].of[k];
     for (int i = 0; i < 3; ++i) {
       int node = a->first + k, dof = a->dofs[3 * node + i];
-      o->x[0][i][k] = q[dof] + (i < 2 ? a->position[2 * node + i] : a->angle[node]);
+      o->x[0][i][k] = p->q[dof] + (i < 2 ? a->position[2 * node + i] : a->angle[node]);
       o->D[i][k] = D[dof], o->x[1][i][k] = o->x[0][i][k] + D[dof];
     }
   }
@@ -168,7 +167,7 @@ static void slide_on(Slider *a, const double *q, const double *D) {
     a->virtual_map[i][ARC] = o->axis[i];
   }
   if (exact) relate_chord(a, o);
-  o->turned = a->components == 3 && exact && a->by_tangent;
+  o->turned = a->components == 3 && exact && p->rule == 0;
   if (o->turned) relate_turn(a, o);
 }
 
@@ -177,7 +176,7 @@ static void find_second(const Slider *a, Second *h) {
   const Relation *o = &a->relation;
   const Weight *last = o->at + 1;
   const double *F = a->force, *Q = o->along->of;
-  int n = a->width, turn = 2 * n, exact = a->level == 0.5;
+  int n = a->width, turn = 2 * n;
   double axis_s[3], mean_s[WINDOW_NODES], late = o->share[1];
   memset(h, 0, sizeof *h);
   for (int k = 0; k < n; ++k) mean_s[k] = late * last->by[1][k];
@@ -191,7 +190,7 @@ static void find_second(const Slider *a, Second *h) {
       h->of_s[i * n + k] = F[i] * late * o->along[1].of[k];
     }
   }
-  if (exact) {
+  if (o->exact) {
     double G[2] = {F[1] / 4, -F[0] / 4}, Z = F[0] * o->z[0] + F[1] * o->z[1], Z_s = 0;
     for (int i = 0; i < 2; ++i) Z_s += G[i] * product_of(n, o->along->by[1], o->D[i]);
     h->square -= o->Dalpha * Z_s;

@@ -28,7 +28,7 @@ typedef struct {
   double share[2];            /* of both ends */
   double x[2][3][WINDOW_NODES], D[3][WINDOW_NODES], mean[WINDOW_NODES]; /* the nodes; means of N */
   double axis[3];             /* for a virtual slide of 1 */
-  int from, to;               /* the chord, at mid-step */
+  int exact, from, to;        /* whether forces are those at mid-step; the chord there */
   double Ds, z[2], w[2], turn[2][2], Dr[2], Dalpha; /* w = W rbar / |rbar|^2, and its derivatives */
   /* If the rotation is that of 2 tan(Dpsi/2): x_a; k(x_a - y) cos x_a; of Nbar_a times this the derivatives by x_a and
      by y, and the sum; for a virtual slide of 1 the virtual rotation, and its derivatives by q, y_c and y. */
@@ -48,13 +48,10 @@ typedef struct {
 typedef struct {
   int joint, column, path; /* number of the joint, column of the arc length, where its path begins among numbers of paths */
   int components, carried[3], node[3]; /* columns of the node, and its degrees of freedom */
-  /* The path: degree, elements, those of a window, those that a step may pass, and nodes of a window. */
-  int degree, elements, window, most, width;
+  /* The path: degree, elements, those that a step may pass, and nodes of a window. */
+  int degree, elements, most, width;
   double *ends, *coefficients; /* arc lengths (elements + 1); [element][3 degree + 1][4] */
   double *position, *angle;    /* of the nodes in the reference configuration */
-  /* Level of the step at which forces are evaluated; whether the virtual rotation is that of tan(Dpsi/2). */
-  double level;
-  int by_tangent;
   int *dofs;                   /* [node][3] */
   /* Entries of its columns: rows, values and signs, from entry_start[component] on. Entries of the beam's degrees of freedom
      [node][3]: columns, values and signs, from part_start on; storage indices of the diagonal of its rotations in the full

@@ -76,7 +76,7 @@ static void begin_sliders(const Problem *p, const Work *w) {
   memset(w->D, 0, p->dofs * sizeof(double));
   for (Slider *a = p->slider; a < p->slider + p->sliders; ++a) {
     a->s0 = a->s1 = p->slides[a->joint], a->slide = 0;
-    slide_on(a, p->q, w->D);
+    slide_on(p, a, w->D);
   }
 }
 
