@@ -1,5 +1,5 @@
 /* Closed loops of joints: unknowns that follow others (coupling/loops.py). Loops that share no unknowns are
-   blocks for themselves, and the closure of a closure depends on few unknowns, also in long trees. */
+   blocks for themselves, and each closure depends on few unknowns, also in long trees. */
 
 #pragma once
 

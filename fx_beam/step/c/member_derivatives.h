@@ -70,6 +70,6 @@ static void put_members(Block *b, const Problem *p, const Layout *at) {
 static void settle_members(Problem *p, const Work *w) {
   MemberContacts *m = p->points->members;
   for (int k = 0; k < SEARCHES_IN_STEP && fx_check_members(m, w->D) == MEMBERS_MOVED; ++k)
-    fx_begin_points(p->points, p->q, p->v, p->slides, p->slide_rate, p->t + p->level * w->dt, w->dt, p->spring_internal);
+    begin_points(p, w);
   change_rows(p);
 }
