@@ -221,7 +221,8 @@ class LoadStepper:
         at_start, at_end = (F @ D + H @ step.y for F, H in zip(forces, self._hold, strict=True))
         work, gained, rounding = self.work_and_gain(old, new, D)
         other = work - (at_start + at_end) / 2
-        snapped = softer and work > gained
+        # Where a contact closes, the step is shorter than its predictor.
+        snapped = softer and work > gained and self.size(D) > self.size(step.predicted)
         short = self.may_be_cut or (snapped and not kinked())
         allowed = (_SHORT if short else _ON_PATH) * abs(at_end - at_start) / 2
         allowed += (_SHORT_OTHER if short else _ON_PATH_OTHER) * abs(other)

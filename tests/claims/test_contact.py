@@ -418,6 +418,32 @@ def test_a_beam_that_is_pressed_onto_something_rests_where_slow_motions_end(on, 
         assert path.position(at)[-1] == pytest.approx(motion.position(node)[-1], abs=5e-5)
 
 
+@pytest.mark.parametrize("load_steps", [1, 2, 3, 5, 10])
+@pytest.mark.parametrize("gap", [0.03, 0.08, 0.15])
+def test_a_frame_that_softens_is_stopped_by_a_wall_in_few_load_steps(gap, load_steps):
+    """The step in which the contact closes is shorter than its predictor: no snap-through.
+
+    The wall takes what the frame's deflection leaves of the load.
+    """
+
+    def pressed_frame(load, wall, steps):
+        scene, section = fb.Scene(), fb.Section(EA=1e4, GA=4e3, EI=1.0)
+        column = scene.add_beam([(0, 0), (0, 0.8)], section, elements=6)
+        beam = scene.add_beam([(0, 0.8), (1, 0.8)], section, elements=6)
+        scene.clamp(column.start)
+        scene.add_joint(fb.Rigid(column.end, beam.start))
+        floor = fb.Line((1, 0.8 - gap), normal=(0, 1))
+        contact = scene.add_contact(beam.end, floor, stiffness=1e6) if wall else None
+        scene.add_force(beam.end, (0.0, -load))
+        path = fb.static(scene, load_steps=steps)
+        force = path.contact(contact).normal[-1, 0] if wall else 0.0
+        return path.position(beam.end)[-1, 1] - 0.8, force
+
+    end, force = pressed_frame(2.0, True, load_steps)
+    assert end == pytest.approx(-gap, abs=3e-6)
+    assert pressed_frame(2.0 - force, False, 50)[0] == pytest.approx(end, abs=1e-9)
+
+
 def end_above_a_peg(**options):
     """Where the end of a cantilever is that is loaded towards a peg."""
     scene = fb.Scene()
