@@ -288,7 +288,8 @@ class ArcLength:
     def _finish(self, state: State, t1: float, step: StepSolution) -> State:
         self.stepper.note(step)
         new = self._end(state, t1, step)
-        self.stepper.check_circles(state, new)
+        if self.stepper.may_be_cut:
+            self.stepper.check_circles(state, new)
         return new
 
     def _end(self, state: State, t1: float, step: StepSolution) -> State:

@@ -208,7 +208,8 @@ class LoadStepper:
         D, forces = step.D, [self.forcing.dead(t) for t in (old.t, new.t)]
         if self.is_still(D):
             return  # its deviation is a rounding error
-        self.check_circles(old, new)
+        if self.may_be_cut:
+            self.check_circles(old, new)
         counts = {old.negative_eigenvalues, new.negative_eigenvalues} - {None}
         limit = _WHERE_STABILITY_CHANGES if self.may_be_cut and len(counts) > 1 else _MAX_DEVIATION
         kinked = functools.cache(lambda: self._has_kink(old, new, step))
@@ -234,10 +235,10 @@ class LoadStepper:
             raise StepFailed("off the path", reason, D)
 
     def check_circles(self, old: State, new: State) -> None:
-        """Reject a step in which a point goes through a circle of a contact, if it may be cut."""
+        """Reject a step in which a point goes through a circle of a contact."""
         scene, mesh = self.model.scene, self.model.mesh
         q = np.reshape([old.q, new.q], (2, -1, 3))
-        for obstacle in scene.contacts if self.may_be_cut else ():
+        for obstacle in scene.contacts:
             if goes_through(obstacle, mesh.X, q, mesh.nodes_of(scene, obstacle.target)):
                 reason = f"a point goes through the circle of {obstacle} in it"
                 raise StepFailed("off the path", reason, new.q - old.q)

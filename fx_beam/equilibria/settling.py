@@ -80,12 +80,13 @@ class Settling:
         return float(max(largest, abs(forces * self.model.unit).max()))
 
     def _step(self, state: State, goal: float) -> tuple[State, float]:
-        """State after a step, and its length; StepFailed if it is too long or goes up."""
+        """State after a step, and its length; StepFailed if it is too long, goes up, or through."""
         new, step = self._loop.step(state, Interval(goal, goal))
         self.stepper.note(step)
         moved = self._size(step.D)
         if moved > _LONGEST:
             raise StepFailed("off the path", "the step is too long", step.D)
+        self.stepper.check_circles(state, new)
         work, gained, rounding = self.stepper.work_and_gain(state, new, step.D)
         by_drag = self._loop.drag * step.D @ (self._loop.drag_weight * step.D)
         if work - gained + rounding < _LEAST_WORK * by_drag:

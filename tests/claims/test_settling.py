@@ -151,3 +151,21 @@ def test_what_no_load_holds_is_refused():
     loose.pin(loose.add_beam([(0, 0), (1, 0)], STIFF).start)
     with pytest.raises(fb.SceneError, match=r"can rotate about \(0, 0\) .* it has no load"):
         fb.static(loose)
+
+
+@pytest.mark.parametrize("gap", [0.01, 0.05, 0.2])
+def test_a_wheel_settles_on_a_beam_from_every_height(gap):
+    """The first step of its fall is longer than the wheel is thick."""
+
+    def place_of_wheel(gap):
+        scene = fb.Scene(gravity=(0, -9.81))
+        section = fb.Section(EA=1e5, GA=4e4, EI=20.0, rhoA=1.0, rhoI=1e-3)
+        beam = scene.add_beam([(0, 0), (1, 0)], section, elements=10)
+        scene.pin(beam.start)
+        scene.fix(beam.end, "y")
+        wheel = scene.add_body((0.5, 0.1 + gap), mass=2.0, inertia=0.01).centre
+        scene.fix(wheel, "x", "rotation")
+        scene.add_contact(beam, fb.Circle(wheel, 0.1), stiffness=1e5)
+        return fb.static(scene).position(wheel)[-1, 1]
+
+    assert place_of_wheel(gap) == pytest.approx(place_of_wheel(0.0), abs=1e-9)
