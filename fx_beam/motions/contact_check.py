@@ -72,11 +72,11 @@ def _first_in_depth(
     rows = max(2, _AT_ONCE // len(nodes))
     for first in range(0, len(q), rows - 1):
         points, arms, reach = _arms(obstacle, shape, solution.X, q[first : first + rows], nodes)
-        distances = np.linalg.norm(arms, axis=-1)
+        distances = _lengths(arms)
         bad = deep = distances < reach - _DEEP * shape.radius
         if whole:
             bad = deep.copy()
-            bad[1:] |= _through(arms, reach)
+            bad[1:] |= _through(arms, distances, reach)
         if bad.any():
             k, i = np.argwhere(bad)[0]
             what = "has gone through the circle in one step"
@@ -92,7 +92,8 @@ def goes_through(obstacle: Contact, X: np.ndarray, q: np.ndarray, nodes: np.ndar
     shape = obstacle.shape
     if not isinstance(shape, Circle) or shape.inside:
         return False
-    return bool(_through(*_arms(obstacle, shape, X, q, nodes)[1:]).any())
+    _, arms, reach = _arms(obstacle, shape, X, q, nodes)
+    return bool(_through(arms, _lengths(arms), reach).any())
 
 
 def _arms(
@@ -105,18 +106,22 @@ def _arms(
     return points, points - circle.origin - centre, reach
 
 
-def _through(arms: np.ndarray, reach: np.ndarray) -> np.ndarray:
+def _lengths(vectors: np.ndarray) -> np.ndarray:
+    """Lengths (...) of vectors (..., 2)."""
+    return np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
+
+
+def _through(arms: np.ndarray, distances: np.ndarray, reach: np.ndarray) -> np.ndarray:
     """Whether points (rows - 1, m) come nearer to a circle's centre between two rows than in these.
 
     By the straight ways of their arms (rows, m, 2) from it; contact begins at the `reach`.
     """
-    distances = np.linalg.norm(arms, axis=-1)
     way, through = np.diff(arms, axis=0), np.zeros((len(arms) - 1, arms.shape[1]), bool)
-    # Only these can have come so near in a step: most often few.
-    at = np.nonzero(distances[:-1] < reach[1:] + 1.5 * abs(way).max(initial=0.0))
+    # On both sides of the nearest place a way is a third of the distance long: most often none is.
+    at = np.nonzero(_lengths(way) > 0.6 * np.minimum(distances[:-1], reach[1:]))
     start, way = arms[:-1][at], way[at]
     part = -(start * way).sum(axis=-1) / np.maximum((way**2).sum(axis=-1), 1e-300)
-    least = np.linalg.norm(start + np.clip(part, 0.0, 1.0)[:, None] * way, axis=-1)
+    least = _lengths(start + np.clip(part, 0.0, 1.0)[:, None] * way)
     ends = np.minimum(distances[:-1][at], distances[1:][at])
     through[at] = least < _THROUGH * np.minimum(ends, reach[1:][at])
     return through
