@@ -231,12 +231,14 @@ class PeriodicResponse(Response):
         Raises
         ------
         SceneError
-            Before the first call, for scenes without derivatives, for multipliers that are equal,
-            and at a fold.
+            Before the first call, for scenes without derivatives, for motions without others than
+            these, for multipliers that are equal, and at a fold.
         """
         self._check_rows()
         known = without_trivial(self.motion.multipliers, self._cycle.trivial)
         known = known[known.imag >= 0]
+        if not len(known):
+            raise SceneError(f"{_WHAT}.multipliers: all are 1, for shifts in time and the energy")
         fits = is_whole(n, 1, len(known))
         require(fits, f"{_WHAT}.multipliers: n", n, f"a whole number from 1 to {len(known)}")
         values, left, right = scipy.linalg.eig(self._slopes.monodromy, left=True, right=True)

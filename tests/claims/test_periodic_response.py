@@ -360,3 +360,17 @@ def test_bad_input_is_told():
     plain = fb.Response(lambda x: duffing(x, 0.2), dt=0.1, t_end=1.0)
     with pytest.raises(fb.SceneError, match="PeriodicResponse"):
         plain([1.0, 1.0, 0.2, 0.3])
+
+
+def test_an_oscillator_without_damping_has_no_multipliers_but_those_that_are_one():
+    def build(x):
+        scene = fb.Scene()
+        body = scene.add_body((0, 0), mass=1.0, inertia=1.0)
+        spring = fb.Spring(stiffness=x[0], strain_energy=lambda s: s**4 / 4)
+        scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, axis=(1, 0), spring=spring))
+        return scene, {"period": fb.Output("period", scene)}
+
+    run = fb.PeriodicResponse(build, lambda scene: fb.periodic(scene, mode=0, amplitude=1.0))
+    run([1.0])
+    with pytest.raises(fb.SceneError, match="multipliers: all are 1, for shifts in time and the"):
+        run.multipliers()
