@@ -85,7 +85,7 @@ class LoadStepper:
         self.path = PathEquations(self.loop)
         #: Deviation of the last step from its predictor, relative to this, and its corrections.
         self.deviation, self.iterations = 0.0, 0
-        #: Whether a step may be cut: if its work is too inaccurate, or it goes through a circle.
+        #: Whether a step may be cut: if its work is too inaccurate, or it goes into a circle.
         self.may_be_cut = False
         #: Fraction of the loads, or of the springs' tension, at the end of the last step tried.
         self._goal = 0.0
@@ -235,12 +235,12 @@ class LoadStepper:
             raise StepFailed("off the path", reason, D)
 
     def check_circles(self, old: State, new: State) -> None:
-        """Reject a step in which a point goes through a circle of a contact."""
+        """Reject a step in which a point jumps deep into a circle of a contact, or through it."""
         scene, mesh = self.model.scene, self.model.mesh
         q = np.reshape([old.q, new.q], (2, -1, 3))
         for obstacle in scene.contacts:
             if goes_through(obstacle, mesh.X, q, mesh.nodes_of(scene, obstacle.target)):
-                reason = f"a point goes through the circle of {obstacle} in it"
+                reason = f"a point jumps deep into the circle of {obstacle}, or through it"
                 raise StepFailed("off the path", reason, new.q - old.q)
 
     def _has_kink(self, old: State, new: State, step: StepSolution) -> bool:

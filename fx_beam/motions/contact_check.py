@@ -88,12 +88,19 @@ def _first_in_depth(
 
 
 def goes_through(obstacle: Contact, X: np.ndarray, q: np.ndarray, nodes: np.ndarray) -> bool:
-    """Whether a point of some nodes goes through a circle between the rows q (2, all nodes, 3)."""
+    """Whether a point of some nodes jumps deep into a circle or through it between two rows.
+
+    These are q (2, all nodes, 3).
+    """
     shape = obstacle.shape
     if not isinstance(shape, Circle) or shape.inside:
         return False
     _, arms, reach = _arms(obstacle, shape, X, q, nodes)
-    return bool(_through(arms, _lengths(arms), reach).any())
+    distances = _lengths(arms)
+    before, after = distances - reach
+    # What is soft comes into the depth by steps; what is stiff has come there by a jump.
+    jumps = (before > (_THROUGH - 1) * shape.radius) & (after < -_DEEP * shape.radius)
+    return bool(jumps.any() or _through(arms, distances, reach).any())
 
 
 def _arms(

@@ -469,6 +469,23 @@ def test_a_step_that_may_not_be_cut_and_passes_a_circle_is_told(continuation, ca
     assert "has gone through the circle in one step" in caplog.text
 
 
+@pytest.mark.parametrize("gap", [0.0, 0.1])
+@pytest.mark.parametrize("load_steps", [1, 3])
+def test_a_circle_that_is_pressed_into_a_cantilever_takes_it_along(gap, load_steps):
+    """Its centre ends where a node of the beam was, at which the gap has no direction."""
+
+    def end(steps):
+        scene, section = fb.Scene(), fb.Section(EA=1e4, GA=4e3, EI=1.0)
+        beam = scene.add_beam([(0, 0), (1, 0)], section, elements=10)
+        scene.clamp(beam.start)
+        ball = scene.add_body((0.8, 0.05 + gap), mass=1.0, inertia=1.0).centre
+        scene.prescribe(ball, x=0.0, y=-(gap + 0.05), rotation=0.0)
+        scene.add_contact(beam, fb.Circle(ball, 0.05), stiffness=1e5)
+        return fb.static(scene, load_steps=steps).position(beam.end)[-1]
+
+    assert end(load_steps) == pytest.approx(end(100), abs=1e-9)
+
+
 def test_modes_have_the_stiffness_of_a_closed_contact_and_not_of_an_open_one():
     factor = 2 * math.pi * 2**2 / math.sqrt(1e3)
     for at, first in ((0.0, 15.418), (-1.0, 3.516)):
