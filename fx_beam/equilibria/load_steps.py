@@ -85,7 +85,7 @@ class LoadStepper:
         self.path = PathEquations(self.loop)
         #: Deviation of the last step from its predictor, relative to this, and its corrections.
         self.deviation, self.iterations = 0.0, 0
-        #: Whether a step may be cut: if its work is too inaccurate, or it goes into a circle.
+        #: Whether a step may be cut: if its work is too inaccurate, or a point jumps over a circle.
         self.may_be_cut = False
         #: Fraction of the loads, or of the springs' tension, at the end of the last step tried.
         self._goal = 0.0

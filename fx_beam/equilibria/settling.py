@@ -80,7 +80,7 @@ class Settling:
         return float(max(largest, abs(forces * self.model.unit).max()))
 
     def _step(self, state: State, goal: float) -> tuple[State, float]:
-        """State after a step, and its length; StepFailed if it is too long, goes up, or through."""
+        """State after a step, and its length; StepFailed if too long, upwards, or over a circle."""
         new, step = self._loop.step(state, Interval(goal, goal))
         self.stepper.note(step)
         moved = self._size(step.D)

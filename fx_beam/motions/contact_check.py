@@ -16,8 +16,9 @@ from fx_beam.scene.joints import Joint
 from fx_beam.scene.loads import label
 
 _log = logging.getLogger("fx_beam")
-# Depth in a circle, relative to its radius, from which its force says little. How near to its
-# centre, relative to both ends and to where contact begins, a way that goes through it comes.
+# Depth in a circle, relative to its radius, from which its force says little. A way that comes
+# nearer to the centre than this part of the distance at both ends, and of that at which contact
+# begins, goes through the circle.
 _DEEP, _THROUGH = 0.5, 0.95
 # Points of all rows that are looked at together.
 _AT_ONCE = 20_000
@@ -88,9 +89,9 @@ def _first_in_depth(
 
 
 def goes_through(obstacle: Contact, X: np.ndarray, q: np.ndarray, nodes: np.ndarray) -> bool:
-    """Whether a point of some nodes jumps deep into a circle or through it between two rows.
+    """Whether a point of some nodes jumps deep into a circle, or through it.
 
-    These are q (2, all nodes, 3).
+    In a step between two configurations q (2, all nodes, 3).
     """
     shape = obstacle.shape
     if not isinstance(shape, Circle) or shape.inside:
@@ -98,7 +99,7 @@ def goes_through(obstacle: Contact, X: np.ndarray, q: np.ndarray, nodes: np.ndar
     _, arms, reach = _arms(obstacle, shape, X, q, nodes)
     distances = _lengths(arms)
     before, after = distances - reach
-    # What is soft comes into the depth by steps; what is stiff has come there by a jump.
+    # Soft contacts get deep over several steps; from outside, within one step, it is a jump.
     jumps = (before > (_THROUGH - 1) * shape.radius) & (after < -_DEEP * shape.radius)
     return bool(jumps.any() or _through(arms, distances, reach).any())
 
@@ -124,7 +125,7 @@ def _through(arms: np.ndarray, distances: np.ndarray, reach: np.ndarray) -> np.n
     By the straight ways of their arms (rows, m, 2) from it; contact begins at the `reach`.
     """
     way, through = np.diff(arms, axis=0), np.zeros((len(arms) - 1, arms.shape[1]), bool)
-    # On both sides of the nearest place a way is a third of the distance long: most often none is.
+    # A way through is longer than this part of the distance at its ends: most often none is.
     at = np.nonzero(_lengths(way) > 0.6 * np.minimum(distances[:-1], reach[1:]))
     start, way = arms[:-1][at], way[at]
     part = -(start * way).sum(axis=-1) / np.maximum((way**2).sum(axis=-1), 1e-300)

@@ -41,7 +41,7 @@ class Symmetry:
         self._across = np.where(places[at] == transposed, at, -1)
         self._rows, self._columns, self._starts = rows, columns, indptr[:-1]
         self._units = unit[rows] * unit[columns]
-        # With nodes that slide on beams entries are differences of others, which may be far larger.
+        # With nodes that slide on beams entries are differences of others that may be far larger.
         self._sliding = bool(model.couplings.sliding)
 
     def holds(self, values: np.ndarray) -> bool:
