@@ -6,6 +6,7 @@ import ctypes
 import functools
 import hashlib
 import logging
+import math
 import os
 import platform
 import re
@@ -264,6 +265,14 @@ def _processor() -> str:
     except OSError:
         return ""
     return next((line for line in lines if line.startswith(("flags", "Features"))), "")
+
+
+def array_at(ffi: Any, at: Any, *shape: int) -> np.ndarray:
+    """Array in C's memory, where a pointer to numbers points."""
+    kind, count = np.dtype(_NUMBERS[ffi.typeof(at).item.cname]), math.prod(shape)
+    if not count:
+        return np.empty(shape, kind)
+    return np.frombuffer(ffi.buffer(at, count * kind.itemsize), kind).reshape(shape)
 
 
 class Structs:

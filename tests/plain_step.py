@@ -32,7 +32,7 @@ class PlainStep:
         model = self.model = prepared.model
         self.state, self.interval, self.forcing = state, interval, prepared.forcing
         self.level, self.rates = model.scheme.rates.level, model.scheme.rates
-        result = prepared.loop.problem.results(model.size, model.reduction.columns)
+        result = prepared.loop.problem.results(D=model.size, z=model.reduction.columns)
         self.D, self.z = (part.copy() for part in result)
         self.Dd = np.zeros(len(state.slides))
         for joint, column in model.couplings.slides.items():

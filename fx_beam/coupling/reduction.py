@@ -7,6 +7,7 @@ tangent is Tv^T K T + (dTv/dz)^T r.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -14,7 +15,7 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam import c_library
-from fx_beam.c_library import Structs
+from fx_beam.c_library import Structs, array_at
 from fx_beam.content_cache import cached_by_content, cached_property
 from fx_beam.fem.mesh import rotation_of
 from fx_beam.fem.point_forces import PointForces
@@ -431,16 +432,13 @@ class Configuration:
         q, slides_at_start = self._state
         self._structs.set(self._c, **members, points=[{}], q=q, slides=slides_at_start)
         self._structs.set(self._c, scratch=np.zeros(self._library.fx_scratch(self._c)))
-        counts = size, columns, *[1 + 4 * members["joints"]] * 2, members.get("closures", 0)
-        to = ffi.new("double *[]", self._library.RESULTS)
-        self._library.fx_results(self._c, to)
+        of, array = self._library.fx_results(self._c), functools.partial(array_at, ffi)
+        values, closures = 1 + 4 * members["joints"], members.get("closures", 0)
         #: Increments of nodes and columns; the values of T and Tv; closures.
-        pairs = zip([*to[0:2], *to[14:17]], counts, strict=True)
-        parts = (np.frombuffer(ffi.buffer(at, 8 * n)) if n else np.empty(0) for at, n in pairs)
-        self.D, self.z, *values, self.closure = parts
-        self.values = tuple(values)
-        loops = self._c.following, 4 * self.closure.size
-        self.following = np.frombuffer(ffi.buffer(*loops), np.int32) if loops[1] else np.empty(0)
+        self.D, self.z = array(of.D, size), array(of.z, columns)
+        self.values = array(of.values, values), array(of.virtual_map, values)
+        self.closure = array(of.closure, closures)
+        self.following = array(self._c.following, closures)
 
     def begin(self, q: np.ndarray, slides: np.ndarray) -> bool:
         """Set the start: displacements and rotations, and slides; False in a singular position."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import weakref
 from collections.abc import Callable, Iterator, Sequence
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse
 
+from fx_beam.c_library import array_at
 from fx_beam.errors import SceneError
 from fx_beam.fem.mpi import petsc
 from fx_beam.laws.interval import Interval
@@ -80,7 +82,7 @@ class Together:
         self._at_rest, self._driven = model.scheme.rates.at_rest, model.reduction.driven
         self._size, self._free = model.size, model.reduction.free
         ffi, self._team = loop.problem.ffi, loop.problem.c.team
-        self._null, self._buffer = ffi.NULL, ffi.buffer
+        self._null, self._array = ffi.NULL, functools.partial(array_at, ffi)
         this, fail = weakref.ref(self), _of(weakref.ref(self), "_fail")
         #: Functions that C calls.
         self._calls = {
@@ -103,9 +105,6 @@ class Together:
 
     def _fail(self, kind: type, error: BaseException, trace: Any) -> None:
         self._error = self._error or error
-
-    def _array(self, at: Any, size: int) -> np.ndarray:
-        return np.frombuffer(self._buffer(at, 8 * size))
 
     def begin(self, t: float, dt: float) -> None:
         """Begin a sub-step of a length [s]."""

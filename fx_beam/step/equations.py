@@ -66,8 +66,9 @@ class Equations:
         self._problem, self._c, self._library = problem, problem.c, problem.library
         self._doubles = problem.ffi.typeof("double[]")
         n, columns, p = model.size, model.reduction.columns, problem.c
-        sizes = n, columns, n, p.stored_values, n, columns
-        D, self._z, r, self._tangent, f, residual = problem.results(*sizes)
+        D, self._z, r, self._tangent, f, residual = problem.results(
+            D=n, z=columns, r=n, tangent=p.stored_values, f=n, reduced=columns
+        )
         self._force, _, self._strains = problem.given()
         self._balance = Balance(D, f, r, residual)
 

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fx_beam.c_library import array_at
 from fx_beam.content_cache import cached_property
 from fx_beam.laws.interval import Interval
 from fx_beam.results.audit import Stats
@@ -50,8 +51,8 @@ class LoadLoop(CompiledLoop):
         #: Weights (size,) of a viscous drag on increments; zero at points at which nothing acts.
         self.drag_weight = self.problem.hand_over_statics(forcing.turning, **arrays)
         n, columns = model.size, model.reduction.columns
-        sizes = n, columns, n, len(model.reduction.tangent.pattern[1])
-        self._D, self._z, self._r, self._tangent = self.problem.results(*sizes)
+        sizes = {"D": n, "z": columns, "r": n, "tangent": len(model.reduction.tangent.pattern[1])}
+        self._D, self._z, self._r, self._tangent = self.problem.results(**sizes)
         self._force, self._mean_force, self._strains = self.problem.given()
         #: Drag [J] on the increments of all nodes.
         self.drag = 0.0
@@ -156,7 +157,7 @@ class LoadLoop(CompiledLoop):
             return None
         if not p.unknowns:
             return 0
-        rows, buffer = p.rows, self._ffi.buffer
-        factors = np.frombuffer(buffer(rows.factors, 8 * rows.start[p.unknowns]))
-        diagonal = np.frombuffer(buffer(rows.diagonal, 4 * p.unknowns), np.int32)
+        rows = p.rows
+        factors = array_at(self._ffi, rows.factors, rows.start[p.unknowns])
+        diagonal = array_at(self._ffi, rows.diagonal, p.unknowns)
         return int((factors[diagonal] < 0).sum())

@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import connected_components, reverse_cuthill_mckee
 from scipy.sparse.linalg import splu
 
 from fx_beam import c_library
-from fx_beam.c_library import Structs
+from fx_beam.c_library import Structs, array_at
 from fx_beam.content_cache import cached_by_content
 from fx_beam.fem.sparsity import starts_of
 
@@ -246,7 +246,7 @@ def _eliminated(groups: dict[str, Any], rows: np.ndarray, columns: np.ndarray) -
     library.fx_find_rows(of, len(rows), *given)
 
     def taken(values: Any, count: int) -> np.ndarray:
-        return np.frombuffer(ffi.buffer(values, 4 * count + 4), np.int32)[:count].copy()
+        return array_at(ffi, values, count).copy()
 
     n, count, r = len(groups["group_of"]), groups["groups"], of.rows
     sizes = {"start": n + 1, "diagonal": n}

@@ -85,7 +85,7 @@ class StepFailures:
     def in_c(self, problem: Any, state: State) -> StepFailed:
         """Of the last step in C, from a state."""
         p, C, reduction = problem.c, problem.library, self.model.reduction
-        D = problem.results(self.model.size)[0].copy()
+        D = next(problem.results(D=self.model.size)).copy()
         last = range(max(0, p.tried - C.CORRECTIONS), p.tried)
         corrections = [p.corrections[i % C.CORRECTIONS] for i in last]
         reduction.begin(state.q, state.slides)  # which says whether it is singular

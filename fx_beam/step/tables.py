@@ -6,14 +6,16 @@ in the C files: Newton's method, couplings and nodal rates.
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse
 
-from fx_beam.c_library import Structs, declarations, declared
+from fx_beam.c_library import Structs, array_at, declarations, declared
 from fx_beam.content_cache import cached_property
 from fx_beam.fem.mesh import rotation_of
 from fx_beam.fem.sparsity import blocks_with
@@ -68,7 +70,6 @@ class Problem:
         self.constants = self.ffi.dlopen(None)
         self._structs = Structs(self.ffi, declarations("problem.h"))
         self.c = self.ffi.new("Problem *")
-        self._pointers = self.ffi.typeof(f"double *[{self.constants.RESULTS}]")
         self._sparse_factors = np.zeros(0)
         self._stored_at = stored_at = self._hand_over_couplings()
         self._hand_over_mesh(stored_at)
@@ -376,38 +377,27 @@ class Problem:
         for name in NUMBERS:
             setattr(p, name, getattr(state, name))
 
-    def results(self, *sizes: int, first: int = 0) -> list[np.ndarray]:
-        """What C has found in the last step, arrays of these sizes, from the `first` on.
+    def results(self, **sizes: int) -> Iterator[np.ndarray]:
+        """What C has found in the last step: members of ``Results`` of c/problem.h, with sizes."""
+        found = self.library.fx_results(self.c)
+        return (array_at(self.ffi, getattr(found, name), n) for name, n in sizes.items())
 
-        Increments of nodes and columns, forces, tangent, internal forces and residual.
-        """
-        to, buffer = self._results(), self.ffi.buffer
-        pairs = zip(to[first : first + len(sizes)], sizes, strict=True)
-        return [np.frombuffer(buffer(at, 8 * n)) if n else np.empty(0) for at, n in pairs]
-
-    def given(self) -> list[np.ndarray]:
+    def given(self) -> Iterator[np.ndarray]:
         """What of a step is set here: dead forces at its level, their mean, strains at the end."""
         n, natural = self.model.size, self.model.natural
-        return self.results(n, n, natural.size if natural else 0, first=11)
-
-    def _results(self) -> Any:
-        to = self.ffi.new(self._pointers)
-        self.library.fx_results(self.c, to)
-        return to
+        return self.results(force=n, dead=n, natural_end=natural.size if natural else 0)
 
     def border(self, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """What borders the last tangent (n, n): columns (n, m), rows (m, n), and corner (m, m).
 
         With unknowns in their order in the tangent.
         """
-        p, to, buffer = self.c, self._results(), self.ffi.buffer
-        m, positions, wide = p.bordering_rows, p.positions, p.block
-        at = np.frombuffer(buffer(p.order, 4 * n), np.int32)
-        corner = np.frombuffer(buffer(to[7], 8 * m * m)).reshape(m, m)
-        block = np.frombuffer(buffer(to[6], 8 * positions * wide)).reshape(-1, wide)[at, :m]
-        reached = np.frombuffer(buffer(to[8], 4 * positions), np.int32)[at]
-        rows = np.frombuffer(buffer(to[9], 8 * positions * m)).reshape(m, -1)[:, at]
-        first, last = np.frombuffer(buffer(to[10], 8 * m), np.int32).reshape(m, 2, 1).swapaxes(0, 1)
+        p, of = self.c, self.library.fx_results(self.c)
+        m, positions, array = p.bordering_rows, p.positions, functools.partial(array_at, self.ffi)
+        at, corner = array(p.order, n), array(of.corner, m, m)
+        block = array(of.block, positions, p.block)[at, :m]
+        reached, rows = array(of.reached, positions)[at], array(of.border, m, positions)[:, at]
+        first, last = array(of.crossed, m, 2, 1).swapaxes(0, 1)
         crossed = (first <= at) & (at <= last)
         return np.where(reached[:, None] != 0, block, 0.0), np.where(crossed, rows, 0.0), corner
 

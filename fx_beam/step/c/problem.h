@@ -15,8 +15,7 @@ enum {
   SUB_STEPS = 32,   /* most sub-steps of a scheme */
   AVERAGED = 3,     /* differences that are averaged in a local error */
   CORRECTIONS = 8,  /* last corrections of Newton's method whose sizes are stored */
-  GROUP_SIZE = 4,   /* directions in which derivatives forwards are followed at once */
-  RESULTS = 17      /* arrays that Python may read (work.h) */
+  GROUP_SIZE = 4    /* directions in which derivatives forwards are followed at once */
 };
 
 /* The first bordering row (bordering_rows.h) in lists of positions in the elimination; others are below it, and -1 is none. */
@@ -426,11 +425,20 @@ typedef struct {
 
 enum { VALUES, BACKWARDS, FORWARDS };
 
+/* What Python reads of the last step (work.h): increments of nodes and columns, forces, tangent, internal forces and reduced
+   residual; what borders the tangent; values of T and Tv, and closures. What it may set: increments of columns, dead forces,
+   their means, natural strains at the end. */
+typedef struct {
+  double *D, *z, *r, *tangent, *f, *reduced, *block, *corner, *border, *values, *virtual_map, *closure;
+  double *force, *dead, *natural_end;
+  int *reached, *crossed;
+} Results;
+
 int fx_begin_joints(Problem *p);
 int fx_expand(Problem *p, int close);
 int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to);
 long fx_scratch(const Problem *p);
-void fx_results(const Problem *p, double **to);
+Results fx_results(const Problem *p);
 void fx_begin(Problem *p, double dt, double *follower_force);
 void fx_end_at(Problem *p, double dt);
 int fx_balance(Problem *p, double dt);

@@ -71,14 +71,10 @@ static Work work_of(const Problem *p) {
   return w;
 }
 
-/* Where the results of the last step are: increments of nodes and columns, forces, tangent, internal forces and reduced
-   residual; what borders the tangent; values of T and Tv, and closures. And what Python may set: increments of columns, dead
-   forces, their means, natural strains at the end. */
-OF_STEPS void fx_results(const Problem *p, double **to) {
+OF_STEPS Results fx_results(const Problem *p) {
   Work w = work_of(p);
-  double *results[RESULTS] = {w.D, w.z, w.r, w.tangent, w.f, w.reduced, w.block, w.corner, (double *)w.reached, w.border,
-                              (double *)w.crossed, w.force, w.dead, w.natural_end, w.values, w.virtual_map, w.closure};
-  memcpy(to, results, sizeof results);
+  return (Results){w.D, w.z, w.r, w.tangent, w.f, w.reduced, w.block, w.corner, w.border, w.values, w.virtual_map, w.closure,
+                   w.force, w.dead, w.natural_end, w.reached, w.crossed};
 }
 
 /* Sets rows of the block to zero that were not yet reached: one, or those of a group of a chain. */
