@@ -10,20 +10,18 @@
    followed by a free place. */
 enum { BEFORE = 0, DIAGONAL = 4, AFTER = 8, ROW = 12, GROUP = 3 * ROW };
 
-/* Solves the equations of a group with these diagonal rows, for three rows of n columns of right sides. The solution is not
-   finite if a pivot is zero. */
-INLINED void solve_group(const Four *diagonal, int n, Four *rows) {
-  Four a = diagonal[0], b = diagonal[1], c = diagonal[2], *x = rows, *y = rows + n, *z = rows + 2 * n;
+/* Solves the equations of a group with these diagonal rows, for three rows of right sides. The solution is not finite if a
+   pivot is zero. */
+INLINED void solve_group(const Four *diagonal, Four *rows) {
+  Four a = diagonal[0], b = diagonal[1], c = diagonal[2], x = rows[0], y = rows[1], z = rows[2];
   double first = 1 / a[0], in_b = b[0] * first, in_c = c[0] * first;
   double b1 = b[1] - in_b * a[1], b2 = b[2] - in_b * a[2];
   double c1 = c[1] - in_c * a[1], c2 = c[2] - in_c * a[2];
   double second = 1 / b1, last = b1 / (b1 * c2 - c1 * b2); /* in this way the divisions overlap */
-  for (int j = 0; j < n; ++j) {
-    y[j] -= in_b * x[j];
-    z[j] = (z[j] - in_c * x[j] - c1 * second * y[j]) * last;
-    y[j] = y[j] * second - b2 * second * z[j];
-    x[j] = x[j] * first - a[2] * first * z[j] - a[1] * first * y[j];
-  }
+  y -= in_b * x;
+  rows[2] = z = (z - in_c * x - c1 * second * y) * last;
+  rows[1] = y = y * second - b2 * second * z;
+  rows[0] = x * first - a[2] * first * z - a[1] * first * y;
 }
 
 /* Solves the equations of a group, with these diagonal rows and right sides, for its unknowns. They depend on
@@ -31,7 +29,7 @@ INLINED void solve_group(const Four *diagonal, int n, Four *rows) {
    place of the couplings and are returned in u. */
 INLINED void eliminate_group(const Four *diagonal, double *couplings, Four *u) {
   for (int i = 0; i < 3; ++i) u[i] = PICK(load(couplings + i * ROW), diagonal[i], 0, 1, 2, 7);
-  solve_group(diagonal, 1, u);
+  solve_group(diagonal, u);
   for (int i = 0; i < 3; ++i) *(Four *)(couplings + i * ROW) = u[i];
 }
 
@@ -49,16 +47,18 @@ INLINED void diagonal_rows(const Work *w, int k, Four *diagonal) {
   for (int i = 0; i < 3; ++i) diagonal[i] = PICK(load(w->tangent + k * GROUP + DIAGONAL + i * ROW), (Four){y[i]}, 0, 1, 2, 4);
 }
 
-/* Stores the rows of a group for further right sides, in its diagonal place. */
-INLINED void store_diagonal(double *group, const Four *diagonal) {
-  for (int i = 0; i < 3; ++i) *(Four *)(group + DIAGONAL + i * ROW) = diagonal[i];
+/* Stores the inverse of the rows of a group for further right sides, in its diagonal place. */
+INLINED void store_inverse(double *group, const Four *diagonal) {
+  Four inverse[3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+  solve_group(diagonal, inverse);
+  for (int i = 0; i < 3; ++i) *(Four *)(group + DIAGONAL + i * ROW) = inverse[i];
 }
 
 /* Eliminates a group, whose diagonal rows become those of the next one in this way: 1 down, -1 up. */
 INLINED void eliminate_next(const Work *w, int k, int way, int keep, Four *diagonal) {
   double *group = w->tangent + k * GROUP;
   Four u[3];
-  if (keep) store_diagonal(group, diagonal);
+  if (keep) store_inverse(group, diagonal);
   eliminate_group(diagonal, group + (way > 0 ? AFTER : BEFORE), u);
   diagonal_rows(w, k + way, diagonal);
   subtract_group(diagonal, group + way * GROUP + (way > 0 ? BEFORE : AFTER), u);
@@ -78,7 +78,7 @@ INLINED int eliminate_chain(const Problem *p, const Work *w, int middle, int kee
   /* Both have the diagonal rows of the group in the middle, with one side's contribution each. */
   diagonal_rows(w, middle, diagonal);
   for (int i = 0; i < 3; ++i) diagonal[i] = down[i] + (up[i] - diagonal[i]);
-  if (keep) store_diagonal(w->tangent + middle * GROUP, diagonal);
+  if (keep) store_inverse(w->tangent + middle * GROUP, diagonal);
   eliminate_group(diagonal, none, u);
   for (int i = 0; i < 3; ++i) w->y[3 * middle + i] = u[i][3];
   return isfinite(u[0][3]); /* any zero pivot comes down to it */
@@ -113,6 +113,18 @@ INLINED void subtract_coupled(int n, const double *couplings, const Four *from, 
   }
 }
 
+/* Multiplies three rows of n columns by the inverse of a group. */
+INLINED void solve_by_inverse(int n, const double *group, Four *rows) {
+  Four *x = rows, *y = rows + n, *z = rows + 2 * n;
+  const double *a = group + DIAGONAL, *b = a + ROW, *c = b + ROW;
+  for (int j = 0; j < n; ++j) {
+    Four of[] = {x[j], y[j], z[j]};
+    x[j] = a[0] * of[0] + a[1] * of[1] + a[2] * of[2];
+    y[j] = b[0] * of[0] + b[1] * of[1] + b[2] * of[2];
+    z[j] = c[0] * of[0] + c[1] * of[1] + c[2] * of[2];
+  }
+}
+
 static int are_coupled(const double *one, const double *other) {
   double sum = 0;
   for (int i = 0; i < 3; ++i)
@@ -123,7 +135,7 @@ static int are_coupled(const double *one, const double *other) {
 /* The block (work.h), of n times four columns, from its right sides, after `eliminate_chain` that kept its rows. */
 INLINED void solve_chain_columns(const Problem *p, const Work *w, int middle, int n) {
   double *A = w->tangent;
-  Four *block = (Four *)w->block, diagonal[3];
+  Four *block = (Four *)w->block;
   int last = p->chain - 1, most = middle > last - middle ? middle : last - middle;
   long rows = 3 * (long)n;
   for (int i = 0; i < most; ++i)
@@ -131,16 +143,12 @@ INLINED void solve_chain_columns(const Problem *p, const Work *w, int middle, in
       int k = side ? last - i : i, way = side ? -1 : 1, to_middle = side ? BEFORE : AFTER, back = side ? AFTER : BEFORE;
       double *group = A + k * GROUP, *next = group + way * GROUP;
       if (way * (middle - k) <= 0 || !w->reached[3 * k]) continue;
-      diagonal_rows(w, k, diagonal);
-      solve_group(diagonal, n, block + k * rows);
+      solve_by_inverse(n, group, block + k * rows);
       if (!w->reached[3 * (k + way)] && !are_coupled(next + back, group + to_middle)) continue;
       reach(p, w, 3 * (k + way));
       subtract_coupled(n, next + back, block + k * rows, block + (k + way) * rows);
     }
-  if (w->reached[3 * middle]) {
-    diagonal_rows(w, middle, diagonal);
-    solve_group(diagonal, n, block + middle * rows);
-  }
+  if (w->reached[3 * middle]) solve_by_inverse(n, A + middle * GROUP, block + middle * rows);
   for (int i = 1; i <= most; ++i)
     for (int side = 0; side < 2; ++side) {
       int way = side ? -1 : 1, k = middle - way * i;

@@ -7,31 +7,44 @@
 
 #include "element_derivatives.h"
 
-/* Sets the changes of the configuration at the end, for the solution in the block or with none for held unknowns. */
+/* Sets the changes of the configuration at the end, for the solution in the block or with none for held unknowns. Where
+   nothing is COUPLED it does not go through columns. */
 static void set_ends(const Problem *p, const Linear *l, int held, const Changes *solution, Changes *x) {
   const Layout *at = &l->at;
   const int *order = p->order;
   int first = solution ? p->free : 0, forces = p->points->all || p->points->members;
-  for (int i = 0; i < first; ++i) x[at->Y1 + i] = -solution[order[i]];
+  long end = HAS(COUPLED) || held ? at->natural1 : at->q1;
+  for (int i = 0; HAS(COUPLED) && i < first; ++i) x[at->Y1 + i] = -solution[order[i]];
   if (!held || forces || p->joints || p->closures || p->sliders)
-    memset(x + at->Y1 + first, 0, (at->natural1 - at->Y1 - first) * sizeof(Changes));
+    memset(x + at->Y1 + first, 0, (end - at->Y1 - first) * sizeof(Changes));
   memset(x + at->natural1, 0, (at->internal1 - at->natural1) * sizeof(Changes));
   if (held) jvp(l->of + STRAINED, x), jvp(l->of + WEIGHED, x);
   for (int i = STRAINED; !held && i <= PLACED; ++i)
-    if (i != ARMS || l->moves_joints) jvp(l->of + i, x);
+    if ((i != ARMS || l->moves_joints) && (i != EQUAL || HAS(COUPLED))) jvp(l->of + i, x);
+  for (int i = 0; !HAS(COUPLED) && !held && i < p->dofs; ++i) {
+    int column = p->entry_column[i];
+    x[at->q1 + i] = column < first ? -solution[order[column]] : x[at->Y1 + column];
+  }
 }
 
-/* The changes of forces and rows for that of the configuration at the end. */
+/* The changes of forces for that of the configuration at the end. */
 static void jvp_forces(const Problem *p, const Work *w, const Derivatives *a, const Linear *l, int changes_mass, int held,
                        Changes *x) {
   const Layout *at = &l->at;
+  int first = HAS(COUPLED) ? at->R : at->closures; /* others set the rows first */
   memset(x + at->springs1, 0, (at->held + 3 * p->sliders - at->springs1) * sizeof(Changes));
   jvp_inertia(p, w, at, changes_mass, held, x);
   jvp_elements(p, a, l, held, x);
-  memset(x + at->R, 0, (at->size - at->R) * sizeof(Changes)); /* after its use as room */
+  memset(x + first, 0, (at->size - first) * sizeof(Changes));
   for (int i = TOUCHED; i <= SLID; ++i) jvp(l->of + i, x);
   if (l->moves_joints) jvp(l->of + LEVERS, x);
-  for (int i = CARRIED; i <= MAPPED; ++i) jvp(l->of + i, x);
+  jvp(l->of + CARRIED, x);
+}
+
+/* The changes of rows for those of forces. */
+static void jvp_rows(const Linear *l, Changes *x) {
+  if (!HAS(COUPLED)) memset(x + l->at.R, 0, (l->at.closures - l->at.R) * sizeof(Changes));
+  for (int i = COLLECTED; i <= MAPPED; ++i) jvp(l->of + i, x);
 }
 
 /* The changes of closing forces and of forces of joints, and of those that friction follows. */
@@ -57,7 +70,7 @@ static int change_followed(const Derivatives *a, Linear *l, Changes *x) {
 static void jvp_equations(const Problem *p, const Work *w, const Derivatives *a, const Linear *l, int changes_mass, Changes *x) {
   for (int i = 0; i < p->free; ++i) l->block[p->order[i]] = -x[l->at.Y + i];
   set_ends(p, l, 0, l->block, x);
-  jvp_forces(p, w, a, l, changes_mass, 0, x);
+  jvp_forces(p, w, a, l, changes_mass, 0, x), jvp_rows(l, x);
 }
 
 /* The changes of the state at the end, from the solution. */
@@ -87,10 +100,11 @@ static void jvp_group(const Problem *p, const Work *w, const Derivatives *a, Lin
     int held = !l->moves_joints && largest(p->driven * GROUP_SIZE, (const double *)(x + at->driven), 0) == 0;
     set_ends(p, l, held, 0, x);
     jvp_forces(p, w, a, l, changes_mass, held, x);
+    if (HAS(COUPLED)) jvp_rows(l, x);
     set_right_sides(p, at, x, l->block);
     solve_right_sides(p, w, l);
     set_ends(p, l, 0, l->block, x);
-    if (forces) jvp_forces(p, w, a, l, changes_mass, 0, x), jvp_joints(p, w, l, x);
+    if (forces) jvp_forces(p, w, a, l, changes_mass, 0, x), jvp_rows(l, x), jvp_joints(p, w, l, x);
     if (!p->friction_follows || !change_followed(a, l, x)) break;
   }
   if (!forces && p->spring_width) {

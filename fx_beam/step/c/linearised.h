@@ -64,7 +64,6 @@ static void begin_linear(const Problem *p, Work *w, const Derivatives *a, Linear
   const int *row = p->entry_row, *column = p->entry_column, *value = p->entry_value + equal;
   const double *sign = p->entry_sign + equal;
   lay_out(p, w, p->scratch), lay_out_linear(p, w, a, l, a->scratch);
-  memset(l->block, 0, p->positions * sizeof(Changes));
   l->share = 0, l->adds = 0;
   Layout at = l->at = fx_layout(p, a);
   memset(l->of, 0, sizeof l->of);
@@ -392,10 +391,12 @@ static void add_changes(const Derivatives *a, const RowsOfRun *of, long k, doubl
     for (int j = 0; j < count; ++j) row[(long)j * of->size + i] += share * x[of->place[i]][j];
 }
 
-/* The right sides of the block. */
+/* The right sides of the block, from rows, or from forces where nothing is COUPLED. */
 static void set_right_sides(const Problem *p, const Layout *at, const Changes *x, Changes *block) {
-  const int *order = p->order;
-  for (int i = 0; i < p->free; ++i) block[order[i]] = x[at->R + i];
-  for (int i = p->free; i < p->unknowns; ++i) block[order[i]] = (Changes){0};
+  const int *order = p->order, *column = p->entry_column;
+  memset(block, 0, p->positions * sizeof(Changes));
+  for (int i = 0; HAS(COUPLED) && i < p->free; ++i) block[order[i]] = x[at->R + i];
+  for (int i = 0; !HAS(COUPLED) && i < p->dofs; ++i)
+    if (column[i] < p->free) block[order[column[i]]] += x[at->r + i];
   for (int i = 0; i < p->closures; ++i) block[order[p->unknowns - p->closures + i]] = x[at->closures + i];
 }
