@@ -46,14 +46,14 @@ def differences(function, x, part=1e-4):
     return np.moveaxis(np.array(columns), 0, -1)
 
 
-def check(run, x, tolerance, multipliers=True):
+def check(run, x, tolerance, multipliers=True, part=1e-4):
     """Jacobian and derivatives of multipliers against differences of other searches."""
     x = np.array(x, float)
     _, y = run(x)
     jacobian = run.jacobian()
     of_multipliers = run.multipliers()[1] if multipliers else None
     for name in y:
-        by_x = differences(lambda x, name=name: run(x)[1][name], x)
+        by_x = differences(lambda x, name=name: run(x)[1][name], x, part)
         assert jacobian[name] == pytest.approx(by_x, abs=tolerance * abs(by_x).max() + 1e-8), name
     if multipliers:
         by_x = differences(lambda x: (run(x), run.multipliers()[0])[1], x)
@@ -222,7 +222,8 @@ def test_what_a_scheme_remembers_of_the_step_before_is_followed():
         of = {"period": 2.5, "steps": 21, "scheme": fb.EnergyDecaying(damping), "tolerance": 1e-12}
         return fb.periodic(scene, **of)
 
-    check(fb.PeriodicResponse(build, motion), [1.0, 1.0, 1.0, 0.3, 0.1], 1e-7)
+    # With shorter differences the rounding errors of normal forces are as large as the tolerance.
+    check(fb.PeriodicResponse(build, motion), [1.0, 1.0, 1.0, 0.3, 0.1], 1e-7, part=1e-3)
 
 
 def test_a_driven_linkage_whose_loop_changes_its_form_has_exact_derivatives():
