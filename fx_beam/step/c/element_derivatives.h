@@ -209,17 +209,18 @@ HOT void vjp_bodies(const Problem *p, const Work *w, const Derivatives *a, const
 HOT void jvp_inertia(const Problem *p, const Work *w, const Layout *at, int changes_mass, int held, Changes *x) {
   double per_dt = rates_per_path(p, w->dt), turning = by_places_in_turn(p);
   const Changes *q = x + at->q, *end = x + at->q1, *v = x + at->v, *X = x + at->member_places;
+  Changes *moving = x + at->R; /* which begins afterwards */
   if (p->at_rest) memset(x + at->r, 0, p->dofs * sizeof(Changes));
   if (p->at_rest && !changes_mass && !turning) return;
+  for (int i = 0; i < p->dofs; ++i) {
+    Changes increment = held ? -q[i] : end[i] - q[i];
+    moving[i] = per_dt * (per_dt / 2 * w->slope[i] * increment - v[i]);
+  }
+  for (int i = 0; turning < 0 && i < p->dofs; ++i) moving[i] += turning * (X[i] + (1 - p->level) * q[i] + p->level * end[i]);
   for (int node = 0; node < p->nodes; ++node) {
     Changes *r = x + at->r + 3 * node, sums[3] = {{0}};
     for (int k = p->mass_start[node]; k < p->mass_start[node + 1]; ++k)
-      for (int i = 0; i < 3; ++i) {
-        int j = p->mass_dof[k] + i;
-        Changes moving = per_dt * (per_dt / 2 * w->slope[j] * (held ? -q[j] : end[j] - q[j]) - v[j]);
-        if (turning < 0) moving += turning * (X[j] + (1 - p->level) * q[j] + p->level * end[j]);
-        sums[i] += p->mass[3 * k + i] * moving;
-      }
+      for (int i = 0; i < 3; ++i) sums[i] += p->mass[3 * k + i] * moving[p->mass_dof[k] + i];
     for (int k = p->mass_start[node]; changes_mass && k < p->mass_start[node + 1]; ++k)
       for (int i = 0; i < 3; ++i) sums[i] += x[at->mass + 3 * k + i] * w->acc[p->mass_dof[k] + i];
     for (int i = 0; i < 3; ++i) r[i] = changes_mass ? sums[i] - acting(p) * x[at->weight + 3 * node + i] : sums[i];

@@ -31,7 +31,7 @@ static void set_ends(const Problem *p, const Linear *l, int held, const Changes 
 static void jvp_forces(const Problem *p, const Work *w, const Derivatives *a, const Linear *l, int changes_mass, int held,
                        Changes *x) {
   const Layout *at = &l->at;
-  int first = HAS(COUPLED) ? at->R : at->closures; /* others set the rows first */
+  int first = HAS(COUPLED) ? at->R : at->closures; /* others set the rows first, which were used as room */
   memset(x + at->springs1, 0, (at->held + 3 * p->sliders - at->springs1) * sizeof(Changes));
   jvp_inertia(p, w, at, changes_mass, held, x);
   jvp_elements(p, a, l, held, x);
