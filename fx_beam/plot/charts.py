@@ -218,6 +218,7 @@ def save(figure: Figure, path: Path | str) -> None:
 _STABLE: dict[str, Any] = {"color": "#0072B2", "linewidth": 2.0, "label": "stable"}
 _UNSTABLE: dict[str, Any] = {"color": "#CC79A7", "linewidth": 1.2, "label": "unstable"}
 _MARKS = {"limit point": "D", "bifurcation": "o", "flutter": "^"}
+_MARKS |= {"contact": "s", "flow": "v", "kink": "X"}  # where the stiffness jumps
 
 
 def frequency_response(
@@ -333,8 +334,8 @@ def equilibrium_paths(
 ) -> Figure:
     """Bifurcation diagram: the load over a quantity, for a path of equilibria and its branches.
 
-    Stable equilibria are on solid lines, unstable ones on dashed lines; limit points, bifurcations
-    and flutter have marks.
+    Stable equilibria are on solid lines, unstable ones on dashed lines; critical points have marks,
+    one for each kind.
 
     Parameters
     ----------

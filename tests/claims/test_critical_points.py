@@ -220,6 +220,8 @@ def test_a_truss_becomes_stable_where_it_meets_a_stop(stop, steps):
     assert path.stable[-1] and not path.stable[contact.row]
     with pytest.raises(fb.SceneError, match="no path branches off at a contact"):
         contact.branch()
+    drawn = fb.plot.equilibrium_paths(path, lambda s: s.position(top)[:, 1]).axes[0].lines
+    assert {"limit point", "contact"} <= {line.get_label() for line in drawn}
 
 
 @pytest.mark.parametrize("hardening", [0.0, 20.0])
@@ -251,6 +253,9 @@ def test_a_column_on_a_plastic_hinge_fails_where_it_begins_to_flow(hardening):
     assert point.kind == "flow"
     assert point.load_factor == pytest.approx(exact, rel=1e-7)
     assert path.load_factor.max() == pytest.approx(exact, rel=1e-7)
+    drawn = fb.plot.equilibrium_paths(path, lambda s: s.rotation(bar.centre)).axes[0].lines
+    marked = [line.get_ydata().tolist() for line in drawn if line.get_label() == "flow"]
+    assert marked == [[point.load_factor]]
 
 
 @pytest.mark.parametrize("how", [None, "arc-length"])
