@@ -46,12 +46,14 @@ _ADVICE = "Give compatible velocities to all members, or call scene.make_velocit
 def _settled(model: Model, state: State, force: np.ndarray, dt: float) -> State:
     """The state with massless parts in equilibrium under dead forces (size,), by Newton's method.
 
-    In a time so short that mass and dampers hold all others. The state itself if that fails, or
-    with internal variables, whose flow would depend on the way.
+    In a time so short that mass and dampers hold all others, and nothing relaxes. The state itself,
+    with a warning, if that fails, or where something may yield or slip, which depends on the way.
     """
     from fx_beam.step.equations import Equations
 
-    if state.internal is not None or state.spring_internal is not None:
+    materials = (beam.section.internal for beam in model.scene.beams)
+    if state.spring_internal is not None or any(of and of.level == 1 for of in materials):
+        _log.warning(_NOT_SETTLED)
         return state
     reduction, still, has_mass = model.reduction, np.zeros(model.size), ~model.massless
     shared = reduction.moves(has_mass) & ~reduction.moves_alone(has_mass)

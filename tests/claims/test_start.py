@@ -3,6 +3,8 @@
 import itertools
 import logging
 
+import ufl
+
 import numpy as np
 import pytest
 from jointed import MEMBER, pair, thrown, whirling
@@ -401,6 +403,46 @@ def test_a_load_that_begins_at_zero_finds_the_start_as_it_is():
     found = fb.simulate(scene, dt=0.01, t_end=0.1)
     assert not found.q[0].any()
     assert found.rotation(beam.end) == pytest.approx(2 * found.t, abs=2e-5)  # of second order
+
+
+def remembering(update):
+    """A massless cantilever under a moment of 0.3 N m: EI = 1 N m^2, with a memory 3 N m^2."""
+
+    def energy(eps, gamma, kappa, a):
+        return 5e3 * eps**2 + 2e3 * gamma**2 + kappa**2 / 2 + (kappa - a[0]) ** 2
+
+    variables = fb.InternalVariables(("dashpot",), update)
+    scene = fb.Scene()
+    section = fb.Section(strain_energy=energy, internal=variables)
+    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=4)
+    scene.clamp(beam.start)
+    scene.add_moment(beam.end, 0.3)
+    return scene, beam
+
+
+def relax(old, strains0, strains, dt):
+    return [(old[0] + dt / 0.5 * strains[2]) / (1 + dt / 0.5)]
+
+
+@pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.EnergyDecaying(), fb.Newmark()])
+def test_a_massless_member_creeps_from_its_elastic_bend_on(scheme):
+    """Zener: of the moment that a jump finds, two of three parts relax in 0.5 s at a strain."""
+    scene, beam = remembering(relax)
+    found = fb.simulate(scene, scheme, dt=0.01, t_end=1.0)
+    exact = 0.3 * (1 - 2 / 3 * np.exp(-found.t / 1.5))
+    assert found.rotation(beam.end) == pytest.approx(exact, abs=2e-4)
+    assert abs(found.energy.balance_error).max() < 1e-12
+
+
+def test_a_massless_member_that_may_yield_starts_as_it_is_with_a_warning(caplog):
+    def flow(old, strains0, strains, dt):
+        return [ufl.conditional(abs(strains[2] - old[0]) > 5, strains[2], old[0])]
+
+    scene, _ = remembering(flow)
+    with caplog.at_level(logging.WARNING):
+        found = fb.simulate(scene, dt=0.01, t_end=0.01)
+    assert not found.q[0].any()
+    assert "no equilibrium was found at the start for nodes without mass" in caplog.text
 
 
 def test_a_load_without_equilibrium_is_named_before_the_step_fails(caplog):
