@@ -73,7 +73,8 @@ class Record:
         are those of polynomials through the nearest ends of steps, cubic for schemes of order 2, of
         degree 5 for order 4, on the smooth side of a contact; velocities are their derivatives.
         Energies and momenta are linear; forces and accelerations are those of the step. All steps
-        are stored to the end; the motion must be recorded. Other times than the run's are left out.
+        are stored to the end; the motion must be recorded. Other times than the run's are left out;
+        where `until` ends it, this time is added.
     file : str or path, optional
         For large scenes: a file for ParaView, such as "run.pvd", to which motion and rates go as
         they come, with stress resultants and internal variables, in place of memory. On several

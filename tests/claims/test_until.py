@@ -45,6 +45,18 @@ def test_a_falling_ball_ends_on_the_floor_at_the_exact_time(scheme, options):
     assert fall.stats.until == "until" and "by 'until'" in repr(fall)
 
 
+@pytest.mark.parametrize("steps", [{"tolerance": 1e-4}, {"dt": 0.03}], ids=str)
+def test_the_end_is_a_row_beside_those_at_chosen_times(steps):
+    scene, body = ball()
+    until = {"outputs": {"place": fb.Output("position", body.centre)}}
+    until["until"] = lambda t, y: y["place"][1]
+    record = fb.Record(times=[0.0, 0.5, 2.0])
+    fall = fb.simulate(scene, t_end=3.0, record=record, **until, **steps)
+    assert fall.t == pytest.approx([0.0, 0.5, 1.0], abs=1e-12)
+    assert abs(fall.position(body.centre)[-1, 1]) < 1e-11
+    assert fall.then(fb.simulate(scene, dt=0.1, t_end=1.2, start=fall)).t[-1] == 1.2
+
+
 def test_the_last_step_is_neither_tiny_nor_interpolated():
     """A step that would be shorter than a tenth is joined with the one before."""
     for dt in (0.1, 1 / 10.0001, 1 / 9.999, 1 / 9.95):
