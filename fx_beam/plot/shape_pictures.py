@@ -254,4 +254,4 @@ def _kind(modes: Modes, mode: int) -> str:
         return "of a critical point"
     ratio, frequency = modes.damping_ratios[mode], abs(modes.frequencies[mode])
     kind = "rigid" if modes.rigid[mode] else f"{three_digits(frequency)} Hz"
-    return kind + (f", ratio {three_digits(ratio)}" if ratio else "")
+    return kind + (f",\nratio {three_digits(ratio)}" if ratio else "")

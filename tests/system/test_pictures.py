@@ -652,6 +652,35 @@ def test_numbers_of_load_factors_beside_each_other_do_not_overlap(snapping):
     assert len(boxes) > 3 and all(a.x1 < b.x0 for a, b in pairwise(boxes))
 
 
+def overlapping(texts):
+    """Texts beside each other of which one begins before the other ends."""
+    boxes = [(text.get_text(), text.get_window_extent()) for text in texts if text.get_text()]
+    return [(a[0], b[0]) for a, b in pairwise(boxes) if a[1].x0 < b[1].x0 < a[1].x1]
+
+
+def test_titles_of_damped_modes_do_not_overlap():
+    scene = fb.Scene()
+    section = fb.Section(1e5, 1e5, 1.0, rhoA=1.0, retardation=1.234e-3)
+    mast = scene.add_beam([(0, 0), (0, 3), (2, 4)], section, elements=(4, 4))
+    scene.clamp(mast.start)
+    figure = plot.modes(fb.modes(scene, n=8))
+    figure.draw_without_rendering()
+    assert not overlapping([ax.title for ax in figure.axes])
+    assert figure.axes[2].get_title().count("ratio") == 1
+
+
+def test_numbers_of_the_axes_of_diagrams_do_not_overlap_in_micrometres():
+    scene = fb.Scene()
+    section = fb.Section.rectangle(1e-6, 10e-6, *fb.materials.glass)
+    beam = scene.add_beam([(0, 0), (1e-4, 0)], section, elements=4)
+    scene.clamp(beam.start)
+    scene.add_force(beam.end, (0.0, -1e-7))
+    figure = plot.diagrams(fb.static(scene, load_steps=1), None, 1, ["M", "N"])
+    figure.draw_without_rendering()
+    for ax in figure.axes:
+        assert not overlapping(ax.get_xticklabels())
+
+
 def test_a_motion_too_small_to_be_seen_is_said_with_a_factor(caplog):
     scene, section = fb.Scene(), fb.Section(EA=1e9, GA=1e9, EI=1e6)
     beam = scene.add_beam([(0, 0), (1, 0)], section)
