@@ -168,6 +168,12 @@ def test_an_error_names_the_bifurcation_at_which_steps_fail():
     assert len(path.t) > 4
     assert path.critical_points[-1].load_factor == pytest.approx(1, abs=1e-7)
     assert "point.branch(+1)" in path.stats.failure.advice
+    # No branches start on a path that began on another one.
+    scene.remove(scene.loads[0])
+    pushed = fb.static(scene, load_steps=1)
+    scene.add_force(scene.beams[0].end, (0, -14.0 * factor))
+    with pytest.raises(fb.StepError, match=r"a bifurcation near load factor 1\. If the path"):
+        fb.static(scene, load_steps=4, start=pushed)
 
 
 def test_an_error_names_the_limit_point_at_which_steps_fail():
