@@ -165,6 +165,13 @@ def brackets_of(piece: Piece, before: int, after: int) -> list[Bracket]:
         if high - low <= (exact if changed == 1 else min(exact, SAME * length)):
             return [(low, high)]
         middle = low + _SPLIT * (high - low)
+        try:
+            growing(middle)
+        except StepFailed:
+            # So near to a point with several modes the tangent may be too singular for a state.
+            if high - low > exact:
+                raise
+            return [(low, high)]
         return [*intervals(low, middle, exact), *intervals(middle, high, exact)]
 
     # A row may lie at a point.

@@ -156,6 +156,26 @@ def test_a_pivot_that_is_zero_is_no_bifurcation():
     assert path.unstable_modes.tolist() == [0, *[1] * 5, 2]
 
 
+def test_a_ring_under_pressure_buckles_in_two_modes_at_once():
+    """Pressure across the wall, as a virtual work of one's own: 3 EI / R^3 (Levy 1884)."""
+    turn = ufl.as_matrix([[0, -1], [1, 0]])
+
+    def pressure(step):
+        tangent = step.prime(step.X + step.u)
+        return 4.3 * step.load_factor * ufl.dot(turn * tangent, step.virtual_u)
+
+    scene = fb.Scene()
+    circle = fb.Curve(lambda f: (np.cos(2 * np.pi * f), np.sin(2 * np.pi * f)))
+    ring = scene.add_beam(circle, fb.Section(1e5, 1e5, EI, rhoA=1.0), elements=24, degree=2)
+    scene.add_joint(fb.Rigid(ring.end, ring.start))
+    for fraction, component in ((0, "y"), (0.25, "x"), (0.5, "y")):
+        scene.fix(ring.node(fraction), component)
+    scene.add_virtual_work(pressure)
+    (point,) = fb.static(scene, load_steps=16).critical_points
+    assert (point.kind, len(point.modes)) == ("bifurcation", 2)
+    assert 4.3 * point.load_factor == pytest.approx(3.0, rel=2e-4)
+
+
 def test_an_error_names_the_bifurcation_at_which_steps_fail():
     """A push of 1e-9 of the load leads a column to one side, but not to a load above buckling."""
     straight, _ = column(14.0, 4, 2, np.pi)
