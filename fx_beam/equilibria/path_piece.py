@@ -70,7 +70,7 @@ class Piece:
         self.length = float(self._tangent.D @ (path.weight * D)) + self._tangent.load * load
         #: Where it begins: at the start itself nothing flows.
         self.first = _FLOWING * self.length if self.model.flows else 0.0
-        self._known: dict[float, State] = {} if self.kinked else {0.0: first, self.length: second}
+        self._known = {0.0: first} | ({} if self.kinked else {self.length: second})
         self._tangents: dict[float, csr_matrix] = {}
         end = self.at(self.length).q
         if stepper.size(end - second.q) > _AGAIN * stepper.size(D):
