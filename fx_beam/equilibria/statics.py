@@ -208,8 +208,7 @@ class LoadPath:
         for point in points:
             # Beyond the last state it is extrapolated.
             advice = f"There is a {point.kind} near load factor {point.load_factor:.4g}. "
-            alone = not (isinstance(self.start, Solution) or self.options.spin)
-            if point.kind == "bifurcation" and alone:
+            if point.kind == "bifurcation" and self.start is None and not self.options.spin:
                 advice += (
                     "Follow a branch: point = error.solution.critical_points[-1], and then static("
                     'scene, start=point.branch(+1), continuation="arc-length"); or give the load a '
