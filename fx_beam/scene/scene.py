@@ -1094,7 +1094,7 @@ class Scene:
         require(known, f"support of {node}", component, f"one of {COMPONENTS}")
         key = (node.number, COMPONENTS.index(component))
         if key in self.fixed or key in self.prescribed:
-            raise SceneError(f"{component} of {node} is supported twice; remove one support")
+            raise SceneError(f"{component} of {node} is supported twice; scene.free removes one")
         return key
 
 

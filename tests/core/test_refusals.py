@@ -195,7 +195,7 @@ REFUSED = {
     ],
     "supports and loads": [
         (in_parts("fix", "z"), "'z' must be one of .*'x', 'y', 'rotation'"),
-        (in_parts("fix", "x", "x"), "x of node 2 .* is supported twice"),
+        (in_parts("fix", "x", "x"), "x of node 2 .* is supported twice; scene.free"),
         (lambda p: p.scene.pin(p.beam.start), "is supported twice"),
         (in_parts("fix"), "support of node 2 .* name the components to fix"),
         (in_parts("prescribe"), "prescribed motion of node 2 .* give x, y or rotation"),
