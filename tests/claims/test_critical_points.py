@@ -156,18 +156,21 @@ def test_a_pivot_that_is_zero_is_no_bifurcation():
     assert path.unstable_modes.tolist() == [0, *[1] * 5, 2]
 
 
-@pytest.mark.parametrize("steps", [5, 6, 7])
+@pytest.mark.parametrize("steps", [5, 6, 7, 10, 12])
 def test_equal_columns_on_springs_of_a_user_buckle_at_once(steps):
-    """With six steps a row lies exactly there."""
+    """Two with c = 10 N m and one with 8 N m; with some numbers of steps rows lie exactly there."""
     scene = fb.Scene()
-    for x in (0, 1):
+    for x, c in enumerate((10.0, 10.0, 8.0)):
         bar = scene.add_body((x, 1), mass=1.0, points={"foot": (x, 0)})
-        spring = fb.Spring(strain_energy=lambda angle: 5 * angle**2 + angle**4)
+        spring = fb.Spring(strain_energy=lambda angle, c=c: c / 2 * angle**2 + angle**4)
         scene.add_joint(fb.Revolute(fb.GROUND, bar["foot"], spring=spring))
         scene.add_force(bar.centre, (0, -12.0))
-    (point,) = fb.static(scene, load_steps=steps).critical_points
-    assert (point.kind, len(point.modes)) == ("bifurcation", 2)
-    assert 12 * point.load_factor == pytest.approx(10.0, rel=1e-9)
+    points = fb.static(scene, load_steps=steps).critical_points
+    assert [12 * point.load_factor for point in points] == pytest.approx([8, 10], rel=1e-9)
+    assert [(point.kind, len(point.modes)) for point in points] == [
+        ("bifurcation", 1),
+        ("bifurcation", 2),
+    ]
 
 
 def test_a_ring_under_pressure_buckles_in_two_modes_at_once():
