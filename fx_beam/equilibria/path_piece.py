@@ -70,18 +70,17 @@ class Piece:
         self.length = float(self._tangent.D @ (path.weight * D)) + self._tangent.load * load
         #: Where it begins: at the start itself nothing flows.
         self.first = _FLOWING * self.length if self.model.flows else 0.0
-        self._known = {0.0: first, self.length: second}
+        self._known = {0.0: first} | ({} if self.kinked else {self.length: second})
         self._tangents: dict[float, csr_matrix] = {}
-        end = second
-        if self.kinked:
-            with suppress(StepFailed):  # it is singular: the piece ends at a bifurcation
-                end = arc.state_at(first, self._tangent, self.length)
-        if stepper.size(end.q - second.q) > _AGAIN * stepper.size(D):
+        with suppress(StepFailed):  # it is singular: the piece ends at a bifurcation
+            self.at(self.length)
+        end = self._known.setdefault(self.length, second).q
+        if stepper.size(end - second.q) > _AGAIN * stepper.size(D):
             reason = (
                 "its end depends on the way there, as that of materials that creep does, or there "
                 "are other equilibria beside it"
             )
-            raise StepFailed("off the path", reason, end.q - first.q)
+            raise StepFailed("off the path", reason, end - first.q)
 
     def at(self, distance: float) -> State:
         """The state at a distance."""

@@ -43,6 +43,8 @@ def solution_of(
     histories: Mapping[str, Any] = recorded
     rows: slice | np.ndarray = slice(None)
     if times is not None:
+        if stats.until:  # its end is a row as well
+            times = np.append(times[times < recorded["t"][-1]], recorded["t"][-1])
         histories, rows = at_times(model, recorded, times, breaks)
     elif not later:
         histories = dict(recorded)

@@ -239,9 +239,6 @@ class Run:
         prepared.stats.seconds = time.perf_counter() - self._clock
         held = values_at(self._scene, options.inputs, self.recorder.end.t)
         at = options.record.times
-        if at is not None and prepared.stats.until:
-            ends = self.recorder.end.t
-            at = [*(t for t in at if t < ends), ends]
 
         def end() -> State:
             state = prepared.turn_counter.with_turns(self.recorder.end)

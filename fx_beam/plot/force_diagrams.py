@@ -93,6 +93,7 @@ def diagrams(
         _panel(ax, drawing, name, row, tallest, thinness)
         ax.set_title(words_for(name, scene_unit), fontsize="medium")
         ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+        ax.locator_params(axis="x", nbins=max(2, int(panel[0] / 0.7)))
         lowest, first = number + columns >= len(names), number % columns == 0
         ax.tick_params(labelbottom=lowest, labelleft=first)
         ax.set_xlabel(f"$x$ [{scene_unit}]" if lowest else "")

@@ -115,10 +115,8 @@ def panels(
     rows, panel = -(-count // columns), size(columns)
     figure = Figure(tuple((columns, rows) * (panel + border)), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False, sharex=share, sharey=share)
-    for place, ax in enumerate(axes.flat):
-        ax.locator_params(axis="x", nbins=max(2, int(panel[0] / 0.7)))
-        if place >= count:
-            ax.remove()
+    for ax in list(axes.flat)[count:]:
+        ax.remove()
     return figure, columns, panel
 
 
