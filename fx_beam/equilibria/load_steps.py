@@ -184,14 +184,20 @@ class LoadStepper:
         new.work += float((self._hold[0] + self._hold[1]) @ step.y / 2)
         new.negative_eigenvalues = self.motions.negative_eigenvalues(self.loop)
         self.note(step)
-        if self.model.flows or self.model.has_contact:
-            self.deviation = 0.0  # the predictor does not know what begins in the step
+        if self.deviation > _WHERE_STABILITY_CHANGES and self._begins(state, new):
+            self.deviation = 0.0
         response = self.response
         if interval.length:
             response = [*response[:1], self.size(step.predicted) / interval.length]
         self._check_path(state, new, step, len(response) == 2 and response[1] > response[0])
         self.response = response
         return new
+
+    def _begins(self, old: State, new: State) -> bool:
+        """Whether flow or contact may begin or end in a step, which its predictor does not know."""
+        model = self.model
+        unseen = model.flows or model.points.members is not None
+        return unseen or (model.has_contact and model.switched(old, new))
 
     def note(self, step: StepSolution) -> None:
         """Keep the deviation of a step from its predictor, and its number of corrections."""

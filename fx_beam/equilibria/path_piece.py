@@ -257,9 +257,8 @@ def _jump(
 ) -> Root:
     """Where a measure jumps between two distances."""
     K, model = piece.stiffness(low if measure(low) < 0 else high), piece.model
-    before, behind = (np.sign(model.switches(piece.at(end))) for end in (low, high))
     kind = "flow" if model.flows else "kink"
-    if (before != behind).any():
+    if model.switched(piece.at(low), piece.at(high)):
         kind = "contact" if model.has_contact else "kink"
     state = None if model.flows else piece.switched(low, high)
     return Root(place, piece.at(place) if state is None else state, K, kind)

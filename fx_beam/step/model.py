@@ -262,6 +262,10 @@ class Model:
         """Values that change their sign where a contact opens or closes, or a law switches."""
         return self.points.switches(state.q, state.slides)
 
+    def switched(self, before: State, behind: State) -> bool:
+        """Whether a contact opens or closes, or a law switches, between two states."""
+        return bool((np.sign(self.switches(before)) != np.sign(self.switches(behind))).any())
+
     @property
     def has_unseen_kinks(self) -> bool:
         """Whether forces may change quickly where no switch tells: sections' laws, flow, losses."""

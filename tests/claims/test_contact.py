@@ -702,3 +702,24 @@ def test_a_point_whose_rows_lie_on_both_sides_of_a_circle_has_not_gone_through(c
     scene.add_contact(body.centre, fb.Circle((0, 0), 0.8), stiffness=1e3)
     fb.simulate(scene, dt=np.pi / 100, t_end=2 * np.pi, record=fb.Record(every=100))
     assert not caplog.text
+
+
+@pytest.mark.parametrize("load", [5.0, 7.0, 9.0])
+def test_load_steps_jump_over_no_snap_through_where_a_stop_is_far_away(load):
+    """At 3.7 N the arch sways; 7 N of one step led to an equilibrium with two unstable modes."""
+    paths = []
+    for depth in (None, 5.0):
+        scene, section = fb.Scene(), fb.Section(EA=1e4, GA=1e4, EI=1.0)
+        left = scene.add_beam([(0, 0), (1, 0.2)], section, elements=4, degree=2)
+        right = scene.add_beam([(1, 0.2), (2, 0)], section, elements=4, degree=2)
+        scene.add_joint(fb.Revolute(left.end, right.start, spring=fb.Spring(2.0)))
+        scene.add_joint(fb.Revolute(fb.GROUND, right.end, spring=fb.Spring(1.0)))
+        scene.pin(left.start)
+        scene.add_force(left.end, (0, -load))
+        if depth:
+            scene.add_contact(left.end, fb.Line((0, -depth), (0, 1)), stiffness=1e4)
+        with pytest.raises(fb.StepError) as error:
+            fb.static(scene, load_steps=1)
+        paths.append(error.value.solution)
+    free, stopped = paths
+    assert stopped.t.tolist() == free.t.tolist() and stopped.stable.sum() == free.stable.sum() > 1
