@@ -196,7 +196,7 @@ class LoadStepper:
     def _begins(self, old: State, new: State) -> bool:
         """Whether flow or contact may begin or end in a step, which its predictor does not know."""
         model = self.model
-        unseen = model.flows or model.points.members is not None
+        unseen = model.points.members is not None or model.flowed(old, new)
         return unseen or (model.has_contact and model.switched(old, new))
 
     def note(self, step: StepSolution) -> None:

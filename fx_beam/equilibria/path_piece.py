@@ -68,8 +68,9 @@ class Piece:
             with suppress(StepFailed):  # it is singular: the piece starts at a bifurcation
                 self._tangent = arc.at_start(first, self._tangent)
         self.length = float(self._tangent.D @ (path.weight * D)) + self._tangent.load * load
-        #: Where it begins: at the start itself nothing flows.
-        self.first = _FLOWING * self.length if self.model.flows else 0.0
+        #: Whether something flows in it, and where it begins: at the start itself nothing does.
+        self.flows = self.model.flowed(first, second)
+        self.first = _FLOWING * self.length if self.flows else 0.0
         self._known = {0.0: first} | ({} if self.kinked else {self.length: second})
         self._tangents: dict[float, csr_matrix] = {}
         with suppress(StepFailed):  # it is singular: the piece ends at a bifurcation
@@ -91,7 +92,7 @@ class Piece:
     def stiffness(self, distance: float) -> csr_matrix:
         """The tangent at a distance; where something flows, that of going on."""
         if distance not in self._tangents:
-            if self.model.flows:
+            if self.flows:
                 K = self._arc.stiffness_at(self._start, self._tangent, distance)
             else:
                 K = self.motions.stiffness(self.at(distance))
@@ -210,7 +211,7 @@ def root_of(piece: Piece, measure: Callable[[float], float], bracket: Bracket) -
     if not bracket.apart:
         return _jump(piece, measure, 0.0, low, high)
     near, apart = (low + high) / 2, -bracket.apart
-    if piece.model.flows and near + _STATES * apart < piece.first:
+    if piece.flows and near + _STATES * apart < piece.first:
         apart = -apart  # nothing flows back
     if not piece.kinked:
         # In the bracket, which is short, the measure changes little if all states are on one path.
@@ -257,10 +258,10 @@ def _jump(
 ) -> Root:
     """Where a measure jumps between two distances."""
     K, model = piece.stiffness(low if measure(low) < 0 else high), piece.model
-    kind = "flow" if model.flows else "kink"
+    kind = "flow" if piece.flows else "kink"
     if model.switched(piece.at(low), piece.at(high)):
         kind = "contact" if model.has_contact else "kink"
-    state = None if model.flows else piece.switched(low, high)
+    state = None if piece.flows else piece.switched(low, high)
     return Root(place, piece.at(place) if state is None else state, K, kind)
 
 
@@ -283,7 +284,7 @@ def _extrapolated(
     loads = np.array([state.t for state in states])
     slope = np.polynomial.Polynomial.fit(scaled, loads, _STATES - 1).deriv()(place)
     kind = SMOOTH[int(abs(slope) > _FLAT * max(1.0, abs(place)) * np.ptp(loads))]
-    if piece.model.flows:
+    if piece.flows:
         (shares,) = lagrange(scaled, np.array([place]))
         K = sum(w * piece.stiffness(at) for w, at in zip(shares, distances, strict=True))
     else:

@@ -262,6 +262,11 @@ class Model:
         """Values that change their sign where a contact opens or closes, or a law switches."""
         return self.points.switches(state.q, state.slides)
 
+    def flowed(self, before: State, behind: State) -> bool:
+        """Whether something flows, or sticks, between two states."""
+        names = "internal", "spring_internal"
+        return not all(np.array_equal(getattr(before, of), getattr(behind, of)) for of in names)
+
     def switched(self, before: State, behind: State) -> bool:
         """Whether a contact opens or closes, or a law switches, between two states."""
         return bool((np.sign(self.switches(before)) != np.sign(self.switches(behind))).any())
