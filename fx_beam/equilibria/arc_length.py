@@ -398,10 +398,7 @@ class ArcLength:
     def error(self, state: State, failure: StepFailed) -> StepError:
         """What to report of a step that failed after all cuts."""
         what = f"the step along the arc length from load factor {state.t:.6g} failed"
-        advice = (
-            "Try more steps or more cuts (max_cuts). If this does not help, check the units of "
-            "loads and stiffnesses"
-        )
+        advice = "Try more steps or cuts (max_cuts), and check the units of loads and stiffnesses"
         return self._failures.error(what, self.stepper.options.max_cuts, state, failure, advice)
 
     def _check_way(self, state: State, ahead: Tangent) -> None:
@@ -413,10 +410,7 @@ class ArcLength:
             turned = ", ".join(f"{point:.6g}" for point in limits)
             since = f"after limit points at {turned} it has reached {state.t:.6g}"
             reason = f"does not return to load factor 1: {since}"
-            advice = (
-                "There may be equilibria at load factor 1 on other paths: try a simulation with "
-                "dampers, or apply the loads in other proportions"
-            )
+            advice = "Others may lead there: simulate with dampers, or load in other proportions"
         elif level or max(abs(state.t), abs(ahead.load)) < _FLAT * largest:
             reason = f"leads nowhere: at load factor {state.t:.6g} no force is left to carry more"
             advice = "What softens carries no more than the largest load factor: give less load"

@@ -150,10 +150,9 @@ class PathStability:
         known = [state.negative_eigenvalues for state in states]
         if None in known and self._motions.model.flows:
             raise ValueError(
-                "unstable_modes: in a scene in which something may slip or flow, only the factors "
-                "of steps tell them, if the tangent is symmetric: not while friction slips or with "
-                "forces that follow the motion, nor in scenes with closed loops, nodes that slide "
-                "on beams or contact between members, or on several processes"
+                "unstable_modes: where something may slip or flow, they are known of symmetric "
+                "tangents: not where friction slips or forces follow the motion, nor with closed "
+                "loops, nodes that slide on beams, contact of members, or several processes"
             )
         counts: list[int] = []
         limits = self._stepper.stats.limit_points

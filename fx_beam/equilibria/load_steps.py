@@ -196,8 +196,7 @@ class LoadStepper:
     def _begins(self, old: State, new: State) -> bool:
         """Whether flow or contact may begin or end in a step, which its predictor does not know."""
         model = self.model
-        unseen = model.points.members is not None or model.flowed(old, new)
-        return unseen or (model.has_contact and model.switched(old, new))
+        return model.flowed(old, new) or (model.has_contact and model.switched(old, new))
 
     def note(self, step: StepSolution) -> None:
         """Keep the deviation of a step from its predictor, and its number of corrections."""

@@ -77,10 +77,7 @@ class Piece:
             self.at(self.length)
         end = self._known.setdefault(self.length, second).q
         if stepper.size(end - second.q) > _AGAIN * stepper.size(D):
-            reason = (
-                "its end depends on the way there, as that of materials that creep does, or there "
-                "are other equilibria beside it"
-            )
+            reason = "its end depends on the way, as where materials creep, or others lie beside it"
             raise StepFailed("off the path", reason, end - first.q)
 
     def at(self, distance: float) -> State:
@@ -169,13 +166,12 @@ def brackets_of(piece: Piece, before: int, after: int) -> list[Bracket]:
             return [(low, high)]
         middle = low + _SPLIT * (high - low)
         try:
-            growing(middle)
+            return [*intervals(low, middle, exact), *intervals(middle, high, exact)]
         except StepFailed:
             # So near to a point with several modes the tangent may be too singular for a state.
             if high - low > exact:
                 raise
             return [(low, high)]
-        return [*intervals(low, middle, exact), *intervals(middle, high, exact)]
 
     # A row may lie at a point.
     if (behind := sum(growing(low))) != before:

@@ -225,10 +225,7 @@ def _check_start(options: StaticOptions, scene: Scene, start: Any) -> None:
     if options.spin:
         check_turns(scene, "static: spin")
         if start is not None:
-            raise SceneError(
-                "static: start with a spin: the loads of a turn rise from zero. Give all loads "
-                "at once, without start"
-            )
+            raise SceneError("static: start with a spin: give all loads at once, without start")
     if isinstance(start, Branch) and options.continuation is None:
         raise SceneError('static: start is a branch. Follow it by continuation="arc-length"')
     if options.branches and (start is not None or options.spin):

@@ -36,9 +36,8 @@ _IN_PLACE = 1e-13
 # Forces where there is no mass that are round-off, relative to the largest force.
 _NONE = 1e-9
 _NOT_SETTLED = (
-    "no equilibrium was found at the start for nodes without mass under the loads there. Their "
-    "motion may alternate from step to step. Let the loads begin at zero, or start from "
-    "static(scene)"
+    "no equilibrium was found at the start for nodes without mass: their motion may alternate from "
+    "step to step. Let the loads begin at zero, or start from static(scene)"
 )
 _ADVICE = "Give compatible velocities to all members, or call scene.make_velocities_compatible()"
 

@@ -268,8 +268,9 @@ class Model:
         return not all(np.array_equal(getattr(before, of), getattr(behind, of)) for of in names)
 
     def switched(self, before: State, behind: State) -> bool:
-        """Whether a contact opens or closes, or a law switches, between two states."""
-        return bool((np.sign(self.switches(before)) != np.sign(self.switches(behind))).any())
+        """Whether a contact opens or closes, or a law switches: that of members is not known."""
+        changed = np.sign(self.switches(before)) != np.sign(self.switches(behind))
+        return self.points.members is not None or bool(changed.any())
 
     @property
     def has_unseen_kinks(self) -> bool:
