@@ -24,10 +24,10 @@ from fx_beam.step.accelerations import have_mass
 from fx_beam.step.measured import measured
 from fx_beam.step.recorded_histories import driven_of
 
+from .linearisation import split
 from .moving_state import Deviations, deviations, forces_inside
 
-# Round-off: of a mass or a damping of a combination of unknowns relative to the largest, and of the
-# jump of a rate with an input relative to the outputs.
+# Round-off of the jump of a rate with an input, relative to the outputs.
 _NONE = 1e-12
 # A lever that is round-off: damping by its square is none, and the forces that it drives are none.
 _LEVER = 1e-9
@@ -203,11 +203,11 @@ def _kinds(
 ) -> tuple[np.ndarray, int, int]:
     """A basis (free, free): unknowns with mass, with damping only, with neither; how many."""
     heavy, every = have_mass(M.diagonal(), unit), np.eye(len(M))
-    with_mass, without = _split(M, every[:, heavy])
+    with_mass, without = split(M, every[:, heavy])
     rest = np.hstack([without, every[:, ~heavy]])
     C = unit[:, None] * C * unit
     most = abs(C).max(initial=0.0)
-    damped, neither = _split((C + C.T) / 2, _sized(rest / unit[:, None]), _LEVER**2 * most)
+    damped, neither = split((C + C.T) / 2, _sized(rest / unit[:, None]), _LEVER**2 * most)
     neither = _sized(neither)
     left = max(abs(C @ neither).max(initial=0), abs(neither.T @ C).max(initial=0))
     if left > _LEVER * most:
@@ -221,24 +221,6 @@ def _kinds(
 def _sized(basis: np.ndarray) -> np.ndarray:
     """Columns (n, k) with the largest value 1."""
     return basis / abs(basis).max(axis=0, initial=0.0)
-
-
-def _split(A: np.ndarray, basis: np.ndarray, least: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """Parts of a basis (n, k) in which a positive semidefinite matrix is positive, and zero.
-
-    The basis itself where it is all of one kind; diagonals up to the `least` value are zero.
-    """
-    a = basis.T @ A @ basis
-    diagonal = a.diagonal()
-    if not (diagonal > least).any():
-        return basis[:, :0], basis
-    scale = 1 / np.sqrt(np.where(diagonal > least, diagonal, 1.0))
-    values, vectors = scipy.linalg.eigh(scale[:, None] * a * scale)
-    none = values <= _NONE * values.max()
-    if not none.any():
-        return basis, basis[:, :0]
-    vectors = basis @ (scale[:, None] * vectors)
-    return vectors[:, ~none], vectors[:, none]
 
 
 # Quantities that are linearised: places and rates of nodes and joints.

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import scipy.linalg
 import scipy.sparse
 import scipy.sparse.linalg
 
@@ -31,6 +32,8 @@ from fx_beam.step.undamped_modes import Symmetry, UndampedModes
 # Length of the steps whose tangents give the damping [s]. In much shorter ones damping over the
 # length hides what couples nodes that slide, and round-off of places on members is a fast slip.
 INSTANT = 1e-9
+# Round-off of a mass or a damping of a combination of unknowns, relative to the largest.
+_NOTHING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,6 +145,24 @@ def check_damping(values: np.ndarray, which: str) -> None:
             f"{which} is not finite, since the derivative of an added virtual work by the velocity "
             "is not. Smooth it there, such as ufl.sqrt(v**2 + 1e-12) for the speed"
         )
+
+
+def split(A: np.ndarray, basis: np.ndarray, least: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Parts of a basis (n, k) in which a positive semidefinite matrix is positive, and zero.
+
+    The basis itself where it is all of one kind; diagonals up to the `least` value are zero.
+    """
+    a = basis.T @ A @ basis
+    diagonal = a.diagonal()
+    if not (diagonal > least).any():
+        return basis[:, :0], basis
+    scale = 1 / np.sqrt(np.where(diagonal > least, diagonal, 1.0))
+    R, order, rank, _ = scipy.linalg.lapack.dpstrf(scale[:, None] * a * scale, tol=_NOTHING)
+    if rank == len(a):
+        return basis, basis[:, :0]
+    positive, rest = np.split((basis * scale)[:, order - 1], [rank], axis=1)
+    factor, by_rest = np.split(R[:rank], [rank], axis=1)
+    return positive, rest - positive @ scipy.linalg.solve_triangular(factor, by_rest)
 
 
 def linearised(

@@ -15,7 +15,7 @@ from fx_beam.results.vibrations import Modes, modes_of
 from fx_beam.scene.scene import Scene
 from fx_beam.step.sparse_lu import pivoted_lu
 
-from .linearisation import Linearisation, linearised
+from .linearisation import Linearisation, linearised, split
 
 # A root is known when inverse iteration changes it by less, relative to its size.
 _CLOSE = 1e-9
@@ -131,13 +131,26 @@ def _nearer(K, C, M, root: complex, x: np.ndarray) -> np.ndarray:
 def _roots(k, c, m, unit: float, zeros: int, relaxing: int) -> Damped:
     """All modes of small dense matrices, lowest first.
 
-    Without so many `zeros`, simple roots at zero, and at most so many of unknowns `relaxing`.
+    Without so many `zeros`, simple roots at zero, and those of motions that relax: of unknowns
+    `relaxing`, and of combinations.
     """
     c, m = unit * c, unit**2 * m
+    # What has neither mass nor damping follows by its stiffness: else it has infinite roots, which
+    # round-off makes finite.
+    basis, light = split(m, np.eye(len(m)))
+    heavy = basis.shape[1]
+    damped, idle = split((c + c.T) / 2, light, 1e-18 * abs(c).max())
+    if light.shape[1]:
+        basis = np.hstack([basis, damped])
+        basis -= idle @ np.linalg.solve(idle.T @ k @ idle, idle.T @ k @ basis)
+        basis /= np.linalg.norm(basis, axis=0)
+        k, c, m = (basis.T @ A @ basis for A in (k, c, m))
+        m[heavy:], m[:, heavy:] = 0.0, 0.0
     # Linear in (x, lambda x), inverse about the shift 1: the low roots come out best.
     size = len(k)
-    left, right = np.hsplit(-scipy.linalg.solve(k + c + m, np.hstack([m + c, m])), 2)
-    mu, vectors = np.linalg.eig(np.block([[left, right], [np.eye(size) + left, right]]))
+    upper = -scipy.linalg.solve(k + c + m, np.hstack([m + c, m[:, :heavy]]))
+    lower = (upper + np.eye(*upper.shape))[:heavy]
+    mu, vectors = np.linalg.eig(np.vstack([upper, lower]))
     finite = np.flatnonzero(abs(mu) > 1e-14 * abs(mu).max())
     order = np.argsort(abs(1 + 1 / mu[finite]))
     half = mu[finite[order]].imag <= 0  # one of each pair
@@ -153,6 +166,7 @@ def _roots(k, c, m, unit: float, zeros: int, relaxing: int) -> Damped:
     larger = real & (2 * root.real * m + c.real > 0)
     modes = massive & moves & (~real | larger)
     # Without a partner are those of motions that have damping but hardly any mass.
+    relaxing = max(relaxing, damped.shape[1])
     alone = min(relaxing, 2 * np.sum(massive & larger) - np.sum(massive & real))
     decaying = np.flatnonzero(massive & larger & (root.real < 0))
     lightest = decaying[np.argsort(m[decaying] / c.real[decaying])]
@@ -165,8 +179,7 @@ def _roots(k, c, m, unit: float, zeros: int, relaxing: int) -> Damped:
     ratio, root = np.where(still, 0.0, ratio), np.where(still, 1j * root.imag, root)
     natural, ratio = np.where(grows, -root.real, natural), np.where(grows, np.nan, ratio)
     order = np.argsort(natural)
-    damped = Damped(unit * root, unit * natural, ratio, unit * x / np.sqrt(m))
-    return damped.only(order)
+    return Damped(unit * root, unit * natural, ratio, unit * (basis @ x) / np.sqrt(m)).only(order)
 
 
 def rayleigh(frequencies: Sequence[float], ratios: Sequence[float]) -> tuple[float, float]:

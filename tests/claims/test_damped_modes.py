@@ -260,3 +260,19 @@ def test_damping_without_a_limit_at_rest_is_refused():
     with pytest.raises(fb.SceneError, match="modes: the damping at rest is not finite"):
         fb.modes(scene, n=1)
     assert fb.modes(scene, n=1, damping=False).frequencies == pytest.approx(speed.frequencies)
+
+
+def test_what_has_neither_mass_nor_damping_adds_no_modes_in_any_unit_of_mass():
+    """Turns of the rail have neither: their roots are infinite, and were some 1e10 rad/s."""
+    for unit in 10.0 ** -np.arange(0, 10, 0.5):
+        scene = fb.Scene()
+        rod = fb.Section(EA=1e4 * unit, GA=1e4 * unit, EI=100 * unit, rhoA=unit)
+        rail = scene.add_beam([(0, 0), (2, 0)], rod, elements=4)
+        scene.clamp(rail.start)
+        scene.pin(rail.end)
+        car = scene.add_body((0.7, 0.1), unit, 0.05 * unit, points={"foot": (0.62, 0)})
+        spring = fb.Spring(100 * unit, rest=0.62)
+        scene.add_joint(fb.Sleeve(rail, car["foot"], spring=spring, damper=fb.Damper(2 * unit)))
+        found, plain = fb.modes(scene, n=60), fb.modes(scene, n=60, damping=False)
+        assert len(found) == len(plain) and not found.unstable.any()
+        assert found.angular_frequencies == pytest.approx(plain.angular_frequencies, rel=0.01)
