@@ -16,7 +16,7 @@ from fx_beam.results.vibrations import Modes, modes_of
 from fx_beam.step.step_failures import StepFailed
 
 from .arc_length import ArcLength
-from .branches import Branch
+from .branches import Branch, is_equilibrium
 from .load_steps import LoadStepper
 from .path_piece import FLUTTER, SAME, SMOOTH, Piece, Root, brackets_of, end_of, root_of
 from .small_motions import pairs_and_others
@@ -236,6 +236,8 @@ class PathStability:
         for bracket in brackets:
             try:
                 root = root_of(piece, self._eigenvalue(piece, bracket.few), bracket)
+                if root.kind == SMOOTH[1] and not is_equilibrium(self._arc, root.state):
+                    raise StepFailed("off the path", "the step reaches another path", np.zeros(1))
                 if root.place - last > SAME * piece.length:  # else it is the same one, divided
                     points.append(self._point(root, row, bracket.many - bracket.few, max(counts)))
                     last = root.place

@@ -384,3 +384,23 @@ def test_rings_buckle_under_dead_and_under_following_pressure(follows, exact):
     (point,) = fb.static(scene, load_steps=4).critical_points
     assert point.kind == "bifurcation"
     assert 5 * point.load_factor == pytest.approx(exact, rel=1e-5)
+
+
+def test_a_step_across_an_imperfect_bifurcation_tells_of_no_bifurcation(caplog):
+    """A spring beside the column is stretched a little by its compression, and pulls it aside."""
+
+    def path_of(load_steps):
+        scene = fb.Scene()
+        section = fb.Section(EA=3800.0, GA=1900.0, EI=2.3)
+        column = scene.add_beam([(0, 0), (0, 1)], section, elements=4, degree=3)
+        scene.pin(column.start)
+        scene.fix(column.end, "x")
+        scene.add_force_between(column.node(0.5), (1, 0.5), spring=fb.Spring(14.0, rest=1.0))
+        scene.add_force(column.end, (0, -76.0))
+        return fb.static(scene, load_steps, continuation="arc-length", branches=1)
+
+    coarse = path_of(8)
+    assert coarse.unstable_modes[-1] == 1 and not coarse.branches
+    assert [point.kind for point in coarse.critical_points] == ["not located"]
+    assert "another path. Compute the path with more steps" in caplog.text
+    assert "bifurcation" not in [point.kind for point in path_of(16).critical_points]
