@@ -119,13 +119,13 @@ class FirstOrder:
         counts = np.cumsum([0, masses, damped, k, masses, m])
         eye = np.eye(counts[-1])
         y1, ya, p, s, u = (eye[i:j] for i, j in zip(counts[:-1], counts[1:], strict=True))
-        solve = scipy.linalg.solve
+        solve = np.linalg.solve
         dp = G @ u
-        self.moved = solve(M[one, one], Mp[one]) if masses else Mp[one]
+        self.moved = solve(M[one, one], Mp[one])
         #: Jumps of what has damping only, and of the rates of masses, with the inputs.
-        self.shifts = solve(C[a, a], of_rates[a]) if damped else of_rates[a]
+        self.shifts = solve(C[a, a], of_rates[a])
         impulses = of_rates[one] - C[one, a] @ self.shifts
-        self.kicks = solve(M[one, one], impulses) if masses else impulses
+        self.kicks = solve(M[one, one], impulses)
         dy1 = s + self.kicks @ u - self.moved @ dp
         ya = ya + self.shifts @ u
         try:
@@ -141,8 +141,8 @@ class FirstOrder:
             elastic = K[rows, one] @ y1 + K[rows, a] @ ya + K[rows, b] @ yb + Kp[rows] @ p
             return F[rows] @ u - elastic - C[rows, one] @ dy1 - Cp[rows] @ dp
 
-        dya = solve(C[a, a], force(a)) if damped else eye[:0]
-        ds = solve(M[one, one], force(one) - C[one, a] @ dya) if masses else s
+        dya = solve(C[a, a], force(a))
+        ds = solve(M[one, one], force(one) - C[one, a] @ dya)
         dyb = -by_1 @ dy1 - by_a @ dya - by_p @ dp
         self.dx = np.vstack([dy1, dya, dp, ds])
         moved = np.zeros((len(of_positions), counts[-1]))

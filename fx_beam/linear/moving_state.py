@@ -36,6 +36,8 @@ _LITTLE = 1e-10
 # stiffness of a moving state: the square of a larger one is an error, in a smaller one damping over
 # the length hides the stiffness. The least rate that limits this length [1/s].
 _SMALL, _SHORT, _REST = 1e-5, 1e-6, 1e-12
+# Rounding errors of damping, relative to the tangents of which it is a difference.
+_NO_DAMPING = 1e-13
 # Increment between the points of differences of order six, in units of the scene, or of the
 # shortest element if nodes slide; the least one, near ends of elements on which nodes slide.
 # Weights of these differences.
@@ -275,11 +277,15 @@ def _forces(model: Model, state: State, strained: np.ndarray | None = None):
     if not forms.depend_on_rates:
         f, half, pushes, half_slides = step(INSTANT, moving=False)
         return f, 2 * half, 0 * half, pushes, 2 * half_slides, 0 * half_slides
-    _, at_once, _, slides_at_once = step(INSTANT)
-    _, later, _, slides_later = step(2 * INSTANT)
-    C, viscous = (2 * INSTANT * d for d in (at_once - later, slides_at_once - slides_later))
-    # In an instant strains of round-off would have large rates, and damping hides the stiffness.
     size = max(abs(state.v / model.unit).max(), 0 if strained is None else abs(strained).max())
+    # Without what grows with the motion in a step, and without rounding errors of the stiffness:
+    # they would damp what has no mass.
+    dt = INSTANT / max(size, 1.0)
+    parts = [step(multiple * dt)[1::2] for multiple in (1, 2, 4)]
+    C, viscous = (4 / 3 * dt * (2 * a - 3 * b + c) for a, b, c in zip(*parts, strict=True))
+    C, terms = C.tocoo(), np.sqrt(abs(dt * parts[0][0].diagonal()))
+    C.data[abs(C.data) <= _NO_DAMPING * terms[C.row] * terms[C.col]] = 0.0
+    # In an instant strains of round-off would have large rates, and damping hides the stiffness.
     h = _SHORT / max(size, _REST)
     f, ahead, pushes, slides_ahead = step(h)
     if state.internal is not None or state.spring_internal is not None:

@@ -408,3 +408,27 @@ def test_a_rod_in_a_sleeve_on_the_ground_has_the_frequencies_of_its_modes(elemen
     values = np.linalg.eigvals(fb.linearise(scene, state=state).A)
     found = np.sort(values.imag[values.imag > 0])[:3]
     assert found == pytest.approx(fb.modes(scene, state, n=3).angular_frequencies, rel=1e-6)
+
+
+@pytest.mark.parametrize("EA", [1e6, 1e10])
+def test_turns_without_mass_are_not_damped_by_the_motion_of_a_state(EA):
+    """A damped hinge between two arms that swing, in seconds, milliseconds and hours."""
+
+    def roots(unit):
+        force = unit**2
+        scene = fb.Scene(gravity=(0, -9.81 * force))
+        rod = fb.Section(EA=EA * force, GA=EA * force, EI=1e-3 * EA * force, rhoA=1.0)
+        upper = scene.add_beam([(0, 0), (1, 0)], rod, elements=2)
+        lower = scene.add_beam([(1, 0), (2, 0)], rod, elements=2)
+        scene.clamp(upper.start)
+        hinge = {"spring": fb.Spring(20 * force), "damper": fb.Damper(1.0 * unit)}
+        scene.add_joint(fb.Revolute(upper.end, lower.start, **hinge))
+        swing = fb.simulate(scene, dt=5e-3 / unit, t_end=0.1 / unit)
+        found = np.linalg.eigvals(fb.linearise(scene, swing).A) / unit
+        return np.sort(abs(found))
+
+    expected = roots(1.0)
+    # Eight displacements with mass, and the turn of the hinge's other side with damping alone.
+    assert len(expected) == 17 and expected[0] > 7
+    for unit in (1e-3, 3600.0):
+        assert roots(unit) == pytest.approx(expected, rel=1e-5)
