@@ -336,13 +336,14 @@ def _one_sided(
         """The stored energy over the first number, zero at the surface."""
         return depth * depth / 2 if energy is None else energy(depth) - energy(ufl.as_ufl(0.0))
 
-    def push(step: _Step) -> Any:
-        return step.numbers[0] * _mean_push(unit, step.x, step.motion.rule.level, energy is None)
+    def push(step: _Step, level: float | None = None) -> Any:
+        level = step.motion.rule.level if level is None else level
+        return step.numbers[0] * _mean_push(unit, step.x, level, energy is None)
 
-    def of_loss(step: _Step) -> Any:
+    def of_loss(step: _Step, level: float | None = None) -> Any:
         """The part of the force that takes energy, against an opening."""
         _, r, speed, *_ = step.numbers
-        return r * push(step) * ufl.tanh(step.mean / speed)
+        return r * push(step, level) * ufl.tanh(step.mean / speed)
 
     def forces(step: _Step) -> StepForces:
         step = gap(step)
@@ -369,9 +370,12 @@ def _one_sided(
 
     def loss(step: _Step) -> Any:
         step = gap(step)
-        lost = of_loss(step) if loses else ufl.as_ufl(0.0)
-        total = lost * step.x.path
-        return total + _lost_to_friction(step, push(step) - lost) if sticks else total
+        # The mean force over the step, whatever the scheme's level: at an end it is of first order.
+        total = of_loss(step, 0.5) * step.x.path if loses else ufl.as_ufl(0.0)
+        if not sticks:
+            return total
+        normal = push(step) - of_loss(step) if loses else push(step)
+        return total + _lost_to_friction(step, normal)
 
     return _on(
         kind,

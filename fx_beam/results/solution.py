@@ -371,7 +371,8 @@ class Solution:
         -------
         (n, 2) float
             Acceleration [m/s^2]: for the mid-point schemes the mean over the step, which holds at
-            `t_level[k]`; for the Newmark family the value at t[k]. Row 0 is the start.
+            `t_level[k]`; for `Newmark` the value at t[k], for `HHT` and `GeneralizedAlpha` that at
+            t[k] + (alpha_m - alpha_f) dt, after their start. Row 0 is the start.
         """
         return self._of_node("a", node)[:, :2]
 

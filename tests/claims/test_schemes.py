@@ -77,6 +77,40 @@ def test_damping_at_a_point_of_a_body_leaves_the_order(scheme):
     assert order(steps, errors) > 1.9
 
 
+@pytest.mark.parametrize("scheme", SCHEMES, ids=lambda s: s.name)
+def test_what_restitution_takes_is_of_second_order_in_time(scheme):
+    """Newmark's family took the loss by the force at the end of each step, of first order."""
+
+    def lost(scheme, dt):
+        scene = fb.Scene()
+        ball = scene.add_body((0, 0), 1.0, 0.1)
+        scene.set_velocity(ball, (0, -1.0))
+        law = {"stiffness": 400.0, "restitution": 0.5, "speed": 0.2}
+        scene.add_contact(ball.centre, fb.Line((0, 0), (0, 1)), **law)
+        return fb.simulate(scene, scheme, dt=dt, t_end=0.1).energy.dissipated[-1]
+
+    exact, steps = lost(fb.EnergyMomentum(), 1 / 12800), np.array([1 / 200, 1 / 400, 1 / 800])
+    assert order(steps, [abs(lost(scheme, dt) - exact) for dt in steps]) > 1.9
+
+
+@pytest.mark.parametrize("scheme", SCHEMES, ids=lambda s: s.name)
+def test_accelerations_are_of_second_order_at_the_times_that_are_documented(scheme):
+    k, t_end = 100.0, 1.0
+    steps, errors = np.array([1 / 100, 1 / 200, 1 / 400]), []
+    for dt in steps:
+        scene = fb.Scene()
+        ball = scene.add_body((1, 0), 1.0, 0.1)
+        scene.add_force_between(ball.centre, (0, 0), spring=fb.Spring(k))
+        solution = fb.simulate(scene, scheme, dt=dt, t_end=t_end)
+        t = solution.t_level
+        if isinstance(rates := scheme.rates, fb.NewmarkRates):
+            t = solution.t + (rates.alpha_m - rates.alpha_f) * dt
+        late = solution.t > t_end / 2  # a false start has decayed
+        exact = -k * np.cos(np.sqrt(k) * t)
+        errors.append(abs(solution.acceleration(ball.centre)[:, 0] - exact)[late].max())
+    assert order(steps, errors) > 1.9
+
+
 def test_convergence_in_the_element_size_rises_with_the_degree():
     # At the nodes the error falls with the power 2p of the element size.
     dt, orders = 1 / 400, {}
