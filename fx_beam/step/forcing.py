@@ -20,6 +20,13 @@ if TYPE_CHECKING:
 
 # Weights of the differences of five positions, backwards in time, in the rate at the first one.
 _OF_DIFFERENCES = np.array([-25, 23, -13, 3]) / 12
+# Places near a start, and weights of the differences there that leave of a smooth function nothing
+# but rounding errors: those of its fifth divided difference, relative to the largest.
+_PLACES = 0, 1, 2, 10, 20, 30
+_TO_NOISE = np.array([np.prod([1.0 / (x - y) for y in _PLACES if y != x]) for x in _PLACES[1:]])
+_TO_NOISE /= abs(_TO_NOISE).max()
+# Rounding errors relative to a second difference that are allowed there.
+_EXACT = 1e-4
 
 
 class Forcing:
@@ -64,18 +71,18 @@ class Forcing:
         if not self._driven:
             return np.empty(0), np.empty(0)
         # One-sided differences of second order: a motion need not be defined before the start.
-        # Differences to the start have no rounding error if the motion is constant. Second
-        # differences use longer steps, since rounding errors are divided by h^2.
-        f0, *others = self.series(t + h * np.array([0, 1, 2, 100, 10, 20, 30]))
-        d1, d2, far, e1, e2, e3 = (f - f0 for f in others)
+        # Differences to the start have no rounding error if the motion is constant.
+        f0, *others = self.series(t + h * np.array([*_PLACES, 100, 200, 300]))
+        d1, d2, e1, e2, e3, far, g2, g3 = differences = [f - f0 for f in others]
         rates = (4 * d1 - d2) / (2 * h)
         # Rates below the error of these differences are set to zero.
         rates = np.where(abs(rates) < 1e-3 * abs(far) / (100 * h), 0.0, rates)
-        h *= 10
-        bend = 4 * e2 - 5 * e1 - e3
-        # Values below the rounding error as well.
-        small = abs(bend) <= 10 * np.finfo(float).eps * (abs(f0) + abs(e3))
-        return rates, np.where(small, 0.0, bend) / h**2
+        # Second differences use longer steps, since rounding errors are divided by h^2, and still
+        # longer ones where these errors count. Values below them are set to zero.
+        near, wide = 4 * e2 - 5 * e1 - e3, 4 * g2 - 5 * far - g3
+        wide = np.where(abs(wide) <= 10 * np.finfo(float).eps * (abs(f0) + abs(g3)), 0.0, wide)
+        noise = abs(sum(w * d for w, d in zip(_TO_NOISE, differences, strict=False)))
+        return rates, np.where(noise > _EXACT * abs(near), wide / 100, near) / (10 * h) ** 2
 
     def end_rates(self, ends: np.ndarray, lengths: np.ndarray) -> np.ndarray:
         """Rates (n, driven) of driven motion at the ends of steps, from values in these steps.

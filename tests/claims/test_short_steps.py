@@ -79,3 +79,13 @@ def test_short_steps_late_in_time_are_as_many_as_asked_for_or_refused():
     assert np.isfinite(solution.v).all()
     with pytest.raises(fb.SceneError, match="dt = 1e-12 must be larger, as times near t = 1000"):
         fb.simulate(scene, dt=1e-12, t_end=1000.0 + 20e-12, start=held)
+
+
+@pytest.mark.parametrize("dt", [1e-3, 1e-5])
+def test_a_driven_node_starts_with_its_acceleration(dt):
+    """From steps of 10 microseconds it was wrong by a hundredth, of one by a multiple of itself."""
+    scene = fb.Scene()
+    node = scene.add_body((0, 0), 1.0, 0.1).centre
+    scene.prescribe(node, x=lambda t: 0.1 * np.cos(3 * t) - 0.1)
+    start = fb.simulate(scene, dt=dt, t_end=2 * dt).acceleration(node)[0, 0]
+    assert abs(start + 0.9) < 2e-4
