@@ -126,7 +126,7 @@ class WeakForm:
         self.width = max(len(internal.names) if internal else 0 for _, internal in materials)
         self.internal: Any = None
         if self.width:
-            if len(scheme.fractions) > 1:
+            if min(scheme.fractions) < 0:
                 raise SceneError(
                     f"{scheme.name}: the sub-step that goes back in time would give back what "
                     "internal variables of a section have dissipated. Use order=2"

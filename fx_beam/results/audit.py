@@ -302,8 +302,8 @@ class BeamResultants:
 
     Row k belongs to the step that ends at t[k], also if it was halved: the mean over it for the
     mid-point schemes, else the value at `Solution.t_level`. The same holds for row k of
-    `Solution.reaction` and `JointMotion.force`. Row 0 is the start configuration with its rates, but
-    with natural strains that do not change yet.
+    `Solution.reaction` and `JointMotion.force`. Row 0 is the start configuration with its rates;
+    natural strains do not change yet.
 
     Forces of `Scene.add_virtual_work` that act inside a beam are not included: they are not part of
     the stored energy or of the scheme.

@@ -101,8 +101,8 @@ class Solution:
         Times at which the rows of `resultants`, `reaction`, `JointMotion.force` and
         `ContactMotion.force` hold [s]: the scheme's level in the step that ends at t[k]. At
         mid-step they are means over the whole step, whatever its parts: times the step's
-        length they are impulses. Otherwise they are values, for a halved step in its last
-        part. Row 0 is the start: reactions and joint forces are zero there or, after
+        length they are impulses. Otherwise they are values, in the last part of a halved step
+        and in the last sub-step. Row 0 is the start: reactions and joint forces are zero or, after
         `simulate(start=...)`, those of the last step before.
     q : (n, nodes, 3) float
         Displacements and rotation [m, rad].

@@ -2,11 +2,13 @@
 
 import math
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from jointed import midpoint, pair
+from scenes import with_variables, zener_energy, zener_flow
 
 import fx_beam as fb
 
@@ -53,6 +55,29 @@ def test_the_rules_of_the_package_written_out_are_the_same(kind):
     assert abs(second.resultants(bar).M - first.resultants(bar).M).max() < 1e-6
     # Newton's method has the same tangent: as many iterations, up to rounding.
     assert second.stats.newton_iterations <= first.stats.newton_iterations + 2
+
+
+def test_two_sub_steps_are_two_steps_of_half_the_length():
+    """Forces are those of the last one; they were means of both. What flows is not refused."""
+    scene, bar = mechanism()
+    relaxing = with_variables(zener_energy, zener_flow, rhoA=1.0, rhoI=0.1)
+    strip = scene.add_beam([(0, 1), (1, 1)], relaxing, elements=2)
+    scene.clamp(strip.start)
+    scene.prescribe(strip.end, y=lambda t: 0.2 * math.sin(3 * t))
+    rates = fb.NodalRates(newmark, level=1.0)
+    plain = fb.Scheme("own", fb.Newmark().resultants, rates)
+    halves = fb.simulate(scene, replace(plain, fractions=(0.5, 0.5)), dt=0.01, t_end=0.1)
+    steps = fb.simulate(scene, plain, dt=0.005, t_end=0.1)
+    assert halves.t_level == pytest.approx(steps.t_level[::2])
+    for name in ("q", "v", "reactions", "joint_forces", "motor_forces"):
+        exact = getattr(steps, name)[::2]
+        assert abs(getattr(halves, name) - exact)[1:].max() < 1e-8 * abs(exact).max(), name
+    for beam in (bar, strip):
+        exact = steps.resultants(beam).M[::2]
+        assert abs(halves.resultants(beam).M - exact).max() < 1e-8 * abs(exact).max()
+    for name in ("work", "dissipated"):
+        exact = getattr(steps.energy, name)[::2]
+        assert abs(getattr(halves.energy, name) - exact).max() < 1e-8 * abs(exact).max(), name
 
 
 def test_a_run_of_two_stages_goes_on():

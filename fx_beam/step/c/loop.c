@@ -6,7 +6,7 @@
 #include "tape.h"
 
 static double mid(const Problem *p, double force, double previous) {
-  if (p->level == 0.5 || p->steps_done == 0 || p->sub_steps > 1) return force;
+  if (p->level == 0.5 || p->steps_done == 0) return force;
   return force + (0.5 - p->level) * (force - previous);
 }
 
@@ -203,9 +203,9 @@ static void summarise(Problem *p, const Work *w, double dt, int before, int part
 
 /* Shares of a sub-step and of the parts before in the means over the step so far. */
 static void set_shares(Problem *p, int sub_step, int before) {
-  if (p->level != 0.5) before = 0;
-  p->share = p->fractions[sub_step] / (before + 1);
-  p->earlier = sub_step > 0 ? 1 : before / (before + 1.0);
+  int means = p->level == 0.5;
+  p->share = means ? p->fractions[sub_step] / (before + 1) : 1;
+  p->earlier = means ? sub_step > 0 ? 1 : before / (before + 1.0) : 0;
 }
 
 /* Returns to the state before a step that failed; counts of what was seen are kept. */
@@ -234,7 +234,7 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Reco
   for (int k = 0; k < steps; ++k) {
     int part = (to->part + k) % to->parts, step = to->first + (to->part + k) / to->parts;
     int of_row = step % to->every == 0 || step == to->last, wanted = of_row && part + 1 == to->parts;
-    if (part == 0 || p->level != 0.5) to->starts = to->complete;
+    if (part == 0) to->starts = to->complete;
     int starts = to->starts, changed = 0;
     long taped = to->tape ? to->tape->rows : 0;
     double lost = p->dissipated;
@@ -246,6 +246,7 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Reco
     for (int i = 0; i < p->sub_steps && !p->failure; ++i) {
       long number = (long)k * p->sub_steps + i;
       set_shares(p, i, part);
+      if (p->level != 0.5) to->starts = to->complete;
       if (of_row && to->stores_starts) record_start(p, dt * p->fractions[i], i, to);
       const double *known = p->known ? p->known + i * p->columns : p->repeats && to->tape->increments ? to->tape->increments + number * p->columns : 0;
       if (!take_step(p, w, dt * p->fractions[i], i, inputs, number, known)) break;

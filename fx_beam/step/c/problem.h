@@ -280,7 +280,7 @@ typedef struct {
   double STATE_NUMBERS, STATE_ARRAYS; /* by their names in results/state.py */
   double *driven_now;
   /* Forces are means over the step so far, of which the parts before are the share `earlier`, this sub-step
-     `share`; values of the last part where forces are not at mid-step. */
+     `share`; values of the last sub-step where forces are not at mid-step. */
   double earlier, share;
   double ratio;         /* of the lengths of the last step and of this one, `memory` of a record */
   double energies[8], momenta[3]; /* of the last row */
