@@ -126,11 +126,6 @@ class WeakForm:
         self.width = max(len(internal.names) if internal else 0 for _, internal in materials)
         self.internal: Any = None
         if self.width:
-            if min(scheme.fractions) < 0:
-                raise SceneError(
-                    f"{scheme.name}: the sub-step that goes back in time would give back what "
-                    "internal variables of a section have dissipated. Use order=2"
-                )
             self.internal = elements.coefficient(fields.internal(self.width))
         self._build_resultants()
         self._build_residual()

@@ -421,11 +421,11 @@ class Model:
         #: Supported nodes, their components, and their indices among driven and fixed columns.
         self.supports = nodes, components, columns
         self.points.set_columns(self.couplings.slides)
-        if self.points.width and min(self.scheme.fractions) < 0:
+        if self.flows and min(self.scheme.fractions) < 0:
             raise SceneError(
                 f"{self.scheme.name}: the sub-step that goes back in time would give back what "
-                "internal variables of a spring, or friction that sticks, have dissipated. Use "
-                "order=2"
+                "internal variables of a section or of a spring, or friction that sticks, have "
+                "dissipated. Use order=2"
             )
         sliders = Sliders(scene, self.couplings, self.mesh)
         used, auxiliaries = self.used_entries(), Auxiliaries(self.couplings)
