@@ -307,6 +307,17 @@ def test_a_nanorod_bends_vibrates_and_swings_as_the_theory_of_beams_says():
     assert abs(swing.energy.balance_error).max() < 1e-10 * swing.energy.strain.max()
 
 
+def test_a_law_that_softens_beyond_its_use_is_accepted_in_all_units():
+    for u in UNITS.values():
+        EI = 10.0 / u.force / u.length**2
+        steepest = 0.5 * u.length  # a curvature of 0.5 / m
+
+        def energy(eps, gamma, kappa, EI=EI, steepest=steepest):
+            return 0.5 * EI * kappa**2 * (1 - 0.5 * (kappa / steepest) ** 2) + eps**2 + gamma**2
+
+        assert fb.Section(strain_energy=energy).strain_energy is energy
+
+
 # -- Refusals ------------------------------------------------------------------------------------
 
 
