@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from scipy.integrate import quad, solve_ivp
 
 import fx_beam as fb
 
@@ -108,6 +108,28 @@ def test_accelerations_are_of_second_order_at_the_times_that_are_documented(sche
         late = solution.t > t_end / 2  # a false start has decayed
         exact = -k * np.cos(np.sqrt(k) * t)
         errors.append(abs(solution.acceleration(ball.centre)[:, 0] - exact)[late].max())
+    assert order(steps, errors) > 1.9
+
+
+@pytest.mark.parametrize("scheme", SCHEMES, ids=lambda s: s.name)
+def test_the_work_of_a_drive_after_an_equilibrium_is_of_second_order(scheme):
+    """The equilibrium has no forces of inertia: with those, Newmark's family had first order."""
+    m, c, begin, t_end = 2.0, 5.0, 0.1, 0.3
+    y = lambda t: 0.1 * np.sin(3 * t)  # noqa: E731
+
+    def power(t):
+        return (-9 * m * y(t) + c * 0.3 * np.cos(3 * t)) * 0.3 * np.cos(3 * t)
+
+    steps, errors = np.array([1 / 100, 1 / 200, 1 / 400]), []
+    for dt in steps:
+        scene = fb.Scene()
+        block = scene.add_body((0, 0), m, 0.1).centre
+        scene.fix(block, "x", "rotation")
+        scene.prescribe(block, y=y)
+        scene.add_drag(block, linear=c)
+        start = fb.static(scene, t=begin)
+        work = fb.simulate(scene, scheme, dt=dt, t_end=t_end, start=start).energy.work
+        errors.append(abs(work[-1] - work[0] - quad(power, begin, t_end)[0]))
     assert order(steps, errors) > 1.9
 
 

@@ -5,8 +5,11 @@
 #include "recorder.h"
 #include "tape.h"
 
+/* Force in the middle of a step, from those at the scheme's level in it and in the one before. An equilibrium before the
+   first step has no forces of inertia. */
 static double mid(const Problem *p, double force, double previous) {
-  if (p->level == 0.5 || p->steps_done == 0) return force;
+  int has_previous = p->at_rest ? p->steps_done > 0 : p->length > 0;
+  if (p->level == 0.5 || !has_previous) return force;
   return force + (0.5 - p->level) * (force - previous);
 }
 
