@@ -178,7 +178,8 @@ def _time_grid(dt: Any, t_end: Any, t0: float, goes_on: bool) -> np.ndarray:
     choice = ", or give a tolerance, which chooses the steps" if dt is None else ""
     dt = positive(dt, "dt", f"a positive number{choice}")
     if t_end - t0 < dt * (1e-6 if goes_on else 1 - 1e-6):
-        least = f"after the start at t = {t0:g}" if goes_on else f"at least one step dt = {dt!r}"
+        later = f"after the start at t = {t0:g}, by more than a millionth of dt"
+        least = later if goes_on else f"at least one step dt = {dt!r}"
         raise SceneError(f"t_end = {t_end!r} must be {least}")
     wanted = f"larger: its steps to t_end = {t_end!r} are more than {MOST_STEPS:.0e}"
     require((t_end - t0) / dt <= MOST_STEPS, "dt", dt, wanted)
