@@ -362,8 +362,9 @@ class Model:
 
     @cached_property
     def massless(self) -> np.ndarray:
-        """Whether a degree of freedom is massless, (size,)."""
-        return self.mass.diagonal() == 0
+        """Whether neither a degree of freedom has mass nor one that is equal to it, (size,)."""
+        heavy, column = self.mass.diagonal() > 0, self.couplings.column
+        return ~(heavy | (column >= 0) & self.reduction.equal(heavy)[column])
 
     def little_mass(self) -> np.ndarray:
         """Small masses and inertias (size,) of the degrees of freedom that have none, for fits."""

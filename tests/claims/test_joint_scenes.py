@@ -226,3 +226,23 @@ def test_a_mass_on_a_massless_arm_falls_freely_at_the_start():
     solution = fb.simulate(scene, fb.Newmark(), dt=0.001, t_end=0.01)
     for node in (bob.start, bob.end):
         assert solution.acceleration(node)[0] == pytest.approx([0, -9.81], abs=1e-10)
+
+
+# -- Rates of massless nodes -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scheme", [fb.EnergyMomentum, fb.EnergyDecaying, fb.Newmark, fb.HHT])
+def test_a_massless_node_has_the_rates_of_the_node_that_holds_it(scheme):
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    stiffness = {"EA": 1e4, "GA": 1e4, "EI": 10.0}
+    heavy = scene.add_beam([(0, 0), (1, 0)], fb.Section(**stiffness, rhoA=1.0, rhoI=0.1), 2)
+    thin = scene.add_beam([(0, 0), (0, 1)], fb.Section(**stiffness, rhoA=1.0), 2)
+    massless = scene.add_beam([(1, 0), (2, 0)], fb.Section(**stiffness))
+    scene.pin(massless.end)
+    rigid = scene.add_joint(fb.Rigid(thin.start, heavy.start))
+    hinge = scene.add_joint(fb.Revolute(massless.start, heavy.end))
+    scene.add_moment(heavy.start, 1.0)
+    solution = fb.simulate(scene, scheme(), dt=0.01, t_end=0.1)
+    for rates in (solution.v, solution.a):
+        assert np.array_equal(rates[:, rigid.a.number], rates[:, rigid.b.number])
+        assert np.array_equal(rates[:, hinge.a.number, :2], rates[:, hinge.b.number, :2])
