@@ -432,6 +432,16 @@ class PointForces:
             texts[first : first + force.law.internal] = [force.belongs_to] * force.law.internal
         return np.array(texts, dtype=str)
 
+    def remember(self, internal: np.ndarray | None, moved: np.ndarray, slid: np.ndarray) -> bool:
+        """Whether internal variables depend on degrees of freedom or slides that have moved.
+
+        Contacts that have not been closed have nothing to remember.
+        """
+        have_closed = self._variables(internal)[self.first_of_contacts :].any()
+        of_joints = (f for f in self._forces[self.ends[Role.CONTACT] :] if f.law.internal)
+        places = ((slid, [f.slide]) if f.slide >= 0 else (moved, f.dofs) for f in of_joints)
+        return bool(have_closed) or any(of[i] for of, at in places for i in at if i >= 0)
+
     @property
     def first_of_contacts(self) -> int:
         """First of the internal variables of contacts, which follow each other."""

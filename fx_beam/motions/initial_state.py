@@ -46,14 +46,10 @@ def _settled(model: Model, state: State, force: np.ndarray, dt: float) -> State:
     """The state with massless parts in equilibrium under dead forces (size,), by Newton's method.
 
     In a time so short that mass and dampers hold all others, and nothing relaxes. The state itself,
-    with a warning, if that fails, or where something may yield or slip, which depends on the way.
+    with a warning, if that fails, or where internal variables would flow, which depends on the way.
     """
     from fx_beam.step.equations import Equations
 
-    materials = (beam.section.internal for beam in model.scene.beams)
-    if state.spring_internal is not None or any(of and of.level == 1 for of in materials):
-        _log.warning(_NOT_SETTLED)
-        return state
     reduction, still, has_mass = model.reduction, np.zeros(model.size), ~model.massless
     shared = reduction.moves(has_mass) & ~reduction.moves_alone(has_mass)
     equations = Equations(model, inertia=_LITTLE if shared.any() else 1.0)
@@ -74,11 +70,9 @@ def _settled(model: Model, state: State, force: np.ndarray, dt: float) -> State:
             break
         w[independent] = -level * factors.solve(residual[independent])
         y = reduction.completed(w)[: reduction.free]
+        turn = abs(reduction.expand(y, np.zeros(reduction.driven))[model.turns]).max()
+        y *= _LONGEST_TURN / max(turn, _LONGEST_TURN)
         D = reduction.expand(y, np.zeros(reduction.driven))
-        turn = abs(D[model.turns]).max()
-        if turn > _LONGEST_TURN:
-            y *= _LONGEST_TURN / turn
-            D = reduction.expand(y, np.zeros(reduction.driven))
         size = abs(D / model.unit).max()
         if not np.isfinite(size):
             break
@@ -86,6 +80,10 @@ def _settled(model: Model, state: State, force: np.ndarray, dt: float) -> State:
         now = replace(now, q=now.q + D, slides=slides)
         if size <= _TOLERANCE or _STALLED >= size > 0.5 * last:
             if holding.any() or not away.any():
+                moved = abs(now.q - state.q) > _IN_PLACE * model.unit
+                slid = abs(now.slides - state.slides) > _IN_PLACE * model.mesh.size
+                if model.remembers(state, moved, slid):
+                    break
                 return replace(state, q=now.q, slides=now.slides)
             # Little inertia gives way. The force that it had is given, and brings all back.
             holding, size = away / (level * time), np.inf

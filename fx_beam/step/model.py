@@ -161,6 +161,13 @@ class Model:
         if elsewhere or scene.drags or (self.scheme.rates.at_rest and not by_places):
             self._check_mechanism()
 
+    def remembers(self, state: State, moved: np.ndarray, slid: np.ndarray) -> bool:
+        """Whether what may flow at once depends on degrees of freedom or slides that have moved."""
+        beams = (of for of in self.scene.beams if (m := of.section.internal) and m.level == 1)
+        dofs = (self.mesh.dofs[self.mesh.nodes_of(self.scene, beam)] for beam in beams)
+        by_points = self.points.remember(state.spring_internal, moved, slid)
+        return by_points or any(moved[of].any() for of in dofs)
+
     def _damp_friction(self) -> None:
         """Give friction that sticks its damping, by the masses that it holds."""
         coordinates = [c for joint in self.scene.joints for c in joint.coordinates.values()]
