@@ -354,18 +354,17 @@ class Reduction:
         of = self.couplings
         return of.is_index and not (of.closures or of.moving or of.auxiliaries)
 
-    def equal(self, dofs: np.ndarray) -> np.ndarray:
-        """Whether each column and auxiliary unknown equals one of some degrees of freedom."""
-        column = self.couplings.column
-        return np.bincount(column[dofs & (column >= 0)], minlength=self._shape[1]) > 0
-
     def moves_alone(self, dofs: np.ndarray) -> np.ndarray:
         """Whether each unknown (free,) equals one of some degrees of freedom (size,).
 
         So far as it is known: not in long trees, loops or on beams.
         """
-        unknown = bool(len(self.auxiliaries) or self.couplings.sliding)
-        return self.equal(dofs)[: self.free] & (not unknown)
+        if len(self.auxiliaries) or self.couplings.sliding:
+            return np.zeros(self.free, dtype=bool)
+        row, column, value_at, _ = self._entries
+        alone = np.bincount(row, minlength=self._size) == 1
+        equal = column[alone[row] & dofs[row] & (value_at == 0)]
+        return np.bincount(equal, minlength=self.columns)[: self.free] > 0
 
     def normal(self, weight: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
         """T^T W T for a matrix W (size, size), as a system with equations of dependent columns.

@@ -330,10 +330,9 @@ class Model:
     @cached_property
     def nodal_rules(self) -> list[PointFunction]:
         """The nodal rules of the rates, if they are those of a user."""
-        rates = self.scheme.rates
-        if not isinstance(rates, NodalRates):
-            return []
-        return [compiled_rule(rates, rule) for rule in rates.rules]
+        rates: Any = self.scheme.rates
+        of_user = rates.rules if isinstance(rates, NodalRates) else ()
+        return [compiled_rule(rates, rule) for rule in of_user]
 
     @property
     def keeps_previous(self) -> bool:
@@ -369,9 +368,11 @@ class Model:
 
     @cached_property
     def massless(self) -> np.ndarray:
-        """Whether neither a degree of freedom has mass nor one that is equal to it, (size,)."""
-        heavy, column = self.mass.diagonal() > 0, self.couplings.column
-        return ~(heavy | (column >= 0) & self.reduction.equal(heavy)[column])
+        """Whether neither a degree of freedom has mass nor one that moves as it does, (size,)."""
+        self.reduction.begin(np.zeros(self.size), slides_at_start(self.scene))
+        # Those that are equal have equal rates, whatever those of the columns are.
+        rates = self.reduction.spread(np.random.default_rng(0).random(self.reduction.columns))
+        return ~np.isin(rates, rates[self.mass.diagonal() > 0])
 
     def little_mass(self) -> np.ndarray:
         """Small masses and inertias (size,) of the degrees of freedom that have none, for fits."""
