@@ -244,9 +244,8 @@ class Model:
 
         In motions the force of a contact over a step is smooth and convex.
         """
-        if self.forms.internal_shape[-1] > 0 or self.points.any_have("overshoots"):
-            return True
-        return self.scheme.rates.at_rest and self.has_contact
+        overshoots = self.forms.internal_shape[-1] > 0 or self.points.any_have("overshoots")
+        return overshoots or (self.scheme.rates.at_rest and self.has_contact)
 
     @property
     def flows(self) -> bool:
@@ -284,10 +283,9 @@ class Model:
         """Whether forces may change quickly where no switch tells: sections' laws, flow, losses."""
         # Friction, contact with a loss, and dampers with laws of a user lose quickly.
         quick = (law.remembered or (law.loss and law.of_user) for law in self.points.laws)
-        if self.flows or any(quick):
-            return True
         laws = [beam.section.strain_energy for beam in self.scene.beams]
-        return any(law is not None and has_pieces(law) for law in laws)
+        in_pieces = (law is not None and has_pieces(law) for law in laws)
+        return self.flows or any(quick) or any(in_pieces)
 
     def energy(self, state: State) -> float:
         """Kinetic, stored and potential energy [J]."""
@@ -324,8 +322,7 @@ class Model:
     @cached_property
     def widths(self) -> dict[str, int]:
         """Numbers in a row of each recorded quantity."""
-        sizes = self.sizes
-        return {name: math.prod(quantity.lengths(sizes)) for name, quantity in ROWS.items()}
+        return {name: math.prod(quantity.lengths(self.sizes)) for name, quantity in ROWS.items()}
 
     @cached_property
     def nodal_rules(self) -> list[PointFunction]:
@@ -369,10 +366,13 @@ class Model:
     @cached_property
     def massless(self) -> np.ndarray:
         """Whether neither a degree of freedom has mass nor one that moves as it does, (size,)."""
+        heavy = self.mass.diagonal() > 0
+        if heavy.all():
+            return ~heavy
         self.reduction.begin(np.zeros(self.size), slides_at_start(self.scene))
         # Those that are equal have equal rates, whatever those of the columns are.
         rates = self.reduction.spread(np.random.default_rng(0).random(self.reduction.columns))
-        return ~np.isin(rates, rates[self.mass.diagonal() > 0])
+        return ~np.isin(rates, rates[heavy])
 
     def little_mass(self) -> np.ndarray:
         """Small masses and inertias (size,) of the degrees of freedom that have none, for fits."""
