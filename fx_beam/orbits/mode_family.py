@@ -58,11 +58,6 @@ class ModeFamily:
         shooting, model, what = self._shooting, self._shooting.model, self._shooting.what
         require(is_whole(mode, 0), f"{what}: mode", mode, "the number of a mode, from 0 on")
         shooting.check_free()
-        if shooting.depends_on_time(shooting.first_state(state, 1.0 / shooting.steps), 1.0):
-            raise SceneError(
-                f"{what}: loads, motors or parameters depend on time, so that the motion is "
-                "forced: it has their period. Give period=, without a mode"
-            )
         if state is None and shooting.prepared.forcing.dead(0.0).any():
             raise SceneError(
                 f"{what}: the scene has loads. Give the equilibrium about which the mode vibrates, "
@@ -78,6 +73,11 @@ class ModeFamily:
         #: Period of the mode [s] for small amplitudes, and the state at rest.
         self._period = 2 * np.pi / float(omega[mode])
         rest = shooting.first_state(state, self._period / shooting.steps)
+        if shooting.depends_on_time(rest, self._period):
+            raise SceneError(
+                f"{what}: loads, motors or parameters depend on time, so that the motion is "
+                "forced: it has their period. Give period=, without a mode"
+            )
         self._rest = rest.changed(v=0 * rest.v, a=0 * rest.a)
         sizes = abs(moved / model.unit)
         sizes[model.turns] *= _MOVES  # rotations count if nothing else moves

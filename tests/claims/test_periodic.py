@@ -388,3 +388,35 @@ def test_a_scene_that_build_changes_in_more_than_numbers_is_refused():
 
     with pytest.raises(fb.SceneError, match="another structure"):
         fb.forced_response(build, (0.1, 0.3), steps=21)
+
+
+@pytest.mark.parametrize(("sense", "kind"), [(1, "fold"), (-1, "")])
+@pytest.mark.parametrize("unit", [1.0, 1e-15])
+def test_a_cycle_that_a_force_drives_is_unstable_or_stable_in_all_units(sense, kind, unit):
+    """Van der Pol's x'' + s c x' (1 - 4 x^2) + x = 0, by a pull with and without a damper."""
+    c = 0.3 * unit
+    for damper in (False, True):
+        scene = fb.Scene()
+        body = scene.add_body((0, 0), mass=unit, inertia=unit).centre
+        on = {"spring": fb.Spring(unit), "damper": fb.Damper(c) if damper else None}
+        scene.add_joint(fb.Prismatic(fb.GROUND, body, axis=(1, 0), **on))
+        of_rate = sense * c - damper * c
+
+        def pull(distance, rate, t, of_rate=of_rate):
+            return (of_rate - 4 * sense * c * (distance - 3) ** 2) * rate
+
+        scene.add_force_between(body, (-3, 0), force=pull)
+        scene.set_velocity(scene.bodies[0], (1.0, 0.0))
+        start = fb.simulate(scene, dt=0.05, t_end=7.0 if sense > 0 else 30.0)
+        cycle = fb.periodic(scene, start=start, steps=101)
+        assert cycle.instability == kind
+        # Liouville: the other multiplier is e^(mean divergence times the period).
+        assert np.prod(cycle.multipliers) == pytest.approx(
+            math.exp(sense * 0.6 * math.pi), rel=0.05
+        )
+
+
+def test_a_load_that_is_the_same_at_all_parts_of_a_second_is_not_constant():
+    scene, _ = duffing(force=lambda t: 0.1 * math.cos(2 * math.pi * 41 * t))
+    with pytest.raises(fb.SceneError, match="depend on time"):
+        fb.backbone(scene, amplitude=0.5, state=fb.static(scene), steps=41)
