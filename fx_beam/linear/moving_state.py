@@ -44,8 +44,8 @@ _NO_DAMPING = 1e-13
 _APART, _LEAST_APART = 0.02, 1e-4
 _FIRST, _SECOND = (3 / 4, -3 / 20, 1 / 60), (3 / 2, -3 / 20, 1 / 90)
 # Half of the time over which a natural strain is seen to change, relative to the time, or 1 s [s],
-# and the largest difference of its rates before and behind, relative to them.
-_MOMENT, _KINK = 1e-6, 1e-3
+# and the largest difference of its changes before and behind, relative to them; round-off of it.
+_MOMENT, _KINK, _ROUNDING = 1e-6, 1e-3, 1e-13
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,15 +238,19 @@ def _natural_rates(model: Model, t: float, what: str) -> np.ndarray | None:
     if not model.natural:
         return None
     h = _MOMENT * max(1.0, abs(t))
-    before, now, behind = (model.natural.at(t + x) for x in (-h, 0.0, h))
-    change, bend = behind - before, behind - 2 * now + before
+    now, unit = model.natural.at(t), np.array([1.0, 1.0, model.mesh.size])
+    near, far = ([model.natural.at(t + x) for x in (-step, step)] for step in (h, 2 * h))
+    bend, wide = sum(near) - 2 * now, sum(far) - 2 * now
+    # Over twice the time a smooth function bends four times as much, one with a kink twice.
+    jump, bend, change = (abs(of * unit) for of in (4 * bend - wide, bend, near[1] - near[0]))
     for beam, cells in zip(model.scene.beams, model.mesh.cells, strict=True):
-        if beam.section.damped and abs(bend[cells]).max() > _KINK * abs(change[cells]).max():
+        least = _KINK * change[cells].max() + bend[cells].max() + _ROUNDING
+        if beam.section.damped and jump[cells].max() > least:
             raise SceneError(
                 f"{what}: beam {beam.name!r} has retardation, and a natural strain whose rate "
                 f"jumps at t = {t:g}, and with it a force. Take a state before or behind it"
             )
-    return change / (2 * h)
+    return (8 * (near[1] - near[0]) - (far[1] - far[0])) / (12 * h)
 
 
 def _forces(model: Model, state: State, strained: np.ndarray | None = None):

@@ -225,6 +225,21 @@ def test_a_linear_system_needs_the_rates_of_natural_strains_that_damp():
     fb.linearise(scene, fb.simulate(scene, dt=0.005, t_end=0.03))
 
 
+@pytest.mark.parametrize("unit", [1.0, 3600.0])
+@pytest.mark.parametrize("strain", [lambda x: x**2, np.cos, lambda x: 1 - np.cos(x), np.sin])
+def test_a_natural_strain_without_a_rate_at_the_start_has_no_jump_in_any_unit_of_time(strain, unit):
+    """The rate is that of its slope: none at the start, but that of a sine."""
+    lengths = []
+    for at in (strain, lambda x: np.sin(x) * (strain is np.sin)):
+        rod = {"EA": 1e4 * unit**2, "GA": 1e4 * unit**2, "EI": unit**2, "rhoA": 1.0, "rhoI": 1e-3}
+        damped = fb.Section(**rod, retardation=1e-2 / unit)
+        scene, _ = bar(damped, curvature=lambda t, at=at: 0.3 * at(20 * t * unit))
+        system = fb.linearise(scene, fb.Motion(scene, dt=5e-3 / unit))
+        lengths.append(np.sort(abs(np.linalg.eigvals(system.A))) / unit)
+    if strain is not np.cos:  # which bends the beam
+        assert lengths[0] == pytest.approx(lengths[1], rel=1e-6)
+
+
 @pytest.mark.parametrize("link", [False, True])
 def test_a_damped_string_that_is_strained_has_the_frequencies_of_its_whole_force(link):
     """Its force is -EA (e + tau e') for a natural strain e that grows; it also pulls at a link."""
