@@ -139,7 +139,7 @@ class Shooting:
         fixed = [3 * node + i for node, i in model.scene.fixed]
         #: Rates that steps keep: of what has mass and moves.
         self._rates = np.setdiff1d(np.flatnonzero(~model.massless), fixed)
-        if (n := self._movable + sum(self._inside.values())) > _MOST:
+        if (n := self.movable + sum(self._inside.values())) > _MOST:
             raise SceneError(
                 f"{what}: a state has {n} variables, and the time for derivatives by all of them "
                 f"grows with their square. Use fewer elements, for at most {_MOST}"
@@ -212,8 +212,8 @@ class Shooting:
         rows = matrix.T
         changes = {"slides": model.couplings.free_slides(rows[:, :free], model.scene.joint_count)}
         changes["v"] = np.zeros((n, model.size))
-        changes["v"][:, self._rates] = rows[:, free : self._movable]
-        first = self._movable
+        changes["v"][:, self._rates] = rows[:, free : self.movable]
+        first = self.movable
         for name, size in self._inside.items():
             changes[name], first = rows[:, first : first + size], first + size
         spread = reduction.coupling()[:, independent[:y]].toarray() * scale[independent[:y]]
@@ -265,7 +265,7 @@ class Shooting:
         turns[of] = 2 * np.pi * np.round((last.q - state.q)[of] / (2 * np.pi))
         end = self._at_start(TurnCounter.without(turns, last).changed(t=state.t))
         scale, first = self.scales(state, length), self.rows_of(state)
-        movable, parts = self._movable, len(self.model.scheme.fractions)
+        movable, parts = self.movable, len(self.model.scheme.fractions)
         apart = (self._taped_rows() - first[:movable]) / scale[:movable]
         way = np.zeros(len(scale))
         way[:movable] = apart[parts] + (self.rows_of(last) - first)[:movable] / scale[:movable]
@@ -277,11 +277,11 @@ class Shooting:
     @property
     def are_rates(self) -> np.ndarray:
         """Which rows of a state are rates."""
-        at = np.arange(self._movable + sum(self._inside.values()))
-        return (at >= self.model.reduction.free) & (at < self._movable)
+        at = np.arange(self.movable + sum(self._inside.values()))
+        return (at >= self.model.reduction.free) & (at < self.movable)
 
     @property
-    def _movable(self) -> int:
+    def movable(self) -> int:
         """Number of rows of positions and rates."""
         return self.model.reduction.free + len(self._rates)
 

@@ -2,6 +2,8 @@
 
 import math
 
+import ufl
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -24,6 +26,38 @@ def duffing(damping=0.0, force=None, stop=None):
     if force is not None:
         scene.add_force(body.centre, lambda t: (force(t), 0.0))
     return scene, body
+
+
+@pytest.mark.parametrize("push", [0.0, 3.0])
+def test_a_motion_within_the_elastic_range_keeps_the_plastic_strain_of_its_start(push):
+    """A mass on a spring of 1 N/m that yields at 2 N; a push leaves a plastic slide."""
+
+    def energy(x, a):
+        return (x - a[0]) ** 2 / 2 + 0.05 * a[0] ** 2
+
+    def flow(old, strains0, strains, dt):
+        trial = strains[0] - 1.1 * old[0]
+        excess = ufl.max_value(abs(trial) - 2.0, 0)
+        return [old[0] + ufl.sign(trial) * excess / 1.1]
+
+    scene = fb.Scene()
+    body = scene.add_body((0, 0), mass=1.0, inertia=1.0).centre
+    spring = fb.Spring(
+        strain_energy=energy, internal=fb.InternalVariables(("plastic slide",), flow)
+    )
+    on = {"spring": spring, "damper": fb.Damper(0.2)}
+    guide = scene.add_joint(fb.Prismatic(fb.GROUND, body, (1, 0), **on))
+    load = scene.add_force(body, (push, 0.0))
+    pushed = fb.static(scene, load_steps=6)
+    load = scene.change(load, (0.0, 0.0))
+    released = fb.static(scene, start=pushed)
+    scene.change(load, lambda t: (0.5 * math.sin(2 * t), 0.0))
+    found = fb.periodic(scene, start=released, period=math.pi, steps=101).solution.joint(guide)
+    left = released.joint(guide).internal("plastic slide")[-1]
+    assert left == pytest.approx(10 * max(push - 2.0, 0.0), rel=1e-9)
+    assert found.internal("plastic slide") == pytest.approx(np.full(102, left), abs=1e-12)
+    assert np.ptp(found.slide) / 2 == pytest.approx(0.5 / math.hypot(3.0, 0.4), rel=2e-3)
+    assert found.slide.max() + found.slide.min() == pytest.approx(2 * left, abs=1e-3)
 
 
 def frequency_of_duffing(amplitude):
