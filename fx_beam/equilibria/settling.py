@@ -96,8 +96,8 @@ class Settling:
     def _size(self, D: np.ndarray) -> float:
         return float(abs(D / self.model.unit).max(initial=0.0))
 
-    def _check(self, largest: float, state: State) -> None:
-        """SceneError if an equilibrium is free to move: the loads give it no stiffness."""
+    def freest(self, state: State, largest: float = 0.0) -> np.ndarray | None:
+        """A small motion (size,) against which a state has no stiffness, beside a load; or None."""
         model, motions = self.model, self.stepper.motions
         K, T, unit = motions.stiffness(state), motions.coupling(), motions.unit
         none = max(_OF_LOADS * largest, _ROUNDING * abs(K.diagonal() * unit**2).max())
@@ -109,9 +109,13 @@ class Settling:
             x = factors.solve(x / unit**2)
             size = float(np.linalg.norm(x / unit))
             least, x = 1 / size, x / size
-        if least > none:
+        return None if least > none else T @ x / model.unit
+
+    def _check(self, largest: float, state: State) -> None:
+        """SceneError if an equilibrium is free to move: the loads give it no stiffness."""
+        if (free := self.freest(state, largest)) is None:
             return
-        moved = abs(T @ x / model.unit).reshape(-1, 3)
+        moved, model = abs(free).reshape(-1, 3), self.model
         node, component = np.unravel_index(moved.argmax(), moved.shape)
         x, y = model.mesh.X[node]
         where = f"{COMPONENTS[component]} of node {node} at ({x:g}, {y:g})"

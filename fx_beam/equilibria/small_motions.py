@@ -128,8 +128,7 @@ class SmallMotions:
         M = self._mass()
         if not M.data.any():
             raise ValueError(
-                "unstable_modes: where forces follow the motion, stability depends on masses. Give "
-                "a section rhoA, or add masses"
+                "unstable_modes: under forces that follow the motion stability depends on masses"
             )
         inverse = pivoted_lu(K)
         if K.shape[0] <= _FULL:

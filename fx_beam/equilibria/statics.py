@@ -38,8 +38,8 @@ from .settling import Settling
 
 _log = logging.getLogger("fx_beam")
 _UNSTABLE = (
-    "static: the equilibrium of this mechanism is unstable; it stands there because its parts are "
-    "placed so. Place them a little beside it to find a stable one"
+    "static: the equilibrium of this mechanism is unstable. Place its parts a little beside it to "
+    "find a stable one"
 )
 _BAR = "{percentage:3.0f}%|{bar}| load factor {n:.3g} [{elapsed}]"
 
@@ -65,8 +65,7 @@ class LoadPath:
         if options.continuation is not None and model.points.follow_joints:
             raise SceneError(
                 "static: arc-length steps do not find the force of a joint that its friction "
-                "follows, fx_beam.Coulomb. Use load steps (without continuation), or "
-                "fx_beam.SmoothFriction"
+                "follows. Use load steps (without continuation), or fx_beam.SmoothFriction"
             )
         turning = TurningFrame(model, options.spin, options.pivot) if options.spin else None
         self.forcing = LoadForcing(model, options.t, turning)
@@ -113,7 +112,10 @@ class LoadPath:
         if isinstance(start, Branch):
             self._branch_off(start)
             return
-        if self.model.mechanism:
+        model, works = self.model, self.model.scene.virtual_works
+        if works and model.mechanism and Settling(stepper).freest(reference_state(model)) is None:
+            model.mechanism = ""  # they hold it
+        if model.mechanism:
             states.append(self._settled())
         elif start is None:
             states.append(stepper.first_state())
@@ -132,8 +134,7 @@ class LoadPath:
         if not is_equilibrium(arc, state):
             raise SceneError(
                 "static: start is a branch of another path: the bifurcation is no equilibrium of "
-                f"this scene at load factor {point.load_factor:g}. Give the scene, t and inputs of "
-                "its path, which must not have a start of its own"
+                "this scene. Give scene, t and inputs of its path, one without a start of its own"
             )
         states.append(state)
         try:
@@ -210,9 +211,8 @@ class LoadPath:
             advice = f"There is a {point.kind} near load factor {point.load_factor:.4g}. "
             if point.kind == "bifurcation" and self.start is None and not self.options.spin:
                 advice += (
-                    "Follow a branch: point = error.solution.critical_points[-1], and then static("
-                    'scene, start=point.branch(+1), continuation="arc-length"); or give the load a '
-                    "little more or less"
+                    "Follow a branch: start=error.solution.critical_points[-1].branch(+1), with "
+                    'continuation="arc-length"; or give the load a little more or less'
                 )
             else:
                 advice += error.failure.advice

@@ -124,7 +124,7 @@ class Model:
         #: Why the scene without loads is a mechanism; empty if it is none.
         self.mechanism = ""
         heavy = not self._weightless and not self.massless.any()
-        if self.scene.virtual_works or heavy:
+        if heavy or (self.scene.virtual_works and not self._settles):
             return
         from fx_beam.coupling.determinacy import check_no_massless_mechanism
 

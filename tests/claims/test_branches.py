@@ -286,7 +286,7 @@ def test_points_of_a_path_that_starts_from_a_loaded_state():
     path = fb.static(scene, load_steps=4, start=pulled)
     (point,) = path.critical_points
     assert 15 * point.load_factor - 5 * (1 - point.load_factor) == pytest.approx(10, rel=3e-5)
-    with pytest.raises(fb.SceneError, match="must not have a start of its own"):
+    with pytest.raises(fb.SceneError, match="without a start of its own"):
         fb.static(scene, start=point.branch(), continuation="arc-length")
     with pytest.raises(fb.SceneError, match="without start and spin"):
         fb.static(scene, start=pulled, branches=1)

@@ -204,7 +204,7 @@ def test_an_error_names_the_bifurcation_at_which_steps_fail():
     path = caught.value.solution
     assert len(path.t) > 4
     assert path.critical_points[-1].load_factor == pytest.approx(1, abs=1e-7)
-    assert "point.branch(+1)" in path.stats.failure.advice
+    assert "critical_points[-1].branch(+1)" in path.stats.failure.advice
     # No branches start on a path that began on another one.
     scene.remove(scene.loads[0])
     pushed = fb.static(scene, load_steps=1)

@@ -1,5 +1,7 @@
 """Mechanisms that their loads hold: the equilibria in which they settle."""
 
+import ufl
+
 import numpy as np
 import pytest
 import scipy.optimize
@@ -62,6 +64,38 @@ def test_a_chain_of_bars_hangs_as_a_funicular_polygon(side):
     halves = G * np.array([bar.length for bar in bars]) / 2
     assert rises == pytest.approx(halves[:-1] + halves[1:], rel=1e-6)
     assert path.stable.all() and x[1:-1, 1].max() < 0
+
+
+def hinged_arm():
+    """A heavy arm on a pin, which starts level."""
+    scene = fb.Scene(gravity=(0.0, -G))
+    section = fb.Section(EA=400.0, GA=150.0, EI=0.5, rhoA=0.1, rhoI=1e-5)
+    arm = scene.add_beam([(0, 0), (1, 0)], section, elements=8)
+    scene.pin(arm.start)
+    return scene, arm
+
+
+@pytest.mark.parametrize("wind", [0.0, 0.1])
+@pytest.mark.parametrize("how", [None, "arc-length"])
+def test_an_arm_hangs_with_a_force_of_ones_own_as_with_a_load(wind, how):
+    """Drag against the velocity does not act at rest, and wind is a line load."""
+    scene, arm = hinged_arm()
+    scene.add_virtual_work(lambda step: -0.4 * ufl.dot(step.v, step.virtual_u))
+    loaded, other = hinged_arm()
+    if wind:
+        scene.add_virtual_work(lambda step: wind * step.load_factor * step.virtual_u[0])
+        loaded.add_line_load(other, (wind, 0.0))
+    found, exact = (fb.static(of, load_steps=5, continuation=how) for of in (scene, loaded))
+    assert found.load_factor[[0, -1]].tolist() == exact.load_factor[[0, -1]].tolist() == [0.2, 1]
+    assert found.position(arm.end)[-1] == pytest.approx(exact.position(other.end)[-1], abs=1e-9)
+
+
+def test_a_bed_of_ones_own_holds_an_arm_from_the_start():
+    scene, arm = hinged_arm()
+    scene.add_virtual_work(lambda step: -80.0 * step.u[1] * step.virtual_u[1])
+    path = fb.static(scene, load_steps=5)
+    assert path.load_factor[0] == 0 and not path.q[0].any()
+    assert path.displacement(arm.end)[-1, 1] == pytest.approx(-0.1 * G / 80, rel=0.25)
 
 
 def test_a_loop_of_bars_hangs_where_its_weight_is_lowest():
