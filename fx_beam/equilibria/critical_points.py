@@ -148,9 +148,10 @@ class PathStability:
         """Numbers (n,) of modes that grow: those of the steps' factors, else of new ones."""
         states = self._states[self._first : len(self._states) - self._last]
         known = [state.negative_eigenvalues for state in states]
-        if None in known and self._motions.model.flows:
+        steps, flowed = zip(states, states[1:], known[1:], strict=False), self._motions.model.flowed
+        if any(count is None and flowed(before, behind) for before, behind, count in steps):
             raise ValueError(
-                "unstable_modes: where something may slip or flow, they are known of symmetric "
+                "unstable_modes: where something slips or flows, they are known of symmetric "
                 "tangents: not where friction slips or forces follow the motion, nor with closed "
                 "loops, nodes that slide on beams, contact of members, or several processes"
             )

@@ -127,9 +127,7 @@ class SmallMotions:
         K = self.stiffness(state) if K is None else K
         M = self._mass()
         if not M.data.any():
-            raise ValueError(
-                "unstable_modes: under forces that follow the motion stability depends on masses"
-            )
+            raise ValueError("unstable_modes: with follower forces stability depends on masses")
         inverse = pivoted_lu(K)
         if K.shape[0] <= _FULL:
             values = np.linalg.eigvals(inverse.solve(M.toarray()))

@@ -156,14 +156,30 @@ def test_a_pivot_that_is_zero_is_no_bifurcation():
     assert path.unstable_modes.tolist() == [0, *[1] * 5, 2]
 
 
+def stiffening(c):
+    """A spring with the moment c x + 4 x^3."""
+    return fb.Spring(strain_energy=lambda x: c / 2 * x**2 + x**4)
+
+
+def yielding(c):
+    """A spring that yields at a moment that is not reached."""
+
+    def flow(old, strains0, strains, dt):
+        trial = c * (strains[0] - old[0])
+        return [old[0] + ufl.sign(trial) * ufl.max_value(abs(trial) - 100.0, 0) / c]
+
+    variables = fb.InternalVariables(("plastic angle",), flow)
+    return fb.Spring(strain_energy=lambda x, a: c / 2 * (x - a[0]) ** 2, internal=variables)
+
+
+@pytest.mark.parametrize("spring", [stiffening, yielding])
 @pytest.mark.parametrize("steps", [5, 6, 7, 10, 12])
-def test_equal_columns_on_springs_of_a_user_buckle_at_once(steps):
+def test_equal_columns_on_springs_of_a_user_buckle_at_once(steps, spring):
     """Two with c = 10 N m and one with 8 N m; with some numbers of steps rows lie exactly there."""
     scene = fb.Scene()
     for x, c in enumerate((10.0, 10.0, 8.0)):
         bar = scene.add_body((x, 1), mass=1.0, points={"foot": (x, 0)})
-        spring = fb.Spring(strain_energy=lambda angle, c=c: c / 2 * angle**2 + angle**4)
-        scene.add_joint(fb.Revolute(fb.GROUND, bar["foot"], spring=spring))
+        scene.add_joint(fb.Revolute(fb.GROUND, bar["foot"], spring=spring(c)))
         scene.add_force(bar.centre, (0, -12.0))
     points = fb.static(scene, load_steps=steps).critical_points
     assert [12 * point.load_factor for point in points] == pytest.approx([8, 10], rel=1e-9)
@@ -171,6 +187,21 @@ def test_equal_columns_on_springs_of_a_user_buckle_at_once(steps):
         ("bifurcation", 1),
         ("bifurcation", 2),
     ]
+
+
+@pytest.mark.parametrize("spring", [stiffening, yielding])
+def test_a_closed_loop_buckles_where_nothing_flows(spring):
+    """Two bars of 1 m between pins: the spring of the joint in the middle holds 2 c / L."""
+    scene = fb.Scene()
+    lower = scene.add_body((0, 0.5), mass=1.0, points={"foot": (0, 0), "top": (0, 1)})
+    upper = scene.add_body((0, 1.5), mass=1.0, points={"foot": (0, 1), "top": (0, 2)})
+    scene.add_joint(fb.Revolute(fb.GROUND, lower["foot"]))
+    scene.add_joint(fb.Revolute(lower["top"], upper["foot"], spring=spring(3.0)))
+    scene.add_joint(fb.PinInSlot(fb.GROUND, upper["top"], axis=(0, 1)))
+    scene.add_force(upper["top"], (0, -20.0))
+    (point,) = fb.static(scene, load_steps=5).critical_points
+    assert point.kind == "bifurcation"
+    assert 20 * point.load_factor == pytest.approx(2 * 3.0, rel=1e-9)
 
 
 def test_a_ring_under_pressure_buckles_in_two_modes_at_once():
