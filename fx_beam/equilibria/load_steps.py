@@ -122,10 +122,7 @@ class LoadStepper:
                 *_, state = self._in_steps(start, release)
             except StepFailed as failure:
                 what = "no equilibrium without loads was found"
-                advice = (
-                    "Check for a part without support, or a spring far from its rest position. The "
-                    f"last step was to {self._goal:.3g} times the springs' tension"
-                )
+                advice = f"Check the supports; {self._goal:.3g} of the springs' tension failed"
                 cuts = self.options.max_cuts
                 raise self.loop.failures.error(what, cuts, start, failure, advice) from failure
         self.path.held = 0 * self.path.held
@@ -184,7 +181,7 @@ class LoadStepper:
         new.work += float((self._hold[0] + self._hold[1]) @ step.y / 2)
         new.negative_eigenvalues = self.motions.negative_eigenvalues(self.loop)
         self.note(step)
-        if self.deviation > _WHERE_STABILITY_CHANGES and self._begins(state, new):
+        if self.deviation > _WHERE_STABILITY_CHANGES and self.model.begins(state, new):
             self.deviation = 0.0
         response = self.response
         if interval.length:
@@ -192,11 +189,6 @@ class LoadStepper:
         self._check_path(state, new, step, len(response) == 2 and response[1] > response[0])
         self.response = response
         return new
-
-    def _begins(self, old: State, new: State) -> bool:
-        """Whether flow or contact may begin or end in a step, which its predictor does not know."""
-        model = self.model
-        return model.flowed(old, new) or (model.has_contact and model.switched(old, new))
 
     def note(self, step: StepSolution) -> None:
         """Keep the deviation of a step from its predictor, and its number of corrections."""

@@ -78,12 +78,13 @@ class SmallMotions:
     def negative_eigenvalues(self, factors: LoadLoop | BorderedLU) -> int | None:
         """Their number for the symmetric tangent of a step; None if its factors do not tell."""
         model, reduction = self.model, self.model.reduction
-        # Auxiliary unknowns, loops, sliders and contact of members make them those of another
+        # Auxiliary unknowns, loops, sliders and members that may touch make them those of another
         # matrix than the tangent.
         rows = len(reduction.tangent.pattern[0]) - 1
         if not rows == reduction.free == len(reduction.independent):
             return None
-        if model.couplings.sliding or model.points.members is not None:
+        members = model.points.members
+        if model.couplings.sliding or (members is not None and members.are_near):
             return None
         follow = model.forms.has_added or any(force.force for force in model.scene.forces_between)
         if follow or model.flows:  # else all forces have a potential

@@ -240,6 +240,11 @@ class MemberContacts:
         sticking = [one for one in self._pairs if one.law.sticks and one.contact]
         return {str(one.contact): one.numbers[:, -3].tolist() for one in sticking}
 
+    @property
+    def are_near(self) -> bool:
+        """Whether points are so near to a member that they may touch it in the last step."""
+        return self._all.contact_points > 0
+
     # -- Derivatives ------------------------------------------------------------------------------
 
     @property

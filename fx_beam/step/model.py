@@ -274,9 +274,13 @@ class Model:
         return not all(np.array_equal(getattr(before, of), getattr(behind, of)) for of in names)
 
     def switched(self, before: State, behind: State) -> bool:
-        """Whether a contact opens or closes, or a law switches: that of members is not known."""
-        changed = np.sign(self.switches(before)) != np.sign(self.switches(behind))
-        return self.points.members is not None or bool(changed.any())
+        """Whether a contact opens or closes, or a law switches: members that are near may touch."""
+        members, signs = self.points.members, [np.sign(self.switches(s)) for s in (before, behind)]
+        return (members is not None and members.are_near) or not np.array_equal(*signs)
+
+    def begins(self, before: State, behind: State) -> bool:
+        """Whether flow or contact may begin or end in a step, which its predictor does not know."""
+        return self.flowed(before, behind) or (self.has_contact and self.switched(before, behind))
 
     @property
     def has_unseen_kinks(self) -> bool:
