@@ -410,7 +410,10 @@ class ArcLength:
             turned = ", ".join(f"{point:.6g}" for point in limits)
             since = f"after limit points at {turned} it has reached {state.t:.6g}"
             reason = f"does not return to load factor 1: {since}"
-            advice = "Others may lead there: simulate with dampers, or load in other proportions"
+            advice = (
+                "Other paths may lead there: try a simulation with dampers, or loads in other "
+                "proportions"
+            )
         elif level or max(abs(state.t), abs(ahead.load)) < _FLAT * largest:
             reason = f"leads nowhere: at load factor {state.t:.6g} no force is left to carry more"
             advice = "What softens carries no more than the largest load factor: give less load"

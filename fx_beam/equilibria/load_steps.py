@@ -122,7 +122,10 @@ class LoadStepper:
                 *_, state = self._in_steps(start, release)
             except StepFailed as failure:
                 what = "no equilibrium without loads was found"
-                advice = f"Check the supports; {self._goal:.3g} of the springs' tension failed"
+                advice = (
+                    "Check for a part without support, or a spring far from its rest position. The "
+                    f"last step was to {self._goal:.3g} times the springs' tension"
+                )
                 cuts = self.options.max_cuts
                 raise self.loop.failures.error(what, cuts, start, failure, advice) from failure
         self.path.held = 0 * self.path.held

@@ -128,7 +128,10 @@ class SmallMotions:
         K = self.stiffness(state) if K is None else K
         M = self._mass()
         if not M.data.any():
-            raise ValueError("unstable_modes: with follower forces stability depends on masses")
+            raise ValueError(
+                "unstable_modes: where forces follow the motion, stability depends on masses. Give "
+                "a section rhoA, or add masses"
+            )
         inverse = pivoted_lu(K)
         if K.shape[0] <= _FULL:
             values = np.linalg.eigvals(inverse.solve(M.toarray()))
