@@ -80,8 +80,8 @@ def _settled(model: Model, state: State, force: np.ndarray, dt: float) -> State:
         now = replace(now, q=now.q + D, slides=slides)
         if size <= _TOLERANCE or _STALLED >= size > 0.5 * last:
             if holding.any() or not away.any():
-                moved = abs(now.q - state.q) > _IN_PLACE * model.unit
-                slid = abs(now.slides - state.slides) > _IN_PLACE * model.mesh.size
+                moved = abs(now.q - state.q) > _TOLERANCE * model.unit
+                slid = abs(now.slides - state.slides) > _TOLERANCE * model.mesh.size
                 if model.remembers(state, moved, slid):
                     break
                 return replace(state, q=now.q, slides=now.slides)
