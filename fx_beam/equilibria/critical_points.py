@@ -237,7 +237,7 @@ class PathStability:
         for bracket in brackets:
             try:
                 root = root_of(piece, self._eigenvalue(piece, bracket.few), bracket)
-                if root.kind == SMOOTH[1] and not is_equilibrium(self._arc, root.state):
+                if root.kind in SMOOTH and not is_equilibrium(self._arc, root.state):
                     raise StepFailed("off the path", "the step reaches another path", np.zeros(1))
                 if root.place - last > SAME * piece.length:  # else it is the same one, divided
                     points.append(self._point(root, row, bracket.many - bracket.few, max(counts)))

@@ -210,10 +210,6 @@ def root_of(piece: Piece, measure: Callable[[float], float], bracket: Bracket) -
     if piece.flows and near + _STATES * apart < piece.first:
         apart = -apart  # nothing flows back
     if not piece.kinked:
-        # In the bracket, which is short, the measure changes little if all states are on one path.
-        change = abs(measure(high) - measure(low))
-        if change > abs(measure(near + 2 * apart) - measure(near + apart)):
-            raise StepFailed("off the path", "the step reaches another path", np.zeros(1))
         return _extrapolated(piece, measure, near, apart, _STATES * abs(apart))
     ends = [piece.first, piece.length]
     try:

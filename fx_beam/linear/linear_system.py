@@ -24,7 +24,7 @@ from fx_beam.step.accelerations import have_mass
 from fx_beam.step.measured import measured
 from fx_beam.step.recorded_histories import driven_of
 
-from .linearisation import split
+from .linearisation import sized, split
 from .moving_state import Deviations, deviations, forces_inside
 
 # Round-off of the jump of a rate with an input, relative to the outputs.
@@ -207,8 +207,7 @@ def _kinds(
     rest = np.hstack([without, every[:, ~heavy]])
     C = unit[:, None] * C * unit
     most = abs(C).max(initial=0.0)
-    damped, neither = split((C + C.T) / 2, _sized(rest / unit[:, None]), _LEVER**2 * most)
-    neither = _sized(neither)
+    damped, neither = split((C + C.T) / 2, sized(rest / unit[:, None]), _LEVER**2 * most)
     left = max(abs(C @ neither).max(initial=0), abs(neither.T @ C).max(initial=0))
     if left > _LEVER * most:
         raise SceneError(
@@ -216,11 +215,6 @@ def _kinds(
         )
     basis = np.hstack([with_mass, unit[:, None] * damped, unit[:, None] * neither])
     return basis, with_mass.shape[1], damped.shape[1]
-
-
-def _sized(basis: np.ndarray) -> np.ndarray:
-    """Columns (n, k) with the largest value 1."""
-    return basis / abs(basis).max(axis=0, initial=0.0)
 
 
 # Quantities that are linearised: places and rates of nodes and joints.

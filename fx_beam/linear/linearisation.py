@@ -8,13 +8,12 @@ from typing import Any
 import numpy as np
 import scipy.linalg
 import scipy.sparse
-import scipy.sparse.linalg
 
 from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError, require
 from fx_beam.laws.interval import Interval, instant
 from fx_beam.laws.schemes import EnergyMomentum, Equilibrium
-from fx_beam.motions.initial_state import reference_state
+from fx_beam.motions.initial_state import rates_of_columns, reference_state
 from fx_beam.motions.options import check_scene
 from fx_beam.motions.surroundings import recent_model
 from fx_beam.results.solution import Solution
@@ -147,6 +146,11 @@ def check_damping(values: np.ndarray, which: str) -> None:
         )
 
 
+def sized(basis: np.ndarray) -> np.ndarray:
+    """Columns (n, k) with the largest value 1."""
+    return basis / abs(basis).max(axis=0, initial=0.0)
+
+
 def split(A: np.ndarray, basis: np.ndarray, least: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """Parts of a basis (n, k) in which a positive semidefinite matrix is positive, and zero.
 
@@ -162,7 +166,8 @@ def split(A: np.ndarray, basis: np.ndarray, least: float = 0.0) -> tuple[np.ndar
         return basis, basis[:, :0]
     positive, rest = np.split((basis * scale)[:, order - 1], [rank], axis=1)
     factor, by_rest = np.split(R[:rank], [rank], axis=1)
-    return positive, rest - positive @ scipy.linalg.solve_triangular(factor, by_rest)
+    zero = rest - positive @ scipy.linalg.solve_triangular(factor, by_rest)
+    return sized(positive), sized(zero)
 
 
 def linearised(
@@ -299,10 +304,9 @@ def _check_rest(about: Linearisation, state: Solution, what: str) -> None:
     rates = state.v[-1] if len(state.v) else getattr(state.end, "v", None)
     if rates is None or not rates.any():
         return
-    model, T = about.model, about.T
-    v = rates.ravel()
-    weighted = T.T @ scipy.sparse.diags(model.unit**-2)
-    w = scipy.sparse.linalg.spsolve((weighted @ T).tocsc(), weighted @ v)
+    model, v = about.model, rates.ravel()
+    at_rest = np.zeros(model.couplings.driven)
+    w = rates_of_columns(model, about.start, v, at_rest)[about.unknowns]
     # The amplitude of a vibration that passes with these rates, in units of the scene.
     speed = abs(v / model.unit).max()
     stiffness = abs(w @ (about.K @ w))

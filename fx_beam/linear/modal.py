@@ -131,26 +131,19 @@ def _nearer(K, C, M, root: complex, x: np.ndarray) -> np.ndarray:
 def _roots(k, c, m, unit: float, zeros: int, relaxing: int) -> Damped:
     """All modes of small dense matrices, lowest first.
 
-    Without so many `zeros`, simple roots at zero, and those of motions that relax: of unknowns
-    `relaxing`, and of combinations.
+    Without so many `zeros`, simple roots at zero, and at most so many of unknowns `relaxing`.
     """
     c, m = unit * c, unit**2 * m
-    # What has neither mass nor damping follows by its stiffness: else it has infinite roots, which
-    # round-off makes finite.
-    basis, light = split(m, np.eye(len(m)))
-    heavy = basis.shape[1]
-    damped, idle = split((c + c.T) / 2, light, 1e-18 * abs(c).max())
-    if light.shape[1]:
-        basis = np.hstack([basis, damped])
-        basis -= idle @ np.linalg.solve(idle.T @ k @ idle, idle.T @ k @ basis)
-        basis /= np.linalg.norm(basis, axis=0)
+    basis, has_mass = np.eye(len(m)), m.diagonal() > 0
+    heavy, light = split(m, basis[:, has_mass])
+    if light.shape[1]:  # round-off of their mass would make infinite roots finite
+        basis, masses = np.hstack([heavy, light, basis[:, ~has_mass]]), heavy.shape[1]
         k, c, m = (basis.T @ A @ basis for A in (k, c, m))
-        m[heavy:], m[:, heavy:] = 0.0, 0.0
+        m[masses:], m[:, masses:] = 0.0, 0.0
     # Linear in (x, lambda x), inverse about the shift 1: the low roots come out best.
     size = len(k)
-    upper = -scipy.linalg.solve(k + c + m, np.hstack([m + c, m[:, :heavy]]))
-    lower = (upper + np.eye(*upper.shape))[:heavy]
-    mu, vectors = np.linalg.eig(np.vstack([upper, lower]))
+    left, right = np.hsplit(-scipy.linalg.solve(k + c + m, np.hstack([m + c, m])), 2)
+    mu, vectors = np.linalg.eig(np.block([[left, right], [np.eye(size) + left, right]]))
     finite = np.flatnonzero(abs(mu) > 1e-14 * abs(mu).max())
     order = np.argsort(abs(1 + 1 / mu[finite]))
     half = mu[finite[order]].imag <= 0  # one of each pair
@@ -166,7 +159,6 @@ def _roots(k, c, m, unit: float, zeros: int, relaxing: int) -> Damped:
     larger = real & (2 * root.real * m + c.real > 0)
     modes = massive & moves & (~real | larger)
     # Without a partner are those of motions that have damping but hardly any mass.
-    relaxing = max(relaxing, damped.shape[1])
     alone = min(relaxing, 2 * np.sum(massive & larger) - np.sum(massive & real))
     decaying = np.flatnonzero(massive & larger & (root.real < 0))
     lightest = decaying[np.argsort(m[decaying] / c.real[decaying])]
