@@ -66,8 +66,9 @@ def without_trivial(multipliers: np.ndarray, trivial: int) -> np.ndarray:
     return np.delete(multipliers, np.argsort(abs(multipliers - 1))[:trivial])
 
 
-# How far from 1 errors move a multiplier of which two are 1, where energy is conserved.
-_FAMILY = 2e-3
+# Losses in a period that are round-off, relative to the energy of the motion; how far from 1 errors
+# move a multiplier of which two are 1.
+_NO_LOSS, _FAMILY = 1e-12, 2e-3
 
 
 class Cycle(NamedTuple):
@@ -98,8 +99,8 @@ def motion_of(
     warn_of_round_off(shooting, [closed.left_over])
     period = closed.period
     energy, multipliers = shooting.energy(period.start), multipliers_of(closed)
-    # Of a cycle that forces drive the second one is any.
-    conserves = bool((np.sort(abs(multipliers - 1))[1:2] < _FAMILY).all())
+    second = np.sort(abs(multipliers - 1))[1:2]  # of a cycle that forces drive it is any
+    conserves = period.lost <= _NO_LOSS * abs(energy) and bool((second < _FAMILY).all())
     trivial = free * (1 + conserves)
     length, error = float(period.length), float(period.error)
     given = length, energy, multipliers, instability_of(multipliers, trivial), error

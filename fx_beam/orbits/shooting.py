@@ -98,6 +98,8 @@ class Period(NamedTuple):
     gap: np.ndarray
     size: float
     way: np.ndarray
+    #: Energy that dampers and friction took [J].
+    lost: float
 
     @property
     def moves(self) -> bool:
@@ -270,7 +272,7 @@ class Shooting:
         way[:movable] -= apart[-parts]
         size = float(np.linalg.norm(apart, axis=1).max())
         gap = (self.rows_of(end) - first) / scale
-        return Period(state, parameter, length, end, gap, size, way)
+        return Period(state, parameter, length, end, gap, size, way, last.dissipated)
 
     @property
     def are_rates(self) -> np.ndarray:
