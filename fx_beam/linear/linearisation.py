@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import logging
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -28,6 +30,7 @@ from fx_beam.step.model import Model
 from fx_beam.step.turning_frame import TurningFrame, check_turns
 from fx_beam.step.undamped_modes import Symmetry, UndampedModes
 
+_log = logging.getLogger("fx_beam")
 # Length of the steps whose tangents give the damping [s]. In much shorter ones damping over the
 # length hides what couples nodes that slide, and round-off of places on members is a fast slip.
 INSTANT = 1e-9
@@ -212,10 +215,9 @@ def linearised(
     G = None if frame is None else (np.sqrt(factor) * T.T @ frame.gyroscopic @ T).tocsr()
     columns = reduction.completion()[:, unknowns]
     about = Linearisation(scene, model, K, M, T, unknowns, columns, start, frame, G, models)
-    if state is not None:
-        # The largest work of a force at a node in a unit motion of the scene [J].
-        largest = max(abs(part * model.unit).max() for part in (balance.f, balance.r, force))
-        _check_equilibrium(about, state, balance.residual[unknowns], largest, what)
+    # The largest work of a force at a node in a unit motion of the scene [J].
+    largest = max(abs(part * model.unit).max() for part in (balance.f, balance.r, force))
+    _check_equilibrium(about, state, balance.residual[unknowns], largest, what)
     model.needed_by(about)
     return about
 
@@ -272,19 +274,23 @@ _ADVICE = (
 
 
 def _check_equilibrium(
-    about: Linearisation, state: Solution, unbalanced: np.ndarray, largest: float, what: str
+    about: Linearisation, state: Solution | None, unbalanced: np.ndarray, largest: float, what: str
 ) -> None:
     """Refuse a state in whose last row rates are left, or forces of the unknowns.
 
-    The `largest` work of a force in a unit motion [J] says how many are round-off.
+    Of the reference warn. The `largest` work of a force in a unit motion [J] says how many are
+    round-off.
     """
     model = about.model
     unit = model.unit_of_unknowns[about.unknowns]
     left = abs(unbalanced) * unit
     rounding = _ROUNDING * (unit * (abs(about.K) @ unit)).max()
     if left.max() <= _BALANCED * largest + rounding:
-        if not state.stats.static:
+        if state is not None and not state.stats.static:
             _check_rest(about, state, what)
+        return
+    if state is None:
+        warn_of_reference(what)
         return
     worst = int(left.argmax())
     moved = (abs(about.T[:, [worst]].toarray()[:, 0]) / model.unit).reshape(-1, 3)
@@ -297,6 +303,16 @@ def _check_equilibrium(
         f"{what}: the state is no equilibrium: {force:.3g} {of} in {COMPONENTS[component]} of node "
         f"{node} at ({x:g}, {y:g}) has no balance; the largest force in the state is "
         f"{largest / model.mesh.size:.3g} N. {_ADVICE}"
+    )
+
+
+@functools.lru_cache
+def warn_of_reference(what: str) -> None:
+    """Once: not for each of many scenes."""
+    _log.warning(
+        "%s: the reference is no equilibrium, as springs are strained there: small motions depend "
+        "on the unknowns that describe them. Give state=static(scene)",
+        what,
     )
 
 

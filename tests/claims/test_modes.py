@@ -11,6 +11,7 @@ from jointed import BENDING, pair
 from scenes import FLYING, demo
 
 import fx_beam as fb
+from fx_beam.linear.linearisation import warn_of_reference
 
 DEGREES = pytest.mark.parametrize("degree", [1, 2, 3])
 GRAVITY = 9.81
@@ -493,3 +494,14 @@ def test_without_damping_a_damped_scene_has_the_modes_of_the_undamped_one():
     assert two.angular_frequencies == pytest.approx(one.angular_frequencies, rel=1e-9)
     assert not two.damping_ratios.any() and two.shapes.dtype == float
     assert one.eigenvalues == pytest.approx(1j * one.angular_frequencies)
+
+
+@pytest.mark.parametrize("rest", [1.0, 0.5])
+def test_a_reference_in_which_springs_are_strained_is_told(rest, caplog):
+    warn_of_reference.cache_clear()  # as other tests may have had the warning
+    scene = simply_supported(1, 4, square(0.1))
+    scene.add_force_between(scene.beams[0].node(0.5), (0.5, 1), spring=fb.Spring(5.0, rest=rest))
+    fb.modes(scene, fb.static(scene))
+    assert "no equilibrium" not in caplog.text
+    fb.modes(scene)
+    assert ("modes: the reference is no equilibrium" in caplog.text) == (rest == 0.5)
