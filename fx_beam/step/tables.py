@@ -80,7 +80,7 @@ class Problem:
         else:
             self._hand_over_points(stored_at)
         self._hand_over_motors()
-        if model.scene.joints:
+        if model.scene.joint_count:  # also of joints that were removed
             self._hand_over_joint_forces()
         self._set(**vars(options), negligible=NEGLIGIBLE * options.tolerance)
         self._set(energy_floor=ENERGY_FLOOR, longest_turn=LONGEST_TURN, large_turn=LARGE_TURN)

@@ -30,3 +30,16 @@ def test_the_slide_of_a_joint_is_nan_where_the_joint_does_not_exist(tmp_path):
         assert np.isnan(whole.joint(rail_again).slide[:9]).all()
         assert np.isfinite(whole.joint(rail_again).slide[9:]).all()
     assert not joined.joint(rail).force[6:].any()
+
+
+def test_a_scene_whose_joints_are_all_removed_goes_on_with_driven_motion():
+    scene = fb.Scene()
+    driven = scene.add_body((0, 0), mass=2.0, inertia=1.0).centre
+    scene.prescribe(driven, y=lambda t: 3 * t**2)
+    bead = scene.add_body((5, 0), mass=1.0, inertia=1.0).centre
+    rail = scene.add_joint(fb.Prismatic(fb.GROUND, bead, axis=(1, 0)))
+    before = fb.simulate(scene, dt=0.1, t_end=0.2)
+    scene.remove(rail)
+    after = fb.simulate(scene, dt=0.1, t_end=0.5, start=before)
+    assert after.reaction(driven)[1:, 1] == pytest.approx(12.0)
+    assert not after.joint(rail).force[1:].any()
