@@ -164,16 +164,20 @@ class ModeFamily:
     def followed(self, path: Path) -> Iterator[Closed]:
         """Motions from a small amplitude on, up to the last one, along a path."""
         shooting, first = self._shooting, self._first()
-        yield first
+        yield (shown := first)
         rows = shooting.rows_of(first.period.start) - shooting.rows_of(self._rest)
         towards = np.append(rows / first.by.scale / first.period.size, 0.0)
         for closed in path.follow(first, towards):
-            if self._wanted.error(closed.period) >= 0:
-                last = closed.period
-                phase = turning_point(shooting, last)
-                yield close(shooting, last.start, last.length, phase, (self._wanted,))
+            before, last = shown.period, closed.period
+            if (beyond := self._wanted.error(last)) >= 0:
+                # From `last`, the search may find a larger motion that begins on its way.
+                part = 1 / (1 - beyond / self._wanted.error(before))
+                away = part * (shooting.rows_of(last.start) - shooting.rows_of(before.start))
+                start = shooting.shifted(before.start, away[: shooting.model.couplings.free])
+                length = before.length + part * (last.length - before.length)
+                yield close(shooting, start, length, turning_point(shooting, last), (self._wanted,))
                 return
-            yield closed
+            yield (shown := closed)
 
 
 def holds_energy(shooting: Shooting, energy: float, unit: float) -> Condition:
