@@ -12,7 +12,7 @@ from scenes import with_variables, zener_energy, zener_flow
 
 import fx_beam as fb
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 from own_rates import armero_romero, bathe, oscillator_loss
 
 
