@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import logging
 import math
 import sys
 from collections.abc import Callable, Iterable
@@ -201,6 +202,12 @@ def any_of(values: np.ndarray) -> bool:
 def is_one_of(value, choices: Iterable) -> bool:
     """Whether a value is one of some texts or numbers; arrays are not."""
     return (isinstance(value, str) or _is_real(value)) and value in choices
+
+
+@functools.lru_cache(maxsize=256)
+def warn_once(text: str) -> None:
+    """Warn, but not in each of many equal calls."""
+    logging.getLogger("fx_beam").warning("%s", text)
 
 
 def shown(value) -> str:

@@ -20,8 +20,8 @@ _cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache").absolu
 if _cache.name != "fx_beam_tests":  # not yet, as in the processes of pytest-xdist
     os.environ["XDG_CACHE_HOME"] = str(_cache / "fx_beam_tests")
 
-from fx_beam import c_library, library_cache  # noqa: E402
-from fx_beam.motions import motion, options, run  # noqa: E402
+from fx_beam import c_library, errors, library_cache  # noqa: E402
+from fx_beam.motions import motion, options  # noqa: E402
 from fx_beam.step import build  # noqa: E402
 
 # Pictures without a display, as `./run` has it.
@@ -64,7 +64,7 @@ if _STRETCH != 1:
 @pytest.fixture(autouse=True)
 def warnings_come_again():
     """What is said once in a process is said once in a test."""
-    run._warn_once.cache_clear()
+    errors.warn_once.cache_clear()
     with np.errstate():  # an interrupt inside NumPy may leave another behind
         yield
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import functools
-import logging
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,7 +10,7 @@ import scipy.linalg
 import scipy.sparse
 
 from fx_beam.content_cache import cached_property
-from fx_beam.errors import SceneError, require
+from fx_beam.errors import SceneError, require, warn_once
 from fx_beam.laws.interval import Interval, instant
 from fx_beam.laws.schemes import EnergyMomentum, Equilibrium
 from fx_beam.motions.initial_state import rates_of_columns, reference_state
@@ -30,7 +28,6 @@ from fx_beam.step.model import Model
 from fx_beam.step.turning_frame import TurningFrame, check_turns
 from fx_beam.step.undamped_modes import Symmetry, UndampedModes
 
-_log = logging.getLogger("fx_beam")
 # Length of the steps whose tangents give the damping [s]. In much shorter ones damping over the
 # length hides what couples nodes that slide, and round-off of places on members is a fast slip.
 INSTANT = 1e-9
@@ -290,7 +287,10 @@ def _check_equilibrium(
             _check_rest(about, state, what)
         return
     if state is None:
-        warn_of_reference(what)
+        warn_once(
+            f"{what}: the reference is no equilibrium, as springs are strained there: small "
+            "motions depend on the unknowns that describe them. Give state=static(scene)"
+        )
         return
     worst = int(left.argmax())
     moved = (abs(about.T[:, [worst]].toarray()[:, 0]) / model.unit).reshape(-1, 3)
@@ -303,16 +303,6 @@ def _check_equilibrium(
         f"{what}: the state is no equilibrium: {force:.3g} {of} in {COMPONENTS[component]} of node "
         f"{node} at ({x:g}, {y:g}) has no balance; the largest force in the state is "
         f"{largest / model.mesh.size:.3g} N. {_ADVICE}"
-    )
-
-
-@functools.lru_cache
-def warn_of_reference(what: str) -> None:
-    """Once: not for each of many scenes."""
-    _log.warning(
-        "%s: the reference is no equilibrium, as springs are strained there: small motions depend "
-        "on the unknowns that describe them. Give state=static(scene)",
-        what,
     )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import logging
 import os
 import time
@@ -12,7 +11,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from fx_beam.errors import StepError, any_of
+from fx_beam.errors import StepError, any_of, warn_once
 from fx_beam.laws.schemes import order_and_constant
 from fx_beam.results.audit import Stats
 from fx_beam.results.solution import Solution
@@ -57,13 +56,7 @@ def warn_of_parts(stats: Stats, dt: float) -> None:
             f"turned by more than {LARGE_TURN:g} rad per step, so the motion may depend on "
             "rounding errors. Try a smaller dt"
         )
-    _warn_once(f"{stats.scheme}: {text}")
-
-
-@functools.lru_cache(maxsize=256)
-def _warn_once(text: str) -> None:
-    """Warn, but not in each of many equal runs: `Stats` has what the warning says."""
-    _log.warning("%s", text)
+    warn_once(f"{stats.scheme}: {text}")
 
 
 def warn_of_damping(stats: Stats, dt: float | None) -> None:
@@ -110,7 +103,7 @@ class Run:
             of_row = 8e-9 * model.size * (record.motion + 2 * record.rates)
             size = len(times) / record.every * of_row
             if size > _MEMORY:
-                _warn_once(f"the record needs up to {size:.3g} GB. Use Record(every=...) for less")
+                warn_once(f"the record needs up to {size:.3g} GB. Use Record(every=...) for less")
             recorder = Recorder(model, times, record)
         self.recorder: Recorder = recorder
         self._files: Any = None

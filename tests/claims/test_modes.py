@@ -11,7 +11,6 @@ from jointed import BENDING, pair
 from scenes import FLYING, demo
 
 import fx_beam as fb
-from fx_beam.linear.linearisation import warn_of_reference
 
 DEGREES = pytest.mark.parametrize("degree", [1, 2, 3])
 GRAVITY = 9.81
@@ -498,7 +497,6 @@ def test_without_damping_a_damped_scene_has_the_modes_of_the_undamped_one():
 
 @pytest.mark.parametrize("rest", [1.0, 0.5])
 def test_a_reference_in_which_springs_are_strained_is_told(rest, caplog):
-    warn_of_reference.cache_clear()  # as other tests may have had the warning
     scene = simply_supported(1, 4, square(0.1))
     scene.add_force_between(scene.beams[0].node(0.5), (0.5, 1), spring=fb.Spring(5.0, rest=rest))
     fb.modes(scene, fb.static(scene))
