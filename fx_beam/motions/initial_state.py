@@ -70,9 +70,11 @@ def _settled(model: Model, state: State, force: np.ndarray, dt: float) -> State:
             break
         w[independent] = -level * factors.solve(residual[independent])
         y = reduction.completed(w)[: reduction.free]
-        turn = abs(reduction.expand(y, np.zeros(reduction.driven))[model.turns]).max()
-        y *= _LONGEST_TURN / max(turn, _LONGEST_TURN)
         D = reduction.expand(y, np.zeros(reduction.driven))
+        turn = abs(D[model.turns]).max()
+        if turn > _LONGEST_TURN:
+            y *= _LONGEST_TURN / turn
+            D = reduction.expand(y, np.zeros(reduction.driven))
         size = abs(D / model.unit).max()
         if not np.isfinite(size):
             break

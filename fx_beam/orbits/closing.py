@@ -110,8 +110,8 @@ def _with_equations(
     of_parameter = shooting.by_parameter(period) if varies else np.zeros(len(period.gap))
     matrix = np.column_stack([slopes[0] - by.matrix, of_parameter])
     # What is remembered and does not change, such as plastic strain, is no unknown.
-    kept = (by.independent >= shooting.movable) & ~matrix[by.independent].any(axis=1)
-    matrix[:, np.flatnonzero(kept)] = 0.0
+    constant = (by.independent >= shooting.movable) & ~matrix[by.independent].any(axis=1)
+    matrix[:, np.flatnonzero(constant)] = 0.0
     if phase is not None:
         matrix = np.vstack([matrix, phase.slopes(period, by)])
     return Closed(period, by, *slopes, matrix)

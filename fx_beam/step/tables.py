@@ -379,8 +379,8 @@ class Problem:
 
     def results(self, **sizes: int) -> Iterator[np.ndarray]:
         """What C has found in the last step: members of ``Results`` of c/problem.h, with sizes."""
-        found = self.library.fx_results(self.c)
-        return (array_at(self.ffi, getattr(found, name), n) for name, n in sizes.items())
+        of_step = self.library.fx_results(self.c)
+        return (array_at(self.ffi, getattr(of_step, name), n) for name, n in sizes.items())
 
     def given(self) -> Iterator[np.ndarray]:
         """What of a step is set here: dead forces at its level, their mean, strains at the end."""
