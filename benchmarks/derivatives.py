@@ -117,8 +117,7 @@ def measured(build, dt, steps, tries):
         rows = ends[part.of_boundaries(ends)]
         return {"q": np.ones((len(rows), model.size))}, rows, none
 
-    stiffness = model.forms.beams.of_beams["stiffness"].data
-    values = stiffness.by_cells(len(model.mesh.beam_of_cell)).values
+    values = model.forms.beams.numbers["stiffness"]
     rng = np.random.default_rng(0)
     changes = [{"stiffness": values * rng.random((count, *values.shape))} for count in NUMBERS]
     size = 8 * len(tape) * tape.c.size

@@ -9,3 +9,10 @@ def test_a_benchmark_finds_what_it_imports(name):
     if name == "exudyn_pendulum":
         pytest.importorskip("exudyn")
     assert benchmark(name).__doc__
+
+
+def test_derivatives_of_a_run_are_measured():
+    script = benchmark("derivatives")
+    times = script.measured(lambda: script.pinned(8), 1e-3, 20, 1)
+    assert len(times) == len(script.NUMBERS) + 4
+    assert min(times) > 0
