@@ -153,7 +153,8 @@ class RowValues:
                 fields = self._coefficients(of, cells, given)
                 numbers = fields, self._constants(of, given, parameters[rows]), coordinates[cells]
                 out = tabulated(address, *numbers, math.prod(shape))
-                values[rows, cells] += out.reshape(*out.shape[:2], *shape)
+                every = len(cells) == len(coordinates)  # without a copy
+                values[rows, slice(None) if every else cells] += out.reshape(*out.shape[:2], *shape)
         return values
 
     def _coefficients(self, of: BoundForm, cells: np.ndarray, parts: Parts) -> np.ndarray:
