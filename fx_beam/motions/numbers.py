@@ -77,7 +77,10 @@ def observed_numbers_of(
     for name, rows in (("axes of slides", axes), ("offsets of slides", offsets)):
         observed[name] = stacked(rows).reshape(-1, 2)
     if model.fits_rates:
-        observed["driven rates"] = prepared.forcing.end_rates(times, lengths)
+        rates = prepared.forcing.end_rates(times, lengths)
+        if state.driven_rates is not None:  # those at the start are of the motion before
+            rates = stacked([state.driven_rates, *rates[1:]])
+        observed["driven rates"] = rates
     return _arrays(observed)
 
 

@@ -319,6 +319,25 @@ def test_the_step_before_the_first_one_counts_in_derivatives(start):
         assert abs(J["velocity"]).max() < 1e-9
 
 
+def test_what_a_motor_did_before_the_start_depends_on_no_number():
+    """The first step has the moment J (x - 1) / dt, as the spin jumps from 1 rad/s to x."""
+
+    def build(x):
+        scene = fb.Scene()
+        wheel = scene.add_body((0, 0), mass=1.0, inertia=0.3).centre
+        turn = lambda t: t**2 if t <= 0.5 else 0.25 + x[0] * (t - 0.5)  # noqa: E731
+        axle = scene.add_joint(fb.Revolute(fb.GROUND, wheel, motor=turn))
+        return scene, {"moment": fb.Output("motor_force", axle)}
+
+    before = fb.Motion(build([1.0])[0], dt=1 / 16)
+    before.run(0.5)
+    run = fb.Response(build, start=before.state, dt=1 / 16, t_end=0.75)
+    moment = run([0.2])[1]["moment"]
+    assert moment[1:] == pytest.approx(np.array([0.3 * -0.8 * 16, 0, 0, 0]), abs=1e-9)
+    expected = np.array([0.3 * 16, 0, 0, 0])
+    assert run.jacobian()["moment"][1:, 0] == pytest.approx(expected, abs=1e-9)
+
+
 def measured(case, kept=None):
     """The end of a pendulum, and how it was set up; the solution is kept, if a list is given."""
     scene, outputs = pendulum(case["x"])
