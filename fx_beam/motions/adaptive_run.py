@@ -19,7 +19,7 @@ from .options import Tolerance
 _FIRST_BLOCK, _LARGEST_BLOCK = 16, 1024
 # Trials of a first length.
 _TRIALS = 40
-# Shortest steps for a short contact, relative to the end of the run.
+# Shortest steps for a short contact, relative to the whole time.
 _LEAST = 1e-8
 # What may help where Newton's method fails.
 _ADVICE = "Check the units of loads, velocities and stiffnesses, or try another scheme"
@@ -44,7 +44,7 @@ class AdaptiveRun:
         # The local error of a scheme of order 2 is right also where accelerations have a kink.
         self._watch = self._order > 2
         #: Segments of motion between events are not divided further [s].
-        self._least = _LEAST * self._breaks[-1]
+        self._least = _LEAST * tolerance.span
         self._started = False
         #: Whether each call takes a single step.
         self._single = single
@@ -66,7 +66,7 @@ class AdaptiveRun:
         recorder.plan(first, ends, last and ends[-1] == until)
         result = self._try_steps(state, ends, first, recorder)
         if self._watch and (result.switched or (result.ratio or 0.0) > 1):
-            result, dt = self._up_to_event(result, dt)
+            result, dt = self._up_to_event(result, float(ends[result.taken]))
         if result.taken:
             self._halvings = 0
         length = control.length
@@ -115,20 +115,21 @@ class AdaptiveRun:
         self._stats.rejected += 1
         return trial
 
-    def _up_to_event(self, result: StepsResult, dt: float) -> tuple[StepsResult, float]:
-        """Take a step of at most the length dt up to where a contact or a law switches in it."""
+    def _up_to_event(self, result: StepsResult, t1: float) -> tuple[StepsResult, float]:
+        """Take a step up to where a contact or a law switches before t1 [s], or to t1.
+
+        Also the length of the step that was tried [s].
+        """
         stepper, recorder, stats = self._stepper, self._recorder, self._stats
         state = result.state
         first = stepper.model.switches(state)
         if not len(first):
-            return result, dt
-        end = end_behind_event(
-            first, lambda t: self._trial(state, t, True).switches, state.t, state.t + dt
-        )
+            return result, t1 - state.t
+        end = end_behind_event(first, lambda t: self._trial(state, t, True).switches, state.t, t1)
         if end is None:
             if not result.switched:
-                return result, dt
-            end = state.t + dt
+                return result, t1 - state.t
+            end = t1
         number = stats.steps + 1
         recorder.plan(number, np.array([end]), end == self._breaks[-1])
         step = stepper.try_steps(state, np.array([end]), number, recorder, self._control)

@@ -139,6 +139,27 @@ def test_steps_of_order_four_end_where_a_contact_begins_and_ends():
     )
 
 
+@pytest.mark.parametrize("t0", [-2.0, 1e6])
+def test_a_contact_is_followed_as_closely_at_any_time(t0):
+    k, tolerance = 1e8, 1e-5
+    scene, node = floor(k)
+    scene.fix(node, "y")
+    held = fb.static(scene, t=t0)
+    scene.free(node, "y")
+    options = {"t_end": t0 + T_END, "tolerance": tolerance, "start": held}
+    solution = fb.simulate(scene, fb.EnergyMomentum(4), **options)
+    y, _ = exact(solution.t - t0, k)
+    assert abs(solution.position(node)[:, 1] - y).max() < 2 * tolerance
+
+
+@pytest.mark.parametrize("after", np.geomspace(3e-9, 1e-7, 7))
+def test_a_contact_just_before_the_end_leaves_no_step_of_round_off(after):
+    scene, _ = floor(1e14)
+    t_end = np.sqrt(2 * HEIGHT / GRAVITY) + after
+    solution = fb.simulate(scene, fb.EnergyMomentum(4), t_end=t_end, tolerance=1e-9)
+    assert solution.t[-1] == t_end and np.diff(solution.t).min() > 1e-11
+
+
 def test_rows_between_constant_steps_do_not_reach_over_a_contact():
     def largest(times):
         scene, node = floor(1e4)
