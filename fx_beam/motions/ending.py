@@ -52,6 +52,8 @@ class Ending:
         self._now = FittedState(prepared.model, prepared.forcing, self._step)
         self._readings = readings(prepared, self._now, prepared.options.outputs or {})
         self._before: _Mark | None = None
+        #: Length of the last step [s]; zero before the first one.
+        self._length = 0.0
         self._values = self._values_after(start, start)
         self._begins = True
 
@@ -77,6 +79,7 @@ class Ending:
         if met:
             self._end(mark, end.t, met, values, kinks)
         self._before, self._values, self._last = mark, values, self._recorder.end
+        self._length = end.t - start.t
 
     def _end(
         self, mark: _Mark, t1: float, met: list[str], values: dict[str, float], kinks: list[float]
@@ -145,7 +148,7 @@ class Ending:
         step = self._step
         grid = Grid(start.t, 0, end.t - start.t or self._ahead)
         step.present, step.grid, step.number = start, grid, 0
-        self._now.begin(start)
+        self._now.begin(start, self._length)
         if end is not start:
             self._now.leave()
             step.present, step.number = end, 1

@@ -67,12 +67,12 @@ class FittedState:
         #: Driven motions that are inputs.
         self._inputs = np.array(inputs, dtype=bool)
 
-    def begin(self, state: State) -> None:
-        """Begin at a state that was loaded."""
+    def begin(self, state: State, before: float = 0.0) -> None:
+        """Begin at a state that was loaded, after a step of a length [s] if there was one."""
         #: Starts of the last step and of that before; fits by the number of steps to the state.
         self._starts: tuple[_Instant | None, _Instant | None] = None, None
         self._fit_by_step: dict[int, Fit] = {}
-        self._first = state.driven_rates
+        self._first, self._length = state.driven_rates, before
 
     def leave(self) -> None:
         """A step begins in the present state."""
@@ -139,7 +139,7 @@ class FittedState:
         if instant.number == 0 and self._first is not None:
             return self._first
         grid = self._stepper.grid
-        length = grid.dt if instant.number else -grid.dt
+        length = grid.dt if instant.number else self._length or -grid.dt
         rates = self._forcing.end_rates(np.array([grid(instant.number)]), np.array([length]))[0]
         return np.where(self._inputs, instant.inputs, rates)
 

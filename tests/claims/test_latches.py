@@ -328,6 +328,19 @@ def test_the_weaker_of_two_joints_breaks_at_its_force(scheme):
     assert scene.joints == [fuses["joint 0"].joint]
 
 
+@pytest.mark.exact_times
+def test_a_joint_breaks_where_a_motor_stops_at_once():
+    """The mean force is 4 N while it moves 2 kg faster and faster, and 32 N in the next step."""
+    scene = fb.Scene()
+    cart, load = (scene.add_body((0, 0), m, 0.1).centre for m in (1.0, 2.0))
+    slide = lambda t: min(t, 0.5) ** 2  # noqa: E731
+    scene.add_joint(fb.Prismatic(fb.GROUND, cart, (1, 0), motor=slide))
+    fuse = fb.Fuse(scene.add_joint(fb.Rigid(cart, load)), 30.0)
+    whole = fb.simulate(scene, dt=1 / 16, t_end=1.0, changes={"fuse": fuse})
+    # It breaks after a tenth of a step, in which the force is larger still.
+    assert whole.stats.changes["fuse"] == pytest.approx(0.5 + 0.1 / 16)
+
+
 @pytest.mark.parametrize("names", [("first", "second"), ("second", "first")])
 @pytest.mark.parametrize("jump", [0.03, 0.0501])
 def test_of_fuses_that_a_jump_overloads_the_most_loaded_one_breaks(names, jump):
