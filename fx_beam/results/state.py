@@ -101,7 +101,7 @@ class State:
     parts: np.ndarray | None = _kept(5, default=None)
     #: Set at the end of a run: the past, and the values of the inputs in the scene's order.
     past: Past | None = None
-    #: Rates of driven motions (driven,) at the end of a `Motion`, whose inputs are not known after.
+    #: Rates of driven motions (driven,) at the end of a run; they may jump there.
     driven_rates: np.ndarray | None = _kept("driven", default=None)
     inputs: np.ndarray | None = _kept("inputs", default=None)
     #: Energy since the start that changes of the scene took from velocities [J].

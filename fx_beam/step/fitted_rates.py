@@ -39,6 +39,8 @@ class Fit(NamedTuple):
     #: Impulses (n, joints, 3) of joints on their nodes b, and (n, columns) of motors and supports.
     joints: np.ndarray
     constraints: np.ndarray
+    #: Rates (n, driven) of driven motions that were given.
+    driven: np.ndarray
 
 
 def rate_fit(model: Model) -> FittedRates:
@@ -90,10 +92,11 @@ class FittedRates:
         if self._problem.refills != model.refills:
             self._problem.refill()
         q, v, slides, driven = (np.ascontiguousarray(x, dtype=float) for x in given)
+        shapes = q.shape, (n, 0), (n, p.scene_joints, 3), (n, p.columns - p.free)
+        # What is not a number stays so where it is singular.
+        fit = Fit(*(*(np.full(shape, np.nan) for shape in shapes), driven))
         if (unknown := np.isnan(driven)).any():
             driven = np.where(unknown, self._driven_rates(q, v, slides), driven)
-        shapes = q.shape, (n, 0), (n, p.scene_joints, 3), (n, p.columns - p.free)
-        fit = Fit(*(np.full(shape, np.nan) for shape in shapes))  # also where it is singular
         structs, of = Structs(self._ffi, declarations("problem.h")), self._ffi.new("Fits *")
         arrays = {"q": q, "v": v, "slides": slides, "driven": driven, "rates": fit.rates}
         arrays |= {"joints": fit.joints, "constraints": fit.constraints}

@@ -83,7 +83,8 @@ class RecordedHistories(Mapping):
     def at_end(self, t: float) -> dict[str, np.ndarray]:
         """Forces of the last row by name, if it is at this time [s]; else nothing.
 
-        Also the rates that fit the joints, and accelerations, if the rates of steps do not fit.
+        Also the rates that fit the joints, and accelerations, if the rates of steps do not fit, and
+        those of driven motions, if they are known: where they jump, they are others from there on.
         """
         if self["t"][-1] != t:
             return {}
@@ -92,12 +93,14 @@ class RecordedHistories(Mapping):
             if (rows := self._recorded(name)) is not None:
                 shape = ARRAYS[name].lengths(self._model.sizes)
                 state["fitted" if name == "v" else name] = rows[-1].reshape(shape).copy()
+        if self._fitted_rows and not np.isnan(driven := self._fitted["driven_rates"][-1]).any():
+            state["driven_rates"] = driven.copy()
         return state
 
     def small_rows(self, first: int) -> dict[str, np.ndarray]:
         """Rows from one on of what does not grow with the number of nodes."""
         of_nodes = {name for name, row in ROWS.items() if row.record in ("motion", "rates")}
-        names = (self._fitted.keys() & ROWS.keys()) - of_nodes
+        names = (self._fitted.keys() & {*ROWS, "driven_rates"}) - of_nodes
         return {name: self._fitted[name][first:].copy() for name in sorted(names)}
 
     @cached_property
@@ -174,8 +177,8 @@ def fitted(
         before = type(now)(*(values[:-1] for values in now))
     else:
         near = slides_near(model, starts[0], slides[1:])
-        before = _fit(model, (times, steps[1:] - 1), (*starts, near), in_turn=False)
-    histories["v"] = now.rates
+        before = _fit(model, (times, steps[1:] - 1), (*starts, near), False, driven)
+    histories["v"], histories["driven_rates"] = now.rates, now.driven
     impulses = (model.mass @ now.corrections.T).T
     histories["momenta"] = rows["momenta"] + sums_of(model, rows["q"], impulses)
     if model.couplings.driven:  # at rates that fit, other impulses do no work
@@ -201,7 +204,7 @@ def _fit(
     """Rates that fit at ends or starts of steps, whose `states` are q, v and slides.
 
     Rates of driven motion that are not known are NaN. Inputs go straight in a step: if the rows are
-    `in_turn`, their rates are those over it. `first` are the rates at the first row, if known.
+    `in_turn`, their rates are those over it. `first` are the rates at step 0, if known.
     """
     from .fitted_rates import rate_fit
 
@@ -216,7 +219,7 @@ def _fit(
         means = driven_increments(model, q, slides) / lengths[1:, None]
         driven[1:, straight] = means[:, straight]
     if first is not None:
-        driven[0] = first
+        driven[steps == 0] = first
     return rate_fit(model).fit(q, v, slides, driven)
 
 

@@ -115,6 +115,28 @@ def test_loads_go_on_in_time_and_may_be_others():
     )
 
 
+@pytest.mark.exact_times
+@pytest.mark.parametrize("order", [2, 4])
+@pytest.mark.parametrize("file", [None, "run.pvd"])
+def test_a_motor_that_stops_where_a_motion_goes_on_takes_the_momentum(order, file, tmp_path):
+    """It moves a cart of 2 kg, at 1 m/s at last, and stops within a step."""
+    scene, scheme = fb.Scene(), fb.EnergyMomentum(order)
+    cart = scene.add_body((0, 0), mass=2.0, inertia=0.1).centre
+    slide = lambda t: min(t, 0.5) ** 2  # noqa: E731
+    guide = scene.add_joint(fb.Prismatic(fb.GROUND, cart, (1, 0), motor=slide))
+    scene.clamp(scene.add_beam([(0, 1), (1, 1)], MEMBER).start)  # for a file
+    record = fb.Record(file=file and tmp_path / file)
+    first = fb.simulate(scene, scheme, dt=1 / 16, t_end=0.5, record=record)
+    rest = fb.simulate(scene, scheme, dt=1 / 16, t_end=0.75, start=first)
+    force = rest.joint(guide).motor_force[1:]
+    assert force == pytest.approx(np.array([-2.0 * 1.0 * 16, 0, 0, 0]), abs=1e-9)
+    assert rest.velocity(cart)[0, 0] == pytest.approx(1.0)
+    assert np.diff(rest.linear_momentum[:, 0]) == pytest.approx(force / 16, abs=1e-11)
+    energy = rest.energy
+    assert first.energy.kinetic[-1] == pytest.approx(energy.kinetic[0]) == pytest.approx(1.0)
+    assert abs(energy.balance_error).max() < 1e-13
+
+
 # -- From equilibrium ------------------------------------------------------------------------------
 
 
