@@ -25,6 +25,9 @@ _SHORTEST = 0.1
 # A mean force that is met in a shorter step than this part of one has jumped at its start. In such
 # steps forces may be round-off.
 _JUMP = 1e-6
+# Distance from the end of a step, relative to it, at which what jumps there is seen; and the least
+# jump, relative to the size.
+_BESIDE, _LEAST_JUMP = 1e-6, 1e-3
 _MOST_TRIALS = 200
 
 
@@ -42,7 +45,7 @@ class Ending:
     """Takes the steps of a run one by one, until a condition is met."""
 
     def __init__(self, prepared: Prepared, recorder: Recorder):
-        self._stepper, self._recorder = prepared.stepper, recorder
+        self._prepared, self._stepper, self._recorder = prepared, prepared.stepper, recorder
         self._conditions = prepared.options.until
         self._last = start = recorder.end
         #: Time over which rates of driven motions are found at the start [s].
@@ -96,7 +99,8 @@ class Ending:
             return max(ends[name], soon), -abs(values[name]) / (abs(self._values[name]) or 1e-300)
 
         first = min(ends, key=order)
-        if ends[first] < least and before is not None and t0 not in kinks:
+        joins = ends[first] < least and t0 not in kinks
+        if joins and before is not None and not self._jumps(before.state.t, t0, t1):
             longer = before._replace(halving=halving)
             value = self._at(first, longer, t1)
             if abs(value) <= _ZERO * abs(self._values[first]):
@@ -113,6 +117,20 @@ class Ending:
         self._recorder.plan(number, end, last=True)
         self._stepper.advance(mark.state, end, number, self._recorder)
         self._stepper.stats.until = first
+
+    def _jumps(self, t: float, t0: float, t1: float) -> bool:
+        """Whether loads or rates of driven motions jump at t0, between steps from t and to t1 [s].
+
+        A step over it would have the mean of both.
+        """
+        model, forcing = self._prepared.model, self._prepared.forcing
+        at = np.array([t0 - _BESIDE * (t0 - t), t0 + _BESIDE * (t1 - t0), t, t1])
+        acting = [model.loads.series(at), model.forms.parameters.at_times(at)]
+        acting.append(forcing.end_rates(np.repeat(t0, 2), t0 - np.array([t, t1])))
+        if len(followers := model.points.followers):
+            acting.append(followers.series(at, at))
+        sizes = ((abs(of[1] - of[0]), abs(of)) for of in acting if of.size)
+        return any(jump.max() > _LEAST_JUMP * size.max() for jump, size in sizes)
 
     def _zero(self, name: str, mark: _Mark, t0: float, t1: float, last: float) -> float:
         """Time in [t0, t1] at which a condition is met in a step from a mark, just behind it.

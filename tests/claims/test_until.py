@@ -98,6 +98,28 @@ def test_a_mean_force_that_is_met_at_the_start_of_a_step_is_met_in_one_about_it(
     assert run.t[-1] - run.t[-2] > 0.009
 
 
+@pytest.mark.exact_times
+@pytest.mark.parametrize("order", [2, 4])
+@pytest.mark.parametrize("kind", ["dead force", "follower", "parameter"])
+def test_the_last_step_does_not_reach_over_a_jump_of_a_load(kind, order):
+    """A body of 1 kg with 1 m/s, on which 100 N act from 0.5 s on: v^2 = 1 + 2 * 100 * 0.5e-3."""
+    scene = fb.Scene()
+    body = scene.add_body((0, 0), 1.0, 0.1).centre
+    scene.set_velocity(body, (1.0, 0.0))
+    push = lambda t: 100.0 * (t >= 0.5)  # noqa: E731
+    if kind == "parameter":
+        p = fb.Parameter("push", lambda t: -push(t))
+        scene.add_force_between(body, (-9, 0), force=lambda r, rate, t: p)
+    else:
+        scene.add_force(body, lambda t: (push(t), 0.0), follower=kind == "follower")
+    until = {"outputs": {"x": fb.Output("position", body, "x")}}
+    until["until"] = lambda t, y: y["x"] - 0.5005
+    scheme = fb.EnergyMomentum(order)
+    solution = fb.simulate(scene, scheme, dt=1 / 128, t_end=1.0, **until)
+    assert solution.velocity(body)[-1, 0] == pytest.approx(np.sqrt(1.1), rel=1e-9)
+    assert solution.t[-1] == pytest.approx(0.5 + (np.sqrt(1.1) - 1) / 100, abs=1e-12)
+
+
 @pytest.mark.parametrize(
     ("condition", "measured"),
     [
