@@ -12,7 +12,7 @@ import scipy.sparse
 from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError, require, warn_once
 from fx_beam.laws.interval import Interval, instant
-from fx_beam.laws.schemes import EnergyMomentum, Equilibrium
+from fx_beam.laws.schemes import Equilibrium, MidPoint
 from fx_beam.motions.initial_state import rates_of_columns, reference_state
 from fx_beam.motions.options import check_scene
 from fx_beam.motions.surroundings import recent_model
@@ -93,8 +93,11 @@ class Linearisation:
 
     @cached_property
     def damped_model(self) -> Model:
-        """A model whose steps tell damping: their tangent is stiffness/2 + damping/dt."""
-        kind = EnergyMomentum(), self.models.get("damped")
+        """A model whose steps tell damping: their tangent is stiffness/2 + damping/dt.
+
+        Forces of the mid-point rule are smooth in their increments, for all stored energies.
+        """
+        kind = MidPoint(), self.models.get("damped")
         self.models["damped"] = model = recent_model(self.model.scene, *kind, instant=True)
         model.needed_by(self)
         return model

@@ -278,6 +278,34 @@ def test_quadratic_drag_leaves_the_derivatives_of_small_damping_as_they_are():
     assert of_both[1] == pytest.approx(of_both[0], rel=1e-4)
 
 
+def test_little_damping_leaves_derivatives_by_a_material_that_stiffens_as_they_are():
+    """Its strains in the steps that tell damping are small, and not in proportion to these."""
+
+    def build(x):
+        scene = fb.Scene(gravity=(0.0, -9.81))
+        section = fb.Section(EA=2e4, GA=1e4, EI=60.0 * x[0], rhoA=1.0, rhoI=0.05)
+        arm = scene.add_beam([(0, 0), (1, 0.3)], section, elements=4)
+
+        def energy(eps, gamma, kappa):
+            return 5e3 * (eps**2 + gamma**2) + 1.25e9 * eps**4 + 15 * kappa**2
+
+        stiffening = fb.Section(strain_energy=energy, rhoA=1.0, rhoI=0.05)
+        last = scene.add_beam([(1, 0.3), (1.7, -0.1)], stiffening, elements=4)
+        scene.clamp(arm.start)
+        hinge = {"spring": fb.Spring(20.0 * x[1]), "damper": fb.Damper(1e-6)}
+        scene.add_joint(fb.Revolute(arm.end, last.start, **hinge))
+        scene.add_force(last.end, (30.0 * x[2], 0.0))
+        return scene
+
+    of_both = []
+    for damping in (False, True):
+        run = fb.ModalResponse(build, n=3, state=loaded, damped=damping)
+        w = run([1.0, 1.0, 1.0])
+        of_both.append(run.jacobian().reshape(*w.shape, -1))
+    undamped, slightly = of_both[0], of_both[1][:, 0]
+    assert slightly == pytest.approx(undamped, rel=0, abs=1e-6 * abs(undamped).max())
+
+
 def test_modes_keep_their_places_where_frequencies_cross():
     run = fb.ModalResponse(crossed, n=3)
     before = run([1.0, 0.9, 1.0])
