@@ -337,18 +337,20 @@ class TangentDerivatives:
         about, model, start = self._about, self._about.model, self._start
         if not (model.points.conditions or model.couplings.sliding):
             return _DISTANCE
-        move = self._first[0][-1] * direction
-        columns = about.columns @ move
-        reach = model.reduction.sliders.reach(start.slides, columns)
+        reduction, points = model.reduction, self._first[0]
+        columns, driven = about.columns @ direction, np.zeros(reduction.driven)
+        reach = reduction.sliders.reach(start.slides, points[-1] * columns)
         distance = max(min(_DISTANCE, 0.9 * reach), _ON_ELEMENT)
-        slides = model.couplings.free_slides(columns, len(start.slides))
-        nodes, at_start = about.T @ move, model.switches(start)
+        at_start = model.switches(start)
+        reduction.begin(start.q, start.slides)
 
         def switches(by: float) -> bool:
-            there = model.points.switches(start.q + by * nodes, start.slides + by * slides)
-            return bool((there * at_start < 0).any())
+            y = by * columns[: reduction.free]
+            q = start.q + reduction.expand(y, driven)
+            slides = start.slides + model.couplings.free_slides(y, len(start.slides))
+            return bool((model.points.switches(q, slides) * at_start < 0).any())
 
-        while distance > _NEAREST and (switches(distance) or switches(-distance)):
+        while distance > _NEAREST and any(map(switches, distance * points)):
             distance /= 2
         return distance
 

@@ -239,6 +239,33 @@ def test_a_body_that_turns_on_a_hinge_has_the_derivatives_of_its_closed_form():
     assert ratio * by_w + w * by_ratio == pytest.approx(by_damping, rel=0, abs=1e-8)
 
 
+def test_closed_contact_has_the_derivatives_of_its_closed_form_at_each_depth():
+    """Of a body on a hinge, whose tip below presses on the floor: it also rises as it turns.
+
+    With U(a) = kt (a - a0)^2/2 + k d^2/2 and the depth d = sin a0 - sin a under a moment.
+    """
+    k, kt, inertia, a0 = 1e4, 50.0, 0.5, -1.4
+
+    def build(x, moment):
+        scene, tip = fb.Scene(), (np.cos(a0), np.sin(a0))
+        body = scene.add_body((0, 0), mass=1.0, inertia=inertia, points={"tip": tip})
+        scene.add_joint(fb.Revolute(fb.GROUND, body.centre, spring=fb.Spring(kt)))
+        scene.add_contact(body["tip"], fb.Line(tip, (0, 1)), stiffness=x[0])
+        scene.add_moment(body.centre, moment)
+        return scene
+
+    for depth in np.geomspace(1e-3, 2e-3, 25):
+        a = np.arcsin(np.sin(a0) - depth)
+        c, s = np.cos(a), np.sin(a)
+        moment, stiffness = kt * (a - a0) - k * depth * c, kt + k * (c**2 + depth * s)
+        by_angle, angle_by_k = k * (depth * c - 3 * c * s), depth * c / stiffness
+        exact = (c**2 + depth * s + by_angle * angle_by_k) / (2 * np.sqrt(stiffness * inertia))
+        made = functools.partial(build, moment=moment)
+        run = fb.ModalResponse(made, n=1, state=fb.static)
+        assert run([k]) == pytest.approx(np.sqrt(stiffness / inertia), rel=1e-7)
+        assert run.jacobian() == pytest.approx(exact, rel=1e-6)
+
+
 @pytest.mark.parametrize("build", [damped, bending, chain, driven, motors])
 def test_slopes_of_all_numbers_come_from_a_single_scene(build):
     count = [0]
