@@ -201,7 +201,7 @@ class Fields:
             degree=self.degree,
             t=self.time,
             dt=self.dt,
-            load_factor=self.load_factor if rates.at_rest else 1.0,
+            load_factor=self.load_factor,
             nodes=nodes,
             u_before=u_before,
             psi_before=psi_before,

@@ -56,6 +56,8 @@ class Linearisation:
     #: A frame that turns, and Coriolis forces by rates in it (free, free); None for one at rest.
     frame: TurningFrame | None
     coriolis: scipy.sparse.csr_matrix | None
+    #: Load factor of forces that depend on rates; 1 without a state.
+    factor: float
     #: Models of an earlier scene by kind, which serve again.
     models: dict[str, Model]
 
@@ -81,11 +83,13 @@ class Linearisation:
         if not (damped and self.may_be_damped):
             return self.coriolis
         model = self.damped_model
+        model.forms.set_load(self.factor, 0.0)
         equations, tangents, start = Equations(model, inert=False), [], self.start
         for dt in (INSTANT, 2 * INSTANT):
             equations.begin(instant(start.t, dt), start)
             equations.at_start(np.zeros(model.size))
             tangents.append(equations.tangent())
+        model.forms.set_load(1.0, 0.0)
         C = (2 * INSTANT * (tangents[0] - tangents[1])).tocsr()
         check_damping(C.data, f"{what}: the damping at rest")
         C.eliminate_zeros()
@@ -214,7 +218,9 @@ def linearised(
         M = (only @ M @ only).tocsr()
     G = None if frame is None else (np.sqrt(factor) * T.T @ frame.gyroscopic @ T).tocsr()
     columns = reduction.completion()[:, unknowns]
-    about = Linearisation(scene, model, K, M, T, unknowns, columns, start, frame, G, models)
+    of_rates = 1.0 if state is None else factor
+    matrices = scene, model, K, M, T, unknowns, columns, start, frame, G
+    about = Linearisation(*matrices, of_rates, models)
     # The largest work of a force at a node in a unit motion of the scene [J].
     largest = max(abs(part * model.unit).max() for part in (balance.f, balance.r, force))
     _check_equilibrium(about, state, balance.residual[unknowns], largest, what)

@@ -111,7 +111,11 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
     (dT, dS), (ddT, _) = map(coupling.parts, coupling.derivatives(w))
     _warn_of_turn(model, state, T, dT, what)
     strained = None if at is None or at.stats.static else _natural_rates(model, state.t, what)
+    model.forms.set_load(factor, 0.0)
     f, K, C, pushes, stiff, viscous = _forces(model, state, strained)
+    model.forms.set_load(1.0, 0.0)
+    if at is None:  # loads that depend on rates damp, as in `modes`
+        _, _, C, _, _, viscous = _forces(model, state)
     mass = model.mass
     dead = factor * forcing.dead(state.t)
     if frame is not None:

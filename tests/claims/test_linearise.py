@@ -1,5 +1,7 @@
 """A, B, C and D of a scene: against modes, frequency responses and small differences of motions."""
 
+import ufl
+
 import numpy as np
 import pytest
 import scipy.linalg
@@ -432,3 +434,39 @@ def test_turns_without_mass_are_not_damped_by_the_motion_of_a_state(EA):
     assert len(expected) == 17 and expected[0] > 7
     for unit in (1e-3, 3600.0):
         assert roots(unit) == pytest.approx(expected, rel=1e-5)
+
+
+def test_at_a_critical_point_pulls_act_with_their_load_factor():
+    """A mass on a spring, pushed aside: x'' + 3 l x' + (4 - 8 l) x = 0 at the load factor l."""
+    scene = fb.Scene()
+    body = scene.add_body((0, 0), mass=1.0, inertia=1.0).centre
+    guide = fb.Prismatic(fb.GROUND, body, axis=(1, 0), spring=fb.Spring(4.0))
+    scene.add_joint(guide)
+    scene.add_force_between(body, (0, -1), force=-8.0)
+    scene.add_force_between(body, (-1, 0), force=lambda r, rate, t: 3 * rate)
+    path = fb.static(scene, load_steps=4)
+    (point,) = path.critical_points
+    assert point.load_factor == pytest.approx(0.5, rel=1e-6)
+    for state, roots in ((point.solution, [-1.5, 0]), (path, [-4, 1]), (None, [-1.5, -1.5])):
+        found = np.linalg.eigvals(fb.linearise(scene, state).A)
+        assert np.sort(found.real) == pytest.approx(roots, abs=1e-5)
+        assert abs(found.imag).max() == pytest.approx(7**0.5 / 2 if state is None else 0, abs=1e-5)
+        (mode,) = fb.modes(scene, state, n=1).eigenvalues
+        assert abs(found - mode).min() < 1e-5
+
+
+def test_at_a_critical_point_forces_that_follow_have_their_load_factor():
+    """The pair of Beck's column that meets, and a column on a foundation that pushes it aside."""
+    scene = fb.Scene()
+    made = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0, rhoI=1e-4)
+    beck = scene.add_beam([(0, 0), (0, 1)], made, elements=4, degree=2)
+    scene.clamp(beck.start)
+    load = scene.add_force(beck.end, (0, -24.0), follower=True)
+    (flutter,) = fb.static(scene, load_steps=6).critical_points
+    growth = np.linalg.eigvals(fb.linearise(scene, flutter.solution).A).real
+    assert flutter.kind == "flutter" and growth.max() < 0.1
+    scene.remove(load)
+    scene.add_virtual_work(lambda step: 20 * step.load_factor * ufl.dot(step.u, step.virtual_u))
+    divergence = fb.static(scene, load_steps=4).critical_points[0].solution
+    lowest = np.sort(abs(np.linalg.eigvals(fb.linearise(scene, divergence).A)))
+    assert lowest[1] < 1e-2 and lowest[2] > 10
