@@ -146,23 +146,14 @@ class LoadStepper:
         """Forces (free,) that hold a state at a load factor."""
         return self.loop.balance(state, factor).residual[: self.model.reduction.free].copy()
 
-    def _added(self, state: State, factor: float) -> np.ndarray:
-        """Followers and added virtual works (size,) of a state at a load factor [N, N m]."""
-        forms, time, zero = self.model.forms, self.forcing.time, np.zeros(self.model.size)
-        if not forms.has_added:
-            return zero
-        forms.set_load(factor, 0.0)
-        forms.begin(Interval(time, time), self.model.start_of(state, 0.0))
-        forms.internal_force(zero)
-        return forms.added_force()
-
     def start_from(self, state: State) -> State:
         """A state as the start: the forces that hold it there fade as the loads rise."""
         loads = state.loads
         if loads is None:  # those at the end of a motion are not known
-            loads = self.forcing.dead(1.0) + self._added(state, 1.0)
+            loads = self.forcing.dead(1.0) + self.model.added_force(state, 1.0, self.forcing.time)
         # Virtual works may act at load factor 0 already.
-        self.forcing.start_from(state, loads - self._added(state, 0.0))
+        acting = self.model.added_force(state, 0.0, self.forcing.time)
+        self.forcing.start_from(state, loads - acting)
         self.path.held = self.residual(state, 0.0)
         self.hold_between(0.0, 0.0)
         try:

@@ -24,6 +24,7 @@ from fx_beam.scene.inputs import with_values
 from fx_beam.scene.scene import Scene
 from fx_beam.step.accelerations import have_mass
 from fx_beam.step.equations import Equations
+from fx_beam.step.forcing import Forcing
 from fx_beam.step.model import Model
 from fx_beam.step.turning_frame import TurningFrame, check_turns
 from fx_beam.step.undamped_modes import Symmetry, UndampedModes
@@ -201,9 +202,7 @@ def linearised(
     check_unknowns(model, what)
     frame = None if state is None else turning_frame_of(model, state, what)
     equations = Equations(model, start.t, frame)
-    force = factor * model.loads.at(start.t)
-    if model.weight is not None:
-        force += factor * model.weight
+    force = dead_loads(model, start, factor, frame, model.added_force(start, factor, start.t))
     equations.begin(Interval(factor, factor), start)
     balance = equations.at_start(force)
     if reduction.singularity:
@@ -240,6 +239,19 @@ def turning_frame_of(model: Model, state: Solution, what: str) -> TurningFrame |
     return TurningFrame(model, spin / np.sqrt(state.t[-1]), pivot)
 
 
+def dead_loads(
+    model: Model, state: State, factor: float, frame: TurningFrame | None, added: np.ndarray
+) -> np.ndarray:
+    """Dead loads (size,) of a state: within a path, which may have begun with others, its own.
+
+    Forces `added` (size,) are in them there, and those of the frame.
+    """
+    if factor == 1 or state.loads is None:
+        return factor * Forcing(model).dead(state.t)
+    turning = 0.0 if frame is None else factor * frame.force(state.q)
+    return state.loads - turning - added
+
+
 def _last(model: Model, start: State, state: Solution, what: str) -> tuple[float, State]:
     """Load factor and configuration in the last row of a solution."""
     require(isinstance(state, Solution), f"{what}: state", state, "a solution of the scene")
@@ -264,6 +276,9 @@ def _last(model: Model, start: State, state: Solution, what: str) -> tuple[float
             inside[name] = values
     if model.natural:
         inside["natural"] = factor * model.natural.at(t)
+    if factor != 1 and state.end is not None:  # the path may have begun with other loads
+        end = state.end.reshaped(-1)
+        inside |= {"loads": end.loads} | ({"natural": end.natural} if model.natural else {})
     q, slides = state.q[-1].flatten(), np.nan_to_num(state.slides[-1])
     return factor, replace(replace(start, **inside), t=t, q=q, slides=slides)
 

@@ -24,7 +24,7 @@ from fx_beam.step.held_inputs import HeldInputs
 from fx_beam.step.model import Model
 from fx_beam.step.turning_frame import TurningFrame
 
-from .linearisation import INSTANT, check_damping, check_unknowns, turning_frame_of
+from .linearisation import INSTANT, check_damping, check_unknowns, dead_loads, turning_frame_of
 
 _log = logging.getLogger("fx_beam")
 
@@ -113,11 +113,12 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
     strained = None if at is None or at.stats.static else _natural_rates(model, state.t, what)
     model.forms.set_load(factor, 0.0)
     f, K, C, pushes, stiff, viscous = _forces(model, state, strained)
+    added = model.forms.added_force()
     model.forms.set_load(1.0, 0.0)
     if at is None:  # loads that depend on rates damp, as in `modes`
         _, _, C, _, _, viscous = _forces(model, state)
     mass = model.mass
-    dead = factor * forcing.dead(state.t)
+    dead = dead_loads(model, state, factor, frame, added)
     if frame is not None:
         dead += factor * frame.force(state.q)
         K = K - factor * frame.spin**2 * frame.mass

@@ -22,7 +22,7 @@ from fx_beam.fem.forms import Forms
 from fx_beam.fem.loads import Loads, NaturalStrains
 from fx_beam.fem.mass import Mass, about_centres, mobilities
 from fx_beam.fem.mesh import build_mesh
-from fx_beam.laws.interval import StepStart
+from fx_beam.laws.interval import Interval, StepStart
 from fx_beam.laws.rates import NodalRates
 from fx_beam.laws.schemes import Scheme
 from fx_beam.results.state import ROWS, State
@@ -221,6 +221,16 @@ class Model:
         of_joints = state.slides, rates, state.spring_internal
         natural = None if state.natural is None else (state.natural, state.natural)
         return StepStart(*of_nodes, state.internal, *of_joints, natural=natural)
+
+    def added_force(self, state: State, factor: float, time: float) -> np.ndarray:
+        """Followers and added virtual works (size,) of a state at a load factor [N, N m]."""
+        zero = np.zeros(self.size)
+        if not self.forms.has_added:
+            return zero
+        self.forms.set_load(factor, 0.0)
+        self.forms.begin(Interval(time, time), self.start_of(state, 0.0))
+        self.forms.internal_force(zero)
+        return self.forms.added_force()
 
     def slide_rates(self, state: State) -> np.ndarray:
         """Rates (joints,) of the slides on which forces act; zero for others."""

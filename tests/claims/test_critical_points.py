@@ -1,6 +1,7 @@
 """Critical points of paths: their loads, kinds and modes, against exact references."""
 
 import pickle
+from dataclasses import replace
 
 import ufl
 
@@ -435,3 +436,33 @@ def test_a_step_across_an_imperfect_bifurcation_tells_of_no_bifurcation(caplog):
     assert [point.kind for point in coarse.critical_points] == ["not located"]
     assert "another path. Compute the path with more steps" in caplog.text
     assert "bifurcation" not in [point.kind for point in path_of(16).critical_points]
+
+
+def test_at_a_point_of_a_path_with_a_start_both_loads_act():
+    """A weight on an upright rod, then a load on its end; a bar that is pressed by its heat first.
+
+    The rod falls at 10 N m/rad = 5 N m + 10 N m l. The bar keeps its length:
+    P (1 + P/GA) = pi^2 EI/L^2, from 4 N on.
+    """
+    scene = fb.Scene(gravity=(0, -10))
+    rod = scene.add_body((0, 0.5), mass=1.0, inertia=0.1, points={"low": (0, 0), "top": (0, 1)})
+    scene.add_joint(fb.Revolute(fb.GROUND, rod["low"], spring=fb.Spring(10.0)))
+    under_its_weight = fb.static(scene)
+    scene.add_force(rod["top"], (0, -10.0))
+    paths = [(scene, fb.static(scene, load_steps=5, start=under_its_weight), 0.5)]
+
+    scene, _ = column(0.0, 4, 3, np.pi, replace(STOUT, rhoA=1.0, rhoI=1e-4))
+    (bar,) = scene.beams
+    scene.fix(bar.end, "y")
+    heat = scene.add_natural_strain(bar, axial=4e-4)
+    exact = STOUT.GA / 2 * (np.sqrt(1 + 4 * np.pi**2 / STOUT.GA) - 1)
+    warm = fb.static(scene)
+    scene.change(heat, axial=14e-4)
+    paths.append((scene, fb.static(scene, load_steps=5, start=warm), (exact - 4) / 10))
+
+    for scene, path, factor in paths:
+        (point,) = path.critical_points
+        assert point.load_factor == pytest.approx(factor, rel=1e-4)
+        assert abs(fb.modes(scene, point.solution, n=1).angular_frequencies[0]) < 1e-3
+        roots = abs(np.linalg.eigvals(fb.linearise(scene, point.solution).A))
+        assert np.sort(roots)[:2] == pytest.approx(0, abs=1e-3)
