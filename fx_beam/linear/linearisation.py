@@ -11,6 +11,7 @@ import scipy.sparse
 
 from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError, require, warn_once
+from fx_beam.fem.parameter_values import before
 from fx_beam.laws.interval import Interval, instant
 from fx_beam.laws.schemes import Equilibrium, MidPoint
 from fx_beam.motions.initial_state import rates_of_columns, reference_state
@@ -279,6 +280,8 @@ def _last(model: Model, start: State, state: Solution, what: str) -> tuple[float
     if factor != 1 and state.end is not None:  # the path may have begun with other loads
         end = state.end.reshaped(-1)
         inside |= {"loads": end.loads} | ({"natural": end.natural} if model.natural else {})
+    if len(model.forms.parameters):
+        inside["parameters"] = model.forms.parameters.at(t if state.stats.static else before(t))
     q, slides = state.q[-1].flatten(), np.nan_to_num(state.slides[-1])
     return factor, replace(replace(start, **inside), t=t, q=q, slides=slides)
 

@@ -346,3 +346,24 @@ def test_the_work_of_parameters_is_of_second_order_by_newmarks_family(scheme):
         return abs(energy.balance_error[-1])
 
     assert error(0.01) > 3.5 * error(0.005) > 3.5**2 * error(0.0025)
+
+
+def test_small_motions_about_a_state_have_the_parameters_of_its_time():
+    """x'' + c(t) x' + k(t) x = F with k = 4 + 12 t and c = t, at t = 1: 4 rad/s, and F / 16."""
+    scene = fb.Scene()
+    k, c = fb.Parameter("k", lambda t: 4 + 12 * t), fb.Parameter("c", lambda t: t)
+    body = scene.add_body((0, 0), mass=1.0).centre
+    scene.fix(body, "y", "rotation")
+    spring = fb.Spring(rest=1.0, strain_energy=lambda x: k * x**2 / 2)
+    damper = fb.Damper(law=lambda rate: c * rate)
+    scene.add_force_between(body, (-1, 0), spring=spring, damper=damper)
+
+    def check(state):
+        (root,) = fb.modes(scene, state, n=1).eigenvalues
+        assert root == pytest.approx(-0.5 + 15.75**0.5 * 1j, rel=1e-6)
+        found = fb.frequency_response(scene, (body, (1.0, 0.0)), body, [0.0], state)
+        assert found.values[0, 0] == pytest.approx(1 / 16, rel=1e-6)
+
+    check(fb.simulate(scene, dt=0.1, t_end=1.0))
+    scene.add_force(body, (8.0, 0.0))
+    check(fb.static(scene, load_steps=1, t=1.0))
