@@ -22,6 +22,7 @@ from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
 from fx_beam.scene.coordinate import Coordinate
 from fx_beam.scene.inputs import with_values
+from fx_beam.scene.joints import constraints_of
 from fx_beam.scene.scene import Scene
 from fx_beam.step.accelerations import have_mass
 from fx_beam.step.equations import Equations
@@ -283,6 +284,12 @@ def _last(model: Model, start: State, state: Solution, what: str) -> tuple[float
     if len(model.forms.parameters):
         inside["parameters"] = model.forms.parameters.at(t if state.stats.static else before(t))
     q, slides = state.q[-1].flatten(), np.nan_to_num(state.slides[-1])
+    had = None if state.end is None else state.end.constraints
+    if had is not None and had.joints != constraints_of(model.scene).joints:
+        slides, at = start.slides, model.motion(q=q[None])  # the same joint may have another number
+        for joint in model.scene.joints:
+            of_joint = slides[joint.number : joint.number + 1]
+            of_joint[:] = joint.kinematics.slide(at, of_joint)
     return factor, replace(replace(start, **inside), t=t, q=q, slides=slides)
 
 

@@ -503,3 +503,24 @@ def test_a_reference_in_which_springs_are_strained_is_told(rest, caplog):
     assert "no equilibrium" not in caplog.text
     fb.modes(scene)
     assert ("modes: the reference is no equilibrium" in caplog.text) == (rest == 0.5)
+
+
+def test_a_state_that_another_joint_holds_tells_of_the_unstable_pendulum():
+    """A bead on a spring along an upright arm, which a slot holds at its top in the state."""
+
+    def build(held):
+        scene = fb.Scene(gravity=(0, -10))
+        arm = scene.add_body((0, 0.5), 1.0, 0.1, points={"low": (0, 0), "top": (0, 1)})
+        bead = scene.add_body((0, 0.4), mass=2.0, inertia=0.05)
+        if held:  # the joints behind it have other numbers
+            scene.add_joint(fb.PinInSlot(fb.GROUND, arm["top"], axis=(0, 1)))
+        scene.add_joint(fb.Revolute(fb.GROUND, arm["low"]))
+        spring = fb.Spring(100.0, rest=0.3)
+        scene.add_joint(fb.Prismatic(arm.centre, bead.centre, axis=(0, 1), spring=spring))
+        return scene
+
+    state = fb.static(build(held=True), load_steps=2)
+    place = 0.5 + 0.3 - 2 * 10 / 100  # of the bead, from the hinge
+    growth = np.sqrt(10 * (0.5 + 2 * place) / (0.1 + 0.25 + 0.05 + 2 * place**2))
+    found = fb.modes(build(held=False), state, n=2)
+    assert found.eigenvalues == pytest.approx([growth, np.sqrt(100 / 2) * 1j], rel=1e-6)
