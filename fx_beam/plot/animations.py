@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import itertools
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -129,8 +130,12 @@ def animate(
         check_takes(scenery, "axes, k", "scenery")
     drawing = checked_drawing(solution, magnify, scene_unit, 100, rows, times, count)
     shown = drawing.rows
+    members = Members(drawing, thickness, colour, colour_limits, colour_scale)
+    beside = members.corners
     if trace is not None:
         solution.position(trace)  # refuses what is no node of the solution
+        beside += [*drawing.positions(trace.number, slice(shown[0], max(shown) + 1))]
+    drawing = replace(drawing, beside=beside)
     plane = _plane(drawing, colour is not None, size)
     say_if_too_small(drawing)
     ax = plane.ax
@@ -142,7 +147,6 @@ def animate(
     draw_outlines(ax, drawing.obstacles)
     heading = ax.annotate("", (0, 1), (0, 4), family="monospace", **look)
     (past,) = ax.plot([], [], color="0.65", linewidth=1.0, zorder=1)
-    members = Members(drawing, thickness, colour, colour_limits, colour_scale)
     lines: Any = members.collection(2.5)
     if colour is None:
         shades = itertools.islice(itertools.cycle(_COLOURS), len(solution.beams))

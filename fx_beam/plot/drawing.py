@@ -149,6 +149,8 @@ class Drawing:
     magnify: float = 1.0
     #: Unit of lengths.
     unit: str = "m"
+    #: Points (n, 2) that are in the window as well [m].
+    beside: Any = ()
 
     def __post_init__(self):
         require(is_name(self.unit), "scene_unit", self.unit, "a text")
@@ -224,6 +226,7 @@ class Drawing:
         arrows = [self.arrow(node, k) for node in self.forces for k in self.rows]
         lines = [of.line for of in self.obstacles]
         lines += [of.line for k in self.rows for of in self.carried(k)]
+        fixed += [*self.beside]
         seen = np.concatenate([self.points, np.reshape(fixed, (-1, 2)), *arrows, *lines])
         low, high = seen.min(axis=0), seen.max(axis=0)
         size = max(high - low) or self.reach

@@ -62,7 +62,8 @@ class Members:
         limits: tuple[float, float] | None = None,
         scale: str = "linear",
     ):
-        self._drawing, self._depths = drawing, None
+        self._drawing = drawing
+        self._depths: Any = None
         beams = drawing.solution.beams.values()
         elements = sum(beam.elements for beam in beams)
         self.pieces = max(1, min(_PIECES, _MANY // max(elements, 1)))
@@ -119,15 +120,28 @@ class Members:
         """Move what shows the members to their positions in row k, in the colours of its values."""
         if self._values:
             collection.set_array(self._values[k])
-        points = self._drawing.along_elements(k, self.pieces)
         if self._depths is None:
+            points = self._drawing.along_elements(k, self.pieces)
             pieces = np.stack([points[:, :-1], points[:, 1:]], axis=2)
             collection.set_segments(list(pieces.reshape(-1, 2, 2)))
             return
-        aside = self._depths / 2 * self._drawing.normals(k, self.pieces)
-        left, right = points + aside, points - aside
+        left, right = self._sides(k)
         corners = [left[:, :-1], left[:, 1:], right[:, 1:], right[:, :-1]]
         collection.set_verts(list(np.stack(corners, axis=2).reshape(-1, 4, 2)))
+
+    def _sides(self, k: int) -> np.ndarray:
+        """Both sides (2, elements, points, 2) of members drawn as thick as they are, in row k."""
+        points = self._drawing.along_elements(k, self.pieces)
+        aside = self._depths / 2 * self._drawing.normals(k, self.pieces)
+        return np.stack([points + aside, points - aside])
+
+    @property
+    def corners(self) -> list[np.ndarray]:
+        """Corners (2,) of what holds such members in each row."""
+        if self._depths is None or not self._depths.size:
+            return []
+        sides = [self._sides(k) for k in self._drawing.rows]
+        return [corner for of in sides for corner in (of.min((0, 1, 2)), of.max((0, 1, 2)))]
 
     def per_piece(self, values) -> np.ndarray:
         """One value for each member, repeated for its pieces."""

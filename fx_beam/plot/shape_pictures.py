@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -100,11 +101,12 @@ def shapes(
     path = picture(path)
     drawing = checked_drawing(solution, magnify, scene_unit, 8, rows, times, count)
     shown = drawing.rows
+    members = Members(drawing, thickness, colour, colour_limits, colour_scale)
+    drawing = replace(drawing, beside=members.corners)
     plane = Plane(drawing, bar=True)
     say_if_too_small(drawing)
     ax = plane.ax
     ax.set_title(drawing.title(), fontsize="medium")
-    members = Members(drawing, thickness, colour, colour_limits, colour_scale)
     shades: Any = ["0.35"] * len(shown)
     if colour is None:
         shades = _colours_of_times(plane, drawing)

@@ -197,6 +197,21 @@ def test_members_are_as_thick_as_their_sections_and_turn_with_them(degree, facto
     assert np.hypot(*middles.T) == approx(2 * ends, rel=1e-3)
 
 
+def test_deep_members_and_paths_between_frames_are_in_the_frame(tmp_path):
+    deep = fb.Section.rectangle(height=1.0, width=0.1, E=1e6, rho=10.0)
+    scene = fb.Scene(gravity=(0, -9.81))
+    bar = scene.add_beam([(0, 0), (2, 0)], deep)
+    scene.pin(bar.start)
+    solution, axes = fb.simulate(scene, dt=0.05, t_end=1.0), []
+    (bands,) = painted(plot.shapes(solution, rows=[0], colour="N", thickness=1.0))
+    heights = np.array([path.vertices[:, 1] for path in bands.get_paths()])
+    assert abs(heights).max() == approx(0.5) and bands.axes.get_ylim()[1] > 0.5
+    film = {"rows": [0, 20], "trace": bar.end, "scenery": lambda ax, k: axes.append(ax)}
+    plot.animate(solution, tmp_path / "film.gif", **film)
+    heights = solution.position(bar.end)[:, 1]
+    assert heights[[0, 20]].min() > -1.2 and axes[0].get_ylim()[0] < heights.min() < -1.9
+
+
 # -- Symbols ---------------------------------------------------------------------------------------
 
 
