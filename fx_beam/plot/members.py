@@ -76,6 +76,10 @@ class Members:
         self._values: dict[int, np.ndarray] = {}
         if quantity is not None:
             self._take_colours(quantity, limits, scale)
+            return
+        wanted = "given with a colour, such as colour='M'"
+        require(limits is None, "colour_limits", limits, wanted)
+        require(isinstance(scale, str) and scale == "linear", "colour_scale", scale, wanted)
 
     def _take_colours(self, quantity: str, limits: Any, scale: str) -> None:
         drawing, solution = self._drawing, self._drawing.solution

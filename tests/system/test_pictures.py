@@ -723,6 +723,8 @@ def test_a_picture_of_no_response_is_refused():
         ("shapes", {"colour_limits": 3}, "colour_limits = 3 must be two finite numbers"),
         ("shapes", {"colour_limits": (0, 1), "colour_scale": "log"}, "both positive, on a log"),
         ("shapes", {"colour_scale": "cubic"}, "colour_scale = 'cubic' must be 'linear' or 'log'"),
+        ("shapes", {"colour": None, "colour_limits": (0, 1)}, "must be given with a colour"),
+        ("animate", {"colour": None, "colour_scale": "log", "path": "a.gif"}, "with a colour"),
         ("animate", {"fps": 60, "path": "a.gif"}, "fps = 60 must be a whole number from 1 to 50"),
         ("diagrams", {"row": 99}, "rows of the solution"),
         ("shapes", {"times": [-1.0]}, "times of the solution, from 0 to"),
@@ -739,7 +741,7 @@ def test_what_cannot_be_drawn_is_refused_before_a_file_is_begun(
     monkeypatch.chdir(tmp_path)
     options = {"path": "a.png"} | options
     if "colour_limits" in options or "colour_scale" in options:
-        options["colour"] = "M"
+        options = {"colour": "M"} | options
     with pytest.raises(ValueError, match=re.escape(words)):
         getattr(plot, draw)(swing[2], **options)
     assert not list(tmp_path.iterdir())
