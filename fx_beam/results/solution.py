@@ -591,7 +591,7 @@ def _node_number(solution: Any, node: Node) -> int:
     if not isinstance(node, Node):
         raise SceneError(
             f"{shown(node)} is not a node; take one from a beam: beam.start, beam.end or "
-            "beam.node(fraction)"
+            "beam.node(fraction), or from a body: body.centre or body[name]"
         )
     X, scene = solution.X, scene_of(solution)
     other: Any = node.scene

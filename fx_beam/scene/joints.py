@@ -632,7 +632,10 @@ def new_joint(kind, a, b, offset, axis=None, slide=None, rotation=None, of=Joint
         )
     for node in (a, b):
         if not isinstance(node, Node):
-            raise SceneError(f"{kind}: {shown(node)} is not a node; take one of a beam, or GROUND")
+            raise SceneError(
+                f"{kind}: {shown(node)} is not a node; take one of a beam, body.centre or "
+                "body[name] of a body, or GROUND"
+            )
     if a is b:
         raise SceneError(f"{kind}: both of its nodes are {a}. Give two different nodes")
     offset = vector(offset, 2, f"{kind}: offset")

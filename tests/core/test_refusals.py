@@ -234,6 +234,7 @@ REFUSED = {
         (lambda p: fb.Prismatic(*p.ends, axis=(0, 0)), "axis"),
         (lambda p: fb.Revolute(*p.ends, offset=MASSLESS), "offset"),
         (lambda p: fb.Rigid(p.end, p.end), "node"),
+        (lambda p: fb.Rigid(p.end, p.body), r"Rigid: <Body.* is not a node; .*body\.centre"),
         (lambda p: fb.PinInSlot(fb.GROUND, p.end, (1, 0), hinge=3), "hinge"),
         (lambda p: fb.Slider(p.end, p.other.end), "is not a beam; give the beam that guides"),
         (lambda p: fb.Slider(p.beam, p.other.end, fraction=2.0), "Slider: fraction"),
@@ -389,6 +390,7 @@ REFUSED = {
     "solutions": [
         (lambda p: p.run().position(ELSEWHERE.end), "node 1 at .* is not a node of this solution"),
         (lambda p: p.run().position(p.beam), "^<Beam 'arm': .* is not a node; take one"),
+        (lambda p: p.run().position(p.body), r"<Body .* is not a node; .*body\.centre"),
         (lambda p: p.run().shape("boom"), r"'boom' is not a beam of this solution; it has \['arm'"),
         (lambda p: p.run().internal("arm", "creep"), "internal variable"),
         (lambda p: p.run().recorded("z"), "must be one of"),
