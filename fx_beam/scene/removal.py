@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from fx_beam.errors import SceneError, require, shown
+from fx_beam.errors import SceneError, is_one_of, require, shown
 
 from .beam import COMPONENTS, Beam, Node
 from .body import Body
@@ -83,7 +83,7 @@ def _forget(scene: Any, part: Any) -> None:
 def locked(joint: Joint, coordinate: str | None) -> Joint:
     """The joint with a coordinate that keeps its value; SceneError if it has no such one."""
     names = ["slide"] if joint.on_beam else [*joint.coordinates]
-    fits = coordinate is None or coordinate in names
+    fits = coordinate is None or is_one_of(coordinate, names)
     require(fits, f"lock {joint}: coordinate", coordinate, f"one of {names}")
     if not names:
         raise SceneError(f"lock {joint}: it has no slide and no relative rotation to lock")

@@ -971,7 +971,7 @@ class Scene:
         supported = [*self.fixed, *self.prescribed]
         held = [name for i, name in enumerate(COMPONENTS) if (node.number, i) in supported]
         for name in components or held or ["a component"]:
-            require(name in held, f"free {node}", name, f"one that is supported: {held}")
+            require(is_one_of(name, held), f"free {node}", name, f"one that is supported: {held}")
             key = node.number, COMPONENTS.index(name)
             self.fixed.discard(key)
             self.prescribed.pop(key, None)

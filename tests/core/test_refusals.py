@@ -198,6 +198,7 @@ REFUSED = {
         (in_parts("fix", "x", "x"), "x of node 2 .* is supported twice; scene.free"),
         (lambda p: p.scene.pin(p.beam.start), "is supported twice"),
         (in_parts("fix"), "support of node 2 .* name the components to fix"),
+        (lambda p: p.scene.free(p.beam.start, np.array(["x", "y"])), "one that is supported"),
         (in_parts("prescribe"), "prescribed motion of node 2 .* give x, y or rotation"),
         (lambda p: (in_parts("prescribe", x=lambda t: 0.5 + t)(p), p.run()), "is 0.5 at t = 0"),
         (lambda p: p.scene.clamp(ELSEWHERE.end), r"node 1 at \(0, 9\) belongs to another scene"),
@@ -261,6 +262,7 @@ REFUSED = {
         (lambda p: fb.Fuse(p.joint(), -1.0), "Fuse: force"),
         (lambda p: p.run(changes={"a": 3}), "changes"),
         (lambda p: p.scene.lock(p.joint(fb.Rigid)), "joint"),
+        (lambda p: p.scene.lock(p.joint(), np.array(["slide", "rotation"])), "must be one of"),
     ],
     "schemes and records": [
         (lambda p: p.run("Newmark"), r"unknown scheme .*fx_beam.EnergyMomentum\(\)"),
