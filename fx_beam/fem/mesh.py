@@ -136,7 +136,7 @@ def rotation_of(node: Node) -> int:
 
 def build_mesh(scene: Scene) -> Mesh:
     """Mesh of a scene with at least one beam or body."""
-    if not scene.nodes:
+    if not (scene.beams or scene.bodies):
         raise SceneError("the scene has no beams. Add one with scene.add_beam, or add_body")
     degree = scene.beams[0].degree if scene.beams else 1
     pairs = [(a.number, b.number) for beam in scene.beams for a, b in pairwise(beam.nodes)]

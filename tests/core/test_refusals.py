@@ -289,6 +289,7 @@ REFUSED = {
     "motions": [
         (lambda p: fb.simulate("scene", dt=0.1, t_end=0.1), "simulate needs an fx_beam.Scene"),
         (lambda p: fb.simulate(fb.Scene(), dt=0.1, t_end=0.1), "the scene has no beams"),
+        (lambda p: [p.scene.remove(p.beam, p.other, p.body), p.run()], "the scene has no beams"),
         (lambda p: p.run(dt=math.nan), "dt = .* must be a positive number"),
         (lambda p: p.run(dt=-0.1), "dt = -0.1.* must be a positive number"),
         (lambda p: p.run(dt=1e-12, t_end=1.0), "dt = .* steps to t_end = 1.0 are more than"),
