@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from fx_beam.results.files import of_numpy, replacing
+from fx_beam.results.files import named, of_numpy, replacing
 
 _VERSIONS = {"FFCx": "fenics-ffcx", "numpy": "numpy", "fx_beam": "fx-beam"}
 # How strict JSON has numbers that are not finite.
@@ -49,7 +49,7 @@ def write_report(path: Path | str, page: str, numbers: Row, rows: Iterable[Row])
 
 def beside(path: Path | str, ending: str) -> Path:
     """Path of a report's file, whose name may contain a point. Creates its directory."""
-    path = Path(path)
+    path = named(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     return path.with_name(path.name + ending)
 

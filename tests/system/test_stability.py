@@ -212,6 +212,8 @@ def test_a_study_that_cannot_be_made_is_refused_before_anything_runs(schemes, ca
     ("call", "reason"),
     [
         (lambda run: stability.study([fb.Newmark()], 3), "3 is no fx_beam.stability.Case"),
+        (lambda run: stability.study([], [], max_halvings=-1), "max_halvings = -1 must be a who"),
+        (lambda run: stability.study([], [], repeats="four"), "repeats = 'four' must be a whole"),
         (lambda run: stability.counts(3), "3 is no fx_beam.stability.Cell"),
         (lambda run: stability.counts(["kept"]), "'kept' is no fx_beam.stability.Cell"),
         (lambda run: stability.classify("kept", 1.0), "classify: run = 'kept' must be"),

@@ -246,6 +246,10 @@ def test_errors_below_that_of_the_reference_are_not_shown_as_known(tmp_path):
     assert seconds_at(found, 1e-3) == {} and set(seconds_at(found, 1e-2)) == {"A", "B"}
     assert "the smallest error is 3e-3, by B, dt = 0.01 s" in sentence(found, "q")
     assert "The reference is known to 0.001." in sentence(found, "q")
+    with pytest.raises(fb.SceneError, match=r"quantity = 'p' must be one of \['q'\]"):
+        sentence(found, "p")
+    with pytest.raises(ValueError, match="path = 3 must be the name of a file"):
+        work_precision.write(3, found)
     work_precision.write(tmp_path / "q", found)
     rows = [line.split("|") for line in (tmp_path / "q.md").read_text().splitlines()]
     errors = [row[-3].strip() for row in rows if len(row) > 12 and row[1].strip() in "AB"]

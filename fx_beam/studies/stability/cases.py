@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.errors import SceneError, StepError, positive, require
+from fx_beam.errors import SceneError, StepError, is_whole, positive, require
 from fx_beam.laws.schemes import Scheme
 from fx_beam.motions.dynamics import simulate
 from fx_beam.motions.progress import progress_bar
@@ -420,6 +420,9 @@ def study(
     >>> cells = fb.stability.study(schemes, cases)
     >>> fb.stability.write("results/arm", cells, "an arm")  # .json, .csv, .md, .png
     """
+    wanted = "a whole number from 0 "
+    require(is_whole(max_halvings, 0, 50), "max_halvings", max_halvings, f"{wanted}to 50")
+    require(is_whole(repeats, 0), "repeats", repeats, f"{wanted}on")
     labelled, cases = candidates.labelled(schemes), candidates.entries_of(Case, cases)
     candidates.several("cases", [case.name for case in cases])
     none = Verdict("no verdict")

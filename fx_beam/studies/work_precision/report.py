@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.errors import SceneError
+from fx_beam.errors import SceneError, is_one_of, require
 from fx_beam.studies.reporting import beside, machine, section, short, write_json, write_report
 from fx_beam.studies.work_precision import accuracy
 
@@ -189,6 +189,8 @@ def sentence(study: Precision, quantity: str) -> str:
     str
         The sentence.
     """
+    wanted = f"one of {[*study.references]}"
+    require(is_one_of(quantity, study.references), "quantity", quantity, wanted)
     if quantity in study.missing:
         return f"{quantity}: there is no reference: {study.missing[quantity]}"
     best = min(study.runs, key=lambda run: (counted(study, quantity, run), run.seconds))
@@ -214,7 +216,7 @@ def prepare(path: Path | str) -> None:
 
     try:
         write_json(beside(path, ".json"), machine())
-    except (OSError, TypeError) as wrong:
+    except (OSError, ValueError) as wrong:
         raise SceneError(f"results = {path!r} cannot be written: {wrong}") from wrong
 
 
