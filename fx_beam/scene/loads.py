@@ -167,6 +167,12 @@ def line_load(beam: Beam, load, of: str) -> Load:
     if of == "time":
         check_takes_time(load, what)
         return Load("line load", beam, time_function(load, 2, what))
+    names, called = argument_names(load), "s, t" if of.endswith("time") else "s"
+    if names and names[0].lower() in ("t", "time"):
+        raise SceneError(
+            f"{what}: the function takes ({', '.join(names)}), but it is called with ({called}), "
+            f"the arc length first: give lambda {called}: ... A function of time has of='time'"
+        )
     if of == "arc length and time":
         value = PlaceTimeFunction(load, 2, what, beam.length, "s")
         return Load("line load", beam, value)
