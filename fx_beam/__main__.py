@@ -81,7 +81,8 @@ def _folder(path: Path) -> str:
 def run(script: str, arguments: list[str]) -> None:
     """Run a script on the first process of mpirun; the others compute parts of its scenes."""
     sys.argv[:] = [script, *arguments]
-    sys.path[0] = str(Path(script).resolve().parent)
+    if not sys.flags.safe_path:  # with `python -P` the first folder is one of PYTHONPATH
+        sys.path[0] = str(Path(script).resolve().parent)
     rank, size = mpi.rank_and_size()
     if size > 1 and mpi.has_petsc():  # it begins on all processes together, or waits for them
         mpi.petsc()

@@ -80,6 +80,16 @@ runpy.run_module("fx_beam", run_name="__main__")
     assert "fx_beam, " in lines["cache"]
 
 
+@pytest.mark.parametrize("options", [[], ["-P"]])
+def test_a_script_run_by_the_package_sees_the_folders_of_pythonpath(options, tmp_path):
+    (tmp_path / "lib").mkdir()
+    (tmp_path / "lib" / "of_user.py").write_text("print('seen')")
+    (tmp_path / "script.py").write_text("import of_user")
+    path = os.pathsep.join([str(tmp_path / "lib"), str(Path(fx_beam.__file__).parents[1])])
+    command = [sys.executable, *options, "-m", "fx_beam", tmp_path / "script.py"]
+    assert subprocess.check_output(command, env=os.environ | {"PYTHONPATH": path}) == b"seen\n"
+
+
 def test_without_ffcx_an_import_says_in_one_sentence_how_to_get_it(script):
     code = """
 import importlib.util
