@@ -207,8 +207,10 @@ class Solution:
         return {**state, "resultants_of_beam": known.get}
 
     def __repr__(self):
+        rows, steps = len(self.t), self.stats.steps
+        count = f"{steps} steps" if rows == steps + 1 else f"{rows} rows"  # not all were recorded
         return (
-            f"<Solution: {self.stats.scheme}, {len(self.t) - 1} steps to "
+            f"<Solution: {self.stats.scheme}, {count} to "
             f"{'load factor' if self.stats.static else 't ='} {self.t[-1]:g}"
             f"{f' by {self.stats.until!r}' if self.stats.until else ''}, "
             f"energy error {abs(self.energy.balance_error).max():.2g} J>"

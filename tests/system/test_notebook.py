@@ -85,6 +85,9 @@ def test_an_empty_scene_and_a_solution_without_motion_are_shown_too():
     scene.clamp(scene.add_beam([(0, 0), (1, 0)], SECTION).start)
     solution = fb.simulate(scene, dt=0.1, t_end=0.2, record=fb.Record(motion=False))
     assert "<table>" in solution._repr_html_()
+    every_second = fb.simulate(scene, dt=0.1, t_end=0.4, record=fb.Record(every=2))
+    assert "2 steps to t = 0.2" in repr(solution)
+    assert "3 rows to t = 0.4" in repr(every_second)
 
 
 @pytest.mark.slow
