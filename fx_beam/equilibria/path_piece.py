@@ -75,10 +75,10 @@ class Piece:
         self._tangents: dict[float, csr_matrix] = {}
         with suppress(StepFailed):  # it is singular: the piece ends at a bifurcation
             self.at(self.length)
-        end = self._known.setdefault(self.length, second).q
-        if stepper.size(end - second.q) > _AGAIN * stepper.size(D):
+        gap = self._known.setdefault(self.length, second).q - second.q
+        if not stepper.is_still(gap) and stepper.size(gap) > _AGAIN * stepper.size(D):
             reason = "its end depends on the way, as where materials creep, or others lie beside it"
-            raise StepFailed("off the path", reason, end - first.q)
+            raise StepFailed("off the path", reason, D + gap)
 
     def at(self, distance: float) -> State:
         """The state at a distance."""

@@ -265,6 +265,21 @@ def test_a_column_between_walls_buckles_as_if_they_were_away():
     assert [point.load_factor for point in found] == pytest.approx(factors, rel=1e-9)
 
 
+def test_a_heated_column_that_cannot_expand_buckles_beside_an_open_contact():
+    """Nothing moves before it buckles: displacements are round-off."""
+    scene, ends = fb.Scene(), np.array([(0.1, 0.3), (0.8, 1.7)])
+    section = fb.Section(EA=1e6, GA=1e6, EI=EI)
+    beam = scene.add_beam(ends, section, elements=4, degree=3)
+    scene.pin(beam.start)
+    scene.pin(beam.end)
+    scene.add_contact(beam.node(0.5), fb.Line((2, 0), normal=(-1, 0)), stiffness=1e3)
+    scene.add_natural_strain(beam, axial=6e-6)
+    (point,) = fb.static(scene, load_steps=6).critical_points
+    assert point.kind == "bifurcation"
+    exact = EI * np.pi**2 / ((ends[1] - ends[0]) ** 2).sum()
+    assert section.EA * 6e-6 * point.load_factor == pytest.approx(exact, rel=1e-4)
+
+
 def test_a_column_that_leans_on_a_prop_buckles_into_two_waves():
     """The prop is a node's stop at a small gap in the middle, where the second mode has a node."""
     scene, _ = column(45.0, 8, 2, np.pi)
