@@ -286,8 +286,8 @@ def _sliding_in_order(scene: Scene, mesh: Mesh, couplings: Couplings) -> list[Sl
     except CycleError as error:
         names = "; ".join(str(joints[number]) for number in sorted({*error.args[1]}))
         raise SceneError(
-            f"over-constrained: {names}: each node slides on a beam that the other nodes "
-            "carry. Remove one of them"
+            f"{names}: each node slides on a beam that the other nodes carry, as in a telescope. "
+            "This is not possible: remove one of them"
         ) from None
 
 

@@ -588,7 +588,7 @@ def held_everywhere(scene, rod, *_):
         (held_everywhere, "joint 1, Sleeve .*; joint 2, Rigid .*: they close loops, and 2 of"),
         (
             lambda scene, rod, post, _: scene.add_joint(fb.Slider(post, rod.node(0.25))),
-            "slides on a beam that the other nodes carry",
+            "^joint 0, .* slides on a beam that the other nodes carry, as in a telescope",
         ),
         (
             lambda scene, rod, post, _: scene.fix(post.end, "rotation"),
