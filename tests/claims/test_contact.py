@@ -301,14 +301,19 @@ def test_a_contact_law_of_a_user_serves_members_also_in_a_response(mu):
         friction = fb.Coulomb(mu, 1e4, damping=1e-3) if mu else None
         law = {"energy": lambda d: 4e5 * d**2, "friction": friction}
         scene.add_contact(bar, bed, radius=0.015, **law)
-        return scene, {"start": fb.Output("position", bar.start)}
+        energy = fb.Output("spring_energy", scene)
+        return scene, {"start": fb.Output("position", bar.start), "energy": energy}
 
     run = fb.Response(build, dt=5e-4, t_end=0.1)
+    _, y = run([1.0])
+    assert y["energy"].max() > 1e-3
+    J, weights = run.jacobian(), {name: np.ones_like(rows) for name, rows in y.items()}
+    for name, rows in J.items():
+        expected = difference(lambda step, of=name: run([1 + step])[1][of], 1e-4)
+        assert abs(expected).max() > 1e-6
+        assert rows[..., 0] == pytest.approx(expected, abs=1e-4 * abs(expected).max())
     run([1.0])
-    J = run.jacobian()["start"][-1, :, 0]
-    expected = difference(lambda step: run([1 + step])[1]["start"][-1], 1e-4)
-    assert abs(expected).max() > 1e-6
-    assert J == pytest.approx(expected, abs=1e-4 * abs(expected).max())
+    assert run.vjp(weights) == pytest.approx(sum(rows.sum() for rows in J.values()), rel=1e-9)
 
 
 def test_a_pin_may_start_in_the_middle_of_its_hole_with_friction():
