@@ -25,9 +25,9 @@ _SHORTEST = 0.1
 # A mean force that is met in a shorter step than this part of one has jumped at its start. In such
 # steps forces may be round-off.
 _JUMP = 1e-6
-# Distance from the end of a step, relative to it, at which what jumps there is seen; and the least
-# jump, relative to the size.
-_BESIDE, _LEAST_JUMP = 1e-6, 1e-3
+# Distance from the end of a step, relative to it, at which what jumps there is seen, and one that a
+# step may reach beyond it without it; and the least jump, relative to the size.
+_BESIDE, _INSIDE, _LEAST_JUMP = 1e-6, 3e-13, 1e-3
 _MOST_TRIALS = 200
 
 
@@ -99,9 +99,10 @@ class Ending:
             return max(ends[name], soon), -abs(values[name]) / (abs(self._values[name]) or 1e-300)
 
         first = min(ends, key=order)
-        joins = ends[first] < least and t0 not in kinks
-        if joins and before is not None and not self._jumps(before.state.t, t0, t1):
+        if ends[first] < least and before is not None and t0 not in kinks:
             longer = before._replace(halving=halving)
+            if self._jumps(t := before.state.t, t0, t1):
+                t1 = t0 + max(_INSIDE * (t0 - t), 2 * np.spacing(t0))
             value = self._at(first, longer, t1)
             if abs(value) <= _ZERO * abs(self._values[first]):
                 mark, ends[first] = longer, t1  # where round-off decides the sign

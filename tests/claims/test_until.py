@@ -118,6 +118,10 @@ def test_the_last_step_does_not_reach_over_a_jump_of_a_load(kind, order):
     solution = fb.simulate(scene, scheme, dt=1 / 128, t_end=1.0, **until)
     assert solution.velocity(body)[-1, 0] == pytest.approx(np.sqrt(1.1), rel=1e-9)
     assert solution.t[-1] == pytest.approx(0.5 + (np.sqrt(1.1) - 1) / 100, abs=1e-12)
+    until["until"] = lambda t, y: t > 0.5
+    at_jump = fb.simulate(scene, scheme, dt=1 / 128, t_end=1.0, **until)
+    assert at_jump.t[-1] == pytest.approx(0.5, abs=1e-13)
+    assert at_jump.velocity(body)[-1, 0] == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize(
