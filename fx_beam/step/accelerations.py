@@ -74,7 +74,7 @@ def _with_auxiliaries(model: Model, force: np.ndarray) -> np.ndarray | None:
     except RuntimeError:  # exactly singular
         return None
     error = _inertia(model, a) - b[:n]
-    return a if abs(error).max() <= _SINGULAR * abs(b).max(initial=0.0) else None
+    return a if abs(error).max(initial=0.0) <= _SINGULAR * abs(b).max(initial=0.0) else None
 
 
 def have_mass(masses: np.ndarray, unit: np.ndarray) -> np.ndarray:

@@ -88,3 +88,20 @@ def test_a_motor_drives_the_mass_that_it_moves():
     work = np.diff(solution.energy.work)
     assert work == pytest.approx(MASS * 0.2 * slide + spring + damper, rel=1e-9)
     assert np.diff(solution.energy.dissipated) == pytest.approx(damper, rel=1e-9)
+
+
+def test_motors_of_three_bodies_in_a_row_have_the_moments_of_what_they_turn():
+    """The first one turns all, as a rigid body of 3 kg; the others hold the bodies behind them."""
+    scene, joints, before = fb.Scene(), [], fb.GROUND
+    for x, motor in enumerate((push, lambda t: 0.0, lambda t: 0.0)):
+        body = scene.add_body((x + 0.5, 0), 1.0, 0.1, points={"a": (x, 0), "b": (x + 1, 0)})
+        joints.append(scene.add_joint(fb.Revolute(before, body["a"], motor=motor)))
+        before = body["b"]
+    solution = fb.simulate(scene, dt=0.05, t_end=0.5)
+    assert solution.stats.unknowns == 0
+    for k, joint in enumerate(joints):
+        # The rate of the angular momentum about the joint: I + m (r^2 less its part along the arm).
+        inertia = sum(0.1 + (x + 0.5) * (x + 0.5 - k) for x in range(k, 3))
+        moment = solution.joint(joint).motor_force[1:]
+        assert moment == pytest.approx(np.full(10, 0.2 * inertia), rel=1e-9)
+    assert abs(solution.energy.balance_error).max() < 1e-14
