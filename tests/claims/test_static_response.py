@@ -160,6 +160,34 @@ def block(x):
     return scene, {"d": fb.Output("slide", joint), "force": fb.Output("force", joint)}
 
 
+def test_a_driven_crank_moves_a_slider_by_no_weight():
+    """All forces are vertical, so that none has a stiffness; the motor lifts two rods of x kg."""
+    pin, end = np.array([0.3, 0.4]), np.array([1.3, 0.0])
+
+    def build(x):
+        scene, at, before = fb.Scene(gravity=(0, -9.81)), np.zeros(2), fb.GROUND
+        for to, motor in ((pin, lambda t: 2 * t**2), (end, None)):
+            rod = scene.add_body((at + to) / 2, x[0], 0.05, points={"a": at, "b": to})
+            scene.add_joint(fb.Revolute(before, rod["a"], motor=motor))
+            at, before = to, rod["b"]
+        slider = scene.add_body(end, 1.0, 0.05).centre
+        scene.add_joint(fb.Revolute(before, slider))
+        scene.add_joint(fb.Prismatic(fb.GROUND, slider, (1, 0)))
+        return scene, {"slider": fb.Output("position", slider), "work": fb.Output("work", scene)}
+
+    run = fb.StaticResponse(build, t=0.3, load_steps=3)
+    _, y = run([1.0])
+    angle, length = 0.18 + np.arctan2(0.4, 0.3), np.hypot(*(end - pin))
+    high = 0.5 * np.sin(angle)
+    exact = 0.5 * np.cos(angle) + np.sqrt(length**2 - high**2)
+    assert y["slider"][-1] == pytest.approx([exact, 0.0], abs=1e-12)
+    J = run.jacobian()
+    assert abs(J["slider"]).max() < 1e-12
+    # The work is that of load steps, and in proportion to x.
+    assert J["work"][:, 0] == pytest.approx(y["work"], abs=1e-12)
+    assert y["work"][-1] == pytest.approx(9.81 * (high - 0.4), rel=0.01)
+
+
 def test_a_block_with_friction_moves_by_f_less_mu_n_over_k():
     x = np.array([30.0, 50.0, 0.2])
     run = fb.StaticResponse(block, load_steps=3)

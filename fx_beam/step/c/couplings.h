@@ -193,7 +193,7 @@ static void pass_through_joints(const Problem *p, const Work *w) {
 
 /* Completes the reduced tangent, in the storage of its factors, after `project` of the residual. */
 HOT void reduce_tangent(const Problem *p, const Work *w) {
-  double *K = w->tangent, slopes[2][4];
+  double *K = w->tangent, slopes[2][4], most = 0;
   if (HAS(SLIDERS)) turn_beams(p, w);
   for (int k = 0; k < p->direct; ++k) K[p->direct_to[k]] += K[p->direct_from[k]];
   if (!HAS(COUPLED)) return;
@@ -203,9 +203,10 @@ HOT void reduce_tangent(const Problem *p, const Work *w) {
     double *F = w->joint_forces + 3 * p->slide_of[j], *by = slopes[kind % 2] + kind / 2 * 2;
     if (!k || j != p->geometric_joint[k - 1]) slopes_of_joint(p, w, j, 1, slopes);
     K[p->geometric_to[k]] += p->geometric_sign[k] * (F[0] * by[0] + F[1] * by[1]);
+    if (HAS(LOOPS)) most = fmax(most, fmax(fabs(F[0]), fabs(F[1]))); /* of parallel forces K is round-off */
   }
   for (int k = 0; k < p->coupled; ++k) {
-    if (HAS(LOOPS) && k == p->stiffened) K[p->stiffness_at] = stiffness_of_closures(p, K);
+    if (HAS(LOOPS) && k == p->stiffened) K[p->stiffness_at] = fmax(stiffness_of_closures(p, K), most * p->per_unit[0]);
     K[p->coupled_to[k]] += K[p->coupled_from[k]] * w->virtual_map[p->coupled_virtual[k]] *
                          w->values[p->coupled_value[k]] * p->coupled_sign[k];
   }
