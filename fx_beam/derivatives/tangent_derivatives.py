@@ -332,7 +332,7 @@ class TangentDerivatives:
     def _distance(self, direction: np.ndarray) -> float:
         """Distance of steps along a direction (free,), within which no contact opens or closes.
 
-        And no node slides off its element.
+        And no node slides off its element, or along a member that it touches to another piece.
         """
         about, model, start = self._about, self._about.model, self._start
         if not (model.points.conditions or model.couplings.sliding):
@@ -341,14 +341,16 @@ class TangentDerivatives:
         columns, driven = about.columns @ direction, np.zeros(reduction.driven)
         reach = reduction.sliders.reach(start.slides, points[-1] * columns)
         distance = max(min(_DISTANCE, 0.9 * reach), _ON_ELEMENT)
-        at_start = model.switches(start)
+        at_start, members = model.switches(start), model.points.members
+        touched = members and members.touched
         reduction.begin(start.q, start.slides)
 
         def switches(by: float) -> bool:
             y = by * columns[: reduction.free]
             q = start.q + reduction.expand(y, driven)
             slides = start.slides + model.couplings.free_slides(y, len(start.slides))
-            return bool((model.points.switches(q, slides) * at_start < 0).any())
+            switched = (model.points.switches(q, slides) * at_start < 0).any()
+            return bool(switched) or (members and members.touched) != touched
 
         while distance > _NEAREST and any(map(switches, distance * points)):
             distance /= 2

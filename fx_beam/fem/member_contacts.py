@@ -245,6 +245,19 @@ class MemberContacts:
         """Whether points are so near to a member that they may touch it in the last step."""
         return self._all.contact_points > 0
 
+    @property
+    def touched(self) -> list[tuple[int, int, int, bool]]:
+        """Contacts, points, and pieces or ends that these touch, at the last look at switches.
+
+        There the curvature of a member jumps.
+        """
+        pieces = list[tuple[int, int, int, bool]]()
+        for k in range(self._all.near_places):
+            near = self._all.near[k]
+            place, last = near.piece + near.place, self._all.of[near.contact].nodes - 1
+            pieces.append((near.contact, near.point, round(place), place in (0, last)))
+        return pieces
+
     # -- Derivatives ------------------------------------------------------------------------------
 
     @property

@@ -5,6 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
+from derivatives import difference
 from test_static_response import DATA, X, bending, chain, driven, motors, slide
 
 import fx_beam as fb
@@ -264,6 +265,28 @@ def test_closed_contact_has_the_derivatives_of_its_closed_form_at_each_depth():
         run = fb.ModalResponse(made, n=1, state=fb.static)
         assert run([k]) == pytest.approx(np.sqrt(stiffness / inertia), rel=1e-7)
         assert run.jacobian() == pytest.approx(exact, rel=1e-6)
+
+
+def test_nodes_that_touch_a_member_beside_its_end_have_their_derivatives():
+    """There the curvature of its axis jumps: frequencies jump where the node passes the end."""
+
+    def build(x):
+        scene = fb.Scene(gravity=(0.0, -9.81))
+        data = {"EA": 2e4, "GA": 1e4, "rhoA": 1.0, "rhoI": 0.01}
+        below = scene.add_beam([(0, 0), (1, 0)], fb.Section(EI=20.0 * x[0], **data), elements=4)
+        above = [(1.6, 0.3), (0.48, 0.03)]
+        above = scene.add_beam(above, fb.Section(EI=10.0 * x[1], **data), elements=3)
+        scene.clamp(below.start)
+        scene.clamp(above.start)
+        scene.add_contact(above, below, stiffness=1e4 * x[2], radius=0.01)
+        scene.add_force(above.end, (0.0, -6.0))
+        return scene
+
+    run, way = fb.ModalResponse(build, n=2, state=loaded), np.array([1.0, -0.7, 0.8])
+    run(np.ones(3))
+    J = run.jacobian()
+    expected = difference(lambda step: run(np.ones(3) + step * way), 1e-4)
+    assert J @ way == pytest.approx(expected, rel=0, abs=1e-6 * abs(J).max())
 
 
 @pytest.mark.parametrize("build", [damped, bending, chain, driven, motors])
