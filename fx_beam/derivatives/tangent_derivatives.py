@@ -29,7 +29,8 @@ from .gradient import along
 from .static_derivatives import OtherScenes, StateChange
 
 # Differences of order six along a direction, and second ones: points, and weights over the distance
-# or its square. The distance is relative to a motion of the size of the scene, or of a radian.
+# or its square. The distance is relative to a motion of the size of the scene, or of a radian, and
+# less than a short spring or a small circle. Round-off of second ones needs a longer one.
 _FIRST = np.array([-3, -2, -1, 1, 2, 3]), np.array([-1, 9, -45, 45, -9, 1]) / 60
 # The same for damping that is nonlinear in the rate: they leave out |v| v, the quadratic drag at
 # rest, and steps take so many times longer that their rates are near zero. Forces of damping then
@@ -40,7 +41,7 @@ _NONLINEAR = (
 )
 _SLOW, _SLOW_DRAG = 1e4, 1e2
 _SECOND = np.arange(-3, 4), np.array([2, -27, 270, -490, 270, -27, 2]) / 180
-_DISTANCE = 4e-3
+_DISTANCE, _OF_SECOND = 1e-3, 4e-3
 # The least one where a contact opens or closes on the way, and where a node slides off its element.
 _NEAREST, _ON_ELEMENT = 1e-8, 1e-5
 # Numbers of a state that follow from the load steps before, where something flows.
@@ -319,7 +320,8 @@ class TangentDerivatives:
         """
         points, weights = _SECOND if curved else self._first
         largest = abs(directions / self._unit).max(axis=1)
-        distances = [self._distance(of) for of in directions / largest[:, None]]
+        most = _OF_SECOND if curved else _DISTANCE
+        distances = [self._distance(of, most) for of in directions / largest[:, None]]
         sizes = (distances / largest)[:, None]
         moves = ((sizes * points)[..., None] * directions[:, None]).reshape(-1, directions.shape[1])
         times = [time, 2 * time] if self._damped else [0.0]
@@ -329,18 +331,18 @@ class TangentDerivatives:
         moves, shares = np.tile(moves, (len(kinds), 1)), weights / sizes ** (1 + curved)
         return _Steps(moves, lengths, factors, rows, np.tile(shares.ravel(), len(kinds)))
 
-    def _distance(self, direction: np.ndarray) -> float:
+    def _distance(self, direction: np.ndarray, most: float) -> float:
         """Distance of steps along a direction (free,), within which no contact opens or closes.
 
         And no node slides off its element, or along a member that it touches to another piece.
         """
         about, model, start = self._about, self._about.model, self._start
         if not (model.points.conditions or model.couplings.sliding):
-            return _DISTANCE
+            return most
         reduction, points = model.reduction, self._first[0]
         columns, driven = about.columns @ direction, np.zeros(reduction.driven)
         reach = reduction.sliders.reach(start.slides, points[-1] * columns)
-        distance = max(min(_DISTANCE, 0.9 * reach), _ON_ELEMENT)
+        distance = max(min(most, 0.9 * reach), _ON_ELEMENT)
         at_start, members = model.switches(start), model.points.members
         touched = members and members.touched
         reduction.begin(start.q, start.slides)

@@ -267,6 +267,30 @@ def test_closed_contact_has_the_derivatives_of_its_closed_form_at_each_depth():
         assert run.jacobian() == pytest.approx(exact, rel=1e-6)
 
 
+def test_short_springs_in_a_large_scene_have_the_derivatives_of_their_closed_form():
+    """A bead on a rail, to which a spring of 20 mm is held across: U(x) = k (r - r0)^2/2."""
+    k, height, free, m, x = 300.0, 2e-2, 12e-3, 0.5, 16e-3
+    r = np.hypot(x, height)
+    force = k * (r - free) * x / r
+
+    def build(number):
+        scene = fb.Scene()
+        bead = scene.add_body((0, 0), mass=m, inertia=0.1, points={"far": (1, 0)})
+        scene.add_joint(fb.Prismatic(fb.GROUND, bead.centre, axis=(1, 0)))
+        spring = fb.Spring(number[0], rest=free)
+        scene.add_force_between(bead.centre, (0.0, height), spring=spring)
+        scene.add_force(bead.centre, (force, 0.0))
+        return scene
+
+    square = k * (1 - free * height**2 / r**3) / m
+    run = fb.ModalResponse(build, n=1, state=loaded)
+    assert run([k]) ** 2 == pytest.approx(square, rel=1e-9)
+    by_place = k * 3 * free * height**2 * x / r**5 / m
+    place_by_k = -(r - free) * x / r / (m * square)
+    exact = (square / k + by_place * place_by_k) / (2 * np.sqrt(square))
+    assert run.jacobian() == pytest.approx(exact, rel=1e-6)
+
+
 def test_nodes_that_touch_a_member_beside_its_end_have_their_derivatives():
     """There the curvature of its axis jumps: frequencies jump where the node passes the end."""
 
