@@ -42,6 +42,8 @@ _NONLINEAR = (
 _SLOW, _SLOW_DRAG = 1e4, 1e2
 _SECOND = np.arange(-3, 4), np.array([2, -27, 270, -490, 270, -27, 2]) / 180
 _DISTANCE, _OF_SECOND = 1e-3, 4e-3
+# The same where energies of sections have pieces, which may meet at strains as small as these.
+_IN_PIECES = 1e-6
 # The least one where a contact opens or closes on the way, and where a node slides off its element.
 _NEAREST, _ON_ELEMENT = 1e-8, 1e-5
 # Numbers of a state that follow from the load steps before, where something flows.
@@ -139,6 +141,7 @@ class TangentDerivatives:
         nonlinear = any(law.remembered or law.of_user for law in losing)
         quadratic = any(drag.quadratic.any() for drag in model.scene.drags)
         self._first, self._slow = _FIRST, 1.0
+        self._distance_at_most = _IN_PIECES if model.in_pieces else _DISTANCE
         if self._damped and (nonlinear or quadratic):
             self._first, self._slow = _NONLINEAR, _SLOW if nonlinear else _SLOW_DRAG
         # At the reference forces that depend on the motion count for damping, not for stiffness.
@@ -320,7 +323,7 @@ class TangentDerivatives:
         """
         points, weights = _SECOND if curved else self._first
         largest = abs(directions / self._unit).max(axis=1)
-        most = _OF_SECOND if curved else _DISTANCE
+        most = _OF_SECOND if curved else self._distance_at_most
         distances = [self._distance(of, most) for of in directions / largest[:, None]]
         sizes = (distances / largest)[:, None]
         moves = ((sizes * points)[..., None] * directions[:, None]).reshape(-1, directions.shape[1])

@@ -3,6 +3,8 @@
 import functools
 import pickle
 
+import ufl
+
 import numpy as np
 import pytest
 from derivatives import difference
@@ -289,6 +291,29 @@ def test_short_springs_in_a_large_scene_have_the_derivatives_of_their_closed_for
     place_by_k = -(r - free) * x / r / (m * square)
     exact = (square / k + by_place * place_by_k) / (2 * np.sqrt(square))
     assert run.jacobian() == pytest.approx(exact, rel=1e-6)
+
+
+@pytest.mark.parametrize("damped", [False, True])
+def test_a_mass_on_a_cable_that_is_soft_in_compression_has_derivatives_of_its_tension(damped):
+    """Its frequency grows with the root of EA, at a strain of 1e-4 near which pieces meet."""
+
+    def build(x):
+        EA = fb.Parameter("EA", 1e5 * x[0])
+
+        def energy(eps, gamma, kappa):
+            return EA / 2 * (ufl.max_value(eps, 0) ** 2 + 0.01 * eps**2) + gamma**2 + kappa**2
+
+        scene, cable = fb.Scene(gravity=(0, -10)), fb.Section(strain_energy=energy, rhoA=1e-3)
+        beam = scene.add_beam([(0, 0), (0, -1)], cable)
+        scene.clamp(beam.start)
+        scene.fix(beam.end, "x", "rotation")
+        scene.add_mass(beam.end, 1.0)
+        scene.add_drag(beam.end, linear=1.0)
+        return scene
+
+    run = fb.ModalResponse(build, n=1, state=loaded, damped=damped)
+    w = run([1.0]).ravel()[0]
+    assert run.jacobian().ravel()[0] == pytest.approx(w / 2, rel=1e-6)
 
 
 def test_nodes_that_touch_a_member_beside_its_end_have_their_derivatives():
