@@ -15,7 +15,9 @@ from fx_beam.linear.linearisation import Linearisation
 from fx_beam.motions.numbers import numbers_of_state, static_numbers_of
 from fx_beam.results.solution import Solution
 from fx_beam.scene.inputs import with_values
+from fx_beam.scene.law import switches
 from fx_beam.scene.scene import Scene
+from fx_beam.scene.structure import expressions_of
 from fx_beam.step.forcing import LoadForcing
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.sparse_lu import pivoted_lu
@@ -42,8 +44,8 @@ _NONLINEAR = (
 _SLOW, _SLOW_DRAG = 1e4, 1e2
 _SECOND = np.arange(-3, 4), np.array([2, -27, 270, -490, 270, -27, 2]) / 180
 _DISTANCE, _OF_SECOND = 1e-3, 4e-3
-# The same where energies of sections have pieces, which may meet at strains as small as these.
-_IN_PIECES = 1e-6
+# The same where functions of the user have pieces, which may meet near the state, and their names.
+_IN_PIECES, _FUNCTIONS = 1e-6, {"strain_energy", "force", "virtual work"}
 # The least one where a contact opens or closes on the way, and where a node slides off its element.
 _NEAREST, _ON_ELEMENT = 1e-8, 1e-5
 # Numbers of a state that follow from the load steps before, where something flows.
@@ -141,7 +143,8 @@ class TangentDerivatives:
         nonlinear = any(law.remembered or law.of_user for law in losing)
         quadratic = any(drag.quadratic.any() for drag in model.scene.drags)
         self._first, self._slow = _FIRST, 1.0
-        self._distance_at_most = _IN_PIECES if model.in_pieces else _DISTANCE
+        functions = (of for name, of in expressions_of(model.scene) if name in _FUNCTIONS)
+        self._distance_at_most = _IN_PIECES if any(map(switches, functions)) else _DISTANCE
         if self._damped and (nonlinear or quadratic):
             self._first, self._slow = _NONLINEAR, _SLOW if nonlinear else _SLOW_DRAG
         # At the reference forces that depend on the motion count for damping, not for stiffness.
@@ -350,14 +353,14 @@ class TangentDerivatives:
         touched = members and members.touched
         reduction.begin(start.q, start.slides)
 
-        def switches(by: float) -> bool:
+        def switched(by: float) -> bool:
             y = by * columns[: reduction.free]
             q = start.q + reduction.expand(y, driven)
             slides = start.slides + model.couplings.free_slides(y, len(start.slides))
-            switched = (model.points.switches(q, slides) * at_start < 0).any()
-            return bool(switched) or (members and members.touched) != touched
+            passed = (model.points.switches(q, slides) * at_start < 0).any()
+            return bool(passed) or (members and members.touched) != touched
 
-        while distance > _NEAREST and any(map(switches, distance * points)):
+        while distance > _NEAREST and any(map(switched, distance * points)):
             distance /= 2
         return distance
 

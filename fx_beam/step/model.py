@@ -297,14 +297,9 @@ class Model:
         """Whether forces may change quickly where no switch tells: sections' laws, flow, losses."""
         # Friction, contact with a loss, and dampers with laws of a user lose quickly.
         quick = (law.remembered or (law.loss and law.of_user) for law in self.points.laws)
-        return self.flows or any(quick) or self.in_pieces
-
-    @property
-    def in_pieces(self) -> bool:
-        """Whether stored energies of sections without internal variables have pieces."""
-        sections = (beam.section for beam in self.scene.beams)
-        laws = (of.strain_energy for of in sections if of.internal is None)
-        return any(law is not None and has_pieces(law) for law in laws)
+        laws = [beam.section.strain_energy for beam in self.scene.beams]
+        in_pieces = (law is not None and has_pieces(law) for law in laws)
+        return self.flows or any(quick) or any(in_pieces)
 
     def energy(self, state: State) -> float:
         """Kinetic, stored and potential energy [J]."""
