@@ -386,8 +386,9 @@ def rates_with_slopes(
     if model.scene.joints or driven.size:
         from fx_beam.step.fitted_rates import RateDerivatives, rate_fit
 
-        for of, to in ((driven.values, given.values), (driven.slopes, given.slopes)):
-            to[model.prescribed] = of[: len(model.prescribed)]
+        if not model.scene.projects_velocities:  # else a given rate there has its momentum
+            for of, to in ((driven.values, given.values), (driven.slopes, given.slopes)):
+                to[model.prescribed] = of[: len(model.prescribed)]
         of_state = {"q": state.q, "v": given, "slides": state.slides, "driven rates": driven}
         duals = {name: with_slopes(values) for name, values in (numbers | of_state).items()}
         here = (duals[name].values[None] for name in of_state)

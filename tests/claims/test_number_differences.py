@@ -317,6 +317,25 @@ def test_velocities_of_bodies_have_slopes_by_their_places():
     assert J == pytest.approx(np.array([[1.0, -2.0], [-2.0, 0.0]]), abs=1e-12)
 
 
+def test_velocities_that_are_projected_beside_a_driven_node_have_slopes():
+    """The start of an element is pulled along, its end answers by half of that."""
+
+    def build(x):
+        scene = fb.Scene()
+        section = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=x[0], rhoI=0.1)
+        bar = scene.add_beam([(0, 0), (1, 0)], section)
+        scene.prescribe(bar.start, x=lambda t: x[1] * t, y=0.0)
+        scene.set_velocity(bar, (x[2], 0.0))
+        scene.make_velocities_compatible()
+        return scene, {"end": fb.Output("velocity", bar.end, "x")}
+
+    run = fb.Response(build, dt=0.01, t_end=0.02)
+    _, y = run([1.0, 2.0, 3.0])
+    assert y["end"][0] == pytest.approx(3.0 - (2.0 - 3.0) / 2)
+    assert run.jacobian()["end"][0] == pytest.approx([0.0, -0.5, 1.5], abs=1e-9)
+    assert run.stats.difference_reason == ""
+
+
 def test_slopes_are_those_of_functions():
     """Against differences that are extrapolated twice."""
     x, A, t = np.array([0.3, 0.7, 1.2]), np.arange(6.0).reshape(2, 3), np.linspace(0, 1, 30)
