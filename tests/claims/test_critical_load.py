@@ -219,3 +219,28 @@ def test_two_modes_at_once_have_no_derivatives():
         run.vjp({"load": 1.0})
     with pytest.raises(fb.SceneError, match=r"weights\['load'\] is no finite number\. "):
         run.vjp({"load": np.nan})
+
+
+def test_a_load_depends_on_parameters_at_the_time_of_the_path():
+    """A column between two springs: its mode depends on their stiffness k = 60 t x at t = 1/2."""
+
+    def jacobian(k_of):
+        def build(x):
+            scene = fb.Scene()
+            section = fb.Section(EA=1e6, GA=1e6, EI=1.0)
+            beam = scene.add_beam([(0, 0), (0, 1)], section, elements=4, degree=2)
+            scene.pin(beam.start)
+            scene.fix(beam.end, "x")
+            k = fb.Parameter("k", k_of(x[0]))
+            spring = fb.Spring(strain_energy=lambda stretch: k * stretch**2 / 2, rest=1.0)
+            for side in (-1, 1):
+                scene.add_force_between(beam.node(0.25), (side, 0.25), spring=spring)
+            scene.add_force(beam.end, (0, -25.0))
+            return observed(scene)
+
+        run = fb.StaticResponse(build, load_steps=4, t=0.5)
+        run([1.0])
+        return run.jacobian()["load"]
+
+    of_time = jacobian(lambda x: lambda t: 60 * t * x)
+    assert of_time == pytest.approx(jacobian(lambda x: 30 * x), rel=1e-8)
