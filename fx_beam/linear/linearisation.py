@@ -22,7 +22,7 @@ from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
 from fx_beam.scene.coordinate import Coordinate
 from fx_beam.scene.inputs import with_values
-from fx_beam.scene.joints import constraints_of
+from fx_beam.scene.joints import constraints_of, key_of
 from fx_beam.scene.scene import Scene
 from fx_beam.step.accelerations import have_mass
 from fx_beam.step.equations import Equations
@@ -286,10 +286,13 @@ def _last(model: Model, start: State, state: Solution, what: str) -> tuple[float
     q, slides = state.q[-1].flatten(), np.nan_to_num(state.slides[-1])
     had = None if state.end is None else state.end.constraints
     if had is not None and had.joints != constraints_of(model.scene).joints:
-        slides, at = start.slides, model.motion(q=q[None])  # the same joint may have another number
+        # The same joint may have another number there; of others the place of the nodes tells.
+        numbers = {replace(key, number=-1, motors=()): key.number for key in had.joints}
+        known, slides, at = slides, start.slides, model.motion(q=q[None])
         for joint in model.scene.joints:
+            number = numbers.get(replace(key_of(joint), number=-1, motors=()))
             of_joint = slides[joint.number : joint.number + 1]
-            of_joint[:] = joint.kinematics.slide(at, of_joint)
+            of_joint[:] = joint.kinematics.slide(at, of_joint) if number is None else known[number]
     return factor, replace(replace(start, **inside), t=t, q=q, slides=slides)
 
 

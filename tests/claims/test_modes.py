@@ -524,3 +524,24 @@ def test_a_state_that_another_joint_holds_tells_of_the_unstable_pendulum():
     growth = np.sqrt(10 * (0.5 + 2 * place) / (0.1 + 0.25 + 0.05 + 2 * place**2))
     found = fb.modes(build(held=False), state, n=2)
     assert found.eigenvalues == pytest.approx([growth, np.sqrt(100 / 2) * 1j], rel=1e-6)
+
+
+def test_a_node_on_a_bent_beam_is_where_it_slid_though_its_joint_has_another_number():
+    def build(held):
+        scene = fb.Scene()
+        section = fb.Section(EA=1e3, GA=1e3, EI=0.5, rhoA=1.0, rhoI=1e-2)
+        beam = scene.add_beam([(0, 0), (1, 0)], section, elements=6, degree=2)
+        hook, bead = (scene.add_body((x, 0), mass=0.5, inertia=0.1).centre for x in (3, 0.1))
+        scene.clamp(beam.start)
+        scene.fix(bead, "rotation")
+        if held:
+            scene.add_joint(fb.Rigid(fb.GROUND, hook))
+        else:
+            scene.clamp(hook)
+        scene.add_joint(fb.Slider(beam, bead, spring=fb.Spring(200.0, rest=0.9)))
+        scene.add_moment(beam.end, 1.0)
+        return scene, fb.static(scene, load_steps=6)
+
+    (scene, state), (_, of_other) = build(held=False), build(held=True)
+    expected = fb.modes(scene, state, n=3).angular_frequencies
+    assert fb.modes(scene, of_other, n=3).angular_frequencies == pytest.approx(expected, rel=1e-9)
