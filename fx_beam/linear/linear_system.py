@@ -15,8 +15,9 @@ from fx_beam.motions.initial_state import end_of
 from fx_beam.motions.motion import Motion
 from fx_beam.motions.options import check_scene
 from fx_beam.results.solution import Solution
+from fx_beam.results.state import State
 from fx_beam.scene.beam import Node
-from fx_beam.scene.inputs import Ramp, check_names, widths
+from fx_beam.scene.inputs import Ramp, check_names, values_of, widths
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.outputs import OF_JOINTS, OF_NODES, Output, check_outputs, definition
 from fx_beam.scene.scene import Scene
@@ -163,9 +164,7 @@ class FirstOrder:
         fewer._states = W @ self._states
         return fewer
 
-    def deviation(
-        self, q: np.ndarray, v: np.ndarray, slides: np.ndarray, t: float, inputs: np.ndarray | None
-    ) -> np.ndarray:
+    def deviation(self, q: np.ndarray, v: np.ndarray, slides: np.ndarray, end: State) -> np.ndarray:
         """States of a motion: displacements (nodes, 3), rates, slides (joints,), and time [s].
 
         Also the values of all inputs, where the force of a rate of theirs is known.
@@ -176,7 +175,7 @@ class FirstOrder:
             raise SceneError("deviation: the motion is one of another scene")
         q, v = q.reshape(-1), v.reshape(-1)
         if about.frame is not None:
-            q, v = about.frame.seen(q, v, about.factor, t - state.t)
+            q, v = about.frame.seen(q, v, about.factor, end.t - state.t)
         D = q - state.q
         y = model.couplings.unknowns(D, slides - state.slides)[about.unknowns]
         (changes,) = driven_of(model, D[None], (slides - state.slides)[None])
@@ -190,7 +189,7 @@ class FirstOrder:
         dy = rates[:free]
         y, dy = self._inverse @ y, self._inverse @ dy
         u = np.zeros(self.kicks.shape[1])
-        if inputs is not None:
+        if (inputs := values_of(end, about.held.widths)) is not None:
             for number, place, value in self._inputs.straining:
                 u[number] = inputs[place] - value
         slow = y[self._a] - self.shifts @ u
@@ -375,7 +374,7 @@ class LinearSystem:
         require(fits, "deviation: of", of, "a Motion or a Solution of the scene")
         at = of.state if isinstance(of, Motion) else of
         q, v, end = at.recorded("q")[-1], at.recorded("v")[-1], end_of(at)
-        return self.reduction.deviation(q, v, at.slides[-1], end.t, end.inputs)
+        return self.reduction.deviation(q, v, at.slides[-1], end)
 
 
 def linearise(

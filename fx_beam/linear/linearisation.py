@@ -21,7 +21,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
 from fx_beam.scene.coordinate import Coordinate
-from fx_beam.scene.inputs import with_values
+from fx_beam.scene.inputs import values_of, widths, with_values
 from fx_beam.scene.joints import constraints_of, key_of
 from fx_beam.scene.scene import Scene
 from fx_beam.step.accelerations import have_mass
@@ -190,7 +190,7 @@ def linearised(
     """
     check_scene(scene, what)
     end = state.end if isinstance(state, Solution) else None
-    held = with_values(scene, None if end is None else end.inputs)
+    held = with_values(scene, None if end is None else values_of(end, widths(scene)))
     models = {} if models is None else models
     # On a yield surface round-off would say whether something flows.
     springs = [of.spring for of in _coordinates(scene) if of.spring]

@@ -97,7 +97,7 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
     state = reference_state(model)
     if at is not None:
         state = state_of(model, at)
-        held.resume(forcing, state, state.inputs)
+        held.resume(forcing, state)
         state = _with_fitted_rates(model, state, at)
         frame = turning_frame_of(model, at, what)
     if frame is not None:

@@ -229,8 +229,11 @@ class OpenMotion:
     def end(self) -> State:
         """The same as it is shown, with its full turns."""
         self.settle()
-        state = self._prepared.turn_counter.with_turns(self.shown.state())
-        return replace(state, inputs=self.held.all)
+        return self.holding(self._prepared.turn_counter.with_turns(self.shown.state()))
+
+    def holding(self, state: State) -> State:
+        """A state with the present inputs."""
+        return state.changed(inputs=self.held.all, input_names=self.held.names)
 
     def restore(self, snapshot: Snapshot) -> None:
         """Return to a snapshot of the same scene."""
@@ -242,7 +245,7 @@ class OpenMotion:
     def _return_to(self, snapshot: Snapshot) -> None:
         state = snapshot.state
         self._prepared.forcing.hold(state)
-        self.held.resume(self._prepared.forcing, state, state.inputs)
+        self.held.resume(self._prepared.forcing, state)
         self.begin(state, snapshot.turns, Grid(*snapshot.step, self._dt))
 
 
@@ -350,7 +353,7 @@ class Motion:
         self._prepared = prepared = Prepared(held.scene, options, waiting_team(held.scene))
         if start is not None:
             state = state_of(prepared.model, start)
-            held.resume(prepared.forcing, state, state.inputs)
+            held.resume(prepared.forcing, state)
         self._open = OpenMotion(prepared, held, self._dt, record)
         self._readings = readings(prepared, self._open.shown, outputs)
         state = prepared.first_state(self._dt, start)
@@ -535,7 +538,7 @@ class Motion:
             The present state.
         """
         motion, turns = self._settled, self._prepared.turn_counter.removed.copy()
-        state = replace(motion.shown.state(), inputs=motion.held.all)
+        state = motion.holding(motion.shown.state())
         step = motion.grid.origin, motion.grid.first + motion.number
         return Snapshot(motion.t, state, step, turns)
 

@@ -23,7 +23,7 @@ from .initial_state import end_of, given_velocity
 # In the place of rows: of the ground, whose number in `JointKey` this is, and of new nodes.
 _GROUND, _NEW = -1, -2
 # What goes on as it is.
-_GOES_ON = "work", "dissipated", "numerical", "impact", "inputs"
+_GOES_ON = "work", "dissipated", "numerical", "impact", "inputs", "input_names"
 
 
 def has_changed(model: Model, start: Solution) -> bool:

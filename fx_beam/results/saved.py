@@ -41,7 +41,7 @@ for _name, _array in ARRAYS.items():
     _shape = tuple("end " + s if s in ("contacts", "parameters") else s for s in _shape)
     _SHAPES[f"end_{_name}"] = _shape
 # What numbers are not floats.
-_DTYPES = {"end_owners": "U", "beams_nodes": "i", "end_past_orders": "i"}
+_DTYPES = {"end_owners": "U", "end_input_names": "U", "beams_nodes": "i", "end_past_orders": "i"}
 # A lost motion may have infinite rates, forces and energies, but not these.
 _FINITE = {"t", "X", "q", "end_past_ages", "end_past_differences", "end_past_slides"}
 _FINITE |= {f"end_{name}" for name in ("motors", "q", "slides", "parts", "inputs", "q_previous")}

@@ -104,6 +104,8 @@ class State:
     #: Rates of driven motions (driven,) at the end of a run; they may jump there.
     driven_rates: np.ndarray | None = _kept("driven", default=None)
     inputs: np.ndarray | None = _kept("inputs", default=None)
+    #: The name of the input of each of these values.
+    input_names: np.ndarray | None = _kept("inputs", default=None)
     #: Energy since the start that changes of the scene took from velocities [J].
     impact: float = _kept(default=0.0)
     #: Set at the end of a run: rates (size,) that fit the joints, if those of steps do not, and the

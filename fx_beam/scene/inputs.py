@@ -206,6 +206,22 @@ def values_at(scene, given: Mapping | None, t: float) -> np.ndarray | None:
     return np.concatenate(parts) if parts else None
 
 
+def names_of_values(known: Mapping[str, int]) -> np.ndarray | None:
+    """The name of the input of each value, in the order of `widths`; None without any."""
+    return np.repeat([*known], [*known.values()]) if known else None
+
+
+def values_of(state: Any, known: Mapping[str, int]) -> np.ndarray | None:
+    """Values of all inputs in the order of `widths`, from those of a state; zero for others."""
+    values, names = state.inputs, state.input_names
+    if values is None or names is None:
+        return values
+    of_state = {name: values[names == name] for name in known}
+    fits = {name: len(of_state[name]) == width for name, width in known.items()}
+    parts = (of_state[n] if fits[n] else np.zeros(width) for n, width in known.items())
+    return np.concatenate([np.empty(0), *parts])
+
+
 class Hold:
     """Values (size,) of a load, constant over the step."""
 

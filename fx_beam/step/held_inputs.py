@@ -10,7 +10,16 @@ import numpy as np
 
 from fx_beam.errors import SceneError, require, vector
 from fx_beam.results.state import State
-from fx_beam.scene.inputs import Hold, Ramp, check_names, connected, input_slots, widths
+from fx_beam.scene.inputs import (
+    Hold,
+    Ramp,
+    check_names,
+    connected,
+    input_slots,
+    names_of_values,
+    values_of,
+    widths,
+)
 from fx_beam.scene.scene import Scene
 
 from .forcing import Forcing
@@ -25,6 +34,7 @@ class HeldInputs:
         self._scene, self._count = scene, self._changes(scene)
         #: Number of values of each input, by name.
         self.widths = widths(scene)
+        self.names = names_of_values(self.widths)
         #: Present values by name, in arrays that do not change.
         self.values = {name: np.zeros(width) for name, width in self.widths.items()}
         self._parts: dict[int, Hold | Ramp] = {
@@ -82,8 +92,9 @@ class HeldInputs:
         for ramp in self._ramps:
             ramp.start = ramp.end
 
-    def resume(self, forcing: Forcing, state: State, values: np.ndarray | None) -> None:
-        """Start from a state: loads with these values of all inputs, motions where they are."""
+    def resume(self, forcing: Forcing, state: State) -> None:
+        """Start from a state: loads with its values of all inputs, motions where they are."""
+        values = values_of(state, self.widths)
         if values is not None and len(values) == sum(self.widths.values()):
             of_all = iter(values)
             self.set({name: [next(of_all) for _ in range(n)] for name, n in self.widths.items()})

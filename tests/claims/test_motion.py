@@ -187,6 +187,31 @@ def test_a_motion_starts_from_an_equilibrium_with_its_inputs():
     assert motion.run(0.1)["tip"] == pytest.approx(before, abs=1e-8)
 
 
+def test_inputs_keep_their_values_by_name_where_the_scene_gets_another_one(tmp_path):
+    """A pendulum that a force of 3 N holds aside, before and after a second input is added."""
+    scene = fb.Scene(gravity=(0, -10))
+    body = scene.add_body((0, -1), mass=1.0, inertia=0.1, points={"pin": (0, 0)})
+    hinge = scene.add_joint(fb.Revolute(fb.GROUND, body["pin"]))
+    push = scene.add_force(body.centre, fb.Input("push", factor=(1, 0)))
+    angle = {"angle": fb.Output("angle", hinge)}
+    state = fb.static(scene, inputs={"push": 3.0})
+    expected = np.linalg.eigvals(fb.linearise(scene, state).A)
+    scene.remove(push)
+    scene.add_force(body.centre, fb.Input("wind", factor=(0, 1)))
+    scene.add_force(body.centre, fb.Input("push", factor=(1, 0)))
+    state.save(tmp_path / "state.npz")
+    for start in (state, fb.load(tmp_path / "state.npz")):
+        motion = fb.Motion(scene, dt=0.01, start=start, outputs=angle)
+        motion.restore(motion.snapshot())
+        assert motion.run(0.2)["angle"] == pytest.approx(np.arctan(3 / 10), abs=1e-9)
+        assert motion.inputs == {"wind": 0.0, "push": 3.0}
+        for end in (start, motion.state):
+            found = np.linalg.eigvals(fb.linearise(scene, end).A)
+            assert found == pytest.approx(expected, rel=1e-6)
+            frequency = fb.modes(scene, end, n=1).angular_frequencies
+            assert frequency == pytest.approx(abs(expected[0]), rel=1e-6)
+
+
 def test_modes_about_a_state_count_the_values_of_its_inputs():
     found = []
     for force in (fb.Input("push"), (-3.0, -2.0)):
