@@ -27,7 +27,7 @@ _GOES_ON = "work", "dissipated", "numerical", "impact", "inputs", "input_names"
 
 
 def has_changed(model: Model, start: Solution) -> bool:
-    """Whether members, joints, supports or contacts are others than those of a solution."""
+    """Whether members, joints, supports, contacts or springs are others than in a solution."""
     end, X, scene = end_of(start), model.mesh.X, model.scene
     if start.X.shape != X.shape or (start.X != X).any():
         return True
@@ -35,6 +35,8 @@ def has_changed(model: Model, start: Solution) -> bool:
     has, had = ([(str(o), o.along, o.variables) for o in of.contacts] for of in (scene, start))
     if members != ([*start.beams], [*start.bodies]) or has != had:
         return True
+    if end.owners is not None and end.owners.tolist() != model.points.owners.tolist():
+        return True  # forces between points are others
     if end.constraints is None:  # a solution that is no run
         return len(end.slides) != scene.joint_count or len(end.motors) != len(model.motors)
     return end.constraints != constraints_of(scene)

@@ -570,3 +570,32 @@ def test_whatever_changes_between_motions_is_in_the_balance(change):
     assert abs(come) > 0.1
     assert after.energy.work[0] - before.energy.work[-1] == pytest.approx(come, abs=1e-11)
     assert abs(before.then(after).energy.balance_error).max() < 1e-10
+
+
+def test_a_bar_that_yielded_keeps_its_set_where_another_one_is_removed_or_added():
+    """Of two equal bars under F each is longer by F/2k + (F/2 - Fy)/H, of which the last stays."""
+    k, H, Fy = 100.0, 10.0, 1.0
+
+    def flow(old, strains0, strains, dt):
+        trial = k * (strains[0] - old[0]) - H * old[0]
+        excess = ufl.max_value(abs(trial) - Fy, 0)
+        return [old[0] + ufl.sign(trial) * excess / (k + H)]
+
+    def bar(rest):
+        energy = {"strain_energy": lambda x, a: k / 2 * (x - a[0]) ** 2 + H / 2 * a[0] ** 2}
+        return fb.Spring(**energy, internal=fb.InternalVariables(("set",), flow), rest=rest)
+
+    scene = fb.Scene()
+    body = scene.add_body((0, 0), mass=1.0).centre
+    scene.fix(body, "y", "rotation")
+    first, _ = (scene.add_force_between(body, (-x, 0), spring=bar(x)) for x in (1.0, 2.0))
+    load = scene.add_force(body, (3.0, 0.0))
+    loaded = fb.static(scene, load_steps=4)
+    assert loaded.displacement(body)[-1, 0] == pytest.approx(0.015 + 0.05, rel=1e-9)
+    scene.remove(first, load)
+    alone = fb.static(scene, load_steps=4, start=loaded)
+    assert alone.displacement(body)[-1, 0] == pytest.approx(0.05, rel=1e-9)
+    scene.add_force_between(body, (-1, 0), spring=bar(1.05))  # free of force there
+    for start in (alone, fb.simulate(scene, dt=0.01, t_end=0.1, start=alone)):
+        again = fb.static(scene, load_steps=4, start=start)
+        assert again.displacement(body)[-1, 0] == pytest.approx(0.05, rel=1e-9)
