@@ -35,8 +35,10 @@ def has_changed(model: Model, start: Solution) -> bool:
     has, had = ([(str(o), o.along, o.variables) for o in of.contacts] for of in (scene, start))
     if members != ([*start.beams], [*start.bodies]) or has != had:
         return True
-    if end.owners is not None and end.owners.tolist() != model.points.owners.tolist():
-        return True  # forces between points are others
+    if end.owners is not None:  # by their numbers: a fixed point may have moved
+        before, now = ([o.split(",")[0] for o in of] for of in (end.owners, model.points.owners))
+        if before != now:
+            return True
     if end.constraints is None:  # a solution that is no run
         return len(end.slides) != scene.joint_count or len(end.motors) != len(model.motors)
     return end.constraints != constraints_of(scene)
