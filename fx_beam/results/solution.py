@@ -14,7 +14,7 @@ from fx_beam.errors import SceneError, is_one_of, shown
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.body import Body
 from fx_beam.scene.contacts import Contact
-from fx_beam.scene.joints import GROUND, Joint
+from fx_beam.scene.joints import GROUND, Joint, key_of
 from fx_beam.scene.loads import NAMES
 from fx_beam.scene.notebook import html_table, sketch
 from fx_beam.scene.outputs import Output, definition
@@ -416,6 +416,16 @@ class Solution:
         for node in (joint.a, joint.b):
             if node is not GROUND:
                 _node_number(self, node)  # a joint of another scene has other nodes
+        # Or the same nodes, but joints in another order. Of ours some may have gone.
+        known, asked = None if self.end is None else self.end.constraints, key_of(joint)
+        keys = known.joints[joint.number :: -1] if known else ()
+        ours = next((key for key in keys if key.number == asked.number), asked)
+        if (ours.kind, ours.a, ours.b) != (asked.kind, asked.a, asked.b):
+            raise ValueError(
+                f"{joint} belongs to another scene; the joint of this number is here a {ours.kind} "
+                f"of the nodes {ours.a} and {ours.b}"
+            )
+        return JointMotion(self, joint)
         return JointMotion(self, joint)
 
     # -- Parameters -----------------------------------------------------------------------------

@@ -254,6 +254,24 @@ def write(path, content, framed):
             np.savez(file, **arrays)
 
 
+def test_a_joint_of_a_scene_with_the_same_joints_in_another_order_is_refused(tmp_path):
+    def built(places):
+        scene = fb.Scene(gravity=(0.0, -9.81))
+        beams = [scene.add_beam([(x, 0), (x + 1, 0)], SECTION) for x in range(3)]
+        scene.clamp(beams[0].start)
+        pins = {x: fb.Revolute(beams[x].end, beams[x + 1].start) for x in places}
+        return scene, {x: scene.add_joint(pin) for x, pin in pins.items()}
+
+    (scene, pins), (_, again), (_, others) = map(built, [(0, 1), (0, 1), (1, 0)])
+    solution = fb.simulate(scene, dt=0.05, t_end=0.1)
+    solution.save(tmp_path / "run.npz")
+    for known in (solution, fb.load(tmp_path / "run.npz")):
+        for x in (0, 1):
+            assert (known.joint(again[x]).force == solution.joint(pins[x]).force).all()
+            with pytest.raises(ValueError, match="belongs to another scene; the joint of this"):
+                known.joint(others[x])
+
+
 WRONG = ["text", "cut off", "other arrays", "pickle", "another version", "X", "energy_work"]
 
 
