@@ -262,7 +262,8 @@ def polyline(points: Sequence, elements: int | Sequence[int], name: str) -> Layo
 def listed_points(points: Any, what: str) -> tuple[list, np.ndarray]:
     """Points of a beam as a list, and their positions (n, 2) [m]; SceneError for what is none."""
     try:
-        listed = list(points)
+        # Rows of tables count by labels, not from 0.
+        listed = [of.to_numpy() if hasattr(of, "to_numpy") else of for of in points]
         positions = numbers([position_of(point) for point in listed])
     except Exception:  # a UFL expression has no length
         listed, positions = [], np.empty((0, 0))

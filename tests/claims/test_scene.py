@@ -35,6 +35,14 @@ def test_ends_and_nodes_of_a_straight_beam_lie_where_they_were_given():
     ]
 
 
+@pytest.mark.parametrize("labels", [["x", "y"], [1, 0], [3, 4]])
+def test_rows_of_a_table_are_points_whatever_its_columns_are_called(labels):
+    pandas = pytest.importorskip("pandas")
+    table = pandas.DataFrame([[0.0, 5.0], [1.0, 7.0]], columns=labels)
+    beam = fb.Scene().add_beam([row for _, row in table.iterrows()], SECTION, elements=2)
+    assert [(node.x, node.y) for node in beam.nodes] == [(0, 5), (0.5, 6), (1, 7)]
+
+
 def test_elements_given_for_each_piece_are_taken_as_given():
     beam = fb.Scene().add_beam([(0, 0), (4, 0), (4, 3)], SECTION, elements=[1, 3])
     assert [position(node) for node in beam.nodes] == [(0, 0), (4, 0), (4, 1), (4, 2), (4, 3)]
