@@ -120,6 +120,7 @@ class Record:
         require(fits, "Record: times", self.times, "increasing finite times")
         if not (self.every == 1 and self.motion):
             raise SceneError("Record: times need every=1 and motion=True")
+        object.__setattr__(self, "times", tuple(times.tolist()))  # a column of a table has labels
 
 
 class NullRecorder:

@@ -388,6 +388,12 @@ def test_iterations_and_solves_are_counted_also_of_halved_steps(framed):
 # -- Runs that break off, and words ----------------------------------------------------------
 
 
+def test_times_of_rows_may_be_a_column_of_a_table():
+    column = pytest.importorskip("pandas").Series([0.05, 0.1])
+    record = fb.Record(times=column)
+    assert fb.simulate(frame()[0], dt=0.05, t_end=0.2, record=record).t.tolist() == [0.05, 0.1]
+
+
 def test_times_that_are_ends_of_steps_but_for_round_off_belong_to_these():
     """0.1 k and k / 10 differ in the last digit; the last one may lie behind the end."""
     scene = fb.Scene()
