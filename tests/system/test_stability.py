@@ -155,6 +155,13 @@ def test_drift_finds_the_law_of_made_up_errors(errors, exponent, law):
     assert sum(drift.law == law for drift in drifts) > 0.9 * len(drifts)
 
 
+def test_errors_in_a_list_or_a_column_of_a_table_drift_alike():
+    walk = np.cumsum(steps(2000))
+    column = pytest.importorskip("pandas").Series(walk)
+    assert stability.drift_of(walk) == stability.drift_of(walk.tolist())
+    assert stability.drift_of(walk) == stability.drift_of(column)
+
+
 @pytest.mark.parametrize("errors", [np.zeros(99), np.full(200, np.nan)], ids=["few", "no number"])
 def test_drift_needs_enough_errors(errors):
     with pytest.raises(fb.SceneError, match="100 finite errors"):

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.errors import SceneError, StepError, is_whole, positive, require
+from fx_beam.errors import SceneError, StepError, array_of, is_whole, positive, require
 from fx_beam.laws.schemes import Scheme
 from fx_beam.motions.dynamics import simulate
 from fx_beam.motions.progress import progress_bar
@@ -241,7 +241,8 @@ def drift_of(error: np.ndarray) -> Drift:
     SceneError
         For fewer than 100 errors, or values that are not finite.
     """
-    n = len(error)
+    error = array_of(error, "drift_of: error")
+    n = len(error) if error.ndim == 1 else 0
     if n < FEWEST or not np.isfinite(error).all():
         raise SceneError(f"the law of a drift needs at least {FEWEST} finite errors, not {n}")
     lags = np.unique(np.geomspace(LAGS[0] * n, LAGS[1] * n, 20).astype(int))
