@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from fx_beam.errors import is_name, require, shown
+from fx_beam.errors import SceneError, is_name, require, shown
 from fx_beam.symbolic import ufl
 
 from .inputs import checked_value
@@ -147,6 +147,13 @@ class Parameter(ufl.Constant):
         super().__init__(NOWHERE, count=_NUMBERS.get(name))
         _NUMBERS[name] = self.count()
         self._repr = f"Parameter({name!r}, {shown(value)})"
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Refuse what constants of dolfinx have: a value is that in a scene."""
+        if name == "value":
+            where = f"scene.parameters[{self.name!r}] = {shown(value)}"
+            raise SceneError(f"the parameter {self.name!r} has a value in each scene: {where}")
+        super().__setattr__(name, value)
 
     def __str__(self):
         return self.name

@@ -160,6 +160,8 @@ REFUSED = {
         (lambda p: fb.InternalVariables(("a", "a"), min), "InternalVariables: names"),
         (lambda p: fb.InternalVariables(("a",), min, level=0.2), "InternalVariables: level"),
         (lambda p: fb.Parameter("", 1.0), "Parameter: name"),
+        (lambda p: setattr(fb.Parameter("k", 1.0), "value", 2.0),
+         r"'k' has a value in each scene: scene.parameters\['k'\] = 2.0"),
     ],
     "beams": [
         (lambda p: p.beam_of([(0, 1), (1, 1), (1, 1)], elements=2), "points 1 and 2 coincide"),
