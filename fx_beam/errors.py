@@ -447,6 +447,9 @@ def checked_function(value, size: int, what: str, *sample: float) -> CheckedFunc
     """
     if not callable(value):
         return Constant(vector(value, size, what))
+    if hasattr(value, "ufl_shape") and not _is_real(value):  # it gives its value at the beginning
+        wanted = "give a number, a function or an fx_beam.Input"
+        raise SceneError(f"{what}: {shown(value)} is an expression of UFL; {wanted}")
     try:
         first = value(*sample)
     except Exception as error:

@@ -215,6 +215,7 @@ REFUSED = {
         (in_parts("add_force", lambda t, x: (0.0, 0.0)), "force on node 2 .*raised TypeError"),
         (in_parts("add_force", (0, 1), follower=2), "follower"),
         (in_parts("add_force", fb.Input("f", factor=1.0)), "1 factors"),
+        (in_parts("add_moment", fb.Parameter("M", lambda t: t)), "is an expression of UFL; give a"),
         (in_parts("add_moment", math.nan), "moment on .* not finite"),
         (in_parts("add_moment", lambda t: {}["a"]), "moment on .*raised KeyError"),
         (in_parts("add_mass", -1.0), r"mass.* of node 2 at \(1, 0\)"),
