@@ -33,6 +33,9 @@ _STILL = 1e-12
 _LEAST_WORK = 0.4
 # Largest number of steps, and way in units of the scene that no equilibrium is beyond.
 _MOST, _FAR = 400, 100.0
+# Drag without loads, relative to the largest stiffness.
+_LITTLE = 1e-6
+_NO_LOAD = "it has no load, and no prestress"
 # Stiffness that is none, relative to the loads and to the largest stiffness.
 _OF_LOADS, _ROUNDING = 1e-9, 1e-14
 
@@ -48,7 +51,9 @@ class Settling:
         loop, first, work = self._loop, state.q, state.work
         self.stepper.hold_between(goal, goal)
         largest, failed = self._load(state, goal), ""
-        drag, short, moved = largest / _WANTED, False, np.inf
+        # Where no force moves it, prestress may hold it.
+        drag = (largest or _LITTLE * self._largest(self.stepper.motions.stiffness(state))) / _WANTED
+        short, moved = False, np.inf
         for _ in range(_MOST if drag else 0):
             loop.drag = 0.0 if short else drag
             try:
@@ -68,7 +73,7 @@ class Settling:
             drag *= min(1.0, max(0.1, moved / _WANTED))
         else:
             lost = "under its loads it finds no equilibrium" + f" ({failed})" * bool(failed)
-            raise self._error(lost if drag else "it has no load")
+            raise self._error(lost if drag else _NO_LOAD)
         state.negative_eigenvalues = self.stepper.motions.negative_eigenvalues(loop)
         self._check(largest, state)
         return state.changed(work=work)
@@ -96,11 +101,15 @@ class Settling:
     def _size(self, D: np.ndarray) -> float:
         return float(abs(D / self.model.unit).max(initial=0.0))
 
+    def _largest(self, K: scipy.sparse.csr_matrix) -> float:
+        """The largest stiffness of a tangent, times its units [J]."""
+        return float(abs(K.diagonal() * self.stepper.motions.unit**2).max(initial=0.0))
+
     def freest(self, state: State, largest: float = 0.0) -> np.ndarray | None:
         """A small motion (size,) against which a state has no stiffness, beside a load; or None."""
         model, motions = self.model, self.stepper.motions
         K, T, unit = motions.stiffness(state), motions.coupling(), motions.unit
-        none = max(_OF_LOADS * largest, _ROUNDING * abs(K.diagonal() * unit**2).max())
+        none = max(_OF_LOADS * largest, _ROUNDING * self._largest(K))
         # With so little drag the tangent is never singular.
         drag = T.T @ scipy.sparse.diags(0.1 * none * self._loop.drag_weight) @ T
         factors = pivoted_lu(K + drag)
@@ -119,7 +128,8 @@ class Settling:
         node, component = np.unravel_index(moved.argmax(), moved.shape)
         x, y = model.mesh.X[node]
         where = f"{COMPONENTS[component]} of node {node} at ({x:g}, {y:g})"
-        raise self._error(f"in their equilibrium they leave {where} free")
+        lost = f"in their equilibrium they leave {where} free"
+        raise self._error(lost if largest else _NO_LOAD)
 
     def _error(self, why: str) -> SceneError:
         return SceneError(

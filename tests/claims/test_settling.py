@@ -187,6 +187,42 @@ def test_what_no_load_holds_is_refused():
         fb.static(loose)
 
 
+def taut_bars(scene, stretched):
+    """Two hinged bars that are too short for their supports, or are stretched by one of them."""
+    bars = [scene.add_beam([(x, 0), (x + 1, 0)], STIFF) for x in (0, 1)]
+    scene.add_joint(fb.Revolute(bars[0].end, bars[1].start))
+    scene.pin(bars[0].start)
+    scene.fix(bars[1].end, "y")
+    scene.prescribe(bars[1].end, x=2e-4 * stretched)
+    for bar in bars:
+        scene.add_natural_strain(bar, axial=1e-4 * stretched - 1e-4)
+    return bars[0].end, 2 / 3 * (STIFF.rhoA + STIFF.rhoI)
+
+
+def taut_springs(scene):
+    mass = scene.add_body((1, 0), mass=3.0, inertia=0.1).centre
+    scene.fix(mass, "rotation")
+    for x in (0.0, 2.0):
+        scene.add_force_between(mass, (x, 0.0), spring=fb.Spring(1e4, rest=0.99))
+    return mass, 3.0
+
+
+@pytest.mark.parametrize(
+    "build", [taut_springs, lambda scene: taut_bars(scene, 0), lambda scene: taut_bars(scene, 1)]
+)
+def test_prestress_holds_what_has_no_load(build):
+    """The tension T = 100 N at l = 1 m to both sides has the stiffness 2 T / l across."""
+    scene = fb.Scene()
+    middle, mass = build(scene)
+    path = fb.static(scene, load_steps=2)
+    assert path.stable.all() and abs(path.displacement(middle)[:, 1]).max() < 1e-12
+    (frequency,) = fb.modes(scene, path, n=1).angular_frequencies
+    assert frequency == pytest.approx(np.sqrt(200 / mass), rel=3e-4)
+    scene.add_force(middle, (0.0, -0.02))
+    sunk = fb.static(scene, start=path).displacement(middle)[-1, 1]
+    assert sunk == pytest.approx(-1e-4, rel=1e-4)
+
+
 @pytest.mark.parametrize("gap", [0.01, 0.05, 0.2])
 def test_a_wheel_settles_on_a_beam_from_every_height(gap):
     """The first step of its fall is longer than the wheel is thick."""
