@@ -79,10 +79,11 @@ class Settling:
         return state.changed(work=work)
 
     def _load(self, state: State, goal: float) -> float:
-        """Largest load or force without balance in a state, times its unit [J]."""
-        forces, residual = self.stepper.forcing.dead(goal), self.stepper.residual(state, goal)
-        largest = abs(residual * self.model.unit_of_unknowns).max(initial=0.0)
-        return float(max(largest, abs(forces * self.model.unit).max()))
+        """Largest load, other force at a node or force without balance, times its unit [J]."""
+        balance, unit = self._loop.balance(state, goal), self.model.unit_of_unknowns
+        largest = abs(balance.residual[: len(unit)] * unit).max(initial=0.0)
+        forces = self.stepper.forcing.dead(goal), balance.f, balance.r
+        return float(max(largest, *(abs(of * self.model.unit).max() for of in forces)))
 
     def _step(self, state: State, goal: float) -> tuple[State, float]:
         """State after a step, and its length; StepFailed if too long, upwards, or over a circle."""

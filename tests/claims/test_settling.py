@@ -223,6 +223,25 @@ def test_prestress_holds_what_has_no_load(build):
     assert sunk == pytest.approx(-1e-4, rel=1e-4)
 
 
+def test_a_blade_on_a_hinge_is_held_by_its_turn():
+    """Its frequency is the spin times sqrt(e m r / J), with the hinge at e and J about it."""
+    scene = fb.Scene()
+    blade = scene.add_body((0.7, 0), mass=3.0, inertia=0.25, points={"hinge": (0.2, 0)})
+    scene.add_joint(fb.Revolute(fb.GROUND, blade["hinge"]))
+    turning = fb.static(scene, spin=10.0, load_steps=2)
+    (frequency,) = fb.modes(scene, turning).angular_frequencies
+    assert frequency == pytest.approx(10 * np.sqrt(0.2 * 3.0 * 0.5 / (0.25 + 3.0 * 0.5**2)))
+
+
+def test_a_constant_tension_holds_a_pointer_in_its_line():
+    scene = fb.Scene()
+    pointer = scene.add_body((0.5, 0), 2.0, 0.1, points={"hinge": (0, 0), "tip": (1, 0)})
+    scene.add_joint(fb.Revolute(fb.GROUND, pointer["hinge"]))
+    scene.add_force_between(pointer["tip"], (3, 0), force=10.0)
+    (frequency,) = fb.modes(scene, fb.static(scene)).angular_frequencies
+    assert frequency == pytest.approx(np.sqrt(10.0 * 1 * 3 / 2 / (0.1 + 2 * 0.5**2)))
+
+
 @pytest.mark.parametrize("gap", [0.01, 0.05, 0.2])
 def test_a_wheel_settles_on_a_beam_from_every_height(gap):
     """The first step of its fall is longer than the wheel is thick."""
