@@ -90,6 +90,30 @@ def test_limit_points_of_a_truss_are_exact():
     assert all(rows)
 
 
+def test_a_toggle_on_a_sprung_slide_snaps_at_its_limit_points():
+    """Two rigid bars of 1 m: no force at a node depends on the motion, only that of the slide."""
+    height, stiffness = 0.28, 1000.0  # span 0.96 m each
+    scene = fb.Scene()
+    bars = [
+        scene.add_body(
+            (x + 0.48, height / 2), 1.0, 0.1, points={"foot": foot, "top": (0.96, height)}
+        )
+        for x, foot in ((0.0, (0, 0)), (0.96, (1.92, 0)))
+    ]
+    scene.add_joint(fb.Revolute(fb.GROUND, bars[0]["foot"]))
+    scene.add_joint(fb.Revolute(bars[0]["top"], bars[1]["top"]))
+    spring = fb.Spring(stiffness)
+    scene.add_joint(fb.PinInSlot(fb.GROUND, bars[1]["foot"], axis=(1, 0), spring=spring))
+    scene.add_force(bars[0]["top"], (0.0, -30.0))
+    points = fb.static(scene, load_steps=8, continuation="arc-length").critical_points
+    # P = 4 k (s - s0) y / s with s^2 = 1 - y^2 has its extrema where s^3 = s0
+    s = 0.96 ** (1 / 3)
+    limit = 4 * stiffness * (s - 0.96) * np.sqrt(1 - s**2) / s
+    assert [point.kind for point in points] == ["limit point"] * 2
+    loads = [30 * point.load_factor for point in points]
+    assert loads == pytest.approx([limit, -limit], rel=1e-9)
+
+
 def test_columns_that_differ_and_buckle_at_once_are_one_point():
     """The eigenvalues cross each other where they vanish."""
     scene = fb.Scene()
