@@ -18,15 +18,7 @@ from fx_beam.scene.section import Section
 from fx_beam.scene.structure import OtherStructureError
 
 from .assembly import BoundForm, Field, RowValues, Space
-from .fields import (
-    CONSTANTS,
-    NATURAL,
-    NODAL,
-    DataField,
-    distinct,
-    drag_data,
-    section_data,
-)
+from .fields import CONSTANTS, NATURAL, NODAL, DataField, distinct, drag_data, section_data
 from .form_library import CompiledForm, FormModule, FormSource
 from .mesh import Mesh
 from .parameter_values import ParameterValues

@@ -23,13 +23,7 @@ from fx_beam.laws.point_laws import (
 )
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.contacts import Contact
-from fx_beam.scene.coordinate import (
-    Coulomb,
-    SmoothFriction,
-    bristle,
-    functions_of,
-    numbers_of_loss,
-)
+from fx_beam.scene.coordinate import Coulomb, SmoothFriction, bristle, functions_of, numbers_of_loss
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.law import functions_of_energy
 from fx_beam.scene.scene import Scene
@@ -67,12 +61,7 @@ def _shared(known: _Known, law: Callable, kind: Kind, of: Iterable, *given: Any)
 
 
 def _contacts(
-    obstacle: Contact,
-    scene: Scene,
-    mesh: Mesh,
-    mobility: np.ndarray,
-    known: _Known,
-    at_rest: bool,
+    obstacle: Contact, scene: Scene, mesh: Mesh, mobility: np.ndarray, known: _Known, at_rest: bool
 ) -> Iterator[PointForce]:
     of_loss, friction = numbers_of_loss(obstacle, at_rest), obstacle.friction
     points, nodes = obstacle.points, mesh.nodes_of(scene, obstacle.target)

@@ -175,9 +175,7 @@ def _in_chain(order: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> Facto
 
 
 def groups_of(
-    graph: scipy.sparse.csr_matrix,
-    dependent: np.ndarray | None = None,
-    forces: np.ndarray = _NONE,
+    graph: scipy.sparse.csr_matrix, dependent: np.ndarray | None = None, forces: np.ndarray = _NONE
 ) -> dict[str, Any]:
     """What an order of elimination is found from, by the names of sparse_rows.h.
 

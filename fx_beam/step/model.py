@@ -28,13 +28,7 @@ from fx_beam.laws.schemes import Scheme
 from fx_beam.results.state import ROWS, State
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.coordinate import Coulomb
-from fx_beam.scene.joints import (
-    GROUND,
-    Joint,
-    NodalMotion,
-    joints_by_number,
-    slides_at_start,
-)
+from fx_beam.scene.joints import GROUND, Joint, NodalMotion, joints_by_number, slides_at_start
 from fx_beam.scene.law import has_pieces
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import SlidingJoint, sliding_joints
