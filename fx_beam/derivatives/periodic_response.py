@@ -379,6 +379,8 @@ class PeriodicResponse(Response):
         of = SubSteps(model, tape, none)
         output = EnergyOutput(of, "energy of steps", none)
         held = {name: np.zeros((1, len(self._x), width)) for name, width in tape.widths.items()}
+        if model.natural:
+            held["natural"] += changes["natural"].reshape(held["natural"].shape)
         by_x = jvp(output.blocks(none), (1,), held, changes)[0]
         if model.loads.constant and model.loads.functions:
             loads, q = model.loads.unit_loads, self._period.start.q

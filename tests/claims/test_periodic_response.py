@@ -173,6 +173,22 @@ def test_a_free_motion_about_an_equilibrium_has_exact_derivatives(chosen):
     check(fb.PeriodicResponse(build, motion), [1.0, 1.0, 0.5], 1e-6)
 
 
+def test_natural_strains_count_in_the_energy_of_a_free_motion():
+    def build(x):
+        scene = fb.Scene(gravity=(0, -9.81))
+        section = fb.Section(EA=1e4, GA=1e4, EI=40.0, rhoA=1.0, rhoI=0.01)
+        beam = scene.add_beam([(0, 0), (1, 0)], section)
+        scene.clamp(beam.start)
+        scene.add_natural_strain(beam, curvature=0.5 * x[0])
+        period = fb.Output("period", scene)
+        return scene, {"tip": fb.Output("position", beam.end), "period": period}
+
+    def motion(scene):
+        return free(state=fb.static(scene), energy=2.5)(scene)
+
+    check(fb.PeriodicResponse(build, motion), [0.9], 1e-6, multipliers=False)
+
+
 def cantilever(x):
     section = fb.Section(EA=1e4, GA=1e4, EI=x[0], rhoA=x[1], retardation=5e-3)
     scene = fb.Scene()
