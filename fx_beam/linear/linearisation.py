@@ -287,10 +287,11 @@ def _last(model: Model, start: State, state: Solution, what: str) -> tuple[float
     had = None if state.end is None else state.end.constraints
     if had is not None and had.joints != constraints_of(model.scene).joints:
         # The same joint may have another number there; of others the place of the nodes tells.
-        numbers = {replace(key, number=-1, motors=()): key.number for key in had.joints}
+        same: dict[str, Any] = {"number": -1, "motors": (), "beam": ""}
+        numbers = {replace(key, **same): key.number for key in had.joints}
         known, slides, at = slides, start.slides, model.motion(q=q[None])
         for joint in model.scene.joints:
-            number = numbers.get(replace(key_of(joint), number=-1, motors=()))
+            number = numbers.get(replace(key_of(joint), **same))
             of_joint = slides[joint.number : joint.number + 1]
             of_joint[:] = joint.kinematics.slide(at, of_joint) if number is None else known[number]
     return factor, replace(replace(start, **inside), t=t, q=q, slides=slides)

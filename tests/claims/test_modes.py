@@ -530,7 +530,8 @@ def test_a_node_on_a_bent_beam_is_where_it_slid_though_its_joint_has_another_num
     def build(held):
         scene = fb.Scene()
         section = fb.Section(EA=1e3, GA=1e3, EI=0.5, rhoA=1.0, rhoI=1e-2)
-        beam = scene.add_beam([(0, 0), (1, 0)], section, elements=6, degree=2)
+        name = "held" if held else "free"
+        beam = scene.add_beam([(0, 0), (1, 0)], section, elements=6, degree=2, name=name)
         hook, bead = (scene.add_body((x, 0), mass=0.5, inertia=0.1).centre for x in (3, 0.1))
         scene.clamp(beam.start)
         scene.fix(bead, "rotation")
