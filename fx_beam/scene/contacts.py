@@ -406,6 +406,7 @@ def points_of(target: Node | Beam, along: int | None = None) -> Points:
 def _checked_radii(what: str, radius: Any) -> tuple[float, float]:
     """Half thicknesses of what touches and of the member; one number is that of both."""
     pair = (radius, radius) if is_number(radius) else radius
+    pair = tuple(pair) if getattr(pair, "ndim", 0) == 1 else pair
     fits = isinstance(pair, tuple | list) and len(pair) == 2 and all(map(is_number, pair))
     fits = fits and min(map(as_float, pair)) >= 0 and sum(map(as_float, pair)) > 0
     wanted = "half of the thickness of the members, positive, or a pair of both"

@@ -110,6 +110,9 @@ class Section:
     internal: InternalVariables | None = None
 
     def __post_init__(self):
+        times: Any = self.retardation
+        if isinstance(times, list) or getattr(times, "ndim", 0) == 1:
+            object.__setattr__(self, "retardation", tuple(times))
         fits = self.strain_energy is None or not isinstance(self.retardation, tuple)
         wanted = "one time for all strains, as there is a strain_energy"
         require(fits, "Section: retardation", self.retardation, wanted)

@@ -489,3 +489,14 @@ def test_pairs_of_numbers_are_pairs_and_nothing_else_is(word, use):
     for value in NO_PAIRS:
         with pytest.raises(fb.SceneError, match=word):
             use(Parts(), value)
+
+
+@pytest.mark.parametrize("kind", [list, np.array])
+def test_a_triple_of_times_and_a_pair_of_radii_may_be_lists_and_arrays(kind):
+    times, parts = (0.1, 0.0, 0.2), Parts()
+    assert fb.Section(**DATA, retardation=kind(times)) == fb.Section(**DATA, retardation=times)
+    above = parts.beam_of(((0, 5), (1, 5)))
+    contact = parts.scene.add_contact(parts.beam, above, stiffness=1.0, radius=kind((0.1, 0.2)))
+    assert contact.radius == (0.1, 0.2)
+    with pytest.raises(fb.SceneError, match="must be one time, or three"):
+        fb.Section(**DATA, retardation=kind((0.1, 0.2)))
