@@ -144,7 +144,7 @@ class Members:
         """Corners (2,) of what holds such members in each row."""
         if self._depths is None or not self._depths.size:
             return []
-        sides = [self._sides(k) for k in self._drawing.rows]
+        sides = (self._sides(k) for k in self._drawing.rows)
         return [corner for of in sides for corner in (of.min((0, 1, 2)), of.max((0, 1, 2)))]
 
     def per_piece(self, values) -> np.ndarray:
