@@ -157,13 +157,37 @@ class PathStability:
             )
         counts: list[int] = []
         limits = self._stepper.stats.limit_points
+        limit = None
         for count, state in zip(known, states, strict=True):
-            if counts and state.t in limits:
-                counts.append(counts[-1])  # an eigenvalue is zero
-            else:
-                counts.append(sum(self._motions.growing(state)) if count is None else count)
+            at_limit = bool(counts) and state.t in limits
+            if at_limit:
+                count = counts[-1]
+            elif count is None:
+                count = sum(self._motions.growing(state))
+            if limit is not None:
+                counts[-1] = self._at_limit(limit, counts[-1], count)
+            counts.append(count)
+            limit = state if at_limit else None
         ends = counts[:1] * self._first, counts[-1:] * self._last
         return np.array(ends[0] + counts + ends[1], dtype=int)
+
+    def _at_limit(self, state: State, before: int, behind: int) -> int:
+        """The number at a limit point, from those in the rows before and behind it.
+
+        The eigenvalue that is zero counts as before. If others change as well, it tells where.
+        """
+        if abs(behind - before) == 1 or self._motions.model.flows:
+            return before
+        K = self._motions.stiffness(state)
+        if not self._motions.symmetric(K):
+            return before
+        values = self._motions.lowest(K, max(before, behind) + 1)[0]
+        others = int((np.delete(values, abs(values).argmin()) < 0).sum())
+
+        def change(count: int) -> tuple[int, int]:
+            return abs(count - before) + abs(behind - (2 * others + 1 - count)), abs(count - before)
+
+        return min((others, others + 1), key=change)
 
     def critical_points(self) -> list[CriticalPoint]:
         """The critical points between the states, and at their end; none if modes are unknown.

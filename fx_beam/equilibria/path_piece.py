@@ -180,7 +180,9 @@ def brackets_of(piece: Piece, before: int, after: int) -> list[Bracket]:
             brackets.append(Bracket(low, high, 0.0, few, many))
         else:
             low -= _BESIDE_STEP * length
-    if sum(growing(high)) != after and not piece.kinked:
+    if abs((ahead := sum(growing(high))) - before) > abs(after - before):
+        high -= SAME * length  # that of a limit point at its end belongs to the next step
+    elif ahead != after and not piece.kinked:
         high += _BESIDE_STEP * length
     places = intervals(low, high, _PLACE * _APART * length)
     for place in places:
@@ -205,7 +207,11 @@ def root_of(piece: Piece, measure: Callable[[float], float], bracket: Bracket) -
         at = bracket.growing
         return Root(at, piece.at(at), piece.stiffness(at), FLUTTER)
     if not bracket.apart:
-        return _jump(piece, measure, 0.0, low, high)
+        if abs(measure(low)) > _LARGE * abs(measure(high)):
+            return _jump(piece, measure, 0.0, low, high)
+        # Round-off has put the row behind a limit point.
+        apart = (2 * piece.flows - 1) * _APART * piece.length
+        return _extrapolated(piece, measure, low, apart, abs(apart))
     near, apart = (low + high) / 2, -bracket.apart
     if piece.flows and near + _STATES * apart < piece.first:
         apart = -apart  # nothing flows back

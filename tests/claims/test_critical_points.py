@@ -114,6 +114,39 @@ def test_a_toggle_on_a_sprung_slide_snaps_at_its_limit_points():
     assert loads == pytest.approx([limit, -limit], rel=1e-9)
 
 
+@pytest.mark.parametrize("steps", [1, 3])
+@pytest.mark.parametrize("wall", [False, True])
+def test_a_bifurcation_in_the_step_to_a_limit_point_is_located(wall, steps):
+    """Half of the arch, held as by symmetry, has the limit point alone."""
+    height, section = 0.0742, fb.Section(EA=1e4, GA=1e4, EI=2.0)
+    radius = (1 + height**2) / (2 * height)
+    angle = np.arcsin(1 / radius)
+
+    def path(end, elements):
+        shape = [
+            (1 - radius * np.sin(a), height - radius * (1 - np.cos(a)))
+            for a in (angle, (angle + end) / 2, end)
+        ]
+        scene = fb.Scene()
+        arch = scene.add_beam(fb.arc(*shape), section, elements, degree=2)
+        scene.pin(arch.start)
+        if end:
+            scene.pin(arch.end)
+        else:
+            scene.fix(arch.end, "x", "rotation")
+        crown = arch.node(0.5) if end else arch.end
+        scene.add_force(crown, (0.0, -22.26 if end else -11.13))
+        if wall:  # which is far away
+            scene.add_contact(crown, fb.Line((0, -5), (0, 1)), stiffness=1e3)
+        return fb.static(scene, load_steps=steps, continuation="arc-length", max_steps=16)
+
+    (limit,) = path(0.0, 4).critical_points
+    points = path(-angle, 8).critical_points
+    assert [point.kind for point in points] == ["bifurcation", "limit point"]
+    assert points[1].load_factor == pytest.approx(limit.load_factor, rel=1e-7)
+    assert 0.998 < points[0].load_factor / limit.load_factor < 0.9999
+
+
 def test_columns_that_differ_and_buckle_at_once_are_one_point():
     """The eigenvalues cross each other where they vanish."""
     scene = fb.Scene()
