@@ -426,7 +426,6 @@ class Solution:
                 f"of the nodes {ours.a} and {ours.b}"
             )
         return JointMotion(self, joint)
-        return JointMotion(self, joint)
 
     # -- Parameters -----------------------------------------------------------------------------
 
