@@ -356,8 +356,17 @@ class PeriodicResponse(Response):
         elif cycle.chosen_by == "amplitude":
             unit = shooting.model.unit[cycle.held]
             slopes = np.append(by.changes["q"][:, cycle.held], 0.0)
-            held.append((slopes / unit, -self._rest_by_x() / unit))
+            place = self._start_by_x(changes)["q"][0, :, cycle.held]
+            held.append((slopes / unit, (place - self._rest_by_x()) / unit))
         return held
+
+    def _start_by_x(self, changes: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Derivatives (1, m, ...) of the start, of which the independent variables are held.
+
+        Others follow them by joints, whose shape depends on x.
+        """
+        self._lay()
+        return self._shooting.derivatives.jvp(self._shooting.tape, changes, np.zeros(1, dtype=int))
 
     def _rest_by_x(self) -> np.ndarray:
         """Derivatives (m,) of what the amplitude is measured from."""
@@ -374,13 +383,10 @@ class PeriodicResponse(Response):
         return at_rest[:, cycle.held]
 
     def _energy_by_x(self, changes: dict[str, np.ndarray]) -> np.ndarray:
-        """Derivatives (m,) of the energy of the state at the start, which is held."""
+        """Derivatives (m,) of the energy of the start, of which the variables are held."""
         model, tape, none = self._shooting.model, self._shooting.tape, np.zeros(1, dtype=int)
-        of = SubSteps(model, tape, none)
+        held, of = self._start_by_x(changes), SubSteps(model, tape, none)
         output = EnergyOutput(of, "energy of steps", none)
-        held = {name: np.zeros((1, len(self._x), width)) for name, width in tape.widths.items()}
-        if model.natural:
-            held["natural"] += changes["natural"].reshape(held["natural"].shape)
         by_x = jvp(output.blocks(none), (1,), held, changes)[0]
         if model.loads.constant and model.loads.functions:
             loads, q = model.loads.unit_loads, self._period.start.q
@@ -388,7 +394,7 @@ class PeriodicResponse(Response):
             columns = np.repeat(np.arange(loads.shape[1]), np.diff(loads.indptr))
             by_x = by_x - changes["columns"] @ (q[loads.indices] * factors[columns])
             of_factors = changes["loads"].reshape(len(self._x), -1, loads.shape[1])[:, 0]
-            by_x = by_x - of_factors @ (loads.T @ q)
+            by_x = by_x - of_factors @ (loads.T @ q) - held["q"][0] @ (loads @ factors)
         return by_x
 
     def _of_fold(self, matrix: np.ndarray, right: np.ndarray, by: Directions) -> np.ndarray:

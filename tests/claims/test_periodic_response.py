@@ -173,6 +173,34 @@ def test_a_free_motion_about_an_equilibrium_has_exact_derivatives(chosen):
     check(fb.PeriodicResponse(build, motion), [1.0, 1.0, 0.5], 1e-6)
 
 
+@pytest.mark.parametrize("chosen", ["energy", "amplitude"])
+def test_the_period_of_a_pendulum_has_the_derivative_of_its_closed_form_by_its_length(chosen):
+    """Its centre, which has the energy and the amplitude, is a distance away from its hinge."""
+    m, g, inertia, given = 2.0, 9.81, 0.1, {"energy": 6.0, "amplitude": 0.4}[chosen]
+
+    def exact(x):
+        (d,) = x
+        if chosen == "energy":
+            square = given / (2 * m * g * d)
+        else:
+            square = (1 - np.sqrt(1 - (given / d) ** 2)) / 2
+        return 4 * np.sqrt((inertia + m * d**2) / (m * g * d)) * ellipk(square)
+
+    def build(x):
+        scene = fb.Scene(gravity=(0, -g))
+        body = scene.add_body((0, -x[0]), mass=m, inertia=inertia, points={"hinge": (0, 0)})
+        scene.pin(body["hinge"])
+        return scene, {"period": fb.Output("period", scene)}
+
+    def motion(scene):
+        options = {chosen: given, "scheme": fb.EnergyMomentum(order=4)}
+        return free(state=fb.static(scene), **options)(scene)
+
+    run, x = fb.PeriodicResponse(build, motion), np.array([0.7])
+    assert run(x)[1]["period"] == pytest.approx(exact(x), rel=1e-5)
+    assert run.jacobian()["period"] == pytest.approx(differences(exact, x), rel=1e-4)
+
+
 def test_natural_strains_count_in_the_energy_of_a_free_motion():
     def build(x):
         scene = fb.Scene(gravity=(0, -9.81))
