@@ -174,17 +174,19 @@ def brackets_of(piece: Piece, before: int, after: int) -> list[Bracket]:
             return [(low, high)]
 
     # A row may lie at a point.
+    beside = _PLACE * _APART * length
     if (behind := sum(growing(low))) != before:
         if piece.kinked:
             few, many = sorted((before, behind))
             brackets.append(Bracket(low, high, 0.0, few, many))
-        else:
-            low -= _BESIDE_STEP * length
+        else:  # and another one just before it
+            near = low - beside
+            low = near if sum(growing(near)) == before else low - _BESIDE_STEP * length
     if abs((ahead := sum(growing(high))) - before) > abs(after - before):
-        high -= SAME * length  # that of a limit point at its end belongs to the next step
+        high -= beside  # a limit point at its end is one of the next step
     elif ahead != after and not piece.kinked:
         high += _BESIDE_STEP * length
-    places = intervals(low, high, _PLACE * _APART * length)
+    places = intervals(low, high, beside)
     for place in places:
         gaps = [max(place[0] - b, a - place[1]) for a, b in places]
         apart = _OF_GAP * min([gap for gap in gaps if gap > SAME * length], default=length)
