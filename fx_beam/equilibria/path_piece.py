@@ -261,6 +261,9 @@ def _jump(
     kind = "flow" if piece.flows else "kink"
     if model.switched(piece.at(low), piece.at(high)):
         kind = "contact" if model.has_contact else "kink"
+    elif not (piece.flows or model.bends):
+        step = piece.at(high).q - piece.at(low).q
+        raise StepFailed("off the path", "the step reaches another path", step)
     state = None if piece.flows else piece.switched(low, high)
     return Root(place, piece.at(place) if state is None else state, K, kind)
 

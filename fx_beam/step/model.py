@@ -259,9 +259,14 @@ class Model:
     @cached_property
     def nonsmooth(self) -> bool:
         """Whether the slopes of forces may change at once: flow, contact, functions of a user."""
-        bent = any(beam.section.strain_energy for beam in self.scene.beams)
-        bent = bent or self.points.any_have("overshoots") or bool(self.scene.virtual_works)
-        return bent or self.flows or self.has_contact
+        bends = self.bends or self.points.any_have("overshoots")
+        return bends or self.flows or self.has_contact
+
+    @property
+    def bends(self) -> bool:
+        """Whether members or virtual works have functions of a user, which may have kinks."""
+        energies = (beam.section.strain_energy for beam in self.scene.beams)
+        return any(energies) or bool(self.scene.virtual_works)
 
     @property
     def has_contact(self) -> bool:

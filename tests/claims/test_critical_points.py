@@ -538,3 +538,31 @@ def test_at_a_point_of_a_path_with_a_start_both_loads_act():
         assert abs(fb.modes(scene, point.solution, n=1).angular_frequencies[0]) < 1e-3
         roots = abs(np.linalg.eigvals(fb.linearise(scene, point.solution).A))
         assert np.sort(roots)[:2] == pytest.approx(0, abs=1e-3)
+
+
+@pytest.mark.parametrize("wall", [False, True])
+def test_a_step_to_another_path_tells_of_no_kink_beside_an_open_contact(wall):
+    """A post on a shallow arch, of which one half is rigid: its bifurcation is imperfect."""
+    scene, section = fb.Scene(), fb.Section(EA=1e4, GA=1e4, EI=2.0)
+    half = scene.add_beam([(0, 0), (1, 0.15)], section, elements=3, degree=2)
+    other = scene.add_body((1.5, 0.075), 1.0, 0.1, points={"top": (1, 0.15), "foot": (2, 0)})
+    post = scene.add_beam([(1, 0.15), (1, 0.85)], section, elements=3, degree=2)
+    scene.add_joint(fb.Revolute(half.end, other["top"]))
+    scene.add_joint(fb.Revolute(half.end, post.start))
+    scene.pin(half.start)
+    scene.fix(other["foot"], "y")
+    for node, to, stiffness in (
+        (half.start, other["foot"], 2500.0),
+        (half.end, (1, -1), 44.0),
+        (post.end, (-1, 0.85), 106.0),
+        (post.end, (3, 0.85), 121.0),
+    ):
+        place = to if isinstance(to, tuple) else (to.x, to.y)
+        rest = np.hypot(place[0] - node.x, place[1] - node.y)
+        scene.add_force_between(node, to, spring=fb.Spring(stiffness, rest=rest))
+    scene.add_force(post.end, (0.0, -200.0))
+    if wall:
+        scene.add_contact(half.end, fb.Line((0, -0.8), (0, 1)), stiffness=1e4)
+    coarse = fb.static(scene, load_steps=10, continuation="arc-length", max_steps=2)
+    assert coarse.unstable_modes.tolist() == [0, 1, 1]
+    assert coarse.critical_points[0].kind == "not located"
