@@ -103,8 +103,11 @@ class Transfer:
                     f"start: the solution has other nodes than the scene for {what}. {advice}"
                 )
             rows[mine] = theirs
-        for number in scene.gone:
-            if number < len(start.X) and (start.X[number] == mesh.X[number]).all():
+        # Nodes of no member: of those that are gone, and between a support and what slides.
+        of_bodies = [node.number for body in scene.bodies for node in body.nodes]
+        count = min(len(start.X), len(rows))
+        for number in {*range(count)} - set(of_bodies).union(*map(np.ndarray.tolist, mesh.nodes)):
+            if (start.X[number] == mesh.X[number]).all():
                 rows[number] = number
         return rows
 

@@ -96,3 +96,26 @@ def test_one_component_held_at_two_joined_nodes_is_refused_with_both_names(compo
         match=f"in {component} of node 0 at .* and of node 6 at .*supported; support one of them",
     ):
         fb.simulate(scene, **RUN)
+
+
+def test_what_slides_at_a_support_goes_on_when_something_else_leaves_the_scene():
+    """The node between the support and the slider belongs to no member."""
+
+    def build(beside):
+        scene = fb.Scene(gravity=(0, -1.0))
+        section = fb.Section(EA=1e3, GA=1e3, EI=0.5, rhoA=1.0, rhoI=1e-2)
+        beam = scene.add_beam([(0, 0), (1, 0)], section, elements=6, degree=2)
+        bead = scene.add_body((0.1, 0), mass=0.05, inertia=0.01).centre
+        scene.clamp(beam.start)
+        scene.fix(bead, "rotation")
+        scene.add_joint(fb.Slider(beam, bead, spring=fb.Spring(200.0, rest=0.12)))
+        hook = scene.add_body((3, 0), mass=1.0, inertia=0.1).centre if beside else None
+        return scene, bead, hook and scene.add_joint(fb.Rigid(fb.GROUND, hook))
+
+    scene, bead, _ = build(beside=False)
+    expected = fb.simulate(scene, dt=0.01, t_end=0.32).position(bead)[-1]
+    scene, bead, held = build(beside=True)
+    begun = fb.simulate(scene, dt=0.01, t_end=0.3)
+    scene.remove(held)
+    goes_on = fb.simulate(scene, dt=0.01, t_end=0.32, start=begun)
+    assert goes_on.position(bead)[-1] == pytest.approx(expected, abs=1e-7)
