@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -11,18 +10,17 @@ import scipy.sparse
 
 from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError, require, warn_once
-from fx_beam.fem.parameter_values import before
 from fx_beam.laws.interval import Interval, instant
 from fx_beam.laws.schemes import Equilibrium, MidPoint
 from fx_beam.motions.initial_state import rates_of_columns, reference_state
 from fx_beam.motions.options import check_scene
+from fx_beam.motions.prepared import state_of
 from fx_beam.motions.surroundings import recent_model
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
 from fx_beam.scene.coordinate import Coordinate
 from fx_beam.scene.inputs import values_of, widths, with_values
-from fx_beam.scene.joints import constraints_of, key_of
 from fx_beam.scene.scene import Scene
 from fx_beam.step.accelerations import have_mass
 from fx_beam.step.equations import Equations
@@ -199,7 +197,7 @@ def linearised(
     models["plain"] = model = recent_model(held, Equilibrium(), models.get("plain"), **kind)
     factor, start = 0.0, reference_state(model)  # an equilibrium without loads
     if state is not None:
-        factor, start = _last(model, start, state, what)
+        factor, start = _last(model, state, what)
     reduction = model.reduction
     check_unknowns(model, what)
     frame = None if state is None else turning_frame_of(model, state, what)
@@ -254,7 +252,7 @@ def dead_loads(
     return state.loads - turning - added
 
 
-def _last(model: Model, start: State, state: Solution, what: str) -> tuple[float, State]:
+def _last(model: Model, state: Solution, what: str) -> tuple[float, State]:
     """Load factor and configuration in the last row of a solution."""
     require(isinstance(state, Solution), f"{what}: state", state, "a solution of the scene")
     if not np.array_equal(state.X, model.mesh.X) or not len(state.q):
@@ -262,39 +260,12 @@ def _last(model: Model, start: State, state: Solution, what: str) -> tuple[float
             f"{what}: the state must be a solution with the nodes of this scene and its motion "
             "recorded (record=Record(motion=True))"
         )
-    factor, t = 1.0, float(state.t[-1])
-    if state.stats.static:
-        # Functions of time were evaluated at one time.
-        factor, t = t, state.end.t if state.end is not None else 0.0
-    inside: dict[str, Any] = {}
-    for name, whose in (("internal", "sections"), ("spring_internal", "springs")):
-        if (wanted := getattr(start, name)) is not None:
-            values = getattr(state.end, name, None)
-            if values is None or values.shape != wanted.shape:
-                raise SceneError(
-                    f"{what}: the state has other internal variables than the {whose} of the "
-                    "scene. Use a state of this scene"
-                )
-            inside[name] = values
-    if model.natural:
-        inside["natural"] = factor * model.natural.at(t)
-    if factor != 1 and state.end is not None:  # the path may have begun with other loads
-        end = state.end.reshaped(-1)
-        inside |= {"loads": end.loads} | ({"natural": end.natural} if model.natural else {})
-    if len(model.forms.parameters):
-        inside["parameters"] = model.forms.parameters.at(t if state.stats.static else before(t))
-    q, slides = state.q[-1].flatten(), np.nan_to_num(state.slides[-1])
-    had = None if state.end is None else state.end.constraints
-    if had is not None and had.joints != constraints_of(model.scene).joints:
-        # The same joint may have another number there; of others the place of the nodes tells.
-        same: dict[str, Any] = {"number": -1, "motors": (), "beam": ""}
-        numbers = {replace(key, **same): key.number for key in had.joints}
-        known, slides, at = slides, start.slides, model.motion(q=q[None])
-        for joint in model.scene.joints:
-            number = numbers.get(replace(key_of(joint), **same))
-            of_joint = slides[joint.number : joint.number + 1]
-            of_joint[:] = joint.kinematics.slide(at, of_joint) if number is None else known[number]
-    return factor, replace(replace(start, **inside), t=t, q=q, slides=slides)
+    try:
+        end = state_of(model, state)
+    except SceneError as error:
+        raise SceneError(f"{what}: {str(error).removeprefix('start: ')}") from None
+    factor = float(state.t[-1]) if state.stats.static else 1.0
+    return factor, replace(end, v=0 * end.v, a=0 * end.a)
 
 
 # Forces without balance in a state that is called an equilibrium, relative to the largest force;

@@ -203,7 +203,7 @@ def test_modes_hold_a_hinge_that_has_relaxed():
     other = fb.Scene()
     arm = other.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e9, GA=1e9, EI=1e9))
     other.add_joint(fb.Revolute(fb.GROUND, arm.start, spring=STIFFENING))
-    with pytest.raises(fb.SceneError, match="modes: the state has other internal variables"):
+    with pytest.raises(fb.SceneError, match="modes: the solution has other internal variables"):
         fb.modes(scene, fb.static(other))
 
 
