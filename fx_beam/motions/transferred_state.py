@@ -35,8 +35,8 @@ def has_changed(model: Model, start: Solution) -> bool:
     has, had = ([(str(o), o.along, o.variables) for o in of.contacts] for of in (scene, start))
     if members != ([*start.beams], [*start.bodies]) or has != had:
         return True
-    if end.owners is not None:  # by their numbers: a fixed point may have moved
-        before, now = ([o.split(",")[0] for o in of] for of in (end.owners, model.points.owners))
+    if end.owners is not None:
+        before, now = ([*map(_numbered, of)] for of in (end.owners, model.points.owners))
         if before != now:
             return True
     if end.constraints is None:  # a solution that is no run
@@ -232,7 +232,7 @@ class Transfer:
             return None
         values, columns_of = np.zeros(points.width), dict[str, list[int]]()
         for at, owner in enumerate([] if end.owners is None else end.owners.tolist()):
-            columns_of.setdefault(owner, []).append(at)
+            columns_of.setdefault(_numbered(owner), []).append(at)
         for joint in self._model.scene.joints:
             if (key := self._joints.get(joint.number)) is not None:
                 had = self._start.variables_of_joint.get(key.number, {})
@@ -248,9 +248,14 @@ class Transfer:
                 key = self._joints.get(int(words[0]))
                 owner = "" if key is None else " ".join([of, str(key.number), *words[1:]])
             owner = contacts.get(owner, owner)
-            if end.spring_internal is not None and (columns := columns_of.get(owner)):
+            if end.spring_internal is not None and (columns := columns_of.get(_numbered(owner))):
                 values[at] = end.spring_internal[columns.pop(0)]
         return values
+
+
+def _numbered(owner: str) -> str:
+    """What owns an internal variable, by its number: a fixed point, in the text, may have moved."""
+    return owner.split(",")[0]
 
 
 def _contact_key(contact: Contact, number_of: Callable[[Node], int]) -> tuple:

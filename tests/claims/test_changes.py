@@ -572,8 +572,8 @@ def test_whatever_changes_between_motions_is_in_the_balance(change):
     assert abs(before.then(after).energy.balance_error).max() < 1e-10
 
 
-def test_a_bar_that_yielded_keeps_its_set_where_another_one_is_removed_or_added():
-    """Of two equal bars under F each is longer by F/2k + (F/2 - Fy)/H, of which the last stays."""
+def yielding(rest):
+    """A bar that yields at 1 N; under a force F it is longer by F / 100 + (F - 1) / 10 [m]."""
     k, H, Fy = 100.0, 10.0, 1.0
 
     def flow(old, strains0, strains, dt):
@@ -581,21 +581,43 @@ def test_a_bar_that_yielded_keeps_its_set_where_another_one_is_removed_or_added(
         excess = ufl.max_value(abs(trial) - Fy, 0)
         return [old[0] + ufl.sign(trial) * excess / (k + H)]
 
-    def bar(rest):
-        energy = {"strain_energy": lambda x, a: k / 2 * (x - a[0]) ** 2 + H / 2 * a[0] ** 2}
-        return fb.Spring(**energy, internal=fb.InternalVariables(("set",), flow), rest=rest)
+    energy = {"strain_energy": lambda x, a: k / 2 * (x - a[0]) ** 2 + H / 2 * a[0] ** 2}
+    return fb.Spring(**energy, internal=fb.InternalVariables(("set",), flow), rest=rest)
 
+
+def test_a_bar_that_yielded_keeps_its_set_where_another_one_is_removed_or_added():
+    """Of two equal bars each has half of the force; what has yielded stays."""
     scene = fb.Scene()
     body = scene.add_body((0, 0), mass=1.0).centre
     scene.fix(body, "y", "rotation")
-    first, _ = (scene.add_force_between(body, (-x, 0), spring=bar(x)) for x in (1.0, 2.0))
+    first, _ = (scene.add_force_between(body, (-x, 0), spring=yielding(x)) for x in (1.0, 2.0))
     load = scene.add_force(body, (3.0, 0.0))
     loaded = fb.static(scene, load_steps=4)
     assert loaded.displacement(body)[-1, 0] == pytest.approx(0.015 + 0.05, rel=1e-9)
     scene.remove(first, load)
     alone = fb.static(scene, load_steps=4, start=loaded)
     assert alone.displacement(body)[-1, 0] == pytest.approx(0.05, rel=1e-9)
-    scene.add_force_between(body, (-1, 0), spring=bar(1.05))  # free of force there
+    scene.add_force_between(body, (-1, 0), spring=yielding(1.05))  # free of force there
     for start in (alone, fb.simulate(scene, dt=0.01, t_end=0.1, start=alone)):
         again = fb.static(scene, load_steps=4, start=start)
         assert again.displacement(body)[-1, 0] == pytest.approx(0.05, rel=1e-9)
+
+
+def test_a_bar_that_yielded_keeps_its_set_where_its_fixed_point_and_something_else_change():
+    """Its set is 0.5 N / 10 N/m; the fixed point is 1 mm farther away."""
+
+    def build(x, hold):
+        scene = fb.Scene()
+        body = scene.add_body((0, 0), mass=1.0).centre
+        scene.fix(body, "y", "rotation")
+        scene.add_force_between(body, (x, 0), spring=yielding(1.0))
+        hold(scene, scene.add_body((5, 5), mass=1.0, inertia=1.0).centre)
+        return scene, body
+
+    scene, body = build(-1.0, lambda scene, hook: scene.add_joint(fb.Rigid(fb.GROUND, hook)))
+    scene.add_force(body, (1.5, 0.0))
+    loaded = fb.static(scene, load_steps=4)
+    assert loaded.displacement(body)[-1, 0] == pytest.approx(0.015 + 0.05, rel=1e-9)
+    scene, body = build(-1.001, lambda scene, hook: scene.clamp(hook))
+    (start, _) = fb.simulate(scene, dt=1e-3, t_end=1e-3, start=loaded).energy.springs
+    assert start == pytest.approx(100 / 2 * (0.066 - 0.05) ** 2 + 10 / 2 * 0.05**2, rel=1e-9)
