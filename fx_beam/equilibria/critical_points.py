@@ -174,7 +174,8 @@ class PathStability:
     def _at_limit(self, state: State, before: int, behind: int) -> int:
         """The number at a limit point, from those in the rows before and behind it.
 
-        The eigenvalue that is zero counts as before. If others change as well, it tells where.
+        The eigenvalue that is zero there counts as in the row before. Others that change their sign
+        between these rows count as they are there.
         """
         if abs(behind - before) == 1 or self._motions.model.flows:
             return before

@@ -212,7 +212,7 @@ def root_of(piece: Piece, measure: Callable[[float], float], bracket: Bracket) -
         if abs(measure(low)) > _LARGE * abs(measure(high)):
             return _jump(piece, measure, 0.0, low, high)
         # Round-off has put the row behind a limit point.
-        apart = (2 * piece.flows - 1) * _APART * piece.length
+        apart = _APART * piece.length * (1 if piece.flows else -1)  # nothing flows back
         return _extrapolated(piece, measure, low, apart, abs(apart))
     near, apart = (low + high) / 2, -bracket.apart
     if piece.flows and near + _STATES * apart < piece.first:

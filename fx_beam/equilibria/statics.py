@@ -22,7 +22,7 @@ from fx_beam.motions.surroundings import recent_model, waiting_team, warn_of_equ
 from fx_beam.parallel.whole import shared
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
-from fx_beam.scene.inputs import names_of_values, values_at, widths, with_functions
+from fx_beam.scene.inputs import values_at, with_functions
 from fx_beam.scene.scene import Scene
 from fx_beam.step.forcing import LoadForcing
 from fx_beam.step.newton import NewtonOptions
@@ -188,9 +188,7 @@ class LoadPath:
             loads = loads + last.t * self.forcing.turning.force(last.q)
         if model.forms.has_added:
             loads += last.added_forces
-        names = names_of_values(widths(self.scene))
-        end = replace(last, t=self.forcing.time, loads=loads)
-        end = end.changed(inputs=self._inputs, input_names=names)
+        end = replace(last, t=self.forcing.time, loads=loads).changed(**self._inputs)
         path = self._stability(states, lambda state: self._solution([state]))
         later = {name: getattr(path, name) for name in ("unstable_modes", "critical_points")}
         solution = solution_of(recorder, stats, lambda: end, ended=True, stability=later)

@@ -153,8 +153,9 @@ class RowValues:
                 fields = self._coefficients(of, cells, given)
                 numbers = fields, self._constants(of, given, parameters[rows]), coordinates[cells]
                 out = tabulated(address, *numbers, math.prod(shape))
-                every = len(cells) == len(coordinates)  # without a copy
-                values[rows, slice(None) if every else cells] += out.reshape(*out.shape[:2], *shape)
+                # An array of all cells would copy the values.
+                which = slice(None) if len(cells) == len(coordinates) else cells
+                values[rows, which] += out.reshape(*out.shape[:2], *shape)
         return values
 
     def _coefficients(self, of: BoundForm, cells: np.ndarray, parts: Parts) -> np.ndarray:

@@ -25,9 +25,9 @@ _SHORTEST = 0.1
 # A mean force that is met in a shorter step than this part of one has jumped at its start. In such
 # steps forces may be round-off.
 _JUMP = 1e-6
-# Distance from the end of a step, relative to it, at which what jumps there is seen, and one that a
-# step may reach beyond it without it; and the least jump, relative to the size.
-_BESIDE, _INSIDE, _LEAST_JUMP = 1e-6, 3e-13, 1e-3
+# Whether loads jump at the end of a step is seen at this distance on both sides, relative to the
+# step; the least jump, relative to the size. How far a step may go beyond it and have no jump yet.
+_BESIDE, _LEAST_JUMP, _INSIDE = 1e-6, 1e-3, 3e-13
 _MOST_TRIALS = 200
 
 

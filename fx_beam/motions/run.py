@@ -16,7 +16,7 @@ from fx_beam.laws.schemes import order_and_constant
 from fx_beam.results.audit import Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
-from fx_beam.scene.inputs import names_of_values, values_at, widths
+from fx_beam.scene.inputs import values_at
 from fx_beam.scene.scene import Scene
 from fx_beam.step.interrupts import ctrl_c_between_blocks, uninterrupted
 from fx_beam.step.recorded_histories import RecordedHistories
@@ -236,8 +236,7 @@ class Run:
         def end() -> State:
             state = prepared.turn_counter.with_turns(self.recorder.end)
             past, parts = prepared.stepper.integrator.past, prepared.stepper.halving.state
-            names = names_of_values(widths(self._scene))
-            return state.changed(parts=parts, past=past, inputs=held, input_names=names)
+            return state.changed(parts=parts, past=past, **held)
 
         return solution_of(
             *(self.recorder, prepared.stats, end),

@@ -416,7 +416,7 @@ class Solution:
         for node in (joint.a, joint.b):
             if node is not GROUND:
                 _node_number(self, node)  # a joint of another scene has other nodes
-        # Or the same nodes, but joints in another order. Of ours some may have gone.
+        # Or the same nodes, where its number is that of another joint. Ours may be removed by now.
         known, asked = None if self.end is None else self.end.constraints, key_of(joint)
         keys = known.joints[joint.number :: -1] if known else ()
         ours = next((key for key in keys if key.number == asked.number), asked)

@@ -196,14 +196,15 @@ def with_values(scene, values: np.ndarray | None):
     return with_functions(scene, dict(zip(known, parts, strict=True)), "inputs")
 
 
-def values_at(scene, given: Mapping | None, t: float) -> np.ndarray | None:
-    """Values of all inputs in the order of `widths`, of those given at t [s]; None without any."""
-    given = {} if given is None else given
+def values_at(scene, given: Mapping | None, t: float) -> dict[str, np.ndarray | None]:
+    """Values of all inputs, of those given at t [s], and their names, as a `State` has them."""
+    given, known = {} if given is None else given, widths(scene)
     parts = [
         checked_function(given.get(name, np.zeros(width)), width, f"input {name!r}", t)(t)
-        for name, width in widths(scene).items()
+        for name, width in known.items()
     ]
-    return np.concatenate(parts) if parts else None
+    values = np.concatenate(parts) if parts else None
+    return {"inputs": values, "input_names": names_of_values(known)}
 
 
 def names_of_values(known: Mapping[str, int]) -> np.ndarray | None:
