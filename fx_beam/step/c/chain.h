@@ -10,16 +10,15 @@
    followed by a free place. */
 enum { BEFORE = 0, DIAGONAL = 4, AFTER = 8, ROW = 12, GROUP = 3 * ROW };
 
-/* Solves the equations of a group with these diagonal rows, for three rows of right sides. The solution is not finite if a
-   pivot is zero. */
+/* Solves the equations of a group with these diagonal rows, for three rows of right sides. Rows are multiplied by pivots, not
+   divided by them, so that no division waits for another one. The solution is not finite if a pivot is zero. */
 INLINED void solve_group(const Four *diagonal, Four *rows) {
   Four a = diagonal[0], b = diagonal[1], c = diagonal[2], x = rows[0], y = rows[1], z = rows[2];
-  double first = 1 / a[0], in_b = b[0] * first, in_c = c[0] * first;
-  double b1 = b[1] - in_b * a[1], b2 = b[2] - in_b * a[2];
-  double c1 = c[1] - in_c * a[1], c2 = c[2] - in_c * a[2];
-  double second = 1 / b1, last = b1 / (b1 * c2 - c1 * b2); /* in this way the divisions overlap */
-  y -= in_b * x;
-  rows[2] = z = (z - in_c * x - c1 * second * y) * last;
+  double first = 1 / a[0], b1 = a[0] * b[1] - b[0] * a[1], b2 = a[0] * b[2] - b[0] * a[2];
+  double c1 = a[0] * c[1] - c[0] * a[1], c2 = a[0] * c[2] - c[0] * a[2];
+  double second = 1 / b1, third = 1 / (b1 * c2 - c1 * b2);
+  y = a[0] * y - b[0] * x, z = a[0] * z - c[0] * x;
+  rows[2] = z = (b1 * z - c1 * y) * third;
   rows[1] = y = y * second - b2 * second * z;
   rows[0] = x * first - a[2] * first * z - a[1] * first * y;
 }
@@ -89,7 +88,7 @@ INLINED int eliminate_chain(const Problem *p, const Work *w, int middle, int kee
 INLINED void substitute_group(const Work *w, int k, int side, const int *reached, int now, double *x) {
   const double *row = w->tangent + k * GROUP + side;
   double *y = w->y + 3 * k, rest[3];
-  for (int i = 0; i < 3; ++i, row += ROW) rest[i] = row[3] - row[0] * x[0] - row[1] * x[1] - row[2] * x[2];
+  for (int i = 0; i < 3; ++i, row += ROW) rest[i] = row[3] - row[0] * x[0] - (row[1] * x[1] + row[2] * x[2]);
   for (int i = 0; i < 3; ++i) y[i] = x[i] = reached && reached[3 * k] != now ? y[i] : rest[i];
 }
 
