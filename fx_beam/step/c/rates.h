@@ -7,17 +7,25 @@
 /* Rotations of which tangents are computed at once: the arrays have room for nodes behind the last one (work.h). */
 enum { TURNS = 4 };
 
+/* Writes x of four nodes, but for their rotations. */
+INLINED void put_with_turns(const Four *x, Four turns, double *to) {
+  *(Four *)to = PICK(x[0], turns, 0, 1, 4, 3), *(Four *)(to + 4) = PICK(x[1], turns, 0, 5, 2, 3);
+  *(Four *)(to + 8) = PICK(x[2], turns, 6, 1, 2, 7);
+}
+
 HOT void work_increment(const Problem *p, const Work *w) {
-  const double *restrict D = w->D;
-  double *restrict path = w->path, *restrict slope = w->slope;
-  for (int i = 0; i < p->dofs; ++i) path[i] = D[i], slope[i] = 1;
-  for (int first = 0; p->rule == 0 && first < 3 * p->nodes; first += 3 * TURNS) {
-    double tangent[TURNS];
-#pragma GCC unroll 4
-    for (int l = 0; l < TURNS; ++l) tangent[l] = D[first + 3 * l + 2] / 2;
-    for (int l = 0; l < TURNS; ++l) tangent[l] = tan(tangent[l]);
-#pragma GCC unroll 4
-    for (int l = 0, i = first + 2; l < TURNS; ++l, i += 3) path[i] = 2 * tangent[l], slope[i] = 1 + tangent[l] * tangent[l];
+  const double *D = w->D;
+  const Four one = {1, 1, 1, 1}, ones[] = {one, one, one};
+  for (int i = 0; i < p->dofs; i += 3 * TURNS) {
+    const Four x[] = {load(D + i), load(D + i + 4), load(D + i + 8)};
+    Four turn = {x[0][2], x[1][1], x[2][0], x[2][3]}, slope = one;
+    if (p->rule == 0) {
+      double tangent[TURNS];
+      *(Four *)tangent = turn / 2;
+      for (int l = 0; l < TURNS; ++l) tangent[l] = tan(tangent[l]);
+      turn = 2 * load(tangent), slope = one + load(tangent) * load(tangent);
+    }
+    put_with_turns(x, turn, w->path + i), put_with_turns(ones, slope, w->slope + i);
   }
 }
 
