@@ -32,9 +32,9 @@ def stretch(solution, beam, degree):
     return np.concatenate(found, axis=1)
 
 
-def bar(degree, elements=1, points=((0, 0), (1, 0)), speed=0.0):
+def bar(degree, elements=1, points=((0, 0), (1, 0)), speed=0.0, gravity=0.0):
     """A bar along x on a clamp, with a mass at its guided end that runs into it."""
-    scene = fb.Scene()
+    scene = fb.Scene(gravity=(gravity, 0.0))
     beam = scene.add_beam(points, SOFT, elements=elements, degree=degree, name="bar")
     scene.clamp(beam.start)
     scene.fix(beam.end, "y", "rotation")
@@ -71,6 +71,38 @@ def test_every_step_that_ends_inverted_is_counted_recorded_or_not(degree, caplog
     assert f" t = {full.t[inverted][0]:.6g}:" in message
     thin = fb.simulate(scene, record=fb.Record(every=30, motion=False), **options)
     assert thin.stats.inverted == full.stats.inverted
+
+
+def driven(scene, end):
+    scene.prescribe(end, x=lambda t: -0.75 * (1 - np.cos(20 * t)))
+
+
+def pulled(scene, end):
+    spring = fb.Spring(strain_energy=lambda r: -100.0 * (r - 2) ** 2)  # which becomes negative
+    scene.add_force_between(end, (3.0, 0.0), spring=spring)
+
+
+# What pushes the bar through its clamp, and the speed with which it begins.
+PUSHES = {
+    "a load": (lambda scene, end: scene.add_force(end, lambda t: (-1e3 * np.sin(20 * t), 0)), 0.0),
+    "a body force": (lambda scene, end: None, 0.0),
+    "driven motion": (driven, 0.0),
+    "a force between points": (pulled, 1.0),
+}
+
+
+@pytest.mark.parametrize("scheme", [None, fb.EnergyMomentum(order=4), fb.EnergyDecaying()], ids=str)
+@pytest.mark.parametrize("push", PUSHES)
+def test_all_that_may_invert_sections_counts_between_rows(push, scheme):
+    scene, beam = bar(1, speed=PUSHES[push][1], gravity=-120.0 * (push == "a body force"))
+    scene.add_mass(beam.end, 1.0)
+    PUSHES[push][0](scene, beam.end)
+    options = {"scheme": scheme, "dt": 0.005, "t_end": 0.45}
+    full = fb.simulate(scene, **options)
+    inverted = (stretch(full, beam, 1) <= 0).any(axis=1)
+    assert 5 < np.count_nonzero(inverted) < 85 and not inverted[:5].any()
+    thin = fb.simulate(scene, record=fb.Record(every=90), **options)
+    assert thin.stats.inverted == full.stats.inverted == np.count_nonzero(inverted)
 
 
 def test_beams_that_bend_and_turn_are_not_reported(caplog):
