@@ -76,10 +76,8 @@ INLINED int eliminate_band(int n, int band, Ends of, double *A, double *b) {
   for (int k = of.top; k <= last; ++k) {
     if (!is_pivot(top[k * row])) return 0;
     /* Separate, so that the loops have a constant length except at the end. */
-    if (k + band <= last)
-      eliminate(band, band, 1, top + k * row, b + k);
-    else
-      eliminate(band, last - k, 1, top + k * row, b + k);
+    if (k + band <= last) eliminate(band, band, 1, top + k * row, b + k);
+    else eliminate(band, last - k, 1, top + k * row, b + k);
   }
   return 1;
 }
@@ -91,10 +89,8 @@ INLINED void substitute_band(int n, int band, Ends of, const double *A, double *
   const double *top = A + band, *bottom = A + band + (n - 1) * row;
   for (int k = last; k >= of.top; --k) {
     if (reached && reached[k] != now) continue;
-    if (k + band <= last)
-      substitute(band, 1, top + k * row, b + k);
-    else
-      substitute(last - k, 1, top + k * row, b + k);
+    if (k + band <= last) substitute(band, 1, top + k * row, b + k);
+    else substitute(last - k, 1, top + k * row, b + k);
   }
   for (int k = most - 1; k >= 0; --k) {
     if (k < of.top && !(reached && reached[k] != now)) substitute(band, 1, top + k * row, b + k);

@@ -77,10 +77,10 @@ static void place_entries(const Problem *p, ChangingRows *c, int transposed) {
   for (int i = 0; i < p->unknowns; ++i)
     for (int k = p->tangent_start[i]; k < p->tangent_start[i + 1]; ++k) {
       int j = p->tangent_column[k];
-      p->factor_at[k] = transposed ? place_of_pair(&c->elimination, j, i) : place_of_pair(&c->elimination, i, j);
+      p->factor_at[k] = place_of_pair(&c->elimination, transposed ? j : i, transposed ? i : j);
     }
   for (ContactPair *e = c->pair; e < c->pair + c->pairs; ++e)
-    e->at = transposed ? place_of_pair(&c->elimination, e->column, e->row) : place_of_pair(&c->elimination, e->row, e->column);
+    e->at = place_of_pair(&c->elimination, transposed ? e->column : e->row, transposed ? e->row : e->column);
   c->placed = transposed;
 }
 

@@ -46,9 +46,9 @@ static double most_strain_energy(const Problem *p) {
   const double *of_row = p->energies; /* see `record` */
   if (p->rule || p->rules || p->level != 0.5 || p->at_rest || p->held_by_scheme.integrals) return HUGE_VAL;
   double came = p->work - of_row[3] - (p->dissipated - of_row[5]);
-  double at_points = of_row[4] - fx_stored_at_points(p->points, p->q, p->slides, p->spring_internal);
   double potential = p->weight ? of_row[2] + dot(p->dofs, p->weight, p->q) : 0;
-  return of_row[0] + of_row[1] + came + at_points + potential;
+  double others = fx_stored_at_points(p->points, p->q, p->slides, p->spring_internal);
+  return of_row[0] + of_row[1] + came + potential + of_row[4] - others;
 }
 
 /* Counts steps that end with inverted sections (eq. 4), and stores the first configuration. */

@@ -135,12 +135,6 @@ static void retake(const Problem *p, const Work *w, double *taken, double part) 
   balance(p, w);
 }
 
-/* The motion of all nodes in the last correction. */
-static void begin_deviation(const Problem *p, const Work *w) {
-  memset(w->step + p->free, 0, (p->columns - p->free) * sizeof(double));
-  spread(p, w, w->step, w->correction);
-}
-
 /* A correction is too long if the residual does work against it at its end, by more than this part of that at its
    start. At most so many shorter ones are tried. */
 static const double OVERSHOOT = 0.1;
@@ -150,21 +144,17 @@ enum { SHORTENINGS = 20 };
    regula falsi. `gained` is the work at its start. Where only forces at points overshoot, the others are taken as linear. */
 static void line_search(const Problem *p, const Work *w, double gained) {
   int springs = !p->cell_internal && !(HAS(MEMBERS) && p->hold && p->points->members);
-  if (springs) begin_deviation(p, w);
+  if (springs) memset(w->step + p->free, 0, (p->columns - p->free) * sizeof(double)), spread(p, w, w->step, w->correction);
   double at_high = springs ? point_deviation(p->points, w->correction, w->step, 1) : along_step(p, w);
   double low = 0, high = 1, at_low = gained, taken = 1, part = 1, work;
   if (gained <= 0 || -at_high <= OVERSHOOT * gained) return;
   for (int k = 0; k < SHORTENINGS; ++k) {
     part = (low * at_high - high * at_low) / (at_high - at_low);
-    if (springs)
-      work = gained * (1 - part) + point_deviation(p->points, w->correction, w->step, part);
-    else
-      retake(p, w, &taken, part), work = along_step(p, w);
+    if (springs) work = gained * (1 - part) + point_deviation(p->points, w->correction, w->step, part);
+    else retake(p, w, &taken, part), work = along_step(p, w);
     if (fabs(work) <= OVERSHOOT * gained) break;
-    if (work > 0)
-      low = part, at_low = work, at_high /= 2;
-    else
-      high = part, at_high = work, at_low /= 2;
+    if (work > 0) low = part, at_low = work, at_high /= 2;
+    else high = part, at_high = work, at_low /= 2;
   }
   if (springs) retake(p, w, &taken, part);
 }
