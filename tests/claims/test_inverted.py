@@ -105,6 +105,19 @@ def test_all_that_may_invert_sections_counts_between_rows(push, scheme):
     assert thin.stats.inverted == full.stats.inverted == np.count_nonzero(inverted)
 
 
+@pytest.mark.parametrize("record", [None, fb.Record(every=30)])
+def test_inverted_sections_are_counted_step_by_step_and_after_a_return(record):
+    scene, _ = bar(1, speed=14.0)
+    number = fb.simulate(scene, dt=0.005, t_end=0.2).stats.inverted
+    motion = fb.Motion(scene, dt=0.005, record=record)
+    start = motion.snapshot()
+    motion.run(0.2)
+    assert motion.stats.inverted == number > 5
+    motion.restore(start)
+    motion.run(0.2)
+    assert motion.stats.inverted == 2 * number
+
+
 def test_beams_that_bend_and_turn_are_not_reported(caplog):
     section = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.1)
     scene = fb.Scene()

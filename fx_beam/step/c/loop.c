@@ -40,15 +40,15 @@ static void begin_natural(const Problem *p, const Work *w) {
       w->natural_end[p->natural_at[i]] += p->natural_value[i] * w->naturals[k];
 }
 
-/* Bound of the strain energy at the end of a step without a row: the energy of the last row, and what came since, of which
-   nothing is kinetic. Only of forces in mid-step all work and losses are known. */
+/* Bound of the strain energy at the end of a step without a row: the energy of the last row, or of where the run began, and what
+   came since, of which nothing is kinetic. Only of forces in mid-step all work and losses are known. */
 static double most_strain_energy(const Problem *p) {
-  const double *of_row = p->energies; /* see `record` */
+  const double *then = p->energies; /* see `find_energies` */
   if (p->rule || p->rules || p->level != 0.5 || p->at_rest || p->held_by_scheme.integrals) return HUGE_VAL;
-  double came = p->work - of_row[3] - (p->dissipated - of_row[5]);
-  double potential = p->weight ? of_row[2] + dot(p->dofs, p->weight, p->q) : 0;
+  double came = p->work - then[3] - (p->dissipated - then[5]);
+  double potential = p->weight ? then[2] + dot(p->dofs, p->weight, p->q) : 0;
   double others = fx_stored_at_points(p->points, p->q, p->slides, p->spring_internal);
-  return of_row[0] + of_row[1] + came + potential + of_row[4] - others;
+  return then[0] + then[1] + came + potential + then[4] - others;
 }
 
 /* Counts steps that end with inverted sections (eq. 4), and stores the first configuration. */
@@ -245,6 +245,7 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Reco
   p->failure = p->stopped = 0;  // also where no step is to be taken
   if (p->watches) fx_find_switches(p->points, p->q, p->slides, p->sides);
   if (to->first == 0) record(p, w, to);
+  else find_energies(p, w);
   for (int k = 0; k < steps; ++k) {
     int part = (to->part + k) % to->parts, step = to->first + (to->part + k) / to->parts;
     int of_row = step % to->every == 0 || step == to->last, wanted = of_row && part + 1 == to->parts;

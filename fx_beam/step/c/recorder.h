@@ -51,19 +51,24 @@ static void record_start(const Problem *p, double dt, int sub_step, Record *to) 
   add_row(to->start, to->stored, k);
 }
 
-/* Energies, momenta and the other quantities at the end of a step. */
-static void record(Problem *p, const Work *w, Record *to) {
-  long n = p->dofs, k = to->rows++;
-  to->up_to_row[k] = to->complete = to->starts;
-  double *momentum = w->scratch, *energy = p->energies, *sums = p->momenta;
+/* Energies of the present state; the momenta of the nodes are left in `scratch`. */
+static void find_energies(Problem *p, const Work *w) {
+  long n = p->dofs;
+  double *momentum = w->scratch, *energy = p->energies;
   times_mass(p, p->v, momentum);
-  memset(energy, 0, 5 * sizeof(double)), memset(sums, 0, 3 * sizeof(double));
   energy[0] = dot(n, p->v, momentum) / 2;
   energy[1] = sum_over_elements(p, w, &p->energy);
-  if (p->weight) energy[2] = -dot(n, p->weight, p->q);
-  energy[3] = p->work, energy[4] = fx_stored_at_points(p->points, p->q, p->slides, p->spring_internal);
-  energy[5] = p->dissipated;
-  energy[6] = p->algorithmic, energy[7] = p->numerical;
+  energy[2] = p->weight ? -dot(n, p->weight, p->q) : 0;
+  energy[4] = fx_stored_at_points(p->points, p->q, p->slides, p->spring_internal);
+  energy[3] = p->work, energy[5] = p->dissipated, energy[6] = p->algorithmic, energy[7] = p->numerical;
+}
+
+/* Energies, momenta and the other quantities at the end of a step. */
+static void record(Problem *p, const Work *w, Record *to) {
+  long k = to->rows++;
+  to->up_to_row[k] = to->complete = to->starts;
+  double *momentum = w->scratch, *sums = memset(p->momenta, 0, sizeof p->momenta);
+  find_energies(p, w);
   for (int i = 0; i < p->nodes; ++i) {
     const double *q = p->q + 3 * i, *of_node = momentum + 3 * i;
     double x = p->position[2 * i] + q[0], y = p->position[2 * i + 1] + q[1];
