@@ -80,27 +80,26 @@ class Misfit(_OfRun):
             name: _scatter(of_all[name], rows.shape, f"misfit: scatter of {name!r}")
             for name, rows in self._measured.items()
         }
-        #: Numbers of the last motion, and its statistics, by which one knows it.
-        self._last: tuple[Any, Any] = None, None
+        #: Numbers of the last deviations: those of the run, if no other call came between.
+        self._x: Any = None
 
     @one_thread
     def __call__(self, x: Any) -> np.ndarray:
         """Deviations (n,); zero where nothing was measured, which is NaN."""
-        self._last, parts = (None, None), list[np.ndarray]()
-        _, y = self._run(x)
-        self._last = np.array(x, float), self._run.stats
+        (_, y), parts = self._run(x), list[np.ndarray]()
         for name, rows in self._measured.items():
             require(name in y, "misfit: measured", [*self._measured], f"names of {[*y]}")
             fits = rows.shape == y[name].shape
             require(fits, f"misfit: measured[{name!r}]", rows.shape, f"of shape {y[name].shape}")
             deviations = (y[name] - rows) / self._scatter[name]
             parts.append(np.where(np.isnan(rows), 0.0, deviations).ravel())
+        self._x = self._run._x
         return np.concatenate(parts)
 
     @one_thread
     def jacobian(self, x: Any) -> np.ndarray:
         """Their derivatives (n, m) by x; without another motion if the last one was that of x."""
-        if not np.array_equal(self._last[0], x) or self._last[1] is not self._run.stats:
+        if self._x is not self._run._x or not np.array_equal(self._x, x):
             self(x)
         J, parts = self._run.jacobian(*self._measured), []
         for name, rows in self._measured.items():

@@ -67,6 +67,17 @@ def test_a_jacobian_may_be_asked_for_after_other_numbers_have_failed():
     assert pytest.approx(J, rel=1e-12) == run.jacobian()["speed"]
 
 
+def test_a_jacobian_may_be_asked_for_after_another_use_of_its_response_has_failed_and_of_a_copy():
+    run = fb.Response(pushed, dt=0.05, t_end=1.0)
+    misfit = run.misfit({"speed": np.zeros(21)})
+    misfit([1.0, 4.0])
+    duplicate, J = copy.deepcopy(misfit), misfit.jacobian([1.0, 4.0])
+    with pytest.raises(fb.SceneError, match="mass"):
+        run([-1.0, 4.0])
+    for of in misfit, duplicate:
+        assert of.jacobian([1.0, 4.0]) == pytest.approx(J, rel=1e-12)
+
+
 def test_steps_of_a_tolerance_that_end_at_measured_times_have_derivatives():
     times, x = np.linspace(0, 1, 5), np.array([1.0, 4.0])
     ends = {"breaks": times[1:-1], "record": fb.Record(times=times)}
