@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fx_beam.dual import plain
 from fx_beam.errors import Constant, SceneError, TimeFunction, evaluate, series
 from fx_beam.fem.parameter_values import before
 from fx_beam.laws.interval import Interval, just_inside
@@ -20,13 +21,13 @@ if TYPE_CHECKING:
 
 # Weights of the differences of five positions, backwards in time, in the rate at the first one.
 _OF_DIFFERENCES = np.array([-25, 23, -13, 3]) / 12
-# Places near a start, and weights of the differences there that leave of a smooth function nothing
-# but rounding errors: those of its fifth divided difference, relative to the largest.
-_PLACES = 0, 1, 2, 10, 20, 30
-_TO_NOISE = np.array([np.prod([1.0 / (x - y) for y in _PLACES if y != x]) for x in _PLACES[1:]])
-_TO_NOISE /= abs(_TO_NOISE).max()
-# Rounding errors relative to a second difference that are allowed there.
-_EXACT = 1e-4
+# Places near a start, and weights of six of them in a row that leave of a smooth function nothing
+# but rounding errors: those of its fifth divided differences, relative to the largest.
+_PLACES = 0, 1, 2, 5, 10, 20, 30, 100, 200, 300
+_TO_NOISE = np.zeros((3, len(_PLACES)))
+for _i, _at in enumerate(_PLACES[i : i + 6] for i in range(3)):
+    _TO_NOISE[_i, _i : _i + 6] = [np.prod([1.0 / (x - y) for y in _at if y != x]) for x in _at]
+_TO_NOISE /= abs(_TO_NOISE).max(axis=1, keepdims=True)
 
 
 class Forcing:
@@ -72,27 +73,26 @@ class Forcing:
             return np.empty(0), np.empty(0)
         # One-sided differences of second order: a motion need not be defined before the start.
         # Differences to the start have no rounding error if the motion is constant.
-        f0, *others = self.series(t + h * np.array([*_PLACES, 100, 200, 300]))
-        d1, d2, e1, e2, e3, far, g2, g3 = differences = [f - f0 for f in others]
-        rates = (4 * d1 - d2) / (2 * h)
+        f = self.series(t + h * np.array(_PLACES))
+        _, d1, d2, _, e1, e2, e3, far, g2, g3 = differences = f - f[0]
+        noise = abs(_TO_NOISE @ plain(differences)).max(axis=0)
         # Rates below the error of these differences are set to zero.
-        rates = np.where(abs(rates) < 1e-3 * abs(far) / (100 * h), 0.0, rates)
+        rates, error = (4 * d1 - d2) / 2, np.maximum(1e-5 * abs(plain(far)), 20 * noise)
         # Second differences use longer steps, since rounding errors are divided by h^2, and still
-        # longer ones where these errors count. Values below them are set to zero.
+        # longer ones where both are the same up to these. Values below them are set to zero.
         near, wide = 4 * e2 - 5 * e1 - e3, 4 * g2 - 5 * far - g3
-        wide = np.where(abs(wide) <= 10 * np.finfo(float).eps * (abs(f0) + abs(g3)), 0.0, wide)
-        noise = abs(sum(w * d for w, d in zip(_TO_NOISE, differences, strict=False)))
-        return rates, np.where(noise > _EXACT * abs(near), wide / 100, near) / (10 * h) ** 2
+        wide = np.where(abs(wide) <= 10 * np.finfo(float).eps * (abs(f[0]) + abs(g3)), 0.0, wide)
+        bend = np.where(abs(wide / 100 - near) < 60 * noise, wide / 100, near)
+        return np.where(abs(rates) < error, 0.0, rates) / h, bend / (10 * h) ** 2
 
     def end_rates(self, ends: np.ndarray, lengths: np.ndarray) -> np.ndarray:
         """Rates (n, driven) of driven motion at the ends of steps, from values in these steps.
 
         By differences of order four; steps of negative length start at these times.
         """
-        h = lengths / 8
-        positions = self.series((ends[:, None] - h[:, None] * np.arange(5)).ravel())
-        positions = positions.reshape(len(ends), 5, len(self._driven))
-        return _OF_DIFFERENCES @ (positions[:, 1:] - positions[:, :-1]) / h[:, None]
+        times = (ends[:, None] - lengths[:, None] / 8 * np.arange(5)).ravel()
+        positions = self.series(times).reshape(len(ends), 5, len(self._driven))
+        return 8 * _OF_DIFFERENCES @ (positions[:, 1:] - positions[:, :-1]) / lengths[:, None]
 
     def naturals(self, ends: np.ndarray) -> np.ndarray:
         """Factors (steps, n) of the unit natural strains at the ends of steps."""
@@ -182,6 +182,5 @@ class LoadForcing(Forcing):
 
     def natural(self, t: float) -> np.ndarray | None:
         """Natural strains (cells, degree, 3) at a load factor; None without any."""
-        if self._full is None:
-            return None
-        return self._without + t * (self._full - self._without)
+        full, first = self._full, self._without
+        return None if full is None else first + t * (full - first)
