@@ -5,12 +5,13 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from fx_beam.errors import Failure, SceneError, StepError
+from fx_beam.errors import Constant, Failure, SceneError, StepError
 from fx_beam.laws.schemes import Equilibrium
 from fx_beam.motions.contact_check import warn_of_places, warn_of_sharp_bends
 from fx_beam.motions.evaluation import solution_of
@@ -20,7 +21,7 @@ from fx_beam.motions.prepared import state_of, stats_of
 from fx_beam.motions.progress import attach, failure_of, keeping_steps, progress_bar
 from fx_beam.motions.surroundings import recent_model, waiting_team, warn_of_equal_work
 from fx_beam.parallel.whole import shared
-from fx_beam.results.solution import Solution
+from fx_beam.results.solution import Solution, forces_on_nodes
 from fx_beam.results.state import State
 from fx_beam.scene.inputs import values_at, with_functions
 from fx_beam.scene.scene import Scene
@@ -50,13 +51,14 @@ class LoadPath:
     `began` is when it was begun, by `time.perf_counter` [s].
     """
 
-    def __init__(self, scene: Scene, options: StaticOptions, start: Solution | Branch | None):
+    def __init__(self, scene: Scene, options: StaticOptions, start: Any):
         check_scene(scene, "static")
         _check_start(options, scene, start)
         warn_of_equal_work()
         connected = with_functions(scene, options.inputs, "static: inputs")
+        #: What it starts from; at the end True for a solution: a chain of paths would hold all.
         self.scene, self.options, self.start = scene, options, start
-        self._acting = tuple(scene.loads), start  # the scene may change later
+        self._acting = _acting(scene, start, options.t)  # the scene may change later
         self._inputs = values_at(scene, options.inputs, options.t)
         self.began = time.perf_counter()
         self.model = model = recent_model(connected, Equilibrium(), settles=True)
@@ -94,6 +96,7 @@ class LoadPath:
             solution = self._solution(states)
             warn_of_places(solution)
             solution._load_path = self
+            self.start = isinstance(self.start, Solution) or self.start
         except BaseException as error:
             stats.failure = failure_of(error, states[-1].t if states else 0.0)
             if states:
@@ -218,6 +221,15 @@ class LoadPath:
                 advice += error.failure.advice
             error.failure = self.stats.failure = replace(error.failure, advice=advice)
             error.args = (str(error.failure),)
+
+
+def _acting(scene: Scene, start: Any, t: float) -> tuple[list[Any], dict[int, np.ndarray]]:
+    """The forces on nodes at a time, and those that fade from a start, as numbers alone."""
+    with suppress(Exception):  # the run says which function fails at its time
+        forces = (of for of in scene.loads if of.kind == "force")
+        loads = [replace(of, value=Constant(of.value(t))) for of in forces]
+        return loads, forces_on_nodes(start, -1) if isinstance(start, Solution) else {}
+    return [], {}
 
 
 def _check_start(options: StaticOptions, scene: Scene, start: Any) -> None:

@@ -147,7 +147,7 @@ def interactive(
         ],
         "forces": [
             {"points": _points(drawing, [drawing.arrow(node, k) for k in drawing.rows])}
-            for node in drawing.forces
+            for node in drawing.forces[drawing.rows[0]]
         ],
         "traces": [_points_of(drawing, [node.number]) for node in traced],
         "series": _series(drawing, series),

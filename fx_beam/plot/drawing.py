@@ -14,7 +14,7 @@ from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError, is_name, is_whole, numbers, positive, require
 from fx_beam.results.fields import nodes_of_elements
 from fx_beam.results.interactions import nodes_of
-from fx_beam.results.solution import Solution, scene_of
+from fx_beam.results.solution import Solution, forces_on_nodes, scene_of
 from fx_beam.scene.beam import Beam, Node, lagrange, lagrange_and_slopes
 from fx_beam.scene.contacts import Shape, arc_of
 from fx_beam.scene.forces_between import ForceBetween
@@ -223,7 +223,7 @@ class Drawing:
         """Lower left and upper right corner of the drawing, with a margin."""
         between = self.of_scene("forces_between")
         fixed = [force.b for force in between if not isinstance(force.b, Node)]
-        arrows = [self.arrow(node, k) for node in self.forces for k in self.rows]
+        arrows = [self.arrow(node, k) for k, of_row in self.forces.items() for node in of_row]
         lines = [of.line for of in self.obstacles]
         lines += [of.line for k in self.rows for of in self.carried(k)]
         fixed += [*self.beside]
@@ -296,39 +296,21 @@ class Drawing:
         b = self.positions(force.b.number, rows) if isinstance(force.b, Node) else force.b
         return np.stack([a, np.broadcast_to(b, a.shape)], axis=-2)
 
-    def force(self, node: int, k: int) -> np.ndarray:
-        """The force (2,) on a node in row k [N]."""
-        solution, t, (loads, fading) = self.solution, self.solution.t[k], self.forces[node]
-        force, static = (1 - t) * fading, solution.stats.static
-        for load in loads:
-            value = np.asarray(t * load.value(solution.end.t) if static else load.value(t))
-            force = force + (self.turned(load.target, k, value) if load.follower else value)
-        return force
-
     def arrow(self, node: int, k: int) -> np.ndarray:
         """Tail and tip (2, 2) of the arrow of a force in row k, with its tip at the node."""
         tip, scale = self.positions(node, k), _LONGEST_FORCE * self.reach
-        return np.array([tip - scale * self.force(node, k) / (self.largest_force or 1.0), tip])
+        return np.array([tip - scale * self.forces[k][node] / (self.largest_force or 1.0), tip])
 
     @cached_property
-    def forces(self) -> dict[int, tuple[list[Any], np.ndarray]]:
-        """By the numbers of nodes their loads, and what fades (2,) from the start of a path [N]."""
-        if not isinstance(self.solution, Solution):
-            return {}
-        acting = getattr(self.solution, "_acting", None)
-        loads, start = acting or (self.of_scene("loads"), None)
-        forces = dict[int, tuple[list[Any], np.ndarray]]()
-        if isinstance(start, Solution):
-            before = Drawing(start, [])
-            forces = {node: ([], before.force(node, -1)) for node in before.forces}
-        for load in (load for load in loads if load.kind == "force"):
-            forces.setdefault(load.target.number, ([], np.zeros(2)))[0].append(load)
-        return forces
+    def forces(self) -> dict[int, dict[int, np.ndarray]]:
+        """Forces (2,) on nodes by their numbers [N], by rows."""
+        of, is_run = self.solution, isinstance(self.solution, Solution)
+        return {k: forces_on_nodes(of, k, self.magnify) if is_run else {} for k in self.rows}
 
     @cached_property
     def largest_force(self) -> float:
         """The largest force in the rows that are drawn [N]."""
-        sizes = [np.hypot(*self.force(node, k)) for node in self.forces for k in self.rows]
+        sizes = [np.hypot(*force) for of_row in self.forces.values() for force in of_row.values()]
         return max(sizes, default=0.0)
 
     # -- Words ----------------------------------------------------------------------------------

@@ -263,7 +263,7 @@ def draw_forces(ax, drawing: Drawing, k: int, colour: Any = "black") -> None:
     Forces below a fiftieth of the largest one are left out.
     """
     least = 0.02 * drawing.largest_force
-    nodes = [node for node in drawing.forces if np.hypot(*drawing.force(node, k)) > least]
+    nodes = [node for node, force in drawing.forces[k].items() if np.hypot(*force) > least]
     if not nodes:
         return
     tails, tips = np.moveaxis(np.array([drawing.arrow(node, k) for node in nodes]), 1, 0)

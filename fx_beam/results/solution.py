@@ -145,7 +145,7 @@ class Solution:
     end: State | None
     #: The path whose equilibria these are, for derivatives; copies have none.
     _load_path: Any = None
-    #: Of equilibria the loads of the scene as they were, and the solution from which they start.
+    #: Of equilibria the loads on nodes as they were, and forces (2,) that fade, by their nodes.
     _acting: Any = None
 
     def __init__(
@@ -620,6 +620,18 @@ def scene_of(solution: Any) -> Any:
     first = next(itertools.chain(solution.beams.values(), solution.bodies.values()), None)
     node = first.start if isinstance(first, Beam) else getattr(first, "centre", None)
     return getattr(node, "scene", None)
+
+
+def forces_on_nodes(solution: Solution, k: int, magnify: float = 1.0) -> dict[int, np.ndarray]:
+    """Forces (2,) on nodes in row k, by their numbers [N]; followers turn as in a picture."""
+    loads, fading = solution._acting or (getattr(scene_of(solution), "loads", ()), {})
+    t, static = solution.t[k], solution.stats.static
+    forces = {node: (1 - t) * force for node, force in fading.items()}
+    for load in (load for load in loads if load.kind == "force"):
+        node, z = load.target.number, (t if static else 1.0) * complex(*load.value(t))
+        z *= np.exp(1j * magnify * solution.recorded("q")[k, node, 2]) if load.follower else 1.0
+        forces[node] = forces.get(node, 0.0) + np.array([z.real, z.imag])
+    return forces
 
 
 def _beam_name(solution: Any, beam: Beam | str) -> str:

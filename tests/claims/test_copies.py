@@ -2,7 +2,9 @@
 
 import copy
 import functools
+import gc
 import pickle
+import weakref
 from dataclasses import dataclass
 
 import ufl
@@ -236,3 +238,18 @@ def test_a_function_inside_another_is_refused_by_pickle_with_its_name():
     with pytest.raises((pickle.PicklingError, AttributeError), match="lambda"):
         pickle.dumps(scene)
     assert len(copy.deepcopy(scene).loads) == 2
+
+
+def test_equilibria_that_follow_each_other_hold_no_earlier_ones_nor_functions_of_loads():
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], MEMBER, elements=1)
+    scene.clamp(beam.start)
+    scene.add_force(beam.end, lambda t: (0.0, -2.0 * t))
+    first = fb.static(scene, load_steps=1, t=1.0)
+    second = fb.static(scene, load_steps=1, t=2.0, start=first)
+    last = fb.static(scene, load_steps=1, t=3.0, start=second)
+    earlier = weakref.ref(first), weakref.ref(second)
+    del first, second
+    gc.collect()
+    assert [of() for of in earlier] == [None, None]
+    assert_same(last, pickled(last))
