@@ -56,7 +56,8 @@ class LoadPath:
         _check_start(options, scene, start)
         warn_of_equal_work()
         connected = with_functions(scene, options.inputs, "static: inputs")
-        #: What it starts from; at the end True for a solution: a chain of paths would hold all.
+        #: What it starts from. After the run True stands for a solution: a path that held it would
+        #: hold all the solutions before it as well.
         self.scene, self.options, self.start = scene, options, start
         self._acting = _acting(scene, start, options.t)  # the scene may change later
         self._inputs = values_at(scene, options.inputs, options.t)

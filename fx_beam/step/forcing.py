@@ -76,10 +76,11 @@ class Forcing:
         f = self.series(t + h * np.array(_PLACES))
         _, d1, d2, _, e1, e2, e3, far, g2, g3 = differences = f - f[0]
         noise = abs(_TO_NOISE @ plain(differences)).max(axis=0)
-        # Rates below the error of these differences are set to zero.
+        # Rates below the errors of these differences are set to zero: of these formulas, and of
+        # rounding, of which a kink close to the start is not told apart.
         rates, error = (4 * d1 - d2) / 2, np.maximum(1e-5 * abs(plain(far)), 20 * noise)
         # Second differences use longer steps, since rounding errors are divided by h^2, and still
-        # longer ones where both are the same up to these. Values below them are set to zero.
+        # longer ones where both agree but for these errors. Values below them are set to zero.
         near, wide = 4 * e2 - 5 * e1 - e3, 4 * g2 - 5 * far - g3
         wide = np.where(abs(wide) <= 10 * np.finfo(float).eps * (abs(f[0]) + abs(g3)), 0.0, wide)
         bend = np.where(abs(wide / 100 - near) < 60 * noise, wide / 100, near)

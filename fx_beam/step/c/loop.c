@@ -40,8 +40,8 @@ static void begin_natural(const Problem *p, const Work *w) {
       w->natural_end[p->natural_at[i]] += p->natural_value[i] * w->naturals[k];
 }
 
-/* Bound of the strain energy at the end of a step without a row: the energy of the last row, or of where the run began, and what
-   came since, of which nothing is kinetic. Only of forces in mid-step all work and losses are known. */
+/* Bound of the strain energy at the end of a step without a row: the energy of the last row, or of where several steps began,
+   and what came since, of which nothing is kinetic. Only of forces in mid-step all work and losses are known. */
 static double most_strain_energy(const Problem *p) {
   const double *then = p->energies; /* see `find_energies` */
   if (p->rule || p->rules || p->level != 0.5 || p->at_rest || p->held_by_scheme.integrals) return HUGE_VAL;
@@ -245,7 +245,7 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Reco
   p->failure = p->stopped = 0;  // also where no step is to be taken
   if (p->watches) fx_find_switches(p->points, p->q, p->slides, p->sides);
   if (to->first == 0) record(p, w, to);
-  else find_energies(p, w);
+  else if (steps > 1) find_energies(p, w); /* for one step they cost more than they spare */
   for (int k = 0; k < steps; ++k) {
     int part = (to->part + k) % to->parts, step = to->first + (to->part + k) / to->parts;
     int of_row = step % to->every == 0 || step == to->last, wanted = of_row && part + 1 == to->parts;
@@ -296,7 +296,8 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Reco
     p->amplified += p->sub_steps > 1 && lost - p->dissipated > 1e-14 * fabs(lost);
     if (wanted) record(p, w, to);
     ++p->completed;
-    if ((wanted ? p->energies[1] : most_strain_energy(p)) >= p->least_energy) count_inverted(p, w);
+    double most = wanted ? p->energies[1] : steps > 1 ? most_strain_energy(p) : HUGE_VAL;
+    if (most >= p->least_energy) count_inverted(p, w);
   }
   return steps;
 }

@@ -144,7 +144,10 @@ enum { SHORTENINGS = 20 };
    regula falsi. `gained` is the work at its start. Where only forces at points overshoot, the others are taken as linear. */
 static void line_search(const Problem *p, const Work *w, double gained) {
   int springs = !p->cell_internal && !(HAS(MEMBERS) && p->hold && p->points->members);
-  if (springs) memset(w->step + p->free, 0, (p->columns - p->free) * sizeof(double)), spread(p, w, w->step, w->correction);
+  if (springs) { /* the motion of all nodes in the last correction, which may have been shortened */
+    memset(w->step + p->free, 0, (p->columns - p->free) * sizeof(double));
+    spread(p, w, w->step, w->correction);
+  }
   double at_high = springs ? point_deviation(p->points, w->correction, w->step, 1) : along_step(p, w);
   double low = 0, high = 1, at_low = gained, taken = 1, part = 1, work;
   if (gained <= 0 || -at_high <= OVERSHOOT * gained) return;
