@@ -325,9 +325,9 @@ class Reduction:
         """Small change of all degrees of freedom from a small change of all columns: T z."""
         return self._map(False) @ self._with_auxiliaries(z)
 
-    def coupling(self, closed: bool = True) -> scipy.sparse.csr_matrix:
-        """The matrix T (size, columns) of `spread`; or with loops that are not `closed`."""
-        return self._map(False, closed=closed).matrix[:, : self.columns]
+    def coupling(self, closed: bool = True, virtual: bool = False) -> scipy.sparse.csr_matrix:
+        """The matrix T (size, columns) of `spread`; or with loops that are not `closed`; or Tv."""
+        return self._map(virtual, closed=closed).matrix[:, : self.columns]
 
     def gather(self, r: np.ndarray) -> np.ndarray:
         """Forces on all columns without Tv and springs: T^T r."""

@@ -74,9 +74,10 @@ class BeamForms:
         #: Fields and arrays on this mesh by their names in forms.
         self._data = self._fields()
         for i, work in enumerate(scene.virtual_works):
+            inside = np.ones(len(mesh.beam_of_cell), dtype=bool)
             if work.beam is not None:
                 inside = mesh.beam_of_cell == scene.beams.index(work.beam)
-                self._data[f"indicator {i}"] = DataField(inside[:, None], mesh)
+            self._data[f"indicator {i}"] = DataField(inside[:, None], mesh)
         if facts.names:
             self._read_parameters()
         #: Functions that change: the first in every iteration, the others in every step. They are
@@ -98,7 +99,7 @@ class BeamForms:
         #: Weights (degree,) of the Gauss points, relative to the element's length.
         self.point_weights = gauss_rule(self.degree)[1]
         #: Shape (cells, degree, width) of the internal variables; the width is zero without any.
-        self.internal_shape = len(self._tags), self.degree, facts.width
+        self.internal_shape = len(self.tags), self.degree, facts.width
 
     def _fields(self) -> dict[str, Any]:
         """Constants and functions."""
@@ -108,12 +109,19 @@ class BeamForms:
         data: dict[str, Any] = {**self._values, **self.of_beams}
         if width:
             data["internal"] = Field(mesh.space(degree, width))
-        if self._kind.natural:
+        if self.kind.natural:
             data |= {name: Field(mesh.space(degree, 3)) for name in NATURAL}
         data |= {name: Field(mesh.unknowns) for name in NODAL}
         coordinate = data["coordinate"] = Field(mesh.space(2))
         coordinate.array.reshape(-1, 2)[:] = 0.0, degree
         return data
+
+    @property
+    def data(self) -> dict[str, np.ndarray]:
+        """Values (cells, width) of what is constant over steps, by name in forms."""
+        names = (name for name in self._data if name in self.of_beams or name == "coordinate")
+        named = [*names, *(name for name in self._data if name.startswith("indicator "))]
+        return {name: self._data[name].array.reshape(len(self.tags), -1) for name in named}
 
     def _reset_constants(self) -> None:
         for name, value in self._values.items():
@@ -130,14 +138,14 @@ class BeamForms:
         materials = dict(zip(keys, zip(energies, internal, strict=True), strict=True))
         numbers = {key: number for number, key in enumerate(materials)}
         #: Subdomain of each cell, the number of its material.
-        self._tags = np.array([numbers[key] for key in keys])[mesh.beam_of_cell]
+        self.tags = np.array([numbers[key] for key in keys])[mesh.beam_of_cell]
         works, natural = tuple(scene.virtual_works), bool(scene.natural_strains)
         shapes = tuple((name, (of.shape[1], of.shape[2:])) for name, of in data.items())
-        self._kind = Kind(
+        self.kind = Kind(
             *(self.degree, mesh.curved, self._scheme, tuple(materials.values())),
             *(works, natural, shapes, bool(works) and self._holds),
         )
-        self._forms = FormSource(WeakForm, self._kind)
+        self._forms = FormSource(WeakForm, self.kind)
 
     def _compiled(self) -> FormModule:
         try:
@@ -200,7 +208,7 @@ class BeamForms:
         if facts.names:
             data["more"] = Field(mesh.space(1, len(facts.names)))
             spaces["parameters"] = data["more"].space
-        return FormSource(DerivedForm, self._kind), data, spaces
+        return FormSource(DerivedForm, self.kind), data, spaces
 
     def sizes_of_slopes(self, of: str) -> dict[str, int]:
         """How many numbers of an element "internal forces" or "drag" depend on, by name."""
@@ -318,7 +326,7 @@ class BeamForms:
         self, compiled: CompiledForm, spaces: Sequence[Space] = (), data: Mapping | None = None
     ) -> BoundForm:
         """A form or an expression on the mesh, with arguments in some spaces."""
-        return BoundForm(compiled, self._mesh, data or self._data, spaces, self._tags)
+        return BoundForm(compiled, self._mesh, data or self._data, spaces, self.tags)
 
     # -- Evaluation -----------------------------------------------------------------------------
 
@@ -393,7 +401,7 @@ class BeamForms:
     def _point_values(self, expressions: FormModule) -> RowValues:
         """Values of expressions, one for all cells, or for each subdomain its own."""
         bound = [self._bind(of) for of in expressions.forms.values()]
-        tags = self._tags if len(bound) > 1 else 0 * self._tags
+        tags = self.tags if len(bound) > 1 else 0 * self.tags
         cells = (np.flatnonzero(tags == i) for i in range(len(bound)))
         addresses = (of.compiled.addresses[0] for of in bound)
         return RowValues(zip(bound, addresses, cells, strict=True), self._mesh, self.moving)

@@ -60,23 +60,48 @@ def domain(degree: int):
     return ufl.Mesh(lagrange(degree, 2))
 
 
-def beam_space(on, degree: int, nodal: bool = False):
-    """Displacement (2) and rotation (1) with equispaced nodes.
+class Symbols:
+    """Makes the spaces, functions and constants of forms: here UFL's, on no particular mesh."""
 
-    With `nodal` rotations, those at the nodes of a cell are components, constant on it: the
-    degrees of freedom are the same, but UFL has the nodal values at every point of the cell.
-    """
-    return ufl.FunctionSpace(on, _beam(degree, nodal))
+    def __init__(self, domain: Any):
+        #: UFL's mesh.
+        self.domain = domain
 
+    def space(self, element: Any) -> Any:
+        """A space of functions."""
+        return ufl.FunctionSpace(self.domain, element)
 
-def coordinate_space(on):
-    """Functions that are linear on each cell, and discontinuous."""
-    return ufl.FunctionSpace(on, lagrange(1, broken=True))
+    def coefficient(self, space: Any) -> Any:
+        """A function."""
+        return coefficient(space)
 
+    def constant(self, *shape: int) -> Any:
+        """Numbers that are constant on the mesh."""
+        return ufl.Constant(self.domain, shape=shape)
 
-def gauss_space(on, points: int, *shape: int):
-    """Values at the points of a Gauss rule; a single one is constant on each cell."""
-    return ufl.FunctionSpace(on, _values_at_points(points, *shape))
+    def beam_space(self, degree: int, nodal: bool = False) -> Any:
+        """Displacement (2) and rotation (1) with equispaced nodes.
+
+        With `nodal` rotations, those at the nodes of a cell are components, constant on it: the
+        degrees of freedom are the same, but UFL has the nodal values at every point of the cell.
+        """
+        return self.space(_beam(degree, nodal))
+
+    def coordinate_space(self) -> Any:
+        """Functions that are linear on each cell, and discontinuous."""
+        return self.space(lagrange(1, broken=True))
+
+    def gauss_space(self, points: int, *shape: int) -> Any:
+        """Values at the points of a Gauss rule; a single one is constant on each cell."""
+        return self.space(_values_at_points(points, *shape))
+
+    def measure(self, points: int) -> Any:
+        """Measure `dx` with the `gauss_rule` of so many points."""
+        return measure(self.domain, points)
+
+    def data(self, points: int, shape: tuple[int, ...] = ()) -> Any:
+        """Data on a `gauss_space`."""
+        return self.coefficient(self.gauss_space(points, *shape))
 
 
 @functools.cache
@@ -93,11 +118,6 @@ def _coefficients() -> type:
 def coefficient(space):
     """UFL's symbol for a function."""
     return _coefficients()(space)
-
-
-def data(on, points: int, shape: tuple[int, ...] = ()):
-    """UFL's symbol for data on a `gauss_space`."""
-    return coefficient(gauss_space(on, points, *shape))
 
 
 def measure(on, points: int):

@@ -105,28 +105,27 @@ class Fields:
     With `nodal` the rotations of the unknowns are those at the nodes of the element.
     """
 
-    def __init__(self, degree: int, curved: bool, nodal: bool):
-        self.degree = degree
-        self._domain = domain = elements.domain(degree if curved else 1)
-        space = elements.beam_space(domain, degree)
+    def __init__(self, degree: int, symbols: elements.Symbols, nodal: bool):
+        self.degree, self.symbols = degree, symbols
+        self._domain, space = symbols.domain, symbols.beam_space(degree)
         #: Displacements and rotations at the start of the step.
-        self.start = elements.coefficient(space)
+        self.start = symbols.coefficient(space)
         #: Velocity and acceleration at the start of the step.
-        self.start_rates = tuple(elements.coefficient(space) for _ in range(2))
-        self.time, self.dt, self.load_factor = (ufl.Constant(domain) for _ in range(3))
+        self.start_rates = tuple(symbols.coefficient(space) for _ in range(2))
+        self.time, self.dt, self.load_factor = (symbols.constant() for _ in range(3))
         #: Increment of the load factor in statics.
-        self.load_increment = ufl.Constant(domain)
+        self.load_increment = symbols.constant()
         #: Displacements and rotations at the start of the last step, and `Step.memory`.
-        self.q_previous, self.memory = elements.coefficient(space), ufl.Constant(domain)
+        self.q_previous, self.memory = symbols.coefficient(space), symbols.constant()
         #: Natural strains at the Gauss points, at the start and at the end of the step.
-        self.natural = tuple(elements.coefficient(self.internal(3)) for _ in range(2))
+        self.natural = tuple(symbols.coefficient(self.internal(3)) for _ in range(2))
         #: Coordinate on each cell, from 0 to the degree, of nodal rotations.
         self.coordinate: Any = None
         if nodal:
-            self.coordinate = elements.coefficient(elements.coordinate_space(domain))
-        unknowns = elements.beam_space(domain, degree, nodal)
+            self.coordinate = symbols.coefficient(symbols.coordinate_space())
+        unknowns = symbols.beam_space(degree, nodal)
         #: Increments of displacements and rotations.
-        self.increment = elements.coefficient(unknowns)
+        self.increment = symbols.coefficient(unknowns)
         self.test, self.trial = ufl.TestFunction(unknowns), ufl.TrialFunction(unknowns)
 
     @property
@@ -151,19 +150,19 @@ class Fields:
 
     def data(self, shape: DataShape):
         """UFL's symbol for data of beams."""
-        return elements.data(self._domain, *shape)
+        return self.symbols.data(*shape)
 
     def constants(self, count: int):
         """UFL's symbol for so many numbers."""
-        return ufl.Constant(self._domain, shape=(count,))
+        return self.symbols.constant(count)
 
     def internal(self, width: int):
         """UFL's space of so many internal variables at the Gauss points."""
-        return elements.gauss_space(self._domain, self.degree, width)
+        return self.symbols.gauss_space(self.degree, width)
 
     def measure(self, points: int):
         """Measure of the members, by a Gauss rule of so many points."""
-        return elements.measure(self._domain, points)
+        return self.symbols.measure(points)
 
     def step(self, rates: UpdateRule, what: str, natural: bool = False) -> Step:
         """A step with its rates, those of a scheme; errors say `what` they are.
@@ -217,4 +216,5 @@ def fields_of(degree: int, curved: bool) -> tuple[Fields, Fields]:
     Both are older than all data: UFL orders fields by age, and finds a compiled form only if their
     order does not depend on the forms before it.
     """
-    return Fields(degree, curved, nodal=False), Fields(degree, curved, nodal=True)
+    symbols = elements.Symbols(elements.domain(degree if curved else 1))
+    return Fields(degree, symbols, nodal=False), Fields(degree, symbols, nodal=True)

@@ -6,7 +6,6 @@ from typing import Any
 
 from fx_beam.symbolic import Written, ufl
 
-from . import elements
 from .fields import NATURAL
 from .weak_form import Kind, WeakForm
 
@@ -44,7 +43,7 @@ class DerivedForm(WeakForm):
         forms = {self.fields.test: self._of_drag if of == "drag" else self._residual}
         if self.width and of != "drag":
             forms[ufl.TestFunction(self.fields.internal(self.width))] = self._increments()
-        weights = {test: elements.coefficient(test.ufl_function_space()) for test in forms}
+        weights = {test: self.fields.symbols.coefficient(test.ufl_function_space()) for test in forms}
         self.named |= {weight: f"weight {k}" for k, weight in enumerate(weights.values())}
         work = sum(ufl.replace(form, {test: weights[test]}) for test, form in forms.items())
         self._works[of] = [*weights.values()], *self._derived(work)

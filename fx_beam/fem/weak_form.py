@@ -89,11 +89,19 @@ class StepFacts(NamedTuple):
 
 
 class WeakForm:
-    """Internal forces, tangent and energies of beams for a scheme, in UFL."""
+    """Internal forces, tangent and energies of beams for a scheme, in UFL.
 
-    def __init__(self, kind: Kind):
+    On the symbols of all scenes of a kind, or on given ones, as of a mesh: then functions of a user
+    may have further ones.
+    """
+
+    def __init__(self, kind: Kind, symbols: elements.Symbols | None = None):
         scheme, materials, works = kind.scheme, kind.materials, kind.works
-        self.scheme, (self.fields, self._nodal) = scheme, fields_of(kind.degree, kind.curved)
+        self.scheme, self._open = scheme, symbols is not None
+        both = fields_of(kind.degree, kind.curved)
+        if symbols is not None:
+            both = tuple(Fields(kind.degree, symbols, nodal) for nodal in (False, True))
+        self.fields, self._nodal = both
         fields = self.fields
         self.has_natural, self._held = kind.natural, kind.held
         #: Data of beams by name: (EA, GA, EI) of the quadratic law, retardation times, and drag.
@@ -126,7 +134,7 @@ class WeakForm:
         self.width = max(len(internal.names) if internal else 0 for _, internal in materials)
         self.internal: Any = None
         if self.width:
-            self.internal = elements.coefficient(fields.internal(self.width))
+            self.internal = fields.symbols.coefficient(fields.internal(self.width))
         self._build_resultants()
         self._build_residual()
         #: Names of all symbols.
@@ -136,6 +144,10 @@ class WeakForm:
             **{symbol: name for name, symbol in self.data.items()},
             **{symbol: f"indicator {i}" for i, symbol in enumerate(self.indicators)},
         }
+        #: Those that data of beams have, by name.
+        self.named_data = {**self.data, **{f"indicator {i}": s for i, s in enumerate(self.indicators)}}
+        if self.fields.coordinate is not None:
+            self.named_data["coordinate"] = self.fields.coordinate
         self._added: Any = 0
         if works:
             self._add(works)
@@ -233,6 +245,8 @@ class WeakForm:
         self._refuse_fields()
 
     def _refuse_fields(self) -> None:
+        if self._open:
+            return
         what = f"resultants of {self.scheme.name}"
         known = [*self.fields.names, *self.data.values(), self.internal, self.parameters]
         # UFL extracts those of the form anyway, and caches them.
@@ -256,7 +270,8 @@ class WeakForm:
         if self._held:  # derivatives by the motion are sought, not by increments
             step = step.in_an_instant
         test, term = self.fields.test, replaced(work.of(step, what), self._by_name)
-        refuse_fields_in(term, what, [*self.fields.names, self.parameters])
+        if not self._open:
+            refuse_fields_in(term, what, [*self.fields.names, self.parameters])
         wanted = f"{what}: the result must be a scalar UFL expression linear in step.virtual_u and "
         wanted += "step.virtual_psi"
         if term.ufl_shape != () or ufl.algorithms.extract_arguments(term) != [test]:

@@ -65,6 +65,25 @@ class UpdateRule(Protocol):
             work[..., turns], slope[..., turns] = 2 * tangent, 1 + tangent**2
         return work, slope
 
+    def acceleration(self, path, v0, a0, dt: float) -> tuple[np.ndarray, float]:
+        """Acceleration in the equation of motion.
+
+        Parameters
+        ----------
+        path, v0, a0 : (size,) float
+            Increment of `work_increment`, and rates and accelerations at the start of the step.
+        dt : float
+            Length of the step [s].
+
+        Returns
+        -------
+        (size,) float array
+            The acceleration.
+        float
+            Its derivative by `path`, the same for each entry [1/s^2].
+        """
+        return np.zeros_like(path), 0.0
+
     def fields(self, Du, Dpsi, v0, a0, dt) -> tuple[Any, Any]:
         """Velocity and spin at the scheme's level, in UFL.
 
@@ -106,6 +125,10 @@ class MidPointRates(UpdateRule):
 
     constants = {"rule": 0}
     level = 0.5
+
+    def acceleration(self, path, v0, a0, dt):
+        """Means over the step (eqs 29 and 30)."""
+        return 2 * (path / dt - v0) / dt, 2 / dt**2
 
     def fields(self, Du, Dpsi, v0, a0, dt):
         """Mean velocity Du/dt and mean spin 2 tan(Dpsi/2)/dt."""
@@ -150,6 +173,11 @@ class NewmarkRates(UpdateRule):
         """Level of the forces, 1 - alpha_f."""
         return 1 - self.alpha_f
 
+    def acceleration(self, path, v0, a0, dt):
+        """At level 1 - alpha_m."""
+        share = 1 - self.alpha_m
+        return share * self._a1(path, v0, a0, dt) + self.alpha_m * a0, share / (self.beta * dt**2)
+
     def fields(self, Du, Dpsi, v0, a0, dt):
         """Velocity and spin at level 1 - alpha_f."""
         return tuple(
@@ -157,9 +185,11 @@ class NewmarkRates(UpdateRule):
             for of in zip((Du, Dpsi), v0, a0, strict=True)
         )
 
+    def _a1(self, D, v0, a0, dt):
+        return (D - dt * v0) / (self.beta * dt**2) - (1 / (2 * self.beta) - 1) * a0
+
     def _end_rate(self, D, v0, a0, dt):
-        a1 = (D - dt * v0) / (self.beta * dt**2) - (1 / (2 * self.beta) - 1) * a0
-        return v0 + dt * ((1 - self.gamma) * a0 + self.gamma * a1)
+        return v0 + dt * ((1 - self.gamma) * a0 + self.gamma * self._a1(D, v0, a0, dt))
 
 
 @dataclass(frozen=True)

@@ -95,10 +95,19 @@ def _settled(model: Model, state: State, force: np.ndarray, dt: float) -> State:
 
 
 class Starts:
-    """First states of motions by steps of the length dt [s]."""
+    """First states of motions by steps of the length dt [s].
 
-    def __init__(self, model: Model, forcing: Forcing, dt: float):
-        self.model, self._forcing, self._dt = model, forcing, dt
+    There may be `further` forces (size,) of an interval, a state before it, and an increment.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        forcing: Forcing,
+        dt: float,
+        further: Callable[[Interval, State, np.ndarray], np.ndarray] | None = None,
+    ):
+        self.model, self._forcing, self._dt, self._further = model, forcing, dt, further
 
     def initial(self, start: State | None = None, accelerations: bool = True) -> State:
         """State with the scene's initial velocities and the accelerations of dynamic equilibrium.
@@ -187,7 +196,8 @@ class Starts:
         from fx_beam.step.accelerations import accelerations
 
         model, reduction, dt = self.model, self.model.reduction, self._dt
-        level, moves = model.scheme.rates.level, model.forms.depend_on_rates and any_of(state.v)
+        level, rated = model.scheme.rates.level, model.forms.depend_on_rates or self._further
+        moves = bool(rated) and any_of(state.v)
         mass, size = model.mass, abs(state.v / model.unit).max()
 
         def internal_force(h: float) -> np.ndarray:
@@ -204,7 +214,10 @@ class Starts:
                 start = start._replace(natural=(first, first + change))
             model.forms.begin(instant(state.t, h), start)
             model.points.evaluate_slides(h * w)
-            return model.forms.internal_force(D).copy()
+            force = model.forms.internal_force(D).copy()
+            if self._further is not None:
+                force += self._further(instant(state.t, h), before, D)
+            return force
 
         free, moved = reduction.free, slice(reduction.free, reduction.free + reduction.driven)
         a = np.zeros(reduction.columns)

@@ -35,6 +35,8 @@ class CompiledLoop:
 
     #: What several processes do, if they do.
     together: Any = None
+    # Error of a function that finds increments in the place of C.
+    _error: BaseException | None = None
 
     def __init__(self, forcing: Forcing, options: NewtonOptions, stats: Stats, alone: bool = True):
         self.model, self._options = forcing.model, options
@@ -160,9 +162,25 @@ class CompiledLoop:
         return taken
 
     def check(self) -> None:
-        """Raise the error of another process in the last step."""
+        """Raise the error of another process, or of a function that C calls, in the last step."""
         if self.together is not None:
             self.together.check()
+        error, self._error = self._error, None
+        if error is not None:
+            raise error
+
+    def find_by(self, find: Callable[[float], int]) -> None:
+        """Find increments of sub-steps of a length [s] by a function, ``find`` of c/problem.h."""
+        keep = weakref.ref(self)
+
+        def fail(kind: type, error: BaseException, trace: Any) -> None:
+            loop = keep()
+            if loop is not None:
+                loop._error = error
+
+        kind, failed = self._ffi.typeof(self._problem.find), self._library.NO_CONVERGENCE
+        self._find = self._ffi.callback(kind, find, error=failed, onerror=fail)
+        self._problem.find = self._find
 
     def _run_taped(self, tape: Tape, steps: Steps, t: float, dt: float, to: Any) -> int:
         """The same on a tape, which keeps the state before every so many steps."""

@@ -12,7 +12,7 @@ import fx_beam as fb
 from fx_beam.fem import elements
 
 ON = elements.domain(1)
-FIELDS = {"Constant": ufl.Constant(ON), "Coefficient": elements.data(ON, 1)}
+FIELDS = {"Constant": ufl.Constant(ON), "Coefficient": elements.Symbols(ON).data(1)}
 if find_spec("dolfinx"):  # whose constant is a number as well
     from mpi4py import MPI
 

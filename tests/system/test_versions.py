@@ -62,7 +62,7 @@ def test_the_rule_of_a_form_is_that_of_gauss(points):
 
 @pytest.mark.parametrize("points", range(1, 6))
 def test_values_at_gauss_points_are_those_that_the_rule_of_a_form_takes(points):
-    mesh, symbol, dx = row(1, 3.0), elements.data(ON, points), elements.measure(ON, points)
+    mesh, symbol, dx = row(1, 3.0), elements.Symbols(ON).data(points), elements.measure(ON, points)
     field = Field(mesh.space(points))
     given = field.array[:] = np.exp(np.arange(points))
     squares = integral(symbol**2 * dx, mesh, {symbol: field})
@@ -185,7 +185,7 @@ assert not [name for name in sys.modules if name.split(".")[0] in apart]
 
 
 def test_coefficients_of_a_subdomain_are_those_of_its_cells():
-    mesh, tags, of_cell = row(3), np.array([2, 0, 1]), elements.data(ON, 1)
+    mesh, tags, of_cell = row(3), np.array([2, 0, 1]), elements.Symbols(ON).data(1)
     field, dx = Field(mesh.space(1)), elements.measure(ON, 1)
     field.array[:] = 10.0 + np.arange(3)
     all_tags = sum((tag + 1) * of_cell * dx(tag) for tag in range(3)) + of_cell**2 * dx

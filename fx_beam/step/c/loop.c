@@ -132,7 +132,7 @@ static int follow_joints(Problem *p, Work *w, const double *driven) {
 static int find_increment(Problem *p, const Work *w, const double *driven, int order) {
   int failure = newton(p, w, driven, order);
   if (failure && order) failure = newton(p, w, driven, 0);
-  if (failure && p->reused.worth) {
+  if (failure && p->reused.worth && !p->find) {
     p->reused.exact = 1;
     failure = newton(p, w, driven, 0);
     p->reused.exact = 0;

@@ -266,13 +266,26 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
   return NO_CONVERGENCE;
 }
 
+/* Lets another program find the unknowns and the forces. */
+static int find_elsewhere(Problem *p, const Work *w, const double *driven, int order) {
+  int failure = predict(p, w, driven, &order);
+  if (failure) return failure;
+  set_driven(p, driven, 1, w->z);
+  if ((failure = p->find(w->dt))) return failure;
+  if (!expand(p, w)) return OPEN_LOOP;
+  if (leaves_beam(p)) return SLID_TOO_FAR;
+  evaluate_nodes(p, w);
+  reduce_residual(p, w, w->r);
+  return OK;
+}
+
 /* Largest number of searches for the members that points come near in a step. */
 enum { SEARCHES_IN_STEP = 8 };
 
 /* The same with all points that come near members, which may be more than were expected. */
 static int newton(Problem *p, const Work *w, const double *driven, int order) {
   for (int k = 0; k < SEARCHES_IN_STEP; ++k) {
-    int failure = iterations_of(p, w, driven, order);
+    int failure = p->find ? find_elsewhere(p, w, driven, order) : iterations_of(p, w, driven, order);
     if (failure || !HAS(MEMBERS) || !p->points->members) return failure;
     int state = fx_check_members(p->points->members, w->D);
     if (state == MEMBERS_PASSED) return PASSED_THROUGH;

@@ -41,6 +41,10 @@ typedef struct {
   void (*solve)(const double *b, double energy, double *x, double *error);
 } Team;
 
+/* Finds the increment of a sub-step of this length in the place of Newton's method here: the unknowns, from their predicted values
+   on, and the forces on nodes, internal ones and all (`z`, `f` and `r` of Results). Returns why it fails. */
+typedef int Find(double dt);
+
 /* Element tensors from coefficients, constants and coordinates. All arrays except the constants are
    for LANES elements, with entry k of lane l at [k][l]. */
 typedef void Batch(double *, const double *, const double *, const double *);
@@ -250,6 +254,7 @@ typedef struct {
   double tolerance, negligible, energy_floor, max_turn, longest_turn, large_turn;
   int max_iterations, may_overshoot;
   Team team;
+  struct { Find *find; };
   double corrections[CORRECTIONS]; /* their largest sizes in units, of the last iterations; `tried` were made */
   int tried;
   int raised, old_factors; /* whether pivots of the last factors were raised, -1 for a singular tangent; whether they are

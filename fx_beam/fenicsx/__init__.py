@@ -1,0 +1,18 @@
+"""A scene as a variational problem of FEniCSx: for experiments with its form, fields and solvers.
+
+Only this loads dolfinx. `Problem` takes steps in time, `Equilibrium` load steps.
+"""
+
+import importlib.util
+
+if importlib.util.find_spec("dolfinx") is None or importlib.util.find_spec("petsc4py") is None:
+    raise ImportError(
+        "fx_beam.fenicsx needs dolfinx with PETSc: Debian's python3-dolfinx, with its "
+        "/usr/bin/python3, or pip install 'fx-beam[dolfinx]'",
+        name="dolfinx",
+    )
+
+from .equilibrium import Equilibrium
+from .problem import Problem
+
+__all__ = ["Equilibrium", "Problem"]

@@ -1,0 +1,256 @@
+"""Equilibria at rising loads, whose load steps PETSc takes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+from scipy.sparse.linalg import splu
+
+from fx_beam.errors import SceneError, require, warn_once
+from fx_beam.laws.interval import Interval
+from fx_beam.laws.schemes import Equilibrium as AtRest
+from fx_beam.motions.evaluation import solution_of
+from fx_beam.motions.initial_state import reference_state
+from fx_beam.motions.options import check_scene
+from fx_beam.motions.prepared import stats_of
+from fx_beam.motions.progress import attach, failure_of
+from fx_beam.results.solution import Solution
+from fx_beam.scene.scene import Scene
+from fx_beam.step.forcing import LoadForcing
+from fx_beam.step.load_loop import LoadLoop
+from fx_beam.step.model import Model
+from fx_beam.step.newton import NewtonOptions
+from fx_beam.step.recorder import Record, Recorder
+from fx_beam.step.step_failures import StepFailed
+
+from .form import StepForm
+from .newton import Newton
+
+# Unknowns up to which all eigenvalues are found at once.
+_FEW = 200
+# Part of the largest entry by which entries of a symmetric tangent differ.
+_SYMMETRIC = 1e-9
+
+
+class Equilibrium(StepForm):
+    """A scene as a static problem of dolfinx: equilibria at rising load factors.
+
+    As `Problem`, but for inertia: all loads are multiplied by the load factor. A step goes where
+    Newton's method leads: `unstable_modes` tells whether that is stable. `fx_beam.static` follows
+    paths through limit points, and finds critical points.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene, with at least one beam.
+    t : float
+        Time at which functions of time are evaluated [s].
+    petsc_options : dict, optional
+        Options of SNES, KSP and PC, without a prefix.
+    newton : NewtonOptions, optional
+        Convergence criteria.
+    comm : MPI.Comm, optional
+        Processes that share the mesh and the matrices; by default this one alone.
+
+    Raises
+    ------
+    SceneError
+        For a scene without beams, or one that its supports do not hold.
+
+    Examples
+    --------
+    >>> import fx_beam as fb
+    >>> from fx_beam import fenicsx
+    >>> scene = fb.Scene()
+    >>> beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=1.0), elements=8)
+    >>> scene.clamp(beam.start)
+    >>> load = scene.add_force(beam.end, (0, -1.0))
+    >>> solution = fenicsx.Equilibrium(scene).run(load_steps=4)
+    >>> bool(abs(solution.q[-1] - fb.static(scene, load_steps=4).q[-1]).max() < 1e-12)
+    True
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        t: float = 0.0,
+        petsc_options: dict[str, Any] | None = None,
+        newton: NewtonOptions | None = None,
+        comm: MPI.Comm = MPI.COMM_SELF,
+    ):
+        check_scene(scene, "fenicsx.Equilibrium")
+        model, newton = Model(scene, AtRest()), newton or NewtonOptions()
+        super().__init__(model, comm)
+        self._stats = stats_of(model, solver="PETSc", static=True)
+        self._forcing = LoadForcing(model, float(t))
+        self._loop = LoadLoop(self._forcing, newton, self._stats)
+        self._newton = Newton(self, self._loop, newton, petsc_options or {})
+        self._state = reference_state(model)
+        self._end(self._state)
+
+    @property
+    def load_factor(self) -> float:
+        """Load factor at the end of the last step."""
+        return self._state.t
+
+    def advance(self, load_factor: float) -> None:
+        """Take a load step.
+
+        Parameters
+        ----------
+        load_factor : float
+            Load factor at its end.
+
+        Raises
+        ------
+        StepError
+            If Newton's method fails; then all is as before.
+        """
+        require(np.isfinite(load_factor), "load_factor", load_factor, "a finite number")
+        self._find_natural_strains()
+        start, advice = self._state, "Try more load steps, or other petsc_options"
+        try:
+            self._state, step = self._loop.step(start, Interval(start.t, float(load_factor)))
+        except StepFailed as failure:
+            what = f"the step from load factor {start.t:.6g} to {load_factor:.6g} failed"
+            raise self._loop.failures.error(what, 0, start, failure, advice) from failure
+        self._stats.add_solve(self.iterations, "increment")
+        self._stats.steps += 1
+        self._end(self._state)
+
+    def run(
+        self, load_steps: int = 10, after: Callable[[Equilibrium], Any] | None = None
+    ) -> Solution:
+        """Take equal load steps from the present load factor to 1.
+
+        Parameters
+        ----------
+        load_steps : int
+            Their number.
+        after : callable, optional
+            ``after(equilibrium)`` is called after each step.
+
+        Returns
+        -------
+        Solution
+            As `fx_beam.static` gives it, with `Solution.unstable_modes`, but without critical
+            points. Its first row is the start; at load factor 0 an equilibrium without loads, such
+            as that of springs under tension.
+
+        Raises
+        ------
+        StepError
+            If a step fails. Its attribute `solution` has all steps before it.
+        """
+        require(
+            isinstance(load_steps, int) and load_steps > 0,
+            "load_steps",
+            load_steps,
+            "a number from 1 on",
+        )
+        factors = np.linspace(self.load_factor, 1.0, load_steps + 1)
+        recorder, modes = Recorder(self._model, factors, Record()), list[int | None]()
+        self._rows.clear()
+
+        def solution() -> Solution:
+            loads, last = self._forcing.dead(self.load_factor), self._state
+            if self._model.forms.has_added:
+                loads = loads + last.added_forces
+            end = replace(last, t=self._forcing.time, loads=loads, length=0.0)
+            counts = {} if None in modes else {"unstable_modes": np.array(modes[: recorder.rows])}
+            result = solution_of(recorder, self._stats, lambda: end, stability=counts)
+            return self._with_replaced(result)
+
+        try:
+            for step, factor in enumerate(factors):
+                self.advance(factor)
+                recorder.record(step, self._state)
+                recorder.end = self._state
+                modes.append(self.unstable_modes())
+                self._replace_in_row(recorder)
+                if step and after is not None:
+                    after(self)
+        except BaseException as error:
+            self._stats.failure = failure_of(error, self.load_factor)
+            if recorder.rows:
+                attach(error, solution)
+            raise
+        if modes[-1]:
+            warn_once(
+                f"fenicsx.Equilibrium: the equilibrium at load factor {self.load_factor:g} is "
+                f"unstable: {modes[-1]} modes grow. Use fx_beam.static, which finds where the path "
+                "becomes unstable"
+            )
+        return solution()
+
+    def unstable_modes(self) -> int | None:
+        """Number of small motions that grow about the last equilibrium.
+
+        Returns
+        -------
+        int or None
+            Eigenvalues of the reduced tangent with negative real parts; None where they are not
+            known: on several processes, and with many unknowns whose forces have no potential.
+        """
+        if self.comm.size > 1:
+            return None
+        A = self._newton.tangent()
+        if A.shape[0] <= _FEW:
+            return int((np.linalg.eigvals(A.toarray()).real < 0).sum())
+        if abs(A - A.T).max() > _SYMMETRIC * abs(A).max():
+            return None
+        # Sylvester's law of inertia: without row interchanges pivots have the signs of eigenvalues.
+        options = {"SymmetricMode": True, "Equil": False}
+        factors = splu(A.tocsc(), "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+        return int((factors.U.diagonal() < 0).sum())
+
+    def eigenvalues(self, n: int = 4) -> np.ndarray:
+        """Lowest squares of circular frequencies of small motions about the last equilibrium.
+
+        By SLEPc, about zero: K x = omega^2 M x with the reduced tangent and mass.
+
+        Parameters
+        ----------
+        n : int
+            How many.
+
+        Returns
+        -------
+        (n,) complex array
+            Those nearest to zero, by their real parts [1/s^2]; negative ones belong to instability.
+
+        Raises
+        ------
+        SceneError
+            Without SLEPc (Debian's python3-slepc4py), or without mass.
+        """
+        try:
+            from slepc4py import SLEPc
+        except ImportError:
+            text = (
+                "fenicsx: eigenvalues need SLEPc, which is not installed: Debian's python3-slepc4py"
+            )
+            raise SceneError(text) from None
+        M = self._newton.reduced(self.mass)
+        if not abs(M).sum():
+            raise SceneError("fenicsx: eigenvalues: the scene has no mass. Give rhoA, or add_mass")
+        solver = SLEPc.EPS().create(self.comm)
+        solver.setOperators(self._newton.assembled(), self._newton.shared(M))
+        solver.setDimensions(n)
+        solver.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
+        solver.setTarget(0.0)
+        transform = solver.getST()
+        transform.setType("sinvert")
+        pc = transform.getKSP().getPC()
+        pc.setType("lu")
+        if self.comm.size > 1:
+            pc.setFactorSolverType("mumps")
+        solver.solve()
+        found = [solver.getEigenvalue(i) for i in range(min(n, solver.getConverged()))]
+        return np.sort_complex(np.array(found))

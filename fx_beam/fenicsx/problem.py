@@ -1,0 +1,267 @@
+"""A motion whose steps PETSc takes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+
+from fx_beam.errors import SceneError, positive
+from fx_beam.laws.interval import INSTANT, Interval
+from fx_beam.laws.schemes import Scheme
+from fx_beam.motions.evaluation import solution_of
+from fx_beam.motions.initial_state import Starts
+from fx_beam.motions.options import Options, check_scene
+from fx_beam.motions.prepared import Prepared
+from fx_beam.motions.progress import attach, failure_of
+from fx_beam.motions.run import warn_of_parts
+from fx_beam.results.solution import Solution
+from fx_beam.results.state import State
+from fx_beam.scene.scene import Scene
+from fx_beam.step.newton import NewtonOptions
+from fx_beam.step.recorder import NullRecorder, Record, Recorder
+
+from .form import StepForm
+from .newton import Newton
+
+
+class Problem(StepForm):
+    """A scene as a variational problem of dolfinx, whose steps in time PETSc takes.
+
+    The weak form is that of the engine, with Functions and Constants of dolfinx as its symbols.
+    Supports and joints are maps from the unknowns, as in a multi-point constraint: Newton's method
+    solves Tv(y)^T r(g(y)) = 0. dolfinx assembles, PETSc solves; forces at points, and what follows
+    from an increment (rates, work, forces of joints, records), are the engine's.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene, with at least one beam.
+    scheme : Scheme, optional
+        Time scheme, by default `EnergyMomentum`; also one of your own, with its own nodal rules.
+    dt : float
+        Length of a step [s].
+    petsc_options : dict, optional
+        Options of SNES, KSP and PC, without a prefix, such as ``{"pc_factor_mat_solver_type":
+        "mumps"}``. With ``snes_rtol``, ``snes_atol`` or ``snes_stol`` PETSc's own test of
+        convergence takes the place of that of `NewtonOptions`.
+    newton : NewtonOptions, optional
+        Convergence criteria.
+    max_halvings : int
+        How often a step that fails may be halved; by default not at all.
+    comm : MPI.Comm, optional
+        Processes that share the mesh and the matrices; each has the whole scene, and its states. By
+        default this process alone.
+
+    Attributes
+    ----------
+    mesh : dolfinx.mesh.Mesh
+        Intervals in the plane: all elements of all beams. At joints vertices coincide.
+    V : dolfinx function space
+        Mixed space of displacement (2) and rotation.
+    step : Step
+        The fields of a step, as `Scene.add_virtual_work` and `Scheme` have them.
+    resultants : list
+        N, Q and M in UFL, for each material.
+    u, q, v, a : dolfinx.fem.Function
+        Displacement; displacement and rotation, their rates, and accelerations, at the end of the
+        last step.
+    snes : petsc4py.PETSc.SNES or None
+        The solver of the last step.
+
+    Raises
+    ------
+    SceneError
+        For a scene without beams.
+
+    Examples
+    --------
+    >>> import fx_beam as fb
+    >>> from fx_beam import fenicsx
+    >>> scene = fb.Scene(gravity=(0, -9.81))
+    >>> section = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0, rhoI=0.01)
+    >>> beam = scene.add_beam([(0, 0), (1, 0)], section, elements=8)
+    >>> scene.clamp(beam.start)
+    >>> problem = fenicsx.Problem(scene, dt=0.01)
+    >>> solution = problem.run(0.1)
+    >>> engine = fb.simulate(scene, dt=0.01, t_end=0.1)
+    >>> bool(abs(solution.q - engine.q).max() < 1e-12)
+    True
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        scheme: Scheme | None = None,
+        *,
+        dt: float,
+        petsc_options: dict[str, Any] | None = None,
+        newton: NewtonOptions | None = None,
+        max_halvings: int = 0,
+        comm: MPI.Comm = MPI.COMM_SELF,
+    ):
+        check_scene(scene, "fenicsx.Problem")
+        facts = {"scheme": scheme, "newton": newton, "max_halvings": max_halvings}
+        options = Options(what="fenicsx.Problem", dt=positive(dt, "dt"), **facts)
+        self._prepared = prepared = Prepared(scene, options)
+        super().__init__(prepared.model, comm)
+        #: Length of a step [s].
+        self.dt: float = options.dt
+        assert prepared.loop is not None
+        self._newton = Newton(self, prepared.loop, options.newton, petsc_options or {})
+        prepared.stats.solver = "PETSc"
+        self._set(prepared.first_state(self.dt, None), starts=True)
+
+    def _set(self, state: State, starts: bool = False) -> None:
+        """Be in a state; terms that are added at a start change its accelerations."""
+        self._state, self._starts = state, starts
+        self._end(state)
+
+    @property
+    def t(self) -> float:
+        """Time at the end of the last step [s]."""
+        return self._state.t
+
+    # -- Steps -------------------------------------------------------------------------------------
+
+    def advance(self, dt: float | None = None) -> None:
+        """Take a step.
+
+        Parameters
+        ----------
+        dt : float, optional
+            Its length [s], by default `dt` of the problem.
+
+        Raises
+        ------
+        StepError
+            If Newton's method fails; then all is as before.
+        """
+        length = self.dt if dt is None else positive(dt, "dt")
+        self._advance(self.t + length, 1, NullRecorder())
+
+    def _advance(self, end: float, number: int, recorder: Any) -> None:
+        if self._starts and (self._replaces or len(self.terms) > self._own_terms):
+            self._accelerate()
+        self._starts = False
+        self._find_natural_strains()
+        stepper, rows = self._prepared.stepper, recorder.rows
+        self._set(stepper.advance(self._state, np.array([end]), number, recorder))
+        if recorder.rows > rows:
+            self._replace_in_row(recorder)
+
+    def _accelerate(self) -> None:
+        """Accelerations at the start by all forces, also those that only the forms here have."""
+        starts = Starts(self._model, self._prepared.forcing, self.dt, further=self._further)
+        self._state = self._state.changed(a=starts.resumed(self._state, same_scheme=False).a)
+        self._end(self._state)
+
+    def _further(self, interval: Interval, state: State, D: np.ndarray) -> np.ndarray:
+        """Forces (size,) that the engine does not have."""
+        self._begin(interval, state, state.natural)
+        own, added = self._residual(D)
+        if not self._replaces:
+            return added
+        of_scene = np.zeros_like(own)
+        self._beams.add_force(D, of_scene)
+        return own + added - of_scene
+
+    def run(
+        self,
+        t_end: float,
+        after: Callable[[Problem], Any] | None = None,
+        record: Record | None = None,
+    ) -> Solution:
+        """Take steps to a time.
+
+        Parameters
+        ----------
+        t_end : float
+            Time at the end [s].
+        after : callable, optional
+            ``after(problem)`` is called after each step, to solve another problem on `mesh`, to set
+            Constants and Functions, or to write files.
+        record : Record, optional
+            What to record, by default every step.
+
+        Returns
+        -------
+        Solution
+            As `fx_beam.simulate` gives it, also as a start for it.
+
+        Raises
+        ------
+        StepError
+            If a step fails. Its attribute `solution` has all steps before it, as every other
+            exception's.
+        """
+        options = Options(what="run", dt=self.dt, t_end=t_end, record=record)
+        times, _ = options.grid(self.t, goes_on=True)
+        prepared, model, stats = self._prepared, self._model, self._prepared.stats
+        recorder = Recorder(model, times, options.record)
+        assert prepared.loop is not None
+        self._rows.clear()
+        if self._starts and (self._replaces or len(self.terms) > self._own_terms):
+            self._accelerate()
+        prepared.loop.record_start(self._state, recorder)
+        self._begin_in_an_instant()
+        self._replace_in_row(recorder)
+
+        def solution() -> Solution:
+            past, parts = prepared.loop.past, prepared.stepper.halving.state
+            end = self._state.changed(past=past, parts=parts)
+            return self._with_replaced(solution_of(recorder, stats, lambda: end))
+
+        try:
+            for number, end in enumerate(times[1:].tolist(), start=1):
+                self._advance(end, number, recorder)
+                if after is not None:
+                    after(self)
+        except BaseException as error:
+            recorder.settle_at_end()
+            stats.failure = failure_of(error, self.t)
+            attach(error, solution)
+            raise
+        warn_of_parts(stats, self.dt)
+        return solution()
+
+    def _begin_in_an_instant(self) -> None:
+        """Have the forces of the present state, which may depend on its rates."""
+        length = INSTANT * self.dt
+        state = self._state.changed(q=self._state.q - 0.5 * length * self._state.v)
+        self._begin(Interval(self.t, self.t, length), state, state.natural)
+        self._residual(length * self._state.v)
+
+    def start_from(self, solution: Solution, row: int = -1) -> None:
+        """Go on from a solution, of `run` or of `fx_beam.simulate` or `static`.
+
+        Parameters
+        ----------
+        solution : Solution
+            A solution of a scene with these members.
+        row : int
+            From which of its rows; another than the last one only without internal variables, and
+            with a scheme that keeps nothing of the step before.
+
+        Raises
+        ------
+        SceneError
+            If it does not fit the scene.
+        """
+        model, last = self._model, len(solution.t) - 1
+        state = self._prepared.first_state(self.dt, solution)
+        if row not in (-1, last):
+            if model.flows or model.keeps_previous or solution.stats.static:
+                raise SceneError(
+                    "fenicsx: start_from: only the last row of this solution has all that the next "
+                    "step needs. Leave out `row`"
+                )
+            names = "q", "v", "a", "slides"
+            of_row = {name: getattr(solution, name)[row].ravel().copy() for name in names}
+            state = state.changed(t=float(solution.t[row]), past=None, work=0.0, **of_row)
+            state = state.changed(constraint_forces=None, joint_forces=None, dissipated=0.0)
+            self._prepared.stepper.load(state)
+        self._set(state)

@@ -1,0 +1,117 @@
+"""What differs between versions of dolfinx: 0.5, 0.9, 0.10 and 0.11."""
+
+from __future__ import annotations
+
+import inspect
+import logging
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from mpi4py import MPI  # before dolfinx: only then are the libraries of its wheel found
+from petsc4py import PETSc  # noqa: F401
+
+import dolfinx
+import dolfinx.fem.petsc
+import ufl
+from dolfinx import fem
+
+import numpy as np
+
+Mesh = dolfinx.mesh.Mesh
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Compile without the lines of the compiler, which setuptools would show from here on."""
+    root = logging.getLogger()
+    before, level, handlers = root.manager.disable, root.level, root.handlers[:]
+    logging.disable(logging.INFO)
+    try:
+        yield
+    finally:
+        logging.disable(before)
+        root.setLevel(level)
+        root.handlers[:] = handlers
+
+
+@quiet()
+def compiled(form: ufl.Form) -> Any:
+    """A form of dolfinx."""
+    return fem.form(form)
+
+
+def _takes(function: Callable, name: str) -> bool:
+    return name in inspect.signature(function).parameters
+
+
+@quiet()
+def create_mesh(comm: MPI.Comm, cells: np.ndarray, X: np.ndarray, element: Any) -> Mesh:
+    """A mesh of intervals in the plane, which may branch; each process has a part of its cells."""
+    make = dolfinx.mesh.create_mesh
+    options: dict[str, Any] = {"e" if _takes(make, "e") else "domain": ufl.Mesh(element)}
+    if _takes(make, "max_facet_to_cell_links"):
+        options["max_facet_to_cell_links"] = max(2, int(np.bincount(cells[:, :2].ravel()).max()))
+    if _takes(make, "ghost_mode"):
+        options["ghost_mode"] = dolfinx.mesh.GhostMode.none
+    first = comm.rank == 0  # from which dolfinx distributes them
+    return make(comm, cells=cells[: len(cells) * first], x=X[: len(X) * first], **options)
+
+
+@quiet()
+def function_space(mesh: Mesh, element: Any) -> Any:
+    """A function space."""
+    return getattr(fem, "functionspace", fem.FunctionSpace)(mesh, element)
+
+
+def _rows(of_cells: Any, width: int) -> np.ndarray:
+    """Numbers (cells, width) of a list of lists, or of a table."""
+    return np.asarray(getattr(of_cells, "array", of_cells)).reshape(-1, width)
+
+
+def count_cells(mesh: Mesh) -> tuple[int, int]:
+    """Number of cells that this process owns, and of those that it has, with copies of others."""
+    cells = mesh.topology.index_map(1)
+    return cells.size_local, cells.size_local + cells.num_ghosts
+
+
+def cell_dofs(space: Any) -> np.ndarray:
+    """Degrees of freedom (cells, width) of a space, those of blocks one by one."""
+    dofmap, size = space.dofmap, space.dofmap.index_map_bs
+    width = dofmap.dof_layout.num_dofs
+    dofs = _rows(dofmap.list, width)
+    return (size * dofs[..., None] + np.arange(size)).reshape(-1, size * width)
+
+
+def cell_nodes(mesh: Mesh, width: int) -> np.ndarray:
+    """Numbers (cells, width) of the nodes of cells among `mesh.geometry.x`."""
+    geometry = mesh.geometry
+    dofs = geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
+    return _rows(dofs, width)
+
+
+def cell_vertices(mesh: Mesh) -> np.ndarray:
+    """Vertices (cells, 2) at the ends of cells, in the order of the ends in the cells' geometry."""
+    mesh.topology.create_connectivity(1, 0)
+    return _rows(mesh.topology.connectivity(1, 0), 2)
+
+
+def exterior_facets(mesh: Mesh) -> np.ndarray:
+    """Vertices of this process in which a single cell ends."""
+    mesh.topology.create_connectivity(0, 1)
+    found = dolfinx.mesh.exterior_facet_indices
+    return np.asarray(found(mesh.topology))
+
+
+@quiet()
+def values_at(expression: Any, points: np.ndarray, mesh: Mesh, cells: np.ndarray) -> np.ndarray:
+    """Values (cells, points, ...) of a UFL expression."""
+    compiled = fem.Expression(expression, points)
+    mesh_too = [mesh] * _takes(compiled.eval, "mesh")
+    values = np.asarray(compiled.eval(*mesh_too, cells.astype(np.int32)))
+    return values.reshape(len(cells), len(points), *expression.ufl_shape)
+
+
+def is_empty(form: ufl.Form) -> bool:
+    """Whether a form, with its derivatives written out, is zero."""
+    return ufl.algorithms.expand_derivatives(form).empty()
