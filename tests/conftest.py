@@ -13,7 +13,7 @@ import pytest
 from hypothesis import settings
 
 HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE))
+sys.path[:0] = [str(HERE), str(HERE / "core")]
 # Also for the processes that tests start. What it compiles is not for users: the cache is another.
 os.environ["CC"] = str(HERE / "quick_cc")
 _cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache").absolute()

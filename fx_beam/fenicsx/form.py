@@ -277,8 +277,8 @@ class StepForm:
         try:
             for integral in form.integrals():
                 arities.check_integrand_arity(integral.integrand(), (self._fields.test,))
-        except (Exception, arities.ArityMismatch) as error:  # which is not always an Exception
-            raise SceneError(f"{wanted}; {error}") from error
+        except (ValueError, arities.ArityMismatch) as error:  # products of test functions
+            raise SceneError(f"{wanted}, not {str(term)[:200]}") from error
         self.terms.append(term)
 
     def replace_resultants(self, resultants: Resultants, strain_energy: Callable | None = None):

@@ -121,6 +121,8 @@ class Newton:
         self._direct = self.reduction.equates and not special
         self._independent = np.empty(0, dtype=int)
         self._pattern = form._pattern
+        # End of the last step [s], and forces of added terms in it.
+        self._before: tuple[float, Any] = (np.nan, None)
         loop.find_by(self._find)
 
     # -- A step ------------------------------------------------------------------------------------
@@ -154,8 +156,16 @@ class Newton:
         if not np.array_equal(self._y[self._independent], y := self._unknowns.all(x)):
             self._forces(y)  # a line search came back
         self._z[:free], self._r[:], self._f[:] = self._y, self.r, self._internal
-        p.work -= self.added @ self._path
+        p.work -= self._mean(p.t, dt) @ self._path
         return 0
+
+    def _mean(self, t: float, dt: float) -> np.ndarray:
+        """Forces of added terms (size,) in the middle of the step, from those at levels of steps."""
+        level, (end, before) = self._rates.level, self._before
+        self._before = t + dt, self.added
+        if level == 0.5 or not np.isclose(end, t, rtol=1e-12, atol=1e-9 * abs(dt)):
+            return self.added
+        return self.added + (0.5 - level) * (self.added - before)
 
     def _forces(self, x: np.ndarray) -> np.ndarray:
         """All forces r (size,) at the unknowns."""
