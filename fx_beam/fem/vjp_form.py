@@ -43,7 +43,8 @@ class DerivedForm(WeakForm):
         forms = {self.fields.test: self._of_drag if of == "drag" else self._residual}
         if self.width and of != "drag":
             forms[ufl.TestFunction(self.fields.internal(self.width))] = self._increments()
-        weights = {test: self.fields.symbols.coefficient(test.ufl_function_space()) for test in forms}
+        make = self.fields.symbols.coefficient
+        weights = {test: make(test.ufl_function_space()) for test in forms}
         self.named |= {weight: f"weight {k}" for k, weight in enumerate(weights.values())}
         work = sum(ufl.replace(form, {test: weights[test]}) for test, form in forms.items())
         self._works[of] = [*weights.values()], *self._derived(work)

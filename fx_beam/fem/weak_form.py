@@ -98,10 +98,10 @@ class WeakForm:
     def __init__(self, kind: Kind, symbols: elements.Symbols | None = None):
         scheme, materials, works = kind.scheme, kind.materials, kind.works
         self.scheme, self._open = scheme, symbols is not None
-        both = fields_of(kind.degree, kind.curved)
-        if symbols is not None:
-            both = tuple(Fields(kind.degree, symbols, nodal) for nodal in (False, True))
-        self.fields, self._nodal = both
+        if symbols is None:
+            self.fields, self._nodal = fields_of(kind.degree, kind.curved)
+        else:
+            self.fields, self._nodal = (Fields(kind.degree, symbols, of) for of in (False, True))
         fields = self.fields
         self.has_natural, self._held = kind.natural, kind.held
         #: Data of beams by name: (EA, GA, EI) of the quadratic law, retardation times, and drag.
@@ -145,7 +145,8 @@ class WeakForm:
             **{symbol: f"indicator {i}" for i, symbol in enumerate(self.indicators)},
         }
         #: Those that data of beams have, by name.
-        self.named_data = {**self.data, **{f"indicator {i}": s for i, s in enumerate(self.indicators)}}
+        self.named_data = dict(self.data)
+        self.named_data |= {f"indicator {i}": of for i, of in enumerate(self.indicators)}
         if self.fields.coordinate is not None:
             self.named_data["coordinate"] = self.fields.coordinate
         self._added: Any = 0

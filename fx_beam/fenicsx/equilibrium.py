@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 from mpi4py import MPI
 
 import numpy as np
+import scipy.sparse
 from scipy.sparse.linalg import splu
 
 from fx_beam.errors import SceneError, require, warn_once
@@ -28,8 +30,7 @@ from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record, Recorder
 from fx_beam.step.step_failures import StepFailed
 
-from .form import StepForm
-from .newton import Newton
+from .steps import Steps
 
 # Unknowns up to which all eigenvalues are found at once.
 _FEW = 200
@@ -37,7 +38,7 @@ _FEW = 200
 _SYMMETRIC = 1e-9
 
 
-class Equilibrium(StepForm):
+class Equilibrium(Steps):
     """A scene as a static problem of dolfinx: equilibria at rising load factors.
 
     As `Problem`, but for inertia: all loads are multiplied by the load factor. A step goes where
@@ -86,13 +87,13 @@ class Equilibrium(StepForm):
     ):
         check_scene(scene, "fenicsx.Equilibrium")
         model, newton = Model(scene, AtRest()), newton or NewtonOptions()
-        super().__init__(model, comm)
         self._stats = stats_of(model, solver="PETSc", static=True)
         self._forcing = LoadForcing(model, float(t))
-        self._loop = LoadLoop(self._forcing, newton, self._stats)
-        self._newton = Newton(self, self._loop, newton, petsc_options or {})
+        loop = LoadLoop(self._forcing, newton, self._stats)
+        super().__init__(loop, newton, petsc_options, comm)
+        self._loads = loop
         self._state = reference_state(model)
-        self._end(self._state)
+        self._form.end(self._state)
 
     @property
     def load_factor(self) -> float:
@@ -116,13 +117,13 @@ class Equilibrium(StepForm):
         self._find_natural_strains()
         start, advice = self._state, "Try more load steps, or other petsc_options"
         try:
-            self._state, step = self._loop.step(start, Interval(start.t, float(load_factor)))
+            self._state, step = self._loads.step(start, Interval(start.t, float(load_factor)))
         except StepFailed as failure:
             what = f"the step from load factor {start.t:.6g} to {load_factor:.6g} failed"
-            raise self._loop.failures.error(what, 0, start, failure, advice) from failure
+            raise self._loads.failures.error(what, 0, start, failure, advice) from failure
         self._stats.add_solve(self.iterations, "increment")
         self._stats.steps += 1
-        self._end(self._state)
+        self._form.end(self._state)
 
     def run(
         self, load_steps: int = 10, after: Callable[[Equilibrium], Any] | None = None
@@ -200,7 +201,8 @@ class Equilibrium(StepForm):
         """
         if self.comm.size > 1:
             return None
-        A = self._newton.tangent()
+        indptr, indices, data = self._newton.assemble().getValuesCSR()
+        A = scipy.sparse.csr_matrix((data, indices, indptr), (len(indptr) - 1,) * 2)
         if A.shape[0] <= _FEW:
             return int((np.linalg.eigvals(A.toarray()).real < 0).sum())
         if abs(A - A.T).max() > _SYMMETRIC * abs(A).max():
@@ -230,18 +232,15 @@ class Equilibrium(StepForm):
         SceneError
             Without SLEPc (Debian's python3-slepc4py), or without mass.
         """
-        try:
-            from slepc4py import SLEPc
-        except ImportError:
-            text = (
-                "fenicsx: eigenvalues need SLEPc, which is not installed: Debian's python3-slepc4py"
-            )
-            raise SceneError(text) from None
-        M = self._newton.reduced(self.mass)
+        if importlib.util.find_spec("slepc4py") is None:
+            raise SceneError("fenicsx: eigenvalues need SLEPc: install Debian's python3-slepc4py")
+        from slepc4py import SLEPc
+
+        M = self.Tv.T @ self._form.mass @ self.T
         if not abs(M).sum():
             raise SceneError("fenicsx: eigenvalues: the scene has no mass. Give rhoA, or add_mass")
         solver = SLEPc.EPS().create(self.comm)
-        solver.setOperators(self._newton.assembled(), self._newton.shared(M))
+        solver.setOperators(self._newton.assemble(), self._newton.unknowns.matrix(M))
         solver.setDimensions(n)
         solver.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
         solver.setTarget(0.0)

@@ -24,11 +24,10 @@ from fx_beam.scene.scene import Scene
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import NullRecorder, Record, Recorder
 
-from .form import StepForm
-from .newton import Newton
+from .steps import Steps
 
 
-class Problem(StepForm):
+class Problem(Steps):
     """A scene as a variational problem of dolfinx, whose steps in time PETSc takes.
 
     The weak form is that of the engine, with Functions and Constants of dolfinx as its symbols.
@@ -55,22 +54,6 @@ class Problem(StepForm):
     comm : MPI.Comm, optional
         Processes that share the mesh and the matrices; each has the whole scene, and its states. By
         default this process alone.
-
-    Attributes
-    ----------
-    mesh : dolfinx.mesh.Mesh
-        Intervals in the plane: all elements of all beams. At joints vertices coincide.
-    V : dolfinx function space
-        Mixed space of displacement (2) and rotation.
-    step : Step
-        The fields of a step, as `Scene.add_virtual_work` and `Scheme` have them.
-    resultants : list
-        N, Q and M in UFL, for each material.
-    u, q, v, a : dolfinx.fem.Function
-        Displacement; displacement and rotation, their rates, and accelerations, at the end of the
-        last step.
-    snes : petsc4py.PETSc.SNES or None
-        The solver of the last step.
 
     Raises
     ------
@@ -104,21 +87,19 @@ class Problem(StepForm):
         comm: MPI.Comm = MPI.COMM_SELF,
     ):
         check_scene(scene, "fenicsx.Problem")
-        facts = {"scheme": scheme, "newton": newton, "max_halvings": max_halvings}
-        options = Options(what="fenicsx.Problem", dt=positive(dt, "dt"), **facts)
+        given: dict[str, Any] = {"scheme": scheme, "newton": newton, "max_halvings": max_halvings}
+        options = Options(what="fenicsx.Problem", dt=positive(dt, "dt"), **given)
         self._prepared = prepared = Prepared(scene, options)
-        super().__init__(prepared.model, comm)
+        super().__init__(prepared.stepper.integrator, options.newton, petsc_options, comm)
         #: Length of a step [s].
         self.dt: float = options.dt
-        assert prepared.loop is not None
-        self._newton = Newton(self, prepared.loop, options.newton, petsc_options or {})
         prepared.stats.solver = "PETSc"
         self._set(prepared.first_state(self.dt, None), starts=True)
 
     def _set(self, state: State, starts: bool = False) -> None:
         """Be in a state; terms that are added at a start change its accelerations."""
         self._state, self._starts = state, starts
-        self._end(state)
+        self._form.end(state)
 
     @property
     def t(self) -> float:
@@ -144,7 +125,7 @@ class Problem(StepForm):
         self._advance(self.t + length, 1, NullRecorder())
 
     def _advance(self, end: float, number: int, recorder: Any) -> None:
-        if self._starts and (self._replaces or len(self.terms) > self._own_terms):
+        if self._starts and self._form.has_further:
             self._accelerate()
         self._starts = False
         self._find_natural_strains()
@@ -157,16 +138,16 @@ class Problem(StepForm):
         """Accelerations at the start by all forces, also those that only the forms here have."""
         starts = Starts(self._model, self._prepared.forcing, self.dt, further=self._further)
         self._state = self._state.changed(a=starts.resumed(self._state, same_scheme=False).a)
-        self._end(self._state)
+        self._form.end(self._state)
 
     def _further(self, interval: Interval, state: State, D: np.ndarray) -> np.ndarray:
         """Forces (size,) that the engine does not have."""
-        self._begin(interval, state, state.natural)
-        own, added = self._residual(D)
-        if not self._replaces:
+        self._form.begin(interval, state, state.natural)
+        own, added = self._form.residual(D)
+        if not self._form.replaced:
             return added
         of_scene = np.zeros_like(own)
-        self._beams.add_force(D, of_scene)
+        self._form.beams.add_force(D, of_scene)
         return own + added - of_scene
 
     def run(
@@ -202,16 +183,15 @@ class Problem(StepForm):
         times, _ = options.grid(self.t, goes_on=True)
         prepared, model, stats = self._prepared, self._model, self._prepared.stats
         recorder = Recorder(model, times, options.record)
-        assert prepared.loop is not None
         self._rows.clear()
-        if self._starts and (self._replaces or len(self.terms) > self._own_terms):
+        if self._starts and self._form.has_further:
             self._accelerate()
-        prepared.loop.record_start(self._state, recorder)
+        self._loop.record_start(self._state, recorder)
         self._begin_in_an_instant()
         self._replace_in_row(recorder)
 
         def solution() -> Solution:
-            past, parts = prepared.loop.past, prepared.stepper.halving.state
+            past, parts = self._loop.past, prepared.stepper.halving.state
             end = self._state.changed(past=past, parts=parts)
             return self._with_replaced(solution_of(recorder, stats, lambda: end))
 
@@ -232,8 +212,8 @@ class Problem(StepForm):
         """Have the forces of the present state, which may depend on its rates."""
         length = INSTANT * self.dt
         state = self._state.changed(q=self._state.q - 0.5 * length * self._state.v)
-        self._begin(Interval(self.t, self.t, length), state, state.natural)
-        self._residual(length * self._state.v)
+        self._form.begin(Interval(self.t, self.t, length), state, state.natural)
+        self._form.residual(length * self._state.v)
 
     def start_from(self, solution: Solution, row: int = -1) -> None:
         """Go on from a solution, of `run` or of `fx_beam.simulate` or `static`.

@@ -104,12 +104,15 @@ def exterior_facets(mesh: Mesh) -> np.ndarray:
 
 
 @quiet()
-def values_at(expression: Any, points: np.ndarray, mesh: Mesh, cells: np.ndarray) -> np.ndarray:
-    """Values (cells, points, ...) of a UFL expression."""
-    compiled = fem.Expression(expression, points)
-    mesh_too = [mesh] * _takes(compiled.eval, "mesh")
-    values = np.asarray(compiled.eval(*mesh_too, cells.astype(np.int32)))
-    return values.reshape(len(cells), len(points), *expression.ufl_shape)
+def compiled_expression(expression: Any, points: np.ndarray) -> Any:
+    """An expression of dolfinx at points (m, 1) of cells."""
+    return fem.Expression(expression, points)
+
+
+def values_of(expression: Any, mesh: Mesh, cells: np.ndarray) -> np.ndarray:
+    """Values of an expression in some cells."""
+    mesh_too = [mesh] * _takes(expression.eval, "mesh")
+    return np.asarray(expression.eval(*mesh_too, cells.astype(np.int32)))
 
 
 def is_empty(form: ufl.Form) -> bool:

@@ -1,0 +1,142 @@
+"""The elements of all beams of a scene as a mesh of dolfinx, and values on it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import dolfinx
+import ufl
+from dolfinx import fem
+
+import numpy as np
+
+from fx_beam.errors import SceneError
+from fx_beam.fem import elements
+from fx_beam.fem.mesh import Mesh
+from fx_beam.scene.beam import Beam, Node, gauss_rule
+from fx_beam.scene.scene import Scene
+
+from .versions import (
+    cell_dofs,
+    cell_nodes,
+    cell_vertices,
+    compiled_expression,
+    count_cells,
+    create_mesh,
+    exterior_facets,
+    function_space,
+    values_of,
+)
+
+
+class Grid:
+    """A mesh of dolfinx with the elements of a scene, of which each process has a part.
+
+    Values of elements (cells, ...) are in the scene's order, and of all of them.
+    """
+
+    def __init__(self, scene: Scene, nodes: Mesh, degree: int, comm: MPI.Comm):
+        self.scene, self._nodes, self.degree, self.comm = scene, nodes, degree, comm
+        element = elements.lagrange(degree if nodes.curved else 1, 2)
+        points = nodes.points.astype(np.int64)
+        #: Intervals in the plane. At joints vertices coincide.
+        self.mesh = create_mesh(comm, points, nodes.X, element)
+        #: Number in the scene of each element that this process has.
+        self.cells = np.asarray(self.mesh.topology.original_cell_index)
+        at = self.mesh.geometry.x[cell_nodes(self.mesh, points.shape[1]), :2]
+        assert np.array_equal(at, nodes.X[points][self.cells])  # dolfinx keeps the order of nodes
+        self._beams = self.tagged(nodes.beam_of_cell)
+        # With the expression itself, as a number of another object may come back.
+        self._expressions: dict[Any, tuple[Any, Any]] = {}
+
+    def tagged(self, tags: np.ndarray) -> Any:
+        """Tags of elements as those of a mesh."""
+        every = np.arange(len(self.cells), dtype=np.int32)
+        return dolfinx.mesh.meshtags(self.mesh, 1, every, tags[self.cells].astype(np.int32))
+
+    def numbers(self, space: Any, of_cells: np.ndarray) -> np.ndarray:
+        """The number that each degree of freedom of a space has in its cell (cells, width)."""
+        dofs = cell_dofs(space)
+        numbers = np.zeros(dofs.max(initial=-1) + 1, dtype=PETSc.IntType)
+        numbers[dofs] = of_cells[self.cells]
+        return numbers
+
+    def fill(self, function: fem.Function, of_cells: np.ndarray) -> None:
+        """Set a Function by its values (cells, ...)."""
+        values = of_cells.reshape(len(of_cells), -1)[self.cells]
+        function.x.array[cell_dofs(function.function_space)] = values
+
+    def read(self, function: fem.Function) -> np.ndarray:
+        """Values (cells, width) of a Function."""
+        return self._gathered(function.x.array[cell_dofs(function.function_space)])
+
+    def _gathered(self, of_cells: np.ndarray) -> np.ndarray:
+        """Values (cells, ...) from those of the cells that each process owns."""
+        own, _ = count_cells(self.mesh)
+        values = np.zeros((len(self._nodes.points), *of_cells.shape[1:]))
+        values[self.cells[:own]] = of_cells[:own]
+        return self.total(values)
+
+    def total(self, values: np.ndarray) -> np.ndarray:
+        """The sum over all processes, in place."""
+        if self.comm.size > 1:
+            self.comm.Allreduce(MPI.IN_PLACE, values)
+        return values
+
+    # -- Integrals ---------------------------------------------------------------------------------
+
+    def measure(self, where: Beam | Node | None, points: int | None) -> ufl.Measure:
+        """Measure of a beam, of all, or of a node, by a Gauss rule; see `Steps.measure`."""
+        domain = self.mesh.ufl_domain()
+        if isinstance(where, Node):
+            ends = self._ends_at(where)
+            return ufl.Measure("ds", domain=domain, subdomain_data=ends)(1)
+        dx = elements.measure(domain, points or self.degree)(subdomain_data=self._beams)
+        if where is None:
+            return dx
+        if where not in self.scene.beams:
+            raise SceneError(f"fenicsx: measure: {where} is no beam of this scene")
+        return dx(self.scene.beams.index(where))
+
+    def _ends_at(self, node: Node) -> Any:
+        """Tags of the vertices in which a single element ends at a node."""
+        numbers = self._nodes.points[self.cells][:, :2]
+        here = np.unique(cell_vertices(self.mesh)[numbers == node.number])
+        ends = here[np.isin(here, exterior_facets(self.mesh))].astype(np.int32)
+        if not self.comm.allreduce(len(ends)):
+            raise SceneError(
+                f"fenicsx: measure: {node} is no end of the mesh, but an inner node of beams. Use "
+                "scene.add_force for a force on it"
+            )
+        return dolfinx.mesh.meshtags(self.mesh, 0, ends, np.ones(len(ends), np.int32))
+
+    # -- Values ------------------------------------------------------------------------------------
+
+    def at_points(self, expressions: list[Any], tags: np.ndarray, points: Any) -> np.ndarray:
+        """Values (cells, points, ...) of expressions in UFL, of which tags (cells,) choose."""
+        places = gauss_rule(self.degree)[0] if points is None else np.asarray(points, float)
+        own = self.cells[: count_cells(self.mesh)[0]]
+        values = np.empty((len(own), len(places), *expressions[0].ufl_shape))
+        for number, expression in enumerate(expressions):
+            key = id(expression), places.tobytes()
+            if key not in self._expressions:
+                compiled = compiled_expression(expression, places[:, None])
+                self._expressions[key] = expression, compiled
+            here = np.flatnonzero(tags[own] == number)
+            found = values_of(self._expressions[key][1], self.mesh, here)
+            values[here] = found.reshape(len(here), len(places), *expression.ufl_shape)
+        return self._gathered(values)
+
+    def interpolated(self, values: np.ndarray, name: str) -> fem.Function:
+        """A discontinuous Function with values (cells, degree, ...) at the Gauss points."""
+        p, exponents = self.degree, np.arange(self.degree)
+        places = [0.5] if p == 1 else [0.0, 1.0, *np.linspace(0, 1, p)[1:-1]]
+        to_places = np.power.outer(places, exponents)
+        to_places = to_places @ np.linalg.inv(np.power.outer(gauss_rule(p)[0], exponents))
+        element = elements.lagrange(p - 1, *values.shape[2:], broken=True)
+        function = fem.Function(function_space(self.mesh, element), name=name)
+        self.fill(function, np.einsum("np,cp...->cn...", to_places, values))
+        return function

@@ -1,0 +1,187 @@
+"""The unknowns of supports and joints in PETSc, to which vectors and matrices are reduced."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import scipy.sparse
+
+from fx_beam.fem.mesh import rotation_of
+from fx_beam.scene.joints import GROUND
+
+from .form import StepForm, csr_of
+
+# Part of a unit for differences of the maps of joints.
+_PART = 1e-6
+# Degrees of freedom up to which matrices are arrays: operations on small arrays are quick.
+_SMALL = 200
+
+
+class Unknowns:
+    """Unknowns y (n,) that follow no others, of which each process has some, and their maps.
+
+    Where supports and joints only make degrees of freedom equal, dolfinx assembles `directly` in
+    the numbers of unknowns; else matrices are products with T and Tv of all joints, which each
+    process has.
+    """
+
+    def __init__(self, form: StepForm):
+        self._form, self._model, self._comm = form, form.model, form.grid.comm
+        self._reduction = reduction = form.model.reduction
+        special = form.model.scheme.rates.of_user or form.model.points.members is not None
+        self._directly = reduction.equates and not special
+        #: Their numbers among all unknowns of the scene.
+        self.independent = reduction.independent
+        self.size = n = len(self.independent)
+        touched = np.unique(form.of_increment)
+        if self._directly:
+            columns = reduction.couplings.column
+            self._at = at = np.where(columns < n, columns, n)
+            self._share(np.setdiff1d(at[touched], n))
+            self._numbers = np.append(self._numbers_of, -1).astype(PETSc.IntType)
+            self._numbers = self._numbers[at[form.of_increment]]
+            self._find_places()
+            pattern = self._summed(np.zeros(form.pattern.nnz))
+        else:
+            self._moving = self._which_turn()
+            self._share(np.unique(self.T[touched].indices))
+            pattern = scipy.sparse.identity(n, format="csr")
+        #: The reduced tangent.
+        self.A = self.matrix(pattern)
+
+    def _share(self, touched: np.ndarray) -> None:
+        """Number the unknowns in PETSc: a process has those that its elements touch first."""
+        comm, owner = self._comm, np.full(self.size, self._comm.size, dtype=np.int32)
+        owner[touched] = comm.rank
+        comm.Allreduce(MPI.IN_PLACE, owner, MPI.MIN)
+        owner[owner == comm.size] = 0  # of nodes without beams
+        self._order = np.argsort(owner, kind="stable")
+        self._numbers_of = np.argsort(self._order)
+        self._counts = np.bincount(owner, minlength=comm.size)
+        first = int(self._counts[: comm.rank].sum())
+        self._own = self._order[first : first + self._counts[comm.rank]]
+
+    def _find_places(self) -> None:
+        """Find the place in the reduced matrix of each entry of the scene's."""
+        K, n = self._form.pattern.tocoo(), self.size
+        rows, columns = self._at[K.row], self._at[K.col]
+        keys = np.where((rows < n) & (columns < n), rows * n + columns, n * n)
+        places, self._place = np.unique(keys, return_inverse=True)
+        places = places[places < n * n]
+        starts = np.searchsorted(places, n * np.arange(n + 1))
+        self._sparsity = tuple(part.astype(PETSc.IntType) for part in (places % n, starts))
+
+    def _summed(self, values: np.ndarray) -> scipy.sparse.csr_matrix:
+        """Entries of the scene's matrix added in the reduced one (n, n)."""
+        count = len(self._sparsity[0])
+        data = np.bincount(self._place, values, count)[:count]
+        return scipy.sparse.csr_matrix((data, *self._sparsity), (self.size, self.size))
+
+    # -- Vectors -----------------------------------------------------------------------------------
+
+    def own(self, y: np.ndarray) -> np.ndarray:
+        """The part of this process of values (n,)."""
+        return y[self._own]
+
+    def all(self, x: PETSc.Vec) -> np.ndarray:
+        """All values (n,) of a vector, on each process."""
+        if self._comm.size == 1:
+            return x.array_r
+        values = np.empty(self.size)
+        self._comm.Allgatherv(x.array_r, [values, self._counts])
+        return values[self._numbers_of]
+
+    def spread(self, y: np.ndarray) -> np.ndarray:
+        """Small motion (size,) of all degrees of freedom: T y, with T of the last tangent."""
+        return np.append(y, 0.0)[self._at] if self._directly else self._T @ y
+
+    def projected(self, r: np.ndarray) -> np.ndarray:
+        """Forces on the unknowns: Tv^T r."""
+        if self._directly:
+            return np.bincount(self._at, r, self.size + 1)[: self.size]
+        return self._reduction.project(r)[self.independent]
+
+    # -- Matrices ----------------------------------------------------------------------------------
+
+    @property
+    def T(self) -> scipy.sparse.csr_matrix:
+        """Motion (size, n) of all degrees of freedom by the unknowns, at the last ones."""
+        return self._reduction.coupling()[:, self.independent]
+
+    @property
+    def Tv(self) -> scipy.sparse.csr_matrix:
+        """Virtual motion (size, n) likewise."""
+        return self._reduction.coupling(virtual=True)[:, self.independent]
+
+    def matrix(self, matrix: scipy.sparse.csr_matrix) -> PETSc.Mat:
+        """A matrix (n, n), of which each process has its rows."""
+        sizes = ((len(self._own), self.size),) * 2
+        return PETSc.Mat().createAIJ(sizes, csr=csr_of(self._rows(matrix)), comm=self._comm)
+
+    def _rows(self, matrix: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
+        if self._comm.size == 1:
+            return matrix.tocsr()
+        return matrix.tocsr()[self._own][:, self._order]
+
+    def assemble(self, others: np.ndarray, more: Any, y: Any, driven: Any, r: Any) -> None:
+        """Set the reduced tangent, with that of `others` in the scene's sparsity, and `more` or 0.
+
+        For increments y and driven ones, at which the forces are r.
+        """
+        A = self.A
+        if self._directly:
+            A.zeroEntries()
+            self._form.add_tangent(A, self._numbers)
+            A.setValuesCSR(*csr_of(self._rows(self._summed(others))), addv=True)
+        else:
+            A.setPreallocationCSR(csr_of(self._rows(self._product(others, more, y, driven, r))))
+        A.assemble()
+
+    def _product(self, others: np.ndarray, more: Any, y: Any, driven: Any, r: Any) -> Any:
+        """Tv^T K T + (dTv/dy)^T r."""
+        K = self._form.pattern.copy()
+        K.data[:] = self._form.tangent()
+        if self._comm.rank == 0:  # what all have is added once
+            K.data += others
+            K = K + more if more is not None else K
+        small = self._model.size <= _SMALL
+        Tv, K, self._T = (of.toarray() if small else of for of in (self.Tv, K, self.T))
+        A = scipy.sparse.csr_matrix(Tv.T @ K @ self._T)
+        if self._comm.size > 1:
+            A = sum(self._comm.allgather(A))
+        return A + self._by_turning(y, driven, r) if len(self._moving) else A
+
+    def _by_turning(self, y: np.ndarray, driven: np.ndarray, r: np.ndarray) -> Any:
+        """(dTv/dy)^T r, and slopes of forces on slides, by central differences of the map."""
+        reduction, moving = self._reduction, self._moving
+        columns = np.zeros((self.size, len(moving)))
+        for column, unknown in zip(columns.T, self.independent[moving], strict=True):
+            h = _PART * self._model.unit_of_unknowns[unknown]
+            for step in (h, -h):
+                beside = y.copy()
+                beside[unknown] += step
+                reduction.expand(beside, driven)
+                column += self.projected(r) / (2 * step)
+        reduction.expand(y, driven)
+        starts = len(moving) * np.arange(self.size + 1)
+        entries = columns.ravel(), np.tile(moving, self.size), starts
+        return scipy.sparse.csr_matrix(entries, (self.size, self.size))
+
+    def _which_turn(self) -> np.ndarray:
+        """Unknowns that turn arms of joints, close loops, move beams with sliders, or slide."""
+        couplings, mesh = self._reduction.couplings, self._model.mesh
+        T, loops = self._reduction.coupling(closed=False), self._reduction.loops
+        dofs = [rotation_of(joint.a) for joint in couplings.moving if joint.a is not GROUND]
+        for joint in couplings.sliding:
+            nodes = mesh.nodes_of(self._model.scene, joint.beam)
+            dofs += mesh.dofs[nodes].ravel().tolist()
+        turning = np.zeros(T.shape[1], dtype=bool)
+        turning[T[dofs].indices] = True
+        turning[[*couplings.slides.values(), *self._model.points.columns]] = True
+        if loops is not None:
+            turning[loops.unknowns] = True
+        return np.flatnonzero(turning[self.independent])
