@@ -122,6 +122,8 @@ class Grid:
         values = np.empty((len(own), len(places), *expressions[0].ufl_shape))
         for number, expression in enumerate(expressions):
             key = id(expression), places.tobytes()
+            if not ufl.domain.extract_domains(expression):
+                raise SceneError(f"fenicsx: {expression} has nothing that depends on the mesh")
             if key not in self._expressions:
                 compiled = compiled_expression(expression, places[:, None])
                 self._expressions[key] = expression, compiled

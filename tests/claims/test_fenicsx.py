@@ -1,0 +1,348 @@
+"""What a user changes in a problem of dolfinx: terms, resultants, fields, solvers, starts."""
+
+import logging
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import fx_beam as fb
+
+fenicsx = pytest.importorskip("fx_beam.fenicsx")
+
+from mpi4py import MPI  # noqa: E402
+
+import dolfinx  # noqa: E402
+import ufl  # noqa: E402
+from dolfinx import fem  # noqa: E402
+
+space = getattr(fem, "functionspace", fem.FunctionSpace)
+
+SECTION = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.1)
+DT, STEPS = 0.01, 20
+T_END = DT * STEPS
+
+
+def pair(degree=1):
+    """Two beams with a hinge, on a pin."""
+    scene = fb.Scene(gravity=(0, -9.81))
+    first = scene.add_beam([(0, 0), (1, 0.3)], SECTION, 4, degree=degree)
+    second = scene.add_beam([(1, 0.3), (2, 0)], SECTION, 3, degree=degree)
+    scene.add_joint(fb.Revolute(first.end, second.start))
+    scene.pin(first.start)
+    return scene, first, second
+
+
+def cantilever(elements=4):
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], SECTION, elements)
+    scene.clamp(beam.start)
+    return scene, beam
+
+
+def assert_same(solution, other, digits=1e-12):
+    for name in ("q", "v", "reactions"):
+        values = getattr(other, name)
+        size = digits * max(abs(values).max(), 1.0)
+        np.testing.assert_allclose(getattr(solution, name), values, rtol=0, atol=size, err_msg=name)
+
+
+# -- Terms -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "scheme", [fb.EnergyMomentum(), fb.Newmark(), fb.HHT(-0.1)], ids=lambda of: of.name
+)
+def test_a_term_with_a_constant_is_the_virtual_work_with_a_parameter(scheme):
+    scene, first, _ = pair()
+    problem, level = fenicsx.Problem(scene, scheme, dt=DT), scheme.rates.level
+    step, k = problem.step, fem.Constant(problem.mesh, 100.0 + 50 * level * DT)
+    problem.add(k * ufl.dot(step.u, step.virtual_u) * problem.measure(first))
+
+    def grow(problem):
+        k.value = 100.0 + 50 * (problem.t + level * DT)
+
+    solution = problem.run(T_END, after=grow)
+    same, beam, _ = pair()
+    stiffness = fb.Parameter("k", lambda t: 100.0 + 50 * t)
+    same.add_virtual_work(lambda s: -stiffness * ufl.dot(s.u, s.virtual_u), beam)
+    engine = fb.simulate(same, scheme, dt=DT, t_end=T_END)
+    assert_same(solution, engine, 1e-11)
+    np.testing.assert_allclose(solution.a, engine.a, rtol=0, atol=1e-9 * abs(engine.a).max())
+    np.testing.assert_allclose(solution.energy.work, engine.energy.work, rtol=0, atol=1e-12)
+
+
+def test_the_balance_has_the_work_of_an_added_term():
+    scene, first, _ = pair()
+    problem = fenicsx.Problem(scene, dt=DT)
+    step = problem.step
+    problem.add(3.0 * ufl.dot(step.v, step.virtual_u) * problem.measure())
+    energy = problem.run(T_END).energy
+    assert energy.work[-1] < -0.1
+    assert abs(energy.balance_error).max() < 1e-12 * energy.kinetic.max()
+
+
+def test_a_term_at_an_end_is_a_force_on_its_node():
+    (scene, beam), (same, other) = cantilever(), cantilever()
+    problem = fenicsx.Problem(scene, dt=DT)
+    problem.add(-10.0 * problem.step.virtual_u[1] * problem.measure(beam.end))
+    same.add_force(other.end, (0, 10.0))
+    assert_same(problem.run(T_END), fb.simulate(same, dt=DT, t_end=T_END))
+
+
+def test_a_term_may_come_between_steps_and_have_a_function_on_the_mesh():
+    scene, _ = cantilever()
+    problem = fenicsx.Problem(scene, dt=DT)
+    problem.run(2 * DT)
+    load = fem.Function(space(problem.mesh, ("DG", 0)))
+    load.x.array[:] = 5.0
+    problem.add(-load * problem.step.virtual_u[1] * problem.measure())
+    later = problem.run(T_END)
+    same, beam = cantilever()
+    same.add_line_load(beam, lambda t: (0.0, 5.0 * (t > 2 * DT)))
+    engine = fb.simulate(same, dt=DT, t_end=T_END)
+    np.testing.assert_allclose(later.q, engine.q[2:], rtol=0, atol=1e-14)
+
+
+def test_what_is_no_term_of_the_residual_is_refused_with_a_sentence():
+    scene, first, _ = pair()
+    problem = fenicsx.Problem(scene, dt=DT)
+    step, dx = problem.step, problem.measure()
+    other = ufl.dx(dolfinx.mesh.create_unit_interval(MPI.COMM_SELF, 3))
+    for term, says in (
+        (3, "must be a form"),
+        (step.u[0] * dx, "it has neither"),
+        (ufl.dot(step.virtual_u, step.virtual_u) * dx, "must be linear"),
+        (ufl.sin(step.virtual_psi) * dx, "must be linear"),
+        (step.virtual_u[0] * other, "another mesh"),
+    ):
+        with pytest.raises(fb.SceneError, match=says):
+            problem.add(term)
+    with pytest.raises(fb.SceneError, match="no beam of this scene"):
+        problem.measure(cantilever()[1])
+    with pytest.raises(fb.SceneError, match="no end of the mesh"):
+        problem.measure(first.nodes[1])
+
+
+# -- Resultants and natural strains ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_replaced_resultants_are_those_of_a_scheme_of_ones_own(degree):
+    scheme, (scene, first, _) = fb.EnergyMomentum(), pair(degree)
+    problem = fenicsx.Problem(scene, scheme, dt=DT)
+    tension = fem.Constant(problem.mesh, 10.0)
+
+    def pulled(step, law, by=tension):
+        r = scheme.resultants(step, law)
+        return r._replace(N=r.N + by)
+
+    def energy(eps, gamma, kappa):
+        return (1e4 * (eps**2 + gamma**2) + 100.0 * kappa**2) / 2 + 10.0 * eps
+
+    problem.replace_resultants(pulled, energy)
+    solution = problem.run(T_END)
+    own = fb.Scheme("pulled", lambda step, law: pulled(step, law, 10.0), fb.MidPointRates())
+    engine = fb.simulate(scene, own, dt=DT, t_end=T_END)
+    assert_same(solution, engine, 1e-11)
+    here, there = (of.resultants(first) for of in (solution, engine))
+    for name in "NQM":
+        values = getattr(there, name)
+        np.testing.assert_allclose(
+            getattr(here, name), values, rtol=0, atol=1e-8 * abs(values).max()
+        )
+    assert abs(solution.energy.balance_error).max() < 1e-11
+
+
+def test_without_their_energy_replaced_resultants_have_none_in_a_solution():
+    scene, _ = cantilever()
+    problem = fenicsx.Problem(scene, dt=DT)
+    problem.replace_resultants(fb.EnergyMomentum().resultants)
+    assert np.isnan(problem.run(2 * DT).energy.strain).all()
+
+
+def test_strains_by_a_field_of_another_problem_are_natural_strains():
+    scene, first, second = pair()
+    for beam in (first, second):
+        scene.add_natural_strain(beam, axial=0.0)
+    problem = fenicsx.Problem(scene, dt=DT)
+    heat = fem.Function(space(problem.mesh, ("Lagrange", 1)))
+    problem.natural_strains = (1e-3 * heat, 0, 2e-2 * heat)
+
+    def warm(problem):
+        heat.x.array[:] = 10 * (problem.t + DT)
+
+    heat.x.array[:] = 10 * DT
+    solution = problem.run(T_END, after=warm)
+    same, *beams = pair()
+    for beam in beams:
+        same.add_natural_strain(beam, axial=lambda t: 1e-2 * t, curvature=lambda t: 0.2 * t)
+    engine = fb.simulate(same, dt=DT, t_end=T_END)
+    assert_same(solution, engine, 1e-11)
+    assert abs(solution.energy.balance_error).max() < 1e-12 * engine.energy.kinetic.max()
+    with pytest.raises(fb.SceneError, match="add_natural_strain"):
+        fenicsx.Problem(pair()[0], dt=DT).natural_strains = (0, 0, 0)
+
+
+# -- Steps, starts, solvers ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"pc_factor_mat_solver_type": "mumps"},
+        {"ksp_type": "gmres", "pc_type": "ilu", "ksp_rtol": 1e-13},
+        {"snes_rtol": 1e-13, "snes_stol": 0, "snes_linesearch_type": "bt"},
+    ],
+    ids=["MUMPS", "GMRES", "line search"],
+)
+def test_a_solver_of_petsc_may_be_chosen(options):
+    scene, *_ = pair()
+    problem = fenicsx.Problem(scene, dt=DT, petsc_options=options)
+    solution = problem.run(5 * DT)
+    engine = fb.simulate(scene, dt=DT, t_end=5 * DT)
+    np.testing.assert_allclose(solution.q, engine.q, rtol=0, atol=1e-9)
+    assert problem.snes.ksp.getType() == options.get("ksp_type", "preonly")
+
+
+def test_nodal_rules_of_a_user_are_those_of_the_engine():
+    def rule(D, v0, a0, before, dt):
+        path = ufl.as_vector((D[0], D[1], 2 * ufl.tan(D[2] / 2)))
+        v1 = 2 * path / dt - v0
+        return (v1 - v0) / dt, v1, (v1 - v0) / dt
+
+    scheme = fb.Scheme("own", fb.MidPoint().resultants, fb.NodalRates(rule))
+    scene, *_ = pair()
+    solution = fenicsx.Problem(scene, scheme, dt=DT).run(T_END)
+    assert_same(solution, fb.simulate(scene, scheme, dt=DT, t_end=T_END), 1e-11)
+
+
+def test_a_motion_goes_on_from_the_engine_and_in_it():
+    scene, *_ = pair()
+    whole = fb.simulate(scene, dt=DT, t_end=2 * T_END)
+    problem = fenicsx.Problem(scene, dt=DT)
+    problem.start_from(fb.simulate(scene, dt=DT, t_end=T_END))
+    on = problem.run(2 * T_END)
+    np.testing.assert_allclose(on.q[-1], whole.q[-1], rtol=0, atol=1e-12)
+    back = fb.simulate(scene, dt=DT, t_end=3 * T_END, start=on)
+    assert abs(back.energy.balance_error).max() < 1e-12
+    problem.start_from(whole, row=STEPS)
+    assert problem.t == pytest.approx(T_END)
+    again = problem.run(2 * T_END)
+    np.testing.assert_allclose(again.q[-1], whole.q[-1], rtol=0, atol=1e-12)
+
+
+def test_a_step_that_fails_says_dt_and_leaves_all_as_it_was():
+    scene, *_ = pair()
+    problem = fenicsx.Problem(scene, dt=DT)
+    problem.advance()
+    before = problem.q.x.array.copy()
+    with pytest.raises(fb.StepError, match=r"t = 0.01 to 5.01 failed.*smaller dt"):
+        problem.advance(5.0)
+    assert problem.t == DT and np.array_equal(problem.q.x.array, before)
+    problem.advance()
+    assert problem.t == pytest.approx(2 * DT)
+
+
+def test_a_step_that_fails_may_be_halved():
+    scene, *_ = pair()
+    long = 1.2
+    with pytest.raises(fb.StepError) as failed:
+        fenicsx.Problem(scene, dt=long).run(2 * long)
+    assert failed.value.solution.t[0] == 0.0
+    problem = fenicsx.Problem(scene, dt=long, max_halvings=6)
+    solution = problem.run(2 * long)
+    assert solution.stats.halvings > 0 and solution.t[-1] == pytest.approx(2 * long)
+    assert abs(solution.energy.balance_error).max() < 1e-10
+
+
+def test_compiling_leaves_logging_as_it_was():
+    root = logging.getLogger()
+    before = root.level, root.handlers[:], root.manager.disable
+    fenicsx.Problem(pair()[0], dt=DT)
+    assert (root.level, root.handlers[:], root.manager.disable) == before
+
+
+def test_steps_do_not_keep_memory():
+    resource = pytest.importorskip("resource")
+    problem = fenicsx.Problem(pair()[0], dt=1e-4)
+    for _ in range(30):
+        problem.advance()
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    for _ in range(300):  # what petsc4py keeps of a single iteration has 85 kB
+        problem.advance()
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 20e3
+
+
+# -- Statics ---------------------------------------------------------------------------------------
+
+
+def test_equilibria_are_those_of_the_engine():
+    scene, first, second = pair()
+    scene.pin(second.end)
+    scene.add_force(first.end, (0, -30.0))
+    engine = fb.static(scene, load_steps=4)
+    solution = fenicsx.Equilibrium(scene).run(load_steps=4)
+    np.testing.assert_allclose(solution.q, engine.q, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(solution.reactions, engine.reactions, rtol=0, atol=1e-8)
+    assert list(solution.unstable_modes) == list(engine.unstable_modes)
+    on = fb.simulate(scene, dt=DT, t_end=5 * DT, start=solution)
+    assert abs(on.q - on.q[0]).max() < 1e-11  # it rests
+
+
+def test_a_column_above_its_critical_load_is_said_to_be_unstable(caplog):
+    critical = np.pi**2 * 100.0 / 4  # Euler's, of EI = 100 and a length of 1; shear lowers it
+    for factor, modes in ((0.9, 0), (1.1, 1)):
+        scene, beam = cantilever(16)
+        scene.add_force(beam.end, (-factor * critical, 0))
+        equilibrium = fenicsx.Equilibrium(scene)
+        equilibrium.run(load_steps=4)
+        assert equilibrium.unstable_modes() == modes
+        pytest.importorskip("slepc4py")
+        assert (equilibrium.eigenvalues(3).real < 0).sum() == modes
+    assert "unstable" in caplog.text
+
+
+def test_squares_of_frequencies_are_those_of_modes():
+    pytest.importorskip("slepc4py")
+    scene, beam = cantilever(8)
+    scene.add_force(beam.end, (0, -50.0))
+    equilibrium = fenicsx.Equilibrium(scene)
+    state = equilibrium.run(load_steps=2)
+    found = fb.modes(scene, state=state, n=3)
+    omega = 2 * np.pi * found.frequencies
+    np.testing.assert_allclose(equilibrium.eigenvalues(3).real, omega**2, rtol=1e-6)
+
+
+# -- Files and pictures ----------------------------------------------------------------------------
+
+
+def test_displacements_and_moments_go_to_xdmf_and_vtk(tmp_path):
+    scene, _, _ = pair()
+    problem = fenicsx.Problem(scene, dt=DT)
+    with dolfinx.io.XDMFFile(MPI.COMM_SELF, str(tmp_path / "u.xdmf"), "w") as file:
+        file.write_mesh(problem.mesh)
+        for _ in range(3):
+            problem.advance()
+            file.write_function(problem.u, problem.t)
+    moment = problem.interpolate([of[2] for of in problem.resultants], name="M")
+    with dolfinx.io.VTKFile(MPI.COMM_SELF, str(tmp_path / "u.pvd"), "w") as file:
+        file.write_mesh(problem.mesh)
+        file.write_function([problem.u], problem.t)
+    text = (tmp_path / "u.xdmf").read_text()
+    assert text.count("<Time") >= 3 and (tmp_path / "u.pvd").exists()
+    engine = fb.simulate(scene, dt=DT, t_end=3 * DT)
+    M = np.concatenate([engine.resultants(beam).M[-1] for beam in scene.beams])
+    at_middle = problem.at_points([of[2] for of in problem.resultants])[..., 0]
+    np.testing.assert_allclose(at_middle, M, atol=1e-9 * abs(M).max())
+    np.testing.assert_allclose(np.sort(moment.x.array), np.sort(M), atol=1e-9 * abs(M).max())
+
+
+# -- Loading ---------------------------------------------------------------------------------------
+
+
+def test_only_the_room_loads_dolfinx():
+    code = "import sys, fx_beam as fb; fb.simulate; fb.static; print('dolfinx' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
