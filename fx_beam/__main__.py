@@ -22,7 +22,7 @@ from fx_beam.step import build
 #: Distributions of what is imported; those of FEniCSx have a prefix before the name of the package.
 _PREFIX = "fenics-"
 _DISTRIBUTIONS = (
-    *("fenics-ffcx", "fenics-basix", "fenics-ufl", "petsc4py", "mpi4py"),
+    *("fenics-ffcx", "fenics-basix", "fenics-ufl", "fenics-dolfinx", "petsc4py", "mpi4py"),
     *("numpy", "scipy", "matplotlib", "pyvista"),
 )
 
