@@ -2,7 +2,8 @@
 
 Of a step in C only its increments are read. Forces at nodes are those of the compiled forms, the
 forces of supports and joints are whatever fits them best, and joints stay closed. Nothing is shared
-with the package's elimination of what joints hold, nor any tangent.
+with the package's elimination of what joints hold, nor any tangent. What dolfinx assembles
+(dolfinx_steps.py) checks the rest, but takes the maps of joints for granted, and needs beams.
 """
 
 from dataclasses import replace
@@ -80,12 +81,8 @@ class PlainStep:
             given = (x[model.mesh.dofs] for x in (self.D, state.v, state.a, past))
             rows = np.hstack([*given, np.full((len(model.mesh.dofs), 1), dt)])
             return np.concatenate([rules[0](row)[:3] for row in rows])
-        if rates.by_mean:
-            return 2 / dt * (rates.work_increment(self.D, model.turns)[0] / dt - state.v)
-        if rates.at_rest:
-            return np.zeros_like(self.D)
-        end = (self.D - dt * state.v) / (rates.beta * dt**2) - (0.5 / rates.beta - 1) * state.a
-        return (1 - rates.alpha_m) * end + rates.alpha_m * state.a
+        path, _ = rates.work_increment(self.D, model.turns)
+        return rates.acceleration(path, state.v, state.a, dt)[0]
 
     def held(self):
         """Gaps that the step opens (n,), and the forces (size, m) of unit multipliers.

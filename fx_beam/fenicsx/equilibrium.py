@@ -58,6 +58,24 @@ class Equilibrium(Steps):
     comm : MPI.Comm, optional
         Processes that share the mesh and the matrices; by default this one alone.
 
+    Attributes
+    ----------
+    mesh : dolfinx.mesh.Mesh
+        Intervals in the plane: all elements of all beams. At joints vertices coincide.
+    V : dolfinx function space
+        Mixed space of displacement (2) and rotation.
+    step : Step
+        Fields of a step, as `Scene.add_virtual_work` and `Scheme` have them.
+    resultants : list of ufl expressions
+        N, Q and M of a step, a vector (3,) for each material [N, N, N m].
+    u : dolfinx.fem.Function
+        Displacement at the end of the last step, for files and pictures [m].
+    q, v, a : dolfinx.fem.Function
+        Displacement and rotation at the end of the last step, in `V`, their rates, and
+        accelerations [m, rad].
+    comm : MPI.Comm
+        The processes that share the mesh.
+
     Raises
     ------
     SceneError
@@ -149,12 +167,8 @@ class Equilibrium(Steps):
         StepError
             If a step fails. Its attribute `solution` has all steps before it.
         """
-        require(
-            isinstance(load_steps, int) and load_steps > 0,
-            "load_steps",
-            load_steps,
-            "a number from 1 on",
-        )
+        wanted, fits = "a number from 1 on", isinstance(load_steps, int) and load_steps > 0
+        require(fits, "load_steps", load_steps, wanted)
         factors = np.linspace(self.load_factor, 1.0, load_steps + 1)
         recorder, modes = Recorder(self._model, factors, Record()), list[int | None]()
         self._rows.clear()
@@ -251,5 +265,5 @@ class Equilibrium(Steps):
         if self.comm.size > 1:
             pc.setFactorSolverType("mumps")
         solver.solve()
-        found = [solver.getEigenvalue(i) for i in range(min(n, solver.getConverged()))]
-        return np.sort_complex(np.array(found))
+        count = min(n, solver.getConverged())
+        return np.sort_complex(np.array([solver.getEigenvalue(i) for i in range(count)]))

@@ -69,15 +69,11 @@ class Grid:
         values = of_cells.reshape(len(of_cells), -1)[self.cells]
         function.x.array[cell_dofs(function.function_space)] = values
 
-    def read(self, function: fem.Function) -> np.ndarray:
-        """Values (cells, width) of a Function."""
-        return self._gathered(function.x.array[cell_dofs(function.function_space)])
-
     def _gathered(self, of_cells: np.ndarray) -> np.ndarray:
         """Values (cells, ...) from those of the cells that each process owns."""
         own, _ = count_cells(self.mesh)
         values = np.zeros((len(self._nodes.points), *of_cells.shape[1:]))
-        values[self.cells[:own]] = of_cells[:own]
+        values[self.cells[:own]] = of_cells
         return self.total(values)
 
     def total(self, values: np.ndarray) -> np.ndarray:

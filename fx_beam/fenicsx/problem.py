@@ -55,6 +55,24 @@ class Problem(Steps):
         Processes that share the mesh and the matrices; each has the whole scene, and its states. By
         default this process alone.
 
+    Attributes
+    ----------
+    mesh : dolfinx.mesh.Mesh
+        Intervals in the plane: all elements of all beams. At joints vertices coincide.
+    V : dolfinx function space
+        Mixed space of displacement (2) and rotation.
+    step : Step
+        Fields of a step, as `Scene.add_virtual_work` and `Scheme` have them.
+    resultants : list of ufl expressions
+        N, Q and M of a step, a vector (3,) for each material [N, N, N m].
+    u : dolfinx.fem.Function
+        Displacement at the end of the last step, for files and pictures [m].
+    q, v, a : dolfinx.fem.Function
+        Displacement and rotation at the end of the last step, in `V`, their rates, and
+        accelerations [m, rad].
+    comm : MPI.Comm
+        The processes that share the mesh.
+
     Raises
     ------
     SceneError
@@ -187,7 +205,11 @@ class Problem(Steps):
         if self._starts and self._form.has_further:
             self._accelerate()
         self._loop.record_start(self._state, recorder)
-        self._begin_in_an_instant()
+        if self._form.replaced:  # its forces are those in an instant, as they may depend on rates
+            length = INSTANT * self.dt
+            start = self._state.changed(q=self._state.q - 0.5 * length * self._state.v)
+            self._form.begin(Interval(self.t, self.t, length), start, start.natural)
+            self._form.residual(length * start.v)
         self._replace_in_row(recorder)
 
         def solution() -> Solution:
@@ -207,13 +229,6 @@ class Problem(Steps):
             raise
         warn_of_parts(stats, self.dt)
         return solution()
-
-    def _begin_in_an_instant(self) -> None:
-        """Have the forces of the present state, which may depend on its rates."""
-        length = INSTANT * self.dt
-        state = self._state.changed(q=self._state.q - 0.5 * length * self._state.v)
-        self._form.begin(Interval(self.t, self.t, length), state, state.natural)
-        self._form.residual(length * self._state.v)
 
     def start_from(self, solution: Solution, row: int = -1) -> None:
         """Go on from a solution, of `run` or of `fx_beam.simulate` or `static`.

@@ -8,7 +8,6 @@ from typing import Any
 from mpi4py import MPI
 from petsc4py import PETSc
 
-import dolfinx
 import ufl
 from dolfinx import fem
 
@@ -16,7 +15,6 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.errors import SceneError
-from fx_beam.laws.kinematics import Step
 from fx_beam.results.audit import BeamResultants
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
@@ -32,6 +30,9 @@ from .newton import Newton
 class Steps:
     """A scene on a mesh of dolfinx, in a state; see `Problem` and `Equilibrium`."""
 
+    # Present state.
+    _state: State
+
     def __init__(
         self,
         loop: CompiledLoop,
@@ -42,57 +43,17 @@ class Steps:
         self._loop, self._model = loop, loop.model
         self._form = StepForm(loop.model, comm)
         self._newton = Newton(self._form, loop, newton, petsc_options or {})
-        self._state: State
+        self.comm, self.mesh = comm, self._form.grid.mesh
+        self._show()
         # Natural strains of a user, and resultants (cells, points, 3) of rows that are replaced.
         self._natural: Any = None
         self._rows: list[np.ndarray] = []
 
-    # -- Fields ------------------------------------------------------------------------------------
-
-    @property
-    def mesh(self) -> dolfinx.mesh.Mesh:
-        """Intervals in the plane: all elements of all beams. At joints vertices coincide."""
-        return self._form.grid.mesh
-
-    @property
-    def V(self) -> Any:
-        """Mixed function space of displacement (2) and rotation."""
-        return self._form.V
-
-    @property
-    def step(self) -> Step:
-        """Fields of a step, as `Scene.add_virtual_work` and `Scheme` have them."""
-        return self._form.step
-
-    @property
-    def resultants(self) -> list[Any]:
-        """N, Q and M of a step in UFL, a vector (3,) for each material [N, N, N m]."""
-        return self._form.resultants
-
-    @property
-    def u(self) -> fem.Function:
-        """Displacement at the end of the last step, for files and pictures [m]."""
-        return self._form.u
-
-    @property
-    def q(self) -> fem.Function:
-        """Displacement and rotation at the end of the last step, in `V` [m, rad]."""
-        return self._form.q
-
-    @property
-    def v(self) -> fem.Function:
-        """Their rates."""
-        return self._form.v
-
-    @property
-    def a(self) -> fem.Function:
-        """Their accelerations."""
-        return self._form.a
-
-    @property
-    def comm(self) -> MPI.Comm:
-        """The processes that share the mesh."""
-        return self._form.grid.comm
+    def _show(self) -> None:
+        """Have the fields of the form as attributes."""
+        form = self._form
+        self.V, self.step, self.resultants = form.V, form.step, form.resultants
+        self.u, self.q, self.v, self.a = form.u, form.q, form.v, form.a
 
     # -- The form ----------------------------------------------------------------------------------
 
@@ -158,6 +119,7 @@ class Steps:
         """
         self._form.replace_resultants(resultants, strain_energy)
         self._form.end(self._state)
+        self._show()
 
     @property
     def natural_strains(self) -> Any:
