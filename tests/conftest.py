@@ -1,8 +1,6 @@
 """Shared set-up: a quick compiler with a cache of its own, groups of tests, other roundings."""
 
-import functools
 import gc
-import inspect
 import os
 import sys
 from pathlib import Path
@@ -21,8 +19,9 @@ if _cache.name != "fx_beam_tests":  # not yet, as in the processes of pytest-xdi
     os.environ["XDG_CACHE_HOME"] = str(_cache / "fx_beam_tests")
 
 from fx_beam import c_library, errors, library_cache  # noqa: E402
-from fx_beam.motions import motion, options  # noqa: E402
 from fx_beam.step import build  # noqa: E402
+from fx_beam.step.loop import CompiledLoop  # noqa: E402
+from fx_beam.step.single_steps import CompiledSingleSteps  # noqa: E402
 
 # Pictures without a display, as `./run` has it.
 os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
@@ -42,23 +41,16 @@ gc.set_threshold(20_000, 20, 50)
 _STRETCH = 1 + 2e-15 * int(os.environ.get("FX_BEAM_ROUNDING", "0"))
 
 
-def _stretched(function):
-    """A function whose argument dt is multiplied by `_STRETCH`."""
-    signature = inspect.signature(function)
-
-    @functools.wraps(function)
-    def call(*args, **options):
-        given = signature.bind(*args, **options)
-        if isinstance(given.arguments["dt"], float):
-            given.arguments["dt"] *= _STRETCH
-        return function(*given.args, **given.kwargs)
-
-    return call
-
-
 if _STRETCH != 1:
-    options._time_grid = _stretched(options._time_grid)
-    motion.Motion.__init__ = _stretched(motion.Motion.__init__)
+    _take, _begin = CompiledLoop.take, CompiledSingleSteps.__init__
+
+    def _stretched(loop, state, steps, *others):
+        """Equal steps whose length is multiplied by `_STRETCH`; their times are as they were."""
+        length = steps.dt * (_STRETCH if steps.control is None else 1)
+        return _take(loop, state, steps._replace(dt=length), *others)
+
+    CompiledLoop.take = _stretched
+    CompiledSingleSteps.__init__ = lambda self, loop, dt: _begin(self, loop, dt * _STRETCH)
 
 
 @pytest.fixture(autouse=True)

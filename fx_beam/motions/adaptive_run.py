@@ -58,13 +58,13 @@ class AdaptiveRun:
         until = self._breaks[self._next]
         if not self._started:
             self._start(state, until)
-        ends = control.ends(state.t, until, self._block)
+        ends, dt = control.ends(state.t, until, self._block)
         if self._single:
             ends = ends[:1]
-        first, dt = stats.steps + 1, float(ends[0]) - state.t
+        first = stats.steps + 1
         last = self._next == len(self._breaks) - 1
         recorder.plan(first, ends, last and ends[-1] == until)
-        result = self._try_steps(state, ends, first, recorder)
+        result = self._try_steps(state, ends, dt, first, recorder)
         if self._watch and (result.switched or (result.ratio or 0.0) > 1):
             result, dt = self._up_to_event(result, float(ends[result.taken]))
         if result.taken:
@@ -84,16 +84,18 @@ class AdaptiveRun:
         if result.state.t == until:
             self._next, self._started = self._next + 1, False
 
-    def _try_steps(self, state: State, ends: np.ndarray, first: int, recorder: Rows) -> StepsResult:
-        """Take steps of equal length, up to where something switches that matters."""
+    def _try_steps(
+        self, state: State, ends: np.ndarray, dt: float, first: int, recorder: Rows
+    ) -> StepsResult:
+        """Take steps of the length dt [s], up to where something switches that matters."""
         stepper, control = self._stepper, self._control
-        result = stepper.try_steps(state, ends, first, recorder, control, self._watch)
+        result = stepper.try_steps(state, ends, dt, first, recorder, control, self._watch)
         if not result.switched:
             return result
         now, next_one = result.state, ends[result.taken : result.taken + 1]
         if self._matters(now, float(next_one[0])):
             return result
-        step = stepper.try_steps(now, next_one, first + result.taken, recorder, control)
+        step = stepper.try_steps(now, next_one, dt, first + result.taken, recorder, control)
         return step._replace(taken=result.taken + step.taken)
 
     def _matters(self, state: State, t1: float) -> bool:
@@ -132,7 +134,9 @@ class AdaptiveRun:
             end = t1
         number = stats.steps + 1
         recorder.plan(number, np.array([end]), end == self._breaks[-1])
-        step = stepper.try_steps(state, np.array([end]), number, recorder, self._control)
+        step = stepper.try_steps(
+            state, np.array([end]), end - state.t, number, recorder, self._control
+        )
         if step.taken:
             self.events.append(end)
             self._started = False
@@ -153,7 +157,7 @@ class AdaptiveRun:
                     while ratio is None and not failed:
                         number = round((now.t - state.t) / dt)
                         ends = state.t + dt * np.arange(number + 1, self._order + AVERAGED + 1)
-                        result = self._try_steps(now, ends, 1, NullRecorder())
+                        result = self._try_steps(now, ends, dt, 1, NullRecorder())
                         now, ratio, failed = result.state, result.ratio, result.failed
                         if result.switched:
                             break

@@ -13,7 +13,8 @@ from fx_beam.errors import SceneError, is_number, shown
 from fx_beam.results.state import Past, State
 from fx_beam.step.recorder import NullRecorder, Recorder
 
-from .measurement import FittedState, Grid, readings
+from .grid import Grid
+from .measurement import FittedState, readings
 from .prepared import Prepared
 
 # Accuracy of the time of the end, relative to the step, and to the time.

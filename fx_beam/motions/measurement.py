@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -25,19 +25,6 @@ if TYPE_CHECKING:
 Reading = Callable[[], Any]
 #: Means over a step, by the parts of a fit that change in it.
 _MEANS = {"a": "corrections", "joint_forces": "joints", "constraint_forces": "constraints"}
-
-
-@dataclass(frozen=True)
-class Grid:
-    """Ends of steps of the length dt [s], counted from a state; number `first` is its own."""
-
-    origin: float
-    first: int
-    dt: float
-
-    def __call__(self, number):
-        """Time at the end of a step [s]; step 0 is the start."""
-        return self.origin + (self.first + number) * self.dt
 
 
 class _Instant(NamedTuple):

@@ -18,6 +18,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.outputs import Output, check_outputs
 from fx_beam.scene.scene import Scene
+from fx_beam.step import full_turns
 from fx_beam.step.held_inputs import HeldInputs
 from fx_beam.step.interrupts import ctrl_c_between_blocks, one_thread, uninterrupted
 from fx_beam.step.model import Model
@@ -26,13 +27,12 @@ from fx_beam.step.recorder import NullRecorder, Record, Recorder, Rows
 from fx_beam.step.single_steps import CompiledSingleSteps
 
 from .evaluation import solution_of
-from .measurement import FittedState, Grid, readings
+from .grid import Grid, grid_from
+from .measurement import FittedState, readings
 from .options import MOST_STEPS, Options, check_scene
 from .prepared import Prepared, state_of
 from .surroundings import waiting_team
 
-# Steps between two counts of full turns, as in `simulate`.
-_TURNS = 1000
 # Steps for whose rows room is made at once.
 _ROWS = 1024
 
@@ -161,13 +161,13 @@ class OpenMotion:
         self._take(number, t0, t1)
         self._end_step(number, t0, t1, {})
         self._pending = None
-        if number % _TURNS == 0:
+        if number % full_turns.STEPS == 0:
             self._count_turns()
 
     def _take(self, number: int, t0: float, t1: float) -> None:
         """Take a step from t0 to t1 [s]; one that fails, or is one of parts, by the stepper."""
         stepper = self._prepared.stepper
-        if stepper.halving.times or not self._steps.take(number, t0, t1, self.recorder):
+        if stepper.halving.times or not self._steps.take(number, t0, self.grid, self.recorder):
             self.count()
             start = self.state()
             self._last = start, number - 1
@@ -192,6 +192,7 @@ class OpenMotion:
         counter, state = self._prepared.turn_counter, self.state()
         turns = counter.turns_of(state)
         if turns.any():
+            self.count()  # as C begins to count anew
             without = counter.without(turns, state), self.number
             self._pending = self._turn_back, (*without, counter.removed + turns)
             self.settle()
@@ -339,8 +340,9 @@ class Motion:
         given = {name: of for name, of in locals().items() if name not in ("self", "start")}
         clock, self._alone = perf_counter(), RLock()
         check_scene(scene, "Motion")
-        self._dt = positive(dt, "Motion: dt")
-        options = Options.among(locals(), what="Motion", dt=self._dt, outputs=None)
+        positive(dt, "Motion: dt")
+        options = Options.among(locals(), what="Motion", outputs=None)
+        self._dt = options.dt
         if options.record.times is not None:
             raise SceneError("Motion: a record at times is not possible; use Record(every=...)")
         if options.record.file is not None:
@@ -357,7 +359,7 @@ class Motion:
         self._open = OpenMotion(prepared, held, self._dt, record)
         self._readings = readings(prepared, self._open.shown, outputs)
         state = prepared.first_state(self._dt, start)
-        self._open.begin(state, np.zeros(prepared.model.size), Grid(state.t, 0, self._dt))
+        self._open.begin(state, np.zeros(prepared.model.size), grid_from(state.t, self._dt))
         prepared.stats.setup_seconds = perf_counter() - clock
 
     # -- Steps ------------------------------------------------------------------------------------

@@ -29,6 +29,8 @@ from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record
 from fx_beam.step.substeps import MOST_HALVINGS
 
+from .grid import grid_from, rounding_of
+
 # Limits of the tolerance. Newton's method and rounding disturb smaller errors.
 _LEAST, _MOST = 1e-9, 0.1
 # Shortest first or largest step that may be given, relative to the whole time.
@@ -184,11 +186,11 @@ def _time_grid(dt: Any, t_end: Any, t0: float, goes_on: bool) -> np.ndarray:
     wanted = f"larger: its steps to t_end = {t_end!r} are more than {MOST_STEPS:.0e}"
     require((t_end - t0) / dt <= MOST_STEPS, "dt", dt, wanted)
     # A remainder below 1e-6 steps is a rounding error of t_end / dt or of the times, not a step.
-    rounding = 4 * math.ulp(max(abs(t0), abs(t_end))) / dt
+    rounding = rounding_of(t0, t_end) / dt
     require(rounding < 0.1, "dt", dt, f"larger, as times near t = {t0:g} s are rounded by as much")
     steps = math.ceil((t_end - t0) / dt - max(rounding, 1e-6))
-    times = t0 + dt * np.arange(steps + 1)
-    times[-1] = t_end
+    times = grid_from(t0, dt)(np.arange(steps + 1))
+    times[0], times[-1] = t0, t_end
     return times
 
 

@@ -18,6 +18,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.inputs import values_at
 from fx_beam.scene.scene import Scene
+from fx_beam.step import full_turns
 from fx_beam.step.interrupts import ctrl_c_between_blocks, uninterrupted
 from fx_beam.step.recorded_histories import RecordedHistories
 from fx_beam.step.recorder import Recorder
@@ -114,6 +115,8 @@ class Run:
             prepared.stats.file = str(record.file)
         #: Times at which a contact or a law has switched [s].
         self._events: list[float] = []
+        # Number of steps after which full turns are counted.
+        self._next_count = 0
         self._first = float(self.times[1] - self.times[0]) if control is None else control.first
         state = prepared.recorded_state(recorder, self._first, start, control is not None)
         prepared.stepper.integrator.record_start(state, recorder)
@@ -150,7 +153,7 @@ class Run:
                 warn_of_sharp_bends(error.solution)
             raise
 
-    def _most_steps(self, most: int = 1000) -> int:
+    def _most_steps(self, most: int = full_turns.STEPS) -> int:
         """Number of steps that are taken at once."""
         return max(1, min(most, _BLOCK // self.prepared.model.size))
 
@@ -158,7 +161,7 @@ class Run:
         """A function that takes the next steps from a state."""
         prepared, recorder, options = self.prepared, self.recorder, self.prepared.options
         if self._control is None:
-            take_steps = self._steps_of_grid(1 if options.until else 1000)
+            take_steps = self._steps_of_grid(1 if options.until else full_turns.STEPS)
         else:
             from .adaptive_run import AdaptiveRun
 
@@ -179,11 +182,11 @@ class Run:
     def _steps_of_grid(self, most: int) -> Callable[[State], None]:
         """A function that takes the next block of steps of the grid."""
         times, recorder, steps = self.times, self.recorder, self._most_steps(most)
-        starts = iter(range(1, len(times), steps))
 
         def advance(state: State) -> None:
-            first = next(starts)
-            ends = times[first : first + steps]
+            first = self.prepared.stats.steps + 1
+            until_count = full_turns.STEPS - (first - 1) % full_turns.STEPS
+            ends = times[first : first + min(steps, until_count)]
             if recorder.planned < first + len(ends):
                 recorder.plan(first, ends, last=first + len(ends) == len(times))
             self.prepared.stepper.advance(state, ends, first, recorder)
@@ -191,8 +194,15 @@ class Run:
         return advance
 
     def _count_turns(self) -> None:
-        """Count full turns separately, so that they do not add to rounding errors."""
+        """Count full turns separately, so that they do not add to rounding errors.
+
+        After the same numbers of steps whatever the blocks, so that these change no digit.
+        """
         counter, recorder = self.prepared.turn_counter, self.recorder
+        steps = self.prepared.stats.steps
+        if steps < self._next_count:
+            return
+        self._next_count = steps - steps % full_turns.STEPS + full_turns.STEPS
         if not any_of(recorder.end.q):
             return
         turns = counter.turns_of(recorder.end)

@@ -14,6 +14,8 @@ from fx_beam.scene.joints import GROUND
 from .model import Model
 
 _ROTATION = 2  # among the components of a node
+#: Steps after which full turns are counted.
+STEPS = 1000
 
 
 class TurnCounter:

@@ -110,9 +110,8 @@ class CompiledLoop:
         p, ends, inputs = self._problem, steps.ends, steps.inputs
         p.controlled, p.watches = steps.control is not None, steps.watch and p.switches > 0
         if steps.control is not None:
-            dt = float(ends[0]) - state.t
-            p.smooth, p.raw = steps.control.factors(dt)
-            p.lowest, p.highest = steps.control.band(dt)
+            p.smooth, p.raw = steps.control.factors(steps.dt)
+            p.lowest, p.highest = steps.control.band(steps.dt)
         with uninterrupted:
             if taken := self._run(state, steps, recorder):
                 state = self.state(float(ends[taken - 1]))
@@ -142,12 +141,11 @@ class CompiledLoop:
     def _run(self, state: State, steps: Steps, recorder: Rows) -> int:
         """Number of steps or parts of equal length that succeeded."""
         self.problem.load(state)
-        inputs, number = steps.inputs, len(steps.ends)
-        dt = (steps.ends[-1] - state.t) / number
+        inputs, number, dt = steps.inputs, len(steps.ends), steps.dt
         to = self.c_record(recorder, number, steps.first, steps.parts, steps.done)
         tape = recorder.tape if isinstance(recorder, NullRecorder) else self.tape
         if tape is not None:
-            taken = self._run_taped(tape, steps, state.t, dt, to)
+            taken = self._run_taped(tape, steps, state.t, to)
         else:
             known = len(inputs.driven) // self._problem.sub_steps
             taken = self._steps(known, dt, self.c_inputs(inputs), to)
@@ -182,7 +180,7 @@ class CompiledLoop:
         self._find = self._ffi.callback(kind, find, error=failed, onerror=fail)
         self._problem.find = self._find
 
-    def _run_taped(self, tape: Tape, steps: Steps, t: float, dt: float, to: Any) -> int:
+    def _run_taped(self, tape: Tape, steps: Steps, t: float, to: Any) -> int:
         """The same on a tape, which keeps the state before every so many steps."""
         from .tape import TakenSteps
 
@@ -192,9 +190,9 @@ class CompiledLoop:
             rest, count = inputs.after(taken), min(tape.most_steps, total - taken)
             count -= (to.part + count) % to.parts if count > to.parts else 0  # whole steps
             c_inputs = self.c_inputs(rest)
-            now = TakenSteps(count, dt, to.parts, to.part, c_inputs, rest, times[taken:])
+            now = TakenSteps(count, steps.dt, to.parts, to.part, c_inputs, rest, times[taken:])
             to.tape = tape.begin(now)
-            done = self._steps(count, dt, c_inputs, to)
+            done = self._steps(count, steps.dt, c_inputs, to)
             tape.end(done)
             taken, to.part = taken + done, to.part + done
             if done < count or self._problem.stopped:
@@ -337,8 +335,9 @@ class CompiledLoop:
 class Steps(NamedTuple):
     """Steps or parts of equal length that are tried."""
 
-    #: Their ends [s], and their inputs.
+    #: Their ends [s], the length of each [s], which has no rounding of times, and their inputs.
     ends: np.ndarray
+    dt: float
     inputs: StepInputs
     #: Number of the first one; how many of its parts were taken before, and parts of a step.
     first: int

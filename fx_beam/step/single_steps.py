@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
@@ -92,11 +94,14 @@ class CompiledSingleSteps:
         """The present state, with its past."""
         return replace(self._loop.state(t), past=self._loop.past)
 
-    def take(self, number: int, t0: float, t1: float, recorder: Rows) -> bool:
-        """Whether a step succeeds; otherwise the state is that before it."""
+    def take(self, number: int, t0: float, grid: Callable[..., Any], recorder: Rows) -> bool:
+        """Whether a step from t0 [s] succeeds; otherwise the state is that before it.
+
+        The grid has the ends of steps by their numbers.
+        """
         p, to = self._p, self._unrecorded
         if self._varies:
-            self._evaluate(t0, t1, number)
+            self._evaluate(t0, grid, number)
         for hold, view in self._holds:
             view[...] = hold.value
         for ramp, view, passed in self._ramps:
@@ -107,7 +112,7 @@ class CompiledSingleSteps:
             to = self._rows_of(recorder)
             to.first = number
         p.t = t0
-        if not self._run(p, 1, t1 - t0, self._c_inputs, to):
+        if not self._run(p, 1, self._dt, self._c_inputs, to):
             self._plan = None, -1  # parts of this step have the same record of C
             self._loop.check()
             return False
@@ -125,11 +130,11 @@ class CompiledSingleSteps:
         self._rows.starts, self._rows.complete = recorder.starts, recorder.complete
         return self._rows
 
-    def _evaluate(self, t0: float, t1: float, number: int) -> None:
+    def _evaluate(self, t0: float, grid: Callable[..., Any], number: int) -> None:
         """Evaluate the functions of time for a step and its number; for some steps at once."""
         known, first = self._known
         if (number - first) * self._p.sub_steps >= len(known.driven):
-            ends = t1 + self._dt * np.arange(_BLOCK)
+            ends = grid(number + np.arange(_BLOCK))
             known, first = self._loop.inputs(t0, ends), number
             now = not (isinstance(known.error, StepError) and len(known.driven))
             if known.error is not None and now:

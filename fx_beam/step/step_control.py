@@ -81,15 +81,15 @@ class StepControl:
         longest = dt > (1 - 1e-6) * self._longest
         return 0.0 if shortened or longest else _LOWEST, _HIGHEST
 
-    def ends(self, t: float, until: float, most: int) -> np.ndarray:
-        """Ends (n,) [s] of the next steps of equal length, up to a time that they must meet."""
+    def ends(self, t: float, until: float, most: int) -> tuple[np.ndarray, float]:
+        """Ends (n,) and length [s] of the next equal steps, up to a time that they must meet."""
         number = (until - t) / self.length
         if number > 3:
-            return t + self.length * np.arange(1, min(int(number) - 1, most + 1))
+            return t + self.length * np.arange(1, min(int(number) - 1, most + 1)), self.length
         steps = max(1, math.ceil(number - 1e-6))
         ends = t + (until - t) * np.arange(1, steps + 1) / steps
         ends[-1] = until
-        return ends
+        return ends, (until - t) / steps
 
     def begin(self, length: float) -> None:
         """Start with a length [s], without a memory of steps before."""

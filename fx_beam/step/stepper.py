@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -15,6 +16,10 @@ from .substeps import Halving
 
 if TYPE_CHECKING:
     from .step_control import StepControl
+
+
+# Difference of the lengths of equal steps, relative to them, besides the rounding of times.
+_SAME = 1e-12
 
 
 class Trial(NamedTuple):
@@ -46,13 +51,15 @@ class Stepper:
         """
         done = 0
         while done < len(times):
-            grid = times[done : done + equal_steps(state.t, times[done:])]
-            state = self._equal(state, grid, first + done, recorder)
-            done += len(grid)
+            number, dt = equal_steps(state.t, times[done:], self.halving.dt)
+            state = self._equal(state, times[done : done + number], dt, first + done, recorder)
+            done += number
         return state
 
-    def _equal(self, state: State, times: np.ndarray, first: int, recorder: Rows) -> State:
-        """State after steps of equal length."""
+    def _equal(
+        self, state: State, times: np.ndarray, dt: float, first: int, recorder: Rows
+    ) -> State:
+        """State after steps of the length dt [s]."""
         integrator, halving, t0 = self.integrator, self.halving, state.t
         inputs, done = integrator.inputs_ahead(state.t, times), 0
         while done < len(times):
@@ -61,7 +68,7 @@ class Stepper:
                 grid = np.concatenate([[t0], times])
                 ends = halving.ends(grid[done:])
                 now = integrator.inputs_ahead(state.t, ends)
-            result, steps = self._take(state, ends, now, first + done, recorder)
+            result, steps = self._take(state, ends, dt, now, first + done, recorder)
             if result.failed:
                 integrator.past = None
                 if not halving.fail():
@@ -76,9 +83,15 @@ class Stepper:
         return state
 
     def _take(
-        self, state: State, ends: np.ndarray, inputs: StepInputs, first: int, recorder: Rows
+        self,
+        state: State,
+        ends: np.ndarray,
+        dt: float,
+        inputs: StepInputs,
+        first: int,
+        recorder: Rows,
     ) -> tuple[StepsResult, int]:
-        """What came of steps or parts of steps, and the number of steps that are complete."""
+        """What came of steps of the length dt or parts, and the number that are complete."""
         halving, integrator = self.halving, self.integrator
         parts, before = halving.parts, self.stats.steps
 
@@ -89,7 +102,7 @@ class Stepper:
                 integrator.past = None
             return whole
 
-        steps = Steps(ends, inputs, first, halving.done, parts)
+        steps = Steps(ends, dt / parts, inputs, first, halving.done, parts)
         result = integrator.take(state, steps, recorder, completed)
         return result, self.stats.steps - before
 
@@ -102,7 +115,7 @@ class Stepper:
         """
         integrator, ends = self.integrator, np.array([t1])
         past, inputs = integrator.past, integrator.inputs_ahead(state.t, ends)
-        steps, recorder = Steps(ends, inputs, 1, watch=watch), NullRecorder()
+        steps, recorder = Steps(ends, t1 - state.t, inputs, 1, watch=watch), NullRecorder()
         recorder.tape = tape
         try:
             result = integrator.take(state, steps, recorder)
@@ -114,17 +127,18 @@ class Stepper:
         self,
         state: State,
         ends: np.ndarray,
+        dt: float,
         first: int,
         recorder: Rows,
         control: StepControl,
         watch: bool = False,
     ) -> StepsResult:
-        """Take steps of equal length from number `first` on, as long as this length is right.
+        """Take steps of the length dt from number `first` on, as long as this length is right.
 
         With `watch` only up to where a contact or a law switches.
         """
         inputs = self.integrator.inputs_ahead(state.t, ends)
-        steps = Steps(ends, inputs, first, control=control, watch=watch)
+        steps = Steps(ends, dt, inputs, first, control=control, watch=watch)
         result = self.integrator.take(state, steps, recorder)
         if result.error is not None:
             raise result.error
@@ -164,7 +178,17 @@ class Stepper:
         return advice
 
 
-def equal_steps(t: float, times: np.ndarray) -> int:
-    """Number of steps from the first on that have equal length, up to rounding."""
-    different = abs((times[1:] - times[:-1]) / (times[0] - t) - 1) > 1e-6
-    return int(np.argmax(different)) + 1 if any_of(different) else len(times)
+def equal_steps(t: float, times: np.ndarray, dt: float | None = None) -> tuple[int, float]:
+    """Number of steps from t [s] on that have equal length, and this length [s].
+
+    It is dt where they differ by the rounding of times only: so it is the same in all blocks.
+    """
+    lengths = np.diff(times, prepend=t)
+    first = float(lengths[0])
+    rounding = 4 * math.ulp(max(abs(t), abs(times[-1]))) + _SAME * first
+    known = dt is not None and abs(first - dt) <= rounding
+    different = abs(lengths - (dt if known else first)) > rounding
+    number = int(np.argmax(different)) if any_of(different) else len(times)
+    if dt is not None and known:
+        return number, dt
+    return number, float(times[number - 1] - t) / number

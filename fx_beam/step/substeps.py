@@ -27,7 +27,7 @@ class Halving:
     def __init__(self, most: int, dt: float | None = None):
         self.most = most
         #: Length of whole steps [s]; None where they have no common one.
-        self._dt = dt
+        self.dt = dt
         self.times = self.done = 0
         self._required, self._succeeded, self._doubled = _SUCCESSES, 0, False
 
@@ -37,17 +37,17 @@ class Halving:
 
         It has the length of whole steps [s], the number of halvings, and the counts for doubling.
         """
-        if self._dt is None:
+        if self.dt is None:
             return None
         counts = self.times, self._required, self._succeeded, self._doubled
-        return np.array([self._dt, *counts], float)
+        return np.array([self.dt, *counts], float)
 
     def resume(self, state: np.ndarray | None) -> None:
         """Continue with the state of another run, if its steps have the same length."""
         self.done = 0
-        if state is None or self._dt is None or state[1] > self.most:
+        if state is None or self.dt is None or state[1] > self.most:
             return
-        if abs(state[0] - self._dt) > 1e-6 * self._dt:
+        if abs(state[0] - self.dt) > 1e-6 * self.dt:
             return
         self.times, self._required, self._succeeded = map(int, state[1:4])
         self._doubled = bool(state[4])
