@@ -57,6 +57,12 @@ def warn_of_parts(stats: Stats, dt: float) -> None:
             f"turned by more than {LARGE_TURN:g} rad per step, so the motion may depend on "
             "rounding errors. Try a smaller dt"
         )
+    elif stats.unconverged:
+        text += (
+            f". In {stats.unconverged} of them Newton's method did not converge: the last digit of "
+            "dt may decide where it does, and so which steps are halved. Compare the motion with "
+            "that of a smaller dt"
+        )
     warn_once(f"{stats.scheme}: {text}")
 
 

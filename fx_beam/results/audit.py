@@ -174,6 +174,9 @@ class Stats:
     too_large : int
         Parts of halved steps in which a node rotated by more than half a radian per step of the
         grid. Then `dt` is too large for the motion, and the result may depend on round-off.
+    unconverged : int
+        Steps, each part of a halved step counted, that were halved as Newton's method did not
+        converge. Round-off may decide whether it does, and so where steps are halved.
     inverted : int
         Steps, each part of a halved step counted, that end with a Gauss point at which a section
         is inverted: t . phi' > 0 (eq. 4) is violated.
@@ -246,6 +249,7 @@ class Stats:
     halvings: int = 0
     substeps: int = 0
     too_large: int = 0
+    unconverged: int = 0
     inverted: int = 0
     amplified: int = 0
     rejected: int = 0

@@ -18,7 +18,7 @@ from .state import HISTORIES
 
 # Statistics that add up.
 _SUMS = (
-    *("steps", "newton_iterations", "halvings", "substeps", "too_large", "inverted"),
+    *("steps", "newton_iterations", "halvings", "substeps", "too_large", "unconverged", "inverted"),
     *("amplified", "rejected", "seconds", "setup_seconds", "krylov_iterations"),
 )
 # Histories that are NaN where there is nothing.

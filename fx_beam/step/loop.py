@@ -119,6 +119,7 @@ class CompiledLoop:
                 recorder.end = state
         C, before, ratio = self._library, *(ratio if ratio >= 0 else None for ratio in p.ratios)
         switched = steps.watch and p.failure == C.SWITCHED
+        self.stats.unconverged += p.failure == C.NO_CONVERGENCE
         if steps.control is None or p.failure not in (C.OK, C.TOO_INACCURATE):
             before = ratio = None
         return StepsResult(

@@ -67,3 +67,20 @@ def test_equal_warnings_of_many_runs_come_once(caplog):
     assert len([text for text in caplog.messages if "failed and were halved" in text]) == 1
     fb.simulate(scene, dt=0.1, t_end=1.1, newton=MOST)
     assert len([text for text in caplog.messages if "failed and were halved" in text]) == 2
+
+
+def test_a_motion_says_where_round_off_may_decide_which_steps_are_halved(caplog):
+    # Whether three corrections are enough is decided by digits; that a step turns too far is not.
+    scene = turning(4.0)[0]
+    arm = scene.add_beam([(2, 0), (3, 0)], FLYING, elements=4)
+    scene.pin(arm.start)
+    scene.add_force(arm.end, (0.0, -5.0))
+    few = fb.simulate(scene, dt=0.1, t_end=0.5, newton=fb.NewtonOptions(max_iterations=3)).stats
+    assert few.unconverged == few.halvings > 0
+    assert few.too_large == 0
+    assert "the last digit of dt may decide" in caplog.text
+    caplog.clear()
+    wide = fb.simulate(turning(4.0)[0], dt=0.1, t_end=0.5, newton=MOST).stats
+    assert (wide.unconverged, wide.too_large) == (0, 0)
+    assert wide.halvings > 0
+    assert "last digit" not in caplog.text
