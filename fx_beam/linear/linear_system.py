@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import scipy.linalg
+import scipy.sparse.linalg
 
 from fx_beam.errors import SceneError, is_whole, require
 from fx_beam.motions.initial_state import end_of
@@ -32,6 +33,8 @@ from .moving_state import Deviations, deviations, forces_inside
 _NONE = 1e-12
 # A lever that is round-off: damping by its square is none, and the forces that it drives are none.
 _LEVER = 1e-9
+# Least pivot of a mass that is scaled by its diagonal: none of its combinations is round-off.
+_DEFINITE = 1e-6
 
 
 class InputColumns:
@@ -110,7 +113,7 @@ class FirstOrder:
         free = len(about.unknowns)
         y, unit = slice(free), about.model.unit_of_unknowns[about.unknowns]
         V, masses, damped = _kinds(about.M[y, y], about.C[y, y], unit, what)
-        M, C, K = ((V.T @ part[y, y] @ V) for part in (about.M, about.C, about.K))
+        M, C, K = ((V.T @ part[y, y] @ V).tocsr() for part in (about.M, about.C, about.K))
         of_positions = inputs.of_positions
         Mp, Cp, Kp = (V.T @ part[y] @ of_positions for part in (about.M, about.C, about.K))
         F, G = V.T @ inputs.forces[y], inputs.rates
@@ -120,17 +123,18 @@ class FirstOrder:
         counts = np.cumsum([0, masses, damped, k, masses, m])
         eye = np.eye(counts[-1])
         y1, ya, p, s, u = (eye[i:j] for i, j in zip(counts[:-1], counts[1:], strict=True))
-        solve = np.linalg.solve
+        by_mass = scipy.sparse.linalg.splu(M[one, one].tocsc()).solve if masses else np.copy
+        solve, C_a, K_b = np.linalg.solve, C[a, a].toarray(), K[b, b].toarray()
         dp = G @ u
-        self.moved = solve(M[one, one], Mp[one])
+        self.moved = by_mass(Mp[one])
         #: Jumps of what has damping only, and of the rates of masses, with the inputs.
-        self.shifts = solve(C[a, a], of_rates[a])
+        self.shifts = solve(C_a, of_rates[a])
         impulses = of_rates[one] - C[one, a] @ self.shifts
-        self.kicks = solve(M[one, one], impulses)
+        self.kicks = by_mass(impulses)
         dy1 = s + self.kicks @ u - self.moved @ dp
         ya = ya + self.shifts @ u
         try:
-            held = solve(K[b, b], np.column_stack([F[b], K[b, one], K[b, a], Kp[b]]))
+            held = solve(K_b, np.column_stack([F[b], K[b, : b.start].toarray(), Kp[b]]))
         except np.linalg.LinAlgError as error:
             raise SceneError(
                 f"{what}: a part without mass and damping moves freely. Give it mass or a support"
@@ -142,8 +146,8 @@ class FirstOrder:
             elastic = K[rows, one] @ y1 + K[rows, a] @ ya + K[rows, b] @ yb + Kp[rows] @ p
             return F[rows] @ u - elastic - C[rows, one] @ dy1 - Cp[rows] @ dp
 
-        dya = solve(C[a, a], force(a))
-        ds = solve(M[one, one], force(one) - C[one, a] @ dya)
+        dya = solve(C_a, force(a))
+        ds = by_mass(force(one) - C[one, a] @ dya)
         dyb = -by_1 @ dy1 - by_a @ dya - by_p @ dp
         self.dx = np.vstack([dy1, dya, dp, ds])
         moved = np.zeros((len(of_positions), counts[-1]))
@@ -154,7 +158,8 @@ class FirstOrder:
         self.dz = rates + of_positions @ dp
         #: Jumps (free, m) of the unknowns with the inputs.
         self.jumps = V[:, a] @ self.shifts + V[:, b] @ (jump - by_a @ self.shifts)
-        self._inverse, self._one, self._a = np.linalg.inv(V), one, a
+        self._inverse = V if masses == free else np.linalg.inv(V.toarray())
+        self._one, self._a = one, a
         #: Matrix (n, states) that gives the states of this system.
         self._states = np.eye(len(self.dx))
 
@@ -198,13 +203,16 @@ class FirstOrder:
 
 
 def _kinds(
-    M: np.ndarray, C: np.ndarray, unit: np.ndarray, what: str
-) -> tuple[np.ndarray, int, int]:
+    M: scipy.sparse.csr_matrix, C: scipy.sparse.csr_matrix, unit: np.ndarray, what: str
+) -> tuple[scipy.sparse.csr_matrix, int, int]:
     """A basis (free, free): unknowns with mass, with damping only, with neither; how many."""
-    heavy, every = have_mass(M.diagonal(), unit), np.eye(len(M))
-    with_mass, without = split(M, every[:, heavy])
+    heavy, count = have_mass(M.diagonal(), unit), M.shape[0]
+    if heavy.all() and _are_definite(M):
+        return scipy.sparse.identity(count, format="csr"), count, 0
+    every = np.eye(count)
+    with_mass, without = split(M.toarray(), every[:, heavy])
     rest = np.hstack([without, every[:, ~heavy]])
-    C = unit[:, None] * C * unit
+    C = unit[:, None] * C.toarray() * unit
     most = abs(C).max(initial=0.0)
     damped, neither = split((C + C.T) / 2, sized(rest / unit[:, None]), _LEVER**2 * most)
     left = max(abs(C @ neither).max(initial=0), abs(neither.T @ C).max(initial=0))
@@ -213,7 +221,20 @@ def _kinds(
             f"{what}: forces that depend on rates drive a part without mass. Give it mass"
         )
     basis = np.hstack([with_mass, unit[:, None] * damped, unit[:, None] * neither])
-    return basis, with_mass.shape[1], damped.shape[1]
+    return scipy.sparse.csr_matrix(basis), with_mass.shape[1], damped.shape[1]
+
+
+def _are_definite(M: scipy.sparse.csr_matrix) -> bool:
+    """Whether no combination of unknowns is without mass, nor nearly so, by factors of the mass."""
+    S = scipy.sparse.diags(M.diagonal() ** -0.5)
+    options = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0}
+    try:
+        factors = scipy.sparse.linalg.splu(
+            (S @ M @ S).tocsc(), **options, options={"SymmetricMode": True}
+        )
+    except RuntimeError:  # exactly singular
+        return False
+    return bool((factors.U.diagonal() > _DEFINITE).all())
 
 
 # Quantities that are linearised: places and rates of nodes and joints.
@@ -394,7 +415,11 @@ def linearise(
     all is seen in the frame that turns: deviations, and the directions of forces and outputs. Its
     axes are those of space at the time of the state, and the system is the same at all times.
     Unknowns without mass are eliminated if they have no damping, and are of first order otherwise.
-    The matrices are dense: for scenes with up to some hundred unknowns.
+
+    The matrices A to D are full, as each acceleration depends on all masses: 1200 unknowns (400
+    elements of degree 1) take about 1 s, 6000 unknowns 20 s and 5 GB. `LinearSystem.slowest` takes
+    far longer, 10 s for 600 unknowns. For larger scenes `modes`, `ModalResponse` and
+    `frequency_response` have sparse matrices, and elements of degree 3 need fewer unknowns.
 
     Parameters
     ----------
@@ -492,9 +517,10 @@ def _rows(about: Deviations, output: Output) -> tuple[np.ndarray, np.ndarray]:
     if quantity.is_slide_rate or quantity.of == "slides":
         assert isinstance(output.of, Joint)
         column = about.model.couplings.slides[output.of.number]
-        moved, rates = about.S[[column]], about.dS[[column]]
+        moved, rates = (part[[column]].toarray() for part in (about.S, about.dS))
     else:
         of = measured(about.model, output)._replace(added=None)
-        moved, rates = (np.atleast_2d(of.of(part.T).T) for part in (about.T, about.dT))
+        parts = about.T.toarray(), about.dT.toarray()
+        moved, rates = (np.atleast_2d(of.of(part.T).T) for part in parts)
     # The rate of a position T z is T z' + T' z.
     return (rates, moved) if quantity.of == "v" else (moved, 0 * moved)

@@ -6,7 +6,9 @@ import logging
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.sparse
 
+from fx_beam.content_cache import cached_property
 from fx_beam.errors import Constant, SceneError
 from fx_beam.laws.interval import instant
 from fx_beam.laws.schemes import EnergyMomentum
@@ -55,26 +57,29 @@ class Deviations:
     model: Model
     held: HeldInputs
     forcing: Forcing
-    #: The state, and the matrix (columns, size) that gives rates of z from those of the nodes.
+    #: The state, and the rates (columns,) in it.
     state: State
-    rates_from: np.ndarray
-    #: The rates (columns,) in the state.
     rates: np.ndarray
     #: Unknowns of the model in z; others follow to close loops.
     unknowns: np.ndarray
     #: Mass, damping and stiffness (columns, columns), those of the unknowns first.
-    M: np.ndarray
-    C: np.ndarray
-    K: np.ndarray
+    M: scipy.sparse.csr_matrix
+    C: scipy.sparse.csr_matrix
+    K: scipy.sparse.csr_matrix
     #: Coupling (size, columns) of the nodes, and its derivative by time.
-    T: np.ndarray
-    dT: np.ndarray
+    T: scipy.sparse.csr_matrix
+    dT: scipy.sparse.csr_matrix
     #: The same (all, columns) for all columns of the model.
-    S: np.ndarray
-    dS: np.ndarray
+    S: scipy.sparse.csr_matrix
+    dS: scipy.sparse.csr_matrix
     #: The frame in which the state is at rest and z is measured, if it turns, and the load factor.
     frame: TurningFrame | None
     factor: float
+
+    @cached_property
+    def rates_from(self) -> np.ndarray:
+        """The matrix (columns, size) that gives rates of z from those of the nodes."""
+        return _rates_from(self.model, self.T.toarray())
 
 
 def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
@@ -106,8 +111,9 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
     if singularity := model.reduction.singularity:
         raise SceneError(f"{what}: {singularity}. Take a state beside it")
     T, S = coupling.parts(coupling.X)
-    rates_from = _rates_from(model, T)
-    w = rates_from @ state.v
+    w = np.zeros(coupling.count)
+    if state.v.any():
+        w = _rates_from(model, T.toarray()) @ state.v
     (dT, dS), (ddT, _) = map(coupling.parts, coupling.derivatives(w))
     _warn_of_turn(model, state, T, dT, what)
     strained = None if at is None or at.stats.static else _natural_rates(model, state.t, what)
@@ -128,18 +134,23 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
     r += mass @ (T @ a)
     turning, _ = coupling.parts(coupling.derivatives(a)[0])
     geometric = coupling.of_forces(np.concatenate([r, pushes]))
-    K = T.T @ (K @ T + C @ dT + mass @ (turning + ddT)) + geometric
-    K += S.T @ (stiff[:, None] * S + viscous[:, None] * dS)
-    C = T.T @ (C @ T + 2 * (mass @ dT)) + S.T @ (viscous[:, None] * S)
+    stiff, viscous = scipy.sparse.diags(stiff), scipy.sparse.diags(viscous)
+    K = T.T @ (K @ T + C @ dT + mass @ (turning + ddT)) + S.T @ (stiff @ S + viscous @ dS)
+    C = T.T @ (C @ T + 2 * (mass @ dT)) + S.T @ (viscous @ S)
     M, unknowns = T.T @ (mass @ T), model.reduction.independent
-    about = Deviations(
-        model, held, forcing, state, rates_from, w, unknowns, M, C, K, T, dT, S, dS, frame, factor
-    )
+    matrices = (M.tocsr(), C.tocsr(), (K + geometric).tocsr(), T, dT, S, dS)
+    about = Deviations(model, held, forcing, state, w, unknowns, *matrices, frame, factor)
     model.needed_by(about)
     return about
 
 
-def _warn_of_turn(model: Model, state: State, T: np.ndarray, dT: np.ndarray, what: str) -> None:
+def _warn_of_turn(
+    model: Model,
+    state: State,
+    T: scipy.sparse.csr_matrix,
+    dT: scipy.sparse.csr_matrix,
+    what: str,
+) -> None:
     """Warn where the scene turns as a whole, but z is measured in space."""
     v = state.v.reshape(-1, 3)
     spin = float(np.median(v[:, 2]))
@@ -150,7 +161,8 @@ def _warn_of_turn(model: Model, state: State, T: np.ndarray, dT: np.ndarray, wha
     pivot = np.mean(x + 1j * rates / spin)
     frame = TurningFrame(model, spin, (pivot.real, pivot.imag))
     apart = abs(state.v - frame.rates(state.q, 1.0)) / model.unit
-    in_space = abs(frame.spin * (frame.quarter_turn @ T) - dT).max(initial=0.0)
+    turned = frame.spin * (frame.quarter_turn @ T.toarray())
+    in_space = abs(turned - dT.toarray()).max(initial=0.0)
     if apart.max() < _RIGID * abs(spin) and in_space > _RIGID * abs(spin):
         _log.warning(
             "%s: the scene turns as a whole, at %.4g rad/s about (%.4g, %.4g), but the linear "
@@ -196,21 +208,23 @@ class _Coupling:
         self.count = len(self.columns)
         self.X = self._at(np.zeros(self.count))
 
-    def parts(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def parts(
+        self, X: scipy.sparse.csr_matrix
+    ) -> tuple[scipy.sparse.csr_matrix, scipy.sparse.csr_matrix]:
         """The rows of nodes and of columns."""
         return X[: self._model.size], X[self._model.size :]
 
-    def _at(self, z: np.ndarray) -> np.ndarray:
+    def _at(self, z: np.ndarray) -> scipy.sparse.csr_matrix:
         free, moved = self._reduction.free, np.zeros(self._reduction.columns)
         moved[self.columns] = z
         self._reduction.expand(moved[:free], moved[free : free + self._reduction.driven])
         parts = self._reduction.coupling(), self._reduction.completion()
-        return np.vstack([part.toarray()[:, self.columns] for part in parts])
+        return scipy.sparse.vstack(parts, "csr")[:, self.columns]
 
-    def derivatives(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def derivatives(self, z: np.ndarray) -> tuple[scipy.sparse.csr_matrix, scipy.sparse.csr_matrix]:
         """First and second derivative of X along z."""
         size = abs(self.parts(self.X)[0] @ z / self._model.unit).max(initial=0.0)
-        first, second = np.zeros_like(self.X), np.zeros_like(self.X)
+        first = second = scipy.sparse.csr_matrix(self.X.shape)
         if not (self._model.scene.joints and size):
             return first, second
         h = _APART / size
@@ -223,18 +237,20 @@ class _Coupling:
         for k, (odd, even) in enumerate(zip(_FIRST, _SECOND, strict=True), start=1):
             # Constant entries have differences of zero, without rounding errors.
             ahead, back = self._at(k * h * z), self._at(-k * h * z)
-            first += odd / h * (ahead - back)
-            second += even / h**2 * ((ahead - self.X) + (back - self.X))
+            first = first + odd / h * (ahead - back)
+            second = second + even / h**2 * ((ahead - self.X) + (back - self.X))
         self._at(np.zeros(self.count))
         return first, second
 
-    def of_forces(self, r: np.ndarray) -> np.ndarray:
+    def of_forces(self, r: np.ndarray) -> scipy.sparse.lil_matrix:
         """Derivative of X^T r, for constant forces r of nodes and columns."""
-        out = np.zeros((self.count, self.count))
+        out = scipy.sparse.lil_matrix((self.count, self.count))
         # The second derivatives are symmetric: X depends on the columns that change with it.
         changing, _ = self.derivatives(np.cos(np.arange(self.count) ** 2))
-        for j in np.flatnonzero(changing.any(axis=0)):
-            out[:, j] = self.derivatives(np.eye(self.count)[j])[0].T @ r
+        for j in np.unique(changing.nonzero()[1]):
+            z = np.zeros(self.count)
+            z[j] = 1.0
+            out[:, j] = self.derivatives(z)[0].T @ r
         return out
 
 
@@ -339,7 +355,7 @@ def _accelerations(
     model: Model,
     forcing: Forcing,
     state: State,
-    T: np.ndarray,
+    T: scipy.sparse.csr_matrix,
     r: np.ndarray,
     of_springs: np.ndarray,
     turning: np.ndarray,
@@ -352,12 +368,13 @@ def _accelerations(
     a = np.zeros(T.shape[1])
     if model.reduction.driven and state.a.any():
         unit = model.unit
-        a = np.linalg.lstsq(T / unit[:, None], (state.a - turning) / unit, rcond=None)[0]
+        scaled = T.toarray() / unit[:, None]
+        a = np.linalg.lstsq(scaled, (state.a - turning) / unit, rcond=None)[0]
         a[:free] = 0.0
     for i, function in enumerate(forcing.functions):
         if isinstance(function, Ramp):
             a[free + i] = 0.0
     force = -(T.T @ (r + mass @ (T @ a)) + of_springs)[:free]
-    M, unit = (T.T @ (mass @ T))[:free, :free], model.unit_of_unknowns[unknowns]
+    M, unit = (T.T @ (mass @ T)).tocsr()[:free, :free], model.unit_of_unknowns[unknowns]
     a[:free] = acceleration_of(M, force, unit)
     return a

@@ -470,3 +470,21 @@ def test_at_a_critical_point_forces_that_follow_have_their_load_factor():
     divergence = fb.static(scene, load_steps=4).critical_points[0].solution
     lowest = np.sort(abs(np.linalg.eigvals(fb.linearise(scene, divergence).A)))
     assert lowest[1] < 1e-2 and lowest[2] > 10
+
+
+def test_a_long_chain_of_elements_has_the_frequencies_of_its_modes():
+    # Its mass and stiffness have few entries; without inputs, outputs and motors.
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], section(retardation=0.0), elements=600)
+    scene.clamp(beam.start)
+    A = fb.linearise(scene, inputs=[], outputs={}).A
+    stiffness = A[1800:, :1800]
+    assert not A[1800:, 1800:].any()
+    assert np.array_equal(A[:1800, 1800:], np.eye(1800))
+    inverse = scipy.linalg.lu_factor(-stiffness)
+    x = np.ones((1800, 6))
+    x[::2, 1], x[::3, 2], x[:900, 3], x[900:, 4], x[1::4, 5] = 0, -1, 0, 2, 3
+    for _ in range(60):  # inverse iteration
+        x, _ = np.linalg.qr(scipy.linalg.lu_solve(inverse, x))
+    omega = np.sqrt(np.sort(np.linalg.eigvals(x.T @ -stiffness @ x).real))
+    assert omega[:3] == pytest.approx(fb.modes(scene, n=3).omega, rel=1e-6)
