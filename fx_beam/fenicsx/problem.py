@@ -13,6 +13,7 @@ from fx_beam.errors import SceneError, positive
 from fx_beam.laws.interval import INSTANT, Interval
 from fx_beam.laws.schemes import Scheme
 from fx_beam.motions.evaluation import solution_of
+from fx_beam.motions.grid import grid_from
 from fx_beam.motions.initial_state import Starts
 from fx_beam.motions.options import Options, check_scene
 from fx_beam.motions.prepared import Prepared
@@ -140,7 +141,7 @@ class Problem(Steps):
             If Newton's method fails; then all is as before.
         """
         length = self.dt if dt is None else positive(dt, "dt")
-        self._advance(self.t + length, 1, NullRecorder())
+        self._advance(grid_from(self.t, length)(1), 1, NullRecorder())
 
     def _advance(self, end: float, number: int, recorder: Any) -> None:
         if self._starts and self._form.has_further:
