@@ -67,6 +67,7 @@ class StepForm:
         spaces = self.V, fields.increment.function_space
         dofs = self.model.mesh.unknowns.dofs
         self._of_V, self.of_increment = (grid.numbers(space, dofs) for space in spaces)
+        self._glue = glue(self.of_increment)
         #: State at the end of the last step, its rates, and accelerations.
         self.q, self.v, self.a = (fem.Function(self.V, name=name) for name in "qva")
         displacements, self._of_u = self.V.sub(0).collapse()
@@ -202,10 +203,9 @@ class StepForm:
         own, added = self.grid.total(forces)
         return own, added
 
-    def add_tangent(self, matrix: PETSc.Mat, numbers: np.ndarray) -> None:
-        """Add the tangent to a matrix, whose number each increment has; -1 for none."""
-        glue = PETSc.LGMap().create(numbers, comm=MPI.COMM_SELF)
-        matrix.setLGMap(glue, glue)
+    def add_tangent(self, matrix: PETSc.Mat, numbers: PETSc.LGMap) -> None:
+        """Add the tangent to a matrix, by the number in it of each increment."""
+        matrix.setLGMap(numbers, numbers)
         for term in (*self._terms, *self._added):
             tangent = self._forms_of(term)[1]
             if tangent is not None:
@@ -215,7 +215,7 @@ class StepForm:
     def tangent(self) -> np.ndarray:
         """Its values in `pattern`, of the elements of this process."""
         self._local.zeroEntries()
-        self.add_tangent(self._local, self.of_increment)
+        self.add_tangent(self._local, self._glue)
         return self._local.getValuesCSR()[2]
 
     def _assembled_mass(self) -> scipy.sparse.csr_matrix:
@@ -227,8 +227,8 @@ class StepForm:
         (u, psi), (virtual_u, virtual_psi) = pairs
         translation = density[0] * ufl.dot(u, virtual_u)
         form = (translation + density[1] * psi * virtual_psi) * self._fields.measure(points)
-        glue = PETSc.LGMap().create(self._of_V, comm=MPI.COMM_SELF)
-        self._local.setLGMap(glue, glue)
+        numbers = glue(self._of_V)
+        self._local.setLGMap(numbers, numbers)
         fem.petsc.assemble_matrix(self._local, compiled(form))
         self._local.assemble()
         mass = self.pattern.copy()
@@ -246,8 +246,13 @@ class StepForm:
         return float(self.grid.comm.allreduce(fem.assemble_scalar(self._energy)))
 
 
+def glue(numbers: np.ndarray) -> PETSc.LGMap:
+    """A map from degrees of freedom to their numbers in a matrix; -1 for none."""
+    return PETSc.LGMap().create(numbers, comm=MPI.COMM_SELF)
+
+
 def csr_of(matrix: scipy.sparse.csr_matrix) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rows, columns and values of a matrix, as PETSc takes them."""
     matrix.sort_indices()
-    indptr, indices = (part.astype(PETSc.IntType) for part in (matrix.indptr, matrix.indices))
+    indptr, indices = (np.asarray(of, PETSc.IntType) for of in (matrix.indptr, matrix.indices))
     return indptr, indices, matrix.data

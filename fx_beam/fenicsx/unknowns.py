@@ -13,7 +13,7 @@ import scipy.sparse
 from fx_beam.fem.mesh import rotation_of
 from fx_beam.scene.joints import GROUND
 
-from .form import StepForm, csr_of
+from .form import StepForm, csr_of, glue
 
 # Part of a unit for differences of the maps of joints.
 _PART = 1e-6
@@ -43,7 +43,7 @@ class Unknowns:
             self._at = at = np.where(columns < n, columns, n)
             self._share(np.setdiff1d(at[touched], n))
             self._numbers = np.append(self._numbers_of, -1).astype(PETSc.IntType)
-            self._numbers = self._numbers[at[form.of_increment]]
+            self._glue = glue(self._numbers[at[form.of_increment]])
             self._find_places()
             pattern = self._summed(np.zeros(form.pattern.nnz))
         else:
@@ -123,9 +123,7 @@ class Unknowns:
         return PETSc.Mat().createAIJ(sizes, csr=csr_of(self._rows(matrix)), comm=self._comm)
 
     def _rows(self, matrix: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
-        if self._comm.size == 1:
-            return matrix.tocsr()
-        return matrix.tocsr()[self._own][:, self._order]
+        return matrix if self._comm.size == 1 else matrix[self._own][:, self._order]
 
     def assemble(self, others: np.ndarray, more: Any, y: Any, driven: Any, r: Any) -> None:
         """Set the reduced tangent, with that of `others` in the scene's sparsity, and `more` or 0.
@@ -135,7 +133,7 @@ class Unknowns:
         A = self.A
         if self._directly:
             A.zeroEntries()
-            self._form.add_tangent(A, self._numbers)
+            self._form.add_tangent(A, self._glue)
             A.setValuesCSR(*csr_of(self._rows(self._summed(others))), addv=True)
         else:
             A.setPreallocationCSR(csr_of(self._rows(self._product(others, more, y, driven, r))))
@@ -153,7 +151,7 @@ class Unknowns:
         A = scipy.sparse.csr_matrix(Tv.T @ K @ self._T)
         if self._comm.size > 1:
             A = sum(self._comm.allgather(A))
-        return A + self._by_turning(y, driven, r) if len(self._moving) else A
+        return (A + self._by_turning(y, driven, r)).tocsr() if len(self._moving) else A.tocsr()
 
     def _by_turning(self, y: np.ndarray, driven: np.ndarray, r: np.ndarray) -> Any:
         """(dTv/dy)^T r, and slopes of forces on slides, by central differences of the map."""
