@@ -250,7 +250,7 @@ class Equilibrium(Steps):
             raise SceneError("fenicsx: eigenvalues need SLEPc: install Debian's python3-slepc4py")
         from slepc4py import SLEPc
 
-        M = self.Tv.T @ self._form.mass @ self.T
+        M = (self.Tv.T @ self._form.mass @ self.T).tocsr()
         if not abs(M).sum():
             raise SceneError("fenicsx: eigenvalues: the scene has no mass. Give rhoA, or add_mass")
         solver = SLEPc.EPS().create(self.comm)

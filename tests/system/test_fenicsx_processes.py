@@ -33,6 +33,12 @@ for name in ("pinned beam", "prismatic with laws", "closed loop", "curved tapere
     worst = max(worst, abs(N - forces.N[-1]).max() / 1e4)
 cells = comm.allreduce(problem.mesh.topology.index_map(1).size_local)
 assert cells == 2, cells
+scene = fb.Scene(gravity=(0, -9.81))
+arm = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0), 6)
+scene.clamp(arm.start)
+at_rest = fenicsx.Equilibrium(scene, comm=comm)
+state = fb.static(scene, load_steps=4)
+worst = max(worst, abs(at_rest.run(load_steps=4).q - state.q).max())
 print(f"process {comm.rank} of {comm.size}: {comm.allreduce(worst, MPI.MAX):.1e}")
 assert worst < 1e-10
 """
