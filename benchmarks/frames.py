@@ -18,6 +18,8 @@ from statistics import median
 from time import process_time
 from unittest import mock
 
+import numpy as np
+
 import fx_beam as fb
 from fx_beam.parallel import team
 from fx_beam.step import stepper, tables
@@ -28,20 +30,15 @@ SECTION = fb.Section(EA=1e6, GA=1e6, EI=1e2, rhoA=1.0, rhoI=1e-2)
 
 def struts(cells, high=None, degree=1, elements=1, section=lambda column: SECTION):
     """A free lattice of `cells` by as many or `high` ones, and its nodes by their places."""
-    scene, nodes, high = fb.Scene(), {}, high or cells
-
-    def strut(a, b):
-        ends = [nodes.get(a, a), nodes.get(b, b)]
-        beam = scene.add_beam(ends, section(a[0]), elements=elements, degree=degree)
-        nodes[a], nodes[b] = beam.start, beam.end
-
-    for i in range(cells + 1):
-        for j in range(high + 1):
-            if i < cells:
-                strut((i, j), (i + 1, j))
-            if j < high:
-                strut((i, j), (i, j + 1))
-    return scene, nodes
+    scene, shape = fb.Scene(), (cells + 1, (high or cells) + 1)
+    number = np.arange(np.prod(shape)).reshape(shape)
+    points = np.argwhere(number >= 0)
+    along, across = (np.stack([of[:-1], of[1:]], axis=-1) for of in (number, number.T))
+    struts = np.concatenate([along.reshape(-1, 2), across.reshape(-1, 2)])
+    columns = points[struts[:, 0], 0]
+    sections = {column: section(column) for column in range(cells + 1)}
+    beams = scene.add_mesh(points, struts, sections, elements, degree, tags=columns)
+    return scene, np.array(beams.nodes, dtype=object).reshape(shape)
 
 
 def lattice(cells, high=None, **kind):

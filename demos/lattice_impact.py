@@ -46,15 +46,12 @@ FRONT = 0.01  # of the largest speed of all: from here on a node has been reache
 
 
 def scene(cells=CELLS):
-    """The lattice, and the nodes by their row and column."""
-    lattice, nodes = fb.Scene(), {}
-    for i in range(cells + 1):
-        for j in range(cells + 1):
-            for end in ((i + 1, j), (i, j + 1)):
-                if max(end) <= cells:
-                    points = [nodes.get(at, (STRUT * at[0], STRUT * at[1])) for at in ((i, j), end)]
-                    strut = lattice.add_beam(points, SECTION)
-                    nodes[i, j], nodes[end] = strut.start, strut.end
+    """The lattice, and the nodes by their column and row."""
+    lattice, number = fb.Scene(), np.arange((cells + 1) ** 2).reshape(cells + 1, -1)
+    points = STRUT * np.argwhere(number >= 0)
+    along, across = (np.stack([of[:-1], of[1:]], axis=-1) for of in (number, number.T))
+    struts = lattice.add_mesh(points, [*along.reshape(-1, 2), *across.reshape(-1, 2)], SECTION)
+    nodes = np.array(struts.nodes, dtype=object).reshape(number.shape)
     for row in range(cells // 2 - HIT, cells // 2 + HIT + 1):
         lattice.add_force(nodes[0, row], blow)
     return lattice, nodes
@@ -87,7 +84,8 @@ def compute(cells=CELLS):
     reached = row > FRONT * row.max()
     arrivals = np.where(reached.any(axis=0), solution.t[reached.argmax(axis=0)], np.inf)
     # An order of numbers of nodes that turns the lattice over.
-    mirror = [nodes[i, cells - j].number for i, j in sorted(nodes, key=lambda at: nodes[at].number)]
+    order = np.argsort([node.number for node in nodes.ravel()])
+    mirror = np.array([node.number for node in nodes[:, ::-1].ravel()])[order]
     parts = energies(solution, -1)
     turned_over = solution.q[-1][mirror] * (1, -1, -1)
     numbers = {

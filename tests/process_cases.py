@@ -7,6 +7,7 @@ import subprocess
 import ufl
 
 import numpy as np
+from scenes import add_lattice
 
 import fx_beam as fb
 
@@ -23,20 +24,8 @@ def mpirun(number):
 
 def frame(cells=4, high=3, section=SECTION, **kind):
     """A lattice of struts, with its nodes by their places."""
-    scene, nodes = fb.Scene(gravity=(0.0, -9.81)), {}
-
-    def strut(a, b):
-        ends = [nodes.get(a, a), nodes.get(b, b)]
-        beam = scene.add_beam(ends, section, **kind)
-        nodes[a], nodes[b] = beam.start, beam.end
-
-    for i in range(cells + 1):
-        for j in range(high + 1):
-            if i < cells:
-                strut((i, j), (i + 1, j))
-            if j < high:
-                strut((i, j), (i, j + 1))
-    return scene, nodes
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    return scene, add_lattice(scene, section, cells, high, **kind)
 
 
 def shaken():

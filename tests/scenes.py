@@ -76,17 +76,19 @@ def relative_drift(values):
     return abs(values - values[0]).max() / abs(values[0])
 
 
+def add_lattice(scene, section, cells, high, **kind):
+    """Struts of a square lattice, rigidly joined, and its nodes by their places."""
+    number = np.arange((cells + 1) * (high + 1)).reshape(cells + 1, high + 1)
+    along, across = (np.stack([of[:-1], of[1:]], axis=-1) for of in (number, number.T))
+    struts = [*along.reshape(-1, 2), *across.reshape(-1, 2)]
+    beams = scene.add_mesh(np.argwhere(number >= 0), struts, section, **kind)
+    return np.array(beams.nodes, dtype=object).reshape(number.shape)
+
+
 def lattice(cells=5):
     """A square lattice, whose unknowns no order puts in a narrow band."""
     scene = fb.Scene(gravity=(0, -9.81))
-    nodes: dict = {}
-    for i in range(cells + 1):
-        for j in range(cells + 1):
-            for end in ((i + 1, j), (i, j + 1)):
-                if max(end) <= cells:
-                    ends = [nodes.get(place, place) for place in ((i, j), end)]
-                    bar = scene.add_beam(ends, FLYING, elements=2)
-                    nodes[i, j], nodes[end] = bar.start, bar.end
+    nodes = add_lattice(scene, FLYING, cells, cells, elements=2)
     scene.pin(nodes[0, 0])
     scene.pin(nodes[cells, 0])
     return scene

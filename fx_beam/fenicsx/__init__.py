@@ -13,6 +13,7 @@ if importlib.util.find_spec("dolfinx") is None or importlib.util.find_spec("pets
     )
 
 from .equilibrium import Equilibrium
+from .meshes import beams_of
 from .problem import Problem
 
-__all__ = ["Equilibrium", "Problem"]
+__all__ = ["Equilibrium", "Problem", "beams_of"]

@@ -315,6 +315,37 @@ def test_squares_of_frequencies_are_those_of_modes():
     np.testing.assert_allclose(equilibrium.eigenvalues(3).real, omega**2, rtol=1e-6)
 
 
+# -- Meshes ----------------------------------------------------------------------------------------
+
+
+def test_a_mesh_of_dolfinx_is_beams_with_sections_by_tags():
+    scene = fb.Scene(gravity=(0, -9.81))
+    first = scene.add_mesh([(0, 0), (1, 0), (1, 1)], [(0, 1), (1, 2), (2, 0)], SECTION)
+    scene.clamp(first.nodes[0])
+    mesh = fenicsx.Problem(scene, dt=DT).mesh
+    cells = np.arange(3, dtype=np.int32)
+    tags = dolfinx.mesh.meshtags(mesh, 1, cells, np.array([4, 4, 5], dtype=np.int32))
+    again, stiff = fb.Scene(gravity=(0, -9.81)), fb.Section(EA=2e4, GA=2e4, EI=200.0, rhoA=1.0)
+    beams = fenicsx.beams_of(again, mesh, {4: SECTION, 5: stiff}, tags, joints="rigid")
+    assert [beam.section for beam in beams] == [SECTION, SECTION, stiff]
+    for node, x in zip(beams.nodes, mesh.geometry.x, strict=True):
+        assert (node.x, node.y) == tuple(x[:2])
+    with pytest.raises(fb.SceneError, match="tag -2147483648"):
+        few = dolfinx.mesh.meshtags(mesh, 1, cells[:1], np.array([4], dtype=np.int32))
+        fenicsx.beams_of(fb.Scene(), mesh, {4: SECTION}, few)
+    square = dolfinx.mesh.create_unit_square(MPI.COMM_SELF, 1, 1)
+    with pytest.raises(fb.SceneError, match="straight intervals"):
+        fenicsx.beams_of(fb.Scene(), square, SECTION)
+
+
+def test_a_mesh_that_branches_moves_as_in_the_engine():
+    scene = fb.Scene(gravity=(0, -9.81))
+    beams = scene.add_mesh([(0, 0), (1, 0), (0, 1), (-1, 0)], [(0, 1), (0, 2), (0, 3)], SECTION, 3)
+    scene.clamp(beams.nodes[1])
+    solution = fenicsx.Problem(scene, dt=DT).run(T_END)
+    assert_same(solution, fb.simulate(scene, dt=DT, t_end=T_END))
+
+
 # -- Files and pictures ----------------------------------------------------------------------------
 
 

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 from plain_step import assert_balanced
-from scenes import FLYING, lattice, pendulum, pinned_beam
+from scenes import FLYING, add_lattice, lattice, pendulum, pinned_beam
 
 import fx_beam as fb
 from fx_beam import c_library
@@ -82,13 +82,8 @@ def test_chains_of_any_length_and_support_are_in_balance(elements, held):
 
 def frame(cells, high, turn=0.0):
     """A free lattice of single elements, which rotates as a whole [rad/s]."""
-    scene, nodes, middle = fb.Scene(), {}, np.array([cells, high]) / 2
-    for i in range(cells + 1):
-        for j in range(high + 1):
-            for end in ((i + 1, j), (i, j + 1)):
-                if end[0] <= cells and end[1] <= high:
-                    strut = scene.add_beam([nodes.get(at, at) for at in ((i, j), end)], STRUT)
-                    nodes[i, j], nodes[end] = strut.start, strut.end
+    scene, middle = fb.Scene(), np.array([cells, high]) / 2
+    nodes = add_lattice(scene, STRUT, cells, high)
     for node in scene.nodes:
         x, y = np.array([node.x, node.y]) - middle
         scene.set_velocity(node, (-turn * y, turn * x), spin=turn)

@@ -106,6 +106,17 @@ def spline_of_degree_three(x):
 
 
 @case()
+def pinned_mesh_with_tags(x):
+    scene, points = fb.Scene(gravity=GRAVITY), [(0, 0), (1, 0), (1, 0.8 * x[5]), (0, 1)]
+    cells, tags = [(0, 1), (1, 2), (3, 2), (3, 0), (0, 2)], ["edge"] * 4 + ["diagonal"]
+    sections = {"edge": section(x), "diagonal": section(x, EA=2e3, EI=50.0)}
+    beams = scene.add_mesh(points, cells, sections, joints="pin", tags=tags)
+    scene.pin(beams.nodes[0])
+    scene.add_force(beams.nodes[2], (20 * x[6], 0.0))
+    return scene
+
+
+@case()
 def material_of_ones_own(x):
     k = fb.Parameter("k", lambda t: 50 * x[2] * (1 + 2 * t))
 
