@@ -80,7 +80,8 @@ def add_lattice(scene, section, cells, high, **kind):
     """Struts of a square lattice, rigidly joined, and its nodes by their places."""
     number = np.arange((cells + 1) * (high + 1)).reshape(cells + 1, high + 1)
     along, across = (np.stack([of[:-1], of[1:]], axis=-1) for of in (number, number.T))
-    struts = [*along.reshape(-1, 2), *across.reshape(-1, 2)]
+    struts = np.concatenate([along.reshape(-1, 2), across.reshape(-1, 2)])
+    struts = struts[np.lexsort((-struts[:, 1], struts[:, 0]))]  # place by place
     beams = scene.add_mesh(np.argwhere(number >= 0), struts, section, **kind)
     return np.array(beams.nodes, dtype=object).reshape(number.shape)
 
