@@ -14,6 +14,7 @@ import shlex
 import shutil
 import subprocess
 import threading
+import weakref
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -196,14 +197,22 @@ def load(
         ) from error
 
 
-def function_addresses(
-    what: str, key: str, source: Callable[[], str], names: Sequence[str], flags: Sequence[str]
-) -> list[int]:
-    """Addresses of some functions of a compiled library, which stays loaded; see `load`."""
+class Functions(list[int]):
+    """Addresses of functions of a library, which is closed when nothing has them any more."""
 
-    def loader(path: Path) -> list[int]:
+
+def functions_of(
+    what: str, key: str, source: Callable[[], str], names: Sequence[str], flags: Sequence[str]
+) -> Functions:
+    """Some functions of a compiled library; see `load`."""
+
+    def loader(path: Path) -> Functions:
         library = ctypes.CDLL(str(path))
-        return [ctypes.cast(library[name], ctypes.c_void_p).value or 0 for name in names]
+        addresses = [ctypes.cast(library[name], ctypes.c_void_p).value or 0 for name in names]
+        functions, close = Functions(addresses), ctypes.CDLL(None).dlclose
+        handle = ctypes.c_void_p(library._handle)
+        weakref.finalize(functions, close, handle).atexit = False  # others may run until the end
+        return functions
 
     return load(what, key, source, loader, flags)
 

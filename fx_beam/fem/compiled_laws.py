@@ -62,6 +62,7 @@ class PointFunction:
     def __init__(self, compiled: CompiledForm):
         #: Number of its values, and address of the function.
         self.size, (self.address,) = compiled.values, compiled.addresses
+        self._compiled = compiled  # as long as it is there, so is its library
         self._function = _FUNCTION(self.address)
 
     def __call__(self, numbers: np.ndarray) -> np.ndarray:

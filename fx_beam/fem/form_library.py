@@ -9,7 +9,8 @@ from __future__ import annotations
 import functools
 import hashlib
 import json
-from collections.abc import Callable, Mapping
+import weakref
+from collections.abc import Callable, Mapping, MutableMapping
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -24,8 +25,9 @@ _FLAGS = "-O2", "-fno-tree-slp-vectorize"
 # Where all that becomes a form is written.
 _PACKAGE = Path(__file__).parents[1]
 _WRITERS = "laws/*.py", "fem/*.py", "scene/law.py"
-# Those that this process has loaded; libraries are never unloaded.
+# Those that this process has loaded; those with functions of a user as long as something has them.
 _modules: dict[Any, FormModule] = {}
+_of_users: weakref.WeakValueDictionary[Any, FormModule] = weakref.WeakValueDictionary()
 
 
 class CompiledForm(NamedTuple):
@@ -67,14 +69,16 @@ class FormModule:
         self.forms = {
             name: CompiledForm(name, self, **form) for name, form in content["forms"].items()
         }
+        #: Functions for several elements at once, by what was asked for.
+        self.batches: dict[tuple[str, ...], c_library.Functions] = {}
 
     @cached_property
     def addresses(self) -> dict[str, int]:
         """Addresses of the functions of one element, by their names in C."""
         what, text = " and ".join(map(repr, self.forms)), self.header + self.source
         names = [name for form in self.forms.values() for _, name in form.functions]
-        addresses = c_library.function_addresses(what, text, lambda: text, names, _FLAGS)
-        return dict(zip(names, addresses, strict=True))
+        self._functions = c_library.functions_of(what, text, lambda: text, names, _FLAGS)
+        return dict(zip(names, self._functions, strict=True))
 
 
 def form_module(key: Any, write: Callable[[], Written]) -> FormModule:
@@ -82,15 +86,16 @@ def form_module(key: Any, write: Callable[[], Written]) -> FormModule:
 
     Without a key they are written in any case, and signed: functions of a user may have changed.
     """
+    known: MutableMapping[Any, FormModule] = _modules
     written = None
     if key is None:
         from . import ffcx_api
 
-        written = write()
+        known, written = _of_users, write()
         key = ffcx_api.signature(written)
-    if key not in _modules:
-        _modules.setdefault(key, _loaded(key, lambda: written or write()))
-    return _modules[key]
+    if (module := known.get(key)) is None:
+        module = known.setdefault(key, _loaded(key, lambda: written or write()))
+    return module
 
 
 def _loaded(key: Any, write: Callable[[], Written]) -> FormModule:

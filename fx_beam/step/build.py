@@ -28,8 +28,6 @@ _WHAT = {
 # Parameters of glibc's mallopt, and their values: arrays up to so many bytes reuse freed memory, of
 # which twice as much is kept. Pages that are new take longer than what fills them.
 _MALLOC = {-3: 1 << 25, -1: 1 << 26}  # M_MMAP_THRESHOLD, M_TRIM_THRESHOLD
-# Addresses in the libraries that this process has loaded, which Python does not unload.
-_loaded: dict[tuple[str, ...], list[int]] = {}
 
 
 def load_library(features: str = "CHAIN", derivatives: str = "") -> tuple[Any, Any]:
@@ -65,18 +63,23 @@ def begin_to_build(features: str, derivatives: str = "") -> None:
 
 
 def load_batches(
-    name: str, key: str, source: Callable[[], str], functions: int, numbers: tuple[int, int, int]
+    name: str,
+    key: str,
+    source: Callable[[], str],
+    functions: int,
+    numbers: tuple[int, int, int],
+    loaded: dict[tuple[str, ...], c_library.Functions],
 ) -> list[int]:
     """Addresses of a ``Batch`` of problem.h for each C function of a source.
 
     The functions of one element, element_0, element_1, ..., have these numbers of tensor entries,
-    coefficients and coordinates.
+    coefficients and coordinates. They stay as long as they are among those that are `loaded`.
     """
     sizes = ", ".join(str(max(number, 1)) for number in numbers)
     flags = [*_FLAGS, "-freciprocal-math"]
     asked = key, sizes, *c_library.target_flags()[1], *flags
-    if asked in _loaded:
-        return _loaded[asked]
+    if asked in loaded:
+        return loaded[asked]
     names = [f"batch_{i}" for i in range(functions)]
     batches = [f"BATCH({batch}, element_{i}, {sizes})" for i, batch in enumerate(names)]
 
@@ -85,5 +88,5 @@ def load_batches(
         return "\n".join([*state, '#include "batch.h"', source(), *batches, ""])
 
     what = f"{name!r} for several elements"
-    _loaded[asked] = c_library.function_addresses(what, key + sizes, text, names, flags)
-    return _loaded[asked]
+    loaded[asked] = c_library.functions_of(what, key + sizes, text, names, flags)
+    return loaded[asked]

@@ -135,7 +135,8 @@ class FormTables:
         packed, cells = form.coefficients(), form.cells
         width = form.width
         numbers = kernel.size, width, p.cell_coordinates
-        batches = load_batches(name, kernel.key, kernel.source, len(cells), numbers)
+        loaded = form.compiled.module.batches  # which stays as long as the form
+        batches = load_batches(name, kernel.key, kernel.source, len(cells), numbers, loaded)
         starts = form.field_starts
         moving = [(i, starts[field]) for i, field in enumerate(fields) if field in starts]
         of_step = ("load_increment", "load_factor") if forms.at_rest else ("dt", "memory")

@@ -1,7 +1,9 @@
 """A researcher's own stored energy, virtual work and scheme."""
 
+import gc
 import itertools
 import math
+from pathlib import Path
 
 import ufl
 
@@ -363,3 +365,42 @@ def test_small_motions_see_forces_of_starts_and_ends_as_those_of_places(of_step,
     assert abs(found - expected).max() < 1e-6 * abs(expected).max()
     values = (np.sort_complex(np.linalg.eigvals(A)) for A in (found, expected))
     assert next(values) == pytest.approx(next(values), rel=1e-4)
+
+
+def mapped():
+    """Files of code that this process has mapped, also those that were removed since."""
+    lines = Path("/proc/self/maps").read_text().splitlines()
+    return {tuple(line.split(maxsplit=5)[3:]) for line in lines if ".so" in line}
+
+
+@pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="Linux says what is mapped")
+@pytest.mark.parametrize("law", ["section", "spring", "work"])
+def test_code_of_laws_that_nothing_has_any_more_leaves_the_process(law):
+    def motion(number):
+        def energy(eps, gamma, kappa):
+            return same_as_flying(eps, gamma, kappa) + number * kappa**4
+
+        own = fb.Section(strain_energy=energy, rhoA=1.0, rhoI=0.1)
+        scene = fb.Scene(gravity=(0.0, -9.81))
+        beam = scene.add_beam([(0, 0), (1, 0)], own if law == "section" else FLYING, elements=2)
+        spring = fb.Spring(strain_energy=lambda x: number * x**4) if law == "spring" else None
+        scene.add_joint(fb.Revolute(fb.GROUND, beam.start, spring=spring))
+        if law == "work":
+            scene.add_virtual_work(lambda step: number * step.virtual_u[0], beam)
+        return fb.simulate(scene, dt=0.01, t_end=0.03, record=fb.Record(rates=True))
+
+    def others(first):
+        for k in range(first, first + 3):
+            motion(1.0 + 0.01 * k)
+        gc.collect()
+        return len(mapped())
+
+    kept = motion(0.5)
+    before, known = others(0), kept.energy.total[-1]
+    assert others(3) == before
+    # What a solution reads later is there as long as the solution.
+    N = kept.resultants(next(iter(kept.beams.values()))).N
+    assert np.isfinite(N).all()
+    again = motion(0.5)
+    assert again.energy.total[-1] == known
+    assert np.array_equal(again.resultants(next(iter(again.beams.values()))).N, N)

@@ -35,7 +35,8 @@ def cache(monkeypatch, tmp_path):
 
 def forget(monkeypatch):
     """As in a process that has loaded nothing."""
-    monkeypatch.setattr(form_library, "_modules", {})
+    for name in ("_modules", "_of_users"):
+        monkeypatch.setattr(form_library, name, {})
     c_library.open_library.cache_clear()
 
 
