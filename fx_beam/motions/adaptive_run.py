@@ -43,9 +43,11 @@ class AdaptiveRun:
         self._search, self._breaks = tolerance.search, tolerance.breaks
         # The local error of a scheme of order 2 is right also where accelerations have a kink.
         self._watch = self._order > 2
+        #: Whether functions of time move the kinks of laws.
+        self._kinks_move = self._watch and stepper.model.forms.parameters.vary
         #: Segments of motion between events are not divided further [s].
         self._least = _LEAST * tolerance.span
-        self._started = False
+        self._started = self._behind_event = False
         #: Whether each call takes a single step.
         self._single = single
         self._next, self._block, self._halvings = 0, _FIRST_BLOCK, 0
@@ -110,6 +112,15 @@ class AdaptiveRun:
         difference[model.turns] = 0.0  # as vibrations hardly displace
         return self._control.matters(float(difference.max()))
 
+    def _harmless(self, state: State, t1: float) -> float:
+        """End of a step that an event at its start or end does not disturb: t1 [s], or earlier.
+
+        In a step all forces have the values of parameters at one time, but kinks move with them.
+        """
+        while self._kinks_move and t1 - state.t > self._least and self._matters(state, t1):
+            t1 = (state.t + t1) / 2
+        return t1
+
     def _trial(self, state: State, t1: float, watch: bool = False) -> Trial:
         """A step that is not part of the run; it is counted as rejected."""
         with uncounted(self._stats):
@@ -132,6 +143,7 @@ class AdaptiveRun:
             if not result.switched:
                 return result, t1 - state.t
             end = t1
+        end = self._harmless(state, end)
         number = stats.steps + 1
         recorder.plan(number, np.array([end]), end == self._breaks[-1])
         step = stepper.try_steps(
@@ -139,7 +151,7 @@ class AdaptiveRun:
         )
         if step.taken:
             self.events.append(end)
-            self._started = False
+            self._started, self._behind_event = False, True
         return step._replace(taken=result.taken + step.taken), end - state.t
 
     def _start(self, state: State, until: float) -> None:
@@ -147,6 +159,9 @@ class AdaptiveRun:
         integrator, control, stats = self._stepper.integrator, self._control, self._stats
         number = self._order + AVERAGED
         longest = (until - state.t) / number
+        if self._behind_event:
+            control.begin(self._harmless(state, state.t + min(control.length, longest)) - state.t)
+            self._behind_event = False
         for _ in range(_TRIALS):
             dt = min(control.length, longest)
             past, now = integrator.past, state

@@ -275,6 +275,7 @@ class Model:
 
     def switches(self, state: State) -> np.ndarray:
         """Values that change their sign where a contact opens or closes, or a law switches."""
+        self.forms.parameters.use(state.parameters)
         return self.points.switches(state.q, state.slides)
 
     def flowed(self, before: State, behind: State) -> bool:

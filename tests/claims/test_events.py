@@ -4,6 +4,7 @@ import ufl
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import fx_beam as fb
 
@@ -185,3 +186,27 @@ def test_order_four_warns_of_losses_at_impacts(of, caplog):
         caplog.clear()
         fb.simulate(scene, fb.EnergyMomentum(order), t_end=0.05, tolerance=1e-3)
         assert ("losses at impacts" in caplog.text) is (order == 4 and loss < 1)
+
+
+def test_a_kink_that_a_parameter_moves_is_an_event_of_its_own_time():
+    # A rope whose length changes slackens and tightens twice: beside an ODE in its one unknown.
+    def length(t):
+        return 3.0 + 0.3 * np.sin(6 * t)
+
+    scene = fb.Scene(gravity=(0, -9.81))
+    ball = scene.add_body((0, 0), mass=20.0, inertia=0.5).centre
+    L = fb.Parameter("length", length)
+    rope = fb.Spring(strain_energy=lambda r: 1e4 * ufl.max_value(r - L, 0) ** 2)
+    scene.add_force_between(ball, (0, 3), spring=rope)
+
+    def rates(t, y):
+        return [y[1], -9.81 + 1e3 * max(3 - y[0] - length(t), 0.0)]
+
+    accurate = {"rtol": 1e-11, "atol": 1e-11, "max_step": 1e-3}
+    for tolerance in (1e-3, 1e-4):
+        scheme = fb.EnergyMomentum(order=4)
+        solution = fb.simulate(scene, scheme, t_end=1.0, tolerance=tolerance)
+        exact = solve_ivp(rates, (0, 1.0), [0, 0], t_eval=solution.t, **accurate)
+        error = abs(solution.displacement(ball)[:, 1] - exact.y[0]).max()
+        assert error < 5 * tolerance
+        assert solution.stats.steps + solution.stats.rejected < 500

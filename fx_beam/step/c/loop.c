@@ -243,6 +243,7 @@ static int switched(const Problem *p) {
 OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
   Work work = work_of(p), *w = &work;
   p->failure = p->stopped = 0;  // also where no step is to be taken
+  if (p->parameters_vary && !p->at_rest) use_parameters(p, p->parameters); /* there may be those of a trial */
   if (p->watches) fx_find_switches(p->points, p->q, p->slides, p->sides);
   if (to->first == 0) record(p, w, to);
   else if (steps > 1) find_energies(p, w); /* for one step they cost more than they spare */
