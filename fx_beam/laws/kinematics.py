@@ -30,18 +30,22 @@ def director(psi, t0):
     return ufl.cos(psi) * t0 + ufl.sin(psi) * perp(t0)
 
 
-def turned(t, angle):
-    """A vector rotated by an angle, from its half, of which schemes need sine and cosine anyway."""
+def turn_of(t, angle):
+    """What a rotation by an angle adds to a vector, exact for small angles, too.
+
+    By the half of the angle, of which schemes need sine and cosine anyway.
+    """
     s, c = ufl.sin(angle / 2), ufl.cos(angle / 2)
-    return t + 2 * s * (c * perp(t) - s * t)
+    return 2 * s * (c * perp(t) - s * t)
 
 
-def strains(dphi, t, dpsi):
+def strains(du, t, turn, dpsi):
     """Axial strain E.t, shear strain E.(W t) and curvature psi', with E = phi' - t (eqs 9, 10, 12).
 
-    They equal the components of the material strain R^T phi' - t0 in the reference frame.
+    They equal the components of the material strain R^T phi' - t0 in the reference frame. With
+    u' and the `turn` t - t0 of the director, strains far below 1 have all their digits.
     """
-    E = dphi - t
+    E = du - turn
     return ufl.dot(E, t), ufl.dot(E, perp(t)), dpsi
 
 
@@ -183,12 +187,12 @@ class Step:
     @property
     def total_strains0(self):
         """Strains (eps, gamma, kappa) at the start of the step, from the configuration alone."""
-        return self._strains(self.u0, self.psi0, self.director0)
+        return self._strains(self.u0, self.psi0, self._turn0)
 
     @property
     def total_strains1(self):
         """Strains (eps, gamma, kappa) at the end of the step, from the configuration alone."""
-        return self._strains(self.u0 + self.Du, self.psi0 + self.Dpsi, self.director1)
+        return self._strains(self.u0 + self.Du, self.psi0 + self.Dpsi, self._turn1)
 
     @property
     def natural_increments(self):
@@ -200,21 +204,31 @@ class Step:
     @property
     def strains_before(self):
         """Strains (eps, gamma, kappa) at the start of the last step, the natural ones included."""
-        t = director(self.psi_before, self.t0)
-        return self._strains(self.u_before, self.psi_before, t)
+        turn = turn_of(self.t0, self.psi_before)
+        return self._strains(self.u_before, self.psi_before, turn)
 
-    def _strains(self, u, psi, t):
-        return strains(self.t0 + self.prime(u), t, self.prime(psi))
+    def _strains(self, u, psi, turn):
+        return strains(self.prime(u), self.t0 + turn, turn, self.prime(psi))
+
+    @property
+    def _turn0(self):
+        """What turns the director from the reference to the start of the step."""
+        return turn_of(self.t0, self.psi0)
+
+    @property
+    def _turn1(self):
+        """The same to the end of the step."""
+        return self._turn0 + turn_of(self.director0, self.Dpsi)
 
     @property
     def director0(self):
         """Unit normal of the section at the start of the step."""
-        return director(self.psi0, self.t0)
+        return self.t0 + self._turn0
 
     @property
     def director1(self):
         """Unit normal of the section at the end of the step."""
-        return turned(self.director0, self.Dpsi)
+        return self.t0 + self._turn1
 
     @property
     def director(self):

@@ -10,7 +10,17 @@ from typing import Any, NamedTuple
 from fx_beam.scene.law import Law, has_pieces
 from fx_beam.symbolic import ufl
 
-from .kinematics import Step, differences, director, elastic, perp, strains, tan, virtual_work
+from .kinematics import (
+    Step,
+    differences,
+    director,
+    elastic,
+    perp,
+    strains,
+    tan,
+    turn_of,
+    virtual_work,
+)
 
 #: Added to the square of a speed, whose root then has a derivative at rest; below all rounding.
 _AT_REST = 1e-300
@@ -244,10 +254,10 @@ class AtEnds:
 
 def _at(step: Step, law: Law, u, psi, natural) -> Resultants:
     """Resultants of one configuration, with its natural strains."""
-    dphi = step.t0 + step.prime(u)
-    t = director(psi, step.t0)
-    N, Q, M = law.resultants(*elastic(strains(dphi, t, step.prime(psi)), natural))
-    return Resultants(dphi, t, N, Q, M, m=M)
+    du, turn = step.prime(u), turn_of(step.t0, psi)
+    t = step.t0 + turn
+    N, Q, M = law.resultants(*elastic(strains(du, t, turn, step.prime(psi)), natural))
+    return Resultants(step.t0 + du, t, N, Q, M, m=M)
 
 
 def averaged(step: Step, law: Law) -> Resultants:

@@ -91,11 +91,13 @@ def _strains(solution: Any, nodes: np.ndarray, rows: list[int]) -> np.ndarray:
     values, slopes = lagrange_and_slopes(np.linspace(0, 1, count), gauss_rule(count - 1)[0])
     X, q = solution.X[nodes], solution.recorded("q")[rows][:, nodes]
     (X, Y), (u, v, psi) = np.moveaxis(X, -1, 0), np.moveaxis(q, -1, 0)
-    x, y, dx, dy, curvature = (f @ slopes.T for f in (X, Y, X + u, Y + v, psi))
-    J, psi = np.hypot(x, y), psi @ values.T
-    c, s = np.cos(psi), np.sin(psi)
-    tx, ty = (c * x - s * y) / J, (s * x + c * y) / J
-    return np.stack([(dx * tx + dy * ty) / J - 1, (dy * tx - dx * ty) / J, curvature / J])
+    x, y, du, dv, curvature = (f @ slopes.T for f in (X, Y, u, v, psi))
+    J, half = np.hypot(x, y), psi @ values.T / 2
+    c, s = np.cos(half), np.sin(half)
+    turn_x, turn_y = -2 * s * (s * x + c * y) / J, 2 * s * (c * x - s * y) / J
+    tx, ty = x / J + turn_x, y / J + turn_y
+    Ex, Ey = du / J - turn_x, dv / J - turn_y
+    return np.stack([Ex * tx + Ey * ty, Ey * tx - Ex * ty, curvature / J])
 
 
 def nodes_of_elements(solution: Any) -> np.ndarray:
