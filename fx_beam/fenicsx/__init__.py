@@ -6,7 +6,7 @@ Only this loads dolfinx. `Problem` takes steps in time, `Equilibrium` load steps
 import importlib.util
 
 if importlib.util.find_spec("dolfinx") is None or importlib.util.find_spec("petsc4py") is None:
-    raise ImportError(
+    raise ModuleNotFoundError(
         "fx_beam.fenicsx needs dolfinx with PETSc: Debian's python3-dolfinx, with its "
         "/usr/bin/python3, or pip install 'fx-beam[dolfinx]'",
         name="dolfinx",

@@ -66,7 +66,7 @@ class StepForm:
         #: one is discontinuous where nodal rotations are components, so that several have one.
         spaces = self.V, fields.increment.function_space
         dofs = self.model.mesh.unknowns.dofs
-        self._of_V, self.of_increment = (grid.numbers(space, dofs) for space in spaces)
+        self.of_V, self.of_increment = (grid.numbers(space, dofs) for space in spaces)
         self._glue = glue(self.of_increment)
         #: State at the end of the last step, its rates, and accelerations.
         self.q, self.v, self.a = (fem.Function(self.V, name=name) for name in "qva")
@@ -103,7 +103,7 @@ class StepForm:
         q_previous = state.q if state.q_previous is None else state.q_previous
         functions = fields.start, *fields.start_rates, fields.q_previous
         for function, x in zip(functions, (state.q, state.v, state.a, q_previous), strict=True):
-            function.x.array[:] = x[self._of_V]
+            function.x.array[:] = x[self.of_V]
         for function, strains in zip(fields.natural, (state.natural, natural), strict=True):
             if strains is not None:
                 self.grid.fill(function, strains)
@@ -119,7 +119,7 @@ class StepForm:
     def end(self, state: State) -> None:
         """Set the end of a step."""
         for function, x in zip((self.q, self.v, self.a), (state.q, state.v, state.a), strict=True):
-            function.x.array[:] = x[self._of_V]
+            function.x.array[:] = x[self.of_V]
         self.u.x.array[:] = self.q.x.array[self._of_u]
         if state.internal is not None:
             self.grid.fill(self._internal_end, state.internal)
@@ -227,7 +227,7 @@ class StepForm:
         (u, psi), (virtual_u, virtual_psi) = pairs
         translation = density[0] * ufl.dot(u, virtual_u)
         form = (translation + density[1] * psi * virtual_psi) * self._fields.measure(points)
-        numbers = glue(self._of_V)
+        numbers = glue(self.of_V)
         self._local.setLGMap(numbers, numbers)
         fem.petsc.assemble_matrix(self._local, compiled(form))
         self._local.assemble()

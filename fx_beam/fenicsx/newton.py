@@ -40,8 +40,8 @@ class Newton:
         self, form: StepForm, loop: CompiledLoop, newton: NewtonOptions, options: dict[str, Any]
     ):
         self.form, self._loop, self._newton = form, loop, newton
-        #: Iterations in the last step.
-        self.iterations = 0
+        #: Iterations in the last step; all forces (size,) in the last of them.
+        self.iterations, self.forces = 0, np.zeros(loop.model.size)
         #: Natural strains (cells, degree, 3) that a user gives at the end of a step.
         self.natural: np.ndarray | None = None
         model, problem = loop.model, loop.problem
@@ -88,7 +88,7 @@ class Newton:
             return self._failure
         if not np.array_equal(self._y[unknowns.independent], y := unknowns.all(x)):
             self._evaluate(y)  # a line search came back
-        self._z[:free], self._r[:], self._f[:] = self._y, self._forces, self._internal
+        self._z[:free], self._r[:], self._f[:] = self._y, self.forces, self._internal
         p.work -= self._mean(p.t, dt) @ self._path
         return self._constants.OK
 
@@ -108,11 +108,11 @@ class Newton:
         if not abs(D[model.turns]).max() <= self._newton.max_turn:
             closed = np.isfinite(D).all()
             self._failure = self._constants.TURNED_TOO_FAR if closed else self._constants.OPEN_LOOP
-            self._forces = np.full(model.size, np.nan)
+            self.forces = np.full(model.size, np.nan)
             return
         self._path, self._slope = rates.work_increment(D, model.turns)
         self._internal, self._added = self.form.residual(D)
-        r = self._forces = self._internal + self._added - self._force
+        r = self.forces = self._internal + self._added - self._force
         if not rates.at_rest:
             r += self.form.mass @ self._acceleration(D, state, self._interval.length)
         model.points.add_force(D, r)
@@ -143,7 +143,7 @@ class Newton:
         if model.points.members is not None:
             of_members = model.points.members.tangent()
             more = of_members if more is None else more + of_members
-        unknowns.assemble(others, more, self._y, self._driven, self._forces)
+        unknowns.assemble(others, more, self._y, self._driven, self.forces)
         return unknowns.A
 
     # -- SNES --------------------------------------------------------------------------------------
@@ -171,7 +171,7 @@ class Newton:
     def _F(self, snes: PETSc.SNES, x: PETSc.Vec, b: PETSc.Vec) -> None:
         unknowns = self.unknowns
         self._evaluate(unknowns.all(x))
-        b.array[:] = unknowns.own(unknowns.projected(self._forces))
+        b.array[:] = unknowns.own(unknowns.projected(self.forces))
 
     def _shorten(self, x: PETSc.Vec, correction: PETSc.Vec) -> bool:
         """Let a correction turn no node further than `LONGEST_TURN`."""

@@ -190,6 +190,19 @@ class Steps:
         return new
 
     @property
+    def residual(self) -> np.ndarray:
+        """All forces r (size,) of the last iteration, with inertia, in the scene's order [N, N m].
+
+        At the end of a step Tv^T r is zero: what is left are forces of supports and joints.
+        """
+        return self._newton.forces
+
+    @property
+    def scene_dofs(self) -> np.ndarray:
+        """Number in the scene of each degree of freedom of `V`: its row of `T`, `Tv`, `K`, `M`."""
+        return self._form.of_V
+
+    @property
     def T(self) -> scipy.sparse.csr_matrix:
         """Small motions (size, n) of all degrees of freedom by those of the unknowns."""
         return self._newton.unknowns.T
