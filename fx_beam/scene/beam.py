@@ -228,34 +228,14 @@ def lagrange_and_slopes(nodes: np.ndarray, points: np.ndarray) -> tuple[np.ndarr
     return values, slopes
 
 
-def _strut(points: Any, elements: Any) -> Layout | None:
-    """Quick layout of one straight element, for frames of many; None if anything is unusual."""
-    if type(points) is not list or len(points) != 2 or type(elements) is not int or elements != 1:
-        return None
-    if not all(isinstance(p, Node) or (type(p) is tuple and len(p) == 2) for p in points):
-        return None
-    (x0, y0), (x1, y1) = map(position_of, points)
-    if not all(type(x) is float or type(x) is int for x in (x0, y0, x1, y1)):
-        return None
-    if not (largest := max(map(abs, (x0, y0, x1, y1)))) <= LARGEST:
-        return None
-    length = abs(complex(x1 - x0, y1 - y0))
-    # Whether they coincide is decided where there is time for it.
-    if not 1e-9 * largest < length:
-        return None
-    return Layout(points, np.array([0.0, length]))
-
-
 def polyline(points: Sequence, elements: int | Sequence[int], name: str) -> Layout:
     """Nodes along a polyline with corners at `points`.
 
     `elements` is the number in all, spread over the straight pieces by length, or one for each.
     """
-    if (strut := _strut(points, elements)) is not None:
-        return strut
-    if _is_plain(points) and type(elements) is int:
-        ends, s = _known(tuple(points), elements, name)
-        return Layout([*ends], s)
+    if type(elements) is int and (places := _plain(points)):
+        ends, s = _known(places, elements, name)
+        return Layout([points[0], *ends[1:-1], points[-1]], s)
     return _polyline(points, elements, name)
 
 
@@ -278,12 +258,14 @@ def listed_points(points: Any, what: str) -> tuple[list, np.ndarray]:
     return listed, positions
 
 
-def _is_plain(points: Any) -> bool:
-    """Whether points are pairs of Python's numbers, of which layouts are kept."""
-    if type(points) is not list:
-        return False
-    pairs = all(type(point) is tuple and len(point) == 2 for point in points)
-    return pairs and all(type(x) is float or type(x) is int for point in points for x in point)
+def _plain(points: Any) -> tuple | None:
+    """Positions, of which layouts are kept: Python's numbers, with nodes at most at both ends."""
+    if type(points) is not list or len(points) < 2:
+        return None
+    places = position_of(points[0]), *points[1:-1], position_of(points[-1])
+    pairs = all(type(place) is tuple and len(place) == 2 for place in places)
+    fits = pairs and all(type(x) is float or type(x) is int for place in places for x in place)
+    return places if fits else None
 
 
 @functools.lru_cache(maxsize=64)

@@ -1,105 +1,172 @@
-"""A mesh of beams: points, and cells between them, from arrays or from another program."""
+"""A mesh of points and cells, as arrays: the nodes of its straight beams, and their sections."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Hashable, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.dual import stacked
-from fx_beam.errors import LARGEST, SceneError, is_one_of, is_whole, numbers, require, shown
+from fx_beam.dual import plain, stacked
+from fx_beam.errors import LARGEST, SceneError, numbers, shown
 
 from .beam import MOST_ELEMENTS, Beam, Node
 from .section import Section
 
-_JOINTS = "rigid", "pin"
-_WANTED = "rows of two numbers of points, one row for each beam"
-
 
 class MeshBeams(list[Beam]):
-    """The beams of a mesh, in the order of its cells.
-
-    Attributes
-    ----------
-    nodes : list of Node
-        The node at each point of the mesh; with pins that of the first beam there, to which those
-        of the others are joined.
-    """
+    """Beams of a mesh, in the order of its cells."""
 
     def __init__(self, nodes: list[Node]):
         super().__init__()
+        #: Nodes at the points of the mesh, in their order.
         self.nodes = nodes
 
-
-@dataclass
-class Mesh:
-    """Points (n, 2), cells (m, 2) and the section of each, checked."""
-
-    points: Any
-    cells: list[tuple[int, int]]
-    #: Lengths (m,) of the cells [m].
-    lengths: np.ndarray
-    sections: list[Section]
+    def __repr__(self):
+        return f"<{len(self)} beams between {len(self.nodes)} points>"
 
 
-def checked(points: Any, cells: Any, section: Any, elements: Any, tags: Any, joints: Any) -> Mesh:
-    """What was given as a mesh; SceneError for what is none."""
-    require(is_one_of(joints, _JOINTS), "add_mesh: joints", joints, f"one of {_JOINTS}")
-    fits = is_whole(elements, 1, MOST_ELEMENTS)
-    require(fits, "add_mesh: elements", elements, f"a whole number from 1 to {MOST_ELEMENTS:,}")
-    at = numbers(points)
-    fits = at.ndim == 2 and at.shape[1] == 2 and bool((abs(at) <= LARGEST).all())
-    require(fits, "add_mesh: points", points, "finite (x, y), one row for each point")
-    table = np.asarray(cells)
-    fits = table.ndim == 2 and table.shape[1] == 2 and len(table) > 0 and table.dtype.kind in "iu"
-    require(fits, "add_mesh: cells", cells, _WANTED)
-    _check_cells(at, table)
-    ends = at[table]
-    lengths = np.hypot(*(ends[:, 1] - ends[:, 0]).T)
-    for cell in np.flatnonzero(lengths <= 1e-12 * np.ptp(at, axis=0).max()):
-        a, b = table[cell]
-        raise SceneError(f"add_mesh: cell {cell} has no length: the points {a} and {b} coincide")
-    pairs = [*map(tuple, table.tolist())]
-    return Mesh(stacked(points), pairs, lengths, _sections(section, tags, len(table)))
+class MeshLayout(NamedTuple):
+    """Nodes of a mesh: at its points, then those that pins join to these, then those in cells."""
+
+    #: Number of points.
+    points: int
+    #: Positions of all nodes (n, 2) [m].
+    positions: Any
+    #: Pairs of nodes that pins join, that at a point first, (k, 2).
+    pins: np.ndarray
+    #: Where each cell begins in `nodes` and `s`, and their length, (m + 1,).
+    starts: np.ndarray
+    #: Nodes of the cells, one cell after the other.
+    nodes: np.ndarray
+    #: Arc length there [m].
+    s: np.ndarray
 
 
-def _check_cells(points: np.ndarray, cells: np.ndarray) -> None:
-    """Refuse cells between points that do not exist, doubled ones, and points without a cell."""
-    outside = (cells < 0) | (cells >= len(points))
-    for cell in np.flatnonzero(outside.any(axis=1)):
+def mesh_layout(points: Any, cells: Any, elements: Any, pinned: bool) -> MeshLayout:
+    """Nodes of a mesh; SceneError for points, cells or elements that do not fit."""
+    places = _checked_points(points)
+    count = len(places)
+    at = _checked_cells(cells, count)
+    lengths = _checked_lengths(plain(places), at)
+    elements = _checked_elements(elements, len(at))
+    ends, own = at.flatten(), np.empty(0, int)
+    if pinned:  # of the cells at a point the first one has the node there
+        own = _repeated(ends)
+        ends[own] = count + np.arange(len(own))
+    beside = at.flat[own]
+    starts = np.concatenate(([0], np.cumsum(elements + 1)))
+    cell = np.repeat(np.arange(len(at)), elements + 1)
+    fractions = (np.arange(len(cell)) - starts[cell]) / elements[cell]
+    inside = (fractions > 0) & (fractions < 1)
+    nodes = np.empty(len(cell), int)
+    nodes[~inside] = ends
+    nodes[inside] = count + len(own) + np.arange(np.count_nonzero(inside))
+    a, b = (places[at[cell[inside], i]] for i in (0, 1))
+    within = a + fractions[inside, None] * (b - a)
+    positions = np.concatenate([places, places[beside], within])
+    pins = np.column_stack([beside, ends[own]])
+    return MeshLayout(count, positions, pins, starts, nodes, lengths[cell] * fractions)
+
+
+def _repeated(values: np.ndarray) -> np.ndarray:
+    """Where values are that were there before."""
+    return np.setdiff1d(np.arange(len(values)), np.unique(values, return_index=True)[1])
+
+
+def _checked_points(points: Any) -> Any:
+    """Positions (n, 2) [m], with slopes if they have any."""
+    places = numbers(points)
+    if places.ndim != 2 or places.shape[1] != 2:
+        depth = ". Take x and y: points[:, :2]" if places.shape[1:] == (3,) else ""
         raise SceneError(
-            f"add_mesh: cell {cell} lies between the points {cells[cell].tolist()}, but there are "
-            f"the points 0 to {len(points) - 1}"
+            f"add_mesh: points must be an array (n, 2) of numbers, not {shown(points)}{depth}"
         )
-    _, first, count = np.unique(np.sort(cells), axis=0, return_index=True, return_counts=True)
-    for cell in first[count > 1]:
-        a, b = cells[cell].tolist()
-        raise SceneError(f"add_mesh: several cells lie between the points {a} and {b}: keep one")
-    for point in np.setdiff1d(np.arange(len(points)), cells):
-        x, y = points[point]
+    for i in np.flatnonzero(~(abs(plain(places)) <= LARGEST).all(axis=1)):
         raise SceneError(
-            f"add_mesh: point {point} at ({x:g}, {y:g}) belongs to no cell. Leave it out; programs "
-            "for meshes may add points for themselves"
+            f"add_mesh: point {i} at ({places[i, 0]:g}, {places[i, 1]:g}) is not finite, or too far"
         )
+    return stacked(places)
 
 
-def _sections(section: Any, tags: Any, count: int) -> list[Section]:
-    """The section of each cell: one for all, or by its tag."""
-    if tags is None:
-        wanted = "an fx_beam.Section; for several give a dictionary by tags, and the tags"
-        require(isinstance(section, Section), "add_mesh: section", section, wanted)
-        return [section] * count
-    fits = isinstance(section, Mapping) and all(isinstance(s, Section) for s in section.values())
-    require(fits, "add_mesh: section", section, "with tags a dictionary of sections by tag")
-    listed = np.asarray(tags).tolist()
-    fits = isinstance(listed, list) and len(listed) == count
-    require(fits, "add_mesh: tags", tags, f"a sequence of {count} tags, one for each cell")
-    for cell, tag in enumerate(listed):
-        if tag not in section:
+def _checked_cells(cells: Any, count: int) -> np.ndarray:
+    """Points at both ends of each cell (m, 2), of so many points."""
+    given = numbers(cells)
+    if given.ndim != 2 or given.shape[1] != 2 or not given.size or (given != np.floor(given)).any():
+        raise SceneError(
+            "add_mesh: cells must be an array (m, 2) of whole numbers, the points at both ends, "
+            f"not {shown(cells)}"
+        )
+    for k in np.flatnonzero(((given < 0) | (given >= count)).any(axis=1)):
+        start = ". If they count from 1, give cells - 1" if given.min() == 1 else ""
+        raise SceneError(
+            f"add_mesh: {_named(k, given)} has a point that is not among the {count} points, which "
+            f"count from 0{start}"
+        )
+    ends = given.astype(int)
+    unused = np.setdiff1d(np.arange(count), ends)
+    if len(unused):
+        raise SceneError(
+            f"add_mesh: no cell has the points {shown(unused.tolist())}. Leave them out: kept, "
+            "cells = np.unique(cells, return_inverse=True), then points[kept] and "
+            "cells.reshape(-1, 2)"
+        )
+    keys = np.sort(ends, axis=1) @ (count, 1)
+    for k in _repeated(keys):
+        twin = int(np.argmax(keys == keys[k]))
+        raise SceneError(
+            f"add_mesh: {_named(k, given)} is there twice, also as cell {twin}. Leave one out"
+        )
+    return ends
+
+
+def _checked_lengths(places: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """Lengths (m,) of cells [m]."""
+    lengths = np.hypot(*(places[ends[:, 1]] - places[ends[:, 0]]).T)
+    shortest = max(1e-12 * np.ptp(places, axis=0).max(), 1e-15 * abs(places).max())
+    for k in np.flatnonzero(lengths <= shortest):
+        raise SceneError(
+            f"add_mesh: {_named(k, ends)} has no length, as both points are at "
+            f"({places[ends[k, 0], 0]:g}, {places[ends[k, 0], 1]:g}). Leave it out"
+        )
+    return lengths
+
+
+def _named(k: int, cells: np.ndarray) -> str:
+    return f"cell {k} = ({cells[k, 0]:.0f}, {cells[k, 1]:.0f})"
+
+
+def _checked_elements(elements: Any, count: int) -> np.ndarray:
+    """Numbers of elements (m,) of so many cells."""
+    counts = numbers(elements)
+    fits = counts.shape in ((), (count,)) and (counts == np.floor(counts)).all()
+    if not fits or not ((counts >= 1) & (counts <= MOST_ELEMENTS)).all():
+        raise SceneError(
+            f"add_mesh: elements = {shown(elements)} must be a whole number from 1 to "
+            f"{MOST_ELEMENTS:,}, or one for each of the {count} cells"
+        )
+    return np.broadcast_to(counts.astype(int), count)
+
+
+def sections_of(section: Any, tags: Any, count: int) -> list[Section]:
+    """Sections of so many cells, by their tags if there are any; SceneError for what has none."""
+    if isinstance(section, Mapping) != (tags is not None):
+        more = "a dict of sections by tag" if tags is not None else "the tag of each cell as tags"
+        raise SceneError(f"add_mesh: tags choose sections from a dict; give {more}, too")
+    by_tag = {None: section} if tags is None else section
+    for tag, part in by_tag.items():
+        if not isinstance(part, Section):
+            key = "" if tags is None else f" of the tag {shown(tag)}"
             raise SceneError(
-                f"add_mesh: cell {cell} has the tag {shown(tag)}, for which there is no section; "
-                f"there are {shown([*section])}"
+                f"add_mesh: section{key} must be an fx_beam.Section, not {shown(part)}"
             )
-    return [section[tag] for tag in listed]
+    listed = [None] * count if tags is None else np.array(tags, object).tolist()
+    if not isinstance(listed, list) or len(listed) != count:
+        raise SceneError(f"add_mesh: tags = {shown(tags)} must be one for each of {count} cells")
+    for k, tag in enumerate(listed):
+        if not isinstance(tag, Hashable) or tag not in by_tag:
+            raise SceneError(
+                f"add_mesh: cell {k} has the tag {shown(tag)}, which has no section; there are "
+                f"sections of {shown([*by_tag])}"
+            )
+    return [by_tag[tag] for tag in listed]

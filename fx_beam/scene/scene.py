@@ -34,7 +34,7 @@ from .inputs import Input, time_function
 from .joints import GROUND, Joint, Revolute, Rigid, moved_by, placed
 from .law import functions_of_energy
 from .loads import NaturalStrain, changed_strain, natural_strain
-from .mesh import Mesh, MeshBeams, checked
+from .mesh import MeshBeams, mesh_layout, sections_of
 from .notebook import facts, html_table, sketch
 from .parameters import Parameters, is_parameter
 from .removal import joint_of, locked, position_in, remove_part, unlocked
@@ -197,19 +197,11 @@ class Scene:
     def _check_kind(self, section: Any, degree: Any, what: str) -> int:
         """Take the parameters of a section; its degree. SceneError if they do not fit the scene."""
         if not isinstance(section, Section):
-            raise SceneError(f"{what}: section must be an fx_beam.Section, not {section!r}")
-        require(is_whole(degree, 1, 3), f"{what}: degree", degree, "1, 2 or 3")
-        if self.beams and int(degree) != self.beams[0].degree:
-            raise SceneError(
-                f"{what}: degree {degree} differs from degree {self.beams[0].degree} of "
-                f"{self.beams[0].name!r}; use one degree for all beams of a scene"
-            )
-        law = section.strain_energy, section.internal
-        self.parameters.add(functions_of_energy(*law, 3), "add_beam: section")
-        return int(degree)
-
-    def _add_beam(self, layout: Layout, section: Section, degree: int, name: str) -> Beam:
-        nodes = self._nodes_at(layout.ends, name)
+            raise SceneError(f"beam {name!r}: section must be an fx_beam.Section, not {section!r}")
+        degree = self._degree(degree, f"beam {name!r}")
+        self._add_parameters(section, "add_beam")
+        ends, s, inner = layout(points, elements, degree, name)
+        nodes = self._nodes_at(ends, f"beam {name!r}")
         self._names.add(name)
         return _added(self.beams, Beam(name, nodes, degree, layout.s, section, layout.inner))
 
@@ -301,6 +293,104 @@ class Scene:
                 ends.append(node)
             pairs.append(ends)
         return [leading[point] for point in range(len(leading))], pairs
+
+    def add_mesh(
+        self,
+        points: Any,
+        cells: Any,
+        section: Section | Mapping[Any, Section],
+        elements: int | Sequence[int] = 1,
+        degree: int = 1,
+        joints: str = "rigid",
+        tags: Any = None,
+    ) -> MeshBeams:
+        """Add straight beams between the points of a mesh: a lattice, a truss, a frame.
+
+        Cells that share a point are joined there. Points at the same position are not joined.
+
+        Parameters
+        ----------
+        points : (n, 2) array_like
+            Positions (x, y) [m]. Each belongs to a cell.
+        cells : (m, 2) array_like of int
+            For each beam the points at its start and end, counted from 0.
+        section : Section or dict
+            Cross-section of all beams, or sections by tag.
+        elements : int or (m,) array_like of int
+            Number of elements of each beam.
+        degree : int
+            Polynomial degree 1, 2 or 3, the same for all beams of a scene.
+        joints : {"rigid", "pin"}
+            Whether beams at a point share its node, or are hinged to it: the first of them has the
+            node, and each other one a node of its own, with a `Revolute` between them.
+        tags : (m,) array_like, optional
+            For each beam the key of its section.
+
+        Returns
+        -------
+        list of Beam
+            The beams in the order of the cells. Its attribute `nodes` is a list too: ``nodes[i]``
+            is the node at point i, to be supported and loaded. With pins the displacement there is
+            that of all beams, but rotation and moments are those of the first one.
+
+        Raises
+        ------
+        SceneError
+            For arrays that do not fit each other, points without cells, cells without length or
+            that are there twice, tags without a section, or what `add_beam` refuses.
+
+        Examples
+        --------
+        A truss of three bars: half of the load goes down each leg, N = -F / (2 sin a).
+
+        >>> import fx_beam as fb
+        >>> scene = fb.Scene()
+        >>> bar = fb.Section(EA=1e8, GA=1e8, EI=1e2)
+        >>> points, cells = [(0, 0), (4, 0), (2, 1.5)], [(0, 1), (1, 2), (2, 0)]
+        >>> beams = scene.add_mesh(points, cells, bar, joints="pin")
+        >>> scene.pin(beams.nodes[0])
+        >>> scene.fix(beams.nodes[1], "y")
+        >>> load = scene.add_force(beams.nodes[2], (0, -120.0))
+        >>> truss = fb.static(scene)
+        >>> print([round(float(truss.resultants(beam).N[-1, 0]), 2) for beam in beams])
+        [80.0, -100.0, -100.0]
+        """
+        kinds = ("rigid", "pin")
+        require(is_one_of(joints, kinds), "add_mesh: joints", joints, f"one of {kinds}")
+        degree = self._degree(degree, "add_mesh")
+        mesh = mesh_layout(points, cells, elements, joints == "pin")
+        sections = sections_of(section, tags, len(mesh.starts) - 1)
+        for part in {id(part): part for part in sections}.values():
+            self._add_parameters(part, "add_mesh")
+        nodes = self._nodes_at(mesh.positions.tolist(), "add_mesh")
+        beams = MeshBeams([*nodes[: mesh.points]])
+        numbers, ends = mesh.nodes.tolist(), mesh.starts.tolist()
+        for first, end, part in zip(ends[:-1], ends[1:], sections, strict=True):
+            name = name_of("beam", self._names, len(self.beams), None)
+            along = tuple(nodes[i] for i in numbers[first:end])
+            beams.append(Beam(name, along, degree, mesh.s[first:end], part))
+            self._names.add(name)
+            self.beams.append(beams[-1])
+        pin = None  # the others are copies of the first one, quickly
+        for pair in mesh.pins.tolist():
+            a, b = (nodes[i] for i in pair)
+            pin = self._numbered(pin or Revolute(a, b), a=a, b=b)
+        return beams
+
+    def _degree(self, degree: int, what: str) -> int:
+        """The degree of more beams, if it is that of the others."""
+        require(is_whole(degree, 1, 3), f"{what}: degree", degree, "1, 2 or 3")
+        if self.beams and degree != self.beams[0].degree:
+            raise SceneError(
+                f"{what}: degree {degree} differs from degree {self.beams[0].degree} of "
+                f"{self.beams[0].name!r}; use one degree for all beams of a scene"
+            )
+        return int(degree)
+
+    def _add_parameters(self, section: Section, what: str) -> None:
+        """Add the parameters in the stored energy of a section."""
+        functions = functions_of_energy(section.strain_energy, section.internal, 3)
+        self.parameters.add(functions, f"{what}: section")
 
     def add_body(
         self,
@@ -488,13 +578,17 @@ class Scene:
         if guide is not None:  # the scene gets its node with the joint, which is not refused
             (node,) = self._nodes_at([place], str(joint))
             joint = replace(joint, b=node)
-        joint = replace(joint, number=self.joint_count)
-        self.joint_count += 1
-        self._couplings[joint.coupling] = joint
-        self.joints.append(joint)
+        joint = self._numbered(joint)
         if guide is not None:
             self.add_joint(Rigid(guide, joint.b))
         return joint
+
+    def _numbered(self, joint: Joint, **nodes: Any) -> Joint:
+        """A joint that fits, perhaps with other nodes, added with its number."""
+        joint = replace(joint, number=self.joint_count, **nodes)
+        self.joint_count += 1
+        self._couplings[joint.coupling] = joint
+        return _added(self.joints, joint)
 
     def _holds(self, node: Node) -> bool:
         """Whether a node is the ground, or a component of it is supported or driven."""
@@ -1169,11 +1263,11 @@ class Scene:
         loads.check_target(self, target, "velocity")
         self.velocities.append(loads.initial_velocity(target, velocity, spin))
 
-    def _nodes_at(self, ends: list, name: str) -> tuple[Node, ...]:
+    def _nodes_at(self, ends: list, what: str) -> tuple[Node, ...]:
         """Nodes at the ends of elements; given nodes belong to other beams."""
         for end in ends:
             if isinstance(end, Node):
-                loads.check_node(self, end, f"beam {name!r}")
+                loads.check_node(self, end, what)
         nodes, first = [], len(self.nodes)
         number = as_float if have_slopes() else float  # a tenth of the time of a scene
         for end in ends:

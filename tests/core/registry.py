@@ -106,13 +106,15 @@ def spline_of_degree_three(x):
 
 
 @case()
-def pinned_mesh_with_tags(x):
-    scene, points = fb.Scene(gravity=GRAVITY), [(0, 0), (1, 0), (1, 0.8 * x[5]), (0, 1)]
-    cells, tags = [(0, 1), (1, 2), (3, 2), (3, 0), (0, 2)], ["edge"] * 4 + ["diagonal"]
-    sections = {"edge": section(x), "diagonal": section(x, EA=2e3, EI=50.0)}
-    beams = scene.add_mesh(points, cells, sections, joints="pin", tags=tags)
+def mesh_of_pinned_bars(x):
+    scene = fb.Scene(gravity=GRAVITY)
+    points = [(0, 0), (1, 0), (0.5, 0.8 * x[5]), (1.5, 0.8)]
+    cells = [(0, 1), (2, 0), (1, 2), (2, 3), (3, 1)]
+    bars = {"chord": section(x), "web": section(x, EA=5e3)}
+    tags = ["chord", "web", "web", "chord", "web"]
+    beams = scene.add_mesh(points, cells, bars, [1, 2, 1, 1, 1], joints="pin", tags=tags)
     scene.pin(beams.nodes[0])
-    scene.add_force(beams.nodes[2], (20 * x[6], 0.0))
+    scene.fix(beams.nodes[1], "y")
     return scene
 
 

@@ -114,6 +114,12 @@ def shaken(p, x=None):
     return run
 
 
+def mesh(**bad):
+    """Two struts with something bad."""
+    given = {"points": [(0, 0), (1, 0), (1, 1)], "cells": [(0, 1), (1, 2)], "section": SECTION}
+    return lambda p: p.scene.add_mesh(**given | bad)
+
+
 def until(p, condition, **options):
     return p.run(until=condition, **options)
 
@@ -194,6 +200,30 @@ REFUSED = {
         (lambda p: p.scene.add_body((0, 0), -1.0), "mass"),
         (lambda p: p.scene.add_body((0, 0), 1.0, name=3), "add_body: name"),
         (lambda p: p.body["z"], "has no point 'z'"),
+    ],
+    "meshes": [
+        (mesh(points=[(0, 0, 0), (1, 0, 0), (1, 1, 0)]), r"points .*\(n, 2\).*: points\[:, :2\]"),
+        (mesh(points="corners"), r"points must be an array \(n, 2\) of numbers, not 'corners'"),
+        (mesh(points=[(0, 0), (1, math.nan), (1, 1)]), r"point 1 at \(1, nan\) is not finite"),
+        (mesh(points=[(0, 0), (1, 0), (1, 0)]), r"cell 1 = \(1, 2\) has no length.* at \(1, 0\)"),
+        (mesh(points=[(0, 0), (1, 0), (1, 1), (2, 2)]), r"no cell has the points \[3\]. Leave"),
+        (mesh(cells=[]), r"cells must be an array \(m, 2\) of whole numbers"),
+        (mesh(cells=[(0, 1), (1, 1.5)]), r"cells must be .* not \[\(0, 1\), \(1, 1.5\)\]"),
+        (mesh(cells=[(0, 1, 2)]), "cells must be .* the points at both ends"),
+        (mesh(cells=[(0, 1), (1, -1)]), r"cell 1 = \(1, -1\) has a point that is not among the 3"),
+        (mesh(cells=[(1, 2), (2, 3)]), r"cell 1 = \(2, 3\) .* count from 1, give cells - 1"),
+        (mesh(cells=[(0, 1), (1, 2), (1, 0)]), r"cell 2 = \(1, 0\) is there twice, also as cell 0"),
+        (mesh(cells=[(0, 1), (2, 2)]), r"cell 1 = \(2, 2\) has no length"),
+        (mesh(elements=0), "elements = 0 must be a whole number .* each of the 2 cells"),
+        (mesh(elements=[1, 2, 3]), r"elements = \[1, 2, 3\] must be"),
+        (mesh(degree=2), "add_mesh: degree 2 differs from degree 1 of 'arm'"),
+        (mesh(joints="hinge"), "add_mesh: joints = 'hinge' must be one of .*rigid.*pin"),
+        (mesh(section=3), "add_mesh: section must be an fx_beam.Section, not 3"),
+        (mesh(section={1: SECTION}), "give the tag of each cell"),
+        (mesh(tags=[1, 1]), "give a dict of sections by tag"),
+        (mesh(section={1: 3.0}, tags=[1, 1]), "section of the tag 1 must be an fx_beam.Section"),
+        (mesh(section={1: SECTION}, tags=[1]), r"tags = \[1\] must be one for each of 2 cells"),
+        (mesh(section={1: SECTION}, tags=[1, 2]), r"cell 1 has the tag 2, .* of \[1\]"),
     ],
     "supports and loads": [
         (in_parts("fix", "z"), "'z' must be one of .*'x', 'y', 'rotation'"),
