@@ -30,15 +30,15 @@ SECTION = fb.Section(EA=1e6, GA=1e6, EI=1e2, rhoA=1.0, rhoI=1e-2)
 
 def struts(cells, high=None, degree=1, elements=1, section=lambda column: SECTION):
     """A free lattice of `cells` by as many or `high` ones, and its nodes by their places."""
-    scene, shape = fb.Scene(), (cells + 1, (high or cells) + 1)
-    number = np.arange(np.prod(shape)).reshape(shape)
+    columns, rows = cells + 1, (high or cells) + 1
+    number = np.arange(columns * rows).reshape(columns, rows)
     points = np.argwhere(number >= 0)
-    along, across = (np.stack([of[:-1], of[1:]], axis=-1) for of in (number, number.T))
-    struts = np.concatenate([along.reshape(-1, 2), across.reshape(-1, 2)])
-    columns = points[struts[:, 0], 0]
-    sections = {column: section(column) for column in range(cells + 1)}
-    beams = scene.add_mesh(points, struts, sections, elements, degree, tags=columns)
-    return scene, np.array(beams.nodes, dtype=object).reshape(shape)
+    along, across = (number[:-1], number[1:]), (number[:, :-1], number[:, 1:])
+    ends = np.concatenate([np.stack(pair, axis=-1).reshape(-1, 2) for pair in (along, across)])
+    sections = {column: section(column) for column in range(columns)}
+    scene, tags = fb.Scene(), points[ends[:, 0], 0]
+    beams = scene.add_mesh(points, ends, sections, elements, degree, tags=tags)
+    return scene, np.reshape(beams.nodes, number.shape)
 
 
 def lattice(cells, high=None, **kind):

@@ -37,19 +37,18 @@ def lattice(x):
     given = {"width": WIDTH, "E": E, "nu": NU, "rho": RHO}
     bar = fb.Section.rectangle(height=HALF, **given)
     arm = fb.Section.rectangle(height=thickness, **given)
-    scene, node = fb.Scene(), (0.0, 0.0)
-    for k in range(CELLS):
-        piece = scene.add_beam([node, ((k + 1) * CELL, 0.0)], bar, elements=1, degree=2)
-        if k == 0:
-            first = piece.start
-        node = piece.end
-        member = scene.add_beam([node, (node.x, length)], arm, elements=4, degree=2)
-        scene.add_mass(member.end, lump)
-    for beam in scene.beams[::2]:  # symmetry
-        for at in beam.nodes:
-            if at is first or at is not beam.nodes[0]:
-                scene.fix(at, "y", "rotation")
-    return scene, first, node
+    points = [(k * CELL, 0.0) for k in range(CELLS + 1)]
+    points += [(k * CELL, length) for k in range(1, CELLS + 1)]
+    pieces = [(k, k + 1) for k in range(CELLS)]
+    arms = [(k, CELLS + k) for k in range(1, CELLS + 1)]
+    sections, tags = {"bar": bar, "arm": arm}, ["bar"] * CELLS + ["arm"] * CELLS
+    scene, elements = fb.Scene(), [1] * CELLS + [4] * CELLS
+    nodes = scene.add_mesh(points, pieces + arms, sections, elements, degree=2, tags=tags).nodes
+    for node in nodes[: CELLS + 1]:
+        scene.fix(node, "y", "rotation")  # symmetry
+    for node in nodes[CELLS + 1 :]:
+        scene.add_mass(node, lump)
+    return scene, nodes[0], nodes[CELLS]
 
 
 def arm_mass(x):

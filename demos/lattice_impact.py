@@ -46,12 +46,14 @@ FRONT = 0.01  # of the largest speed of all: from here on a node has been reache
 
 
 def scene(cells=CELLS):
-    """The lattice, and the nodes by their column and row."""
-    lattice, number = fb.Scene(), np.arange((cells + 1) ** 2).reshape(cells + 1, -1)
-    points = STRUT * np.argwhere(number >= 0)
-    along, across = (np.stack([of[:-1], of[1:]], axis=-1) for of in (number, number.T))
-    struts = lattice.add_mesh(points, [*along.reshape(-1, 2), *across.reshape(-1, 2)], SECTION)
-    nodes = np.array(struts.nodes, dtype=object).reshape(number.shape)
+    """The lattice, and the nodes (cells + 1, cells + 1) by their places along x and y."""
+    number = np.arange((cells + 1) ** 2).reshape(cells + 1, cells + 1)
+    rows = np.stack([number[:-1], number[1:]], axis=-1)
+    columns = np.stack([number[:, :-1], number[:, 1:]], axis=-1)
+    struts = np.concatenate([rows.reshape(-1, 2), columns.reshape(-1, 2)])
+    lattice = fb.Scene()
+    beams = lattice.add_mesh(STRUT * np.argwhere(number >= 0), struts, SECTION)
+    nodes = np.reshape(beams.nodes, number.shape)
     for row in range(cells // 2 - HIT, cells // 2 + HIT + 1):
         lattice.add_force(nodes[0, row], blow)
     return lattice, nodes
@@ -83,9 +85,7 @@ def compute(cells=CELLS):
     inside = slice(cells // 5, cells * 4 // 5)
     reached = row > FRONT * row.max()
     arrivals = np.where(reached.any(axis=0), solution.t[reached.argmax(axis=0)], np.inf)
-    # An order of numbers of nodes that turns the lattice over.
-    order = np.argsort([node.number for node in nodes.ravel()])
-    mirror = np.array([node.number for node in nodes[:, ::-1].ravel()])[order]
+    mirror = [node.number for node in nodes[:, ::-1].flat]  # turns the lattice over
     parts = energies(solution, -1)
     turned_over = solution.q[-1][mirror] * (1, -1, -1)
     numbers = {

@@ -7,7 +7,7 @@ import subprocess
 import ufl
 
 import numpy as np
-from scenes import add_lattice
+from scenes import grid
 
 import fx_beam as fb
 
@@ -25,7 +25,7 @@ def mpirun(number):
 def frame(cells=4, high=3, section=SECTION, **kind):
     """A lattice of struts, with its nodes by their places."""
     scene = fb.Scene(gravity=(0.0, -9.81))
-    return scene, add_lattice(scene, section, cells, high, **kind)
+    return scene, grid(scene, cells, high, section, **kind)
 
 
 def shaken():

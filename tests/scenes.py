@@ -76,20 +76,19 @@ def relative_drift(values):
     return abs(values - values[0]).max() / abs(values[0])
 
 
-def add_lattice(scene, section, cells, high, **kind):
-    """Struts of a square lattice, rigidly joined, and its nodes by their places."""
+def grid(scene, cells, high, section, **kind):
+    """A square lattice of struts of length 1 in a scene; its nodes by their places."""
     number = np.arange((cells + 1) * (high + 1)).reshape(cells + 1, high + 1)
-    along, across = (np.stack([of[:-1], of[1:]], axis=-1) for of in (number, number.T))
-    struts = np.concatenate([along.reshape(-1, 2), across.reshape(-1, 2)])
-    struts = struts[np.lexsort((-struts[:, 1], struts[:, 0]))]  # place by place
-    beams = scene.add_mesh(np.argwhere(number >= 0), struts, section, **kind)
-    return np.array(beams.nodes, dtype=object).reshape(number.shape)
+    along, across = (number[:-1], number[1:]), (number[:, :-1], number[:, 1:])
+    ends = [np.stack(pair, axis=-1).reshape(-1, 2) for pair in (along, across)]
+    beams = scene.add_mesh(np.argwhere(number >= 0), np.concatenate(ends), section, **kind)
+    return np.reshape(beams.nodes, number.shape)
 
 
 def lattice(cells=5):
     """A square lattice, whose unknowns no order puts in a narrow band."""
     scene = fb.Scene(gravity=(0, -9.81))
-    nodes = add_lattice(scene, FLYING, cells, cells, elements=2)
+    nodes = grid(scene, cells, cells, FLYING, elements=2)
     scene.pin(nodes[0, 0])
     scene.pin(nodes[cells, 0])
     return scene

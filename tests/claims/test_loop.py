@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 from plain_step import assert_balanced
-from scenes import FLYING, add_lattice, lattice, pendulum, pinned_beam
+from scenes import FLYING, grid, lattice, pendulum, pinned_beam
 
 import fx_beam as fb
 from fx_beam import c_library
@@ -83,7 +83,7 @@ def test_chains_of_any_length_and_support_are_in_balance(elements, held):
 def frame(cells, high, turn=0.0):
     """A free lattice of single elements, which rotates as a whole [rad/s]."""
     scene, middle = fb.Scene(), np.array([cells, high]) / 2
-    nodes = add_lattice(scene, STRUT, cells, high)
+    nodes = grid(scene, cells, high, STRUT)
     for node in scene.nodes:
         x, y = np.array([node.x, node.y]) - middle
         scene.set_velocity(node, (-turn * y, turn * x), spin=turn)
