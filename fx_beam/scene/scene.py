@@ -8,8 +8,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
-import numpy as np
-
 from fx_beam.dual import have_slopes
 from fx_beam.errors import (
     SceneError,
@@ -24,7 +22,7 @@ from fx_beam.errors import (
 )
 
 from . import loads
-from .beam import COMPONENTS, Beam, Layout, Node, polyline, position_of
+from .beam import COMPONENTS, Beam, Node, position_of
 from .body import Body, Members, check_body, name_of, velocities_of
 from .contacts import Contact, Shape, check_members, check_start
 from .coordinate import Coordinate, Coulomb, Damper, SmoothFriction, Spring, Stop, functions_of
@@ -191,11 +189,6 @@ class Scene:
         <Beam 'girder': 2 elements from node 4 at (0, 1) to node 6 at (2, 1)>
         """
         name = name_of("beam", self._names, len(self.beams), name)
-        degree = self._check_kind(section, degree, f"beam {name!r}")
-        return self._add_beam(layout(points, elements, degree, name), section, degree, name)
-
-    def _check_kind(self, section: Any, degree: Any, what: str) -> int:
-        """Take the parameters of a section; its degree. SceneError if they do not fit the scene."""
         if not isinstance(section, Section):
             raise SceneError(f"beam {name!r}: section must be an fx_beam.Section, not {section!r}")
         degree = self._degree(degree, f"beam {name!r}")
@@ -203,96 +196,7 @@ class Scene:
         ends, s, inner = layout(points, elements, degree, name)
         nodes = self._nodes_at(ends, f"beam {name!r}")
         self._names.add(name)
-        return _added(self.beams, Beam(name, nodes, degree, layout.s, section, layout.inner))
-
-    def add_mesh(
-        self,
-        points: Any,
-        cells: Any,
-        section: Section | Mapping[Any, Section],
-        elements: int = 1,
-        degree: int = 1,
-        *,
-        joints: str = "rigid",
-        tags: Sequence | None = None,
-    ) -> MeshBeams:
-        """Add beams between points, as in a frame or a lattice: a beam for each cell of a mesh.
-
-        Parameters
-        ----------
-        points : (n, 2) float
-            Positions [m].
-        cells : (m, 2) int
-            Numbers of the two points of each beam, from 0 on; as many beams as one likes may meet.
-        section : Section or dict
-            Cross-section of all, or sections by tag.
-        elements : int
-            Number of elements of each beam.
-        degree : int
-            Polynomial degree, as in `add_beam`.
-        joints : {"rigid", "pin"}
-            Whether beams that meet share a node, or are joined by revolute joints, as in a truss.
-        tags : sequence, optional
-            Tag of each cell, which chooses its section.
-
-        Returns
-        -------
-        MeshBeams
-            The beams, a list in the order of the cells; ``beams.nodes[i]`` is the node at point i.
-
-        Raises
-        ------
-        SceneError
-            For points that are no finite positions or belong to no cell; for cells without length,
-            with other points, or given twice; for tags without a section.
-
-        Examples
-        --------
-        A square with a diagonal; the diagonal is thinner.
-
-        >>> import fx_beam as fb
-        >>> points = [(0, 0), (1, 0), (1, 1), (0, 1)]
-        >>> cells = [(0, 1), (1, 2), (2, 3), (3, 0), (0, 2)]
-        >>> thick, thin = fb.Section(EA=1e6, GA=1e6, EI=1e3), fb.Section(EA=1e4, GA=1e4, EI=1.0)
-        >>> scene, sections = fb.Scene(), {"edge": thick, "diagonal": thin}
-        >>> beams = scene.add_mesh(points, cells, sections, tags=["edge"] * 4 + ["diagonal"])
-        >>> scene.clamp(beams.nodes[0])
-        >>> print(beams[4].end, len(scene.nodes))
-        node 2 at (1, 1) 4
-        """
-        mesh = checked(points, cells, section, elements, tags, joints)
-        for of_cells in {id(of): of for of in mesh.sections}.values():
-            degree = self._check_kind(of_cells, degree, "add_mesh")
-        nodes, pairs = self._nodes_of_cells(mesh, joints)
-        beams = MeshBeams(nodes)
-        straight = np.zeros((len(mesh.cells), 2))
-        straight[:, 1] = mesh.lengths
-        for ends, s, of_cell in zip(pairs, straight, mesh.sections, strict=True):
-            name = name_of("beam", self._names, len(self.beams), None)
-            shape = Layout(list(ends), s) if elements == 1 else polyline(ends, elements, name)
-            beams.append(self._add_beam(shape, of_cell, degree, name))
-        if joints == "pin":
-            for cell, beam in zip(mesh.cells, beams, strict=True):
-                for point, node in zip(cell, (beam.start, beam.end), strict=True):
-                    if node is not nodes[point]:
-                        self.add_joint(Revolute(nodes[point], node))
-        return beams
-
-    def _nodes_of_cells(self, mesh: Mesh, joints: str) -> tuple[list[Node], list[list[Node]]]:
-        """Nodes at the points of a mesh, and those at both ends of each cell."""
-        leading: dict[int, Node] = {}
-        pairs = []
-        for cell in mesh.cells:
-            ends = []
-            for point in cell:
-                if joints == "pin" or point not in leading:
-                    (node,) = self._nodes_at([mesh.points[point]], "add_mesh")
-                    leading.setdefault(point, node)
-                else:
-                    node = leading[point]
-                ends.append(node)
-            pairs.append(ends)
-        return [leading[point] for point in range(len(leading))], pairs
+        return _added(self.beams, Beam(name, nodes, degree, s, section, inner))
 
     def add_mesh(
         self,
