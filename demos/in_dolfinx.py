@@ -1,55 +1,80 @@
-"""A beam as a problem of dolfinx: its equations, spaces, form, joints and Newton's method.
+"""The pinned beam in dolfinx: mesh, form, coupling and Newton's method, step by step.
 
-The paper's pinned beam, written as a demo of dolfinx is: to be read by somebody who wants to change
-the form. Objective: the first 1.4 s of its motion by dolfinx and PETSc, what each part of the
-problem is, the two invariants, and the difference from the engine.
-
-1. Equations. With position phi = X + u, rotation psi of the section, and the strains
-   E = R(psi)^T phi' - t0 and K = psi', the weak form of the step from level 0 to level 1 is
-
-       M a . dq + int (du' - dpsi W phi'_m) . n + dpsi' m ds = 0   for all du, dpsi,
-
-   with n = R_av C (E0 + E1)/2 and the couple m whose work is that of EI (K0 + K1)/2. Index m is the
-   middle of the step, av the mean of both rotation matrices.
-2. Space. Displacement (2) and rotation, linear on intervals: `problem.V`.
-3. Form. F has the integrals; a = 2/dt (D/dt - v0) is nodal, with D = 2 tan(Dpsi/2) for rotations,
-   so that inertia is a matrix times a, and no integral.
-4. Joints. The pin is a map: x = g(y) of all degrees of freedom x by the unknowns y, with T = dg/dy.
-   Newton's method solves Tv^T r(g(y)) = 0.
-5. Invariants. There are no loads: energy and angular momentum about the pin are constant.
+A scene is a variational problem as well. `fx_beam.fenicsx.Problem` has its mesh, its function space
+and its form as objects of dolfinx, and PETSc takes its steps. Objective: to write the paper's
+scheme by hand in dolfinx, to take a step with it, and to change its form. Whoever wants another
+form can begin here.
 
 Reference: A. Ibrahimbegovic, S. Mamouri, Computers & Structures 70 (1999) 1-22, section 4.4, doi
-10.1016/S0045-7949(98)00150-3. Units are inch, pound and second.
+10.1016/S0045-7949(98)00150-3. The beam and its data are those of the demo "Pinned beam": it turns
+freely about a pin at its end, so that energy and angular momentum are constant.
+
+Unknowns are the displacement u and the rotation psi of sections, with the reference tangent t0 and
+' = d/ds along the beam. The position is phi = X + u, R(psi) a rotation, W a rotation by 90 degrees.
+Strains (eqs 9 and 12) and virtual work of the forces n and the couple m (eqs 15 to 17):
+
+    E = R(psi)^T phi' - t0,    K = psi'
+    G = int (du' - dpsi W phi').n + dpsi' m ds
+
+A step goes from u0, psi0 to u0 + Du, psi0 + Dpsi. The scheme has mean strains, a mean of two
+rotations, and the mean phi' (eqs 39 to 41 and 47):
+
+    n = (R0 + R1)/2 C (E0 + E1)/2
+    m = EI (K0 + K1)/2 / (1 + tan(Dpsi/2)^2)
+
+Rates are those of nodes (eqs 27 to 30). So inertia is no integral of UFL, but the mass matrix M
+times nodal accelerations:
+
+    v1 + v0 = 2/dt Du,    omega1 + omega0 = 4/dt tan(Dpsi/2)
+    a = (v1 - v0)/dt,     alpha = (omega1 - omega0)/dt
+
+A support or a joint makes all degrees of freedom D functions of fewer unknowns y, as a multi-point
+constraint does. With T = dD/dy and the virtual motion Tv, Newton's method solves
+
+    Tv^T (M a + G) = 0,    Tv^T (M da/dD + dG/dD) T dy = - Tv^T (M a + G)
+
+Here T and Tv are equal, and drop the two displacements of the pinned node. With joints they differ.
+
+Without the divisor in m the work of the couple on the step is no longer EI times the increment of
+K^2/2, and the energy drifts. The default scheme of the package has a factor that makes it exact.
+
+Units are the paper's: inch, pound and second.
 """
 
 import logging
-from time import perf_counter
+import time
 
-from mpi4py import MPI
+import numpy as np
+import scipy.sparse.linalg
+
+import fx_beam as fb
+from shared import script
+
+try:
+    from fx_beam import fenicsx
+except ImportError as error:
+    raise SystemExit(str(error)) from None
 
 import ufl
 from dolfinx import fem, io
 
-import numpy as np
-
-import fx_beam as fb
-from fx_beam import fenicsx
-from shared import script
-
 log = logging.getLogger("fx_beam.demo")
 
-LENGTH, ELEMENTS = 100.0, 8  # [in]
-SECTION = fb.Section(EA=4e7, GA=1e7, EI=1.3e7, rhoA=0.05, rhoI=1 / 60)  # [lb, lb in^2, lb s^2]
+LENGTH = 100.0  # [in]
+EA, GA, EI = 4e7, 1e7, 1.3e7  # [lb], [lb], [lb in^2]
+RHO_A, RHO_I = 0.05, 1 / 60  # [lb s^2/in^2], [lb s^2]
 VELOCITY = 600.0  # in the middle of the beam [in/s]
-DT, T_END = 0.01, 1.4  # [s]
+ELEMENTS = 8
+DT, T_END = 0.01, 4.0  # [s]
+T_FILE = 1.4  # end of the motion in the file for ParaView [s]
 
 
 def scene():
-    """The scene of the pinned beam, and the beam."""
-    pinned = fb.Scene()
-    beam = pinned.add_beam([(0, 0), (LENGTH, 0)], SECTION, elements=ELEMENTS, name="beam")
+    """The scene: geometry, section, support and the velocities at the start."""
+    pinned, middle = fb.Scene(), LENGTH / 2
+    section = fb.Section(EA, GA, EI, RHO_A, RHO_I)
+    beam = pinned.add_beam([(0, 0), (LENGTH, 0)], section, elements=ELEMENTS, name="beam")
     pinned.pin(beam.start)
-    middle = LENGTH / 2
     pinned.set_velocity(
         beam,
         lambda x, y: (0.0, VELOCITY * (1 - abs(x / middle - 1))),
@@ -58,124 +83,260 @@ def scene():
     return pinned, beam
 
 
-# -- The problem, part by part ---------------------------------------------------------------------
+# -- 1. The form by hand ---------------------------------------------------------------------------
 
 
-def written_out(problem):
-    """The residual by hand: the paper's modified mid-point scheme (eqs 39 to 47)."""
-    step, C = problem.step, ufl.as_vector((SECTION.EA, SECTION.GA, SECTION.EI))
-    before, after = step.strains0, step.strains1
-    N, Q, M = (C[i] * (before[i] + after[i]) / 2 for i in range(3))
-    t = (step.director0 + step.director1) / 2  # the mean of both, not a unit vector
-    n = N * t + Q * ufl.as_vector((-t[1], t[0]))
-    dphi = step.t0 + step.prime(step.u0 + step.Du / 2)
-    couple = M * ufl.cos(step.Dpsi / 2) ** 2
-    turned = ufl.as_vector((-dphi[1], dphi[0]))
-    work = ufl.dot(step.prime(step.virtual_u) - step.virtual_psi * turned, n)
-    return (work + step.prime(step.virtual_psi) * couple) * problem.measure()
+def turned(psi, a):
+    """R(psi) a."""
+    return ufl.cos(psi) * a + ufl.sin(psi) * ufl.perp(a)
 
 
-def parts(problem):
-    """What a problem of dolfinx consists of."""
-    return {
-        "cells": problem.mesh.topology.index_map(1).size_global,
-        "degrees of freedom": problem.V.dofmap.index_map.size_global,
+def weak_form(q0, D):
+    """The form G, for the start q0 and the increments D, two Functions on the mixed space.
+
+    The rule has one point, against locking. `ufl.perp` is W, and of the straight beam t0 is (1, 0).
+    """
+    (u0, psi0), (Du, Dpsi) = ufl.split(q0), ufl.split(D)
+    du, dpsi = ufl.TestFunctions(D.function_space)
+    t0 = ufl.as_vector((1.0, 0.0))
+
+    def prime(f):
+        return ufl.dot(ufl.grad(f), t0)
+
+    def strains(u, psi):
+        E = turned(-psi, t0 + prime(u)) - t0
+        return E[0], E[1], prime(psi)
+
+    start, end = strains(u0, psi0), strains(u0 + Du, psi0 + Dpsi)
+    eps, gamma, kappa = ((a + b) / 2 for a, b in zip(start, end, strict=True))
+
+    t = (turned(psi0, t0) + turned(psi0 + Dpsi, t0)) / 2  # a mean, a little shorter than 1
+    n = EA * eps * t + GA * gamma * ufl.perp(t)
+    m = EI * kappa / (1 + ufl.tan(Dpsi / 2) ** 2)
+    dphi = t0 + prime(u0 + Du / 2)  # the mean phi'
+    virtual_work = ufl.dot(prime(du) - dpsi * ufl.perp(dphi), n) + prime(dpsi) * m
+    return virtual_work * ufl.dx(metadata={"quadrature_degree": 1})
+
+
+def mass_form(space):
+    """The mass matrix, integrated exactly."""
+    (u, psi), (du, dpsi) = ufl.TrialFunctions(space), ufl.TestFunctions(space)
+    return (RHO_A * ufl.dot(u, du) + RHO_I * psi * dpsi) * ufl.dx(metadata={"quadrature_degree": 2})
+
+
+# -- 2. A step by hand -----------------------------------------------------------------------------
+
+
+def matrix(form):
+    """A form of rank two, assembled by dolfinx."""
+    A = fem.petsc.assemble_matrix(fem.form(form))
+    A.assemble()
+    indptr, indices, values = A.getValuesCSR()
+    return scipy.sparse.csr_matrix((values, indices, indptr), A.getSize())
+
+
+def step_by_hand(q0, v0, T, Tv, dt=DT):
+    """The increments D of a step, and the largest correction of each iteration.
+
+    T and Tv have a row for each degree of freedom of the space.
+    """
+    space = q0.function_space
+    D = fem.Function(space)
+    G = weak_form(q0, D)
+    tangent = ufl.derivative(G, D)
+    M = matrix(mass_form(space))
+    _, turns = space.sub(1).collapse()  # degrees of freedom that are rotations
+    y, corrections = np.zeros(T.shape[1]), []
+    for _ in range(20):
+        D.x.array[:] = T @ y
+        path, slope = D.x.array.copy(), np.ones(len(D.x.array))
+        path[turns] = 2 * np.tan(D.x.array[turns] / 2)
+        slope[turns] = 1 + np.tan(D.x.array[turns] / 2) ** 2
+        a = (2 * path / dt - 2 * v0.x.array) / dt
+        r = M @ a + fem.petsc.assemble_vector(fem.form(G)).array
+        K = matrix(tangent) + M @ scipy.sparse.diags(2 / dt**2 * slope)
+        dy = scipy.sparse.linalg.spsolve((Tv.T @ K @ T).tocsc(), -Tv.T @ r)
+        y += dy
+        corrections.append(abs(dy).max())
+        if corrections[-1] < 1e-10:
+            break
+    return D, corrections
+
+
+def first_step():
+    """The first step by hand and by `Problem`: what there is of either."""
+    problem = fenicsx.Problem(scene()[0], fb.ModifiedMidPoint(), dt=DT)
+    q0, v0 = problem.q.copy(), problem.v.copy()
+    problem.advance()
+    rows = problem.scene_dofs  # T and Tv have the order of the scene
+    D, corrections = step_by_hand(q0, v0, problem.T[rows], problem.Tv[rows])
+    reached = q0.x.array + D.x.array
+    return problem, {
+        "cells": int(problem.mesh.topology.index_map(1).size_global),
+        "degrees of freedom": problem.T.shape[0],
         "unknowns": problem.T.shape[1],
-        "entries of K": problem.K.getInfo()["nz_used"],
-        "mass [lb s^2/in]": problem.M.getDiagonal().array[::3].sum()
-        + 2 * sum(problem.M.getValue(3 * i, 3 * i + 3) for i in range(ELEMENTS)),
+        "corrections by hand": [float(size) for size in corrections],
+        "iterations of PETSc": int(problem.iterations),
+        "by hand less PETSc / largest displacement": float(
+            abs(reached - problem.q.x.array).max() / abs(problem.u.x.array).max()
+        ),
     }
 
 
-def march(results=None):
-    """The motion by dolfinx, one step after the other, and the displacement in a file."""
-    problem = fenicsx.Problem(scene()[0], fb.EnergyMomentum(), dt=DT)
-    problem.advance()  # compiles
-    problem = fenicsx.Problem(scene()[0], fb.EnergyMomentum(), dt=DT)
-    clock = perf_counter()
-    solution = problem.run(T_END)
-    seconds = (perf_counter() - clock) / solution.stats.steps
-    if results is not None:
-        problem = fenicsx.Problem(scene()[0], fb.EnergyMomentum(), dt=DT)
-        with io.XDMFFile(MPI.COMM_SELF, str(results / "beam.xdmf"), "w") as file:
-            file.write_mesh(problem.mesh)
-            while problem.t < T_END - DT / 2:
-                problem.advance()
-                file.write_function(problem.u, problem.t)
-    return problem, solution, seconds
+# -- 3. The form changed ---------------------------------------------------------------------------
+
+
+def published(step, law):
+    """The same n and m in the fields of a step, as `Problem.replace_resultants` takes them.
+
+    `step.strains0` and `step.director0` are E0, K0 and R0 t0; `law` has the section's stiffness.
+    """
+    ends = zip(step.strains0, step.strains1, strict=True)
+    N, Q, M = law.resultants(*((a + b) / 2 for a, b in ends))
+    t = (step.director0 + step.director1) / 2
+    dphi = step.t0 + step.prime(step.u0 + step.Du / 2)
+    return fb.Resultants(dphi, t, N, Q, M, m=M / (1 + ufl.tan(step.Dpsi / 2) ** 2))
+
+
+def without_divisor(step, law):
+    """A change of one factor: m is the mean moment."""
+    r = published(step, law)
+    return r._replace(m=r.M)
+
+
+def stored(eps, gamma, kappa):
+    """Energy per length [lb], of which `Problem` gives the integral where resultants are ours."""
+    return (EA * eps**2 + GA * gamma**2 + EI * kappa**2) / 2
+
+
+FORMS = {
+    "as published": published,
+    "m without divisor": without_divisor,
+    "EnergyMomentum": None,
+}
+
+
+def run(form, t_end=T_END):
+    """A motion by dolfinx and PETSc, and its time for a step [ms of the processor]."""
+    scheme = fb.EnergyMomentum() if form is None else fb.ModifiedMidPoint()
+    problem = fenicsx.Problem(scene()[0], scheme, dt=DT)
+    if form is not None:
+        problem.replace_resultants(form, stored)
+    ends: list[float] = []  # of steps; the first one compiles the forms
+    solution = problem.run(t_end, after=lambda _: ends.append(time.process_time()))
+    return solution, 1e3 * np.diff(ends).mean()
+
+
+def engine(form):
+    """The same motion by the compiled steps of `fb.simulate`."""
+    scheme = fb.EnergyMomentum()
+    if form is not None:
+        scheme = fb.Scheme("own", form, fb.MidPointRates())
+    fb.simulate(scene()[0], scheme, dt=DT, t_end=DT)
+    start = time.process_time()
+    solution = fb.simulate(scene()[0], scheme, dt=DT, t_end=T_END)
+    return solution, 1e3 * (time.process_time() - start) / (len(solution.t) - 1)
+
+
+# -- 4. Files --------------------------------------------------------------------------------------
+
+
+def write_xdmf(path):
+    """The motion in a file for ParaView, written as in any program of dolfinx."""
+    problem = fenicsx.Problem(scene()[0], dt=DT)
+    with io.XDMFFile(problem.mesh.comm, str(path), "w") as file:
+        file.write_mesh(problem.mesh)
+        file.write_function(problem.u, problem.t)
+        problem.run(T_FILE, after=lambda now: file.write_function(now.u, now.t))
+
+
+# -- All of it -------------------------------------------------------------------------------------
+
+
+def drift(values):
+    """The largest change of an invariant, relative to its start."""
+    return float(abs(values / values[0] - 1).max())
 
 
 def compute():
     """The numbers, and what is drawn."""
-    log.info("by dolfinx and PETSc")
-    problem, solution, seconds = march()
-    log.info("by the engine")
-    fb.simulate(scene()[0], dt=DT, t_end=2 * DT)
-    clock = perf_counter()
-    engine = fb.simulate(scene()[0], dt=DT, t_end=T_END)
-    in_engine = (perf_counter() - clock) / engine.stats.steps
-
-    published = fenicsx.Problem(scene()[0], fb.ModifiedMidPoint(), dt=DT)
-    published.advance()
-    forms = (published.F, written_out(published))
-    by_form, by_hand = (fem.assemble_vector(fem.form(form)).array for form in forms)
-
-    energy, momentum = solution.energy.total, solution.angular_momentum
-    numbers = {
-        "parts": parts(problem),
-        "residual written out, difference": abs(by_form - by_hand).max() / abs(by_form).max(),
-        "free forces at the end of a step": abs(problem.Tv.T @ problem.residual).max()
-        / abs(problem.residual).max(),
-        "energy drift": abs(energy / energy[0] - 1).max(),
-        "angular momentum drift": abs(momentum / momentum[0] - 1).max(),
-        "tip at 1.4 s": solution.position(solution.beams["beam"].end)[-1].tolist(),
-        "difference from the engine": abs(solution.q - engine.q).max() / LENGTH,
-        "iterations": {
-            "dolfinx": solution.stats.newton_iterations,
-            "engine": engine.stats.newton_iterations,
-        },
-        "milliseconds a step": {"dolfinx": 1e3 * seconds, "engine": 1e3 * in_engine},
-    }
-    return numbers, (solution, engine)
+    log.info("a step by hand")
+    problem, numbers = first_step()
+    runs, pairs = {}, {}
+    for name, form in FORMS.items():
+        log.info("%s", name)
+        (runs[name], slow), (same, fast) = run(form), engine(form)
+        pairs[name] = runs[name], same
+        numbers[name] = {
+            "energy drift": drift(runs[name].energy.total),
+            "angular momentum drift": drift(runs[name].angular_momentum),
+            "largest difference from the engine / length": float(
+                abs(runs[name].q - same.q)[..., :2].max() / LENGTH
+            ),
+            "relative difference of energies": float(
+                abs(runs[name].energy.total - same.energy.total).max() / same.energy.total[0]
+            ),
+            "ms a step, dolfinx": slow,
+            "ms a step, engine": fast,
+        }
+    return numbers, (problem, pairs)
 
 
 def report(numbers):
-    has, times = numbers["parts"], numbers["milliseconds a step"]
     print(
-        f"{has['cells']} cells, {has['degrees of freedom']} degrees of freedom, of which the pin "
-        f"leaves {has['unknowns']}; mass {has['mass [lb s^2/in]']:.4g} lb s2/in\n"
-        f"The paper's residual written out by hand: the same to "
-        f"{numbers['residual written out, difference']:.0e}\n"
-        f"At the end of a step forces on the unknowns are "
-        f"{numbers['free forces at the end of a step']:.0e} of the largest force\n"
-        f"Drift of energy {numbers['energy drift']:.0e}, of angular momentum "
-        f"{numbers['angular momentum drift']:.0e}\n"
-        f"Largest difference from the engine {numbers['difference from the engine']:.0e} of the "
-        f"length after {round(T_END / DT)} steps\n"
-        f"A step takes {times['dolfinx']:.2g} ms in dolfinx, {times['engine']:.2g} ms in the engine"
+        f"{numbers['cells']} cells, {numbers['degrees of freedom']} degrees of freedom, "
+        f"{numbers['unknowns']} unknowns\n"
+        f"First step: {numbers['iterations of PETSc']} iterations by PETSc; by hand the largest "
+        "corrections are\n    " + "  ".join(f"{c:.0e}" for c in numbers["corrections by hand"])
     )
+    apart = numbers["by hand less PETSc / largest displacement"]
+    print(f"    and the end differs by {apart:.0e}\n")
+    row = "{:20}{:>10}{:>10}{:>12}{:>12}{:>10}{:>10}".format
+    print(row(f"{T_END:g} s, dt = {DT:g} s", "energy", "momentum", "less engine", "", "", "engine"))
+    print(row("", "drift", "drift", "position", "energy", "ms/step", "ms/step"))
+    for name in FORMS:
+        run = numbers[name]
+        values = [
+            f"{run[key]:.0e}"
+            for key in (
+                "energy drift",
+                "angular momentum drift",
+                "largest difference from the engine / length",
+                "relative difference of energies",
+            )
+        ]
+        times = f"{run['ms a step, dolfinx']:.1f}", f"{run['ms a step, engine']:.3f}"
+        print(row(name, *values, *times))
 
 
-def draw(results, solution, engine):
+def draw(results, problem, pairs):
     # Imported here: the numbers need neither matplotlib nor pyvista.
     from fx_beam import plot
     from shared import thumbnail
 
-    march(results)
-    rows = range(0, len(solution.t), 3)
-    plot.shapes(solution, results / "shapes.png", rows=rows)
-    thumbnail.animate(solution, range(len(solution.t)), results / "thumbnail.gif")
-    figure, axes = plot.figure(2, 1, height=2.4)
-    drift, apart = axes.flat
-    energy, momentum = solution.energy.total, solution.angular_momentum
-    round_off = np.finfo(float).eps
-    for values, label in ((energy, "energy"), (momentum, "angular momentum")):
-        drift.semilogy(solution.t, abs(values / values[0] - 1) + round_off, label=label)
-    drift.set(xlabel="time $t$ [s]", ylabel="relative change", xlim=(0, T_END))
-    gap = abs(solution.q - engine.q).max(axis=(1, 2)) / LENGTH
-    apart.semilogy(solution.t, gap + round_off, "C2")
-    apart.set(xlabel="time $t$ [s]", ylabel="dolfinx less engine", xlim=(0, T_END))
-    plot.save(figure, results / "invariants.png")
+    write_xdmf(results / "motion.xdmf")
+    ours, _ = pairs["EnergyMomentum"]
+    until = range(round(T_FILE / DT) + 1)
+    plot.shapes(ours, results / "shapes.png", rows=until[::4], scene_unit="in")
+    thumbnail.animate(ours, until, results / "thumbnail.gif")
+
+    figure, axes = plot.figure(1, 3, height=3.0)
+    tangent, coupling, energy = axes.flat
+    K, T = problem.K, problem.T
+    indptr, indices, _ = K.getValuesCSR()
+    entries = scipy.sparse.csr_matrix((np.ones(len(indices)), indices, indptr), K.getSize())
+    for ax, pattern, title in (
+        (tangent, entries, "tangent $K$"),
+        (coupling, T, "coupling $T$"),
+    ):
+        ax.spy(pattern, markersize=3, color="#0072B2")
+        ax.set(title=title, xticks=[], yticks=[], xlabel=f"{pattern.shape[0]} x {pattern.shape[1]}")
+    for (name, (solution, _)), line in zip(pairs.items(), ("-", "--", ":"), strict=True):
+        ratio = solution.energy.total / solution.energy.total[0]
+        drifts = np.maximum.accumulate(abs(ratio - 1))[1:]
+        energy.semilogy(solution.t[1:], np.maximum(drifts, 1e-17), line, label=name)
+    energy.set(xlabel="time $t$ [s]", ylabel="largest $|E/E_0 - 1|$ so far", xlim=(0, T_END))
+    plot.save(figure, results / "form_and_energy.png")
 
 
 if __name__ == "__main__":

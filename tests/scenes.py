@@ -7,6 +7,7 @@ from pathlib import Path
 import ufl
 
 import numpy as np
+import pytest
 
 import fx_beam as fb
 
@@ -25,7 +26,9 @@ def _module(name, path):
 
 
 def demo(name):
-    """A demo as a module."""
+    """A demo as a module; without dolfinx the tests of those that need it are skipped."""
+    if "import fenicsx" in DEMOS[name].read_text():
+        pytest.importorskip("fx_beam.fenicsx")
     return _module(f"demo_{name}", DEMOS[name])
 
 

@@ -1,8 +1,9 @@
 """Steps by dolfinx and PETSc are those in C, for a few scenes; claims/test_dolfinx.py has all."""
 
+import numpy as np
 import pytest
 from dolfinx_steps import assert_same_steps
-from registry import SCENES
+from registry import ONES, SCENES
 
 import fx_beam as fb
 
@@ -30,3 +31,25 @@ def test_a_scene_without_beams_has_no_mesh():
     scene.add_body((0, 0), 1.0, 1.0)
     with pytest.raises(fb.SceneError, match="no beams, of which a mesh"):
         fenicsx.Problem(scene, dt=0.1)
+
+
+def test_what_is_left_of_the_residual_is_the_force_of_supports():
+    fenicsx = pytest.importorskip("fx_beam.fenicsx")
+    case = SCENES["revolute with spring and damper"]
+    problem = fenicsx.Problem(case.build(ONES), case.scheme(), dt=case.dt)
+    solution = problem.run(case.dt)
+    r, size = problem.residual, abs(problem.residual).max()
+    assert abs(problem.Tv.T @ r).max() < 1e-9 * size
+    held = abs(solution.reactions[-1]).max(axis=1) > 1e-6 * size
+    nodes = r.reshape(-1, 3)
+    np.testing.assert_allclose(nodes[held], solution.reactions[-1][held], rtol=0, atol=1e-9 * size)
+
+
+def test_degrees_of_freedom_of_the_space_have_rows_of_the_scene():
+    fenicsx = pytest.importorskip("fx_beam.fenicsx")
+    case = SCENES["order four"]
+    problem = fenicsx.Problem(case.build(ONES), dt=case.dt)
+    solution = problem.run(case.steps * case.dt)
+    x = np.empty(problem.M.size[0])
+    x[problem.scene_dofs] = problem.q.x.array
+    np.testing.assert_array_equal(x.reshape(solution.q[-1].shape), solution.q[-1])
