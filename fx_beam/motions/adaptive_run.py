@@ -107,9 +107,7 @@ class AdaptiveRun:
         halves = middle and self._trial(middle, t1).state
         if whole is None or halves is None:
             return True
-        model = self._stepper.model
-        difference = abs(whole.q - halves.q) / model.unit
-        difference[model.turns] = 0.0  # as vibrations hardly displace
+        difference = abs(whole.q - halves.q) / self._stepper.model.error_unit
         return self._control.matters(float(difference.max()))
 
     def _harmless(self, state: State, t1: float) -> float:

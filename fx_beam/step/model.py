@@ -35,6 +35,7 @@ from fx_beam.scene.sliders import SlidingJoint, sliding_joints
 from fx_beam.scene.structure import ElsewhereError, OtherStructureError, Structure
 
 from .build import begin_to_build
+from .flywheels import only_turn
 
 if TYPE_CHECKING:
     from .sparse_lu import LU
@@ -44,7 +45,7 @@ _LITTLE = 1e-8
 # Degrees of freedom up to which a coupling is an array.
 _SMALL = 200
 # Cached properties that depend on the positions of nodes and joints.
-_OF_POSITIONS = "unit", "unit_of_unknowns", "fits_rates"
+_OF_POSITIONS = "unit", "error_unit", "unit_of_unknowns", "fits_rates"
 
 
 class Model:
@@ -361,6 +362,16 @@ class Model:
     def unit(self) -> np.ndarray:
         """Size (size,) of unit increments: that of the scene for displacements, 1 for rotations."""
         return np.tile([self.mesh.size, self.mesh.size, 1.0], len(self.mesh.X))
+
+    @cached_property
+    def error_unit(self) -> np.ndarray:
+        """The same (size,) for errors: rotations that displace something are seen there.
+
+        In fast vibrations nodes of beams turn, but are hardly displaced.
+        """
+        unit = self.unit.copy()
+        unit[self.turns[~only_turn(self.scene, self.mesh)]] = np.inf
+        return unit
 
     @cached_property
     def needs_accelerations(self) -> bool:

@@ -189,7 +189,8 @@ class Problem:
 
     def _positions(self) -> dict[str, np.ndarray]:
         """The members that change where nodes move."""
-        return {"position": self.model.mesh.X, "per_unit": 1 / self.model.unit}
+        units = {"per_unit": 1 / self.model.unit, "per_error": 1 / self.model.error_unit}
+        return {"position": self.model.mesh.X, **units}
 
     def _numbers(self, masses: bool) -> dict[str, np.ndarray]:
         """The other numbers of the scene, besides those of forms and points."""

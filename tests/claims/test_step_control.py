@@ -198,3 +198,49 @@ def test_newmarks_scheme_follows_a_tolerance_and_schemes_of_order_one_are_refuse
     for scheme in (fb.Newmark(gamma=0.6), fb.EnergyDecaying(order=1)):
         with pytest.raises(fb.SceneError, match="order 1"):
             fb.simulate(scene, scheme, t_end=1.0, tolerance=1e-3)
+
+
+def disc(scene, inertia, *of_hinge, **laws):
+    """A flywheel on the ground, or on another one, about its own axis."""
+    body = scene.add_body((0, 0), mass=1.0, inertia=inertia)
+    carrier = of_hinge[0].centre if of_hinge else fb.GROUND
+    return body, scene.add_joint(fb.Revolute(carrier, body.centre, **laws))
+
+
+@pytest.mark.parametrize("order", [2, 4])
+def test_what_only_turns_keeps_the_tolerance_in_radians(order):
+    # k theta = -J theta'': w = 20 pi /s, and two equal ones with w^2 = (3 -+ 5^0.5) / 2 k / J.
+    J, k, w0, speed = 0.05, 200.0, 10.0, np.sqrt(200.0 / 0.05)
+    for tolerance in (1e-3, 1e-4):
+        options = {"t_end": 2.0, "tolerance": tolerance}
+        scene = fb.Scene()
+        one, hinge = disc(scene, J, spring=fb.Spring(k))
+        scene.set_velocity(one, spin=w0)
+        solution = fb.simulate(scene, fb.EnergyMomentum(order), **options)
+        exact = w0 / speed * np.sin(speed * solution.t)
+        assert abs(solution.joint(hinge).angle - exact).max() < 5 * tolerance
+        two, _ = disc(scene, J, one, spring=fb.Spring(k))
+        solution = fb.simulate(scene, fb.EnergyMomentum(order), **options)
+        squares, modes = np.linalg.eigh(k / J * np.array([[2.0, -1.0], [-1.0, 1.0]]))
+        parts = modes.T @ (w0, 0) / np.sqrt(squares)
+        exact = modes @ (parts[:, None] * np.sin(np.sqrt(squares)[:, None] * solution.t))
+        turned = [solution.rotation(body.centre) for body in (one, two)]
+        assert abs(turned - exact).max() < 5 * tolerance
+
+
+@pytest.mark.parametrize("order", [2, 4])
+def test_a_flywheel_with_play_keeps_the_tolerance_in_radians(order):
+    # It turns freely by 0.4 rad between two springs; in these it is half of an oscillation.
+    J, k, w0, play = 0.05, 200.0, 10.0, 0.2
+    half, free = np.pi / np.sqrt(k / J), 2 * play / w0
+    scene = fb.Scene()
+    wheel, hinge = disc(scene, J, stop=(-play, play, k))
+    scene.set_velocity(wheel, spin=w0)
+    for tolerance in (1e-3, 1e-4):
+        solution = fb.simulate(scene, fb.EnergyMomentum(order), t_end=0.5, tolerance=tolerance)
+        phase = (solution.t - free / 2) % (2 * (free + half))
+        within = phase % (free + half)
+        inside = play + w0 / np.sqrt(k / J) * np.sin(np.minimum(within, half) * np.sqrt(k / J))
+        angle = np.where(within < half, inside, play - w0 * (within - half))
+        angle = np.where(phase < free + half, angle, -angle)
+        assert abs(solution.joint(hinge).angle - angle).max() < 5 * tolerance

@@ -18,7 +18,6 @@ HOT double local_error(Problem *p, const Work *w, double dt) {
   double raw = largest(n, now, p->per_unit);
   for (int i = 0; i < n; ++i)
     mean[i] = (now[i] + 2 * last[i] + before[i]) / 4, before[i] = last[i], last[i] = now[i];
-  for (int i = 2; i < n; i += 3) mean[i] = 0; /* rotations */
   if (++p->known_errors < order + AVERAGED) return -1;
-  return product * fmax(p->smooth * largest(n, mean, p->per_unit), p->raw * raw);
+  return product * fmax(p->smooth * largest(n, mean, p->per_error), p->raw * raw);
 }

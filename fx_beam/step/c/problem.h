@@ -113,6 +113,7 @@ typedef struct {
   int dofs, cells, cell_dofs, cell_coordinates, columns, free, driven;
   int *massless, massless_count;
   double *per_unit;     /* 1 / size of a unit correction of each degree of freedom */
+  double *per_error;    /* the same for errors of steps */
 
   Form internal_forces; /* internal forces, then their tangent */
   Form energy, inversion, added;
