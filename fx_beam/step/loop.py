@@ -110,7 +110,7 @@ class CompiledLoop:
         p, ends, inputs = self._problem, steps.ends, steps.inputs
         p.controlled, p.watches = steps.control is not None, steps.watch and p.switches > 0
         if steps.control is not None:
-            p.smooth, p.raw = steps.control.factors(steps.dt)
+            p.smooth, p.raw, p.coarse = steps.control.factors(steps.dt)
             p.lowest, p.highest = steps.control.band(steps.dt)
         with uninterrupted:
             if taken := self._run(state, steps, recorder):

@@ -25,8 +25,9 @@ AVERAGED = 3
 # Largest single local error, relative to the tolerance.
 _SINGLE = 0.5
 # Local error where accelerations have a kink, as a fraction of what is not predicted: measured with
-# balls that bounce on one-sided springs.
-_KINKED = 0.25
+# balls that bounce on one-sided springs. The same of what is not predicted in steps that are too
+# coarse for the small error of order 4, as at the pericentre of orbits.
+_KINKED, _COARSE = 0.25, 0.1
 # Largest effect of an event within a step, relative to the tolerance.
 _EVENT = 0.01
 # Reference for the error of a step: a motion that takes 7 / tolerance^(1/order) steps.
@@ -59,6 +60,8 @@ class StepControl:
         # The same for single differences; these are of lower order where there may be kinks.
         bent = model.has_unseen_kinks and self.order > 2
         self._single = max(self._constant, _KINKED) if bent else self._constant
+        # The same for those of steps that are too coarse.
+        self._coarse = _COARSE if self.order > 2 else 0.0
         #: The ratio of error and limit grows with this power of the length.
         self._power = self.order + 0.5
         #: Length of the next steps [s].
@@ -66,11 +69,14 @@ class StepControl:
         #: Ratio in the last step; 0 if it is not known.
         self._before = 0.0
 
-    def factors(self, dt: float) -> tuple[float, float]:
-        """Factors that make ratios of error and limit of averaged and of single differences."""
+    def factors(self, dt: float) -> tuple[float, float, float]:
+        """Factors that make ratios of error and limit of averaged and of single differences.
+
+        And of single ones where steps are too coarse for their order.
+        """
         share = _REFERENCE * self._tolerance ** (1 / self.order) * dt / self._span
-        limits = self._tolerance * math.sqrt(share), _SINGLE * self._tolerance
-        return self._constant / limits[0], self._single / limits[1]
+        limit, single = self._tolerance * math.sqrt(share), _SINGLE * self._tolerance
+        return self._constant / limit, self._single / single, self._coarse / single
 
     def band(self, dt: float) -> tuple[float, float]:
         """Ratios between which steps of length dt [s] are kept.

@@ -244,3 +244,26 @@ def test_a_flywheel_with_play_keeps_the_tolerance_in_radians(order):
         angle = np.where(within < half, inside, play - w0 * (within - half))
         angle = np.where(phase < free + half, angle, -angle)
         assert abs(solution.joint(hinge).angle - angle).max() < 5 * tolerance
+
+
+@pytest.mark.parametrize("order", [2, 4])
+@pytest.mark.parametrize("e", [0.3, 0.6, 0.9])
+def test_orbits_keep_the_tolerance_also_in_few_steps(e, order):
+    # Kepler's orbit about a mass of 1 in (0, 0), from its pericentre and from its apocentre.
+    def place(t, start):
+        E = t + start
+        for _ in range(100):  # Newton's method for E - e sin E = t, which converges from here
+            E = E - np.clip((E - e * np.sin(E) - t - start) / (1 - e * np.cos(E)), -0.5, 0.5)
+        return np.column_stack([np.cos(E) - e, np.sqrt(1 - e**2) * np.sin(E)])
+
+    for start in (0.0, np.pi):
+        scene, x = fb.Scene(), np.cos(start) - e
+        body = scene.add_body((x, 0), mass=1.0, inertia=1.0).centre
+        scene.add_force_between(body, (0, 0), spring=fb.Spring(strain_energy=lambda r: -1 / r))
+        scene.set_velocity(body, (0, np.sign(x) * np.sqrt(2 / abs(x) - 1)))
+        scene.fix(body, "rotation")
+        for tolerance in (1e-2, 1e-3, 1e-4):
+            scheme = fb.EnergyMomentum(order)
+            solution = fb.simulate(scene, scheme, t_end=10.0, tolerance=tolerance)
+            apart = solution.position(body) - place(solution.t, start)
+            assert np.hypot(*apart.T).max() < 6 * tolerance, (start, tolerance)

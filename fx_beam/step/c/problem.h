@@ -300,6 +300,7 @@ typedef struct {
   /* Local errors of whole steps, for controlled steps. */
   int controlled, scheme_order;
   double smooth, raw;   /* factors of averaged differences of displacements and of single ones of all */
+  double coarse;        /* factor of single ones where steps are too coarse for their order */
   double lowest, highest; /* ratios of error and limit at which a run ends: two below, or one above */
   double *error_ages;   /* [PAST + 1] */
   double *error_past;   /* [PAST] divided differences of configurations from order 1 on */
