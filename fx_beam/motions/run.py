@@ -67,13 +67,13 @@ def warn_of_parts(stats: Stats, dt: float) -> None:
 
 
 def warn_of_damping(stats: Stats, dt: float | None) -> None:
-    """Warn if sub-steps that go back in time amplified the motion."""
+    """Warn if steps were refused whose sub-step back in time amplified the motion."""
     if stats.amplified:
         _log.warning(
-            "%s: in %d of %d steps damping added energy to the motion. One sub-step of the scheme "
-            "goes back in time, and there damping amplifies. This happens if the damping rate is "
-            "about 3 / dt%s. Try another dt, or order=2",
-            *(stats.scheme, stats.amplified, stats.substeps),
+            "%s: %d steps were halved, since damping would have added energy to the motion. One "
+            "sub-step of the scheme goes back in time, and there damping amplifies. This happens "
+            "if the damping rate is about 3 / dt%s. Another dt or order=2 may need fewer steps",
+            *(stats.scheme, stats.amplified),
             "" if dt is None else f" = {3 / dt:.3g} /s",
         )
 

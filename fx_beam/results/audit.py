@@ -58,8 +58,8 @@ class Energy:
     dissipated : (n,) float, optional
         Energy dissipated since the start by dampers and friction of joints, by drag, by the
         material (`retardation` and `internal` variables of sections and springs), by the
-        restitution of stops and obstacles and by `EnergyDecaying`; it never decreases, except where
-        `Stats.amplified` counts steps. Zero by default.
+        restitution of stops and obstacles and by `EnergyDecaying`; it never decreases, with schemes
+        of order 4 by more than 1e-8 of the energy. Zero by default.
     algorithmic : (n,) float, optional
         Energy that `EnergyDecaying` of order 2 stores until the next step; part of the balance, not
         of `total`. Zero by default.
@@ -181,8 +181,9 @@ class Stats:
         Steps, each part of a halved step counted, that end with a Gauss point at which a section
         is inverted: t . phi' > 0 (eq. 4) is violated.
     amplified : int
-        Steps, each part of a halved step counted, in which dampers, friction or drag gave energy.
-        Only schemes of order 4 have such steps: they have a sub-step that goes back in time.
+        Steps, each part of a halved step counted, that were halved since dampers, friction or drag
+        gave energy in them. Only schemes of order 4 have such steps: they have a sub-step that goes
+        back in time.
     rejected : int
         With a tolerance: steps that were repeated because their errors were too large, and trial
         steps that choose the first length.

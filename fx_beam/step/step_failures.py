@@ -24,6 +24,7 @@ _PASSED = (
 _SINGULAR = "the tangent is singular or a value is not finite"
 _OPEN = "a loop of joints cannot be closed"
 _UNMET = "the friction of joints and the force that it follows do not meet"
+_AMPLIFIED = "damping adds energy to the motion, as a sub-step goes back in time"
 
 
 class StepFailed(Exception):
@@ -102,6 +103,7 @@ class StepFailures:
             C.PASSED_THROUGH: ("members", _PASSED, D),
             C.MOVED_TOO_FAR: ("members", _MOVED, D),
             C.UNMET_FRICTION: ("no convergence", _UNMET, D),
+            C.AMPLIFIED: ("damping", _AMPLIFIED, D),
         }
         if p.failure in reasons:
             return StepFailed(*reasons[p.failure], corrections)

@@ -155,10 +155,11 @@ def test_steps_in_parts_keep_the_balance():
     assert np.diff(energy.dissipated).min() > 0
 
 
-def test_a_sub_step_that_goes_back_is_counted_where_drag_gives_energy():
+def test_a_step_is_halved_where_drag_would_give_energy_in_a_sub_step_that_goes_back():
     scene, _ = bar_at((2.0, 0.0), "nodes", linear=3.0 * 3.03 / 0.12)
     solution = fb.simulate(scene, fb.EnergyMomentum(order=4), dt=0.12, t_end=0.36)
-    assert solution.stats.amplified == 3
+    assert solution.stats.amplified > 0
+    assert np.diff(solution.energy.dissipated).min() > 0
 
 
 # -- Scenes ---------------------------------------------------------------------------------------

@@ -222,9 +222,22 @@ static void set_shares(Problem *p, int sub_step, int before) {
   p->earlier = means ? sub_step > 0 ? 1 : before / (before + 1.0) : 0;
 }
 
+/* Energy that losses may give in a step, relative to the energy at its end. */
+static const double GIVEN = 1e-8;
+
+/* Whether dampers gave energy in a step, which only happens where a sub-step goes back in time: there they amplify. */
+static int amplifies(const Problem *p, const Work *w, double lost) {
+  double given = lost - p->dissipated;
+  if (p->sub_steps == 1 || given <= 1e-14 * fabs(lost)) return 0;
+  times_mass(p, p->v, w->scratch);
+  double energy = dot(p->dofs, p->v, w->scratch) / 2 + sum_over_elements(p, w, &p->energy);
+  return given > GIVEN * (energy + fx_stored_at_points(p->points, p->q, p->slides, p->spring_internal));
+}
+
 /* Returns to the state before a step that failed; counts of what was seen are kept. */
 static void undo(Problem *p, const Work *w, Problem before) {
   before.failure = p->failure, before.inverted = p->inverted, before.inverted_t = p->inverted_t;
+  before.amplified = p->amplified;
   before.ratios[1] = p->ratios[1], before.reused = p->reused;
   *p = before;
   memcpy(p->memory, w->saved, p->memory_size * sizeof(double));
@@ -279,6 +292,7 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Reco
       advance(p, w, inputs, number);
       if (p->watches && switched(p)) p->failure = SWITCHED;
     }
+    if (!p->failure && amplifies(p, w, lost)) p->failure = AMPLIFIED, ++p->amplified;
     if (p->controlled && !p->failure) {
       double ratio = local_error(p, w, dt);
       p->ratios[0] = p->ratios[1], p->ratios[1] = ratio;
@@ -293,8 +307,6 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Reco
       return k;
     }
     if (p->sub_steps > 1 || to->parts > 1) summarise(p, w, dt, part, to->parts);
-    /* Beyond rounding: damping at rest takes next to nothing. */
-    p->amplified += p->sub_steps > 1 && lost - p->dissipated > 1e-14 * fabs(lost);
     if (wanted) record(p, w, to);
     ++p->completed;
     double most = wanted ? p->energies[1] : steps > 1 ? most_strain_energy(p) : HUGE_VAL;

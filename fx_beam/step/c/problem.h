@@ -28,7 +28,7 @@ enum { INCREMENT, START, RATE, ACCELERATION, PREVIOUS, INTERNAL, NATURAL, NATURA
 /* Why a step failed. */
 enum {
   OK, NO_CONVERGENCE, SINGULAR, TURNED_TOO_FAR, TOO_INACCURATE, SLID_TOO_FAR, SWITCHED, PASSED_THROUGH, OUT_OF_LINE,
-  OPEN_LOOP, MOVED_TOO_FAR, UNMET_FRICTION
+  OPEN_LOOP, MOVED_TOO_FAR, UNMET_FRICTION, AMPLIFIED
 };
 
 /* What several processes do together in the place of this one. Where one of them fails, its numbers are not finite. */
@@ -317,7 +317,7 @@ typedef struct {
   int iterations, failure, by_round_off;
   int too_large;        /* parts of steps with rotations above large_turn per step */
   int inverted;         /* steps or parts that end with inverted sections */
-  int amplified;        /* steps or parts in which dampers give energy */
+  int amplified;        /* steps or parts that were refused, as dampers gave energy */
   double inverted_t, *inverted_q; /* time and configuration of the first of them */
   double least_energy;  /* with less strain energy no section is inverted */
 } Problem;
