@@ -11,8 +11,8 @@ from interrupting import call_stopped_at
 
 import fx_beam as fb
 from fx_beam.content_cache import cached_property
-from fx_beam.motions import motion as motion_module, motion_series, surroundings
-from fx_beam.step import single_steps
+from fx_beam.motions import motion_series, surroundings
+from fx_beam.step import full_turns, single_steps
 
 DT = 1 / 64
 SECTION = fb.Section(EA=1e4, GA=1e4, EI=5.0, rhoA=1.0, rhoI=1e-2)
@@ -57,7 +57,7 @@ def agree(motion, twin):
 def test_a_step_is_taken_or_not_wherever_it_is_interrupted(
     opcodes, every, bumps, scheme, monkeypatch
 ):
-    monkeypatch.setattr(motion_module, "_TURNS", 3)
+    monkeypatch.setattr(full_turns, "STEPS", 3)
     monkeypatch.setattr(single_steps, "_BLOCK", 2)
     motion, twin = (
         fb.Motion(scene, scheme, dt=DT, outputs=outputs, record=fb.Record(every=2))
