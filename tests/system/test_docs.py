@@ -31,7 +31,9 @@ def name_of(page):
 
 
 def public():
-    return [f"{module}.{name}" for module, of in MODULES.items() for name in of.__all__]
+    pytest.importorskip("dolfinx")
+    modules = MODULES | {"fx_beam.fenicsx": importlib.import_module("fx_beam.fenicsx")}
+    return [f"{name}.{public}" for name, module in modules.items() for public in module.__all__]
 
 
 @pytest.mark.slow
@@ -46,7 +48,7 @@ def test_each_piece_of_code_runs_alone(page, number, tmp_path, monkeypatch, caps
     for other in pages.blocks(page):  # some are files that the others import
         if name := re.match(r"# (\w+\.py)\n", other):
             (tmp_path / name[1]).write_text(other, encoding="utf-8")
-    if page.stem == "libraries":
+    if page.stem in ("libraries", "fenicsx"):
         for name in re.findall(r"^(?:import|from) (\w+)", block, flags=re.MULTILINE):
             pytest.importorskip(name)
     names = pages.run(block, page)
