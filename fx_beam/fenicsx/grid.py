@@ -51,6 +51,7 @@ class Grid:
         self._beams = self.tagged(nodes.beam_of_cell)
         # With the expression itself, as a number of another object may come back.
         self._expressions: dict[Any, tuple[Any, Any]] = {}
+        self._spaces: dict[Any, Any] = {}
 
     def tagged(self, tags: np.ndarray) -> Any:
         """Tags of elements as those of a mesh."""
@@ -135,6 +136,8 @@ class Grid:
         to_places = np.power.outer(places, exponents)
         to_places = to_places @ np.linalg.inv(np.power.outer(gauss_rule(p)[0], exponents))
         element = elements.lagrange(p - 1, *values.shape[2:], broken=True)
-        function = fem.Function(function_space(self.mesh, element), name=name)
+        if element not in self._spaces:  # a space takes as long as several steps
+            self._spaces[element] = function_space(self.mesh, element)
+        function = fem.Function(self._spaces[element], name=name)
         self.fill(function, np.einsum("np,cp...->cn...", to_places, values))
         return function

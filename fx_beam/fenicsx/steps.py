@@ -10,6 +10,7 @@ from petsc4py import PETSc
 
 import ufl
 from dolfinx import fem
+from ufl.core.expr import Expr
 
 import numpy as np
 import scipy.sparse
@@ -128,7 +129,8 @@ class Steps:
         They may contain Functions that other problems compute on `mesh` between steps, such as a
         temperature. They are evaluated at the Gauss points before each step, for its end, and take
         the place of those of the scene, which needs some: ``scene.add_natural_strain(beam,
-        axial=0.0)``. What changes them does work, which is part of `Energy.work`.
+        axial=0.0)``. The first step starts with those of the scene, so that what is given before it
+        arises in it. What changes them does work, which is part of `Energy.work`.
         """
         return self._natural
 
@@ -139,6 +141,8 @@ class Steps:
                 "fenicsx: natural_strains: the scene has none, so that its forms have none. Call "
                 "scene.add_natural_strain(beam, axial=0.0) before the problem is made"
             )
+        if strains is not None and not _has_ufl(strains):
+            strains = fem.Constant(self.mesh, np.array(strains, float))
         self._natural = None if strains is None else ufl.as_vector(strains)
 
     @property
@@ -295,3 +299,8 @@ class Steps:
 
         solution.resultants_of_beam = of_beam
         return solution
+
+
+def _has_ufl(strains: Any) -> bool:
+    """Whether strains are an expression of UFL, or one of them is."""
+    return isinstance(strains, Expr) or any(isinstance(strain, Expr) for strain in strains)

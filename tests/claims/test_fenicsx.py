@@ -185,6 +185,19 @@ def test_strains_by_a_field_of_another_problem_are_natural_strains():
         fenicsx.Problem(pair()[0], dt=DT).natural_strains = (0, 0, 0)
 
 
+def test_natural_strains_may_be_numbers():
+    scene, beam = cantilever()
+    scene.add_natural_strain(beam, axial=0.0)
+    problem = fenicsx.Problem(scene, dt=DT)
+    problem.natural_strains = (0.01, 0, 0.2)
+    solution = problem.run(5 * DT)
+    same, beam = cantilever()
+    # They arise in the first step, which starts with those of the scene.
+    same.add_natural_strain(beam, axial=lambda t: 0.01 * (t > 0), curvature=lambda t: 0.2 * (t > 0))
+    engine = fb.simulate(same, dt=DT, t_end=5 * DT)
+    assert_same(solution, engine, 1e-11)
+
+
 # -- Steps, starts, solvers ------------------------------------------------------------------------
 
 
