@@ -64,8 +64,11 @@ class Newton:
     def _find(self, dt: float) -> int:
         """The increment of a sub-step, from the state in the memory of C, and into it."""
         p, model, reduction, free = self._c, self._model, self._reduction, self._reduction.free
-        times = (p.ratio_before, p.ratio) if self._rates.at_rest else (p.t, p.t + dt)
-        self._start, self._interval = state, interval = self._loop.state(p.t), Interval(*times)
+        # The end less the start differs from dt by round-off, which would count as work.
+        loads = Interval(p.ratio_before, p.ratio)
+        interval = loads if self._rates.at_rest else Interval(p.t, p.t + dt, dt)
+        self._start = state = self._loop.state(p.t)
+        self._interval = interval
         reduction.begin(state.q, state.slides)
         if self.natural is not None:
             self._strains[:] = self.natural.ravel()

@@ -18,7 +18,7 @@ class Interval(NamedTuple):
 
     start: float
     end: float
-    #: Given for an instant, whose forces are those at one time.
+    #: Given for an instant, whose forces are those at one time, and where its last digits count.
     own_length: float | None = None
 
     @property
