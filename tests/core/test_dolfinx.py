@@ -1,4 +1,4 @@
-"""Steps by dolfinx and PETSc are those in C, for a few scenes; claims/test_dolfinx.py has all."""
+"""Steps by dolfinx are those in C, in a few scenes; claims/test_steps_by_dolfinx.py has all."""
 
 import numpy as np
 import pytest
