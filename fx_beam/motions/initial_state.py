@@ -33,7 +33,8 @@ _LITTLE = 1e-12
 # Distance from a place that is round-off, in units of the scene's size.
 _IN_PLACE = 1e-13
 
-# Forces where there is no mass that are round-off, relative to the largest force.
+# Work of a force where there is no mass that is round-off, relative to the largest, in a motion by
+# units of the scene: so moments are compared with forces.
 _NONE = 1e-9
 _NOT_SETTLED = (
     "no equilibrium was found at the start for nodes without mass: their motion may alternate from "
@@ -63,12 +64,14 @@ def _settled(model: Model, state: State, force: np.ndarray, dt: float) -> State:
         equations.begin(instant(now.t, time), now)
         residual = equations.at_start(force).residual[: reduction.free]
         w, independent = np.zeros(reduction.columns), reduction.independent
+        unit = model.unit_of_unknowns[independent]  # pivots are of one kind
+        scale = scipy.sparse.diags(unit)
         try:
             # The stiffness is that of the scheme's level in the step.
-            factors = scipy.sparse.linalg.splu(equations.tangent().tocsc())
+            factors = scipy.sparse.linalg.splu((scale @ equations.tangent() @ scale).tocsc())
         except RuntimeError:  # it is singular
             break
-        w[independent] = -level * factors.solve(residual[independent])
+        w[independent] = -level * unit * factors.solve(unit * residual[independent])
         y = reduction.completed(w)[: reduction.free]
         D = reduction.expand(y, np.zeros(reduction.driven))
         turn = abs(D[model.turns]).max()
@@ -240,8 +243,11 @@ class Starts:
         b = -reduction.project(-force)[:free]
         a[:free], rest = accelerations(model, b)
         # A load that grows from zero has a little of its first step already.
-        largest = max(abs(part).max(initial=0.0) for part in (force, b, *loads))
-        return reduction.spread(a) + curved, bool(abs(rest).max(initial=0.0) > _NONE * largest)
+        unit, of_unknowns = model.unit, model.unit_of_unknowns
+        works = b * of_unknowns, *(part * unit for part in (force, *loads))
+        largest = max(abs(work).max(initial=0.0) for work in works)
+        left = abs(rest * of_unknowns).max(initial=0.0)
+        return reduction.spread(a) + curved, bool(left > _NONE * largest)
 
 
 def end_of(start: Solution) -> State:
