@@ -58,6 +58,14 @@ class Mesh:
         lengths = np.hypot(*(ends[:, 1] - ends[:, 0]).T)
         return [float(lengths[cells].min()) for cells in self.cells]
 
+    def place_of(self, node: int, scene: Scene) -> str:
+        """In words where a node is: on which beam, or its position."""
+        for beam, nodes in zip(scene.beams, self.nodes, strict=True):
+            if node in nodes:
+                return f"beam {beam.name!r}"
+        x, y = self.X[node]
+        return f"the node at ({x:g}, {y:g})"
+
     def refill(self, scene: Scene) -> bool:
         """Move the nodes to those of a scene with the same structure; whether any moves.
 

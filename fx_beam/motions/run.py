@@ -38,6 +38,8 @@ _MEMORY = 1e-9 * os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
 #: Steps times degrees of freedom between two updates of the progress bar and checks for Ctrl-C.
 _BLOCK = 500_000
 # The progress bar counts the time of the simulation.
+# Rounding errors, relative to the motion, that a run does not mention.
+_FEW_DIGITS = 1e-8
 _BAR = {"unit": "s", "bar_format": "{l_bar}{bar}| {n:.4g}/{total:.4g} s [{elapsed}<{remaining}]"}
 _IMPACTS = (
     "%s: losses at impacts (restitution below 1) change forces within a small part of a step of "
@@ -64,6 +66,16 @@ def warn_of_parts(stats: Stats, dt: float) -> None:
             "that of a smaller dt"
         )
     warn_once(f"{stats.scheme}: {text}")
+
+
+def warn_of_rounding(stats: Stats) -> None:
+    """Warn if rounding errors leave few digits of the motion."""
+    if stats.rounding > _FEW_DIGITS:
+        warn_once(
+            f"{stats.scheme}: rounding errors change the motion by about {stats.rounding:.1g} of "
+            f"its size, or more where they grow; most in {stats.rounding_in}, which is very stiff "
+            "for its mass. Give it more mass or less stiffness, or take it as massless or rigid"
+        )
 
 
 def warn_of_damping(stats: Stats, dt: float | None) -> None:
@@ -148,6 +160,7 @@ class Run:
                     bar.update(recorder.end.t - t)
             if control is None:
                 warn_of_parts(stats, self._first)
+            warn_of_rounding(stats)
             warn_of_damping(stats, None if control is not None else self._first)
             stats.seconds = time.perf_counter() - self._clock
             return then()

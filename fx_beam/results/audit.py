@@ -190,6 +190,12 @@ class Stats:
     ended_by : dict
         Number of Newton solves that ended by a small increment, and of those that ended at
         round-off.
+    rounding : float
+        What rounding errors leave of the motion, relative to its largest displacement, but to no
+        less than 1e-5 of the size of the scene: the sum of the last corrections of those steps that
+        they ended. 0 if there are none. Later motion may let them grow.
+    rounding_in : str
+        Beam or node with the largest of these corrections; empty if there are none.
     seconds : float
         Time of the steps [s].
     setup_seconds : float
@@ -255,6 +261,8 @@ class Stats:
     amplified: int = 0
     rejected: int = 0
     ended_by: dict[str, int] = field(default_factory=dict)
+    rounding: float = 0.0
+    rounding_in: str = ""
     seconds: float = 0.0
     setup_seconds: float = 0.0
     setup_reason: str = ""

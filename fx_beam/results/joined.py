@@ -252,4 +252,6 @@ def _stats(first: Stats, second: Stats) -> Stats:
     sums = {name: getattr(first, name) + getattr(second, name) for name in _SUMS}
     ended = dict(Counter(first.ended_by) + Counter(second.ended_by))
     changes = {**first.changes, **second.changes}
-    return replace(second, **sums, ended_by=ended, changes=changes)
+    worse = max(first, second, key=lambda stats: stats.rounding)
+    joined = replace(second, **sums, ended_by=ended, changes=changes)
+    return replace(joined, rounding=worse.rounding, rounding_in=worse.rounding_in)

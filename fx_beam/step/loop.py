@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 # Inputs of which a single row may stand for all sub-steps.
 _REPEATED = "loads", "follower_force", "natural"
+# Motions below this part of the size of the scene need not have more digits than these.
+_SLIGHT = 1e-5
 
 
 class CompiledLoop:
@@ -281,6 +283,11 @@ class CompiledLoop:
         for name, count in (("increment", solves - p.by_round_off), ("round-off", p.by_round_off)):
             if count:
                 stats.ended_by[name] = stats.ended_by.get(name, 0) + count
+        if p.left:
+            stats.rounding += p.left / min(max(p.moved, _SLIGHT), 1.0)
+            if not stats.rounding_in:
+                stats.rounding_in = self.model.mesh.place_of(p.left_at // 3, self.model.scene)
+            p.left = p.moved = p.left_most = 0
         p.iterations = p.by_round_off = p.too_large = p.inverted = p.amplified = 0
 
     def inputs_ahead(self, t: float, times: np.ndarray) -> StepInputs:

@@ -27,6 +27,7 @@ from .form_tables import FORMS, FormTables, aligned_zeros
 from .lu_layout import COSTS, Factors, factors_of, graph_of, groups_of
 from .model import Model
 from .newton import ENERGY_FLOOR, LONGEST_TURN, NEGLIGIBLE, NewtonOptions
+from .parts import part_tables
 from .substeps import LARGE_TURN
 from .tangent_storage import (
     alone_in_column,
@@ -84,6 +85,7 @@ class Problem:
             self._hand_over_joint_forces()
         self._set(**vars(options), negligible=NEGLIGIBLE * options.tolerance)
         self._set(energy_floor=ENERGY_FLOOR, longest_turn=LONGEST_TURN, large_turn=LARGE_TURN)
+        self._set(**part_tables(model))
         numbers = self._numbers(masses=True) | self._positions()
         #: What some were made of: positions of nodes, and how often masses had changed.
         self._X, self._mass_changes = model.mesh.X, model.masses.changes

@@ -165,8 +165,38 @@ static void line_search(const Problem *p, const Work *w, double gained) {
 /* Largest work of the last correction, relative to the tolerance times the energy of the step. */
 static const double ENERGY_SHARE = 1e-4;
 
+/* Corrections that are no smaller than half the one before, after which a step ends: where the work on all parts is round-off,
+   and where it is on the whole. At most so many small ones are made for the work on all. */
+enum { STALLS = 3, MOST_STALLS = 8, SMALL = 3 };
+
 /* What comes after a correction: another one, or nothing, as it was small enough or as small as round-off. */
 enum { GOES_ON, CONVERGED, AT_ROUND_OFF };
+
+/* Whether the last correction does at most this share of the energy of the step as work on each part, after `kinetic`. */
+HOT int within_parts(const Problem *p, const Work *w, double share) {
+  double *work = p->part_energy, *energy = work + p->parts;
+  if (p->parts < 2) return 1;
+  memset(work, 0, 2 * p->parts * sizeof(double));
+  for (int k = 0; k < p->column_runs; ++k) {
+    double sum = 0;
+    for (int i = p->column_run_start[k]; i < p->column_run_start[k + 1]; ++i) sum += fabs(w->reduced[i] * w->step[i]);
+    work[p->column_run_part[k]] += sum;
+  }
+  for (int k = 0; k < p->dof_runs; ++k) {
+    double moving = 0, pushed = 0;
+    for (int i = p->dof_run_start[k]; i < p->dof_run_start[k + 1]; ++i) {
+      moving += fabs(p->v[i] * w->scratch[i]);
+      pushed += (fabs(w->f[i]) + fabs(w->force[i])) * fabs(w->D[i]);
+    }
+    energy[p->dof_run_part[k]] += moving + pushed;
+  }
+  for (int k = 0; k < p->parts; ++k) {
+    double all = 0;
+    for (int i = p->inside_start[k]; i < p->inside_start[k + 1]; ++i) all += energy[p->inside[i]];
+    if (work[k] > share * all) return 0;
+  }
+  return 1;
+}
 
 /* Judges a correction by its size, its work, and its errors `rest` (reused_factors.h). One that was shortened is far from the
    solution, whatever its work. */
@@ -182,10 +212,22 @@ static int judge(const Problem *p, const Work *w, Convergence *c, int iteration,
   double moving = kinetic(p, w), energy = energy_of_step(p, w, moving);
   final = final && next_error <= p->negligible * sqrt(energy);
   /* In very stiff scenes the forces before the correction make the energy far too large. */
-  final = final && fabs(work) <= p->tolerance * moving;
-  if (!small && stalled && fabs(work) <= p->energy_floor * energy) return AT_ROUND_OFF;
-  if (small) small = ++c->small > 2 || fabs(work) <= ENERGY_SHARE * p->tolerance * energy;
-  return small || final ? CONVERGED : GOES_ON;
+  if (final && fabs(work) <= p->tolerance * moving) return CONVERGED;
+  if (!small && stalled && fabs(work) <= p->energy_floor * energy)
+    return ++c->stalled > (within_parts(p, w, p->energy_floor) ? STALLS : MOST_STALLS) ? AT_ROUND_OFF : GOES_ON;
+  double most = ENERGY_SHARE * p->tolerance;
+  small = small && (++c->small >= SMALL || (fabs(work) <= most * energy && within_parts(p, w, most)));
+  return small ? CONVERGED : GOES_ON;
+}
+
+/* What is left of a correction of this size, which rounding errors decide. */
+static void note_rounding(Problem *p, const Work *w, double size) {
+  p->left += size;
+  p->moved = fmax(p->moved, fmax(largest(p->dofs, p->q, p->per_unit), largest(p->dofs, w->D, p->per_unit)));
+  if (size <= p->left_most) return;
+  p->left_most = size;
+  for (int i = 0; i < p->dofs; ++i)
+    if (fabs(w->correction[i] * p->per_unit[i]) == size) p->left_at = i;
 }
 
 /* Instead of the order of a prediction: from the unknowns as they are. */
@@ -219,7 +261,7 @@ static void drive(const Problem *p, const Work *w, const double *driven) {
 
 static int iterations_of(Problem *p, const Work *w, const double *driven, int order) {
   int n = p->dofs, free = p->free, failure;
-  Convergence convergence = {{HUGE_VAL, 0}, {HUGE_VAL, 0}, 0};
+  Convergence convergence = {{HUGE_VAL, 0}, {HUGE_VAL, 0}, 0, 0};
   double work = 0, rest[2];
   p->tried = 0;
   if (p->team.begin) p->team.begin(p->t, w->dt);
@@ -259,6 +301,7 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
       if (leaves_beam(p)) return SLID_TOO_FAR;
       p->iterations += iteration;
       p->by_round_off += end == AT_ROUND_OFF;
+      if (end == AT_ROUND_OFF) note_rounding(p, w, size);
       p->reused.slowest_size = convergence.sizes.slowest, p->reused.slowest_error = convergence.errors.slowest;
       return OK;
     }

@@ -320,6 +320,16 @@ typedef struct {
   int amplified;        /* steps or parts that were refused, as dampers gave energy */
   double inverted_t, *inverted_q; /* time and configuration of the first of them */
   double least_energy;  /* with less strain energy no section is inverted */
+
+  /* Parts with energies of their own, if there are several: runs of degrees of freedom and of unknowns, and the part of each;
+     for each part those whose energies together are its own; [2][part] room for the work of a correction and for energies. */
+  int parts;
+  struct {
+    int dof_runs, *dof_run_start, *dof_run_part, column_runs, *column_run_start, *column_run_part, *inside_start, *inside;
+    double *part_energy;
+  };
+  double left, moved, left_most; /* of solves that end at round-off: sum of their last corrections, largest motion, in units */
+  int left_at;          /* degree of freedom of the largest of them */
 } Problem;
 
 /* Rows of an array. */

@@ -13,10 +13,11 @@ typedef struct {
   double last, slowest;
 } Sequence;
 
-/* What the corrections of a step tell of its convergence: their sizes, roots of their work, and how many were small. */
+/* What the corrections of a step tell of its convergence: their sizes, roots of their work, and how many were small, or no
+   smaller than those before. */
 typedef struct {
   Sequence sizes, errors;
-  int small;
+  int small, stalled;
 } Convergence;
 
 /* Error of a correction by kept factors, relative to what Newton's method leaves by being quadratic; slowest convergence at

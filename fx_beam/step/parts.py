@@ -1,0 +1,85 @@
+"""Parts of a scene with energies of their own, by which Newton's method judges (c/newton.h)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from .model import Model
+
+_Members = frozenset[int]
+
+
+def part_tables(model: Model) -> dict[str, Any]:
+    """The parts by the names in problem.h; none if there is only one.
+
+    Nodes of the same beams are a part, others are one each; unknowns are one if they move nodes of
+    the same. Light beams beside heavy ones are judged by themselves, what both share by both.
+    """
+    of_dofs = np.repeat(_members_of_nodes(model), 3)
+    of_columns = _members_of_columns(model, of_dofs)
+    parts = {members: i for i, members in enumerate(dict.fromkeys([*of_dofs, *of_columns]))}
+    if len(parts) < 2:
+        return {}
+    inside = _parts_inside(parts)
+    starts = np.cumsum([0, *map(len, inside)])
+    return {
+        "parts": len(parts),
+        **_runs("dof", np.array([parts[members] for members in of_dofs])),
+        **_runs("column", np.array([parts[members] for members in of_columns])),
+        "inside_start": starts,
+        "inside": np.concatenate(inside),
+        "part_energy": np.zeros(2 * len(parts)),
+    }
+
+
+def _members_of_nodes(model: Model) -> np.ndarray:
+    """Beams on which each node lies; of other nodes a member of their own."""
+    mesh = model.mesh
+    of_nodes: list[list[int]] = [[] for _ in mesh.X]
+    for beam, nodes in enumerate(mesh.nodes):
+        for node in nodes:
+            of_nodes[node].append(beam)
+    members = np.empty(len(of_nodes), dtype=object)
+    members[:] = [_Members(of or [-1 - node]) for node, of in enumerate(of_nodes)]
+    return members
+
+
+def _members_of_columns(model: Model, of_dofs: np.ndarray) -> list[_Members]:
+    """Those whose nodes each unknown moves; all of them where couplings do not tell."""
+    couplings, every = model.couplings, _Members().union(*of_dofs)
+    moved: list[set[int]] = [set() for _ in range(couplings.columns + len(couplings.auxiliaries))]
+    entries = couplings.all_entries
+    for dof, column in zip(entries.row, entries.column, strict=True):
+        moved[column] |= of_dofs[dof]
+    for k, auxiliary in reversed([*enumerate(couplings.auxiliaries, couplings.columns)]):
+        for column, *_ in auxiliary.entries:
+            moved[column] |= moved[k]
+    return [_Members(members or every) for members in moved[: couplings.free]]
+
+
+def _parts_inside(parts: dict[_Members, int]) -> list[list[int]]:
+    """For each part those of which all members are its own: itself, and others."""
+    with_member: dict[int, list[_Members]] = {}
+    for members in parts:
+        for member in members:
+            with_member.setdefault(member, []).append(members)
+    inside = []
+    for members in parts:
+        near = dict.fromkeys(other for member in members for other in with_member[member])
+        inside.append([parts[other] for other in near if other <= members])
+    return inside
+
+
+def _runs(name: str, part: np.ndarray) -> dict[str, Any]:
+    """Runs of the same part: their number, where they begin and the last one ends, their parts."""
+    starts = (
+        np.flatnonzero(np.append(True, part[1:] != part[:-1])) if len(part) else np.zeros(0, int)
+    )
+    return {
+        f"{name}_runs": len(starts),
+        f"{name}_run_start": np.append(starts, len(part)),
+        f"{name}_run_part": part[starts],
+    }
