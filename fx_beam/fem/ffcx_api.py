@@ -13,7 +13,9 @@ from typing import Any
 
 from fx_beam.symbolic import Written, package, ufl
 
-ffcx: Any = package("ffcx")  # before its parts
+# Before parts of FFCx, which import UFL as well.
+package("ufl")
+ffcx: Any = package("ffcx")
 
 from ffcx import codegeneration, naming  # noqa: E402
 from ffcx.analysis import analyze_ufl_objects  # noqa: E402
@@ -22,9 +24,15 @@ from ffcx.ir.analysis.valuenumbering import ValueNumberer  # noqa: E402
 from ffcx.ir.representation import compute_ir  # noqa: E402
 
 _log = logging.getLogger("fx_beam")
-# What later versions call options.
-_OPTIONS = getattr(ffcx, "get_parameters" if find_spec("ffcx.parameters") else "get_options")()
-_OF_ANALYSIS = _OPTIONS
+# All of every version, which would else look for more in the current folder and in the home.
+_OPTIONS = {
+    "scalar_type": "double" if find_spec("ffcx.parameters") else "float64",
+    **{"epsilon": 1e-14, "table_rtol": 1e-6, "table_atol": 1e-9, "verbosity": logging.WARNING},
+    # Up to 0.6, and of later versions.
+    **{"tabulate_tensor_void": False, "assume_aligned": -1, "padlen": 1},
+    **{"sum_factorization": False, "language": "C", "part": "full"},
+}
+_OF_ANALYSIS: Any = _OPTIONS
 if "parameters" not in inspect.signature(analyze_ufl_objects).parameters:
     _OF_ANALYSIS = _OPTIONS["scalar_type"]
 _HEADERS = "math.h", "stdalign.h", "stdlib.h", "string.h"

@@ -14,7 +14,7 @@ from scenes import pinned_beam
 
 import fx_beam as fb
 from fx_beam import c_library
-from fx_beam.fem import elements
+from fx_beam.fem import elements, ffcx_api
 from fx_beam.fem.assembly import BoundForm, Field
 from fx_beam.fem.form_library import form_module
 from fx_beam.fem.mesh import Mesh
@@ -145,6 +145,17 @@ def test_all_c_compiles_for_aarch64_as_well(monkeypatch, tmp_path, no_libraries)
         general += ["-mcpu=neoverse-n1", "-O1"]
         general[general.index("-o") + 1] = str(tmp_path / "other.so")
         run(["aarch64-linux-gnu-gcc", "-Werror", *general], check=True, input=source, text=True)
+
+
+def test_the_options_of_ffcx_are_its_own_defaults_and_complete():
+    try:
+        from ffcx.parameters import FFCX_DEFAULT_PARAMETERS as defaults
+    except ImportError:
+        from ffcx.options import FFCX_DEFAULT_OPTIONS as defaults
+    values = {
+        name: next(v for v in row if not isinstance(v, type)) for name, row in defaults.items()
+    }
+    assert {name: ffcx_api._OPTIONS[name] for name in defaults} == values
 
 
 # -- Without MPI -----------------------------------------------------------------------------------
