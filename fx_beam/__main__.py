@@ -13,7 +13,7 @@ from importlib import import_module, metadata
 from importlib.util import find_spec
 from pathlib import Path
 
-from fx_beam import c_library, library_cache
+from fx_beam import c_library, compiler, library_cache
 from fx_beam.errors import SceneError
 from fx_beam.fem import mpi
 from fx_beam.parallel import team
@@ -36,9 +36,8 @@ def info() -> dict[str, str]:
     rows |= {of.removeprefix(_PREFIX): _package(of) for of in _DISTRIBUTIONS}
     rows["compiled loop"] = _loop()
     rows["reference"] = reference
-    compiler, (target, flags) = c_library.compiler(), c_library.target_flags()
-    version = subprocess.getoutput(shlex.join([*compiler, "--version"])).partition("\n")[0]
-    rows["compiler"] = f"{' '.join(compiler)}: {version}"
+    rows["compiler"] = _compiler()
+    target, flags = c_library.target_flags()
     rows["compiled for"] = f"{target or 'the compiler default'}, {' '.join(flags)}"
     rows["cache"] = _folder(library_cache.folder())
     return rows
@@ -67,9 +66,18 @@ def _package(distribution: str) -> str:
 def _loop() -> str:
     try:
         build.load_library()
-    except (c_library.CannotBuild, SceneError) as error:
+    except (RuntimeError, SceneError) as error:
         return f"not available: {error}"
     return "available"
+
+
+def _compiler() -> str:
+    try:
+        command = compiler.command()
+    except RuntimeError as error:
+        return f"not available: {error}"
+    version = subprocess.getoutput(shlex.join([*command, "--version"])).partition("\n")[0]
+    return f"{' '.join(command)}: {version}"
 
 
 def _folder(path: Path) -> str:

@@ -10,9 +10,8 @@ import math
 import os
 import platform
 import re
-import shlex
-import shutil
 import subprocess
+import tempfile
 import threading
 import weakref
 from collections.abc import Callable, Iterator, Sequence
@@ -22,7 +21,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from fx_beam import library_cache
+from fx_beam import compiler, library_cache
 from fx_beam.errors import SceneError
 
 T = TypeVar("T")
@@ -130,7 +129,13 @@ def open_library(
     structs. The library says by `fx_missing` what the processor lacks.
     """
     ffi, source = declared(header, definitions), with_macros(file, *definitions, *more)
-    library = load(what, source, lambda: source, lambda path: ffi.dlopen(str(path)), flags)
+
+    def loader(path: Path) -> Any:
+        # cffi itself takes no path that the locale cannot write.
+        library = ctypes.CDLL(str(path))
+        return ffi.dlopen(ffi.cast("void *", library._handle))
+
+    library = load(what, source, lambda: source, loader, flags)
     if missing := ffi.string(library.fx_missing()).decode():
         raise SceneError(
             f"FX_BEAM_MARCH = {target_flags()[0]!r} is for processors with {missing}, which this "
@@ -147,7 +152,7 @@ def begin_to_build(
     source = with_macros(file, *macros)
 
     def build() -> None:
-        with suppress(CannotBuild, SceneError):  # who loads it is told why
+        with suppress(RuntimeError, SceneError):  # who loads it is told why
             load(what, source, lambda: source, lambda _: True, flags)
 
     threading.Thread(target=build).start()
@@ -174,14 +179,16 @@ def load(
     flags = [*flags, *more]
     # Libraries for "native" are valid only for processors with the same features.
     machine = [_processor()] if target == "native" else []
-    digest = hashlib.sha256("\n".join([key, _headers(), *flags, *machine]).encode())
+    parts = [key, _headers(), *flags, *machine, compiler.identity()]
+    digest = hashlib.sha256("\n".join(parts).encode("utf-8", "surrogateescape"))
     name = f"{digest.hexdigest()[:32]}.so"
 
     def builder(folder: Path) -> T:
         _log.info("compiling %s, once", what)
-        command = [*compiler(), *flags, f"-I{SOURCES}", "-x", "c", "-"]
-        command += ["-o", str(folder / name), "-lm"]
-        subprocess.run(command, check=True, capture_output=True, text=True, input=source())
+        headers = "-iquote", str(SOURCES)
+        arguments = [*flags, *headers, "-x", "c", "-", "-o", str(folder / name), "-lm"]
+        compiler.run(arguments, source(), folder)
+        compiler.check_whole(folder / name)
         return loader(folder / name)
 
     try:
@@ -190,6 +197,7 @@ def load(
         if isinstance(error, subprocess.CalledProcessError):
             _check_target(target, flags)
         said = str(getattr(error, "stderr", None) or error)
+        said = said.encode(errors="surrogateescape").decode(errors="replace")  # in any encoding
         reason = next((line for line in said.splitlines() if "error:" in line), said)
         raise CannotBuild(
             f"{what} cannot be built: {reason}. Check the C compiler (environment variable CC) and "
@@ -217,22 +225,6 @@ def functions_of(
     return load(what, key, source, loader, flags)
 
 
-def compiler() -> list[str]:
-    """Command of the C compiler; the same as FFCx uses."""
-    return shlex.split(os.environ.get("CC") or "cc")
-
-
-def check_compiler() -> None:
-    """RuntimeError without a C compiler."""
-    command = compiler()[0]
-    if shutil.which(command) is None:
-        raise RuntimeError(
-            f"there is no C compiler {command!r}, by which each new kind of scene is compiled. "
-            "Install one, on Debian by apt-get install gcc libc6-dev, or name another in the "
-            "environment variable CC"
-        ) from None
-
-
 def target_flags() -> tuple[str, list[str]]:
     """Target processor, empty for the compiler's default, and all compiler flags."""
     target = os.environ.get("FX_BEAM_MARCH") or ("native" if _OPTION else "")
@@ -243,12 +235,14 @@ def _check_target(target: str, flags: list[str]) -> None:
     """SceneError if the compiler does not know the processor in FX_BEAM_MARCH."""
     if not os.environ.get("FX_BEAM_MARCH"):
         return
-    command = [*compiler(), *flags, "-x", "c", "-", "-o", os.devnull]
-    if subprocess.run(command, capture_output=True, text=True, input="").returncode:
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            compiler.run([*flags, "-x", "c", "-", "-o", "empty"], "", Path(folder))
+    except subprocess.CalledProcessError:
         raise SceneError(
             f"FX_BEAM_MARCH = {target!r} is not known to the compiler. Give a value of its option "
             f"{_OPTION or '-march'}, such as 'native' or 'x86-64-v3'"
-        )
+        ) from None
 
 
 @functools.cache

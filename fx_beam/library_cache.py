@@ -2,7 +2,8 @@
 
 Who builds a library holds a lock, which ends with the process, and builds in a folder of its own.
 The library then enters the cache by one renaming, with a checksum at its end. It is loaded only if
-it is complete and no other user could have written it.
+it is complete and no other user could have written it, or have put another folder in the place of
+one that holds it.
 """
 
 from __future__ import annotations
@@ -34,39 +35,66 @@ _SCRATCH, _FORGOTTEN = "building-", 86400.0
 LARGEST = 1 << 28
 # Write permission of others than the owner.
 _OTHERS_WRITE = 0o022
+# Of each folder of libraries, by its device and inode; they stay open, as for the loader of
+# libraries a path that it has loaded always means the same one.
+_descriptors: dict[tuple[int, int], int] = {}
 
 
 def folder() -> Path:
-    """The cache folder, without links."""
-    place = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return (place / "fx_beam").resolve()
+    """The cache folder, without links; places that are relative to the current one are none."""
+    places = os.environ.get("XDG_CACHE_HOME", ""), os.path.expanduser("~/.cache")
+    place = next(filter(os.path.isabs, places), None)
+    return _substitute() if place is None else Path(os.path.realpath(place), "fx_beam")
 
 
-def _folders() -> Iterator[Path]:
-    """The cache folder, and the one for when it cannot be written, if there is any."""
-    yield folder()
-    with suppress(FileNotFoundError):
-        place = Path(tempfile.gettempdir()).resolve()
-        status = place.stat()
-        # In a sticky folder nobody else can move or replace what is ours: names are safe there.
-        if status.st_mode & stat.S_ISVTX and not status.st_uid or _is_ours(place):
-            yield place / f"fx_beam-{os.geteuid()}"
+def _substitute() -> Path:
+    """The folder for when the other one cannot be written."""
+    return Path(os.path.realpath(tempfile.gettempdir()), f"fx_beam-{os.geteuid()}")
 
 
-def load(name: str, loader: Callable[[Path], T]) -> T | None:
+def load(name: str, loader: Callable[[Path], T], place: Path | None = None) -> T | None:
     """What the loader makes of a library of the cache; None if there is none that it can load."""
-    for place in _folders():
-        path = place / name
-        try:
-            whole = _is_ours(place) and _is_ours(path) and path.read_bytes()
-            if whole and whole[-_DIGEST:] == _checksum(whole[:-_DIGEST]):
-                library = loader(path)
-                with suppress(OSError):
-                    os.utime(path)  # it has been used
-                return library
-        except Exception as error:  # whatever is wrong with it, it can be built again
-            _log.debug("not loaded: %s", error)
+    try:
+        path = _checked(place or folder()) / name
+        with open(path, "rb", opener=_without_waiting) as file:
+            status = os.fstat(file.fileno())
+            whole = stat.S_ISREG(status.st_mode) and _is_ours(status) and file.read()
+        if whole and whole[-_DIGEST:] == _checksum(whole[:-_DIGEST]):
+            library = loader(path)
+            with suppress(OSError):
+                os.utime(path)  # it has been used
+            return library
+    except Exception as error:  # whatever is wrong with it, it can be built again
+        _log.debug("not loaded: %s", error)
     return None
+
+
+def _without_waiting(path: str, flags: int) -> int:
+    """Open what may be no file; links are refused."""
+    return os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK, 0o644)
+
+
+def _checked(place: Path) -> Path:
+    """The path of a folder by its descriptor; OSError if another user can write or exchange it."""
+    trusted = 0, os.geteuid(), os.stat("/").st_uid  # in a container the last may have another name
+    for holder in place.parents:
+        status = holder.lstat()
+        # In a sticky folder nobody else can move or replace what is ours.
+        shared = status.st_mode & _OTHERS_WRITE and not status.st_mode & stat.S_ISVTX
+        if shared or status.st_uid not in trusted:
+            raise PermissionError(f"another user can write {holder}")
+    descriptor = os.open(place, os.O_DIRECTORY | os.O_NOFOLLOW)
+    status = os.fstat(descriptor)
+    kept = _descriptors.setdefault((status.st_dev, status.st_ino), descriptor)
+    if kept != descriptor:
+        os.close(descriptor)
+    if not _is_ours(status):
+        raise PermissionError("another user can write it")
+    path = Path(f"/proc/self/fd/{kept}")
+    with suppress(OSError):
+        if os.path.samestat(path.stat(), status):
+            return path
+    return place  # without /proc, or after the descriptors were closed
 
 
 def loaded(name: str, loader: Callable[[Path], T], builder: Callable[[Path], T]) -> T:
@@ -79,13 +107,13 @@ def loaded(name: str, loader: Callable[[Path], T], builder: Callable[[Path], T])
         return library
     place = _writable_folder()
     with _one_at_a_time(place / f"{name}.lock"):
-        library = load(name, loader)  # another process may have built it meanwhile
+        # It is in the substitute, or another process has built it meanwhile.
+        library = load(name, loader, place)
         return _built(place, name, builder) if library is None else library
 
 
-def _is_ours(path: Path) -> bool:
-    """Whether no other user but the administrator can write a file or in a folder; no link is."""
-    status = path.lstat()
+def _is_ours(status: os.stat_result) -> bool:
+    """Whether no other user but the administrator can write a file or in a folder."""
     return status.st_uid in (0, os.geteuid()) and not status.st_mode & _OTHERS_WRITE
 
 
@@ -101,28 +129,35 @@ def _checksum(content: bytes) -> bytes:
 def _writable_folder() -> Path:
     """The first folder in which libraries can be built; OSError if there is none."""
     unusable, advice = "", "Set XDG_CACHE_HOME to a folder that you alone can write"
-    for place in _folders():
+    for find in (folder, _substitute):
+        place: Path | str = "for temporary files"
         try:
-            folder = _prepared(place)
+            place = find()
+            _prepare(place)
         except OSError as error:
             unusable += f" {place} cannot be used ({error.strerror or error})."
             continue
         if unusable:
             _warn(f"the cache folder{unusable} What is compiled goes to {place}. {advice}")
-        return folder
+        return place
     raise OSError(f"nothing can be compiled:{unusable} {advice}")
 
 
-def _prepared(place: Path) -> Path:
-    place.mkdir(mode=0o755, parents=True, exist_ok=True)
-    status = place.lstat()
-    if status.st_uid == os.geteuid() and status.st_mode & _OTHERS_WRITE:
-        place.chmod(status.st_mode & 0o7777 & ~_OTHERS_WRITE)
-    if not _is_ours(place):
-        raise PermissionError("another user can write it")
+def _prepare(place: Path) -> None:
+    """Make a folder that nobody else can write; OSError if it cannot be used."""
+    for holder in reversed(place.parents):
+        holder.mkdir(mode=0o700, exist_ok=True)
+    place.mkdir(mode=0o755, exist_ok=True)
+    descriptor = os.open(place, os.O_DIRECTORY | os.O_NOFOLLOW)
+    try:
+        status = os.fstat(descriptor)
+        if status.st_uid == os.geteuid() and status.st_mode & _OTHERS_WRITE:
+            os.fchmod(descriptor, status.st_mode & 0o7777 & ~_OTHERS_WRITE)
+    finally:
+        os.close(descriptor)
+    _checked(place)
     with tempfile.TemporaryFile(dir=place) as file:
         os.posix_fallocate(file.fileno(), 0, _ROOM)
-    return place
 
 
 @functools.cache
@@ -138,7 +173,12 @@ def _one_at_a_time(path: Path) -> Iterator[None]:
 
     The file is removed before the lock ends: who waited for it looks for the library first.
     """
-    with open(path, "w") as file:
+    try:
+        file = open(path, "w", opener=_without_waiting)
+    except OSError:  # something else is there
+        _remove(path)
+        file = open(path, "w", opener=_without_waiting)
+    with file:
         with suppress(OSError):
             fcntl.flock(file, fcntl.LOCK_EX)
         try:
@@ -150,8 +190,12 @@ def _one_at_a_time(path: Path) -> Iterator[None]:
 def _built(place: Path, name: str, builder: Callable[[Path], T]) -> T:
     for old in place.glob(f"{_SCRATCH}*"):
         with suppress(OSError):
-            if time.time() - old.stat().st_mtime > _FORGOTTEN:
-                shutil.rmtree(old)
+            if time.time() - old.lstat().st_mtime > _FORGOTTEN:
+                _remove(old)
+    for lock in place.glob("*.lock"):  # of processes that were killed
+        with suppress(OSError), open(lock, opener=_without_waiting) as file:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock.unlink()
     # On NFS a library that is in use cannot be removed.
     folder = tempfile.TemporaryDirectory(prefix=_SCRATCH, dir=place, ignore_cleanup_errors=True)
     with folder as scratch:
@@ -161,11 +205,21 @@ def _built(place: Path, name: str, builder: Callable[[Path], T]) -> T:
         try:
             complete.write_bytes(content + _checksum(content))
             complete.chmod(0o755)
+            if (place / name).is_dir():
+                _remove(place / name)
             complete.replace(place / name)
             _remove_unused(place)
         except OSError as error:  # this process has what it needs
             _log.debug("not kept: %s", error)
     return library
+
+
+def _remove(path: Path) -> None:
+    """Take away a file, a link, or a folder with all that is in it."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
 
 
 def _remove_unused(place: Path) -> None:

@@ -15,7 +15,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from fx_beam import c_library, library_cache
+from fx_beam import c_library, compiler, library_cache
 from fx_beam.content_cache import cached_property
 from fx_beam.symbolic import Written
 
@@ -108,7 +108,7 @@ def _loaded(key: Any, write: Callable[[], Written]) -> FormModule:
     def builder(folder: Path) -> Any:
         from . import ffcx_api
 
-        c_library.check_compiler()
+        compiler.check()
         content = ffcx_api.generated(write(), name)
         (folder / file).write_text(json.dumps(content))
         return content

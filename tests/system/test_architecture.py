@@ -196,7 +196,7 @@ def test_no_public_name_hides_a_module():
 def test_no_file_needs_what_is_private_in_another():
     """Else the two are one concept that was cut."""
     tuples = {"_replace", "_asdict", "_fields"}
-    # Of Python, whose documentation calls them public.
+    # Which Python documents; the last is that of a ctypes.CDLL.
     outside = {"os._exit", "sys._getframe", "library._handle"}
     for module, tree in TREES.items():
         nodes = list(ast.walk(tree))

@@ -17,7 +17,7 @@ import _cffi_backend
 import numpy as np
 import pytest
 
-from fx_beam import c_library, library_cache
+from fx_beam import c_library, compiler, library_cache
 from fx_beam.fem import form_library
 from fx_beam.fem.compiled_laws import point_function
 
@@ -38,6 +38,7 @@ def forget(monkeypatch):
     for name in ("_modules", "_of_users"):
         monkeypatch.setattr(form_library, name, {})
     c_library.open_library.cache_clear()
+    compiler._identity.cache_clear()
 
 
 def form():
@@ -87,7 +88,15 @@ def foreign(path):
     path.write_bytes(content + library_cache._checksum(content))
 
 
+def replaced(make):
+    """Damage by something else in the place of the file."""
+    return lambda path: (path.unlink(), make(path))
+
+
 DAMAGE = {
+    "a pipe": replaced(os.mkfifo),
+    "a folder": replaced(lambda path: (path.mkdir(), (path / "notes").write_text("of someone"))),
+    "a link to nothing": replaced(lambda path: path.symlink_to("nothing")),
     "empty": lambda path: path.write_bytes(b""),
     "truncated": lambda path: os.truncate(path, path.stat().st_size // 2),
     "of other contents": lambda path: path.write_bytes(bytes(path.stat().st_size)),
@@ -112,6 +121,18 @@ def test_a_library_that_is_not_as_it_was_built_is_built_again(
     assert not library.stat().st_mode & 0o022
 
 
+@pytest.mark.parametrize("obstacle", [os.mkfifo, Path.mkdir, lambda path: path.symlink_to("x")])
+def test_what_lies_in_the_place_of_a_lock_is_taken_away(obstacle, cache):
+    def builder(folder):
+        (folder / "a.so").write_bytes(b"content")
+        return "built"
+
+    cache.mkdir(parents=True)
+    obstacle(cache / "a.so.lock")
+    assert library_cache.loaded("a.so", lambda _: None, builder) == "built"
+    assert [path.name for path in cache.iterdir()] == ["a.so"]
+
+
 def test_a_folder_that_others_could_write_is_closed_before_more_goes_there(cache):
     assert form() == 3
     cache.chmod(0o777)
@@ -132,6 +153,80 @@ def test_a_library_is_not_loaded_from_another_user(of, cache, compiled, monkeypa
     with pytest.raises((OSError, c_library.CannotBuild), match="another user can write it|built"):
         of()
     assert len(compiled) == 1
+
+
+@KINDS
+def test_a_folder_that_others_can_exchange_is_not_used(of, cache, compiled, monkeypatch, caplog):
+    assert of() == 3
+    cache.parent.chmod(0o777)  # what is in it may be renamed
+    forget(monkeypatch)
+    assert of() == 3
+    assert len(compiled) == 2
+    assert f"another user can write {cache.parent}" in caplog.text
+    # Sticky, it is as safe as the folder for temporary files.
+    cache.parent.chmod(0o1777)
+    forget(monkeypatch)
+    assert of() == 3
+    assert len(compiled) == 2
+
+
+def test_a_library_comes_from_the_folder_that_was_checked(cache, compiled, monkeypatch):
+    assert loop() == 3
+    library, check = library_in(cache), library_cache._checksum
+
+    def exchanged(content):
+        monkeypatch.setattr(library_cache, "_checksum", check)
+        cache.rename(cache.with_name("aside"))
+        cache.mkdir()
+        foreign(cache / library.name)
+        return check(content)
+
+    forget(monkeypatch)
+    monkeypatch.setattr(library_cache, "_checksum", exchanged)
+    assert loop() == 3
+    assert len(compiled) == 1
+
+
+def test_folders_relative_to_the_current_one_hold_no_cache(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    monkeypatch.setenv("XDG_CACHE_HOME", "cache")
+    assert library_cache.folder() == tmp_path / "home" / ".cache" / "fx_beam"
+    monkeypatch.setenv("HOME", "home")
+    assert library_cache.folder().parent == tmp_path / "temporary"
+
+
+def test_an_empty_cache_has_nothing_of_its_substitute(cache, compiled, monkeypatch, tmp_path):
+    cache.parent.write_text("no folder")
+    assert loop() == 3
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "empty"))
+    assert loop() == 3
+    assert len(compiled) == 2
+
+
+# -- The compiler ----------------------------------------------------------------------------------
+
+
+def test_each_compiler_and_each_of_its_versions_has_its_own_libraries(
+    compiled, monkeypatch, tmp_path
+):
+    def install(name, version):
+        (tmp_path / name).write_text(f'#!/bin/sh\n# {version}\nexec cc "$@"\n')
+        (tmp_path / name).chmod(0o755)
+
+    calls = {
+        "gcc 12": lambda: (install("gcc", "12"), monkeypatch.setenv("CC", str(tmp_path / "gcc"))),
+        "clang": lambda: (install("clang", "15"), monkeypatch.setenv("CC", "clang")),
+        "gcc 12.1": lambda: (install("gcc", "12.1"), monkeypatch.setenv("CC", "gcc")),
+        "with an option": lambda: monkeypatch.setenv("CC", "gcc -O0"),
+    }
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    for k, change in enumerate(calls.values()):
+        change()
+        for _ in range(2):
+            forget(monkeypatch)
+            assert loop() == 3
+        assert len(set(compiled)) == len(compiled) == k + 1
 
 
 # -- Processes that are killed, and several at once ------------------------------------------------

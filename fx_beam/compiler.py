@@ -1,0 +1,122 @@
+"""The C compiler: its command, which one it is, and where it runs."""
+
+from __future__ import annotations
+
+import functools
+import os
+import shlex
+import shutil
+import struct
+import subprocess
+import sys
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+
+# What would change what is included, linked or written: it is left out.
+_LEFT_OUT = {
+    *("CPATH", "C_INCLUDE_PATH", "GCC_EXEC_PREFIX", "COMPILER_PATH", "LIBRARY_PATH", "LD_RUN_PATH"),
+    *("CCC_OVERRIDE_OPTIONS", "QA_OVERRIDE_GCC3_OPTIONS"),  # of clang
+    *("DEPENDENCIES_OUTPUT", "SUNPRO_DEPENDENCIES"),
+}
+_DEFAULT = "cc"
+
+
+def command() -> list[str]:
+    """Its program, with its place if it is found, and the arguments that belong to it.
+
+    RuntimeError if the environment variable CC is no command.
+    """
+    said = os.environ.get("CC", "")
+    try:
+        program, *arguments = shlex.split(said) or [_DEFAULT]
+    except ValueError as error:
+        raise RuntimeError(
+            f"the environment variable CC = {said!r} is no command: {error}. Give the C compiler "
+            "and its options, such as CC='gcc -B/opt/tools'"
+        ) from None
+    with suppress(LookupError):
+        program = _place(program, _folders())
+    return [program, *arguments]
+
+
+@functools.cache
+def _place(program: str, folders: tuple[str, ...]) -> str:
+    place = shutil.which(program, path=os.pathsep.join(folders))
+    if place is None:  # which is not remembered: it may be installed meanwhile
+        raise LookupError
+    return os.path.abspath(place)
+
+
+def check() -> None:
+    """RuntimeError without a C compiler."""
+    program = command()[0]
+    if not (os.path.isabs(program) and os.access(program, os.X_OK)):
+        raise RuntimeError(
+            f"there is no C compiler {program!r}, by which each new kind of scene is compiled. "
+            "Install one, on Debian by apt-get install gcc libc6-dev, or name another in the "
+            "environment variable CC"
+        )
+
+
+def identity() -> str:
+    """What differs between two compilers and between their versions, found once, without a start.
+
+    Any of its words may be a program that starts another of its name, or the default: of each,
+    all that are on the path count, by their place, size and time.
+    """
+    return _identity(tuple(command()), _folders())
+
+
+@functools.cache
+def _identity(words: tuple[str, ...], folders: tuple[str, ...]) -> str:
+    names = {*words, os.path.basename(words[0]), _DEFAULT}
+    files = {os.path.realpath(os.path.join(f, name)) for f in folders for name in names}
+    known = [(file, os.stat(file)) for file in sorted(files) if os.path.isfile(file)]
+    return repr((words, [(file, now.st_size, now.st_mtime_ns) for file, now in known]))
+
+
+def run(arguments: Sequence[str], source: str, folder: Path) -> None:
+    """Compile a source in a folder, where it also has its temporary files.
+
+    subprocess.CalledProcessError, with what it said, if it fails.
+    """
+    kept = {name: value for name, value in os.environ.items() if name not in _LEFT_OUT}
+    subprocess.run(
+        [*command(), *arguments],
+        check=True,
+        input=source,
+        capture_output=True,
+        cwd=folder,
+        # In English, as a line with "error:" is looked for.
+        env=kept | {"LC_ALL": "C", "TMPDIR": str(folder)},
+        text=True,
+        # As paths, which may be in the source.
+        encoding=sys.getfilesystemencoding(),
+        errors="surrogateescape",
+    )
+
+
+def check_whole(library: Path) -> None:
+    """OSError for a library (ELF, of 64 bits) that ends before what is mapped of it.
+
+    A process that loads it would be killed.
+    """
+    content = library.read_bytes()
+    if content[:5] != b"\x7fELF\2" or len(content) < 64:
+        return  # the loader refuses what it cannot read
+    order = "<" if content[5] == 1 else ">"
+    (table,) = struct.unpack_from(f"{order}Q", content, 32)
+    size, count = struct.unpack_from(f"{order}2H", content, 54)
+    for k in range(count):
+        place = table + k * size
+        if place + size <= len(content):
+            offset, _, _, mapped = struct.unpack_from(f"{order}4Q", content, place + 8)
+            if offset + mapped <= len(content):
+                continue
+        raise OSError(f"{library.name} is incomplete: it has only {len(content)} bytes")
+
+
+def _folders() -> tuple[str, ...]:
+    """Folders in which programs are looked for: none that is relative to the current one."""
+    return tuple(filter(os.path.isabs, os.get_exec_path()))
