@@ -18,7 +18,7 @@ from fx_beam.errors import is_name, require
 from fx_beam.scene.beam import COMPONENTS, Beam, Node
 
 from .audit import BeamResultants, known_resultants
-from .files import of_numpy, replacing
+from .files import in_table, of_numpy, replacing
 from .state import HISTORIES
 
 #: Format of saved files.
@@ -103,7 +103,8 @@ def _packed(value: Any, name: str, arrays: dict[str, np.ndarray]) -> Any:
 def to_csv(solution, path, nodes: dict[str, Node] | None = None) -> None:
     """Write energies, momenta and the motion of some nodes as comma-separated columns.
 
-    What was not recorded is left out.
+    What was not recorded is left out. Before names that a spreadsheet would run as formulas (with
+    = + - or @ at their start) there is an apostrophe.
 
     Parameters
     ----------
@@ -121,7 +122,7 @@ def write_csv(columns: dict[str, np.ndarray], path) -> None:
     """Write columns (n,) by their names as comma-separated values."""
     with replacing(path) as new, open(new, "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow(columns)
+        writer.writerow(map(in_table, columns))
         writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
 
 

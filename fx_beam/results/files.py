@@ -13,12 +13,26 @@ import numpy as np
 
 from fx_beam.errors import shown
 
+# What formulas begin with.
+_FORMULAS = tuple("=+-@\t\r")
+
 
 def of_numpy(value: Any) -> Any:
     """A number or an array of NumPy as JSON has it; ValueError for what JSON does not know."""
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     raise ValueError(f"{value!r:.80} is a {type(value).__name__}, which JSON cannot hold")
+
+
+def in_table(value: Any) -> Any:
+    """A value in a table that a spreadsheet may open, where no text is run as a formula."""
+    if not isinstance(value, str) or not value.startswith(_FORMULAS):
+        return value
+    try:
+        float(value)
+    except ValueError:
+        return f"'{value}"  # for spreadsheets the mark of a text
+    return value
 
 
 def named(path: Path | str) -> Path:

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from fx_beam.results.files import named, of_numpy, replacing
+from fx_beam.results.files import in_table, named, of_numpy, replacing
 
 _VERSIONS = {"FFCx": "fenics-ffcx", "numpy": "numpy", "fx_beam": "fx-beam"}
 # How strict JSON has numbers that are not finite.
@@ -63,7 +63,10 @@ def write_json(path: Path | str, numbers: Any) -> None:
 
 def write_csv(path: Path | str, rows: Iterable[Row]) -> None:
     """Write rows as CSV, nested entries as columns with a point, as pandas.json_normalize does."""
-    flat = [_flat(_plain(row)) for row in rows]
+    flat = [
+        {in_table(name): in_table(value) for name, value in _flat(_plain(row)).items()}
+        for row in rows
+    ]
     with replacing(beside(path, "")) as new, new.open("w", encoding="utf-8", newline="") as file:
         columns = list(dict.fromkeys(itertools.chain.from_iterable(flat)))
         writer = csv.DictWriter(file, columns, lineterminator="\n")

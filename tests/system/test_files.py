@@ -1,5 +1,6 @@
 """Files are written as a whole: a failure leaves the earlier one, and nothing beside it."""
 
+import csv
 import os
 import resource
 import stat
@@ -188,3 +189,18 @@ def test_what_is_no_path_is_refused_before_it_is_opened(path):
     with pytest.raises(ValueError, match="path = .* must be the name of a file"):
         fb.load(path)
     assert os.fstat(1)  # an open file's number would have been closed
+
+
+def test_names_and_texts_in_tables_are_no_formulas(fall, tmp_path):
+    names = [f"{sign}cmd|'/c calc'!A1" for sign in "=+-@\t\r"]
+    fall.to_csv(tmp_path / "run.csv", dict.fromkeys(names, fall.beams["arm"].end))
+    write_csv(tmp_path / "study.csv", [{names[0]: names[1], "limit": -np.inf, "x": "-1.5"}])
+    cells = []
+    for file in ("run.csv", "study.csv"):
+        with open(tmp_path / file, newline="", encoding="utf-8") as opened:
+            cells += [cell for row in csv.reader(opened) for cell in row]
+    assert sum("cmd" in cell for cell in cells) > 2 * len(names)
+    for cell in cells:
+        if cell.startswith(tuple("=+-@\t\r")):
+            float(cell)
+    assert {"-inf", "-1.5", f"'{names[0]}", f"'{names[1]}"} <= {*cells}
