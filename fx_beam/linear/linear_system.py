@@ -18,16 +18,16 @@ from fx_beam.motions.options import check_scene
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.beam import Node
-from fx_beam.scene.inputs import Ramp, check_names, values_of, widths
+from fx_beam.scene.inputs import Ramp, check_names, widths
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.outputs import OF_JOINTS, OF_NODES, Output, check_outputs, definition
 from fx_beam.scene.scene import Scene
 from fx_beam.step.accelerations import have_mass
 from fx_beam.step.measured import measured
-from fx_beam.step.recorded_histories import driven_of
 
 from .linearisation import sized, split
 from .moving_state import Deviations, deviations, forces_inside
+from .reading import Reading
 
 # Round-off of the jump of a rate with an input, relative to the outputs.
 _NONE = 1e-12
@@ -109,7 +109,6 @@ class FirstOrder:
     """
 
     def __init__(self, about: Deviations, inputs: InputColumns, what: str):
-        self._about, self._inputs = about, inputs
         free = len(about.unknowns)
         y, unit = slice(free), about.model.unit_of_unknowns[about.unknowns]
         V, masses, damped = _kinds(about.M[y, y], about.C[y, y], unit, what)
@@ -160,6 +159,7 @@ class FirstOrder:
         self.jumps = V[:, a] @ self.shifts + V[:, b] @ (jump - by_a @ self.shifts)
         self._inverse = V if masses == free else np.linalg.inv(V.toarray())
         self._one, self._a = one, a
+        self._reading = Reading(about, inputs.driven, inputs.straining, m)
         #: Matrix (n, states) that gives the states of this system.
         self._states = np.eye(len(self.dx))
 
@@ -174,29 +174,8 @@ class FirstOrder:
 
         Also the values of all inputs, where the force of a rate of theirs is known.
         """
-        about, model = self._about, self._about.model
-        free, state = len(about.unknowns), about.state
-        if q.size != model.size or len(slides) != model.scene.joint_count:
-            raise SceneError("deviation: the motion is one of another scene")
-        q, v = q.reshape(-1), v.reshape(-1)
-        if about.frame is not None:
-            q, v = about.frame.seen(q, v, about.factor, end.t - state.t)
-        D = q - state.q
-        y = model.couplings.unknowns(D, slides - state.slides)[about.unknowns]
-        (changes,) = driven_of(model, D[None], (slides - state.slides)[None])
-        z = np.concatenate([y, changes])
-        known = about.T @ about.rates + about.dT @ z
-        rates = about.rates_from @ (v - known)
-        p, dp = (
-            np.array([values[number] / factor for number, factor in self._inputs.driven])
-            for values in (changes, rates[free:])
-        )
-        dy = rates[:free]
+        y, dy, p, dp, u = self._reading.read(q, v, slides, end)
         y, dy = self._inverse @ y, self._inverse @ dy
-        u = np.zeros(self.kicks.shape[1])
-        if (inputs := values_of(end, about.held.widths)) is not None:
-            for number, place, value in self._inputs.straining:
-                u[number] = inputs[place] - value
         slow = y[self._a] - self.shifts @ u
         rates_of_masses = dy[self._one] + self.moved @ dp - self.kicks @ u
         return self._states @ np.concatenate([y[self._one], slow, p, rates_of_masses])

@@ -35,12 +35,13 @@ class TurningFrame:
     """
 
     def __init__(self, model: Model, spin: float, pivot: Sequence[float]):
-        self._model, self.spin, self.pivot = model, spin, np.array(pivot, dtype=float)
+        self.spin, self.pivot = spin, np.array(pivot, dtype=float)
+        self._X, self._turns, self._mass = model.mesh.X, model.turns, model.mass
 
     @cached_property
     def mass(self) -> scipy.sparse.csr_matrix:
         """Mass (size, size) of displacements, in the sparsity of all."""
-        mass = self._model.mass.copy()
+        mass = self._mass.copy()
         mass.data[mass.indices % 3 == 2] = 0.0
         return mass
 
@@ -48,12 +49,12 @@ class TurningFrame:
     def quarter_turn(self) -> scipy.sparse.csr_matrix:
         """S (size, size): displacements turned by a quarter, no rotations."""
         of_node = scipy.sparse.csr_matrix([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
-        return scipy.sparse.kron(scipy.sparse.eye(len(self._model.mesh.X)), of_node, "csr")
+        return scipy.sparse.kron(scipy.sparse.eye(len(self._X)), of_node, "csr")
 
     def arms(self, q: np.ndarray) -> np.ndarray:
         """Places (size,) seen from the pivot; zero for rotations."""
         arms = q.copy().reshape(-1, 3)
-        arms[:, :2] += self._model.mesh.X - self.pivot
+        arms[:, :2] += self._X - self.pivot
         arms[:, 2] = 0.0
         return arms.ravel()
 
@@ -64,7 +65,7 @@ class TurningFrame:
     def rates(self, q: np.ndarray, factor: float) -> np.ndarray:
         """Rates (size,) of the turn at a load factor."""
         rates = self.quarter_turn @ self.arms(q)
-        rates[self._model.turns] = 1.0
+        rates[self._turns] = 1.0
         return np.sqrt(factor) * self.spin * rates
 
     def seen(
@@ -72,7 +73,7 @@ class TurningFrame:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Displacements and rates (size,) seen in the frame after it turned for a duration [s]."""
         spin = np.sqrt(factor) * self.spin
-        quarter, turns = self.quarter_turn, self._model.turns
+        quarter, turns = self.quarter_turn, self._turns
         c, s = np.cos(spin * duration), np.sin(spin * duration)
         v, arms = v - self.rates(q, factor), self.arms(q)
         back = q + (c - 1) * arms - s * (quarter @ arms)

@@ -199,6 +199,31 @@ def test_a_solution_without_motion_and_one_of_statics_can_be_copied(copied):
 
 
 @every_way
+@pytest.mark.parametrize("turns", [False, True])
+def test_a_linear_system_can_be_copied_and_reads_the_same_states(copied, turns):
+    scene = fb.Scene(gravity=None if turns else (0, -1))
+    beam = scene.add_beam([(1, 0), (2, 0)], MEMBER, elements=3)
+    hub = scene.add_body((0, 0), 1.0, 0.1, points={"rim": (1, 0)})
+    scene.add_joint(fb.Rigid(hub["rim"], beam.start))
+    scene.add_force(beam.end, fb.Input("push", factor=(0, 1)))
+    if turns:
+        scene.clamp(hub.centre)
+        about, motion = (fb.static(scene, spin=spin, load_steps=1) for spin in (0.5, 0.6))
+    else:
+        scene.add_joint(fb.Revolute(fb.GROUND, hub.centre, motor=fb.Input("drive")))
+        about, motion = None, fb.simulate(scene, dt=0.01, t_end=0.1)
+    outputs = {"tip": fb.Output("displacement", beam.end, "y")}
+    system = fb.linearise(scene, about, outputs=outputs)
+    for of in (system, system.slowest(3)):
+        other = copied(of)
+        for name in "ABCD":
+            assert (getattr(other, name) == getattr(of, name)).all()
+        assert (other.inputs, other.outputs) == (of.inputs, of.outputs)
+        assert of.deviation(motion).any()
+        assert (other.deviation(motion) == of.deviation(motion)).all()
+
+
+@every_way
 def test_sections_curves_schemes_and_options_can_be_copied(copied):
     fractions = np.linspace(0, 1, 5)
     for section in (
