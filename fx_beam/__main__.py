@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import platform
 import runpy
 import shlex
@@ -117,7 +118,13 @@ def main() -> None:
         return run(given.what, given.arguments)
     lines = info()
     width = max(map(len, lines)) + 2
-    sys.stdout.writelines(f"{name + ':':{width}}{value}\n" for name, value in lines.items())
+    try:
+        for name, value in lines.items():
+            print(f"{name + ':':{width}}{value}")
+        print(end="", flush=True)
+    except OSError as error:  # a pipe that is closed, a full disk
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what is left
+        sys.exit(f"the output cannot be written: {error}")
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ import functools
 import inspect
 import logging
 import math
+import re
 import sys
 from collections.abc import Callable, Iterable
 from contextlib import suppress
@@ -27,6 +28,8 @@ TimeFunction = Callable[[float], np.ndarray]
 _PLACES = {"s", "x", "y", "xi", "place", "position", "point", "fraction", "arc_length"}
 #: Largest size of a number: products of a few such numbers are finite.
 LARGEST = 1e75
+# What is said of numbers whose size has limits.
+_SIZES = re.compile("positive|finite")
 # Characters of a value in a message.
 _SHOWN = 200
 # Types of real numbers, for which a look is enough.
@@ -216,21 +219,29 @@ def shown(value) -> str:
         text = repr(value.item() if isinstance(value, np.generic) else value)
     except ValueError:  # Python writes no integers of many thousand digits
         return "a very long integer"
+    if "\n" in text:  # of a table
+        text = " ".join(text.split())
     return text if len(text) <= _SHOWN else f"{text[:_SHOWN]} ..."
 
 
 def require(fits: bool, what: str, value, wanted: str) -> None:
     """Raise a SceneError unless the value is allowed; the message says what is allowed."""
     if not fits:
-        raise SceneError(f"{what} = {shown(value)} must be {wanted}")
+        raise SceneError(f"{what} = {shown(value)} must be {wanted}{size_limit(value, wanted)}")
+
+
+def size_limit(value, wanted: str) -> str:
+    """The limit of sizes, for a number that is as wanted otherwise."""
+    size = abs(as_float(value))
+    if "positive" in wanted and 0 < size < 1 / LARGEST:
+        return f", at least {1 / LARGEST:g}"
+    return f", at most {LARGEST:g}" if _SIZES.search(wanted) and size > LARGEST else ""
 
 
 def positive(value, what: str, wanted: str = "a positive number") -> float:
     """A positive number with which one can compute; SceneError for others."""
-    number, least = as_float(value), 1 / LARGEST
-    wanted += f", at least {least:g}" if 0 < number < least else ""
-    wanted += f", at most {LARGEST:g}" if number > LARGEST else ""
-    require(least <= number <= LARGEST, what, value, wanted)
+    number = as_float(value)
+    require(1 / LARGEST <= number <= LARGEST, what, value, wanted)
     return number
 
 

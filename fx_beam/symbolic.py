@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import io
 import sys
 from collections.abc import Mapping
 from types import ModuleType
@@ -15,14 +16,27 @@ def package(name: str) -> Any:
     Its own import takes longer than both of theirs.
     """
     if name in sys.modules or "pkg_resources" in sys.modules:
-        return importlib.import_module(name)
+        return _imported(name)
     stand_in: Any = ModuleType("pkg_resources")
     sys.modules["pkg_resources"] = stand_in
     try:
         stand_in.get_distribution = importlib.import_module("importlib.metadata").distribution
-        return importlib.import_module(name)
+        return _imported(name)
     finally:
         del sys.modules["pkg_resources"]
+
+
+def _imported(name: str) -> Any:
+    """The same; UFL asks where it writes whether that is a terminal, also if there is nothing."""
+    streams = {of: getattr(sys, of) for of in ("stdout", "stderr")}
+    missing = [of for of, to in streams.items() if to is None or getattr(to, "closed", False)]
+    try:
+        for of in missing:
+            setattr(sys, of, io.StringIO())
+        return importlib.import_module(name)
+    finally:
+        for of in missing:
+            setattr(sys, of, streams[of])
 
 
 class _Ufl:

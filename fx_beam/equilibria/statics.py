@@ -25,6 +25,7 @@ from fx_beam.results.solution import Solution, forces_on_nodes
 from fx_beam.results.state import State
 from fx_beam.scene.inputs import values_at, with_functions
 from fx_beam.scene.scene import Scene
+from fx_beam.scene.watch import Watch
 from fx_beam.step.forcing import LoadForcing
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record, Recorder
@@ -53,6 +54,7 @@ class LoadPath:
 
     def __init__(self, scene: Scene, options: StaticOptions, start: Any):
         check_scene(scene, "static")
+        watch = Watch(scene)
         _check_start(options, scene, start)
         warn_of_equal_work()
         connected = with_functions(scene, options.inputs, "static: inputs")
@@ -79,6 +81,7 @@ class LoadPath:
             self.stats.solver = f"PETSc on {self._team.size} processes"
         #: The states so far.
         self.states: list[State] = []
+        watch.check("static")  # it calls all functions of time
         self.stats.setup_seconds = time.perf_counter() - self.began
 
     def followed(self) -> Solution:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -14,7 +15,7 @@ from fx_beam.dual import Dual, plain, with_slopes
 from fx_beam.errors import SceneError, all_of, any_of, shown
 from fx_beam.laws.interval import INSTANT, Interval, instant
 from fx_beam.results.solution import Solution
-from fx_beam.results.state import Past, State
+from fx_beam.results.state import NUMBERS, Past, State
 from fx_beam.scene.beam import COMPONENTS
 from fx_beam.scene.joints import slides_at_start
 from fx_beam.step.forcing import Forcing
@@ -256,7 +257,14 @@ def end_of(start: Solution) -> State:
         raise SceneError(f"start must be a Solution, not {shown(start)}")
     if start.end is None:
         raise SceneError("start: the solution has no last state. Start from another solution")
-    return start.end
+    end = start.end
+    if not math.isfinite(sum(getattr(end, name) for name in NUMBERS)):
+        lost = next(name for name in NUMBERS if not math.isfinite(getattr(end, name)))
+        raise SceneError(
+            f"start: {lost} = {getattr(end, lost)} in its last state is not finite: the motion is "
+            "lost there, or its file was changed. Start from an earlier time"
+        )
+    return end
 
 
 def reference_state(model: Model) -> State:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import sys
 import threading
 from collections.abc import Callable
 from typing import ParamSpec
@@ -65,7 +66,7 @@ def progress_bar(total: float, asked: bool | None, **look) -> tqdm | _NoBar:
     """
     # For tqdm, None means: only on a terminal.
     hidden = (thread_series() is not None or None) if asked is None else not asked
-    if hidden:
+    if hidden or sys.stderr is None or getattr(sys.stderr, "closed", False):
         return _NoBar()
     return _Bar(total=total, disable=hidden, delay=0 if asked else _SOON, leave=False, **look)
 

@@ -18,6 +18,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.inputs import values_at
 from fx_beam.scene.scene import Scene
+from fx_beam.scene.watch import Watch
 from fx_beam.step import full_turns
 from fx_beam.step.interrupts import ctrl_c_between_blocks, uninterrupted
 from fx_beam.step.recorded_histories import RecordedHistories
@@ -109,6 +110,7 @@ class Run:
         over: Run | None = None,
     ):
         self.prepared, self._scene, self._keep, self._stays = prepared, scene, keep, stays
+        self._watch = Watch(scene)
         #: What was asked for, and with it the ends of steps [s] or what controls them.
         self.options, self.grid = prepared.options, grid
         self.times, self._control = grid
@@ -158,6 +160,7 @@ class Run:
                         self._files.take()
                         self._files.save(self._of_rows)
                     bar.update(recorder.end.t - t)
+            self._watch.check(options.what)
             if control is None:
                 warn_of_parts(stats, self._first)
             warn_of_rounding(stats)
@@ -257,6 +260,7 @@ class Run:
 
     def _of_rows(self, rows: RecordedHistories | None) -> Solution:
         """The solution of what the recorder has, or of some rows of it."""
+        self._watch.check(self.options.what)
         prepared, options = self.prepared, self.prepared.options
         prepared.stats.seconds = time.perf_counter() - self._clock
         held = values_at(self._scene, options.inputs, self.recorder.end.t)

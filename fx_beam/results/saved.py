@@ -20,7 +20,7 @@ from .audit import BeamResultants, Energy, Stats
 from .export import FORMAT
 from .files import named
 from .solution import Solution
-from .state import ARRAYS, AT_NODES, HISTORIES, Past, State
+from .state import ARRAYS, AT_NODES, HISTORIES, NUMBERS, Past, State
 
 # Lengths by name; those of rows that may be missing begin with "n?".
 _SHAPES: dict[str, tuple] = {
@@ -46,6 +46,8 @@ _DTYPES = {"end_owners": "U", "end_input_names": "U", "beams_nodes": "i", "end_p
 _FINITE = {"t", "X", "q", "end_past_ages", "end_past_differences", "end_past_slides"}
 _FINITE |= {f"end_{name}" for name in ("motors", "q", "slides", "parts", "inputs", "q_previous")}
 _FINITE |= {f"end_{name}" for name in ("internal", "spring_internal", "natural")}
+# Parts of the last state that are neither numbers nor arrays, or None.
+_OF_END = {"past": Past, "constraints": Constraints, "negative_eigenvalues": int}
 #: What JSON has by its kind.
 _KINDS: dict[str, Any] = {
     kind.__name__: kind
@@ -54,6 +56,24 @@ _KINDS: dict[str, Any] = {
         *(BeamResultants, Energy, State, Past, Stats, Failure),
     )
 }
+
+
+class _OtherFormatError(ValueError):
+    """A file of another version, or of something else."""
+
+
+def _check_end(end: State) -> None:
+    """Refuse a last state whose parts are of other kinds than those of a state."""
+    for part in (*fields(State), *(() if end.past is None else fields(Past))):
+        value, facts = getattr(end, part.name, getattr(end.past, part.name, None)), part.metadata
+        if part.name in (*NUMBERS, "impact"):
+            fits = isinstance(value, int | float) and not isinstance(value, bool)
+        elif "quantity" in facts or "shape" in facts:
+            fits = isinstance(value, np.ndarray) or (value is None and part.default is None)
+        else:
+            fits = value is None or isinstance(value, _OF_END[part.name])
+        if not fits:
+            raise ValueError(f"{part.name} of the last state is {value!r:.80}")
 
 
 def _check_arrays(data: Mapping[str, np.ndarray], points: list[int]) -> None:
@@ -129,7 +149,8 @@ def load(path) -> Solution:
         try:
             return _read(raw)
         except Exception as error:  # a damaged file may raise nearly any
-            raise ValueError(f"{path} is not a solution saved by fx_beam") from error
+            why = str(error) if isinstance(error, _OtherFormatError) else ""
+            raise ValueError(f"{path} is not a solution saved by fx_beam{why}") from error
 
 
 def _read(raw: BinaryIO) -> Solution:
@@ -138,8 +159,11 @@ def _read(raw: BinaryIO) -> Solution:
         # wrong sum is refused below, as one without arrays.
         arrays = dict(file) if file.zip.testzip() is None else {}
     meta = json.loads(str(arrays.pop("meta")))
-    if meta.pop("format") != FORMAT:
-        raise KeyError("format")
+    if (written := meta.pop("format")) != FORMAT:
+        raise _OtherFormatError(
+            f" in the format of this version, {FORMAT!r:.80}, but in {written!r:.80}. Load it with "
+            "a version of fx_beam that knows this format"
+        )
     parts = _Parts(arrays)
     members = parts.read(meta.pop("beams"))
     counts = [_points(member) for member in members]
@@ -161,6 +185,8 @@ def _read(raw: BinaryIO) -> Solution:
         resultants = {n: BeamResultants(*of) for n, of in zip(nodes_of_beam, rows, strict=True)}
     stability = {name: known.pop(name) for name in ("unstable_modes",) if name in known}
     end = known["end"]
+    if end is not None:
+        _check_end(end)
     if arrays or end is not None and not np.isfinite([end.t, end.length]).all():
         raise ValueError(f"{[*arrays]} belong to nothing, or the last state has no time")
     return Solution(

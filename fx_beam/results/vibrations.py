@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -335,6 +336,11 @@ class FrequencyResponse:
         return columns
 
 
+def _known(value: Any) -> Any:
+    """A value in the place of a function that gives it."""
+    return value
+
+
 @dataclass(repr=False, eq=False)
 class PeriodicMotion:
     """A motion that repeats itself; `periodic`, `backbone` and `forced_response` find it.
@@ -428,6 +434,10 @@ class PeriodicMotion:
         rows = np.column_stack([self.solution.displacement(node), self.solution.rotation(node)])
         return float(np.ptp(rows[:, COMPONENTS.index(component)])) / 2
 
+    def __getstate__(self):
+        # The function holds the compiled model: copies get what it gives.
+        return vars(self) | {"solution": self.solution, "run": partial(_known, self.solution)}
+
     def __repr__(self):
         verdict = self.instability or "stable"
         return f"<PeriodicMotion: {self.frequency:.6g} Hz, {verdict}, {self.energy:.4g} J>"
@@ -477,6 +487,10 @@ class PeriodicFamily:
     motions: list[PeriodicMotion]
     free: bool
     changes: Mapping[int, Callable[[], PeriodicMotion]] = field(default_factory=dict)
+
+    def __getstate__(self):
+        known = {change.number: partial(_known, change.motion) for change in self.critical}
+        return vars(self) | {"changes": known}
 
     def __len__(self):
         return len(self.motions)

@@ -24,6 +24,7 @@ from fx_beam.errors import (
     require,
     shaped,
     shown,
+    size_limit,
 )
 from fx_beam.symbolic import ufl
 
@@ -384,6 +385,7 @@ def _value(name: str, datum: Datum, fraction: float = 0.0) -> float:
     number = as_float(datum)
     if not (is_number(datum) and (number > 0 or (may_be_zero and number == 0))):
         wanted = "zero or positive and finite" if may_be_zero else "positive and finite"
+        wanted += size_limit(datum, wanted)
         raise SceneError(f"Section: {name} = {shown(datum)}{where} must be {wanted}")
     return number
 

@@ -21,6 +21,7 @@ from fx_beam.scene.inputs import (
     widths,
 )
 from fx_beam.scene.scene import Scene
+from fx_beam.scene.watch import Watch
 
 from .forcing import Forcing
 
@@ -29,9 +30,7 @@ class HeldInputs:
     """The inputs of a scene and their present values."""
 
     def __init__(self, scene: Scene):
-        #: What the scene has, to notice what is added to it later.
-        self._watched = [of for of in vars(scene).values() if isinstance(of, list | dict | set)]
-        self._scene, self._count = scene, self._changes(scene)
+        self._watch = Watch(scene)
         #: Number of values of each input, by name.
         self.widths = widths(scene)
         self.names = names_of_values(self.widths)
@@ -54,7 +53,7 @@ class HeldInputs:
         SceneError for what is no input or no value of it, and for a scene that has more than at the
         start.
         """
-        if self._changes(self._scene) != self._count:
+        if self._watch.has_changed:
             raise SceneError(
                 "Motion: something was added to the scene since the motion was created, or removed "
                 "from it or changed; the motion does not know it. Create another motion, which "
@@ -69,10 +68,6 @@ class HeldInputs:
                 value = vector(value, self.widths[name], f"input {name!r}")
             values[name] = value
         return values
-
-    def _changes(self, scene: Scene) -> tuple[int, ...]:
-        """Numbers of which one changes with what the scene has."""
-        return *map(len, self._watched), scene.changes, scene.parameters.changes
 
     def set(self, values: Mapping[str, Any]) -> None:
         """Set some inputs for the next steps."""

@@ -20,6 +20,8 @@ from .sparse_lu import LU, Pattern
 _EXACT = 1e-12
 # Share of a vector that is left of it where a basis is complete: more than its rounding errors.
 _ROUNDING = 1e-10
+# Smaller stiffnesses have few digits, which processors lose; they are none.
+_TINY = 1e-290
 # An eigenvalue far above the largest, which is of order 1.
 _FAR = 1e6
 # Largest difference of two entries across the diagonal, relative to the largest ones of their rows.
@@ -64,6 +66,7 @@ class UndampedModes:
 
     def __init__(self, K: Any, M: Any):
         self._massive = massive = M.diagonal() > 0
+        K = _with(K, K.data * (abs(K.data) > _TINY))
         ratios = abs(K.diagonal()[massive]) / M.diagonal()[massive]
         # Scaled so that stiffnesses are of order 1 and eigenvalues below 1.
         self._unit = unit = ratios.max() or 1.0
@@ -71,7 +74,7 @@ class UndampedModes:
         self._K, self._M = K, M = _scaled(K, self._scale), unit * _scaled(M, self._scale)
         # Smaller eigenvalues are rounding errors, even in the softest direction.
         soft = ratios.min(where=ratios > 1e-20 * unit, initial=unit)
-        self._least = 1e4 * np.finfo(float).eps * soft / unit
+        self._least = 1e4 * np.finfo(float).eps * (soft / unit)
         # Also entries that are zero belong to it: whole nodes are factorised faster.
         numbered = _with(K, np.arange(1, K.nnz + 1)) + 1j * _with(M, np.arange(1, M.nnz + 1))
         numbered.sort_indices()

@@ -152,11 +152,11 @@ def _table_of(cases: list[dict], crew: workers.Workers, journal: Journal):
 
 def _entries(cases: Any) -> Iterator:
     """The cases one by one; SceneError for what is no sequence of them."""
-    if hasattr(cases, "to_dict"):  # a table of pandas
-        cases = cases.to_dict("records")
     try:
-        entries = iter(cases)
-        len(cases) if hasattr(cases, "__len__") else None
+        # A table of pandas; other things with such a method are none.
+        rows = cases.to_dict("records") if hasattr(cases, "to_dict") else cases
+        entries = iter(rows)
+        len(rows) if hasattr(rows, "__len__") else None
     except Exception:  # numbers, arrays without axes and UFL expressions have none
         entries = None
     if entries is None or isinstance(cases, Mapping | str):

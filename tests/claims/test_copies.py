@@ -224,6 +224,20 @@ def test_a_linear_system_can_be_copied_and_reads_the_same_states(copied, turns):
 
 
 @every_way
+def test_periodic_motions_and_families_can_be_copied(copied):
+    scene = fb.Scene()
+    body = scene.add_body((0, 0), mass=1.0, inertia=1.0)
+    spring = fb.Spring(stiffness=1.0)
+    scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, axis=(1, 0), spring=spring))
+    swing = fb.periodic(scene, mode=0, amplitude=0.1)
+    family = fb.backbone(scene, amplitude=0.2)
+    assert (copied(swing).solution.q == swing.solution.q).all()
+    assert copied(swing).amplitude(body.centre, "x") == swing.amplitude(body.centre, "x")
+    assert (copied(family).frequencies == family.frequencies).all()
+    assert len(copied(family).critical) == len(family.critical)
+
+
+@every_way
 def test_sections_curves_schemes_and_options_can_be_copied(copied):
     fractions = np.linspace(0, 1, 5)
     for section in (

@@ -157,3 +157,89 @@ def test_decimals_are_numbers_of_periodic_motions():
     curve = fb.forced_response(oscillator, [one / 5, one / 4], step=one, **options)
     assert 1 / swing.period == pytest.approx(family.frequencies[-1]) == pytest.approx(0.159, 1e-2)
     assert 1 / forced.period == pytest.approx(curve.frequencies[0]) == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize("what", ["add_beam", "add_mass", "add_joint", "add_force"])
+def test_a_load_that_changes_its_scene_is_refused(what):
+    changes = {
+        "add_beam": lambda scene, beam: scene.add_beam([beam.end, (5, 5)], beam.section),
+        "add_mass": lambda scene, beam: scene.add_mass(beam.end, 1.0),
+        "add_joint": lambda scene, beam: scene.add_joint(fb.Revolute(fb.GROUND, beam.end)),
+        "add_force": lambda scene, beam: scene.add_force(beam.end, (1.0, 0.0)),
+    }
+
+    def made():
+        scene, beam = bar()
+        left = [changes[what]]
+
+        def load(t):
+            if t > 0.15 and left:
+                left.pop()(scene, beam)
+            return 0.0, 0.0
+
+        scene.add_force(beam.end, load)
+        return scene
+
+    analyses = {
+        "simulate": lambda: fb.simulate(made(), **STEPS),
+        "static": lambda: fb.static(made(), t=1.0),
+        "Response": lambda: fb.Response(
+            lambda x: ((scene := made()), {"tip": fb.Output("position", scene.nodes[1])}), **STEPS
+        )([1.0]),
+    }
+    for analysis in analyses.values():
+        with pytest.raises(fb.SceneError, match="the scene was changed while it was computed"):
+            analysis()
+
+
+@pytest.mark.parametrize("value", [1e300, 1e-300])
+@pytest.mark.parametrize("part", ["section", "mass", "spring", "step"])
+def test_numbers_beyond_the_range_are_told_its_ends(part, value):
+    scene, beam = bar()
+    parts = {
+        "section": lambda: fb.Section(EA=value, GA=1.0, EI=1.0),
+        "mass": lambda: scene.add_body((0, 0), value, 1.0),
+        "spring": lambda: fb.Spring(value),
+        "step": lambda: fb.simulate(scene, dt=value, t_end=1.0),
+    }
+    if value < 1 and part in ("section", "spring"):
+        assert parts[part]()
+        return
+    with pytest.raises(fb.SceneError, match="at most 1e.75" if value > 1 else "at least 1e-75"):
+        parts[part]()
+
+
+@pytest.mark.parametrize("stiffness", [5e-324, 1e-320, 1e-310])
+def test_a_stiffness_of_few_digits_is_none(stiffness):
+    def build(x):
+        scene = fb.Scene()
+        body = scene.add_body((0, 0), mass=1.0, inertia=1.0)
+        spring = fb.Spring(x[0], strain_energy=lambda s: s**4 / 4)
+        scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, axis=(1, 0), spring=spring))
+        return scene, {"period": fb.Output("period", scene)}
+
+    assert fb.modes(build([stiffness])[0], n=1).frequencies == 0
+    run = fb.PeriodicResponse(build, lambda scene: fb.periodic(scene, mode=0, amplitude=1.0))
+    with pytest.raises(fb.SceneError, match="mode 0 does not vibrate"):
+        run([stiffness])
+
+
+def test_tables_in_the_place_of_dicts_are_refused_in_one_line(my):
+    pandas, xarray = pytest.importorskip("pandas"), pytest.importorskip("xarray")
+    outputs = {"tip": [fb.Output("position", my.beam.end)] * 2}
+    grid = xarray.Dataset({"tip": ("t", [1.0, 2.0])})
+    tables = pandas.DataFrame(outputs), pandas.Series(outputs), grid, grid.tip
+    for table in tables:
+        calls = [
+            lambda table=table: fb.Motion(my.scene, dt=0.1, outputs=table),
+            lambda table=table: fb.linearise(my.scene, outputs=table),
+            lambda table=table: fb.Response(lambda x: (my.scene, table), **STEPS)([1.0]),
+            lambda table=table: fb.StaticResponse(lambda x: (my.scene, table))([1.0]),
+            lambda table=table: my.fall.to_csv(f"{my.folder}/a.csv", table),
+        ]
+        if not isinstance(table, pandas.DataFrame):  # whose rows are cases
+            calls.append(lambda table=table: fb.sweep(no_arguments, table))
+        for call in calls:
+            with pytest.raises(fb.SceneError) as raised:
+                call()
+            assert "\n" not in str(raised.value)

@@ -2,6 +2,8 @@
 
 import os
 import signal
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -179,3 +181,31 @@ def test_a_bar_of_a_path_follows_the_load_factor_of_each_state(continuation, mon
     path = fb.static(loaded(), load_steps=5, continuation=continuation, progress=True)
     assert len(shown) > 4
     assert shown == pytest.approx(path.load_factor, abs=1e-12)
+
+
+def test_a_process_without_output_computes_what_others_do(tmp_path):
+    script = """
+import sys
+{}
+try:
+    import fx_beam as fb
+    from fx_beam.symbolic import package
+    package("ufl")  # which asks for a terminal; from the cache it is not needed
+    scene = fb.Scene(gravity=(0, -9.81))
+    scene.pin(scene.add_beam([(0, 0), (1, 0)], fb.Section(1e4, 1e4, 1.0, 1.0, 0.1)).start)
+    tip = float(fb.simulate(scene, dt=0.1, t_end=0.3, progress=True).q[-1, -1, 1])
+    fb.static(scene, load_steps=2, progress=True)
+except Exception as error:
+    tip = repr(error)
+open({!r}, "a").write(f"{{tip}}\\n")
+"""
+    said = tmp_path / "said"
+    missing = "", "sys.stdout.close(); sys.stderr.close()", "sys.stdout = sys.stderr = None"
+    for how in missing:
+        command = [sys.executable, "-c", script.format(how, str(said))]
+        subprocess.run(command, capture_output=True)
+    first, *others = said.read_text().splitlines()
+    assert float(first) and others == [first] * 2
+    with open("/dev/full", "w") as full:
+        info = subprocess.run([sys.executable, "-m", "fx_beam", "info"], stdout=full)
+    assert info.returncode == 1

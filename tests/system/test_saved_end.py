@@ -62,6 +62,46 @@ def test_a_last_state_without_its_time_is_refused(name, rope, tmp_path):
         fb.load(tmp_path / "other.npz")
 
 
+def edited(rope, path, **values):
+    """A file whose last state has other values in its text."""
+    rope[1].save(path)
+    with np.load(path) as file:
+        arrays = dict(file)
+    meta = json.loads(str(arrays["meta"]))
+    meta["end"] |= values
+    np.savez(path, **arrays | {"meta": np.array(json.dumps(meta))})
+    return path
+
+
+@pytest.mark.parametrize("value", ["x", True, None, [1.0], {"tuple": []}])
+@pytest.mark.parametrize("name", ["work", "dissipated", "impact", "constraints", "past", "q"])
+def test_parts_of_a_last_state_of_another_kind_are_refused(name, value, rope, tmp_path):
+    if value is None and name in ("constraints", "past"):
+        return
+    path = edited(rope, tmp_path / "other.npz", **{name: value})
+    with pytest.raises(ValueError, match="other.npz is not a solution saved by fx_beam"):
+        fb.load(path)
+
+
+@pytest.mark.parametrize("name", ["work", "dissipated", "numerical", "algorithmic"])
+def test_a_motion_does_not_go_on_from_sums_that_are_not_finite(name, rope, tmp_path):
+    start = fb.load(edited(rope, tmp_path / "other.npz", **{name: np.nan}))
+    with pytest.raises(fb.SceneError, match=f"start: {name} = nan .*not finite"):
+        fb.simulate(rope[0], dt=1e-3, t_end=7e-3, start=start)
+
+
+def test_a_file_of_another_format_names_both(rope, tmp_path):
+    rope[1].save(tmp_path / "run.npz")
+    with np.load(tmp_path / "run.npz") as file:
+        arrays = dict(file)
+    meta = json.loads(str(arrays["meta"]))
+    known, other = meta["format"], "fx_beam solution 99"
+    text = np.array(json.dumps(meta | {"format": other}))
+    np.savez(tmp_path / "other.npz", **arrays | {"meta": text})
+    with pytest.raises(ValueError, match=f"{known!r}, but in {other!r}. Load it with a version"):
+        fb.load(tmp_path / "other.npz")
+
+
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e300])
 @pytest.mark.parametrize("node", [2, 10])

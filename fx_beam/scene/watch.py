@@ -1,0 +1,33 @@
+"""What is added to a scene while something that was made of it is in use."""
+
+from __future__ import annotations
+
+from fx_beam.errors import SceneError
+
+from .scene import Scene
+
+
+class Watch:
+    """Notices whether something was added to a scene, removed from it or changed."""
+
+    def __init__(self, scene: Scene):
+        self._scene = scene
+        self._parts = [of for of in vars(scene).values() if isinstance(of, list | dict | set)]
+        self._counts = self._now()
+
+    def _now(self) -> tuple[int, ...]:
+        """Numbers of which one changes with what the scene has."""
+        return *map(len, self._parts), self._scene.changes, self._scene.parameters.changes
+
+    @property
+    def has_changed(self) -> bool:
+        """Whether the scene is another one than at the start."""
+        return self._now() != self._counts
+
+    def check(self, what: str) -> None:
+        """SceneError if an analysis has called what changes its scene."""
+        if self.has_changed:
+            raise SceneError(
+                f"{what}: the scene was changed while it was computed, as by a load function that "
+                "adds a beam. Change it before, or by latches and fuses (changes=...)"
+            )
