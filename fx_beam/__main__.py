@@ -118,10 +118,11 @@ def main() -> None:
         return run(given.what, given.arguments)
     lines = info()
     width = max(map(len, lines)) + 2
+    if sys.stdout is None:
+        return
     try:
-        for name, value in lines.items():
-            print(f"{name + ':':{width}}{value}")
-        print(end="", flush=True)
+        sys.stdout.writelines(f"{name + ':':{width}}{value}\n" for name, value in lines.items())
+        sys.stdout.flush()
     except OSError as error:  # a pipe that is closed, a full disk
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what is left
         sys.exit(f"the output cannot be written: {error}")
