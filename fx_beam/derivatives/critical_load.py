@@ -42,10 +42,20 @@ class CriticalLoad:
     """
 
     def __init__(self) -> None:
-        self._tangent = TangentDerivatives(_WHAT)
+        self._tangent, self._reference = TangentDerivatives(_WHAT), TangentDerivatives(_WHAT)
 
-    def take(self, point: CriticalPoint, scene: Scene, derivatives: DerivativesOf) -> None:
-        """Take a point of the path of a scene, with `derivatives` of numbers of scenes by x."""
+    def take(
+        self, point: CriticalPoint, scene: Scene, derivatives: DerivativesOf, held: np.ndarray
+    ) -> None:
+        """Take a point of the path of a scene, with `derivatives` of numbers of scenes by x.
+
+        Forces `held` (free,) balance the springs in the reference, and fade as the loads rise.
+        """
+        self._held = held
+        if held.any():
+            self._reference.begin(linearised(scene, None, _WHAT, held=True), None)
+            of_reference = derivatives(self._reference.numbers_of)
+            self._reference.take(of_reference, of_reference.keys())
         self._point, state = point, point.solution
         assert state is not None and point.modes is not None  # of a point with a load factor
         if point.kind not in (FLUTTER, "limit point", "bifurcation"):
@@ -97,7 +107,7 @@ class CriticalLoad:
     def derivatives(self) -> np.ndarray:
         """Those of the load factor by x (m,)."""
         if self._point.kind == "limit point":
-            totals = self._tangent.by_x(self._tangent.forces(self.psi))
+            totals = self._work(self.psi)
             return -totals[:-1] / totals[-1]
         totals, by_state, weights = self._along_path()
         if self._point.kind == "bifurcation":
@@ -149,8 +159,16 @@ class CriticalLoad:
         motions = self._tangent.along_motions(self._pair(-self._square))
         by, by_state = self._tangent.followed(motions, np.ones(1))
         weights = self._solved(by_state)
-        of_forces = self._tangent.by_x(self._tangent.forces(weights))
-        return self._tangent.by_x(by) - of_forces, by_state, weights
+        return self._tangent.by_x(by) - self._work(weights), by_state, weights
+
+    def _work(self, weights: np.ndarray) -> np.ndarray:
+        """Derivatives (m + 1,) by x and the load factor of the work of all forces on a motion."""
+        work = self._tangent.by_x(self._tangent.forces(weights))
+        if self._held.any():
+            of_springs = self._reference.by_x(self._reference.forces(weights))
+            work[:-1] -= (1 - self._point.load_factor) * of_springs
+            work[-1] += weights @ self._held
+        return work
 
     def _pair(self, mass: float) -> Pairs:
         """The sum psi.K phi, and a factor times psi.M phi."""
@@ -165,7 +183,7 @@ class CriticalLoad:
         by, numbers = self._tangent.forces(self.psi), self._tangent.numbers_of(self._about.scene)
         sizes = {name: abs(of) for name, of in by.items()}
         changes = {name: abs(self._changes[name]) for name in by if self._changes[name].size}
-        work, parts = self._tangent.by_x(by)[:-1], self._tangent.by_x(sizes, changes)[:-1]
+        work, parts = self._work(self.psi)[:-1], self._tangent.by_x(sizes, changes)[:-1]
         most = {name: abs(numbers[name]).max() or np.inf for name in changes}
         relative = [
             of.reshape(len(of), -1).max(axis=1) / most[name] for name, of in changes.items()

@@ -328,6 +328,17 @@ def work_in_steps(of: SubSteps, forces: np.ndarray) -> Iterator[Block]:
         missing = _with_last(tape.memories[:, None]) - 1
         by_increments += missing * model.weight * slope
         yield of_rows("weight", rows, missing * path)
+    if (hold := tape.hold) is not None:
+        # Its means at both ends, times the increments of the unknowns.
+        y = model.couplings.unknowns(np.diff(states["q"], axis=0), slides)
+        means = _with_last(hold[own])
+        y[:1] = means[:1] = 0.0
+        of_columns, dofs, of_slides, joints = model.couplings.free_columns
+        of_dofs = dict(zip(of_columns.tolist(), dofs.tolist(), strict=True))
+        by_increments[:, [*of_dofs.values()]] += means[:, [*of_dofs]]
+        by_slides[:, joints] += means[:, of_slides]
+        yield of_rows("hold", rows, y / 2, own)
+        yield of_rows("hold", rows[1:], y[1:] / 2, own[:-1])
     for name, by in (("q", by_increments), ("slides", by_slides)):
         if by.size:
             starts, ends = slice(first, first + len(steps)), slice(first + 1, None)

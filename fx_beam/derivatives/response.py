@@ -310,7 +310,8 @@ class Response(Differentiable):
             return by_x
         outputs = self._differentiable(given, "Response.vjp: weights")
         tape, derivatives, changes, observe, entries = self._begin_derivatives("vjp", outputs)
-        boundaries, changing = self._boundaries(tape), changes.keys() & self._scenes.changing
+        boundaries, changing = self._boundaries(tape), {*self._scenes.changing, "hold"}
+        changing &= changes.keys()
         by_numbers = {name: np.zeros(changes[name].shape[1:]) for name in changing}
         counting = np.zeros(len(self._t), dtype=bool)  # others need no states, nor fitted rates
         for values in given.values():

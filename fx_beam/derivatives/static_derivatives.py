@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any
@@ -107,19 +108,40 @@ class StaticDerivatives:
             start, self.states = path.states[-2], path.states[-1:]
         self.factors = np.array([state.t for state in self.states])
         problem = Problem(model, NewtonOptions())
+        held = path.held if path.start is None else 0 * path.held
+        if held.any():
+            problem.hand_over_holds()
         self.derivatives = TapeDerivatives(problem)
         self.tape = static_tape(problem, start, self.states, path.forcing)
+        if held.any():
+            self.tape.hold = (1 - self.factors)[:, None] * held
         self._others = OtherScenes(model.scene, Equilibrium(), settles=bool(model.mechanism))
 
     def numbers_of(self, scene: Scene, change: Any = None) -> dict[str, np.ndarray]:
         """The numbers of these load steps for another scene; OtherStructureError if it differs."""
+        return self._numbers_at(self.factors, scene)
+
+    def _numbers_at(self, factors: np.ndarray, scene: Scene, _: Any = None) -> dict[str, Any]:
         scene = with_functions(scene, self.path.options.inputs, "static: inputs")
         model = self._others.model_of(scene)
-        return static_numbers_of(model, LoadForcing(model, self.path.forcing.time), self.factors)
+        return static_numbers_of(model, LoadForcing(model, self.path.forcing.time), factors)
+
+    def changes(self, derivatives: DerivativesOf) -> dict[str, np.ndarray]:
+        """Those of all numbers with x, by `derivatives` of the numbers of scenes."""
+        if self.tape.hold is None:
+            return derivatives(self.numbers_of)
+        # What holds the springs is what is left without it in the reference.
+        first, problem = self.states[0], self.derivatives.problem
+        tape = static_tape(problem, first, [first], self.path.forcing)
+        at_rest = derivatives(functools.partial(self._numbers_at, np.zeros(1)))
+        one = np.zeros(1, dtype=int), np.ones(1)
+        of_held, _ = self.derivatives.jvp_of_equations(tape, at_rest, None, *one)
+        hold = (1 - self.factors)[None, :, None] * of_held[0][:, None]
+        return derivatives(self.numbers_of) | {"hold": hold}
 
     def change_of_end(self, derivatives: DerivativesOf, what: str) -> StateChange:
         """Changes of the last state with x, by `derivatives` of the numbers of scenes."""
-        changes = derivatives(self.numbers_of)
+        changes = self.changes(derivatives)
         refuse_others(changes, self.derivatives.names, what)
         every = np.arange(len(self.tape) + 1)
         changed_rows = self.derivatives.jvp(self.tape, changes, every, every[:-1])

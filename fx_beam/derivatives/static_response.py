@@ -146,8 +146,10 @@ class StaticResponse(Response):
 
     def _run(self, x: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         self._scene, self._outputs = self._at(x)
-        self._static_path = LoadPath(self._scene, self._static, None)
-        self._solution = solution = self._static_path.followed()
+        self._static_path = path = LoadPath(self._scene, self._static, None)
+        quantities = (getattr(of, "quantity", "") for of in self._outputs.values())
+        path.warns = CRITICAL_LOAD not in quantities  # beyond it a path is unstable
+        self._solution = solution = path.followed()
         self.stats, self._t = solution.stats, solution.t
         for name in ("_load_steps", "_critical_load"):
             vars(self).pop(name, None)
@@ -188,7 +190,8 @@ class StaticResponse(Response):
     def _critical_load(self) -> CriticalLoad:
         """The first critical point of the last call."""
         point = first_critical_point(self._solution)
-        self._critical_point.take(point, self._scene, self._derivatives)
+        held = self._static_path.held
+        self._critical_point.take(point, self._scene, self._derivatives, held)
         return self._critical_point
 
     @cached_property
@@ -203,4 +206,4 @@ class StaticResponse(Response):
         return np.arange(1, len(tape) + 1)
 
     def _changes_by_x(self) -> dict[str, np.ndarray]:
-        return self._derivatives(self._load_steps.numbers_of)
+        return self._load_steps.changes(self._derivatives)

@@ -119,6 +119,8 @@ class ArcLength:
             self.stepper.may_be_cut = cuts < options.max_cuts
             try:
                 step = self._advance(states[-1], tangent, ds, target, back)
+                if not step.closes:
+                    self.stepper.check(states[-1], step.rows[-1], int(step.limit is not None))
             except StepFailed as failure:
                 corner = self._corner(states[-1], tangent, ds, target)
                 if corner is None or corner[1] is None:
@@ -257,7 +259,7 @@ class ArcLength:
         if not self._path.length(new.q - other.q, new.t - other.t) <= _ACROSS * ds:
             reason = "states on both sides of a bifurcation are not on one path"
             raise StepFailed("off the path", reason, new.q - state.q)
-        return replace(new, negative_eigenvalues=state.negative_eigenvalues)
+        return replace(new, unstable_modes=state.unstable_modes)
 
     def _last_row(
         self, home: State, state: State, tangent: Tangent, ds: float, new: State
@@ -296,7 +298,7 @@ class ArcLength:
         """State at the end of a converged step."""
         new = self.stepper.loop.finished(state, Interval(state.t, t1), step.y, step.r)
         new.work += (1 - (state.t + t1) / 2) * float(self._path.held @ step.y)
-        new.negative_eigenvalues = self.stepper.motions.negative_eigenvalues(self._path.bordered)
+        self.stepper.motions.note(new, self._path.bordered)
         return new
 
     def _correct(

@@ -251,8 +251,8 @@ def is_equilibrium(arc: ArcLength, state: State) -> bool:
     balance, _, _ = path.balance(np.zeros(model.reduction.free), 0.0)
     left = abs(balance.residual[: model.reduction.free] * model.unit_of_unknowns)
     # Springs of slides have no forces at nodes, but those of the joints.
-    largest = max(abs(of * model.unit).max() for of in (balance.f, balance.r))
-    return bool(left.max(initial=0.0) <= 1e-5 * largest)
+    at_nodes = max(abs(of * model.unit).max() for of in (balance.f, balance.r))
+    return bool(left.max(initial=0.0) <= 1e-5 * max(at_nodes, arc.stepper.in_members(state)))
 
 
 def unknowns_of(model: Model, state: State, shape: np.ndarray) -> np.ndarray:

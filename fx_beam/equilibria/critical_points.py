@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,20 +12,19 @@ from fx_beam.errors import SceneError
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.results.vibrations import Modes, modes_of
-from fx_beam.step.step_failures import StepFailed
 
-from .arc_length import ArcLength
 from .branches import Branch, is_equilibrium
+from .crossings import FAILURES, Crossings
 from .load_steps import LoadStepper
-from .path_piece import FLUTTER, SAME, SMOOTH, Piece, Root, brackets_of, end_of, root_of
+from .path_piece import BIFURCATION, FLUTTER, LIMIT_POINT, SAME, SMOOTH, Piece, Root, end_of
 from .small_motions import pairs_and_others
 
 _log = logging.getLogger("fx_beam")
 # How far ahead of the end of a path that has failed one is sought, in lengths of the last step.
 _AHEAD = 2.0
+# Slope of the load factor there, relative to its rise before, beyond which it has no limit point.
+_STEEP = 0.5
 NOT_LOCATED = "not located"
-# What equilibria, factors and eigenvalues raise.
-_FAILURES = StepFailed, RuntimeError, ValueError
 
 
 @dataclass(frozen=True)
@@ -134,6 +132,7 @@ class PathStability:
     def __init__(
         self,
         stepper: LoadStepper,
+        crossings: Crossings,
         states: list[State],
         solved: Callable[[State], Solution],
         branches_off: bool = False,
@@ -142,12 +141,12 @@ class PathStability:
         # There an eigenvalue is zero: it counts as the state beside it.
         self._first = int(branches_off and len(states) > 1)
         self._last = int(stepper.stats.closed and len(states) > 1)
-        self._motions, self._arc = stepper.motions, ArcLength(stepper)
+        self._motions, self._crossings = stepper.motions, crossings
 
     def unstable_modes(self) -> np.ndarray:
         """Numbers (n,) of modes that grow: those of the steps' factors, else of new ones."""
         states = self._states[self._first : len(self._states) - self._last]
-        known = [state.negative_eigenvalues for state in states]
+        known = [state.unstable_modes for state in states]
         steps, flowed = zip(states, states[1:], known[1:], strict=False), self._motions.model.flowed
         if any(count is None and flowed(before, behind) for before, behind, count in steps):
             raise ValueError(
@@ -225,49 +224,32 @@ class PathStability:
         if row < 0 or self._last or counts[row] != count or count == len(motions.unit):
             return []
         try:
-            piece = Piece(self._arc, motions, *self._states[row:])
+            piece = Piece(self._crossings.arc, motions, *self._states[row:])
             ends = [piece.stiffness(end) for end in (piece.first, piece.length)]
             if piece.kinked or not all(motions.symmetric(K) for K in ends):
                 return []
-            root = end_of(piece, self._eigenvalue(piece, count), _AHEAD if failed else SAME)
-            return [] if root is None else [self._point(root, row, 1, count + 1)]
-        except _FAILURES:
+            eigenvalue, far = self._crossings.eigenvalue(piece, count), _AHEAD if failed else SAME
+            if (root := end_of(piece, eigenvalue, far)) is None:
+                return []
+            modes = motions.vanishing(root.stiffness, 1, count + 1)
+            if root.kind == BIFURCATION and self._crossings.bends(root, modes):
+                if root.rise <= _STEEP:
+                    root.kind = LIMIT_POINT
+                elif not is_equilibrium(self._crossings.arc, root.state):
+                    return []  # the path goes on along the mode
+            return [self._point(root, row, 1, count + 1)]
+        except FAILURES:
             return []
-
-    def _eigenvalue(self, piece: Piece, k: int) -> Callable[[float], float]:
-        """Eigenvalue k, numbered from the lowest one, as a function of the distance.
-
-        Where forces follow the motion, the square of the lowest frequency.
-        """
-        motions = self._motions
-
-        @functools.cache
-        def eigenvalue(distance: float) -> float:
-            K = piece.stiffness(distance)
-            if motions.symmetric(K):
-                return float(motions.lowest(K, k + 1)[0][k])
-            return float(motions.squares(piece.at(distance))[0].real)
-
-        return eigenvalue
 
     def _in_step(self, row: int, counts: list[int]) -> tuple[list[CriticalPoint], str]:
         """Those in the step that starts at a row, and why others were not located."""
         points: list[CriticalPoint] = []
-        try:
-            piece = Piece(self._arc, self._motions, *self._states[row : row + 2])
-            brackets = brackets_of(piece, *counts)
-        except _FAILURES as failure:
-            return points, str(failure)
-        reason, last = "" if brackets else "all modes stay as they are", -np.inf
-        for bracket in brackets:
+        old, new = self._states[row : row + 2]
+        crossings, reason = self._crossings.between(old, new, *counts)
+        for root, several in crossings:
             try:
-                root = root_of(piece, self._eigenvalue(piece, bracket.few), bracket)
-                if root.kind in SMOOTH and not is_equilibrium(self._arc, root.state):
-                    raise StepFailed("off the path", "the step reaches another path", np.zeros(1))
-                if root.place - last > SAME * piece.length:  # else it is the same one, divided
-                    points.append(self._point(root, row, bracket.many - bracket.few, max(counts)))
-                    last = root.place
-            except _FAILURES as failure:
+                points.append(self._point(root, row, several, max(counts)))
+            except FAILURES as failure:
                 reason = str(failure)
         return points, reason
 
@@ -279,8 +261,7 @@ class PathStability:
         elif not motions.symmetric(K):
             vectors = motions.shapes(state, float(motions.squares(state)[0].real), several)
         elif root.kind in SMOOTH:
-            values, vectors = motions.lowest(K, unstable + 1)  # of those that vanish
-            vectors = vectors[:, np.sort(np.argsort(abs(values))[:several])]
+            vectors = motions.vanishing(K, several, unstable)
         else:
             vectors = motions.lowest(K, unstable)[1][:, -several:]
         kind = "bifurcation" if several > 1 and root.kind in SMOOTH else root.kind

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +18,8 @@ from fx_beam.results.audit import Stats
 from fx_beam.results.state import State
 from fx_beam.step.forcing import LoadForcing
 from fx_beam.step.load_loop import LoadLoop, StepSolution
+from fx_beam.step.recorder import Record, Recorder
+from fx_beam.step.sparse_lu import pivoted_lu
 from fx_beam.step.step_failures import StepFailed
 from fx_beam.step.substeps import MOST_HALVINGS
 
@@ -26,9 +28,8 @@ from .small_motions import SmallMotions
 
 # Largest deviation of a step from its predictor, relative to the predictor. Near a limit point the
 # load factor is a parabola of the displacements; a step that ends at the limit point has the
-# deviation 1. A step with a larger deviation has reached another path. So may one with a smaller
-# deviation if the number of unstable modes changes in it: as long as it may be cut, it is.
-_MAX_DEVIATION, _WHERE_STABILITY_CHANGES = 1.0, 0.1
+# deviation 1. A step with a larger deviation has reached another path.
+_MAX_DEVIATION = 1.0
 # On a stable path displacements along the loads grow with the loads: the energy gained in a step
 # lies between the work of the dead loads at its start and the work of those at its end. These are
 # fractions of this range, from its middle: a step within the first is short enough; a step within
@@ -87,54 +88,46 @@ class LoadStepper:
         self.deviation, self.iterations = 0.0, 0
         #: Whether a step may be cut: if its work is too inaccurate, or a point jumps over a circle.
         self.may_be_cut = False
-        #: Fraction of the loads, or of the springs' tension, at the end of the last step tried.
+        #: Fraction of the loads at the end of the last step tried.
         self._goal = 0.0
         #: Holding forces (free,), besides the loads, at the start and the end of a step.
         self._hold: tuple[np.ndarray, np.ndarray] = (np.zeros(self.model.reduction.free),) * 2
+        #: Whether loads act on the stiffness at once; a state and the slope of its path.
+        self._stiffening = bool(self.model.natural or self.model.scene.virtual_works)
+        self._ahead: tuple[State | None, np.ndarray] = None, np.empty(0)
         #: Displacement per load factor in the first and in the last step.
         self.response: list[float] = []
         #: Small motions about its states.
         self.motions = SmallMotions(self.loop)
+        #: Raises StepFailed for two states between which no step of the path can be. Between them
+        #: a number of critical points is known.
+        self.check: Callable[[State, State, int], None] = lambda old, new, known: None
 
     def first_state(self) -> State:
-        """Equilibrium without loads: the reference configuration, unless springs are under tension.
-
-        Holding forces balance the springs in the reference configuration; steps reduce them to 0.
-        """
-        start = self._yielded(reference_state(self.model))
-        self.path.held = self.residual(start, 0.0)
-
-        def release(state: State, _: float) -> State:
-            new = self.step(state, 0.0)
-            if self.loop.singular:
-                raise StepFailed("singular", "the tangent is singular", new.q - state.q)
-            return new
-
-        try:
-            # Without tension a single step is enough; otherwise several steps are more robust.
-            self.hold_between(0.0, 1.0)
-            state = release(start, 1.0)
-            done = self.is_still(state.q)
-        except StepFailed:
-            done = False
-        if not done:
-            try:
-                *_, state = self._in_steps(start, release)
-            except StepFailed as failure:
-                what = "no equilibrium without loads was found"
-                advice = (
-                    "Check for a part without support, or a spring far from its rest position. The "
-                    f"last step was to {self._goal:.3g} times the springs' tension"
-                )
-                cuts = self.options.max_cuts
-                raise self.loop.failures.error(what, cuts, start, failure, advice) from failure
-        self.path.held = 0 * self.path.held
+        """The reference configuration. Forces that fade hold springs under tension there."""
+        start = self.hold_reference()
         self.hold_between(0.0, 0.0)
+        try:
+            state = self.step(start, 0.0)
+            if self.loop.singular:
+                raise StepFailed("singular", "the tangent is singular", state.q - start.q)
+        except StepFailed as failure:
+            what = "without loads there is no equilibrium"
+            advice = "Check for a part without support"
+            raise self.loop.failures.error(what, 0, start, failure, advice) from failure
         state.work = 0.0
         return state
 
+    def hold_reference(self) -> State:
+        """The reference, where springs have yielded; what they lose is dissipated.
+
+        Forces hold it that fade as the loads rise.
+        """
+        state = self._yielded(reference_state(self.model))
+        self.path.held = self.residual(state, 0.0)
+        return state
+
     def _yielded(self, state: State) -> State:
-        """The state in which springs under tension have yielded; what they lose is dissipated."""
         if not self.model.points.width:
             return state
         y, forces = np.zeros(self.model.reduction.free), np.zeros(self.model.size)
@@ -163,6 +156,15 @@ class LoadStepper:
             advice = "Check that the scene has the supports and joints of this state"
             raise self.loop.failures.error(what, 0, state, failure, advice) from failure
 
+    def held_at_nodes(self, state: State) -> np.ndarray:
+        """Forces (size,) on nodes that do the work of those that hold the start, in a state."""
+        held, model = (1 - state.t) * self.path.held, self.model
+        if not held.any():
+            return np.zeros(model.size)
+        self.motions.stiffness(state)  # the couplings are then those of this state
+        T = model.reduction.coupling()[:, : len(held)]
+        return T @ pivoted_lu(T.T @ T).solve(held)
+
     def hold_between(self, before: float, after: float) -> None:
         """Set the forces that hold the start, at both ends of a step."""
         self._hold = (1 - before) * self.path.held, (1 - after) * self.path.held
@@ -173,16 +175,33 @@ class LoadStepper:
         interval = Interval(state.t, goal)
         new, step = self.loop.step(state, interval)
         new.work += float((self._hold[0] + self._hold[1]) @ step.y / 2)
-        new.negative_eigenvalues = self.motions.negative_eigenvalues(self.loop)
+        self.motions.note(new, self.loop)
+        step = step._replace(predicted=self._predicted(state, step, interval.length))
         self.note(step)
-        if self.deviation > _WHERE_STABILITY_CHANGES and self.model.begins(state, new):
+        if self.deviation > _EASY_DEVIATION and self.model.begins(state, new):
             self.deviation = 0.0
         response = self.response
         if interval.length:
             response = [*response[:1], self.size(step.predicted) / interval.length]
         self._check_path(state, new, step, len(response) == 2 and response[1] > response[0])
+        if interval.length:
+            self.check(state, new, 0)
         self.response = response
         return new
+
+    def _predicted(self, state: State, step: StepSolution, length: float) -> np.ndarray:
+        """What the tangent at the start predicts of a step."""
+        # The first iteration has the natural strains, and virtual works, of the end.
+        if not (self._stiffening and length):
+            return step.predicted
+        if self._ahead[0] is not state:
+            try:
+                self.path.begin(state)
+                ahead = self.path.with_the_load(0 * step.y, 0.0)
+                self._ahead = state, ahead.D / ahead.load
+            except StepFailed:
+                return step.predicted
+        return length * self._ahead[1]
 
     def note(self, step: StepSolution) -> None:
         """Keep the deviation of a step from its predictor, and its number of corrections."""
@@ -201,10 +220,8 @@ class LoadStepper:
             return  # its deviation is a rounding error
         if self.may_be_cut:
             self.check_circles(old, new)
-        counts = {old.negative_eigenvalues, new.negative_eigenvalues} - {None}
-        limit = _WHERE_STABILITY_CHANGES if self.may_be_cut and len(counts) > 1 else _MAX_DEVIATION
         kinked = functools.cache(lambda: self._has_kink(old, new, step))
-        if self.deviation > limit and not kinked():
+        if self.deviation > _MAX_DEVIATION and not kinked():
             reason = (
                 f"the step deviates from its predictor by {self.deviation:.2g} times the "
                 "predictor's length, and so has reached another path"
@@ -275,6 +292,16 @@ class LoadStepper:
         springs = model.points.energy(state.q, state.slides, state.spring_internal)
         return stored + springs + state.dissipated
 
+    def in_members(self, state: State) -> float:
+        """The largest force in a member, times the size of the scene, or couple [J]."""
+        beams, recorder = self.model.forms.beams, Recorder(self.model, np.zeros(1), Record())
+        if beams is None:
+            return 0.0
+        recorder.record(0, state)
+        with self.model.reading:
+            N, Q, M = np.moveaxis(abs(beams.resultants(recorder.sub_steps())), -1, 0)
+        return float(max(self.model.mesh.size * max(N.max(), Q.max()), M.max()))
+
     def size(self, D: np.ndarray) -> float:
         """Root mean square of an increment (size,) over the nodes, in units of the scene."""
         scaled = D / self.model.unit
@@ -283,31 +310,25 @@ class LoadStepper:
     # -- Control of the load --------------------------------------------------------------------
 
     def raise_load(self, states: list[State]) -> None:
-        """Append the states from the last one to load factor 1; StepError if a step fails."""
-        try:
-            for state in self._in_steps(states[-1], self.step):
-                states.append(state)
-                self.stats.steps += 1
-        except StepFailed as failure:
-            raise self._error(states[-1], failure) from failure
+        """Append the states from the last one to load factor 1; StepError if a step fails.
 
-    def _in_steps(self, state: State, take: Callable[[State, float], State]) -> Iterator[State]:
-        """States up to 1; a step is halved if it fails, and doubled after an easy step."""
+        A step is halved if it fails, and doubled after an easy step.
+        """
         steps, longest = self.options.load_steps, 2**self.options.max_cuts
         last, stride = steps * longest, longest
-        at = round(state.t * steps) * longest
+        at = round(states[-1].t * steps) * longest
         while at < last:
             self._goal, self.may_be_cut = (at + stride) / last, stride > 1
             self.hold_between(at / last, self._goal)
             try:
-                state = take(state, self._goal)
-            except StepFailed:
+                states.append(self.step(states[-1], self._goal))
+            except StepFailed as failure:
                 if stride == 1:
-                    raise
+                    raise self._error(states[-1], failure) from failure
                 stride //= 2
                 self.stats.halvings += 1
                 continue
-            yield state
+            self.stats.steps += 1
             at += stride
             easy = self.deviation <= _EASY_DEVIATION and self.iterations <= _EASY_ITERATIONS
             if easy and 2 * stride <= longest and at % (2 * stride) == 0:

@@ -199,10 +199,7 @@ class PathEquations:
         model, forcing, reduction = self.model, self._forcing, self._reduction
         if model.forms.has_added or model.natural or (model.scene.joints and forcing.goal.any()):
             # Driven motion rotates the joints, and with them the directions of their forces.
-            given = model.points.given.copy()
-            ends = [self._at(y.copy(), load + side) for side in (_APART, -_APART)]
-            per_load, column = (np.subtract(*of) / (2 * _APART) for of in zip(*ends, strict=True))
-            model.points.given[:] = given  # laws remember iterations, not what is beside them
+            per_load, column = self._differences(y, load, _APART)
             balance = self._evaluate(y, load)
         else:
             balance = self._evaluate(y, load)
@@ -213,6 +210,18 @@ class PathEquations:
             column = reduction.project(per_load) - reduction.project(np.zeros_like(per_load))
         balance.residual[: len(y)] -= (1 - self._start.t - load) * self.held
         return balance, per_load, column[: reduction.free] + self.held
+
+    def _differences(self, y: np.ndarray, load: float, apart: float) -> list[np.ndarray]:
+        """The derivative by the load factor, from values so far apart."""
+        given = self.model.points.given.copy()
+        ends = [self._at(y.copy(), load + side) for side in (apart, -apart)]
+        self.model.points.given[:] = given  # laws remember iterations, not what is beside them
+        return [np.subtract(*of) / (2 * apart) for of in zip(*ends, strict=True)]
+
+    def disturbance(self, apart: float) -> np.ndarray:
+        """Change (free,) of forces in the start with the load factor, from others so far apart."""
+        y = np.zeros(self._reduction.free)
+        return self._differences(y, 0.0, apart)[1][: len(y)] + self.held
 
     def _evaluate(self, y: np.ndarray, load: float) -> Balance:
         at = self._start.t + load
@@ -301,4 +310,4 @@ def between(states: list[State], points: np.ndarray, place: float) -> State:
         if parts[0] is not None:
             values[name] = sum(w * part for w, part in zip(weights, parts, strict=True))
     values["t"] = float(values["t"])  # type: ignore[arg-type]
-    return replace(states[0], **values, negative_eigenvalues=None)  # type: ignore[arg-type]
+    return replace(states[0], **values, unstable_modes=None, negative_pivots=None)  # type: ignore[arg-type]

@@ -22,7 +22,8 @@ from .small_motions import Growing, SmallMotions
 
 # Points so near to each other, relative to the step, are one with several modes.
 SAME = 1e-6
-FLUTTER, SMOOTH = "flutter", ("limit point", "bifurcation")
+FLUTTER, LIMIT_POINT, BIFURCATION = "flutter", "limit point", "bifurcation"
+SMOOTH = LIMIT_POINT, BIFURCATION
 # States at five distances before a point, of this part of the step each, are extrapolated: no state
 # is computed so near to the point that the tangent is singular. They are nearer if another point is
 # near: this part of its distance. Before, the point is known to this part of theirs.
@@ -39,9 +40,9 @@ _SMOOTH, _CLOSE = 3.0, 0.01
 # The place of a jump relative to the step; how near to it measures are looked at, and how far from
 # zero they are there, relative to their values at the ends.
 _JUMP, _BESIDE, _LARGE = 1e-11, 1e-8, 1e-4
-# Change of the load factor from state to state, relative to that over all of them, which is zero;
-# more where it is extrapolated over more than one of their distances.
-_FLAT = 0.01
+# Slope of the load factor, relative to its rise from state to state, which is zero; more where it
+# is extrapolated over more than one of their distances.
+_FLAT = 0.04
 # Distance from the end of a step, relative to it, that is no distance.
 _SAME_END = 1e-9
 # Where a step begins to flow; how exactly its end must be found again.
@@ -132,6 +133,8 @@ class Root:
     stiffness: csr_matrix
     #: The kind of the point.
     kind: str
+    #: Slope of the load factor at it, relative to that of its rise beside it.
+    rise: float = 1.0
 
 
 class Bracket(NamedTuple):
@@ -286,10 +289,11 @@ def _extrapolated(
     state = between(states, scaled, place)
     loads = np.array([state.t for state in states])
     slope = np.polynomial.Polynomial.fit(scaled, loads, _STATES - 1).deriv()(place)
-    kind = SMOOTH[int(abs(slope) > _FLAT * max(1.0, abs(place)) * np.ptp(loads))]
+    rise = abs(slope) * (_STATES - 1) / max(np.ptp(loads), np.finfo(float).tiny)
+    kind = SMOOTH[int(rise > _FLAT * max(1.0, abs(place)))]
     if piece.flows:
         (shares,) = lagrange(scaled, np.array([place]))
         K = sum(w * piece.stiffness(at) for w, at in zip(shares, distances, strict=True))
     else:
         K = piece.motions.stiffness(state)
-    return Root(near + place * apart, state, K, kind)
+    return Root(near + place * apart, state, K, kind, rise)

@@ -74,7 +74,7 @@ class Settling:
         else:
             lost = "under its loads it finds no equilibrium" + f" ({failed})" * bool(failed)
             raise self._error(lost if drag else _NO_LOAD)
-        state.negative_eigenvalues = self.stepper.motions.negative_eigenvalues(loop)
+        self.stepper.motions.note(state, loop)
         self._check(largest, state)
         return state.changed(work=work)
 

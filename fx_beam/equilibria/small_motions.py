@@ -75,23 +75,33 @@ class SmallMotions:
 
     # -- Forces with a potential ------------------------------------------------------------------
 
-    def negative_eigenvalues(self, factors: LoadLoop | BorderedLU) -> int | None:
-        """Their number for the symmetric tangent of a step; None if its factors do not tell."""
+    def note(self, state: State, factors: LoadLoop | BorderedLU) -> None:
+        """Let a state know what the factors of its step tell of its stability."""
         model, reduction = self.model, self.model.reduction
         # Auxiliary unknowns, loops, sliders and members that may touch make them those of another
         # matrix than the tangent.
         rows = len(reduction.tangent.pattern[0]) - 1
         if not rows == reduction.free == len(reduction.independent):
-            return None
+            return
         members = model.points.members
         if model.couplings.sliding or (members is not None and members.are_near):
-            return None
+            return
+        state.negative_pivots = factors.negative_eigenvalues()
         follow = model.forms.has_added or any(force.force for force in model.scene.forces_between)
         if follow or model.flows:  # else all forces have a potential
             values = factors.values
             if values is None or not self._symmetric(reduction.tangent.pattern, values):
+                return
+        state.unstable_modes = state.negative_pivots
+
+    def count(self, state: State, old: State) -> int | None:
+        """Number of modes that grow about a state after an old one; None if it is not known."""
+        if state.unstable_modes is None and not self.model.flowed(old, state):
+            try:
+                state.unstable_modes = sum(self.growing(state))
+            except ValueError:
                 return None
-        return factors.negative_eigenvalues()
+        return state.unstable_modes
 
     def growing(self, state: State, K: scipy.sparse.csr_matrix | None = None) -> Growing:
         """Modes that grow about a state; an eigenvalue of the tangent that is zero does not."""
@@ -115,6 +125,11 @@ class SmallMotions:
         modes = UndampedModes(((K + K.T) / 2).tocsr(), self.metric)
         roots, _, vectors = modes.lowest(min(n, K.shape[0]))
         return np.sign(roots) * roots**2, vectors
+
+    def vanishing(self, K: scipy.sparse.csr_matrix, several: int, unstable: int) -> np.ndarray:
+        """Vectors (unknowns, several) of those next to zero, beside some that are unstable."""
+        values, vectors = self.lowest(K, unstable + 1)
+        return vectors[:, np.sort(np.argsort(abs(values))[:several])]
 
     # -- Forces that follow the motion ------------------------------------------------------------
 

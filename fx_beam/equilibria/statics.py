@@ -35,14 +35,11 @@ from fx_beam.step.turning_frame import TurningFrame, check_turns
 from .arc_length import ArcLength
 from .branches import Branch, first_step, grow, is_equilibrium
 from .critical_points import PathStability
+from .crossings import Crossings
 from .load_steps import LoadStepper, StaticOptions
 from .settling import Settling
 
 _log = logging.getLogger("fx_beam")
-_UNSTABLE = (
-    "static: the equilibrium of this mechanism is unstable. Place its parts a little beside it to "
-    "find a stable one"
-)
 _BAR = "{percentage:3.0f}%|{bar}| load factor {n:.3g} [{elapsed}]"
 
 
@@ -77,12 +74,22 @@ class LoadPath:
         self._team = waiting_team(connected) if options.continuation is None else None
         alone = self._team is None
         self._stepper = LoadStepper(self.forcing, options, self.stats, alone)
+        self._crossings = Crossings(self._stepper)
+        if alone:
+            self._stepper.check = self._crossings.check
         if self._team is not None:
             self.stats.solver = f"PETSc on {self._team.size} processes"
+        #: Whether it warns if its last row is unstable.
+        self.warns = True
         #: The states so far.
         self.states: list[State] = []
         watch.check("static")  # it calls all functions of time
         self.stats.setup_seconds = time.perf_counter() - self.began
+
+    @property
+    def held(self) -> np.ndarray:
+        """Forces (free,) that hold the start, and fade as the loads rise."""
+        return self._stepper.path.held
 
     def followed(self) -> Solution:
         """The whole path. An exception has the solution of the steps before it."""
@@ -98,6 +105,8 @@ class LoadPath:
                 stats.failure = Failure("too many steps", reason, factor)
                 _log.warning(reason)
             solution = self._solution(states)
+            if self.warns:
+                self._warn_if_unstable()
             warn_of_places(solution)
             solution._load_path = self
             self.start = isinstance(self.start, Solution) or self.start
@@ -110,6 +119,17 @@ class LoadPath:
                 warn_of_sharp_bends(error.solution)
             raise
         return solution
+
+    def _warn_if_unstable(self) -> None:
+        """Say that the path ends in an equilibrium that is unstable."""
+        last = self.states[-1]
+        if count := self._stepper.motions.count(last, self.states[-2:][0]):
+            _log.warning(
+                "static: the equilibrium at load factor %g, the last row, is unstable: %d of its "
+                "modes %s. See critical_points: a path of stable ones may branch off there "
+                "(branch); or place the parts, or a small load, a little to one side",
+                *(last.t, count, "grows" if count == 1 else "grow"),
+            )
 
     # -- States -----------------------------------------------------------------------------------
 
@@ -137,6 +157,8 @@ class LoadPath:
         """Append the states of a branch."""
         stepper, states = self._stepper, self.states
         arc, point = ArcLength(stepper), start.point
+        if not self.model.mechanism:
+            stepper.hold_reference()
         state = replace(self._at_rest(point.solution), t=point.load_factor)
         if not is_equilibrium(arc, state):
             raise SceneError(
@@ -160,10 +182,7 @@ class LoadPath:
                 return stepper.start_from(state := self._at_rest(start))
             except StepError:
                 pass  # the forces that held it do not hold it alone
-        state = Settling(stepper).settled(state, 1 / self.options.load_steps)
-        if state.negative_eigenvalues:
-            _log.warning(_UNSTABLE)
-        return state
+        return Settling(stepper).settled(state, 1 / self.options.load_steps)
 
     def _at_rest(self, start: Solution) -> State:
         """The last state of a solution, at rest, at load factor 0."""
@@ -195,6 +214,7 @@ class LoadPath:
             loads = loads + last.t * self.forcing.turning.force(last.q)
         if model.forms.has_added:
             loads += last.added_forces
+        loads += self._stepper.held_at_nodes(last)
         end = replace(last, t=self.forcing.time, loads=loads).changed(**self._inputs)
         path = self._stability(states, lambda state: self._solution([state]))
         later = {name: getattr(path, name) for name in ("unstable_modes", "critical_points")}
@@ -204,7 +224,8 @@ class LoadPath:
         return solution
 
     def _stability(self, states: list[State], solved) -> PathStability:
-        return PathStability(self._stepper, list(states), solved, isinstance(self.start, Branch))
+        branches_off = isinstance(self.start, Branch)
+        return PathStability(self._stepper, self._crossings, list(states), solved, branches_off)
 
     def _name_critical_point(self, error: StepError) -> None:
         """Let an error say that its path fails at a critical point."""
@@ -219,7 +240,7 @@ class LoadPath:
             if point.kind == "bifurcation" and self.start is None and not self.options.spin:
                 advice += (
                     "Follow a branch: start=error.solution.critical_points[-1].branch(+1), with "
-                    'continuation="arc-length"; or give the load a little more or less'
+                    'continuation="arc-length"; or the path itself so, with more steps'
                 )
             else:
                 advice += error.failure.advice
@@ -278,23 +299,24 @@ def static(
 ) -> Solution:
     """Compute equilibria of a scene while its loads rise from zero.
 
-    The load factor multiplies all loads, including the weight, prescribed motions and motors.
-    Functions of time are evaluated at the time `t`. Inertia, damping and initial velocities have no
-    effect; `Coulomb` friction acts. The work of the loads uses the mean of the forces at both ends
-    of each step; the energy balance thus has an error of second order in the steps. The potential
-    energy is that of the full weight; the part of the weight that does not act yet is counted as an
-    upward load.
+    The load factor multiplies all loads, including the weight, natural strains, prescribed motions
+    and motors. At the load factor 0 springs that are under tension in the scene as it is drawn are
+    held there, by forces that fade as it rises. A path whose last row is unstable ends with a
+    warning. Functions of time are evaluated at the time `t`. Inertia, damping and initial
+    velocities have no effect; `Coulomb` friction acts. The work of the loads uses the mean of the
+    forces at both ends of each step; the energy balance thus has an error of second order in the
+    steps. The potential energy is that of the full weight; the part of the weight that does not act
+    yet is counted as an upward load.
 
     Parameters
     ----------
     scene : Scene
         The scene.
     load_steps : int
-        Number of load steps, if none is divided. A step that fails, or whose work is too
-        inaccurate, is halved; after steps with few iterations the length is doubled again. Springs
-        under tension are released before the first load step, in the same number of steps. An
-        arc-length step changes the load factor by at most 1/`load_steps`, and its turn is limited
-        in proportion.
+        Number of load steps, if none is divided. A step that fails, whose work is too inaccurate,
+        or in which modes become unstable at no critical point, is halved; after steps with few
+        iterations the length is doubled again. An arc-length step changes the load factor by at
+        most 1/`load_steps`, and its turn is limited in proportion.
     t : float
         Time at which functions of time are evaluated [s].
     continuation : {"arc-length"}, optional

@@ -179,22 +179,26 @@ def split(A: np.ndarray, basis: np.ndarray, least: float = 0.0) -> tuple[np.ndar
 
 
 def linearised(
-    scene: Scene, state: Solution | None, what: str, models: dict[str, Model] | None = None
+    scene: Scene,
+    state: Solution | None,
+    what: str,
+    models: dict[str, Model] | None = None,
+    held: bool = False,
 ) -> Linearisation:
     """Linearise about the last row of a state, or about the reference without loads.
 
-    SceneError for a state that is no equilibrium; errors say `what` asks. Models of an earlier
-    scene serve again.
+    SceneError for a state that is no equilibrium, unless it is `held`; errors say `what` asks.
+    Models of an earlier scene serve again.
     """
     check_scene(scene, what)
     end = state.end if isinstance(state, Solution) else None
-    held = with_values(scene, None if end is None else values_of(end, widths(scene)))
+    at_values = with_values(scene, None if end is None else values_of(end, widths(scene)))
     models = {} if models is None else models
     # On a yield surface round-off would say whether something flows.
     springs = [of.spring for of in _coordinates(scene) if of.spring]
     flows = any(of.internal for of in [*springs, *(beam.section for beam in scene.beams)])
     kind = {"mobile": True} | ({"instant": True} if flows else {})
-    models["plain"] = model = recent_model(held, Equilibrium(), models.get("plain"), **kind)
+    models["plain"] = model = recent_model(at_values, Equilibrium(), models.get("plain"), **kind)
     factor, start = 0.0, reference_state(model)  # an equilibrium without loads
     if state is not None:
         factor, start = _last(model, state, what)
@@ -222,7 +226,8 @@ def linearised(
     about = Linearisation(*matrices, of_rates, models)
     # The largest work of a force at a node in a unit motion of the scene [J].
     largest = max(abs(part * model.unit).max() for part in (balance.f, balance.r, force))
-    _check_equilibrium(about, state, balance.residual[unknowns], largest, what)
+    if not held:
+        _check_equilibrium(about, state, balance.residual[unknowns], largest, what)
     model.needed_by(about)
     return about
 

@@ -116,9 +116,10 @@ class State:
     loads: np.ndarray | None = _kept("nodes", 3, default=None)
     #: Set at the end of a run: what the variables of `spring_internal` belong to, as texts.
     owners: np.ndarray | None = _kept("spring variables", default=None)
-    #: Of an equilibrium: the number of negative eigenvalues of the tangent, if the factors of its
-    #: step tell.
-    negative_eigenvalues: int | None = _kept(default=None)
+    #: Of an equilibrium: the number of modes that grow, if it is known, and of negative pivots of
+    #: the factors of its step, which changes where the former may.
+    unstable_modes: int | None = _kept(default=None)
+    negative_pivots: int | None = _kept(default=None)
 
     def changed(self, **values: Any) -> State:
         """The state with other values; far quicker than `dataclasses.replace`."""

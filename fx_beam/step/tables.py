@@ -354,6 +354,13 @@ class Problem:
         self.hand_over_ends(frame)
         return weights
 
+    def hand_over_holds(self) -> None:
+        """Let derivatives by the forces that hold the unknowns be found."""
+        columns, dofs, _, _ = self.model.couplings.free_columns
+        first = np.zeros(self.model.reduction.free, int)
+        first[columns[::-1]] = dofs[::-1]
+        self._set(hold_dof=first, holds=len(first))
+
     def hand_over_ends(self, frame: TurningFrame | None) -> None:
         """Let C leave natural strains at the end of a step as `given`, and read a frame or None."""
         self.c.naturals = 0

@@ -125,6 +125,8 @@ class Tape:
         self._times: Times | None = None
         # Memory of their increments [bytes].
         self._kept = 0
+        #: In statics, forces (sub-steps, free) that hold the unknowns at their ends, if any do.
+        self.hold: np.ndarray | None = None
         #: Whether the rows of all sub-steps are kept.
         self.is_whole = True
 

@@ -490,10 +490,13 @@ def test_rings_buckle_under_dead_and_under_following_pressure(follows, exact):
     assert 5 * point.load_factor == pytest.approx(exact, rel=1e-5)
 
 
-def test_a_step_across_an_imperfect_bifurcation_tells_of_no_bifurcation(caplog):
-    """A spring beside the column is stretched a little by its compression, and pulls it aside."""
+def test_an_imperfect_bifurcation_is_a_limit_point_for_any_steps():
+    """A spring beside the column is stretched a little by its compression, and pulls it aside.
 
-    def path_of(load_steps):
+    Long steps would go on along the column, and are divided.
+    """
+
+    def limit(load_steps):
         scene = fb.Scene()
         section = fb.Section(EA=3800.0, GA=1900.0, EI=2.3)
         column = scene.add_beam([(0, 0), (0, 1)], section, elements=4, degree=3)
@@ -501,13 +504,13 @@ def test_a_step_across_an_imperfect_bifurcation_tells_of_no_bifurcation(caplog):
         scene.fix(column.end, "x")
         scene.add_force_between(column.node(0.5), (1, 0.5), spring=fb.Spring(14.0, rest=1.0))
         scene.add_force(column.end, (0, -76.0))
-        return fb.static(scene, load_steps, continuation="arc-length", branches=1)
+        with pytest.raises(fb.StepError, match="does not return to load factor 1") as caught:
+            fb.static(scene, load_steps, continuation="arc-length", branches=1)
+        (point,) = caught.value.solution.critical_points
+        assert point.kind == "limit point"
+        return point.load_factor
 
-    coarse = path_of(8)
-    assert coarse.unstable_modes[-1] == 1 and not coarse.branches
-    assert [point.kind for point in coarse.critical_points] == ["not located"]
-    assert "another path. Compute the path with more steps" in caplog.text
-    assert "bifurcation" not in [point.kind for point in path_of(16).critical_points]
+    assert limit(8) == pytest.approx(limit(64), rel=1e-6)
 
 
 def test_at_a_point_of_a_path_with_a_start_both_loads_act():
@@ -541,8 +544,8 @@ def test_at_a_point_of_a_path_with_a_start_both_loads_act():
 
 
 @pytest.mark.parametrize("wall", [False, True])
-def test_a_step_to_another_path_tells_of_no_kink_beside_an_open_contact(wall):
-    """A post on a shallow arch, of which one half is rigid: its bifurcation is imperfect."""
+def test_long_steps_find_the_bifurcation_of_short_ones_beside_an_open_contact(wall):
+    """A post on a shallow arch, of which one half is rigid. Long steps may leave its path."""
     scene, section = fb.Scene(), fb.Section(EA=1e4, GA=1e4, EI=2.0)
     half = scene.add_beam([(0, 0), (1, 0.15)], section, elements=3, degree=2)
     other = scene.add_body((1.5, 0.075), 1.0, 0.1, points={"top": (1, 0.15), "foot": (2, 0)})
@@ -563,6 +566,9 @@ def test_a_step_to_another_path_tells_of_no_kink_beside_an_open_contact(wall):
     scene.add_force(post.end, (0.0, -200.0))
     if wall:
         scene.add_contact(half.end, fb.Line((0, -0.8), (0, 1)), stiffness=1e4)
-    coarse = fb.static(scene, load_steps=10, continuation="arc-length", max_steps=2)
-    assert coarse.unstable_modes.tolist() == [0, 1, 1]
-    assert coarse.critical_points[0].kind == "not located"
+    first, other = (
+        fb.static(scene, steps, continuation="arc-length", max_steps=most).critical_points[0]
+        for steps, most in ((10, 2), (40, 20))
+    )
+    assert first.kind == other.kind == "bifurcation"
+    assert first.load_factor == pytest.approx(other.load_factor, rel=1e-6)

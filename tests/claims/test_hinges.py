@@ -113,7 +113,7 @@ def test_the_loop_of_moment_and_rotation_is_exact_at_ends_of_steps(slides):
 
 @pytest.mark.parametrize("tension", [0.05, -0.5])
 def test_springs_that_are_beyond_their_limit_at_the_start_have_yielded_without_loads(tension):
-    # A cantilever that gives way to the spring at its end, which unloads with it.
+    # A cantilever that gives way to the spring at its end as what holds it fades; this unloads.
     scene = fb.Scene()
     arm = scene.add_beam([(0, 0), (1, 0)], LIGHT, elements=4)
     scene.clamp(arm.start)
@@ -125,7 +125,7 @@ def test_springs_that_are_beyond_their_limit_at_the_start_have_yielded_without_l
     whole = tension + motion.angle
     exact = [exact_forces([tension, *whole[: k + 1]])[-1] for k in range(3)]
     assert -motion.force[:, 2] == pytest.approx(exact, rel=1e-9)
-    assert (abs(np.diff(motion.angle, prepend=0.0)) > 1e-4).all()
+    assert (abs(np.diff(motion.angle)) > 1e-4).all()
     (a,) = flow([0.0], None, [tension], 0.0)
     lost = plastic(tension, [0.0]) - plastic(tension, [float(a)])
     assert solution.energy.dissipated == pytest.approx(lost, rel=1e-9)

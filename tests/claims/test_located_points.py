@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import fx_beam as fb
-from fx_beam.equilibria import critical_points
+from fx_beam.equilibria import crossings
 from fx_beam.step.step_failures import StepFailed
 
 
@@ -37,15 +37,33 @@ def test_steps_may_meet_one_of_several_points():
     assert loads == pytest.approx([2.0, 5.0, 8.0], rel=1e-9)
 
 
-def test_what_is_not_located_is_in_the_list_with_one_warning(monkeypatch, caplog, tmp_path):
+@pytest.fixture
+def missed_point(monkeypatch):
+    """The second mode that becomes unstable in a step is missed."""
+
     def root_of(piece, measure, place):
         if place.few == 1:
             raise StepFailed("singular", "no pivot", np.zeros(1), [])
         return located(piece, measure, place)
 
-    located = critical_points.root_of
-    monkeypatch.setattr(critical_points, "root_of", root_of)
+    located = crossings.root_of
+    monkeypatch.setattr(crossings, "root_of", root_of)
+
+
+@pytest.mark.usefixtures("missed_point")
+def test_a_step_in_which_a_mode_becomes_unstable_at_no_point_is_refused():
+    message = "1 are unstable at its start and 2 at its end, with no critical point between"
+    with pytest.raises(fb.StepError, match=message) as caught:
+        fb.static(rigid_columns((2.0, 5.0, 8.0), 10.0), load_steps=4)
+    assert 10 * caught.value.solution.load_factor[-1] == pytest.approx(5.0, abs=0.01)
+
+
+@pytest.mark.usefixtures("missed_point")
+def test_what_is_not_located_is_in_the_list_with_one_warning(monkeypatch, caplog, tmp_path):
+    """On several processes steps are not looked at before they are accepted."""
+    monkeypatch.setattr(crossings.Crossings, "check", lambda *_: None)
     path = fb.static(rigid_columns((2.0, 5.0, 8.0), 10.0), load_steps=1)
+    caplog.clear()
     with caplog.at_level(logging.WARNING):
         first, second, missed = sorted(path.critical_points, key=lambda point: point.kind)
     assert [10 * point.load_factor for point in (first, second)] == pytest.approx([2.0, 8.0])

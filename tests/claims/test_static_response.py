@@ -284,6 +284,14 @@ def lever(x):
     return scene
 
 
+def stretched_at_first(x):
+    """A beam that yields under a spring under tension, and its loads."""
+    scene = yielding(x)
+    spring = fb.Spring(20.0, rest=0.5)
+    scene.add_force_between(scene.beams[0].end, (1.0, 1.0), spring=spring)
+    return scene
+
+
 def chain(x):
     """Three elastic bars that hang between two points: a mechanism."""
     scene, last = fb.Scene(gravity=(0, -9.81)), None
@@ -345,6 +353,7 @@ SCENES = {
     slide: [],
     motors: [],
     lever: LOSSES,
+    stretched_at_first: LOSSES,
     chain: ["work", *OF_BARS],
     weighed: [],
     resting: LOSSES,
@@ -414,10 +423,17 @@ def swinging_with_friction(x):
     return scene
 
 
-def stretched_at_first(x):
-    scene = yielding(x)
-    spring = fb.Spring(20.0, rest=0.5)
-    scene.add_force_between(scene.beams[0].end, (1.0, 1.0), spring=spring)
+def yielded_at_first(x):
+    """A spring that yields as it is drawn."""
+
+    def flow(old, strains0, strains, dt):
+        excess = ufl.max_value(abs(strains[0] - old[0]) - 0.1, 0)
+        return [old[0] + ufl.sign(strains[0] - old[0]) * excess]
+
+    scene, beam = cantilever(x, fb.Section(**DATA))
+    law = {"strain_energy": lambda turn, a: 25.0 * (turn - a[0]) ** 2 + 1.0 * a[0] ** 2}
+    spring = fb.Spring(rest=0.3, internal=fb.InternalVariables(("a",), flow), **law)
+    scene.add_joint(fb.Revolute(fb.GROUND, beam.end, spring=spring))
     return scene
 
 
@@ -425,7 +441,7 @@ def stretched_at_first(x):
     ("build", "message"),
     [
         (swinging_with_friction, "depend on how it settles"),
-        (stretched_at_first, "under tension, and change internal variables"),
+        (yielded_at_first, "under tension, and change internal variables"),
         (chain, "'work'.* of a mechanism, which also depends on how it settles"),
         (bending, "'work'.* in equilibria where natural strains do work"),
     ],

@@ -157,9 +157,11 @@ def test_a_slide_on_a_bent_beam_stays_on_it_and_does_no_work():
     solution = fb.static(scene, load_steps=40)
     assert solution.joint(joint).gap.max() < 1e-14
     along = np.array([np.cos(solution.rotation(rail.end)), np.sin(solution.rotation(rail.end))])
+    # The spring is stretched by 0.3 m as it is drawn; what holds it there fades as the load rises.
     pull = solution.load_factor * (np.array([3.0, -2.0]) @ along)
+    pull += (1 - solution.load_factor) * 40.0 * 0.3
     assert 40.0 * solution.joint(joint).slide == pytest.approx(pull, rel=1e-9)
-    assert abs(solution.energy.balance_error[-1]) < 1e-3 * solution.energy.work[-1]
+    assert abs(solution.energy.balance_error[-1]) < 1e-3 * abs(solution.energy.work[-1])
 
 
 def test_a_motor_turns_a_crank_against_a_load():
@@ -190,13 +192,16 @@ def sprung(joint, spring, held=False, **axis):
 
 @WAYS
 @pytest.mark.parametrize("rest", [0.5, 2.5])
-def test_a_spring_without_load_turns_an_arm_to_its_rest_and_keeps_it_there(way, rest):
+def test_a_spring_without_load_turns_an_arm_to_its_rest(way, rest):
+    """What holds the spring as it is drawn fades with the load factor."""
     scene, _, arm, _ = sprung(fb.Revolute, fb.Spring(5.0, rest))
     scene.add_force(arm.end, lambda t: (0.0, 3.0 * t))  # none at the time 0
     solution = fb.static(scene, continuation=way)
     assert solution.load_factor[-1] == 1
-    assert solution.rotation(arm.end) == pytest.approx(np.full(len(solution.t), rest))
-    assert solution.energy.total == pytest.approx(np.zeros(len(solution.t)), abs=1e-12)
+    assert solution.rotation(arm.end) == pytest.approx(rest * solution.load_factor, abs=1e-12)
+    left = 5.0 / 2 * (rest * (1 - solution.load_factor)) ** 2
+    assert solution.energy.total == pytest.approx(left, abs=1e-12)
+    assert solution.energy.balance_error == pytest.approx(np.zeros(len(solution.t)), abs=1e-12)
 
 
 @WAYS
@@ -204,19 +209,20 @@ def test_a_stiff_spring_is_let_go_in_steps_and_balances_the_beams(way):
     scene, left, right, joint = sprung(fb.Prismatic, fb.Spring(100.0, 0.2), True, axis=(0, 1))
     solution = fb.static(scene, continuation=way)
     slide = solution.joint(joint).slide
-    push = 100.0 * (0.2 - slide)
+    # The spring's force, less what is left of the one that holds it as it is drawn.
+    push = 100.0 * (0.2 - slide) - (1 - solution.load_factor) * 100.0 * 0.2
     turned = solution.rotation(left.end)
     across = np.column_stack([-np.sin(turned), np.cos(turned)])
     for beam_end, sign in ((left.start, 1), (right.end, -1)):
         force = solution.reaction(beam_end)[:, :2]
-        assert sign * np.sum(force * across, axis=1) == pytest.approx(push, rel=1e-9)
+        assert sign * np.sum(force * across, axis=1) == pytest.approx(push, rel=1e-9, abs=1e-9)
     # What the spring gives way, the beams take up: by hand, 24 EI/L^3 for small displacements,
     # and more where these stretch the beams as much as here.
-    assert (0.1 < slide).all() and (slide < 0.2 * 100 / (100 + 24 * 10 / 2**3)).all()
+    assert 0.1 < slide[-1] < 0.2 * 100 / (100 + 24 * 10 / 2**3)
     finer = fb.static(scene, load_steps=40).joint(joint).slide
     assert finer[-1] == pytest.approx(slide[-1], rel=1e-9)
-    assert np.ptp(slide) < 1e-12
-    assert not solution.energy.work.any()
+    assert (np.diff(slide) > 0).all()
+    assert abs(solution.energy.balance_error).max() < 1e-3 * solution.energy.total[0]
 
 
 def test_a_force_of_ones_own_is_a_load_by_the_load_factor_and_else_a_spring():

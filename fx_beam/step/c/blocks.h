@@ -80,7 +80,7 @@ KEPT Layout fx_layout(const Problem *p, const Derivatives *a) {
   ARRAY(Y, columns), ARRAY(q, n), ARRAY(v, n), ARRAY(q_previous, n);
   ARRAY(natural, natural), ARRAY(internal, internal), ARRAY(spring_internal, p->spring_width);
   ARRAY(loads, 2 * p->loads), ARRAY(driven, p->driven), ARRAY(follower_force, 2 * p->follower_forces);
-  ARRAY(parameters, 2 * p->parameter_count), ARRAY(naturals, p->naturals);
+  ARRAY(parameters, 2 * p->parameter_count), ARRAY(naturals, p->naturals), ARRAY(hold, p->holds);
   ARRAY(Y1, columns + SPACING), ARRAY(q1, n), ARRAY(arms, 2 * joints), ARRAY(slides, SLIDE_NUMBERS * p->sliders);
   ARRAY(natural1, natural), ARRAY(internal1, internal), ARRAY(springs1, p->spring_width), ARRAY(map, 1 + 4 * joints);
   ARRAY(held, 3 * p->sliders), next += SPACING, ARRAY(r, n), next += SPACING, ARRAY(R, columns > n ? columns : n);

@@ -175,6 +175,8 @@ static void put_loads(const Problem *p, const Work *w, Linear *l) {
       put(l->of + FORCED, l->at.columns + i, to, -now);
     }
   }
+  for (int i = 0; i < p->holds; ++i)
+    put(l->of + FORCED, l->at.hold + i, HAS(COUPLED) ? l->at.R + i : l->at.r + p->hold_dof[i], -1);
 }
 
 /* A force or an internal variable of a law of forces at points by all that it is given; returns the slopes of the next. */

@@ -238,6 +238,8 @@ typedef struct {
   /* Of statics: holding forces on the unknowns; square of the spin, and arms of the displacements in the reference; a
      viscosity on increments, with weights and positions in the tangent; the load factor at the start, for several processes. */
   struct { double *hold; };
+  struct { int *hold_dof; }; /* first degrees of freedom of those of which there are derivatives, and their number */
+  int holds;
   struct { double *arm; };
   struct { double *viscous_weight; int *diagonal_at; };
   double ratio_before, spin_squared, viscosity;
@@ -396,7 +398,7 @@ typedef struct {
 typedef struct {
   int mass, weight, columns, points, natural_columns, offset, axis, rest, places, paths, members, arcs, member_places, internal_forces, drag;
   int Y, q, v, q_previous, natural, internal, spring_internal; /* the last three as behind the slides at the end */
-  int loads, driven, follower_force, parameters, naturals;
+  int loads, driven, follower_force, parameters, naturals, hold;
   int Y1, q1, arms, slides, natural1, internal1, springs1, map, held, r, R, closures, closing, pushed, carried, moments;
   int forces, axes, followed, nowhere, size;
 } Layout;

@@ -1,0 +1,146 @@
+"""Where modes become unstable, or stable again, in the steps of a path.
+
+A step in which their number changes at no point that is found has left its path.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from fx_beam.results.state import State
+from fx_beam.step.step_failures import StepFailed
+
+from .arc_length import ArcLength
+from .branches import is_equilibrium
+from .load_steps import LoadStepper
+from .path_piece import LIMIT_POINT, SAME, SMOOTH, Piece, Root, brackets_of, root_of
+
+# What equilibria, factors and eigenvalues raise.
+FAILURES = StepFailed, RuntimeError, ValueError
+# Work of the loads on a mode that is none, relative to its parts, and to the forces in members;
+# rounding errors, relative to stiffness times the size of the scene. The part of the loads by which
+# it is found.
+_OF_PARTS, _OF_FORCES, _ROUNDING, _PART_OF_LOADS = 1e-7, 1e-9, 2e-16, 0.1
+
+
+class Crossing(NamedTuple):
+    """A point in a step, and how many modes become unstable there."""
+
+    root: Root
+    several: int
+
+
+class Crossings:
+    """Finds them in the steps of a path."""
+
+    def __init__(self, stepper: LoadStepper):
+        self.motions, self.arc = stepper.motions, ArcLength(stepper)
+        #: Those of steps that were accepted, by the state at their end.
+        self._seen: dict[int, tuple[State, State, list[Crossing]]] = {}
+
+    def check(self, old: State, new: State, known: int) -> None:
+        """StepFailed if the number of unstable modes changes in a step where no point is found.
+
+        It may change by one at each point that is known.
+        """
+        if None in (old.unstable_modes, new.unstable_modes):
+            if old.negative_pivots == new.negative_pivots is not None:
+                return  # at flutter the path itself goes on as before
+        before, behind = (self.motions.count(state, old) for state in (old, new))
+        if before is None or behind is None or abs(behind - before) in (0, known):
+            return
+        crossings: list[Crossing] = []
+        for crossing in self._in_step(old, new, before, behind):
+            if isinstance(crossing, str):
+                reason = (
+                    f"of its modes {before} are unstable at its start and {behind} at its end, "
+                    f"with no critical point between ({crossing}): it has reached another path"
+                )
+                raise StepFailed("off the path", reason, new.q - old.q)
+            crossings.append(crossing)
+        self._seen[id(new)] = old, new, crossings
+
+    def between(
+        self, old: State, new: State, before: int, behind: int
+    ) -> tuple[list[Crossing], str]:
+        """Those in a step with numbers of unstable modes, and why others were not found."""
+        seen = self._seen.get(id(new))
+        if seen is not None and seen[0] is old:
+            return seen[2], ""
+        crossings: list[Crossing] = []
+        reason = ""
+        for crossing in self._in_step(old, new, before, behind):
+            if isinstance(crossing, str):
+                reason = crossing
+            else:
+                crossings.append(crossing)
+        return crossings, reason
+
+    def _in_step(self, old: State, new: State, *counts: int) -> Iterator[Crossing | str]:
+        """Those in a step, and reasons why others were not found."""
+        try:
+            piece = Piece(self.arc, self.motions, old, new)
+            brackets = brackets_of(piece, *counts)
+        except FAILURES as failure:
+            yield str(failure)
+            return
+        if not brackets:
+            yield "all modes stay as they are"
+        last = -np.inf
+        for bracket in brackets:
+            several = bracket.many - bracket.few
+            try:
+                root = root_of(piece, self.eigenvalue(piece, bracket.few), bracket)
+                on_path = self._is_on_path(root, several, max(counts))
+            except FAILURES as failure:
+                yield str(failure)
+                continue
+            if not on_path:
+                yield "the step reaches another path"
+            elif root.place - last > SAME * piece.length:  # else it is the same one, divided
+                yield Crossing(root, several)
+                last = root.place
+
+    def _is_on_path(self, root: Root, several: int, unstable: int) -> bool:
+        """Whether a smooth point is an equilibrium, at which no rising load bends its modes."""
+        if root.kind not in SMOOTH:
+            return True
+        if not is_equilibrium(self.arc, root.state):
+            return False
+        if root.kind == LIMIT_POINT or not self.motions.symmetric(root.stiffness):
+            return True
+        return not self.bends(root, self.motions.vanishing(root.stiffness, several, unstable))
+
+    def bends(self, root: Root, vectors: np.ndarray) -> bool:
+        """Whether the loads up to a point do work on its modes (unknowns, n)."""
+        stepper, state, unit = self.arc.stepper, root.state, self.motions.unit
+        K = self.motions.stiffness(state)
+        stepper.path.begin(state)
+        apart = _PART_OF_LOADS * abs(state.t)
+        loads = abs(state.t) * stepper.path.disturbance(apart)
+        loads = loads[self.motions.model.reduction.independent]
+        sizes = np.linalg.norm(vectors.T / unit, axis=1)
+        least = _OF_PARTS * abs(loads) @ abs(vectors)
+        least += _OF_FORCES * stepper.in_members(state) * sizes
+        least += _ROUNDING / _PART_OF_LOADS * (abs(K) @ unit) @ abs(vectors)
+        return bool((abs(loads @ vectors) > least).any())
+
+    def eigenvalue(self, piece: Piece, k: int) -> Callable[[float], float]:
+        """Eigenvalue k, numbered from the lowest one, as a function of the distance.
+
+        Where forces follow the motion, the square of the lowest frequency.
+        """
+        motions = self.motions
+
+        @functools.cache
+        def eigenvalue(distance: float) -> float:
+            K = piece.stiffness(distance)
+            if motions.symmetric(K):
+                return float(motions.lowest(K, k + 1)[0][k])
+            return float(motions.squares(piece.at(distance))[0].real)
+
+        return eigenvalue
