@@ -110,7 +110,7 @@ class Settling:
         """A small motion (size,) against which a state has no stiffness, beside a load; or None."""
         model, motions = self.model, self.stepper.motions
         K, T, unit = motions.stiffness(state), motions.coupling(), motions.unit
-        none = max(_OF_LOADS * largest, _ROUNDING * self._largest(K))
+        none = max(_OF_LOADS * largest, _ROUNDING * self._largest(K)) or 1.0
         # With so little drag the tangent is never singular.
         drag = T.T @ scipy.sparse.diags(0.1 * none * self._loop.drag_weight) @ T
         factors = pivoted_lu(K + drag)
@@ -123,14 +123,16 @@ class Settling:
 
     def _check(self, largest: float, state: State) -> None:
         """SceneError if an equilibrium is free to move: the loads give it no stiffness."""
-        if (free := self.freest(state, largest)) is None:
-            return
-        moved, model = abs(free).reshape(-1, 3), self.model
+        if (free := self.freest(state, largest)) is not None:
+            lost = f"in their equilibrium they leave {self.where(free)} free"
+            raise self._error(lost if largest else _NO_LOAD)
+
+    def where(self, free: np.ndarray) -> str:
+        """What moves most in a small motion (size,)."""
+        moved = abs(free).reshape(-1, 3)
         node, component = np.unravel_index(moved.argmax(), moved.shape)
-        x, y = model.mesh.X[node]
-        where = f"{COMPONENTS[component]} of node {node} at ({x:g}, {y:g})"
-        lost = f"in their equilibrium they leave {where} free"
-        raise self._error(lost if largest else _NO_LOAD)
+        x, y = self.model.mesh.X[node]
+        return f"{COMPONENTS[component]} of node {node} at ({x:g}, {y:g})"
 
     def _error(self, why: str) -> SceneError:
         return SceneError(

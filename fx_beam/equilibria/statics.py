@@ -145,7 +145,7 @@ class LoadPath:
         if model.mechanism:
             states.append(self._settled())
         elif start is None:
-            states.append(stepper.first_state())
+            states.append(self._first_state())
         else:
             states.append(stepper.start_from(self._at_rest(start)))
         if options.continuation is None:
@@ -173,6 +173,20 @@ class LoadPath:
         self.stats.steps += 1
         states.append(new)
         arc.follow(states, (ahead, distance))
+
+    def _first_state(self) -> State:
+        """That of a scene that has supports, unless laws of springs leave a part without any."""
+        stepper, settling = self._stepper, Settling(self._stepper)
+        try:
+            return stepper.first_state()
+        except StepError as error:
+            free = settling.freest(reference_state(self.model))
+            if error.failure.kind != "singular" or free is None:
+                raise
+            where = settling.where(free)
+            self.model.mechanism = f"Static analysis is singular: without loads {where} is free"
+        stepper.path.held = 0 * stepper.path.held
+        return self._settled()
 
     def _settled(self) -> State:
         """The first state of a mechanism, which its loads hold."""

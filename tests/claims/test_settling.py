@@ -258,3 +258,51 @@ def test_a_wheel_settles_on_a_beam_from_every_height(gap):
         return fb.static(scene).position(wheel)[-1, 1]
 
     assert place_of_wheel(gap) == pytest.approx(place_of_wheel(0.0), abs=1e-9)
+
+
+# -- Springs without stiffness at rest -------------------------------------------------------------
+
+PLAY = fb.Spring(strain_energy=lambda x: 50 * ufl.max_value(abs(x) - 0.1, 0) ** 2)
+QUARTIC = fb.Spring(strain_energy=lambda x: 50 * x**4)
+
+
+@pytest.mark.parametrize("how", [None, "arc-length"])
+@pytest.mark.parametrize(
+    ("spring", "moment"), [(PLAY, lambda a: 100 * (a + 0.1)), (QUARTIC, lambda a: 200 * a**3)]
+)
+def test_an_arm_on_a_spring_without_stiffness_at_rest_finds_its_balance(spring, moment, how):
+    scene = fb.Scene(gravity=(0, -G))
+    arm = scene.add_body((0.5, 0), 2.0, 0.1, points={"pin": (0, 0)})
+    hinge = scene.add_joint(fb.Revolute(fb.GROUND, arm["pin"], spring=spring))
+    path = fb.static(scene, load_steps=4, continuation=how)
+    exact = scipy.optimize.brentq(lambda a: moment(a) + 2.0 * G * 0.5 * np.cos(a), -1.0, 0.0)
+    assert path.joint(hinge).angle[-1] == pytest.approx(exact, rel=1e-6)
+    assert path.stable.all()
+
+
+@pytest.mark.parametrize("load_steps", [1, 5])
+def test_a_weight_falls_into_two_slack_ropes(load_steps):
+    """Of the length r each, 2 k (r - l) sin(angle) = m g."""
+    k, length = 2e4, 1.2
+    scene = fb.Scene(gravity=(0, -G))
+    weight = scene.add_body((0.0, -0.3), 5.0, 0.1)
+    scene.fix(weight.centre, "rotation")
+    rope = fb.Spring(strain_energy=lambda r: k / 2 * ufl.max_value(r - length, 0) ** 2)
+    for x in (-1.0, 1.0):
+        scene.add_force_between(weight.centre, (x, 0.0), spring=rope)
+    path = fb.static(scene, load_steps)
+
+    def left(y):
+        r = np.hypot(1.0, y)
+        return 2 * k * (r - length) * y / r - 5.0 * G
+
+    exact = scipy.optimize.brentq(left, np.sqrt(length**2 - 1), 1.0)
+    assert path.position(weight.centre)[-1] == pytest.approx([0.0, -exact], abs=1e-8)
+
+
+def test_what_nothing_holds_is_named_beside_a_spring_with_play():
+    scene = fb.Scene()
+    arm = scene.add_body((0.5, 0), 2.0, 0.1, points={"pin": (0, 0)})
+    scene.add_joint(fb.Revolute(fb.GROUND, arm["pin"], spring=PLAY))
+    with pytest.raises(fb.SceneError, match="without loads y of node .* is free.* no load"):
+        fb.static(scene)
