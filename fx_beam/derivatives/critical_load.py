@@ -20,6 +20,8 @@ from .tangent_derivatives import Pairs, TangentDerivatives
 # Work that is smaller, relative to its parts or to that of the load, is taken for round-off or an
 # error in the place of the critical point.
 _ZERO = 1e-5
+# What counts of its parts in a motion of all unknowns by the size of the scene, or by a radian.
+_ROUNDING = 1e-9
 # The same of the slope of a bifurcation's mode, beside changes of its stiffness with the load.
 _ASYMMETRIC = 1e-3
 _WHAT = "StaticResponse: critical_load"
@@ -177,11 +179,13 @@ class CriticalLoad:
     def _disturbing(self, by_factor: float) -> np.ndarray:
         """Work (m,) on the mode of forces that appear with x.
 
-        It is set to zero where it is small beside the sum of its absolute parts, and beside the
-        work of the load times the relative changes of numbers with x.
+        It is set to zero where it is small beside the sum of its absolute parts, beside that in a
+        motion of all unknowns, and beside the work of the load times the relative changes of
+        numbers with x.
         """
         by, numbers = self._tangent.forces(self.psi), self._tangent.numbers_of(self._about.scene)
-        sizes = {name: abs(of) for name, of in by.items()}
+        in_any = self._tangent.forces(self._unit)
+        sizes = {name: np.maximum(abs(by[name]), _ROUNDING * abs(in_any[name])) for name in by}
         changes = {name: abs(self._changes[name]) for name in by if self._changes[name].size}
         work, parts = self._work(self.psi)[:-1], self._tangent.by_x(sizes, changes)[:-1]
         most = {name: abs(numbers[name]).max() or np.inf for name in changes}

@@ -4,6 +4,8 @@ import ufl
 
 import numpy as np
 import pytest
+import scipy.integrate
+import scipy.optimize
 
 import fx_beam as fb
 
@@ -163,6 +165,45 @@ def test_no_long_step_leaves_a_path_before_its_limit_point(steps):
     first, *_ = fb.static(scene, **options).critical_points
     assert first.load_factor == pytest.approx(0.1539068, rel=1e-6)
     assert first.kind == "limit point"
+
+
+def heavy_column_buckles(load):
+    """The weight q of a column with EI = 1 + (1/2 - s)/2 under a load at its top: by its ODE.
+
+    m' = -(q (1 - s) + P) psi and psi' = m / EI, with m = 0 at the top and psi = 0 at the clamp.
+    """
+
+    def turn_of_clamp(q):
+        def rates(s, state):
+            psi, m = state
+            return [m / (1 + 0.5 * (0.5 - s)), -(q * (1 - s) + load) * psi]
+
+        ends = scipy.integrate.solve_ivp(rates, (1, 0), (1.0, 0.0), rtol=1e-11, atol=1e-12)
+        return ends.y[0, -1]
+
+    return scipy.optimize.brentq(turn_of_clamp, 4.0, 12.0, xtol=1e-12)
+
+
+@pytest.mark.parametrize("load", [0.0, 1e-9, 0.5])
+def test_a_load_that_is_zero_yet_is_no_imperfection(load):
+    def build(x):
+        scene = fb.Scene(gravity=(0.0, -10.0))
+        section = fb.Section(EA=1e7, GA=1e7, EI=lambda f: 1 + 0.5 * (0.5 - f), rhoA=1.0)
+        column = scene.add_beam([(0, 0), (0, 1)], section, elements=12, degree=3)
+        scene.clamp(column.start)
+        # It acts with the weight, which is 10 N/m times the load factor.
+        scene.add_force(column.end, (0.0, -x[0]))
+        return scene, {"load": fb.Output("critical_load", scene)}
+
+    run = fb.StaticResponse(build, load_steps=5)
+    factor = float(run([load])[1]["load"])
+    h = 1e-4
+    low, middle, high = (heavy_column_buckles(factor * load + d) for d in (-h, 0.0, h))
+    slope = (high - low) / (2 * h)
+    assert 10 * factor == pytest.approx(middle, rel=1e-5)
+    # 10 l = q(l x)
+    exact = slope * factor / (10 - slope * load)
+    assert run.jacobian()["load"] == pytest.approx([exact], rel=1e-4)
 
 
 def test_a_critical_load_that_there_is_not_is_told_of():
