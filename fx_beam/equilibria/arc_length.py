@@ -146,6 +146,8 @@ class ArcLength:
             if step.limit is not None:
                 self._rising = -self._rising
                 stats.limit_points.append(step.limit)
+            if options.stop_at and stats.limit_points and end.t != stats.limit_points[0]:
+                return
             self._check_way(end, step.ahead)
             growth = (step.ahead.load - tangent.load) / ds
             tangent, cuts = step.ahead, 0

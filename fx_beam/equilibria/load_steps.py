@@ -64,11 +64,15 @@ class StaticOptions(CommonOptions):
     spin: float = number(default=0.0)
     pivot: Sequence[float] = (0.0, 0.0)
     branches: int = whole(0, 10, default=0)
+    stop_at: str | None = None
 
     def __post_init__(self):
         super().__post_init__()
         fits = self.continuation is None or is_one_of(self.continuation, ("arc-length",))
         self._require("continuation", fits, '"arc-length" or None')
+        by_arc = self.continuation is not None and is_one_of(self.stop_at, ("limit point",))
+        wanted = '"limit point", with continuation="arc-length", or None'
+        self._require("stop_at", self.stop_at is None or by_arc, wanted)
         vector(self.pivot, 2, "static: pivot")
 
 

@@ -99,7 +99,8 @@ class LoadPath:
         try:
             with bar, shared(self._team, self._stepper.loop):
                 self._follow()
-            if states[-1].t < 1 and not stats.closed and stats.steps >= options.max_steps:
+            stopped = stats.closed or (options.stop_at and stats.limit_points)
+            if states[-1].t < 1 and not stopped and stats.steps >= options.max_steps:
                 factor, most = states[-1].t, options.max_steps
                 reason = f"static: load factor {factor:g}, below 1, after max_steps = {most} steps"
                 stats.failure = Failure("too many steps", reason, factor)
@@ -310,6 +311,7 @@ def static(
     pivot: Sequence[float] = (0.0, 0.0),
     start: Solution | Branch | None = None,
     branches: int = 0,
+    stop_at: str | None = None,
 ) -> Solution:
     """Compute equilibria of a scene while its loads rise from zero.
 
@@ -372,6 +374,9 @@ def static(
         Levels of branches that are followed, by arc length, from all bifurcations in both
         directions of each mode; those of the second level start at bifurcations of the first. They
         are in ``solution.branches``.
+    stop_at : {"limit point"}, optional
+        Where an arc-length path ends before the load factor 1: with the row behind its first limit
+        point, which is the row before.
 
     Returns
     -------

@@ -270,3 +270,26 @@ def test_a_path_that_goes_far_and_carries_more_is_followed_to_its_end():
     scene = pulled(lambda x: ufl.sqrt(1 + x**2) + 1e-6 * x**2)
     path = fb.static(scene, continuation="arc-length")
     assert path.q[-1, 0, 0] == pytest.approx((2 - 1) / 2e-6, rel=1e-6)
+
+
+def test_a_path_may_end_behind_its_first_limit_point():
+    """Half a von Mises truss: EA (1/c - 1/L) sqrt(c^2 - a^2), c^3 = a^2 L."""
+    EA, a, h, k = 1e7, 4.0, 1.0, 2.074576271186441
+    L = np.hypot(a, h)
+    c = (a**2 * L) ** (1 / 3)
+    limit = EA * (1 / c - 1 / L) * np.sqrt(c**2 - a**2)
+    scene = fb.Scene()
+    bar = scene.add_beam([(0, 0), (a, h)], fb.Section(EA, EA, 1e9))
+    scene.pin(bar.start)
+    scene.fix(bar.end, "x")
+    scene.add_force(bar.end, (0.0, -k * limit))
+    path = fb.static(scene, 5, continuation="arc-length", stop_at="limit point")
+    assert path.load_factor.argmax() == len(path.t) - 2
+    assert path.load_factor.max() * k == pytest.approx(1, rel=1e-8)
+    assert path.stats.limit_points == [path.load_factor.max()] and path.stats.failure is None
+    assert path.critical_points[0].kind == "limit point"
+    # Load steps fail there, and the error names the point as what it is.
+    with pytest.raises(fb.StepError, match="limit point near load factor 0.482"):
+        fb.static(scene, load_steps=5)
+    with pytest.raises(fb.SceneError, match='stop_at .*"limit point", with continuation'):
+        fb.static(scene, stop_at="limit point")
