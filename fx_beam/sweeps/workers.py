@@ -184,16 +184,37 @@ class _OnExecutor:
             try:
                 for index in batch:
                     futures[self._executor.submit(call, self._function, items[index])] = index
-                for future in as_completed(futures):
-                    if isinstance(error := future.exception(), BrokenExecutor):
-                        raise error
-                    yield futures[future], _tried(future.result)
+                for future in as_completed([*futures]):
+                    yield _outcome(futures, future)
+            except GeneratorExit:
+                raise
+            except BaseException:
+                # Futures that end together come in any order: the finished are not lost.
+                for future in [future for future in futures if _is_finished(future)]:
+                    yield _outcome(futures, future)
+                raise
             finally:
                 for future in futures:
                     future.cancel()
 
     def close(self) -> None:
         pass
+
+
+def _outcome(futures: dict[Future, int], future: Future) -> tuple[int, Outcome]:
+    """Index and outcome of a future, which is taken out of `futures`; errors that end the sweep."""
+    index = futures.pop(future)
+    if isinstance(error := future.exception(), BrokenExecutor):
+        raise error
+    return index, _tried(future.result)
+
+
+def _is_finished(future: Future) -> bool:
+    """Whether a future has a result, or an error of its own case."""
+    if not future.done() or future.cancelled():
+        return False
+    error = future.exception()
+    return not isinstance(error, KeyboardInterrupt | BrokenExecutor)
 
 
 # -- Processes of this machine -------------------------------------------------------------------

@@ -381,6 +381,34 @@ def test_an_interrupted_sweep_goes_on_where_it_stopped(tmp_path, thread, lists):
     assert {row["seconds"] for row in again} == {row["seconds"] for row in rows}
 
 
+class AtOnce(Executor):
+    """All futures are finished when the sweep looks at them, so that they come in any order."""
+
+    def submit(self, function, /, *args, **kwargs):
+        future = Future()
+        try:
+            future.set_result(function(*args, **kwargs))
+        except BaseException as error:
+            future.set_exception(error)
+        if args[-1]["x"] == 20 and future.exception() is None:
+            future = Future()
+            future.set_exception(BrokenExecutor())
+        return future
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, BrokenExecutor])
+def test_cases_that_finish_with_the_interrupted_one_are_not_lost(tmp_path, error, lists):
+    def run(case):
+        if case["x"] == 20 and error is KeyboardInterrupt:
+            raise error
+        return case["x"]
+
+    with pytest.raises(error) as stop:
+        fb.sweep(run, [{"x": x} for x in range(40)], AtOnce(), tmp_path / "rows")
+    assert [row["x"] for row in stop.value.rows] == [x for x in range(40) if x != 20]
+    assert len((tmp_path / "rows").read_text().splitlines()) == 39
+
+
 def test_a_file_that_is_none_of_a_sweep_is_left_alone(tmp_path, thread):
     for text in ("x,y\n1,2\n", '{"x": 1}\n', "[1]\n", "a letter"):
         (tmp_path / "table").write_text(text)
