@@ -47,7 +47,8 @@ _FINITE = {"t", "X", "q", "end_past_ages", "end_past_differences", "end_past_sli
 _FINITE |= {f"end_{name}" for name in ("motors", "q", "slides", "parts", "inputs", "q_previous")}
 _FINITE |= {f"end_{name}" for name in ("internal", "spring_internal", "natural")}
 # Parts of the last state that are neither numbers nor arrays, or None.
-_OF_END = {"past": Past, "constraints": Constraints, "negative_eigenvalues": int}
+_OF_END = {"past": Past, "constraints": Constraints}
+_OF_END |= dict.fromkeys(("unstable_modes", "negative_pivots"), int)
 #: What JSON has by its kind.
 _KINDS: dict[str, Any] = {
     kind.__name__: kind

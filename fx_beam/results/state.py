@@ -118,8 +118,8 @@ class State:
     owners: np.ndarray | None = _kept("spring variables", default=None)
     #: Of an equilibrium: the number of modes that grow, if it is known, and of negative pivots of
     #: the factors of its step, which changes where the former may.
-    unstable_modes: int | None = _kept(default=None)
-    negative_pivots: int | None = _kept(default=None)
+    unstable_modes: int | None = None
+    negative_pivots: int | None = None
 
     def changed(self, **values: Any) -> State:
         """The state with other values; far quicker than `dataclasses.replace`."""

@@ -27,7 +27,6 @@ from .form_tables import FORMS, FormTables, aligned_zeros
 from .lu_layout import COSTS, Factors, factors_of, graph_of, groups_of
 from .model import Model
 from .newton import ENERGY_FLOOR, LONGEST_TURN, NEGLIGIBLE, NewtonOptions
-from .parts import part_tables
 from .substeps import LARGE_TURN
 from .tangent_storage import (
     alone_in_column,
@@ -85,7 +84,11 @@ class Problem:
             self._hand_over_joint_forces()
         self._set(**vars(options), negligible=NEGLIGIBLE * options.tolerance)
         self._set(energy_floor=ENERGY_FLOOR, longest_turn=LONGEST_TURN, large_turn=LARGE_TURN)
-        self._set(**part_tables(model))
+        of_beams = model.mesh.nodes
+        if len(of_beams) != 1 or len(of_beams[0]) < len(model.mesh.X):  # else all is one part
+            from .parts import part_tables
+
+            self._set(**part_tables(model))
         numbers = self._numbers(masses=True) | self._positions()
         #: What some were made of: positions of nodes, and how often masses had changed.
         self._X, self._mass_changes = model.mesh.X, model.masses.changes
