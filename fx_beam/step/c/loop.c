@@ -111,10 +111,17 @@ static void audit(Problem *p, const Work *w, const double *change) {
   }
 }
 
+/* Largest force, and moment by the size of the scene. */
+static double largest_force(const Problem *p, const double *forces) {
+  double most = 0;
+  for (int i = 0; i < p->dofs; ++i) most = fmax(most, fabs(forces[i]) / p->per_unit[i]);
+  return most * p->per_unit[0];
+}
+
 /* Finds the forces of joints that friction follows, and repeats the step with them. */
 static int follow_joints(Problem *p, Work *w, const double *driven) {
   /* In free fall forces of joints are what round-off leaves of the loads. */
-  begin_fixed_point(&p->points->followed, fmax(largest(p->dofs, w->force, 0), largest(p->dofs, w->f, 0)));
+  begin_fixed_point(&p->points->followed, fmax(largest_force(p, w->force), largest_force(p, w->f)));
   for (int k = 0, still = 0; k < MOST_TRIALS; ++k) {
     evaluate_nodes(p, w);
     find_joint_forces(p, w);
