@@ -71,7 +71,9 @@ class BorderedLU:
         self._matrix.data = values
         diagonal, n = values[self._diagonal], self._matrix.shape[0]
         self._most = most = int(np.argmax(abs(row * self._unit)))
-        largest = abs(diagonal * self._unit**2).max() / self._unit[most] ** 2
+        # The amount of this unknown is one of two numbers in a small system; its pivots are alike.
+        self._size = unit = self._unit[most]
+        largest = abs(diagonal * self._unit**2).max() / unit**2
         # A negative one changes its sign: with its size alone it would vanish.
         added = max(diagonal[most], -2 * diagonal[most]) or largest or 1.0
         changed = values.copy()
@@ -81,9 +83,9 @@ class BorderedLU:
             self.sign = 0.0
             return
         self._column, self._row, one = np.zeros((3, n))
-        self._column[: self._free], self._row[: self._free], one[most] = column, row, -added
+        self._column[: self._free], self._row[: self._free], one[most] = column, row, -added * unit
         self._forced = np.array([self._lu.solve(self._column), self._lu.solve(one)])
-        rows = np.array([self._forced @ self._row, self._forced[:, most]])
+        rows = np.array([self._forced @ self._row, self._forced[:, most] / unit])
         self._small = np.diag([corner, -1.0]) - rows
         negative = self._lu.negative_pivots() % 2
         self.sign = float(np.sign(np.linalg.det(self._small))) * (1 if negative else -1)
@@ -119,7 +121,7 @@ class BorderedLU:
 
     def _once(self, right: np.ndarray, last: float) -> tuple[np.ndarray, float]:
         x = self._lu.solve(right)
-        given = np.array([last - self._row @ x, -x[self._most]])
+        given = np.array([last - self._row @ x, -x[self._most] / self._size])
         try:
             parts = np.linalg.solve(self._small, given)
         except np.linalg.LinAlgError:
