@@ -139,7 +139,7 @@ class Equilibrium(Steps):
         except StepFailed as failure:
             what = f"the step from load factor {start.t:.6g} to {load_factor:.6g} failed"
             raise self._loads.failures.error(what, 0, start, failure, advice) from failure
-        self._stats.add_solve(self.iterations, "increment")
+        self._stats.add_solve(self.iterations, step.ended_by)
         self._stats.steps += 1
         self._form.end(self._state)
 

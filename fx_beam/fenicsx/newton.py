@@ -19,8 +19,6 @@ from fx_beam.step.newton import LONGEST_TURN, NewtonOptions
 from .form import StepForm
 from .unknowns import Unknowns
 
-# Corrections that no longer decrease below this are round-off, in units of the scene.
-_STALLED = 1e-6
 # Unknowns from which on MUMPS is faster than PETSc's own factors.
 _MANY = 20_000
 _OPTIONS = {"snes_type": "newtonls", "snes_linesearch_type": "basic"}
@@ -47,13 +45,14 @@ class Newton:
         model, problem = loop.model, loop.problem
         self._model, self._reduction, self._rates = model, model.reduction, model.scheme.rates
         self._c, self._constants, n = problem.c, problem.constants, model.size
-        self._D, self._z, self._r, self._f = problem.results(
-            D=n, z=self._reduction.columns, r=n, f=n
-        )
+        self._convergence, columns = problem.ffi.new("Convergence *"), self._reduction.columns
+        self._judge = problem.library.fx_judge
+        self._D, self._z, self._r, self._f = problem.results(D=n, z=columns, r=n, f=n)
+        self._judged = list(problem.results(reduced=columns, step=columns, correction=n))
         self._force, _, self._strains = problem.given()
         # End of the last step [s], and forces of added terms in it.
         self._before: tuple[float, Any] = (np.nan, None)
-        self._steepness = 0.0
+        self._steepness, self._shortened, self._residual = 0.0, False, np.empty(0)
         self._reduction.begin(np.zeros(n), slides_at_start(model.scene))
         #: Unknowns and solver of the last step.
         self.unknowns, self.snes = Unknowns(form), PETSc.SNES().create(form.grid.comm)
@@ -82,7 +81,7 @@ class Newton:
         unknowns = self.unknowns
         x = unknowns.A.createVecRight()
         x.array[:] = unknowns.own(self._y[unknowns.independent])
-        self._last, p.tried, self._failure = np.inf, 0, self._constants.NO_CONVERGENCE
+        p.tried, self._failure = 0, self._constants.NO_CONVERGENCE
         self.snes.solve(None, x)
         self.iterations = self.snes.getIterationNumber()
         p.iterations += self.iterations
@@ -180,21 +179,23 @@ class Newton:
         """Let a correction turn no node further than `LONGEST_TURN`."""
         motion = self.unknowns.spread(self.unknowns.all(correction))
         turn = abs(motion[self._model.turns]).max(initial=0.0)
-        if too_long := bool(turn > LONGEST_TURN):
+        self._shortened = bool(turn > LONGEST_TURN)
+        if self._shortened:
             correction.scale(LONGEST_TURN / turn)
-        return too_long
+        return self._shortened
 
     def _converged(self, snes: PETSc.SNES, iteration: int, norms: Any) -> int | None:
-        reasons, p = PETSc.SNES.ConvergedReason, self._c
+        reasons, unknowns = PETSc.SNES.ConvergedReason, self.unknowns
+        before, self._residual = self._residual, unknowns.all(snes.getFunction()[0]).copy()
         if not np.isfinite(norms[2]):
             return reasons.DIVERGED_FNORM_NAN
         if iteration == 0:
             return None
-        unit = self._model.unit_of_unknowns[self.unknowns.independent]
-        correction = self.unknowns.all(snes.getSolutionUpdate())
-        self._last, last = abs(correction / unit).max(initial=0.0), self._last
-        p.corrections[p.tried % len(p.corrections)] = self._last
-        p.tried += 1
-        if self._last <= self._newton.tolerance or _STALLED >= self._last > 0.5 * last:
+        reduced, step, correction = self._judged
+        reduced[:] = step[:] = 0.0
+        reduced[unknowns.independent] = before
+        step[unknowns.independent] = change = unknowns.all(snes.getSolutionUpdate())
+        correction[:], self._f[:] = unknowns.spread(change), self._internal
+        if self._judge(self._c, self._convergence, iteration, self._shortened):
             return reasons.CONVERGED_SNORM_RELATIVE
         return None if iteration < self._newton.max_iterations else reasons.DIVERGED_MAX_IT

@@ -18,7 +18,7 @@ from fx_beam.motions.initial_state import Starts
 from fx_beam.motions.options import Options, check_scene
 from fx_beam.motions.prepared import Prepared
 from fx_beam.motions.progress import attach, failure_of
-from fx_beam.motions.run import warn_of_parts
+from fx_beam.motions.run import warn_of_parts, warn_of_rounding
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.scene import Scene
@@ -229,6 +229,7 @@ class Problem(Steps):
             attach(error, solution)
             raise
         warn_of_parts(stats, self.dt)
+        warn_of_rounding(stats)
         return solution()
 
     def start_from(self, solution: Solution, row: int = -1) -> None:

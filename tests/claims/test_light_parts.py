@@ -24,6 +24,10 @@ def falling(rhoA, mass):
     return scene, beam
 
 
+def by_dolfinx(scene, dt, t_end):
+    return pytest.importorskip("fx_beam.fenicsx").Problem(scene, dt=dt).run(t_end)
+
+
 @pytest.mark.parametrize("mass", [0, 1e2, 1e6, 1e9])
 @pytest.mark.parametrize("rhoA", [1e-6, 1e-4])
 def test_a_light_beam_falls_as_fast_beside_a_heavy_body(rhoA, mass):
@@ -35,6 +39,17 @@ def test_a_light_beam_falls_as_fast_beside_a_heavy_body(rhoA, mass):
         assert abs(solution.displacement(node) - drop).max() < 1e-9
     assert solution.energy.strain.max() < 1e-12 * rhoA
     assert solution.stats.rounding == 0 and not solution.stats.rounding_in
+
+
+@pytest.mark.parametrize("mass", [0, 1e6])
+def test_it_falls_as_fast_by_dolfinx(mass):
+    """Its steps are judged as those of the engine."""
+    scene, beam = falling(1e-6, mass)
+    solution = by_dolfinx(scene, 0.05, 1.0)
+    drop = np.outer(solution.t**2 / 2, GRAVITY)
+    for node in (beam.start, beam.end):
+        assert abs(solution.displacement(node) - drop).max() < 1e-9
+    assert solution.energy.strain.max() < 1e-18
 
 
 def test_a_small_beam_beside_a_large_scene_bends_as_it_does_alone():
@@ -57,7 +72,8 @@ def test_a_small_beam_beside_a_large_scene_bends_as_it_does_alone():
     assert abs(beside - alone).max() < 1e-9 * abs(alone).max()
 
 
-def test_what_rounding_leaves_open_is_said(caplog):
+@pytest.mark.parametrize("run", [fb.simulate, by_dolfinx])
+def test_what_rounding_leaves_open_is_said(run, caplog):
     """The turn of a beam about a mass 1e13 times its own: its stiffness rounds its inertia away."""
     scene = fb.Scene()
     section = fb.Section(EA=1e11, GA=1e11, EI=1e10, rhoA=1e-9, rhoI=1e-10)
@@ -65,7 +81,7 @@ def test_what_rounding_leaves_open_is_said(caplog):
     scene.add_mass(beam.end, 1e4)
     scene.set_velocity(beam, (-300.0, -700.0), spin=0.1)
     scene.add_force(beam.start, (1e-6, 2e-6))
-    stats = fb.simulate(scene, dt=0.05, t_end=0.5).stats
+    stats = run(scene, dt=0.05, t_end=0.5).stats
     assert stats.rounding > 1e-8 and stats.rounding_in == "beam 'light'"
     assert "rounding errors change the motion" in caplog.text and "beam 'light'" in caplog.text
 

@@ -198,6 +198,8 @@ HOT int within_parts(const Problem *p, const Work *w, double share) {
   return 1;
 }
 
+static const Convergence NOTHING_KNOWN = {{HUGE_VAL, 0}, {HUGE_VAL, 0}, 0, 0};
+
 /* Judges a correction by its size, its work, and its errors `rest` (reused_factors.h). One that was shortened is far from the
    solution, whatever its work. */
 static int judge(const Problem *p, const Work *w, Convergence *c, int iteration, double size, int shortened, double work,
@@ -220,8 +222,9 @@ static int judge(const Problem *p, const Work *w, Convergence *c, int iteration,
   return small ? CONVERGED : GOES_ON;
 }
 
-/* What is left of a correction of this size, which rounding errors decide. */
+/* Counts a solve that rounding errors end, and what is left of it: a correction of this size. */
 static void note_rounding(Problem *p, const Work *w, double size) {
+  ++p->by_round_off;
   p->left += size;
   p->moved = fmax(p->moved, fmax(largest(p->dofs, p->q, p->per_unit), largest(p->dofs, w->D, p->per_unit)));
   if (size <= p->left_most) return;
@@ -261,7 +264,7 @@ static void drive(const Problem *p, const Work *w, const double *driven) {
 
 static int iterations_of(Problem *p, const Work *w, const double *driven, int order) {
   int n = p->dofs, free = p->free, failure;
-  Convergence convergence = {{HUGE_VAL, 0}, {HUGE_VAL, 0}, 0, 0};
+  Convergence convergence = NOTHING_KNOWN;
   double work = 0, rest[2];
   p->tried = 0;
   if (p->team.begin) p->team.begin(p->t, w->dt);
@@ -300,13 +303,24 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
     if (end) {
       if (leaves_beam(p)) return SLID_TOO_FAR;
       p->iterations += iteration;
-      p->by_round_off += end == AT_ROUND_OFF;
       if (end == AT_ROUND_OFF) note_rounding(p, w, size);
       p->reused.slowest_size = convergence.sizes.slowest, p->reused.slowest_error = convergence.errors.slowest;
       return OK;
     }
   }
   return NO_CONVERGENCE;
+}
+
+/* Judges a correction that another program finds (Find), and sets: `step` with the residual `reduced` before it, and how it
+   moves nodes, `correction`; D and f behind it. Returns whether it is the last one. */
+OF_STEPS int fx_judge(Problem *p, Convergence *c, int iteration, int shortened) {
+  Work work = work_of(p), *w = &work;
+  double exact[2] = {0}, size = largest(p->dofs, w->correction, p->per_unit);
+  if (iteration == 1) *c = NOTHING_KNOWN;
+  p->corrections[p->tried++ % CORRECTIONS] = size;
+  int end = judge(p, w, c, iteration, size, shortened, along_step(p, w), exact);
+  if (end == AT_ROUND_OFF) note_rounding(p, w, size);
+  return end != GOES_ON;
 }
 
 /* Lets another program find the unknowns and the forces. */

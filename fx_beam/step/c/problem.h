@@ -45,6 +45,18 @@ typedef struct {
    on, and the forces on nodes, internal ones and all (`z`, `f` and `r` of Results). Returns why it fails. */
 typedef int Find(double dt);
 
+/* A sequence that converges quadratically: its last value, and its slowest convergence so far. */
+typedef struct {
+  double last, slowest;
+} Sequence;
+
+/* What the corrections of a step tell of its convergence: their sizes, roots of their work, and how many were small, or no
+   smaller than those before. */
+typedef struct {
+  Sequence sizes, errors;
+  int small, stalled;
+} Convergence;
+
 /* Element tensors from coefficients, constants and coordinates. All arrays except the constants are
    for LANES elements, with entry k of lane l at [k][l]. */
 typedef void Batch(double *, const double *, const double *, const double *);
@@ -448,7 +460,7 @@ enum { VALUES, BACKWARDS, FORWARDS };
    residual; what borders the tangent; values of T and Tv, and closures. What it may set: increments of columns, dead forces,
    their means, natural strains at the end. */
 typedef struct {
-  double *D, *z, *r, *tangent, *f, *reduced, *block, *corner, *border, *values, *virtual_map, *closure;
+  double *D, *z, *r, *tangent, *f, *reduced, *step, *correction, *block, *corner, *border, *values, *virtual_map, *closure;
   double *force, *dead, *natural_end;
   int *reached, *crossed;
 } Results;
@@ -458,6 +470,7 @@ int fx_expand(Problem *p, int close);
 int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to);
 long fx_scratch(const Problem *p);
 Results fx_results(const Problem *p);
+int fx_judge(Problem *p, Convergence *c, int iteration, int shortened);
 void fx_begin(Problem *p, double dt, double *follower_force);
 void fx_end_at(Problem *p, double dt);
 int fx_balance(Problem *p, double dt);

@@ -8,18 +8,6 @@
 #include "changing_rows.h"
 #include "couplings.h"
 
-/* A sequence that converges quadratically: its last value, and its slowest convergence so far. */
-typedef struct {
-  double last, slowest;
-} Sequence;
-
-/* What the corrections of a step tell of its convergence: their sizes, roots of their work, and how many were small, or no
-   smaller than those before. */
-typedef struct {
-  Sequence sizes, errors;
-  int small, stalled;
-} Convergence;
-
 /* Error of a correction by kept factors, relative to what Newton's method leaves by being quadratic; slowest convergence at
    which factors are good enough to judge an error by them, and bounds of the wanted error of a solution, relative to it. */
 static const double SHARE = 0.1, SLOWEST = 0.3, MOST = 1e-3, LEAST = 1e-12;
