@@ -36,7 +36,8 @@ class NewtonOptions:
         correction is at most 1e-4 times the tolerance, relative to the energy of the step: on the
         whole, and on each beam and body relative to its own. The last correction may be larger if
         the next one, predicted by quadratic convergence, would be at most 1e-6 times the tolerance,
-        and if its own work is at most the tolerance times twice the kinetic energy.
+        and if its own work is at most the tolerance times twice the kinetic energy: again on the
+        whole, and on each part.
     max_iterations : int
         Largest number of corrections; the step fails if it has not converged by then.
     max_turn : float

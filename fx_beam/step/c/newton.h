@@ -172,8 +172,9 @@ enum { STALLS = 3, MOST_STALLS = 8, SMALL = 3 };
 /* What comes after a correction: another one, or nothing, as it was small enough or as small as round-off. */
 enum { GOES_ON, CONVERGED, AT_ROUND_OFF };
 
-/* Whether the last correction does at most this share of the energy of the step as work on each part, after `kinetic`. */
-HOT int within_parts(const Problem *p, const Work *w, double share) {
+/* Whether the last correction does at most this share of the energy of the step as work on each part, after `kinetic`; or of
+   the kinetic energy of each part that moves. */
+HOT int within_parts(const Problem *p, const Work *w, double share, int of_motion) {
   double *work = p->part_energy, *energy = work + p->parts;
   if (p->parts < 2) return 1;
   memset(work, 0, 2 * p->parts * sizeof(double));
@@ -188,7 +189,7 @@ HOT int within_parts(const Problem *p, const Work *w, double share) {
       moving += fabs(p->v[i] * w->scratch[i]);
       pushed += (fabs(w->f[i]) + fabs(w->force[i])) * fabs(w->D[i]);
     }
-    energy[p->dof_run_part[k]] += moving + pushed;
+    energy[p->dof_run_part[k]] += of_motion && moving > 0 ? moving : moving + pushed;
   }
   for (int k = 0; k < p->parts; ++k) {
     double all = 0;
@@ -214,11 +215,11 @@ static int judge(const Problem *p, const Work *w, Convergence *c, int iteration,
   double moving = kinetic(p, w), energy = energy_of_step(p, w, moving);
   final = final && next_error <= p->negligible * sqrt(energy);
   /* In very stiff scenes the forces before the correction make the energy far too large. */
-  if (final && fabs(work) <= p->tolerance * moving) return CONVERGED;
+  if (final && fabs(work) <= p->tolerance * moving && within_parts(p, w, p->tolerance, 1)) return CONVERGED;
   if (!small && stalled && fabs(work) <= p->energy_floor * energy)
-    return ++c->stalled > (within_parts(p, w, p->energy_floor) ? STALLS : MOST_STALLS) ? AT_ROUND_OFF : GOES_ON;
+    return ++c->stalled > (within_parts(p, w, p->energy_floor, 0) ? STALLS : MOST_STALLS) ? AT_ROUND_OFF : GOES_ON;
   double most = ENERGY_SHARE * p->tolerance;
-  small = small && (++c->small >= SMALL || (fabs(work) <= most * energy && within_parts(p, w, most)));
+  small = small && (++c->small >= SMALL || (fabs(work) <= most * energy && within_parts(p, w, most, 0)));
   return small ? CONVERGED : GOES_ON;
 }
 
