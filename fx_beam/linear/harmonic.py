@@ -28,32 +28,44 @@ _UNBOUNDED = 1e14
 
 def frequency_response(
     scene: Scene,
-    load: tuple[Node, Sequence[complex]],
-    at: Node | Joint,
-    frequencies: Sequence[float],
+    load: tuple[Node, Sequence[complex]] | None = None,
+    at: Node | Joint | None = None,
+    frequencies: Sequence[float] = (),
     state: Solution | None = None,
+    *,
+    base: Sequence[complex] | None = None,
 ) -> FrequencyResponse:
-    r"""Compute steady vibrations under a harmonic load, for small amplitudes.
+    r"""Compute steady vibrations under a harmonic load or on a shaken base, for small amplitudes.
 
     :math:`(K + i \omega C - \omega^2 M) \hat x = \hat F`, with the stiffness, damping and mass of
     `modes`, and one factorisation for each frequency. The loads of the scene do not vibrate; they
     count in the state. Prescribed motions, motors and internal variables are fixed.
 
+    With a base all that stands on the ground moves by the same :math:`\hat b`: all supports and
+    prescribed nodes, fixed points, the ground of joints, dampers and obstacles, and the air of
+    drag. Relative to it :math:`\hat F = \omega^2 T^T M \hat b`, with the masses of all nodes. What
+    is returned for a node is its absolute motion, seen from a place at rest: with ``base=(1, 0)``
+    the transmissibility, which is also the ratio of accelerations. Its motion relative to the base
+    is that less :math:`\hat b`; coordinates of joints are relative as they are.
+
     Parameters
     ----------
     scene : Scene
         The scene.
-    load : (Node, components)
+    load : (Node, components), optional
         The node and the amplitudes (fx, fy) of its force [N], or (fx, fy, moment) with a moment
         [N m]. Complex ones have phases of their own.
     at : Node or Joint
         The node whose motion is wanted, or the joint whose free coordinates are.
     frequencies : (n,) float
-        Frequencies of the load [Hz], zero or positive.
+        Frequencies of the load or the base [Hz], zero or positive.
     state : Solution, optional
         A solution whose last row is the configuration, an equilibrium, at rest or in a steady turn;
         by default the reference configuration without loads, as for `modes`. In a turn the load and
         the motion are those seen in the frame that turns.
+    base : (2,) complex, optional
+        In place of a load, the amplitudes of the displacement of the base [m] in x and y. Of an
+        acceleration a [m/s^2] at a frequency f it is ``-a / (2 pi f)**2``.
 
     Returns
     -------
@@ -63,8 +75,9 @@ def frequency_response(
     Raises
     ------
     SceneError
-        For a node, load, joint or frequency that is not one, a state that is no equilibrium, or if
-        the scene has no unknowns.
+        For a node, load, base, joint or frequency that is not one, for a load and a base or
+        neither, a state that is no equilibrium, or if the scene has no unknowns.
+        For a base in a state that turns.
         If the motion has no bound: at a natural frequency without damping, or at 0 Hz for a scene
         that moves freely.
 
@@ -83,14 +96,33 @@ def frequency_response(
     >>> static, resonant = response.component("y")
     >>> round(float(abs(static)), 5), round(float(abs(resonant / static)), 1)
     (0.00333, 27.6)
+
+    The same cantilever on a base that shakes across it, as slowly as nothing and at resonance.
+
+    >>> shaken = fb.frequency_response(scene, at=beam.end, frequencies=[0.0, f], base=(0.0, 1.0))
+    >>> shaken.amplitude[:, 1].round(1)
+    array([ 1. , 43.3])
     """
     what = "frequency_response"
+    if (load is None) == (base is None):
+        raise SceneError(
+            f"{what}: give either a load, such as (beam.end, (0.0, 1.0)), or the motion of the "
+            "base, such as base=(1.0, 0.0)"
+        )
     about = linearised(scene, state, what)
-    force = about.T.T @ nodal_load(about, load, f"{what}: load")
+    # Forces at the nodes, and over the square of the angular frequency; the motion of the base.
+    force = shaking = moved = np.zeros(about.model.size)
+    if load is not None:
+        force = nodal_load(about, load, f"{what}: load")
+    else:
+        moved = base_motion(about, base, f"{what}: base")
+        shaking = about.model.mass @ moved
     measured = Measured(about, at, f"{what}: at")
     f = checked_frequencies(frequencies, f"{what}: frequencies")
-    vibration = Vibration(about, what)
-    values = np.array([measured.rows @ vibration.at(of).solved(force) for of in f])
+    vibration, values = Vibration(about, what), np.zeros((len(f), len(measured.names)), complex)
+    for row, of in zip(values, f, strict=True):
+        forces = about.T.T @ (force + (2 * np.pi * of) ** 2 * shaking)
+        row[:] = measured.rows @ vibration.at(of).solved(forces) + measured.of_nodes @ moved
     return FrequencyResponse(at, f, measured.names, values)
 
 
@@ -169,18 +201,41 @@ def nodal_load(about: Linearisation, load, what: str) -> np.ndarray:
     require(fits, what, load, wanted)
     node, components = load
     check_node(about.scene, node, what)
-    given = components if isinstance(components, list | tuple) or np.ndim(components) else ()
-    parts = plain(numbers([(x.real, x.imag) if np.iscomplexobj(x) else (x, 0.0) for x in given]))
-    fits = parts.shape in ((2, 2), (3, 2)) and bool((abs(parts) <= LARGEST).all())
+    parts = _amplitudes(components)
+    fits = parts is not None and len(parts) in (2, 3)
     require(fits, f"{what} on {node}", components, "(fx, fy) or (fx, fy, moment)")
     full = np.zeros(about.model.size, dtype=complex)
-    full[about.model.mesh.dofs[node.number][: len(parts)]] = parts @ (1, 1j)
+    full[about.model.mesh.dofs[node.number][: len(parts)]] = parts
     if not (about.T.T @ full).any():
         raise SceneError(
             f"{what} on {node} moves nothing: it is zero, or supports take all of it. Give "
             "components in free directions"
         )
     return full
+
+
+def base_motion(about: Linearisation, base, what: str) -> np.ndarray:
+    """Complex amplitudes (size,) of the motion of all nodes with the base."""
+    parts = _amplitudes(base)
+    fits = parts is not None and len(parts) == 2 and bool(parts.any())
+    require(fits, what, base, "the amplitudes (x, y) of its displacement [m], such as (1.0, 0.0)")
+    if about.frame is not None:
+        raise SceneError(
+            f"{what}: the state turns, and a base that shakes in one direction of space has two "
+            "frequencies in the frame that turns. Take a state at rest, or give loads as they are "
+            "seen in the frame"
+        )
+    full = np.zeros((about.model.size // 3, 3), dtype=complex)
+    full[:, :2] = parts
+    return full.ravel()
+
+
+def _amplitudes(components) -> np.ndarray | None:
+    """Complex numbers (n,); None for what is no row of finite ones."""
+    given = components if isinstance(components, list | tuple) or np.ndim(components) else ()
+    parts = plain(numbers([(x.real, x.imag) if np.iscomplexobj(x) else (x, 0.0) for x in given]))
+    fits = parts.ndim == 2 and bool((abs(parts) <= LARGEST).all())
+    return parts @ (1, 1j) if fits else None
 
 
 class Measured:
