@@ -53,11 +53,11 @@ def check_no_massless_mechanism(
         return
     rates = np.zeros(parts.free.shape)
     rates[parts.free] = motion
-    body = f"{_description(scene, mesh, parts, rates)} as a rigid body"
+    description, advice = _description(scene, mesh, parts, rates)
+    body = f"{description} as a rigid body"
     if mass is not None:
         raise SceneError(
-            f"Equations of motion are singular: {body}, without mass or support. Give its section "
-            "rhoA and rhoI, add a mass, or add a support"
+            f"Equations of motion are singular: {body}, without mass or support. {advice}"
         )
     raise SceneError(f"Static analysis is singular: {body}. Add a support")
 
@@ -216,8 +216,17 @@ def _some(rows: scipy.sparse.csr_matrix) -> tuple[np.ndarray, Callable]:
     return motions @ mixed[violations <= _ROUNDING * np.sqrt(largest)].T, settled
 
 
-def _description(scene: Scene, mesh: Mesh, parts: _Parts, rates: np.ndarray) -> str:
-    """The beams of the body that a motion (parts, 3) moves most, and its motion."""
+# What gives a part mass, by its kind.
+_OF_BEAMS = "Give its section rhoA and rhoI, add a mass, or add a support"
+_OF_NODE = "Give it a mass by add_mass(node, mass, inertia=...), or add a support"
+_OF_ROTATION = (
+    "Give the mass an inertia by {}(..., inertia=...); or, as a point mass that does not turn, "
+    'hold it by fix(node, "rotation")'
+)
+
+
+def _description(scene: Scene, mesh: Mesh, parts: _Parts, rates: np.ndarray) -> tuple[str, str]:
+    """The beams of the body that a motion (parts, 3) moves most, its motion, and what helps."""
     middle, turn = parts.middle, rates[:, 2]
     x, y = ((middle - parts.point) / mesh.size).T
     at_middle = rates + np.column_stack([-turn * y, turn * x, 0 * turn])
@@ -237,9 +246,12 @@ def _description(scene: Scene, mesh: Mesh, parts: _Parts, rates: np.ndarray) -> 
     if not names:  # a part without elements is one node
         number = int(np.flatnonzero(parts.of_node == part)[0])
         of = [body.name for body in scene.bodies if scene.nodes[number] in body.nodes]
-        return f"{scene.nodes[number]}{f' of {of[0]}' if of else ''} {how}"
+        advice = _OF_NODE
+        if not parts.free[part, :2].any():  # it has a mass at this place
+            advice = _OF_ROTATION.format("add_body" if of else "add_mass")
+        return f"{scene.nodes[number]}{f' of {of[0]}' if of else ''} {how}", advice
     more = f" and {len(names) - 3} more" if len(names) > 3 else ""
-    return f"beam{'s' * (len(names) > 1)} {', '.join(names[:3])}{more} {how}"
+    return f"beam{'s' * (len(names) > 1)} {', '.join(names[:3])}{more} {how}", _OF_BEAMS
 
 
 # Below this ratio of singular values closures depend on each other; forces below this ratio are

@@ -50,6 +50,7 @@ class Settling:
         """The equilibrium that is found from a state. SceneError if there is none."""
         loop, first, work = self._loop, state.q, state.work
         self.stepper.hold_between(goal, goal)
+        self._check_forces(state)
         largest, failed = self._load(state, goal), ""
         # Where no force moves it, prestress may hold it.
         drag = (largest or _LITTLE * self._largest(self.stepper.motions.stiffness(state))) / _WANTED
@@ -112,7 +113,7 @@ class Settling:
         K, T, unit = motions.stiffness(state), motions.coupling(), motions.unit
         none = max(_OF_LOADS * largest, _ROUNDING * self._largest(K)) or 1.0
         # With so little drag the tangent is never singular.
-        drag = T.T @ scipy.sparse.diags(0.1 * none * self._loop.drag_weight) @ T
+        drag = T.T @ scipy.sparse.diags(0.1 * none * self.model.unit**-2.0) @ T
         factors = pivoted_lu(K + drag)
         least, x = 0.0, np.random.default_rng(0).standard_normal(len(unit)) * unit
         for _ in range(4):  # inverse iteration
@@ -121,21 +122,36 @@ class Settling:
             least, x = 1 / size, x / size
         return None if least > none else T @ x / model.unit
 
+    def _check_forces(self, state: State) -> None:
+        """SceneError if on an unknown nothing acts, not even the drag."""
+        self.stepper.motions.stiffness(state)
+        T = self.stepper.motions.coupling()
+        held = T.T @ scipy.sparse.diags(self._loop.drag_weight) @ T
+        if (alone := np.flatnonzero(held.diagonal() == 0)).size:
+            free = T[:, alone[:1]].toarray().ravel() / self.model.unit
+            raise self._error(f"nothing acts on {self.where(free)}", free)
+
     def _check(self, largest: float, state: State) -> None:
         """SceneError if an equilibrium is free to move: the loads give it no stiffness."""
         if (free := self.freest(state, largest)) is not None:
             lost = f"in their equilibrium they leave {self.where(free)} free"
-            raise self._error(lost if largest else _NO_LOAD)
+            raise self._error(lost if largest else _NO_LOAD, free)
 
     def where(self, free: np.ndarray) -> str:
         """What moves most in a small motion (size,)."""
-        moved = abs(free).reshape(-1, 3)
-        node, component = np.unravel_index(moved.argmax(), moved.shape)
+        node, component = self._most(free)
         x, y = self.model.mesh.X[node]
-        return f"{COMPONENTS[component]} of node {node} at ({x:g}, {y:g})"
+        return f"{component} of node {node} at ({x:g}, {y:g})"
 
-    def _error(self, why: str) -> SceneError:
+    def _most(self, free: np.ndarray) -> tuple[int, str]:
+        """Node and component that move most in a small motion (size,)."""
+        node, component = divmod(int(abs(free).argmax()), 3)
+        return node, COMPONENTS[component]
+
+    def _error(self, why: str, free: np.ndarray | None = None) -> SceneError:
+        """What is a mechanism, why its loads do not hold it, and a support against a motion."""
+        support = "" if free is None else f', such as fix(node, "{self._most(free)[1]}"),'
         return SceneError(
             f"{self.model.mechanism}. Loads may hold such a part, as gravity holds a pendulum, but "
-            f"{why}. Add a support, or a spring"
+            f"{why}. Add a support{support or ','} or a spring"
         )

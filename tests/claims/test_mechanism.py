@@ -212,3 +212,86 @@ def test_random_mechanisms_are_refused_where_dense_algebra_finds_a_motion(check)
         assert is_refused(check, scene) == expected
         moving += expected
     assert 5 < moving < 45
+
+
+# -- Point masses ------------------------------------------------------------------------------
+
+
+def hanging(by_body, inertia=0.0, held=False):
+    """A mass of 100 kg on a spring of 40 N/mm under its weight."""
+    scene = fb.Scene(gravity=(0, -9.81))
+    if by_body:
+        node = scene.add_body((0, -0.3), mass=100.0, inertia=inertia).centre
+    else:
+        light = fb.Section(EA=1e4, GA=1e4, EI=1e4)
+        node = scene.add_beam([(0, -0.3), (0.1, -0.3)], light, elements=1).start
+        scene.add_mass(node, 100.0, inertia)
+    scene.add_force_between(node, (0, 0), spring=fb.Spring(4e4, rest=0.2))
+    if held:
+        scene.fix(node, "rotation")
+    return scene, node
+
+
+@pytest.mark.parametrize(
+    "analysis",
+    [
+        lambda scene: fb.simulate(scene, dt=1e-3, t_end=0.01),
+        fb.modes,
+        fb.linearise,
+        lambda scene: fb.periodic(scene, mode=0, amplitude=0.01),
+    ],
+)
+def test_a_point_mass_that_may_turn_is_told_of_its_inertia_or_a_support(analysis):
+    scene, _ = hanging(True)
+    with pytest.raises(fb.SceneError) as error:
+        analysis(scene)
+    for words in ("body 1 can rotate", "add_body(..., inertia=...)", 'fix(node, "rotation")'):
+        assert words in str(error.value)
+    assert "section" not in str(error.value)
+
+
+def test_a_node_with_a_mass_that_may_turn_is_told_of_add_mass():
+    scene, pendulum = fb.Scene(), fb.Section(EA=1e4, GA=1e4, EI=1e4, rhoA=1.0)
+    beam = scene.add_beam([(0, 0), (1, 0)], pendulum, elements=1)
+    scene.clamp(beam.start)
+    bob = scene.add_body((1, -1), mass=0.0).centre
+    scene.add_force_between(bob, beam.end, spring=fb.Spring(10.0))
+    with pytest.raises(fb.SceneError, match=r"add_mass\(node, mass, inertia=...\)"):
+        fb.modes(scene)
+    scene.add_mass(bob, 1.0)
+    with pytest.raises(fb.SceneError, match=r'inertia=...\).* fix\(node, "rotation"\)'):
+        fb.modes(scene)
+
+
+@pytest.mark.parametrize(("inertia", "held"), [(0.3, False), (0.0, True), (0.3, True)])
+def test_with_what_the_message_names_a_point_mass_swings_as_the_closed_form(inertia, held):
+    # y = ye + (y0 - ye) cos(w t) with k (l - rest) = m g at rest.
+    scene, node = hanging(True, inertia, held)
+    w = np.sqrt(4e4 / 100)
+    motion = fb.simulate(scene, dt=1e-3, t_end=1.0)
+    still = -0.2 - 9.81 / w**2
+    exact = still + (-0.3 - still) * np.cos(w * motion.t)
+    phase = w * (w * 1e-3) ** 2 / 12  # after 1 s, as the periods of the scheme are longer
+    assert abs(motion.position(node)[:, 1] - exact).max() < 1.1 * phase * abs(-0.3 - still)
+
+
+@pytest.mark.parametrize("inertia", [0.0, 0.3])
+def test_a_point_mass_in_statics_is_told_which_support_it_needs(inertia):
+    scene, node = hanging(True, inertia)
+    with pytest.raises(fb.SceneError, match=r'rotation of node 0 .* fix\(node, "rotation"\)'):
+        fb.static(scene)
+    scene.fix(node, "rotation")
+    end = fb.static(scene).position(node)[-1]
+    assert end == pytest.approx([0.0, -0.2 - 100 * 9.81 / 4e4], abs=1e-9)
+
+
+def test_a_mass_on_a_guide_that_may_turn_is_no_raw_error():
+    scene = fb.Scene(gravity=(0, -9.81))
+    a, b = (scene.add_body((0, y), mass=1.0).centre for y in (-0.3, -1.3))
+    scene.add_joint(fb.Prismatic(fb.GROUND, a, axis=(1, 0)))
+    scene.add_joint(fb.Revolute(a, b, offset=(0, -1.0)))
+    with pytest.raises(fb.SceneError, match="nothing acts on rotation of node 1"):
+        fb.static(scene)
+    scene.fix(b, "rotation")
+    with pytest.raises(fb.SceneError, match=r'x of node 0 .*free.*fix\(node, "x"\)'):
+        fb.static(scene)
