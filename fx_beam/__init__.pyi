@@ -43,7 +43,11 @@ from .orbits.periodic_search import (
     periodic as periodic,
 )
 from .results.audit import BeamResultants as BeamResultants, Energy as Energy, Stats as Stats
-from .results.interactions import ContactMotion as ContactMotion, JointMotion as JointMotion
+from .results.interactions import (
+    ContactMotion as ContactMotion,
+    JointMotion as JointMotion,
+    PullMotion as PullMotion,
+)
 from .results.saved import load as load
 from .results.solution import Solution as Solution
 from .results.vibrations import (

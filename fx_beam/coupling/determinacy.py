@@ -136,10 +136,13 @@ def _rows(scene: Scene, mesh: Mesh, parts: _Parts, at_rest: bool):
             together.append((*nodes, -along[1], along[0], *joint.arm))
         if joint.turns_together or _is_held(joint.rotation, at_rest):
             turning.append(nodes)
+    row_of = [*range(len(together))]
     for force in scene.forces_between:
-        if _is_held(force.on, at_rest):
-            together.append((*force.between, *(force.apart / np.hypot(*force.apart)), 0.0, 0.0))
-    given = np.array(together).reshape(-1, 6)
+        if _is_held(force.on, at_rest):  # the length over all of its points
+            row_of += [len(together)] * len(force.apart)
+            ways = zip(force.nodes, force.nodes[1:], force.apart, strict=False)
+            together += [(a, b, *(way / np.hypot(*way)), 0.0, 0.0) for a, b, way in ways]
+    given, rows_of = np.array(together).reshape(-1, 6), np.array(row_of, dtype=int)
     pairs, along, arm = given[:, :2].astype(int), given[:, 2:4], given[:, 4:] / mesh.size
     turned = np.array(turning, dtype=int).reshape(-1, 2)
     entries = []
@@ -148,6 +151,7 @@ def _rows(scene: Scene, mesh: Mesh, parts: _Parts, at_rest: bool):
         node, direction = pairs[of_row, end], sign * along[of_row]
         part = parts.of_node[node]
         x, y = ((mesh.X[node] - parts.point[part]) / mesh.size + (1 - end) * arm[of_row]).T
+        of_row = rows_of[of_row]
         entries += [(of_row, 3 * part + i, direction[:, i]) for i in (0, 1)]
         entries.append((of_row, 3 * part + 2, direction[:, 1] * x - direction[:, 0] * y))
         of_row = np.flatnonzero(turned[:, end] >= 0)

@@ -24,6 +24,7 @@ from fx_beam.motions.run import Run
 from fx_beam.results.audit import uncounted
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
+from fx_beam.scene.forces_between import ForceBetween
 from fx_beam.scene.inputs import with_functions
 from fx_beam.scene.outputs import Output, check_output
 from fx_beam.scene.scene import Scene
@@ -190,6 +191,11 @@ class Response(Differentiable):
             what = f"Response: the output {name!r}"
             if isinstance(output, Output):
                 check_output(scene, output, what)
+                if isinstance(output.of, ForceBetween):
+                    raise SceneError(
+                        f"{what}, {output}, has no derivatives: take positions of its points, of "
+                        "which its force is a function, or the spring_energy of the scene"
+                    )
             else:
                 wanted = "an fx_beam.Output, or a function of the solution"
                 require(callable(output), what, output, wanted)

@@ -24,6 +24,9 @@ from .form_library import CompiledForm, form_module
 # FFCx have one more, which C ignores where there is none.
 _FUNCTION = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 7)
 
+# Functions of a law besides its forces.
+_OTHERS = "energy", "loss", "switches", "pull"
+
 # A UFL vector of UFL numbers.
 Values = Callable[[Any], Any]
 
@@ -122,7 +125,7 @@ class CompiledLaw:
         self.values = law.size + len(self.entries) + law.internal + law.remembered
 
     def address(self, name: str) -> int:
-        """Address of a function: of the "law", its "energy", "loss" or "switches"; 0 for none."""
+        """Address of a function: of the "law" or one of `_OTHERS`; 0 for none."""
         return self._functions[name].address if name in self._functions else 0
 
     @property
@@ -172,7 +175,7 @@ class CompiledLaw:
         law = self.law
         given = ufl.Constant(elements.domain(1), shape=(arguments(law),))
         motion = Motion(given, law, self._rule)
-        functions = {name: getattr(law, name) for name in ("energy", "loss", "switches")}
+        functions = {name: getattr(law, name) for name in _OTHERS}
         others = {name: _listed(of) for name, of in functions.items() if of is not None}
         conditions = len(others["switches"](motion)) if "switches" in others else 0
         if not conditions:

@@ -63,6 +63,8 @@ class PointForce(NamedTuple):
     load: Load = Load()
     #: The contact or force between points to which it belongs, as text; empty for a joint.
     owner: str = ""
+    #: Number of that force between points, or -1.
+    line: int = -1
 
     @property
     def belongs_to(self) -> str:
@@ -76,7 +78,7 @@ def _without_numbers(force: PointForce) -> tuple:
 
     Nor with the text of its owner, which has positions, and the axis of its load.
     """
-    return force.law.kind, *force[2:7], force.load.joint, force.load.turn
+    return force.law.kind, *force[2:7], force.load.joint, force.load.turn, force.line
 
 
 class PointForces:
@@ -230,6 +232,8 @@ class PointForces:
         return {
             **law.members,
             "switches": law.address("switches"),
+            "pull": law.address("pull"),
+            "line": force.line,
             "size": of.size,
             "conditions": law.conditions,
             "overshoots": of.overshoots or (of.opens and self._rule.at_rest),

@@ -13,13 +13,12 @@ from fx_beam.laws import scalar_laws as laws
 from fx_beam.laws.gaps import gap_of
 from fx_beam.laws.point_laws import (
     ANGLE,
-    DISTANCE,
     FOLLOWER,
-    FROM_POINT,
     SLIDE,
     Kind,
     PointLaw,
     drag,
+    length_over,
 )
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.contacts import Contact
@@ -142,14 +141,15 @@ def _frictions(scene: Scene, mesh: Mesh, mobility: np.ndarray) -> Iterator[Point
 
 def _between(scene: Scene, mesh: Mesh, known: _Known, at_rest: bool) -> Iterator[PointForce]:
     for force in scene.forces_between:
-        ends = [end.number for end in (force.a, force.b) if isinstance(end, Node)]
-        kind, dofs = DISTANCE if len(ends) > 1 else FROM_POINT, mesh.dofs[ends, :2].ravel().tolist()
+        kind, apart = length_over(tuple(node >= 0 for node in force.nodes)), force.apart.ravel()
+        dofs = mesh.dofs[[node for node in force.nodes if node >= 0], :2].ravel().tolist()
         for law, numbers in _of_coordinate(force.on, kind, known, at_rest):
-            yield PointForce(law, [*force.apart, *numbers], dofs, owner=str(force))
+            given = law, [*apart, *numbers], dofs
+            yield PointForce(*given, owner=str(force), line=force.number)
         if force.force is not None:
-            numbers = [*force.apart, 1.0]
+            numbers = [*apart, 1.0]
             law = _shared(known, laws.pull, kind, force.functions, force.force)
-            yield PointForce(law, numbers, dofs, role=Role.EXTERNAL)
+            yield PointForce(law, numbers, dofs, role=Role.EXTERNAL, line=force.number)
 
 
 def _of_coordinate(

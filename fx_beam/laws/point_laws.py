@@ -92,6 +92,8 @@ class StepForces(NamedTuple):
     #: Internal variables at the end, and what the next iteration remembers.
     internal: Sequence[Any] = ()
     remembered: Sequence[Any] = ()
+    #: The force against an increase of a single coordinate.
+    pull: Any = 0.0
 
 
 @dataclass(frozen=True)
@@ -108,6 +110,8 @@ class PointLaw:
     loss: Callable[[Motion], Any] | None = None
     #: Values at the start of a step that change their sign where the force switches.
     switches: Callable[[Motion], list] | None = None
+    #: Its pull along a line between points, if this is recorded.
+    pull: Callable[[Motion], Any] | None = None
     #: Number of internal variables, and of what iterations remember.
     internal: int = 0
     remembered: int = 0
@@ -130,7 +134,7 @@ class PointLaw:
     @property
     def key(self) -> tuple:
         """Identifier of a law of this package: what it consists of, without its functions."""
-        has = [bool(function) for function in (self.energy, self.loss, self.switches)]
+        has = [bool(of) for of in (self.energy, self.loss, self.switches, self.pull)]
         plain = self.size, self.numbers, self.internal, self.remembered, self.opens, self.sticks
         return self.name, *plain, *has
 
@@ -273,6 +277,8 @@ class Kind(NamedTuple):
     of: Callable[[Motion, Sequence[Any], Sequence[Any]], Coordinate]
     #: Whether it is zero where all that it is given is zero, and regular there.
     starts_at_zero: bool = False
+    #: Whether it is the length of a line between points, whose pull is recorded.
+    is_line: bool = False
     #: In contact with friction the slip, of the same.
     slip: Callable[[Motion, Sequence[Any], Sequence[Any]], Slip] | None = None
 
@@ -321,17 +327,55 @@ def arm_length(motion: Motion, r0, Dr, rates, rest: Any, side: Any) -> Coordinat
     return Coordinate(start, end, along, along, end - start, rate)
 
 
-def _between_nodes(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Coordinate:
-    """Distance of two nodes; numbers: that from the first to the second in the reference."""
-    between, Dr, rates = (add(x[2:], -1.0, x[:2]) for x in (motion.start, D, motion.rates))
-    distance = arm_length(motion, add(numbers, 1.0, between), Dr, rates, 0.0, 1.0)
-    along = [*(-x for x in distance.along), *distance.along]
-    return distance._replace(along=along, across=along)
+@functools.cache
+def length_over(moves: tuple[bool, ...]) -> Kind:
+    """Length of a line over points in order, of which some move; the others are fixed.
+
+    Numbers: the vectors from each point to the next one in the reference. Each piece of the line
+    has its own forces along itself, so that momenta are kept.
+    """
+
+    def ways(values: Sequence[Any]) -> list[list[Any]]:
+        """From each point to the next one, of displacements, increments or rates."""
+        pairs = zip(values[::2], values[1::2], strict=True)
+        of_points = [list(next(pairs)) if moves_ else None for moves_ in moves]
+        return [_way(*ends) for ends in itertools.pairwise(of_points)]
+
+    def length(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Coordinate:
+        parts = [
+            arm_length(motion, add(apart, 1.0, way), way_D, way_rates, 0.0, 1.0)
+            for apart, way, way_D, way_rates in zip(
+                zip(numbers[::2], numbers[1::2], strict=True),
+                *map(ways, (motion.start, D, motion.rates)),
+                strict=True,
+            )
+        ]
+        along = list[Any]()
+        for i, moves_ in enumerate(moves):
+            if moves_:
+                before = [part.along for part in parts[max(i - 1, 0) : i]]
+                behind = [[-x for x in part.along] for part in parts[i : i + 1]]
+                along += [_total(xs) for xs in zip(*before, *behind, strict=True)]
+        start, end, path, rate = (
+            _total([getattr(part, name) for part in parts])
+            for name in ("start", "end", "path", "rate")
+        )
+        return Coordinate(start, end, along, along, path, rate)
+
+    which = "".join("fn"[of] for of in moves)
+    return Kind(f"a length over {which}", 2 * sum(moves), 2 * len(moves) - 2, length, is_line=True)
 
 
-def _from_point(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Coordinate:
-    """Distance of a node from a fixed point; numbers: from the point to the node."""
-    return arm_length(motion, add(numbers, 1.0, motion.start), D, motion.rates, 0.0, 1.0)
+def _way(a: list[Any] | None, b: list[Any] | None) -> list[Any]:
+    """From one point to another; None for one that does not move."""
+    if a is None or b is None:
+        return b or ([-x for x in a] if a else [ufl.as_ufl(0.0)] * 2)
+    return add(b, -1.0, a)
+
+
+def _total(parts: Sequence[Any]) -> Any:
+    """The sum of UFL scalars, without a zero to begin with."""
+    return functools.reduce(lambda a, b: a + b, parts)
 
 
 def add(a: Sequence[Any], factor: Any, b: Sequence[Any]) -> list[Any]:
@@ -346,5 +390,3 @@ def dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
 
 SLIDE = Kind("a slide", 1, 0, _slide, starts_at_zero=True)
 ANGLE = Kind("an angle", 2, 0, _angle, starts_at_zero=True)
-DISTANCE = Kind("a distance", 4, 2, _between_nodes)
-FROM_POINT = Kind("a distance from a point", 2, 2, _from_point)

@@ -77,7 +77,7 @@ class _Step(NamedTuple):
         total = [elastic * a + other * b for a, b in pairs]
         if self.slip is not None:
             total = [force + friction * c for force, c in zip(total, self.slip.along, strict=True)]
-        return StepForces(total, **memory)
+        return StepForces(total, pull=elastic + other, **memory)
 
 
 def _on(
@@ -88,9 +88,13 @@ def _on(
     energy: Callable[[_Step], Any] | None = None,
     loss: Callable[[_Step], Any] | None = None,
     switches: Callable[[_Step], list] | None = None,
+    side: int = 1,
     **options: Any,
 ) -> PointLaw:
-    """A law on a kind of coordinate, whose numbers follow those of the coordinate."""
+    """A law on a kind of coordinate, whose numbers follow those of the coordinate.
+
+    Its pull is on a side of the coordinate: -1 if it is against a decrease.
+    """
 
     def of(function: Callable[[_Step], Any]) -> Callable[[Motion], Any]:
         return lambda motion: function(step(motion))
@@ -111,6 +115,7 @@ def _on(
         energy and of(energy),
         loss and of(loss),
         switches and of(switches),
+        of(lambda step: side * forces(step).pull) if kind.is_line else None,
         **options,
     )
 
@@ -385,6 +390,7 @@ def _one_sided(
         stored,
         loss if loses or sticks else None,
         lambda step: [gap(step).x.start],
+        sign or 1,
         internal=2 * sticks,
         remembered=REMEMBERED * (loses + sticks),
         of_user=energy is not None,

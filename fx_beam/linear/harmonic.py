@@ -118,6 +118,7 @@ def frequency_response(
         moved = base_motion(about, base, f"{what}: base")
         shaking = about.model.mass @ moved
     measured = Measured(about, at, f"{what}: at")
+    assert at is not None  # it is refused there
     f = checked_frequencies(frequencies, f"{what}: frequencies")
     vibration, values = Vibration(about, what), np.zeros((len(f), len(measured.names)), complex)
     for row, of in zip(values, f, strict=True):
@@ -202,7 +203,7 @@ def nodal_load(about: Linearisation, load, what: str) -> np.ndarray:
     node, components = load
     check_node(about.scene, node, what)
     parts = _amplitudes(components)
-    fits = parts is not None and len(parts) in (2, 3)
+    fits = len(parts) in (2, 3)
     require(fits, f"{what} on {node}", components, "(fx, fy) or (fx, fy, moment)")
     full = np.zeros(about.model.size, dtype=complex)
     full[about.model.mesh.dofs[node.number][: len(parts)]] = parts
@@ -217,7 +218,7 @@ def nodal_load(about: Linearisation, load, what: str) -> np.ndarray:
 def base_motion(about: Linearisation, base, what: str) -> np.ndarray:
     """Complex amplitudes (size,) of the motion of all nodes with the base."""
     parts = _amplitudes(base)
-    fits = parts is not None and len(parts) == 2 and bool(parts.any())
+    fits = len(parts) == 2 and bool(parts.any())
     require(fits, what, base, "the amplitudes (x, y) of its displacement [m], such as (1.0, 0.0)")
     if about.frame is not None:
         raise SceneError(
@@ -230,12 +231,12 @@ def base_motion(about: Linearisation, base, what: str) -> np.ndarray:
     return full.ravel()
 
 
-def _amplitudes(components) -> np.ndarray | None:
-    """Complex numbers (n,); None for what is no row of finite ones."""
+def _amplitudes(components) -> np.ndarray:
+    """Complex numbers (n,); an empty array for what is no row of finite ones."""
     given = components if isinstance(components, list | tuple) or np.ndim(components) else ()
     parts = plain(numbers([(x.real, x.imag) if np.iscomplexobj(x) else (x, 0.0) for x in given]))
     fits = parts.ndim == 2 and bool((abs(parts) <= LARGEST).all())
-    return parts @ (1, 1j) if fits else None
+    return parts @ (1, 1j) if fits else np.empty(0)
 
 
 class Measured:

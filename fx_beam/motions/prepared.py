@@ -193,9 +193,13 @@ def _same(model: Model, start: Solution) -> State:
         natural = np.zeros(model.natural.shape)
     if forces is not None and len(forces) != model.reduction.columns - model.reduction.free:
         forces = None  # other supports
+    pulls = state.line_forces
+    if pulls is not None and len(pulls) != model.scene.force_count:
+        pulls = None  # other forces between points
     # Accelerations of other rules keep what joints do not allow; the energy of that is work.
     v = state.v if state.fitted is None or model.scheme.rates.by_mean else state.fitted
-    return replace(state, v=v, fitted=None, natural=natural, constraint_forces=forces)
+    state = replace(state, natural=natural, constraint_forces=forces, line_forces=pulls)
+    return replace(state, v=v, fitted=None)
 
 
 def stats_of(model: Model, **others: Any) -> Stats:

@@ -140,8 +140,9 @@ def interactive(
         ],
         "between": [
             {
-                "spring": force.on.spring is not None,
-                "points": _points(drawing, drawing.ends(force, drawing.rows)),
+                "spring": force.on.spring is not None and len(force.points) == 2,
+                "count": len(force.points),
+                "points": _points(drawing, drawing.line(force, drawing.rows)),
             }
             for force in drawing.of_scene("forces_between")
         ],

@@ -222,7 +222,8 @@ class Drawing:
     def window(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower left and upper right corner of the drawing, with a margin."""
         between = self.of_scene("forces_between")
-        fixed = [force.b for force in between if not isinstance(force.b, Node)]
+        points = (point for force in between for point in force.points)
+        fixed = [point.position for point in points if not isinstance(point, Node)]
         arrows = [self.arrow(node, k) for k, of_row in self.forces.items() for node in of_row]
         lines = [of.line for of in self.obstacles]
         lines += [of.line for k in self.rows for of in self.carried(k)]
@@ -290,11 +291,16 @@ class Drawing:
             return np.asarray(arrow)
         return np.asarray(arrow) @ _turn(self.magnify * self._q[k][node.number, 2])
 
-    def ends(self, force: ForceBetween, rows) -> np.ndarray:
-        """Ends (..., 2, 2) of a force between points in some rows."""
-        a = self.positions(force.a.number, rows)
-        b = self.positions(force.b.number, rows) if isinstance(force.b, Node) else force.b
-        return np.stack([a, np.broadcast_to(b, a.shape)], axis=-2)
+    def line(self, force: ForceBetween, rows) -> np.ndarray:
+        """Points (..., points, 2) of a force between points in some rows."""
+        like = self.positions(0, rows)
+        of_points = [
+            self.positions(point.number, rows)
+            if isinstance(point, Node)
+            else np.broadcast_to(point.position, like.shape)
+            for point in force.points
+        ]
+        return np.stack(of_points, axis=-2)
 
     def arrow(self, node: int, k: int) -> np.ndarray:
         """Tail and tip (2, 2) of the arrow of a force in row k, with its tip at the node."""

@@ -328,17 +328,20 @@ def draw_between(ax, drawing: Drawing, k: int) -> None:
     lines: dict[str, list[np.ndarray]] = {"fine": [], "pull": [], "friction": []}
     size = drawing.size
     for force in drawing.of_scene("forces_between"):
-        (a, b), on = drawing.ends(force, k), force.on
+        points, on = drawing.line(force, k), force.on
+        is_rope, (a, b) = len(points) > 2, points[-2:]
         along = (b - a) / max(np.hypot(*(b - a)), 1e-9 * size)
-        for part in ("spring", "damper", "friction"):
+        for part in () if is_rope else ("spring", "damper", "friction"):
             if getattr(on, part) is not None:
                 symbol = _straight(part, on, (a, b), (a + b) / 2, along, size)
                 lines[_LOOK_OF.get(part, part)].append(symbol)
-        if on.spring is None and on.damper is None:
-            lines["pull"].append(np.array([a, b]))
-        if not isinstance(force.b, Node):
-            wall = wall_strokes(-force.apart / np.hypot(*force.apart), _SHORT_WALL).at(b, size)
-            lines["fine"] += wall.thick + wall.thin
+        if is_rope or (on.spring is None and on.damper is None):
+            lines["pull"].append(points)
+        ends = (force.points[0], -force.apart[0]), (force.points[-1], force.apart[-1])
+        for point, way in ends:
+            if not isinstance(point, Node):
+                wall = wall_strokes(way / np.hypot(*way), _SHORT_WALL).at(point.position, size)
+                lines["fine"] += wall.thick + wall.thin
     _draw_by_looks(ax, lines)
 
 

@@ -1,4 +1,4 @@
-"""Joints and contacts over time: coordinates, gaps, slip and forces."""
+"""Joints, forces between points, contacts over time: coordinates, gaps, slip and forces."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from fx_beam.content_cache import cached_property
 from fx_beam.errors import is_one_of, shown
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.contacts import Contact, arc_of, nearest
+from fx_beam.scene.forces_between import ForceBetween
 from fx_beam.scene.joints import Joint, NodalMotion
 
 # Distances of points and nodes, in all rows, that are looked at together.
@@ -174,6 +175,56 @@ def nodes_of(solution: Any, target: Node | Beam) -> np.ndarray:
     if isinstance(target, Beam):
         return solution.nodes_of_beam[target.name]
     return np.array([target.number])
+
+
+@dataclass(frozen=True, repr=False)
+class PullMotion:
+    """Length and tension of a force between points or a rope; created by `Solution.joint`.
+
+    Parameters
+    ----------
+    solution : Solution
+        The solution.
+    line : ForceBetween
+        One of its forces between points.
+
+    Examples
+    --------
+    A load on a rope: the tension is its weight.
+
+    >>> import fx_beam as fb
+    >>> scene = fb.Scene(gravity=(0, -9.81))
+    >>> load = scene.add_body((0, -3), mass=20.0).centre
+    >>> scene.fix(load, "rotation")
+    >>> rope = scene.add_force_between(load, (0, 0), stop=(None, 3.1, 2e4))
+    >>> hanging = fb.static(scene).joint(rope)
+    >>> float(hanging.force[-1].round(1)), float(hanging.length[-1].round(5))
+    (196.2, 3.10981)
+    """
+
+    solution: Any
+    line: ForceBetween
+
+    def __repr__(self):
+        return f"<{self.line} over {len(self.solution.t)} rows>"
+
+    @property
+    def force(self) -> np.ndarray:
+        """Pull (n,) [N], positive if it shortens the line, at `Solution.t_level`; 0 if slack.
+
+        Of all its laws together: springs, dampers, friction, stops and the additional force.
+        """
+        return self.solution.recorded("line_forces")[:, self.line.number]
+
+    @property
+    def length(self) -> np.ndarray:
+        """Distance (n,) of the points, or the sum of those along a rope [m]."""
+        of, count = self.solution, len(self.solution.t)
+        at = [
+            of.position(point) if isinstance(point, Node) else np.tile(point.position, (count, 1))
+            for point in self.line.points
+        ]
+        return np.hypot(*np.moveaxis(np.diff(at, axis=0), -1, 0)).sum(axis=0)
 
 
 def columns_of(contacts: Iterable[Contact]) -> dict[int, slice]:

@@ -99,12 +99,14 @@ class _Joined:
         names = second.names_of_parameters
         self._parameters = [*names, *(n for n in first.names_of_parameters if n not in names)]
         joints = first.slides.shape[1], second.slides.shape[1]
+        lines = first.line_forces.shape[1], second.line_forces.shape[1]
         contacts = self._every_contact, self._contacts.values(), second.contacts
         #: Columns of rows in the joined motion, by what they are of: those of the first motion,
         #: those of the second one, and the number of all.
         self._columns: dict[Any, tuple[np.ndarray, np.ndarray, int]] = {
             "nodes": (self._nodes, np.arange(len(second.X)), len(self.X)),
             "joints": _places(range(max(joints)), *map(range, joints)),
+            "lines": _places(range(max(lines)), *map(range, lines)),
             "contacts": _places(*map(_keys, contacts)),
             "parameters": _places(self._parameters, first.names_of_parameters, names),
         }

@@ -37,8 +37,8 @@ _SHAPES: dict[str, tuple] = {
 }
 for _name, _array in ARRAYS.items():
     _shape = ("nodes", 3) if _name in AT_NODES else _array.shape
-    # Two motions in one solution may have more contacts than the last state.
-    _shape = tuple("end " + s if s in ("contacts", "parameters") else s for s in _shape)
+    # Two motions in one solution may have more contacts and lines than the last state.
+    _shape = tuple("end " + s if s in ("contacts", "lines", "parameters") else s for s in _shape)
     _SHAPES[f"end_{_name}"] = _shape
 # What numbers are not floats.
 _DTYPES = {"end_owners": "U", "end_input_names": "U", "beams_nodes": "i", "end_past_orders": "i"}
@@ -191,7 +191,8 @@ def _read(raw: BinaryIO) -> Solution:
     if arrays or end is not None and not np.isfinite([end.t, end.length]).all():
         raise ValueError(f"{[*arrays]} belong to nothing, or the last state has no time")
     return Solution(
-        {name: known.pop(name) for name in HISTORIES},
+        # Files of the first version have no forces along lines.
+        {name: known.pop(name, np.empty((0, 0))) for name in HISTORIES},
         beams=parts.beams,
         nodes_of_beam=nodes_of_beam,
         resultants_of_beam=resultants.get,

@@ -6,7 +6,7 @@ import importlib
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
@@ -14,13 +14,14 @@ from fx_beam.errors import SceneError, is_one_of, shown
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.body import Body
 from fx_beam.scene.contacts import Contact
+from fx_beam.scene.forces_between import ForceBetween
 from fx_beam.scene.joints import GROUND, Joint, key_of
 from fx_beam.scene.loads import NAMES
 from fx_beam.scene.notebook import html_table, sketch
 from fx_beam.scene.outputs import Output, definition
 
 from .audit import BeamResultants, Energy, Stats, facts, known_resultants, read_only
-from .interactions import ContactMotion, JointMotion, internal_variable, motion_of
+from .interactions import ContactMotion, JointMotion, PullMotion, internal_variable, motion_of
 from .state import HISTORIES, State
 
 if TYPE_CHECKING:
@@ -124,6 +125,8 @@ class Solution:
         Forces and moments of the joints on their nodes b [N, N m].
     contact_forces : (n, contacts, 2) float
         Forces of obstacles on nodes, one obstacle after the other [N].
+    line_forces : (n, lines) float
+        Pulls of forces between points and ropes, by their numbers [N].
     parameters : (n, parameters) float
         Parameters in functions of your own, in the order of `Scene.parameters`.
 
@@ -395,19 +398,29 @@ class Solution:
 
     # -- Joints ---------------------------------------------------------------------------------
 
-    def joint(self, joint: Joint) -> JointMotion:
-        """Angle, slide, their rates, force and motor of a joint over time.
+    @overload
+    def joint(self, joint: Joint) -> JointMotion: ...
+
+    @overload
+    def joint(self, joint: ForceBetween) -> PullMotion: ...
+
+    def joint(self, joint: Joint | ForceBetween) -> JointMotion | PullMotion:
+        """Angle, slide, their rates, force and motor of a joint over time; the pull of a rope.
 
         Parameters
         ----------
-        joint : Joint
-            The joint that `Scene.add_joint` returned.
+        joint : Joint or ForceBetween
+            The joint that `Scene.add_joint` returned; or what `Scene.add_rope` or
+            `Scene.add_force_between` returned.
 
         Returns
         -------
-        JointMotion
-            With `angle`, `slide`, `spin`, `rate`, `force`, `motor_force`, `motor_power`, `gap`.
+        JointMotion or PullMotion
+            With `angle`, `slide`, `spin`, `rate`, `force`, `motor_force`, `motor_power`, `gap`; of
+            a rope with `force` and `length`.
         """
+        if isinstance(joint, ForceBetween):
+            return self._line(joint)
         if not isinstance(joint, Joint) or not 0 <= joint.number < self.slides.shape[1]:
             raise ValueError(
                 f"{shown(joint)} is not a joint of this solution; take the one that add_joint "
@@ -426,6 +439,17 @@ class Solution:
                 f"of the nodes {ours.a} and {ours.b}"
             )
         return JointMotion(self, joint)
+
+    def _line(self, line: ForceBetween) -> PullMotion:
+        if not 0 <= line.number < self.line_forces.shape[1]:
+            raise ValueError(
+                f"{line} is not in this solution; take what add_rope or add_force_between of its "
+                "scene returned"
+            )
+        for point in line.points:
+            if isinstance(point, Node):
+                _node_number(self, point)
+        return PullMotion(self, line)
 
     # -- Parameters -----------------------------------------------------------------------------
 
@@ -589,7 +613,7 @@ def history(solution: Solution, output: Output) -> np.ndarray:
     quantity, number, columns = of.quantity, of.number, of.columns
     if quantity.is_slide_rate:
         return of.of.kinematics.rate(motion_of(solution), solution.slides[:, number])
-    if quantity.of in ("slides", "joint_forces", "motor_forces"):
+    if quantity.of in ("slides", "joint_forces", "motor_forces", "line_forces"):
         rows = solution.recorded(quantity.of)[:, number]
         return rows[:, columns] if rows.ndim > 1 else rows
     ends = (sign * solution._of_node(quantity.of, node)[:, columns] for sign, node in of.ends())

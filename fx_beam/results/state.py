@@ -74,11 +74,12 @@ class State:
     a: np.ndarray = _array("dofs", record="rates", required=True)
     #: Slides of the joints [m].
     slides: np.ndarray = _array("joints", record="always", required=True)
-    #: In the step so far: forces of driven and fixed columns, of joints, and of obstacles; of added
-    #: virtual works in its last part [N, N m].
+    #: In the step so far: forces of driven and fixed columns, of joints, of obstacles, and along
+    #: lines between points; of added virtual works in its last part [N, N m].
     constraint_forces: np.ndarray | None = _array("constraints", record="forces", mean=True)
     joint_forces: np.ndarray | None = _array("joints", 3, record="forces", mean=True)
     contact_forces: np.ndarray | None = _array("contacts", 2, record="forces", mean=True)
+    line_forces: np.ndarray | None = _array("lines", record="forces", mean=True)
     added_forces: np.ndarray | None = _array("added dofs")
     #: Parameters in functions of the user.
     parameters: np.ndarray | None = _array("parameters", record="always")
@@ -195,5 +196,6 @@ HISTORIES: dict[str, History] = {
     "slides": History(("joints",), between="linear"),
     "joint_forces": History(("joints", 3), "forces", "step"),
     "contact_forces": History(("contacts", 2), "forces", "step"),
+    "line_forces": History(("lines",), "forces", "step"),
     "parameters": History(("parameters",), between="linear"),
 }

@@ -13,7 +13,7 @@ from fx_beam.symbolic import parts_of, ufl
 
 from .inputs import Input, time_function
 from .law import Energy, InternalVariables, check_energy, functions_of_energy
-from .parameters import scalar_of, value_of
+from .parameters import is_parameter, scalar_of, value_of
 
 # With less a contact opens without a force, and Newton's method has no slope: of 1000 steps of an
 # elastic ring on a plane 94 had to be halved with 0, none with 0.02.
@@ -75,6 +75,7 @@ class Stop:
     speed: float | None = number("positive", optional=True, default=None)
 
     def __post_init__(self):
+        _refuse_functions(self, ("lower", "upper", "stiffness"), _IN_ENERGY)
         check_impact(self, "Stop")
         if self.lower is None and self.upper is None:
             raise SceneError("Stop: give a lower limit, an upper limit or both")
@@ -116,6 +117,24 @@ def loss_of(restitution: float) -> float:
     """r = (1 - e^2) / (1 + e^2), so that the forces out and in have the ratio e^2."""
     e = max(restitution, _LEAST)
     return (1 - e**2) / (1 + e**2)
+
+
+# Where what changes in time is given.
+_IN_ENERGY = (
+    "a strain_energy, such as Spring(strain_energy=lambda x: k / 2 * (x - rest) ** 2) with "
+    "rest = Parameter('rest', lambda t: ...); the length of a rope is that of Scene.add_rope"
+)
+
+
+def _refuse_functions(part: Any, names: tuple[str, ...], place: str) -> None:
+    """Refuse functions of time, parameters and inputs, with the place where they may stand."""
+    for name in names:
+        value = getattr(part, name)
+        if callable(value) or is_parameter(value) or isinstance(value, Input):
+            raise SceneError(
+                f"{type(part).__name__}: {name} is a number, and does not change in time. What "
+                f"changes is an fx_beam.Parameter in {place}"
+            )
 
 
 def check_impact(part: Any, what: str) -> None:
@@ -278,6 +297,7 @@ class Spring:
     internal: InternalVariables | None = None
 
     def __post_init__(self):
+        _refuse_functions(self, ("stiffness", "rest"), _IN_ENERGY)
         check_fields(self)
         check_energy(self.strain_energy, self.internal, "Spring", ("x",))
 
@@ -315,6 +335,7 @@ class Damper:
     law: Callable[[Any], Any] | None = field(default=None, metadata=NUMBER)
 
     def __post_init__(self):
+        _refuse_functions(self, ("viscosity",), "the law of a damper, law=lambda rate: c * rate")
         check_fields(self)
         if self.law is not None:
             _check_law(self.law)

@@ -1,21 +1,22 @@
-"""Forces between two nodes, or between a node and a fixed point, as plain data."""
+"""Forces along lines: between two points, and of ropes over several, as plain data."""
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fx_beam.errors import NUMBER, SceneError, numbers, vector
+from fx_beam.errors import NUMBER, SceneError, numbers, require, vector
 from fx_beam.symbolic import ufl
 
 from .beam import Node, position_of
-from .coordinate import Coordinate, Coulomb, functions_of
+from .coordinate import Coordinate, Coulomb, Spring, functions_of
 from .notebook import html_table
-from .parameters import value_of
+from .parameters import is_parameter, value_of
 
 if TYPE_CHECKING:
     from .symbols import Parameter
@@ -36,21 +37,33 @@ class GivenPull:
 
 
 @dataclass(frozen=True, eq=False)
+class FixedPoint:
+    """A place to which a force or a rope is fixed, or over which a rope runs."""
+
+    position: np.ndarray = field(metadata=NUMBER)
+
+    def __str__(self):
+        return "({:g}, {:g})".format(*self.position)
+
+
+@dataclass(frozen=True, eq=False)
 class ForceBetween:
-    """A force along the line between two points; created by `Scene.add_force_between`.
+    """A force along the line between two points, or a rope over several.
+
+    Created by `Scene.add_force_between` and `Scene.add_rope`.
 
     Parameters
     ----------
-    a : Node
-        A node.
-    b : Node or (2,) float array
-        Another node, or a fixed point [m].
+    points : tuple of Node or FixedPoint
+        The points of the line in order: nodes and places.
     on : Coordinate
-        Spring, damper, friction and stops on the distance.
+        Spring, damper, friction and stops on the distance, or on the length of the rope.
     force : callable, optional
         ``force(distance, rate, t)``, a pull [N].
     number : int
         Index in the scene's forces between points.
+    own : tuple of str
+        Names of the parameters that it has alone.
 
     Examples
     --------
@@ -61,11 +74,11 @@ class ForceBetween:
     force 0, between node 0 at (0, -2) and (0, 0)
     """
 
-    a: Node
-    b: Any = field(metadata=NUMBER)
+    points: tuple[Node | FixedPoint, ...]
     on: Coordinate
     force: Pull | None = field(default=None, metadata=NUMBER)
     number: int = -1
+    own: tuple[str, ...] = ()
 
     def __repr__(self):
         return f"<{self}>"
@@ -78,20 +91,30 @@ class ForceBetween:
 
     def __str__(self):
         number = "" if self.number < 0 else f"force {self.number}, "
-        end = self.b if isinstance(self.b, Node) else "({:g}, {:g})".format(*self.b)
-        return f"{number}between {self.a} and {end}"
+        if len(self.points) == 2:
+            return f"{number}between {self.a} and {self.points[1]}"
+        return f"{number}over {', '.join(map(str, self.points))}"
 
     @property
-    def between(self) -> tuple[int, int]:
-        """Numbers of the nodes, from the first to the second; -1 for a fixed point, the first."""
-        return (self.a.number, self.b.number) if isinstance(self.b, Node) else (-1, self.a.number)
+    def a(self) -> Any:
+        """The first point: a node or a position (2,) [m]."""
+        return _node_or_position(self.points[0])
+
+    @property
+    def b(self) -> Any:
+        """The last point: a node or a position (2,) [m]."""
+        return _node_or_position(self.points[-1])
+
+    @property
+    def nodes(self) -> tuple[int, ...]:
+        """Numbers of the nodes in order; -1 for a fixed point."""
+        return tuple(p.number if isinstance(p, Node) else -1 for p in self.points)
 
     @property
     def apart(self) -> np.ndarray:
-        """Vector (2,) from the first point of `between` to the second, at the start [m]."""
-        start, end = position_of(self.a), position_of(self.b)
-        start, end = (start, end) if isinstance(self.b, Node) else (end, start)
-        return numbers([end[0] - start[0], end[1] - start[1]])
+        """Vectors (points - 1, 2) from each point to the next one, at the start [m]."""
+        at = [position_of(_node_or_position(point)) for point in self.points]
+        return numbers([[y[0] - x[0], y[1] - x[1]] for x, y in itertools.pairwise(at)])
 
     @property
     def functions(self) -> list[tuple[str, Any]]:
@@ -104,18 +127,53 @@ class ForceBetween:
         return functions
 
 
-def checked_force(a: Node, b: Any, on: Coordinate, force: Any, number: int, size: float):
+def _node_or_position(point: Node | FixedPoint) -> Any:
+    return point if isinstance(point, Node) else point.position
+
+
+def rope_spring(spring: Any, length: Any, number: int) -> tuple[Spring, tuple[str, ...]]:
+    """A spring that only pulls, from a length on, and the names of its own parameters.
+
+    SceneError if no linear spring is given.
+    """
+    from .symbols import Parameter
+
+    fits = isinstance(spring, Spring) and spring.stiffness > 0
+    fits = fits and spring.strain_energy is None and spring.rest == 0
+    wanted = "a linear fx_beam.Spring(k) without a rest, as the rope has a length"
+    require(fits, f"rope {number}: spring", spring, wanted)
+    k = Parameter(f"stiffness of rope {number}", spring.stiffness)
+    own: tuple[str, ...] = (k.name,)
+    if not is_parameter(length):
+        length = Parameter(f"length of rope {number}", length)
+        own = (*own, length.name)
+
+    def energy(x):
+        return ufl.conditional(ufl.gt(x, length), k / 2 * (x - length) ** 2, 0.0)
+
+    return Spring(strain_energy=energy), own
+
+
+def checked_force(
+    points: Sequence[Any],
+    on: Coordinate,
+    force: Any,
+    number: int,
+    size: float,
+    own: tuple[str, ...] = (),
+) -> ForceBetween:
     """A force of a scene of this size [m]; SceneError if its laws are not finite at the start."""
     if force is not None and not callable(force):
         from .symbols import Parameter
 
-        force = GivenPull(Parameter(f"force {number} between points", force))
-    if not isinstance(b, Node):
-        b = vector(b, 2, "force between points: b, a node or a fixed point,")
-    made = ForceBetween(a, b, on, force, number)
-    distance = math.hypot(*made.apart)
-    if distance <= 1e-12 * size:
+        name = f"force {number} between points"
+        force, own = GivenPull(Parameter(name, force)), (*own, name)
+    made = ForceBetween(_points(points), on, force, number, own)
+    apart = made.apart
+    distances = [math.hypot(*way) for way in apart]
+    if min(distances) <= 1e-12 * size:
         raise SceneError(f"{made}: the points are at the same place, so that no direction is known")
+    distance = sum(distances)
     if not (on.acts or force is not None):
         raise SceneError(f"{made}: give a spring, damper, friction, stop or force")
     if isinstance(on.friction, Coulomb):
@@ -130,6 +188,14 @@ def checked_force(a: Node, b: Any, on: Coordinate, force: Any, number: int, size
     if force is not None:
         _check(force, (distance, 0.0, 0.0), made, "force(distance, rate, t)")
     return made
+
+
+def _points(points: Sequence[Any]) -> tuple[Node | FixedPoint, ...]:
+    """Nodes and fixed points; SceneError for anything else."""
+    what = "force between points: b, a node or a fixed point,"
+    if len(points) > 2:
+        what = "rope: a point, a node or a fixed one,"
+    return tuple(p if isinstance(p, Node) else FixedPoint(vector(p, 2, what)) for p in points)
 
 
 def _check(function: Callable, at: tuple[float, ...], what: ForceBetween, call: str) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from fx_beam.errors import is_one_of, require
 
 from .beam import Beam, Node
+from .forces_between import ForceBetween
 from .joints import GROUND, Joint
 from .loads import check_node
 from .removal import own_joint
@@ -34,7 +35,7 @@ class Quantity(NamedTuple):
 
 _PLANE, _FORCE = ("x", "y"), ("x", "y", "moment")
 CRITICAL_LOAD, PERIOD = "critical_load", "period"
-#: Quantities of nodes, joints, scenes and beams by name.
+#: Quantities of nodes, joints, forces between points, scenes and beams by name.
 OF_NODES: dict[str, Quantity] = {
     "position": Quantity(_PLANE, "q", is_place=True),
     "displacement": Quantity(_PLANE, "q"),
@@ -52,6 +53,7 @@ OF_JOINTS: dict[str, Quantity] = {
     "force": Quantity(_FORCE, "joint_forces"),
     "motor_force": Quantity(of="motor_forces"),
 }
+OF_LINES: dict[str, Quantity] = {"force": Quantity(of="line_forces")}
 _ENERGIES = """kinetic_energy strain_energy potential_energy spring_energy total_energy
     dissipated_energy work""".split()
 OF_SCENES = dict.fromkeys([*_ENERGIES, CRITICAL_LOAD, PERIOD], Quantity())
@@ -60,6 +62,7 @@ _OF_CLASSES: dict[type, dict[str, Quantity]] = {
     Scene: OF_SCENES,
     Beam: OF_BEAMS,
     Joint: OF_JOINTS,
+    ForceBetween: OF_LINES,
     Node: OF_NODES,
 }
 
@@ -100,7 +103,7 @@ class Defined:
 
 @dataclass(frozen=True)
 class Output:
-    """A quantity of a node or a joint that `Motion` measures and `linearise` observes.
+    """A quantity of a node, joint or rope that `Motion` measures and `linearise` observes.
 
     `Response` also takes energies of the scene and stress resultants of beams, `StaticResponse` its
     critical load, `PeriodicResponse` its period.
@@ -109,6 +112,7 @@ class Output:
       [rad/s], "acceleration" [m/s^2], "reaction" [N, N m]
     - of a joint: "angle" [rad], "slide" [m], "spin" [rad/s], "rate" [m/s or rad/s], "force" [N, N
       m], "motor_force" [N or N m]
+    - of a rope or force between points, for `Motion`: "force" [N], its pull
     - of a scene: "kinetic_energy" [J], "strain_energy" [J], "potential_energy" [J], "spring_energy"
       [J], "total_energy" [J], "dissipated_energy" [J], "work" [J], "critical_load" [1], "period"
       [s]
@@ -125,7 +129,7 @@ class Output:
     ----------
     quantity : str
         Name of the quantity.
-    of : Node, Joint, Scene or Beam
+    of : Node, Joint, ForceBetween, Scene or Beam
         Where it is measured.
     component : {"x", "y", "moment"}, optional
         One component of a quantity that has several; by default all of them.
@@ -145,12 +149,12 @@ class Output:
     """
 
     quantity: str
-    of: Node | Joint | Scene | Beam
+    of: Node | Joint | ForceBetween | Scene | Beam
     component: str | None = None
 
     def __post_init__(self):
-        fits = isinstance(self.of, Node | Joint | Scene | Beam)
-        require(fits, "Output: of", self.of, "a node, a joint, a scene or a beam")
+        fits = isinstance(self.of, Node | Joint | ForceBetween | Scene | Beam)
+        require(fits, "Output: of", self.of, "a node, a joint, a rope, a scene or a beam")
         known = self._known
         wanted = f"one of {list(known)} for {self._place}"
         require(is_one_of(self.quantity, known), "Output: quantity", self.quantity, wanted)
@@ -199,8 +203,8 @@ def check_outputs(scene, outputs, what: str) -> None:
     require(fits, what, outputs, "a dictionary of fx_beam.Output by names")
     for name, output in outputs.items():
         label = f"{what}[{name!r}]"
-        fits = isinstance(output, Output) and isinstance(output.of, Node | Joint)
-        require(fits, label, output, "an fx_beam.Output of a node or a joint")
+        fits = isinstance(output, Output) and isinstance(output.of, Node | Joint | ForceBetween)
+        require(fits, label, output, "an fx_beam.Output of a node, a joint or a rope")
         check_output(scene, output, label)
 
 
@@ -213,6 +217,9 @@ def check_output(scene, output: Output, what: str) -> None:
         wanted = "" if any(of is one for one in scene.beams) else "of a beam of this scene"
     elif isinstance(of, Node):
         check_node(scene, of, what)
+    elif isinstance(of, ForceBetween):
+        ours = {str(one) for one in scene.forces_between}  # also of a copy
+        wanted = "" if str(of) in ours else "of a rope that add_rope of this scene returned"
     elif (joint := own_joint(scene, of)) is None:
         wanted = "of a joint that add_joint of this scene returned"
     else:

@@ -14,7 +14,7 @@ from fx_beam.errors import SceneError, is_one_of, require, shown
 from .beam import COMPONENTS, Beam, Node
 from .body import Body
 from .coordinate import Held
-from .forces_between import ForceBetween, GivenPull
+from .forces_between import ForceBetween
 from .joints import Joint, joints_by_number
 
 # Lists of parts, each with the node or beam on which it is, or with both ends.
@@ -75,9 +75,9 @@ def remove_part(scene: Any, part: Any) -> None:
 
 
 def _forget(scene: Any, part: Any) -> None:
-    """Take the parameter of a force between points away."""
-    if isinstance(part, ForceBetween) and isinstance(part.force, GivenPull):
-        scene.parameters.forget(part.force.pull.name)
+    """Take the parameters of a force between points away."""
+    for name in part.own if isinstance(part, ForceBetween) else ():
+        scene.parameters.forget(name)
 
 
 def locked(joint: Joint, coordinate: str | None) -> Joint:
@@ -122,7 +122,8 @@ def _remove_what_is_on(scene: Any, target: Beam | Node) -> None:
 
     def is_on_it(part: Any) -> bool:
         shape = getattr(part, "shape", None)
-        ends = (getattr(part, name, None) for name in ("target", "beam", "a", "b"))
+        ends = [getattr(part, name, None) for name in ("target", "beam", "a", "b")]
+        ends += part.points if isinstance(part, ForceBetween) else ()
         return any(end is target for end in (*ends, shape, getattr(shape, "carrier", None)))
 
     for name in _WITH_ENDS:

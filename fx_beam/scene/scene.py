@@ -27,7 +27,7 @@ from .body import Body, Members, check_body, name_of, velocities_of
 from .contacts import Contact, Shape, check_members, check_start
 from .coordinate import Coordinate, Coulomb, Damper, SmoothFriction, Spring, Stop, functions_of
 from .curve import Curve, layout
-from .forces_between import ForceBetween, Pull, checked_force
+from .forces_between import ForceBetween, Pull, checked_force, rope_spring
 from .inputs import Input, time_function
 from .joints import GROUND, Joint, Revolute, Rigid, moved_by, placed
 from .law import functions_of_energy
@@ -704,7 +704,86 @@ class Scene:
             loads.check_node(self, node, "force between points")
         # A stop may be a triple, of which a coordinate makes one.
         on = Coordinate(spring, damper, friction=friction, stop=stop)  # type: ignore[arg-type]
-        made = checked_force(a, b, on, force, self.force_count, self._size)
+        return self._with_force(checked_force((a, b), on, force, self.force_count, self._size))
+
+    def add_rope(
+        self,
+        points: Sequence[Any],
+        spring: Spring | None = None,
+        damper: Damper | None = None,
+        friction: SmoothFriction | None = None,
+        stop: Stop | tuple | None = None,
+        force: Pull | float | Input | None = None,
+        length: Any = None,
+    ) -> ForceBetween:
+        r"""Add a massless rope over several points: a force on the sum of their distances.
+
+        :math:`l = \sum_k |x_{k+1} - x_k|`. The rope slides over the points between without
+        friction, so that its tension is the same everywhere: a pulley block, a tendon, a
+        bowstring. A pulley is a point, without a radius. The laws are those of
+        `add_force_between`, with l in place of the distance: in schemes that conserve energy the
+        work is exactly the change of the stored energy, and momenta are conserved.
+
+        Parameters
+        ----------
+        points : sequence of Node or (x, y)
+            Two or more points in order: nodes of this scene, which move, and fixed places [m]. A
+            node may be there several times, as that of a block with two sheaves.
+        spring : Spring, optional
+            Spring on l, which pulls and pushes; with a `length` the stiffness of a rope that only
+            pulls.
+        damper : Damper, optional
+            Damper on the rate of l.
+        friction : SmoothFriction, optional
+            Friction on the rate of l.
+        stop : Stop or (lower, upper, stiffness), optional
+            Limits of l: a rope has an upper one.
+        force : callable, float or Input, optional
+            ``force(length, rate, t)``, an additional tension [N], as of `add_force_between`.
+        length : float, callable, Parameter or Input, optional
+            Length of the rope without tension [m], also as a function of time, as of a winch. The
+            rope pulls with ``spring.stiffness * (l - length)`` where it is longer, and is slack
+            otherwise. What changes the length does work, which is part of `Energy.work`. In statics
+            it is that at the time ``t``.
+
+        Returns
+        -------
+        ForceBetween
+            The numbered force; ``solution.joint(rope)`` has its tension and its length.
+
+        Raises
+        ------
+        SceneError
+            For fewer than two points, no node among them, two in a row at one place, or a length
+            without a linear spring. As of `add_force_between`.
+
+        Examples
+        --------
+        A pulley block: a load of 20 kg hangs at a loose pulley, held by two parts of the rope.
+
+        >>> import fx_beam as fb
+        >>> scene = fb.Scene(gravity=(0, -9.81))
+        >>> load = scene.add_body((0.1, -2), mass=20.0).centre
+        >>> scene.fix(load, "x", "rotation")
+        >>> points = [(0, 0), load, (0.2, 0)]
+        >>> rope = scene.add_rope(points, spring=fb.Spring(1e5), length=4.0)
+        >>> float(fb.static(scene).joint(rope).force[-1].round(1))
+        98.2
+        """
+        what, number = "rope: points", self.force_count
+        fits = isinstance(points, list | tuple) and len(points) > 1
+        require(fits, what, points, "a sequence of two or more nodes and positions (x, y)")
+        nodes = [point for point in points if isinstance(point, Node)]
+        require(bool(nodes), what, points, "with a node among them: nothing else can move")
+        for node in nodes:
+            loads.check_node(self, node, "rope")
+        own: tuple[str, ...] = ()
+        if length is not None:
+            spring, own = rope_spring(spring, length, number)
+        on = Coordinate(spring, damper, friction=friction, stop=stop)  # type: ignore[arg-type]
+        return self._with_force(checked_force(points, on, force, number, self._size, own))
+
+    def _with_force(self, made: ForceBetween) -> ForceBetween:
         self.parameters.add(made.functions, str(made))
         self.force_count += 1
         return _added(self.forces_between, made)

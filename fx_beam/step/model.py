@@ -322,6 +322,7 @@ class Model:
         return {
             "dofs": self.size,
             "joints": self.scene.joint_count,
+            "lines": self.scene.force_count,
             "constraints": self.reduction.columns - self.reduction.free,
             "contacts": self.points.contacts,
             "parameters": len(self.forms.parameters),

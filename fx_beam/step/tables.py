@@ -80,6 +80,7 @@ class Problem:
         else:
             self._hand_over_points(stored_at)
         self._hand_over_motors()
+        self._set(lines=model.scene.force_count)
         if model.scene.joint_count:  # also of joints that were removed
             self._hand_over_joint_forces()
         self._set(**vars(options), negligible=NEGLIGIBLE * options.tolerance)

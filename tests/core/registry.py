@@ -420,6 +420,15 @@ def force_between_points(x):
     return scene
 
 
+@case()
+def winch_on_a_rope_over_pulleys(x):
+    scene, beam = swing(x)
+    points = [(2, 0.5), beam.end, (1.7 * x[8], 0.9), (1.2, 1.1), beam.node(0.5)]
+    length = {"length": lambda t: 3.0 * x[7] - 0.5 * t, "damper": fb.Damper(0.1 * x[8])}
+    scene.add_rope(points, spring=fb.Spring(30 * x[7]), **length)
+    return scene
+
+
 @case(free=True)
 def free_pair_on_a_guide(x):
     return hung(x, fb.Prismatic, base=arm(x, fb.Scene()), axis=(0.6, 0.8), spring=fb.Spring(50.0))
@@ -511,6 +520,14 @@ def force_between_free_bodies(x):
     scene, one, other = free_bodies(x)
     spring = fb.Spring(30.0 * x[7], 0.8, lambda d: 5 * d**4)
     scene.add_force_between(one.centre, other.centre, spring, stop=(0.9, 1.02, 1e4 * x[8]))
+    return scene
+
+
+@case(free=True)
+def rope_over_free_bodies(x):
+    scene, one, other = free_bodies(x)
+    points = [one["pin"], other.centre, one.centre, other["pin"]]
+    scene.add_rope(points, fb.Spring(30.0 * x[7], 0.8), stop=(None, 6.0, 1e3 * x[8]))
     return scene
 
 

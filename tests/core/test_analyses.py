@@ -125,6 +125,9 @@ def test_the_arc_length_follows_a_snap_through():
     assert [p.kind for p in path.critical_points] == ["limit point"] * 2
     height = path.position(body.centre)[:, 1]
     assert 2 * force(top) * path.load_factor == pytest.approx(force(height), abs=1e-9)
+    spring = path.joint(pull)
+    assert isinstance(spring, fb.PullMotion)
+    assert spring.force == pytest.approx(k * (np.hypot(1, height) - rest), abs=1e-9)
     away = abs(abs(height) - top) > 1e-3
     assert path.unstable_modes[away].tolist() == (abs(height[away]) < top).tolist()
 

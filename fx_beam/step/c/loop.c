@@ -290,11 +290,13 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Reco
       /* Another run may start from the last step, and then has its forces in row 0. */
       int forces = of_row && (to->forces || step == to->last);
       int joints = p->scene_joints && !p->repeats && (p->keeps_joint_forces || forces);
-      int contacts = forces && p->points->recorded;
-      p->forces_found = forces || p->keeps_joint_forces;
-      if (joints || contacts) evaluate_nodes(p, w);
+      int contacts = forces && p->points->recorded, found = forces || p->keeps_joint_forces;
+      int lines = p->lines && !p->repeats && found;
+      p->forces_found = found;
+      if (joints || contacts || lines) evaluate_nodes(p, w);
       if (joints) add_joint_forces(p, w);
       if (contacts) add_contact_forces(p);
+      if (lines) add_line_forces(p);
       if (to->tape) put_on_tape(p, w, to->tape);
       advance(p, w, inputs, number);
       if (p->watches && switched(p)) p->failure = SWITCHED;

@@ -10,12 +10,14 @@ typedef struct {
   struct { Law *energy; };   /* stored at the start */
   struct { Law *loss; };     /* lost in the step */
   struct { Law *switches; }; /* values that change their sign where it switches */
+  struct { Law *pull; };     /* along a line between points */
   int size, entries, internal, remembered, conditions, overshoots;
   int *dof;           /* [size] degrees of freedom; -1 for the ground */
   int slide, column;  /* joint of a slide and its column, or -1 */
   int joint;          /* to whose moment it belongs, or -1 */
   int load, load_turn; /* joint whose force limits it, or -1; rotation of the axis */
   double load_axis[2]; /* across which the force counts; zero for all of it */
+  int line;           /* number of the line between points to which it belongs, or -1 */
   int nodes;          /* of a contact: on which the force on its point acts, the first ones */
   int first_internal, first_entry; /* among those of all forces */
   int *entry_row, *entry_column;   /* [entries] */

@@ -291,7 +291,8 @@ typedef struct {
   double *position;     /* (nodes, 2) */
   int nodes;
   int keeps_joint_forces; /* whether they are computed in every step, recorded or not */
-  int forces_found;       /* whether those of joints and obstacles were computed in the last step */
+  int lines;              /* number of lines between points, whose pulls are recorded */
+  int forces_found;       /* whether those of joints, obstacles and lines were computed in the last step */
   int friction_follows;   /* so do those that limit friction */
 
   /* State. Its arrays and those of the predictor are in one piece of memory. */

@@ -38,6 +38,16 @@ static void add_contact_forces(const Problem *p) {
     for (int i = 0; i < 2 * e->nodes; ++i) out[i % 2] -= p->share * e->results[i];
 }
 
+/* Adds the pulls along lines between points, of a sub-step whose forces are evaluated, to their means. */
+static void add_line_forces(const Problem *p) {
+  scale(p->lines, p->earlier, p->line_forces);
+  for (const PointForce *e = p->points->of; e < p->points->of + p->points->nodal; ++e) {
+    if (!e->pull) continue;
+    call(e->pull, e->given, p->points->probe, 1);
+    p->line_forces[e->line] += p->share * *p->points->probe;
+  }
+}
+
 static void add_row(const Rows *rows, int count, long k) {
   for (const Rows *r = rows; r < rows + count; ++r)
     memcpy(r->target + k * r->size, r->source, r->size * sizeof(double));

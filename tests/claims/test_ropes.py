@@ -1,0 +1,266 @@
+"""Ropes over several points: closed forms of tension, length, frequencies, work and momenta."""
+
+import copy
+
+import numpy as np
+import pytest
+
+import fx_beam as fb
+
+G = 9.81
+
+
+def block(k=1e5, mass=20.0, length=4.0, **more):
+    """A load at a loose pulley between two places 0.2 m apart, which moves up and down."""
+    scene = fb.Scene(gravity=(0, -G))
+    load = scene.add_body((0.1, -2), mass=mass).centre
+    scene.fix(load, "x", "rotation")
+    rope = scene.add_rope([(0, 0), load, (0.2, 0)], fb.Spring(k), length=length, **more)
+    return scene, load, rope
+
+
+def settled(k=1e5, mass=20.0, length=4.0):
+    """Depth and tension at rest, by bisection: 2 T cos(half the angle) = m g."""
+    low, high = 0.0, 10.0
+    for _ in range(200):
+        depth = (low + high) / 2
+        side = np.hypot(0.1, depth)
+        tension = max(0.0, k * (2 * side - length))
+        low, high = (depth, high) if 2 * tension * depth / side < mass * G else (low, depth)
+    return depth, tension
+
+
+# -- Equilibrium and small vibrations ------------------------------------------------------------
+
+
+@pytest.mark.parametrize("length", [3.0, 4.0, 4.5])  # stretched, about as long, and slack
+def test_a_loose_pulley_hangs_at_the_depth_of_the_closed_form(length):
+    scene, load, rope = block(k=1e4, length=length)
+    depth, tension = settled(k=1e4, length=length)
+    hanging = fb.static(scene)
+    assert hanging.position(load)[-1] == pytest.approx([0.1, -depth], rel=1e-9)
+    pull = hanging.joint(rope)
+    assert pull.force[-1] == pytest.approx(tension, rel=1e-7)
+    assert pull.length[-1] == pytest.approx(2 * np.hypot(0.1, depth), rel=1e-12)
+    # Stiffness 4 k cos^2 of the stretch, and 2 T sin^2 / s of the turn of both sides.
+    side = np.hypot(0.1, depth)
+    cosine, sine = depth / side, 0.1 / side
+    stiffness = 4 * 1e4 * cosine**2 + 2 * tension * sine**2 / side
+    w = fb.modes(scene, hanging, n=1).angular_frequencies[0]
+    assert w == pytest.approx(np.sqrt(stiffness / 20.0), rel=1e-7)
+
+
+@pytest.mark.parametrize("parts", [2, 3, 5])
+def test_a_pulley_block_divides_the_weight_by_its_parts(parts):
+    """The parts are at one place: the block and the fixed one are there several times."""
+    scene = fb.Scene(gravity=(0, -G))
+    load = scene.add_body((0, -2), mass=10.0).centre
+    scene.fix(load, "rotation")
+    points = [load if i % 2 else (0, 0) for i in range(parts + 1)]
+    rope = scene.add_rope(points, fb.Spring(1e5), length=2.0 * parts)
+    hanging = fb.static(scene)
+    tension = 10.0 * G / parts
+    assert hanging.joint(rope).force[-1] == pytest.approx(tension, rel=1e-9)
+    assert hanging.position(load)[-1, 1] == pytest.approx(-2 - tension / 1e5 / parts, rel=1e-10)
+
+
+def test_two_weights_over_a_pulley_fall_as_atwoods_machine():
+    scene, (m, M) = fb.Scene(gravity=(0, -G)), (1.0, 1.5)
+    one, other = (scene.add_body((x, -1), mass=of).centre for x, of in ((-0.2, m), (0.2, M)))
+    for node in (one, other):
+        scene.fix(node, "x", "rotation")
+    points = [one, (-0.2, 0.0), (0.2, 0.0), other]
+    tension, k = 2 * m * M * G / (m + M), 1e6
+    rope = scene.add_rope(points, fb.Spring(k), length=2.4 - tension / k)
+    fall = fb.simulate(scene, dt=1e-3, t_end=0.4)
+    a = (M - m) / (M + m) * G
+    assert fall.joint(rope).force[1:] == pytest.approx(tension, rel=1e-6)
+    assert fall.position(one)[:, 1] == pytest.approx(-1 + a * fall.t**2 / 2, abs=1e-8)
+
+
+# -- Winches -------------------------------------------------------------------------------------
+
+
+def test_a_winch_does_the_work_of_the_lifted_weight():
+    def wound(t):
+        return 4.0 - 0.5 * (t - np.sin(2 * np.pi * t) / (2 * np.pi))  # softly from 0 to 1 s
+
+    scene, load, rope = block(k=1e5, length=wound)
+    hanging = fb.static(scene)
+    lift = fb.simulate(scene, dt=1e-3, t_end=1.0, start=hanging)
+    energy = lift.energy
+    assert abs(energy.balance_error).max() < 1e-11 * abs(energy.work).max()
+    # After the lift it hangs again, but for a vibration that a soft start leaves small.
+    raised = [-settled(length=of)[0] for of in (4.0, 3.5)]
+    assert lift.position(load)[[0, -1], 1] == pytest.approx(raised, abs=2e-4)
+    assert energy.work[-1] - energy.work[0] == pytest.approx(
+        20.0 * G * (raised[1] - raised[0]), rel=1e-3
+    )
+    # In statics the length is that of the time.
+    assert fb.static(scene, t=1.0).position(load)[-1, 1] == pytest.approx(raised[1], rel=1e-9)
+
+
+def test_a_length_from_outside_is_an_input_and_the_tension_an_output():
+    scene, load, rope = block(k=1e4, length=fb.Input("winch"))
+    outputs = {"tension": fb.Output("force", rope)}
+    motion = fb.Motion(scene, dt=1e-3, outputs=outputs, record=fb.Record())
+    seen = [motion.step({"winch": 4.0 - 0.1 * k * 1e-3})["tension"] for k in range(200)]
+    recorded = motion.solution().joint(rope)
+    assert recorded.force[1:] == pytest.approx(seen, rel=1e-12)
+    assert max(seen) > 0 and min(seen) == 0.0  # it jumps, and gets slack
+
+
+def test_a_rope_without_tension_lets_its_load_fall():
+    scene, load, rope = block(length=9.0)
+    fall = fb.simulate(scene, dt=0.01, t_end=0.7)
+    assert fall.position(load)[:, 1] == pytest.approx(-2 - G * fall.t**2 / 2, abs=1e-9)
+    assert not fall.joint(rope).force.any()
+
+
+# -- Momenta, tension, and changes ---------------------------------------------------------------
+
+
+@pytest.mark.parametrize("order", [2, 4])
+def test_a_rope_over_free_bodies_keeps_both_momenta_and_energy(order):
+    scene, rng = fb.Scene(), np.random.default_rng(1)
+    nodes = [
+        scene.add_body(p, mass=1.0 + i, inertia=0.1).centre
+        for i, p in enumerate([(0, 0), (1, 0.3), (0.4, 1), (1.5, 1.2)])
+    ]
+    for node in nodes:
+        scene.set_velocity(node, rng.standard_normal(2))
+    rope = scene.add_rope([*nodes, nodes[1]], fb.Spring(200.0), length=3.0)
+    motion = fb.simulate(scene, fb.EnergyMomentum(order=order), dt=2e-3, t_end=1.0)
+    assert motion.joint(rope).force.max() > 10
+    assert np.ptp(motion.linear_momentum, axis=0).max() < 1e-11
+    assert np.ptp(motion.angular_momentum) < 1e-11
+    assert np.ptp(motion.energy.total) < 1e-10
+
+
+def test_the_pull_of_all_laws_is_that_of_their_closed_forms():
+    """On a driven point: spring, damper, friction, stop and force on a length that grows."""
+    scene = fb.Scene()
+    ball = scene.add_body((1, 0), mass=1.0).centre
+    scene.fix(ball, "y", "rotation")
+    scene.prescribe(ball, x=lambda t: 0.3 * t)
+    line = scene.add_force_between(
+        ball,
+        (0, 0),
+        spring=fb.Spring(20.0, rest=0.5),
+        damper=fb.Damper(3.0),
+        friction=fb.SmoothFriction(0.7, 1e-3),
+        stop=(0.2, 1.1, 500.0),
+        force=lambda r, rate, t: 2 * r + rate + t,
+    )
+    motion = fb.simulate(scene, dt=1e-3, t_end=0.6)
+    t, r = motion.t_level[1:], 1 + 0.3 * motion.t_level[1:]
+    beyond = np.where(r > 1.1, 500 * (r - 1.1), 0.0)
+    exact = 20 * (r - 0.5) + 3 * 0.3 + 0.7 + beyond + 2 * r + 0.3 + t
+    assert motion.joint(line).force[1:] == pytest.approx(exact, abs=500 * 0.3e-3 / 4)
+    assert motion.joint(line).length == pytest.approx(1 + 0.3 * motion.t, rel=1e-12)
+    # A prop pushes: at the lower limit of its stop the pull is negative.
+    prop = fb.Scene(gravity=(0, -G))
+    top = prop.add_body((0, 1), mass=2.0).centre
+    prop.fix(top, "x", "rotation")
+    push = prop.add_force_between(top, (0, 0), stop=(1.0, None, 1e5))
+    assert fb.static(prop).joint(push).force[-1] == pytest.approx(-2 * G, rel=1e-9)
+
+
+def test_tensions_are_in_files_copies_and_joined_motions(tmp_path):
+    scene, load, rope = block(k=1e4)
+    first = fb.simulate(scene, dt=1e-3, t_end=0.05)
+    first.save(tmp_path / "rope.npz")
+    loaded = fb.load(tmp_path / "rope.npz")
+    assert (loaded.line_forces == first.line_forces).all() and first.line_forces.any()
+    assert (loaded.joint(rope).force == first.joint(rope).force).all()
+    other = copy.deepcopy(scene)
+    own = other.forces_between[0]
+    assert (
+        fb.simulate(other, dt=1e-3, t_end=0.05).joint(own).force == first.line_forces[:, 0]
+    ).all()
+    more = scene.add_force_between(load, (0.1, -4), spring=fb.Spring(10.0, rest=1.0))
+    second = fb.simulate(scene, dt=1e-3, t_end=0.1, start=first)
+    whole = first.then(second)
+    assert (whole.joint(more).force[: len(first.t)] == 0).all()
+    assert (whole.joint(rope).force[len(first.t) :] == second.joint(rope).force[1:]).all()
+    scene.remove(rope)
+    third = fb.simulate(scene, dt=1e-3, t_end=0.15, start=second)
+    assert not third.joint(rope).force[1:].any() and third.joint(more).force[1:].all()
+    assert not [name for name in scene.parameters if "rope" in name]
+
+
+def test_the_derivative_of_a_hanging_load_is_that_of_the_closed_form():
+    """Of its depth by stiffness, mass, length and the place of a pulley, all below one another."""
+
+    def build(x):
+        k, m, length, height = x
+        scene = fb.Scene(gravity=(0, -G))
+        load = scene.add_body((0, -2), mass=m).centre
+        scene.fix(load, "x", "rotation")
+        scene.add_rope([(0, height), load, (0, 0)], fb.Spring(k), length=length)
+        return scene, {"y": fb.Output("position", load, "y")}
+
+    # 2 T = m g with T = k (h - 2 y - L), so y = (h - L - m g / 2k) / 2.
+    x = np.array([1e4, 20.0, 4.0, 0.1])
+    run = fb.StaticResponse(build)
+    k, m, *_ = x
+    _, values = run(x)
+    assert values["y"][-1] == pytest.approx((0.1 - 4.0 - m * G / (2 * k)) / 2, rel=1e-10)
+    exact = [m * G / (4 * k**2), -G / (4 * k), -0.5, 0.5]
+    assert run.jacobian()["y"][-1] == pytest.approx(exact, rel=1e-6)
+
+
+# -- Refusals ------------------------------------------------------------------------------------
+
+
+def test_what_is_no_rope_is_refused():
+    scene = fb.Scene()
+    ball = scene.add_body((1, 0), mass=1.0).centre
+    other = fb.Scene().add_body((1, 0), mass=1.0).centre
+    spring = fb.Spring(10.0)
+    for words, points, given in (
+        ("two or more nodes", [ball], {}),
+        ("two or more nodes", ball, {}),
+        ("a node among them", [(0, 0), (1, 1)], {}),
+        ("same place", [(0, 0), ball, (1, 0)], {}),
+        ("another scene", [(0, 0), other], {}),
+        ("2 numbers", [(0, 0), ball, 3.0], {}),
+        ("linear fx_beam.Spring", [(0, 0), ball], {"spring": None, "length": 1.0}),
+        ("linear fx_beam.Spring", [(0, 0), ball], {"spring": fb.Spring(1.0, 2.0), "length": 1.0}),
+        ("give a spring", [(0, 0), ball], {"spring": None}),
+    ):
+        with pytest.raises(fb.SceneError, match=words):
+            scene.add_rope(points, **({"spring": spring} | given))
+    assert not scene.forces_between and not list(scene.parameters)
+    rope = scene.add_rope([(0, 0), ball, (3, 1)], spring=spring)
+    scene.fix(ball, "rotation")
+    solution = fb.simulate(scene, dt=0.1, t_end=0.1)
+    with pytest.raises(ValueError, match="not in this solution"):
+        no_line = fb.Scene()
+        no_line.add_body((0, 0), mass=1.0, inertia=1.0)
+        fb.simulate(no_line, dt=0.1, t_end=0.1).joint(rope)
+    assert solution.joint(rope).force.shape == (2,)
+    with pytest.raises(fb.SceneError, match="only position"):
+        fb.linearise(scene, outputs={"T": fb.Output("force", rope)})
+
+    def build(x):
+        scene, _, rope = block(k=x[0])
+        return scene, {"T": fb.Output("force", rope)}
+
+    with pytest.raises(fb.SceneError, match="has no derivatives"):
+        fb.StaticResponse(build)([1e4])
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda of: fb.Spring(2e4, rest=of), "Parameter in a strain_energy.*add_rope"),
+        (lambda of: fb.Spring(of), "Parameter in a strain_energy"),
+        (lambda of: fb.Stop(None, of, 1e3), "Parameter in a strain_energy"),
+        (lambda of: fb.Damper(of), "Parameter in the law of a damper"),
+    ],
+)
+def test_numbers_that_may_not_change_in_time_name_the_way_out(make, words):
+    for of in (lambda t: 3.0 - t, fb.Parameter("L", lambda t: 3.0 - t), fb.Input("L")):
+        with pytest.raises(fb.SceneError, match=words):
+            make(of)
