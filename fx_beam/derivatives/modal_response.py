@@ -142,6 +142,13 @@ class ModalResponse(TangentResponse):
         """
         given = self._begin_call(x)
         about = self._scenes.serve(given, self._linearised, self._state is None)
+        if not about.has_potential:
+            raise SceneError(
+                "ModalResponse: the stiffness is not symmetric, since a load or an added virtual "
+                "work depends on the motion and has no potential, or friction slips, or sticks to "
+                "what is round or bends: such modes have no derivatives. fx_beam.modes has them "
+                'without; of loads at flutter the output "critical_load" of StaticResponse has some'
+            )
         self._by_rates = about.by_rates(self._asked, self._damped)
         more = 2 if self._damped else 0  # copies above are seen without damping only
         if self._take_modes(self._n + more) < _SAME:

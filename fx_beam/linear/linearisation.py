@@ -108,15 +108,15 @@ class Linearisation:
         return model
 
     @cached_property
+    def has_potential(self) -> bool:
+        """Whether the stiffness is symmetric but for round-off."""
+        K = self.K
+        return Symmetry((K.indptr, K.indices), self.model, self.unknowns).holds(K.data)
+
+    @cached_property
     def symmetric(self) -> scipy.sparse.csr_matrix:
-        """The stiffness of `modes`, which is symmetric but for round-off."""
+        """The symmetric part of the stiffness."""
         K, other = self.K, self.K.T.tocsr()
-        if not Symmetry((K.indptr, K.indices), self.model, self.unknowns).holds(K.data):
-            raise SceneError(
-                "modes: the stiffness is not symmetric, since a load or an added virtual work "
-                "depends on the motion and has no potential, or friction slips, or sticks to what "
-                "is round or bends. Simulate the scene, linearise it, or remove what causes it"
-            )
         if np.array_equal(K.indptr, other.indptr) and np.array_equal(K.indices, other.indices):
             other.data = (K.data + other.data) / 2  # entries that are zero stay
             return other
@@ -124,7 +124,7 @@ class Linearisation:
 
     @cached_property
     def undamped_modes(self) -> UndampedModes:
-        """Those of stiffness and mass."""
+        """Those of mass and the symmetric part of the stiffness."""
         if not self.M.data.any():
             raise SceneError("modes: the scene has no mass. Give a section rhoA or add a mass")
         return UndampedModes(self.symmetric, self.M)

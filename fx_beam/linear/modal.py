@@ -20,6 +20,8 @@ from .linearisation import Linearisation, linearised, split
 # A root is known when inverse iteration changes it by less, relative to its size.
 _CLOSE = 1e-9
 _ROUNDS = 20
+# A stiffness that is none, relative to its own diagonal.
+_SINGULAR = 1e-11
 # Most unknowns with damping and without mass whose motions are all in a subspace.
 _RELAXING = 12
 
@@ -234,10 +236,12 @@ def rayleigh(frequencies: Sequence[float], ratios: Sequence[float]) -> tuple[flo
 def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool = True) -> Modes:
     """Compute the lowest natural frequencies, damping ratios and mode shapes.
 
-    The stiffness is the tangent at the state: it includes the geometric stiffness, springs, dead
-    loads, and added forces with a potential. Damping is the derivative of all forces by the rates,
-    at rest in the state: retardation of members, drag, dampers and friction of joints, and added
-    forces against the velocity. Prescribed motions, motors and internal variables are fixed.
+    The stiffness is the tangent at the state: it includes the geometric stiffness, springs, loads
+    and added forces. If it is not symmetric, as under forces that follow the motion, two modes may
+    flutter: they have one frequency, and damping ratios of both signs. Damping is the derivative of
+    all forces by the rates, at rest in the state: retardation of members, drag, dampers and
+    friction of joints, and added forces against the velocity. Prescribed motions, motors and
+    internal variables are fixed.
 
     Of a state that turns the modes are those seen in its turning frame, with centrifugal and
     Coriolis forces; damping is by the rates seen there. A free turn is a rigid mode.
@@ -265,8 +269,8 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool
     ------
     SceneError
         If the state is no equilibrium; the message says what has no balance. If the scene cannot
-        vibrate: it has no mass, no unknowns, or forces that depend on the
-        motion and have no potential; or if its damping at rest is infinite.
+        vibrate: it has no mass or no unknowns; if its damping at rest is infinite; or if it moves
+        freely, and its stiffness is not symmetric.
     RuntimeError
         If no modes are found, or damped ones do not converge.
 
@@ -295,7 +299,10 @@ def lowest_modes(about: Linearisation, C: scipy.sparse.csr_matrix | None, n: int
 
     C is that of the forces by the rates; None for none.
     """
-    undamped, K, M = about.undamped_modes, about.symmetric, about.M
+    undamped, M = about.undamped_modes, about.M
+    if not about.has_potential:
+        return _following(about, C, n)
+    K = about.symmetric
     if C is None or not abs(C).max():
         omega, rigid, vectors = undamped.lowest(n)
         return omega, rigid, np.zeros(len(omega)), np.where(omega < 0, -omega, 1j * omega), vectors
@@ -312,12 +319,54 @@ def lowest_modes(about: Linearisation, C: scipy.sparse.csr_matrix | None, n: int
         unit = abs(C.diagonal()).max() / M.diagonal().max()
     still = vectors[:, rigid]
     damped = _not_rigid(K, C, M, n, vectors[:, ~rigid], still, unit)
-    x = damped.vectors
-    # The phase in which the imaginary part is smallest.
-    x = x * np.exp(-0.5j * np.angle(np.einsum("ij,ij->j", x, M @ x)))
+    x = _in_phase(damped.vectors, M)
     none = np.zeros(still.shape[1])
     parts = damped.frequencies, damped.ratios, damped.values
     omega, ratios, roots = (np.concatenate([none, part]) for part in parts)
     order = np.argsort(omega, kind="stable")[:n]
     vectors = np.column_stack([still, x])[:, order]
     return omega[order], order < len(none), ratios[order], roots[order], vectors
+
+
+def _following(about: Linearisation, C: scipy.sparse.csr_matrix | None, n: int):
+    """The same under forces without a potential: two modes may flutter."""
+    K, M, none = about.K, about.M, np.empty((about.K.shape[0], 0))
+    _check_held(K)
+    # The modes of the symmetric part begin the subspace.
+    omega, _, start = about.undamped_modes.lowest(2 * n + 10)
+    unit = 0.7 * abs(omega[omega != 0]).min()
+    damps = C is not None and bool(abs(C).max())
+    damped = _not_rigid(K, C if damps else 0 * K, M, n, start, none, unit)
+    ratios, roots = damped.ratios, damped.values
+    if not damps:  # what neither grows nor decays but for round-off
+        noise = _rounding(K, 0 * K, damped) / abs(roots)
+        still = (roots.imag != 0) & (abs(ratios) <= noise)
+        ratios = np.where(still, 0.0, ratios)
+        roots = np.where(still, 1j * damped.frequencies, roots)
+    order = np.argsort(damped.frequencies, kind="stable")[:n]
+    rigid, vectors = np.zeros(len(order), dtype=bool), _in_phase(damped.vectors, M)[:, order]
+    return damped.frequencies[order], rigid, ratios[order], roots[order], vectors
+
+
+def _check_held(K: scipy.sparse.csr_matrix) -> None:
+    """Refuse a stiffness that is singular: beside one that is not symmetric, zeros are double."""
+    scale = np.sqrt(abs(K.diagonal()))
+    scale[scale == 0] = 1.0
+    x = np.random.default_rng(0).standard_normal(len(scale))
+    try:
+        factors = pivoted_lu(K)
+        for _ in range(3):  # inverse iteration
+            x = scale * factors.solve(scale * x / np.linalg.norm(x))
+    except RuntimeError:  # a pivot is zero
+        x = np.array([np.inf])
+    if not np.linalg.norm(x) < 1 / _SINGULAR:
+        raise SceneError(
+            "modes: a part moves freely, and the stiffness is not symmetric, since a load or an "
+            "added virtual work depends on the motion and has no potential, or friction slips. "
+            "Support the scene, or take the eigenvalues of linearise(scene, state).A"
+        )
+
+
+def _in_phase(x: np.ndarray, M: scipy.sparse.csr_matrix) -> np.ndarray:
+    """Vectors (size, n) in the phase in which their imaginary part is smallest."""
+    return x * np.exp(-0.5j * np.angle(np.einsum("ij,ij->j", x, M @ x)))
