@@ -71,8 +71,8 @@ def main():
             error = abs(solution.joint(rail).slide - exact(solution.t)[0]).max()
             print(f"bead, tolerance {tolerance:g} {damping}: {error:.1e}, {len(solution.t)} steps")
     print("Restitution: steps a contact, least and largest over the places where steps end")
-    for e in (0.8, 0.5, 0.2):
-        for steps in (0.3, 1, 1.6, 3, 6, 10, 15, 30):
+    for e in (0.8, 0.5, 0.2, 0.0):
+        for steps in (0.3, 1, 1.6, 3, 6, 10, 15, 30, 60):
             found = [bounce(e, pi * 1e-3 / steps, part / 20) for part in range(20)]
             print(f"{e:4} {steps:5} {min(found):6.3f} {max(found):6.3f}")
 

@@ -22,9 +22,9 @@ _log = logging.getLogger("fx_beam")
 _DEEP, _THROUGH = 0.5, 0.95
 # Points of all rows that are looked at together.
 _AT_ONCE = 20_000
-# Steps that an impact must take for its restitution, and from which speed on, relative to that
-# below which its loss is viscous.
-_STEPS, _FAST = 10, 10.0
+# Steps that an impact must take for its restitution e: 10, and for e below 0.4 this over e + 0.2;
+# and from which speed on, relative to that below which its loss is viscous.
+_STEPS, _OF_LOSS, _FAST = 10, 6.0, 10.0
 # Both half thicknesses, relative to the radius of curvature, from which bends are sharp.
 _SHARP = 0.95
 # Nodes of all rows that are looked at together.
@@ -150,16 +150,36 @@ def _warn_of_short_impacts(solution: Solution, joints: Sequence[Joint]) -> None:
         fast = gap[:-2] - gap[1:-1] > _FAST * (law.speed or 0.0) * np.diff(solution.t)[:-1, None]
         for k, i in np.argwhere(begins & fast):
             opens = np.flatnonzero(~closed[k + 2 :, i])
-            if len(opens) and opens[0] < _STEPS:
-                short_impacts.append((int(opens[0]), float(solution.t[k + 1]), what, law))
+            steps = min(_steps_of_impact(gap[k + 1 :, i], law.loss), *opens[:1], np.inf)
+            if steps < _steps_for(law.restitution):
+                short_impacts.append((int(steps), float(solution.t[k + 1]), what, law))
     if short_impacts:
         steps, t, what, law = min(short_impacts, key=lambda impact: impact[0])
         _log.warning(
             "simulate: %s: the impact at t = %.6g takes %d steps. Its restitution %g holds in "
             "contacts of %d steps or more, whose time is about pi sqrt(m / k). Take shorter steps "
             "or a smaller stiffness",
-            *(what, t, steps, law.restitution, _STEPS),
+            *(what, t, steps, law.restitution, _steps_for(law.restitution)),
         )
+
+
+def _steps_for(restitution: float) -> int:
+    return round(max(_STEPS, _OF_LOSS / (0.2 + restitution)))
+
+
+def _steps_of_impact(gaps: np.ndarray, loss: float) -> float:
+    """Steps in a contact without loss, from the way to the deepest place of this one.
+
+    With a loss this way is shorter by the root of 1 + `loss`, and the way back may be very long.
+    """
+    rises = np.flatnonzero(np.diff(gaps) >= 0)
+    if not len(rises):
+        return np.inf  # it is on the way at the end
+    deepest = rises[0]
+    before, behind = gaps[deepest - 1] - gaps[deepest], gaps[deepest + 1] - gaps[deepest]
+    top = (before - behind) / (2 * (before + behind))  # of the parabola through three rows
+    entered = gaps[0] / (gaps[0] - gaps[1])
+    return 2 * np.sqrt(1 + loss) * (deepest + top - entered)
 
 
 def _with_losses(
