@@ -7,6 +7,9 @@ reference configuration it moves against a drag on all nodes, in steps of implic
 
 as the fluid becomes thin (mu to 0). In a step to a minimum of the potential the fluid takes at
 least half of mu D.W D. Steps on the way up, to a saddle, are taken again with more drag.
+
+Rigid motions that supports leave, and that meet no force, keep a drag for good: at as many degrees
+of freedom, where it is a statically determinate support that carries nothing.
 """
 
 from __future__ import annotations
@@ -21,12 +24,13 @@ from fx_beam.scene.beam import COMPONENTS
 from fx_beam.step.sparse_lu import pivoted_lu
 from fx_beam.step.step_failures import StepFailed
 
+from .free_parts import held_for_nothing, left_by_supports, without_balance
 from .load_steps import LoadStepper
 
 # Length that a step should have and may have, in units of the scene and radians.
 _WANTED, _LONGEST = 0.2, 0.5
-# Length of a step after which the next one may be without drag.
-_SHORT = 1e-3
+# Length of a step after which the next one may be without drag; where rigid motions may be left.
+_SHORT, _SHORTER = 1e-3, 1e-8
 # Length of a step in equilibrium.
 _STILL = 1e-12
 # Least part of mu D.W D that the fluid takes.
@@ -38,6 +42,8 @@ _LITTLE = 1e-6
 _NO_LOAD = "it has no load, and no prestress"
 # Stiffness that is none, relative to the loads and to the largest stiffness.
 _OF_LOADS, _ROUNDING = 1e-9, 1e-14
+# The same of rigid motions, and forces that their support may carry.
+_NEUTRAL, _CARRIED = 1e-6, 1e-6
 
 
 class Settling:
@@ -45,6 +51,7 @@ class Settling:
 
     def __init__(self, stepper: LoadStepper):
         self.stepper, self.model, self._loop = stepper, stepper.model, stepper.loop
+        self._weights = self._loop.drag_weight.copy()
 
     def settled(self, state: State, goal: float) -> State:
         """The equilibrium that is found from a state. SceneError if there is none."""
@@ -52,11 +59,16 @@ class Settling:
         self.stepper.hold_between(goal, goal)
         self._check_forces(state)
         largest, failed = self._load(state, goal), ""
+        if why := without_balance(self.model, loop.balance(state, 1.0).r):
+            raise self._error(why)
+        enough = _SHORTER if largest and left_by_supports(self.model, first).size else _SHORT
         # Where no force moves it, prestress may hold it.
         drag = (largest or _LITTLE * self._largest(self.stepper.motions.stiffness(state))) / _WANTED
         short, moved = False, np.inf
         for _ in range(_MOST if drag else 0):
-            loop.drag = 0.0 if short else drag
+            loop.drag_weight[:], loop.drag = self._weights, drag
+            if short:
+                self.hold_rigid_motions(state, largest)
             try:
                 new, moved = self._step(state, goal)
             except StepFailed as failure:
@@ -70,7 +82,7 @@ class Settling:
                 break
             if self._size(state.q - first) > _FAR:
                 raise self._error("under its loads it moves on without an end")
-            short = moved <= _SHORT
+            short = moved <= enough
             drag *= min(1.0, max(0.1, moved / _WANTED))
         else:
             lost = "under its loads it finds no equilibrium" + f" ({failed})" * bool(failed)
@@ -78,6 +90,26 @@ class Settling:
         self.stepper.motions.note(state, loop)
         self._check(largest, state)
         return state.changed(work=work)
+
+    def hold_rigid_motions(self, state: State, largest: float) -> None:
+        """Drag on those alone that meet no force, beside a load, at as many degrees of freedom."""
+        loop, motions = self._loop, self.stepper.motions
+        loop.drag = 0.0
+        K, T = motions.stiffness(state), motions.coupling()
+        none = max(_NEUTRAL * largest, _ROUNDING * self._largest(K))
+        if largest and len(held := held_for_nothing(self.model, state.q, K, T, none)):
+            loop.drag_weight[:] = 0.0
+            loop.drag_weight[held] = self._weights[held]
+            loop.drag = self._largest(K)
+
+    def check_balance(self, state: State) -> None:
+        """SceneError if a support would have to carry the rigid motions that are held."""
+        if self._loop.drag:
+            unit = self.model.unit_of_unknowns[: self.model.reduction.free]
+            left = abs(self.stepper.residual(state, state.t) * unit).max(initial=0.0)
+            largest = max(self._load(state, state.t), self.stepper.in_members(state))
+            if left > _CARRIED * largest + 100 * _ROUNDING * self._loop.drag:
+                raise self._error(f"at the load factor {state.t:.4g} they have no balance")
 
     def _load(self, state: State, goal: float) -> float:
         """Largest load, other force at a node or force without balance, times its unit [J]."""
@@ -126,7 +158,7 @@ class Settling:
         """SceneError if on an unknown nothing acts, not even the drag."""
         self.stepper.motions.stiffness(state)
         T = self.stepper.motions.coupling()
-        held = T.T @ scipy.sparse.diags(self._loop.drag_weight) @ T
+        held = T.T @ scipy.sparse.diags(self._weights) @ T
         if (alone := np.flatnonzero(held.diagonal() == 0)).size:
             free = T[:, alone[:1]].toarray().ravel() / self.model.unit
             raise self._error(f"nothing acts on {self.where(free)}", free)

@@ -153,6 +153,8 @@ class LoadPath:
             stepper.raise_load(states)
         else:
             ArcLength(stepper).follow(states)
+        if model.mechanism:
+            Settling(stepper).check_balance(states[-1])
 
     def _branch_off(self, start: Branch) -> None:
         """Append the states of a branch."""
@@ -161,6 +163,8 @@ class LoadPath:
         if not self.model.mechanism:
             stepper.hold_reference()
         state = replace(self._at_rest(point.solution), t=point.load_factor)
+        if self.model.mechanism:
+            Settling(stepper).hold_rigid_motions(state, stepper.in_members(state))
         if not is_equilibrium(arc, state):
             raise SceneError(
                 "static: start is a branch of another path: the bifurcation is no equilibrium of "
@@ -192,12 +196,15 @@ class LoadPath:
     def _settled(self) -> State:
         """The first state of a mechanism, which its loads hold."""
         stepper, start, state = self._stepper, self.start, reference_state(self.model)
+        settling = Settling(stepper)
         if isinstance(start, Solution):
+            state = self._at_rest(start)
+            settling.hold_rigid_motions(state, stepper.in_members(state))
             try:
-                return stepper.start_from(state := self._at_rest(start))
+                return stepper.start_from(state)
             except StepError:
                 pass  # the forces that held it do not hold it alone
-        return Settling(stepper).settled(state, 1 / self.options.load_steps)
+        return settling.settled(state, 1 / self.options.load_steps)
 
     def _at_rest(self, start: Solution) -> State:
         """The last state of a solution, at rest, at load factor 0."""

@@ -54,8 +54,15 @@ class LoadLoop(CompiledLoop):
         sizes = {"D": n, "z": columns, "r": n, "tangent": len(model.reduction.tangent.pattern[1])}
         self._D, self._z, self._r, self._tangent = self.problem.results(**sizes)
         self._force, self._mean_force, self._strains = self.problem.given()
-        #: Drag [J] on the increments of all nodes.
-        self.drag = 0.0
+
+    @property
+    def drag(self) -> float:
+        """Drag [J] on increments, in all tangents and residuals of the loop and its equations."""
+        return float(self._problem.viscosity)
+
+    @drag.setter
+    def drag(self, drag: float) -> None:
+        self._problem.viscosity = drag
 
     @cached_property
     def _one_row(self) -> Any:
@@ -81,7 +88,7 @@ class LoadLoop(CompiledLoop):
         """State at the end of a load step, and its increment; StepFailed if none is found."""
         p, length = self._problem, interval.length
         inputs = self._begin_step(state, interval, length)
-        p.viscosity, p.iterations, p.by_round_off, self._one_row.rows = self.drag, 0, 0, 0
+        p.iterations = p.by_round_off = self._one_row.rows = 0
         if not self._steps(1, length, self.c_inputs(inputs), self._one_row):
             raise self.failures.in_c(self.problem, state)
         ended_by = "round-off" if p.by_round_off else "increment"

@@ -20,12 +20,12 @@ OF_STEPS void fx_end_at(Problem *p, double dt) {
   begin_elements(p, w);
 }
 
-/* Forces, residual and tangent for the increments of the columns and dead forces that were set, without what holds the
-   unknowns; returns 0 if loops cannot be closed. */
+/* Forces, residual and tangent for the increments of the columns and dead forces that were set, without forces that
+   hold the unknowns; returns 0 if loops cannot be closed. */
 OF_STEPS int fx_balance(Problem *p, double dt) {
   Problem plain = *p;
   Work work = work_of(p), *w = &work;
-  plain.hold = 0, plain.viscosity = 0, plain.team = (Team){0};
+  plain.hold = 0, plain.team = (Team){0};
   w->dt = dt;
   int closed = expand(&plain, w);
   balance(&plain, w);

@@ -1,0 +1,119 @@
+"""Parts of a scene that nothing but supports holds, and their rigid motions that these leave.
+
+Where loads are in balance among themselves, such a motion meets no force. A spring at as many
+degrees of freedom holds it, as a statically determinate support does: it carries nothing.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse
+from scipy.sparse.csgraph import connected_components
+
+from fx_beam.scene.beam import Beam
+from fx_beam.step.model import Model
+from fx_beam.step.sparse_lu import pivoted_lu
+
+# Forces without balance that are round-off, relative to the sum of all; motions of supports.
+_BALANCED, _ROUNDING = 1e-9, 1e-9
+
+
+class FreePart(NamedTuple):
+    """Nodes that hang together, and that nothing joins to the ground but supports."""
+
+    nodes: np.ndarray
+    #: Whether it has no support at all.
+    unsupported: bool
+
+    def middle(self, x: np.ndarray) -> np.ndarray:
+        """The middle (2,) of the nodes, of all positions (n_node, 2)."""
+        return x[self.nodes].mean(axis=0)
+
+    def rigid(self, x: np.ndarray) -> np.ndarray:
+        """Motions (n_node, 3, 3) along x and y, and about its middle."""
+        motions, (dx, dy) = np.zeros((len(x), 3, 3)), (x[self.nodes] - self.middle(x)).T
+        motions[self.nodes] = np.eye(3)
+        motions[self.nodes, 0, 2], motions[self.nodes, 1, 2] = -dy, dx
+        return motions
+
+
+def free_parts(model: Model) -> list[FreePart]:
+    """The parts of a scene that joints, springs and obstacles do not join to the ground."""
+    scene, mesh = model.scene, model.mesh
+    ground = len(mesh.X)
+    pairs = [(nodes[0], node) for nodes in mesh.nodes for node in nodes[1:]]
+    pairs += [(joint.a.number, joint.b.number) for joint in scene.joints]
+    pairs += [force.between for force in scene.forces_between]
+    for contact in scene.contacts:
+        nodes, shape = mesh.nodes_of(scene, contact.target), contact.shape
+        carrier = shape.nodes[0] if isinstance(shape, Beam) else shape.carrier
+        pairs.append((nodes[0], -1 if carrier is None else carrier.number))
+    i, j = np.reshape(pairs, (-1, 2)).astype(int).T % (ground + 1)  # -1 is the ground
+    graph = scipy.sparse.coo_matrix((np.ones(len(i)), (i, j)), (ground + 1,) * 2)
+    _, part_of = connected_components(graph, directed=False)
+    supported = {node for node, _ in (*scene.fixed, *scene.prescribed)}
+    parts = (np.flatnonzero(part_of == part) for part in np.unique(part_of[:-1]))
+    apart = (nodes for nodes in parts if part_of[nodes[0]] != part_of[ground])
+    return [FreePart(nodes, supported.isdisjoint(nodes.tolist())) for nodes in apart]
+
+
+def without_balance(model: Model, forces: np.ndarray) -> str:
+    """Resultants of all forces (size,) on parts without support, where they are not zero."""
+    for part in free_parts(model):
+        # Virtual works may join it to the ground, as a bed does.
+        if part.unsupported and not model.scene.virtual_works:
+            motions = part.rigid(model.mesh.X).reshape(-1, 3)
+            sums, sizes = motions.T @ forces, abs(motions.T) @ abs(forces)
+            sizes[2] += sizes[:2].sum() * model.mesh.size
+            if (abs(sums) > _BALANCED * sizes).any():
+                x, y = np.where(abs(sums[:2]) > _BALANCED * sizes[:2], -sums[:2], 0.0) + 0.0
+                at = part.middle(model.mesh.X)
+                return (
+                    f"its loads have no balance: their sum is ({x:.4g}, {y:.4g}) N and, about "
+                    f"({at[0]:.4g}, {at[1]:.4g}), {-sums[2]:.4g} N m, and it has no support"
+                )
+    return ""
+
+
+def left_by_supports(model: Model, q: np.ndarray) -> np.ndarray:
+    """Rigid motions (size, n) of free parts that supports leave, in a configuration (size,)."""
+    scene, x = model.scene, model.mesh.X + q.reshape(-1, 3)[:, :2]
+    held = np.array([*scene.fixed, *scene.prescribed], dtype=int).reshape(-1, 2)
+    motions = [np.zeros((model.size, 0))]
+    for part in free_parts(model):
+        rigid = part.rigid(x) / [1, 1, model.mesh.size]
+        at_supports = rigid[held[:, 0], held[:, 1]]
+        left = scipy.linalg.null_space(np.vstack([at_supports, 0 * np.eye(3)]), rcond=_ROUNDING)
+        motions.append(rigid.reshape(-1, 3) @ left)
+    return np.hstack(motions)
+
+
+def held_for_nothing(
+    model: Model, q: np.ndarray, K: scipy.sparse.csr_matrix, T: scipy.sparse.csr_matrix, none: float
+) -> np.ndarray:
+    """Degrees of freedom (n,) at which supports hold motions of `left_by_supports` without force.
+
+    In a configuration with the tangent K and the motions T of the unknowns; a stiffness [J] up to
+    `none` is none.
+    """
+    rigid = left_by_supports(model, q) / model.unit[:, None]
+    if not rigid.size:
+        return np.empty(0, int)
+    T = (scipy.sparse.diags(1 / model.unit) @ T).tocsr()
+    unit = scipy.sparse.diags(1 / np.sqrt(T.multiply(T).sum(axis=0)).A1)
+    T, K = T @ unit, unit @ K @ unit
+    rigid = scipy.linalg.orth(rigid)
+    moved = pivoted_lu(T.T @ T).solve(T.T @ rigid)
+    _, apart, parts = np.linalg.svd(T @ moved - rigid, full_matrices=False)
+    together = parts[apart <= _ROUNDING**0.5].T  # joints leave them as well
+    k = together.T @ moved.T @ (K @ (moved @ together))
+    stiffness, parts = np.linalg.eigh((k + k.T) / 2)
+    neutral = rigid @ together @ parts[:, abs(stiffness) <= none]
+    if not neutral.size:
+        return np.empty(0, int)
+    used = model.used_entries()[model.masses.diagonal]
+    order = scipy.linalg.qr(neutral.T * used, mode="r", pivoting=True)[1]
+    return order[: neutral.shape[1]]
