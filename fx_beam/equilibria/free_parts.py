@@ -6,6 +6,7 @@ degrees of freedom holds it, as a statically determinate support does: it carrie
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -46,7 +47,8 @@ def free_parts(model: Model) -> list[FreePart]:
     ground = len(mesh.X)
     pairs = [(nodes[0], node) for nodes in mesh.nodes for node in nodes[1:]]
     pairs += [(joint.a.number, joint.b.number) for joint in scene.joints]
-    pairs += [force.between for force in scene.forces_between]
+    for force in scene.forces_between:
+        pairs += pairwise(force.nodes)
     for contact in scene.contacts:
         nodes, shape = mesh.nodes_of(scene, contact.target), contact.shape
         carrier = shape.nodes[0] if isinstance(shape, Beam) else shape.carrier
