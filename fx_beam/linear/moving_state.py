@@ -34,9 +34,10 @@ _log = logging.getLogger("fx_beam")
 _RIGID = 1e-2
 # Weight of rates without mass, relative to the largest.
 _LITTLE = 1e-10
-# Relative change of an input. Increment, in units of the scene, in the steps that give the
-# stiffness of a moving state: the square of a larger one is an error, in a smaller one damping over
-# the length hides the stiffness. The least rate that limits this length [1/s].
+# Change of an input, relative to it, or of strains by it. Increment, in units of the scene, in the
+# steps that give the stiffness of a moving state: the square of a larger one is an error, in a
+# smaller one damping over the length hides the stiffness. The least rate that limits this length
+# [1/s].
 _SMALL, _SHORT, _REST = 1e-5, 1e-6, 1e-12
 # Rounding errors of damping, relative to the tangents of which it is a difference.
 _NO_DAMPING = 1e-13
@@ -45,9 +46,10 @@ _NO_DAMPING = 1e-13
 # Weights of these differences.
 _APART, _LEAST_APART = 0.02, 1e-4
 _FIRST, _SECOND = (3 / 4, -3 / 20, 1 / 60), (3 / 2, -3 / 20, 1 / 90)
-# Half of the time over which a natural strain is seen to change, relative to the time, or 1 s [s],
-# and the largest difference of its changes before and behind, relative to them; round-off of it.
-_MOMENT, _KINK, _ROUNDING = 1e-6, 1e-3, 1e-13
+# Half of the time over which a natural strain is seen to change, relative to the mean step of the
+# motion, and at least relative to the time; at the time zero before the first step [s]. The largest
+# difference of its changes before and behind, relative to them; round-off of it.
+_MOMENT, _OF_TIME, _AT_ZERO, _KINK, _ROUNDING = 1e-3, 1e-9, 1e-6, 1e-3, 1e-13
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +118,7 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
         w = _rates_from(model, T.toarray()) @ state.v
     (dT, dS), (ddT, _) = map(coupling.parts, coupling.derivatives(w))
     _warn_of_turn(model, state, T, dT, what)
-    strained = None if at is None or at.stats.static else _natural_rates(model, state.t, what)
+    strained = None if at is None or at.stats.static else _natural_rates(model, at, what)
     model.forms.set_load(factor, 0.0)
     f, K, C, pushes, stiff, viscous = _forces(model, state, strained)
     added = model.forms.added_force()
@@ -254,11 +256,12 @@ class _Coupling:
         return out
 
 
-def _natural_rates(model: Model, t: float, what: str) -> np.ndarray | None:
+def _natural_rates(model: Model, at: Solution, what: str) -> np.ndarray | None:
     """Rates (cells, degree, 3) of natural strains [1/s], which damp; None without any."""
     if not model.natural:
         return None
-    h = _MOMENT * max(1.0, abs(t))
+    t, first = float(at.t[-1]), float(at.t[0]) if len(at.t) > 1 else 0.0  # a state has one row
+    h = max(_MOMENT * abs(t - first) / max(at.stats.steps, 1), _OF_TIME * abs(t)) or _AT_ZERO
     values = np.array([model.natural.at(t + k * h) for k in range(-2, 3)])
     # Over twice the time a smooth function bends four times as much, one with a kink twice.
     weights = [[0, -1, 0, 1, 0], [0, 1, -2, 1, 0], [-1, 4, -6, 4, -1]]
@@ -327,15 +330,22 @@ def forces_inside(about: Deviations, name: str) -> tuple[np.ndarray, np.ndarray]
 
     Its rate has a force where it strains a material that damps.
     """
-    held, natural, state = about.held, about.model.natural, about.state
-    value, h = held.values[name], _SMALL * max(1.0, abs(held.values[name][0]))
+    held, natural, state, model = about.held, about.model.natural, about.state, about.model
+    value, h = held.values[name], _SMALL * (abs(held.values[name][0]) or 1.0)
     forces, strains = [], []
+
+    def strained(by: np.ndarray) -> np.ndarray:
+        held.set({name: by})
+        held.arrive()
+        return natural.at(state.t) if natural else np.zeros(3)
+
     try:
+        by_one = abs(strained(value + 1.0) - strained(value)) * (1.0, 1.0, model.mesh.size)
+        if by_one.any():
+            h = max(h, _SMALL / by_one.max())
         for changed in (value - h, value + h):
-            held.set({name: changed})
-            held.arrive()
+            strains.append(strained(changed))
             if natural:
-                strains.append(natural.at(state.t))
                 state = replace(state, natural=strains[-1])
             f, _, _, pushes, _, _ = _forces(about.model, state)
             forces.append(-(about.T.T @ f + about.S.T @ pushes))

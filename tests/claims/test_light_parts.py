@@ -6,8 +6,8 @@ from mechanisms import differences
 
 import fx_beam as fb
 
-# Seeds and widths. Those of 0.7 from 86 on were wrong in small or large units when they were chosen,
-# those of 1 if they were turned: corrections of a light beam rise while those of a heavy one fall.
+# Seeds and widths. Those of 0.7 from 86 on were wrong in small or large units when they were
+# chosen, those of 1 if turned: corrections of a light beam rise while those of a heavy one fall.
 SEEDS = [(seed, 0.7) for seed in (0, 3, 18, 42, 86, 88, 96)] + [(18, 1.0), (254, 1.0)]
 GRAVITY = -7.0, -0.9
 

@@ -2,6 +2,8 @@
 
 import functools
 
+import ufl
+
 import numpy as np
 import pytest
 
@@ -447,3 +449,72 @@ def test_a_moment_without_a_potential_is_seen_by_modes_in_all_units(u):
     expected, roots = (fb.modes(with_moments(of, 1e3)).eigenvalues / of.time for of in (SI, u))
     assert roots == pytest.approx(expected, rel=1e-7)
     assert abs(expected.real).max() > 1.0  # it matters
+
+
+# -- Linear systems --------------------------------------------------------------------------------
+
+
+def stiffening(u, damped=False):
+    """A beam whose bending stiffness rises with the curvature; or one that damps."""
+    rhoA, rhoI = 1.0 / u.mass * u.length, 1e-3 / u.mass / u.length
+    EA, GA, EI = 1e5 / u.force, 4e4 / u.force, 50.0 / u.force / u.length**2
+    scene = fb.Scene(gravity=u.gravity())
+    section = fb.Section(EA=EA, GA=GA, EI=EI, rhoA=rhoA, rhoI=rhoI, retardation=1e-3 / u.time)
+    if not damped:
+        section = fb.Section(
+            strain_energy=lambda eps, gamma, kappa: (
+                (EA * eps**2 + GA * gamma**2 + EI * (kappa**2 + kappa**4 / u.length**2)) / 2
+            ),
+            rhoA=rhoA,
+            rhoI=rhoI,
+        )
+    beam = scene.add_beam(u.points((0, 0), (1, 0)), section, elements=2)
+    scene.clamp(beam.start)
+    return scene, beam
+
+
+def of_natural_strain(u):
+    scene, beam = stiffening(u)
+    scene.add_natural_strain(beam, curvature=fb.Input("input"))
+    return scene, 0.3 * u.length
+
+
+def of_parameter(u):
+    """The stiffness of a spring is a root."""
+    scene, beam = stiffening(u)
+    root = fb.Parameter("root", fb.Input("input"))
+    spring = fb.Spring(0.0, 0.2 / u.length, strain_energy=lambda x: ufl.sqrt(root) * x**2 / 2)
+    scene.add_force_between(beam.end, u.points((1, 1))[0], spring=spring)
+    return scene, 900.0 * (u.length / u.force) ** 2
+
+
+@pytest.mark.parametrize("make", [of_natural_strain, of_parameter])
+def test_inputs_inside_move_equilibria_as_far_in_all_units(make):
+    """By the linear system of a motion, for an input that is as large again."""
+
+    def moved(u):
+        scene, value = make(u)
+        motion = fb.Motion(scene, dt=0.01 / u.time)
+        for _ in range(3):
+            motion.step({"input": value})
+        system = fb.linearise(scene, motion.state, inputs=["input"])
+        size, unit = len(system.A) // 2, [1 / u.length, 1 / u.length, 1]
+        unit = np.tile(unit, size // 3)
+        K = system.A[size:, :size] / unit[:, None] * unit
+        return np.linalg.solve(K, system.B[size:, 0] / unit * value)
+
+    expected = moved(SI)
+    for u in (*UNITS.values(), *POWERS.values()):
+        assert abs(moved(u) - expected).max() < 1e-8 * abs(expected).max()
+
+
+def test_a_natural_strain_that_changes_has_the_same_roots_in_all_units():
+    def roots(u):
+        scene, beam = stiffening(u, damped=True)
+        scene.add_natural_strain(beam, curvature=lambda t: 0.1 * np.sin(7 * t * u.time) * u.length)
+        solution = fb.simulate(scene, dt=0.01 / u.time, t_end=0.1 / u.time)
+        return np.sort_complex(np.linalg.eigvals(fb.linearise(scene, solution).A)) / u.time
+
+    expected = roots(SI)
+    for u in (*UNITS.values(), *POWERS.values()):
+        assert abs(roots(u) / expected - 1).max() < 1e-7
