@@ -293,10 +293,10 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Reco
       int contacts = forces && p->points->recorded, found = forces || p->keeps_joint_forces;
       int lines = p->lines && !p->repeats && found;
       p->forces_found = found;
-      if (joints || contacts || lines) evaluate_nodes(p, w);
+      if (joints || contacts) evaluate_nodes(p, w);
       if (joints) add_joint_forces(p, w);
       if (contacts) add_contact_forces(p);
-      if (lines) add_line_forces(p);
+      if (lines) add_line_forces(p, w);
       if (to->tape) put_on_tape(p, w, to->tape);
       advance(p, w, inputs, number);
       if (p->watches && switched(p)) p->failure = SWITCHED;

@@ -38,11 +38,12 @@ static void add_contact_forces(const Problem *p) {
     for (int i = 0; i < 2 * e->nodes; ++i) out[i % 2] -= p->share * e->results[i];
 }
 
-/* Adds the pulls along lines between points, of a sub-step whose forces are evaluated, to their means. */
-static void add_line_forces(const Problem *p) {
+/* Adds the pulls along lines between points of a sub-step to their means over the step. */
+static void add_line_forces(const Problem *p, const Work *w) {
   scale(p->lines, p->earlier, p->line_forces);
   for (const PointForce *e = p->points->of; e < p->points->of + p->points->nodal; ++e) {
     if (!e->pull) continue;
+    coordinates(e, w->D, w->z, e->column, e->given + e->size);
     call(e->pull, e->given, p->points->probe, 1);
     p->line_forces[e->line] += p->share * *p->points->probe;
   }
