@@ -595,6 +595,8 @@ def series(function: TimeFunction, times: np.ndarray, what: str) -> np.ndarray:
         return stacked(function.each(times))
     if isinstance(function, _CheckedFunction):
         return function.each(times[:, None], what)
+    if (of_times := getattr(function, "series", None)) is not None:
+        return of_times(times, what)
     return stacked([evaluate(function, float(t), what) for t in times])
 
 

@@ -13,12 +13,13 @@ import scipy.sparse
 from fx_beam.dual import Dual, plain, stacked
 from fx_beam.errors import Constant, TimeFunction, any_of, evaluate, series
 from fx_beam.laws.interval import Interval, just_inside
-from fx_beam.scene.beam import Beam, Node, arc_lengths, gauss_rule, lagrange_and_slopes
+from fx_beam.scene.beam import Beam, Node, gauss_rule, lagrange_and_slopes
 from fx_beam.scene.loads import NAMES, Load, PlaceTimeFunction, StrainPart, label, values_along
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 
 from .mesh import Mesh
+from .nearest_values import NearestValues, ValuesOverTime
 
 
 def line_forces(mesh: Mesh, number: int, rule: int) -> scipy.sparse.csc_matrix:
@@ -150,18 +151,18 @@ class Loads(SumOfLoads):
             return UnitLoad(function, str(load), ones, dofs, ones.astype(int))
         beam, rule = target, target.degree + 1
         unit = line_forces(self._mesh, scene.beams.index(beam), rule)
-        points = arc_lengths(beam, gauss_rule(rule)[0]).ravel()
-        if load.along is not None:
+        nearest = NearestValues(beam.s, rule)
+        if (along := load.along) is not None:
             what, rows = f"line load on {label(beam)}", np.unique(unit.indices)
-            each = values_along(load.along, 2, what, "s", points)
+            each = nearest.of(lambda s: values_along(along, 2, what, "s", s)).reshape(-1)
             values: Any = (unit @ plain(each))[rows]
             if isinstance(each, Dual):
                 values = Dual(values, (unit @ each.slopes)[rows])
             return UnitLoad(function, str(load), values, rows, np.array([len(rows)]))
         if isinstance(function, PlaceTimeFunction):
-            function = function.over(points)
+            function = ValuesOverTime(function, nearest)
         else:
-            unit = scipy.sparse.csc_matrix(unit @ np.tile(np.eye(2), (len(points), 1)))
+            unit = scipy.sparse.csc_matrix(unit @ np.tile(np.eye(2), (unit.shape[1] // 2, 1)))
         return UnitLoad(function, str(load), unit.data, unit.indices, np.diff(unit.indptr))
 
 
@@ -181,13 +182,13 @@ class NaturalStrains(SumOfLoads):
         cells = self._mesh.cells[scene.beams.index(beam)]
         points = degree * cells[:, None] + np.arange(degree)
         rows = 3 * points.ravel() + [*NAMES].index(name)
-        points = (arc_lengths(beam, gauss_rule(degree)[0]) / beam.length).ravel()
+        nearest = NearestValues(beam.s / beam.length, degree)
         values, counts = np.ones(len(rows)), np.array([len(rows)])
         what = f"{NAMES[name]} of beam {beam.name!r}"
         if isinstance(function, PlaceTimeFunction):
-            function, counts = function.over(points), np.ones(len(rows), dtype=int)
-        elif part.along is not None:
-            values = values_along(part.along, 1, what, "f", points)
+            function, counts = ValuesOverTime(function, nearest), np.ones(len(rows), dtype=int)
+        elif (along := part.along) is not None:
+            values = nearest.of(lambda f: values_along(along, 1, what, "f", f)).reshape(-1)
         return UnitLoad(function, what, values, rows, counts)
 
     def __bool__(self):

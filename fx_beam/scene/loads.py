@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from contextvars import copy_context
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
@@ -75,10 +76,6 @@ class PlaceTimeFunction:
         values = self.at(self._samples, t)
         return values[np.argmax(np.linalg.norm(values, axis=1))]
 
-    def over(self, positions: np.ndarray) -> TimeFunction:
-        """The function of time that gives the values (n size,) at n positions."""
-        return lambda t: self.at(positions, t).ravel()
-
     def at(self, positions: np.ndarray, t: float) -> np.ndarray:
         """Finite values (n, size) at n positions; SceneError otherwise."""
         if self._block is not None and not have_slopes():
@@ -113,23 +110,33 @@ class PlaceTimeFunction:
             return None
 
     def _one_by_one(self, positions: np.ndarray, t: float) -> np.ndarray:
-        values = []
-        for position in positions.tolist():
-            what = f"{self._what} at {self._name} = {position:g}, t = {t:g}"
-            try:
-                value = self._function(position, t)
-            except Exception as error:
-                raise SceneError(f"{what}: calling it raised {error!r}") from error
-            values.append(vector(value, self._size, what))
-        return stacked(values)
+        places = positions.tolist()
+        with suppress(Exception):  # which is found below, with its place
+            at_once = [self._function(position, t) for position in places]
+            values = stacked(at_once).reshape(len(places), self._size)
+            if (abs(plain(values)) <= LARGEST).all():
+                return values
+        return stacked([self._checked(position, t) for position in places])
+
+    def _checked(self, position: float, t: float) -> np.ndarray:
+        """The value at a place; SceneError, with the place, for what is none."""
+        what = f"{self._what} at {self._name} = {position:g}, t = {t:g}"
+        try:
+            value = self._function(position, t)
+        except Exception as error:
+            raise SceneError(f"{what}: calling it raised {error!r}") from error
+        return vector(value, self._size, what)
 
 
 def values_along(
-    function: Callable[[float], np.ndarray], size: int, what: str, name: str, positions: np.ndarray
+    function: CheckedFunction, size: int, what: str, name: str, positions: np.ndarray
 ) -> Any:
-    """Values (n * size,) of a function of position at n positions."""
-    checked = [vector(function(x), size, f"{what} at {name} = {x:g}") for x in positions.tolist()]
-    return stacked(checked).ravel()
+    """Finite values (n, size) of a function of position at n positions; SceneError otherwise."""
+    values = function.each(positions[:, None])
+    if not (abs(plain(values)) <= LARGEST).all():
+        for x, value in zip(positions.tolist(), values, strict=True):
+            vector(value, size, f"{what} at {name} = {x:g}")
+    return values
 
 
 class Mass(NamedTuple):
@@ -153,7 +160,7 @@ class Load:
     #: Whether a force turns with the section of its node.
     follower: bool = False
     #: ``along(s)``: line load [qx, qy] at the arc length s; then ``value(t)`` is its factor.
-    along: Callable[[float], np.ndarray] | None = field(default=None, metadata=NUMBER)
+    along: CheckedFunction | None = field(default=None, metadata=NUMBER)
 
     def __str__(self):
         return f"{'follower ' if self.follower else ''}{self.kind} on {label(self.target)}"

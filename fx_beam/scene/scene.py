@@ -871,7 +871,8 @@ class Scene:
             Force per reference length [N/m]: a constant, or a function ``load(t)`` of time,
             ``load(s)`` of the arc length from the beam's start [m], or ``load(s, t)`` of both. The
             last is called with all arc lengths at once, at both ends of each step, if it takes
-            arrays, else with one after the other.
+            arrays, else with one after the other. Functions of the arc length may jump inside
+            elements: their integrals are right.
         of : {"time", "arc length", "arc length and time"}
             The arguments of the function.
 
@@ -1013,9 +1014,9 @@ class Scene:
         term : callable
             ``term(step)`` gives the virtual work of the force per reference length, a scalar UFL
             expression linear in ``step.virtual_u`` and ``step.virtual_psi``. `step` is an
-            `fx_beam.Step`. The element's reduced Gauss rule integrates it. Numbers that change are
-            a `Parameter`; functions and constants of UFL or dolfinx are refused, as they would be
-            read only once.
+            `fx_beam.Step`. The element's reduced Gauss rule integrates it, so that a jump along a
+            beam must be at a node. Numbers that change are a `Parameter`; functions and constants
+            of UFL or dolfinx are refused, as they would be read only once.
         beam : Beam, optional
             Where it acts; on all beams by default.
 

@@ -1,0 +1,181 @@
+"""Values of functions of place at the Gauss points of elements, which may jump inside these."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+from fx_beam.content_cache import cached_property
+from fx_beam.dual import Dual, plain, stacked
+from fx_beam.errors import evaluate
+from fx_beam.scene.beam import gauss_rule, lagrange
+from fx_beam.scene.loads import PlaceTimeFunction
+
+# Places at which a function is looked at: of each element, and at least of a beam.
+_LOOKS = 10, 160
+# A fourth difference of values at these places, relative to the largest value, which smooth loads
+# of 1.3 elements a wave do not have; a jump of 3 % of the largest value has it.
+_ROUGH = 0.1
+# The same of second differences of values at the points of the rule, which lead to a look.
+_SUSPECT = 0.5
+# Calls at which a function is looked at in any case; so it is at the last of many at once.
+_REGULAR_LOOKS = np.append(0, 16 ** np.arange(10))
+# Times whose values are read at once: those of more would not stay in the processor's cache.
+_AT_ONCE = 50
+# Error of the integral over a piece of an element, relative to that of the largest value over the
+# element. Parts into which each element is divided at first, at least, all of a beam together, and
+# each piece with a larger error; both ends of a piece.
+_TOLERANCE, _PARTS, _ENDS = 1e-12, (4, 64, 32), np.array([1e-11, 1 - 1e-11])
+
+# Values (n, size) of a function at n places.
+_Values = Callable[[np.ndarray], np.ndarray]
+
+
+class NearestValues:
+    """Values (elements * rule, size) at the Gauss points of elements that end at some places.
+
+    Those of a function that is smooth are its own. Those of others are values of the nearest
+    polynomials, so that the rule is right for their integrals times all polynomials of its degree.
+    """
+
+    def __init__(self, ends: np.ndarray, rule: int):
+        self._ends, self._lengths, self._rule = ends, np.diff(ends), gauss_rule(rule)
+        #: Places (elements * rule,) of the points.
+        self.points = (ends[:-1, None] + self._lengths[:, None] * self._rule[0]).ravel()
+
+    @cached_property
+    def _looks(self) -> np.ndarray:
+        count = max(_LOOKS[0] * len(self._lengths), _LOOKS[1])
+        return self._ends[0] + (np.arange(count) + 0.5) / count * (self._ends[-1] - self._ends[0])
+
+    def of(self, function: _Values) -> np.ndarray:
+        """Those of a function."""
+        if self.is_rough(function):
+            return self.divided(function)
+        return function(self.points)
+
+    def is_rough(self, function: _Values) -> bool:
+        """Whether a function jumps or varies within elements."""
+        v = plain(function(self._looks))
+        difference = v[4:] + v[:-4] - 4 * (v[3:-1] + v[1:-3]) + 6 * v[2:-2]
+        return abs(difference).max() > _ROUGH * abs(v).max()
+
+    def is_suspect(self, values: np.ndarray) -> np.ndarray:
+        """Whether values (n, points, size) at n times look so (n,)."""
+        size, v = values.shape[2], values.reshape(len(values), -1)
+        if values.shape[1] < 3:
+            return np.zeros(len(v), bool)
+        difference = v[:, 2 * size :] - 2 * v[:, size:-size] + v[:, : -2 * size]
+        return abs(difference).max(axis=1) > _SUSPECT * abs(v).max(axis=1)
+
+    def divided(self, function: _Values) -> np.ndarray:
+        """Those of a function that jumps: elements are divided until they meet the jumps."""
+        count = len(self._lengths)
+        parts = max(_PARTS[0], -(-_PARTS[1] // count))
+        cells, start, width = np.arange(count), np.zeros(count), np.ones(count)
+        total: Any = 0.0
+        largest = 0.0
+        while len(cells):
+            width = np.repeat(width / parts, parts)
+            start = np.repeat(start, parts) + width * np.tile(np.arange(parts), len(cells))
+            cells = np.repeat(cells, parts)
+            integrals, errors, size = self._of_pieces(function, cells, start, width)
+            largest = max(largest, size)
+            known = errors <= _TOLERANCE * largest
+            numbers = integrals[0].size
+            places = cells[known, None] * numbers + np.arange(numbers)
+            values = integrals[known].reshape(-1)
+            total = total + np.bincount(places.ravel(), values, count * numbers)
+            cells, start, width, parts = cells[~known], start[~known], width[~known], _PARTS[2]
+        return total.reshape(len(self.points), -1)
+
+    def _of_pieces(
+        self, function: _Values, cells: np.ndarray, start: np.ndarray, width: np.ndarray
+    ) -> tuple[Any, np.ndarray, float]:
+        """Integrals over pieces of elements, their errors, and the size of the largest value.
+
+        The error is the width times that of an extrapolation to just inside both ends.
+        """
+        points, own = self._rule
+        inner, weights, to_ends = _rule_of_pieces(len(points) + 3)
+        fractions = start[:, None] + width[:, None] * np.concatenate([inner, _ENDS])
+        places = self._ends[cells, None] + self._lengths[cells, None] * fractions
+        values = function(places.ravel()).reshape(*places.shape, -1)
+        polynomials = lagrange(points, fractions[:, :-2].ravel()) / own
+        polynomials = polynomials.reshape(len(cells), len(inner), -1)
+        polynomials = polynomials * (width[:, None] * weights)[..., None]
+        inside, ends = values[:, :-2], plain(values)[:, -2:]
+        missed = abs(to_ends @ plain(inside) - ends).max(axis=(1, 2))
+        largest = float(abs(plain(values)).max())
+        return _integrals(polynomials, inside), width * missed, largest
+
+
+@functools.cache
+def _rule_of_pieces(points: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Gauss points of a piece, their weights, and those of extrapolations to its ends."""
+    x, weights = gauss_rule(points)
+    return x, weights, lagrange(x, _ENDS)
+
+
+def _integrals(polynomials: np.ndarray, values: Any) -> Any:
+    """Integrals (n, k, size) of values at points of n pieces, with slopes that they have."""
+    if isinstance(values, Dual):
+        slopes = np.einsum("npk,npsm->nksm", polynomials, values.slopes)
+        return Dual(_integrals(polynomials, values.values), slopes)
+    return np.einsum("npk,nps->nks", polynomials, values)
+
+
+class ValuesOverTime:
+    """The nearest values of a function of place and time as a function of time (points size,).
+
+    Between the points the function is looked at ever more rarely, and where its values there leave
+    a doubt. Once it is rough, its elements are divided at all times.
+    """
+
+    def __init__(self, function: PlaceTimeFunction, nearest: NearestValues):
+        self._function, self._nearest = function, nearest
+        self._is_rough, self._calls, self._next_look = False, 0, 0
+
+    def __call__(self, t: float) -> np.ndarray:
+        """The values at a time [s]."""
+        return self._at([t], lambda function, t: function(t))[0]
+
+    def series(self, times: np.ndarray, what: str) -> np.ndarray:
+        """Those at n times (n, ...); StepError if the function fails."""
+        call = functools.partial(evaluate, what=what)
+        parts = (times[k : k + _AT_ONCE].tolist() for k in range(0, len(times), _AT_ONCE))
+        return np.concatenate([self._at(part, call) for part in parts])
+
+    def _at(self, times: list[float], call: Callable) -> np.ndarray:
+        function, nearest = self._function, self._nearest
+
+        def at_points(t: float) -> np.ndarray:
+            return function.at(nearest.points, t)
+
+        def is_rough(t: float) -> bool:
+            return nearest.is_rough(lambda places: function.at(places, t))
+
+        def divided(t: float) -> np.ndarray:
+            return nearest.divided(lambda places: function.at(places, t))
+
+        if not self._is_rough:
+            rows = stacked([call(at_points, t) for t in times])
+            self._is_rough = any(call(is_rough, times[k]) for k in self._looks(plain(rows)))
+        if self._is_rough:
+            rows = stacked([call(divided, t) for t in times])
+        return rows.reshape(len(times), -1)
+
+    def _looks(self, rows: np.ndarray) -> Iterator[int]:
+        """Of times with values (n, points, size) those at which to look between the points."""
+        calls = self._calls + np.arange(len(rows))
+        self._calls += len(rows)
+        regular, suspect = np.isin(calls, _REGULAR_LOOKS), self._nearest.is_suspect(rows)
+        regular[-1] |= len(rows) >= _AT_ONCE // 2  # else a load that comes is seen late
+        for k in np.flatnonzero(regular | suspect).tolist():
+            if regular[k] or calls[k] >= self._next_look:
+                yield k
+                if suspect[k]:
+                    self._next_look = 2 * int(calls[k]) + 1
