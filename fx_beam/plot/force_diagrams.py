@@ -42,7 +42,9 @@ def diagrams(
     A value is drawn normal to the axis: N and Q to the left of the beam's direction if they are
     positive, M on the side that is in tension. Positive areas are red, negative ones blue and
     hatched. The extreme value of each member is written beside it; in frames of more than 12
-    members those of the whole.
+    members those of the whole. M is what the balance of each element gives at its ends, at a clamp
+    the reaction, at a free end zero; of a motion from a file, and N and Q, what they are at the
+    Gauss points.
 
     Parameters
     ----------

@@ -26,7 +26,8 @@ def at_ends(values: np.ndarray) -> np.ndarray:
 def along_all(solution: Any, quantity: str, rows, points: np.ndarray) -> np.ndarray:
     """Values (rows, elements, points) of a quantity or internal variable, at points in [0, 1].
 
-    But for the speed, they are polynomials through the values at the Gauss points, and may jump.
+    But for the speed, they are polynomials through the values at the Gauss points, and may jump;
+    those of M also go through the values at the ends of elements, where these are known.
     """
     rows = list(rows)
     if quantity == "speed":
@@ -36,7 +37,59 @@ def along_all(solution: Any, quantity: str, rows, points: np.ndarray) -> np.ndar
         return np.hypot(v[..., 0], v[..., 1])
     energies = quantity == "strain energy"
     values = energy_density(solution, rows) if energies else _at_points(solution, quantity, rows)
-    return values @ lagrange(gauss_rule(values.shape[-1])[0], points).T
+    places = gauss_rule(values.shape[-1])[0]
+    if quantity == "M" and (ends := moments_at_ends(solution, rows, values)) is not None:
+        values, places = np.concatenate([values, ends], axis=-1), np.append(places, [0.0, 1.0])
+    return values @ lagrange(places, points).T
+
+
+def moments_at_ends(solution: Any, rows: list[int], M: np.ndarray) -> np.ndarray | None:
+    """Bending moments (rows, elements, 2) [N m] at the ends of elements, by those at Gauss points.
+
+    They are what the balance of each element gives: at a clamp its reaction, at a free end zero; a
+    couple on a node is the jump there. None where it needs what the solution does not have.
+    """
+    sections = [beam.section for beam in solution.beams.values()]
+    is_static = solution.stats.static
+    if not (solution.has_motion and (is_static or solution.has_rates and None not in sections)):
+        return None
+    nodes = nodes_of_elements(solution)
+    places, ends = np.linspace(0, 1, nodes.shape[1]), [0, -1]
+    points, weights = gauss_rule(len(places) - 1)
+    shape, slopes = lagrange_and_slopes(places, points)
+    lengths = np.linalg.norm(slopes @ solution.X[nodes], axis=-1)
+    N, Q = (_at_points(solution, name, rows) for name in "NQ")
+    axial, shear, _ = _strains(solution, nodes, _q_of_forces(solution, rows))
+    lever = (1 + axial) * Q - shear * N  # of n about the axis, W phi'.n
+    forces = np.einsum("g,ga,reg->rea", weights, slopes[:, ends], M)
+    forces -= np.einsum("g,ga,eg,reg->rea", weights, shape[:, ends], lengths, lever)
+    if not is_static:
+        forces += _rotary_inertia(solution, nodes, rows)[..., ends]
+    return forces * [-1, 1]
+
+
+def _q_of_forces(solution: Any, rows: list[int]) -> np.ndarray:
+    """Displacements and rotations (rows, nodes, 3) to which the resultants belong."""
+    q, t, k = solution.recorded("q"), solution.t, np.array(rows)
+    if solution.stats.static:
+        return q[k]
+    before = np.maximum(k - 1, 0)
+    step, back = t[k] - t[before], (t - solution.t_level)[k]
+    part = np.divide(back, step, out=np.zeros(len(k)), where=step > 0)[:, None, None]
+    return (1 - part) * q[k] + part * q[before]
+
+
+def _rotary_inertia(solution: Any, nodes: np.ndarray, rows: list[int]) -> np.ndarray:
+    """Couples (rows, elements, degree + 1) of the rotary inertia of elements at their nodes."""
+    places, inertias = np.linspace(0, 1, nodes.shape[1]), []
+    points, weights = gauss_rule(len(places))
+    shape, slopes = lagrange_and_slopes(places, points)
+    lengths = np.linalg.norm(slopes @ solution.X[nodes], axis=-1)
+    for beam in solution.beams.values():
+        inertias.append(beam.section.values("rhoI", arc_lengths(beam, points) / beam.length))
+    weighted = weights * lengths * np.concatenate(inertias)
+    turns = solution.recorded("a")[rows][:, nodes, 2]
+    return np.einsum("eg,ga,gb,reb->rea", weighted, shape, shape, turns)
 
 
 def _at_points(solution: Any, quantity: str, rows: list[int]) -> np.ndarray:
@@ -60,7 +113,8 @@ def energy_density(solution: Any, rows: list[int]) -> np.ndarray:
             "take the solution as simulate gave it, or N, Q, M or speed"
         )
     natural = np.stack([_at_points(solution, name, rows) for name in NAMES.values()])
-    strains = _strains(solution, nodes_of_elements(solution), rows) - natural
+    q = solution.recorded("q")[rows]
+    strains = _strains(solution, nodes_of_elements(solution), q) - natural
     names, values = solution.names_of_parameters, solution.parameters[rows].tolist()
     parameters = [dict(zip(names, of_row, strict=True)) for of_row in values]
     density, end = np.empty(strains.shape[1:]), 0
@@ -85,11 +139,11 @@ def energy_density(solution: Any, rows: list[int]) -> np.ndarray:
 
 # In NumPy, beside laws/kinematics.py: pictures are also drawn of solutions that come from
 # another process or a copy, without the compiled forms.
-def _strains(solution: Any, nodes: np.ndarray, rows: list[int]) -> np.ndarray:
+def _strains(solution: Any, nodes: np.ndarray, q: np.ndarray) -> np.ndarray:
     """Axial strain, shear strain and curvature (3, rows, elements, degree) (eqs 9 and 10)."""
     count = nodes.shape[1]
     values, slopes = lagrange_and_slopes(np.linspace(0, 1, count), gauss_rule(count - 1)[0])
-    X, q = solution.X[nodes], solution.recorded("q")[rows][:, nodes]
+    X, q = solution.X[nodes], q[:, nodes]
     (X, Y), (u, v, psi) = np.moveaxis(X, -1, 0), np.moveaxis(q, -1, 0)
     x, y, du, dv, curvature = (f @ slopes.T for f in (X, Y, u, v, psi))
     J, half = np.hypot(x, y), psi @ values.T / 2

@@ -137,3 +137,22 @@ def test_rates_that_resultants_need_and_that_are_not_recorded_are_asked_for():
         run.resultants(arm)
     elastic = fb.simulate(scene, fb.Newmark(), **options)
     assert elastic.resultants(arm).N.shape == (6, 1)
+
+
+# -- Members that are stiff in shear or along the axis ---------------------------------------------
+
+
+@pytest.mark.parametrize("stiff", ["EA", "GA"])
+@pytest.mark.parametrize(("ratio", "error"), [(1e3, 1e-4), (1e6, 1e-4), (1e9, 1e-2)])
+def test_forces_of_a_cantilever_are_right_however_stiff_it_is(stiff, ratio, error):
+    """Small forces; rounding errors of the strains times the stiffness are what is left of them."""
+    along, across = np.array([0.8, 0.6]), np.array([-0.6, 0.8])
+    scene = fb.Scene()
+    section = fb.Section(**{"EA": 1e6, "GA": 1e6, "EI": 1e4, stiff: ratio * 1e6})
+    beam = scene.add_beam([(0, 0), tuple(2 * along)], section, elements=8)
+    scene.clamp(beam.start)
+    scene.add_force(beam.end, tuple(0.1 * along - 0.1 * across))
+    r = fb.static(scene, load_steps=1).resultants(beam)
+    np.testing.assert_allclose(r.N[-1], 0.1, rtol=error)
+    np.testing.assert_allclose(r.Q[-1], -0.1, rtol=error)
+    np.testing.assert_allclose(r.M[-1], -0.1 * (2.0 - r.s), rtol=error)
