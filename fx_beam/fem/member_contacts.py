@@ -241,6 +241,17 @@ class MemberContacts:
         return {str(one.contact): one.numbers[:, -3].tolist() for one in sticking}
 
     @property
+    def bristles(self) -> list[tuple[int, float, bool, str]]:
+        """Of all friction the place of the stretch, mu, no force that it follows, and the contact."""
+        bristles, name = list[tuple[int, float, bool, str]](), ""
+        for one, first in zip(self._pairs, self._first_slots[:-1].tolist(), strict=True):
+            name = str(one.contact or name)
+            for k in range(_SLOTS * len(one.points) * one.law.sticks):
+                mu = float(one.numbers[k // _SLOTS, -2])
+                bristles.append((_IN_SLOT * (first + k) + 1, mu, False, name))
+        return bristles
+
+    @property
     def are_near(self) -> bool:
         """Whether points are so near to a member that they may touch it in the last step."""
         return self._all.contact_points > 0

@@ -46,6 +46,18 @@ class Load(NamedTuple):
     turn: int = -1
 
 
+class Bristle(NamedTuple):
+    """The spring of friction that sticks."""
+
+    #: Place of its stretch among all internal variables of forces at points; then comes the slip,
+    #: and in a joint, if it follows its force, this force.
+    place: int
+    mu: float
+    follows: bool
+    #: What of the scene it belongs to, as text.
+    owner: str
+
+
 class PointForce(NamedTuple):
     """A force at points: its law, and what belongs to it alone."""
 
@@ -427,6 +439,18 @@ class PointForces:
         """Internal variables that are forces of joints, which friction follows in a step."""
         pairs = zip(self._forces, self._first_internal, strict=True)
         return np.array([first + 2 for force, first in pairs if force.load.joint >= 0], dtype=int)
+
+    @property
+    def bristles(self) -> list[Bristle]:
+        """The springs of all friction that sticks."""
+        every = zip(self._forces, self._first_internal, self._numbers, strict=True)
+        own = [
+            Bristle(first, float(numbers[-2]), force.load.joint >= 0, force.belongs_to)
+            for force, first, numbers in every
+            if force.law.sticks
+        ]
+        of_members = [] if self.members is None else self.members.bristles
+        return own + [Bristle(self._of_forces + place, *of) for place, *of in of_members]
 
     @property
     def owners(self) -> np.ndarray:

@@ -305,6 +305,17 @@ class Tape:
         assert self._after is not None
         return self._after.memory[self.problem.places[name]]
 
+    def histories(self, problem: Problem, places: np.ndarray) -> np.ndarray:
+        """Internal variables (n + 1, places) of forces at points at all ends of sub-steps.
+
+        If not all rows are kept the run is repeated for them.
+        """
+        values = np.empty((len(self) + 1, len(places)))
+        for part in self.parts(problem):
+            boundaries = np.arange(part.first, part.end + 1)
+            values[boundaries] = self.states(boundaries)["spring internal"][:, places]
+        return values
+
     def steps_to(self, boundaries: np.ndarray) -> Steps:
         """The steps that end before some sub-steps."""
         begins = np.flatnonzero(self.times.begins)

@@ -15,6 +15,7 @@ from fx_beam.errors import SceneError, any_of
 from .form_tables import aligned_zeros
 from .layout import Layout, Numbers, all_of, never_empty, put_columns
 from .model import Model
+from .reversals import reversals_in, rows_of
 from .tables import Problem
 from .tape import Part, Tape
 from .vjp_work import VjpWork
@@ -148,6 +149,7 @@ class TapeDerivatives:
         self.sizes = np.zeros(every)
         arrays = {"x": x, "sizes": self.sizes, "of_steps": never_empty(of_steps)}
         structs.set(self.c, **arrays, by_unknowns=0)
+        self._find_reversals(tape)
         left_over: np.ndarray | None = None
         for part in tape.parts(self.problem, backwards=True):
             weights, rows, sub_steps = weights_of(part)
@@ -229,6 +231,7 @@ class TapeDerivatives:
         x = self.layout.vector(changes, self.numbers, count)
         of_steps = self._of_steps(changes, count, len(tape))
         _kept = self._begin_jvp(changes, x, of_steps, directions=count, by_unknowns=0)
+        self._find_reversals(tape)
         states, forces = self.layout.states.only(entries), self.layout.forces
         for part in tape.parts(self.problem):
             at, of = rows_of(part)
@@ -288,6 +291,22 @@ class TapeDerivatives:
         library, (first, end), backwards = self.problem.derivatives(way), tape.present, way == "VJP"
         left = (library.fx_vjp if backwards else library.fx_jvp)(self._p, tape.c, self.c)
         _check_followed(left, tape, first + left - 1 if backwards else end - left)
+
+    def _find_reversals(self, tape: Tape) -> None:
+        """Hand over where slip reverses in so few steps that its time has a derivative of its own."""
+        bristles = [] if tape.c.apart or self._p.at_rest else self._model.points.bristles
+        reversals, lengths = [], tape.times.lengths
+        if bristles:
+            places = [bristle.place for bristle in bristles]
+            at = np.add.outer(places, [0, 1, 2]).ravel()
+            follows = np.repeat([bristle.follows for bristle in bristles], 3)
+            at = np.where(follows | (np.arange(len(at)) % 3 < 2), at, 0)
+            histories = np.split(tape.histories(self.problem, at), len(bristles), axis=1)
+            for bristle, of in zip(bristles, histories, strict=True):
+                stretch, slip, force = of.T
+                reversals += reversals_in(bristle, stretch, slip, force[:-1], lengths)
+        self._reversals = Structs(self._ffi, declarations("problem.h"))
+        self._reversals.set(self.c, **rows_of(reversals, lengths))
 
     def _of_steps(self, changes: Mapping[str, np.ndarray], count: int, rows: int) -> np.ndarray:
         """Changes of the numbers of sub-steps in groups (groups, rows * step_size, group size)."""

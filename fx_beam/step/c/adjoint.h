@@ -118,6 +118,7 @@ static int vjp_step(Problem *p, Work *w, const Derivatives *a, Linear *l, const 
   int whole = forces || closes || (!a->by_unknowns && (p->cell_internal || p->spring_width));
   double *x = a->x, *trial = l->trial;
   long size = (at->size - at->Y) * sizeof(double);
+  l->step = k;
   if (!begin_linearised(p, w, a, l, row, forces, k == 0 || a->by_unknowns, whole)) return 0;
   begin_vjp(p, w, a, at, k, x);
   begin_forces(a, at, k, x);

@@ -52,7 +52,7 @@ static int has_constant_map(const Problem *p) { return p->entries == p->equal &&
 static int begin_taped(Problem *p, Work *w, const Derivatives *a, const double *row, Linear *l) {
   double dt = row[1];
   int unread = a->by_unknowns && has_constant_map(p); /* whether Jacobians are read, but no forces and no tangent */
-  take_from_tape(p, w, row);
+  take_from_tape(p, w, row), stretch_bristles(p, a, l->step);
   w->dt = dt;
   begin_loads(p, w);
   if (p->naturals) begin_natural(p, w);
@@ -69,7 +69,7 @@ static int begin_taped(Problem *p, Work *w, const Derivatives *a, const double *
   if (w->by_slopes && !a->by_unknowns) find_slopes(p, w, a, l), add_slopes(p, &a->internal_forces, l->slopes[0], w->tangent);
   if (p->friction_follows) set_axes(p, w);
   if (!l->adds) l->of[TOUCHED].count = 0;
-  if (HAS(MEMBERS) && p->points->members) put_members(l->of + TOUCHED, p, &l->at);
+  if (HAS(MEMBERS) && p->points->members) put_members(l->of + TOUCHED, p, a, &l->at, l->step);
   if (!unread) reduce_tangent(p, w);
   if (HAS(LOOPS) && w->transposed) factorise_closures(p, w, w->G_virtual, 0);
   return 1;

@@ -138,7 +138,7 @@ KEPT long fx_jvp(Problem *p, const Tape *tape, const Derivatives *a) {
   for (; left; --left) {
     long row = tape->rows - left, k = tape->first + row;
     int forces = !a->by_unknowns && a->forces.at[k] >= 0, more = are_added(p, a, k, k + 1, tape->all);
-    l.adds = are_added(p, a, k, k - 1, tape->all), l.share = l.adds || more ? a->share[k] : 0;
+    l.step = k, l.adds = are_added(p, a, k, k - 1, tape->all), l.share = l.adds || more ? a->share[k] : 0;
     if (!begin_linearised(p, w, a, &l, tape->row + row * tape->size, forces, !k, 1)) break;
     if (!a->by_unknowns && !factorise_for_directions(p, w)) break;
     for (long i = 0; i < groups; ++i) {

@@ -32,6 +32,7 @@ typedef struct {
   int moves_joints;
   double *followed, *next; /* forces that friction follows */
   FixedPoint following;
+  long step; /* its number among all of the run, or -1 */
 } Linear;
 
 static const Vjp *work_of_elements(const Derivatives *a, int i) { return i ? &a->drag : &a->internal_forces; }
@@ -64,7 +65,7 @@ static void begin_linear(const Problem *p, Work *w, const Derivatives *a, Linear
   const int *row = p->entry_row, *column = p->entry_column, *value = p->entry_value + equal;
   const double *sign = p->entry_sign + equal;
   lay_out(p, w, p->scratch), lay_out_linear(p, w, a, l, a->scratch);
-  l->share = 0, l->adds = 0;
+  l->share = 0, l->adds = 0, l->step = -1;
   Layout at = l->at = fx_layout(p, a);
   memset(l->of, 0, sizeof l->of);
   l->of[EQUAL] = (Block){0, equal, 0, column, row, 0, 0, 0, at.Y1, at.q1};
@@ -204,7 +205,10 @@ static void put_points(const Problem *p, const Derivatives *a, Linear *l) {
     int n = e->size, all = n + e->internal, numbers = a->numbers[k];
     int pushed = k >= points->external && k < points->external + p->follower_forces ? follower_force : -1;
     const double *slopes = a->of_point;
-    call(a->slopes[k], e->given, a->of_point, all * (2 * n + e->internal + numbers + e->parameters));
+    int wide = 2 * n + e->internal + numbers + e->parameters;
+    const Reversal *reversal = e->internal ? reversal_at(a, l->step, e->first_internal) : 0;
+    call(a->slopes[k], e->given, a->of_point, all * wide);
+    if (reversal) reverse(reversal, n, wide, 2 * n + e->internal + numbers - 2, e->load >= 0, a->of_point);
     for (int i = 0; i < all; ++i) {
       int row = i >= n ? l->at.springs1 + e->first_internal + i - n
                        : e->slide >= 0 ? l->at.R + e->column : in(l->at.r, e->dof[i]);

@@ -148,6 +148,7 @@ static double *number_of(const MemberContact *c, int point) { return c->number +
 
 /* Where the internal variables, what is of places, and the numbers of a point are among what its law is given. */
 static inline int internal_at(const MemberContact *c) { return 3 * c->sums + 2; }
+static inline int stretch_in_slot(const MemberContacts *m, int slot) { return m->first_internal + IN_SLOT * slot + 1; }
 static inline int places_at(const MemberContact *c) { return internal_at(c) + c->internal + c->remembered; }
 static inline int numbers_at(const MemberContact *c) { return places_at(c) + (c->internal ? 5 : 2); }
 

@@ -5,6 +5,7 @@
 
 #include "blocks.h"
 #include "newton.h"
+#include "reversals.h"
 
 /* What the law of a contact point is derived by (fem/compiled_laws.py): start, increments, internal variables, what is of
    places, and numbers. */
@@ -47,14 +48,16 @@ static void put_contact_point_row(Block *b, const MemberContact *c, const Contac
 }
 
 /* The forces of all contact points, and their internal variables; sets their tangents. */
-static void put_members(Block *b, const Problem *p, const Layout *at) {
+static void put_members(Block *b, const Problem *p, const Derivatives *a, const Layout *at, long step) {
   MemberContacts *m = p->points->members;
   for (ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e) {
     const MemberContact *c = m->of + e->contact;
-    int n = c->sums, wide = followed_by(c), variables = e->slot < 0 ? -1 : m->first_internal + IN_SLOT * e->slot + 1;
+    int n = c->sums, wide = followed_by(c), variables = e->slot < 0 ? -1 : stretch_in_slot(m, e->slot);
     double slopes[(2 * MOST_SUMS + IN_SLOT) * MOST_FOLLOWED];
     if (!e->closed) continue;
     call(c->slopes, e->given, slopes, (n + c->internal) * wide);
+    const Reversal *reversal = variables < 0 ? 0 : reversal_at(a, step, variables);
+    if (reversal) reverse(reversal, n, wide, wide - 2, 0, slopes);
     for (int i = 0; i < CONTACT_POINT_DOFS; ++i) {
       double by[MOST_FOLLOWED] = {0};
       for (int k = 0; k < n / 2; ++k)

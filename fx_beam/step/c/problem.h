@@ -423,6 +423,14 @@ typedef struct {
   double *rows;
 } RowsOfRun;
 
+/* Friction in a sub-step around a reversal of its slip (reversals.h), by the place of the stretch of its spring. Before it the
+   derivative of the time of the reversal is `leads` times that of the slip. In it the stretch is far beyond the limit, so that
+   the friction is given, and the force of its joint; it changes by `pushes` times its derivative by mu with that time. */
+typedef struct {
+  int place;
+  double stretch, force, leads, pushes;
+} Reversal;
+
 /* A run of which derivatives are followed: backwards (adjoint.h) those of a function of the states at its boundaries, the
    ends of sub-steps, and of forces of driven and fixed columns and of joints; forwards (forward.h) changes of these with those
    of all numbers of a scene, in groups of GROUP_SIZE directions, the last one filled with zeros: [group][number][direction]. */
@@ -444,6 +452,7 @@ typedef struct {
   /* Position among sparse factors of each entry of the transposed tangent; of a chain or a band, of each stored value. */
   struct { int *transposed_at; };
   int *followed;      /* places in x of the forces that friction follows */
+  struct { int *reversal_start; Reversal *reversal; }; /* the first of each sub-step, if there are any */
   int member_numbers, member_arcs; /* of contact with members: how many numbers and arcs its laws have */
   double *scratch;
 } Derivatives;

@@ -1,0 +1,36 @@
+/* Reversals of the slip of friction in so few sub-steps that their derivatives say nothing of its time (step/reversals.py). */
+
+#pragma once
+
+#include "point_forces.h"
+
+/* What a sub-step has to do with a reversal, by the place of the stretch of the spring; 0 if nothing. */
+static const Reversal *reversal_at(const Derivatives *a, long step, int place) {
+  if (!a->reversal || step < 0) return 0;
+  for (int i = a->reversal_start[step]; i < a->reversal_start[step + 1]; ++i)
+    if (a->reversal[i].place == place) return a->reversal + i;
+  return 0;
+}
+
+/* Stretches springs of friction at the start of a sub-step beyond their limit. */
+static void stretch_bristles(const Problem *p, const Derivatives *a, long step) {
+  if (!a->reversal || step < 0) return;
+  for (int i = a->reversal_start[step]; i < a->reversal_start[step + 1]; ++i) {
+    const Reversal *r = a->reversal + i;
+    if (r->stretch) p->spring_internal[r->place] = r->stretch;
+    if (r->force) p->spring_internal[r->place + FOLLOWED] = r->force;
+  }
+}
+
+/* Changes the derivatives [force, internal variable][wide] of a law with n coordinates: its stretch is that of the time of the
+   reversal, before it by the slip, then zero, and its friction in it depends on this alone. */
+static void reverse(const Reversal *r, int n, int wide, int mu, int follows, double *slopes) {
+  double *of_stretch = slopes + n * wide, *of_slip = of_stretch + wide;
+  for (int k = 0; k < wide; ++k) of_stretch[k] = r->leads * of_slip[k];
+  of_stretch[2 * n + 1] -= r->leads;
+  for (int i = 0; r->stretch && i < n; ++i) {
+    double *by = slopes + i * wide;
+    by[2 * n] = r->pushes * by[mu];
+    if (follows) by[2 * n + FOLLOWED] = 0;
+  }
+}

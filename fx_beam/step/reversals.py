@@ -1,0 +1,76 @@
+"""Reversals of slip in a few steps, whose times have derivatives of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fx_beam.fem.point_forces import Bristle
+
+# Steps between slip to one side and to the other one, from which on those of the steps are right.
+_FEW = 4
+# Slip, relative to the stretch of the spring in the step and to all slip, that is round-off.
+_OF_STRETCH, _OF_SLIP = 1e-6, 1e-12
+# Stretch [m or rad] at which friction is at its limit, whatever the increment of the step.
+_FAR = 1e20
+# In its place the derivative of the spring's stretch carries that of the time, so much smaller that
+# outputs do not see it.
+_SMALL = 1e-30
+_OPEN = 2
+
+
+class Reversal(NamedTuple):
+    """Friction whose slip reverses after a sub-step, and again has a side in a later one."""
+
+    bristle: Bristle
+    last: int
+    next: int
+    #: Its side before, and its acceleration.
+    side: int
+    acceleration: float
+    #: Force that limits the friction of a joint, as the mean of both sub-steps.
+    force: float
+
+
+def reversals_in(
+    bristle: Bristle, stretch: np.ndarray, slip: np.ndarray, force: np.ndarray, lengths: np.ndarray
+) -> Iterator[Reversal]:
+    """Reversals in few sub-steps, from internal variables (n + 1,) at their ends, and forces (n,)."""
+    slips = np.diff(slip)
+    least = _OF_STRETCH * abs(np.diff(stretch)) + _OF_SLIP * abs(slip).max(initial=0.0)
+    sides = np.where(abs(slips) > least, np.sign(slips), 0).astype(int)
+    sides[(slip[1:] == 0) & (stretch[1:] == 0)] = _OPEN
+    known = np.flatnonzero(sides)
+    a, b = known[:-1], known[1:]
+    found = _reverses(sides, a, b)
+    for last, then in zip(a[found].tolist(), b[found].tolist(), strict=True):
+        before, rate = slips[last - 1 : last + 1] / lengths[last - 1 : last + 1]
+        acceleration = 2 * (rate - before) / lengths[last - 1 : last + 1].sum()
+        if acceleration * sides[last] < 0:
+            mean = (force[last] + force[then]) / 2
+            yield Reversal(bristle, last, then, int(sides[last]), acceleration, mean)
+
+
+def _reverses(sides: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Whether slip reverses between sub-steps a and b, and has its side in another one around."""
+    after = np.minimum(b + 1, len(sides) - 1)
+    turns = (sides[a] == -sides[b]) & (b - a <= _FEW) & (a > 0)
+    return turns & (sides[a - 1] == sides[a]) & (sides[after] == sides[b])
+
+
+def rows_of(reversals: list[Reversal], lengths: np.ndarray) -> dict[str, Any]:
+    """Members of the C struct Derivatives for a run of sub-steps."""
+    rows = list[tuple[int, dict[str, Any]]]()
+    for of in reversals:
+        place, dt = of.bristle.place, lengths
+        rows.append((of.last, {"place": place, "leads": -_SMALL / dt[of.last] / of.acceleration}))
+        for k in range(of.last + 1, max(of.last + 2, of.next)):
+            first = k == of.last + 1
+            pushes = 2 * of.bristle.mu / dt[k] / _SMALL if first else 0.0
+            row = {"place": place, "stretch": _FAR * of.side, "force": of.force, "pushes": pushes}
+            rows.append((k, row))
+    rows.sort(key=lambda row: row[0])
+    starts = np.searchsorted([k for k, _ in rows], np.arange(len(lengths) + 1))
+    return {"reversal_start": starts, "reversal": [row for _, row in rows]}
