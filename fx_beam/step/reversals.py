@@ -10,7 +10,7 @@ import numpy as np
 from fx_beam.fem.point_forces import Bristle
 
 # Steps between slip to one side and to the other one, from which on those of the steps are right.
-_FEW = 4
+_FEW = 16
 # Slip, relative to the stretch of the spring in the step and to all slip, that is round-off.
 _OF_STRETCH, _OF_SLIP = 1e-6, 1e-12
 # Stretch [m or rad] at which friction is at its limit, whatever the increment of the step.
@@ -29,6 +29,7 @@ class Reversal(NamedTuple):
     next: int
     #: Its side before, and its acceleration.
     side: int
+    rate: float
     acceleration: float
     #: Force that limits the friction of a joint, as the mean of both sub-steps.
     force: float
@@ -50,7 +51,7 @@ def reversals_in(
         acceleration = 2 * (rate - before) / lengths[last - 1 : last + 1].sum()
         if acceleration * sides[last] < 0:
             mean = (force[last] + force[then]) / 2
-            yield Reversal(bristle, last, then, int(sides[last]), acceleration, mean)
+            yield Reversal(bristle, last, then, int(sides[last]), rate, acceleration, mean)
 
 
 def _reverses(sides: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -64,12 +65,19 @@ def rows_of(reversals: list[Reversal], lengths: np.ndarray) -> dict[str, Any]:
     """Members of the C struct Derivatives for a run of sub-steps."""
     rows = list[tuple[int, dict[str, Any]]]()
     for of in reversals:
-        place, dt = of.bristle.place, lengths
-        rows.append((of.last, {"place": place, "leads": -_SMALL / dt[of.last] / of.acceleration}))
-        for k in range(of.last + 1, max(of.last + 2, of.next)):
-            first = k == of.last + 1
-            pushes = 2 * of.bristle.mu / dt[k] / _SMALL if first else 0.0
-            row = {"place": place, "stretch": _FAR * of.side, "force": of.force, "pushes": pushes}
+        place, before, last = of.bristle.place, *lengths[of.last - 1 : of.last + 1]
+        leads = -_SMALL / of.acceleration
+        part = min(-of.rate / of.acceleration / last, 1.5)
+        on = 2 * part * last / (before + last)
+        rows.append((of.last - 1, {"place": place, "leads": -leads * on / before}))
+        rows.append((of.last, {"place": place, "leads": leads * (1 + on) / last, "keeps": 1.0}))
+        inside = range(of.last + 1, max(of.last + 2, of.next))
+        for k in inside:
+            row = {"place": place, "stretch": _FAR * of.side, "force": of.force, "keeps": 1.0}
+            if k == inside[len(inside) // 2]:
+                row |= {"pushes": 2 * of.bristle.mu / lengths[k] / _SMALL, "keeps": 0.0}
+            if len(inside) == 1:
+                row["share"] = 2 * part - 2
             rows.append((k, row))
     rows.sort(key=lambda row: row[0])
     starts = np.searchsorted([k for k, _ in rows], np.arange(len(lengths) + 1))

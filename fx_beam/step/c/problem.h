@@ -428,7 +428,7 @@ typedef struct {
    the friction is given, and the force of its joint; it changes by `pushes` times its derivative by mu with that time. */
 typedef struct {
   int place;
-  double stretch, force, leads, pushes;
+  double stretch, force, leads, keeps, pushes, share;
 } Reversal;
 
 /* A run of which derivatives are followed: backwards (adjoint.h) those of a function of the states at its boundaries, the

@@ -27,10 +27,10 @@ static void stretch_bristles(const Problem *p, const Derivatives *a, long step) 
 static void reverse(const Reversal *r, int n, int wide, int mu, int follows, double *slopes) {
   double *of_stretch = slopes + n * wide, *of_slip = of_stretch + wide;
   for (int k = 0; k < wide; ++k) of_stretch[k] = r->leads * of_slip[k];
-  of_stretch[2 * n + 1] -= r->leads;
+  of_stretch[2 * n + 1] -= r->leads, of_stretch[2 * n] += r->keeps;
   for (int i = 0; r->stretch && i < n; ++i) {
     double *by = slopes + i * wide;
-    by[2 * n] = r->pushes * by[mu];
+    by[2 * n] = r->pushes * by[mu], by[mu] *= r->share;
     if (follows) by[2 * n + FOLLOWED] = 0;
   }
 }
