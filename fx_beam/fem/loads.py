@@ -19,7 +19,6 @@ from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 
 from .mesh import Mesh
-from .nearest_values import NearestValues, ValuesOverTime
 
 
 def line_forces(mesh: Mesh, number: int, rule: int) -> scipy.sparse.csc_matrix:
@@ -149,6 +148,8 @@ class Loads(SumOfLoads):
             dofs = dofs[:2] if load.kind == "force" else dofs[2:]
             ones = np.ones(len(dofs))
             return UnitLoad(function, str(load), ones, dofs, ones.astype(int))
+        from .nearest_values import NearestValues, ValuesOverTime
+
         beam, rule = target, target.degree + 1
         unit = line_forces(self._mesh, scene.beams.index(beam), rule)
         nearest = NearestValues(beam.s, rule)
@@ -178,6 +179,8 @@ class NaturalStrains(SumOfLoads):
         return [self._strain(scene, *part) for part in parts]
 
     def _strain(self, scene: Scene, beam: Beam, name: str, part: StrainPart) -> UnitLoad:
+        from .nearest_values import NearestValues, ValuesOverTime
+
         function, degree = part.value, self.shape[1]
         cells = self._mesh.cells[scene.beams.index(beam)]
         points = degree * cells[:, None] + np.arange(degree)

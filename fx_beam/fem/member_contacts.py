@@ -242,7 +242,7 @@ class MemberContacts:
 
     @property
     def bristles(self) -> list[tuple[int, float, bool, str]]:
-        """Of all friction the place of the stretch, mu, no force that it follows, and the contact."""
+        """Of all friction the place of the stretch, mu, no force that it follows, its contact."""
         bristles, name = list[tuple[int, float, bool, str]](), ""
         for one, first in zip(self._pairs, self._first_slots[:-1].tolist(), strict=True):
             name = str(one.contact or name)

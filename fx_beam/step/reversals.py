@@ -38,7 +38,7 @@ class Reversal(NamedTuple):
 def reversals_in(
     bristle: Bristle, stretch: np.ndarray, slip: np.ndarray, force: np.ndarray, lengths: np.ndarray
 ) -> Iterator[Reversal]:
-    """Reversals in few sub-steps, from internal variables (n + 1,) at their ends, and forces (n,)."""
+    """Reversals in few sub-steps: internal variables (n + 1,) at their ends, forces (n,)."""
     slips = np.diff(slip)
     least = _OF_STRETCH * abs(np.diff(stretch)) + _OF_SLIP * abs(slip).max(initial=0.0)
     sides = np.where(abs(slips) > least, np.sign(slips), 0).astype(int)

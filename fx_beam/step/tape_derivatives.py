@@ -293,7 +293,7 @@ class TapeDerivatives:
         _check_followed(left, tape, first + left - 1 if backwards else end - left)
 
     def _find_reversals(self, tape: Tape) -> None:
-        """Hand over where slip reverses in so few steps that its time has a derivative of its own."""
+        """Hand over reversals of slip in so few steps that their times have derivatives."""
         bristles = [] if tape.c.apart or self._p.at_rest else self._model.points.bristles
         reversals, lengths = [], tape.times.lengths
         if bristles:
