@@ -10,7 +10,13 @@ from scipy.optimize import minimize_scalar, newton
 
 from fx_beam.dual import stacked
 from fx_beam.errors import array_of, is_one_of, require
-from fx_beam.linear.harmonic import Measured, Vibration, checked_frequencies, nodal_load
+from fx_beam.linear.harmonic import (
+    Measured,
+    Vibration,
+    base_motion,
+    checked_frequencies,
+    nodal_load,
+)
 from fx_beam.linear.linearisation import Linearisation
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import FrequencyResponse
@@ -58,6 +64,9 @@ class HarmonicResponse(TangentResponse):
         ``state(scene)`` computes the equilibrium about which the scene vibrates, such as
         ``lambda scene: fb.static(scene)``, also in a steady turn, ``fb.static(scene, spin=...)``;
         by default the reference configuration without loads.
+    base : (2,) complex, optional
+        Amplitudes of the displacement of the base [m], as in `frequency_response`; then the load
+        that `build` gives is None.
 
     Attributes
     ----------
@@ -95,7 +104,9 @@ class HarmonicResponse(TangentResponse):
         frequencies: Sequence[float],
         *,
         state: Callable[[Scene], Solution] | None = None,
+        base: Sequence[complex] | None = None,
     ):
+        self._base = base
         self._f = checked_frequencies(frequencies, f"{_WHAT}: frequencies")
         self._begin_tangent(build, state)
 
@@ -110,7 +121,9 @@ class HarmonicResponse(TangentResponse):
     def _scene_at(self, x: Any) -> Scene:
         built = self._built(x)
         fits = isinstance(built, tuple) and len(built) == 3 and isinstance(built[0], Scene)
-        require(fits, f"{_WHAT}: what build gives", built, "(scene, load, at)")
+        fits = fits and (built[1] is None) == (self._base is not None)
+        wanted = "(scene, load, at)" if self._base is None else "(scene, None, at), with a base"
+        require(fits, f"{_WHAT}: what build gives", built, wanted)
         self._given[built[0]] = built[1:]
         return built[0]
 
@@ -136,23 +149,34 @@ class HarmonicResponse(TangentResponse):
         self._measured = Measured(about, at, f"{_WHAT}: at")
         # Right sides of the motion and of the adjoint ones.
         self._sides = np.array([about.T.T @ self._force, *self._measured.rows]).T
+        self._ones = np.ones(len(self._measured.rows))
         self._vibration = Vibration(about, _WHAT)
         solved = [self._solved(f) for f in self._f]
         motions, adjoints = map(np.array, zip(*solved, strict=True))
         self._solutions = self._f, motions, adjoints
-        values = motions @ self._measured.rows.T
+        values = motions @ self._measured.rows.T + self._measured.of_nodes @ self._moved
         self.response = FrequencyResponse(at, self._f, self._measured.names, values)
         self._x = given
         return values.copy()
 
     def _linearised(self, x: Any) -> Linearisation:
         about = super()._linearised(x)
-        self._force = nodal_load(about, self._given[self._scene][0], f"{_WHAT}: load")
+        self._moved = np.zeros(about.model.size)
+        if self._base is None:
+            self._force = nodal_load(about, self._given[self._scene][0], f"{_WHAT}: load")
+        else:
+            self._moved = base_motion(about, self._base, f"{_WHAT}: base")
+            self._force = about.model.mass @ self._moved
         return about
+
+    def _sides_at(self, frequency: float) -> np.ndarray:
+        """Right sides: inertia forces of a base grow with the square of the frequency."""
+        grows = self._base is not None
+        return self._sides * [(2 * np.pi * frequency) ** 2 if grows else 1.0, *self._ones]
 
     def _solved(self, frequency: float) -> tuple[np.ndarray, np.ndarray]:
         """The motion (free,) at a frequency, and those (c, free) of the adjoint components."""
-        there, sides = self._vibration.at(frequency), self._sides
+        there, sides = self._vibration.at(frequency), self._sides_at(frequency)
         if there.symmetric:
             solved = there.solved(sides).T
             return solved[0], solved[1:]
@@ -234,15 +258,19 @@ class HarmonicResponse(TangentResponse):
         require(is_one_of(component, names), what, component, f"one of {', '.join(names)}")
         i = names.index(component)
         row, order = self._measured.rows[i], np.argsort(self._f)
+        of_base = self._measured.of_nodes[i] @ self._moved
         size, f = abs(self.response.values[order, i]), self._f[order]
 
         def minus_amplitude(frequency: float) -> float:
-            return -float(abs(row @ self._vibration.at(frequency).solved(self._sides[:, 0])))
+            side = self._sides_at(frequency)[:, 0]
+            return -float(abs(row @ self._vibration.at(frequency).solved(side) + of_base))
 
         def slope(frequency: float) -> float:
             motion, adjoints = self._solved(frequency)
             by_frequency = adjoints[i] @ self._vibration.by_frequency(motion)
-            return float((np.conj(row @ motion) * by_frequency).real)
+            if self._base is not None:
+                by_frequency -= 4 * np.pi * frequency * (adjoints[i] @ self._sides[:, 0])
+            return float((np.conj(row @ motion + of_base) * by_frequency).real)
 
         peaks = []
         for k in np.flatnonzero((size[1:-1] > size[:-2]) & (size[1:-1] >= size[2:])) + 1:
@@ -250,7 +278,7 @@ class HarmonicResponse(TangentResponse):
             near = float(minimize_scalar(minus_amplitude, method="bounded", **where).x)
             at = float(newton(slope, near, x1=near * (1 + _PLACE), tol=_EXACT * near, disp=False))
             motion, adjoints = self._solved(at)
-            value = row @ motion
+            value = row @ motion + of_base
             weights = np.conj(value) / abs(value) * (np.arange(len(names)) == i)
             there = np.array([at]), motion[None], adjoints[None]
             gradient = self._of_sums(self._pairs(there, weights[None, None]), np.ones((1, 1)))[0]
@@ -265,7 +293,7 @@ class HarmonicResponse(TangentResponse):
 
     def _numbers_of(self, scene: Scene, change: Any) -> dict[str, Any]:
         """The numbers of a scene and of its load, whose node is that of the last call."""
-        _, components = self._given[scene][0]
+        _, components = self._given[scene][0] or (None, (0.0, 0.0))
         parts = [(c.real, c.imag) if np.iscomplexobj(c) else (c, 0.0) for c in components]
         flat = np.reshape(stacked(parts), -1)
         filled = np.concatenate([flat, np.zeros(6 - len(flat))])
@@ -282,12 +310,16 @@ class HarmonicResponse(TangentResponse):
         factors = -1.0, -1j * w[of], w[of] ** 2, 1 / np.where(w > 0, w, 1.0)
         of_nodes = np.broadcast_to(of_nodes, (*left.shape[:2], of_nodes.shape[2]))
         on_nodes = of_nodes.reshape(len(of), -1)
-        return Pairs(motions, left.reshape(len(of), -1), of, *factors, self._force, on_nodes)
+        forces, base = self._force, None
+        if self._base is not None:
+            forces, base = np.multiply.outer(w[of] ** 2, forces), self._moved
+        return Pairs(motions, left.reshape(len(of), -1), of, *factors, forces, on_nodes, base)
 
     def _of_sums(self, pairs: Pairs, weights: np.ndarray) -> np.ndarray:
-        by_x, node = super()._of_sums(pairs, weights), self._given[self._scene][0][0]
+        by_x = super()._of_sums(pairs, weights)
         if not self._load_changes.any():
             return by_x
+        node = self._given[self._scene][0][0]
         at_node = self._about.T[self._about.model.mesh.dofs[node.number]]
         by_load = weights @ (pairs.left @ at_node.T @ self._load_changes.T)
         return by_x + by_load.real

@@ -77,6 +77,8 @@ class Pairs(NamedTuple):
     #: Forces (size,) times T l, and (n, size) times T r.
     on_left: Any = 0.0
     on_right: Any = 0.0
+    #: Motion (size,) of the nodes that is added to T r in m l.M r; None for none.
+    base: np.ndarray | None = None
 
 
 class _Along(NamedTuple):
@@ -84,6 +86,7 @@ class _Along(NamedTuple):
 
     Of each the number (n,) of its direction r, and weights (n, free) of K r and C r. Matrices A
     with weights (n, size) of the mass times A r. Numbers with weights (n, size) of motions T r.
+    A motion (size,) of the base, and weights (n, size) of the mass times it; or None.
     """
 
     directions: np.ndarray
@@ -93,6 +96,7 @@ class _Along(NamedTuple):
     damping: np.ndarray
     by_mass: list[tuple[scipy.sparse.csr_matrix, np.ndarray]]
     ends: list[tuple[np.ndarray, np.ndarray]]
+    base: tuple[np.ndarray, np.ndarray] | None
 
 
 class _Steps(NamedTuple):
@@ -233,7 +237,8 @@ class TangentDerivatives:
             ends = [(of.of, sum(turned, of.on_right + m * of_nodes))]
             ends += [(len(right) + np.arange(len(left)), _times(mass, moving) + of.on_left)]
             directions, times = np.vstack([right, left]), np.append(times, times[of.of])
-        return _Along(directions, times, of.of, k * left, c * left, by_mass, ends)
+        base = None if of.base is None else (of.base, m * moved)
+        return _Along(directions, times, of.of, k * left, c * left, by_mass, ends, base)
 
     def followed(
         self, along: _Along, weights: np.ndarray, curved: bool = False
@@ -261,6 +266,11 @@ class TangentDerivatives:
             pairs = zip(weighted(along.of, of_mass), _times(A, basis), strict=True)
             of_pairs = (by_mass_entries(self._problem.model, *pair) for pair in pairs)
             by["mass"] = sum(of_pairs, by["mass"])
+        if along.base is not None and "mass" in by:
+            motion, of_motion = along.base
+            on_base = weights @ of_motion
+            for pair in ((on_base.real, motion.real), (-on_base.imag, motion.imag)):
+                by["mass"] = by["mass"] + by_mass_entries(self._problem.model, *pair)
         return by, by_state
 
     def _of_lengths(self, along: _Along, time: float) -> list[np.ndarray]:
@@ -295,6 +305,10 @@ class TangentDerivatives:
 
         masses = changes["mass"].reshape(count, -1)
         heavy = np.flatnonzero(masses.any(axis=1))
+        for motion, of_motion in [] if along.base is None else [along.base]:
+            for i in heavy:
+                changed = scipy.sparse.csr_matrix((masses[i], mass.indices, mass.indptr))
+                sums[:, i] += of_motion @ (changed @ motion)
         most = max(1, int(_MEMORY / (8 * len(on_forces) * free * count)))
         for some in (slice(k, k + most) for k in range(0, len(basis), most)):
             forces, ends = self._pushed(self._steps(basis[some], time), by_state)

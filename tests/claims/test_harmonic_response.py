@@ -267,3 +267,55 @@ def test_heights_of_sharp_peaks_have_the_derivatives_of_the_closed_form(ratio):
     assert peak.amplitude == pytest.approx(height(x), rel=1e-10)
     ends = [(height(x + h) - height(x - h)) / (2 * h.sum()) for h in np.diag(1e-4 * x)]
     assert peak.gradient == pytest.approx(ends, rel=1e-6)
+
+
+# -- Shaken bases ---------------------------------------------------------------------------------
+
+
+def test_an_oscillator_on_a_base_has_the_derivatives_of_its_closed_form():
+    def build(x):
+        scene, (node, _), _ = oscillator([*x, 1.0])
+        return scene, None, node
+
+    x, f, b = np.array([1.2, 30.0, 0.5]), np.array([0.0, 0.5, 0.8, 2.0]), 0.7 - 0.2j
+    run, w, (m, k, c) = fb.HarmonicResponse(build, f, base=(b, 0.0)), 2 * np.pi * f, x
+    held, D = k + 1j * w * c, k + 1j * w * c - w**2 * m
+    assert run(x)[:, 0] == pytest.approx(b * held / D, rel=1e-12)
+    exact = b / D**2 * np.array([held * w**2, D - held, 1j * w * (D - held)])
+    assert run.jacobian()[:, 0] == pytest.approx(exact.T, rel=1e-7, abs=1e-12)
+    weights = np.array([[1, 0.3j, 0], [0.5, 0, 0], [1j, 0, 0], [-1, 0, 0]])
+    assert run.vjp(weights) == pytest.approx((weights[:, 0] @ exact.T).real, rel=1e-7)
+    run = fb.HarmonicResponse(build, np.linspace(0.5, 1.2, 8), base=(b, 0.0))
+    run(x)
+    (peak,) = run.peaks("x")
+    # Of the ratio (1 + (2 z r)^2) / ((1 - r^2)^2 + (2 z r)^2) in r^2: largest at this one.
+    z = c / (2 * np.sqrt(k * m))
+    r2 = (np.sqrt(1 + 8 * z**2) - 1) / (4 * z**2)
+    assert 2 * np.pi * peak.frequency == pytest.approx(np.sqrt(r2 * k / m), rel=1e-6)
+    w = 2 * np.pi * peak.frequency
+    assert peak.amplitude == pytest.approx(abs(b * (k + 1j * w * c) / (k + 1j * w * c - w**2 * m)))
+    for base, load in (((1, 0), (1, 2)), (None, None)):
+        refused = fb.HarmonicResponse(lambda x, load=load: (build(x)[0], load, 0), f, base=base)
+        with pytest.raises(fb.SceneError, match="what build gives"):
+            refused(x)
+
+
+@pytest.mark.parametrize("build", [bending, chain, slide, damped])
+def test_on_a_base_what_is_left_of_the_linear_change_is_of_second_order(build, monkeypatch):
+    monkeypatch.setitem(DATA, "retardation", 2e-3)
+
+    def built(x):
+        scene = build(x)
+        return scene, None, scene.beams[-1].end
+
+    x, direction = np.append(X, 1.0), np.array([0.3, -0.5, 0.4, 0.6])
+    run = fb.HarmonicResponse(built, F, state=loaded, base=(0.4, 1.0 + 0.5j))
+    values, J = run(x), run.jacobian()
+    weights = np.random.default_rng(0).standard_normal((*values.shape, 2)) @ (1, 1j)
+    by_x = np.tensordot(weights, J, 2).real
+    assert run.vjp(weights) == pytest.approx(by_x, rel=1e-6, abs=1e-9 * abs(by_x).max())
+    left = [run(x + h * direction) - values - h * J @ direction for h in (2e-3, -2e-3, 1e-3, -1e-3)]
+    odd = abs(np.subtract(left[::2], left[1::2])).reshape(2, -1).max(axis=1)
+    assert odd[0] < 1e-5 * abs(values).max()
+    even = abs(np.add(left[::2], left[1::2])).reshape(2, -1).max(axis=1)
+    assert even[0] / even[1] == pytest.approx(4.0, rel=0.05)
