@@ -1,12 +1,13 @@
 """How a mechanism settles under its loads: the equilibrium that it finds in a viscous fluid.
 
-Without loads a mechanism has no stiffness, and any of its positions is an equilibrium. From its
-reference configuration it moves against a drag on all nodes, in steps of implicit Euler,
+Without loads a mechanism has no stiffness, and any of its positions is an equilibrium; a slack
+cable has hardly any. From its reference configuration it moves against a drag on all nodes, in
+steps of implicit Euler,
 
     f(q + D) + mu W D = F,    W = diag(1 / unit^2),
 
 as the fluid becomes thin (mu to 0). In a step to a minimum of the potential the fluid takes at
-least half of mu D.W D. Steps on the way up, to a saddle, are taken again with more drag.
+least half of mu D.W D. Steps on the way up, or to a saddle, are taken again with more drag.
 
 Rigid motions that supports leave, and that meet no force, keep a drag for good: at as many degrees
 of freedom, where it is a statically determinate support that carries nothing.
@@ -29,6 +30,8 @@ from .load_steps import LoadStepper
 
 # Length that a step should have and may have, in units of the scene and radians.
 _WANTED, _LONGEST = 0.2, 0.5
+# Largest deviation of a step with drag from its predictor, relative to it: it goes straight down.
+_DEVIATION = 1.0
 # Length of a step after which the next one may be without drag; where rigid motions may be left.
 _SHORT, _SHORTER = 1e-3, 1e-8
 # Length of a step in equilibrium.
@@ -42,14 +45,17 @@ _LITTLE = 1e-6
 _NO_LOAD = "it has no load, and no prestress"
 # Stiffness that is none, relative to the loads and to the largest stiffness.
 _OF_LOADS, _ROUNDING = 1e-9, 1e-14
+# Difference of rotations in a beam that bends, relative to the motion.
+_BENT = 1e-3
 # The same of rigid motions, and forces that their support may carry.
 _NEUTRAL, _CARRIED = 1e-6, 1e-6
 
 
 class Settling:
-    """Finds the equilibrium of a mechanism at a load factor."""
+    """Finds the equilibrium of a mechanism at a load factor; errors say `why` it is one."""
 
-    def __init__(self, stepper: LoadStepper):
+    def __init__(self, stepper: LoadStepper, why: str = ""):
+        self._why = why or stepper.model.mechanism
         self.stepper, self.model, self._loop = stepper, stepper.model, stepper.loop
         self._weights = self._loop.drag_weight.copy()
 
@@ -87,7 +93,6 @@ class Settling:
         else:
             lost = "under its loads it finds no equilibrium" + f" ({failed})" * bool(failed)
             raise self._error(lost if drag else _NO_LOAD)
-        self.stepper.motions.note(state, loop)
         self._check(largest, state)
         return state.changed(work=work)
 
@@ -123,12 +128,15 @@ class Settling:
         new, step = self._loop.step(state, Interval(goal, goal))
         self.stepper.note(step)
         moved = self._size(step.D)
-        if moved > _LONGEST:
+        bent = self._loop.drag and self.stepper.deviation > _DEVIATION and moved > _SHORT
+        if bent or moved > _LONGEST:
             raise StepFailed("off the path", "the step is too long", step.D)
         self.stepper.check_circles(state, new)
         work, gained, rounding = self.stepper.work_and_gain(state, new, step.D)
         by_drag = self._loop.drag * step.D @ (self._loop.drag_weight * step.D)
-        if work - gained + rounding < _LEAST_WORK * by_drag:
+        self.stepper.motions.note(new, self._loop)
+        saddle = new.unstable_modes and moved > _STILL
+        if saddle or work - gained + rounding < _LEAST_WORK * by_drag:
             raise StepFailed("off the path", "the step goes up", step.D)
         return new, moved
 
@@ -164,10 +172,24 @@ class Settling:
             raise self._error(f"nothing acts on {self.where(free)}", free)
 
     def _check(self, largest: float, state: State) -> None:
-        """SceneError if an equilibrium is free to move: the loads give it no stiffness."""
-        if (free := self.freest(state, largest)) is not None:
+        """SceneError if an equilibrium is free to move: the loads give it no stiffness.
+
+        Where beams have less than round-off, so little drag stays.
+        """
+        if (free := self.freest(state, largest)) is None:
+            return
+        if not self._bends(free):
             lost = f"in their equilibrium they leave {self.where(free)} free"
             raise self._error(lost if largest else _NO_LOAD, free)
+        loop, most = self._loop, self._largest(self.stepper.motions.stiffness(state))
+        loop.drag_weight[:] = loop.drag_weight * bool(loop.drag) + 10 * _ROUNDING * self._weights
+        loop.drag = loop.drag or most
+
+    def _bends(self, motion: np.ndarray) -> bool:
+        """Whether beams bend in a small motion (size,): a stiffness that is less than round-off."""
+        turns = abs(motion).max() * _BENT
+        beams = (motion[2::3][nodes] for nodes in self.model.mesh.nodes)
+        return any(np.ptp(turn) > turns for turn in beams)
 
     def where(self, free: np.ndarray) -> str:
         """What moves most in a small motion (size,)."""
@@ -184,6 +206,6 @@ class Settling:
         """What is a mechanism, why its loads do not hold it, and a support against a motion."""
         support = "" if free is None else f', such as fix(node, "{self._most(free)[1]}"),'
         return SceneError(
-            f"{self.model.mechanism}. Loads may hold such a part, as gravity holds a pendulum, but "
+            f"{self._why}. Loads may hold such a part, as gravity holds a pendulum, but "
             f"{why}. Add a support{support or ','} or a spring"
         )

@@ -136,7 +136,7 @@ class LoadPath:
 
     def _follow(self) -> None:
         """Append all states."""
-        stepper, states, options, start = self._stepper, self.states, self.options, self.start
+        stepper, states, start = self._stepper, self.states, self.start
         if isinstance(start, Branch):
             self._branch_off(start)
             return
@@ -149,12 +149,45 @@ class LoadPath:
             states.append(self._first_state())
         else:
             states.append(stepper.start_from(self._at_rest(start)))
-        if options.continuation is None:
-            stepper.raise_load(states)
-        else:
-            ArcLength(stepper).follow(states)
+        self._raise_load()
         if model.mechanism:
             Settling(stepper).check_balance(states[-1])
+
+    def _raise_load(self) -> None:
+        """Append the states up to load factor 1.
+
+        Those of a scene of so little stiffness that no step follows its loads from the reference,
+        such as a cable that is not drawn as it hangs, settle as those of a mechanism.
+        """
+        stepper, states, slack = self._stepper, self.states, False
+        while True:
+            try:
+                if self.options.continuation is None:
+                    stepper.raise_load(states)
+                else:
+                    ArcLength(stepper).follow(states)
+                return
+            except StepError as error:
+                first = len(states) == 1 and self.start is None and not self.model.mechanism
+                if not (slack or first) or self._team is not None:
+                    raise
+                settled = self._settled_again(states[-1], error)
+                if not slack:
+                    states.clear()
+                states.append(settled)
+                slack = True
+
+    def _settled_again(self, state: State, error: StepError) -> State:
+        """The state at the end of the load step of an error, if it is stable; else the error."""
+        path, steps = self._stepper.path, self.options.load_steps
+        held, path.held = path.held, 0 * path.held
+        with suppress(SceneError):
+            goal = (np.floor(state.t * steps + 1e-9) + 1) / steps
+            new = Settling(self._stepper, str(error)).settled(state, float(goal))
+            if not self._stepper.motions.count(new, new):
+                return new
+        path.held = held
+        raise error
 
     def _branch_off(self, start: Branch) -> None:
         """Append the states of a branch."""
@@ -195,8 +228,8 @@ class LoadPath:
 
     def _settled(self) -> State:
         """The first state of a mechanism, which its loads hold."""
-        stepper, start, state = self._stepper, self.start, reference_state(self.model)
-        settling = Settling(stepper)
+        stepper, start, settling = self._stepper, self.start, Settling(self._stepper)
+        state = reference_state(self.model)
         if isinstance(start, Solution):
             state = self._at_rest(start)
             settling.hold_rigid_motions(state, stepper.in_members(state))
