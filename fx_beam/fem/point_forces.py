@@ -450,7 +450,9 @@ class PointForces:
             if force.law.sticks
         ]
         of_members = [] if self.members is None else self.members.bristles
-        return own + [Bristle(self._of_forces + place, *of) for place, *of in of_members]
+        return own + [
+            Bristle(self._of_forces + place, mu, False, owner) for place, mu, owner in of_members
+        ]
 
     @property
     def owners(self) -> np.ndarray:

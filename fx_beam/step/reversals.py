@@ -1,84 +1,102 @@
-"""Reversals of slip in a few steps, whose times have derivatives of their own."""
+"""Reversals of slip in few steps, whose times have derivatives of their own (c/reversals.h)."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from fx_beam.fem.point_forces import Bristle
 
-# Steps between slip to one side and to the other one, from which on those of the steps are right.
+#: Sub-steps of a run that may have one.
+LEAST_STEPS = 4
+# Sub-steps from slip to one side to slip to the other one, above which their derivatives are right.
 _FEW = 16
 # Slip, relative to the stretch of the spring in the step and to all slip, that is round-off.
 _OF_STRETCH, _OF_SLIP = 1e-6, 1e-12
+# Of the sides of slip in a sub-step, that of contact which is open.
+_OPEN = 2
 # Stretch [m or rad] at which friction is at its limit, whatever the increment of the step.
 _FAR = 1e20
-# In its place the derivative of the spring's stretch carries that of the time, so much smaller that
+# In the place of the stretch derivatives carry the time of the reversal, so much smaller that
 # outputs do not see it.
 _SMALL = 1e-30
-_OPEN = 2
 
 
 class Reversal(NamedTuple):
-    """Friction whose slip reverses after a sub-step, and again has a side in a later one."""
+    """Slip that reverses between two sub-steps, `last` and `next`."""
 
     bristle: Bristle
     last: int
     next: int
-    #: Its side before, and its acceleration.
-    side: int
+    #: Its sign before, and its rate and acceleration in the last sub-step.
+    sign: int
     rate: float
     acceleration: float
     #: Force that limits the friction of a joint, as the mean of both sub-steps.
     force: float
 
+    def rows(self, lengths: np.ndarray) -> Iterator[tuple[int, dict[str, Any]]]:
+        """Sub-steps with their members of the C struct Reversal.
 
-def reversals_in(
-    bristle: Bristle, stretch: np.ndarray, slip: np.ndarray, force: np.ndarray, lengths: np.ndarray
-) -> Iterator[Reversal]:
-    """Reversals in few sub-steps: internal variables (n + 1,) at their ends, forces (n,)."""
-    slips = np.diff(slip)
-    least = _OF_STRETCH * abs(np.diff(stretch)) + _OF_SLIP * abs(slip).max(initial=0.0)
-    sides = np.where(abs(slips) > least, np.sign(slips), 0).astype(int)
-    sides[(slip[1:] == 0) & (stretch[1:] == 0)] = _OPEN
-    known = np.flatnonzero(sides)
-    a, b = known[:-1], known[1:]
-    found = _reverses(sides, a, b)
-    for last, then in zip(a[found].tolist(), b[found].tolist(), strict=True):
-        before, rate = slips[last - 1 : last + 1] / lengths[last - 1 : last + 1]
-        acceleration = 2 * (rate - before) / lengths[last - 1 : last + 1].sum()
-        if acceleration * sides[last] < 0:
-            mean = (force[last] + force[then]) / 2
-            yield Reversal(bristle, last, then, int(sides[last]), rate, acceleration, mean)
-
-
-def _reverses(sides: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Whether slip reverses between sub-steps a and b, and has its side in another one around."""
-    after = np.minimum(b + 1, len(sides) - 1)
-    turns = (sides[a] == -sides[b]) & (b - a <= _FEW) & (a > 0)
-    return turns & (sides[a - 1] == sides[a]) & (sides[after] == sides[b])
-
-
-def rows_of(reversals: list[Reversal], lengths: np.ndarray) -> dict[str, Any]:
-    """Members of the C struct Derivatives for a run of sub-steps."""
-    rows = list[tuple[int, dict[str, Any]]]()
-    for of in reversals:
-        place, before, last = of.bristle.place, *lengths[of.last - 1 : of.last + 1]
-        leads = -_SMALL / of.acceleration
-        part = min(-of.rate / of.acceleration / last, 1.5)
-        on = 2 * part * last / (before + last)
-        rows.append((of.last - 1, {"place": place, "leads": -leads * on / before}))
-        rows.append((of.last, {"place": place, "leads": leads * (1 + on) / last, "keeps": 1.0}))
-        inside = range(of.last + 1, max(of.last + 2, of.next))
+        The slip rate at the reversal is extrapolated from the last two sub-steps with slip. Its
+        change over the acceleration is that of the time, by which in the middle of the next ones
+        the friction changes from one side to the other.
+        """
+        last, place = self.last, self.bristle.place
+        before, length = lengths[last - 1 : last + 1]
+        part = min(-self.rate / self.acceleration / length, 1.5)  # of a sub-step, from its middle
+        on, by_rate = 2 * part * length / (before + length), -_SMALL / self.acceleration
+        yield last - 1, {"place": place, "leads": -on * by_rate / before}
+        yield last, {"place": place, "leads": (1 + on) * by_rate / length, "keeps": 1.0}
+        inside = range(last + 1, max(last + 2, self.next))
+        middle = inside[len(inside) // 2]
         for k in inside:
-            row = {"place": place, "stretch": _FAR * of.side, "force": of.force, "keeps": 1.0}
-            if k == inside[len(inside) // 2]:
-                row |= {"pushes": 2 * of.bristle.mu / lengths[k] / _SMALL, "keeps": 0.0}
-            if len(inside) == 1:
-                row["share"] = 2 * part - 2
-            rows.append((k, row))
+            row = {"place": place, "stretch": _FAR * self.sign, "force": self.force}
+            row["share"] = 2 * part - 2 if len(inside) == 1 else 0.0
+            if k < middle:
+                row["keeps"] = 1.0
+            if k == middle:
+                row["pushes"] = 2 * self.bristle.mu / lengths[k] / _SMALL
+            yield k, row
+
+
+def all_places(bristles: Sequence[Bristle]) -> np.ndarray:
+    """Places (3 n,) of stretch, slip and the force that is followed, or the stretch again."""
+    return np.ravel([(b.place, b.place + 1, b.place + 2 * b.follows) for b in bristles])
+
+
+def reversal_rows(
+    bristles: Sequence[Bristle], histories: np.ndarray, lengths: np.ndarray
+) -> dict[str, Any]:
+    """Members of the C struct Derivatives, from `all_places` (n + 1, ...) over n sub-steps."""
+    rows = [
+        row
+        for i, bristle in enumerate(bristles)
+        for reversal in _reversals(bristle, histories[:, 3 * i : 3 * i + 3], lengths)
+        for row in reversal.rows(lengths)
+    ]
     rows.sort(key=lambda row: row[0])
     starts = np.searchsorted([k for k, _ in rows], np.arange(len(lengths) + 1))
     return {"reversal_start": starts, "reversal": [row for _, row in rows]}
+
+
+def _reversals(bristle: Bristle, history: np.ndarray, dt: np.ndarray) -> Iterator[Reversal]:
+    """The reversals of one spring, from its history (n + 1, 3) at the ends of sub-steps (n,)."""
+    stretch, slip, force = history.T
+    slips = np.diff(slip)
+    least = _OF_STRETCH * abs(np.diff(stretch)) + _OF_SLIP * abs(slip).max()
+    signs = np.where(abs(slips) > least, np.sign(slips), 0).astype(int)
+    signs[(slip[1:] == 0) & (stretch[1:] == 0)] = _OPEN
+    known = np.flatnonzero(signs)
+    a, b = known[:-1], known[1:]
+    after = np.minimum(b + 1, len(signs) - 1)
+    turns = (signs[a] == -signs[b]) & (b - a <= _FEW) & (a > 1)
+    turns &= (signs[a - 1] == signs[a]) & (signs[after] == signs[b])
+    for last, then in zip(a[turns].tolist(), b[turns].tolist(), strict=True):
+        before, rate = slips[last - 1 : last + 1] / dt[last - 1 : last + 1]
+        acceleration = 2 * (rate - before) / (dt[last - 1] + dt[last])
+        if acceleration * signs[last] < 0:
+            mean = (force[last] + force[then]) / 2 if bristle.follows else 0.0
+            yield Reversal(bristle, last, then, int(signs[last]), rate, acceleration, mean)

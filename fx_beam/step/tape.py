@@ -285,15 +285,20 @@ class Tape:
         widths |= {"internal": internal, "spring internal": p.spring_width}
         return widths | {"natural": p.cells * p.cell_natural}
 
-    def states(self, boundaries: np.ndarray) -> dict[str, np.ndarray]:
-        """States (n, ...) at some boundaries of the present part, by the names of `widths`."""
+    def states(self, boundaries: np.ndarray, *names: str) -> dict[str, np.ndarray]:
+        """States (n, ...) at some boundaries of the present part, by the names of `widths`.
+
+        Some names alone if these are given.
+        """
         states, first, end = {}, TAPED_NUMBERS, self.present.end
         # Rows have the states before their sub-steps; those of equilibria apart the states behind.
         rows = np.clip(boundaries - self.c.apart, self.c.first, end - 1) - self.c.first
         behind = boundaries - self.c.apart == end
         for name, size in self.widths.items():
-            states[name] = self._rows[rows, first : first + size]
             first += size
+            if names and name not in names:
+                continue
+            states[name] = self._rows[rows, first - size : first]
             if size and behind.any():
                 states[name][behind] = self._behind(name.replace(" ", "_"))[:size]
         return states
@@ -313,7 +318,8 @@ class Tape:
         values = np.empty((len(self) + 1, len(places)))
         for part in self.parts(problem):
             boundaries = np.arange(part.first, part.end + 1)
-            values[boundaries] = self.states(boundaries)["spring internal"][:, places]
+            states = self.states(boundaries, "spring internal")
+            values[boundaries] = states["spring internal"][:, places]
         return values
 
     def steps_to(self, boundaries: np.ndarray) -> Steps:

@@ -15,7 +15,7 @@ from fx_beam.errors import SceneError, any_of
 from .form_tables import aligned_zeros
 from .layout import Layout, Numbers, all_of, never_empty, put_columns
 from .model import Model
-from .reversals import reversals_in, rows_of
+from .reversals import LEAST_STEPS, all_places, reversal_rows
 from .tables import Problem
 from .tape import Part, Tape
 from .vjp_work import VjpWork
@@ -293,20 +293,13 @@ class TapeDerivatives:
         _check_followed(left, tape, first + left - 1 if backwards else end - left)
 
     def _find_reversals(self, tape: Tape) -> None:
-        """Hand over reversals of slip in so few steps that their times have derivatives."""
-        bristles = [] if tape.c.apart or self._p.at_rest else self._model.points.bristles
-        reversals, lengths = [], tape.times.lengths
-        if bristles:
-            places = [bristle.place for bristle in bristles]
-            at = np.add.outer(places, [0, 1, 2]).ravel()
-            follows = np.repeat([bristle.follows for bristle in bristles], 3)
-            at = np.where(follows | (np.arange(len(at)) % 3 < 2), at, 0)
-            histories = np.split(tape.histories(self.problem, at), len(bristles), axis=1)
-            for bristle, of in zip(bristles, histories, strict=True):
-                stretch, slip, force = of.T
-                reversals += reversals_in(bristle, stretch, slip, force[:-1], lengths)
+        """Hand over where slip reverses in few steps, whose time has a derivative of its own."""
+        moves = len(tape) >= LEAST_STEPS and not (tape.c.apart or self._p.at_rest)
+        bristles = self._model.points.bristles if moves else []
+        histories = tape.histories(self.problem, all_places(bristles)) if bristles else _NONE
+        rows = reversal_rows(bristles, histories, tape.times.lengths)
         self._reversals = Structs(self._ffi, declarations("problem.h"))
-        self._reversals.set(self.c, **rows_of(reversals, lengths))
+        self._reversals.set(self.c, **rows)
 
     def _of_steps(self, changes: Mapping[str, np.ndarray], count: int, rows: int) -> np.ndarray:
         """Changes of the numbers of sub-steps in groups (groups, rows * step_size, group size)."""
