@@ -71,11 +71,11 @@ def without_balance(model: Model, forces: np.ndarray) -> str:
             sums, sizes = motions.T @ forces, abs(motions.T) @ abs(forces)
             sizes[2] += sizes[:2].sum() * model.mesh.size
             if (abs(sums) > _BALANCED * sizes).any():
-                x, y = np.where(abs(sums[:2]) > _BALANCED * sizes[:2], -sums[:2], 0.0) + 0.0
+                x, y, moment = np.where(abs(sums) > _BALANCED * sizes, -sums, 0.0) + 0.0
                 at = part.middle(model.mesh.X)
                 return (
                     f"its loads have no balance: their sum is ({x:.4g}, {y:.4g}) N and, about "
-                    f"({at[0]:.4g}, {at[1]:.4g}), {-sums[2]:.4g} N m, and it has no support"
+                    f"({at[0]:.4g}, {at[1]:.4g}), {moment:.4g} N m, and it has no support"
                 )
     return ""
 
