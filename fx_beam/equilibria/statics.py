@@ -43,6 +43,10 @@ _log = logging.getLogger("fx_beam")
 _BAR = "{percentage:3.0f}%|{bar}| load factor {n:.3g} [{elapsed}]"
 
 
+# Part of the loads, one in so many, whose step a scene cannot follow if it settles instead.
+_SHORTEST = 100
+
+
 class LoadPath:
     """The equilibria of a scene, from rest, or from a start whose loads go over to its own.
 
@@ -156,8 +160,8 @@ class LoadPath:
     def _raise_load(self) -> None:
         """Append the states up to load factor 1.
 
-        Those of a scene of so little stiffness that no step follows its loads from the reference,
-        such as a cable that is not drawn as it hangs, settle as those of a mechanism.
+        Those of a scene of so little stiffness that no step follows a small part of its loads, such
+        as a cable that is not drawn as it hangs, settle as those of a mechanism.
         """
         stepper, states, slack = self._stepper, self.states, False
         while True:
@@ -169,6 +173,7 @@ class LoadPath:
                 return
             except StepError as error:
                 first = len(states) == 1 and self.start is None and not self.model.mechanism
+                first &= self.options.load_steps * 2**self.options.max_cuts >= _SHORTEST
                 if not (slack or first) or self._team is not None:
                     raise
                 settled = self._settled_again(states[-1], error)
