@@ -12,7 +12,7 @@ from fx_beam.fem.point_forces import Bristle
 #: Sub-steps of a run that may have one.
 LEAST_STEPS = 4
 # Sub-steps from slip to one side to slip to the other one, above which their derivatives are right.
-_FEW = 16
+_FEW = 8
 # Slip, relative to the stretch of the spring in the step and to all slip, that is round-off.
 _OF_STRETCH, _OF_SLIP = 1e-6, 1e-12
 # Of the sides of slip in a sub-step, that of contact which is open.

@@ -123,7 +123,7 @@ def test_they_converge_with_the_step_on_a_pin():
 
 @pytest.mark.parametrize("stiffness", [1e4, 1e5, 1e6, 1e7])
 def test_they_are_close_for_any_number_of_steps_in_a_reversal(stiffness):
-    """From a part of a step to 60, up to the error of the spring itself."""
+    """From a part of a step to 30, up to the error of the spring itself."""
     for dt in (2e-3, 5e-4, 1e-4):
         errors = derivatives(on_slide, dt, lambda mu: fb.Coulomb(mu, stiffness), near=NEAR[::3])
         assert (errors < 0.12 * np.sqrt(1e4 / stiffness) + 5e-3).all(), dt
