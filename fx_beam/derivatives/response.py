@@ -41,6 +41,7 @@ from .local_outputs import observes_start
 from .objectives import Cost, Misfit, Objective
 from .observation import Observation, check_outputs, observes_rates, rates_at, read_entries, summed
 from .output_values import Wanted, recorded, row_values, values_of
+from .short_reversals import warn_of_short_reversals
 from .static_derivatives import StaticDerivatives, why_no_sums, why_not
 
 _log = logging.getLogger("fx_beam")
@@ -174,6 +175,8 @@ class Response(Differentiable):
         # Several processes have no derivatives.
         self._series = MotionSeries(self._memory)
         self._of_tape: TapeDerivatives | None = None
+        # Whether there was a warning of friction that reverses in too few steps.
+        self._warned = False
         # The last run whose rows only this object has.
         self._last_run: Run | None = None
         # The equilibrium from which the last motion started, if it was computed for it.
@@ -484,6 +487,7 @@ class Response(Differentiable):
         model, tape, derivatives = self._followed(what)
         check_outputs(model, tape, outputs, why_no_sums(self._path))
         changes, entries = self._changes(), read_entries(model, outputs)
+        self._warned = self._warned or warn_of_short_reversals(model, tape)
         # Forms are compiled beside the library, for which names wait.
         by_places = "X" in self._scenes.changing
         derivatives.hand_over_slopes(by_places)

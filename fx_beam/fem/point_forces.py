@@ -18,6 +18,7 @@ from fx_beam.laws.point_laws import PointLaw, StepRule, arguments
 from fx_beam.scene.structure import OtherStructureError
 
 from .compiled_laws import compiled_laws
+from .frictions import Bristle, SmoothSign
 from .loads import Followers
 from .parameter_values import ParameterValues
 from .sparsity import positions_in
@@ -44,18 +45,6 @@ class Load(NamedTuple):
     #: of a beam at the node that slides on it is set in each step.
     axis: tuple[float, float] = (0.0, 0.0)
     turn: int = -1
-
-
-class Bristle(NamedTuple):
-    """The spring of friction that sticks."""
-
-    #: Place of its stretch among all internal variables of forces at points; then comes the slip,
-    #: and in a joint, if it follows its force, this force.
-    place: int
-    mu: float
-    follows: bool
-    #: What of the scene it belongs to, as text.
-    owner: str
 
 
 class PointForce(NamedTuple):
@@ -453,6 +442,17 @@ class PointForces:
         return own + [
             Bristle(self._of_forces + place, mu, False, owner) for place, mu, owner in of_members
         ]
+
+    @property
+    def smooth_signs(self) -> list[SmoothSign]:
+        """All friction with the smooth sign of a rate."""
+        signs = list[SmoothSign]()
+        for force, numbers in zip(self._forces, self._numbers, strict=True):
+            if force.law.smooth:
+                arm = numbers[:2] if len(force.dofs) == 4 else _NONE  # numbers of a distance
+                where = force.slide, force.dofs, arm, force.belongs_to
+                signs.append(SmoothSign(float(numbers[len(arm)]), *where))
+        return signs
 
     @property
     def owners(self) -> np.ndarray:

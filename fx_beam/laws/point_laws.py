@@ -121,6 +121,9 @@ class PointLaw:
     opens: bool = False
     #: Whether it has friction that sticks, whose damping, mu and stiffness are its last numbers.
     sticks: bool = False
+    #: Whether it is friction with the smooth sign of a rate, whose speed is the first number after
+    #: those of the coordinate.
+    smooth: bool = False
     #: Whether Newton's method may go far too far with it, and is shortened.
     overshoots: bool = False
     #: What to say if it is not finite where all coordinates are zero; empty if that may be.

@@ -278,7 +278,8 @@ def _friction(kind: Kind, magnitude: Callable, more: int, **options: Any) -> Poi
         force = magnitude(step.mean, *numbers) * ufl.tanh(step.mean / speed)
         return force * step.x.path
 
-    return _on(kind, "friction", 1 + more, forces, loss=loss, remembered=REMEMBERED, **options)
+    options |= {"remembered": REMEMBERED, "smooth": True}
+    return _on(kind, "friction", 1 + more, forces, loss=loss, **options)
 
 
 # -- Forces of a user ---------------------------------------------------------------------------

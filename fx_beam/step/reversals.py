@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.fem.point_forces import Bristle
+from fx_beam.fem.frictions import Bristle
 
 #: Sub-steps of a run that may have one.
-LEAST_STEPS = 4
+LEAST_STEPS = 3
 # Sub-steps from slip to one side to slip to the other one, above which their derivatives are right.
 _FEW = 8
 # Slip, relative to the stretch of the spring in the step and to all slip, that is round-off.
@@ -91,9 +91,7 @@ def _reversals(bristle: Bristle, history: np.ndarray, dt: np.ndarray) -> Iterato
     signs[(slip[1:] == 0) & (stretch[1:] == 0)] = _OPEN
     known = np.flatnonzero(signs)
     a, b = known[:-1], known[1:]
-    after = np.minimum(b + 1, len(signs) - 1)
-    turns = (signs[a] == -signs[b]) & (b - a <= _FEW) & (a > 1)
-    turns &= (signs[a - 1] == signs[a]) & (signs[after] == signs[b])
+    turns = (signs[a] == -signs[b]) & (b - a <= _FEW) & (a > 0) & (signs[a - 1] == signs[a])
     for last, then in zip(a[turns].tolist(), b[turns].tolist(), strict=True):
         before, rate = slips[last - 1 : last + 1] / dt[last - 1 : last + 1]
         acceleration = 2 * (rate - before) / (dt[last - 1] + dt[last])

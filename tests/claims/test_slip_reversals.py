@@ -175,3 +175,38 @@ def test_a_block_that_stops_has_the_derivative_of_its_way():
             errors.append(run.jacobian()["place"][-1, 0] / expected - 1)
         worst.append(abs(np.array(errors)).max())
     assert worst[0] < 0.02 and worst[1] < worst[0] / 2
+
+
+def on_distance(friction):
+    scene = fb.Scene()
+    centre = block(scene, (1, 0))
+    scene.fix(centre, "y")
+    post = scene.add_body((0, 0), mass=1.0, inertia=1.0).centre
+    scene.fix(post, "x", "y", "rotation")
+    scene.add_force_between(post, centre, friction=friction)
+    return scene, fb.Output("position", centre, "x"), fb.Output("velocity", centre, "x")
+
+
+@pytest.mark.parametrize(
+    "make, owner",
+    [(on_slide, "joint 0 slide"), (on_pin, "joint 0 rotation"), (on_distance, "between")],
+)
+def test_smooth_friction_warns_where_derivatives_depend_on_the_steps(make, owner, caplog):
+    """They are wrong by a tenth or more in half a step, and by a hundredth in six, without it."""
+
+    def smooth(speed):
+        return lambda mu: fb.SmoothFriction(mu * GRAVITY, speed)
+
+    fine = derivatives(make, 5e-4, smooth(5e-3))
+    assert (fine < 0.01).all() and not caplog.records
+    coarse = derivatives(make, 2e-3, smooth(1e-4))
+    assert coarse.max() > 0.1
+    (record,) = caplog.records
+    when = SPEED / (PUSH + MU * GRAVITY)
+    assert owner in record.getMessage() and f"t = {when:.2f}"[:-1] in record.getMessage()
+    assert "shorter steps" in record.getMessage()
+
+
+def test_friction_that_sticks_needs_no_warning(caplog):
+    derivatives(on_slide, 4e-3, stiff)
+    assert not caplog.records
