@@ -293,7 +293,8 @@ class Response(Differentiable):
 
         They are those of the steps as they were taken, to round-off (adjoint method), times those
         of the scene's data, by dual numbers in `build`, without a motion; see
-        `stats.difference_reason`. The first call of `vjp` repeats the motion; later ones find what
+        `stats.difference_reason`. Where slip with `Coulomb` friction reverses in a few steps, those
+        of the time when it does take their place. The first call of `vjp` repeats the motion; later ones find what
         motions have left for them.
 
         Parameters
@@ -351,7 +352,8 @@ class Response(Differentiable):
         """Derivatives of outputs of the last call by all parameters, at all times.
 
         They are those of the steps as they were taken, to round-off (forward sensitivities), times
-        those of the scene's data, by one call of `build` with dual numbers, without a motion.
+        those of the scene's data, by one call of `build` with dual numbers, without a motion. Slip
+        that reverses in a few steps has those of its time, as in `vjp`.
 
         Parameters
         ----------
