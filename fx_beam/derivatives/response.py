@@ -294,8 +294,8 @@ class Response(Differentiable):
         They are those of the steps as they were taken, to round-off (adjoint method), times those
         of the scene's data, by dual numbers in `build`, without a motion; see
         `stats.difference_reason`. Where slip with `Coulomb` friction reverses in a few steps, those
-        of the time when it does take their place. The first call of `vjp` repeats the motion; later ones find what
-        motions have left for them.
+        of the time when it does take their place. The first call of `vjp` repeats the motion; later
+        ones find what motions have left for them.
 
         Parameters
         ----------
