@@ -18,12 +18,12 @@ from fx_beam.laws.point_laws import PointLaw, StepRule, arguments
 from fx_beam.scene.structure import OtherStructureError
 
 from .compiled_laws import compiled_laws
-from .frictions import Bristle, SmoothSign
 from .loads import Followers
 from .parameter_values import ParameterValues
 from .sparsity import positions_in
 
 if TYPE_CHECKING:
+    from .frictions import Bristle, SmoothSign
     from .member_contacts import MemberContacts
 
 _NONE = np.empty(0)
@@ -432,6 +432,8 @@ class PointForces:
     @property
     def bristles(self) -> list[Bristle]:
         """The springs of all friction that sticks."""
+        from .frictions import Bristle
+
         every = zip(self._forces, self._first_internal, self._numbers, strict=True)
         own = [
             Bristle(first, float(numbers[-2]), force.load.joint >= 0, force.belongs_to)
@@ -446,6 +448,8 @@ class PointForces:
     @property
     def smooth_signs(self) -> list[SmoothSign]:
         """All friction with the smooth sign of a rate."""
+        from .frictions import SmoothSign
+
         signs = list[SmoothSign]()
         for force, numbers in zip(self._forces, self._numbers, strict=True):
             if force.law.smooth:
