@@ -331,6 +331,12 @@ def lowest_modes(about: Linearisation, C: scipy.sparse.csr_matrix | None, n: int
 def _following(about: Linearisation, C: scipy.sparse.csr_matrix | None, n: int):
     """The same under forces without a potential: two modes may flutter."""
     K, M, none = about.K, about.M, np.empty((about.K.shape[0], 0))
+    if about.model.points.bristles:
+        raise SceneError(
+            "modes: the stiffness is not symmetric, since a load depends on the motion beside "
+            "friction, or friction slips, or sticks to what is round or bends: small motions there "
+            "and back differ. Simulate the scene, linearise it, or remove the friction"
+        )
     _check_held(K)
     # The modes of the symmetric part begin the subspace.
     omega, _, start = about.undamped_modes.lowest(2 * n + 10)
@@ -362,7 +368,7 @@ def _check_held(K: scipy.sparse.csr_matrix) -> None:
     if not np.linalg.norm(x) < 1 / _SINGULAR:
         raise SceneError(
             "modes: a part moves freely, and the stiffness is not symmetric, since a load or an "
-            "added virtual work depends on the motion and has no potential, or friction slips. "
+            "added virtual work depends on the motion and has no potential. "
             "Support the scene, or take the eigenvalues of linearise(scene, state).A"
         )
 
