@@ -95,6 +95,7 @@ def _reversals(bristle: Bristle, history: np.ndarray, dt: np.ndarray) -> Iterato
     for last, then in zip(a[turns].tolist(), b[turns].tolist(), strict=True):
         before, rate = slips[last - 1 : last + 1] / dt[last - 1 : last + 1]
         acceleration = 2 * (rate - before) / (dt[last - 1] + dt[last])
-        if acceleration * signs[last] < 0:
+        # At another place of a member slip begins anew, and has not come to rest before.
+        if abs(rate) < -signs[last] * acceleration * dt[last] * (then - last + 1):
             mean = (force[last] + force[then]) / 2 if bristle.follows else 0.0
             yield Reversal(bristle, last, then, int(signs[last]), rate, acceleration, mean)
