@@ -129,7 +129,8 @@ class Settling:
         self.stepper.note(step)
         moved = self._size(step.D)
         bent = self._loop.drag and self.stepper.deviation > _DEVIATION and moved > _SHORT
-        if bent or moved > _LONGEST:
+        # What slips or yields bends the way as well.
+        if (bent and not self.model.flowed(state, new)) or moved > _LONGEST:
             raise StepFailed("off the path", "the step is too long", step.D)
         self.stepper.check_circles(state, new)
         work, gained, rounding = self.stepper.work_and_gain(state, new, step.D)

@@ -141,7 +141,8 @@ def _frictions(scene: Scene, mesh: Mesh, mobility: np.ndarray) -> Iterator[Point
 
 def _between(scene: Scene, mesh: Mesh, known: _Known, at_rest: bool) -> Iterator[PointForce]:
     for force in scene.forces_between:
-        kind, apart = length_over(tuple(node >= 0 for node in force.nodes)), force.apart.ravel()
+        kind = length_over(tuple(node >= 0 for node in force.nodes))
+        apart = [component for vector in force.apart for component in vector]  # with slopes
         dofs = mesh.dofs[[node for node in force.nodes if node >= 0], :2].ravel().tolist()
         for law, numbers in _of_coordinate(force.on, kind, known, at_rest):
             given = law, [*apart, *numbers], dofs
