@@ -16,8 +16,6 @@ class Bristle(NamedTuple):
     place: int
     mu: float
     follows: bool
-    #: What of the scene it belongs to, as text.
-    owner: str
 
 
 class SmoothSign(NamedTuple):
@@ -29,6 +27,7 @@ class SmoothSign(NamedTuple):
     dofs: Sequence[int]
     #: From the first to the second node in the reference, if it is on their distance.
     arm: np.ndarray
+    #: What of the scene it belongs to, as text.
     owner: str
 
     def coordinate(self, q: np.ndarray, slides: np.ndarray) -> np.ndarray:

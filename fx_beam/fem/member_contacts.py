@@ -241,15 +241,14 @@ class MemberContacts:
         return {str(one.contact): one.numbers[:, -3].tolist() for one in sticking}
 
     @property
-    def bristles(self) -> list[tuple[int, float, str]]:
-        """Of all friction the place of the stretch, mu, and the contact as text."""
-        bristles, name = list[tuple[int, float, str]](), ""
-        for one, first in zip(self._pairs, self._first_slots[:-1].tolist(), strict=True):
-            name = str(one.contact or name)
-            for k in range(_SLOTS * len(one.points) * one.law.sticks):
-                mu = float(one.numbers[k // _SLOTS, -2])
-                bristles.append((_IN_SLOT * (first + k) + 1, mu, name))
-        return bristles
+    def bristles(self) -> list[tuple[int, float]]:
+        """The place of the stretch of all friction, in each slot, and mu."""
+        return [
+            (_IN_SLOT * (first + k) + 1, float(one.numbers[k // _SLOTS, -2]))
+            for one, first in zip(self._pairs, self._first_slots[:-1].tolist(), strict=True)
+            if one.law.sticks
+            for k in range(_SLOTS * len(one.points))
+        ]
 
     @property
     def are_near(self) -> bool:

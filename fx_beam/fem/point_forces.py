@@ -436,14 +436,12 @@ class PointForces:
 
         every = zip(self._forces, self._first_internal, self._numbers, strict=True)
         own = [
-            Bristle(first, float(numbers[-2]), force.load.joint >= 0, force.belongs_to)
+            Bristle(first, float(numbers[-2]), force.load.joint >= 0)
             for force, first, numbers in every
             if force.law.sticks
         ]
         of_members = [] if self.members is None else self.members.bristles
-        return own + [
-            Bristle(self._of_forces + place, mu, False, owner) for place, mu, owner in of_members
-        ]
+        return own + [Bristle(self._of_forces + place, mu, False) for place, mu in of_members]
 
     @property
     def smooth_signs(self) -> list[SmoothSign]:
