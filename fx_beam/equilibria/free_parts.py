@@ -88,7 +88,8 @@ def left_by_supports(model: Model, q: np.ndarray) -> np.ndarray:
     for part in free_parts(model):
         rigid = part.rigid(x) / [1, 1, model.mesh.size]
         at_supports = rigid[held[:, 0], held[:, 1]]
-        left = scipy.linalg.null_space(np.vstack([at_supports, 0 * np.eye(3)]), rcond=_ROUNDING)
+        # With rows of zeros, as a matrix needs rows where there are no supports.
+        left = scipy.linalg.null_space(np.vstack([at_supports, np.zeros((3, 3))]), rcond=_ROUNDING)
         motions.append(rigid.reshape(-1, 3) @ left)
     return np.hstack(motions)
 

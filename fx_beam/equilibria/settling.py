@@ -129,7 +129,7 @@ class Settling:
         self.stepper.note(step)
         moved = self._size(step.D)
         bent = self._loop.drag and self.stepper.deviation > _DEVIATION and moved > _SHORT
-        # What slips or yields bends the way as well.
+        # Slip and yielding make a step deviate as well, however short it is.
         if (bent and not self.model.flowed(state, new)) or moved > _LONGEST:
             raise StepFailed("off the path", "the step is too long", step.D)
         self.stepper.check_circles(state, new)

@@ -41,9 +41,7 @@ from .settling import Settling
 
 _log = logging.getLogger("fx_beam")
 _BAR = "{percentage:3.0f}%|{bar}| load factor {n:.3g} [{elapsed}]"
-
-
-# Part of the loads, one in so many, whose step a scene cannot follow if it settles instead.
+# A scene that cannot follow even this part of its loads, one in so many, may settle instead.
 _SHORTEST = 100
 
 
@@ -163,18 +161,19 @@ class LoadPath:
         Those of a scene of so little stiffness that no step follows a small part of its loads, such
         as a cable that is not drawn as it hangs, settle as those of a mechanism.
         """
-        stepper, states, slack = self._stepper, self.states, False
+        stepper, states, options, slack = self._stepper, self.states, self.options, False
+        may_settle = self._team is None and self.start is None and not self.model.mechanism
+        may_settle &= options.load_steps * 2**options.max_cuts >= _SHORTEST
         while True:
             try:
-                if self.options.continuation is None:
+                if options.continuation is None:
                     stepper.raise_load(states)
                 else:
                     ArcLength(stepper).follow(states)
                 return
             except StepError as error:
-                first = len(states) == 1 and self.start is None and not self.model.mechanism
-                first &= self.options.load_steps * 2**self.options.max_cuts >= _SHORTEST
-                if not (slack or first) or self._team is not None:
+                # What has followed its loads for a while is not slack.
+                if not (may_settle and (slack or len(states) == 1)):
                     raise
                 settled = self._settled_again(states[-1], error)
                 if not slack:
@@ -300,7 +299,7 @@ class LoadPath:
             if point.kind == "bifurcation" and self.start is None and not self.options.spin:
                 advice += (
                     "Follow a branch: start=error.solution.critical_points[-1].branch(+1), with "
-                    'continuation="arc-length"; or the path itself so, with more steps'
+                    'continuation="arc-length", which also passes the point, with more steps'
                 )
             else:
                 advice += error.failure.advice
@@ -420,8 +419,8 @@ def static(
         directions of each mode; those of the second level start at bifurcations of the first. They
         are in ``solution.branches``.
     stop_at : {"limit point"}, optional
-        Where an arc-length path ends before the load factor 1: with the row behind its first limit
-        point, which is the row before.
+        Where an arc-length path ends before the load factor 1. The first limit point is then the
+        last row but one.
 
     Returns
     -------

@@ -22,7 +22,7 @@ _ROUGH = 0.1
 # The same of second differences of values at the points of the rule, which lead to a look.
 _SUSPECT = 0.5
 # Calls at which a function is looked at in any case; so it is at the last of many at once.
-_REGULAR_LOOKS = np.append(0, 16 ** np.arange(10))
+_REGULAR_LOOKS = frozenset([0, *(16**k for k in range(10))])
 # Times whose values are read at once: those of more would not stay in the processor's cache.
 _AT_ONCE = 50
 # Error of the integral over a piece of an element, relative to that of the largest value over the
@@ -170,12 +170,12 @@ class ValuesOverTime:
 
     def _looks(self, rows: np.ndarray) -> Iterator[int]:
         """Of times with values (n, points, size) those at which to look between the points."""
-        calls = self._calls + np.arange(len(rows))
-        self._calls += len(rows)
-        regular, suspect = np.isin(calls, _REGULAR_LOOKS), self._nearest.is_suspect(rows)
-        regular[-1] |= len(rows) >= _AT_ONCE // 2  # else a load that comes is seen late
-        for k in np.flatnonzero(regular | suspect).tolist():
-            if regular[k] or calls[k] >= self._next_look:
+        first, self._calls = self._calls, self._calls + len(rows)
+        # The last of many is looked at, else a load that comes is seen late.
+        last = len(rows) - 1 if len(rows) >= _AT_ONCE // 2 else -1
+        for k, suspect in enumerate(self._nearest.is_suspect(rows).tolist()):
+            call = first + k
+            if call in _REGULAR_LOOKS or k == last or (suspect and call >= self._next_look):
                 yield k
-                if suspect[k]:
-                    self._next_look = 2 * int(calls[k]) + 1
+                if suspect:
+                    self._next_look = 2 * call + 1

@@ -45,8 +45,8 @@ def frequency_response(
     prescribed nodes, fixed points, the ground of joints, dampers and obstacles, and the air of
     drag. Relative to it :math:`\hat F = \omega^2 T^T M \hat b`, with the masses of all nodes. What
     is returned for a node is its absolute motion, seen from a place at rest: with ``base=(1, 0)``
-    the transmissibility, which is also the ratio of accelerations. Its motion relative to the base
-    is that less :math:`\hat b`; coordinates of joints are relative as they are.
+    the transmissibility, which is also the ratio of accelerations. Subtract :math:`\hat b` for its
+    motion relative to the base; coordinates of joints are relative already.
 
     Parameters
     ----------

@@ -355,7 +355,7 @@ def _following(about: Linearisation, C: scipy.sparse.csr_matrix | None, n: int):
 
 
 def _check_held(K: scipy.sparse.csr_matrix) -> None:
-    """Refuse a stiffness that is singular: beside one that is not symmetric, zeros are double."""
+    """SceneError if a part moves freely: its double root at zero would not be found exactly."""
     scale = np.sqrt(abs(K.diagonal()))
     scale[scale == 0] = 1.0
     x = np.random.default_rng(0).standard_normal(len(scale))

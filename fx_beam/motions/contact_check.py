@@ -22,8 +22,8 @@ _log = logging.getLogger("fx_beam")
 _DEEP, _THROUGH = 0.5, 0.95
 # Points of all rows that are looked at together.
 _AT_ONCE = 20_000
-# Steps that an impact must take for its restitution e: 10, and for e below 0.4 this over e + 0.2;
-# and from which speed on, relative to that below which its loss is viscous.
+# Steps that an impact needs: 10, or 6 / (e + 0.2) if the restitution e asks for more. Impacts that
+# are slower than 10 times the speed below which the loss is viscous do not count.
 _STEPS, _OF_LOSS, _FAST = 10, 6.0, 10.0
 # Both half thicknesses, relative to the radius of curvature, from which bends are sharp.
 _SHARP = 0.95
