@@ -215,7 +215,7 @@ class Equilibrium(Steps):
         """
         if self.comm.size > 1:
             return None
-        indptr, indices, data = self._newton.assemble().getValuesCSR()
+        indptr, indices, data = self._equations.tangent().getValuesCSR()
         A = scipy.sparse.csr_matrix((data, indices, indptr), (len(indptr) - 1,) * 2)
         if A.shape[0] <= _FEW:
             return int((np.linalg.eigvals(A.toarray()).real < 0).sum())
@@ -254,7 +254,7 @@ class Equilibrium(Steps):
         if not abs(M).sum():
             raise SceneError("fenicsx: eigenvalues: the scene has no mass. Give rhoA, or add_mass")
         solver = SLEPc.EPS().create(self.comm)
-        solver.setOperators(self._newton.assemble(), self._newton.unknowns.matrix(M))
+        solver.setOperators(self._equations.tangent(), self._equations.unknowns.matrix(M))
         solver.setDimensions(n)
         solver.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
         solver.setTarget(0.0)

@@ -24,6 +24,7 @@ from fx_beam.step.loop import CompiledLoop
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Recorder
 
+from .equations import Equations
 from .form import Resultants, StepForm, csr_of
 from .newton import Newton
 
@@ -43,7 +44,8 @@ class Steps:
     ):
         self._loop, self._model = loop, loop.model
         self._form = StepForm(loop.model, comm)
-        self._newton = Newton(self._form, loop, newton, petsc_options or {})
+        self._equations = Equations(self._form, loop, newton.max_turn)
+        self._newton = Newton(self._equations, newton, petsc_options or {})
         self.comm, self.mesh = comm, self._form.grid.mesh
         self._show()
         # Natural strains of a user, and resultants (cells, points, 3) of rows that are replaced.
@@ -199,7 +201,7 @@ class Steps:
 
         At the end of a step Tv^T r is zero: what is left are forces of supports and joints.
         """
-        return self._newton.forces
+        return self._equations.forces
 
     @property
     def scene_dofs(self) -> np.ndarray:
@@ -209,12 +211,12 @@ class Steps:
     @property
     def T(self) -> scipy.sparse.csr_matrix:
         """Small motions (size, n) of all degrees of freedom by those of the unknowns."""
-        return self._newton.unknowns.T
+        return self._equations.unknowns.T
 
     @property
     def Tv(self) -> scipy.sparse.csr_matrix:
         """Virtual motions (size, n) likewise: the forces on the unknowns are Tv^T r."""
-        return self._newton.unknowns.Tv
+        return self._equations.unknowns.Tv
 
     # -- Values ------------------------------------------------------------------------------------
 
@@ -276,7 +278,7 @@ class Steps:
     def _find_natural_strains(self) -> None:
         """Have the natural strains of a user at the end of the next step."""
         if self._natural is not None:
-            self._newton.natural = self.at_points(self._natural)
+            self._equations.natural = self.at_points(self._natural)
 
     def _replace_in_row(self, recorder: Recorder) -> None:
         """Have what follows from replaced resultants in the last row of a record."""

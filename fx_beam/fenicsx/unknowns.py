@@ -21,37 +21,15 @@ _PART = 1e-6
 _SMALL = 200
 
 
-class Unknowns:
-    """Unknowns y (n,) that follow no others, of which each process has some, and their maps.
-
-    Where supports and joints only make degrees of freedom equal, dolfinx assembles `directly` in
-    the numbers of unknowns; else matrices are products with T and Tv of all joints, which each
-    process has.
-    """
+class SharedUnknowns:
+    """Unknowns y (n,) that follow no others, of which each process has some, and their maps."""
 
     def __init__(self, form: StepForm):
-        self._form, self._model, self._comm = form, form.model, form.grid.comm
-        self._reduction = reduction = form.model.reduction
-        special = form.model.scheme.rates.of_user or form.model.points.members is not None
-        self._directly = reduction.equates and not special
+        self._form, self._comm = form, form.grid.comm
+        self._reduction = form.model.reduction
         #: Their numbers among all unknowns of the scene.
-        self.independent = reduction.independent
-        self.size = n = len(self.independent)
-        touched = np.unique(form.of_increment)
-        if self._directly:
-            columns = reduction.couplings.column
-            self._at = at = np.where(columns < n, columns, n)
-            self._share(np.setdiff1d(at[touched], n))
-            self._numbers = np.append(self._numbers_of, -1).astype(PETSc.IntType)
-            self._glue = glue(self._numbers[at[form.of_increment]])
-            self._find_places()
-            pattern = self._summed(np.zeros(form.pattern.nnz))
-        else:
-            self._moving = self._which_turn()
-            self._share(np.unique(self.T[touched].indices))
-            pattern = scipy.sparse.identity(n, format="csr")
-        #: The reduced tangent.
-        self.A = self.matrix(pattern)
+        self.independent = self._reduction.independent
+        self.size = len(self.independent)
 
     def _share(self, touched: np.ndarray) -> None:
         """Number the unknowns in PETSc: a process has those that its elements touch first."""
@@ -60,26 +38,10 @@ class Unknowns:
         comm.Allreduce(MPI.IN_PLACE, owner, MPI.MIN)
         owner[owner == comm.size] = 0  # of nodes without beams
         self._order = np.argsort(owner, kind="stable")
-        self._numbers_of = np.argsort(self._order)
+        self._numbers = np.argsort(self._order)
         self._counts = np.bincount(owner, minlength=comm.size)
         first = int(self._counts[: comm.rank].sum())
         self._own = self._order[first : first + self._counts[comm.rank]]
-
-    def _find_places(self) -> None:
-        """Find the place in the reduced matrix of each entry of the scene's."""
-        K, n = self._form.pattern.tocoo(), self.size
-        rows, columns = self._at[K.row], self._at[K.col]
-        keys = np.where((rows < n) & (columns < n), rows * n + columns, n * n)
-        places, self._place = np.unique(keys, return_inverse=True)
-        places = places[places < n * n]
-        starts = np.searchsorted(places, n * np.arange(n + 1))
-        self._sparsity = tuple(part.astype(PETSc.IntType) for part in (places % n, starts))
-
-    def _summed(self, values: np.ndarray) -> scipy.sparse.csr_matrix:
-        """Entries of the scene's matrix added in the reduced one (n, n)."""
-        count = len(self._sparsity[0])
-        data = np.bincount(self._place, values, count)[:count]
-        return scipy.sparse.csr_matrix((data, *self._sparsity), (self.size, self.size))
 
     # -- Vectors -----------------------------------------------------------------------------------
 
@@ -93,17 +55,7 @@ class Unknowns:
             return x.array_r
         values = np.empty(self.size)
         self._comm.Allgatherv(x.array_r, [values, self._counts])
-        return values[self._numbers_of]
-
-    def spread(self, y: np.ndarray) -> np.ndarray:
-        """Small motion (size,) of all degrees of freedom: T y, with T of the last tangent."""
-        return np.append(y, 0.0)[self._at] if self._directly else self._T @ y
-
-    def projected(self, r: np.ndarray) -> np.ndarray:
-        """Forces on the unknowns: Tv^T r."""
-        if self._directly:
-            return np.bincount(self._at, r, self.size + 1)[: self.size]
-        return self._reduction.project(r)[self.independent]
+        return values[self._numbers]
 
     # -- Matrices ----------------------------------------------------------------------------------
 
@@ -125,19 +77,87 @@ class Unknowns:
     def _rows(self, matrix: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
         return matrix if self._comm.size == 1 else matrix[self._own][:, self._order]
 
+
+class EqualUnknowns(SharedUnknowns):
+    """Unknowns of supports and joints that only make degrees of freedom equal.
+
+    dolfinx assembles in the numbers of the unknowns, without products of matrices.
+    """
+
+    def __init__(self, form: StepForm):
+        super().__init__(form)
+        columns, n = self._reduction.couplings.column, self.size
+        #: Unknown of each degree of freedom of the scene; n for one that is held.
+        self._unknown = np.where(columns < n, columns, n)
+        touched = np.unique(form.of_increment)
+        self._share(np.setdiff1d(self._unknown[touched], n))
+        numbers = np.append(self._numbers, -1).astype(PETSc.IntType)
+        self._glue = glue(numbers[self._unknown[form.of_increment]])
+        self._find_places()
+        #: The reduced tangent.
+        self.A = self.matrix(self._summed(np.zeros(form.pattern.nnz)))
+
+    def _find_places(self) -> None:
+        """Find the place in the reduced matrix of each entry of the scene's."""
+        K, n = self._form.pattern.tocoo(), self.size
+        rows, columns = self._unknown[K.row], self._unknown[K.col]
+        keys = np.where((rows < n) & (columns < n), rows * n + columns, n * n)
+        places, self._place = np.unique(keys, return_inverse=True)
+        places = places[places < n * n]
+        starts = np.searchsorted(places, n * np.arange(n + 1))
+        self._sparsity = tuple(part.astype(PETSc.IntType) for part in (places % n, starts))
+
+    def _summed(self, values: np.ndarray) -> scipy.sparse.csr_matrix:
+        """Entries of the scene's matrix added in the reduced one (n, n)."""
+        count = len(self._sparsity[0])
+        data = np.bincount(self._place, values, count)[:count]
+        return scipy.sparse.csr_matrix((data, *self._sparsity), (self.size, self.size))
+
+    def spread(self, y: np.ndarray) -> np.ndarray:
+        """Small motion (size,) of all degrees of freedom: T y, with T of the last tangent."""
+        return np.append(y, 0.0)[self._unknown]
+
+    def projected(self, r: np.ndarray) -> np.ndarray:
+        """Forces on the unknowns: Tv^T r."""
+        return np.bincount(self._unknown, r, self.size + 1)[: self.size]
+
     def assemble(self, others: np.ndarray, more: Any, y: Any, driven: Any, r: Any) -> None:
         """Set the reduced tangent, with that of `others` in the scene's sparsity, and `more` or 0.
 
         For increments y and driven ones, at which the forces are r.
         """
-        A = self.A
-        if self._directly:
-            A.zeroEntries()
-            self._form.add_tangent(A, self._glue)
-            A.setValuesCSR(*csr_of(self._rows(self._summed(others))), addv=True)
-        else:
-            A.setPreallocationCSR(csr_of(self._rows(self._product(others, more, y, driven, r))))
-        A.assemble()
+        self.A.zeroEntries()
+        self._form.add_tangent(self.A, self._glue)
+        self.A.setValuesCSR(*csr_of(self._rows(self._summed(others))), addv=True)
+        self.A.assemble()
+
+
+class JointUnknowns(SharedUnknowns):
+    """Unknowns of all joints: matrices are products with T and Tv, which each process has."""
+
+    def __init__(self, form: StepForm):
+        super().__init__(form)
+        self._moving = self._which_turn()
+        self._share(np.unique(self.T[np.unique(form.of_increment)].indices))
+        #: The reduced tangent.
+        self.A = self.matrix(scipy.sparse.identity(self.size, format="csr"))
+
+    def spread(self, y: np.ndarray) -> np.ndarray:
+        """Small motion (size,) of all degrees of freedom: T y, with T of the last tangent."""
+        return self._T @ y
+
+    def projected(self, r: np.ndarray) -> np.ndarray:
+        """Forces on the unknowns: Tv^T r."""
+        return self._reduction.project(r)[self.independent]
+
+    def assemble(self, others: np.ndarray, more: Any, y: Any, driven: Any, r: Any) -> None:
+        """Set the reduced tangent, with that of `others` in the scene's sparsity, and `more` or 0.
+
+        For increments y and driven ones, at which the forces are r.
+        """
+        product = self._product(others, more, y, driven, r)
+        self.A.setPreallocationCSR(csr_of(self._rows(product)))
+        self.A.assemble()
 
     def _product(self, others: np.ndarray, more: Any, y: Any, driven: Any, r: Any) -> Any:
         """Tv^T K T + (dTv/dy)^T r."""
@@ -146,8 +166,8 @@ class Unknowns:
         if self._comm.rank == 0:  # what all have is added once
             K.data += others
             K = K + more if more is not None else K
-        small = self._model.size <= _SMALL
-        Tv, K, self._T = (of.toarray() if small else of for of in (self.Tv, K, self.T))
+        small = self._form.model.size <= _SMALL
+        Tv, K, self._T = (A.toarray() if small else A for A in (self.Tv, K, self.T))
         A = scipy.sparse.csr_matrix(Tv.T @ K @ self._T)
         if self._comm.size > 1:
             A = sum(self._comm.allgather(A))
@@ -158,7 +178,7 @@ class Unknowns:
         reduction, moving = self._reduction, self._moving
         columns = np.zeros((self.size, len(moving)))
         for column, unknown in zip(columns.T, self.independent[moving], strict=True):
-            h = _PART * self._model.unit_of_unknowns[unknown]
+            h = _PART * self._form.model.unit_of_unknowns[unknown]
             for step in (h, -h):
                 beside = y.copy()
                 beside[unknown] += step
@@ -171,15 +191,26 @@ class Unknowns:
 
     def _which_turn(self) -> np.ndarray:
         """Unknowns that turn arms of joints, close loops, move beams with sliders, or slide."""
-        couplings, mesh = self._reduction.couplings, self._model.mesh
+        couplings, mesh = self._reduction.couplings, self._form.model.mesh
         T, loops = self._reduction.coupling(closed=False), self._reduction.loops
         dofs = [rotation_of(joint.a) for joint in couplings.moving if joint.a is not GROUND]
         for joint in couplings.sliding:
-            nodes = mesh.nodes_of(self._model.scene, joint.beam)
+            nodes = mesh.nodes_of(self._form.model.scene, joint.beam)
             dofs += mesh.dofs[nodes].ravel().tolist()
         turning = np.zeros(T.shape[1], dtype=bool)
         turning[T[dofs].indices] = True
-        turning[[*couplings.slides.values(), *self._model.points.columns]] = True
+        turning[[*couplings.slides.values(), *self._form.model.points.columns]] = True
         if loops is not None:
             turning[loops.unknowns] = True
         return np.flatnonzero(turning[self.independent])
+
+
+Unknowns = EqualUnknowns | JointUnknowns
+
+
+def unknowns_of(form: StepForm) -> Unknowns:
+    """The unknowns of a form for the joints' present independent ones."""
+    model = form.model
+    special = model.scheme.rates.of_user or model.points.members is not None
+    direct = model.reduction.equates and not special
+    return EqualUnknowns(form) if direct else JointUnknowns(form)
