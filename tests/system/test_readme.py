@@ -12,6 +12,14 @@ def test_the_readme_is_short():
     assert len(pages.text(README).split()) <= 700
 
 
+def test_its_first_lines_are_two_commands_of_which_continuous_integration_calls_the_second():
+    title, _, *lines = README.read_text().splitlines()
+    assert title == "# fx_beam"
+    demo, test = (line.partition("#")[0].strip() for line in lines[:2])
+    assert demo == "./run demos pendulum" and test == "./run test"
+    assert f"{test} --all" in (pages.ROOT / ".ci" / "run").read_text()
+
+
 @pytest.mark.slow
 @pytest.mark.plot
 def test_the_example_is_short_runs_and_draws_the_picture_below_it(tmp_path, monkeypatch, capsys):

@@ -190,6 +190,14 @@ def extras(tmp_path):
     return [call.partition("[")[2].rstrip("]") for call in calls if "install" in call]
 
 
+def test_an_environment_that_is_the_users_own_is_left_as_it_is(set_up, tmp_path, capfd):
+    (tmp_path / ".venv").mkdir()
+    (tmp_path / ".venv" / "own").touch()
+    assert set_up("test").wait() == 1
+    assert [file.name for file in (tmp_path / ".venv").iterdir()] == ["own"]
+    assert ".venv was not made by ./run." in capfd.readouterr().err
+
+
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
 def test_a_set_up_that_is_killed_leaves_nothing_behind_and_forgets_nothing(set_up, tmp_path, how):
     assert set_up("test").wait() == 0
