@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-import os
-
-# Without a display VTK would search for one and print a warning: select EGL as the default.
-if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-    os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
-
+from . import backend  # noqa: F401  # before all that draws
 from .animations import animate
 from .browser_page import Page, interactive
 from .charts import (

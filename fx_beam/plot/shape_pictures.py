@@ -19,6 +19,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import Modes, displaced
 from fx_beam.scene.beam import Node
 
+from .backend import check_renderer
 from .drawing import Drawing, checked_drawing, say_if_too_small, three_digits, time_unit
 from .members import SEQUENTIAL, Members
 from .sheet import Plane, panels, picture, written
@@ -151,6 +152,7 @@ def _tubes(drawing: Drawing, shades: np.ndarray) -> np.ndarray:
     (low, high), size = drawing.window, np.ptp(drawing.window, axis=0)
     centre = (low + high) / 2
     window = [int(pixels) for pixels in 1600 * size / max(size)]
+    check_renderer()
     plotter: Any = pv.Plotter(off_screen=True, window_size=window)
     plotter.set_background("white")
     radius = 0.0025 * max(size) * drawing.thinness

@@ -106,6 +106,23 @@ except ImportError as error:
     assert said.count("\n") == 1
 
 
+def test_without_matplotlib_pictures_say_in_one_sentence_how_to_get_it(script):
+    code = """
+import importlib.util
+import fx_beam
+
+known = importlib.util.find_spec
+importlib.util.find_spec = lambda name, *more: name != "matplotlib" and known(name, *more)
+try:
+    fx_beam.plot.shapes
+except ImportError as error:
+    print(error)
+"""
+    assert script(code) == (
+        "pictures need matplotlib, not installed here: in a clone pip install '.[plot]'\n"
+    )
+
+
 def test_a_python_that_cannot_see_debians_packages_is_told_what_several_processes_need(script):
     code = """
 import sys

@@ -1,5 +1,6 @@
 """Pictures: what they draw is what there is, where it is, whole and in its colours."""
 
+import ctypes
 import importlib.util
 import re
 from itertools import pairwise
@@ -783,6 +784,17 @@ def test_scenes_that_cannot_be_drawn_are_refused():
     solution = fb.simulate(scene, dt=0.05, t_end=0.05)
     with pytest.raises(ValueError, match="needs EA and EI, or rhoA and rhoI, in the section of 'b"):
         plot.shapes(solution, rows=[0], thickness=1.0)
+
+
+def test_without_egl_shapes_are_refused_before_vtk_ends_the_process(swing, tmp_path, monkeypatch):
+    def load(name, *more):
+        raise OSError(f"{name}: cannot open shared object file")
+
+    monkeypatch.setenv("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
+    monkeypatch.setattr(ctypes, "CDLL", load)
+    with pytest.raises(RuntimeError, match="apt-get install libegl1 libgl1-mesa-dri"):
+        plot.shapes(swing[2], tmp_path / "shapes.png")
+    plot.shapes(swing[2], tmp_path / "shapes.png", thickness=1.0)
 
 
 def test_a_film_without_what_writes_it_and_curves_without_a_folder_are_refused(
