@@ -1,4 +1,4 @@
-"""Materials: Young's modulus, Poisson's ratio, density and thermal expansion, with their sources.
+"""Materials: elastic moduli, density and thermal expansion, with their sources.
 
 Values at room temperature for a first estimate; a certificate of your material is better.
 """
@@ -8,25 +8,31 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
+from .errors import SceneError
+
 __all__ = ["Material"]
 
 
 @dataclass(frozen=True)
 class Material:
-    """A linear elastic material: ``Section.rectangle(height, width, *material)`` reads it.
+    """A linear elastic material: ``Section.rectangle(0.02, 0.01, **material)`` reads it.
+
+    Of an isotropic one ``*material`` gives E, nu and rho by their order.
 
     Parameters
     ----------
     E : float
         Young's modulus [Pa].
-    nu : float
-        Poisson's ratio.
+    nu : float or None
+        Poisson's ratio; None for one that is not isotropic, with `G`.
     rho : float
         Mass density [kg/m^3].
     alpha : float
         Linear thermal expansion [1/K], for `thermal`.
     source : str
         Where the values are from.
+    G : float, optional
+        Shear modulus [Pa]; by default that of an isotropic material, E / (2 (1 + nu)).
 
     Examples
     --------
@@ -34,25 +40,37 @@ class Material:
     N m^2 and N mm^2.
 
     >>> import fx_beam as fb
-    >>> strip = fb.Section.rectangle(0.002, 0.02, *fb.materials.steel)
+    >>> strip = fb.Section.rectangle(height=0.002, width=0.02, **fb.materials.steel)
     >>> in_mm = fb.Section.rectangle(2.0, 20.0, *fb.materials.steel.in_mm)
     >>> round(strip.EI, 9), round(in_mm.EI, 3)
     (2.8, 2800000.0)
     """
 
     E: float
-    nu: float
+    nu: float | None
     rho: float
     alpha: float
     source: str
+    G: float | None = None
 
     def __iter__(self) -> Iterator[float]:
+        if self.nu is None:
+            kind = self.source.partition(":")[0]
+            raise SceneError(f"{kind}: this material is not isotropic. Write **material, not *")
         return iter((self.E, self.nu, self.rho))
+
+    def keys(self) -> tuple[str, ...]:
+        """Names of the arguments of sections that ``**material`` gives."""
+        return ("E", "G", "rho") if self.nu is None else ("E", "nu", "rho")
+
+    def __getitem__(self, name: str) -> float:
+        return getattr(self, name)
 
     @property
     def in_mm(self) -> Material:
         """The same in N, mm, t and s: E [N/mm^2], rho [t/mm^3]; gravity is then 9810 mm/s^2."""
-        return replace(self, E=1e-6 * self.E, rho=1e-12 * self.rho)
+        G = None if self.G is None else 1e-6 * self.G
+        return replace(self, E=1e-6 * self.E, rho=1e-12 * self.rho, G=G)
 
 
 steel = Material(210e9, 0.3, 7850.0, 12e-6, "EN 1993-1-1, 3.2.6; EN 1991-1-1, table A.4")
@@ -61,3 +79,5 @@ aluminium = Material(70e9, 0.3, 2700.0, 23e-6, "EN 1999-1-1, 3.2.5")
 titanium = Material(113.8e9, 0.342, 4430.0, 8.6e-6, "Ti-6Al-4V: ASM Aerospace Specification Metals")
 glass = Material(70e9, 0.2, 2500.0, 9e-6, "soda lime glass: EN 572-1")
 concrete = Material(33e9, 0.2, 2500.0, 10e-6, "C30/37, uncracked: EN 1992-1-1, 3.1; EN 1991-1-1")
+softwood = Material(11e9, None, 420.0, 5e-6, "C24, along the grain: EN 338; EN 1991-1-5", 0.69e9)
+glulam = Material(11.5e9, None, 420.0, 5e-6, "GL 24h: EN 14080; EN 1991-1-5", 0.65e9)

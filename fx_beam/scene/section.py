@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import inspect
 import math
 import operator
 from collections.abc import Callable
@@ -36,6 +37,23 @@ Datum = float | Callable[[float], Any]
 #: Names of all data that may vary along a beam.
 DATA = "EA", "GA", "EI", "rhoA", "rhoI", "retardation"
 _MAY_BE_ZERO = "rhoA", "rhoI", "rho", "retardation"
+
+
+def _explained(function: Callable[..., Section]) -> Callable[..., Section]:
+    """Explain arguments that a constructor of sections cannot take."""
+
+    @functools.wraps(function)
+    def checked(*values: Any, **named: Any) -> Section:
+        try:
+            inspect.signature(function).bind(*values, **named)
+        except TypeError as error:
+            raise SceneError(
+                f"Section.{function.__name__}: {error}. With named sizes write **material, as in "
+                "Section.rectangle(height=0.02, width=0.01, **fx_beam.materials.steel)"
+            ) from None
+        return function(*values, **named)
+
+    return checked
 
 
 @dataclass(frozen=True)
@@ -213,6 +231,7 @@ class Section:
         return any(map(callable, self._data(name)))
 
     @classmethod
+    @_explained
     def rectangle(
         cls,
         height: Datum,
@@ -220,7 +239,10 @@ class Section:
         E: Datum,
         nu: float = 0.3,
         rho: Datum = 0.0,
-        shear_factor: float = 5 / 6,
+        shear_factor: Datum = 5 / 6,
+        *,
+        G: Datum | None = None,
+        retardation: Any = 0.0,
     ) -> Section:
         """Rectangular section.
 
@@ -236,8 +258,12 @@ class Section:
             Poisson's ratio.
         rho : float or callable
             Mass density [kg/m^3].
-        shear_factor : float
+        shear_factor : float or callable
             Shear area divided by area.
+        G : float or callable, optional
+            Shear modulus [Pa]; by default E / (2 (1 + nu)). Timber needs it.
+        retardation : float, callable or a triple of them, optional
+            As in `Section` [s].
 
         Returns
         -------
@@ -252,12 +278,23 @@ class Section:
         (1400, 1.57)
         """
         area = _combined(operator.mul, height=height, width=width)
-        inertia = _combined(_second_moment_of_rectangle, height=height, width=width)
-        return cls.from_area(area, inertia, E, nu, rho, shear_factor)
+        second_moment = _combined(_second_moment_of_rectangle, height=height, width=width)
+        return cls.from_area(
+            area, second_moment, E, nu, rho, shear_factor, G=G, retardation=retardation
+        )
 
     @classmethod
+    @_explained
     def circle(
-        cls, diameter: Datum, E: Datum, nu: float = 0.3, rho: Datum = 0.0, shear_factor: float = 0.9
+        cls,
+        diameter: Datum,
+        E: Datum,
+        nu: float = 0.3,
+        rho: Datum = 0.0,
+        shear_factor: Datum = 0.9,
+        *,
+        G: Datum | None = None,
+        retardation: Any = 0.0,
     ) -> Section:
         """Solid circular section.
 
@@ -271,8 +308,12 @@ class Section:
             Poisson's ratio.
         rho : float or callable
             Mass density [kg/m^3].
-        shear_factor : float
+        shear_factor : float or callable
             Shear area divided by area.
+        G : float or callable, optional
+            Shear modulus [Pa]; by default E / (2 (1 + nu)). Timber needs it.
+        retardation : float, callable or a triple of them, optional
+            As in `Section` [s].
 
         Returns
         -------
@@ -280,8 +321,118 @@ class Section:
             EA, GA, EI, rhoA and rhoI of the circle.
         """
         area = _combined(_area_of_circle, diameter=diameter)
-        inertia = _combined(_second_moment_of_circle, diameter=diameter)
-        return cls.from_area(area, inertia, E, nu, rho, shear_factor)
+        second_moment = _combined(_second_moment_of_circle, diameter=diameter)
+        return cls.from_area(
+            area, second_moment, E, nu, rho, shear_factor, G=G, retardation=retardation
+        )
+
+    @classmethod
+    @_explained
+    def tube(
+        cls,
+        diameter: Datum,
+        thickness: Datum,
+        E: Datum,
+        nu: float = 0.3,
+        rho: Datum = 0.0,
+        shear_factor: Datum = 0.5,
+        *,
+        G: Datum | None = None,
+        retardation: Any = 0.0,
+    ) -> Section:
+        """Circular hollow section.
+
+        Parameters
+        ----------
+        diameter : float or callable
+            Outer diameter [m].
+        thickness : float or callable
+            Thickness of the wall [m]; at most half the diameter.
+        E : float or callable
+            Young's modulus [Pa].
+        nu : float
+            Poisson's ratio.
+        rho : float or callable
+            Mass density [kg/m^3].
+        shear_factor : float or callable
+            Shear area divided by area; that of a thin wall by default.
+        G : float or callable, optional
+            Shear modulus [Pa]; by default E / (2 (1 + nu)). Timber needs it.
+        retardation : float, callable or a triple of them, optional
+            As in `Section` [s].
+
+        Returns
+        -------
+        Section
+            EA, GA, EI, rhoA and rhoI of the ring.
+
+        Examples
+        --------
+        A tube of steel of 48.3 mm by 3.2 mm: EN 10210-2 gives 4.53 cm^2 and 11.6 cm^4.
+
+        >>> import fx_beam as fb
+        >>> tube = fb.Section.tube(0.0483, 0.0032, E=1.0)
+        >>> round(1e4 * tube.EA, 2), round(1e8 * tube.EI, 1)
+        (4.53, 11.6)
+        """
+        size = {"diameter": diameter, "thickness": thickness}
+        area = _combined(_area_of_tube, **size)
+        second_moment = _combined(_second_moment_of_tube, **size)
+        return cls.from_area(
+            area, second_moment, E, nu, rho, shear_factor, G=G, retardation=retardation
+        )
+
+    @classmethod
+    @_explained
+    def box(
+        cls,
+        height: Datum,
+        width: Datum,
+        thickness: Datum,
+        E: Datum,
+        nu: float = 0.3,
+        rho: Datum = 0.0,
+        shear_factor: Datum | None = None,
+        *,
+        G: Datum | None = None,
+        retardation: Any = 0.0,
+    ) -> Section:
+        """Rectangular hollow section with sharp corners.
+
+        Parameters
+        ----------
+        height : float or callable
+            Outer depth in the plane of motion [m].
+        width : float or callable
+            Outer depth across the plane [m].
+        thickness : float or callable
+            Thickness of all four walls [m]; at most half of each depth.
+        E : float or callable
+            Young's modulus [Pa].
+        nu : float
+            Poisson's ratio.
+        rho : float or callable
+            Mass density [kg/m^3].
+        shear_factor : float or callable
+            Shear area divided by area; by default that of the two walls along the height.
+        G : float or callable, optional
+            Shear modulus [Pa]; by default E / (2 (1 + nu)). Timber needs it.
+        retardation : float, callable or a triple of them, optional
+            As in `Section` [s].
+
+        Returns
+        -------
+        Section
+            EA, GA, EI, rhoA and rhoI of the hollow rectangle.
+        """
+        size = {"height": height, "width": width, "thickness": thickness}
+        area = _combined(_area_of_box, **size)
+        second_moment = _combined(_second_moment_of_box, **size)
+        if shear_factor is None:
+            shear_factor = _combined(_share_of_webs, **size)
+        return cls.from_area(
+            area, second_moment, E, nu, rho, shear_factor, G=G, retardation=retardation
+        )
 
     @classmethod
     def from_area(
@@ -291,7 +442,10 @@ class Section:
         E: Datum,
         nu: float = 0.3,
         rho: Datum = 0.0,
-        shear_factor: float = 5 / 6,
+        shear_factor: Datum = 5 / 6,
+        *,
+        G: Datum | None = None,
+        retardation: Any = 0.0,
     ) -> Section:
         """Section of given area and second moment of area.
 
@@ -307,8 +461,12 @@ class Section:
             Poisson's ratio.
         rho : float or callable
             Mass density [kg/m^3].
-        shear_factor : float
+        shear_factor : float or callable
             Shear area divided by area.
+        G : float or callable, optional
+            Shear modulus [Pa]; by default E / (2 (1 + nu)). Timber needs it.
+        retardation : float, callable or a triple of them, optional
+            As in `Section` [s].
 
         Returns
         -------
@@ -317,13 +475,15 @@ class Section:
         """
         require(-1 < as_float(nu) <= 0.5, "Section: nu", nu, "a number in (-1, 0.5]")
         A, J = {"area": area}, {"second_moment": second_moment}
-        shear = functools.partial(_shear_stiffness, as_float(nu))
+        if G is None:
+            G = _combined(functools.partial(_shear_modulus, as_float(nu)), E=E)
         return cls(
             EA=_combined(operator.mul, E=E, **A),
-            GA=_combined(shear, shear_factor=shear_factor, E=E, **A),
+            GA=_combined(_product, shear_factor=shear_factor, G=G, **A),
             EI=_combined(operator.mul, E=E, **J),
             rhoA=_combined(operator.mul, rho=rho, **A),
             rhoI=_combined(operator.mul, rho=rho, **J),
+            retardation=retardation,
         )
 
 
@@ -371,8 +531,41 @@ def _second_moment_of_circle(diameter: float) -> float:
     return math.pi * diameter**4 / 64
 
 
-def _shear_stiffness(nu: float, shear_factor: float, E: float, area: float) -> float:
-    return shear_factor * (E / (2 * (1 + nu))) * area
+def _area_of_tube(diameter: float, thickness: float) -> float:
+    return _area_of_circle(diameter) - _area_of_circle(_inner(diameter, thickness))
+
+
+def _second_moment_of_tube(diameter: float, thickness: float) -> float:
+    inner = _inner(diameter, thickness)
+    return _second_moment_of_circle(diameter) - _second_moment_of_circle(inner)
+
+
+def _area_of_box(height: float, width: float, thickness: float) -> float:
+    return height * width - _inner(height, thickness) * _inner(width, thickness)
+
+
+def _second_moment_of_box(height: float, width: float, thickness: float) -> float:
+    inner = _inner(height, thickness), _inner(width, thickness)
+    return _second_moment_of_rectangle(height, width) - _second_moment_of_rectangle(*inner)
+
+
+def _share_of_webs(height: float, width: float, thickness: float) -> float:
+    return 2 * thickness * height / _area_of_box(height, width, thickness)
+
+
+def _inner(outer: float, thickness: float) -> float:
+    """Inner size of a hollow section."""
+    wanted = f"at most half of the outer size, {as_float(outer) / 2:g}"
+    require(2 * thickness <= outer, "Section: thickness", thickness, wanted)
+    return outer - 2 * thickness
+
+
+def _product(shear_factor: float, G: float, area: float) -> float:
+    return shear_factor * G * area
+
+
+def _shear_modulus(nu: float, E: float) -> float:
+    return E / (2 * (1 + nu))
 
 
 def _value(name: str, datum: Datum, fraction: float = 0.0) -> float:

@@ -75,6 +75,31 @@ def test_a_rectangle_of_varying_height_has_the_data_of_each_height():
         assert varying.varies(size)
 
 
+def test_hollow_sections_have_the_areas_and_second_moments_of_their_standard():
+    # EN 10210-2: 48.3 x 3.2 mm has 4.53 cm^2 and 11.6 cm^4.
+    tube = fb.Section.tube(0.0483, 0.0032, E=1.0, nu=0.0, retardation=(1e-3, 2e-3, 3e-3))
+    assert (round(1e4 * tube.EA, 2), round(1e8 * tube.EI, 1)) == (4.53, 11.6)
+    assert tube.retardation == (1e-3, 2e-3, 3e-3)
+    # Four walls by Steiner's theorem: flanges of 10 by 1 at 4.5 from the axis, webs of 8 by 1.
+    box = fb.Section.box(height=10.0, width=10.0, thickness=1.0, E=1.0, nu=0.0)
+    assert box.EA == pytest.approx(36.0)
+    assert box.EI == pytest.approx(2 * (10 / 12 + 10 * 4.5**2) + 2 * 8**3 / 12)
+    assert box.GA == pytest.approx(2 * 10.0 / 2)  # G = 1/2 of the webs over the whole depth
+    half = fb.Section.box(lambda s: 10.0 - 5 * s, 10.0, 1.0, E=1.0, nu=0.0)
+    end = fb.Section.box(5.0, 10.0, 1.0, E=1.0, nu=0.0)
+    for name in ("EA", "GA", "EI"):
+        assert half.values(name, np.array([1.0])) == pytest.approx(getattr(end, name))
+
+
+def test_timber_has_a_shear_modulus_of_its_own_and_named_sizes_a_material():
+    beam = fb.Section.rectangle(height=0.2, width=0.1, **fb.materials.softwood)
+    assert beam.GA == pytest.approx(5 / 6 * 0.69e9 * 0.02)
+    in_mm = fb.Section.rectangle(height=200.0, width=100.0, **fb.materials.softwood.in_mm)
+    assert in_mm.GA == pytest.approx(beam.GA)
+    steel = fb.materials.steel
+    assert fb.Section.circle(diameter=0.1, **steel) == fb.Section.circle(0.1, *steel)
+
+
 def test_a_graded_material_has_the_data_of_each_modulus_and_density():
     def E(s):
         return 2e11 * (1 + s)

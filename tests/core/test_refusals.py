@@ -158,6 +158,10 @@ REFUSED = {
         (lambda p: fb.Section.rectangle(0.1, 0.1, E=1.0, nu=0.6), "nu = .* must be a number in"),
         (lambda p: fb.Section.circle(0.1, E="steel"), "E = 'steel' must be"),
         (lambda p: fb.Section.circle(lambda s: 0.3 - s, E=1.0), "diameter = -0.2 at the fraction"),
+        (lambda p: fb.Section.rectangle(*fb.materials.steel, height=0.1, width=0.1),
+         r"Section.rectangle: multiple values for argument 'height'.* write \*\*material"),
+        (lambda p: fb.Section.rectangle(0.1, 0.1, *fb.materials.glulam), "not isotropic"),
+        (lambda p: fb.Section.tube(0.1, 0.06, E=1.0), "thickness = 0.06 must be at most half"),
         (energy_of(lambda e, g, k: e**2 if e > 0 else 0 * e), "must give a UFL expression"),
         (energy_of(lambda e, g, k: math.cosh(e)), "strain_energy"),  # has to come to an end
         (energy_of(lambda *e: ufl.as_vector(e)), r"a scalar, not of shape \(3,\)"),
