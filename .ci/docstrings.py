@@ -15,7 +15,8 @@ from typing import Protocol
 from numpydoc.validate import get_validation_checks, validate
 
 import fx_beam
-from fx_beam import fenicsx, stability, work_precision
+from fx_beam import fenicsx
+from fx_beam_studies import stability, work_precision
 
 MODULES = (fx_beam, fenicsx, stability, work_precision)
 DESCRIPTORS = (property, cached_property, classmethod, staticmethod)

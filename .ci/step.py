@@ -6,7 +6,7 @@ import time
 import numpy as np
 
 import fx_beam as fb
-from fx_beam.studies.reporting import machine
+from fx_beam_studies.reporting import machine
 
 #: Steps of a short and of a long run; the difference of their times does not contain the set-up.
 STEPS = 1000, 5000

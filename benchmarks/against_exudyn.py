@@ -30,7 +30,7 @@ import numpy as np
 from demo_scenes import ROOT
 
 import fx_beam as fb
-from fx_beam.studies import reporting
+from fx_beam_studies import reporting
 
 LENGTH, HEIGHT, WIDTH = 0.5, 2e-3, 10e-3  # [m]
 SECTION = fb.Section.rectangle(height=HEIGHT, width=WIDTH, E=1e8, nu=0.3, rho=1000.0)

@@ -421,7 +421,7 @@ def renew_docs(told, table, picture):
 
 def main(quick=False, results=ROOT / "results" / "cost", docs=False):
     """Write the page, the table and the picture; returns the rows."""
-    from fx_beam.studies import reporting  # not where modules are counted
+    from fx_beam_studies import reporting  # not where modules are counted
 
     rows = study(FEW if quick else SCENES, not quick)
     plain = next(row for row in rows if row["scene"] == PLAIN)

@@ -20,12 +20,12 @@ from demo_scenes import ROOT, demo
 from scipy.integrate import trapezoid
 
 import fx_beam as fb
-from fx_beam.studies import reporting
-from fx_beam.studies.reporting import section, table
-from fx_beam.studies.stability.cases import grouped
-from fx_beam.studies.stability.report import draw_map, draw_summary
+from fx_beam_studies import reporting, stability
+from fx_beam_studies.reporting import section, table
+from fx_beam_studies.stability.cases import grouped
+from fx_beam_studies.stability.report import draw_map, draw_summary
 
-Case = fb.stability.Case
+Case = stability.Case
 SCHEMES = {
     "EnergyMomentum": fb.EnergyMomentum(),
     "EnergyDecaying": fb.EnergyDecaying(),
@@ -744,13 +744,13 @@ def units_page(found):
 def studied(path, schemes, cases, title, how, remarks=lambda cells: ""):
     """Cells of a study, written to files; after Ctrl-C those that are finished."""
     try:
-        cells = fb.stability.study(schemes, cases, **how)
+        cells = stability.study(schemes, cases, **how)
     except KeyboardInterrupt as stop:
         if stop.cells:
-            fb.stability.write(path, stop.cells, f"{title} (interrupted)")
+            stability.write(path, stop.cells, f"{title} (interrupted)")
         raise
-    fb.stability.write(path, cells, title, remarks(cells))
-    tally = [{"scheme": scheme} | row for scheme, row in fb.stability.counts(cells).items()]
+    stability.write(path, cells, title, remarks(cells))
+    tally = [{"scheme": scheme} | row for scheme, row in stability.counts(cells).items()]
     print(table(tally), f"{len(cells)} cells: {path}.md", sep="\n")
     return cells
 
@@ -759,7 +759,7 @@ def listed(cells):
     """Verdicts by scheme as a list, in the place of a picture that is too wide for a phone."""
     kinds = "kept", "damped", "lost", "gained", "blew up", "failed"
     lines = []
-    for scheme, row in fb.stability.counts(cells).items():
+    for scheme, row in stability.counts(cells).items():
         total = sum(row[kind] for kind in kinds)
         parts = [f"{kind} {row[kind]}" for kind in kinds if row[kind]]
         lines.append(f"- {scheme}, {total} cases: {', '.join(parts)}\n")

@@ -43,9 +43,10 @@ from demo_scenes import ROOT, demo, scene
 from scipy.integrate import cumulative_trapezoid
 
 import fx_beam as fb
-from fx_beam.studies.reporting import short, table, write_csv
-from fx_beam.studies.work_precision.accuracy import alike, floor
-from fx_beam.studies.work_precision.report import draw_dots, draw_fronts
+from fx_beam_studies import work_precision
+from fx_beam_studies.reporting import short, table, write_csv
+from fx_beam_studies.work_precision.accuracy import alike, floor
+from fx_beam_studies.work_precision.report import draw_dots, draw_fronts
 
 # One line adds a candidate.
 SCHEMES = {
@@ -407,7 +408,7 @@ def main(quick=False, results=ROOT / "results" / "work_precision", examples=EXAM
     for example in examples:
         start = perf_counter()
         name = example.__name__
-        found[name] = fb.work_precision.study(
+        found[name] = work_precision.study(
             functools.partial(scene, name.partition("_to_")[0]),
             schemes=schemes,
             results=results / name,
@@ -415,7 +416,7 @@ def main(quick=False, results=ROOT / "results" / "work_precision", examples=EXAM
         )
         print(f"== {name}, {perf_counter() - start:.0f} s: {results / name}.md", flush=True)
         for quantity in found[name].references:
-            print("  ", fb.work_precision.sentence(found[name], quantity))
+            print("  ", work_precision.sentence(found[name], quantity))
     cells, pictures = write_overview(results, found)
     if docs:
         renew_docs(results, cells, pictures)

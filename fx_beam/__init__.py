@@ -3,6 +3,7 @@
 import ast
 import importlib
 import importlib.util
+import warnings
 from pathlib import Path
 
 if importlib.util.find_spec("ffcx") is None:
@@ -21,7 +22,7 @@ _IMPORTS = [node for node in _STUB.body if isinstance(node, ast.ImportFrom)]
 _HOMES = {
     a.name: f"{__name__}.{node.module}" for node in _IMPORTS if node.level for a in node.names
 }
-# Materials, pictures, and studies.
+# Materials and pictures; the studies, which are a package of their own.
 _ROOMS = {
     a.name: f"{node.module}.{a.name}" for node in _IMPORTS if not node.level for a in node.names
 }
@@ -31,6 +32,9 @@ __all__ = [*_HOMES]
 
 def __getattr__(name: str):
     if name in _ROOMS:
+        if _ROOMS[name].startswith("fx_beam_studies"):
+            what = f"fx_beam.{name} is now {_ROOMS[name]}; the old name goes in version 1.2"
+            warnings.warn(what, FutureWarning, stacklevel=2)
         return importlib.import_module(_ROOMS[name])
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -2,7 +2,7 @@
 # which reads this file. What is imported by its full name are modules.
 
 from fx_beam import materials as materials, plot as plot
-from fx_beam.studies import stability as stability, work_precision as work_precision
+from fx_beam_studies import stability as stability, work_precision as work_precision
 
 from .derivatives.harmonic_response import HarmonicResponse as HarmonicResponse
 from .derivatives.modal_response import ModalResponse as ModalResponse

@@ -51,8 +51,10 @@ def pendulum(EA):
 
 def swings():
     """Cases of a study of stability."""
+    from fx_beam_studies import stability
+
     return [
-        fb.stability.Case("EA", f"{EA:g}", partial(pendulum, EA), dt=0.1, t_end=1.0)
+        stability.Case("EA", f"{EA:g}", partial(pendulum, EA), dt=0.1, t_end=1.0)
         for EA in (1e4, 1e10)
     ]
 

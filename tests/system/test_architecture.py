@@ -17,7 +17,7 @@ PACKAGE = Path(fx_beam.__file__).parent
 # From the ground up: a room imports from the rooms before it only, and no import goes in a circle.
 ROOMS = (
     *("scene", "laws", "results", "plot", "fem", "coupling", "step", "parallel", "motions"),
-    *("equilibria", "linear", "orbits", "derivatives", "sweeps", "studies", "fenicsx"),
+    *("equilibria", "linear", "orbits", "derivatives", "sweeps", "fenicsx"),
     "__main__",
 )
 #: The room that has a library for itself: all of it may be called there.
@@ -96,7 +96,7 @@ def test_no_import_goes_in_a_circle():
 
 
 def test_rooms_say_what_they_hold_and_nothing_else():
-    for room in set(ROOMS) - {"plot", "studies", OF_FENICSX, "__main__"}:
+    for room in set(ROOMS) - {"plot", OF_FENICSX, "__main__"}:
         assert [type(node) for node in TREES[room].body] == [ast.Expr], room
 
 
@@ -125,7 +125,6 @@ HOMES = {
     "tqdm": "motions.progress",
     "cloudpickle": "parallel.team",
     "pandas xarray": "results.export",
-    "scooby tabulate": "studies.reporting",
 }
 
 
@@ -146,25 +145,28 @@ def test_physics_and_data_need_numpy_and_ufl_only():
 
 def test_the_package_imports_what_is_asked_for():
     code = """import sys, fx_beam; print(*sys.modules)
-fx_beam.simulate; print(*sys.modules)
-fx_beam.work_precision, fx_beam.stability; print(*sys.modules)"""
+fx_beam.simulate; print(*sys.modules)"""
     command = [sys.executable, "-c", code]
     done = subprocess.run(command, cwd=PACKAGE.parent, capture_output=True, text=True, check=True)
-    package, motions, studies = (set(line.split()) for line in done.stdout.splitlines())
+    package, motions = (set(line.split()) for line in done.stdout.splitlines())
     libraries = {"matplotlib", "pyvista", "vtkmodules", "imageio", "pandas", "xarray"}
     rooms = {name.split(".")[1] for name in motions if name.startswith("fx_beam.")} & set(ROOMS)
     assert rooms == {"scene", "laws", "results", "fem", "coupling", "step", "parallel", "motions"}
-    assert not studies & (libraries | {"scooby", "tabulate", "dolfinx"})
     assert {name for name in package if name.startswith("fx_beam")} == {"fx_beam"}
     assert not package & {"numpy", "ufl"}
-    assert not motions & {"dolfinx", "mpi4py", "petsc4py"}
+    assert not motions & (libraries | {"dolfinx", "mpi4py", "petsc4py"})
 
 
-def test_pictures_and_studies_are_had_from_the_package_and_nothing_else_is():
-    assert fx_beam.work_precision.study and fx_beam.stability and fx_beam.plot.curves
-    assert {"plot", "stability", "work_precision", "Scene", "modes"} <= set(dir(fx_beam))
+def test_pictures_are_had_from_the_package_and_nothing_else_is():
+    assert fx_beam.plot.curves and {"plot", "Scene", "modes"} <= set(dir(fx_beam))
     with pytest.raises(AttributeError, match="workprecision"):
         fx_beam.workprecision  # noqa: B018
+
+
+@pytest.mark.parametrize("name", ["stability", "work_precision"])
+def test_studies_are_still_had_from_the_package_with_a_word_on_their_new_place(name):
+    with pytest.warns(FutureWarning, match=f"fx_beam.{name} is now fx_beam_studies.{name}"):
+        assert getattr(fx_beam, name) is importlib.import_module(f"fx_beam_studies.{name}")
 
 
 def test_versions_are_asked_for_in_one_place_only():
@@ -184,7 +186,7 @@ def test_no_import_is_optional():
 
 
 def test_no_public_name_hides_a_module():
-    for room in ("", "plot", "studies.work_precision", "studies.stability"):
+    for room in ("", "plot"):
         public = set(importlib.import_module(f"fx_beam.{room}".rstrip(".")).__all__)
         files = {name.rpartition(".")[2] for name in SOURCES if name.rpartition(".")[0] == room}
         assert not public & files

@@ -9,6 +9,7 @@ import pytest
 from PIL import Image
 
 import fx_beam as fb
+from fx_beam_studies import stability, work_precision
 
 DOCS = pages.ROOT / "docs"
 PAGES = sorted(
@@ -21,8 +22,8 @@ MODULES = {
     "fx_beam": fb,
     "fx_beam.plot": fb.plot,
     "fx_beam.materials": fb.materials,
-    "fx_beam.studies.work_precision": fb.work_precision,
-    "fx_beam.studies.stability": fb.stability,
+    "fx_beam_studies.work_precision": work_precision,
+    "fx_beam_studies.stability": stability,
 }
 
 
@@ -125,7 +126,7 @@ def test_the_tables_and_the_first_page_of_the_interface_name_what_its_pages_have
         listed = [name for name in listed if not re.search(r"[A-Z]\w+\.", name)]
         assert sorted(listed) == sorted(entries)
         row = re.search(rf"\({page.name}\) \|(.*)\|", pages.text(folder / "index.md"))[1]
-        names = [re.sub(r"^fx_beam\.(studies\.)?", "", name) for name in entries]
+        names = [re.sub(r"^fx_beam(_studies)?\.", "", name) for name in entries]
         assert sorted(re.findall(r"`(\S+)`", row)) == sorted(names)
 
 

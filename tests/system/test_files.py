@@ -16,7 +16,7 @@ from scenes import FLYING
 import fx_beam as fb
 from fx_beam.results.export import HISTORIES
 from fx_beam.results.files import replacing
-from fx_beam.studies.reporting import write_csv, write_json
+from fx_beam_studies.reporting import write_csv, write_json
 
 EARLIER = b"what was there before"
 

@@ -13,6 +13,7 @@ import fx_beam as fb
 from fx_beam.content_cache import cached_property
 from fx_beam.motions import motion_series, surroundings
 from fx_beam.step import full_turns, single_steps
+from fx_beam_studies import stability
 
 DT = 1 / 64
 SECTION = fb.Section(EA=1e4, GA=1e4, EI=5.0, rhoA=1.0, rhoI=1e-2)
@@ -276,11 +277,11 @@ def test_runs_that_ended_are_kept_whatever_ends_converge_and_studies():
             raise SystemExit
 
     cases = [
-        fb.stability.Case("arm", name, made, dt=DT, t_end=2 * DT)
+        stability.Case("arm", name, made, dt=DT, t_end=2 * DT)
         for name, made in (("1", lambda: cantilever(1, 1)), ("2", Quits))
     ]
     with pytest.raises(SystemExit) as left:
-        fb.stability.study([fb.EnergyMomentum()], cases, repeats=0)
+        stability.study([fb.EnergyMomentum()], cases, repeats=0)
     assert [cell.case.label for cell in left.value.cells] == ["1"]
 
 

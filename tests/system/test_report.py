@@ -5,7 +5,7 @@ import json
 
 import numpy as np
 
-from fx_beam.studies import reporting
+from fx_beam_studies import reporting
 
 
 def strict(path):

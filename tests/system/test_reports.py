@@ -14,7 +14,8 @@ from scenes import benchmark
 from scipy.interpolate import CubicSpline
 
 import fx_beam as fb
-from fx_beam.studies.work_precision import accuracy
+from fx_beam_studies import work_precision
+from fx_beam_studies.work_precision import accuracy
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = "pendulum", "three_bar_swing", "three_bar_swing_to_1_s", "multibody", "pinned_beam"
@@ -100,7 +101,7 @@ def test_halving_the_step_divides_the_error_of_the_pendulums_force_by_four(schem
     settings["quantities"]["impulse"] = module.impulse("rod")
     settings["exact"]["impulse"] = CubicSpline(t, force(t)).antiderivative()
     more = {"t_end": 2.0, "dt": [0.02, 0.01, 0.005], "repetitions": 1}
-    found = fb.work_precision.study(
+    found = work_precision.study(
         lambda *mesh: module.scene("pendulum", *mesh), schemes=[scheme], **settings | more
     )
     for quantity in ("axial force", "impulse", "tip path", "period"):

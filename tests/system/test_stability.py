@@ -9,7 +9,7 @@ from pytest import approx
 from scenes import benchmark, pendulum
 
 import fx_beam as fb
-from fx_beam import stability
+from fx_beam_studies import stability
 
 # -- Verdicts ----------------------------------------------------------------------------------
 
@@ -204,7 +204,7 @@ def arm(label, scene=lambda: pendulum(1e4)[0]):
     [
         ([fb.Newmark()], [arm("1"), arm("1")], "cases: 'EA: 1' is given twice"),
         ([fb.Newmark()], [], "a study needs cases; none"),
-        ([fb.Newmark()], ["1"], "'1' is no fx_beam.stability.Case"),
+        ([fb.Newmark()], ["1"], "'1' is no fx_beam_studies.stability.Case"),
         ({}, [arm("1")], "a study needs schemes; none"),
         ([fb.HHT(-0.1), fb.HHT(-0.2)], [arm("1")], "several schemes are called HHT"),
         ([fb.Newmark], [arm("1")], "unknown scheme .*with brackets"),
@@ -218,11 +218,11 @@ def test_a_study_that_cannot_be_made_is_refused_before_anything_runs(schemes, ca
 @pytest.mark.parametrize(
     ("call", "reason"),
     [
-        (lambda run: stability.study([fb.Newmark()], 3), "3 is no fx_beam.stability.Case"),
+        (lambda run: stability.study([fb.Newmark()], 3), "3 is no fx_beam_studies.stability.Case"),
         (lambda run: stability.study([], [], max_halvings=-1), "max_halvings = -1 must be a who"),
         (lambda run: stability.study([], [], repeats="four"), "repeats = 'four' must be a whole"),
-        (lambda run: stability.counts(3), "3 is no fx_beam.stability.Cell"),
-        (lambda run: stability.counts(["kept"]), "'kept' is no fx_beam.stability.Cell"),
+        (lambda run: stability.counts(3), "3 is no fx_beam_studies.stability.Cell"),
+        (lambda run: stability.counts(["kept"]), "'kept' is no fx_beam_studies.stability.Cell"),
         (lambda run: stability.classify("kept", 1.0), "classify: run = 'kept' must be"),
         (lambda run: stability.classify(run, 0.0), "classify: t_end = 0.0 must be a positive"),
     ],

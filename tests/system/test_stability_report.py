@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scenes import benchmark
 
-from fx_beam import stability
-from fx_beam.studies.stability import report as stability_report
+from fx_beam_studies import stability
+from fx_beam_studies.stability import report as stability_report
 
 OURS, DECAYING, PUBLISHED = "EnergyMomentum", "EnergyDecaying", "ModifiedMidPoint"
 NEWMARK, HHT = "Newmark (trapezoidal)", "HHT, alpha = -0.1"

@@ -10,10 +10,10 @@ import scenes
 from pytest import approx
 
 import fx_beam as fb
-from fx_beam import work_precision
-from fx_beam.studies.work_precision import Mesh, Precision, Run, accuracy, sentence, study
-from fx_beam.studies.work_precision.accuracy import History, counted
-from fx_beam.studies.work_precision.report import (
+from fx_beam_studies import work_precision
+from fx_beam_studies.work_precision import Mesh, Precision, Run, accuracy, sentence, study
+from fx_beam_studies.work_precision.accuracy import History, counted
+from fx_beam_studies.work_precision.report import (
     draw_dots,
     draw_fronts,
     front,

@@ -19,8 +19,8 @@ from fx_beam.motions.dynamics import simulate
 from fx_beam.motions.progress import progress_bar
 from fx_beam.results.solution import Solution
 from fx_beam.scene.scene import Scene
-from fx_beam.studies import candidates
 from fx_beam.sweeps import workers
+from fx_beam_studies import candidates
 
 from . import accuracy
 from .accuracy import MAX_HALVINGS, Exact, History, Mesh, Precision, Quantity, Run

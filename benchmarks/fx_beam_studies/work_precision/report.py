@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from fx_beam.errors import SceneError, is_one_of, require
-from fx_beam.studies.reporting import beside, machine, section, short, write_json, write_report
-from fx_beam.studies.work_precision import accuracy
+from fx_beam_studies.reporting import beside, machine, section, short, write_json, write_report
+from fx_beam_studies.work_precision import accuracy
 
 from .accuracy import ROUND_OFF, Mesh, Precision, Run, alike, counted, floor, observed_order
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from fx_beam.errors import SceneError
 from fx_beam.results.files import replacing
-from fx_beam.studies.reporting import beside, section, short, table, write_report
+from fx_beam_studies.reporting import beside, section, short, table, write_report
 
 from . import cases as rules
 from .cases import KINDS, Cell, Verdict, grouped

@@ -22,8 +22,8 @@ from fx_beam.results.solution import Solution
 from fx_beam.scene.scene import Scene
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record
-from fx_beam.studies import candidates
 from fx_beam.sweeps import workers
+from fx_beam_studies import candidates
 
 #: Kept: the energy ratio differs from 1 by at most this.
 KEPT = 1e-8
@@ -413,13 +413,14 @@ def study(
     --------
     Two stiffnesses of a scene of your own, which ``arm(EA)`` gives:
 
+    >>> from fx_beam_studies import stability
     >>> cases = [
-    ...     fb.stability.Case("Arm: EA [N]", f"{EA:g}", lambda EA=EA: arm(EA), dt=0.01, t_end=5.0)
+    ...     stability.Case("Arm: EA [N]", f"{EA:g}", lambda EA=EA: arm(EA), dt=0.01, t_end=5.0)
     ...     for EA in (1e6, 1e10)
     ... ]
     >>> schemes = [fb.EnergyMomentum(), fb.Newmark()]
-    >>> cells = fb.stability.study(schemes, cases)
-    >>> fb.stability.write("results/arm", cells, "an arm")  # .json, .csv, .md, .png
+    >>> cells = stability.study(schemes, cases)
+    >>> stability.write("results/arm", cells, "an arm")  # .json, .csv, .md, .png
     """
     wanted = "a whole number from 0 "
     require(is_whole(max_halvings, 0, 50), "max_halvings", max_halvings, f"{wanted}to 50")

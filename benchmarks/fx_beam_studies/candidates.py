@@ -29,7 +29,7 @@ def entries_of(kind: type, given) -> list[Any]:
     """Cases or cells of a study of stability; SceneError for what is none."""
     entries = list(given) if isinstance(given, Iterable) else [given]
     if wrong := [entry for entry in entries if not isinstance(entry, kind)]:
-        raise SceneError(f"{wrong[0]!r} is no fx_beam.stability.{kind.__name__}")
+        raise SceneError(f"{wrong[0]!r} is no fx_beam_studies.stability.{kind.__name__}")
     return entries
 
 
