@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
-from contextvars import ContextVar
+import itertools
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
-# How many numbers have slopes in this block.
-_COUNT: ContextVar[int] = ContextVar("numbers with slopes", default=0)
+# Types of lists, and of numbers without slopes.
+_SEQUENCES, _NUMBERS = frozenset([list, tuple]), frozenset([float, int, bool, np.float64])
 # Step in the imaginary direction, for slopes without cancellation.
 _STEP = 1e-100
 
@@ -276,36 +276,18 @@ class DualArray(np.ndarray):
         return (self[i] for i in range(len(self)))
 
 
-@contextmanager
-def slopes_by(x: np.ndarray, without: Iterable[int] = ()) -> Iterator[Dual]:
-    """Numbers (m,) with slopes by themselves, but `without` some, for a block."""
+def slopes_by(x: np.ndarray, without: Iterable[int] = ()) -> Dual:
+    """Numbers x (m,) with the slopes dx/dx = 1; those `without` have the slope 0."""
     slopes = np.eye(len(x))
     for i in without:
         slopes[i, i] = 0.0
-    before = _COUNT.set(len(x))
-    try:
-        yield Dual(x, slopes)
-    finally:
-        _COUNT.reset(before)
+    return Dual(x, slopes)
 
 
-@contextmanager
-def without_slopes(here: bool = True) -> Iterator[None]:
-    """A block in which numbers of scenes are plain; without `here` nothing changes."""
-    before = _COUNT.set(0 if here else _COUNT.get())
-    try:
-        yield
-    finally:
-        _COUNT.reset(before)
-
-
-def have_slopes() -> bool:
-    """Whether numbers in this block may have slopes."""
-    return _COUNT.get() > 0
-
-
-def in_scene(dual: Dual) -> Any:
-    """What a scene keeps of a dual number, or of several."""
+def in_scene(dual: Any) -> Any:
+    """What a scene keeps of a dual number, or of several; other numbers are as they were."""
+    if not isinstance(dual, Dual):
+        return dual
     if not dual.ndim:
         return DualFloat(float(dual.values), dual.slopes)
     array: Any = np.array(dual.values).view(DualArray)
@@ -317,13 +299,11 @@ def dual_of(value: Any) -> Dual | None:
     """Numbers of any shape as a dual number; None if nothing in them has slopes."""
     if isinstance(value, Dual):
         return value
-    if not have_slopes():
-        return None
     if isinstance(value, DualFloat | DualArray):
         return None if value.slopes is None else Dual(value, value.slopes)
     if isinstance(value, np.ndarray) and value.dtype == object:
         return dual_of(value.tolist())
-    if not isinstance(value, list | tuple):
+    if not isinstance(value, list | tuple) or _are_plain(value):
         return None
     duals = {i: dual for i, part in enumerate(value) if (dual := dual_of(part)) is not None}
     if not duals:
@@ -332,6 +312,13 @@ def dual_of(value: Any) -> Dual | None:
     for i, dual in duals.items():
         slopes[i] = dual.slopes
     return Dual([duals[i].values if i in duals else part for i, part in enumerate(value)], slopes)
+
+
+def _are_plain(values: Any) -> bool:
+    """Whether nested lists have numbers without slopes alone, which is quickly known for most."""
+    while (kinds := {*map(type, values)}) <= _SEQUENCES and kinds:
+        values = [*itertools.chain.from_iterable(values)]
+    return kinds <= _NUMBERS
 
 
 def stacked(values: Any) -> Any:
@@ -353,11 +340,10 @@ def _without_slopes(what: str, function: Callable, given: Any, options: dict) ->
     return function(*lists, **options)
 
 
-def with_slopes(values: Any, count: int = 0) -> Dual:
-    """Numbers as dual ones, perhaps without a slope that is not zero."""
+def with_slopes(values: Any, count: int) -> Dual:
+    """Numbers with slopes by `count` others; zero where they have none."""
     dual = stacked(values)
-    slopes = (*dual.shape, count or _COUNT.get())
-    return dual if isinstance(dual, Dual) else Dual(dual, np.zeros(slopes))
+    return dual if isinstance(dual, Dual) else Dual(dual, np.zeros((*dual.shape, count)))
 
 
 def _parts(value: Any) -> Any:

@@ -7,25 +7,18 @@ import inspect
 import logging
 import math
 import re
-import sys
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from contextvars import copy_context
 from dataclasses import dataclass, field, fields
 from decimal import Decimal
 from numbers import Integral, Real
-from types import FrameType
 from typing import Any
 
 import numpy as np
 
-from .array_calls import array_calls
-from .dual import Dual, DualFloat, dual_of, have_slopes, in_scene, plain, stacked
+from .dual import Dual, DualFloat, dual_of, in_scene
 from .symbolic import parts_of, ufl
 
-TimeFunction = Callable[[float], np.ndarray]
-# Parameter names, in lower case, that show a function of position instead of time.
-_PLACES = {"s", "x", "y", "xi", "place", "position", "point", "fraction", "arc_length"}
 #: Largest size of a number: products of a few such numbers are finite.
 LARGEST = 1e75
 # What is said of numbers whose size has limits.
@@ -35,8 +28,6 @@ _SHOWN = 200
 # Types of real numbers, for which a look is enough.
 _PLAIN = frozenset({float, np.float64})
 _SCALARS = _PLAIN | {int}
-#: Immutable types of values.
-_IMMUTABLE = float, tuple, int, np.float64
 
 
 class SceneError(ValueError):
@@ -413,212 +404,3 @@ def refuse_fields_in(expression, what: str, known: Iterable = ()) -> None:
     for part in parts_of(expression):
         if isinstance(part, ufl.constantvalue.FloatValue) and not math.isfinite(part):
             raise SceneError(f"{what}: it contains the number {part}. Give finite numbers")
-
-
-class Constant:
-    """A constant value (size,) as a function."""
-
-    def __init__(self, value: np.ndarray):
-        self._value = value
-
-    def __call__(self, *_) -> np.ndarray:
-        """The constant, for any arguments."""
-        return self._value
-
-    def each(self, arguments) -> np.ndarray:
-        """The constant (n, size), for n tuples of arguments."""
-        return np.broadcast_to(stacked(self._value), (len(arguments), len(self._value)))
-
-
-def argument_names(function) -> list[str]:
-    """Names of the arguments that a function must be given; none if it does not tell."""
-    try:
-        parameters = list(inspect.signature(function).parameters.values())
-    except (TypeError, ValueError):  # a constant, or a function without a signature
-        return []
-    kinds = inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD
-    return [p.name for p in parameters if p.kind in kinds and p.default is p.empty]
-
-
-def check_takes_time(function, what: str) -> None:
-    """Refuse a function whose parameters show that it depends on position instead of time."""
-    names = argument_names(function)
-    if len(names) > 1 or names and names[0].lower() in _PLACES:
-        raise SceneError(
-            f"{what}: the function takes ({', '.join(names)}), but it is called with the time t "
-            "only: give lambda t: ... For a load that varies along the beam, give a function of "
-            "the arc length s [m] and of='arc length'"
-        )
-
-
-def checked_function(value, size: int, what: str, *sample: float) -> CheckedFunction:
-    """A function with values of shape (size,), from a constant or a user's function.
-
-    The user's function is called once at `sample`, so that errors show before the run.
-    """
-    if not callable(value):
-        return Constant(vector(value, size, what))
-    if hasattr(value, "ufl_shape") and not _is_real(value):  # it gives its value at the beginning
-        wanted = "give a number, a function or an fx_beam.Input"
-        raise SceneError(f"{what}: {shown(value)} is an expression of UFL; {wanted}")
-    try:
-        first = value(*sample)
-    except Exception as error:
-        raise SceneError(f"{what}: calling it at {sample} raised {error!r}") from error
-    vector(first, size, what)
-
-    return (_DualFunction if have_slopes() else _CheckedFunction)(value, size, what)
-
-
-class _EndlessError(SceneError):
-    """A function that calls itself for ever."""
-
-
-class _CheckedFunction:
-    """A user's function; its values get their shape or are refused."""
-
-    def __init__(self, function: Callable, size: int, what: str):
-        self.function, self.size, self._what = function, size, what
-
-    def __call__(self, *arguments) -> np.ndarray:
-        self._refuse_endless()
-        try:
-            return shaped(self.function(*arguments), self.size, self._what)
-        except SceneError:
-            raise
-        except Exception as error:
-            raise self._failure(arguments, error) from error
-
-    def each(self, arguments: np.ndarray, run: str = "") -> np.ndarray:
-        """Values (n, size) for arguments (n, k); SceneError for what does not fit.
-
-        With `run`, what they are of in a run, arguments are times; StepError if one is not finite.
-        """
-        one_by_one = functools.partial(self._each, run=run)
-        if (calls := array_calls()) is not None:
-            return calls.values(self.function, self.size, arguments, run or self._what, one_by_one)
-        return one_by_one(arguments)
-
-    def _each(self, rows: np.ndarray, run: str) -> np.ndarray:
-        """The same, called with one after the other."""
-        arguments: list = rows.tolist()
-        collected: list = []
-        try:
-            values = self.collect(collected, arguments)
-        except BaseException as error:
-            known = len(collected)
-            one = arguments[min(known, len(arguments) - 1)]
-            if isinstance(error, Exception) and run:
-                raise _failed(one[0], error, run) from error
-            if isinstance(error, Exception) and not isinstance(error, SceneError):
-                raise self._failure(one, error) from error
-            error.time = math.inf if known == len(arguments) else one[0]  # type: ignore[attr-defined]
-            raise
-        if values is not None and (not run or np.isfinite(values).all()):
-            return values
-        # The arguments whose value is wrong are found.
-        return stacked([evaluate(self, one[0], run) if run else self(*one) for one in arguments])
-
-    def collect(self, collected: list, arguments) -> np.ndarray | None:
-        """Call the function, with its values in `collected`; gives them (n, size), if all fit.
-
-        They are checked at once: one by one, the checks cost more than most functions.
-        """
-        self._refuse_endless()
-        function = self.function
-        # The values before an exception are in `collected`, which counts them.
-        collected.extend(
-            value if type(value := function(*one)) in _IMMUTABLE else _copied(value)
-            for one in arguments
-        )
-        try:
-            return stacked(collected).reshape(len(collected), self.size)
-        except (TypeError, ValueError, OverflowError):
-            return None
-
-    def _refuse_endless(self) -> None:
-        """Refuse to call the function while this thread is calling it: it would never end."""
-        frame: FrameType | None = sys._getframe(2)
-        while frame is not None:
-            code = frame.f_code  # `in` a tuple of codes would compare what they do
-            if (code is _CALL or code is _COLLECT) and frame.f_locals["self"].function is (
-                self.function
-            ):
-                raise _EndlessError(
-                    f"{self._what}: the function runs an analysis of the scene to which it "
-                    "belongs, and would be called for ever. Let it use a scene without this "
-                    "function"
-                )
-            frame = frame.f_back
-
-    def _failure(self, arguments: tuple, error: Exception) -> SceneError:
-        return SceneError(f"{self._what}: calling it at {arguments} raised {error!r}")
-
-
-#: Code that calls a function of the user.
-_CALL, _COLLECT = _CheckedFunction.__call__.__code__, _CheckedFunction.collect.__code__
-CheckedFunction = Constant | _CheckedFunction
-
-
-def _copied(value):
-    """A function's value, copied where the function may fill and return the same array again."""
-    if isinstance(value, _IMMUTABLE):
-        return value
-    return (value if isinstance(value, np.ndarray) else np.array(value)).tolist()
-
-
-class _DualFunction(_CheckedFunction):
-    """The same in a scene with slopes; its values have them in blocks by `slopes_by` alone."""
-
-    def __init__(self, function: Callable, size: int, what: str):
-        super().__init__(function, size, what)
-        # Makes such a block; a method, as a context cannot be copied with its scene.
-        self._block = copy_context().copy
-
-    def __call__(self, *arguments) -> np.ndarray:
-        if have_slopes():
-            return super().__call__(*arguments)
-        return plain(self._block().run(super().__call__, *arguments))
-
-    def each(self, arguments: np.ndarray, run: str = "") -> np.ndarray:
-        if have_slopes():
-            return super().each(arguments, run)
-        return plain(self._block().run(super().each, arguments, run))
-
-
-def series(function: TimeFunction, times: np.ndarray, what: str) -> np.ndarray:
-    """Finite values (n, size) of a `time_function` at n times [s].
-
-    Raises StepError otherwise. The `time` of the error, or of another exception, says when.
-    """
-    if isinstance(function, Constant):
-        return stacked(function.each(times))
-    if isinstance(function, _CheckedFunction):
-        return function.each(times[:, None], what)
-    if (of_times := getattr(function, "series", None)) is not None:
-        return of_times(times, what)
-    return stacked([evaluate(function, float(t), what) for t in times])
-
-
-def evaluate(function: TimeFunction, t: float, what: str) -> np.ndarray:
-    """Finite value of a `time_function` at the time t [s]; StepError otherwise."""
-    try:
-        value = function(t)
-    except Exception as error:
-        raise _failed(t, error, what) from error
-    if not np.isfinite(value).all():
-        reason = f"{what}: its value at t = {t:.6g} is {value}, which is not finite"
-        raise StepError(Failure("function", reason, t))
-    return value
-
-
-def _failed(t: float, error: Exception, what: str) -> StepError:
-    """The error of a function of time that raised one."""
-    cause: BaseException | None = error
-    raised = error.__cause__ if isinstance(error, SceneError) and error.__cause__ else error
-    reason = f"{what}: evaluating it at t = {t:.6g} raised {raised!r}"
-    while cause is not None:
-        if isinstance(cause, _EndlessError):
-            reason = str(cause)
-        cause = cause.__cause__
-    return StepError(Failure("function", reason, t))

@@ -94,8 +94,7 @@ class BuiltScenes:
         self._is_dual, self._asked = dual and self._asked and not self.reasons, False
         if self._is_dual:
             try:
-                with slopes_by(x) as numbers:
-                    return of(numbers)
+                return of(slopes_by(x))
             except Exception:  # noqa: BLE001  # whatever takes floats, and what is wrong with both
                 self._is_dual = False
         return of(x)
@@ -152,9 +151,9 @@ class BuiltScenes:
         """The numbers of a scene, and slopes (m, ...) by those of x that have no `reasons`."""
         while len(lost := self.reasons.keys() - self._names.keys()) < len(x):
             try:
-                with slopes_by(x, without=lost) as dual:
-                    change = Dual(np.zeros(len(x)), dual.slopes)
-                    numbers = numbers_of(known if self._is_dual else self._at(dual), change)
+                dual = slopes_by(x, without=lost)
+                change = Dual(np.zeros(len(x)), dual.slopes)
+                numbers = numbers_of(known if self._is_dual else self._at(dual), change)
                 break
             except Exception as error:  # noqa: BLE001  # whatever a function does that takes floats
                 self._learn(error, {*range(len(x))} - lost)

@@ -9,10 +9,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from fx_beam.array_calls import ArrayCalls, calling_with_arrays
 from fx_beam.dual import Dual
 from fx_beam.errors import all_of, numbers, require
 from fx_beam.results.audit import Stats
+from fx_beam.scene.functions import ArrayCalls
 from fx_beam.scene.scene import Scene
 from fx_beam.step.interrupts import one_thread
 
@@ -22,10 +22,7 @@ _Method = TypeVar("_Method", bound=Callable)
 
 
 def one_call(method: _Method) -> _Method:
-    """A method for one thread, in which functions are called with arrays where they accept them.
-
-    All methods but `__call__` need a call before.
-    """
+    """A method for one thread; all but `__call__` need a call before."""
     name = method.__name__
 
     @functools.wraps(method)
@@ -34,8 +31,7 @@ def one_call(method: _Method) -> _Method:
             wanted = "called after run(x) without an error"
             what = f"{type(self).__name__}.{name}"
             require(self._x is not None, what, f"no {self._gives} yet", wanted)
-        with calling_with_arrays(self._calls):
-            return method(self, *given, **named)
+        return method(self, *given, **named)
 
     return one_thread(call)  # type: ignore[return-value]
 
@@ -59,7 +55,7 @@ class Differentiable:
     def _begin(self) -> None:
         """Know of no call yet; what was given until now is what pickles and copies keep."""
         self._arguments = dict(vars(self))
-        self._alone, self._calls = RLock(), ArrayCalls()
+        self._alone, self._array_calls = RLock(), ArrayCalls()
         self._scenes = BuiltScenes(self._scene_at)
         self._x: Any = None
         self._known_changes: dict[str, np.ndarray] | None = None
@@ -73,8 +69,11 @@ class Differentiable:
 
     def _built(self, x: Any, *more: Any) -> Any:
         """What `build` gives; its x is a copy, which it may change in place."""
-        self._calls.begin_scene()
-        return self._build(x if isinstance(x, Dual) else x.copy(), *more)
+        built = self._build(x if isinstance(x, Dual) else x.copy(), *more)
+        scene = built[0] if isinstance(built, tuple) and built else built
+        if isinstance(scene, Scene):
+            scene.array_calls = self._array_calls
+        return built
 
     def _begin_call(self, x: Any) -> np.ndarray:
         """The parameters of a call; there are no derivatives until it succeeds."""

@@ -10,7 +10,7 @@ import numpy as np
 import scipy.linalg
 
 from fx_beam.content_cache import cached_property
-from fx_beam.dual import stacked
+from fx_beam.dual import plain, stacked
 from fx_beam.errors import SceneError, check_takes, is_whole, require
 from fx_beam.fem.parameter_values import before
 from fx_beam.motions.numbers import OF_STEPS, numbers_of, observed_numbers_of
@@ -390,7 +390,7 @@ class PeriodicResponse(Response):
         by_x = jvp(output.blocks(none), (1,), held, changes)[0]
         if model.loads.constant and model.loads.functions:
             loads, q = model.loads.unit_loads, self._period.start.q
-            factors = model.loads.series(np.zeros(1))[0]
+            factors = plain(model.loads.series(np.zeros(1)))[0]
             columns = np.repeat(np.arange(loads.shape[1]), np.diff(loads.indptr))
             by_x = by_x - changes["columns"] @ (q[loads.indices] * factors[columns])
             of_factors = changes["loads"].reshape(len(self._x), -1, loads.shape[1])[:, 0]
@@ -458,7 +458,7 @@ class PeriodicResponse(Response):
     def _numbers_of_scene(self, scene: Scene, change: Any) -> dict[str, Any]:
         """Numbers of the steps of this motion for another scene, from the same state."""
         tape, start, period = self._shooting.tape, self._period.start, self._period.length
-        other = self._prepared(scene)
+        other = self._prepared(scene, change)
         t0, t1 = tape.times.starts, tape.times.ends
         numbers: dict[str, Any] = numbers_of(other, start, t0, t1)
         later = numbers_of(other, start, t0 + period, t1 + period)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.dual import Dual, have_slopes, plain
+from fx_beam.dual import Dual, plain
 from fx_beam.equilibria.statics import LoadPath
 from fx_beam.errors import SceneError, array_of, check_takes, is_one_of, positive, require, shown
 from fx_beam.laws.schemes import Scheme
@@ -593,17 +593,22 @@ class Response(Differentiable):
         self, tape: Tape, first: float, start: Any, at_start: bool, given: Scene, change: Any
     ) -> tuple[Prepared, State, dict[str, Any]]:
         """Another scene, prepared, with its first state; numbers of the steps and of this state."""
-        other, t0 = self._prepared(given), tape.times.starts
+        other, t0 = self._prepared(given, change), tape.times.starts
         model, t1 = other.model, tape.times.ends
         if start is None:
-            state = other.first_state(first, self._start_of(given), at_start)
+            before = self._start_of(given)
+            if isinstance(change, Dual) and other.smooths_start(before):
+                raise TypeError("a start that is found by a step has no slopes")
+            state = other.first_state(first, before, at_start)
         else:
             state = other.state_from(start.at(model, plain(change)), first, at_start)
         numbers: dict[str, Any] = numbers_of(other, state, t0, t1)
-        if self._start is None and have_slopes():
+        if self._start is None and isinstance(change, Dual):
             if model.natural:
                 numbers["natural"] = model.natural.numbers_at(state.t)
-            numbers["v"] = rates_with_slopes(model, other.forcing, state, first, numbers)
+            numbers["v"] = rates_with_slopes(
+                model, other.forcing, state, first, numbers, change.count
+            )
         if start is not None and isinstance(change, Dual):
             for name, values in numbers_of_state(model, start.at(model, change)).items():
                 if isinstance(values, Dual):
@@ -630,14 +635,14 @@ class Response(Differentiable):
             numbers["a"] = Dual(state.a, a_by_x.T * has[:, None])
         return numbers
 
-    def _prepared(self, given: Scene) -> Prepared:
+    def _prepared(self, given: Scene, change: Any) -> Prepared:
         """What is prepared as the motion is, with the numbers of another scene, but no loop.
 
         Of the last scene it is that of the motion, if it has slopes.
         """
         # Without slopes it may be a scene that all calls share, with other numbers since.
-        same = given is self._scene and have_slopes()
-        if same and (last := self._series.prepared) and last.model.is_dual:
+        same = given is self._scene and isinstance(change, Dual)
+        if same and (last := self._series.prepared):
             return last
         inputs = self._options.inputs, "Response: inputs"
         scene, base = (with_functions(of, *inputs) for of in (given, self._scene))

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.dual import Dual, have_slopes, plain
+from fx_beam.dual import Dual, plain
 from fx_beam.equilibria.statics import LoadPath
 from fx_beam.errors import SceneError
 from fx_beam.laws.schemes import Equilibrium, Scheme
@@ -81,9 +81,9 @@ class OtherScenes:
     def model_of(self, scene: Scene, known: Model | None = None) -> Model:
         """The model of a scene; OtherStructureError if it differs.
 
-        It is the `known` one if this has the slopes that are asked for.
+        It is the `known` one, which has the slopes of its scene, if it is that of the scene.
         """
-        if have_slopes() and known is not None and known.scene is scene and known.is_dual:
+        if known is not None and known.scene is scene:
             return known
         model = self._model or self._made_of(self._scene)
         try:

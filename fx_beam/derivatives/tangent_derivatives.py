@@ -10,6 +10,7 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse
 
+from fx_beam.dual import Dual
 from fx_beam.errors import SceneError
 from fx_beam.linear.linearisation import Linearisation
 from fx_beam.motions.numbers import numbers_of_state, static_numbers_of
@@ -178,7 +179,9 @@ class TangentDerivatives:
 
         With those of its state if this has a start, which changes with x.
         """
-        model = self._others.model_of(with_values(scene, self._inputs), self._problem.model)
+        # Without slopes it may be a scene that all calls share, with other numbers since.
+        known = self._problem.model if isinstance(change, Dual) else None
+        model = self._others.model_of(with_values(scene, self._inputs), known)
         forcing = LoadForcing(model, self._forcing.time)
         numbers = static_numbers_of(model, forcing, np.array([self._factor]))
         if self._damped and model.natural:  # a step that tells damping also begins in the state

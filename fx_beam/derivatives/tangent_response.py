@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.dual import without_slopes
 from fx_beam.errors import check_takes, require
 from fx_beam.linear.linearisation import Linearisation, linearised
 from fx_beam.results.audit import Stats
@@ -54,9 +53,7 @@ class TangentResponse(Differentiable):
         fits = self._state is None or (path is not None and path.scene is scene)
         wanted = "a solution of fx_beam.static(scene)"
         require(fits, f"{self._what}: state(scene)", self._end, wanted)
-        # One model with slopes is enough: this one, or with damping the model that tells it.
-        with without_slopes(self._is_damped):
-            self._about = about = linearised(scene, self._end, self._asked, self._models)
+        self._about = about = linearised(scene, self._end, self._asked, self._models)
         scheme, unknowns = about.model.scheme, len(about.unknowns)
         self.stats = Stats(scheme.name, scheme.rates.level, "", unknowns, static=True)
         self._is_damped = self._damped and about.may_be_damped

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.errors import Constant, Failure, SceneError, StepError
+from fx_beam.errors import Failure, SceneError, StepError
 from fx_beam.laws.schemes import Equilibrium
 from fx_beam.motions.contact_check import warn_of_places, warn_of_sharp_bends
 from fx_beam.motions.evaluation import solution_of
@@ -23,6 +23,7 @@ from fx_beam.motions.surroundings import recent_model, waiting_team, warn_of_equ
 from fx_beam.parallel.whole import shared
 from fx_beam.results.solution import Solution, forces_on_nodes
 from fx_beam.results.state import State
+from fx_beam.scene.functions import constant
 from fx_beam.scene.inputs import values_at, with_functions
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.watch import Watch
@@ -311,7 +312,7 @@ def _acting(scene: Scene, start: Any, t: float) -> tuple[list[Any], dict[int, np
     """The forces on nodes at a time, and those that fade from a start, as numbers alone."""
     with suppress(Exception):  # the run says which function fails at its time
         forces = (of for of in scene.loads if of.kind == "force")
-        loads = [replace(of, value=Constant(of.value(t))) for of in forces]
+        loads = [replace(of, value=constant(of.value(t))) for of in forces]
         return loads, forces_on_nodes(start, -1) if isinstance(start, Solution) else {}
     return [], {}
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.content_cache import cached_property
+from fx_beam.dual import plain
 from fx_beam.errors import SceneError
 from fx_beam.laws.interval import Interval, Parts, StepStart
 from fx_beam.laws.schemes import Scheme
@@ -423,7 +424,7 @@ class BeamForms:
         """Values (n, k) of the parameters of the forms."""
         of_all = parts.parameters
         if not of_all.size:
-            of_all = self._parameters.at_times(parts.t)
+            of_all = plain(self._parameters.at_times(parts.t))
         return of_all[:, self.parameters]
 
 

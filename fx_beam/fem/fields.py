@@ -71,7 +71,8 @@ def section_data(mesh: Mesh, scene: Scene, names: tuple[str, ...], points: int) 
     for beam in scene.beams:
         fractions = arc_lengths(beam, gauss) / beam.length
         try:
-            of_beam = [beam.section.values(name, fractions) for name in names]
+            section, arrays = beam.section, scene.array_calls
+            of_beam = [section.values_with(name, fractions, arrays) for name in names]
         except SceneError as error:
             raise SceneError(f"beam {beam.name!r}: {error}") from None
         values.append(np.stack(of_beam, axis=-1) if len(names) > 1 else of_beam[0])

@@ -11,10 +11,11 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.dual import Dual, plain, stacked
-from fx_beam.errors import Constant, TimeFunction, any_of, evaluate, series
+from fx_beam.errors import any_of
 from fx_beam.laws.interval import Interval, just_inside
 from fx_beam.scene.beam import Beam, Node, gauss_rule, lagrange_and_slopes
-from fx_beam.scene.loads import NAMES, Load, PlaceTimeFunction, StrainPart, label, values_along
+from fx_beam.scene.functions import Signal, SignalAlong, evaluate
+from fx_beam.scene.loads import NAMES, Load, StrainPart, values_along
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 
@@ -49,7 +50,7 @@ def element_rule(degree: int, points: int) -> tuple[np.ndarray, np.ndarray, np.n
 class UnitLoad(NamedTuple):
     """Columns (values, rows, and entries of each) of unit loads with one function of time."""
 
-    function: TimeFunction
+    function: Signal
     #: What it is, for messages.
     what: str
     values: np.ndarray
@@ -61,7 +62,7 @@ class SumOfLoads:
     """A sum of unit loads, which are constant columns, each times a function of time."""
 
     def __init__(self, scene: Scene, mesh: Mesh, shape: tuple[int, ...]):
-        self._mesh = mesh
+        self._mesh, self._scene = mesh, scene
         #: Shape of the sum, and the number of all values in it.
         self.shape, self.size = shape, math.prod(shape)
         values, rows, starts = self._read(self._unit_loads(scene))
@@ -92,6 +93,7 @@ class SumOfLoads:
 
         OtherStructureError if they act on other degrees of freedom.
         """
+        self._scene = scene
         if not ((loads := self._unit_loads(scene)) or self.functions):
             return
         values, rows, starts = self._read(loads)
@@ -104,7 +106,7 @@ class SumOfLoads:
     @property
     def constant(self) -> bool:
         """Whether all loads are constant in time."""
-        return all(isinstance(function, Constant) for _, function in self.functions)
+        return all(function.is_constant for _, function in self.functions)
 
     def at(self, t: float) -> np.ndarray:
         """Their sum at the time t [s]; StepError if a function fails."""
@@ -123,9 +125,10 @@ class SumOfLoads:
     def _factors(self, t: float) -> list[np.ndarray]:
         return [evaluate(load.function, t, load.what) for load in self._loads]
 
-    def series(self, times: np.ndarray) -> np.ndarray:
+    def series(self, times: np.ndarray) -> Any:
         """Factors (m, n) of the columns at m times [s]; StepError if a function fails."""
-        values = [series(load.function, times, load.what) for load in self._loads]
+        arrays = self._scene.array_calls
+        values = [load.function.series(times, load.what, arrays) for load in self._loads]
         if len(values) == 1 and isinstance(values[0], Dual):
             return values[0]
         return np.concatenate([np.empty((len(times), 0)), *values], axis=1)
@@ -154,13 +157,13 @@ class Loads(SumOfLoads):
         unit = line_forces(self._mesh, scene.beams.index(beam), rule)
         nearest = NearestValues(beam.s, rule)
         if (along := load.along) is not None:
-            what, rows = f"line load on {label(beam)}", np.unique(unit.indices)
-            each = nearest.of(lambda s: values_along(along, 2, what, "s", s)).reshape(-1)
+            rows, arrays = np.unique(unit.indices), scene.array_calls
+            each = nearest.of(lambda s: values_along(along, s, "s", arrays)).reshape(-1)
             values: Any = (unit @ plain(each))[rows]
             if isinstance(each, Dual):
                 values = Dual(values, (unit @ each.slopes)[rows])
             return UnitLoad(function, str(load), values, rows, np.array([len(rows)]))
-        if isinstance(function, PlaceTimeFunction):
+        if isinstance(function, SignalAlong):
             function = ValuesOverTime(function, nearest)
         else:
             unit = scipy.sparse.csc_matrix(unit @ np.tile(np.eye(2), (unit.shape[1] // 2, 1)))
@@ -188,10 +191,11 @@ class NaturalStrains(SumOfLoads):
         nearest = NearestValues(beam.s / beam.length, degree)
         values, counts = np.ones(len(rows)), np.array([len(rows)])
         what = f"{NAMES[name]} of beam {beam.name!r}"
-        if isinstance(function, PlaceTimeFunction):
+        if isinstance(function, SignalAlong):
             function, counts = ValuesOverTime(function, nearest), np.ones(len(rows), dtype=int)
         elif (along := part.along) is not None:
-            values = nearest.of(lambda f: values_along(along, 1, what, "f", f)).reshape(-1)
+            arrays = scene.array_calls
+            values = nearest.of(lambda f: values_along(along, f, "f", arrays)).reshape(-1)
         return UnitLoad(function, what, values, rows, counts)
 
     def __bool__(self):
@@ -203,9 +207,9 @@ class Followers:
 
     def __init__(self, scene: Scene, level: float):
         self._loads = [load for load in scene.loads if load.follower]
-        self._level = level
+        self._level, self._arrays = level, scene.array_calls
         #: Whether all forces are constant in time.
-        self.constant = all(isinstance(load.value, Constant) for load in self._loads)
+        self.constant = all(load.value.is_constant for load in self._loads)
 
     def __len__(self):
         return len(self._loads)
@@ -217,7 +221,7 @@ class Followers:
     def series(self, t0: np.ndarray, t1: np.ndarray) -> np.ndarray:
         """Forces (steps, n, 2) [N] in each step."""
         start, end = (
-            np.stack([series(load.value, times, str(load)) for load in self._loads], axis=1)
+            np.stack([of.value.series(times, str(of), self._arrays) for of in self._loads], axis=1)
             for times in just_inside(t0, t1)
         )
         return (1 - self._level) * start + self._level * end

@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.content_cache import cached_property
-from fx_beam.dual import Dual, DualFloat, LinearDual, dual_of, have_slopes, plain, stacked
+from fx_beam.dual import Dual, DualFloat, LinearDual, dual_of, plain, stacked
 from fx_beam.errors import any_of
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
@@ -97,8 +97,6 @@ class Mass:
     def numbers(self) -> dict[str, Any]:
         """Entries of the mass, and the weight if there is any, with slopes that the scene has."""
         numbers: dict[str, Any] = {"mass": self.matrix.data, "weight": self.weight}
-        if not have_slopes():
-            return numbers
         masses, given = self._refilled, itertools.chain(*self._given)
         moves = self._mesh.nodal_positions(self._scene) is not self._mesh.X
         if masses is None and (moves or any(type(value) is DualFloat for value in given)):

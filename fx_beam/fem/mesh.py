@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.content_cache import cached_property
-from fx_beam.dual import DualFloat, have_slopes, plain, stacked
+from fx_beam.dual import DualFloat, plain, stacked
 from fx_beam.errors import SceneError, all_of
 from fx_beam.scene.beam import Beam, Node, inner_positions
 from fx_beam.scene.scene import Scene
@@ -82,7 +82,7 @@ class Mesh:
     def nodal_positions(self, scene: Scene) -> Any:
         """`X`, with slopes if positions of a scene with these nodes have some."""
         have = (type(at.x) is DualFloat or type(at.y) is DualFloat for at in scene.nodes)
-        if self.curved or not (have_slopes() and any(have)):
+        if self.curved or not any(have):
             return self.X
         points = [stacked([(node.x, node.y) for node in scene.nodes])]
         points += [inner_positions(beam) for beam in scene.beams if beam.degree > 1]

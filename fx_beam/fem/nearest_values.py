@@ -10,9 +10,8 @@ import numpy as np
 
 from fx_beam.content_cache import cached_property
 from fx_beam.dual import Dual, plain, stacked
-from fx_beam.errors import evaluate
 from fx_beam.scene.beam import gauss_rule, lagrange
-from fx_beam.scene.loads import PlaceTimeFunction
+from fx_beam.scene.functions import ArrayCalls, Signal, SignalAlong, evaluate
 
 # Places at which a function is looked at: of each element, and at least of a beam.
 _LOOKS = 10, 160
@@ -128,38 +127,39 @@ def _integrals(polynomials: np.ndarray, values: Any) -> Any:
     return np.einsum("npk,nps->nks", polynomials, values)
 
 
-class ValuesOverTime:
+class ValuesOverTime(Signal):
     """The nearest values of a function of place and time as a function of time (points size,).
 
     Between the points the function is looked at ever more rarely, and where its values there leave
     a doubt. Once it is rough, its elements are divided at all times.
     """
 
-    def __init__(self, function: PlaceTimeFunction, nearest: NearestValues):
-        self._function, self._nearest = function, nearest
+    def __init__(self, function: SignalAlong, nearest: NearestValues):
+        super().__init__(function, len(nearest.points) * function.size)
+        self._nearest, self._values_at = nearest, function.at
         self._is_rough, self._calls, self._next_look = False, 0, 0
 
-    def __call__(self, t: float) -> np.ndarray:
+    def __call__(self, *arguments: float) -> Any:
         """The values at a time [s]."""
-        return self._at([t], lambda function, t: function(t))[0]
+        return self._at([*arguments], lambda function, t: function(t))[0]
 
-    def series(self, times: np.ndarray, what: str) -> np.ndarray:
+    def series(self, times: np.ndarray, what: str, arrays: ArrayCalls | None = None) -> Any:
         """Those at n times (n, ...); StepError if the function fails."""
         call = functools.partial(evaluate, what=what)
         parts = (times[k : k + _AT_ONCE].tolist() for k in range(0, len(times), _AT_ONCE))
         return np.concatenate([self._at(part, call) for part in parts])
 
     def _at(self, times: list[float], call: Callable) -> np.ndarray:
-        function, nearest = self._function, self._nearest
+        values_at, nearest = self._values_at, self._nearest
 
         def at_points(t: float) -> np.ndarray:
-            return function.at(nearest.points, t)
+            return values_at(nearest.points, t)
 
         def is_rough(t: float) -> bool:
-            return nearest.is_rough(lambda places: function.at(places, t))
+            return nearest.is_rough(lambda places: values_at(places, t))
 
         def divided(t: float) -> np.ndarray:
-            return nearest.divided(lambda places: function.at(places, t))
+            return nearest.divided(lambda places: values_at(places, t))
 
         if not self._is_rough:
             rows = stacked([call(at_points, t) for t in times])

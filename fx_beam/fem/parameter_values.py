@@ -6,7 +6,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from fx_beam.errors import Constant, SceneError, TimeFunction, evaluate, series
+from fx_beam.errors import SceneError
+from fx_beam.scene.functions import Signal, evaluate
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 
@@ -16,13 +17,13 @@ class ParameterValues:
 
     def __init__(self, scene: Scene):
         self.names = list(scene.parameters)
-        self.functions: list[TimeFunction] = list(scene.parameters.functions.values())
+        self.functions: list[Signal] = list(scene.parameters.functions.values())
         #: Present values (n,).
         self.values = np.zeros(len(self.names))
         self._readers: list[Callable[[np.ndarray], None]] = []
         #: Whether stored energies depend on values that vary.
         self.in_energies = False
-        self._held = False
+        self._held, self._arrays = False, scene.array_calls
         self.use(self.at(0.0))
 
     def refill(self, scene: Scene) -> None:
@@ -31,9 +32,9 @@ class ParameterValues:
             return
         new = list(scene.parameters.functions.values())
         pairs = zip(self.functions, new, strict=True)
-        if any(isinstance(one, Constant) != isinstance(two, Constant) for one, two in pairs):
+        if any(one.is_constant != two.is_constant for one, two in pairs):
             raise OtherStructureError("parameters that were constant vary in time, or conversely")
-        self.functions, self._held = new, False
+        self.functions, self._held, self._arrays = new, False, scene.array_calls
         self.use(self.at(0.0))
 
     def __len__(self):
@@ -42,12 +43,12 @@ class ParameterValues:
     @property
     def vary(self) -> bool:
         """Whether any changes in time."""
-        return not (self._held or all(isinstance(of, Constant) for of in self.functions))
+        return not (self._held or all(of.is_constant for of in self.functions))
 
     def check_constant(self, name: str, what: str) -> None:
         """SceneError if there is no such parameter, or if it varies in time."""
         value = dict(zip(self.names, self.functions, strict=True)).get(name)
-        if not isinstance(value, Constant):
+        if value is None or not value.is_constant:
             lacks = "is not in the scene" if value is None else "varies in time"
             raise SceneError(
                 f"{what}: the parameter {name!r} {lacks}. Give it a number by "
@@ -67,7 +68,7 @@ class ParameterValues:
             return
         self._readers.append(read)
         varies = (self.functions[i] for i in self.indices(in_energies))
-        self.in_energies |= any(not isinstance(of, Constant) for of in varies)
+        self.in_energies |= not all(function.is_constant for function in varies)
         read(self.values)
 
     def hold(self, t: float) -> None:
@@ -110,7 +111,9 @@ class ParameterValues:
 
     def _series(self, times: np.ndarray) -> np.ndarray:
         pairs = zip(self.functions, self.names, strict=True)
-        return np.hstack([series(of, times, f"parameter {name!r}") for of, name in pairs])
+        return np.hstack(
+            [of.series(times, f"parameter {name!r}", self._arrays) for of, name in pairs]
+        )
 
 
 def before(t):

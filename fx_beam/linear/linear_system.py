@@ -18,7 +18,7 @@ from fx_beam.motions.options import check_scene
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.beam import Node
-from fx_beam.scene.inputs import Ramp, check_names, widths
+from fx_beam.scene.inputs import InputSignal, check_names, widths
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.outputs import OF_JOINTS, OF_NODES, Output, check_outputs, definition
 from fx_beam.scene.scene import Scene
@@ -66,13 +66,17 @@ class InputColumns:
                 self.forces_of_rates[:, number] = of_rate
                 if of_rate.any():
                     self.straining.append((number, first[name], float(held.values[name][0])))
-            elif isinstance(parts[0], Ramp):
+            elif parts[0].ramps:
                 functions = enumerate(about.forcing.functions)
-                ramps = [(i, of) for i, of in functions if isinstance(of, Ramp) and of.name == name]
+                ramps = [
+                    (i, function)
+                    for i, function in functions
+                    if isinstance(function, InputSignal) and function.name == name
+                ]
                 column = np.zeros(count)
                 for i, ramp in ramps:
-                    column[free + i] = ramp.factor
-                self.driven.append((ramps[0][0], ramps[0][1].factor))
+                    column[free + i] = ramp.scale
+                self.driven.append((ramps[0][0], ramps[0][1].scale))
                 driven.append(number)
                 of_driven.append(column)
             else:
@@ -85,7 +89,7 @@ class InputColumns:
 def _force(about: Deviations, parts: list, unit: np.ndarray) -> np.ndarray:
     """Nodal forces (size,) of a unit of an input."""
     model = about.model
-    force, values = np.zeros(model.size), {id(part): part.of(unit) for part in parts}
+    force, values = np.zeros(model.size), {id(part): part.scale * unit for part in parts}
     for columns, function in model.loads.functions:
         if id(function) in values:
             force += model.loads.unit_loads[:, columns] @ values[id(function)]

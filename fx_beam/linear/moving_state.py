@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.content_cache import cached_property
-from fx_beam.errors import Constant, SceneError
+from fx_beam.errors import SceneError
 from fx_beam.laws.interval import instant
 from fx_beam.laws.schemes import EnergyMomentum
 from fx_beam.motions.initial_state import reference_state
@@ -17,7 +17,8 @@ from fx_beam.motions.prepared import state_of
 from fx_beam.motions.surroundings import recent_model
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
-from fx_beam.scene.inputs import Hold, Ramp
+from fx_beam.scene.functions import constant
+from fx_beam.scene.inputs import InputSignal
 from fx_beam.scene.scene import Scene
 from fx_beam.step.accelerations import acceleration_of
 from fx_beam.step.fitted_rates import rate_fit
@@ -94,8 +95,8 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
     if at is None:
         factor = 0.0
         for i, load in enumerate(held.scene.loads):
-            if not isinstance(load.value, Hold):
-                held.scene.loads[i] = replace(load, value=Constant(0 * load.value(0.0)))
+            if not isinstance(load.value, InputSignal):
+                held.scene.loads[i] = replace(load, value=constant(0 * load.value(0.0)))
     elif at.stats.static:
         factor = float(at.t[-1])
     model, frame = recent_model(held.scene, EnergyMomentum(), instant=True), None
@@ -382,7 +383,7 @@ def _accelerations(
         a = np.linalg.lstsq(scaled, (state.a - turning) / unit, rcond=None)[0]
         a[:free] = 0.0
     for i, function in enumerate(forcing.functions):
-        if isinstance(function, Ramp):
+        if function.ramps:
             a[free + i] = 0.0
     force = -(T.T @ (r + mass @ (T @ a)) + of_springs)[:free]
     M, unit = (T.T @ (mass @ T)).tocsr()[:free, :free], model.unit_of_unknowns[unknowns]

@@ -387,29 +387,37 @@ def given_velocity(model: Model) -> Any:
     if not scene.velocities:
         return np.zeros(model.size)
     X = mesh.nodal_positions(scene)
-    v = with_slopes(np.zeros((len(X), 3)))
-    values, known = v.values, np.zeros(len(X), dtype=bool)
+    values, known = np.zeros((len(X), 3)), np.zeros(len(X), dtype=bool)
+    slopes: Any = 0.0
     for item in scene.velocities:
         nodes = mesh.nodes_of(scene, item.target)
         before, twice, x = values[nodes], known[nodes], X[nodes]
-        rates: Any = np.concatenate([item.value.each(x), item.spin.each(x)], axis=1)
+        functions = item.value, item.spin
+        rates: Any = np.concatenate([of.each(x, scene.array_calls) for of in functions], axis=1)
         known[nodes], given = True, plain(rates)
         values[nodes] = given
-        v.slopes[nodes] = rates.slopes if isinstance(rates, Dual) else 0.0
+        if isinstance(rates, Dual):
+            slopes = slopes + np.zeros((*values.shape, rates.count))
+            slopes[nodes] = rates.slopes
+        elif np.ndim(slopes):
+            slopes[nodes] = 0.0
         if any_of(twice) or not all_of(np.isfinite(given)):
             _check_velocities(model, mesh.X[nodes], given, before, twice)
-    return (v if any_of(v.slopes) else values).reshape(-1)
+    return (Dual(values, slopes) if np.any(slopes) else values).reshape(-1)
 
 
 def rates_with_slopes(
-    model: Model, forcing: Forcing, state: State, dt: float, numbers: dict[str, Any]
+    model: Model, forcing: Forcing, state: State, dt: float, numbers: dict[str, Any], count: int
 ) -> Any:
-    """Rates of a first state that fit the joints, with slopes; `numbers` are those of the scene."""
+    """Rates of a first state that fit the joints, with slopes by `count` parameters.
+
+    The `numbers` are those of the scene.
+    """
     given: Any = given_velocity(model)
     driven: Any = forcing.derivatives(state.t, 1e-3 * dt)[0]
     if not (isinstance(given, Dual) or isinstance(driven, Dual) or any_of(state.v)):
         return state.v
-    given, driven = with_slopes(given), with_slopes(driven)
+    given, driven = with_slopes(given, count), with_slopes(driven, count)
     if model.scene.joints or driven.size:
         from fx_beam.step.fitted_rates import RateDerivatives, rate_fit
 
@@ -417,7 +425,7 @@ def rates_with_slopes(
             for of, to in ((driven.values, given.values), (driven.slopes, given.slopes)):
                 to[model.prescribed] = of[: len(model.prescribed)]
         of_state = {"q": state.q, "v": given, "slides": state.slides, "driven rates": driven}
-        duals = {name: with_slopes(values) for name, values in (numbers | of_state).items()}
+        duals = {name: with_slopes(values, count) for name, values in (numbers | of_state).items()}
         here = (duals[name].values[None] for name in of_state)
         fit = RateDerivatives(rate_fit(model), *here)
         changes = {name: np.moveaxis(dual.slopes, -1, 0) for name, dual in duals.items()}

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from fx_beam.dual import plain
 from fx_beam.results.state import State
-from fx_beam.scene.inputs import Ramp
 from fx_beam.scene.joints import Joint, NodalMotion
 from fx_beam.scene.outputs import Output, definition
 from fx_beam.step.forcing import Forcing
@@ -50,7 +50,7 @@ class FittedState:
         self._model, self._forcing = model, forcing
         self._fits = model.fits_rates
         self._stepper = stepper
-        inputs = [isinstance(function, Ramp) for function in forcing.functions]
+        inputs = [function.ramps for function in forcing.functions]
         #: Driven motions that are inputs.
         self._inputs = np.array(inputs, dtype=bool)
 
@@ -127,7 +127,8 @@ class FittedState:
             return self._first
         grid = self._stepper.grid
         length = grid.dt if instant.number else self._length or -grid.dt
-        rates = self._forcing.end_rates(np.array([grid(instant.number)]), np.array([length]))[0]
+        ends, lengths = np.array([grid(instant.number)]), np.array([length])
+        rates = plain(self._forcing.end_rates(ends, lengths))[0]
         return np.where(self._inputs, instant.inputs, rates)
 
 

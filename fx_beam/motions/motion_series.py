@@ -7,8 +7,8 @@ import weakref
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from fx_beam.array_calls import ArrayCalls
 from fx_beam.results.solution import Solution
+from fx_beam.scene.functions import ArrayCalls
 from fx_beam.scene.inputs import with_functions
 from fx_beam.scene.outputs import check_outputs
 from fx_beam.scene.scene import Scene
@@ -18,7 +18,7 @@ from .initial_state import end_of
 from .options import Options
 from .prepared import Prepared
 from .run import Run
-from .surroundings import HELD, waiting_team, warn_of_equal_work
+from .surroundings import HELD, call_with_arrays, waiting_team, warn_of_equal_work
 
 if TYPE_CHECKING:
     from fx_beam.step.tape import Tape
@@ -44,7 +44,7 @@ class MotionSeries:
         #: Why the last scene was prepared anew; empty if it was not.
         self.reason = ""
         #: What is known of the functions of its scenes.
-        self.calls = ArrayCalls()
+        self.array_calls = ArrayCalls()
         #: Whether runs are taped, and the tape of the last one.
         self.tapes = False
         self.tape: Tape | None = None
@@ -65,6 +65,7 @@ class MotionSeries:
         grid = options.grid(t0, start is not None) if over is None else over.grid
         if options.until:
             check_outputs(scene, options.outputs or {}, f"{options.what}: outputs")
+        call_with_arrays(scene)
         connected = with_functions(scene, options.inputs, f"{options.what}: inputs")
         warn_of_equal_work()
         prepared = self.prepare(connected, options)

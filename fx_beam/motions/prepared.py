@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.dual import have_slopes, plain
+from fx_beam.dual import plain
 from fx_beam.errors import SceneError
 from fx_beam.fem.parameter_values import before
 from fx_beam.parallel.team import Team
@@ -118,10 +118,19 @@ class Prepared:
     def state_from(self, start: State | None, dt: float, accelerations: bool = True) -> State:
         """The same from an equilibrium, or from the reference configuration."""
         state = Starts(self.model, self.forcing, dt).initial(start, accelerations)
-        if self.options.tolerance is None:
-            state = self._with_smooth_start(state, dt)
+        state = self._with_smooth_start(state, dt)
         self.stepper.load(state)
         return state
+
+    @property
+    def _smooths(self) -> bool:
+        many = len(self.model.scheme.fractions) > 1
+        return many and self.model.fits_rates and self.options.tolerance is None
+
+    def smooths_start(self, start: Solution | None) -> bool:
+        """Whether a step finds the slow part of the first state of a motion."""
+        before = None if start is None or start.stats.static else state_of(self.model, start)
+        return self._smooths and (before is None or before.fitted is not None)
 
     def _with_smooth_start(self, state: State, dt: float) -> State:
         """The state of initial rates with the slow part, found by a step of the length dt [s].
@@ -129,12 +138,10 @@ class Prepared:
         The same state for schemes without sub-steps, whose forces are of order two.
         """
         model = self.model
-        if len(model.scheme.fractions) == 1 or not model.fits_rates:
+        if not self._smooths:
             return state
         from fx_beam.step.fitted_rates import rate_fit
 
-        if have_slopes():
-            raise TypeError("a start that is found by a step has no slopes")
         with uncounted(self.stats):
             end = self.stepper.trial(state, state.t + dt).state
         if end is None:

@@ -10,7 +10,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from fx_beam.array_calls import calling_with_arrays
 from fx_beam.fem.mpi import rank_and_size
 from fx_beam.laws.schemes import Scheme
 from fx_beam.parallel.team import Team, present
@@ -49,10 +48,15 @@ def simulating_by(series: Any) -> Iterator[None]:
     """In this block, which only workers of a sweep have, `simulate` uses their series."""
     before, _THREAD.series = _THREAD.series, series
     try:
-        with calling_with_arrays(series.calls):
-            yield
+        yield
     finally:
         _THREAD.series = before
+
+
+def call_with_arrays(scene: Scene) -> None:
+    """Call functions of a scene with arrays where they accept them, if a sweep's worker calls."""
+    if scene.array_calls is None and (series := thread_series()) is not None:
+        scene.array_calls = series.array_calls
 
 
 def warn_of_equal_work() -> None:
@@ -115,6 +119,7 @@ def recent_model(scene: Scene, scheme: Scheme, known: Model | None = None, **kin
 
     It is the `known` one if this is of the same kind and structure; whoever gives it has it.
     """
+    call_with_arrays(scene)
     if known is not None and _refilled(known, scene):
         return known
     model, key = take_recent(scene, (type(scheme), *kind))

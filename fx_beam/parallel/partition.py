@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.errors import Constant, SceneError
+from fx_beam.errors import SceneError
 from fx_beam.fem.sparsity import connected_parts
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.coordinate import Coordinate
+from fx_beam.scene.functions import constant
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.loads import Drag, Mass, NaturalStrain, StrainPart
 from fx_beam.scene.scene import Scene
@@ -22,7 +23,7 @@ from fx_beam.step.model import Model
 
 from .linear_system import BLOCK
 
-_AT_REST = Constant(np.zeros(1))
+_AT_REST = constant(np.zeros(1))
 #: A run of elements: beam's name, nodes as rows of `X`, arc lengths, section, inside, and drag.
 Run = tuple[str, np.ndarray, np.ndarray, Section, Any, list[Drag]]
 

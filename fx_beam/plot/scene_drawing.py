@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from fx_beam.errors import Constant, SceneError, is_flag, require, shown
+from fx_beam.dual import plain
+from fx_beam.errors import SceneError, is_flag, require, shown
 from fx_beam.scene.beam import Beam, Node, position_of, reference_positions
 from fx_beam.scene.contacts import arc_of
 from fx_beam.scene.coordinate import Held
-from fx_beam.scene.inputs import InputSlot
-from fx_beam.scene.loads import Load, PlaceTimeFunction, StrainPart, label
+from fx_beam.scene.functions import SignalAlong
+from fx_beam.scene.inputs import InputSignal
+from fx_beam.scene.loads import Load, StrainPart, label
 from fx_beam.scene.scene import Scene
 
 from .drawing import Drawing, apart, axis, interpolated, three_digits
@@ -46,7 +48,7 @@ def draw_actions(sheet: Sheet, scene: Scene, si: bool) -> None:
 
 def _shown(load: Load) -> np.ndarray:
     """The largest value of a load at the sampled times."""
-    if isinstance(load.value, InputSlot):
+    if isinstance(load.value, InputSignal):
         return load.value.factor.sum(axis=1)
     return _largest(load)[1]
 
@@ -65,13 +67,13 @@ def _arguments(of: Load | StrainPart, place: str) -> str:
     """Of what its value is a function; empty for a constant."""
     if of.along is not None:
         return f"({place})"
-    if isinstance(of.value, PlaceTimeFunction):
+    if of.value.is_along:
         return f"({place}, t)"
-    return "" if isinstance(of.value, Constant) else "(t)"
+    return "" if of.value.is_constant else "(t)"
 
 
 def _words(symbol: str, load: Load, value: float, unit: str, si: bool) -> str:
-    if isinstance(load.value, InputSlot):
+    if isinstance(load.value, InputSignal):
         return load.value.name + ", follower" * load.follower
     value_and_unit = f" = {three_digits(value)}{f' {unit}' if si else ''}"
     return symbol + (_arguments(load, "s") or value_and_unit) + ", follower" * load.follower
@@ -100,8 +102,8 @@ def _line_load(sheet: Sheet, load: Load, si: bool) -> None:
     arc, points = np.linspace(0, beam.length, _ARROWS + 1), _axis(beam)
     s = arc_of(points)
     tips = interpolated(arc, s * beam.length / s[-1], points)
-    if isinstance(load.value, PlaceTimeFunction):
-        loads = load.value.at(arc, _largest(load)[0])
+    if isinstance(load.value, SignalAlong):
+        loads = plain(load.value.at(arc, _largest(load)[0]))
     elif load.along is None:
         loads = np.tile(factor, (len(arc), 1))
     else:
@@ -119,7 +121,7 @@ def _line_load(sheet: Sheet, load: Load, si: bool) -> None:
 
 def _axis(beam: Beam) -> np.ndarray:
     """Points (n, 2) of the axis of a beam in its reference configuration."""
-    return axis(reference_positions(beam), beam.degree)
+    return axis(plain(reference_positions(beam)), beam.degree)
 
 
 def _drags(sheet: Sheet, scene: Scene) -> None:
@@ -146,7 +148,7 @@ def _natural_strains(sheet: Sheet, scene: Scene, si: bool) -> None:
 def _of_part(name: str, part: StrainPart, si: bool) -> str:
     """A component of a natural strain: its value, its input, or what it is a function of."""
     symbol, value = _STRAINS[name], part.value
-    if isinstance(value, InputSlot):
+    if isinstance(value, InputSignal):
         return f"{symbol}: {value.name}"
     unit = " 1/m" if si and name == "curvature" else ""
     words = _arguments(part, "f") or f" = {three_digits(float(value(0.0)[0]))}{unit}"
@@ -298,7 +300,7 @@ class Reference:
         self.nodes_of_beam = dict[str, np.ndarray]()
         free, rows = len(scene.nodes), [np.array([(node.x, node.y) for node in scene.nodes])]
         for beam in scene.beams:
-            rows.append(reference_positions(beam))
+            rows.append(plain(reference_positions(beam)))
             self.nodes_of_beam[beam.name] = np.arange(free, free := free + len(rows[-1]))
         self.X = np.concatenate(rows)
         self.q = np.zeros((1, len(self.X), 3))

@@ -7,7 +7,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from fx_beam.dual import stacked
+from fx_beam.dual import in_scene, stacked
 from fx_beam.errors import (
     NUMBER,
     SceneError,
@@ -109,7 +109,7 @@ class Shape:
         checked = numbers(positions)
         fits = checked.ndim > 0 and checked.shape[-1] == 2
         require(fits, f"{self.name}.gap: positions", positions, "positions (x, y)")
-        return self.seen(checked - stacked(self.origin))[0]
+        return in_scene(self.seen(checked - stacked(self.origin))[0])
 
     @property
     def of_gap(self) -> tuple[float, ...]:

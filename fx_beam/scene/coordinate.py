@@ -11,6 +11,7 @@ import numpy as np
 from fx_beam.errors import NUMBER, SceneError, check_fields, finite, is_number, number, require
 from fx_beam.symbolic import parts_of, ufl
 
+from .functions import Signal
 from .inputs import Input, time_function
 from .law import Energy, InternalVariables, check_energy, functions_of_energy
 from .parameters import is_parameter, scalar_of, value_of
@@ -399,12 +400,16 @@ class SmoothFriction:
 Friction = SmoothFriction | Coulomb
 
 
-class Held:
-    """In the place of a motor: it holds a coordinate where it is when a run starts."""
+class Held(Signal):
+    """In the place of a motor: it holds a coordinate where it is when a run starts.
 
-    def __call__(self, t: float) -> np.ndarray:
-        """Where it is in the reference configuration."""
-        return np.zeros(1)
+    In the reference configuration it is at zero.
+    """
+
+    is_constant = False
+
+    def __init__(self) -> None:
+        super().__init__(None, 1, "locked", np.zeros(1))
 
 
 @dataclass(frozen=True)

@@ -21,9 +21,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.polynomial.chebyshev import Chebyshev, chebder, chebint, chebpts1, chebpts2, chebvander
 
-from fx_beam.errors import SceneError, checked_function, is_whole, numbers, require, vector
+from fx_beam.errors import SceneError, is_whole, numbers, require, vector
 
 from .beam import MOST_ELEMENTS, Layout, Node, lagrange, listed_points, polyline, position_of
+from .functions import checked_function
 
 # Degrees of the interpolating polynomials of a piece of a curve, and of its speed.
 _CURVE_DEGREE, _SPEED_DEGREE = 14, 20

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -10,8 +11,10 @@ from typing import Any
 import numpy as np
 
 from fx_beam import errors
-from fx_beam.errors import SceneError, TimeFunction, checked_function, shown
+from fx_beam.errors import SceneError, shown
 from fx_beam.symbolic import ufl
+
+from .functions import ArrayCalls, Signal, checked_function, constant
 
 
 @dataclass(frozen=True)
@@ -69,8 +72,13 @@ class Input:
         return f"input {self.name!r}"
 
 
-class InputSlot:
-    """An `Input` at a place with values (size,); zero as a function of time."""
+class InputSignal(Signal):
+    """An `Input` at a place with values (size,): zero, or what a motion sets over its steps.
+
+    Over a step a load is held; others, of one component, go straight from `start` to `end`.
+    """
+
+    is_constant = False
 
     def __init__(self, given: Input, size: int, what: str):
         if given.factor is not None and len(given.factor) != size:
@@ -78,25 +86,64 @@ class InputSlot:
                 f"{what}: {given} has {len(given.factor)} factors, but there "
                 f"{'are two components' if size == 2 else 'is one component'}"
             )
-        self.name, self.what, self._size = given.name, what, size
+        super().__init__(None, size, what)
+        self.name = given.name
         #: Values (size,) are this (size, width) times the input.
         self.factor = np.eye(size) if given.factor is None else np.array(given.factor)[:, None]
         #: Number of values of the input.
         self.width = self.factor.shape[1]
+        #: The same factor; an input of two numbers is the value itself.
+        self.scale: Any = self.factor[:, 0] if self.width == 1 else 1.0
+        #: Whether no motion sets it.
+        self.is_open = True
+        #: Values at the start and at the end of a step, which ends at these times [s].
+        self.start: Any = np.zeros(size)
+        self.end: Any = self.start
+        self._t0, self._t1 = -math.inf, math.inf
 
-    def __call__(self, t: float) -> np.ndarray:
-        """Zero."""
-        return np.zeros(self._size)
+    def over_steps(self, ramps: bool) -> InputSignal:
+        """The same, which a motion sets."""
+        new = copy.copy(self)
+        new.is_open, new.ramps = False, ramps
+        if ramps:
+            new.start, new.end, new.scale = 0.0, 0.0, float(self.factor[0, 0])
+        return new
+
+    def set(self, value: np.ndarray) -> None:
+        """Set the input (width,) for the next steps, or at the end of the next one."""
+        self.end = self.scale * (float(value[0]) if self.ramps else value)
+
+    def begin(self, t0: float, t1: float) -> None:
+        """Set the times of a step [s]."""
+        self._t0, self._t1 = t0, t1
+
+    def __call__(self, *arguments: Any) -> np.ndarray:
+        """The value (size,) in the step; outside it that of its start or end."""
+        if not self.ramps:
+            return self.end
+        if self.start == self.end:
+            return np.array([self.end])
+        part = (arguments[0] - self._t0) / (self._t1 - self._t0)
+        return np.array([self.start + min(max(part, 0.0), 1.0) * (self.end - self.start)])
+
+    def each(self, rows: Any, arrays: ArrayCalls | None = None, run: str = "") -> np.ndarray:
+        """Values (n, size) at times (n, 1)."""
+        return np.array([self(*row) for row in rows.tolist()])
 
 
-def time_function(value, size: int, what: str) -> TimeFunction:
+def time_function(value, size: int, what: str) -> Signal:
     """A function of time with values (size,): from a constant, a function or an `Input`."""
     if isinstance(value, Input):
-        return InputSlot(value, size, what)
+        return InputSignal(value, size, what)
     return checked_function(value, size, what, 0.0)
 
 
-def input_slots(scene) -> Iterator[tuple[InputSlot, str]]:
+def is_open_input(function: Any) -> bool:
+    """Whether a function of time is an input that no motion sets."""
+    return isinstance(function, InputSignal) and function.is_open
+
+
+def input_slots(scene) -> Iterator[tuple[InputSignal, str]]:
     """All slots of a scene, each with what it is.
 
     That is a "load", a "motion", a "parameter" or a "natural strain".
@@ -109,7 +156,7 @@ def input_slots(scene) -> Iterator[tuple[InputSlot, str]]:
         ("parameter", scene.parameters.functions.values()),
         ("natural strain", strains),
     ):
-        yield from ((one, kind) for one in functions if isinstance(one, InputSlot))
+        yield from ((one, kind) for one in functions if is_open_input(one))
 
 
 def widths(scene) -> dict[str, int]:
@@ -117,7 +164,7 @@ def widths(scene) -> dict[str, int]:
 
     SceneError for a name with different numbers of values, or for both loads and motions.
     """
-    slots: dict[str, tuple[InputSlot, str]] = {}
+    slots: dict[str, tuple[InputSignal, str]] = {}
     for slot, kind in input_slots(scene):
         first, other = slots.setdefault(slot.name, (slot, kind))
         if first.width != slot.width:
@@ -141,11 +188,11 @@ def check_names(names, known, what: str) -> None:
             raise SceneError(f"{what}: the scene has no input {name!r}; {has}")
 
 
-def connected(scene, function_of: Callable[[InputSlot], TimeFunction]):
+def connected(scene, function_of: Callable[[InputSignal], Signal]):
     """The scene with functions in the place of its slots; nodes and beams are the same."""
 
     def replaced(function):
-        return function_of(function) if isinstance(function, InputSlot) else function
+        return function_of(function) if is_open_input(function) else function
 
     new = object.__new__(type(scene))
     new.__dict__.update(scene.__dict__)
@@ -176,13 +223,13 @@ def with_functions(scene, given: Mapping | None, what: str):
         for name, value in given.items()
     }
 
-    def function_of(slot: InputSlot) -> TimeFunction:
+    def function_of(slot: InputSignal) -> Signal:
         if slot.name not in functions:
             return slot
         of_time = functions[slot.name]
-        if isinstance(of_time, errors.Constant):
-            return errors.Constant(slot.factor @ of_time(0.0))
-        return lambda t: slot.factor @ of_time(t)
+        if of_time.is_constant:
+            return constant(slot.factor @ of_time(0.0))
+        return Signal(lambda t: slot.factor @ of_time(t), slot.size, slot.what)
 
     return connected(scene, function_of)
 
@@ -223,53 +270,7 @@ def values_of(state: Any, known: Mapping[str, int]) -> np.ndarray | None:
     return np.concatenate([np.empty(0), *parts])
 
 
-class Hold:
-    """Values (size,) of a load, constant over the step."""
-
-    def __init__(self, slot: InputSlot):
-        self.name, self.value = slot.name, slot(0.0)
-        #: Values are these times the input; an input of two numbers is the value itself.
-        self._factor = slot.factor[:, 0] if slot.width == 1 else 1.0
-
-    def set(self, value: np.ndarray) -> None:
-        """Set the input (width,) for the next steps."""
-        np.multiply(self._factor, value, out=self.value)
-
-    def of(self, value: np.ndarray) -> np.ndarray:
-        """The values of an input (width,), which is not set."""
-        return self._factor * value
-
-    def __call__(self, t: float) -> np.ndarray:
-        """The values, at any time."""
-        return self.value
-
-
-class Ramp:
-    """A driven motion, parameter or natural strain: straight over a step from its start."""
-
-    def __init__(self, slot: InputSlot):
-        self.name, self.factor = slot.name, float(slot.factor[0, 0])
-        self._t0, self._t1 = -math.inf, math.inf
-        #: Places at the start and at the end of the step [m or rad].
-        self.start = self.end = 0.0
-
-    def set(self, value: np.ndarray) -> None:
-        """Set the input (1,) at the end of the next step."""
-        self.end = self.factor * float(value[0])
-
-    def begin(self, t0: float, t1: float) -> None:
-        """Set the times of a step [s]."""
-        self._t0, self._t1 = t0, t1
-
-    def __call__(self, t: float) -> np.ndarray:
-        """The position (1,) in the step; outside it that of its start or end."""
-        if self.start == self.end:
-            return np.array([self.end])
-        part = (t - self._t0) / (self._t1 - self._t0)
-        return np.array([self.start + min(max(part, 0.0), 1.0) * (self.end - self.start)])
-
-
-def checked_value(name: str, value: float | Any) -> TimeFunction:
+def checked_value(name: str, value: float | Any) -> Signal:
     """A value of a parameter as a function of time (1,)."""
     if isinstance(value, ufl.core.expr.Expr):
         raise SceneError(f"parameter {name!r}: its value is {shown(value)}, not a number")

@@ -3,27 +3,18 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
-from contextvars import copy_context
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.array_calls import agree
-from fx_beam.dual import have_slopes, plain, stacked
+from fx_beam.dual import plain
 from fx_beam.errors import (
     LARGEST,
     NUMBER,
-    CheckedFunction,
-    Constant,
     SceneError,
-    TimeFunction,
-    argument_names,
     as_float,
-    check_takes_time,
-    checked_function,
     is_one_of,
     numbers,
     require,
@@ -33,11 +24,17 @@ from fx_beam.errors import (
 from fx_beam.symbolic import ufl
 
 from .beam import Beam, Node
+from .functions import (
+    ArrayCalls,
+    Signal,
+    SignalAlong,
+    argument_names,
+    check_takes_time,
+    checked_function,
+    constant,
+)
 from .inputs import Input, time_function
 from .parameters import symbols_only
-
-# Places at which a function is called to learn whether it takes arrays, in parts of the length.
-_SAMPLES = np.linspace(0.0, 1.0, 7)
 
 #: Names of the coefficients of drag.
 PARTS_OF_DRAG = "linear", "quadratic", "rotation"
@@ -52,90 +49,14 @@ NAMES = {
 }
 
 
-class PlaceTimeFunction:
-    """A function of the user, ``function(position, t)``, with values (size,).
-
-    It is called once for all positions if it takes an array of them and gives numbers or arrays;
-    one by one otherwise. It is tried at time 0, so that errors show before the run.
-    """
-
-    def __init__(self, function: Callable, size: int, what: str, length: float, name: str):
-        if not callable(function):
-            raise SceneError(f"{what}: {shown(function)} must be a function of ({name}, t)")
-        self._function, self._size, self._what, self._name = function, size, what, name
-        self._samples = length * _SAMPLES
-        # Makes a block with slopes, as of functions of time.
-        self._block = copy_context().copy if have_slopes() else None
-        one_by_one = self._one_by_one(self._samples, 0.0)
-        at_once = self._at_once(self._samples, 0.0)
-        self._takes_arrays = at_once is not None and np.array_equal(at_once, one_by_one)
-        self._calls, self._was_zero = 0, True
-
-    def __call__(self, t: float) -> np.ndarray:
-        """The largest value (size,) at some positions, as pictures show it."""
-        values = self.at(self._samples, t)
-        return values[np.argmax(np.linalg.norm(values, axis=1))]
-
-    def at(self, positions: np.ndarray, t: float) -> np.ndarray:
-        """Finite values (n, size) at n positions; SceneError otherwise."""
-        if self._block is not None and not have_slopes():
-            return plain(self._block().run(self.at, positions, t))
-        values = self._at_once(positions, t) if self._takes_arrays else None
-        fits = values is not None and self._is_right(values, positions, t)
-        if values is None or not (fits and (abs(values) <= LARGEST).all()):
-            values = self._one_by_one(positions, t)  # which names the place
-        return values
-
-    def _is_right(self, values: np.ndarray, positions: np.ndarray, t: float) -> bool:
-        """Whether values of one call are those one by one, at two positions.
-
-        They are compared until some are not zero, and then ever more rarely.
-        """
-        self._calls += 1
-        if not (len(positions) and (self._was_zero or self._calls & (self._calls - 1) == 0)):
-            return True
-        some = len(positions) * np.array([1, 2]) // 3
-        self._takes_arrays = agree(values[some], self._one_by_one(positions[some], t), values)
-        self._was_zero &= not plain(values).any()
-        return self._takes_arrays
-
-    def _at_once(self, positions: np.ndarray, t: float) -> np.ndarray | None:
-        """Values (n, size) of one call; None if they do not fit."""
-        try:
-            result: Any = self._function(positions.copy(), t)
-            parts: Sequence = (result,) if self._size == 1 else tuple(result)
-            columns = [np.broadcast_to(stacked(part), len(positions)) for part in parts]
-            return np.column_stack(columns) if len(columns) == self._size else None
-        except Exception:  # noqa: BLE001  # whatever a function does that takes single positions
-            return None
-
-    def _one_by_one(self, positions: np.ndarray, t: float) -> np.ndarray:
-        places = positions.tolist()
-        with suppress(Exception):  # which is found below, with its place
-            at_once = [self._function(position, t) for position in places]
-            values = stacked(at_once).reshape(len(places), self._size)
-            if (abs(plain(values)) <= LARGEST).all():
-                return values
-        return stacked([self._checked(position, t) for position in places])
-
-    def _checked(self, position: float, t: float) -> np.ndarray:
-        """The value at a place; SceneError, with the place, for what is none."""
-        what = f"{self._what} at {self._name} = {position:g}, t = {t:g}"
-        try:
-            value = self._function(position, t)
-        except Exception as error:
-            raise SceneError(f"{what}: calling it raised {error!r}") from error
-        return vector(value, self._size, what)
-
-
 def values_along(
-    function: CheckedFunction, size: int, what: str, name: str, positions: np.ndarray
+    function: Signal, positions: np.ndarray, name: str, arrays: ArrayCalls | None
 ) -> Any:
     """Finite values (n, size) of a function of position at n positions; SceneError otherwise."""
-    values = function.each(positions[:, None])
+    values = function.each(positions[:, None], arrays)
     if not (abs(plain(values)) <= LARGEST).all():
         for x, value in zip(positions.tolist(), values, strict=True):
-            vector(value, size, f"{what} at {name} = {x:g}")
+            vector(value, function.size, f"{function.what} at {name} = {x:g}")
     return values
 
 
@@ -155,12 +76,12 @@ class Load:
     kind: str
     target: Node | Beam
     #: ``value(t)``: [fx, fy] in N, [moment] in N m, or [qx, qy] in N per metre of reference length;
-    #: a `PlaceTimeFunction` of arc length and time.
-    value: TimeFunction = field(metadata=NUMBER)
+    #: a `SignalAlong` of arc length and time.
+    value: Signal = field(metadata=NUMBER)
     #: Whether a force turns with the section of its node.
     follower: bool = False
     #: ``along(s)``: line load [qx, qy] at the arc length s; then ``value(t)`` is its factor.
-    along: CheckedFunction | None = field(default=None, metadata=NUMBER)
+    along: Signal | None = field(default=None, metadata=NUMBER)
 
     def __str__(self):
         return f"{'follower ' if self.follower else ''}{self.kind} on {label(self.target)}"
@@ -181,17 +102,17 @@ def line_load(beam: Beam, load, of: str) -> Load:
             f"the arc length first: give lambda {called}: ... A function of time has of='time'"
         )
     if of == "arc length and time":
-        value = PlaceTimeFunction(load, 2, what, beam.length, "s")
+        value = SignalAlong(load, 2, what, beam.length, "s")
         return Load("line load", beam, value)
     along = checked_function(load, 2, what, 0.0)
-    return Load("line load", beam, Constant(np.ones(1)), along=along)
+    return Load("line load", beam, constant(np.ones(1)), along=along)
 
 
 def changed(load: Load, value) -> Load:
     """The load with another value, of the same kind."""
     if isinstance(load.target, Beam):
         of = "time" if load.along is None else "arc length"
-        if isinstance(load.value, PlaceTimeFunction):
+        if load.value.is_along:
             of = "arc length and time"
         return line_load(load.target, value, of)
     size = 1 if load.kind == "moment" else 2
@@ -243,8 +164,8 @@ class Velocity:
     """Initial velocity (2,) [m/s] and spin [rad/s] of a node, or of all nodes of a beam."""
 
     target: Node | Beam
-    value: CheckedFunction = field(metadata=NUMBER)
-    spin: CheckedFunction = field(metadata=NUMBER)
+    value: Signal = field(metadata=NUMBER)
+    spin: Signal = field(metadata=NUMBER)
 
 
 def initial_velocity(target: Node | Beam, velocity, spin) -> Velocity:
@@ -317,10 +238,10 @@ def check_target(scene, target, what: str) -> None:
 class StrainPart:
     """A component of a natural strain."""
 
-    #: ``value(t)`` (1,), or a `PlaceTimeFunction` of fraction and time.
-    value: TimeFunction = field(metadata=NUMBER)
+    #: ``value(t)`` (1,), or a `SignalAlong` of fraction and time.
+    value: Signal = field(metadata=NUMBER)
     #: ``along(f)`` (1,), by the fraction of the arc length; then ``value(t)`` is its factor.
-    along: CheckedFunction | None = field(default=None, metadata=NUMBER)
+    along: Signal | None = field(default=None, metadata=NUMBER)
 
 
 @dataclass(frozen=True, eq=False)
@@ -355,9 +276,9 @@ def _part(beam: Beam, name: str, value) -> StrainPart:
     if arguments == ["t"]:
         return StrainPart(time_function(value, 1, what))
     if arguments == ["f"]:
-        return StrainPart(Constant(np.ones(1)), checked_function(value, 1, what, 0.0))
+        return StrainPart(constant(np.ones(1)), checked_function(value, 1, what, 0.0))
     if arguments == ["f", "t"]:
-        return StrainPart(PlaceTimeFunction(value, 1, what, 1.0, "f"))
+        return StrainPart(SignalAlong(value, 1, what, 1.0, "f"))
     raise SceneError(
         f"{what}: the arguments of the function are ({', '.join(arguments)}). Name them f for the "
         "fraction of the arc length, t for the time, or (f, t) for both: lambda f, t: ..."

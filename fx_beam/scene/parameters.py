@@ -8,9 +8,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from fx_beam.errors import SceneError, TimeFunction, as_float, is_number, refuse_fields_in, shown
+from fx_beam.errors import SceneError, as_float, is_number, refuse_fields_in, shown
 from fx_beam.symbolic import ufl
 
+from .functions import Signal
 from .inputs import Input, checked_value
 
 if TYPE_CHECKING:
@@ -114,7 +115,7 @@ class Parameters(Mapping):
 
     def __init__(self) -> None:
         #: Values as functions of time (1,).
-        self.functions: dict[str, TimeFunction] = {}
+        self.functions: dict[str, Signal] = {}
         self._given: dict[str, Any] = {}
         # Values at the beginning, of which those with the same name must be the same.
         self._first: dict[str, Any] = {}
@@ -169,7 +170,7 @@ class Parameters(Mapping):
         for values in (self._given, self._first, self.functions):
             values.pop(name, None)
 
-    def replaced(self, function_of: Callable[[TimeFunction], TimeFunction]) -> Parameters:
+    def replaced(self, function_of: Callable[[Signal], Signal]) -> Parameters:
         """The same parameters with other functions of time."""
         new = copy.copy(self)
         new.functions = {name: function_of(of) for name, of in self.functions.items()}

@@ -8,10 +8,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from fx_beam.dual import have_slopes
 from fx_beam.errors import (
     SceneError,
-    TimeFunction,
     as_float,
     is_flag,
     is_name,
@@ -28,6 +26,7 @@ from .contacts import Contact, Shape, check_members, check_start
 from .coordinate import Coordinate, Coulomb, Damper, SmoothFriction, Spring, Stop, functions_of
 from .curve import Curve, layout
 from .forces_between import ForceBetween, Pull, checked_force, rope_spring
+from .functions import ArrayCalls, Signal
 from .inputs import Input, time_function
 from .joints import GROUND, Joint, Revolute, Rigid, moved_by, placed
 from .law import functions_of_energy
@@ -86,7 +85,7 @@ class Scene:
         # Fixed components: (node number, component number).
         self.fixed: set[tuple[int, int]] = set()
         # Components prescribed as functions of time.
-        self.prescribed: dict[tuple[int, int], TimeFunction] = {}
+        self.prescribed: dict[tuple[int, int], Signal] = {}
         self.masses: list[loads.Mass] = []
         self.loads: list[loads.Load] = []
         self.drags: list[loads.Drag] = []
@@ -109,9 +108,14 @@ class Scene:
         self.contact_count = self.force_count = 0
         # Whether incompatible initial velocities are projected instead of refused.
         self.projects_velocities = False
+        #: What is known of functions that are called with arrays; None if none is.
+        self.array_calls: ArrayCalls | None = None
 
     def __copy__(self):
         return copy.deepcopy(self)
+
+    def __getstate__(self):
+        return self.__dict__ | {"array_calls": None}  # code has no copies
 
     def __setstate__(self, state):
         self.__dict__.update(state)
@@ -1253,10 +1257,9 @@ class Scene:
             if isinstance(end, Node):
                 loads.check_node(self, end, what)
         nodes, first = [], len(self.nodes)
-        number = as_float if have_slopes() else float  # a tenth of the time of a scene
         for end in ends:
             if not isinstance(end, Node):
-                end = Node(len(self.nodes), number(end[0]), number(end[1]), self)
+                end = Node(len(self.nodes), as_float(end[0]), as_float(end[1]), self)
                 self.nodes.append(end)
             nodes.append(end)
         lowest, highest = self._corners

@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.array_calls import array_calls
-from fx_beam.dual import Dual, stacked
+from fx_beam.dual import Dual, DualFloat, in_scene, plain, stacked
 from fx_beam.errors import (
     NUMBER,
     SceneError,
@@ -29,6 +28,7 @@ from fx_beam.errors import (
 )
 from fx_beam.symbolic import ufl
 
+from .functions import ArrayCalls, values_of
 from .law import Energy, InternalVariables, check_energy
 
 #: A number, or a function of the fraction of the arc length.
@@ -172,7 +172,11 @@ class Section:
         _check_name(name, "values")
         at = numbers(fractions)
         require(at.size > 0, "Section.values: fractions", fractions, "an array of numbers")
-        values = [_values(name, datum, at) for datum in self._data(name)]
+        return in_scene(self.values_with(name, at, None))
+
+    def values_with(self, name: str, fractions: np.ndarray, arrays: ArrayCalls | None) -> Any:
+        """The same, by one call of a function for all fractions if it accepts `arrays`."""
+        values = [_values(name, datum, fractions, arrays) for datum in self._data(name)]
         return np.stack(values, axis=-1) if len(values) > 1 else values[0]
 
     def constants(self, names: tuple[str, ...]) -> Any:
@@ -492,7 +496,9 @@ def _check_name(name, what: str) -> None:
     require(is_one_of(name, DATA), f"Section.{what}: name", name, wanted)
 
 
-def _values(name: str, datum: Datum | None, fractions: np.ndarray) -> np.ndarray:
+def _values(
+    name: str, datum: Datum | None, fractions: np.ndarray, arrays: ArrayCalls | None
+) -> Any:
     """Values at fractions of the arc length, of the same shape; zero for no stiffness."""
     if not callable(datum):
         value = 0.0 if datum is None else _value(name, datum)
@@ -501,10 +507,11 @@ def _values(name: str, datum: Datum | None, fractions: np.ndarray) -> np.ndarray
     def each(rows: np.ndarray) -> np.ndarray:
         return stacked([[_value(name, datum, float(f))] for f in rows[:, 0]])
 
-    rows, calls = fractions.reshape(-1, 1), array_calls()
-    if calls is not None:
-        values = calls.values(datum, 1, rows, name, each)
-        if (values > 0).all():  # else the calls below tell what is wrong
+    rows = fractions.reshape(-1, 1)
+    if arrays is not None:
+        is_dual = isinstance(_value(name, datum, float(rows[0, 0])), DualFloat)
+        values = values_of(datum, 1, rows, name, each, arrays, is_dual)
+        if (plain(values) > 0).all():  # else the calls below tell what is wrong
             return values.reshape(fractions.shape)
     return each(rows).reshape(fractions.shape)
 

@@ -51,7 +51,7 @@ _NUMBERS = "_gravity", "prescribed", "masses", "parameters"
 # Kinds of values that are compared as they are.
 _PLAIN = {float, DualFloat, int, bool, str, type(None)}
 # What follows from the rest of a scene.
-_DERIVED = {"nodes", "_corners", "_couplings", "changes"}
+_DERIVED = {"nodes", "_corners", "_couplings", "changes", "array_calls"}
 
 
 class OtherStructureError(Exception):

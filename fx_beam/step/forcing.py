@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fx_beam.dual import plain
-from fx_beam.errors import Constant, SceneError, TimeFunction, evaluate, series
+from fx_beam.errors import SceneError
 from fx_beam.fem.parameter_values import before
 from fx_beam.laws.interval import Interval, just_inside
 from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
 from fx_beam.scene.coordinate import Held
+from fx_beam.scene.functions import Signal, constant, evaluate
 
 from .model import Model
 
@@ -48,7 +49,7 @@ class Forcing:
         self._held = [i for i, (of, _) in enumerate(self._driven) if isinstance(of, Held)]
 
     @property
-    def functions(self) -> list[TimeFunction]:
+    def functions(self) -> list[Signal]:
         """The functions of time of prescribed motions and motors."""
         return [function for function, _ in self._driven]
 
@@ -106,7 +107,8 @@ class Forcing:
 
     def series(self, times: np.ndarray) -> np.ndarray:
         """Prescribed motions and positions of motors (n, driven) at several times [m, rad]."""
-        positions = [series(function, times, what) for function, what in self._driven]
+        arrays = self.model.scene.array_calls
+        positions = [signal.series(times, what, arrays) for signal, what in self._driven]
         return np.concatenate([np.empty((len(times), 0)), *positions], axis=1)
 
     def current(self, state: State) -> np.ndarray:
@@ -117,7 +119,7 @@ class Forcing:
         """Let locked joints keep the coordinates of a state."""
         current = self.current(state)
         for i in self._held:
-            self._driven[i] = Constant(current[i : i + 1].copy()), self._driven[i][1]
+            self._driven[i] = constant(current[i : i + 1].copy()), self._driven[i][1]
 
     def check_start(self, state: State) -> None:
         """Refuse prescribed motions and motors that would jump at the start."""

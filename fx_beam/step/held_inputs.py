@@ -11,8 +11,7 @@ import numpy as np
 from fx_beam.errors import SceneError, require, vector
 from fx_beam.results.state import State
 from fx_beam.scene.inputs import (
-    Hold,
-    Ramp,
+    InputSignal,
     check_names,
     connected,
     input_slots,
@@ -36,16 +35,15 @@ class HeldInputs:
         self.names = names_of_values(self.widths)
         #: Present values by name, in arrays that do not change.
         self.values = {name: np.zeros(width) for name, width in self.widths.items()}
-        self._parts: dict[int, Hold | Ramp] = {
-            id(slot): Hold(slot) if kind == "load" else Ramp(slot)
-            for slot, kind in input_slots(scene)
+        self._parts: dict[int, InputSignal] = {
+            id(slot): slot.over_steps(ramps=kind != "load") for slot, kind in input_slots(scene)
         }
         #: The scene with the held functions in the place of its inputs.
         self.scene = connected(scene, lambda slot: self._parts[id(slot)])
         #: All loads and motions that take the values of each input.
         each = self._parts.values()
         self.parts = {name: [of for of in each if of.name == name] for name in self.widths}
-        self._ramps = [part for part in self._parts.values() if isinstance(part, Ramp)]
+        self._ramps = [part for part in self._parts.values() if part.ramps]
 
     def checked(self, given: Mapping) -> dict[str, Any]:
         """Values of some inputs.
@@ -94,8 +92,8 @@ class HeldInputs:
             of_all = iter(values)
             self.set({name: [next(of_all) for _ in range(n)] for name, n in self.widths.items()})
         for function, position in zip(forcing.functions, forcing.current(state), strict=True):
-            if isinstance(function, Ramp):
-                self.set({function.name: float(position) / function.factor})
+            if isinstance(function, InputSignal):
+                self.set({function.name: float(position) / function.scale})
         self.arrive()
 
     @property

@@ -8,6 +8,7 @@ import numpy as np
 
 from fx_beam.c_library import array_at
 from fx_beam.content_cache import cached_property
+from fx_beam.dual import plain
 from fx_beam.laws.interval import Interval
 from fx_beam.results.audit import Stats
 from fx_beam.results.state import State
@@ -125,9 +126,9 @@ class LoadLoop(CompiledLoop):
             self._strains[:] = strains.ravel()
         p.t, p.ratio_before, p.ratio = forcing.time - length, interval.start, interval.end
         t, followers = np.array([forcing.time]), model.points.followers
-        follower_force = followers.series(t, t) if len(followers) else np.empty((1, 0))
+        follower_force = plain(followers.series(t, t)) if len(followers) else np.empty((1, 0))
         values = np.tile(model.forms.parameters.values, (1, 2, 1))
-        driven, none = forcing.positions(interval.end)[None], np.empty((1, 0))
+        driven, none = plain(forcing.positions(interval.end))[None], np.empty((1, 0))
         return StepInputs(none, driven, follower_force, values, none, 1)
 
     def _taken(self, state: State, interval: Interval) -> State:

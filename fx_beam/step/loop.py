@@ -308,7 +308,8 @@ class CompiledLoop:
 
         def rows(of: Callable[..., np.ndarray], constant: bool, *ends: np.ndarray) -> np.ndarray:
             """Rows of all sub-steps; a single row is repeated without copies."""
-            values = plain(of(*(end[: 1 if constant else None] for end in ends)))
+            values = of(*(end[: 1 if constant else None] for end in ends))
+            values = np.ascontiguousarray(plain(values))
             shape = len(t1), *values.shape[1:]
             return np.broadcast_to(values, shape) if values.size else np.empty(shape)
 

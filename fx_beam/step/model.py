@@ -15,7 +15,6 @@ from fx_beam.content_cache import cached_property
 from fx_beam.coupling.graph import Auxiliaries, couple, motors
 from fx_beam.coupling.reduction import Reduction, begin_to_build_joints
 from fx_beam.coupling.sliders import Sliders
-from fx_beam.dual import have_slopes
 from fx_beam.errors import SceneError
 from fx_beam.fem.compiled_laws import PointFunction, compiled_rule
 from fx_beam.fem.forms import Forms
@@ -100,8 +99,6 @@ class Model:
         #: What C has of it, by what it is for, and how often the numbers were set.
         self.problems: dict[Any, Any] = {}
         self.refills = 0
-        #: Whether the numbers of its scene have slopes that it has read.
-        self.is_dual = have_slopes()
         self._users: list[Callable[[], Any]] = []
         if not part:
             self._check_mechanism()
@@ -137,7 +134,7 @@ class Model:
         What was assembled for the last scene changes in place.
         """
         self._structure.check(scene)
-        self.refills, self._users, self.is_dual = self.refills + 1, [], have_slopes()
+        self.refills, self._users = self.refills + 1, []
         moved = self.mesh.refill(scene)
         last, self.scene = self._joints, scene
         self.forms.refill(scene)

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fx_beam.content_cache import cached_property
+from fx_beam.dual import plain
 from fx_beam.fem.mesh import rotation_of
 from fx_beam.results.audit import Energy
 from fx_beam.results.state import ARRAYS, FORCES, HISTORIES, ROWS
-from fx_beam.scene.inputs import Ramp
 
 from .forcing import Forcing
 from .model import Model
@@ -211,9 +211,9 @@ def _fit(
     (times, steps), (q, v, slides) = grid, states
     lengths, forcing = _lengths(times, steps), Forcing(model)
     driven = np.full((len(steps), model.couplings.driven), np.nan)
-    straight = np.array([isinstance(function, Ramp) for function in forcing.functions], bool)
+    straight = np.array([function.ramps for function in forcing.functions], bool)
     if lengths.all() and driven.size:
-        driven[:] = forcing.end_rates(times[steps], lengths)
+        driven[:] = plain(forcing.end_rates(times[steps], lengths))
     driven[:, straight] = np.nan
     if in_turn and straight.any():
         means = driven_increments(model, q, slides) / lengths[1:, None]

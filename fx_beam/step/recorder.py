@@ -14,7 +14,6 @@ import numpy as np
 from fx_beam.errors import SceneError, check_fields, flag, numbers, require, whole
 from fx_beam.laws.interval import INSTANT, Parts
 from fx_beam.results.state import ROWS, State
-from fx_beam.scene.inputs import Ramp
 
 from .model import Model
 from .recorded_histories import RecordedHistories, fitted, sums_of
@@ -406,7 +405,7 @@ class Recorder:
             memory[stored] = starts["memory"][span]
             q_previous[stored] = starts["start_q_previous"][span] + self._missing(row[stored])
         # Where parameters are inputs of a motion, only the rows know their earlier values.
-        if any(isinstance(of, Ramp) for of in self.model.forms.parameters.functions):
+        if any(function.ramps for function in self.model.forms.parameters.functions):
             more["parameters"] = self._parameters_in(row, parts.t)
         return parts._replace(memory=memory, q_previous=q_previous, **more)
 

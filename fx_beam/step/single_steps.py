@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.errors import Constant, StepError
+from fx_beam.errors import StepError
 from fx_beam.results.state import ARRAYS, State
-from fx_beam.scene.inputs import Hold, Ramp
+from fx_beam.scene.inputs import InputSignal
 
 from .loop import CompiledLoop, StepInputs, no_inputs
 from .recorder import NullRecorder, Recorder, Rows
@@ -54,9 +54,8 @@ class CompiledSingleSteps:
         ends[-1] = 1.0
         starts, level = np.append(0.0, ends[:-1]), model.scheme.rates.level
         in_steps = np.column_stack([starts + level * (ends - starts), ends])
-        #: Arrays of held loads; of driven motions, parameters and natural strains, with the parts
-        #: of the step that have passed.
-        self._holds, self._ramps = [], []
+        #: Inputs with their arrays, and the parts of the step that have passed there.
+        self._live: list[tuple[InputSignal, np.ndarray, np.ndarray]] = []
         #: Whether other functions change in time.
         self._varies = False
         followers = [load.value for load in model.scene.loads if load.follower]
@@ -70,11 +69,9 @@ class CompiledSingleSteps:
             ),
             *((of, natural[:, columns.start], ends) for columns, of in model.natural.functions),
         ):
-            if isinstance(function, Hold):
-                self._holds.append((function, view))
-            elif isinstance(function, Ramp):
-                self._ramps.append((function, view, passed))
-            elif not isinstance(function, Constant):
+            if isinstance(function, InputSignal):
+                self._live.append((function, view, passed))
+            elif not function.is_constant:
                 self._varies = True
         if not self._varies:
             self._fill(self._loop.inputs(0.0, np.array([self._dt])), 0)
@@ -102,10 +99,11 @@ class CompiledSingleSteps:
         p, to = self._p, self._unrecorded
         if self._varies:
             self._evaluate(t0, grid, number)
-        for hold, view in self._holds:
-            view[...] = hold.value
-        for ramp, view, passed in self._ramps:
-            view[...] = ramp.start + (ramp.end - ramp.start) * passed
+        for signal, view, passed in self._live:
+            if signal.ramps:
+                view[...] = signal.start + (signal.end - signal.start) * passed
+            else:
+                view[...] = signal.end
         recorded = number % recorder.every == 0
         if recorded:
             assert isinstance(recorder, Recorder)  # the other one takes no row

@@ -1,0 +1,369 @@
+"""Functions of the user, of time or place, and constants in their place; values are checked."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import math
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+
+from fx_beam.dual import Dual, dual_of, plain, stacked
+from fx_beam.errors import LARGEST, Failure, SceneError, StepError, is_number, shaped, shown, vector
+
+# Parameter names, in lower case, that show a function of position instead of time.
+_PLACES = {"s", "x", "y", "xi", "place", "position", "point", "fraction", "arc_length"}
+# Immutable types of values.
+_IMMUTABLE = float, tuple, int, np.float64
+# Fewer values are cheaper one by one; an array of so many is never taken for a vector. With slopes
+# calls one by one are dear.
+_LEAST, _LEAST_WITH_SLOPES = 24, 2
+# Number of values of a known function that are compared.
+_SAMPLES = 4
+# Error of values in terms of the largest one: powers and sines of arrays may be rounded otherwise,
+# and their differences are smaller than they.
+_ROUNDING = 1e-13
+# Places at which a function is called to learn whether it takes arrays, in parts of the length.
+_PARTS = np.linspace(0.0, 1.0, 7)
+
+
+class ArrayCalls:
+    """Whether functions accept arrays, by what they are of and the code that makes them."""
+
+    def __init__(self) -> None:
+        self.accepted: dict[Any, bool] = {}
+
+
+class Signal:
+    """A function with values (size,), mostly of time, or a constant; errors say `what` it is.
+
+    A value has the slopes of the numbers of which the function is made.
+    """
+
+    #: Whether its arguments are a position along a beam, and the time.
+    is_along = False
+    #: Whether it goes straight over a step to a value that is set.
+    ramps = False
+
+    def __init__(self, function: Callable | None, size: int, what: str = "", value: Any = None):
+        self.function, self.size, self.what = function, size, what
+        #: The value (size,) of a constant.
+        self.value = value
+        # Whether values had slopes.
+        self._is_dual = False
+        # With slopes the last rows of arguments, for which a motion and its derivatives ask.
+        self._last: tuple[str, np.ndarray, Dual] | None = None
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether it has one value."""
+        return self.function is None
+
+    def __call__(self, *arguments: Any) -> np.ndarray:
+        """The value (size,) at a time or a place; SceneError if the function fails."""
+        if self.function is None:
+            return self.value
+        try:
+            return shaped(self.function(*arguments), self.size, self.what)
+        except SceneError:
+            raise
+        except Exception as error:
+            raise self._failure(arguments, error) from error
+
+    def series(self, times: np.ndarray, what: str, arrays: ArrayCalls | None = None) -> Any:
+        """Finite values (n, size) at n times [s]; StepError otherwise.
+
+        The `time` of the error, or of another exception, says when.
+        """
+        return self.each(times[:, None], arrays, what)
+
+    def each(self, rows: Any, arrays: ArrayCalls | None = None, run: str = "") -> Any:
+        """Values (n, size) for rows (n, k) of arguments; SceneError for what does not fit.
+
+        With `arrays` the function is called once for all rows, if it accepts that. With `run`, a
+        name for messages, rows are times; StepError if it fails or is not finite.
+        """
+        if self.function is None:
+            return np.broadcast_to(stacked(self.value), (len(rows), self.size))
+        last = None if isinstance(rows, Dual) else self._last
+        if last is not None and last[0] == run and np.array_equal(last[1], rows):
+            return last[2]
+        one_by_one = functools.partial(self._one_by_one, run=run)
+        values = values_of(
+            *(self.function, self.size, rows, run or self.what),
+            *(one_by_one, arrays, self._is_dual),
+        )
+        if isinstance(values, Dual):
+            self._is_dual = True
+            self._last = None if isinstance(rows, Dual) else (run, rows, values)
+        return values
+
+    def _one_by_one(self, rows: Any, run: str) -> Any:
+        """The same, called with one row after the other."""
+        arguments: list = rows.tolist()
+        collected: list = []
+        try:
+            values = self._collect(collected, arguments)
+        except BaseException as error:
+            done = len(collected)
+            row = arguments[min(done, len(arguments) - 1)]
+            if isinstance(error, Exception) and run:
+                raise _failed(row[0], error, run) from error
+            if isinstance(error, Exception) and not isinstance(error, SceneError):
+                raise self._failure(row, error) from error
+            error.time = math.inf if done == len(arguments) else row[0]  # type: ignore[attr-defined]
+            raise
+        if values is not None and (not run or np.isfinite(values).all()):
+            return values
+        # The row whose value is wrong is found.
+        return stacked([evaluate(self, row[0], run) if run else self(*row) for row in arguments])
+
+    def _collect(self, collected: list, arguments: list) -> Any:
+        """Values (n, size) for rows, if all fit; they are added to a list, which counts them.
+
+        They are checked at once: one by one, the checks cost more than most functions.
+        """
+        function: Any = self.function
+        collected.extend(
+            value if type(value := function(*row)) in _IMMUTABLE else _copied(value)
+            for row in arguments
+        )
+        try:
+            return stacked(collected).reshape(len(collected), self.size)
+        except (TypeError, ValueError, OverflowError):
+            return None
+
+    def _failure(self, arguments: Any, error: Exception) -> SceneError:
+        return SceneError(f"{self.what}: calling it at {arguments} raised {error!r}")
+
+
+class SignalAlong(Signal):
+    """A function of the user, ``function(position, t)``, with values (size,).
+
+    It is called once for all positions if it takes an array of them and gives numbers or arrays;
+    one by one otherwise. It is tried at time 0, so that errors show before the run.
+    """
+
+    is_along = True
+
+    def __init__(self, function: Callable, size: int, what: str, length: float, name: str):
+        if not callable(function):
+            raise SceneError(f"{what}: {shown(function)} must be a function of ({name}, t)")
+        super().__init__(function, size, what)
+        self._name, self._samples = name, length * _PARTS
+        one_by_one = self._at_each(self._samples, 0.0)
+        at_once = self._at_once(self._samples, 0.0)
+        self._takes_arrays = at_once is not None and np.array_equal(at_once, one_by_one)
+        self._calls, self._was_zero = 0, True
+
+    def __call__(self, *arguments: float) -> np.ndarray:
+        """The largest value (size,) at some positions, as pictures show it."""
+        values = plain(self.at(self._samples, *arguments))
+        return values[np.argmax(np.linalg.norm(values, axis=1))]
+
+    def at(self, positions: np.ndarray, t: float) -> Any:
+        """Finite values (n, size) at n positions; SceneError otherwise."""
+        values = self._at_once(positions, t) if self._takes_arrays else None
+        is_right = values is not None and self._is_right(values, positions, t)
+        if not (is_right and (abs(plain(values)) <= LARGEST).all()):
+            values = self._at_each(positions, t)  # which names the place
+        return values
+
+    def _is_right(self, values: Any, positions: np.ndarray, t: float) -> bool:
+        """Whether values of one call are those one by one, at two positions.
+
+        They are compared until some are not zero, and then ever more rarely.
+        """
+        self._calls += 1
+        if not (len(positions) and (self._was_zero or self._calls & (self._calls - 1) == 0)):
+            return True
+        some = len(positions) * np.array([1, 2]) // 3
+        self._takes_arrays = _agree(values[some], self._at_each(positions[some], t), values)
+        self._was_zero &= not plain(values).any()
+        return self._takes_arrays
+
+    def _at_once(self, positions: np.ndarray, t: float) -> Any:
+        """Values (n, size) of one call; None if they do not fit."""
+        function: Any = self.function
+        try:
+            result: Any = function(positions.copy(), t)
+            parts: Sequence = (result,) if self.size == 1 else tuple(result)
+            columns = [np.broadcast_to(stacked(part), len(positions)) for part in parts]
+            return np.column_stack(columns) if len(columns) == self.size else None
+        except Exception:  # noqa: BLE001  # whatever a function does that takes single positions
+            return None
+
+    def _at_each(self, positions: np.ndarray, t: float) -> Any:
+        places, function = positions.tolist(), self.function
+        assert function is not None
+        with suppress(Exception):  # which is found below, with its place
+            values = stacked([function(position, t) for position in places])
+            values = values.reshape(len(places), self.size)
+            if (abs(plain(values)) <= LARGEST).all():
+                return values
+        return stacked([self._checked(position, t) for position in places])
+
+    def _checked(self, position: float, t: float) -> np.ndarray:
+        """The value at a place; SceneError, with the place, for what is none."""
+        what = f"{self.what} at {self._name} = {position:g}, t = {t:g}"
+        function: Any = self.function
+        try:
+            value = function(position, t)
+        except Exception as error:
+            raise SceneError(f"{what}: calling it raised {error!r}") from error
+        return vector(value, self.size, what)
+
+
+def constant(value: np.ndarray) -> Signal:
+    """A value (size,) as a function."""
+    return Signal(None, len(value), value=value)
+
+
+def checked_function(value: Any, size: int, what: str, *sample: float) -> Signal:
+    """A function with values of shape (size,), from a constant or a user's function.
+
+    The user's function is called once at `sample`, so that errors show before the run.
+    """
+    if not callable(value):
+        return Signal(None, size, what, vector(value, size, what))
+    if hasattr(value, "ufl_shape") and not is_number(value):  # it gives its value at the beginning
+        wanted = "give a number, a function or an fx_beam.Input"
+        raise SceneError(f"{what}: {shown(value)} is an expression of UFL; {wanted}")
+    try:
+        first = value(*sample)
+    except Exception as error:
+        raise SceneError(f"{what}: calling it at {sample} raised {error!r}") from error
+    vector(first, size, what)
+    signal = Signal(value, size, what)
+    signal._is_dual = dual_of(first) is not None
+    return signal
+
+
+def argument_names(function: Any) -> list[str]:
+    """Names of the arguments that a function must be given; none if it does not tell."""
+    try:
+        parameters = list(inspect.signature(function).parameters.values())
+    except (TypeError, ValueError):  # a constant, or a function without a signature
+        return []
+    kinds = inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD
+    return [p.name for p in parameters if p.kind in kinds and p.default is p.empty]
+
+
+def check_takes_time(function: Any, what: str) -> None:
+    """Refuse a function whose parameters show that it depends on position instead of time."""
+    names = argument_names(function)
+    if len(names) > 1 or names and names[0].lower() in _PLACES:
+        raise SceneError(
+            f"{what}: the function takes ({', '.join(names)}), but it is called with the time t "
+            "only: give lambda t: ... For a load that varies along the beam, give a function of "
+            "the arc length s [m] and of='arc length'"
+        )
+
+
+def evaluate(function: Callable, t: float, what: str) -> Any:
+    """Finite value of a function at the time t [s]; StepError otherwise."""
+    try:
+        value = function(t)
+    except Exception as error:
+        raise _failed(t, error, what) from error
+    if not np.isfinite(value).all():
+        reason = f"{what}: its value at t = {t:.6g} is {value}, which is not finite"
+        raise StepError(Failure("function", reason, t))
+    return value
+
+
+def values_of(
+    function: Callable,
+    size: int,
+    rows: Any,
+    what: str,
+    one_by_one: Callable,
+    arrays: ArrayCalls | None,
+    is_dual: bool = False,
+) -> Any:
+    """Values (n, size) for rows (n, k) of arguments, by one call if the function accepts `arrays`.
+
+    All values of the first function made by a line of the user's code are compared with those of
+    calls one by one, and some of each later one. They may differ by round-off.
+    """
+    least = _LEAST_WITH_SLOPES if is_dual or isinstance(rows, Dual) else _LEAST
+    if arrays is None or len(rows) < least:
+        return one_by_one(rows)
+    key = what, getattr(function, "__code__", type(function))
+    if not arrays.accepted.get(key, True):
+        return one_by_one(rows)
+    at_once, is_first = _at_once(function, size, rows), key not in arrays.accepted
+    if is_first:
+        values = one_by_one(rows)
+        arrays.accepted[key] = at_once is not None and _agree(at_once, values)
+        return values
+    if at_once is None:
+        return one_by_one(rows)
+    some = np.arange(_SAMPLES) * (len(rows) - 1) // (_SAMPLES - 1)
+    sizes = None
+    if isinstance(at_once, Dual):
+        some, sizes = some[1:2], at_once
+    if not _agree(at_once[some], one_by_one(rows[some]), sizes):
+        return one_by_one(rows)
+    return at_once
+
+
+def _at_once(function: Callable, size: int, rows: Any) -> Any:
+    """Finite values (n, size) of one call; None if they do not fit."""
+    if isinstance(rows, Dual):
+        columns: Any = [rows[:, [i]] for i in range(rows.shape[1])]
+    else:
+        columns = np.array(rows.T[..., None], order="C")
+        columns.setflags(write=False)
+    shape = len(rows), 1
+    try:
+        with np.errstate(divide="raise", over="raise", invalid="raise"):
+            result: Any = function(*columns)
+        if isinstance(result, np.ndarray | Dual) and result.shape == (len(rows), size):
+            values = stacked(result)
+        else:
+            alone = isinstance(result, Dual) and not result.ndim
+            alone = alone or not hasattr(result, "__len__") or len(result) != size
+            parts: Sequence = (result,) if alone else result
+            columns = [np.broadcast_to(stacked(part), shape) for part in parts]
+            values = np.concatenate(columns, axis=1)
+    except Exception as error:  # noqa: BLE001  # whatever a function does that takes single numbers
+        if _is_endless(error):
+            raise
+        return None
+    return values if values.shape[1] == size and np.isfinite(values).all() else None
+
+
+def _agree(values: Any, others: Any, sizes: Any = None) -> bool:
+    """Whether values (n, size) differ by round-off at most, in terms of the largest of `sizes`."""
+    values, others, sizes = map(plain, (values, others, others if sizes is None else sizes))
+    return bool((abs(values - others) <= _ROUNDING * abs(sizes).max(axis=0)).all())
+
+
+def _copied(value: Any) -> Any:
+    """A function's value, copied where the function may fill and return the same array again."""
+    if isinstance(value, _IMMUTABLE):
+        return value
+    return (value if isinstance(value, np.ndarray) else np.array(value)).tolist()
+
+
+def _failed(t: float, error: Exception, what: str) -> StepError:
+    """The error of a function of time that raised one."""
+    raised = error.__cause__ if isinstance(error, SceneError) and error.__cause__ else error
+    reason = f"{what}: evaluating it at t = {t:.6g} raised {raised!r}"
+    if _is_endless(error):
+        reason = (
+            f"{what}: the function calls itself for ever, as one that runs an analysis of the "
+            "scene to which it belongs. Let it use a scene without this function"
+        )
+    return StepError(Failure("function", reason, t))
+
+
+def _is_endless(error: BaseException | None) -> bool:
+    """Whether calls inside of one another were too many for Python."""
+    while error is not None and not isinstance(error, RecursionError):
+        error = error.__cause__ or error.__context__
+    return error is not None
