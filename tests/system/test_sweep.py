@@ -61,8 +61,8 @@ def square(case):
 # -- Processes -----------------------------------------------------------------------------------
 
 
-def test_of_short_cases_that_go_together_each_has_its_own_fate(lists):
-    """A process is given several at once; one that kills it, or cannot be sent, costs itself."""
+def test_each_of_many_short_cases_has_its_own_fate(lists):
+    """One that kills its process, or cannot be sent, costs itself."""
     cases = [{"number": number} for number in range(120)]
     cases[30]["function"] = lambda: None
     rows = fb.sweep(sweep_cases.short, cases, 2)
