@@ -59,10 +59,10 @@ class Entries(NamedTuple):
         """The same as rows, columns and numbers."""
         return self.row, self.column, values[self.value_at] * self.sign
 
-    def members(self, name: str) -> dict[str, np.ndarray]:
+    def members(self, prefix: str = "") -> dict[str, np.ndarray]:
         """Their columns, positions and signs, by the names in problem.h."""
         parts = ("column", self.column), ("value", self.value_at), ("sign", self.sign)
-        return {f"{name}_{part}": values for part, values in parts}
+        return {f"{prefix}{part}": values for part, values in parts}
 
     @property
     def factors(self) -> dict[str, np.ndarray]:
@@ -455,14 +455,14 @@ class Auxiliaries:
         return (self._entries.matrix(values, self._shape) - auxiliaries).tocsr()
 
     def members(self) -> dict[str, Any]:
-        """Their sums, by the names in problem.h."""
+        """Their sums as ``Auxiliary`` of problem.h."""
         of_arms, arms = self._entries.arms
         return {
-            "auxiliaries": self._count,
-            "auxiliary_entries": len(self._entries.row),
-            "auxiliary_of": self._entries.row,
-            **self._entries.members("auxiliary"),
-            "auxiliary_arms": len(arms),
-            "auxiliary_arm_of": of_arms,
-            "auxiliary_arm": arms,
+            "count": self._count,
+            "entries": len(self._entries.row),
+            "of": self._entries.row,
+            **self._entries.members(),
+            "arms": len(arms),
+            "arm_of": of_arms,
+            "arm": arms,
         }

@@ -116,7 +116,7 @@ class Loops:
         return self._entries.matrix(values, (len(self._couplings.closures), columns))
 
     def members(self) -> dict[str, Any]:
-        """The loops by the names in problem.h, without positions in the tangent."""
+        """``Loops`` of problem.h, without positions in the tangent."""
         couplings, moving = self._couplings, self._couplings.moving
         arms = {(joint.number, i): 2 * m + i for m, joint in enumerate(moving) for i in range(2)}
         closed = [(one.joint, one.component) for one in self.closures]
@@ -126,29 +126,29 @@ class Loops:
         sizes, widths = map(np.diff, self._block_starts)
         return {
             "closures": len(self),
-            "loop_columns": len(self.columns),
+            "columns": len(self.columns),
             "blocks": len(sizes),
             "pivoting_size": int((sizes * widths).max()),
-            "loop_column": self.columns,
-            "loop_unit": self.unit[self.unknowns],
+            "column": self.columns,
+            "unit": self.unit[self.unknowns],
             "following": np.zeros(len(self), dtype=int),
             # -1 for the ground, whose number is -1.
-            "closure_b": [max(-1, 3 * joint.b.number + i) for joint, i in closed],
-            "closure_a": [max(-1, 3 * joint.a.number + i) for joint, i in closed],
-            "closure_arm": [arms.get((joint.number, i), -1) for joint, i in closed],
-            "closure_force": [3 * joint.number + i for joint, i in closed],
-            "closure_entry_start": self._entries.starts(len(self)),
-            **self._entries.members("closure"),
-            "closure_near": near[self._near.indices],
-            "closure_start": self._near.indptr,
-            "closure_auxiliary": np.concatenate(self._auxiliaries),
-            "closure_auxiliary_start": starts_of([len(part) for part in self._auxiliaries]),
+            "b": [max(-1, 3 * joint.b.number + i) for joint, i in closed],
+            "a": [max(-1, 3 * joint.a.number + i) for joint, i in closed],
+            "arm": [arms.get((joint.number, i), -1) for joint, i in closed],
+            "force": [3 * joint.number + i for joint, i in closed],
+            "entry_start": self._entries.starts(len(self)),
+            **self._entries.members("entry_"),
+            "near": near[self._near.indices],
+            "start": self._near.indptr,
+            "auxiliary": np.concatenate(self._auxiliaries),
+            "auxiliary_start": starts_of([len(part) for part in self._auxiliaries]),
             "block_closure": self._block_starts[0],
             "block_column": self._block_starts[1],
             "block_part": starts_of(sizes**2),
             "arm_at_rest": np.array(at_rest).reshape(-1, 2),
-            "closure_length": self.lengths,
-            "closure_closed": _CLOSED * self.size,
+            "length": self.lengths,
+            "closed": _CLOSED * self.size,
             "carried": len(self._carried),
             "carried_closure": self._carried,
         }

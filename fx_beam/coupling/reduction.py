@@ -169,7 +169,7 @@ class Reduction:
 
     @property
     def offsets_and_axes(self) -> dict[str, np.ndarray]:
-        """Those of joints that move, by the names in c/problem.h."""
+        """Offsets and axes of joints that move, by the names in c/problem.h."""
         return dict(zip(("offset", "axis"), self._arms, strict=True))
 
     @cached_property
@@ -187,23 +187,27 @@ class Reduction:
             "columns": self.columns,
             "free": self.free,
             "driven": self.driven,
-            "entries": len(equal),
-            "equal": np.count_nonzero(equal),
-            "entry_row": entries.row,
-            **entries.members("entry"),
-            "joints": len(moving),
-            "joint_sign": couplings.sign[:2, [joint.number for joint in moving]].T,
-            "carrier": carrier,
-            "carried_node": carried,
-            "slide_column": self._slide,
-            "slide_of": np.array([joint.number for joint in moving], dtype=int),
-            "track": np.array([joint.track.number for joint in moving], dtype=int),
-            "followers": len(below),
-            "follower": below,
-            "through": through,
-            **self.offsets_and_axes,
-            **self.auxiliaries.members(),
-            **({} if self.loops is None else self.loops.members()),
+            "map": {
+                "count": len(equal),
+                "equal": np.count_nonzero(equal),
+                "row": entries.row,
+                **entries.members(),
+            },
+            "joints": {
+                "count": len(moving),
+                "sign": couplings.sign[:2, [joint.number for joint in moving]].T,
+                "carrier": carrier,
+                "carried_node": carried,
+                "slide_column": self._slide,
+                "number": np.array([joint.number for joint in moving], dtype=int),
+                "track": np.array([joint.track.number for joint in moving], dtype=int),
+                "followers": len(below),
+                "follower": below,
+                "through": through,
+                **self.offsets_and_axes,
+            },
+            "auxiliary": self.auxiliaries.members(),
+            "loops": {} if self.loops is None else self.loops.members(),
         }
 
     # -- A step -----------------------------------------------------------------------------------
@@ -211,9 +215,10 @@ class Reduction:
     @cached_property
     def _configuration(self) -> Configuration:
         slides = self.sliders.all
-        sliders = {"sliders": len(slides), "slider": [slide.members() for slide in slides]}
-        rule = {"level": self._rates.level, **self._rates.constants}
-        return Configuration(self.members | rule | sliders, self.couplings.sign.shape[1], slides)
+        sliders = {"count": len(slides), "slider": [slide.members() for slide in slides]}
+        scheme = {"level": self._rates.level, **self._rates.constants}
+        members = self.members | {"scheme": scheme, "sliders": sliders}
+        return Configuration(members, self.couplings.sign.shape[1], slides)
 
     def begin(self, q: np.ndarray, slides: np.ndarray) -> None:
         """Set the start of a step, and choose the unknowns that close loops.
@@ -427,18 +432,19 @@ class Configuration:
         ffi, self._library = c_library.open_library(*_LIBRARY, "problem.h", MACROS, (), _FLAGS)
         self._structs, self._slides = Structs(ffi, c_library.declarations("problem.h")), slides
         self._c, self._ffi = ffi.new("Problem *"), ffi
-        size, columns = members["dofs"], members["columns"] + members["auxiliaries"]
+        size, columns = members["dofs"], members["columns"] + members["auxiliary"]["count"]
         self._state = np.zeros(size), np.zeros(joints)
-        q, slides_at_start = self._state
-        self._structs.set(self._c, **members, points=[{}], q=q, slides=slides_at_start)
-        self._structs.set(self._c, scratch=np.zeros(self._library.fx_scratch(self._c)))
+        state = dict(zip(("q", "slides"), self._state, strict=True))
+        self._structs.set(self._c, **members, points=[{}], state=state)
+        scratch = np.zeros(self._library.fx_scratch(self._c))
+        self._structs.set(self._c, run={"scratch": scratch})
         of, array = self._library.fx_results(self._c), functools.partial(array_at, ffi)
-        values, closures = 1 + 4 * members["joints"], members.get("closures", 0)
+        values, closures = 1 + 4 * members["joints"]["count"], members["loops"].get("closures", 0)
         #: Increments of nodes and columns; the values of T and Tv; closures.
         self.D, self.z = array(of.D, size), array(of.z, columns)
         self.values = array(of.values, values), array(of.virtual_map, values)
         self.closure = array(of.closure, closures)
-        self.following = array(self._c.following, closures)
+        self.following = array(self._c.loops.following, closures)
 
     def begin(self, q: np.ndarray, slides: np.ndarray) -> bool:
         """Set the start: displacements and rotations, and slides; False in a singular position."""
@@ -459,7 +465,7 @@ class Configuration:
     def relations(self, virtual: bool) -> Iterator[tuple[np.ndarray, int]]:
         """Of the nodes on beams the columns of T, or Tv, and where their windows begin."""
         for i, slide in enumerate(self._slides):
-            c = self._c.slider[i]
+            c = self._c.sliders.slider[i]
             rows = np.frombuffer(self._ffi.buffer(c.virtual_map if virtual else c.T)).reshape(3, -1)
             width, components = slide.path.width, len(slide.columns)
             yield rows[:components, [*range(components * width), -1]], c.first
@@ -467,4 +473,4 @@ class Configuration:
     @property
     def arcs(self) -> list[tuple[float, float]]:
         """Arc lengths of nodes on beams at both ends of the step [m]."""
-        return [(c.s0, c.s1) for c in (self._c.slider[i] for i in range(len(self._slides)))]
+        return [(c.s0, c.s1) for c in (self._c.sliders.slider[i] for i in range(len(self._slides)))]

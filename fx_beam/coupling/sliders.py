@@ -113,7 +113,7 @@ class Slide:
             "node": self.node_dofs,
             "dofs": self.dofs,
             "part_start": self._parts.starts(self.dofs.size),
-            **self._parts.members("part"),
+            **self._parts.members("part_"),
             "entry_start": self._entry_start,
             "entry_row": self._entries.row,
             "entry_value": self._entries.value_at,

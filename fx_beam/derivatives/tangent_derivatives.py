@@ -162,7 +162,7 @@ class TangentDerivatives:
             kind = {"instant" if self._damped else "mobile": True}
             self._others = OtherScenes(model.scene, model.scheme, **kind)
         self._problem, p = problem, problem.c
-        p.at_rest = 1  # forces that depend on rates, without inertia
+        p.scheme.at_rest = 1  # forces that depend on rates, without inertia
         self._forcing = LoadForcing(model, about.start.t)
         self._unknowns = about.unknowns
 
@@ -207,7 +207,7 @@ class TangentDerivatives:
         Several are followed forwards, where this can be.
         """
         motions = self.along_motions(pairs)
-        if len(weights) > 1 and not self._problem.c.closures:
+        if len(weights) > 1 and not self._problem.c.loops.closures:
             return (weights @ self._forwards(motions)).real
         sums = np.zeros((len(weights), len(self.changes["X"])))
         for row, of_sum in zip(sums, weights, strict=True):

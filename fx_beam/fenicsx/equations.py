@@ -105,7 +105,7 @@ class Equations:
         past = state.q - (state.q if state.q_previous is None else state.q_previous)
         nodes = self.model.mesh.dofs
         rows = [x[nodes] for x in (D, state.v, state.a, past)] + [np.full((len(nodes), 1), dt)]
-        rule = rules[self.loop.problem.c.sub_step % len(rules)]
+        rule = rules[self.loop.problem.c.run.sub_step % len(rules)]
         values = rule.in_rows(np.hstack(rows))
         self._by_increment = values[:, 3:12].reshape(-1, 3, 3)
         return values[:, :3].ravel()

@@ -53,10 +53,10 @@ class Newton:
         unknowns = equations.unknowns
         x = unknowns.A.createVecRight()
         x.array[:] = unknowns.own(equations.y)
-        p.tried, self._failure = 0, self._constants.NO_CONVERGENCE
+        p.newton.tried, self._failure = 0, self._constants.NO_CONVERGENCE
         self.snes.solve(None, x)
         self.iterations = self.snes.getIterationNumber()
-        p.iterations += self.iterations
+        p.run.iterations += self.iterations
         PETSc.garbage_cleanup(self.snes.comm)  # petsc4py 3.18 keeps what nothing refers to
         if self.snes.getConvergedReason() < 0:
             return self._failure

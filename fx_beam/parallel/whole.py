@@ -110,7 +110,7 @@ class Together:
         """Begin a sub-step of a length [s]."""
         p, interval = self._loop.problem.c, Interval(t, t + dt)
         if self._at_rest:
-            interval = Interval(p.ratio_before, p.ratio)
+            interval = Interval(p.statics.ratio_before, p.state.ratio)
         if self._error is None:
             self.equations.begin(interval, self._loop.state(interval.start))
 

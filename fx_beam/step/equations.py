@@ -62,12 +62,12 @@ class Equations:
             given = NewtonOptions(), turning is not None, True, bare, False, inertia
             problem = Problem.of(model, *given)
             problem.hand_over_ends(turning)
-            problem.c.at_rest |= not inert
+            problem.c.scheme.at_rest |= not inert
         self._problem, self._c, self._library = problem, problem.c, problem.library
         self._doubles = problem.ffi.typeof("double[]")
         n, columns, p = model.size, model.reduction.columns, problem.c
         D, self._z, r, self._tangent, f, residual = problem.results(
-            D=n, z=columns, r=n, tangent=p.stored_values, f=n, reduced=columns
+            D=n, z=columns, r=n, tangent=p.tangent.stored, f=n, reduced=columns
         )
         self._force, _, self._strains = problem.given()
         self._balance = Balance(D, f, r, residual)
@@ -85,7 +85,7 @@ class Equations:
             interval = Interval(self._time, self._time)
         level = model.scheme.rates.level
         model.forms.parameters.begin(interval.at(level), start.parameters)
-        p.t, self._length, self._start = interval.end - length, length, start
+        p.state.t, self._length, self._start = interval.end - length, length, start
         follow = model.points.followers
         followers = plain(follow.at(interval)) if len(follow) else np.empty(0)
         self._library.fx_begin(p, length, self._of(followers))
@@ -95,7 +95,7 @@ class Equations:
         """Set the end of the step, in statics the load factor there."""
         model = self.model
         if model.scheme.rates.at_rest:
-            self._c.ratio = end
+            self._c.state.ratio = end
             model.points.set_load(end, self._length)
         if model.natural:
             strains = self._start.natural if self._natural is None else self._natural(end)

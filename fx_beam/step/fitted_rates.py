@@ -92,7 +92,7 @@ class FittedRates:
         if self._problem.refills != model.refills:
             self._problem.refill()
         q, v, slides, driven = (np.ascontiguousarray(x, dtype=float) for x in given)
-        shapes = q.shape, (n, 0), (n, p.scene_joints, 3), (n, p.columns - p.free)
+        shapes = q.shape, (n, 0), (n, p.passes.joints, 3), (n, p.columns - p.free)
         # What is not a number stays so where it is singular.
         fit = Fit(*(*(np.full(shape, np.nan) for shape in shapes), driven))
         if (unknown := np.isnan(driven)).any():

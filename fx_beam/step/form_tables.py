@@ -95,7 +95,7 @@ class FormTables:
         self._stored_at, mesh = stored_at, problem.model.mesh
         #: Degrees of freedom, internal variables and natural strains (cells, n) of each cell.
         self.rows = {"dofs": mesh.unknowns.dofs}
-        for name, n in ("internal", p.cell_internal), ("natural", p.cell_natural):
+        for name, n in ("internal", p.internal.per_cell), ("natural", p.natural.per_cell):
             if n:
                 self.rows[name] = np.arange(p.cells * n).reshape(-1, n)
         self._places = mesh.coordinates
@@ -134,7 +134,7 @@ class FormTables:
         form = kernel.forms[0]
         packed, cells = form.coefficients(), form.cells
         width = form.width
-        numbers = kernel.size, width, p.cell_coordinates
+        numbers = kernel.size, width, p.mesh.cell_coordinates
         loaded = form.compiled.module.batches  # which stays as long as the form
         batches = load_batches(name, kernel.key, kernel.source, len(cells), numbers, loaded)
         starts = form.field_starts
@@ -171,13 +171,13 @@ class FormTables:
         """Data of some cells, by their names in C."""
         if (key := cells.tobytes()) in self._shared:
             return self._shared[key]
-        stored_at, behind = self._stored_at[cells], self._problem.stored_values
+        stored_at, behind = self._stored_at[cells], self._problem.tangent.stored
         data = {n: self._blocks(rows[cells]) for n, rows in self.rows.items() if n != "dofs"}
         nodes = self.rows["dofs"][cells, 2 * self.rows["dofs"].shape[1] // 3 :] - 2
         data |= {"dofs": self._blocks(nodes), "to": self._blocks(nodes, self._problem.dofs)}
         data["coordinates"] = self._blocks(self._places[cells])
         self._coordinates.append((cells, data["coordinates"]))
-        if self._problem.chain:
+        if self._problem.system.chain:
             rows = rows_of_nodes(stored_at, behind, self._lanes)
             data |= rows | {"run": self._blocks(rows["run"], behind)}
         else:

@@ -45,7 +45,7 @@ class LoadLoop(CompiledLoop):
         self._alone, model = alone, forcing.model
         super().__init__(forcing, options, stats, alone)
         p, free = self._problem, model.reduction.free
-        p.keeps_joint_forces = True
+        p.run.keeps_joint_forces = True
         #: Holding forces (free,) on the unknowns, in addition to the forces of the model.
         self.hold, self._predicted = np.zeros(free), np.zeros(model.size)
         arrays = {"hold": self.hold, "predicted": self._predicted}
@@ -59,11 +59,11 @@ class LoadLoop(CompiledLoop):
     @property
     def drag(self) -> float:
         """Drag [J] on increments, in all tangents and residuals of the loop and its equations."""
-        return float(self._problem.viscosity)
+        return float(self._problem.statics.viscosity)
 
     @drag.setter
     def drag(self, drag: float) -> None:
-        self._problem.viscosity = drag
+        self._problem.statics.viscosity = drag
 
     @cached_property
     def _one_row(self) -> Any:
@@ -89,12 +89,12 @@ class LoadLoop(CompiledLoop):
         """State at the end of a load step, and its increment; StepFailed if none is found."""
         p, length = self._problem, interval.length
         inputs = self._begin_step(state, interval, length)
-        p.iterations = p.by_round_off = self._one_row.rows = 0
+        p.run.iterations = p.run.by_round_off = self._one_row.rows = 0
         if not self._steps(1, length, self.c_inputs(inputs), self._one_row):
             raise self.failures.in_c(self.problem, state)
-        ended_by = "round-off" if p.by_round_off else "increment"
+        ended_by = "round-off" if p.run.by_round_off else "increment"
         y = self._z[: self.model.reduction.free].copy()
-        parts = self._D.copy(), y, self._r.copy(), p.tried, ended_by, self._predicted.copy()
+        parts = self._D.copy(), y, self._r.copy(), p.newton.tried, ended_by, self._predicted.copy()
         return self._taken(state, interval), StepSolution(*parts)
 
     def finished(self, state: State, interval: Interval, y: np.ndarray, r: np.ndarray) -> State:
@@ -106,12 +106,14 @@ class LoadLoop(CompiledLoop):
         inputs = self._begin_step(state, interval, 0.0)
         z = self.model.reduction.in_columns(y, driven - self.forcing.current(state))
         r = np.ascontiguousarray(r)
-        p.known, p.known_forces = (self._ffi.from_buffer("double[]", x) for x in (z, r))
+        p.newton.known, p.newton.known_forces = (
+            self._ffi.from_buffer("double[]", x) for x in (z, r)
+        )
         self._one_row.rows = 0
         try:
             self._steps(1, 0.0, self.c_inputs(inputs), self._one_row)
         finally:
-            p.known = p.known_forces = self._ffi.NULL
+            p.newton.known = p.newton.known_forces = self._ffi.NULL
         return self._taken(state, interval)
 
     def _begin_step(self, state: State, interval: Interval, length: float) -> StepInputs:
@@ -124,7 +126,11 @@ class LoadLoop(CompiledLoop):
             self._mean_force -= model.weight
         if (strains := forcing.natural(interval.end)) is not None:
             self._strains[:] = strains.ravel()
-        p.t, p.ratio_before, p.ratio = forcing.time - length, interval.start, interval.end
+        p.state.t, p.statics.ratio_before, p.state.ratio = (
+            forcing.time - length,
+            interval.start,
+            interval.end,
+        )
         t, followers = np.array([forcing.time]), model.points.followers
         follower_force = plain(followers.series(t, t)) if len(followers) else np.empty((1, 0))
         values = np.tile(model.forms.parameters.values, (1, 2, 1))
@@ -148,7 +154,7 @@ class LoadLoop(CompiledLoop):
     @property
     def singular(self) -> bool:
         """Whether it was singular, or nearly."""
-        return self._problem.raised < 0
+        return self._problem.newton.raised < 0
 
     @property
     def values(self) -> np.ndarray | None:
@@ -161,11 +167,11 @@ class LoadLoop(CompiledLoop):
         By Sylvester's law of inertia: the pivots have their signs.
         """
         p = self._problem
-        if self.together is not None or p.raised or p.old_factors:
+        if self.together is not None or p.newton.raised or p.newton.old_factors:
             return None
-        if not p.unknowns:
+        if not p.system.unknowns:
             return 0
-        rows = p.rows
-        factors = array_at(self._ffi, rows.factors, rows.start[p.unknowns])
-        diagonal = array_at(self._ffi, rows.diagonal, p.unknowns)
+        rows = p.system.rows
+        factors = array_at(self._ffi, rows.factors, rows.start[p.system.unknowns])
+        diagonal = array_at(self._ffi, rows.diagonal, p.system.unknowns)
         return int((factors[diagonal] < 0).sum())

@@ -66,7 +66,7 @@ class CompiledLoop:
         self.failures = StepFailures(self.model, self._options, stats)
         #: Checks and counts states with inverted sections.
         self.inversion = InversionCheck(self.model, stats)
-        self.problem.c.least_energy = self.inversion.least_energy
+        self.problem.c.inverted.least_energy = self.inversion.least_energy
         stats.solver = stats.solver or f"compiled, {self.problem.factors}"
 
     def refill(self, forcing: Forcing, stats: Stats) -> None:
@@ -78,19 +78,24 @@ class CompiledLoop:
     def past(self) -> Past:
         """The last configurations, from which the next increment is predicted."""
         p, model = self._problem, self.model
-        known = min(p.known_steps, self._library.PAST)
+        known = min(p.predictor.known, self._library.PAST)
         ages, differences, y = (values[:known].copy() for values in self.problem.past)
         slides = model.couplings.free_slides(y, model.scene.joint_count)
-        return Past(ages, np.array(list(p.orders[0 : p.sub_steps])), differences, slides)
+        return Past(
+            ages, np.array(list(p.predictor.orders[0 : p.scheme.sub_steps])), differences, slides
+        )
 
     @past.setter
     def past(self, past: Past | None) -> None:
         p = self._problem
         if past is None:  # nothing is predicted in the next step
-            p.known_steps, p.orders[0 : p.sub_steps] = 0, [0] * p.sub_steps
+            p.predictor.known, p.predictor.orders[0 : p.scheme.sub_steps] = (
+                0,
+                [0] * p.scheme.sub_steps,
+            )
             return
         known = len(past.ages)
-        p.known_steps, p.orders[0 : p.sub_steps] = known, past.orders.tolist()
+        p.predictor.known, p.predictor.orders[0 : p.scheme.sub_steps] = known, past.orders.tolist()
         y = self.model.couplings.unknowns(past.differences, past.slides)
         given = past.ages, past.differences, y
         for values, of_past in zip(self.problem.past, given, strict=True):
@@ -99,8 +104,8 @@ class CompiledLoop:
     def forget_errors(self) -> None:
         """Do not compare the next steps with those before."""
         p = self._problem
-        p.scheme_order, _ = order_and_constant(self.model.scheme)
-        p.known_errors, p.ratios = 0, [-1.0, -1.0]
+        p.control.scheme_order, _ = order_and_constant(self.model.scheme)
+        p.control.known, p.control.ratios = 0, [-1.0, -1.0]
 
     def take(
         self, state: State, steps: Steps, recorder: Rows, completed: Callable[[int], int] = int
@@ -110,26 +115,32 @@ class CompiledLoop:
         `completed` counts the parts that were taken, and gives the number of whole steps.
         """
         p, ends, inputs = self._problem, steps.ends, steps.inputs
-        p.controlled, p.watches = steps.control is not None, steps.watch and p.switches > 0
+        p.control.controlled, p.control.watches = (
+            steps.control is not None,
+            steps.watch and p.control.switches > 0,
+        )
         if steps.control is not None:
-            p.smooth, p.raw, p.coarse = steps.control.factors(steps.dt)
-            p.lowest, p.highest = steps.control.band(steps.dt)
+            p.control.smooth, p.control.raw, p.control.coarse = steps.control.factors(steps.dt)
+            p.control.lowest, p.control.highest = steps.control.band(steps.dt)
         with uninterrupted:
             if taken := self._run(state, steps, recorder):
                 state = self.state(float(ends[taken - 1]))
                 self.stats.steps += completed(taken)
                 recorder.end = state
-        C, before, ratio = self._library, *(ratio if ratio >= 0 else None for ratio in p.ratios)
-        switched = steps.watch and p.failure == C.SWITCHED
-        self.stats.unconverged += p.failure == C.NO_CONVERGENCE
-        if steps.control is None or p.failure not in (C.OK, C.TOO_INACCURATE):
+        C, before, ratio = (
+            self._library,
+            *(ratio if ratio >= 0 else None for ratio in p.control.ratios),
+        )
+        switched = steps.watch and p.run.failure == C.SWITCHED
+        self.stats.unconverged += p.run.failure == C.NO_CONVERGENCE
+        if steps.control is None or p.run.failure not in (C.OK, C.TOO_INACCURATE):
             before = ratio = None
         return StepsResult(
             *(state, taken, before if taken > 1 else None, ratio),
-            failed=p.failure not in (C.OK, C.SWITCHED, C.TOO_INACCURATE),
+            failed=p.run.failure not in (C.OK, C.SWITCHED, C.TOO_INACCURATE),
             switched=switched,
             switches=self.problem.sides[1].copy() if steps.watch and (taken or switched) else None,
-            error=inputs.error if taken == len(inputs.driven) // p.sub_steps else None,
+            error=inputs.error if taken == len(inputs.driven) // p.scheme.sub_steps else None,
         )
 
     def record_start(self, state: State, recorder: Recorder) -> None:
@@ -150,7 +161,7 @@ class CompiledLoop:
         if tape is not None:
             taken = self._run_taped(tape, steps, state.t, to)
         else:
-            known = len(inputs.driven) // self._problem.sub_steps
+            known = len(inputs.driven) // self._problem.scheme.sub_steps
             taken = self._steps(known, dt, self.c_inputs(inputs), to)
         recorder.count(to.rows, to.starts)
         self.count(taken)
@@ -179,16 +190,16 @@ class CompiledLoop:
             if loop is not None:
                 loop._error = error
 
-        kind, failed = self._ffi.typeof(self._problem.find), self._library.NO_CONVERGENCE
+        kind, failed = self._ffi.typeof(self._problem.newton.find), self._library.NO_CONVERGENCE
         self._find = self._ffi.callback(kind, find, error=failed, onerror=fail)
-        self._problem.find = self._find
+        self._problem.newton.find = self._find
 
     def _run_taped(self, tape: Tape, steps: Steps, t: float, to: Any) -> int:
         """The same on a tape, which keeps the state before every so many steps."""
         from .tape import TakenSteps
 
         taken, inputs, times = 0, steps.inputs, np.append(t, steps.ends)
-        total = len(inputs.driven) // self._problem.sub_steps
+        total = len(inputs.driven) // self._problem.scheme.sub_steps
         while taken < total:
             rest, count = inputs.after(taken), min(tape.most_steps, total - taken)
             count -= (to.part + count) % to.parts if count > to.parts else 0  # whole steps
@@ -198,7 +209,7 @@ class CompiledLoop:
             done = self._steps(count, steps.dt, c_inputs, to)
             tape.end(done)
             taken, to.part = taken + done, to.part + done
-            if done < count or self._problem.stopped:
+            if done < count or self._problem.control.stopped:
                 break
         return taken
 
@@ -209,7 +220,7 @@ class CompiledLoop:
             raise inputs.error
         self.past = None
         self.problem.load(state)
-        p.controlled = p.watches = 0
+        p.control.controlled = p.control.watches = 0
         to = self.c_record(NullRecorder(), 1)
         taken = self._steps(1, t1 - state.t, self.c_inputs(inputs), to)
         self.past = past
@@ -235,7 +246,7 @@ class CompiledLoop:
         """
         stores = recorder.stores_starts(parts)
         if stores:
-            recorder.make_room(number * self._problem.sub_steps)
+            recorder.make_room(number * self._problem.scheme.sub_steps)
         plan, to, _ = self._records.get(recorder, (-1, None, None))
         if plan != recorder.plans:
             to = self._record_of(recorder)
@@ -265,7 +276,7 @@ class CompiledLoop:
         arrays = {name: array for name, array in arrays.items() if array.shape[1]}
         rows = self._ffi.new("Rows[]", len(arrays))
         for row, (name, array) in zip(rows, arrays.items(), strict=True):
-            row.source = getattr(self._problem, name.removeprefix("start_"))
+            row.source = getattr(self._problem.state, name.removeprefix("start_"))
             row.size = array.shape[1]
             row.target = self._ffi.from_buffer("double[]", array)
         return rows
@@ -274,21 +285,26 @@ class CompiledLoop:
         """Add what C has counted in some steps or parts to the statistics."""
         p, stats = self._problem, self.stats
         stats.substeps += taken
-        stats.newton_iterations += p.iterations
-        stats.too_large += p.too_large
-        stats.amplified += p.amplified
-        if p.inverted:
-            self.inversion.count(p.inverted, p.inverted_t, self.problem.inverted_q)
-        solves = taken * p.sub_steps
-        for name, count in (("increment", solves - p.by_round_off), ("round-off", p.by_round_off)):
+        stats.newton_iterations += p.run.iterations
+        stats.too_large += p.run.too_large
+        stats.amplified += p.run.amplified
+        if p.inverted.count:
+            self.inversion.count(p.inverted.count, p.inverted.t, self.problem.inverted_q)
+        solves = taken * p.scheme.sub_steps
+        for name, count in (
+            ("increment", solves - p.run.by_round_off),
+            ("round-off", p.run.by_round_off),
+        ):
             if count:
                 stats.ended_by[name] = stats.ended_by.get(name, 0) + count
-        if p.left:
-            stats.rounding += p.left / min(max(p.moved, _SLIGHT), 1.0)
+        if p.run.left:
+            stats.rounding += p.run.left / min(max(p.run.moved, _SLIGHT), 1.0)
             if not stats.rounding_in:
-                stats.rounding_in = self.model.mesh.place_of(p.left_at // 3, self.model.scene)
-            p.left = p.moved = p.left_most = 0
-        p.iterations = p.by_round_off = p.too_large = p.inverted = p.amplified = 0
+                stats.rounding_in = self.model.mesh.place_of(p.run.left_at // 3, self.model.scene)
+            p.run.left = p.run.moved = p.run.left_most = 0
+        p.run.iterations = p.run.by_round_off = p.run.too_large = p.inverted.count = (
+            p.run.amplified
+        ) = 0
 
     def inputs_ahead(self, t: float, times: np.ndarray) -> StepInputs:
         """Inputs of steps from t to `times` [s] that are taken next."""
@@ -297,8 +313,14 @@ class CompiledLoop:
     def inputs(self, t: float, times: np.ndarray) -> StepInputs:
         """Inputs of all sub-steps; if a function of time fails, only of the steps before."""
         p = self._problem
-        inputs = no_inputs(p.sub_steps, len(times))
-        if not (p.loads or p.driven or p.follower_forces or p.parameters_vary or p.naturals):
+        inputs = no_inputs(p.scheme.sub_steps, len(times))
+        if not (
+            p.loads.count
+            or p.driven
+            or p.loads.follower_forces
+            or p.parameters.vary
+            or p.natural.count
+        ):
             return inputs
         starts = np.concatenate([[t], times[:-1]])
         t0, t1 = divided(starts, times, self.model.scheme.fractions)
@@ -324,19 +346,19 @@ class CompiledLoop:
             return inputs._replace(driven=plain(forcing.series(t1)), **given)
         except BaseException as raised:
             before = int(np.searchsorted(times, getattr(raised, "time", t)))
-            inputs = self.inputs(t, times[:before]) if before else no_inputs(p.sub_steps)
+            inputs = self.inputs(t, times[:before]) if before else no_inputs(p.scheme.sub_steps)
             return inputs._replace(error=inputs.error or raised)
 
     def state(self, t: float) -> State:
         """The state in the memory of C, at the time t [s]."""
         p = self._problem
-        taken = p.steps_done > 0
+        taken = p.state.steps_done > 0
         arrays: dict[str, Any] = {name: of.copy() for name, of in self._shaped.items()}
         for name in FORCES:
             # Those of joints and obstacles are not computed in steps that are not recorded.
-            if taken and (name == "constraint_forces" or p.forces_found):
+            if taken and (name == "constraint_forces" or p.state.forces_found):
                 arrays[name] = self._state_arrays[name].reshape(self.shapes[name]).copy()
-        numbers = {name: getattr(p, name) for name in NUMBERS} | {"t": t}
+        numbers = {name: getattr(p.state, name) for name in NUMBERS} | {"t": t}
         motors = self._state_arrays["driven_now"][len(self.model.prescribed) :].copy()
         return State(**numbers, **arrays, motors=motors)
 

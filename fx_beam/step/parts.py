@@ -13,7 +13,7 @@ _Members = frozenset[int]
 
 
 def part_tables(model: Model) -> dict[str, Any]:
-    """The parts by the names in problem.h; none if there is only one.
+    """``Parts`` of c/problem.h; none if there is only one.
 
     Nodes of the same beams are a part, others are one each; unknowns are one if they move nodes of
     the same. Light beams beside heavy ones are judged by themselves, what both share by both.
@@ -26,12 +26,12 @@ def part_tables(model: Model) -> dict[str, Any]:
     inside = _parts_inside(parts)
     starts = np.cumsum([0, *map(len, inside)])
     return {
-        "parts": len(parts),
+        "count": len(parts),
         **_runs("dof", np.array([parts[members] for members in of_dofs])),
         **_runs("column", np.array([parts[members] for members in of_columns])),
         "inside_start": starts,
         "inside": np.concatenate(inside),
-        "part_energy": np.zeros(2 * len(parts)),
+        "energy": np.zeros(2 * len(parts)),
     }
 
 

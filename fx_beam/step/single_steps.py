@@ -43,8 +43,8 @@ class CompiledSingleSteps:
     def _build_inputs(self) -> None:
         """Arrays of the loads and driven motions of a step, with views for those that are held."""
         model, p = self._loop.model, self._p
-        forcing, steps = self._loop.forcing, p.sub_steps
-        shapes = [(2, p.loads), (p.driven,), (len(model.points.followers), 2)]
+        forcing, steps = self._loop.forcing, p.scheme.sub_steps
+        shapes = [(2, p.loads.count), (p.driven,), (len(model.points.followers), 2)]
         shapes += [(2, len(model.forms.parameters)), (model.natural.unit_loads.shape[1],)]
         arrays = [np.zeros((steps, *shape)) for shape in shapes]
         loads, driven, follower_force, parameters, natural = arrays
@@ -80,12 +80,12 @@ class CompiledSingleSteps:
         """Begin with a state after some steps."""
         self._known = no_inputs(1), 0
         self._loop.problem.load(state)
-        self._p.completed = number
+        self._p.run.completed = number
 
     @property
     def completed(self) -> int:
         """Number of steps to the present state."""
-        return self._p.completed
+        return self._p.run.completed
 
     def state(self, t: float) -> State:
         """The present state, with its past."""
@@ -109,12 +109,12 @@ class CompiledSingleSteps:
             assert isinstance(recorder, Recorder)  # the other one takes no row
             to = self._rows_of(recorder)
             to.first = number
-        p.t = t0
+        p.state.t = t0
         if not self._run(p, 1, self._dt, self._c_inputs, to):
             self._plan = None, -1  # parts of this step have the same record of C
             self._loop.check()
             return False
-        if p.inverted:
+        if p.inverted.count:
             self._loop.count(0)  # which warns
         return True
 
@@ -131,7 +131,7 @@ class CompiledSingleSteps:
     def _evaluate(self, t0: float, grid: Callable[..., Any], number: int) -> None:
         """Evaluate the functions of time for a step and its number; for some steps at once."""
         known, first = self._known
-        if (number - first) * self._p.sub_steps >= len(known.driven):
+        if (number - first) * self._p.scheme.sub_steps >= len(known.driven):
             ends = grid(number + np.arange(_BLOCK))
             known, first = self._loop.inputs(t0, ends), number
             now = not (isinstance(known.error, StepError) and len(known.driven))
@@ -142,7 +142,7 @@ class CompiledSingleSteps:
 
     def _fill(self, inputs: StepInputs, step: int) -> None:
         """Copy the inputs of the sub-steps of one step."""
-        of_step = slice(step * self._p.sub_steps, (step + 1) * self._p.sub_steps)
+        of_step = slice(step * self._p.scheme.sub_steps, (step + 1) * self._p.scheme.sub_steps)
         for target, source in zip(self._inputs[:5], inputs[:5], strict=True):
             if source.size:
                 target[...] = source[of_step].reshape(target.shape)

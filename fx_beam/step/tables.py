@@ -73,23 +73,31 @@ class Problem:
         self._sparse_factors = np.zeros(0)
         self._stored_at = stored_at = self._hand_over_couplings()
         self._hand_over_mesh(stored_at)
-        self._set(has_added=model.forms.has_added, keeps_previous=model.keeps_previous)
+        self._set(forms={"has_added": model.forms.has_added})
         self._hand_over_rates(stored_at)
         if rates:
-            self._set(points=[{}], diagonal_at=stored_at[model.masses.diagonal])
+            diagonal_at = stored_at[model.masses.diagonal]
+            self._set(points=[{}], statics={"diagonal_at": diagonal_at})
         else:
             self._hand_over_points(stored_at)
         self._hand_over_motors()
-        self._set(lines=model.scene.force_count)
+        self._set(at_points={"lines": model.scene.force_count})
         if model.scene.joint_count:  # also of joints that were removed
             self._hand_over_joint_forces()
-        self._set(**vars(options), negligible=NEGLIGIBLE * options.tolerance)
-        self._set(energy_floor=ENERGY_FLOOR, longest_turn=LONGEST_TURN, large_turn=LARGE_TURN)
+        self._set(
+            newton={
+                **vars(options),
+                "negligible": NEGLIGIBLE * options.tolerance,
+                "energy_floor": ENERGY_FLOOR,
+                "longest_turn": LONGEST_TURN,
+                "large_turn": LARGE_TURN,
+            }
+        )
         of_beams = model.mesh.nodes
         if len(of_beams) != 1 or len(of_beams[0]) < len(model.mesh.X):  # else all is one part
             from .parts import part_tables
 
-            self._set(**part_tables(model))
+            self._set(parts=part_tables(model))
         numbers = self._numbers(masses=True) | self._positions()
         #: What some were made of: positions of nodes, and how often masses had changed.
         self._X, self._mass_changes = model.mesh.X, model.masses.changes
@@ -97,7 +105,9 @@ class Problem:
         self.refills = model.refills
         #: Members that are numbers of the scene, which C reads here.
         self._own = {name: np.array(values, float) for name, values in numbers.items()}
-        self._set(**self._own)
+        for name, values in self._own.items():
+            group, member = name.split(".")
+            self._set(**{group: {member: values}})
         self._allocate()
         self._structs.check(self.c)
         self._structs.remember(self.c)
@@ -142,44 +152,53 @@ class Problem:
         self._structs.set(self.c, **values)
 
     def _hand_over_mesh(self, stored_at: np.ndarray) -> None:
-        model, p = self.model, self.c
+        model = self.model
         mesh, K = model.mesh, model.forms.stiffness
         cells, cell_dofs = mesh.unknowns.dofs.shape
         at_rest = model.scheme.rates.at_rest
         massless = np.empty(0, int) if at_rest else np.flatnonzero(model.massless)
         if natural := model.natural:
             strains = natural.unit_loads
-            self._set(cell_natural=int(np.prod(natural.shape[1:])), naturals=strains.shape[1])
-            self._set(natural_start=strains.indptr, natural_at=strains.indices)
+            self._set(
+                natural={
+                    "per_cell": int(np.prod(natural.shape[1:])),
+                    "count": strains.shape[1],
+                    "start": strains.indptr,
+                    "at": strains.indices,
+                }
+            )
         starts, nodes, _ = self._mass_blocks
         columns = model.loads.unit_loads
+        per_cell = 0 if self._rates else int(np.prod(model.forms.internal_shape[1:]))
         self._set(
-            nodes=len(mesh.X),
             cells=cells,
-            cell_internal=0 if self._rates else int(np.prod(model.forms.internal_shape[1:])),
-            cell_dofs=cell_dofs,
-            cell_coordinates=mesh.coordinates.shape[1],
-            massless_count=len(massless),
-            massless=massless,
-            row_start=K.indptr,
-            column_of=K.indices,
-            stored_at=stored_at,
-            mass_start=starts,
-            mass_dof=3 * nodes,
-            mass_stored_at=stored_at[self.heavy],
-            loads=columns.shape[1],
-            load_start=columns.indptr,
-            load_dof=columns.indices,
+            mesh={
+                "nodes": len(mesh.X),
+                "cell_dofs": cell_dofs,
+                "cell_coordinates": mesh.coordinates.shape[1],
+                "massless_count": len(massless),
+                "massless": massless,
+            },
+            internal={"per_cell": per_cell},
+            tangent={"row_start": K.indptr, "column_of": K.indices, "stored_at": stored_at},
+            mass={"start": starts, "dof": 3 * nodes, "stored_at": stored_at[self.heavy]},
+            loads={
+                "count": columns.shape[1],
+                "start": columns.indptr,
+                "dof": columns.indices,
+                "follower_forces": 0 if self._rates else len(model.points.followers),
+            },
         )
         #: Tables of the forms of beams, None without any.
         self.tables: FormTables | None = None
         if (beams := model.forms.beams) is not None and not self._rates:
             stored = stored_at[model.forms.of_cells]
             self.tables = FormTables(self, stored)
-            self._set(**self.tables.all(_OF_EQUATIONS if self._bare else FORMS))
-            if p.cell_internal:
-                width = beams.internal_shape[-1]
-                self._set(per_weight=np.repeat(1 / beams.point_weights, width))
+            forms = self.tables.all(_OF_EQUATIONS if self._bare else FORMS)
+            self._set(forms=forms)
+            if per_cell:
+                per_weight = np.repeat(1 / beams.point_weights, beams.internal_shape[-1])
+                self._set(internal={"per_weight": per_weight})
 
     @cached_property
     def _mass_blocks(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -194,24 +213,29 @@ class Problem:
         return np.ascontiguousarray(self._mass_blocks[2].reshape(-1, 9)[:, ::4])
 
     def _positions(self) -> dict[str, np.ndarray]:
-        """The members that change where nodes move."""
-        units = {"per_unit": 1 / self.model.unit, "per_error": 1 / self.model.error_unit}
-        return {"position": self.model.mesh.X, **units}
+        """The numbers that change where nodes move, by the names in c/problem.h."""
+        return {
+            "mesh.position": self.model.mesh.X,
+            "mesh.per_unit": 1 / self.model.unit,
+            "mesh.per_error": 1 / self.model.error_unit,
+        }
 
     def _numbers(self, masses: bool) -> dict[str, np.ndarray]:
         """The other numbers of the scene, besides those of forms and points."""
         model, loads = self.model, self.model.loads.unit_loads
-        numbers = {**model.reduction.offsets_and_axes, "load_force": loads.data}
+        of_joints = model.reduction.offsets_and_axes
+        numbers = {f"joints.{name}": values for name, values in of_joints.items()}
+        numbers["loads.force"] = loads.data
         if masses:
             turning = 0 if self._frame_turns else 1  # centrifugal forces have no moments
             values = model.mass.data[self.heavy] * [1, 1, turning] if len(self.heavy) else 0
-            numbers |= {"mass": np.append(self._inertia * values, 0.0)}
+            numbers |= {"mass.value": np.append(self._inertia * values, 0.0)}
         if self._rates:
-            numbers["viscous_weight"] = model.little_mass()
+            numbers["statics.viscous_weight"] = model.little_mass()
         if model.weight is not None:
-            numbers["weight"] = model.weight
+            numbers["loads.weight"] = model.weight
         if model.natural:
-            numbers["natural_value"] = model.natural.unit_loads.data
+            numbers["natural.value"] = model.natural.unit_loads.data
         return numbers
 
     def refill(self) -> None:
@@ -232,11 +256,22 @@ class Problem:
 
     def _hand_over_points(self, stored_at: np.ndarray) -> None:
         model, points = self.model, self.model.points
-        self._set(spring_width=points.width, may_overshoot=model.may_overshoot)
-        self._set(friction_follows=points.follow_joints, follower_forces=len(points.followers))
+        self._set(
+            at_points={
+                "spring_width": points.width,
+                "friction_follows": points.follow_joints,
+            },
+            newton={"may_overshoot": model.may_overshoot},
+        )
         if len(of_scene := model.forms.parameters):
-            self._set(parameters_vary=of_scene.vary, energies_vary=of_scene.in_energies)
-            self._set(parameter_count=len(of_scene), parameter=of_scene.values)
+            self._set(
+                parameters={
+                    "count": len(of_scene),
+                    "value": of_scene.values,
+                    "vary": of_scene.vary,
+                    "energies_vary": of_scene.in_energies,
+                }
+            )
         if not points.any:
             self._set(points=[{}])
             return
@@ -244,19 +279,28 @@ class Problem:
         # Each force on a slide has one entry, the last ones.
         to, of = self._on_slides
         point_stored_at[len(point_stored_at) - len(points.slides) + of] = to
-        self._set(points=points.address, point_stored_at=point_stored_at)
+        self._set(points=points.address, at_points={"stored_at": point_stored_at})
         if len(points.slides):
-            self._set(slide_rate=np.zeros(model.scene.joint_count))
+            self._set(at_points={"slide_rate": np.zeros(model.scene.joint_count)})
 
     def _hand_over_rates(self, stored_at: np.ndarray) -> None:
         rates, fractions = self.model.scheme.rates, self.model.scheme.fractions
-        self._set(level=rates.level, at_rest=rates.at_rest, **rates.constants)
+        assert self.constants.SUB_STEPS == MOST_SUB_STEPS
+        self._set(
+            scheme={
+                "level": rates.level,
+                "at_rest": rates.at_rest,
+                **rates.constants,
+                "keeps_previous": self.model.keeps_previous,
+                "sub_steps": len(fractions),
+                "fractions": fractions,
+            }
+        )
         if rules := self.model.nodal_rules:
             addresses = np.array([function.address for function in rules], np.uintp)
             of_pairs = stored_at[self._mass_blocks[2]]
-            self._set(rules=len(addresses), nodal_rule=addresses, rule_stored_at=of_pairs)
-        assert self.constants.SUB_STEPS == MOST_SUB_STEPS
-        self._set(sub_steps=len(fractions), fractions=fractions)
+            tables = {"nodal_rule": addresses, "rule_stored_at": of_pairs}
+            self._set(scheme={"rules": len(addresses), **tables})
 
     def _hand_over_couplings(self) -> np.ndarray:
         """Hand over the couplings; returns the storage index of each entry of the full tangent."""
@@ -267,47 +311,55 @@ class Problem:
         if not factors.band:  # the tangent is stored apart
             indptr, indices = reduction.tangent.pattern
             at, stored = np.arange(len(indices)), len(indices)
-            self._set(tangent_start=indptr, tangent_column=indices)
-            worth = 0 if self._rates else factors.worth
-            self._set(factor_at=factors.at.astype(np.int32), reused={"worth": worth})
+            self._set(
+                system={
+                    "tangent_start": indptr,
+                    "tangent_column": indices,
+                    "factor_at": factors.at.astype(np.int32),
+                    "reused": {"worth": 0 if self._rates else factors.worth},
+                }
+            )
         #: Storage indices of the entries of `ReducedTangent.pattern`.
         self.tangent_at = at
         if self.model.points.members is not None and not self._rates:
             self._hand_over_changing_rows()
         elif factors.rows:
             self._sparse_factors = np.zeros(factors.size)
-            self._set(rows=[factors.rows | {"factors": self._sparse_factors}])
+            self._set(system={"rows": [factors.rows | {"factors": self._sparse_factors}]})
         if (loops := reduction.loops) is not None:
             diagonal, unit = loops.scales(reduction.tangent.pattern)
-            self._set(scales=len(unit), scale_at=at[diagonal], scale_unit=unit)
+            table = {"scales": len(unit), "scale_at": at[diagonal], "scale_unit": unit}
+            self._set(loops=table)
         at, stored, ones = storage_of(reduction, at, stored)
         tangent = reduction.tangent
         K, alone = self.model.forms.stiffness, alone_in_column(reduction)
         stored_at, one = storage_of_entries(tangent, K, alone, at, stored)
-        p.stored_values, p.stiffness_at, p.stiffened = one + 2, one + 1, tangent.stiffened
+        p.tangent.stored, p.coupled.stiffness_at = one + 2, one + 1
+        p.coupled.stiffened = tangent.stiffened
         if reduction.couplings.sliding:
             diagonal_at = stored_at[self.model.masses.diagonal]
             self._set(**bordering_tables(self.model, at, diagonal_at, on_border))
         padding = np.concatenate([factors.padding, ones, at[tangent.ones], [one]])
         self._set(
-            band=factors.band,
-            chain=factors.chain,
-            positions=3 * factors.chain or len(factors.order),
-            order=factors.order.astype(np.int32),
-            unknowns=len(factors.order),
-            paddings=len(padding),
-            padding=padding,
-            reacting=np.count_nonzero(~alone),
-            reacts=np.flatnonzero(~alone),
+            system={
+                "band": factors.band,
+                "chain": factors.chain,
+                "positions": 3 * factors.chain or len(factors.order),
+                "order": factors.order.astype(np.int32),
+                "unknowns": len(factors.order),
+                "paddings": len(padding),
+                "padding": padding,
+            },
+            tangent={"reacting": np.count_nonzero(~alone), "reacts": np.flatnonzero(~alone)},
         )
         added = stored_at[tangent.direct["from"]] >= stored
         direct = {key: values[added] for key, values in tangent.direct.items()}
-        stored_from = np.append(stored_at, [one, p.stiffness_at])
+        stored_from = np.append(stored_at, [one, p.coupled.stiffness_at])
         products = {"coupled": tangent.coupled, "geometric": tangent.geometric}
         for name, of in {"direct": direct, **products}.items():
             table = {key: stored_from[x] if key == "from" else x for key, x in of.items()}
             table["to"] = at[of["to"]]
-            self._set(**{name: len(of["to"])}, **{f"{name}_{key}": x for key, x in table.items()})
+            self._set(**{name: table | {"count": len(of["to"])}})
         #: Storage indices of the forces on slides, and which these are.
         self._on_slides = at[tangent.restoring["to"]], tangent.restoring["of"]
         return stored_at
@@ -319,19 +371,18 @@ class Problem:
         groups = groups_of(graph, reduction.dependent, reduction.forces)
         system = *couplings.system, self.constants.ON_BORDER
         row_of, unknown_of = on_bordering_rows(reduction, *system)
-        self._set(row_of=row_of, unknown_of=unknown_of)
         row = {
             "elimination": groups,
             "dof_start": couplings.all_entries.starts(self.model.size),
-            **couplings.all_entries.members("dof"),
+            **couplings.all_entries.members("dof_"),
             "keep": not couplings.closures and not couplings.auxiliaries and not couplings.sliding,
             **{name: getattr(COSTS, name) for name in ("row_entry", "substitution", "least_worth")},
         }
-        self._set(changing=[row])
-        self.c.rows = self.ffi.addressof(self.c.changing[0], "elimination", "rows")
+        self._set(system={"row_of": row_of, "unknown_of": unknown_of, "changing": [row]})
+        self.c.system.rows = self.ffi.addressof(self.c.system.changing[0], "elimination", "rows")
         # Freed with this object, before what it points to: C allocates as much as the rows need.
         free, owner = self.library.fx_free_rows, self._structs
-        self._rows = self.ffi.gc(self.c.changing, lambda rows, owner=owner: free(rows))
+        self._rows = self.ffi.gc(self.c.system.changing, lambda rows, owner=owner: free(rows))
 
     def _factors_of(self, indptr: np.ndarray, indices: np.ndarray) -> Factors:
         reduction, order = self.model.reduction, np.arange(len(indptr) - 1)
@@ -347,14 +398,18 @@ class Problem:
         behind = reduction.dependent, reduction.forces
         return factors_of(indptr, indices, *behind, keep, sparse, COSTS)
 
-    def hand_over_statics(self, frame: TurningFrame | None, **arrays: np.ndarray) -> np.ndarray:
-        """Let C read and write arrays of load steps, in a frame that turns or None.
+    def hand_over_statics(
+        self, frame: TurningFrame | None, hold: np.ndarray, predicted: np.ndarray
+    ) -> np.ndarray:
+        """Let C read forces that `hold` the unknowns, and write the first correction of a step.
 
-        Returns the weights (size,) of a viscous drag on increments, zero where nothing acts.
+        In a frame that turns or None. Returns the weights (size,) of a viscous drag on increments,
+        zero where nothing acts.
         """
         model, diagonal = self.model, self.model.masses.diagonal
         weights = np.where(model.used_entries()[diagonal], model.unit**-2.0, 0.0)
-        self._set(**arrays, viscous_weight=weights, diagonal_at=self._stored_at[diagonal])
+        table = {"viscous_weight": weights, "diagonal_at": self._stored_at[diagonal]}
+        self._set(statics=table | {"hold": hold}, newton={"predicted": predicted})
         self.hand_over_ends(frame)
         return weights
 
@@ -363,17 +418,18 @@ class Problem:
         columns, dofs, _, _ = self.model.couplings.free_columns
         first = np.zeros(self.model.reduction.free, int)
         first[columns[::-1]] = dofs[::-1]
-        self._set(hold_dof=first, holds=len(first))
+        self._set(statics={"hold_dof": first, "holds": len(first)})
 
     def hand_over_ends(self, frame: TurningFrame | None) -> None:
         """Let C leave natural strains at the end of a step as `given`, and read a frame or None."""
-        self.c.naturals = 0
+        self.c.natural.count = 0
         self.hand_over_frame(frame)
 
     def hand_over_frame(self, frame: TurningFrame | None) -> None:
         """Let C read a frame that turns, or None."""
         if frame is not None:
-            self._set(arm=frame.arms(np.zeros(self.model.size)), spin_squared=frame.spin**2)
+            arm = frame.arms(np.zeros(self.model.size))
+            self._set(frame={"arm": arm, "spin_squared": frame.spin**2})
 
     def load(self, state: State) -> None:
         """Write a state into the memory of C."""
@@ -382,14 +438,14 @@ class Problem:
             if name != "driven_now":
                 value = getattr(state, name)
                 array[:] = 0.0 if value is None else value.ravel()
-        if p.keeps_previous and state.q_previous is None:
+        if p.scheme.keeps_previous and state.q_previous is None:
             arrays["q_previous"][:] = state.q
         if len(state.motors):
             arrays["driven_now"][len(self.model.prescribed) :] = state.motors
-        p.steps_done = state.constraint_forces is not None
-        p.forces_found = state.joint_forces is not None
+        p.state.steps_done = state.constraint_forces is not None
+        p.state.forces_found = state.joint_forces is not None
         for name in NUMBERS:
-            setattr(p, name, getattr(state, name))
+            setattr(p.state, name, getattr(state, name))
 
     def results(self, **sizes: int) -> Iterator[np.ndarray]:
         """What C has found in the last step: members of ``Results`` of c/problem.h, with sizes."""
@@ -407,9 +463,13 @@ class Problem:
         With unknowns in their order in the tangent.
         """
         p, of = self.c, self.library.fx_results(self.c)
-        m, positions, array = p.bordering_rows, p.positions, functools.partial(array_at, self.ffi)
-        at, corner = array(p.order, n), array(of.corner, m, m)
-        block = array(of.block, positions, p.block)[at, :m]
+        m, positions, array = (
+            p.border.rows,
+            p.system.positions,
+            functools.partial(array_at, self.ffi),
+        )
+        at, corner = array(p.system.order, n), array(of.corner, m, m)
+        block = array(of.block, positions, p.border.block)[at, :m]
         reached, rows = array(of.reached, positions)[at], array(of.border, m, positions)[:, at]
         first, last = array(of.crossed, m, 2, 1).swapaxes(0, 1)
         crossed = (first <= at) & (at <= last)
@@ -429,7 +489,7 @@ class Problem:
         at[turned.data] = self._factors_of(turned.indptr, turned.indices).at
         if not self.factors.band:
             return at
-        stored = np.arange(self.c.stored_values)
+        stored = np.arange(self.c.tangent.stored)
         stored[self.factors.at] = at
         stored[at] = self.factors.at
         return stored
@@ -437,10 +497,12 @@ class Problem:
     def _hand_over_motors(self) -> None:
         prescribed, motors = [*self.model.prescribed], self.model.motors
         self._set(
-            prescribed=len(prescribed),
-            driven_a=[-1] * len(prescribed) + [rotation_of(joint.a) for joint, _ in motors],
-            driven_b=prescribed + [rotation_of(joint.b) for joint, _ in motors],
-            motor_slides=[0] * len(prescribed) + [on == "slide" for _, on in motors],
+            motors={
+                "prescribed": len(prescribed),
+                "a": [-1] * len(prescribed) + [rotation_of(joint.a) for joint, _ in motors],
+                "b": prescribed + [rotation_of(joint.b) for joint, _ in motors],
+                "slides": [0] * len(prescribed) + [on == "slide" for _, on in motors],
+            }
         )
 
     def _hand_over_joint_forces(self) -> None:
@@ -452,7 +514,7 @@ class Problem:
         sums: list[tuple[int, ...]] = []
         for i in range(3):
             if i == 2:
-                self._set(passes_of_forces=len(sums))
+                self._set(passes={"of_forces": len(sums)})
             for of in reversed(couplings.forests[i]):
                 to = 3 * of.parent + i if of.parent >= 0 else -1
                 sums.append((3 * of.node + i, to, 3 * of.joint.number + i, int(of.sign)))
@@ -460,8 +522,9 @@ class Problem:
                 if i < len(couplings.carried[joint.number]):
                     sums.append((3 * joint.b.number + i, -1, 3 * joint.number + i, 1))
         columns = np.array(sums, dtype=int).reshape(-1, 4).T
-        tables = dict(zip(("pass_dof", "pass_to", "pass_of", "pass_sign"), columns, strict=True))
-        self._set(scene_joints=self.model.scene.joint_count, passes=len(sums), **tables)
+        tables = dict(zip(("dof", "to", "of", "sign"), columns, strict=True))
+        joints = self.model.scene.joint_count
+        self._set(passes={"joints": joints, "count": len(sums), **tables})
 
     def _allocate(self) -> None:
         model, reduction = self.model, self.model.reduction
@@ -471,15 +534,19 @@ class Problem:
         known, n = self.library.PAST, model.size
         every = sizes | {"ages": known + 1, "past": known * (n + reduction.free)}
         every |= {"error_ages": known + 1, "error_past": known * n}
-        every["error_highest"] = (self.library.AVERAGED - 1) * n
+        every["error_last"] = (self.library.AVERAGED - 1) * n
         #: One piece of memory, which the loop copies before a step with sub-steps.
         self.memory = np.zeros(sum(every.values()))
         ends = itertools.pairwise(itertools.accumulate(every.values(), initial=0))
         #: Where its arrays are in it.
         self.places = dict(zip(every, itertools.starmap(slice, ends), strict=True))
         arrays = {name: self.memory[place] for name, place in self.places.items()}
-        self._set(memory=self.memory, memory_size=len(self.memory), **arrays)
         self.state_arrays = {name: arrays[name] for name in sizes}
+        self._set(
+            state={"memory": self.memory, "size": len(self.memory), **self.state_arrays},
+            predictor={name: arrays[name] for name in ("ages", "past")},
+            control={name: arrays[f"error_{name}"] for name in ("ages", "past", "last")},
+        )
         #: Those that are not empty.
         self._filled = {name: array for name, array in self.state_arrays.items() if array.size}
         self._ages = arrays["ages"], arrays["error_ages"]
@@ -491,10 +558,11 @@ class Problem:
         switches = model.points.conditions
         #: Values of the switches at both ends of a sub-step.
         self.sides = np.zeros((2, switches))
-        self._set(inverted_q=self.inverted_q, switches=switches, sides=self.sides)
+        self._set(inverted={"q": self.inverted_q})
+        self._set(control={"switches": switches, "sides": self.sides})
         #: Work space of C.
         self.scratch = aligned_zeros(self.library.fx_scratch(self.c))
-        self._set(scratch=self.scratch)
+        self._set(run={"scratch": self.scratch})
         #: What steps by the factors of earlier ones depend on, beside the state.
         self.work = [self.scratch, self._sparse_factors]
         self._clear()

@@ -27,9 +27,9 @@ def alone_in_column(reduction: Reduction) -> np.ndarray:
     single = np.bincount(row)[row] * np.bincount(column)[column] == 1
     alone = np.zeros(reduction.members["dofs"], dtype=bool)
     alone[row[equal & single]] = True
-    for name in ("auxiliary_column", "loop_column"):
-        if name in reduction.members:
-            alone[np.isin(reduction.couplings.column, reduction.members[name])] = False
+    for name in ("auxiliary", "loops"):
+        if "column" in (members := reduction.members[name]):
+            alone[np.isin(reduction.couplings.column, members["column"])] = False
     return alone
 
 
@@ -81,7 +81,7 @@ def on_bordering_rows(
 def bordering_tables(
     model: Model, at: np.ndarray, diagonal_at: np.ndarray, first: int
 ) -> dict[str, Any]:
-    """Columns of what slides, and what belongs to them, as members of ``Problem``.
+    """Columns of what slides, and what belongs to them, by the names in c/problem.h.
 
     `at` are the storage indices of `storage_of`, `diagonal_at` (size,) those of the diagonal of the
     full tangent. Bordering rows are numbered downwards from `first`.
@@ -95,21 +95,24 @@ def bordering_tables(
     alone, slides = len(sliders.forces), outside[outside < reduction.free]
     rows, columns = (np.append(of, first - carriers - np.arange(alone)) for of in (rows, columns))
     return {
-        "row_of": rows,
-        "unknown_of": columns,
-        "sliders": len(tables),
-        "path_numbers": sum(slide.path.numbers.size for slide in sliders.all),
-        "slider": tables,
-        "beside": len(bordered.beside),
-        "beside_row": bordered.rows,
-        "beside_column": bordered.columns,
-        "beside_at": at[bordered.beside],
-        "bordered": len(slides) + alone,
-        "bordered_unknown": np.append(slides, sliders.forces),
-        "bordered_row": np.append(np.arange(len(slides)), carriers + np.arange(alone)),
-        "bordering_rows": carriers + alone,
-        "carrier_bordering": carriers,
-        "block": -(-(carriers + alone) // _LANES) * _LANES,
+        "system": {"row_of": rows, "unknown_of": columns},
+        "sliders": {
+            "count": len(tables),
+            "path_numbers": sum(slide.path.numbers.size for slide in sliders.all),
+            "slider": tables,
+        },
+        "border": {
+            "rows": carriers + alone,
+            "carriers": carriers,
+            "block": -(-(carriers + alone) // _LANES) * _LANES,
+            "beside": len(bordered.beside),
+            "beside_row": bordered.rows,
+            "beside_column": bordered.columns,
+            "beside_at": at[bordered.beside],
+            "bordered": len(slides) + alone,
+            "bordered_unknown": np.append(slides, sliders.forces),
+            "bordered_row": np.append(np.arange(len(slides)), carriers + np.arange(alone)),
+        },
     }
 
 

@@ -105,7 +105,7 @@ class Tape:
         #: The C struct Tape.
         self.c: Any = problem.ffi.new("Tape *")
         self.c.size = problem.library.fx_tape_size(problem.c)
-        self._sub_steps = int(problem.c.sub_steps)
+        self._sub_steps = int(problem.c.scheme.sub_steps)
         self._rows = np.empty((0, self.c.size))
         #: The state at the end of the run, from whoever takes its steps.
         self.last: State
@@ -144,7 +144,7 @@ class Tape:
         at the same time.
         """
         rows = np.repeat(self._rows, len(moves), axis=0)
-        rows[:, 0] += self.problem.c.level * (rows[:, 1] - lengths)
+        rows[:, 0] += self.problem.c.scheme.level * (rows[:, 1] - lengths)
         rows[:, 1], rows[:, 2] = lengths, factors
         first = self.c.size - self.problem.c.columns
         rows[:, first : first + moves.shape[1]] += moves
@@ -163,8 +163,8 @@ class Tape:
     def begin(self, steps: TakenSteps) -> Any:
         """Keep the state before some steps; the C struct for their rows, or 0 for none."""
         problem, p = self.problem, self.problem.c
-        work = [array.copy() for array in problem.work] if p.reused.worth else []
-        before = p.t, bytes(self._ffi.buffer(p)), problem.memory.copy()
+        work = [array.copy() for array in problem.work] if p.system.reused.worth else []
+        before = p.state.t, bytes(self._ffi.buffer(p)), problem.memory.copy()
         more = steps.number * self._sub_steps
         if self.is_whole and 8 * self.c.size * (self.c.rows + more) > self._limit:
             self.is_whole = False
@@ -184,7 +184,7 @@ class Tape:
         """Room for increments, if there is memory, and if steps follow from these alone."""
         p = self.problem.c
         bytes_now = 8 * sub_steps * p.columns
-        touches = self.problem.model.points.members is not None or p.friction_follows
+        touches = self.problem.model.points.members is not None or p.at_points.friction_follows
         if touches or self._kept + bytes_now > self._limit / 2:
             return None
         self._kept += bytes_now
@@ -255,17 +255,17 @@ class Tape:
         problem.memory[:] = checkpoint.memory
         for array, values in zip(problem.work, checkpoint.work, strict=False):
             array[:] = values
-        p.controlled = p.watches = 0
+        p.control.controlled = p.control.watches = 0
         if (members := problem.model.points.members) is not None:
             members.forget()
-            p.reused.present = 0
+            p.system.reused.present = 0
         to = ffi.new("Record *")
         to.every, to.first, to.last, to.parts, to.part = 2**30, 1, -1, steps.parts, steps.part
         to.tape = self._with_room(steps.number * self._sub_steps)
         self._read_increments(checkpoint.increments)
-        p.repeats = 1
+        p.run.repeats = 1
         problem.library.fx_run(p, steps.number, steps.dt, steps.inputs, to)
-        p.repeats = 0
+        p.run.repeats = 0
 
     @property
     def times(self) -> Times:
@@ -281,10 +281,10 @@ class Tape:
     def widths(self) -> dict[str, int]:
         """Numbers of the arrays of a state in a row, by the names of the derivatives by them."""
         p = self.problem.c
-        n, back, internal = p.dofs, p.dofs * p.keeps_previous, p.cells * p.cell_internal
-        widths = {"q": n, "v": n, "q previous": back, "slides": p.scene_joints}
-        widths |= {"internal": internal, "spring internal": p.spring_width}
-        return widths | {"natural": p.cells * p.cell_natural}
+        n, back, internal = p.dofs, p.dofs * p.scheme.keeps_previous, p.cells * p.internal.per_cell
+        widths = {"q": n, "v": n, "q previous": back, "slides": p.passes.joints}
+        widths |= {"internal": internal, "spring internal": p.at_points.spring_width}
+        return widths | {"natural": p.cells * p.natural.per_cell}
 
     def states(self, boundaries: np.ndarray, *names: str) -> dict[str, np.ndarray]:
         """States (n, ...) at some boundaries of the present part, by the names of `widths`.

@@ -81,7 +81,9 @@ class TapeDerivatives:
     @property
     def places_depend(self) -> bool:
         """Whether motions of nodes for those of the unknowns depend on the state."""
-        return bool(self._p.entries > self._p.equal or self._p.closures or self._p.sliders)
+        return bool(
+            self._p.map.count > self._p.map.equal or self._p.loops.closures or self._p.sliders.count
+        )
 
     def constraint_forces(self, tape: Tape) -> np.ndarray:
         """Forces (n, columns) of driven and fixed columns in the n sub-steps on the tape now."""
@@ -294,7 +296,7 @@ class TapeDerivatives:
 
     def _find_reversals(self, tape: Tape) -> None:
         """Hand over where slip reverses in few steps, whose time has a derivative of its own."""
-        moves = len(tape) >= LEAST_STEPS and not (tape.c.apart or self._p.at_rest)
+        moves = len(tape) >= LEAST_STEPS and not (tape.c.apart or self._p.scheme.at_rest)
         bristles = self._model.points.bristles if moves else []
         histories = tape.histories(self.problem, all_places(bristles)) if bristles else _NONE
         rows = reversal_rows(bristles, histories, tape.times.lengths)

@@ -40,7 +40,7 @@ class VjpWork:
         self._lanes = problem.constants.LANES
         #: The form, and the array of `Layout` with the numbers of one element after the other.
         self.array = name.replace("_", " ")
-        nodal = dict.fromkeys(("increment", "start"), problem.c.cell_dofs)
+        nodal = dict.fromkeys(("increment", "start"), problem.c.mesh.cell_dofs)
         self._sizes = nodal | beams.sizes_of_slopes(self.array)
         self._local = {name: size for name, size in self._sizes.items() if name not in _IN_COMMON}
         self._compiled: dict[bool, tuple[list[tuple[str, int]], Kernel, dict[str, Any]]] = {}

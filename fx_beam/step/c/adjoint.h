@@ -9,7 +9,7 @@
 
 /* The transpose of a chain or a band in its place; bordering rows are transposed already. */
 static void transpose_tangent(const Problem *p, const int *transposed_at, double *K) {
-  for (int i = 0; i < p->stored_values; ++i) {
+  for (int i = 0; i < p->tangent.stored; ++i) {
     double *other = K + transposed_at[i], value = K[i];
     if (other > K + i) K[i] = *other, *other = value;
   }
@@ -19,15 +19,15 @@ static void transpose_tangent(const Problem *p, const int *transposed_at, double
 static int solve_transposed(Problem *p, const Work *w, const Derivatives *a) {
   double rest[2];
   Problem turned = *p;
-  turned.reused.present = 0;
+  turned.system.reused.present = 0;
   if (HAS(CHAIN | BAND)) transpose_tangent(p, a->transposed_at, w->tangent);
-  else if (a->transposed_at) turned.factor_at = a->transposed_at;
+  else if (a->transposed_at) turned.system.factor_at = a->transposed_at;
   return solve_reduced(&turned, w, 0, rest);
 }
 
 /* Begins a sub-step with the derivatives by the state at its end, which are those by the start of the next one. */
 static void begin_vjp(const Problem *p, const Work *w, const Derivatives *a, const Layout *at, long k, double *x) {
-  int n = p->dofs, columns = p->columns + p->auxiliaries;
+  int n = p->dofs, columns = p->columns + p->auxiliary.count;
   double per_dt = rates_per_path(p, w->dt), *q = x + at->q, *q1 = x + at->q1, *v = x + at->v, *previous = x + at->q_previous;
   add_given(&a->states, k + 1, share_of(a, k), x);
   memset(x + at->loads, 0, (at->Y1 - at->loads) * sizeof(double));
@@ -35,12 +35,12 @@ static void begin_vjp(const Problem *p, const Work *w, const Derivatives *a, con
   memcpy(x + at->Y1, x + at->Y, columns * sizeof(double)), memset(x + at->Y, 0, columns * sizeof(double));
   memcpy(x + at->natural1, x + at->natural, (at->loads - at->natural) * sizeof(double));
   memset(x + at->natural, 0, (at->loads - at->natural) * sizeof(double));
-  for (int i = 0; i < p->massless_count; ++i) v[p->massless[i]] /= 2;
+  for (int i = 0; i < p->mesh.massless_count; ++i) v[p->mesh.massless[i]] /= 2;
   for (int i = 0; i < n; ++i) {
     double of_path = per_dt * w->slope[i] * v[i];
     q1[i] = q[i] + of_path, q[i] = previous[i] - of_path, previous[i] = 0, v[i] = -v[i];
   }
-  for (int i = 0; i < p->massless_count; ++i) v[p->massless[i]] = 0;
+  for (int i = 0; i < p->mesh.massless_count; ++i) v[p->mesh.massless[i]] = 0;
 }
 
 /* The derivatives by the forces of driven and fixed columns, and of joints; none by the equations. */
@@ -60,8 +60,8 @@ static void vjp_laws(const Problem *p, const Work *w, const Derivatives *a, cons
   const Layout *at = &l->at;
   vjp(l->of + JOINED, x);
   vjp(l->of + CLOSED, x);
-  if (HAS(LOOPS) && p->closures) solve_closures(p, w, 1, 0, x + at->closing);
-  for (int i = 0; i < p->closures; ++i) x[at->R + p->loop_column[p->following[i]]] += x[at->closing + i];
+  if (HAS(LOOPS) && p->loops.closures) solve_closures(p, w, 1, 0, x + at->closing);
+  for (int i = 0; i < p->loops.closures; ++i) x[at->R + p->loops.column[p->loops.following[i]]] += x[at->closing + i];
   for (int i = MAPPED; i > LEVERS; --i) vjp(l->of + i, x);
   if (last) vjp(l->of + LEVERS, x);
   for (int i = SLID; i >= TOUCHED; --i) vjp(l->of + i, x);
@@ -80,7 +80,8 @@ static int vjp_solution(Problem *p, const Work *w, const Derivatives *a, const L
   memcpy(w->reduced, trial + at->Y1, p->free * sizeof(double));
   if (!solve_transposed(p, w, a)) return 0;
   for (int i = 0; i < p->free; ++i) x[at->R + i] -= w->step[i];
-  for (int i = 0; i < p->closures; ++i) x[at->closures + i] -= w->y[p->order[p->unknowns - p->closures + i]];
+  for (int i = 0; i < p->loops.closures; ++i)
+    x[at->closures + i] -= w->y[p->system.order[p->system.unknowns - p->loops.closures + i]];
   return 1;
 }
 
@@ -104,7 +105,7 @@ static int vjp_followed(Problem *p, Work *w, const Derivatives *a, Linear *l, co
    found without, by columns Y at the end where the closures have the derivatives G. */
 static void vjp_closures(const Problem *p, const Work *w, int Y, const double *trial, double *closures) {
   factorise_closures(p, w, w->G, 1);
-  for (int i = 0; i < p->closures; ++i) closures[i] = -trial[Y + p->loop_column[p->following[i]]];
+  for (int i = 0; i < p->loops.closures; ++i) closures[i] = -trial[Y + p->loops.column[p->loops.following[i]]];
   solve_closures(p, w, 1, 1, closures);
 }
 
@@ -113,9 +114,9 @@ static int vjp_step(Problem *p, Work *w, const Derivatives *a, Linear *l, const 
   const Layout *at = &l->at;
   const double *row = tape->row + number * tape->size;
   long k = tape->first + number, steps = at->Y1 - at->loads;
-  int forces = !a->by_unknowns && (a->forces.at[k] >= 0 || p->friction_follows);
-  int closes = HAS(LOOPS) && a->by_unknowns && p->closures;
-  int whole = forces || closes || (!a->by_unknowns && (p->cell_internal || p->spring_width));
+  int forces = !a->by_unknowns && (a->forces.at[k] >= 0 || p->at_points.friction_follows);
+  int closes = HAS(LOOPS) && a->by_unknowns && p->loops.closures;
+  int whole = forces || closes || (!a->by_unknowns && (p->internal.per_cell || p->at_points.spring_width));
   double *x = a->x, *trial = l->trial;
   long size = (at->size - at->Y) * sizeof(double);
   l->step = k;
@@ -123,7 +124,8 @@ static int vjp_step(Problem *p, Work *w, const Derivatives *a, Linear *l, const 
   begin_vjp(p, w, a, at, k, x);
   begin_forces(a, at, k, x);
   if (!a->by_unknowns)
-    if (!(p->friction_follows ? vjp_followed(p, w, a, l, row, k, x) : vjp_solution(p, w, a, l, whole, x))) return 0;
+    if (!(p->at_points.friction_follows ? vjp_followed(p, w, a, l, row, k, x) : vjp_solution(p, w, a, l, whole, x)))
+      return 0;
   if (closes) memcpy(trial + at->Y, x + at->Y, size), vjp_laws(p, w, a, l, trial, 0);
   if (closes) vjp_closures(p, w, at->Y1, trial, x + at->closures);
   vjp_laws(p, w, a, l, x, 1);
@@ -133,7 +135,7 @@ static int vjp_step(Problem *p, Work *w, const Derivatives *a, Linear *l, const 
   if (k && !a->by_unknowns) return 1;
   if (k == 0) add_given(&a->states, 0, 1, x);
   memset(x + at->arms, 0, (at->natural1 - at->arms) * sizeof(double));
-  memset(x + at->closures, 0, p->closures * sizeof(double));
+  memset(x + at->closures, 0, p->loops.closures * sizeof(double));
   if (closes) memcpy(trial + at->Y, x + at->Y, size), vjp(l->of + BEGUN, trial);
   if (closes && begin_loops(p, w)) vjp_closures(p, w, at->Y, trial, x + at->closures);
   vjp(l->of + BEGUN, x);
@@ -149,7 +151,7 @@ KEPT long fx_vjp(Problem *p, const Tape *tape, const Derivatives *a) {
   Linear l;
   long left = tape->rows;
   begin_linear(p, w, a, &l);
-  w->transposed = 1, w->by_slopes = p->cell_internal || a->by_unknowns, l.following.size = p->points->followed.size;
+  w->transposed = 1, w->by_slopes = p->internal.per_cell || a->by_unknowns, l.following.size = p->points->followed.size;
   for (; left; --left) {
     if (tape->apart) memset(a->x + l.at.Y, 0, (l.at.v - l.at.Y) * sizeof(double));
     if (!vjp_step(p, w, a, &l, tape, left - 1)) break;

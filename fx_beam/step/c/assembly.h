@@ -32,7 +32,8 @@ INLINED void pack_nodes(int nodes, const double *x, const int *at, double *to) {
 
 HOT void pack(const Problem *p, const Work *w, const Form *form, const Integral *of, long block, int first, int end) {
   for (int m = first; m < end; ++m) {
-    int kind = form->kind[m], nodes = p->cell_dofs / 3, entries = kind == INTERNAL ? p->cell_internal : p->cell_natural;
+    int kind = form->kind[m], nodes = p->mesh.cell_dofs / 3;
+    int entries = kind == INTERNAL ? p->internal.per_cell : p->natural.per_cell;
     double *to = of->packed + (block * form->width + form->offset[m]) * LANES;
     const int *at = (kind == INTERNAL ? of->internal : of->natural) + block * entries * LANES;
     if (kind < INTERNAL) pack_nodes(nodes, w->fields[kind], of->dofs + block * nodes * LANES, to);
@@ -43,13 +44,13 @@ HOT void pack(const Problem *p, const Work *w, const Form *form, const Integral 
 
 /* Length of a sub-step relative to the step before, at most 1; 0 without one. */
 static double ratio_of_lengths(const Problem *p, double dt) {
-  return p->length > 0 ? fmin(1, dt / p->length) : 0;
+  return p->state.length > 0 ? fmin(1, dt / p->state.length) : 0;
 }
 
 /* Apart from what each step passes, of which the compiler would make a loop with vectors. */
 static __attribute__((noinline)) void set_parameters(const Problem *p, const Form *form) {
   for (int i = 0; i < form->parameters; ++i)
-    form->constants[form->parameters_at + i] = p->parameter[form->parameter[i]];
+    form->constants[form->parameters_at + i] = p->parameters.value[form->parameter[i]];
 }
 
 /* Sets the time, and the coefficients that change only from step to step. */
@@ -58,16 +59,16 @@ static void begin_form(const Problem *p, const Work *w, const Form *form, double
   EACH_BLOCK(of, block, form) pack(p, w, form, of, block, form->changing, form->moving);
   if (form->time_at >= 0) form->constants[form->time_at] = t;
   if (form->dt_at >= 0) form->constants[form->dt_at] = w->dt;
-  if (form->memory_at >= 0) form->constants[form->memory_at] = p->ratio;
+  if (form->memory_at >= 0) form->constants[form->memory_at] = p->state.ratio;
   if (form->parameters) set_parameters(p, form);
 }
 
 /* The same of the forces of elements, at the level of a sub-step. */
 static void begin_elements(const Problem *p, const Work *w) {
-  double t = p->t + p->level * w->dt;
-  begin_form(p, w, &p->internal_forces, t);
-  begin_form(p, w, &p->drag, t);
-  begin_form(p, w, &p->added, t);
+  double t = p->state.t + p->scheme.level * w->dt;
+  begin_form(p, w, &p->forms.internal_forces, t);
+  begin_form(p, w, &p->forms.drag, t);
+  begin_form(p, w, &p->forms.added, t);
 }
 
 /* Adds the entries of an element tensor, for LANES elements. */
@@ -110,7 +111,7 @@ INLINED void add_to_chain(int n, const Integral *of, long block, const double *t
 static void evaluate(const Problem *p, const Work *w, const Form *form, const Integral *of, long block, double *tensors) {
   pack(p, w, form, of, block, 0, form->changing);
   of->batch(tensors, of->packed + block * form->width * LANES, form->constants,
-            of->coordinates + block * p->cell_coordinates * LANES);
+            of->coordinates + block * p->mesh.cell_coordinates * LANES);
 }
 
 /* Adds the tangents of a block of elements with n degrees of freedom to matrix entries. */
@@ -130,15 +131,15 @@ INLINED void assemble_elements(const Problem *p, const Work *w, int n, const For
 }
 
 HOT void assemble_forces(const Problem *p, const Work *w, const Form *form, double *K) {
-  if (p->cell_dofs == 6) assemble_elements(p, w, 6, form, K); /* whose loops are unrolled */
-  else assemble_elements(p, w, p->cell_dofs, form, K);
+  if (p->mesh.cell_dofs == 6) assemble_elements(p, w, 6, form, K); /* whose loops are unrolled */
+  else assemble_elements(p, w, p->mesh.cell_dofs, form, K);
 }
 
 /* An energy of the step, or another sum over elements; zero without a form for it. */
 static double sum_over_elements(const Problem *p, const Work *w, const Form *form) {
   double sum = 0, A[LANES];
   if (!form->integrals) return 0;
-  begin_form(p, w, form, p->t);
+  begin_form(p, w, form, p->state.t);
   EACH_BLOCK(of, block, form) {
     evaluate(p, w, form, of, block, A);
     for (int l = 0; l < LANES && block * LANES + l < of->cells; ++l) sum += A[l];
@@ -148,14 +149,14 @@ static double sum_over_elements(const Problem *p, const Work *w, const Form *for
 
 /* The internal variables at the end of the step. */
 static void evolve(const Problem *p, const Work *w) {
-  const Form *form = &p->evolution;
-  int n = p->cell_internal;
+  const Form *form = &p->forms.evolution;
+  int n = p->internal.per_cell;
   double A[n * LANES];
-  begin_form(p, w, form, p->t + p->level * w->dt);
+  begin_form(p, w, form, p->state.t + p->scheme.level * w->dt);
   EACH_BLOCK(of, block, form) {
     evaluate(p, w, form, of, block, A);
     for (int l = 0; l < LANES && block * LANES + l < of->cells; ++l)
       for (int k = 0; k < n; ++k)
-        p->internal[of->internal[(block * n + k) * LANES + l]] += p->per_weight[k] * A[k * LANES + l];
+        p->state.internal[of->internal[(block * n + k) * LANES + l]] += p->internal.per_weight[k] * A[k * LANES + l];
   }
 }

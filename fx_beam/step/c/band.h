@@ -107,7 +107,7 @@ INLINED void subtract_in_block(const Work *w, int n, int row, double factor, int
 
 /* The block from its right sides and factors of a band matrix. */
 INLINED void solve_band_columns(const Problem *p, const Work *w, Ends of, int columns) {
-  int n = p->free, band = p->band, last = n - 1 - of.bottom;
+  int n = p->free, band = p->system.band, last = n - 1 - of.bottom;
   long width = 2 * band + 1;
   const double *A = w->tangent + band;
   for (int part = 0; part < 2; ++part)
@@ -137,11 +137,11 @@ INLINED void solve_band_columns(const Problem *p, const Work *w, Ends of, int co
 /* A function of a band matrix with constant bandwidths of beams, for which the compiler can unroll the
    loops. */
 #define OF_BAND(p, function, n, ...)                       \
-  ((p)->band == 5    ? function(n, 5, __VA_ARGS__)  /* degree 1 with joints */ \
-   : (p)->band == 6  ? function(n, 6, __VA_ARGS__)         \
-   : (p)->band == 8  ? function(n, 8, __VA_ARGS__)  /* degree 2 */ \
-   : (p)->band == 11 ? function(n, 11, __VA_ARGS__) /* degree 3 */ \
-                     : function(n, (p)->band, __VA_ARGS__))
+  ((p)->system.band == 5    ? function(n, 5, __VA_ARGS__)  /* degree 1 with joints */ \
+   : (p)->system.band == 6  ? function(n, 6, __VA_ARGS__)         \
+   : (p)->system.band == 8  ? function(n, 8, __VA_ARGS__)  /* degree 2 */ \
+   : (p)->system.band == 11 ? function(n, 11, __VA_ARGS__) /* degree 3 */ \
+                     : function(n, (p)->system.band, __VA_ARGS__))
 
 /* Both of the tangent and the right side y, whose solution takes its place. */
 COMPILED_ONCE int eliminate_tangent(const Problem *p, const Work *w, int n, Ends of) {

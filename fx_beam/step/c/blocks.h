@@ -69,24 +69,27 @@ enum {
 
 KEPT Layout fx_layout(const Problem *p, const Derivatives *a) {
   Layout l;
-  int next = 0, n = p->dofs, joints = p->joints;
-  int columns = p->columns + p->auxiliaries, internal = p->cells * p->cell_internal, natural = p->cells * p->cell_natural;
+  int next = 0, n = p->dofs, joints = p->joints.count;
+  int columns = p->columns + p->auxiliary.count;
+  int internal = p->cells * p->internal.per_cell, natural = p->cells * p->natural.per_cell;
 #define ARRAY(name, size) l.name = next, next += size
-  ARRAY(mass, 3 * p->mass_start[p->nodes]), ARRAY(weight, n), ARRAY(columns, p->load_start[p->loads]), ARRAY(points, a->point_numbers);
-  ARRAY(natural_columns, p->naturals ? p->natural_start[p->naturals] : 0), ARRAY(offset, 2 * joints);
-  ARRAY(axis, 2 * joints), ARRAY(rest, joints), ARRAY(places, 3 * p->sliders), ARRAY(paths, p->path_numbers);
+  ARRAY(mass, 3 * p->mass.start[p->mesh.nodes]), ARRAY(weight, n), ARRAY(columns, p->loads.start[p->loads.count]),
+      ARRAY(points, a->point_numbers);
+  ARRAY(natural_columns, p->natural.count ? p->natural.start[p->natural.count] : 0), ARRAY(offset, 2 * joints);
+  ARRAY(axis, 2 * joints), ARRAY(rest, joints), ARRAY(places, 3 * p->sliders.count), ARRAY(paths, p->sliders.path_numbers);
   ARRAY(members, a->member_numbers), ARRAY(arcs, a->member_arcs), ARRAY(member_places, n);
   ARRAY(internal_forces, p->cells * a->internal_forces.of_element), ARRAY(drag, p->cells * a->drag.of_element);
   ARRAY(Y, columns), ARRAY(q, n), ARRAY(v, n), ARRAY(q_previous, n);
-  ARRAY(natural, natural), ARRAY(internal, internal), ARRAY(spring_internal, p->spring_width);
-  ARRAY(loads, 2 * p->loads), ARRAY(driven, p->driven), ARRAY(follower_force, 2 * p->follower_forces);
-  ARRAY(parameters, 2 * p->parameter_count), ARRAY(naturals, p->naturals), ARRAY(hold, p->holds);
-  ARRAY(Y1, columns + SPACING), ARRAY(q1, n), ARRAY(arms, 2 * joints), ARRAY(slides, SLIDE_NUMBERS * p->sliders);
-  ARRAY(natural1, natural), ARRAY(internal1, internal), ARRAY(springs1, p->spring_width), ARRAY(map, 1 + 4 * joints);
-  ARRAY(held, 3 * p->sliders), next += SPACING, ARRAY(r, n), next += SPACING, ARRAY(R, columns > n ? columns : n);
-  ARRAY(closures, p->closures), ARRAY(closing, p->closures);
-  ARRAY(pushed, p->carried ? columns : 0), ARRAY(carried, p->carried ? n : 0);
-  ARRAY(moments, p->scene_joints), ARRAY(forces, 3 * p->scene_joints), ARRAY(axes, 2 * p->sliders);
+  ARRAY(natural, natural), ARRAY(internal, internal), ARRAY(spring_internal, p->at_points.spring_width);
+  ARRAY(loads, 2 * p->loads.count), ARRAY(driven, p->driven), ARRAY(follower_force, 2 * p->loads.follower_forces);
+  ARRAY(parameters, 2 * p->parameters.count), ARRAY(naturals, p->natural.count), ARRAY(hold, p->statics.holds);
+  ARRAY(Y1, columns + SPACING), ARRAY(q1, n), ARRAY(arms, 2 * joints), ARRAY(slides, SLIDE_NUMBERS * p->sliders.count);
+  ARRAY(natural1, natural), ARRAY(internal1, internal), ARRAY(springs1, p->at_points.spring_width),
+      ARRAY(map, 1 + 4 * joints);
+  ARRAY(held, 3 * p->sliders.count), next += SPACING, ARRAY(r, n), next += SPACING, ARRAY(R, columns > n ? columns : n);
+  ARRAY(closures, p->loops.closures), ARRAY(closing, p->loops.closures);
+  ARRAY(pushed, p->loops.carried ? columns : 0), ARRAY(carried, p->loops.carried ? n : 0);
+  ARRAY(moments, p->passes.joints), ARRAY(forces, 3 * p->passes.joints), ARRAY(axes, 2 * p->sliders.count);
   ARRAY(followed, p->points->followed.size), ARRAY(nowhere, 4 * LANES), ARRAY(size, 0);
 #undef ARRAY
   return l;

@@ -19,24 +19,24 @@ INLINED void add_at(const Problem *p, const Work *w, int i, int j, double x) {
   int row = w->transposed ? j : i, column = w->transposed ? i : j;
   if (x == 0 || row == -1 || column == -1) return;
   if (row >= 0) {
-    int at = p->order[row];
+    int at = p->system.order[row];
     reach(p, w, at);
-    w->block[(long)at * p->block + ON_BORDER - column] += x;
+    w->block[(long)at * p->border.block + ON_BORDER - column] += x;
   } else if (column >= 0) {
-    int at = p->order[column], *crossed = w->crossed + 2 * (ON_BORDER - row);
-    double *of = w->border + (long)(ON_BORDER - row) * p->positions;
+    int at = p->system.order[column], *crossed = w->crossed + 2 * (ON_BORDER - row);
+    double *of = w->border + (long)(ON_BORDER - row) * p->system.positions;
     reach(p, w, at);
     widen(of, crossed, crossed + 1, at, at);
     of[at] += x;
   } else {
-    w->corner[(ON_BORDER - row) * p->bordering_rows + ON_BORDER - column] += x;
+    w->corner[(ON_BORDER - row) * p->border.rows + ON_BORDER - column] += x;
   }
 }
 
 /* The derivatives of the forces F of sliding nodes, and their part on the diagonal of the full tangent. */
 static void turn_beams(const Problem *p, const Work *w) {
-  for (int i = 0; i < p->sliders; ++i) {
-    Slider *a = p->slider + i;
+  for (int i = 0; i < p->sliders.count; ++i) {
+    Slider *a = p->sliders.slider + i;
     int turns = 2 * a->width, node = a->first;
     find_second(a, &a->of_force);
     for (; a->components == 3 && turns < 3 * a->width; ++turns, ++node)
@@ -48,7 +48,7 @@ static void turn_beams(const Problem *p, const Work *w) {
    derivatives of Tv consist. */
 static void bordering_slider(const Problem *p, const Work *w, Slider *a) {
   int n = a->width, m = a->components, force = ON_BORDER - a->bordering_row, product = force - m;
-  int row_s = p->row_of[a->column], column_s = p->unknown_of[a->column];
+  int row_s = p->system.row_of[a->column], column_s = p->system.unknown_of[a->column];
   const Second *h = &a->of_force;
   for (int l = 0; l < m * n; ++l) {
     int dof = 3 * (a->first + l % n) + l / n;
@@ -57,22 +57,22 @@ static void bordering_slider(const Problem *p, const Work *w, Slider *a) {
       double of_T = a->part_sign[e] * w->values[a->part_value[e]];
       double of_virtual = a->part_sign[e] * w->virtual_map[a->part_value[e]];
       for (int c = 0; c < m; ++c) {
-        add_at(p, w, force - c, p->unknown_of[column], -of_T * a->T[c][l]);
-        add_at(p, w, p->row_of[column], force - c, -of_virtual * a->virtual_map[c][l]);
+        add_at(p, w, force - c, p->system.unknown_of[column], -of_T * a->T[c][l]);
+        add_at(p, w, p->system.row_of[column], force - c, -of_virtual * a->virtual_map[c][l]);
       }
-      add_at(p, w, p->row_of[column], column_s, of_virtual * h->by_s[l]);
-      add_at(p, w, row_s, p->unknown_of[column], of_T * h->of_s[l]);
+      add_at(p, w, p->system.row_of[column], column_s, of_virtual * h->by_s[l]);
+      add_at(p, w, row_s, p->system.unknown_of[column], of_T * h->of_s[l]);
       for (int r = 0; r < a->products; ++r) {
-        add_at(p, w, p->row_of[column], product - r, of_virtual * h->left[r][l]);
-        add_at(p, w, product - r, p->unknown_of[column], of_T * h->right[r][l]);
+        add_at(p, w, p->system.row_of[column], product - r, of_virtual * h->left[r][l]);
+        add_at(p, w, product - r, p->system.unknown_of[column], of_T * h->right[r][l]);
       }
     }
   }
   for (int c = 0; c < m; ++c) {
     add_at(p, w, force - c, column_s, -a->T[c][ARC]);
     add_at(p, w, row_s, force - c, -a->virtual_map[c][ARC]);
-    add_at(p, w, force - c, p->unknown_of[a->carried[c]], 1);
-    add_at(p, w, p->row_of[a->carried[c]], force - c, 1);
+    add_at(p, w, force - c, p->system.unknown_of[a->carried[c]], 1);
+    add_at(p, w, p->system.row_of[a->carried[c]], force - c, 1);
   }
   add_at(p, w, row_s, column_s, h->square);
   for (int r = 0; r < a->products; ++r) add_at(p, w, product - r, product - r, -1);
@@ -80,7 +80,7 @@ static void bordering_slider(const Problem *p, const Work *w, Slider *a) {
 
 /* A node of the beam is held in A, twice as stiff, and set free by bordering rows: otherwise A may be singular. */
 static void hold_beams(const Problem *p, const Work *w) {
-  for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a)
+  for (const Slider *a = p->sliders.slider; a < p->sliders.slider + p->sliders.count; ++a)
     for (int i = 0; i < a->anchors; ++i) w->tangent[a->anchor_at[i]] *= 2;
 }
 
@@ -88,26 +88,27 @@ static void anchor_beam(const Problem *p, const Work *w, const Slider *a) {
   for (int i = 0; i < a->anchors; ++i) {
     int bordering_row = ON_BORDER - a->bordering_row - a->components - a->products - i, column = a->anchor_column[i];
     double k = w->tangent[a->anchor_at[i]] / 2;
-    add_at(p, w, p->row_of[column], bordering_row, -k);
-    add_at(p, w, bordering_row, p->unknown_of[column], 1);
+    add_at(p, w, p->system.row_of[column], bordering_row, -k);
+    add_at(p, w, bordering_row, p->system.unknown_of[column], 1);
     add_at(p, w, bordering_row, bordering_row, -1);
   }
 }
 
 /* The bordering rows for the tangent of a step. */
 HOT void fill_bordering_rows(const Problem *p, const Work *w) {
-  memset(w->reached, 0, p->positions * sizeof *w->reached);
-  for (int i = 0; i < p->bordering_rows; ++i) w->crossed[2 * i] = p->positions, w->crossed[2 * i + 1] = -1;
-  memset(w->corner, 0, (long)p->bordering_rows * p->bordering_rows * sizeof(double));
-  for (int i = 0; i < p->sliders; ++i)
-    bordering_slider(p, w, p->slider + i), anchor_beam(p, w, p->slider + i);
-  for (int k = 0; k < p->beside; ++k)
-    add_at(p, w, p->row_of[p->beside_row[k]], p->unknown_of[p->beside_column[k]], w->tangent[p->beside_at[k]]);
+  memset(w->reached, 0, p->system.positions * sizeof *w->reached);
+  for (int i = 0; i < p->border.rows; ++i) w->crossed[2 * i] = p->system.positions, w->crossed[2 * i + 1] = -1;
+  memset(w->corner, 0, (long)p->border.rows * p->border.rows * sizeof(double));
+  for (int i = 0; i < p->sliders.count; ++i)
+    bordering_slider(p, w, p->sliders.slider + i), anchor_beam(p, w, p->sliders.slider + i);
+  for (int k = 0; k < p->border.beside; ++k)
+    add_at(p, w, p->system.row_of[p->border.beside_row[k]], p->system.unknown_of[p->border.beside_column[k]],
+        w->tangent[p->border.beside_at[k]]);
 }
 
 /* The block of n times four columns from its right sides and sparse factors. */
 INLINED void solve_sparse_columns(const Problem *p, const Work *w, int n) {
-  const SparseRows *rows = p->rows;
+  const SparseRows *rows = p->system.rows;
   const int *first = rows->first;
   const double *A = rows->factors;
   for (int g = 0; g < rows->groups; ++g) {
@@ -141,20 +142,21 @@ INLINED void solve_sparse_columns(const Problem *p, const Work *w, int n) {
 /* Factors of D - C A^-1 B, from D. Equations are divided by their largest entries, and forces and moments counted in
    stiffnesses of their own: otherwise the units would choose the pivots. */
 HOT void factorise_corner(const Problem *p, const Work *w) {
-  int m = p->bordering_rows;
+  int m = p->border.rows;
   double stiff[2] = {0}, *D = w->corner, *unit = w->corner_units, *per_most = unit + m;
   for (int i = 0; i < m; ++i)
     for (long k = w->crossed[2 * i]; k <= w->crossed[2 * i + 1]; ++k) {
-      double c = w->border[i * p->positions + k];
-      for (int j = 0; c != 0 && j < m; ++j) D[i * m + j] -= c * w->block[k * p->block + j];
+      double c = w->border[i * p->system.positions + k];
+      for (int j = 0; c != 0 && j < m; ++j) D[i * m + j] -= c * w->block[k * p->border.block + j];
     }
   for (int i = 0; i < m; ++i) unit[i] = 1;
-  for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a)
+  for (const Slider *a = p->sliders.slider; a < p->sliders.slider + p->sliders.count; ++a)
     for (int c = 0, j = a->bordering_row; c < a->components; ++c, ++j) stiff[c == 2] = fmax(stiff[c == 2], fabs(D[j * m + j]));
   for (int k = 0; k < 2; ++k) stiff[k] = stiff[k] > 0 ? 1 / stiff[k] : 1;
-  for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a)
+  for (const Slider *a = p->sliders.slider; a < p->sliders.slider + p->sliders.count; ++a)
     for (int c = 0; c < a->components + a->products; ++c) unit[a->bordering_row + c] = stiff[c == 2 && a->components == 3];
-  for (int j = p->carrier_bordering; j < m; ++j) unit[j] = stiff[p->closure_force[p->carried_closure[j - p->carrier_bordering]] % 3 == 2];
+  for (int j = p->border.carriers; j < m; ++j)
+    unit[j] = stiff[p->loops.force[p->loops.carried_closure[j - p->border.carriers]] % 3 == 2];
   for (int i = 0; i < m; ++i) {
     double most = 0;
     for (int j = 0; j < m; ++j) most = fmax(most, fabs(D[i * m + j] *= unit[j]));
@@ -167,14 +169,14 @@ HOT void factorise_corner(const Problem *p, const Work *w) {
 /* Unknowns y of the bordering rows from their right sides g, in the place of these, and A^-1 b in x, of one or GROUP_SIZE
    right sides; the block has A^-1 B. x becomes the solution, as far as the bordering rows reach. */
 INLINED void solve_bordering_rows(const Problem *p, const Work *w, int sides, double *g, double *x) {
-  int m = p->bordering_rows;
+  int m = p->border.rows;
   for (int j = 0; j < m; ++j)
     for (long i = w->crossed[2 * j]; i <= w->crossed[2 * j + 1]; ++i)
-      for (int k = 0; k < sides; ++k) g[j * sides + k] -= w->border[j * p->positions + i] * x[i * sides + k];
+      for (int k = 0; k < sides; ++k) g[j * sides + k] -= w->border[j * p->system.positions + i] * x[i * sides + k];
   for (int i = 0; i < m * sides; ++i) g[i] *= w->corner_units[m + i / sides];
   solve_band_rows(sides, m, m, m, w->corner, w->corner_order, g);
   for (int i = 0; i < m * sides; ++i) g[i] *= w->corner_units[i / sides];
-  for (long i = 0; i < p->positions; ++i)
+  for (long i = 0; i < p->system.positions; ++i)
     for (int j = 0; w->reached[i] && j < m; ++j)
-      for (int k = 0; k < sides; ++k) x[i * sides + k] -= w->block[i * p->block + j] * g[j * sides + k];
+      for (int k = 0; k < sides; ++k) x[i * sides + k] -= w->block[i * p->border.block + j] * g[j * sides + k];
 }

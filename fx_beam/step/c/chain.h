@@ -66,7 +66,7 @@ INLINED void eliminate_next(const Work *w, int k, int way, int keep, Four *diago
 /* Elimination for the right side y; returns 0 if a pivot is zero. Proceeds from both ends to the group `middle`, of which
    y becomes the solution: the processor can overlap the divisions. With `keep` for further right sides. */
 INLINED int eliminate_chain(const Problem *p, const Work *w, int middle, int keep) {
-  int last = p->chain - 1;
+  int last = p->system.chain - 1;
   double none[GROUP] = {0};
   Four down[3], up[3], diagonal[3], u[3];
   diagonal_rows(w, 0, down), diagonal_rows(w, last, up);
@@ -94,7 +94,7 @@ INLINED void substitute_group(const Work *w, int k, int side, const int *reached
 
 /* The solution in place of y, from that of the group in the middle: only of groups that are `reached` or not, if it is given. */
 INLINED void substitute_chain(const Problem *p, const Work *w, int middle, const int *reached, int now) {
-  int last = p->chain - 1;
+  int last = p->system.chain - 1;
   double x[3], z[3];
   for (int i = 0; i < 3; ++i) x[i] = z[i] = w->y[3 * middle + i];
   for (int k = 1; k <= middle || k <= last - middle; ++k) {
@@ -135,7 +135,7 @@ static int are_coupled(const double *one, const double *other) {
 INLINED void solve_chain_columns(const Problem *p, const Work *w, int middle, int n) {
   double *A = w->tangent;
   Four *block = (Four *)w->block;
-  int last = p->chain - 1, most = middle > last - middle ? middle : last - middle;
+  int last = p->system.chain - 1, most = middle > last - middle ? middle : last - middle;
   long rows = 3 * (long)n;
   for (int i = 0; i < most; ++i)
     for (int side = 0; side < 2; ++side) { /* which the processor can overlap */

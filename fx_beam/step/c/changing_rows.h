@@ -47,8 +47,8 @@ static void find_pairs(const Problem *p, ChangingRows *c, const MemberContacts *
       const int *dof = m->contact_point[t].dof, a = dof[i / CONTACT_POINT_DOFS], b = dof[i % CONTACT_POINT_DOFS];
       for (int e = c->dof_start[a]; e < c->dof_start[a + 1]; ++e)
         for (int f = c->dof_start[b]; f < c->dof_start[b + 1]; ++f)
-          add_pair(c, (ContactPair){i, c->dof_sign[e] * c->dof_sign[f], t, p->row_of[c->dof_column[e]],
-                                    p->unknown_of[c->dof_column[f]], c->dof_value[e], c->dof_value[f], -1});
+          add_pair(c, (ContactPair){i, c->dof_sign[e] * c->dof_sign[f], t, p->system.row_of[c->dof_column[e]],
+                                    p->system.unknown_of[c->dof_column[f]], c->dof_value[e], c->dof_value[f], -1});
     }
 }
 
@@ -60,7 +60,7 @@ static int worth_of(const Problem *p, const ChangingRows *c) {
     double above = r->start[i + 1] - r->diagonal[i] - 1;
     products += above * (above + 1);
   }
-  int worth = (products + c->row_entry * size) / (c->substitution * (size + p->tangent_start[p->unknowns]));
+  int worth = (products + c->row_entry * size) / (c->substitution * (size + p->system.tangent_start[p->system.unknowns]));
   return worth >= c->least_worth ? worth : 0;
 }
 
@@ -74,10 +74,10 @@ static int has_contact_points(const ChangingRows *c, const MemberContacts *m) {
 
 /* Places among the factors of the entries of the tangent or of its transpose, and of those of contact points. */
 static void place_entries(const Problem *p, ChangingRows *c, int transposed) {
-  for (int i = 0; i < p->unknowns; ++i)
-    for (int k = p->tangent_start[i]; k < p->tangent_start[i + 1]; ++k) {
-      int j = p->tangent_column[k];
-      p->factor_at[k] = place_of_pair(&c->elimination, transposed ? j : i, transposed ? i : j);
+  for (int i = 0; i < p->system.unknowns; ++i)
+    for (int k = p->system.tangent_start[i]; k < p->system.tangent_start[i + 1]; ++k) {
+      int j = p->system.tangent_column[k];
+      p->system.factor_at[k] = place_of_pair(&c->elimination, transposed ? j : i, transposed ? i : j);
     }
   for (ContactPair *e = c->pair; e < c->pair + c->pairs; ++e)
     e->at = place_of_pair(&c->elimination, transposed ? e->column : e->row, transposed ? e->row : e->column);
@@ -86,15 +86,15 @@ static void place_entries(const Problem *p, ChangingRows *c, int transposed) {
 
 /* Finds the pattern for the present contact points, if it lacks one. */
 static void change_rows(Problem *p) {
-  ChangingRows *c = p->changing;
+  ChangingRows *c = p->system.changing;
   MemberContacts *m = p->points->members;
   if (has_contact_points(c, m)) return;
   c->searches = m->searches, c->placed = -1;
   count_contact_points(m);
   begin_elimination(&c->elimination), find_pairs(p, c, m);
   find_rows(&c->elimination);
-  memcpy(p->order, c->elimination.order, p->unknowns * sizeof(int));
-  ROOM(p->rows->factors, p->rows->start[p->unknowns]);
-  p->reused.present = 0;
-  if (c->keep) p->reused.worth = worth_of(p, c);
+  memcpy(p->system.order, c->elimination.order, p->system.unknowns * sizeof(int));
+  ROOM(p->system.rows->factors, p->system.rows->start[p->system.unknowns]);
+  p->system.reused.present = 0;
+  if (c->keep) p->system.reused.worth = worth_of(p, c);
 }

@@ -8,24 +8,25 @@
 static void begin_points(const Problem *p, const Work *w) {
   const PointForces *points = p->points;
   find_slide_rates(p, w);
-  double t = p->t + p->level * w->dt;
-  fx_begin_points(points, p->q, p->v, p->slides, p->slide_rate, t, w->dt, p->spring_internal);
-  for (int i = 0; i < p->follower_forces; ++i)
+  double t = p->state.t + p->scheme.level * w->dt;
+  fx_begin_points(points, p->state.q, p->state.v, p->state.slides, p->at_points.slide_rate, t, w->dt,
+      p->state.spring_internal);
+  for (int i = 0; i < p->loads.follower_forces; ++i)
     memcpy(points->of[points->external + i].numbers, w->follower_force + 2 * i, 2 * sizeof(double));
 }
 
 /* The values of T of a joint, its arm turned and the tangent of its track, at a rotation of the carrier and a slide. */
 INLINED void set_arm(const Problem *p, int j, double *frame, double psi, double d, double *values) {
-  Track track = track_of(p->track[j], p->axis + 2 * j, d, d);
+  Track track = track_of(p->joints.track[j], p->joints.axis + 2 * j, d, d);
   frame[0] = cos(psi), frame[1] = sin(psi);
-  Two arm = turn_by(pair(frame), pair(p->offset + 2 * j) + track.place);
+  Two arm = turn_by(pair(frame), pair(p->joints.offset + 2 * j) + track.place);
   values[0] = -arm[1], values[1] = arm[0];
   *(Two *)(values + 2) = turn_by(pair(frame), track.chord);
 }
 
 /* The track of a joint at an end of a step, with its chord over the step, or its tangent where forces are those at the ends. */
 INLINED Track track_at(const Problem *p, int j, double d_other, double d) {
-  return track_of(p->track[j], p->axis + 2 * j, p->rule == 0 ? d_other : d, d);
+  return track_of(p->joints.track[j], p->joints.axis + 2 * j, p->scheme.rule == 0 ? d_other : d, d);
 }
 
 /* Derivative of the increment on which forces do work, by the rotation of a joint's carrier. */
@@ -35,14 +36,14 @@ static inline double slope_of_turn(const Work *w, int j) { return 1 + w->half_tu
    or at the end (1) of a step. Of a joint that does not slide only those of the first two by the rotation. */
 static void slopes_of_joint(const Problem *p, const Work *w, int j, int end, double by[2][4]) {
   const double *frame = w->frame + 4 * j, *values = (end ? w->values : w->values0) + 1 + 4 * j;
-  double shares[] = {1 - p->level, p->level}, share = shares[end], slope = slope_of_turn(w, j);
+  double shares[] = {1 - p->scheme.level, p->scheme.level}, share = shares[end], slope = slope_of_turn(w, j);
   by[0][0] = -share * values[1], by[0][1] = share * values[0];
-  if (p->slide_column[j] < 0) return;
+  if (p->joints.slide_column[j] < 0) return;
   Two bent = (end ? w->half_turn[j] : -w->half_turn[j]) * pair(w->virtual_map + 3 + 4 * j);
-  double d0 = at(p->slides, p->slide_of[j]), d1 = d0 + at(w->z, p->slide_column[j]);
+  double d0 = at(p->state.slides, p->joints.number[j]), d1 = d0 + at(w->z, p->joints.slide_column[j]);
   Track track = track_at(p, j, end ? d0 : d1, end ? d1 : d0);
   Two of_end = pair(frame + 2 * end), between = shares[0] * pair(frame) + shares[1] * pair(frame + 2);
-  Two chord = turn_by(of_end, track.chord), bend = turn_by(p->rule == 0 ? between : 2 * share * of_end, track.bend);
+  Two chord = turn_by(of_end, track.chord), bend = turn_by(p->scheme.rule == 0 ? between : 2 * share * of_end, track.bend);
   by[1][0] = -share * values[3], by[1][1] = share * values[2];
   by[0][2] = bent[0] - slope * share * chord[1], by[0][3] = bent[1] + slope * share * chord[0];
   by[1][2] = slope * bend[0], by[1][3] = slope * bend[1];
@@ -51,9 +52,9 @@ static void slopes_of_joint(const Problem *p, const Work *w, int j, int end, dou
 /* Returns 0 in a singular position. */
 static int begin_couplings(const Problem *p, const Work *w) {
   w->values0[0] = w->values[0] = w->virtual_map[0] = 1;
-  for (int j = 0; HAS(COUPLED) && j < p->joints; ++j) {
-    double d = at(p->slides, p->slide_of[j]);
-    set_arm(p, j, w->frame + 4 * j, at(p->q, p->carrier[j]), d, w->values0 + 1 + 4 * j);
+  for (int j = 0; HAS(COUPLED) && j < p->joints.count; ++j) {
+    double d = at(p->state.slides, p->joints.number[j]);
+    set_arm(p, j, w->frame + 4 * j, at(p->state.q, p->joints.carrier[j]), d, w->values0 + 1 + 4 * j);
   }
   begin_points(p, w);
   return begin_loops(p, w);
@@ -61,45 +62,46 @@ static int begin_couplings(const Problem *p, const Work *w) {
 
 /* Small changes of all degrees of freedom for those z of the columns; without values their increments without arms. */
 INLINED void spread_columns(const Problem *p, const Work *w, const double *values, double *z, double *out) {
-  if (!HAS(COUPLED)) return gather(p->dofs, z, p->entry_column, out);
-  if (p->auxiliaries) change_auxiliaries(p, w, values, z);
+  if (!HAS(COUPLED)) return gather(p->dofs, z, p->map.column, out);
+  if (p->auxiliary.count) change_auxiliaries(p, w, values, z);
   memset(out, 0, p->dofs * sizeof *out);
-  for (int k = 0; k < p->equal; ++k) out[p->entry_row[k]] += z[p->entry_column[k]];
-  for (int k = p->equal; k < p->entries; ++k)
-    if (values || p->entry_value[k] == 0)
-      out[p->entry_row[k]] += p->entry_sign[k] * (values ? values[p->entry_value[k]] : 1) * z[p->entry_column[k]];
+  for (int k = 0; k < p->map.equal; ++k) out[p->map.row[k]] += z[p->map.column[k]];
+  for (int k = p->map.equal; k < p->map.count; ++k)
+    if (values || p->map.value[k] == 0)
+      out[p->map.row[k]] += p->map.sign[k] * (values ? values[p->map.value[k]] : 1) * z[p->map.column[k]];
 }
 
 /* Increment of all degrees of freedom for the columns z, and the values of T and Tv for it. */
 HOT void expand_columns(const Problem *p, const Work *w) {
-  double *D = w->D, level = p->level;
+  double *D = w->D, level = p->scheme.level;
   spread_columns(p, w, 0, w->z, D); /* first rotations, on which the arms depend */
   if (!HAS(COUPLED)) return;
-  for (int j = 0; j < p->joints; ++j) {
-    double psi = at(p->q, p->carrier[j]), Dpsi = at(D, p->carrier[j]);
-    double slide = at(w->z, p->slide_column[j]), d0 = at(p->slides, p->slide_of[j]), d = d0 + slide;
+  for (int j = 0; j < p->joints.count; ++j) {
+    double psi = at(p->state.q, p->joints.carrier[j]), Dpsi = at(D, p->joints.carrier[j]);
+    double slide = at(w->z, p->joints.slide_column[j]), d0 = at(p->state.slides, p->joints.number[j]), d = d0 + slide;
     set_arm(p, j, w->frame + 4 * j + 2, psi + Dpsi, d, w->values + 1 + 4 * j);
     double tangent = tan(Dpsi / 2);
-    w->half_turn[j] = p->rule == 0 ? tangent : 0;
+    w->half_turn[j] = p->scheme.rule == 0 ? tangent : 0;
     double *frame = w->frame + 4 * j, *virtual_map = w->virtual_map + 1 + 4 * j;
     /* R1 x1 - R0 x0 = (1 - R0 R1^T) R1 x1 + R0 (x1 - x0): a difference of arms would have no digits in short steps. */
     double sine = 2 * tangent / (1 + tangent * tangent);
-    Two slid = turn_by(pair(frame), slide * track_of(p->track[j], p->axis + 2 * j, d0, d).chord);
+    Two slid = turn_by(pair(frame), slide * track_of(p->joints.track[j], p->joints.axis + 2 * j, d0, d).chord);
     *(Two *)(w->arm_change + 2 * j) = turn_by((Two){tangent * sine, sine}, arm_of(w->values, j)) + slid;
     Two start = turn_by(pair(frame), track_at(p, j, d, d0).chord), end = turn_by(pair(frame + 2), track_at(p, j, d0, d).chord);
     *(Two *)virtual_map = (1 - level) * pair(w->values0 + 1 + 4 * j) + level * pair(w->values + 1 + 4 * j);
     *(Two *)(virtual_map + 2) = slope_of_turn(w, j) * ((1 - level) * start + level * end);
   }
-  if (p->auxiliaries) spread_columns(p, w, 0, w->z, D);
-  for (int k = 0; k < p->followers; ++k) D[p->follower[k]] += p->joint_sign[p->through[k]] * w->arm_change[p->through[k]];
+  if (p->auxiliary.count) spread_columns(p, w, 0, w->z, D);
+  for (int k = 0; k < p->joints.followers; ++k)
+    D[p->joints.follower[k]] += p->joints.sign[p->joints.through[k]] * w->arm_change[p->joints.through[k]];
 }
 
 /* The same with the columns of the nodes that slide on beams. */
 static void expand_trees(const Problem *p, const Work *w) {
   expand_columns(p, w);
-  for (int i = 0; HAS(SLIDERS) && i < p->sliders; ++i) { /* a beam may hang on a node that slides on another one */
-    Slider *a = p->slider + i;
-    a->s0 = p->slides[a->joint], a->slide = w->z[a->column], a->s1 = a->s0 + a->slide;
+  for (int i = 0; HAS(SLIDERS) && i < p->sliders.count; ++i) { /* a beam may hang on a node that slides on another one */
+    Slider *a = p->sliders.slider + i;
+    a->s0 = p->state.slides[a->joint], a->slide = w->z[a->column], a->s1 = a->s0 + a->slide;
     slide_on(p, a, w->D);
     for (int c = 0; c < a->components; ++c) w->z[a->carried[c]] = a->increment[c];
     expand_columns(p, w);
@@ -119,7 +121,7 @@ static int expand(const Problem *p, const Work *w) {
   double last = HUGE_VAL;
   int left = CLOSINGS;
   expand_trees(p, w);
-  if (HAS(LOOPS) && p->closures) {
+  if (HAS(LOOPS) && p->loops.closures) {
     for (; left && !correct_loops(p, w, &last); --left) expand_trees(p, w);
     derive_closures(p, w, w->virtual_map, w->G_virtual);
     factorise_closures(p, w, w->G_virtual, 1);
@@ -131,7 +133,7 @@ static int expand(const Problem *p, const Work *w) {
 /* The columns of sliding nodes in z are set. */
 HOT void spread_open(const Problem *p, const Work *w, double *z, double *out) {
   spread_columns(p, w, w->values, z, out);
-  for (const Slider *a = p->slider; HAS(SLIDERS) && a < p->slider + p->sliders; ++a) {
+  for (const Slider *a = p->sliders.slider; HAS(SLIDERS) && a < p->sliders.slider + p->sliders.count; ++a) {
     for (int c = 0; c < a->components; ++c)
       z[a->carried[c]] = a->T[c][ARC] * z[a->column] + moved_by_beam(a, c, out);
     spread_columns(p, w, w->values, z, out);
@@ -146,69 +148,70 @@ static void spread(const Problem *p, const Work *w, double *z, double *out) {
 
 /* Adds Tv^T r. */
 INLINED void add_rows(const Problem *p, const Work *w, const double *r, double *out) {
-  const int *row = p->entry_row, *column = p->entry_column;
+  const int *row = p->map.row, *column = p->map.column;
 #pragma GCC unroll 4
-  for (int k = 0; k < p->equal; ++k) out[column[k]] += r[HAS(COUPLED) ? row[k] : k];
-  for (int k = p->equal; HAS(COUPLED) && k < p->entries; ++k)
-    out[p->entry_column[k]] += p->entry_sign[k] * w->virtual_map[p->entry_value[k]] * r[p->entry_row[k]];
+  for (int k = 0; k < p->map.equal; ++k) out[column[k]] += r[HAS(COUPLED) ? row[k] : k];
+  for (int k = p->map.equal; HAS(COUPLED) && k < p->map.count; ++k)
+    out[p->map.column[k]] += p->map.sign[k] * w->virtual_map[p->map.value[k]] * r[p->map.row[k]];
 }
 
 /* Adds the forces r on nodes to those on columns, also those of nodes that slide on beams. */
 INLINED void collect(const Problem *p, const Work *w, const double *r, double *out) {
-  if (HAS(SLIDERS) && p->sliders) load_beams(p, w, r, out), r = w->loaded;
+  if (HAS(SLIDERS) && p->sliders.count) load_beams(p, w, r, out), r = w->loaded;
   add_rows(p, w, r, out);
-  if (HAS(COUPLED) && p->auxiliaries) collect_auxiliaries(p, w->virtual_map, out);
+  if (HAS(COUPLED) && p->auxiliary.count) collect_auxiliaries(p, w->virtual_map, out);
 }
 
 static void project(const Problem *p, const Work *w, const double *r, double *out) {
-  memset(out, 0, (p->columns + p->auxiliaries) * sizeof *out);
+  memset(out, 0, (p->columns + p->auxiliary.count) * sizeof *out);
   push_columns(p, out), collect(p, w, r, out);
-  if (HAS(LOOPS) && p->closures) close_residual(p, w, out);
-  if (HAS(SLIDERS) && HAS(LOOPS) && p->carried) carry_in_loops(p, w, r);
+  if (HAS(LOOPS) && p->loops.closures) close_residual(p, w, out);
+  if (HAS(SLIDERS) && HAS(LOOPS) && p->loops.carried) carry_in_loops(p, w, r);
 }
 
 /* Nodal forces of the last residual, with those of sliding nodes on their beams. */
-static const double *with_carried(const Problem *p, const Work *w) { return p->sliders ? w->loaded : w->r; }
+static const double *with_carried(const Problem *p, const Work *w) { return p->sliders.count ? w->loaded : w->r; }
 
 /* Adds forces on nodes to those of the joints through which they pass, and to the leading nodes. */
 static void pass_forces(const Problem *p, int first, int end, double *on_nodes, double *on_joints) {
   for (int k = first; k < end; ++k) {
-    double force = on_nodes[p->pass_dof[k]];
-    on_joints[p->pass_of[k]] += p->pass_sign[k] * force;
-    if (p->pass_to[k] >= 0) on_nodes[p->pass_to[k]] += force;
+    double force = on_nodes[p->passes.dof[k]];
+    on_joints[p->passes.of[k]] += p->passes.sign[k] * force;
+    if (p->passes.to[k] >= 0) on_nodes[p->passes.to[k]] += force;
   }
 }
 
 /* Forces of the joints on b, but for their moments, after `project` of the last residual; those on nodes are in `passed`. */
 static void pass_through_joints(const Problem *p, const Work *w) {
   double *on_nodes = memcpy(w->passed, with_carried(p, w), p->dofs * sizeof(double));
-  memset(w->joint_forces, 0, 3 * p->scene_joints * sizeof(double));
-  for (int k = 0; HAS(LOOPS) && k < p->closures; ++k) {
-    if (p->closure_b[k] >= 0) on_nodes[p->closure_b[k]] -= w->closing[k];
-    if (p->closure_a[k] >= 0) on_nodes[p->closure_a[k]] += w->closing[k];
-    w->joint_forces[p->closure_force[k]] += w->closing[k];
+  memset(w->joint_forces, 0, 3 * p->passes.joints * sizeof(double));
+  for (int k = 0; HAS(LOOPS) && k < p->loops.closures; ++k) {
+    if (p->loops.b[k] >= 0) on_nodes[p->loops.b[k]] -= w->closing[k];
+    if (p->loops.a[k] >= 0) on_nodes[p->loops.a[k]] += w->closing[k];
+    w->joint_forces[p->loops.force[k]] += w->closing[k];
   }
-  pass_forces(p, 0, p->passes_of_forces, on_nodes, w->joint_forces);
+  pass_forces(p, 0, p->passes.of_forces, on_nodes, w->joint_forces);
 }
 
 /* Completes the reduced tangent, in the storage of its factors, after `project` of the residual. */
 HOT void reduce_tangent(const Problem *p, const Work *w) {
   double *K = w->tangent, slopes[2][4], most = 0;
   if (HAS(SLIDERS)) turn_beams(p, w);
-  for (int k = 0; k < p->direct; ++k) K[p->direct_to[k]] += K[p->direct_from[k]];
+  for (int k = 0; k < p->direct.count; ++k) K[p->direct.to[k]] += K[p->direct.from[k]];
   if (!HAS(COUPLED)) return;
-  if (p->geometric) pass_through_joints(p, w);
-  for (int k = 0; k < p->geometric; ++k) {
-    int j = p->geometric_joint[k], kind = p->geometric_kind[k];
-    double *F = w->joint_forces + 3 * p->slide_of[j], *by = slopes[kind % 2] + kind / 2 * 2;
-    if (!k || j != p->geometric_joint[k - 1]) slopes_of_joint(p, w, j, 1, slopes);
-    K[p->geometric_to[k]] += p->geometric_sign[k] * (F[0] * by[0] + F[1] * by[1]);
+  if (p->geometric.count) pass_through_joints(p, w);
+  for (int k = 0; k < p->geometric.count; ++k) {
+    int j = p->geometric.joint[k], kind = p->geometric.kind[k];
+    double *F = w->joint_forces + 3 * p->joints.number[j], *by = slopes[kind % 2] + kind / 2 * 2;
+    if (!k || j != p->geometric.joint[k - 1]) slopes_of_joint(p, w, j, 1, slopes);
+    K[p->geometric.to[k]] += p->geometric.sign[k] * (F[0] * by[0] + F[1] * by[1]);
     if (HAS(LOOPS)) most = fmax(most, fmax(fabs(F[0]), fabs(F[1]))); /* of parallel forces K is round-off */
   }
-  for (int k = 0; k < p->coupled; ++k) {
-    if (HAS(LOOPS) && k == p->stiffened) K[p->stiffness_at] = fmax(stiffness_of_closures(p, K), most * p->per_unit[0]);
-    K[p->coupled_to[k]] += K[p->coupled_from[k]] * w->virtual_map[p->coupled_virtual[k]] *
-                         w->values[p->coupled_value[k]] * p->coupled_sign[k];
+  for (int k = 0; k < p->coupled.count; ++k) {
+    if (HAS(LOOPS) && k == p->coupled.stiffened)
+      K[p->coupled.stiffness_at] = fmax(stiffness_of_closures(p, K), most * p->mesh.per_unit[0]);
+    K[p->coupled.to[k]] += K[p->coupled.from[k]] * w->virtual_map[p->coupled.virtual[k]] *
+                         w->values[p->coupled.value[k]] * p->coupled.sign[k];
   }
-  if (HAS(SLIDERS) && p->bordering_rows) hold_beams(p, w), fill_bordering_rows(p, w);
+  if (HAS(SLIDERS) && p->border.rows) hold_beams(p, w), fill_bordering_rows(p, w);
 }

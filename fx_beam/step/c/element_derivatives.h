@@ -13,7 +13,7 @@ static void evaluate_slopes(const Problem *p, const Work *w, const Vjp *of, cons
     double *piece = to + of->piece_start[i] * LANES, *by_end = end < 0 ? 0 : to + of->piece_start[end] * LANES;
     if (i >= of->made) memset(piece, 0, n * sizeof(double));
     else if (of->weight_at[i])
-      for (int k = 0; k < n; ++k) piece[k] *= p->per_weight[k / LANES % weights];
+      for (int k = 0; k < n; ++k) piece[k] *= p->internal.per_weight[k / LANES % weights];
     for (int k = 0; by_end && k < n; ++k) piece[k] -= by_end[k];
   }
 }
@@ -35,9 +35,9 @@ static void find_slopes(const Problem *p, const Work *w, const Derivatives *a, c
 /* Adds the tangent of elements with internal variables, by their slopes. On a yield surface it has a kink: there round-off may
    choose another side of it in the tangent for steps, with which the slopes would not fit. */
 static void add_slopes(const Problem *p, const Vjp *of, const double *slopes, double *K) {
-  int n = p->cell_dofs;
+  int n = p->mesh.cell_dofs;
   double A[12 * 12 * LANES];
-  EACH_BLOCK(integral, block, &p->internal_forces) {
+  EACH_BLOCK(integral, block, &p->forms.internal_forces) {
     const double *by_end = slopes + of->piece_start[0] * LANES; /* [increment][force][lane] */
     for (int k = 0; k < n * n; ++k) memcpy(A + k * LANES, by_end + (k % n * n + k / n) * LANES, LANES * sizeof(double));
     add_tangents(n, integral, block, A, K);
@@ -46,7 +46,9 @@ static void add_slopes(const Problem *p, const Vjp *of, const double *slopes, do
 }
 
 /* Whether the motions of nodes do not depend on the state. */
-static int has_constant_map(const Problem *p) { return p->entries == p->equal && !p->closures && !p->sliders; }
+static int has_constant_map(const Problem *p) {
+  return p->map.count == p->map.equal && !p->loops.closures && !p->sliders.count;
+}
 
 /* The forces of a sub-step of a tape, and its tangent, if these are read; returns 0 in a singular position. */
 static int begin_taped(Problem *p, Work *w, const Derivatives *a, const double *row, Linear *l) {
@@ -55,19 +57,19 @@ static int begin_taped(Problem *p, Work *w, const Derivatives *a, const double *
   take_from_tape(p, w, row), stretch_bristles(p, a, l->step);
   w->dt = dt;
   begin_loads(p, w);
-  if (p->naturals) begin_natural(p, w);
-  for (int k = p->points->external; p->at_rest && k < p->points->nodal; ++k)
-    p->points->of[k].numbers[a->numbers[k] - 1] = p->ratio; /* the last number of a load is its factor */
-  fx_set_parameters(p->points, p->parameter);
+  if (p->natural.count) begin_natural(p, w);
+  for (int k = p->points->external; p->scheme.at_rest && k < p->points->nodal; ++k)
+    p->points->of[k].numbers[a->numbers[k] - 1] = p->state.ratio; /* the last number of a load is its factor */
+  fx_set_parameters(p->points, p->parameters.value);
   begin_elements(p, w);
   if (!begin_couplings(p, w) && !choose_ahead(p, w)) return 0;
   if (!expand(p, w)) return 0;
   if (HAS(MEMBERS) && p->points->members) settle_members(p, w);
-  for (int i = 0; i < 2; ++i) begin_form(p, w, &work_of_elements(a, i)->slopes, p->t + p->level * dt);
+  for (int i = 0; i < 2; ++i) begin_form(p, w, &work_of_elements(a, i)->slopes, p->state.t + p->scheme.level * dt);
   if (unread) work_increment(p, w), acceleration(p, w, dt), evaluate_nodes(p, w);
   else balance(p, w);
   if (w->by_slopes && !a->by_unknowns) find_slopes(p, w, a, l), add_slopes(p, &a->internal_forces, l->slopes[0], w->tangent);
-  if (p->friction_follows) set_axes(p, w);
+  if (p->at_points.friction_follows) set_axes(p, w);
   if (!l->adds) l->of[TOUCHED].count = 0;
   if (HAS(MEMBERS) && p->points->members) put_members(l->of + TOUCHED, p, a, &l->at, l->step);
   if (!unread) reduce_tangent(p, w);
@@ -134,8 +136,8 @@ INLINED void jvp_cells(const Vjp *of, const double *slopes, int weights, int int
 HOT void jvp_elements(const Problem *p, const Derivatives *a, const Linear *l, int held, Changes *x) {
   for (int i = 0; i < 2; ++i) {
     const Vjp *of = work_of_elements(a, i);
-    if (p->cell_dofs == 6) jvp_cells(of, l->slopes[i], 6, 0, held, x); /* sums stay in registers */
-    else jvp_cells(of, l->slopes[i], p->cell_dofs, 0, held, x);
+    if (p->mesh.cell_dofs == 6) jvp_cells(of, l->slopes[i], 6, 0, held, x); /* sums stay in registers */
+    else jvp_cells(of, l->slopes[i], p->mesh.cell_dofs, 0, held, x);
   }
 }
 
@@ -175,22 +177,22 @@ HOT void vjp_elements(const Problem *p, const Work *w, const Derivatives *a, con
   for (int i = 0; i < 2; ++i) {
     const Vjp *of = work_of_elements(a, i);
     const double *stored = l->stores ? l->slopes[i] : 0;
-    if (p->cell_dofs == 6) vjp_cells(p, w, of, stored, 6, last, x);
-    else vjp_cells(p, w, of, stored, p->cell_dofs, last, x);
+    if (p->mesh.cell_dofs == 6) vjp_cells(p, w, of, stored, 6, last, x);
+    else vjp_cells(p, w, of, stored, p->mesh.cell_dofs, last, x);
   }
 }
 
 /* Accelerations by places in a frame that turns. */
-static double by_places_in_turn(const Problem *p) { return p->at_rest ? -p->ratio * p->spin_squared : 0; }
+static double by_places_in_turn(const Problem *p) { return p->scheme.at_rest ? -p->state.ratio * p->frame.spin_squared : 0; }
 
 /* The derivatives of the forces of elements and of inertia, and of internal variables; with `last` also by numbers. */
 HOT void vjp_bodies(const Problem *p, const Work *w, const Derivatives *a, const Linear *l, double *x, int last) {
   const Layout *at = &l->at;
   double per_dt = rates_per_path(p, w->dt), turning = by_places_in_turn(p);
-  for (int i = 0; i < p->cells * p->cell_internal; ++i) x[at->internal + i] += x[at->internal1 + i];
+  for (int i = 0; i < p->cells * p->internal.per_cell; ++i) x[at->internal + i] += x[at->internal1 + i];
   vjp_elements(p, w, a, l, last, x);
   for (int i = 0; last && i < p->dofs; ++i) x[at->weight + i] -= acting(p) * x[at->r + i];
-  if (p->at_rest && !turning) return;
+  if (p->scheme.at_rest && !turning) return;
   times_mass(p, x + at->r, w->scratch);
   for (int i = 0; i < p->dofs; ++i) {
     double by_increment = per_dt * per_dt / 2 * w->slope[i] * w->scratch[i];
@@ -198,11 +200,12 @@ HOT void vjp_bodies(const Problem *p, const Work *w, const Derivatives *a, const
   }
   for (int i = 0; turning < 0 && i < p->dofs; ++i) { /* in a frame that turns */
     double by_place = turning * w->scratch[i];
-    x[at->q1 + i] += p->level * by_place, x[at->q + i] += (1 - p->level) * by_place, x[at->member_places + i] += by_place;
+    x[at->q1 + i] += p->scheme.level * by_place, x[at->q + i] += (1 - p->scheme.level) * by_place,
+        x[at->member_places + i] += by_place;
   }
-  for (int node = 0; last && node < p->nodes; ++node)
-    for (int k = p->mass_start[node]; k < p->mass_start[node + 1]; ++k)
-      for (int i = 0; i < 3; ++i) x[at->mass + 3 * k + i] += x[at->r + 3 * node + i] * w->acc[p->mass_dof[k] + i];
+  for (int node = 0; last && node < p->mesh.nodes; ++node)
+    for (int k = p->mass.start[node]; k < p->mass.start[node + 1]; ++k)
+      for (int i = 0; i < 3; ++i) x[at->mass + 3 * k + i] += x[at->r + 3 * node + i] * w->acc[p->mass.dof[k] + i];
 }
 
 /* Sets the changes of the forces of inertia and weight. */
@@ -210,19 +213,20 @@ HOT void jvp_inertia(const Problem *p, const Work *w, const Layout *at, int chan
   double per_dt = rates_per_path(p, w->dt), turning = by_places_in_turn(p);
   const Changes *q = x + at->q, *end = x + at->q1, *v = x + at->v, *X = x + at->member_places;
   Changes *moving = x + at->R; /* which begins afterwards */
-  if (p->at_rest) memset(x + at->r, 0, p->dofs * sizeof(Changes));
-  if (p->at_rest && !changes_mass && !turning) return;
+  if (p->scheme.at_rest) memset(x + at->r, 0, p->dofs * sizeof(Changes));
+  if (p->scheme.at_rest && !changes_mass && !turning) return;
   for (int i = 0; i < p->dofs; ++i) {
     Changes increment = held ? -q[i] : end[i] - q[i];
     moving[i] = per_dt * (per_dt / 2 * w->slope[i] * increment - v[i]);
   }
-  for (int i = 0; turning < 0 && i < p->dofs; ++i) moving[i] += turning * (X[i] + (1 - p->level) * q[i] + p->level * end[i]);
-  for (int node = 0; node < p->nodes; ++node) {
+  for (int i = 0; turning < 0 && i < p->dofs; ++i)
+    moving[i] += turning * (X[i] + (1 - p->scheme.level) * q[i] + p->scheme.level * end[i]);
+  for (int node = 0; node < p->mesh.nodes; ++node) {
     Changes *r = x + at->r + 3 * node, sums[3] = {{0}};
-    for (int k = p->mass_start[node]; k < p->mass_start[node + 1]; ++k)
-      for (int i = 0; i < 3; ++i) sums[i] += p->mass[3 * k + i] * moving[p->mass_dof[k] + i];
-    for (int k = p->mass_start[node]; changes_mass && k < p->mass_start[node + 1]; ++k)
-      for (int i = 0; i < 3; ++i) sums[i] += x[at->mass + 3 * k + i] * w->acc[p->mass_dof[k] + i];
+    for (int k = p->mass.start[node]; k < p->mass.start[node + 1]; ++k)
+      for (int i = 0; i < 3; ++i) sums[i] += p->mass.value[3 * k + i] * moving[p->mass.dof[k] + i];
+    for (int k = p->mass.start[node]; changes_mass && k < p->mass.start[node + 1]; ++k)
+      for (int i = 0; i < 3; ++i) sums[i] += x[at->mass + 3 * k + i] * w->acc[p->mass.dof[k] + i];
     for (int i = 0; i < 3; ++i) r[i] = changes_mass ? sums[i] - acting(p) * x[at->weight + 3 * node + i] : sums[i];
   }
 }

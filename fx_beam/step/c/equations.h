@@ -16,7 +16,7 @@ OF_STEPS void fx_begin(Problem *p, double dt, double *follower_force) {
 OF_STEPS void fx_end_at(Problem *p, double dt) {
   Work work = work_of(p), *w = &work;
   w->dt = dt;
-  if (!p->at_rest) p->ratio = ratio_of_lengths(p, dt);
+  if (!p->scheme.at_rest) p->state.ratio = ratio_of_lengths(p, dt);
   begin_elements(p, w);
 }
 
@@ -25,11 +25,11 @@ OF_STEPS void fx_end_at(Problem *p, double dt) {
 OF_STEPS int fx_balance(Problem *p, double dt) {
   Problem plain = *p;
   Work work = work_of(p), *w = &work;
-  plain.hold = 0, plain.team = (Team){0};
+  plain.statics.hold = 0, plain.team = (Team){0};
   w->dt = dt;
   int closed = expand(&plain, w);
   balance(&plain, w);
-  if (HAS(MEMBERS) && p->changing) change_rows(p);
+  if (HAS(MEMBERS) && p->system.changing) change_rows(p);
   reduce_tangent(p, w);
   return closed;
 }

@@ -30,16 +30,16 @@ typedef struct {
 static void begin_fits(const Problem *p, Work *w, const Derivatives *a, Fit *f) {
   Linear *l = &f->of, *shape = &f->shape;
   Block *of = l->of, *by = shape->of;
-  int equal = p->equal, left = p->entries - equal;
+  int equal = p->map.equal, left = p->map.count - equal;
   begin_linear(p, w, a, l);
-  of[SPREAD_BY_MAP] = (Block){0, left, 0, p->entry_value + equal, p->entry_row + equal, p->entry_column + equal,
-                              p->entry_sign + equal, w->z, l->at.map, l->at.q1};
+  of[SPREAD_BY_MAP] = (Block){0, left, 0, p->map.value + equal, p->map.row + equal, p->map.column + equal,
+                              p->map.sign + equal, w->z, l->at.map, l->at.q1};
   *shape = *l, memset(by, 0, sizeof shape->of);
   Layout *at = &shape->at;
   at->q1 = at->q, at->Y1 = at->Y, at->slides = at->size;
   /* Numbers of beams change T alone, not what is linear in the rates: what it would read of them is zero. */
-  l->at.places = at->size + SLIDE_NUMBERS * p->sliders, l->at.paths = l->at.places + 3 * p->sliders;
-  f->size = l->at.paths + p->path_numbers;
+  l->at.places = at->size + SLIDE_NUMBERS * p->sliders.count, l->at.paths = l->at.places + 3 * p->sliders.count;
+  f->size = l->at.paths + p->sliders.path_numbers;
   Block *block[] = {of + DRIVEN, by + WEIGHED, by + SLID, by + LEVERS, by + CARRIED, of + TIED_BY_MAP, of + SPREAD_BY_MAP,
                     of + WEIGHED, of + TIED, of + EQUAL, of + SPREAD, of + SLID_BY_MAP, of + PLACED, of + INERT, of + LIGHT,
                     of + INERT_BY_MASS, of + CARRIED, of + COLLECTED, of + ROWS, of + ROWS_BY_MAP, of + MAPPED};
@@ -48,11 +48,11 @@ static void begin_fits(const Problem *p, Work *w, const Derivatives *a, Fit *f) 
   for (int i = 0; i < p->dofs; ++i)
     for (int end = 0; end < 2; ++end) {
       int from = end ? l->at.q1 : l->at.v, sign = end ? 1 : -1;
-      for (int k = p->mass_start[i / 3]; k < p->mass_start[i / 3 + 1]; ++k)
-        put(of + INERT, from + p->mass_dof[k] + i % 3, l->at.r + i, sign * p->mass[3 * k + i % 3]);
-      put(of + LIGHT, from + i, l->at.r + i, sign * p->viscous_weight[i]);
+      for (int k = p->mass.start[i / 3]; k < p->mass.start[i / 3 + 1]; ++k)
+        put(of + INERT, from + p->mass.dof[k] + i % 3, l->at.r + i, sign * p->mass.value[3 * k + i % 3]);
+      put(of + LIGHT, from + i, l->at.r + i, sign * p->statics.viscous_weight[i]);
     }
-  f->solutions = of[LIGHT].count || p->closures ? 2 : 1;
+  f->solutions = of[LIGHT].count || p->loops.closures ? 2 : 1;
 }
 
 /* Takes the changes of a state, of `count` directions from the `first` on. */
@@ -67,35 +67,35 @@ static void find_impulses(const Problem *p, const Work *w, const double *v, doub
   spread_open(p, w, w->z, u);
   for (int i = 0; i < p->dofs; ++i) w->acc[i] = u[i] - v[i];
   times_mass(p, w->acc, w->r);
-  for (int i = 0; i < p->dofs; ++i) w->r[i] += p->viscous_weight[i] * w->acc[i];
-  memset(w->columns, 0, (p->columns + p->auxiliaries) * sizeof(double));
+  for (int i = 0; i < p->dofs; ++i) w->r[i] += p->statics.viscous_weight[i] * w->acc[i];
+  memset(w->columns, 0, (p->columns + p->auxiliary.count) * sizeof(double));
   add_closing(p, w, w->columns), collect(p, w, w->r, w->columns);
 }
 
 /* The equations at a configuration; returns whether they are those of the row before, as no arm has turned. */
 static int begin_fit(Problem *p, Work *w, const Fits *of, long row) {
   double *K = w->tangent;
-  memcpy(p->q, of->q + row * p->dofs, p->dofs * sizeof(double));
-  memcpy(p->slides, of->slides + row * p->scene_joints, p->scene_joints * sizeof(double));
-  memset(w->z, 0, (p->columns + p->auxiliaries) * sizeof(double));
+  memcpy(p->state.q, of->q + row * p->dofs, p->dofs * sizeof(double));
+  memcpy(p->state.slides, of->slides + row * p->passes.joints, p->passes.joints * sizeof(double));
+  memset(w->z, 0, (p->columns + p->auxiliary.count) * sizeof(double));
   begin_couplings(p, w);
-  int same = row > 0 && p->raised == 0 && !(HAS(CHAIN | BAND) || p->sliders || p->closures);
-  for (int i = 0; i < 4 * p->joints; ++i) same &= w->values0[1 + i] == w->values[1 + i];
+  int same = row > 0 && p->newton.raised == 0 && !(HAS(CHAIN | BAND) || p->sliders.count || p->loops.closures);
+  for (int i = 0; i < 4 * p->joints.count; ++i) same &= w->values0[1 + i] == w->values[1 + i];
   expand_trees(p, w);
   derive_closures(p, w, w->virtual_map, w->G_virtual);
   for (int i = 0; i < p->dofs; ++i) w->r[i] = 0, w->slope[i] = 1;
-  memset(w->closing, 0, p->closures * sizeof(double));
-  if (p->sliders) memset(w->loaded, 0, p->dofs * sizeof(double));
-  for (int i = 0; i < p->sliders; ++i) memset(p->slider[i].force, 0, sizeof p->slider->force);
+  memset(w->closing, 0, p->loops.closures * sizeof(double));
+  if (p->sliders.count) memset(w->loaded, 0, p->dofs * sizeof(double));
+  for (int i = 0; i < p->sliders.count; ++i) memset(p->sliders.slider[i].force, 0, sizeof p->sliders.slider->force);
   if (same) return 1;
-  memset(K, 0, p->stored_values * sizeof(double));
-  for (int k = 0; k < p->paddings; ++k) K[p->padding[k]] = 1;
+  memset(K, 0, p->tangent.stored * sizeof(double));
+  for (int k = 0; k < p->system.paddings; ++k) K[p->system.padding[k]] = 1;
   multiply_mass(p, w->D, w->scratch, K, 1, w->slope);
   for (int i = 0; i < p->dofs; ++i)
-    if (p->viscous_weight[i] > 0) K[p->diagonal_at[i]] += p->viscous_weight[i];
+    if (p->statics.viscous_weight[i] > 0) K[p->statics.diagonal_at[i]] += p->statics.viscous_weight[i];
   reduce_tangent(p, w);
   double stiff = stiffness_of_closures(p, K);
-  p->yielding = stiff > 0 ? YIELDING / stiff : 0;
+  p->statics.yielding = stiff > 0 ? YIELDING / stiff : 0;
   return 0;
 }
 
@@ -103,7 +103,7 @@ static int begin_fit(Problem *p, Work *w, const Fits *of, long row) {
    equations are singular. With the `same` ones the factors serve again. */
 static int find_fit(Problem *p, const Work *w, const Linear *l, int solutions, int needed, int same, const double *v,
                     const double *driven, double *u) {
-  const int *of_closing = p->order + p->unknowns - p->closures;
+  const int *of_closing = p->system.order + p->system.unknowns - p->loops.closures;
   double *z = w->z, *right = (double *)l->block, rest[2];
   memcpy(z + p->free, driven, p->driven * sizeof(double));
   int once = solutions == 1 && !needed; /* by the solver of steps, which has one right side */
@@ -115,17 +115,18 @@ static int find_fit(Problem *p, const Work *w, const Linear *l, int solutions, i
   } else if (!factorise_for_directions(p, w)) return 0;
   for (int k = 0; !once && k < solutions; ++k) {
     find_impulses(p, w, v, u);
-    memset(right, 0, p->positions * sizeof(Changes));
-    for (int i = 0; i < p->free; ++i) right[GROUP_SIZE * p->order[i]] = w->columns[i];
-    for (int i = 0; i < p->closures; ++i)
-      for (int e = p->closure_entry_start[i]; e < p->closure_entry_start[i + 1]; ++e)
-        right[GROUP_SIZE * of_closing[i]] += p->closure_sign[e] * w->values[p->closure_value[e]] * z[p->closure_column[e]];
+    memset(right, 0, p->system.positions * sizeof(Changes));
+    for (int i = 0; i < p->free; ++i) right[GROUP_SIZE * p->system.order[i]] = w->columns[i];
+    for (int i = 0; i < p->loops.closures; ++i)
+      for (int e = p->loops.entry_start[i]; e < p->loops.entry_start[i + 1]; ++e)
+        right[GROUP_SIZE * of_closing[i]] += p->loops.entry_sign[e] * w->values[p->loops.entry_value[e]]
+            * z[p->loops.entry_column[e]];
     solve_right_sides(p, w, l);
-    for (int i = 0; i < p->free; ++i) z[i] -= right[GROUP_SIZE * p->order[i]];
+    for (int i = 0; i < p->free; ++i) z[i] -= right[GROUP_SIZE * p->system.order[i]];
   }
-  for (int i = 0; i < p->closures; ++i) w->closing[i] = right[GROUP_SIZE * of_closing[i]];
+  for (int i = 0; i < p->loops.closures; ++i) w->closing[i] = right[GROUP_SIZE * of_closing[i]];
   find_impulses(p, w, v, u);
-  if (p->scene_joints) find_joint_forces(p, w);
+  if (p->passes.joints) find_joint_forces(p, w);
   return 1;
 }
 
@@ -134,15 +135,15 @@ static void linearise_fit(const Problem *p, const Work *w, Fit *f) {
   Linear *l = &f->of, *shape = &f->shape;
   for (int i = 0; i < BLOCKS; ++i)
     if (!l->of[i].from && i != DRIVEN && i != INERT && i != LIGHT) l->of[i].count = 0;
-  for (int i = 0; HAS(SLIDERS) && i < p->sliders; ++i) put_weights_at(l->of + WEIGHED, p, &l->at, i, 1);
+  for (int i = 0; HAS(SLIDERS) && i < p->sliders.count; ++i) put_weights_at(l->of + WEIGHED, p, &l->at, i, 1);
   put_auxiliaries(p, l, w->values, l->at.Y1, l->of + TIED), put_places(p, l, w->values, 1, l->of + PLACED);
   put_rows(p, w, l), put_forces_on_auxiliaries(p, w, l), put_closures(p, w, l, 1, l->of + MAPPED);
   put_closing(p, w, l);
-  if (p->scene_joints) put_joint_forces(p, w, l);
+  if (p->passes.joints) put_joint_forces(p, w, l);
   for (int i = 0; i < p->dofs; ++i)
-    for (int k = p->mass_start[i / 3]; k < p->mass_start[i / 3 + 1]; ++k)
-      put(l->of + INERT_BY_MASS, l->at.mass + 3 * k + i % 3, l->at.r + i, w->acc[p->mass_dof[k] + i % 3]);
-  for (int i = 0; HAS(SLIDERS) && i < p->sliders; ++i) {
+    for (int k = p->mass.start[i / 3]; k < p->mass.start[i / 3 + 1]; ++k)
+      put(l->of + INERT_BY_MASS, l->at.mass + 3 * k + i % 3, l->at.r + i, w->acc[p->mass.dof[k] + i % 3]);
+  for (int i = 0; HAS(SLIDERS) && i < p->sliders.count; ++i) {
     for (int end = 0; end < 2; ++end) put_weights_at(shape->of + WEIGHED, p, &shape->at, i, end);
     put_slide(shape->of + SLID, p, &shape->at, i);
   }
@@ -152,17 +153,17 @@ static void linearise_fit(const Problem *p, const Work *w, Fit *f) {
 static void put_moved(const Problem *p, const Work *w, Fit *f, const double *u) {
   Linear *l = &f->of;
   Block *to = l->of + TIED_BY_MAP;
-  for (int k = 0; k < p->auxiliary_entries; ++k)
-    put(to, l->at.map + p->auxiliary_value[k], l->at.Y1 + p->columns + p->auxiliary_of[k],
-        p->auxiliary_value[k] ? p->auxiliary_sign[k] * w->z[p->auxiliary_column[k]] : 0);
-  for (int k = 0; k < p->closures; ++k) {
-    int i = p->closure_arm[k], map = l->at.map + 1 + 2 * i - i % 2;
+  for (int k = 0; k < p->auxiliary.entries; ++k)
+    put(to, l->at.map + p->auxiliary.value[k], l->at.Y1 + p->columns + p->auxiliary.of[k],
+        p->auxiliary.value[k] ? p->auxiliary.sign[k] * w->z[p->auxiliary.column[k]] : 0);
+  for (int k = 0; k < p->loops.closures; ++k) {
+    int i = p->loops.arm[k], map = l->at.map + 1 + 2 * i - i % 2;
     if (i < 0) continue;
-    put(to, map, l->at.closures + k, -at(u, p->carrier[i / 2]));
-    put(to, map + 2, l->at.closures + k, -at(w->z, p->slide_column[i / 2]));
+    put(to, map, l->at.closures + k, -at(u, p->joints.carrier[i / 2]));
+    put(to, map + 2, l->at.closures + k, -at(w->z, p->joints.slide_column[i / 2]));
   }
-  for (int i = 0; i < p->sliders; ++i) {
-    const Slider *a = p->slider + i;
+  for (int i = 0; i < p->sliders.count; ++i) {
+    const Slider *a = p->sliders.slider + i;
     int first = f->shape.at.slides + i * SLIDE_NUMBERS;
     for (int c = 0; c < a->components; ++c) {
       for (int k = 0; k < a->width; ++k)
@@ -175,7 +176,7 @@ static void put_moved(const Problem *p, const Work *w, Fit *f, const double *u) 
 /* The changes of all that depends on the rates w of unknowns. */
 static void jvp_fit(const Problem *p, const Fit *f, Changes *x) {
   const Layout *at = &f->of.at;
-  memset(x + at->Y1 + p->free, 0, (p->columns + p->auxiliaries - p->free) * sizeof(Changes));
+  memset(x + at->Y1 + p->free, 0, (p->columns + p->auxiliary.count - p->free) * sizeof(Changes));
   memset(x + at->q1, 0, (f->size - at->q1) * sizeof(Changes));
   for (int i = 0; i < FIT_BLOCKS; ++i) jvp(f->block[i], x);
 }
@@ -189,10 +190,11 @@ static void fit_group(const Problem *p, const Work *w, const Fit *f, Changes *x)
     jvp_fit(p, f, x);
     set_right_sides(p, at, x, l->block);
     solve_right_sides(p, w, l);
-    for (int i = 0; i < p->free; ++i) x[at->Y1 + i] -= l->block[p->order[i]];
+    for (int i = 0; i < p->free; ++i) x[at->Y1 + i] -= l->block[p->system.order[i]];
   }
   jvp_fit(p, f, x);
-  for (int i = 0; i < p->closures; ++i) x[at->closing + i] = l->block[p->order[p->unknowns - p->closures + i]];
+  for (int i = 0; i < p->loops.closures; ++i)
+    x[at->closing + i] = l->block[p->system.order[p->system.unknowns - p->loops.closures + i]];
   jvp(l->of + CLOSED, x), jvp(l->of + JOINED, x);
 }
 
@@ -206,17 +208,17 @@ static void vjp_fit(const Fit *f, double *x) {
 static void vjp_group(const Problem *p, const Work *w, const Fit *f, double *trial, double *x) {
   const Linear *l = &f->of;
   const Layout *at = &l->at;
-  const int *of_closing = p->order + p->unknowns - p->closures;
+  const int *of_closing = p->system.order + p->system.unknowns - p->loops.closures;
   long state = (f->size - at->Y) * sizeof(double);
   for (int k = 0; k < f->solutions; ++k) {
     memcpy(trial + at->Y, x + at->Y, state);
     vjp_fit(f, trial);
-    memset(l->block, 0, p->positions * sizeof(Changes));
-    for (int i = 0; i < p->free; ++i) l->block[p->order[i]][0] = trial[at->Y1 + i];
-    for (int i = 0; i < p->closures; ++i) l->block[of_closing[i]][0] = -trial[at->closing + i];
+    memset(l->block, 0, p->system.positions * sizeof(Changes));
+    for (int i = 0; i < p->free; ++i) l->block[p->system.order[i]][0] = trial[at->Y1 + i];
+    for (int i = 0; i < p->loops.closures; ++i) l->block[of_closing[i]][0] = -trial[at->closing + i];
     solve_right_sides(p, w, l);
-    for (int i = 0; i < p->free; ++i) x[at->R + i] -= l->block[p->order[i]][0];
-    for (int i = 0; i < p->closures; ++i) x[at->closures + i] -= l->block[of_closing[i]][0];
+    for (int i = 0; i < p->free; ++i) x[at->R + i] -= l->block[p->system.order[i]][0];
+    for (int i = 0; i < p->loops.closures; ++i) x[at->closures + i] -= l->block[of_closing[i]][0];
   }
   vjp_fit(f, x);
 }
@@ -230,13 +232,13 @@ KEPT int fx_fit(Problem *p, const Fits *of, const Derivatives *a, int way) {
   begin_fits(p, w, a, &f);
   const Layout *at = &f.of.at;
   long groups = way == FORWARDS ? (a->directions + GROUP_SIZE - 1) / GROUP_SIZE : 0;
-  long joints = 3 * p->scene_joints, constrained = p->columns - p->free;
+  long joints = 3 * p->passes.joints, constrained = p->columns - p->free;
   Changes *x = calloc(f.size, sizeof(Changes));
   double *by = calloc(2 * f.size, sizeof(double));
   for (long row = 0; x && by && row < of->rows; ++row) {
     int same = begin_fit(p, w, of, row);
     for (int i = 0; i < BLOCKS; ++i) f.shape.of[i].count = 0;
-    for (int j = 0; way && j < p->joints; ++j) put_joint(p, w, a, &f.shape, 0, j); /* T without the increments to be found */
+    for (int j = 0; way && j < p->joints.count; ++j) put_joint(p, w, a, &f.shape, 0, j); /* T without the increments to be found */
     const double *v = of->v + row * p->dofs;
     double *u = of->rates + row * p->dofs;
     if (!find_fit(p, w, &f.of, f.solutions, way, same, v, of->driven + row * p->driven, u)) continue;

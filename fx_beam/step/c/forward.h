@@ -11,18 +11,18 @@
    nothing is COUPLED it does not go through columns. */
 static void set_ends(const Problem *p, const Linear *l, int held, const Changes *solution, Changes *x) {
   const Layout *at = &l->at;
-  const int *order = p->order;
+  const int *order = p->system.order;
   int first = solution ? p->free : 0, forces = p->points->all || p->points->members;
   long end = HAS(COUPLED) || held ? at->natural1 : at->q1;
   for (int i = 0; HAS(COUPLED) && i < first; ++i) x[at->Y1 + i] = -solution[order[i]];
-  if (!held || forces || p->joints || p->closures || p->sliders)
+  if (!held || forces || p->joints.count || p->loops.closures || p->sliders.count)
     memset(x + at->Y1 + first, 0, (end - at->Y1 - first) * sizeof(Changes));
   memset(x + at->natural1, 0, (at->internal1 - at->natural1) * sizeof(Changes));
   if (held) jvp(l->of + STRAINED, x), jvp(l->of + WEIGHED, x);
   for (int i = STRAINED; !held && i <= PLACED; ++i)
     if ((i != ARMS || l->moves_joints) && (i != EQUAL || HAS(COUPLED))) jvp(l->of + i, x);
   for (int i = 0; !HAS(COUPLED) && !held && i < p->dofs; ++i) {
-    int column = p->entry_column[i];
+    int column = p->map.column[i];
     x[at->q1 + i] = column < first ? -solution[order[column]] : x[at->Y1 + column];
   }
 }
@@ -32,7 +32,7 @@ static void jvp_forces(const Problem *p, const Work *w, const Derivatives *a, co
                        Changes *x) {
   const Layout *at = &l->at;
   int first = HAS(COUPLED) ? at->R : at->closures; /* others set the rows first, which were used as room */
-  memset(x + at->springs1, 0, (at->held + 3 * p->sliders - at->springs1) * sizeof(Changes));
+  memset(x + at->springs1, 0, (at->held + 3 * p->sliders.count - at->springs1) * sizeof(Changes));
   jvp_inertia(p, w, at, changes_mass, held, x);
   jvp_elements(p, a, l, held, x);
   memset(x + first, 0, (at->size - first) * sizeof(Changes));
@@ -50,8 +50,8 @@ static void jvp_rows(const Linear *l, Changes *x) {
 /* The changes of closing forces and of forces of joints, and of those that friction follows. */
 static void jvp_joints(const Problem *p, const Work *w, const Linear *l, Changes *x) {
   const Layout *at = &l->at;
-  for (int i = 0; i < p->closures; ++i) x[at->closing + i] = x[at->R + p->loop_column[p->following[i]]];
-  if (p->closures) solve_closures(p, w, GROUP_SIZE, 1, (double *)(x + at->closing));
+  for (int i = 0; i < p->loops.closures; ++i) x[at->closing + i] = x[at->R + p->loops.column[p->loops.following[i]]];
+  if (p->loops.closures) solve_closures(p, w, GROUP_SIZE, 1, (double *)(x + at->closing));
   jvp(l->of + CLOSED, x);
   jvp(l->of + JOINED, x);
 }
@@ -68,7 +68,7 @@ static int change_followed(const Derivatives *a, Linear *l, Changes *x) {
 
 /* The changes of the forces on unknowns where both ends of a sub-step change by the columns at its start. */
 static void jvp_equations(const Problem *p, const Work *w, const Derivatives *a, const Linear *l, int changes_mass, Changes *x) {
-  for (int i = 0; i < p->free; ++i) l->block[p->order[i]] = -x[l->at.Y + i];
+  for (int i = 0; i < p->free; ++i) l->block[p->system.order[i]] = -x[l->at.Y + i];
   set_ends(p, l, 0, l->block, x);
   jvp_forces(p, w, a, l, changes_mass, 0, x), jvp_rows(l, x);
 }
@@ -79,21 +79,21 @@ static void change_state(const Problem *p, const Work *w, const Derivatives *a, 
   double per_dt = rates_per_path(p, w->dt);
   Changes *q = x + at->q, *v = x + at->v, *end = x + at->q1;
   memcpy(x + at->internal1, x + at->internal, (at->spring_internal - at->internal) * sizeof(Changes));
-  if (p->cell_internal) jvp_cells(&a->internal_forces, l->slopes[0], p->cell_internal, 1, 0, x);
-  for (int k = 0; k < p->massless_count; ++k) { /* half of their rates */
-    int i = p->massless[k];
+  if (p->internal.per_cell) jvp_cells(&a->internal_forces, l->slopes[0], p->internal.per_cell, 1, 0, x);
+  for (int k = 0; k < p->mesh.massless_count; ++k) { /* half of their rates */
+    int i = p->mesh.massless[k];
     v[i] = per_dt / 2 * w->slope[i] * (end[i] - q[i]);
   }
   if (a->internal_forces.q_previous) memcpy(x + at->q_previous, q, p->dofs * sizeof(Changes));
   for (int i = 0; i < p->dofs; ++i) v[i] = per_dt * w->slope[i] * (end[i] - q[i]) - v[i], q[i] = end[i];
-  if (p->scene_joints) memcpy(x + at->Y, x + at->Y1, (p->columns + p->auxiliaries) * sizeof(Changes));
+  if (p->passes.joints) memcpy(x + at->Y, x + at->Y1, (p->columns + p->auxiliary.count) * sizeof(Changes));
   memcpy(x + at->natural, x + at->natural1, (at->loads - at->natural) * sizeof(Changes));
 }
 
 /* A group of directions through a sub-step, which is repeated for the forces that friction follows. */
 static void jvp_group(const Problem *p, const Work *w, const Derivatives *a, Linear *l, int changes_mass, int forces, Changes *x) {
   const Layout *at = &l->at;
-  forces |= p->friction_follows;
+  forces |= p->at_points.friction_follows;
   begin_fixed_point(&l->following, 0);
   for (int i = 0; i <= MOST_TRIALS; ++i) {
     /* Whether the unknowns that are held, and nothing else, give the configuration at the end. */
@@ -105,10 +105,10 @@ static void jvp_group(const Problem *p, const Work *w, const Derivatives *a, Lin
     solve_right_sides(p, w, l);
     set_ends(p, l, 0, l->block, x);
     if (forces) jvp_forces(p, w, a, l, changes_mass, 0, x), jvp_rows(l, x), jvp_joints(p, w, l, x);
-    if (!p->friction_follows || !change_followed(a, l, x)) break;
+    if (!p->at_points.friction_follows || !change_followed(a, l, x)) break;
   }
-  if (!forces && p->spring_width) {
-    memset(x + at->springs1, 0, p->spring_width * sizeof(Changes));
+  if (!forces && p->at_points.spring_width) {
+    memset(x + at->springs1, 0, p->at_points.spring_width * sizeof(Changes));
     jvp(l->of + TOUCHED, x), jvp(l->of + FORCED, x);
   }
   change_state(p, w, a, l, x);
@@ -117,7 +117,7 @@ static void jvp_group(const Problem *p, const Work *w, const Derivatives *a, Lin
 /* Whether load steps are in the same row, in which the Jacobians of their forces may be added up, since the motions of nodes
    do not depend on the state. Their shares are those of a difference, with the sum zero. */
 static int are_added(const Problem *p, const Derivatives *a, long k, long next, long end) {
-  if (!a->by_unknowns || !has_constant_map(p) || p->spin_squared) return 0;
+  if (!a->by_unknowns || !has_constant_map(p) || p->frame.spin_squared) return 0;
   return next >= 0 && next < end && a->forces.at[k] == a->forces.at[next];
 }
 
@@ -130,7 +130,7 @@ KEPT long fx_jvp(Problem *p, const Tape *tape, const Derivatives *a) {
   const Layout *at = &l.at;
   long groups = (a->directions + GROUP_SIZE - 1) / GROUP_SIZE, steps = at->Y1 - at->loads, left = tape->rows, of_state = at->v - at->Y;
   l.following.size = GROUP_SIZE * p->points->followed.size, l.moves_joints = 0;
-  w->by_slopes = p->cell_internal || a->by_unknowns;
+  w->by_slopes = p->internal.per_cell || a->by_unknowns;
   for (long i = 0; i < groups; ++i) {
     const Changes *x = (Changes *)a->x + i * at->size;
     l.moves_joints |= largest((at->members - at->offset) * GROUP_SIZE, (double *)(x + at->offset), 0) != 0;

@@ -40,10 +40,10 @@ static const Vjp *work_of_elements(const Derivatives *a, int i) { return i ? &a-
 static long lay_out_linear(const Problem *p, Work *w, const Derivatives *a, Linear *l, double *at) {
   double *begin = at;
   long followed = (long)GROUP_SIZE * p->points->followed.size;
-  w->loads = allocate(&at, 2 * p->loads), w->follower_force = allocate(&at, 2 * p->follower_forces);
-  w->naturals = allocate(&at, p->naturals), l->trial = allocate(&at, fx_layout(p, a).size);
-  l->on_bordering_rows = (Changes *)allocate(&at, (long)p->bordering_rows * GROUP_SIZE);
-  l->block = (Changes *)allocate(&at, (long)p->positions * GROUP_SIZE);
+  w->loads = allocate(&at, 2 * p->loads.count), w->follower_force = allocate(&at, 2 * p->loads.follower_forces);
+  w->naturals = allocate(&at, p->natural.count), l->trial = allocate(&at, fx_layout(p, a).size);
+  l->on_bordering_rows = (Changes *)allocate(&at, (long)p->border.rows * GROUP_SIZE);
+  l->block = (Changes *)allocate(&at, (long)p->system.positions * GROUP_SIZE);
   l->followed = allocate(&at, followed), l->next = allocate(&at, followed);
   l->following.memory = allocate(&at, FIXED_POINT_ROWS * followed);
   for (int i = 0; i < 2; ++i) {
@@ -61,10 +61,10 @@ KEPT long fx_linear_scratch(const Problem *p, const Derivatives *a) {
 
 /* Begins to follow a tape. */
 static void begin_linear(const Problem *p, Work *w, const Derivatives *a, Linear *l) {
-  int equal = p->equal, left = p->entries - equal;
-  const int *row = p->entry_row, *column = p->entry_column, *value = p->entry_value + equal;
-  const double *sign = p->entry_sign + equal;
-  lay_out(p, w, p->scratch), lay_out_linear(p, w, a, l, a->scratch);
+  int equal = p->map.equal, left = p->map.count - equal;
+  const int *row = p->map.row, *column = p->map.column, *value = p->map.value + equal;
+  const double *sign = p->map.sign + equal;
+  lay_out(p, w, p->run.scratch), lay_out_linear(p, w, a, l, a->scratch);
   l->share = 0, l->adds = 0, l->step = -1;
   Layout at = l->at = fx_layout(p, a);
   memset(l->of, 0, sizeof l->of);
@@ -73,12 +73,12 @@ static void begin_linear(const Problem *p, Work *w, const Derivatives *a, Linear
   row += equal, column += equal;
   l->of[SPREAD] = (Block){0, left, 0, column, row, value, sign, w->values, at.Y1, at.q1};
   l->of[ROWS] = (Block){0, left, 0, row, column, value, sign, w->virtual_map, at.r, at.R};
-  l->of[ROWS_BY_MAP] = (Block){0, left, 0, value, column, row, sign, p->sliders ? w->loaded : w->r, at.map, at.R};
+  l->of[ROWS_BY_MAP] = (Block){0, left, 0, value, column, row, sign, p->sliders.count ? w->loaded : w->r, at.map, at.R};
 }
 
 /* Ends it, and forgets its factors; returns the number of sub-steps that are left, or -1 if there was no memory. */
 static long end_linear(Problem *p, Linear *l, long left) {
-  p->reused.present = 0;
+  p->system.reused.present = 0;
   for (int i = 0; i < BLOCKS; ++i) {
     if (l->of[i].lacks_memory) left = -1;
     free(l->of[i].entry);
@@ -87,7 +87,7 @@ static long end_linear(Problem *p, Linear *l, long left) {
 }
 
 /* Rates at the end for an increment of the path; none in statics. */
-static double rates_per_path(const Problem *p, double dt) { return p->at_rest ? 0 : 2 / dt; }
+static double rates_per_path(const Problem *p, double dt) { return p->scheme.at_rest ? 0 : 2 / dt; }
 
 /* Adds a share of the given derivatives by a state or by forces themselves. */
 static void add_given(const RowsOfRun *of, long k, double share, double *x) {
@@ -101,11 +101,11 @@ static double share_of(const Derivatives *a, long k) { return a->by_unknowns ? a
 
 /* Natural strains at the end. */
 static void put_strains(const Problem *p, const Work *w, Linear *l) {
-  for (int k = 0; k < p->naturals; ++k)
-    for (int i = p->natural_start[k]; i < p->natural_start[k + 1]; ++i) {
-      int to = l->at.natural1 + p->natural_at[i];
+  for (int k = 0; k < p->natural.count; ++k)
+    for (int i = p->natural.start[k]; i < p->natural.start[k + 1]; ++i) {
+      int to = l->at.natural1 + p->natural.at[i];
       put(l->of + STRAINED, l->at.natural_columns + i, to, w->naturals[k]);
-      put(l->of + STRAINED, l->at.naturals + k, to, p->natural_value[i]);
+      put(l->of + STRAINED, l->at.naturals + k, to, p->natural.value[i]);
     }
 }
 
@@ -113,14 +113,15 @@ static void put_strains(const Problem *p, const Work *w, Linear *l) {
    entries of T), and the values of Tv, by all that they depend on. */
 static void put_joint(const Problem *p, const Work *w, const Derivatives *a, Linear *l, int first, int j) {
   const Layout *at_ = &l->at;
-  int column = p->slide_column[j], slides = column >= 0, map = at_->map + 1 + 4 * j;
-  double d0 = at(p->slides, p->slide_of[j]), d1 = d0 + at(w->z, column), *e = p->axis + 2 * j, rest = a->slide_at_rest[j];
-  Track at_rest = track_of(p->track[j], e, rest, rest);
+  int column = p->joints.slide_column[j], slides = column >= 0, map = at_->map + 1 + 4 * j;
+  double d0 = at(p->state.slides, p->joints.number[j]), d1 = d0 + at(w->z, column), *e = p->joints.axis + 2 * j,
+      rest = a->slide_at_rest[j];
+  Track at_rest = track_of(p->joints.track[j], e, rest, rest);
   for (int end = 0; end < 2; ++end) {
-    double share = end ? p->level : 1 - p->level, slopes[2][4] = {{0}};
+    double share = end ? p->scheme.level : 1 - p->scheme.level, slopes[2][4] = {{0}};
     double c = w->frame[4 * j + 2 * end], s = w->frame[4 * j + 2 * end + 1], R[2][2] = {{c, -s}, {s, c}};
     Track track = track_at(p, j, end ? d0 : d1, end ? d1 : d0);
-    int turn = in(end ? at_->q1 : at_->q, p->carrier[j]), slide = in(end ? at_->Y1 : at_->Y, column);
+    int turn = in(end ? at_->q1 : at_->q, p->joints.carrier[j]), slide = in(end ? at_->Y1 : at_->Y, column);
     Block *arms = end ? l->of + ARMS : first ? l->of + BEGUN : 0, *levers = l->of + LEVERS;
     slopes_of_joint(p, w, j, end, slopes);
     for (int i = 0; i < (slides ? 4 : 2); ++i)
@@ -143,22 +144,23 @@ static void put_joint(const Problem *p, const Work *w, const Derivatives *a, Lin
 
 /* Columns of auxiliary unknowns, from arms and other columns. */
 static void put_auxiliaries(const Problem *p, const Linear *l, const double *values, int Y, Block *to) {
-  for (int k = 0; k < p->auxiliary_arms; ++k)
-    put(to, l->at.arms + p->auxiliary_arm[k], Y + p->columns + p->auxiliary_arm_of[k], p->joint_sign[p->auxiliary_arm[k]]);
-  for (int k = 0; k < p->auxiliary_entries; ++k)
-    put(to, Y + p->auxiliary_column[k], Y + p->columns + p->auxiliary_of[k], p->auxiliary_sign[k] * values[p->auxiliary_value[k]]);
+  for (int k = 0; k < p->auxiliary.arms; ++k)
+    put(to, l->at.arms + p->auxiliary.arm[k], Y + p->columns + p->auxiliary.arm_of[k], p->joints.sign[p->auxiliary.arm[k]]);
+  for (int k = 0; k < p->auxiliary.entries; ++k)
+    put(to, Y + p->auxiliary.column[k], Y + p->columns + p->auxiliary.of[k],
+        p->auxiliary.sign[k] * values[p->auxiliary.value[k]]);
 }
 
 /* Places q at the start (0) or at the end (1), there besides EQUAL and SPREAD, from columns Y, arms, and the beams on which
    nodes slide. */
 static void put_places(const Problem *p, const Linear *l, const double *values, int end, Block *to) {
   int Y = end ? l->at.Y1 : l->at.Y, q = end ? l->at.q1 : l->at.q;
-  for (int k = end ? p->entries : 0; k < p->entries; ++k)
-    put(to, Y + p->entry_column[k], q + p->entry_row[k], p->entry_sign[k] * values[p->entry_value[k]]);
-  for (int k = 0; k < p->followers; ++k)
-    put(to, l->at.arms + p->through[k], q + p->follower[k], p->joint_sign[p->through[k]]);
-  for (int i = 0; HAS(SLIDERS) && i < p->sliders; ++i) { /* a beam may hang on a node that slides on another one */
-    const Slider *a = p->slider + i;
+  for (int k = end ? p->map.count : 0; k < p->map.count; ++k)
+    put(to, Y + p->map.column[k], q + p->map.row[k], p->map.sign[k] * values[p->map.value[k]]);
+  for (int k = 0; k < p->joints.followers; ++k)
+    put(to, l->at.arms + p->joints.through[k], q + p->joints.follower[k], p->joints.sign[p->joints.through[k]]);
+  for (int i = 0; HAS(SLIDERS) && i < p->sliders.count; ++i) { /* a beam may hang on a node that slides on another one */
+    const Slider *a = p->sliders.slider + i;
     put_place(to, p, &l->at, i, end);
     for (int c = 0; c < a->components; ++c)
       for (int k = a->entry_start[c]; k < a->entry_start[c + 1]; ++k)
@@ -167,17 +169,17 @@ static void put_places(const Problem *p, const Linear *l, const double *values, 
 }
 
 static void put_loads(const Problem *p, const Work *w, Linear *l) {
-  for (int k = 0; k < p->loads; ++k) {
-    double now = (1 - p->level) * w->loads[k] + p->level * w->loads[p->loads + k];
-    for (int i = p->load_start[k]; i < p->load_start[k + 1]; ++i) {
-      int to = l->at.r + p->load_dof[i];
-      put(l->of + FORCED, l->at.loads + k, to, (p->level - 1) * p->load_force[i]);
-      put(l->of + FORCED, l->at.loads + p->loads + k, to, -p->level * p->load_force[i]);
+  for (int k = 0; k < p->loads.count; ++k) {
+    double now = (1 - p->scheme.level) * w->loads[k] + p->scheme.level * w->loads[p->loads.count + k];
+    for (int i = p->loads.start[k]; i < p->loads.start[k + 1]; ++i) {
+      int to = l->at.r + p->loads.dof[i];
+      put(l->of + FORCED, l->at.loads + k, to, (p->scheme.level - 1) * p->loads.force[i]);
+      put(l->of + FORCED, l->at.loads + p->loads.count + k, to, -p->scheme.level * p->loads.force[i]);
       put(l->of + FORCED, l->at.columns + i, to, -now);
     }
   }
-  for (int i = 0; i < p->holds; ++i)
-    put(l->of + FORCED, l->at.hold + i, HAS(COUPLED) ? l->at.R + i : l->at.r + p->hold_dof[i], -1);
+  for (int i = 0; i < p->statics.holds; ++i)
+    put(l->of + FORCED, l->at.hold + i, HAS(COUPLED) ? l->at.R + i : l->at.r + p->statics.hold_dof[i], -1);
 }
 
 /* A force or an internal variable of a law of forces at points by all that it is given; returns the slopes of the next. */
@@ -203,7 +205,7 @@ static void put_points(const Problem *p, const Derivatives *a, Linear *l) {
   for (int k = 0; k < points->all; first += a->numbers[k++]) {
     const PointForce *e = points->of + k;
     int n = e->size, all = n + e->internal, numbers = a->numbers[k];
-    int pushed = k >= points->external && k < points->external + p->follower_forces ? follower_force : -1;
+    int pushed = k >= points->external && k < points->external + p->loads.follower_forces ? follower_force : -1;
     const double *slopes = a->of_point;
     int wide = 2 * n + e->internal + numbers + e->parameters;
     const Reversal *reversal = e->internal ? reversal_at(a, l->step, e->first_internal) : 0;
@@ -233,11 +235,11 @@ static void put_rows(const Problem *p, const Work *w, Linear *l) {
   const double *r = with_carried(p, w);
   int R = l->at.R, map = l->at.map;
   Block *to = l->of + CARRIED;
-  for (int i = 0; i < p->closures; ++i)
-    for (int k = p->closure_entry_start[i]; k < p->closure_entry_start[i + 1]; ++k)
-      put(to, map + p->closure_value[k], R + p->closure_column[k], -p->closure_sign[k] * w->closing[i]);
-  for (int i = p->sliders - 1; i >= 0; --i) {
-    const Slider *a = p->slider + i;
+  for (int i = 0; i < p->loops.closures; ++i)
+    for (int k = p->loops.entry_start[i]; k < p->loops.entry_start[i + 1]; ++k)
+      put(to, map + p->loops.entry_value[k], R + p->loops.entry_column[k], -p->loops.entry_sign[k] * w->closing[i]);
+  for (int i = p->sliders.count - 1; i >= 0; --i) {
+    const Slider *a = p->sliders.slider + i;
     int first = l->at.held + 3 * i, held[] = {first, first + 1, first + 2};
     for (int c = 0; c < a->components; ++c) {
       put(to, R + a->carried[c], held[c], 1);
@@ -252,14 +254,14 @@ static void put_rows(const Problem *p, const Work *w, Linear *l) {
 /* Forces on auxiliary unknowns, which pass them on. */
 static void put_forces_on_auxiliaries(const Problem *p, const Work *w, Linear *l) {
   double *on_auxiliaries = w->columns;
-  if (!p->auxiliaries) return;
-  memset(on_auxiliaries, 0, (p->columns + p->auxiliaries) * sizeof(double));
+  if (!p->auxiliary.count) return;
+  memset(on_auxiliaries, 0, (p->columns + p->auxiliary.count) * sizeof(double));
   add_rows(p, w, with_carried(p, w), on_auxiliaries), add_closing(p, w, on_auxiliaries);
   collect_auxiliaries(p, w->virtual_map, on_auxiliaries);
-  for (int k = p->auxiliary_entries - 1; k >= 0; --k) {
-    int auxiliary = p->columns + p->auxiliary_of[k], value = p->auxiliary_value[k], to = l->at.R + p->auxiliary_column[k];
-    put(l->of + MAPPED, l->at.R + auxiliary, to, p->auxiliary_sign[k] * w->virtual_map[value]);
-    if (value) put(l->of + MAPPED, l->at.map + value, to, p->auxiliary_sign[k] * on_auxiliaries[auxiliary]);
+  for (int k = p->auxiliary.entries - 1; k >= 0; --k) {
+    int auxiliary = p->columns + p->auxiliary.of[k], value = p->auxiliary.value[k], to = l->at.R + p->auxiliary.column[k];
+    put(l->of + MAPPED, l->at.R + auxiliary, to, p->auxiliary.sign[k] * w->virtual_map[value]);
+    if (value) put(l->of + MAPPED, l->at.map + value, to, p->auxiliary.sign[k] * on_auxiliaries[auxiliary]);
   }
 }
 
@@ -267,39 +269,40 @@ static void put_forces_on_auxiliaries(const Problem *p, const Work *w, Linear *l
 static void put_closures(const Problem *p, const Work *w, const Linear *l, int end, Block *to) {
   int Y = end ? l->at.Y1 : l->at.Y, q = end ? l->at.q1 : l->at.q;
   const double *values = end ? w->values : w->values0;
-  for (int k = 0; k < p->closures; ++k) {
-    int i = p->closure_arm[k], j = i / 2, closure = l->at.closures + k;
-    put(to, in(q, p->closure_b[k]), closure, 1), put(to, in(q, p->closure_a[k]), closure, -1);
+  for (int k = 0; k < p->loops.closures; ++k) {
+    int i = p->loops.arm[k], j = i / 2, closure = l->at.closures + k;
+    put(to, in(q, p->loops.b[k]), closure, 1), put(to, in(q, p->loops.a[k]), closure, -1);
     if (i < 0) continue;
     put(to, l->at.arms + i, closure, -1);
-    put(to, in(q, p->carrier[j]), closure, -values[1 + 4 * j + i % 2]);
-    put(to, in(Y, p->slide_column[j]), closure, -values[3 + 4 * j + i % 2]);
+    put(to, in(q, p->joints.carrier[j]), closure, -values[1 + 4 * j + i % 2]);
+    put(to, in(Y, p->joints.slide_column[j]), closure, -values[3 + 4 * j + i % 2]);
   }
 }
 
 /* The forces that close loops on columns and nodes, and on the beams of nodes that slide there. */
 static void put_closing(const Problem *p, const Work *w, Linear *l) {
   Block *to = l->of + CLOSED;
-  for (int i = 0; i < p->closures; ++i) {
+  for (int i = 0; i < p->loops.closures; ++i) {
     int closing = l->at.closing + i;
-    for (int k = p->closure_start[i]; k < p->closure_start[i + 1]; ++k)
-      put(to, closing, l->at.R + p->loop_column[p->closure_near[k]], -w->G_virtual[k]);
-    put(to, closing, in(l->at.r, p->closure_b[i]), -1), put(to, closing, in(l->at.r, p->closure_a[i]), 1);
-    for (int k = p->closure_entry_start[i]; p->carried && k < p->closure_entry_start[i + 1]; ++k)
-      put(to, closing, l->at.pushed + p->closure_column[k], -p->closure_sign[k] * w->virtual_map[p->closure_value[k]]);
+    for (int k = p->loops.start[i]; k < p->loops.start[i + 1]; ++k)
+      put(to, closing, l->at.R + p->loops.column[p->loops.near[k]], -w->G_virtual[k]);
+    put(to, closing, in(l->at.r, p->loops.b[i]), -1), put(to, closing, in(l->at.r, p->loops.a[i]), 1);
+    for (int k = p->loops.entry_start[i]; p->loops.carried && k < p->loops.entry_start[i + 1]; ++k)
+      put(to, closing, l->at.pushed + p->loops.entry_column[k],
+          -p->loops.entry_sign[k] * w->virtual_map[p->loops.entry_value[k]]);
   }
-  for (const Slider *a = p->slider + p->sliders - 1; p->carried && a >= p->slider; --a) {
+  for (const Slider *a = p->sliders.slider + p->sliders.count - 1; p->loops.carried && a >= p->sliders.slider; --a) {
     int held[3];
     for (int c = 0; c < a->components; ++c) held[c] = l->at.pushed + a->carried[c];
     put_carry(to, w, a, held, l->at.carried);
   }
-  for (int i = 0; p->carried && i < p->dofs; ++i) put(to, l->at.carried + i, l->at.r + i, 1);
+  for (int i = 0; p->loops.carried && i < p->dofs; ++i) put(to, l->at.carried + i, l->at.r + i, 1);
 }
 
 static void put_passes(const Problem *p, Linear *l, int first, int end) {
   for (int k = first; k < end; ++k) {
-    put(l->of + JOINED, l->at.r + p->pass_dof[k], l->at.forces + p->pass_of[k], p->pass_sign[k]);
-    put(l->of + JOINED, l->at.r + p->pass_dof[k], in(l->at.r, p->pass_to[k]), 1);
+    put(l->of + JOINED, l->at.r + p->passes.dof[k], l->at.forces + p->passes.of[k], p->passes.sign[k]);
+    put(l->of + JOINED, l->at.r + p->passes.dof[k], in(l->at.r, p->passes.to[k]), 1);
   }
 }
 
@@ -307,35 +310,35 @@ static void put_passes(const Problem *p, Linear *l, int first, int end) {
 static void put_joint_forces(const Problem *p, const Work *w, Linear *l) {
   Block *to = l->of + JOINED;
   int forces = l->at.forces, followed = l->at.followed;
-  put_passes(p, l, 0, p->passes_of_forces);
-  for (int k = 0; k < p->closures; ++k) put(to, l->at.closing + k, forces + p->closure_force[k], 1);
-  for (int j = 0; j < p->joints; ++j)
+  put_passes(p, l, 0, p->passes.of_forces);
+  for (int k = 0; k < p->loops.closures; ++k) put(to, l->at.closing + k, forces + p->loops.force[k], 1);
+  for (int j = 0; j < p->joints.count; ++j)
     for (int i = 0; i < 2; ++i) {
-      int lever = 1 + 4 * j + i, force = 3 * p->slide_of[j] + i, turn = in(l->at.r, p->carrier[j]);
+      int lever = 1 + 4 * j + i, force = 3 * p->joints.number[j] + i, turn = in(l->at.r, p->joints.carrier[j]);
       put(to, forces + force, turn, w->virtual_map[lever]), put(to, l->at.map + lever, turn, w->joint_forces[force]);
     }
-  for (int i = 0; i < p->scene_joints; ++i) put(to, l->at.moments + i, forces + 3 * i + 2, -1);
-  put_passes(p, l, p->passes_of_forces, p->passes);
+  for (int i = 0; i < p->passes.joints; ++i) put(to, l->at.moments + i, forces + 3 * i + 2, -1);
+  put_passes(p, l, p->passes.of_forces, p->passes.count);
   for (const PointForce *e = p->points->of; e < p->points->of + p->points->all; ++e) {
     double slope[5];
     if (e->load < 0) continue;
-    double across = followed_size(e, w->joint_forces, p->q, w->D, p->level, slope);
+    double across = followed_size(e, w->joint_forces, p->state.q, w->D, p->scheme.level, slope);
     for (int i = 0; i < 2; ++i) put(to, forces + 3 * e->load + i, followed, slope[i]);
-    put(to, in(l->at.q, e->load_turn), followed, (1 - p->level) * slope[2]);
-    put(to, in(l->at.q1, e->load_turn), followed, p->level * slope[2]);
-    for (int j = 0; j < p->joints; ++j) {
-      if (p->slide_of[j] != e->load) continue;
+    put(to, in(l->at.q, e->load_turn), followed, (1 - p->scheme.level) * slope[2]);
+    put(to, in(l->at.q1, e->load_turn), followed, p->scheme.level * slope[2]);
+    for (int j = 0; j < p->joints.count; ++j) {
+      if (p->joints.number[j] != e->load) continue;
       double d = slide_at_level(p, w, j);
-      Track track = track_of(p->track[j], p->axis + 2 * j, d, d);
+      Track track = track_of(p->joints.track[j], p->joints.axis + 2 * j, d, d);
       for (int i = 0; i < 2; ++i) {
         double turned = 2 * track.bend[i] * slope[3 + i];
         for (int k = 0; k < 2; ++k) put(to, l->at.axis + 2 * j + k, followed, slope[3 + i] * track.chord_by[i][k]);
-        put(to, in(l->at.Y, p->slide_column[j]), followed, (1 - p->level) * turned);
-        put(to, in(l->at.Y1, p->slide_column[j]), followed, p->level * turned);
+        put(to, in(l->at.Y, p->joints.slide_column[j]), followed, (1 - p->scheme.level) * turned);
+        put(to, in(l->at.Y1, p->joints.slide_column[j]), followed, p->scheme.level * turned);
       }
     }
-    for (int j = 0; j < p->sliders; ++j) {
-      const Slider *a = p->slider + j;
+    for (int j = 0; j < p->sliders.count; ++j) {
+      const Slider *a = p->sliders.slider + j;
       double length = hypot(a->virtual_map[0][ARC], a->virtual_map[1][ARC]);
       for (int i = 0; a->joint == e->load && i < 2; ++i)
         put(to, l->at.axes + 2 * j + i, followed, (slope[3 + i] - across * e->load_axis[i]) / length);
@@ -350,8 +353,8 @@ static void linearise(const Problem *p, const Work *w, const Derivatives *a, Lin
     if (i != TOUCHED && !(i == FORCED && l->adds) && !l->of[i].from) l->of[i].count = 0;
   for (int i = 0; i < p->driven; ++i) put(l->of + DRIVEN, l->at.driven + i, l->at.Y1 + p->free + i, 1);
   put_strains(p, w, l);
-  for (int j = 0; j < p->joints; ++j) put_joint(p, w, a, l, first, j);
-  for (int i = 0; HAS(SLIDERS) && i < p->sliders; ++i) {
+  for (int j = 0; j < p->joints.count; ++j) put_joint(p, w, a, l, first, j);
+  for (int i = 0; HAS(SLIDERS) && i < p->sliders.count; ++i) {
     for (int end = 0; end < 2; ++end) put_weights_at(l->of + WEIGHED, p, &l->at, i, end);
     if (first) put_weights_at(l->of + BEGUN, p, &l->at, i, 0);
     put_slide(l->of + SLID, p, &l->at, i);
@@ -363,27 +366,27 @@ static void linearise(const Problem *p, const Work *w, const Derivatives *a, Lin
     put_auxiliaries(p, l, w->values0, l->at.Y, l->of + BEGUN), put_places(p, l, w->values0, 0, l->of + BEGUN);
     if (a->by_unknowns) put_closures(p, w, l, 0, l->of + BEGUN);
   }
-  forces |= p->friction_follows;
+  forces |= p->at_points.friction_follows;
   if (forces || a->by_unknowns) put_closing(p, w, l);
-  if (forces && p->scene_joints) find_joint_forces(p, w), put_joint_forces(p, w, l);
+  if (forces && p->passes.joints) find_joint_forces(p, w), put_joint_forces(p, w, l);
 }
 
 /* Factors for right sides in several directions; returns 0 if the tangent is singular. */
 static int factorise_for_directions(Problem *p, const Work *w) {
-  memset(w->y, 0, p->positions * sizeof(double));
-  for (int i = 0; i < p->positions; ++i) reach(p, w, i);
-  p->raised = !factorise_tangent(p, w, 1);
-  return !p->raised || solve_raised(p, w, 0, 0);
+  memset(w->y, 0, p->system.positions * sizeof(double));
+  for (int i = 0; i < p->system.positions; ++i) reach(p, w, i);
+  p->newton.raised = !factorise_tangent(p, w, 1);
+  return !p->newton.raised || solve_raised(p, w, 0, 0);
 }
 
 /* Solves for the right sides of the block, by the tangent's factors. */
 static void solve_right_sides(const Problem *p, const Work *w, const Linear *l) {
   Work of_block = *w;
   double *x = of_block.block = (double *)l->block, *g = (double *)l->on_bordering_rows;
-  if (p->raised) solve_raised(p, w, GROUP_SIZE, x);
+  if (p->newton.raised) solve_raised(p, w, GROUP_SIZE, x);
   else solve_columns(p, &of_block, 1);
-  if (!HAS(SLIDERS) || !p->bordering_rows) return;
-  memset(g, 0, p->bordering_rows * sizeof(Changes));
+  if (!HAS(SLIDERS) || !p->border.rows) return;
+  memset(g, 0, p->border.rows * sizeof(Changes));
   pass_on(p, GROUP_SIZE, 0, x, g);
   solve_bordering_rows(p, w, GROUP_SIZE, g, x);
   pass_on(p, GROUP_SIZE, 1, x, g);
@@ -399,10 +402,10 @@ static void add_changes(const Derivatives *a, const RowsOfRun *of, long k, doubl
 
 /* The right sides of the block, from rows, or from forces where nothing is COUPLED. */
 static void set_right_sides(const Problem *p, const Layout *at, const Changes *x, Changes *block) {
-  const int *order = p->order, *column = p->entry_column;
-  memset(block, 0, p->positions * sizeof(Changes));
+  const int *order = p->system.order, *column = p->map.column;
+  memset(block, 0, p->system.positions * sizeof(Changes));
   for (int i = 0; HAS(COUPLED) && i < p->free; ++i) block[order[i]] = x[at->R + i];
   for (int i = 0; !HAS(COUPLED) && i < p->dofs; ++i)
     if (column[i] < p->free) block[order[column[i]]] += x[at->r + i];
-  for (int i = 0; i < p->closures; ++i) block[order[p->unknowns - p->closures + i]] = x[at->closures + i];
+  for (int i = 0; i < p->loops.closures; ++i) block[order[p->system.unknowns - p->loops.closures + i]] = x[at->closures + i];
 }

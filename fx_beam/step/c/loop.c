@@ -8,75 +8,78 @@
 /* Force in the middle of a step, from those at the scheme's level in it and in the one before. An equilibrium before the
    first step has no forces of inertia. */
 static double mid(const Problem *p, double force, double previous) {
-  int has_previous = p->at_rest ? p->steps_done > 0 : p->length > 0;
-  if (p->level == 0.5 || !has_previous) return force;
-  return force + (0.5 - p->level) * (force - previous);
+  int has_previous = p->scheme.at_rest ? p->state.steps_done > 0 : p->state.length > 0;
+  if (p->scheme.level == 0.5 || !has_previous) return force;
+  return force + (0.5 - p->scheme.level) * (force - previous);
 }
 
 /* Part of the weight that acts. */
-static double acting(const Problem *p) { return p->at_rest ? p->ratio : 1; }
+static double acting(const Problem *p) { return p->scheme.at_rest ? p->state.ratio : 1; }
 
 /* Dead forces with weight at the scheme's level; their mean over the step, which does the work. Python sets those of load
    steps. */
 static void begin_loads(const Problem *p, const Work *w) {
-  const double *start = w->loads, *end = start + p->loads;
+  const double *start = w->loads, *end = start + p->loads.count;
   memset(w->dead, 0, p->dofs * sizeof(double));
   memset(w->force, 0, p->dofs * sizeof(double));
-  for (int i = 0; p->weight && i < p->dofs; ++i) w->force[i] = acting(p) * p->weight[i];
-  for (int k = 0; k < p->loads; ++k) {
-    double at_level = (1 - p->level) * start[k] + p->level * end[k];
-    for (int i = p->load_start[k]; i < p->load_start[k + 1]; ++i) {
-      w->force[p->load_dof[i]] += p->load_force[i] * at_level;
-      w->dead[p->load_dof[i]] += p->load_force[i] * (start[k] + end[k]) / 2;
+  for (int i = 0; p->loads.weight && i < p->dofs; ++i) w->force[i] = acting(p) * p->loads.weight[i];
+  for (int k = 0; k < p->loads.count; ++k) {
+    double at_level = (1 - p->scheme.level) * start[k] + p->scheme.level * end[k];
+    for (int i = p->loads.start[k]; i < p->loads.start[k + 1]; ++i) {
+      w->force[p->loads.dof[i]] += p->loads.force[i] * at_level;
+      w->dead[p->loads.dof[i]] += p->loads.force[i] * (start[k] + end[k]) / 2;
     }
   }
 }
 
 /* Natural strains at the end of a step, unless Python sets them. */
 static void begin_natural(const Problem *p, const Work *w) {
-  memset(w->natural_end, 0, (long)p->cells * p->cell_natural * sizeof(double));
-  for (int k = 0; k < p->naturals; ++k)
-    for (int i = p->natural_start[k]; i < p->natural_start[k + 1]; ++i)
-      w->natural_end[p->natural_at[i]] += p->natural_value[i] * w->naturals[k];
+  memset(w->natural_end, 0, (long)p->cells * p->natural.per_cell * sizeof(double));
+  for (int k = 0; k < p->natural.count; ++k)
+    for (int i = p->natural.start[k]; i < p->natural.start[k + 1]; ++i)
+      w->natural_end[p->natural.at[i]] += p->natural.value[i] * w->naturals[k];
 }
 
 /* Bound of the strain energy at the end of a step without a row: the energy of the last row, or of where several steps began,
    and what came since, of which nothing is kinetic. Only of forces in mid-step all work and losses are known. */
 static double most_strain_energy(const Problem *p) {
-  const double *then = p->energies; /* see `find_energies` */
-  if (p->rule || p->rules || p->level != 0.5 || p->at_rest || p->held_by_scheme.integrals) return HUGE_VAL;
-  double came = p->work - then[3] - (p->dissipated - then[5]);
-  double potential = p->weight ? then[2] + dot(p->dofs, p->weight, p->q) : 0;
-  double others = fx_stored_at_points(p->points, p->q, p->slides, p->spring_internal);
+  const double *then = p->state.energies; /* see `find_energies` */
+  if (p->scheme.rule || p->scheme.rules || p->scheme.level != 0.5 || p->scheme.at_rest || p->forms.held_by_scheme.integrals)
+    return HUGE_VAL;
+  double came = p->state.work - then[3] - (p->state.dissipated - then[5]);
+  double potential = p->loads.weight ? then[2] + dot(p->dofs, p->loads.weight, p->state.q) : 0;
+  double others = fx_stored_at_points(p->points, p->state.q, p->state.slides, p->state.spring_internal);
   return then[0] + then[1] + came + potential + then[4] - others;
 }
 
 /* Counts steps that end with inverted sections (eq. 4), and stores the first configuration. */
 static void count_inverted(Problem *p, const Work *w) {
-  if (!(sum_over_elements(p, w, &p->inversion) > 0) || p->inverted++ > 0) return;
-  p->inverted_t = p->t;
-  memcpy(p->inverted_q, p->q, p->dofs * sizeof(double));
+  if (!(sum_over_elements(p, w, &p->forms.inversion) > 0) || p->inverted.count++ > 0) return;
+  p->inverted.t = p->state.t;
+  memcpy(p->inverted.q, p->state.q, p->dofs * sizeof(double));
 }
 
 /* Evaluates forms and laws with other values of the parameters. */
 static void use_parameters(const Problem *p, const double *values) {
-  memcpy(p->parameter, values, p->parameter_count * sizeof(double));
+  memcpy(p->parameters.value, values, p->parameters.count * sizeof(double));
   fx_set_parameters(p->points, values);
 }
 
 /* Energy that is stored in the present state, with some values of the parameters. */
 static double stored(const Problem *p, const Work *w, const double *values) {
   use_parameters(p, values);
-  return sum_over_elements(p, w, &p->energy) + fx_stored_at_points(p->points, p->q, p->slides, p->spring_internal);
+  return sum_over_elements(p, w, &p->forms.energy) + fx_stored_at_points(p->points, p->state.q, p->state.slides,
+      p->state.spring_internal);
 }
 
 /* Work of what changes parameters of stored energies, by these at the start or at the end of a sub-step: up to the level of its
    forces and from there on, or half of all if that is not mid-step. */
 static double work_of_change(const Problem *p, const Work *w, const double *level, int at_end) {
-  const double *end = level + p->parameter_count;
-  int half = p->level != 0.5;
-  if (!p->energies_vary) return 0;
-  double after = stored(p, w, at_end || half ? end : level), before = stored(p, w, at_end && !half ? level : p->parameters);
+  const double *end = level + p->parameters.count;
+  int half = p->scheme.level != 0.5;
+  if (!p->parameters.energies_vary) return 0;
+  double after = stored(p, w, at_end || half ? end : level);
+  double before = stored(p, w, at_end && !half ? level : p->state.parameters);
   use_parameters(p, level);
   return (after - before) / (1 + half);
 }
@@ -85,37 +88,38 @@ static double work_of_change(const Problem *p, const Work *w, const double *leve
    drag and contact. */
 static void audit(Problem *p, const Work *w, const double *change) {
   int n = p->dofs, constrained = p->columns - p->free;
-  p->work += dot(n, w->dead, w->path);
-  p->dissipated += fx_lost_at_points(p->points, w->D, w->z);
-  p->work += sum_over_elements(p, w, &p->actuated);
-  double taken = sum_over_elements(p, w, &p->taken);
-  p->dissipated += sum_over_elements(p, w, &p->lost) + taken;
-  p->dissipated += sum_over_elements(p, w, &p->lost_to_drag);
-  p->numerical += taken;
-  if (p->energies_vary && p->held_before.integrals) p->work += sum_over_elements(p, w, &p->held_before) - p->algorithmic;
-  p->algorithmic = sum_over_elements(p, w, &p->held_by_scheme);
+  p->state.work += dot(n, w->dead, w->path);
+  p->state.dissipated += fx_lost_at_points(p->points, w->D, w->z);
+  p->state.work += sum_over_elements(p, w, &p->forms.actuated);
+  double taken = sum_over_elements(p, w, &p->forms.taken);
+  p->state.dissipated += sum_over_elements(p, w, &p->forms.lost) + taken;
+  p->state.dissipated += sum_over_elements(p, w, &p->forms.lost_to_drag);
+  p->state.numerical += taken;
+  if (p->parameters.energies_vary && p->forms.held_before.integrals)
+    p->state.work += sum_over_elements(p, w, &p->forms.held_before) - p->state.algorithmic;
+  p->state.algorithmic = sum_over_elements(p, w, &p->forms.held_by_scheme);
   project(p, w, w->r, w->reduced);
   for (int i = 0; i < p->driven; ++i) {
-    double along = p->motor_slides[i] ? change[i] : at(w->path, p->driven_b[i]) - at(w->path, p->driven_a[i]);
-    p->work += mid(p, w->reduced[p->free + i], p->constraint_forces[i]) * along;
+    double along = p->motors.slides[i] ? change[i] : at(w->path, p->motors.b[i]) - at(w->path, p->motors.a[i]);
+    p->state.work += mid(p, w->reduced[p->free + i], p->state.constraint_forces[i]) * along;
   }
-  scale(constrained, p->earlier, p->constraint_forces);
-  add_times(constrained, p->share, w->reduced + p->free, p->constraint_forces);
-  if (p->has_added) {
+  scale(constrained, p->state.earlier, p->state.constraint_forces);
+  add_times(constrained, p->state.share, w->reduced + p->free, p->state.constraint_forces);
+  if (p->forms.has_added) {
     memset(w->f, 0, n * sizeof(double));
-    assemble_forces(p, w, &p->added, 0);
+    assemble_forces(p, w, &p->forms.added, 0);
     fx_evaluate_points(p->points, p->points->external, p->points->nodal, w->D, w->z);
     fx_add_points(p->points, p->points->external, p->points->nodal, -1, w->f);
-    for (int i = 0; i < n; ++i) p->work += mid(p, w->f[i], p->added_forces[i]) * w->path[i];
-    memcpy(p->added_forces, w->f, n * sizeof(double));
+    for (int i = 0; i < n; ++i) p->state.work += mid(p, w->f[i], p->state.added_forces[i]) * w->path[i];
+    memcpy(p->state.added_forces, w->f, n * sizeof(double));
   }
 }
 
 /* Largest force, and moment by the size of the scene. */
 static double largest_force(const Problem *p, const double *forces) {
   double most = 0;
-  for (int i = 0; i < p->dofs; ++i) most = fmax(most, fabs(forces[i]) / p->per_unit[i]);
-  return most * p->per_unit[0];
+  for (int i = 0; i < p->dofs; ++i) most = fmax(most, fabs(forces[i]) / p->mesh.per_unit[i]);
+  return most * p->mesh.per_unit[0];
 }
 
 /* Finds the forces of joints that friction follows, and repeats the step with them. */
@@ -126,11 +130,12 @@ static int follow_joints(Problem *p, Work *w, const double *driven) {
     evaluate_nodes(p, w);
     find_joint_forces(p, w);
     set_axes(p, w);
-    if (!follow_forces(p->points, w->joint_forces, p->q, w->D, p->level, still, p->spring_internal)) return OK;
-    long before = p->iterations;
+    if (!follow_forces(p->points, w->joint_forces, p->state.q, w->D, p->scheme.level, still, p->state.spring_internal))
+      return OK;
+    long before = p->run.iterations;
     int failure = newton(p, w, driven, GO_ON);
     if (failure) return failure;
-    still = p->iterations == before + 1;
+    still = p->run.iterations == before + 1;
   }
   return UNMET_FRICTION;
 }
@@ -139,10 +144,10 @@ static int follow_joints(Problem *p, Work *w, const double *driven) {
 static int find_increment(Problem *p, const Work *w, const double *driven, int order) {
   int failure = newton(p, w, driven, order);
   if (failure && order) failure = newton(p, w, driven, 0);
-  if (failure && p->reused.worth && !p->find) {
-    p->reused.exact = 1;
+  if (failure && p->system.reused.worth && !p->newton.find) {
+    p->system.reused.exact = 1;
     failure = newton(p, w, driven, 0);
-    p->reused.exact = 0;
+    p->system.reused.exact = 0;
   }
   return failure;
 }
@@ -151,38 +156,38 @@ static int find_increment(Problem *p, const Work *w, const double *driven, int o
 static int take_increment(Problem *p, const Work *w, const double *known) {
   memcpy(w->z, known, p->columns * sizeof(double));
   if (!(begin_couplings(p, w) || (HAS(LOOPS) && choose_ahead(p, w))) || !expand(p, w)) return SINGULAR;
-  if (!p->known_forces) return OK;
-  memcpy(w->r, p->known_forces + p->sub_step * p->dofs, p->dofs * sizeof(double));
+  if (!p->newton.known_forces) return OK;
+  memcpy(w->r, p->newton.known_forces + p->run.sub_step * p->dofs, p->dofs * sizeof(double));
   evaluate_nodes(p, w);
   return OK;
 }
 
 /* Takes a sub-step with the inputs number `k`; returns 0 if it fails. The increment of its columns may be known. */
 static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs *inputs, long k, const double *known) {
-  p->sub_step = sub_step;
+  p->run.sub_step = sub_step;
   const double *target = inputs->driven + k * p->driven;
   double *change = w->start;
   w->dt = dt;
   w->loads = inputs->loads + k * inputs->loads_stride;
   w->follower_force = inputs->follower_force + k * inputs->follower_force_stride;
   w->naturals = inputs->natural + k * inputs->natural_stride;
-  if (!p->at_rest && (k == 0 || inputs->loads_stride)) begin_loads(p, w);
-  if (p->naturals && (k == 0 || inputs->natural_stride)) begin_natural(p, w);
+  if (!p->scheme.at_rest && (k == 0 || inputs->loads_stride)) begin_loads(p, w);
+  if (p->natural.count && (k == 0 || inputs->natural_stride)) begin_natural(p, w);
   for (int i = 0; i < p->driven; ++i)
-    change[i] = target[i] - (i < p->prescribed ? p->q[p->driven_b[i]] : p->driven_now[i]);
-  if (!p->at_rest) p->ratio = ratio_of_lengths(p, dt);
-  const double *parameters = inputs->parameters + k * 2 * p->parameter_count;
-  if (p->parameters_vary) use_parameters(p, parameters);
+    change[i] = target[i] - (i < p->motors.prescribed ? p->state.q[p->motors.b[i]] : p->state.driven_now[i]);
+  if (!p->scheme.at_rest) p->state.ratio = ratio_of_lengths(p, dt);
+  const double *parameters = inputs->parameters + k * 2 * p->parameters.count;
+  if (p->parameters.vary) use_parameters(p, parameters);
   begin_elements(p, w);
-  int *order = p->orders + sub_step;
-  p->failure = known ? take_increment(p, w, known) : find_increment(p, w, change, *order);
-  if (p->failure) return 0;
-  if (p->friction_follows && !p->known && (p->failure = follow_joints(p, w, change))) return 0;
-  if (!p->at_rest) *order = update_predictor(p, w);
+  int *order = p->predictor.orders + sub_step;
+  p->run.failure = known ? take_increment(p, w, known) : find_increment(p, w, change, *order);
+  if (p->run.failure) return 0;
+  if (p->at_points.friction_follows && !p->newton.known && (p->run.failure = follow_joints(p, w, change))) return 0;
+  if (!p->scheme.at_rest) *order = update_predictor(p, w);
   work_increment(p, w);
-  if (p->repeats) return 1;
+  if (p->run.repeats) return 1;
   audit(p, w, change);
-  if (p->parameters_vary) p->work += work_of_change(p, w, parameters, 0);
+  if (p->parameters.vary) p->state.work += work_of_change(p, w, parameters, 0);
   return 1;
 }
 
@@ -190,23 +195,24 @@ static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs 
 static void advance(Problem *p, const Work *w, const Inputs *inputs, long k) {
   const double *driven = inputs->driven + k * p->driven;
   evolve(p, w);
-  memcpy(p->natural, w->natural_end, (long)p->cells * p->cell_natural * sizeof(double));
-  evolve_points(p->points, w->D, w->z, p->spring_internal);
+  memcpy(p->state.natural, w->natural_end, (long)p->cells * p->natural.per_cell * sizeof(double));
+  evolve_points(p->points, w->D, w->z, p->state.spring_internal);
   advance_rates(p, w, w->dt);
-  if (p->keeps_previous) memcpy(p->q_previous, p->q, p->dofs * sizeof(double));
-  p->length = w->dt;
-  add_times(p->dofs, 1, w->D, p->q);
-  for (int j = 0; HAS(COUPLED) && j < p->joints; ++j)
-    if (p->slide_column[j] >= 0) p->slides[p->slide_of[j]] += w->z[p->slide_column[j]];
-  for (int i = 0; HAS(SLIDERS) && i < p->sliders; ++i) p->slides[p->slider[i].joint] += w->z[p->slider[i].column];
-  memcpy(p->driven_now, driven, p->driven * sizeof(double));
-  p->t += w->dt;
-  p->steps_done += 1;
-  if (p->parameters_vary) {
-    const double *level = inputs->parameters + k * 2 * p->parameter_count, *end = level + p->parameter_count;
-    p->work += work_of_change(p, w, level, 1);
+  if (p->scheme.keeps_previous) memcpy(p->state.q_previous, p->state.q, p->dofs * sizeof(double));
+  p->state.length = w->dt;
+  add_times(p->dofs, 1, w->D, p->state.q);
+  for (int j = 0; HAS(COUPLED) && j < p->joints.count; ++j)
+    if (p->joints.slide_column[j] >= 0) p->state.slides[p->joints.number[j]] += w->z[p->joints.slide_column[j]];
+  for (int i = 0; HAS(SLIDERS) && i < p->sliders.count; ++i)
+    p->state.slides[p->sliders.slider[i].joint] += w->z[p->sliders.slider[i].column];
+  memcpy(p->state.driven_now, driven, p->driven * sizeof(double));
+  p->state.t += w->dt;
+  p->state.steps_done += 1;
+  if (p->parameters.vary) {
+    const double *level = inputs->parameters + k * 2 * p->parameters.count, *end = level + p->parameters.count;
+    p->state.work += work_of_change(p, w, level, 1);
     use_parameters(p, end);
-    memcpy(p->parameters, end, p->parameter_count * sizeof(double));
+    memcpy(p->state.parameters, end, p->parameters.count * sizeof(double));
   }
 }
 
@@ -214,19 +220,19 @@ static void advance(Problem *p, const Work *w, const Inputs *inputs, long k) {
    a part that turns too far. */
 static void summarise(Problem *p, const Work *w, double dt, int before, int parts) {
   const double *q = w->saved, *v = q + p->dofs, *a = v + p->dofs;
-  int means = p->rule == 0 && !p->rules;
+  int means = p->scheme.rule == 0 && !p->scheme.rules;
   for (int i = 0; i < p->dofs; ++i) {
-    if (means) p->a[i] = ((p->v[i] - v[i]) / dt + before * a[i]) / (before + 1);
-    w->scratch[i] = p->q[i] - q[i];
+    if (means) p->state.a[i] = ((p->state.v[i] - v[i]) / dt + before * a[i]) / (before + 1);
+    w->scratch[i] = p->state.q[i] - q[i];
   }
-  p->too_large += parts > 1 && widest_turn(p, w->scratch) * parts > p->large_turn;
+  p->run.too_large += parts > 1 && widest_turn(p, w->scratch) * parts > p->newton.large_turn;
 }
 
 /* Shares of a sub-step and of the parts before in the means over the step so far. */
 static void set_shares(Problem *p, int sub_step, int before) {
-  int means = p->level == 0.5;
-  p->share = means ? p->fractions[sub_step] / (before + 1) : 1;
-  p->earlier = means ? sub_step > 0 ? 1 : before / (before + 1.0) : 0;
+  int means = p->scheme.level == 0.5;
+  p->state.share = means ? p->scheme.fractions[sub_step] / (before + 1) : 1;
+  p->state.earlier = means ? sub_step > 0 ? 1 : before / (before + 1.0) : 0;
 }
 
 /* Energy that losses may give in a step, relative to the energy at its end. */
@@ -234,37 +240,37 @@ static const double GIVEN = 1e-8;
 
 /* Whether dampers gave energy in a step, which only happens where a sub-step goes back in time: there they amplify. */
 static int amplifies(const Problem *p, const Work *w, double lost) {
-  double given = lost - p->dissipated;
-  if (p->sub_steps == 1 || given <= 1e-14 * fabs(lost)) return 0;
-  times_mass(p, p->v, w->scratch);
-  double energy = dot(p->dofs, p->v, w->scratch) / 2 + sum_over_elements(p, w, &p->energy);
-  return given > GIVEN * (energy + fx_stored_at_points(p->points, p->q, p->slides, p->spring_internal));
+  double given = lost - p->state.dissipated;
+  if (p->scheme.sub_steps == 1 || given <= 1e-14 * fabs(lost)) return 0;
+  times_mass(p, p->state.v, w->scratch);
+  double energy = dot(p->dofs, p->state.v, w->scratch) / 2 + sum_over_elements(p, w, &p->forms.energy);
+  return given > GIVEN * (energy + fx_stored_at_points(p->points, p->state.q, p->state.slides, p->state.spring_internal));
 }
 
 /* Returns to the state before a step that failed; counts of what was seen are kept. */
 static void undo(Problem *p, const Work *w, Problem before) {
-  before.failure = p->failure, before.inverted = p->inverted, before.inverted_t = p->inverted_t;
-  before.amplified = p->amplified;
-  before.ratios[1] = p->ratios[1], before.reused = p->reused;
+  before.run.failure = p->run.failure, before.inverted.count = p->inverted.count, before.inverted.t = p->inverted.t;
+  before.run.amplified = p->run.amplified;
+  before.control.ratios[1] = p->control.ratios[1], before.system.reused = p->system.reused;
   *p = before;
-  memcpy(p->memory, w->saved, p->memory_size * sizeof(double));
+  memcpy(p->state.memory, w->saved, p->state.size * sizeof(double));
 }
 
 /* Whether a value changed its sign since the sub-step before; those now are in the second half. */
 static int switched(const Problem *p) {
-  double *before = p->sides, *now = before + p->switches;
+  double *before = p->control.sides, *now = before + p->control.switches;
   int any = 0;
-  fx_find_switches(p->points, p->q, p->slides, now);
-  for (int i = 0; i < p->switches; ++i) any |= (before[i] < 0) != (now[i] < 0), before[i] = now[i];
+  fx_find_switches(p->points, p->state.q, p->state.slides, now);
+  for (int i = 0; i < p->control.switches; ++i) any |= (before[i] < 0) != (now[i] < 0), before[i] = now[i];
   return any;
 }
 
 /* Takes steps, and returns how many; from step 0 on, the present state is recorded, from which the first one starts. */
 OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
   Work work = work_of(p), *w = &work;
-  p->failure = p->stopped = 0;  // also where no step is to be taken
-  if (p->parameters_vary && !p->at_rest) use_parameters(p, p->parameters); /* there may be those of a trial */
-  if (p->watches) fx_find_switches(p->points, p->q, p->slides, p->sides);
+  p->run.failure = p->control.stopped = 0;  // also where no step is to be taken
+  if (p->parameters.vary && !p->scheme.at_rest) use_parameters(p, p->state.parameters); /* there may be those of a trial */
+  if (p->control.watches) fx_find_switches(p->points, p->state.q, p->state.slides, p->control.sides);
   if (to->first == 0) record(p, w, to);
   else if (steps > 1) find_energies(p, w); /* for one step they cost more than they spare */
   for (int k = 0; k < steps; ++k) {
@@ -273,53 +279,54 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Reco
     if (part == 0) to->starts = to->complete;
     int starts = to->starts, changed = 0;
     long taped = to->tape ? to->tape->rows : 0;
-    double lost = p->dissipated;
+    double lost = p->state.dissipated;
     Problem before; /* of a step that may change the state and fail */
-    if (p->sub_steps > 1 || p->controlled || p->watches || to->parts > 1) {
+    if (p->scheme.sub_steps > 1 || p->control.controlled || p->control.watches || to->parts > 1) {
       before = *p;
-      memcpy(w->saved, p->memory, p->memory_size * sizeof(double));
+      memcpy(w->saved, p->state.memory, p->state.size * sizeof(double));
     }
-    for (int i = 0; i < p->sub_steps && !p->failure; ++i) {
-      long number = (long)k * p->sub_steps + i;
+    for (int i = 0; i < p->scheme.sub_steps && !p->run.failure; ++i) {
+      long number = (long)k * p->scheme.sub_steps + i;
       set_shares(p, i, part);
-      if (p->level != 0.5) to->starts = to->complete;
-      if (of_row && to->stores_starts) record_start(p, dt * p->fractions[i], i, to);
-      const double *known = p->known ? p->known + i * p->columns : p->repeats && to->tape->increments ? to->tape->increments + number * p->columns : 0;
-      if (!take_step(p, w, dt * p->fractions[i], i, inputs, number, known)) break;
+      if (p->scheme.level != 0.5) to->starts = to->complete;
+      if (of_row && to->stores_starts) record_start(p, dt * p->scheme.fractions[i], i, to);
+      const double *taped = p->run.repeats && to->tape->increments ? to->tape->increments + number * p->columns : 0;
+      const double *known = p->newton.known ? p->newton.known + i * p->columns : taped;
+      if (!take_step(p, w, dt * p->scheme.fractions[i], i, inputs, number, known)) break;
       changed = 1;
       /* Another run may start from the last step, and then has its forces in row 0. */
       int forces = of_row && (to->forces || step == to->last);
-      int joints = p->scene_joints && !p->repeats && (p->keeps_joint_forces || forces);
-      int contacts = forces && p->points->recorded, found = forces || p->keeps_joint_forces;
-      int lines = p->lines && !p->repeats && found;
-      p->forces_found = found;
+      int joints = p->passes.joints && !p->run.repeats && (p->run.keeps_joint_forces || forces);
+      int contacts = forces && p->points->recorded, found = forces || p->run.keeps_joint_forces;
+      int lines = p->at_points.lines && !p->run.repeats && found;
+      p->state.forces_found = found;
       if (joints || contacts) evaluate_nodes(p, w);
       if (joints) add_joint_forces(p, w);
       if (contacts) add_contact_forces(p);
       if (lines) add_line_forces(p, w);
       if (to->tape) put_on_tape(p, w, to->tape);
       advance(p, w, inputs, number);
-      if (p->watches && switched(p)) p->failure = SWITCHED;
+      if (p->control.watches && switched(p)) p->run.failure = SWITCHED;
     }
-    if (!p->failure && amplifies(p, w, lost)) p->failure = AMPLIFIED, ++p->amplified;
-    if (p->controlled && !p->failure) {
+    if (!p->run.failure && amplifies(p, w, lost)) p->run.failure = AMPLIFIED, ++p->run.amplified;
+    if (p->control.controlled && !p->run.failure) {
       double ratio = local_error(p, w, dt);
-      p->ratios[0] = p->ratios[1], p->ratios[1] = ratio;
-      int low = ratio >= 0 && fmax(ratio, p->ratios[0]) < p->lowest;
-      if (ratio > 1) p->failure = TOO_INACCURATE;
-      else if (low || ratio > p->highest) steps = k + 1, p->stopped = 1;
+      p->control.ratios[0] = p->control.ratios[1], p->control.ratios[1] = ratio;
+      int low = ratio >= 0 && fmax(ratio, p->control.ratios[0]) < p->control.lowest;
+      if (ratio > 1) p->run.failure = TOO_INACCURATE;
+      else if (low || ratio > p->control.highest) steps = k + 1, p->control.stopped = 1;
     }
-    if (p->failure) { /* nothing of it is recorded */
+    if (p->run.failure) { /* nothing of it is recorded */
       if (changed) undo(p, w, before);
       to->starts = starts;
       if (to->tape) to->tape->rows = taped;
       return k;
     }
-    if (p->sub_steps > 1 || to->parts > 1) summarise(p, w, dt, part, to->parts);
+    if (p->scheme.sub_steps > 1 || to->parts > 1) summarise(p, w, dt, part, to->parts);
     if (wanted) record(p, w, to);
-    ++p->completed;
-    double most = wanted ? p->energies[1] : steps > 1 ? most_strain_energy(p) : HUGE_VAL;
-    if (most >= p->least_energy) count_inverted(p, w);
+    ++p->run.completed;
+    double most = wanted ? p->state.energies[1] : steps > 1 ? most_strain_energy(p) : HUGE_VAL;
+    if (most >= p->inverted.least_energy) count_inverted(p, w);
   }
   return steps;
 }

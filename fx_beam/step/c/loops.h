@@ -12,7 +12,7 @@ static const double LEAST_PIVOT = 1e-6;
 
 /* Derivatives by columns of nodes on beams, by those of the beams and slides. */
 static void derive_by_beams(const Problem *p, const Work *w, const double *values, double *row) {
-  for (const Slider *a = p->slider + p->sliders - 1; a >= p->slider && p->sliders; --a)
+  for (const Slider *a = p->sliders.slider + p->sliders.count - 1; a >= p->sliders.slider && p->sliders.count; --a)
     for (int c = 0; c < a->components; ++c) {
       const double *T = values == w->virtual_map ? a->virtual_map[c] : a->T[c];
       double of = row[a->carried[c]];
@@ -29,24 +29,25 @@ static void derive_by_beams(const Problem *p, const Work *w, const double *value
 /* Derivatives G of the closures by the loops' columns, in compressed rows, for values of T or Tv. */
 static void derive_closures(const Problem *p, const Work *w, const double *values, double *G) {
   double *row = w->closure_row;
-  for (int i = 0; i < p->closures; ++i) {
-    int first = p->closure_entry_start[i], end = p->closure_entry_start[i + 1];
-    int first_auxiliary = p->closure_auxiliary_start[i], last_auxiliary = p->closure_auxiliary_start[i + 1];
-    for (int k = first; k < end; ++k) row[p->closure_column[k]] += p->closure_sign[k] * values[p->closure_value[k]];
-    if (HAS(SLIDERS) && p->carried) derive_by_beams(p, w, values, row);
+  for (int i = 0; i < p->loops.closures; ++i) {
+    int first = p->loops.entry_start[i], end = p->loops.entry_start[i + 1];
+    int first_auxiliary = p->loops.auxiliary_start[i], last_auxiliary = p->loops.auxiliary_start[i + 1];
+    for (int k = first; k < end; ++k)
+      row[p->loops.entry_column[k]] += p->loops.entry_sign[k] * values[p->loops.entry_value[k]];
+    if (HAS(SLIDERS) && p->loops.carried) derive_by_beams(p, w, values, row);
     for (int k = first_auxiliary; k < last_auxiliary; ++k) {
-      int t = p->closure_auxiliary[k];
-      double of_auxiliary = row[p->columns + p->auxiliary_of[t]];
-      row[p->auxiliary_column[t]] += p->auxiliary_sign[t] * values[p->auxiliary_value[t]] * of_auxiliary;
+      int t = p->loops.auxiliary[k];
+      double of_auxiliary = row[p->columns + p->auxiliary.of[t]];
+      row[p->auxiliary.column[t]] += p->auxiliary.sign[t] * values[p->auxiliary.value[t]] * of_auxiliary;
     }
-    for (int k = p->closure_start[i]; k < p->closure_start[i + 1]; ++k) {
-      double *of = row + p->loop_column[p->closure_near[k]];
+    for (int k = p->loops.start[i]; k < p->loops.start[i + 1]; ++k) {
+      double *of = row + p->loops.column[p->loops.near[k]];
       G[k] = *of, *of = 0;
     }
-    for (int k = first; k < end; ++k) row[p->closure_column[k]] = 0;
+    for (int k = first; k < end; ++k) row[p->loops.entry_column[k]] = 0;
     for (int k = first_auxiliary; k < last_auxiliary; ++k) {
-      row[p->columns + p->auxiliary_of[p->closure_auxiliary[k]]] = 0;
-      row[p->auxiliary_column[p->closure_auxiliary[k]]] = 0;
+      row[p->columns + p->auxiliary.of[p->loops.auxiliary[k]]] = 0;
+      row[p->auxiliary.column[p->loops.auxiliary[k]]] = 0;
     }
   }
 }
@@ -84,25 +85,25 @@ static void widen(double *row, int *low, int *high, int from, int to) {
 /* Chooses the unknowns that follow, block by block: of each row of G the largest entry, after those before are eliminated;
    returns 0 in a singular position. */
 static int choose_following(const Problem *p, const Work *w) {
-  for (int j = 0; j < p->loop_columns; ++j) w->follows[j] = -1;
-  for (int b = 0; b < p->blocks; ++b) {
-    int begin = p->block_closure[b], m = p->block_closure[b + 1] - begin;
-    int from = p->block_column[b], n = p->block_column[b + 1] - from;
-    int *low = w->low, *high = low + p->closures; /* rows are zero beside these */
-    double *M = w->pivoting, *length = p->closure_length + begin, most = 0, least = HUGE_VAL;
+  for (int j = 0; j < p->loops.columns; ++j) w->follows[j] = -1;
+  for (int b = 0; b < p->loops.blocks; ++b) {
+    int begin = p->loops.block_closure[b], m = p->loops.block_closure[b + 1] - begin;
+    int from = p->loops.block_column[b], n = p->loops.block_column[b + 1] - from;
+    int *low = w->low, *high = low + p->loops.closures; /* rows are zero beside these */
+    double *M = w->pivoting, *length = p->loops.length + begin, most = 0, least = HUGE_VAL;
     for (int i = 0; i < m; ++i) {
       double *row = M + (long)i * n, size = 0;
       int column = -1;
       low[i] = n, high[i] = -1;
-      for (int k = p->closure_start[begin + i]; k < p->closure_start[begin + i + 1]; ++k) {
-        int near = p->closure_near[k], j = near - from;
-        if (p->loop_column[near] >= p->free) continue;
+      for (int k = p->loops.start[begin + i]; k < p->loops.start[begin + i + 1]; ++k) {
+        int near = p->loops.near[k], j = near - from;
+        if (p->loops.column[near] >= p->free) continue;
         widen(row, low + i, high + i, j, j);
-        row[j] = w->G[k] * p->loop_unit[near], most = fmax(most, fabs(row[j]) * length[i]);
+        row[j] = w->G[k] * p->loops.unit[near], most = fmax(most, fabs(row[j]) * length[i]);
       }
       for (int k = 0; k < i; ++k) {
         const double *pivot = M + (long)k * n;
-        int at = p->following[begin + k] - from;
+        int at = p->loops.following[begin + k] - from;
         if (at < low[i] || at > high[i] || row[at] == 0) continue;
         double factor = row[at] / pivot[at];
         widen(row, low + i, high + i, low[k], high[k]);
@@ -113,18 +114,18 @@ static int choose_following(const Problem *p, const Work *w) {
         if (fabs(row[j]) > size) size = fabs(row[j]), column = j;
       if (column < 0) return 0;
       least = fmin(least, size * length[i]);
-      p->following[begin + i] = from + column, w->follows[from + column] = begin;
+      p->loops.following[begin + i] = from + column, w->follows[from + column] = begin;
     }
     if (least <= LEAST_PIVOT * most) return 0; /* not before: it must not depend on the order of closures */
     /* In the order of their columns, near to the diagonal. */
     int *lower = w->band + 2 * b, *upper = lower + 1;
     for (int j = from, k = begin; j < from + n; ++j)
-      if (w->follows[j] >= 0) p->following[k] = j, w->follows[j] = k++;
+      if (w->follows[j] >= 0) p->loops.following[k] = j, w->follows[j] = k++;
     *lower = *upper = 0;
     for (int i = begin; i < begin + m; ++i)
-      for (int k = p->closure_start[i]; k < p->closure_start[i + 1]; ++k) {
-        int beside = w->follows[p->closure_near[k]] - i;
-        if (w->follows[p->closure_near[k]] < 0) continue;
+      for (int k = p->loops.start[i]; k < p->loops.start[i + 1]; ++k) {
+        int beside = w->follows[p->loops.near[k]] - i;
+        if (w->follows[p->loops.near[k]] < 0) continue;
         if (-beside > *lower) *lower = -beside;
         if (beside > *upper) *upper = beside;
       }
@@ -150,29 +151,29 @@ INLINED void solve_band_rows(int sides, int n, int lower, int upper, const doubl
 
 /* LU factors of the part of G that belongs to the unknowns that follow, or of its transpose, block by block. */
 static void factorise_closures(const Problem *p, const Work *w, const double *G, int transposed) {
-  for (int b = 0; b < p->blocks; ++b) {
-    int begin = p->block_closure[b], m = p->block_closure[b + 1] - begin;
+  for (int b = 0; b < p->loops.blocks; ++b) {
+    int begin = p->loops.block_closure[b], m = p->loops.block_closure[b + 1] - begin;
     int lower = w->band[2 * b + transposed], upper = w->band[2 * b + !transposed];
-    double *A = w->part + transposed * p->block_part[p->blocks] + p->block_part[b];
+    double *A = w->part + transposed * p->loops.block_part[p->loops.blocks] + p->loops.block_part[b];
     for (int i = 0; i < m; ++i) {
       int first = i > lower ? i - lower : 0, end = i + lower + upper < m ? i + lower + upper + 1 : m;
       memset(A + (long)i * m + first, 0, (end - first) * sizeof(double));
     }
     for (int i = 0; i < m; ++i)
-      for (int k = p->closure_start[begin + i]; k < p->closure_start[begin + i + 1]; ++k) {
-        int j = w->follows[p->closure_near[k]] - begin;
-        if (w->follows[p->closure_near[k]] >= 0) A[transposed ? (long)j * m + i : (long)i * m + j] = G[k];
+      for (int k = p->loops.start[begin + i]; k < p->loops.start[begin + i + 1]; ++k) {
+        int j = w->follows[p->loops.near[k]] - begin;
+        if (w->follows[p->loops.near[k]] >= 0) A[transposed ? (long)j * m + i : (long)i * m + j] = G[k];
       }
-    factorise_band(m, lower, upper, A, w->part_order + transposed * p->closures + begin);
+    factorise_band(m, lower, upper, A, w->part_order + transposed * p->loops.closures + begin);
   }
 }
 
 /* Solves for the unknowns that follow, in the place of one or GROUP_SIZE right sides x. */
 HOT void solve_closures(const Problem *p, const Work *w, int sides, int transposed, double *x) {
-  const int *order = w->part_order + transposed * p->closures;
-  for (int b = 0; b < p->blocks; ++b) {
-    int begin = p->block_closure[b], m = p->block_closure[b + 1] - begin, *band = w->band + 2 * b;
-    const double *factors = w->part + transposed * p->block_part[p->blocks] + p->block_part[b];
+  const int *order = w->part_order + transposed * p->loops.closures;
+  for (int b = 0; b < p->loops.blocks; ++b) {
+    int begin = p->loops.block_closure[b], m = p->loops.block_closure[b + 1] - begin, *band = w->band + 2 * b;
+    const double *factors = w->part + transposed * p->loops.block_part[p->loops.blocks] + p->loops.block_part[b];
     solve_band_rows(sides, m, band[transposed], band[!transposed], factors, order + begin, x + begin * sides);
   }
 }
@@ -182,19 +183,19 @@ static inline Two arm_of(const double *values, int j) { return (Two){values[4 * 
 
 /* Closures of displacements, less the changes of the joints' arms, with those before if there are any. */
 static void find_closures(const Problem *p, const Work *w, const double *u, const double *before, double *closure) {
-  for (int k = 0; k < p->closures; ++k) {
-    closure[k] = at(u, p->closure_b[k]) - at(u, p->closure_a[k]) - at(w->arm_change, p->closure_arm[k]);
+  for (int k = 0; k < p->loops.closures; ++k) {
+    closure[k] = at(u, p->loops.b[k]) - at(u, p->loops.a[k]) - at(w->arm_change, p->loops.arm[k]);
     if (before) closure[k] += before[k];
   }
 }
 
 /* Start of a step: its closures, and the unknowns that follow; returns 0 in a singular position. */
 static int begin_loops(const Problem *p, const Work *w) {
-  if (!HAS(LOOPS) || !p->closures) return 1;
-  for (int j = 0; j < p->joints; ++j)
-    *(Two *)(w->arm_change + 2 * j) = arm_of(w->values0, j) - pair(p->arm_at_rest + 2 * j);
-  find_closures(p, w, p->q, 0, w->closure0);
-  if (HAS(SLIDERS) && p->carried) begin_sliders(p, w);
+  if (!HAS(LOOPS) || !p->loops.closures) return 1;
+  for (int j = 0; j < p->joints.count; ++j)
+    *(Two *)(w->arm_change + 2 * j) = arm_of(w->values0, j) - pair(p->loops.arm_at_rest + 2 * j);
+  find_closures(p, w, p->state.q, 0, w->closure0);
+  if (HAS(SLIDERS) && p->loops.carried) begin_sliders(p, w);
   derive_closures(p, w, w->values0, w->G);
   return choose_following(p, w);
 }
@@ -202,51 +203,51 @@ static int begin_loops(const Problem *p, const Work *w) {
 /* The derivatives of the closures at an increment, for which the unknowns that follow are corrected. Returns whether they are
    closed. */
 static int correct_loops(const Problem *p, const Work *w, double *last) {
-  int m = p->closures;
+  int m = p->loops.closures;
   double *closure = w->closure, size;
   derive_closures(p, w, w->values, w->G);
   factorise_closures(p, w, w->G, 0);
   find_closures(p, w, w->D, w->closure0, closure);
-  size = largest(m, closure, p->closure_length);
-  if (size <= p->closure_closed || (*last < size && size <= 1e3 * p->closure_closed)) return 1;
+  size = largest(m, closure, p->loops.length);
+  if (size <= p->loops.closed || (*last < size && size <= 1e3 * p->loops.closed)) return 1;
   *last = size;
   solve_closures(p, w, 1, 0, closure);
-  for (int k = 0; k < m; ++k) w->z[p->loop_column[p->following[k]]] -= closure[k];
+  for (int k = 0; k < m; ++k) w->z[p->loops.column[p->loops.following[k]]] -= closure[k];
   return 0;
 }
 
 /* Small changes of the unknowns that follow. */
 static void complete(const Problem *p, const Work *w, double *z) {
-  for (int k = 0; k < p->closures; ++k) z[p->loop_column[p->following[k]]] = 0;
-  for (int i = 0; i < p->closures; ++i) {
+  for (int k = 0; k < p->loops.closures; ++k) z[p->loops.column[p->loops.following[k]]] = 0;
+  for (int i = 0; i < p->loops.closures; ++i) {
     w->closure[i] = 0;
-    for (int k = p->closure_start[i]; k < p->closure_start[i + 1]; ++k)
-      w->closure[i] += w->G[k] * z[p->loop_column[p->closure_near[k]]];
+    for (int k = p->loops.start[i]; k < p->loops.start[i + 1]; ++k)
+      w->closure[i] += w->G[k] * z[p->loops.column[p->loops.near[k]]];
   }
   solve_closures(p, w, 1, 0, w->closure);
-  for (int k = 0; k < p->closures; ++k) z[p->loop_column[p->following[k]]] = -w->closure[k];
+  for (int k = 0; k < p->loops.closures; ++k) z[p->loops.column[p->loops.following[k]]] = -w->closure[k];
 }
 
 /* Forces of the closing joints, those that leave no residual of the unknowns that follow. */
 static void close_residual(const Problem *p, const Work *w, double *R) {
-  for (int k = 0; k < p->closures; ++k) w->closing[k] = R[p->loop_column[p->following[k]]];
+  for (int k = 0; k < p->loops.closures; ++k) w->closing[k] = R[p->loops.column[p->loops.following[k]]];
   solve_closures(p, w, 1, 1, w->closing);
-  for (int i = 0; i < p->closures; ++i)
-    for (int k = p->closure_start[i]; k < p->closure_start[i + 1]; ++k)
-      R[p->loop_column[p->closure_near[k]]] -= w->G_virtual[k] * w->closing[i];
-  for (int k = 0; k < p->closures; ++k) R[p->loop_column[p->following[k]]] = 0;
+  for (int i = 0; i < p->loops.closures; ++i)
+    for (int k = p->loops.start[i]; k < p->loops.start[i + 1]; ++k)
+      R[p->loops.column[p->loops.near[k]]] -= w->G_virtual[k] * w->closing[i];
+  for (int k = 0; k < p->loops.closures; ++k) R[p->loops.column[p->loops.following[k]]] = 0;
 }
 
 /* Adds the forces of the closing joints on columns. */
 static void add_closing(const Problem *p, const Work *w, double *out) {
-  for (int i = 0; i < p->closures; ++i)
-    for (int k = p->closure_entry_start[i]; k < p->closure_entry_start[i + 1]; ++k)
-      out[p->closure_column[k]] -= p->closure_sign[k] * w->virtual_map[p->closure_value[k]] * w->closing[i];
+  for (int i = 0; i < p->loops.closures; ++i)
+    for (int k = p->loops.entry_start[i]; k < p->loops.entry_start[i + 1]; ++k)
+      out[p->loops.entry_column[k]] -= p->loops.entry_sign[k] * w->virtual_map[p->loops.entry_value[k]] * w->closing[i];
 }
 
 /* Forces with those of nodes on beams, to which loops add, after `close_residual` of r. */
 static void carry_in_loops(const Problem *p, const Work *w, const double *r) {
-  memset(w->columns, 0, (p->columns + p->auxiliaries) * sizeof(double));
+  memset(w->columns, 0, (p->columns + p->auxiliary.count) * sizeof(double));
   push_columns(p, w->columns), add_closing(p, w, w->columns);
   load_beams(p, w, r, w->columns);
 }
@@ -255,7 +256,7 @@ static void carry_in_loops(const Problem *p, const Work *w, const double *r) {
    tangent of open loops regular, also without what borders it. */
 static double stiffness_of_closures(const Problem *p, const double *K) {
   double stiff = 0;
-  for (int i = 0; i < p->scales; ++i)
-    stiff = fmax(stiff, fabs(K[p->scale_at[i]]) * p->scale_unit[i] * p->scale_unit[i]);
+  for (int i = 0; i < p->loops.scales; ++i)
+    stiff = fmax(stiff, fabs(K[p->loops.scale_at[i]]) * p->loops.scale_unit[i] * p->loops.scale_unit[i]);
   return stiff;
 }

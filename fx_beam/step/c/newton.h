@@ -14,11 +14,11 @@ static void evaluate_nodes(const Problem *p, const Work *w) {
 
 /* Adds the internal forces to f, and their tangent to K. */
 static void assemble(const Problem *p, const Work *w, double *K) {
-  assemble_forces(p, w, &p->internal_forces, w->by_slopes ? 0 : K);
-  if (p->drag.integrals) assemble_forces(p, w, &p->drag, K);
+  assemble_forces(p, w, &p->forms.internal_forces, w->by_slopes ? 0 : K);
+  if (p->forms.drag.integrals) assemble_forces(p, w, &p->forms.drag, K);
   evaluate_nodes(p, w);
   fx_add_points(p->points, 0, p->points->nodal, 1, w->f);
-  fx_add_point_tangents(p->points, p->point_stored_at, K);
+  fx_add_point_tangents(p->points, p->at_points.stored_at, K);
   if (HAS(MEMBERS) && p->points->members) fx_add_members(p->points->members, w->f);
 }
 
@@ -65,22 +65,23 @@ INLINED void extend_differences(int n, int all, const double *restrict increment
    extrapolation with the least error in this step. */
 HOT int update_predictor(Problem *p, const Work *w) {
   int n = p->dofs, all = n + p->free, order = 0;
-  double best = PREDICTOR_ERROR * largest(n, w->D, p->per_unit), product = w->dt, per_age[PAST + 1], *highest = w->scratch;
-  advance_ages(w->dt, p->ages, per_age);
-  extend_differences(n, all, w->D, per_age, p->past, highest);
-  extend_differences(p->free, all, w->z, per_age, p->past + n, highest + n);
-  for (int k = 1; k <= PAST && k <= p->known_steps; ++k) {
-    product *= p->ages[k];
-    double error = largest(n, k < PAST ? p->past + k * all : highest, p->per_unit) * fabs(product);
+  double best = PREDICTOR_ERROR * largest(n, w->D, p->mesh.per_unit), product = w->dt, per_age[PAST + 1],
+      *highest = w->scratch;
+  advance_ages(w->dt, p->predictor.ages, per_age);
+  extend_differences(n, all, w->D, per_age, p->predictor.past, highest);
+  extend_differences(p->free, all, w->z, per_age, p->predictor.past + n, highest + n);
+  for (int k = 1; k <= PAST && k <= p->predictor.known; ++k) {
+    product *= p->predictor.ages[k];
+    double error = largest(n, k < PAST ? p->predictor.past + k * all : highest, p->mesh.per_unit) * fabs(product);
     if (error <= best) best = error, order = k;
   }
-  ++p->known_steps;
+  ++p->predictor.known;
   return order;
 }
 
 static double widest_turn(const Problem *p, const double *D) {
   double widest = 0;
-  for (int i = 0; i < p->nodes; ++i) widest = larger(fabs(D[3 * i + 2]), widest);
+  for (int i = 0; i < p->mesh.nodes; ++i) widest = larger(fabs(D[3 * i + 2]), widest);
   return widest;
 }
 
@@ -94,14 +95,14 @@ static double next_after(Sequence *s, double value) {
 /* The residual of the columns from forces on nodes, less what holds the unknowns besides the forces of the model. */
 static void reduce_residual(const Problem *p, const Work *w, const double *r) {
   project(p, w, r, w->reduced);
-  for (int i = 0; p->hold && i < p->free; ++i) w->reduced[i] -= p->hold[i];
+  for (int i = 0; p->statics.hold && i < p->free; ++i) w->reduced[i] -= p->statics.hold[i];
 }
 
 /* A viscous drag on the increments of all nodes. */
 static void resist(const Problem *p, const Work *w) {
   for (int i = 0; i < p->dofs; ++i) {
-    double drag = p->viscosity * p->viscous_weight[i];
-    if (drag > 0) w->r[i] += drag * w->D[i], w->tangent[p->diagonal_at[i]] += drag;
+    double drag = p->statics.viscosity * p->statics.viscous_weight[i];
+    if (drag > 0) w->r[i] += drag * w->D[i], w->tangent[p->statics.diagonal_at[i]] += drag;
   }
 }
 
@@ -113,12 +114,12 @@ static void balance(const Problem *p, const Work *w) {
     work_increment(p, w);
     acceleration(p, w, w->dt);
     memset(w->f, 0, p->dofs * sizeof(double));
-    memset(K, 0, p->stored_values * sizeof(double));
-    for (int k = 0; k < p->paddings; ++k) K[p->padding[k]] = 1;
+    memset(K, 0, p->tangent.stored * sizeof(double));
+    for (int k = 0; k < p->system.paddings; ++k) K[p->system.padding[k]] = 1;
     inertia(p, w, w->r, K);
     assemble(p, w, K);
     add_difference(p->dofs, w->f, w->force, w->r);
-    if (p->viscosity > 0) resist(p, w);
+    if (p->statics.viscosity > 0) resist(p, w);
   }
   reduce_residual(p, w, w->r);
 }
@@ -143,7 +144,7 @@ enum { SHORTENINGS = 20 };
 /* Goes back along a correction that was too long, to where the residual does no more work on it, by
    regula falsi. `gained` is the work at its start. Where only forces at points overshoot, the others are taken as linear. */
 static void line_search(const Problem *p, const Work *w, double gained) {
-  int springs = !p->cell_internal && !(HAS(MEMBERS) && p->hold && p->points->members);
+  int springs = !p->internal.per_cell && !(HAS(MEMBERS) && p->statics.hold && p->points->members);
   if (springs) { /* the motion of all nodes in the last correction, which may have been shortened */
     memset(w->step + p->free, 0, (p->columns - p->free) * sizeof(double));
     spread(p, w, w->step, w->correction);
@@ -175,25 +176,26 @@ enum { GOES_ON, CONVERGED, AT_ROUND_OFF };
 /* Whether the last correction does at most this share of the energy of the step as work on each part, after `kinetic`; or of
    the kinetic energy of each part that moves. */
 HOT int within_parts(const Problem *p, const Work *w, double share, int of_motion) {
-  double *work = p->part_energy, *energy = work + p->parts;
-  if (p->parts < 2) return 1;
-  memset(work, 0, 2 * p->parts * sizeof(double));
-  for (int k = 0; k < p->column_runs; ++k) {
+  double *work = p->parts.energy, *energy = work + p->parts.count;
+  if (p->parts.count < 2) return 1;
+  memset(work, 0, 2 * p->parts.count * sizeof(double));
+  for (int k = 0; k < p->parts.column_runs; ++k) {
     double sum = 0;
-    for (int i = p->column_run_start[k]; i < p->column_run_start[k + 1]; ++i) sum += fabs(w->reduced[i] * w->step[i]);
-    work[p->column_run_part[k]] += sum;
+    for (int i = p->parts.column_run_start[k]; i < p->parts.column_run_start[k + 1]; ++i)
+      sum += fabs(w->reduced[i] * w->step[i]);
+    work[p->parts.column_run_part[k]] += sum;
   }
-  for (int k = 0; k < p->dof_runs; ++k) {
+  for (int k = 0; k < p->parts.dof_runs; ++k) {
     double moving = 0, pushed = 0;
-    for (int i = p->dof_run_start[k]; i < p->dof_run_start[k + 1]; ++i) {
-      moving += fabs(p->v[i] * w->scratch[i]);
+    for (int i = p->parts.dof_run_start[k]; i < p->parts.dof_run_start[k + 1]; ++i) {
+      moving += fabs(p->state.v[i] * w->scratch[i]);
       pushed += (fabs(w->f[i]) + fabs(w->force[i])) * fabs(w->D[i]);
     }
-    energy[p->dof_run_part[k]] += of_motion && moving > 0 ? moving : moving + pushed;
+    energy[p->parts.dof_run_part[k]] += of_motion && moving > 0 ? moving : moving + pushed;
   }
-  for (int k = 0; k < p->parts; ++k) {
+  for (int k = 0; k < p->parts.count; ++k) {
     double all = 0;
-    for (int i = p->inside_start[k]; i < p->inside_start[k + 1]; ++i) all += energy[p->inside[i]];
+    for (int i = p->parts.inside_start[k]; i < p->parts.inside_start[k + 1]; ++i) all += energy[p->parts.inside[i]];
     if (work[k] > share * all) return 0;
   }
   return 1;
@@ -205,33 +207,34 @@ static const Convergence NOTHING_KNOWN = {{HUGE_VAL, 0}, {HUGE_VAL, 0}, 0, 0};
    solution, whatever its work. */
 static int judge(const Problem *p, const Work *w, Convergence *c, int iteration, double size, int shortened, double work,
                  const double *rest) {
-  int small = size <= p->tolerance, stalled = size > 0.5 * c->sizes.last && !shortened;
+  int small = size <= p->newton.tolerance, stalled = size > 0.5 * c->sizes.last && !shortened;
   double error = sqrt(fabs(work));
   double next_size = larger(next_after(&c->sizes, size), rest[0] * size);
   double next_error = larger(next_after(&c->errors, error), rest[1] * error);
   /* An equilibrium may start a motion: its error would be an acceleration. */
-  int final = iteration > 2 && !p->at_rest && next_size <= p->negligible;
+  int final = iteration > 2 && !p->scheme.at_rest && next_size <= p->newton.negligible;
   if (!small && !final && !stalled) return GOES_ON;
   double moving = kinetic(p, w), energy = energy_of_step(p, w, moving);
-  final = final && next_error <= p->negligible * sqrt(energy);
+  final = final && next_error <= p->newton.negligible * sqrt(energy);
   /* In very stiff scenes the forces before the correction make the energy far too large. */
-  if (final && fabs(work) <= p->tolerance * moving && within_parts(p, w, p->tolerance, 1)) return CONVERGED;
-  if (!small && stalled && fabs(work) <= p->energy_floor * energy)
-    return ++c->stalled > (within_parts(p, w, p->energy_floor, 0) ? STALLS : MOST_STALLS) ? AT_ROUND_OFF : GOES_ON;
-  double most = ENERGY_SHARE * p->tolerance;
+  if (final && fabs(work) <= p->newton.tolerance * moving && within_parts(p, w, p->newton.tolerance, 1)) return CONVERGED;
+  if (!small && stalled && fabs(work) <= p->newton.energy_floor * energy)
+    return ++c->stalled > (within_parts(p, w, p->newton.energy_floor, 0) ? STALLS : MOST_STALLS) ? AT_ROUND_OFF : GOES_ON;
+  double most = ENERGY_SHARE * p->newton.tolerance;
   small = small && (++c->small >= SMALL || (fabs(work) <= most * energy && within_parts(p, w, most, 0)));
   return small ? CONVERGED : GOES_ON;
 }
 
 /* Counts a solve that rounding errors end, and what is left of it: a correction of this size. */
 static void note_rounding(Problem *p, const Work *w, double size) {
-  ++p->by_round_off;
-  p->left += size;
-  p->moved = fmax(p->moved, fmax(largest(p->dofs, p->q, p->per_unit), largest(p->dofs, w->D, p->per_unit)));
-  if (size <= p->left_most) return;
-  p->left_most = size;
+  ++p->run.by_round_off;
+  p->run.left += size;
+  p->run.moved = fmax(p->run.moved, largest(p->dofs, p->state.q, p->mesh.per_unit));
+  p->run.moved = fmax(p->run.moved, largest(p->dofs, w->D, p->mesh.per_unit));
+  if (size <= p->run.left_most) return;
+  p->run.left_most = size;
   for (int i = 0; i < p->dofs; ++i)
-    if (fabs(w->correction[i] * p->per_unit[i]) == size) p->left_at = i;
+    if (fabs(w->correction[i] * p->mesh.per_unit[i]) == size) p->run.left_at = i;
 }
 
 /* Instead of the order of a prediction: from the unknowns as they are. */
@@ -248,7 +251,8 @@ static int predict(Problem *p, const Work *w, const double *driven, int *order) 
   double factor = w->dt;
   if (singular && !*order) *order = 1;
   if (*order != GO_ON) memset(w->z, 0, p->columns * sizeof(double));
-  for (int k = 0; k < *order; factor *= w->dt + p->ages[k++]) add_times(p->free, factor, p->past + k * all + p->dofs, w->z);
+  for (int k = 0; k < *order; factor *= w->dt + p->predictor.ages[k++])
+    add_times(p->free, factor, p->predictor.past + k * all + p->dofs, w->z);
   if (*order > 0) set_driven(p, driven, 1, w->z);
   if (HAS(LOOPS) && singular && !choose_ahead(p, w)) return OUT_OF_LINE;
   return expand(p, w) ? OK : OPEN_LOOP;
@@ -267,15 +271,15 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
   int n = p->dofs, free = p->free, failure;
   Convergence convergence = NOTHING_KNOWN;
   double work = 0, rest[2];
-  p->tried = 0;
-  if (p->team.begin) p->team.begin(p->t, w->dt);
-  if (p->reused.worth) begin_reused(&p->reused);
+  p->newton.tried = 0;
+  if (p->team.begin) p->team.begin(p->state.t, w->dt);
+  if (p->system.reused.worth) begin_reused(&p->system.reused);
   if ((failure = predict(p, w, driven, &order))) return failure;
-  for (int iteration = 1; iteration <= p->max_iterations; ++iteration) {
+  for (int iteration = 1; iteration <= p->newton.max_iterations; ++iteration) {
     balance(p, w);
-    if (iteration > 1 && p->may_overshoot) line_search(p, w, work);
-    if (p->may_overshoot) note_tangents(p->points);
-    if (HAS(MEMBERS) && p->changing) change_rows(p);
+    if (iteration > 1 && p->newton.may_overshoot) line_search(p, w, work);
+    if (p->newton.may_overshoot) note_tangents(p->points);
+    if (HAS(MEMBERS) && p->system.changing) change_rows(p);
     for (int i = free; i < p->columns; ++i) w->step[i] = 0;
     if (!p->team.solve) reduce_tangent(p, w);
     if (iteration == 1 && !order && largest(p->driven, driven, 0) > 0) drive(p, w, driven);
@@ -284,28 +288,28 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
     else if (!solve_reduced(p, w, &convergence, rest))
       return SINGULAR;
     spread(p, w, w->step, w->correction);
-    for (int i = 0; iteration == 1 && p->predicted && i < n; ++i) p->predicted[i] = -w->correction[i];
-    double size = largest(n, w->correction, p->per_unit);
+    for (int i = 0; iteration == 1 && p->newton.predicted && i < n; ++i) p->newton.predicted[i] = -w->correction[i];
+    double size = largest(n, w->correction, p->mesh.per_unit);
     if (!isfinite(size)) return SINGULAR;
-    p->corrections[p->tried++ % CORRECTIONS] = size;
-    double widest = size > p->longest_turn ? widest_turn(p, w->correction) : 0;
-    int shortened = widest > p->longest_turn;
-    if (shortened) scale(free, p->longest_turn / widest, w->step);
+    p->newton.corrections[p->newton.tried++ % CORRECTIONS] = size;
+    double widest = size > p->newton.longest_turn ? widest_turn(p, w->correction) : 0;
+    int shortened = widest > p->newton.longest_turn;
+    if (shortened) scale(free, p->newton.longest_turn / widest, w->step);
     add_times(free, -1, w->step, w->z);
     set_driven(p, driven, 1, w->z);
     work = along_step(p, w);
     int end = judge(p, w, &convergence, iteration, size, shortened, work, rest);
     if (end) { /* forces of supports and joints, to first order */
-      corrected_forces(p, w, p->reacting, p->reacts);
+      corrected_forces(p, w, p->tangent.reacting, p->tangent.reacts);
       memcpy(w->r, w->scratch, n * sizeof(double));
     }
     if (!expand(p, w)) return OPEN_LOOP;
-    if (widest_turn(p, w->D) > p->max_turn) return TURNED_TOO_FAR;
+    if (widest_turn(p, w->D) > p->newton.max_turn) return TURNED_TOO_FAR;
     if (end) {
       if (leaves_beam(p)) return SLID_TOO_FAR;
-      p->iterations += iteration;
+      p->run.iterations += iteration;
       if (end == AT_ROUND_OFF) note_rounding(p, w, size);
-      p->reused.slowest_size = convergence.sizes.slowest, p->reused.slowest_error = convergence.errors.slowest;
+      p->system.reused.slowest_size = convergence.sizes.slowest, p->system.reused.slowest_error = convergence.errors.slowest;
       return OK;
     }
   }
@@ -316,9 +320,9 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
    moves nodes, `correction`; D and f behind it. Returns whether it is the last one. */
 OF_STEPS int fx_judge(Problem *p, Convergence *c, int iteration, int shortened) {
   Work work = work_of(p), *w = &work;
-  double exact[2] = {0}, size = largest(p->dofs, w->correction, p->per_unit);
+  double exact[2] = {0}, size = largest(p->dofs, w->correction, p->mesh.per_unit);
   if (iteration == 1) *c = NOTHING_KNOWN;
-  p->corrections[p->tried++ % CORRECTIONS] = size;
+  p->newton.corrections[p->newton.tried++ % CORRECTIONS] = size;
   int end = judge(p, w, c, iteration, size, shortened, along_step(p, w), exact);
   if (end == AT_ROUND_OFF) note_rounding(p, w, size);
   return end != GOES_ON;
@@ -329,7 +333,7 @@ static int find_elsewhere(Problem *p, const Work *w, const double *driven, int o
   int failure = predict(p, w, driven, &order);
   if (failure) return failure;
   set_driven(p, driven, 1, w->z);
-  if ((failure = p->find(w->dt))) return failure;
+  if ((failure = p->newton.find(w->dt))) return failure;
   if (!expand(p, w)) return OPEN_LOOP;
   if (leaves_beam(p)) return SLID_TOO_FAR;
   evaluate_nodes(p, w);
@@ -343,7 +347,7 @@ enum { SEARCHES_IN_STEP = 8 };
 /* The same with all points that come near members, which may be more than were expected. */
 static int newton(Problem *p, const Work *w, const double *driven, int order) {
   for (int k = 0; k < SEARCHES_IN_STEP; ++k) {
-    int failure = p->find ? find_elsewhere(p, w, driven, order) : iterations_of(p, w, driven, order);
+    int failure = p->newton.find ? find_elsewhere(p, w, driven, order) : iterations_of(p, w, driven, order);
     if (failure || !HAS(MEMBERS) || !p->points->members) return failure;
     int state = fx_check_members(p->points->members, w->D);
     if (state == MEMBERS_PASSED) return PASSED_THROUGH;

@@ -121,68 +121,96 @@ typedef struct {
   struct { ContactPair *pair; }; /* of all contact points */
 } ChangingRows;
 
+/* Nodes and elements of the beams. */
 typedef struct {
-  int dofs, cells, cell_dofs, cell_coordinates, columns, free, driven;
-  int *massless, massless_count;
+  int nodes, cell_dofs, cell_coordinates;
+  double *position;     /* (nodes, 2) */
   double *per_unit;     /* 1 / size of a unit correction of each degree of freedom */
   double *per_error;    /* the same for errors of steps */
+  int *massless, massless_count; /* degrees of freedom without mass, and their number */
+} Mesh;
 
+/* Forms of the beams. */
+typedef struct {
   Form internal_forces; /* internal forces, then their tangent */
   Form energy, inversion, added;
   Form drag, lost_to_drag; /* of beams: forces, then their tangent; energy lost to it */
   Form lost, taken, held_by_scheme; /* energies lost to the material and to the scheme, and held by it */
   Form held_before;     /* what it held at the start, with the parameters of the step */
-  int has_added, keeps_previous;
   Form evolution;       /* increments of the internal variables, each times the weight of its point */
-  struct {
-    int cell_internal;  /* internal variables of a cell */
-    double *per_weight; /* [internal variable of a cell] */
-  };
   Form actuated;        /* work of natural strains that change */
-  /* Natural strains of a cell; those of unit ones, in compressed rows. */
-  struct {
-    int cell_natural, naturals, *natural_start, *natural_at;
-    double *natural_value;
-  };
-  struct { double *weight; };
-  int loads, *load_start, *load_dof; /* forces of unit loads, in compressed rows */
-  double *load_force;
+  int has_added;
+} Forms;
 
-  /* The full tangent in compressed rows; `stored_at` has the storage index of each value. Entries that are
-     entries of the reduced tangent share its storage; the others are behind it. */
-  int stored_values;
+/* Internal variables of beams. */
+typedef struct {
+  int per_cell;
+  struct { double *per_weight; }; /* [internal variable of a cell] */
+} Internal;
+
+/* Natural strains: their number, and those of a cell; strains of unit ones, in compressed rows. */
+typedef struct {
+  int count, per_cell, *start, *at;
+  double *value;
+} Natural;
+
+/* Forces of unit loads, in compressed rows, and the weight of all nodes; number of follower forces, the first external ones. */
+typedef struct {
+  int count, *start, *dof;
+  double *force;
+  struct { double *weight; };
+  int follower_forces;
+} Loads;
+
+/* The full tangent in compressed rows; `stored_at` has the storage index of each value. Entries that are
+   entries of the reduced tangent share its storage; the others are behind it. */
+typedef struct {
+  int stored;            /* number of values */
   int *row_start, *column_of, *stored_at;
   int reacting, *reacts; /* rows with forces of supports and joints */
-  /* The mass matrix, in compressed rows of nodes: the first degree of freedom of each column's node; mass, the same, and
-     rotary inertia of each pair of nodes, with a number behind all; where the tangent has these [pair][3]. */
-  int *mass_start, *mass_dof, *mass_stored_at;
-  double *mass;
+} Tangent;
 
-  /* Coupling: displacements and rotations x = g(z) of the columns z, which are unknowns, then driven and fixed ones, with
-     T = dg/dz, and Tv for virtual displacements. Each entry of both is a sign times one of the values of the joints: number 0 is
-     the constant 1, and joint j has those from 1 + 4 j on. */
-  int entries, *entry_row, *entry_column, *entry_value;
-  double *entry_sign;
+/* The mass matrix, in compressed rows of nodes: the first degree of freedom of each column's node; mass, the same, and
+   rotary inertia of each pair of nodes, with a number behind all; where the tangent has these [pair][3]. */
+typedef struct {
+  int *start, *dof, *stored_at;
+  double *value;
+} Mass;
+
+/* Displacements and rotations x = g(z) of the columns z, which are unknowns, then driven and fixed ones, with T = dg/dz, and
+   Tv for virtual displacements. Each entry of both is a sign times one of the values of the joints: number 0 is the constant 1,
+   and joint j has those from 1 + 4 j on. */
+typedef struct {
+  int count, *row, *column, *value;
+  double *sign;
   int equal;            /* number of the first entries, which are 1: all, one of each row in turn, where nothing is COUPLED */
-  /* Joints whose arms depend on the motion: rotations of the carrier and of the node it carries (-1: ground), column of the
-     slide (-1: none), number among all joints, kind of Track; offset and axis in the frame of the carrier; signs of the arm's
-     components in what they move. */
-  int joints, *carrier, *carried_node, *slide_column, *slide_of, *track;
-  double *offset, *axis, *joint_sign;
-  int followers, *follower, *through; /* degrees of freedom that arms move; 2 j + i of component i of arm j */
-  /* Auxiliary unknowns: degrees of freedom in long trees with columns of their own, behind all others (graph.py). Each
-     is a sum of entries of T, and of arms. */
-  struct {
-    int auxiliaries, auxiliary_entries, auxiliary_arms;
-    int *auxiliary_of, *auxiliary_column, *auxiliary_value, *auxiliary_arm_of, *auxiliary_arm;
-    double *auxiliary_sign;
-  };
-  struct {
-    int sliders, path_numbers; /* nodes that slide on beams, and numbers of their paths (path.py) */
-    Slider *slider;
-  };
+} Map;
 
-  /* The reduced tangent, in an order with little fill-in: as a chain, as a band, or in sparse rows. */
+/* Joints whose arms depend on the motion: rotations of the carrier and of the node it carries (-1: ground), column of the
+   slide (-1: none), number among all joints, kind of Track; offset and axis in the frame of the carrier; signs of the arm's
+   components in what they move. */
+typedef struct {
+  int count, *carrier, *carried_node, *slide_column, *number, *track;
+  double *offset, *axis, *sign;
+  int followers, *follower, *through; /* degrees of freedom that arms move; 2 j + i of component i of arm j */
+} Joints;
+
+/* Auxiliary unknowns: degrees of freedom in long trees with columns of their own, behind all others (graph.py). Each
+   is a sum of entries of T, and of arms. */
+typedef struct {
+  int count, entries, arms;
+  int *of, *column, *value, *arm_of, *arm;
+  double *sign;
+} Auxiliary;
+
+/* Nodes that slide on beams, and numbers of their paths (path.py). */
+typedef struct {
+  int count, path_numbers;
+  Slider *slider;
+} Sliders;
+
+/* The reduced tangent, in an order with little fill-in: as a chain, as a band, or in sparse rows. */
+typedef struct {
   int unknowns;         /* with two of each auxiliary unknown, itself and its force, and forces that close loops */
   int *order;           /* position of each unknown in the elimination */
   int band;             /* half bandwidth; 0 for sparse rows */
@@ -194,81 +222,113 @@ typedef struct {
      `order` and `factor_at`, too. */
   struct { SparseRows *rows; };
   struct { int *tangent_start, *tangent_column, *factor_at; };
-  ReusedFactors reused;
   struct { ChangingRows *changing; };
+  ReusedFactors reused;
   /* Of each column of the scene the row of the forces on it, and its unknown: -1 for none, or a bordering row. */
   struct { int *row_of, *unknown_of; };
-  /* Bordering rows (bordering_rows.h): their number, the first of forces that close loops on beams, columns of a block of right
-     sides. */
-  int bordering_rows, carrier_bordering, block;
+} System;
+
+/* Bordering rows (bordering_rows.h): their number, the first of forces that close loops on beams, columns of a block of right
+   sides. */
+typedef struct {
+  int rows, carriers, block;
   struct { int bordered, *bordered_unknown, *bordered_row; }; /* unknowns of them that stand alone among the others */
   struct { int beside, *beside_row, *beside_column, *beside_at; }; /* entries of the tangent in them, and where these are stored */
-  /* How the reduced tangent is made of the full one: entries that are added as they are, `from` which `to` which; others times
-     an entry of Tv and an entry of T; derivatives of Tv times the forces of joints: by the rotation of the carrier (kind 0 of the
-     lever, 2 of the slide's force) or by the slide (1 and 3). Entries of T and Tv of auxiliary unknowns and of closures, in equations
-     and in the balance of what their forces act on, are such products with a stored 1. From number `stiffened` on there are
-     also products of two entries of a closure with the stiffness of closures, which is stored at `stiffness_at`. */
-  int direct, *direct_to, *direct_from;
-  int coupled, *coupled_to, *coupled_from, *coupled_virtual, *coupled_value;
-  int stiffened, stiffness_at, geometric, *geometric_to, *geometric_joint, *geometric_kind;
-  double *coupled_sign, *geometric_sign;
+} Border;
 
-  /* Closures: components of the displacements of b less a and the arm of joints that close loops, which are zero. Loops that
-     share unknowns are a block, of which the closures and columns follow each other. */
-  struct {
-    int closures, blocks, loop_columns; /* columns on which closures depend, the first of which are unknowns */
-    int *closure_b, *closure_a, *closure_arm, *closure_force; /* degrees of freedom (-1: ground); arm (-1: none); joint force */
-    /* Derivatives of closures: entries of T or Tv, those of each closure from its start on; entries of auxiliary unknowns on
-       which they depend, in the order in which these are collected; which of the loops' columns they have. */
-    int *closure_entry_start, *closure_column, *closure_value;
-    double *closure_sign;
-    int *closure_auxiliary_start, *closure_auxiliary;
-    int *closure_start, *closure_near;
-    int *loop_column;   /* columns of the scene */
-    double *loop_unit, *arm_at_rest; /* units of columns; arms in the reference */
-    double *closure_length, closure_closed; /* what makes lengths of closures, as some are angles; length of a closed one */
-    int *block_closure, *block_column, *block_part; /* [blocks + 1] where each begins, the last in its factors */
-    int pivoting_size;  /* of an array of Work */
-    int *following;     /* [closures] the loops' columns that depend on the others, chosen in each step */
-    int carried, *carried_closure; /* closures with nodes on beams, whose forces are bordering rows from carrier_bordering on */
-    int scales, *scale_at; /* the stiffness of closures is from the diagonals stored there, with a unit [size] of each unknown */
-    double *scale_unit;
-  };
+/* How the reduced tangent is made of the full one. Entries that are added as they are: */
+typedef struct {
+  int count, *to, *from;
+} Direct;
 
-  PointForces *points;  /* forces at points */
-  int spring_width, follower_forces; /* number of their internal variables; of follower forces, the first external ones */
-  struct { int *point_stored_at; }; /* of the entries of their tangents, -1 for none */
-  struct { double *slide_rate; }; /* rates of the slides of all joints, if forces act on some */
-  /* Parameters of the user's functions: whether they vary, and stored energies with them; the values with
-     which forms and laws are evaluated, those of the state where they do not vary. */
-  struct { int parameter_count, parameters_vary, energies_vary; double *parameter; };
+/* Entries times an entry of Tv and an entry of T. Entries of T and Tv of auxiliary unknowns and of closures, in equations and in
+   the balance of what their forces act on, are such products with a stored 1. From number `stiffened` on there are also products
+   of two entries of a closure with the stiffness of closures, which is stored at `stiffness_at`. */
+typedef struct {
+  int count, *to, *from, *virtual, *value;
+  double *sign;
+  int stiffened, stiffness_at;
+} Coupled;
 
-  /* Rule for the rates: 0 mid-point, 1 Newmark. In statics a step has no rates and no inertia, and its `ratio` is
-     the load factor at its end. Sub-steps, relative to a step. */
-  int rule, at_rest;
+/* Derivatives of Tv times the forces of joints: by the rotation of the carrier (kind 0 of the lever, 2 of the slide's force) or
+   by the slide (1 and 3). */
+typedef struct {
+  int count, *to, *joint, *kind;
+  double *sign;
+} Geometric;
+
+/* Closures: components of the displacements of b less a and the arm of joints that close loops, which are zero. Loops that
+   share unknowns are a block, of which the closures and columns follow each other. */
+typedef struct {
+  int closures, blocks, columns; /* columns on which closures depend, the first of which are unknowns */
+  int *b, *a, *arm, *force; /* degrees of freedom (-1: ground); arm (-1: none); joint force */
+  /* Derivatives of closures: entries of T or Tv, those of each closure from its start on; entries of auxiliary unknowns on
+     which they depend, in the order in which these are collected; which of the loops' columns they have. */
+  int *entry_start, *entry_column, *entry_value;
+  double *entry_sign;
+  int *auxiliary_start, *auxiliary;
+  int *start, *near;
+  int *column;            /* columns of the scene */
+  double *unit, *arm_at_rest; /* units of columns; arms in the reference */
+  double *length, closed; /* what makes lengths of closures, as some are angles; length of a closed one */
+  int *block_closure, *block_column, *block_part; /* [blocks + 1] where each begins, the last in its factors */
+  int pivoting_size;      /* of an array of Work */
+  int *following;         /* [closures] the loops' columns that depend on the others, chosen in each step */
+  int carried, *carried_closure; /* closures with nodes on beams, whose forces are bordering rows from `carriers` on */
+  int scales, *scale_at;  /* the stiffness of closures is from the diagonals stored there, with a unit [size] of each unknown */
+  double *scale_unit;
+} Loops;
+
+/* Forces at points in the scene: number of their internal variables; lines between points, whose pulls are recorded; whether
+   friction follows forces of joints; where the tangent has the entries of theirs, -1 for none; rates of the slides of all joints,
+   if forces act on some. */
+typedef struct {
+  int spring_width, lines, friction_follows;
+  struct { int *stored_at; };
+  struct { double *slide_rate; };
+} AtPoints;
+
+/* Parameters of the user's functions: whether they vary, and stored energies with them; the values with
+   which forms and laws are evaluated, those of the state where they do not vary. */
+typedef struct {
+  int count, vary, energies_vary;
+  double *value;
+} Parameters;
+
+/* Rule for the rates: 0 mid-point, 1 Newmark. In statics a step has no rates and no inertia, and its `ratio` is
+   the load factor at its end. Sub-steps, relative to a step. */
+typedef struct {
+  int rule, at_rest, keeps_previous, sub_steps;
   double level, beta, gamma, alpha_m;
-  /* Of statics: holding forces on the unknowns; square of the spin, and arms of the displacements in the reference; a
-     viscosity on increments, with weights and positions in the tangent; the load factor at the start, for several processes. */
-  struct { double *hold; };
-  struct { int *hold_dof; }; /* first degrees of freedom of those of which there are derivatives, and their number */
-  int holds;
-  struct { double *arm; };
-  struct { double *viscous_weight; int *diagonal_at; };
-  double ratio_before, spin_squared, viscosity;
-  double yielding;      /* of forces that close loops, in rates that fit joints */
-  int sub_steps;
   double fractions[SUB_STEPS];
   /* Rules of a user, of which the sub-steps take turns; where the tangent has all entries of a pair of nodes [pair][3][3]. */
   struct {
     int rules, *rule_stored_at;
     Law **nodal_rule;
   };
-  int sub_step;
+} Scheme;
 
-  /* Newton's method. */
+/* Of statics: holding forces on the unknowns, and the first degrees of freedom of those of which there are derivatives, with
+   their number; a viscosity on increments, with weights and positions in the tangent; the load factor at the start, for several
+   processes. A yielding of forces that close loops, in rates that fit joints. */
+typedef struct {
+  struct { double *hold; };
+  struct { int *hold_dof; };
+  int holds;
+  struct { double *viscous_weight; int *diagonal_at; };
+  double viscosity, yielding, ratio_before;
+} Statics;
+
+/* A frame that turns: arms of the displacements in the reference, and square of its spin. */
+typedef struct {
+  struct { double *arm; };
+  double spin_squared;
+} Frame;
+
+/* Newton's method. */
+typedef struct {
   double tolerance, negligible, energy_floor, max_turn, longest_turn, large_turn;
   int max_iterations, may_overshoot;
-  Team team;
   struct { Find *find; };
   double corrections[CORRECTIONS]; /* their largest sizes in units, of the last iterations; `tried` were made */
   int tried;
@@ -277,27 +337,25 @@ typedef struct {
   struct { double *predicted; }; /* the first correction of a step, without its sign */
   /* Increments of the columns and forces on the nodes of all sub-steps, if they are known. */
   struct { double *known, *known_forces; };
+} Newton;
 
-  /* Driven columns: those of prescribed degrees of freedom, so many, then motors. Degrees of freedom a and b between which their
-     forces do work (-1: the ground), b the prescribed one; but for motors on slides. */
-  int prescribed, *driven_a, *driven_b, *motor_slides;
+/* Driven columns: those of prescribed degrees of freedom, so many, then motors. Degrees of freedom a and b between which their
+   forces do work (-1: the ground), b the prescribed one; but for motors on slides. */
+typedef struct {
+  int prescribed, *a, *b, *slides;
+} Motors;
 
-  /* Joint forces: how forces pass through joints from the nodes that follow to those that lead (-1: none),
-     the former first; first displacements, then rotations. */
-  struct {
-    int scene_joints, passes, passes_of_forces, *pass_dof, *pass_to, *pass_of;
-    double *pass_sign;
-  };
-  double *position;     /* (nodes, 2) */
-  int nodes;
-  int keeps_joint_forces; /* whether they are computed in every step, recorded or not */
-  int lines;              /* number of lines between points, whose pulls are recorded */
-  int forces_found;       /* whether those of joints, obstacles and lines were computed in the last step */
-  int friction_follows;   /* so do those that limit friction */
+/* How forces of joints pass through these from the nodes that follow to those that lead (-1: none), the former first; first
+   displacements, then rotations. `joints` are all of the scene. */
+typedef struct {
+  int joints, count, of_forces, *dof, *to, *of;
+  double *sign;
+} Passes;
 
-  /* State. Its arrays and those of the predictor are in one piece of memory. */
+/* The state. Its arrays and those of the predictor are in one piece of memory. */
+typedef struct {
   double *memory;
-  long memory_size;
+  long size;
   double STATE_NUMBERS, STATE_ARRAYS; /* by their names in results/state.py */
   double *driven_now;
   /* Forces are means over the step so far, of which the parts before are the share `earlier`, this sub-step
@@ -306,45 +364,97 @@ typedef struct {
   double ratio;         /* of the lengths of the last step and of this one, `memory` of a record */
   double energies[8], momenta[3]; /* of the last row */
   int steps_done;       /* 0 if there is no previous step */
-  long completed;       /* steps or parts; Python knows by it what an interrupt leaves */
-  double *ages;         /* [PAST + 1] times since the configurations before the last one, the latest first */
-  int known_steps;      /* number of previous sub-steps */
-  int orders[SUB_STEPS]; /* of the prediction of each sub-step; 0: none */
-  double *past;         /* [PAST] divided differences of configurations and then unknowns, from order 1 on */
+  int forces_found;     /* whether those of joints, obstacles and lines were computed in the last step */
+} State;
 
-  /* Local errors of whole steps, for controlled steps. */
+/* The last configurations, from which the next one is predicted. */
+typedef struct {
+  double *ages;         /* [PAST + 1] times since the configurations before the last one, the latest first */
+  double *past;         /* [PAST] divided differences of configurations and then unknowns, from order 1 on */
+  int known;            /* number of previous sub-steps */
+  int orders[SUB_STEPS]; /* of the prediction of each sub-step; 0: none */
+} Predictor;
+
+/* Local errors of whole steps, for controlled steps. */
+typedef struct {
   int controlled, scheme_order;
   double smooth, raw;   /* factors of averaged differences of displacements and of single ones of all */
   double coarse;        /* factor of single ones where steps are too coarse for their order */
   double lowest, highest; /* ratios of error and limit at which a run ends: two below, or one above */
-  double *error_ages;   /* [PAST + 1] */
-  double *error_past;   /* [PAST] divided differences of configurations from order 1 on */
-  double *error_highest; /* [2] the last two of the order after that of the scheme */
-  int known_errors;     /* number of previous steps */
+  double *ages;         /* [PAST + 1] */
+  double *past;         /* [PAST] divided differences of configurations from order 1 on */
+  double *last;         /* [2] the last two of the order after that of the scheme */
+  int known;            /* number of previous steps */
   int watches, switches; /* whether a run ends before a step in which a contact or law switches */
   double *sides;        /* [2][switches] values whose signs tell it, at both ends of a sub-step */
   double ratios[2];     /* of the last two steps; negative if unknown */
   int stopped;          /* whether the run ended at such a ratio */
-  int repeats;          /* whether steps are repeated for their tape alone */
+} Control;
 
-  /* Work space and results of a run. */
+/* A run: work space, what it shall do, and what comes of it. */
+typedef struct {
   double *scratch;
+  int repeats;          /* whether steps are repeated for their tape alone */
+  int keeps_joint_forces; /* whether they are computed in every step, recorded or not */
+  int sub_step;         /* number of the present one */
+  long completed;       /* steps or parts; Python knows by it what an interrupt leaves */
   int iterations, failure, by_round_off;
   int too_large;        /* parts of steps with rotations above large_turn per step */
-  int inverted;         /* steps or parts that end with inverted sections */
   int amplified;        /* steps or parts that were refused, as dampers gave energy */
-  double inverted_t, *inverted_q; /* time and configuration of the first of them */
-  double least_energy;  /* with less strain energy no section is inverted */
-
-  /* Parts with energies of their own, if there are several: runs of degrees of freedom and of unknowns, and the part of each;
-     for each part those whose energies together are its own; [2][part] room for the work of a correction and for energies. */
-  int parts;
-  struct {
-    int dof_runs, *dof_run_start, *dof_run_part, column_runs, *column_run_start, *column_run_part, *inside_start, *inside;
-    double *part_energy;
-  };
   double left, moved, left_most; /* of solves that end at round-off: sum of their last corrections, largest motion, in units */
   int left_at;          /* degree of freedom of the largest of them */
+} Run;
+
+/* Steps or parts that end with inverted sections; time and configuration of the first of them. With less strain energy no
+   section is inverted. */
+typedef struct {
+  int count;
+  double t, *q, least_energy;
+} Inverted;
+
+/* Parts with energies of their own, if there are several: runs of degrees of freedom and of unknowns, and the part of each;
+   for each part those whose energies together are its own; [2][part] room for the work of a correction and for energies. */
+typedef struct {
+  int count, dof_runs, *dof_run_start, *dof_run_part, column_runs, *column_run_start, *column_run_part, *inside_start, *inside;
+  double *energy;
+} Parts;
+
+/* A scene and a scheme, the present state, and a run of steps from it. */
+typedef struct {
+  int dofs, cells, columns, free, driven; /* of the columns the free ones are the unknowns, driven ones follow */
+  Mesh mesh;
+  Forms forms;
+  Internal internal;
+  Natural natural;
+  Loads loads;
+  Tangent tangent;
+  Mass mass;
+  Map map;
+  Joints joints;
+  Auxiliary auxiliary;
+  Sliders sliders;
+  System system;
+  Border border;
+  Direct direct;
+  Coupled coupled;
+  Geometric geometric;
+  Loops loops;
+  PointForces *points;
+  AtPoints at_points;
+  Parameters parameters;
+  Scheme scheme;
+  Statics statics;
+  Frame frame;
+  Newton newton;
+  Team team;
+  Motors motors;
+  Passes passes;
+  State state;
+  Predictor predictor;
+  Control control;
+  Run run;
+  Inverted inverted;
+  Parts parts;
 } Problem;
 
 /* Rows of an array. */

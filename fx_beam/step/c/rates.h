@@ -19,7 +19,7 @@ HOT void work_increment(const Problem *p, const Work *w) {
   for (int i = 0; i < p->dofs; i += 3 * TURNS) {
     const Four x[] = {load(D + i), load(D + i + 4), load(D + i + 8)};
     Four turn = {x[0][2], x[1][1], x[2][0], x[2][3]}, slope = one;
-    if (p->rule == 0) {
+    if (p->scheme.rule == 0) {
       double tangent[TURNS];
       *(Four *)tangent = turn / 2;
       for (int l = 0; l < TURNS; ++l) tangent[l] = tan(tangent[l]);
@@ -30,18 +30,19 @@ HOT void work_increment(const Problem *p, const Work *w) {
 }
 
 static double newmark_end(const Problem *p, double D, double v0, double a0, double dt) {
-  return (D - dt * v0) / (p->beta * dt * dt) - (1 / (2 * p->beta) - 1) * a0;
+  return (D - dt * v0) / (p->scheme.beta * dt * dt) - (1 / (2 * p->scheme.beta) - 1) * a0;
 }
 
 /* Values of the user's rule at all nodes (nodal_rules.py): acceleration, its derivatives by the
    increment, and rates and accelerations at the end of the step. */
 static void evaluate_rule(const Problem *p, const Work *w, double dt) {
-  Law *rule = p->nodal_rule[p->sub_step % p->rules];
+  Law *rule = p->scheme.nodal_rule[p->run.sub_step % p->scheme.rules];
   double in[13] = {[12] = dt};
-  for (int i = 0; i < p->nodes; ++i) {
+  for (int i = 0; i < p->mesh.nodes; ++i) {
     for (int c = 0; c < 3; ++c) {
       int k = 3 * i + c;
-      in[c] = w->D[k], in[3 + c] = p->v[k], in[6 + c] = p->a[k], in[9 + c] = p->q[k] - p->q_previous[k];
+      in[c] = w->D[k], in[3 + c] = p->state.v[k], in[6 + c] = p->state.a[k],
+          in[9 + c] = p->state.q[k] - p->state.q_previous[k];
     }
     memset(w->rule + RULE_VALUES * i, 0, RULE_VALUES * sizeof(double));
     rule(w->rule + RULE_VALUES * i, 0, in, 0, 0, 0, 0);
@@ -50,65 +51,67 @@ static void evaluate_rule(const Problem *p, const Work *w, double dt) {
 
 /* Three of the values, from number `first` on, as a vector. */
 static void take_values(const Problem *p, const Work *w, int first, double *to) {
-  for (int i = 0; i < p->nodes; ++i)
+  for (int i = 0; i < p->mesh.nodes; ++i)
     for (int c = 0; c < 3; ++c) to[3 * i + c] = w->rule[RULE_VALUES * i + first + c];
 }
 
 HOT void acceleration(const Problem *p, const Work *w, double dt) {
-  if (p->at_rest) { /* in a frame that turns */
-    for (int i = 0; p->spin_squared > 0 && i < p->dofs; ++i)
-      w->acc[i] = i % 3 == 2 ? 0 : -p->ratio * p->spin_squared * (p->arm[i] + p->q[i] + p->level * w->D[i]);
+  if (p->scheme.at_rest) { /* in a frame that turns */
+    for (int i = 0; p->frame.spin_squared > 0 && i < p->dofs; ++i)
+      w->acc[i] = i % 3 == 2 ? 0 : -p->state.ratio * p->frame.spin_squared
+          * (p->frame.arm[i] + p->state.q[i] + p->scheme.level * w->D[i]);
     return;
   }
-  if (p->rules) {
+  if (p->scheme.rules) {
     evaluate_rule(p, w, dt);
     take_values(p, w, 0, w->acc);
     return;
   }
-  const double *restrict path = w->path, *restrict v = p->v;
+  const double *restrict path = w->path, *restrict v = p->state.v;
   double *restrict acc = w->acc, per_dt = 1 / dt;
-  if (p->rule == 0)
+  if (p->scheme.rule == 0)
     for (int i = 0; i < p->dofs; ++i) acc[i] = 2 * per_dt * (path[i] * per_dt - v[i]);
   else
     for (int i = 0; i < p->dofs; ++i) {
-      double a1 = newmark_end(p, w->D[i], v[i], p->a[i], dt);
-      acc[i] = (1 - p->alpha_m) * a1 + p->alpha_m * p->a[i];
+      double a1 = newmark_end(p, w->D[i], v[i], p->state.a[i], dt);
+      acc[i] = (1 - p->scheme.alpha_m) * a1 + p->scheme.alpha_m * p->state.a[i];
     }
 }
 
 /* Derivative of the acceleration with respect to the increment of `work_increment`. */
 static double steepness(const Problem *p, double dt) {
-  if (p->at_rest) return -p->ratio * p->spin_squared * p->level;
-  return (p->rule == 0 ? 2 : (1 - p->alpha_m) / p->beta) / (dt * dt);
+  if (p->scheme.at_rest) return -p->state.ratio * p->frame.spin_squared * p->scheme.level;
+  return (p->scheme.rule == 0 ? 2 : (1 - p->scheme.alpha_m) / p->scheme.beta) / (dt * dt);
 }
 
 /* Forces r of the masses, for an `acceleration`, and their derivatives by the increment in the tangent K. */
 HOT void inertia(const Problem *p, const Work *w, double *r, double *K) {
-  multiply_mass(p, w->acc, r, K, p->rules ? 0 : steepness(p, w->dt), w->slope);
-  for (int k = 0; p->rules && k < 9 * p->mass_start[p->nodes]; ++k)
-    K[p->rule_stored_at[k]] += p->mass[k / 3] * w->rule[RULE_VALUES / 3 * p->mass_dof[k / 9] + 3 + k % 9];
+  multiply_mass(p, w->acc, r, K, p->scheme.rules ? 0 : steepness(p, w->dt), w->slope);
+  for (int k = 0; p->scheme.rules && k < 9 * p->mass.start[p->mesh.nodes]; ++k)
+    K[p->scheme.rule_stored_at[k]] += p->mass.value[k / 3] * w->rule[RULE_VALUES / 3 * p->mass.dof[k / 9] + 3 + k % 9];
 }
 
 HOT void advance_rates(Problem *p, const Work *w, double dt) {
-  if (p->at_rest) return;
+  if (p->scheme.at_rest) return;
   const double *restrict path = w->path;
-  double *restrict v = p->v, *restrict a = p->a, *restrict v0 = w->scratch, *restrict a0 = w->acc, per_dt = 1 / dt;
-  int newmark = p->rule && !p->rules;
+  double *restrict v = p->state.v, *restrict a = p->state.a, *restrict v0 = w->scratch, *restrict a0 = w->acc,
+      per_dt = 1 / dt;
+  int newmark = p->scheme.rule && !p->scheme.rules;
   memcpy(v0, v, p->dofs * sizeof *v);
-  if (p->rules) {
+  if (p->scheme.rules) {
     evaluate_rule(p, w, dt);
     take_values(p, w, 12, v), take_values(p, w, 15, a);
-  } else if (p->rule == 0)
+  } else if (p->scheme.rule == 0)
     for (int i = 0; i < p->dofs; ++i) v[i] = 2 * per_dt * path[i] - v0[i], a[i] = per_dt * (v[i] - v0[i]);
   else
     for (int i = 0; i < p->dofs; ++i) {
       double a1 = newmark_end(p, w->D[i], v0[i], a[i], dt);
-      v[i] += dt * ((1 - p->gamma) * a[i] + p->gamma * a1), a0[i] = a[i], a[i] = a1;
+      v[i] += dt * ((1 - p->scheme.gamma) * a[i] + p->scheme.gamma * a1), a0[i] = a[i], a[i] = a1;
     }
-  for (int k = 0; k < p->massless_count; ++k) {
-    int i = p->massless[k];
+  for (int k = 0; k < p->mesh.massless_count; ++k) {
+    int i = p->mesh.massless[k];
     v[i] = per_dt * path[i], a[i] = per_dt * (v[i] - v0[i]);
     /* Newmark's formulas take v as that at the end: the mean, and half a step with the acceleration since the mean before. */
-    if (newmark) a[i] = (2 * (v[i] - v0[i]) + p->length * a0[i]) / (dt + p->length), v[i] += dt / 2 * a[i];
+    if (newmark) a[i] = (2 * (v[i] - v0[i]) + p->state.length * a0[i]) / (dt + p->state.length), v[i] += dt / 2 * a[i];
   }
 }

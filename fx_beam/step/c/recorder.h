@@ -11,41 +11,41 @@ static void find_joint_forces(const Problem *p, const Work *w) {
   pass_through_joints(p, w);
   /* Joints with an offset or a slide exert a moment on their guiding node, which is no moment of another
      joint. */
-  for (int j = 0; HAS(COUPLED) && j < p->joints; ++j) {
-    const double *lever = w->virtual_map + 1 + 4 * j, *F = on_joints + 3 * p->slide_of[j];
-    if (p->carrier[j] >= 0) on_nodes[p->carrier[j]] += lever[0] * F[0] + lever[1] * F[1];
+  for (int j = 0; HAS(COUPLED) && j < p->joints.count; ++j) {
+    const double *lever = w->virtual_map + 1 + 4 * j, *F = on_joints + 3 * p->joints.number[j];
+    if (p->joints.carrier[j] >= 0) on_nodes[p->joints.carrier[j]] += lever[0] * F[0] + lever[1] * F[1];
   }
   for (const PointForce *e = p->points->of; e < p->points->of + p->points->nodal; ++e)
     if (e->joint >= 0) on_joints[3 * e->joint + 2] -= e->results[1];
-  pass_forces(p, p->passes_of_forces, p->passes, on_nodes, on_joints);
+  pass_forces(p, p->passes.of_forces, p->passes.count, on_nodes, on_joints);
 }
 
 /* Adds them to their mean over the step. */
 static void add_joint_forces(const Problem *p, const Work *w) {
-  long n = 3 * p->scene_joints;
+  long n = 3 * p->passes.joints;
   find_joint_forces(p, w);
-  scale(n, p->earlier, p->joint_forces);
-  add_times(n, p->share, w->joint_forces, p->joint_forces);
+  scale(n, p->state.earlier, p->state.joint_forces);
+  add_times(n, p->state.share, w->joint_forces, p->state.joint_forces);
 }
 
 /* Adds the forces of contact of a sub-step to their mean over the step. */
 static void add_contact_forces(const Problem *p) {
-  double *out = p->contact_forces;
-  scale(2 * p->points->recorded, p->earlier, out);
+  double *out = p->state.contact_forces;
+  scale(2 * p->points->recorded, p->state.earlier, out);
   if (HAS(MEMBERS) && p->points->members)
-    record_members(p->points->members, p->share, out + 2 * p->points->contacts);
+    record_members(p->points->members, p->state.share, out + 2 * p->points->contacts);
   for (const PointForce *e = p->points->of; e < p->points->of + p->points->contacts; ++e, out += 2)
-    for (int i = 0; i < 2 * e->nodes; ++i) out[i % 2] -= p->share * e->results[i];
+    for (int i = 0; i < 2 * e->nodes; ++i) out[i % 2] -= p->state.share * e->results[i];
 }
 
 /* Adds the pulls along lines between points of a sub-step to their means over the step. */
 static void add_line_forces(const Problem *p, const Work *w) {
-  scale(p->lines, p->earlier, p->line_forces);
+  scale(p->at_points.lines, p->state.earlier, p->state.line_forces);
   for (const PointForce *e = p->points->of; e < p->points->of + p->points->nodal; ++e) {
     if (!e->pull) continue;
     coordinates(e, w->D, w->z, e->column, e->given + e->size);
     call(e->pull, e->given, p->points->probe, 1);
-    p->line_forces[e->line] += p->share * *p->points->probe;
+    p->state.line_forces[e->line] += p->state.share * *p->points->probe;
   }
 }
 
@@ -57,7 +57,7 @@ static void add_row(const Rows *rows, int count, long k) {
 /* Start of a sub-step of length dt, for which forces of elements are evaluated. */
 static void record_start(const Problem *p, double dt, int sub_step, Record *to) {
   long k = to->starts++;
-  to->share[k] = p->fractions[sub_step] / to->parts;
+  to->share[k] = p->scheme.fractions[sub_step] / to->parts;
   if (to->memory) to->memory[k] = ratio_of_lengths(p, dt);
   add_row(to->start, to->stored, k);
 }
@@ -65,24 +65,25 @@ static void record_start(const Problem *p, double dt, int sub_step, Record *to) 
 /* Energies of the present state; the momenta of the nodes are left in `scratch`. */
 static void find_energies(Problem *p, const Work *w) {
   long n = p->dofs;
-  double *momentum = w->scratch, *energy = p->energies;
-  times_mass(p, p->v, momentum);
-  energy[0] = dot(n, p->v, momentum) / 2;
-  energy[1] = sum_over_elements(p, w, &p->energy);
-  energy[2] = p->weight ? -dot(n, p->weight, p->q) : 0;
-  energy[4] = fx_stored_at_points(p->points, p->q, p->slides, p->spring_internal);
-  energy[3] = p->work, energy[5] = p->dissipated, energy[6] = p->algorithmic, energy[7] = p->numerical;
+  double *momentum = w->scratch, *energy = p->state.energies;
+  times_mass(p, p->state.v, momentum);
+  energy[0] = dot(n, p->state.v, momentum) / 2;
+  energy[1] = sum_over_elements(p, w, &p->forms.energy);
+  energy[2] = p->loads.weight ? -dot(n, p->loads.weight, p->state.q) : 0;
+  energy[4] = fx_stored_at_points(p->points, p->state.q, p->state.slides, p->state.spring_internal);
+  energy[3] = p->state.work, energy[5] = p->state.dissipated, energy[6] = p->state.algorithmic,
+      energy[7] = p->state.numerical;
 }
 
 /* Energies, momenta and the other quantities at the end of a step. */
 static void record(Problem *p, const Work *w, Record *to) {
   long k = to->rows++;
   to->up_to_row[k] = to->complete = to->starts;
-  double *momentum = w->scratch, *sums = memset(p->momenta, 0, sizeof p->momenta);
+  double *momentum = w->scratch, *sums = memset(p->state.momenta, 0, sizeof p->state.momenta);
   find_energies(p, w);
-  for (int i = 0; i < p->nodes; ++i) {
-    const double *q = p->q + 3 * i, *of_node = momentum + 3 * i;
-    double x = p->position[2 * i] + q[0], y = p->position[2 * i + 1] + q[1];
+  for (int i = 0; i < p->mesh.nodes; ++i) {
+    const double *q = p->state.q + 3 * i, *of_node = momentum + 3 * i;
+    double x = p->mesh.position[2 * i] + q[0], y = p->mesh.position[2 * i + 1] + q[1];
     sums[0] += of_node[0], sums[1] += of_node[1];
     sums[2] += x * of_node[1] - y * of_node[0] + of_node[2];
   }

@@ -14,8 +14,8 @@ static const double SHARE = 0.1, SLOWEST = 0.3, MOST = 1e-3, LEAST = 1e-12;
 
 /* Twice the kinetic energy at the start of the step. */
 static double kinetic(const Problem *p, const Work *w) {
-  times_mass(p, p->v, w->scratch);
-  return dot(p->dofs, p->v, w->scratch);
+  times_mass(p, p->state.v, w->scratch);
+  return dot(p->dofs, p->state.v, w->scratch);
 }
 
 /* Twice the kinetic energy at the start of the step, and the forces' work in it. */
@@ -28,7 +28,7 @@ static double size_of(const Problem *p, const Work *w, const double *x) {
   memcpy(w->columns, x, p->free * sizeof(double));
   memset(w->columns + p->free, 0, (p->columns - p->free) * sizeof(double));
   spread(p, w, w->columns, w->scratch);
-  return largest(p->dofs, w->scratch, p->per_unit);
+  return largest(p->dofs, w->scratch, p->mesh.per_unit);
 }
 
 /* Subtracts from r the product of the tangent and the correction x that the factors propose for r, after `size_of`, which
@@ -36,12 +36,12 @@ static double size_of(const Problem *p, const Work *w, const double *x) {
    product with what A has changed by since its factorisation. */
 static void subtract_product(const Problem *p, const Work *w, const double *x, double *r) {
   for (int i = 0; i < p->free; ++i) {
-    double rest = p->bordering_rows ? 0 : r[i];
-    for (int k = p->tangent_start[i]; k < p->tangent_start[i + 1]; ++k)
-      rest -= (p->bordering_rows ? w->tangent[k] - w->factorised[k] : w->tangent[k]) * x[p->tangent_column[k]];
+    double rest = p->border.rows ? 0 : r[i];
+    for (int k = p->system.tangent_start[i]; k < p->system.tangent_start[i + 1]; ++k)
+      rest -= (p->border.rows ? w->tangent[k] - w->factorised[k] : w->tangent[k]) * x[p->system.tangent_column[k]];
     r[i] = rest;
   }
-  if (!HAS(MEMBERS) || !p->changing) return;
+  if (!HAS(MEMBERS) || !p->system.changing) return;
   memset(w->columns, 0, p->columns * sizeof(double));
   add_rows(p, w, times_members(p->points->members, w->scratch), w->columns);
   add_times(p->free, -1, w->columns, r);
@@ -50,22 +50,24 @@ static void subtract_product(const Problem *p, const Work *w, const double *x, d
 /* Right sides of bordering rows from the other equations, which have what slides and forces of carriers as they are; or, to
    these, solutions. */
 INLINED void pass_on(const Problem *p, int sides, int solutions, double *x, double *g) {
-  for (int i = 0; i < p->bordered; ++i) {
-    double *of = x + p->order[p->bordered_unknown[i]] * sides, *on = g + p->bordered_row[i] * sides;
+  for (int i = 0; i < p->border.bordered; ++i) {
+    double *of = x + p->system.order[p->border.bordered_unknown[i]] * sides, *on = g + p->border.bordered_row[i] * sides;
     memcpy(solutions ? of : on, solutions ? on : of, sides * sizeof(double));
   }
 }
 
 /* Position in the elimination of the beam about the first node that slides, or the middle. */
 static int middle_of_elimination(const Problem *p) {
-  const Slider *a = p->slider;
-  for (int dof = p->sliders ? 3 * (a->first + a->width / 2) : 0; p->sliders && dof >= 0; --dof)
+  const Slider *a = p->sliders.slider;
+  for (int dof = p->sliders.count ? 3 * (a->first + a->width / 2) : 0; p->sliders.count && dof >= 0; --dof)
     for (int e = a->part_start[dof]; e < a->part_start[dof + 1]; ++e)
-      if (p->unknown_of[a->part_column[e]] >= 0) return p->order[p->unknown_of[a->part_column[e]]];
-  return p->positions / 2;
+      if (p->system.unknown_of[a->part_column[e]] >= 0) return p->system.order[p->system.unknown_of[a->part_column[e]]];
+  return p->system.positions / 2;
 }
 
-static Ends ends_of_elimination(const Problem *p) { return ends_around(p->unknowns, p->band, middle_of_elimination(p)); }
+static Ends ends_of_elimination(const Problem *p) {
+  return ends_around(p->system.unknowns, p->system.band, middle_of_elimination(p));
+}
 
 /* The block of n times four columns from its right sides and factors. */
 INLINED void solve_columns(const Problem *p, const Work *w, int n) {
@@ -76,49 +78,51 @@ INLINED void solve_columns(const Problem *p, const Work *w, int n) {
 
 /* The block by the factors, which may be those of an earlier A, and the factors of the corner with it. */
 static void eliminate_bordering_rows(const Problem *p, const Work *w) {
-  solve_columns(p, w, p->block / 4);
+  solve_columns(p, w, p->border.block / 4);
   factorise_corner(p, w);
 }
 
 /* Adds the tangents of all contact points to the factors, or to the bordering rows and columns: those of nodes that slide. */
 HOT void add_contact_points(const Problem *p, const Work *w, int bordering) {
-  const ChangingRows *c = p->changing;
+  const ChangingRows *c = p->system.changing;
   for (const ContactPair *e = c->pair; e < c->pair + c->pairs; ++e) {
     const ContactPoint *t = p->points->members->contact_point + e->contact_point;
     if (!t->closed || bordering != (e->at < 0)) continue;
     double value = e->sign * w->virtual_map[e->virtual_value] * w->values[e->value] * t->tangent[e->entry];
     if (bordering) add_at(p, w, e->row, e->column, value);
-    else p->rows->factors[e->at] += value;
+    else p->system.rows->factors[e->at] += value;
   }
 }
 
 /* The tangent, or its transpose, with that of the contact points in the place of its factors. */
 HOT void fill_factors(const Problem *p, const Work *w) {
-  double *restrict A = p->rows->factors;
+  double *restrict A = p->system.rows->factors;
   const double *restrict K = w->tangent;
-  int members = HAS(MEMBERS) && p->changing, entries = p->tangent_start[p->unknowns];
-  if (members && p->changing->placed != w->transposed) place_entries(p, p->changing, w->transposed);
-  memset(A, 0, p->rows->start[p->unknowns] * sizeof(double));
-  for (int k = 0; k < entries; ++k) A[p->factor_at[k]] = K[k];
+  int members = HAS(MEMBERS) && p->system.changing, entries = p->system.tangent_start[p->system.unknowns];
+  if (members && p->system.changing->placed != w->transposed) place_entries(p, p->system.changing, w->transposed);
+  memset(A, 0, p->system.rows->start[p->system.unknowns] * sizeof(double));
+  for (int k = 0; k < entries; ++k) A[p->system.factor_at[k]] = K[k];
   if (members) add_contact_points(p, w, 0);
-  for (int i = 0, first = p->unknowns - p->closures; p->yielding > 0 && i < p->closures; ++i)
-    A[p->rows->diagonal[p->order[first + i]]] -= p->yielding / (p->closure_length[i] * p->closure_length[i]);
+  for (int i = 0, first = p->system.unknowns - p->loops.closures; p->statics.yielding > 0 && i < p->loops.closures; ++i)
+    A[p->system.rows->diagonal[p->system.order[first + i]]] -=
+        p->statics.yielding / (p->loops.length[i] * p->loops.length[i]);
 }
 
 static int factorise(Problem *p, const Work *w) {
-  p->reused.steps = p->reused.all = p->reused.now = 0, ++p->reused.made;
+  p->system.reused.steps = p->system.reused.all = p->system.reused.now = 0, ++p->system.reused.made;
   fill_factors(p, w);
-  if (p->reused.worth && p->bordering_rows) memcpy(w->factorised, w->tangent, p->tangent_start[p->free] * sizeof(double));
-  return p->reused.present = factorise_sparse(p->rows, w->row);
+  if (p->system.reused.worth && p->border.rows)
+    memcpy(w->factorised, w->tangent, p->system.tangent_start[p->free] * sizeof(double));
+  return p->system.reused.present = factorise_sparse(p->system.rows, w->row);
 }
 
 /* Factors of the tangent with its bordering rows; returns 0 if it is singular. With `keep` for further right sides. */
 INLINED int factorise_tangent(Problem *p, const Work *w, int keep) {
   int regular = HAS(CHAIN)  ? eliminate_chain(p, w, middle_of_elimination(p) / 3, keep)
-                : HAS(BAND) ? eliminate_tangent(p, w, p->unknowns, ends_of_elimination(p))
+                : HAS(BAND) ? eliminate_tangent(p, w, p->system.unknowns, ends_of_elimination(p))
                             : factorise(p, w);
-  if (!regular || !HAS(SLIDERS) || !p->bordering_rows) return regular;
-  if (HAS(MEMBERS) && p->changing) add_contact_points(p, w, 1);
+  if (!regular || !HAS(SLIDERS) || !p->border.rows) return regular;
+  if (HAS(MEMBERS) && p->system.changing) add_contact_points(p, w, 1);
   eliminate_bordering_rows(p, w);
   return 1;
 }
@@ -126,27 +130,27 @@ INLINED int factorise_tangent(Problem *p, const Work *w, int keep) {
 /* The solution in place of y from what elimination made of it: only of positions that are `reached` or not, if it is given. */
 INLINED void substitute_back(const Problem *p, const Work *w, const int *reached, int now) {
   if (HAS(CHAIN)) substitute_chain(p, w, middle_of_elimination(p) / 3, reached, now);
-  else if (HAS(BAND)) substitute_tangent(p, w, p->unknowns, ends_of_elimination(p), reached, now);
-  else substitute_backward(p->rows, w->y, reached, now);
+  else if (HAS(BAND)) substitute_tangent(p, w, p->system.unknowns, ends_of_elimination(p), reached, now);
+  else substitute_backward(p->system.rows, w->y, reached, now);
 }
 
 /* Solution x for the right side b, with bordering rows or without: by sparse factors, or by those of a chain or a band that
    are made here; returns 0 if it is singular. */
 HOT int solve_bordered(Problem *p, const Work *w, const double *b, double *x) {
-  int bordered = HAS(SLIDERS) && p->bordering_rows;
+  int bordered = HAS(SLIDERS) && p->border.rows;
   const int *reached = bordered ? w->reached : 0;
-  memset(w->y, 0, p->positions * sizeof(double)); /* also between groups of unknowns: an earlier one may not be finite */
+  memset(w->y, 0, p->system.positions * sizeof(double)); /* also between groups of unknowns: an earlier one may not be finite */
 #pragma GCC unroll 4
-  for (int i = 0; i < p->free; ++i) w->y[p->order[i]] = b[i];
-  if (bordered) memset(w->bordering_right, 0, p->bordering_rows * sizeof(double));
+  for (int i = 0; i < p->free; ++i) w->y[p->system.order[i]] = b[i];
+  if (bordered) memset(w->bordering_right, 0, p->border.rows * sizeof(double));
   if (bordered) pass_on(p, 1, 0, w->y, w->bordering_right);
-  if (!HAS(CHAIN | BAND)) substitute_forward(p->rows, w->y);
+  if (!HAS(CHAIN | BAND)) substitute_forward(p->system.rows, w->y);
   else if (!factorise_tangent(p, w, bordered)) return 0;
   if (bordered) substitute_back(p, w, reached, 1);
   if (bordered) solve_bordering_rows(p, w, 1, w->bordering_right, w->y);
   substitute_back(p, w, reached, 0);
   if (bordered) pass_on(p, 1, 1, w->y, w->bordering_right);
-  gather(p->free, w->y, p->order, x);
+  gather(p->free, w->y, p->system.order, x);
   return 1;
 }
 
@@ -165,14 +169,14 @@ static int refine(Problem *p, const Work *w, const Convergence *c, double *rest)
   double root = sqrt(energy_of_step(p, w, kinetic(p, w))); /* as errors are roots of work */
   memset(x, 0, n * sizeof(double));
   memcpy(r, w->reduced, n * sizeof(double));
-  for (int k = 0; k <= p->reused.worth; ++k) {
+  for (int k = 0; k <= p->system.reused.worth; ++k) {
     solve_bordered(p, w, r, proposed);
-    ++p->reused.now;
+    ++p->system.reused.now;
     double size = size_of(p, w, proposed), error = sqrt(fabs(dot(n, r, proposed))), length = sqrt(dot(n, r, r));
     if (!isfinite(size)) return 0;
     if (k == 0) first_size = size, first_error = error;
-    double fine = allowed(c->sizes.slowest, p->reused.slowest_size, first_size, p->negligible);
-    double exact = allowed(c->errors.slowest, p->reused.slowest_error, first_error, p->negligible * root);
+    double fine = allowed(c->sizes.slowest, p->system.reused.slowest_size, first_size, p->newton.negligible);
+    double exact = allowed(c->errors.slowest, p->system.reused.slowest_error, first_error, p->newton.negligible * root);
     double excess = fmax(fmax(size / fine, error / exact),
                          fabs(dot(n, r, w->z) - dot(n, r, x)) / (exact * root));
     double slowness = fmax(excess / last_excess, length / last_length);
@@ -182,7 +186,7 @@ static int refine(Problem *p, const Work *w, const Convergence *c, double *rest)
       rest[0] = size / first_size, rest[1] = error / first_error;
       return 1;
     }
-    if (k > 0 && k + log(excess) / -log(slowness) > p->reused.worth) return 0;
+    if (k > 0 && k + log(excess) / -log(slowness) > p->system.reused.worth) return 0;
     last_excess = excess, last_length = length;
     subtract_product(p, w, proposed, r);
   }
@@ -209,18 +213,19 @@ static const double NO_PIVOT = 1e-14;
    gives the solution from those for r and all e_i. In place of right sides x, [position][side]; returns 0 if the matrix is
    singular. */
 static int solve_raised(const Problem *p, const Work *w, int sides, double *x) {
-  int n = p->unknowns, at[RAISED], row[RAISED], many = 0, regular = 0;
+  int n = p->system.unknowns, at[RAISED], row[RAISED], many = 0, regular = 0;
   double most = 0, least = HUGE_VAL, S[RAISED * RAISED], raised[RAISED], of_raised[RAISED];
-  const SparseRows *rows = p->rows;
-  if (HAS(CHAIN | BAND) || p->bordering_rows) return 0;
-  double b = largest(p->tangent_start[n], w->tangent, 0);
+  const SparseRows *rows = p->system.rows;
+  if (HAS(CHAIN | BAND) || p->border.rows) return 0;
+  double b = largest(p->system.tangent_start[n], w->tangent, 0);
   while (b > 0) {
     fill_factors(p, w);
     for (int i = 0; i < many; ++i) rows->factors[rows->diagonal[at[i]]] += raised[i];
     if ((regular = factorise_sparse(rows, w->row)) || many == RAISED) break;
     at[many] = w->row[0], raised[many] = b;
-    for (int i = 0; i < p->closures; ++i)
-      if (p->order[n - p->closures + i] == at[many]) raised[many] = -1 / (b * p->closure_length[i] * p->closure_length[i]);
+    for (int i = 0; i < p->loops.closures; ++i)
+      if (p->system.order[n - p->loops.closures + i] == at[many])
+        raised[many] = -1 / (b * p->loops.length[i] * p->loops.length[i]);
     ++many;
   }
   double *y = regular ? calloc((long)n * (many + 1), sizeof(double)) : 0, *z = y + n;
@@ -249,18 +254,18 @@ static int solve_reduced(Problem *p, const Work *w, const Convergence *c, double
   rest[0] = rest[1] = 0;
   if (!p->free) return 1;
   if (HAS(CHAIN | BAND)) return solve_bordered(p, w, w->reduced, w->step);
-  p->old_factors = p->raised = 0;
-  if (p->reused.worth && p->reused.present && !p->reused.exact) {
-    if (HAS(SLIDERS) && p->bordering_rows) eliminate_bordering_rows(p, w);
-    if (refine(p, w, c, rest)) return p->old_factors = 1;
-    if (HAS(SLIDERS) && p->bordering_rows) fill_bordering_rows(p, w);
+  p->newton.old_factors = p->newton.raised = 0;
+  if (p->system.reused.worth && p->system.reused.present && !p->system.reused.exact) {
+    if (HAS(SLIDERS) && p->border.rows) eliminate_bordering_rows(p, w);
+    if (refine(p, w, c, rest)) return p->newton.old_factors = 1;
+    if (HAS(SLIDERS) && p->border.rows) fill_bordering_rows(p, w);
   }
   if (!factorise_tangent(p, w, 0)) {
-    memset(w->y, 0, p->positions * sizeof(double));
-    for (int i = 0; i < p->free; ++i) w->y[p->order[i]] = w->reduced[i];
-    p->raised = solve_raised(p, w, 1, w->y) ? 1 : -1;
-    gather(p->free, w->y, p->order, w->step);
-    if (p->raised > 0 || !p->at_rest || largest(p->free, w->reduced, 0) > 0) return p->raised > 0;
+    memset(w->y, 0, p->system.positions * sizeof(double));
+    for (int i = 0; i < p->free; ++i) w->y[p->system.order[i]] = w->reduced[i];
+    p->newton.raised = solve_raised(p, w, 1, w->y) ? 1 : -1;
+    gather(p->free, w->y, p->system.order, w->step);
+    if (p->newton.raised > 0 || !p->scheme.at_rest || largest(p->free, w->reduced, 0) > 0) return p->newton.raised > 0;
     memset(w->step, 0, p->free * sizeof(double)); /* a straight path that bifurcates needs no correction */
     return 1;
   }

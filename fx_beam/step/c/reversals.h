@@ -17,8 +17,8 @@ static void stretch_bristles(const Problem *p, const Derivatives *a, long step) 
   if (!a->reversal || step < 0) return;
   for (int i = a->reversal_start[step]; i < a->reversal_start[step + 1]; ++i) {
     const Reversal *r = a->reversal + i;
-    if (r->stretch) p->spring_internal[r->place] = r->stretch;
-    if (r->force) p->spring_internal[r->place + FOLLOWED] = r->force;
+    if (r->stretch) p->state.spring_internal[r->place] = r->stretch;
+    if (r->force) p->state.spring_internal[r->place + FOLLOWED] = r->force;
   }
 }
 

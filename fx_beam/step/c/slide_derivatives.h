@@ -13,7 +13,7 @@ typedef struct {
 } SlideLaws;
 
 static SlideLaws laws_of(Block *b, const Problem *p, const Layout *at, int i) {
-  const Slider *a = p->slider + i;
+  const Slider *a = p->sliders.slider + i;
   int nodes = a->degree * a->elements + 1, arcs = at->paths + a->path, positions = arcs + a->elements + 1;
   int coefficients = positions + 2 * nodes, angles = coefficients + 4 * a->elements * (3 * a->degree + 1);
   return (SlideLaws){b, a, {at->q, at->q1}, {at->Y + a->column, at->Y1 + a->column}, arcs, positions, coefficients, angles,

@@ -27,8 +27,8 @@ static void push_columns(const Problem *p, double *out) {
    and along these. */
 static void load_beams(const Problem *p, const Work *w, const double *on_nodes, double *out) {
   double *r = memcpy(w->loaded, on_nodes, p->dofs * sizeof(double));
-  for (int i = p->sliders - 1; i >= 0; --i) {
-    Slider *a = p->slider + i;
+  for (int i = p->sliders.count - 1; i >= 0; --i) {
+    Slider *a = p->sliders.slider + i;
     for (int c = 0; c < a->components; ++c) {
       a->force[c] = out[a->carried[c]];
       for (int k = a->entry_start[c]; k < a->entry_start[c + 1]; ++k)
@@ -41,7 +41,7 @@ static void load_beams(const Problem *p, const Work *w, const double *on_nodes, 
 
 /* The slide of a joint at the level of a step. */
 static double slide_at_level(const Problem *p, const Work *w, int j) {
-  return at(p->slides, p->slide_of[j]) + p->level * at(w->z, p->slide_column[j]);
+  return at(p->state.slides, p->joints.number[j]) + p->scheme.level * at(w->z, p->joints.slide_column[j]);
 }
 
 /* The axis across which forces on a joint's slide count for friction. */
@@ -52,18 +52,19 @@ static void set_axis(const PointForces *points, int joint, Two axis) {
 
 /* Sets the axes across which forces on curves count for friction. */
 static void set_axes(const Problem *p, const Work *w) {
-  for (int j = 0; j < p->joints; ++j) {
+  for (int j = 0; j < p->joints.count; ++j) {
     double d = slide_at_level(p, w, j);
-    if (p->track[j]) set_axis(p->points, p->slide_of[j], track_of(p->track[j], p->axis + 2 * j, d, d).chord);
+    if (p->joints.track[j])
+      set_axis(p->points, p->joints.number[j], track_of(p->joints.track[j], p->joints.axis + 2 * j, d, d).chord);
   }
-  for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a)
+  for (const Slider *a = p->sliders.slider; a < p->sliders.slider + p->sliders.count; ++a)
     set_axis(p->points, a->joint, (Two){a->virtual_map[0][ARC], a->virtual_map[1][ARC]});
 }
 
 /* Whether a node leaves its beam in the step, or passes too many elements. */
 static int leaves_beam(const Problem *p) {
-  for (int i = 0; HAS(SLIDERS) && i < p->sliders; ++i) {
-    const Slider *a = p->slider + i;
+  for (int i = 0; HAS(SLIDERS) && i < p->sliders.count; ++i) {
+    const Slider *a = p->sliders.slider + i;
     double length = a->ends[a->elements], off = fmax(-a->s1, a->s1 - length);
     int passed = element_of(a, a->s1) - element_of(a, a->s0);
     if (off > 1e-9 * length || passed > a->most || passed < -a->most) return 1;
@@ -74,8 +75,8 @@ static int leaves_beam(const Problem *p) {
 /* The relations of all nodes on beams at the start of a step. */
 static void begin_sliders(const Problem *p, const Work *w) {
   memset(w->D, 0, p->dofs * sizeof(double));
-  for (Slider *a = p->slider; a < p->slider + p->sliders; ++a) {
-    a->s0 = a->s1 = p->slides[a->joint], a->slide = 0;
+  for (Slider *a = p->sliders.slider; a < p->sliders.slider + p->sliders.count; ++a) {
+    a->s0 = a->s1 = p->state.slides[a->joint], a->slide = 0;
     slide_on(p, a, w->D);
   }
 }
@@ -85,16 +86,17 @@ static double rate_along(Two apart, Two tangent) { return dot2(apart, tangent) /
 
 /* Rates of slides at the start of a step, by the values of T. At mid-step forces depend on mean rates alone. */
 static void find_slide_rates(const Problem *p, const Work *w) {
-  const double *v = p->v;
-  if (p->points->all == p->points->nodal || p->level == 0.5) return;
-  for (int j = 0; j < p->joints; ++j) {
-    int a = p->carrier[j], b = p->carried_node[j];
+  const double *v = p->state.v;
+  if (p->points->all == p->points->nodal || p->scheme.level == 0.5) return;
+  for (int j = 0; j < p->joints.count; ++j) {
+    int a = p->joints.carrier[j], b = p->joints.carried_node[j];
     Two apart = {at(v, b - 2) - at(v, a - 2), at(v, b - 1) - at(v, a - 1)}, turned = at(v, a) * pair(w->values0 + 1 + 4 * j);
-    if (p->slide_column[j] >= 0) p->slide_rate[p->slide_of[j]] = rate_along(apart - turned, pair(w->values0 + 3 + 4 * j));
+    if (p->joints.slide_column[j] >= 0)
+      p->at_points.slide_rate[p->joints.number[j]] = rate_along(apart - turned, pair(w->values0 + 3 + 4 * j));
   }
   if (HAS(SLIDERS)) begin_sliders(p, w);
-  for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a) {
+  for (const Slider *a = p->sliders.slider; a < p->sliders.slider + p->sliders.count; ++a) {
     Two apart = pair_of(v, a->node) - (Two){moved_by_beam(a, 0, v), moved_by_beam(a, 1, v)};
-    p->slide_rate[a->joint] = rate_along(apart, (Two){a->T[0][ARC], a->T[1][ARC]});
+    p->at_points.slide_rate[a->joint] = rate_along(apart, (Two){a->T[0][ARC], a->T[1][ARC]});
   }
 }

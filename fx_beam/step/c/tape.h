@@ -15,12 +15,14 @@ typedef struct {
 /* Start of a sub-step, loads at both ends, natural strains at its end, follower forces and parameters in it, and
    increments of the columns. */
 static TapedArrays taped_arrays(const Problem *p, const Work *w) {
-  long n = p->dofs, before = p->keeps_previous ? n : 0, internal = (long)p->cells * p->cell_internal;
+  long n = p->dofs, before = p->scheme.keeps_previous ? n : 0, internal = (long)p->cells * p->internal.per_cell;
   return (TapedArrays){
-      {p->q, p->v, p->q_previous, p->slides, p->internal, p->spring_internal, p->natural, w->loads, w->follower_force,
-       w->naturals, p->parameter, w->z},
-      {n, n, before, p->scene_joints, internal, p->spring_width, (long)p->cells * p->cell_natural, 2L * p->loads,
-       2L * p->follower_forces, p->naturals, p->parameter_count, p->columns}};
+      {p->state.q, p->state.v, p->state.q_previous, p->state.slides, p->state.internal, p->state.spring_internal,
+          p->state.natural, w->loads, w->follower_force,
+       w->naturals, p->parameters.value, w->z},
+      {n, n, before, p->passes.joints, internal, p->at_points.spring_width, (long)p->cells * p->natural.per_cell,
+          2L * p->loads.count,
+       2L * p->loads.follower_forces, p->natural.count, p->parameters.count, p->columns}};
 }
 
 OF_STEPS long fx_tape_size(const Problem *p) {
@@ -39,7 +41,7 @@ static void put_on_tape(const Problem *p, const Work *w, Tape *tape) {
   }
   double *to = tape->row + tape->rows++ * tape->size;
   TapedArrays arrays = taped_arrays(p, w);
-  *to++ = p->t, *to++ = w->dt, *to++ = p->ratio, *to++ = p->share, *to++ = p->earlier;
+  *to++ = p->state.t, *to++ = w->dt, *to++ = p->state.ratio, *to++ = p->state.share, *to++ = p->state.earlier;
   for (int i = 0; i < TAPED; to += arrays.size[i++])
     if (arrays.size[i]) memcpy(to, arrays.of[i], arrays.size[i] * sizeof(double));
 }
@@ -47,7 +49,7 @@ static void put_on_tape(const Problem *p, const Work *w, Tape *tape) {
 /* Takes a row back into the state. */
 static void take_from_tape(Problem *p, const Work *w, const double *row) {
   TapedArrays arrays = taped_arrays(p, w);
-  p->t = row[0], p->ratio = row[2];
+  p->state.t = row[0], p->state.ratio = row[2];
   row += TAPED_NUMBERS;
   for (int i = 0; i < TAPED; row += arrays.size[i++])
     if (arrays.size[i]) memcpy(arrays.of[i], row, arrays.size[i] * sizeof(double));
