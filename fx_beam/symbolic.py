@@ -6,37 +6,20 @@ import importlib
 import io
 import sys
 from collections.abc import Mapping
-from types import ModuleType
 from typing import Any, NamedTuple
 
 
 def package(name: str) -> Any:
-    """UFL or FFCx, which ask pkg_resources for their versions alone in Debian 12.
-
-    Its own import takes longer than both of theirs.
-    """
-    if name in sys.modules or "pkg_resources" in sys.modules:
-        return _imported(name)
-    stand_in: Any = ModuleType("pkg_resources")
-    sys.modules["pkg_resources"] = stand_in
+    """UFL or FFCx; UFL asks the streams that it writes to, which may be missing, for a terminal."""
+    streams = {stream: getattr(sys, stream) for stream in ("stdout", "stderr")}
+    missing = {s: file for s, file in streams.items() if getattr(file, "closed", file is None)}
     try:
-        stand_in.get_distribution = importlib.import_module("importlib.metadata").distribution
-        return _imported(name)
-    finally:
-        del sys.modules["pkg_resources"]
-
-
-def _imported(name: str) -> Any:
-    """The same; UFL asks where it writes whether that is a terminal, also if there is nothing."""
-    streams = {of: getattr(sys, of) for of in ("stdout", "stderr")}
-    missing = [of for of, to in streams.items() if to is None or getattr(to, "closed", False)]
-    try:
-        for of in missing:
-            setattr(sys, of, io.StringIO())
+        for stream in missing:
+            setattr(sys, stream, io.StringIO())
         return importlib.import_module(name)
     finally:
-        for of in missing:
-            setattr(sys, of, streams[of])
+        for stream, file in missing.items():
+            setattr(sys, stream, file)
 
 
 class _Ufl:

@@ -20,7 +20,6 @@ ffcx: Any = package("ffcx")
 from ffcx import codegeneration, naming  # noqa: E402
 from ffcx.analysis import analyze_ufl_objects  # noqa: E402
 from ffcx.codegeneration.codegeneration import generate_code  # noqa: E402
-from ffcx.ir.analysis.valuenumbering import ValueNumberer  # noqa: E402
 from ffcx.ir.representation import compute_ir  # noqa: E402
 
 _log = logging.getLogger("fx_beam")
@@ -39,10 +38,6 @@ _HEADERS = "math.h", "stdalign.h", "stdlib.h", "string.h"
 # Generated code with functions of one element; the first two are what version 0.5 refers to in it.
 _BLOCKS = "elements", "dofmaps", "integrals", "expressions"
 _FUNCTION = re.compile(r"void (tabulate_tensor_\w+)\(([^)]*)\)")
-
-
-# In the place of a search through the graph for each expression, a fifth of the time of FFCx.
-ValueNumberer.get_node_symbols = lambda self, of: self.V_symbols[self.G.e2i[of]]
 
 
 def signature(written: Written) -> str:

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import ctypes
-import functools
 import platform
 from collections.abc import Callable
-from contextlib import suppress
 from typing import Any
 
 from fx_beam import c_library
@@ -25,9 +22,6 @@ _WHAT = {
     "JVP": "derivatives of time steps, forwards",
     "FIT": "rates that fit joints",
 }
-# Parameters of glibc's mallopt, and their values: arrays up to so many bytes reuse freed memory, of
-# which twice as much is kept. Pages that are new take longer than what fills them.
-_MALLOC = {-3: 1 << 25, -1: 1 << 26}  # M_MMAP_THRESHOLD, M_TRIM_THRESHOLD
 
 
 def load_library(features: str = "CHAIN", derivatives: str = "") -> tuple[Any, Any]:
@@ -36,17 +30,8 @@ def load_library(features: str = "CHAIN", derivatives: str = "") -> tuple[Any, A
     It serves scenes with some features (c/scene_features.h); or has `derivatives` of steps in their
     place, "VJP" or "JVP".
     """
-    _reuse_memory()
     what, macros, flags = _asked(features, derivatives)
     return c_library.open_library(what, "loop.c", "problem.h", MACROS, macros, flags)
-
-
-@functools.cache
-def _reuse_memory() -> None:
-    with suppress(OSError, AttributeError):  # another C library
-        mallopt = ctypes.CDLL(None).mallopt
-        for parameter, value in _MALLOC.items():
-            mallopt(parameter, value)
 
 
 def _asked(features: str, derivatives: str) -> tuple[str, tuple[str, ...], tuple[str, ...]]:

@@ -153,7 +153,8 @@ def test_the_version_is_that_of_the_citation_the_recipe_and_the_changelog():
 def test_what_is_imported_is_what_the_project_asks_for():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     asked = {*project["dependencies"], *project["optional-dependencies"]["plot"]}
-    sources = "\n".join(path.read_text() for path in (ROOT / "fx_beam").rglob("*.py"))
+    packages = ROOT / "fx_beam", ROOT / "benchmarks" / "fx_beam_studies"
+    sources = "\n".join(path.read_text() for p in packages for path in p.rglob("*.py"))
     modules = {"pillow": "PIL", "fenics-ffcx": "ffcx"}
     for name in asked:
         module = modules.get(name, name.replace("-", "_"))
