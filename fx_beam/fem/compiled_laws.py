@@ -13,7 +13,7 @@ from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError
 from fx_beam.laws.point_laws import Motion, PointLaw, StepRule, arguments
 from fx_beam.laws.rates import NodalRates
-from fx_beam.scene.parameters import names_of, parameters_in, replaced, symbols_only
+from fx_beam.scene.parameters import names_of, parameters_in, replaced
 from fx_beam.symbolic import Written, derivatives_taken, is_zero, ufl
 
 from . import elements
@@ -181,9 +181,8 @@ class CompiledLaw:
         if not conditions:
             others.pop("switches", None)
         if law.of_user:
-            with symbols_only():
-                of_step = law.forces(motion)
-                parts = [part for of in others.values() for part in of(motion)]
+            of_step = law.forces(motion)
+            parts = [part for of in others.values() for part in of(motion)]
             self.parameters = names_of(parameters_in(*of_step.forces, *of_step.internal, *parts))
         named = {law.name: self._function(self._forces)}
         named |= {f"{name} of {law.name}": self._function(of) for name, of in others.items()}
@@ -198,9 +197,8 @@ class CompiledLaw:
 
         def of(given: Any) -> Any:
             by_name = {parameter: given[first + i] for i, parameter in enumerate(self.parameters)}
-            with symbols_only():
-                motion = Motion(given, self.law, self._rule)
-                return replaced(ufl.as_vector(values(motion)), by_name)
+            motion = Motion(given, self.law, self._rule)
+            return replaced(ufl.as_vector(values(motion)), by_name)
 
         return of
 
@@ -255,10 +253,9 @@ def slopes_of(law: PointLaw, rule: StepRule, parameters: tuple[str, ...] = ()) -
     def values(symbols: Any) -> Any:
         given = ufl.variable(ufl.as_vector([symbols[i] for i in range(count)]))
         by_name = {parameter: given[first + i] for i, parameter in enumerate(parameters)}
-        with symbols_only():
-            of_step = law.forces(Motion(given, law, rule))
-            quantities = [replaced(of, by_name) for of in (*of_step.forces, *of_step.internal)]
-            rows = [ufl.diff(of, given) for of in quantities]
+        of_step = law.forces(Motion(given, law, rule))
+        quantities = [replaced(of, by_name) for of in (*of_step.forces, *of_step.internal)]
+        rows = [ufl.diff(of, given) for of in quantities]
         return ufl.as_vector([row[k] for row in rows for k in columns])
 
     name = f"slopes of {law.name}"

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 
 from fx_beam.errors import SceneError, as_float, between, check_fields, refuse_fields_in, require
-from fx_beam.scene.parameters import symbols_only
+from fx_beam.scene.parameters import refused
 from fx_beam.symbolic import parts_of, ufl
 
 # With less, the acceleration overflows.
@@ -322,7 +322,7 @@ class NodalRates(UpdateRule):
             Acceleration in the equation of motion, rates and accelerations at the end.
         """
         what = "NodalRates: rule(D, v0, a0, before, dt)"
-        with symbols_only(
+        with refused(
             f"{what} must give three UFL vectors. Use ufl.as_vector, and functions of ufl in place "
             "of math or NumPy"
         ):

@@ -489,7 +489,7 @@ def _check_magnitude(force: Callable[[Any], Any]) -> None:
 def _check_law(law: Callable[[Any], Any]) -> None:
     """Refuse a law of a damper that is no scalar UFL expression of the rate, or that drives."""
     call = "Damper: law"
-    force, rates = scalar_of(law, [0.1], f"{call}(rate)")
+    force, rates = scalar_of(law, 1, f"{call}(rate)")
     if not {*rates} & {*parts_of(force)}:
         raise SceneError(
             f"{call}(rate) must be a scalar that depends on the rate, not {force}. Use ufl.tanh, "

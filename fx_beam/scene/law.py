@@ -12,7 +12,7 @@ from typing import Any
 from fx_beam.errors import NUMBER, SceneError, as_float, fields_in, refuse_fields_in, require
 from fx_beam.symbolic import derivatives_taken, is_zero, parts_of, ufl
 
-from .parameters import parameters_in, scalar_of, symbols_only
+from .parameters import new_variables, parameters_in, refused, scalar_of, symbols_of
 
 Energy = Callable[..., Any]
 
@@ -190,7 +190,7 @@ def check_energy(
         return strain_energy(*given[:count], *a)
 
     call = f"{part}: {name}({', '.join(strains)}{', a' * bool(variables)})"
-    W, e = scalar_of(of_all, [0.1] * count + [0.0] * len(variables), call)
+    W, e = scalar_of(of_all, count + len(variables), call)
     met = set(parts_of(W))
     missing = [n for n, x in zip((*strains, *variables), e, strict=True) if x not in met]
     if missing:
@@ -348,14 +348,12 @@ class InternalVariables:
             raise
 
     def _takes_time(self, strains_of_part: int) -> bool:
-        old = [ufl.variable(ufl.as_ufl(0.0)) for _ in self.names]
-        strains0, strains = (
-            tuple(ufl.variable(ufl.as_ufl(size * e)) for e in _PATH[0][-strains_of_part:])
-            for size in (1, 2)
-        )
-        dt = ufl.variable(ufl.as_ufl(1.0))
+        old = new_variables(len(self.names))
+        strains0, strains = (tuple(new_variables(strains_of_part)) for _ in range(2))
+        (dt,) = new_variables(1)
         updated = self.updated(ufl.as_vector(old), strains0, strains, dt)
-        refuse_fields_in(updated, "InternalVariables: update", parameters_in(updated))
+        known = parameters_in(updated) + symbols_of([*old, *strains0, *strains, dt])
+        refuse_fields_in(updated, "InternalVariables: update", known)
         for i, name in enumerate(self.names):
             if not {*old, *strains0, *strains} & set(parts_of(updated[i])):
                 raise SceneError(
@@ -383,7 +381,7 @@ class InternalVariables:
             The variables.
         """
         what = "InternalVariables: update(old, strains0, strains, dt)"
-        with symbols_only(
+        with refused(
             f"{what} must give a UFL expression for each of {list(self.names)}. Use "
             "ufl.conditional, ufl.sqrt, ... in place of if, math or NumPy"
         ):

@@ -34,7 +34,7 @@ from .functions import (
     constant,
 )
 from .inputs import Input, time_function
-from .parameters import symbols_only
+from .parameters import refused
 
 #: Names of the coefficients of drag.
 PARTS_OF_DRAG = "linear", "quadratic", "rotation"
@@ -192,7 +192,7 @@ class VirtualWork:
 
     def of(self, step: Any, what: str) -> Any:
         """The term of a step, in UFL; SceneError if there is none."""
-        with symbols_only(
+        with refused(
             f"{what} must give a UFL expression of the step, which has UFL symbols, not numbers: "
             "use ufl.sin, ufl.conditional, ... in place of functions of math and NumPy, and "
             "fx_beam.Parameter for a number that changes: Parameter(name, 3.0), "

@@ -19,27 +19,15 @@ if TYPE_CHECKING:
 
 
 @contextmanager
-def symbols_only(refusal: str = "") -> Iterator[None]:
-    """A block that calls a function of a user; in it a symbol refuses to be a number.
-
-    UFL would try it over and over, with a warning each time, and never end. SceneError with the
-    refusal, if there is one, for a function that fails.
-    """
-
-    def refuse(self):
-        raise TypeError("a UFL symbol is not a number. Use ufl.exp, not math.exp")
-
-    Expr = ufl.core.expr.Expr
-    usual = Expr.__float__
-    Expr.__float__ = refuse  # numbers of UFL have their own
+def refused(refusal: str) -> Iterator[None]:
+    """A block that calls a function of a user on symbols; SceneError with a text if it fails."""
     try:
         yield
     except Exception as error:
-        if not refusal:
-            raise
-        raise SceneError(f"{refusal}. It raised {error!r}") from error
-    finally:
-        Expr.__float__ = usual
+        raised: Exception = error
+        if isinstance(error, TypeError) and "__float__" in str(error):  # UFL's own words
+            raised = TypeError("a UFL symbol is not a number. Use ufl.exp, not math.exp")
+        raise SceneError(f"{refusal}. It raised {raised!r}") from error
 
 
 def is_parameter(value: Any) -> bool:
@@ -62,28 +50,40 @@ def parameters_in(*expressions: Any) -> list[Parameter]:
     return [part for part in seen.values() if is_parameter(part)]
 
 
-def scalar_of(function: Callable, values: Sequence[float], call: str) -> tuple[Any, list[Any]]:
-    """The expression that a user's function gives, and the variables at these values in it.
+def scalar_of(function: Callable, count: int, call: str) -> tuple[Any, list[Any]]:
+    """The expression that a user's function gives, and the `count` variables in it.
 
     SceneError if it is no scalar UFL expression, or has other symbols than parameters.
     """
-    variables = [ufl.variable(ufl.as_ufl(value)) for value in values]
-    with symbols_only(
+    variables = new_variables(count)
+    with refused(
         f"{call} must give a UFL expression. Use ufl.sqrt, ufl.exp, ... in place of functions of "
         "math or NumPy"
     ):
         expression = ufl.as_ufl(function(*variables))
-    refuse_fields_in(expression, call, parameters_in(expression))
+    refuse_fields_in(expression, call, [*parameters_in(expression), *symbols_of(variables)])
     if expression.ufl_shape != ():
         raise SceneError(f"{call} must be a scalar, not of shape {expression.ufl_shape}")
     return expression, variables
 
 
+def new_variables(count: int) -> list[Any]:
+    """Variables of symbols, which refuse to be numbers."""
+    from .symbols import Symbol
+
+    return [ufl.variable(Symbol()) for _ in range(count)]
+
+
+def symbols_of(variables: Iterable[Any]) -> list[Any]:
+    """The symbols of variables."""
+    return [variable.ufl_operands[0] for variable in variables]
+
+
 def value_of(function: Callable, values: Sequence[float], call: str) -> Any:
     """What a user's function gives for numbers; nan where it is not defined."""
-    expression, _ = scalar_of(function, values, call)
+    expression, variables = scalar_of(function, len(values), call)
     try:
-        return expression(())
+        return expression((), dict(zip(symbols_of(variables), map(float, values), strict=True)))
     except (ArithmeticError, ValueError):
         return math.nan
 

@@ -45,10 +45,16 @@ _SCALARS = "psi0 Dpsi psi omega virtual_psi h t dt load_factor psi_before memory
 
 
 class Symbol(ufl.Constant):
-    """A symbol that varies along a beam, so that UFL keeps its derivatives."""
+    """A symbol that varies along a beam, so that UFL keeps its derivatives; it is no number."""
 
     def __init__(self, *shape: int):
         super().__init__(NOWHERE, shape=shape)
+
+    def evaluate(self, x, mapping, component, index_values, derivatives=()):
+        """Its value in a mapping; TypeError without, where UFL would not end."""
+        if mapping and self in mapping:
+            return mapping[self]
+        raise TypeError("a UFL symbol is not a number")
 
     def is_cellwise_constant(self) -> bool:
         """It is not."""
