@@ -16,31 +16,28 @@ if importlib.util.find_spec("ffcx") is None:
 
 __version__ = "1.0.0"
 
-# The stub, which type checkers read, tells the file that is loaded when a name is first asked for.
-_STUB = ast.parse(Path(__file__).with_suffix(".pyi").read_text("utf-8"))
-_IMPORTS = [node for node in _STUB.body if isinstance(node, ast.ImportFrom)]
+# The file of each name, by the stub for type checkers: it is loaded when the name is first used.
 _HOMES = {
-    a.name: f"{__name__}.{node.module}" for node in _IMPORTS if node.level for a in node.names
+    alias.name: f"{__name__}.{node.module or alias.name}"
+    for node in ast.parse(Path(__file__).with_suffix(".pyi").read_text("utf-8")).body
+    if isinstance(node, ast.ImportFrom)
+    for alias in node.names
 }
-# Materials and pictures; the studies, which are a package of their own.
-_ROOMS = {
-    a.name: f"{node.module}.{a.name}" for node in _IMPORTS if not node.level for a in node.names
-}
-
-__all__ = [*_HOMES]
+__all__ = [name for name in _HOMES if name not in ("materials", "plot")]
 
 
 def __getattr__(name: str):
-    if name in _ROOMS:
-        if _ROOMS[name].startswith("fx_beam_studies"):
-            what = f"fx_beam.{name} is now {_ROOMS[name]}; the old name goes in version 1.2"
-            warnings.warn(what, FutureWarning, stacklevel=2)
-        return importlib.import_module(_ROOMS[name])
+    if name in ("stability", "work_precision"):
+        new = f"fx_beam_studies.{name}"
+        what = f"fx_beam.{name} is now {new}; the old name goes in version 1.2"
+        warnings.warn(what, FutureWarning, stacklevel=2)
+        return importlib.import_module(new)
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = globals()[name] = getattr(importlib.import_module(_HOMES[name]), name)
+    module = importlib.import_module(_HOMES[name])
+    value = globals()[name] = getattr(module, name, module)
     return value
 
 
 def __dir__():
-    return sorted({*__all__, *_ROOMS, *(name for name in globals() if name.startswith("__"))})
+    return sorted({*_HOMES, *(name for name in globals() if name.startswith("__"))})

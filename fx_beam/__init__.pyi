@@ -1,9 +1,7 @@
 # The names of the package and the files that define them, for type checkers and for __init__.py,
-# which reads this file. What is imported by its full name are modules.
+# which reads this file.
 
-from fx_beam import materials as materials, plot as plot
-from fx_beam_studies import stability as stability, work_precision as work_precision
-
+from . import materials as materials, plot as plot
 from .derivatives.harmonic_response import HarmonicResponse as HarmonicResponse
 from .derivatives.modal_response import ModalResponse as ModalResponse
 from .derivatives.periodic_response import PeriodicResponse as PeriodicResponse

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import sys
-import threading
 from collections.abc import Callable
 from typing import ParamSpec
 
@@ -44,21 +43,6 @@ class _NoBar:
         self.n += more
 
 
-class _Bar(tqdm):
-    """A bar whose lock Ctrl-C gives back: tqdm would leave it, and other threads wait for good."""
-
-    #: No thread watches bars: one would live to the end of the process.
-    monitor_interval = 0
-
-    def refresh(self, *_, **__):
-        with self.get_lock():
-            return super().refresh(nolock=True)
-
-
-# That of tqdm is two locks, between which Ctrl-C may come.
-_Bar.set_lock(threading.RLock())
-
-
 def progress_bar(total: float, asked: bool | None, **look) -> tqdm | _NoBar:
     """A progress bar, removed at the end; by default only on a terminal and for long runs.
 
@@ -68,7 +52,7 @@ def progress_bar(total: float, asked: bool | None, **look) -> tqdm | _NoBar:
     hidden = (thread_series() is not None or None) if asked is None else not asked
     if hidden or sys.stderr is None or getattr(sys.stderr, "closed", False):
         return _NoBar()
-    return _Bar(total=total, disable=hidden, delay=0 if asked else _SOON, leave=False, **look)
+    return tqdm(total=total, disable=hidden, delay=0 if asked else _SOON, leave=False, **look)
 
 
 def failure_of(stop: BaseException, time: float) -> Failure:

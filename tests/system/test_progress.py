@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -51,24 +50,6 @@ def raised():
 def signalled():
     # What Ctrl-C does in a terminal.
     os.kill(os.getpid(), signal.SIGINT)
-
-
-def test_ctrl_c_in_a_bar_does_not_stop_the_bars_of_other_threads(monkeypatch):
-    bar = progress.progress_bar(1.0, True)
-    lock = bar.get_lock()
-
-    def is_free():
-        taken = lock.acquire(timeout=5)
-        if taken:
-            lock.release()
-        return taken
-
-    with monkeypatch.context() as change, pytest.raises(KeyboardInterrupt):
-        change.setattr(type(bar), "display", lambda *_, **__: raised())
-        bar.refresh()
-    with ThreadPoolExecutor(1) as other:
-        assert other.submit(is_free).result()
-    bar.close()
 
 
 @pytest.mark.exact_times
@@ -171,13 +152,13 @@ def test_a_path_shows_its_load_factor_to_those_who_ask(continuation, capfd):
 
 @pytest.mark.parametrize("continuation", [None, "arc-length"])
 def test_a_bar_of_a_path_follows_the_load_factor_of_each_state(continuation, monkeypatch):
-    shown, update = [], progress._Bar.update
+    shown, update = [], progress.tqdm.update
 
     def noted(bar, more):
         update(bar, more)
         shown.append(bar.n)
 
-    monkeypatch.setattr(progress._Bar, "update", noted)
+    monkeypatch.setattr(progress.tqdm, "update", noted)
     path = fb.static(loaded(), load_steps=5, continuation=continuation, progress=True)
     assert len(shown) > 4
     assert shown == pytest.approx(path.load_factor, abs=1e-12)
