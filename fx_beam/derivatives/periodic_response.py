@@ -147,7 +147,7 @@ class PeriodicResponse(Response):
             self.motion = self._motion_of(self._scene)
         is_motion = isinstance(self.motion, PeriodicMotion)
         require(is_motion, f"{_WHAT}: motion", self.motion, "a PeriodicMotion")
-        self._cycle = cycle = self.motion._cycle
+        self._cycle = cycle = self.motion.cycle
         if self._finds_frequency:
             self._frequency = cycle.period.parameter
             self._scene, self._outputs = self._at(x)
@@ -373,7 +373,7 @@ class PeriodicResponse(Response):
         cycle = self._cycle
         if cycle.state is None:
             return np.zeros(len(self._x))
-        path = getattr(cycle.state, "_load_path", None)
+        path = cycle.state.load_path
         if path is None or path.scene is not self._scene:
             raise SceneError(
                 f"{_WHAT}: an amplitude about a state has derivatives if motion(scene) computes "

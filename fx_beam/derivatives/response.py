@@ -282,7 +282,7 @@ class Response(Differentiable):
         if not callable(self._start):
             return self._start
         clock, solution = perf_counter(), self._start(scene)
-        path = getattr(solution, "_load_path", None)
+        path = getattr(solution, "load_path", None)
         if path is not None and path.scene is scene and path.began >= clock:
             self._path = path
         return solution

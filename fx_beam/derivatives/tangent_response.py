@@ -49,7 +49,7 @@ class TangentResponse(Differentiable):
         """Linearise about the equilibrium of the scene of numbers."""
         self._scene = scene = self._scene_at(x)
         self._end = self._state and self._state(scene)
-        self._path = path = getattr(self._end, "_load_path", None)
+        self._path = path = getattr(self._end, "load_path", None)
         fits = self._state is None or (path is not None and path.scene is scene)
         wanted = "a solution of fx_beam.static(scene)"
         require(fits, f"{self._what}: state(scene)", self._end, wanted)

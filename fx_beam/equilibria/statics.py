@@ -61,7 +61,9 @@ class LoadPath:
         #: What it starts from. After the run True stands for a solution: a path that held it would
         #: hold all the solutions before it as well.
         self.scene, self.options, self.start = scene, options, start
-        self._acting = _acting(scene, start, options.t)  # the scene may change later
+        self._loads_on_nodes = _loads_on_nodes(
+            scene, start, options.t
+        )  # the scene may change later
         self._inputs = values_at(scene, options.inputs, options.t)
         self.began = time.perf_counter()
         self.model = model = recent_model(connected, Equilibrium(), settles=True)
@@ -112,7 +114,7 @@ class LoadPath:
             if self.warns:
                 self._warn_if_unstable()
             warn_of_places(solution)
-            solution._load_path = self
+            solution.load_path = self
             self.start = isinstance(self.start, Solution) or self.start
         except BaseException as error:
             stats.failure = failure_of(error, states[-1].t if states else 0.0)
@@ -279,7 +281,7 @@ class LoadPath:
         path = self._stability(states, lambda state: self._solution([state]))
         later = {name: getattr(path, name) for name in ("unstable_modes", "critical_points")}
         solution = solution_of(recorder, stats, lambda: end, ended=True, stability=later)
-        solution._acting = self._acting  # which pictures show
+        solution.loads_on_nodes = self._loads_on_nodes
         model.needed_by(solution.resultants_of_beam)
         return solution
 
@@ -308,7 +310,7 @@ class LoadPath:
             error.args = (str(error.failure),)
 
 
-def _acting(scene: Scene, start: Any, t: float) -> tuple[list[Any], dict[int, np.ndarray]]:
+def _loads_on_nodes(scene: Scene, start: Any, t: float) -> tuple[list[Any], dict[int, np.ndarray]]:
     """The forces on nodes at a time, and those that fade from a start, as numbers alone."""
     with suppress(Exception):  # the run says which function fails at its time
         forces = (of for of in scene.loads if of.kind == "force")

@@ -103,10 +103,12 @@ def motion_of(
     conserves = period.lost <= _NO_LOSS * abs(energy) and bool((second < _FAMILY).all())
     trivial = free * (1 + conserves)
     length, error = float(period.length), float(period.error)
-    given = length, energy, multipliers, instability_of(multipliers, trivial), error
-    motion = PeriodicMotion(*given, closed.iterations, lambda: shooting.solution(period))
-    motion._cycle = Cycle(period, shooting.options, free, chosen_by, trivial, held, state)
-    return motion
+    instability = instability_of(multipliers, trivial)
+    cycle = Cycle(period, shooting.options, free, chosen_by, trivial, held, state)
+    run = functools.partial(shooting.solution, period)
+    return PeriodicMotion(
+        length, energy, multipliers, instability, error, closed.iterations, run, cycle
+    )
 
 
 class Path:

@@ -146,10 +146,6 @@ class Solution:
 
     energy: Energy
     end: State | None
-    #: The path whose equilibria these are, for derivatives; copies have none.
-    _load_path: Any = None
-    #: Of equilibria the loads on nodes as they were, and forces (2,) that fade, by their nodes.
-    _acting: Any = None
 
     def __init__(
         self,
@@ -184,6 +180,10 @@ class Solution:
         self._stability = dict(stability or {})
         self.branches: list[Solution] = []
         self.origin: Any = None
+        #: The path of these equilibria, for derivatives; copies have none.
+        self.load_path: Any = None
+        #: Loads on nodes at these equilibria, and fading forces (2,) by node, for pictures.
+        self.loads_on_nodes: Any = None
 
     def __getattr__(self, name: str) -> Any:
         """What is set when it is first read."""
@@ -201,13 +201,13 @@ class Solution:
     def __getstate__(self):
         # The function for the resultants holds the compiled model: copies get computed values.
         known = known_resultants(self)
-        of_run = "_histories", "_end", "_load_path"
+        of_run = "_histories", "_end"
         state = {name: value for name, value in self.__dict__.items() if name not in of_run}
         state |= {name: getattr(self, name) for name in _LATER}
         with suppress(ValueError):  # numbers of unstable modes are found for copies
             _ = self.unstable_modes
         state["_stability"] = {n: of for n, of in self._stability.items() if not callable(of)}
-        return {**state, "resultants_of_beam": known.get}
+        return {**state, "resultants_of_beam": known.get, "load_path": None}
 
     def __repr__(self):
         rows, steps = len(self.t), self.stats.steps
@@ -648,7 +648,7 @@ def scene_of(solution: Any) -> Any:
 
 def forces_on_nodes(solution: Solution, k: int, magnify: float = 1.0) -> dict[int, np.ndarray]:
     """Forces (2,) on nodes in row k, by their numbers [N]; followers turn as in a picture."""
-    loads, fading = solution._acting or (getattr(scene_of(solution), "loads", ()), {})
+    loads, fading = solution.loads_on_nodes or (getattr(scene_of(solution), "loads", ()), {})
     t, static = solution.t[k], solution.stats.static
     forces = {node: (1 - t) * force for node, force in fading.items()}
     for load in (load for load in loads if load.kind == "force"):

@@ -369,6 +369,8 @@ class PeriodicMotion:
         Number of Newton's iterations.
     run : callable
         ``run()`` gives the solution.
+    cycle : object
+        How it was found, for derivatives.
 
     Examples
     --------
@@ -391,8 +393,7 @@ class PeriodicMotion:
     error: float
     iterations: int
     run: Callable[[], Solution]
-    #: How it was found, for derivatives.
-    _cycle: Any = field(default=None, init=False)
+    cycle: Any
 
     @property
     def frequency(self) -> float:
