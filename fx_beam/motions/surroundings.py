@@ -12,7 +12,7 @@ from typing import Any
 
 from fx_beam.fem.mpi import rank_and_size
 from fx_beam.laws.schemes import Scheme
-from fx_beam.parallel.team import Team, present
+from fx_beam.parallel.team import Team
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 from fx_beam.step.model import Model
@@ -62,13 +62,13 @@ def call_with_arrays(scene: Scene) -> None:
 def warn_of_equal_work() -> None:
     """Warn once, on rank 0, that every rank computes the scene; not where a sweep calls."""
     # `python -m mpi4py.futures` runs the script on one rank; the others wait for cases.
-    if thread_series() is None and "mpi4py.futures" not in sys.modules and present() is None:
+    if thread_series() is None and "mpi4py.futures" not in sys.modules and Team.leading is None:
         _warn()
 
 
 def waiting_team(scene: Scene) -> Team | None:
     """Processes that wait for parts of a scene; None without any, in a sweep, or if it is small."""
-    team = present() if thread_series() is None else None
+    team = Team.leading if thread_series() is None else None
     if team is None:
         return None
     elements = sum(beam.elements for beam in scene.beams)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import logging
 import os
 import pickle
 import queue
@@ -15,7 +14,7 @@ import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 from fx_beam.errors import SceneError
 from fx_beam.fem.mpi import world
@@ -29,8 +28,8 @@ _PATIENCE = 0.2
 # the tag of its message.
 _ALONE, _FAILED = 10.0, 1
 _LOST = (
-    "fx_beam: mpirun ends all processes. The script goes on with a KeyboardInterrupt, to save the "
-    "steps so far: in a copy of the first process, whose prints are not shown any more"
+    "fx_beam: mpirun ends all processes, and kills this one soon. The script goes on with a "
+    "KeyboardInterrupt, to save the steps so far"
 )
 _REFUSED = (
     "on several processes functions of your own in sections are sent to all, but one of these "
@@ -42,6 +41,9 @@ _REFUSED = (
 class Team:
     """What the first process knows of all: it sends calls and waits for what they give."""
 
+    #: The team of this process while a script runs on it; None without other processes.
+    leading: ClassVar[Team | None] = None
+
     def __init__(self) -> None:
         self._comm = world()
         self.size: int = self._comm.size
@@ -50,8 +52,8 @@ class Team:
         #: Numbers of objects that are destroyed before the next call.
         self.left: list[int] = []
         self._busy, self._waiting = False, False
-        #: Whether mpirun ends all, whether this is a copy, and whether others do not answer.
-        self._ending, self._copied, self.lost = False, False, False
+        #: Whether mpirun ends all, and whether others do not answer.
+        self._ending, self.lost = False, False
         self._own_error: Exception | None = None
         # A SimpleQueue that a signal interrupts may wait for ever, whatever the timeout.
         self._asked, self._found = queue.SimpleQueue[Any](), queue.Queue[list]()
@@ -124,36 +126,16 @@ class Team:
             raise KeyboardInterrupt
 
     def terminate(self, *arguments: Any) -> None:
-        """Take the end by mpirun, a second later: as Ctrl-C, in a copy that has more time."""
-        try:
-            copy = os.fork()
-        except OSError:  # no memory for one: this second must do
-            copy = -1
-        if copy > 0:
-            logging.disable()  # mpirun has ended a compiler of this process as well
-            os.waitpid(copy, 0)
-            os._exit(1)
+        """Take the end by mpirun, a second later, as Ctrl-C: the script can save its steps."""
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
         self._ending = self.lost = True
         os.write(2, f"{_LOST}\n".encode())
-        if not copy:
-            self._leave_mpirun()
         handler = signal.getsignal(signal.SIGINT)
         if callable(handler):
             handler(*arguments)
 
-    def _leave_mpirun(self) -> None:
-        """In a copy, which has this thread only: be none of mpirun's processes any more."""
-        self._copied = True
-        os.setsid()
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        for stream in (1, 2):  # pipes to mpirun, which ends
-            os.dup2(nowhere, stream)
-
     def close(self) -> None:
         """Let the others end."""
-        if self._copied:  # without MPI
-            os._exit(1)
         if self.lost:
             self._comm.Abort(1)
         self._asked.put(None)
@@ -177,22 +159,13 @@ class Crew:
         self.team.left.append(self._number)
 
 
-_TEAM: list[Team] = []
-
-
-def present() -> Team | None:
-    """The processes that wait for parts of a scene; None without any."""
-    return _TEAM[-1] if _TEAM else None
-
-
 @contextmanager
 def led() -> Iterator[None]:
     """On the first process: lead the others while the script runs."""
-    team = Team()
+    Team.leading = team = Team()
     signal.signal(signal.SIGINT, team.interrupt)
     # mpirun sends it after Ctrl-C, and when a process is lost.
     signal.signal(signal.SIGTERM, team.terminate)
-    _TEAM.append(team)
     try:
         yield
     except BaseException:
@@ -201,7 +174,7 @@ def led() -> Iterator[None]:
             sys.stderr.flush()
         raise
     finally:
-        _TEAM.pop()
+        Team.leading = None
         team.close()
 
 

@@ -71,7 +71,7 @@ def finished(folder, number, text, code=0):
 
 def test_a_small_scene_is_computed_by_the_first_process_alone(monkeypatch):
     others = SimpleNamespace(size=4)
-    monkeypatch.setattr(surroundings, "present", lambda: others)
+    monkeypatch.setattr(surroundings.Team, "leading", others)
     scene = process_cases.loaded(lambda t: (0.0, 1.0))
     assert surroundings.waiting_team(scene) is None
     monkeypatch.setattr(surroundings, "SMALLEST", 2)
@@ -391,7 +391,7 @@ team._ALONE = 1.0
 crews = []
 
 def now():
-    crews.append(team.present().make(fails, [({rank},)] * 2))
+    crews.append(team.Team.leading.make(fails, [({rank},)] * 2))
 
 try:
     fb.simulate(cases.loaded(cases.Stops(0.055, now)), dt=0.01, t_end=0.1)
