@@ -93,13 +93,13 @@ def lag(motion, pinion, wheel):
     return of_wheel + of_pinion * TEETH[0] / TEETH[1]
 
 
-def compute():
+def compute(dt=DT):
     """The numbers, and what is drawn."""
     numbers, runs = {}, {}
     for points in POINTS:
         log.info("%d points on a flank", points)
         pair, *bodies = scene(points)
-        motion = fb.simulate(pair, dt=DT, t_end=T_END)
+        motion = fb.simulate(pair, dt=dt, t_end=T_END)
         apart = lag(motion, *bodies)
         runs[points] = motion, apart, bodies
         driving = [(motion.t > a) & (motion.t < b) for a, b in ((0.2, BACK), (0.75, T_END))]
@@ -138,7 +138,7 @@ def draw(results, runs):
 
     motion, _, _ = runs[POINTS[-1]]
     plot.scene(scene(POINTS[-1])[0], results / "scene.png")
-    turning = range(1000, 1436, 9)  # two teeth
+    turning = range(*np.searchsorted(motion.t, (0.2, 0.2872)))  # two teeth
     thumbnail.animate(motion, turning, results / "thumbnail.gif", width=1.5)
     figure, axes = plot.figure(1, 1, height=3.2)
     (ax,) = axes.flat

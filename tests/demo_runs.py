@@ -24,6 +24,8 @@ SMALL = {
     "lattice_impact": {"cells": 30},
     "design_map": {"points": (4, 3), "executor": ThreadPoolExecutor(1)},
     "fast_arm": {"within": 0.1},
+    "gears": {"dt": 4e-4},
+    "heated_strip": {"t_end": 3.5},
     "parametric_resonance": {"pulses": (0.1, 0.4)},
 }
 _SAVE = Figure.savefig

@@ -207,16 +207,17 @@ def assert_derivatives(run, x, h=2e-3):
     assert run.vjp(weights) == pytest.approx(np.tensordot(weights, J, w.ndim), rel=1e-8, abs=1e-9)
 
 
-@pytest.mark.parametrize("damping", [False, True], ids=["undamped", "damped"])
 @pytest.mark.parametrize(
-    ("build", "state"),
+    ("build", "state", "damping"),
     [
-        (rotor, turning),
-        (beaded, turning),
-        (linkage, None),
-        (linkage, loaded),
-        (beaded, loaded),
-        (pressed, loaded),
+        (rotor, turning, False),
+        (beaded, turning, True),
+        (linkage, None, False),
+        (linkage, loaded, True),
+        (beaded, loaded, False),
+        (beaded, loaded, True),
+        (pressed, loaded, False),
+        (pressed, loaded, True),
     ],
 )
 def test_turns_loops_slides_and_contact_have_derivatives(build, state, damping):
@@ -257,7 +258,7 @@ def test_closed_contact_has_the_derivatives_of_its_closed_form_at_each_depth():
         scene.add_moment(body.centre, moment)
         return scene
 
-    for depth in np.geomspace(1e-3, 2e-3, 25):
+    for depth in np.geomspace(1e-3, 2e-3, 7):
         a = np.arcsin(np.sin(a0) - depth)
         c, s = np.cos(a), np.sin(a)
         moment, stiffness = kt * (a - a0) - k * depth * c, kt + k * (c**2 + depth * s)

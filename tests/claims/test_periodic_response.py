@@ -50,14 +50,22 @@ def check(run, x, tolerance, multipliers=True, part=1e-4):
     """Jacobian and derivatives of multipliers against differences of other searches."""
     x = np.array(x, float)
     _, y = run(x)
-    jacobian = run.jacobian()
-    of_multipliers = run.multipliers()[1] if multipliers else None
-    for name in y:
-        by_x = differences(lambda x, name=name: run(x)[1][name], x, part)
-        assert jacobian[name] == pytest.approx(by_x, abs=tolerance * abs(by_x).max() + 1e-8), name
+    slopes, sizes = run.jacobian(), dict.fromkeys(y, tolerance)
     if multipliers:
-        by_x = differences(lambda x: (run(x), run.multipliers()[0])[1], x)
-        assert of_multipliers == pytest.approx(by_x, abs=1e-6 * abs(by_x).max())
+        slopes["multipliers"], sizes["multipliers"] = run.multipliers()[1], 1e-6
+
+    def rows(x):
+        """All that a search gives, in one row."""
+        values = run(x)[1]
+        if multipliers:
+            values = values | {"multipliers": run.multipliers()[0]}
+        return np.concatenate([np.ravel(values[name]) for name in slopes])
+
+    lengths = [slope.size // len(x) for slope in slopes.values()]
+    parts = np.split(differences(rows, x, part), np.cumsum(lengths)[:-1])
+    for (name, slope), by_x in zip(slopes.items(), parts, strict=True):
+        most = sizes[name] * abs(by_x).max() + 1e-8
+        assert slope.reshape(by_x.shape) == pytest.approx(by_x, abs=most), name
 
 
 # -- Against closed forms and another integrator --------------------------------------------------

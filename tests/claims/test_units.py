@@ -456,18 +456,18 @@ def test_a_moment_without_a_potential_is_seen_by_modes_in_all_units(u):
 
 def stiffening(u, damped=False):
     """A beam whose bending stiffness rises with the curvature; or one that damps."""
-    rhoA, rhoI = 1.0 / u.mass * u.length, 1e-3 / u.mass / u.length
-    EA, GA, EI = 1e5 / u.force, 4e4 / u.force, 50.0 / u.force / u.length**2
+    mass = {"rhoA": 1.0 / u.mass * u.length, "rhoI": 1e-3 / u.mass / u.length}
+    values = 1e5 / u.force, 4e4 / u.force, 50.0 / u.force / u.length**2, 1 / u.length**2
+    # Numbers that one form serves in all units.
+    EA, GA, EI, more = map(fb.Parameter, ("EA", "GA", "EI", "more"), values)
+
+    def energy(eps, gamma, kappa):
+        return (EA * eps**2 + GA * gamma**2 + EI * (kappa**2 + more * kappa**4)) / 2
+
     scene = fb.Scene(gravity=u.gravity())
-    section = fb.Section(EA=EA, GA=GA, EI=EI, rhoA=rhoA, rhoI=rhoI, retardation=1e-3 / u.time)
-    if not damped:
-        section = fb.Section(
-            strain_energy=lambda eps, gamma, kappa: (
-                (EA * eps**2 + GA * gamma**2 + EI * (kappa**2 + kappa**4 / u.length**2)) / 2
-            ),
-            rhoA=rhoA,
-            rhoI=rhoI,
-        )
+    section = fb.Section(strain_energy=energy, **mass)
+    if damped:
+        section = fb.Section(*values[:3], **mass, retardation=1e-3 / u.time)
     beam = scene.add_beam(u.points((0, 0), (1, 0)), section, elements=2)
     scene.clamp(beam.start)
     return scene, beam

@@ -105,8 +105,7 @@ DAMAGE = {
 }
 
 
-@KINDS
-@pytest.mark.parametrize("damage", DAMAGE)
+@pytest.mark.parametrize(("of", "damage"), [*((loop, kind) for kind in DAMAGE), (form, "foreign")])
 def test_a_library_that_is_not_as_it_was_built_is_built_again(
     of, damage, cache, compiled, monkeypatch
 ):

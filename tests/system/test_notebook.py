@@ -92,7 +92,7 @@ def test_an_empty_scene_and_a_solution_without_motion_are_shown_too():
 
 @pytest.mark.slow
 @pytest.mark.plot
-@pytest.mark.parametrize("name", ["gripper", "shallow_arch", "slider_crank"])
+@pytest.mark.parametrize("name", ["shallow_arch", "slider_crank"])
 def test_the_notebook_of_a_demo_runs_and_has_its_motion_inline(name, monkeypatch):
     client = pytest.importorskip("nbclient")
     pytest.importorskip("jupytext")
