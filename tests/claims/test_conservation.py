@@ -9,9 +9,7 @@ import fx_beam as fb
 # -- Pinned beam -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("degree", "dt"), [(1, 0.04), (1, 0.01), (1, 0.001), (2, 0.04), (2, 0.002), (3, 0.01)]
-)
+@pytest.mark.parametrize(("degree", "dt"), [(1, 0.04), (1, 0.001), (2, 0.04), (3, 0.01)])
 def test_energy_and_angular_momentum_of_the_pinned_beam_are_kept(degree, dt):
     scene, _ = pinned_beam(elements=8 if degree == 1 else 4, degree=degree)
     solution = fb.simulate(scene, dt=dt, t_end=10.0 if degree == 1 else 4.0)
@@ -55,13 +53,3 @@ def test_a_load_that_ends_with_a_step_gives_its_whole_impulse(dt, last):
     scene.add_force(beam.start, lambda t: (8.0 * last(t), 0.0))
     solution = fb.simulate(scene, dt=dt, t_end=10 * 2.5 / 7)
     assert abs(solution.linear_momentum[-1] - (20.0, 0.0)).max() < 20 * 1e-10
-
-
-@pytest.mark.parametrize("scheme", [fb.Newmark(), fb.HHT()], ids=lambda s: s.name)
-def test_the_newmark_family_keeps_linear_momentum(scheme):
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0.5), (2, 0)], FLYING, elements=6)
-    scene.set_velocity(beam, lambda x, y: (1.0 - y, 2.0 + x**2), spin=0.3)
-    solution = fb.simulate(scene, scheme, dt=0.01, t_end=1.0)
-    drift = abs(solution.linear_momentum - solution.linear_momentum[0]).max()
-    assert drift < 1e-10 * abs(solution.linear_momentum[0]).max()

@@ -83,17 +83,6 @@ def bounces(gap):
 
 
 @HITS
-def test_a_ball_keeps_its_energy_over_100_bounces(kind):
-    scene, node, _ = ball(kind)
-    solution = fb.simulate(scene, dt=1e-3, t_end=20.4)
-    y = solution.position(node)[:, 1]
-    assert bounces(y) >= 100
-    assert abs(solution.energy.balance_error).max() < 1e-10 * 0.5
-    assert solution.stats.halvings == 0
-    assert y[-250:].max() == pytest.approx(0.05, rel=1e-3)
-
-
-@HITS
 def test_a_bounce_has_the_time_depth_and_momentum_of_the_closed_solution(kind):
     k, v = 1e4, 2.0
     scene, node, it = ball(kind, 0.02, k, v, 0.0)
@@ -152,16 +141,6 @@ def test_a_stiff_contact_costs_few_iterations_and_no_halved_step(dt):
     assert solution.stats.newton_iterations < 4 * solution.stats.steps
     assert abs(solution.energy.balance_error).max() < 1e-9 * 5.0
     assert solution.position(node)[:, 1].min() > -1e-5
-
-
-def test_two_equal_discs_change_their_velocities():
-    scene = fb.Scene()
-    discs = [scene.add_body((x, 0), mass=3.0, inertia=0.1).centre for x in (0.0, 1.0)]
-    scene.add_contact(discs[0], fb.Circle(discs[1], 0.2), stiffness=1e6, radius=0.1)
-    scene.set_velocity(discs[0], (2.0, 0.0))
-    solution = fb.simulate(scene, dt=1e-3, t_end=0.5)
-    assert solution.velocity(discs[1])[-1] == pytest.approx([2.0, 0.0], abs=1e-12)
-    assert solution.velocity(discs[0])[-1] == pytest.approx([0.0, 0.0], abs=1e-12)
 
 
 # -- Momenta --------------------------------------------------------------------------------------
@@ -264,7 +243,7 @@ def test_a_restitution_that_the_steps_change_is_named_with_the_steps_of_the_impa
 
 @HITS
 @pytest.mark.parametrize(("e", "least"), [(0.5, 10), (0.2, 15), (0.0, 30)])
-@pytest.mark.parametrize("part", [0.0, 0.3, 0.7])
+@pytest.mark.parametrize("part", [0.0, 0.7])
 def test_small_restitutions_need_more_steps_wherever_steps_end(kind, e, least, part, caplog):
     def messages(steps):
         dt = np.pi * 1e-3 / steps
@@ -327,12 +306,14 @@ def test_a_contact_law_of_a_user_serves_members_also_in_a_response(mu):
     _, y = run([1.0])
     assert y["energy"].max() > 1e-3
     J, weights = run.jacobian(), {name: np.ones_like(rows) for name, rows in y.items()}
-    for name, rows in J.items():
-        expected = difference(lambda step, of=name: run([1 + step])[1][of], 1e-4)
-        assert abs(expected).max() > 1e-6
-        assert rows[..., 0] == pytest.approx(expected, abs=1e-4 * abs(expected).max())
-    run([1.0])
     assert run.vjp(weights) == pytest.approx(sum(rows.sum() for rows in J.values()), rel=1e-9)
+    stacked = lambda rows: np.column_stack([rows["start"], rows["energy"]])  # noqa: E731
+    expected = difference(lambda step: stacked(run([1 + step])[1]), 1e-4)
+    size = abs(expected).max(axis=0)
+    assert (size > 1e-6).all()
+    assert (
+        abs(stacked({name: rows[..., 0] for name, rows in J.items()}) - expected) < 1e-4 * size
+    ).all()
 
 
 def test_a_pin_may_start_in_the_middle_of_its_hole_with_friction():
@@ -379,15 +360,6 @@ def test_a_contact_law_with_restitution_returns_its_square_of_the_energy():
 
 
 # -- Equilibria and small motions -----------------------------------------------------------------
-
-
-@pytest.mark.parametrize("k", [1e3, 1e9])
-def test_a_cantilever_on_an_obstacle_is_a_propped_one(k):
-    scene, stop = cantilever(k)
-    contact = fb.static(scene, load_steps=2).contact(stop)
-    prop = 3 / 8 * 2.0 / (1 + 3 * 1e3 / (k * 2**3))  # of a prop with this stiffness
-    assert contact.force[-1, 0] == pytest.approx([0.0, prop], rel=4e-4, abs=1e-12)
-    assert contact.force[-1, 0, 1] == pytest.approx(-k * contact.gap[-1, 0], rel=1e-6)
 
 
 @pytest.mark.parametrize("k", [1e5, 1e6, 1e8])
@@ -442,8 +414,8 @@ def test_a_beam_that_is_pressed_onto_something_rests_where_slow_motions_end(on, 
         assert path.position(at)[-1] == pytest.approx(motion.position(node)[-1], abs=5e-5)
 
 
-@pytest.mark.parametrize("load_steps", [1, 2, 3, 5, 10])
-@pytest.mark.parametrize("gap", [0.03, 0.08, 0.15])
+@pytest.mark.parametrize("load_steps", [1, 3, 10])
+@pytest.mark.parametrize("gap", [0.03, 0.15])
 def test_a_frame_that_softens_is_stopped_by_a_wall_in_few_load_steps(gap, load_steps):
     """The step in which the contact closes is shorter than its predictor: no snap-through.
 
@@ -529,13 +501,6 @@ def test_a_closed_contact_with_a_loss_damps_small_motions():
     scene, node, _ = ball(height=0.0, k=k, e=e, speed=w)
     modes = fb.modes(scene, state=fb.static(scene, load_steps=1), n=1)
     assert modes.damping_ratios[0] == pytest.approx(r * 10.0 / w / (2 * math.sqrt(k)), rel=1e-4)
-
-
-def test_a_ball_comes_to_rest_on_the_floor():
-    scene, node, floor = ball()
-    path = fb.static(scene, load_steps=2)
-    assert path.position(node)[-1, 1] == pytest.approx(-10.0 / 1e6, rel=1e-9)
-    assert path.contact(floor).force[-1, 0, 1] == pytest.approx(10.0, rel=1e-9)
 
 
 def test_a_moment_turns_a_hinge_a_little_beyond_its_stop():
@@ -648,7 +613,6 @@ REFUSED = [
     (lambda s, b: s.add_contact(b, FLOOR, energy=lambda d: 1.0), "energy"),
     (lambda s, b: s.add_contact(b, FLOOR, energy=lambda d: -(d**2)), r"rise with the depth d"),
     (lambda s, b: s.add_contact(b, FLOOR, energy=ufl.ln), r"energy\(d\) at d = 0 .* be finite"),
-    (lambda s, b: fb.Line((0, 0), (0, 0)), "no direction"),
     (lambda s, b: fb.Line((0, math.inf), (0, 1)), "not finite"),
     (lambda s, b: fb.Circle((0, 0), -1.0), "radius = -1.0"),
     (lambda s, b: fb.Circle((0, 0), 1.0, inside=2), "True or False"),
@@ -656,7 +620,6 @@ REFUSED = [
     (lambda s, b: fb.Line(s.bodies[0], (0, 1)), "Line: point = .*Body.* a node that carries"),
     (lambda s, b: rail((0, 1)), "lower, upper, stiffness"),
     (lambda s, b: rail((1, 0, 5)), "must be below"),
-    (lambda s, b: rail((None, None, 5)), "lower limit, an upper limit or both"),
     (lambda s, b: rail((0, math.inf, 5)), "upper = inf must be finite"),
     (lambda s, b: rail((0, 1, None)), "stiffness = None"),
     (lambda s, b: fb.Stop(0, 1, 5, restitution=0.5), "needs a speed"),
@@ -750,9 +713,11 @@ def hinged_arch(load, stopped, how):
 HOW = ["line", "friction", "member"]
 
 
-@pytest.mark.parametrize("load", [5.0, 7.0, 9.0])
-@pytest.mark.parametrize("how", HOW)
-def test_load_steps_jump_over_no_snap_through_where_a_stop_is_far_away(load, how):
+@pytest.mark.parametrize(
+    ("how", "load"),
+    [("line", 5.0), ("line", 7.0), ("line", 9.0), ("friction", 7.0), ("member", 7.0)],
+)
+def test_load_steps_jump_over_no_snap_through_where_a_stop_is_far_away(how, load):
     """A single step to 7 N led to an equilibrium with two unstable modes."""
     paths = []
     for stopped in (False, True):

@@ -216,21 +216,6 @@ def test_a_part_of_many_modes_is_the_same_as_all():
     assert len(many) == len(fb.modes(scene, n=1000, damping=False))
 
 
-# -- Rayleigh damping --------------------------------------------------------------------------
-
-
-def test_rayleigh_damping_of_a_scene_has_these_ratios():
-    plain = fb.modes(supported(0.0), n=2)
-    alpha, tau = fb.rayleigh(plain.frequencies, (0.02, 0.05))
-    scene = supported(tau, rhoI=0.0)  # with the mass of displacements alone
-    f = fb.modes(scene, n=2, damping=False).frequencies
-    alpha, tau = fb.rayleigh(f, (0.02, 0.05))
-    scene = supported(tau, rhoI=0.0)
-    scene.add_virtual_work(lambda step: -alpha * ufl.dot(step.v, step.virtual_u))
-    # The reduced rule of the drag is not that of the mass.
-    assert fb.modes(scene, n=2).damping_ratios == pytest.approx([0.02, 0.05], rel=1e-3)
-
-
 # -- Shapes, refusals --------------------------------------------------------------------------
 
 

@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from derivatives import EXACT, assert_derivatives
+from derivatives import EXACT
 from jointed import MEMBER
-from scenes import PLASTIC
 
 import fx_beam as fb
 
@@ -445,30 +444,7 @@ def damped(x):
     return scene
 
 
-def driven(x, follower=False):
-    """The same, and a body with a motor on one that is moved."""
-    scene = damped(x)
-    base = scene.add_body((0, 3), mass=1.0, inertia=0.1)
-    scene.prescribe(base.centre, x=lambda t: x[0] * t * t)
-    scene.fix(base.centre, "y")
-    scene.fix(base.centre, "rotation")
-    arm = scene.add_body((0.3, 2.6), mass=x[1], inertia=0.05, points={"pin": (0, 3)})
-    scene.add_joint(fb.Revolute(base.centre, arm["pin"], motor=lambda t: 6 * x[2] * t * t))
-    if follower:
-        scene.add_force(arm.centre, (0.0, 0.0), follower=True)
-    return scene
-
-
 X = np.array([1.1, 0.9, 1.05])
-
-
-def test_losses_summed_over_the_steps_are_those_that_the_balance_of_energy_leaves():
-    """With a follower force of zero other work is possible, and each step's losses are derived."""
-    builds = driven, lambda x: driven(x, follower=True)
-    balance, sums = (fb.Response(with_work(of), dt=0.01, t_end=0.1) for of in builds)
-    balance(X), sums(X)
-    expected, found = (run.jacobian("lost")["lost"] for run in (balance, sums))
-    assert abs(found - expected).max() < 1e-11 * abs(expected).max()
 
 
 def test_work_goes_on_from_a_solution_that_does_not_depend_on_x():
@@ -487,41 +463,6 @@ def test_work_goes_on_from_a_solution_that_does_not_depend_on_x():
         low, high = (rest([X[0] + side * h, X[1]])[1][key] for side in (-1, 1))
         assert J[:, 0] == pytest.approx((high - low) / (2 * h), abs=1e-6 * abs(J).max())
         rest(X[:2])
-
-
-def lossy(x):
-    """All kinds of losses at once, while a follower force and a parameter do work."""
-    scene = fb.Scene(gravity=(0.0, -9.81))
-    section = fb.Section(EA=1e4, GA=5e3, EI=20 * x[0], rhoA=x[1], rhoI=1e-2, retardation=1e-3)
-    beam = scene.add_beam([(0, 0), (x[2], 0.1)], section, elements=2)
-    law = fb.Damper(law=lambda rate: 0.1 * rate + 0.02 * rate**3)
-    friction = fb.SmoothFriction(0.2 * x[0], speed=0.1)
-    scene.add_joint(fb.Revolute(fb.GROUND, beam.start, damper=law, friction=friction))
-    scene.add_drag(beam, linear=0.1 * x[2], quadratic=0.05 * x[0], rotation=0.02)
-    contact = {"stiffness": 500 * x[1], "restitution": 0.5, "speed": 0.3}
-    contact["friction"] = fb.Coulomb(0.3 * x[0], stiffness=100.0)
-    scene.add_contact(beam.end, fb.Line((0, -0.02 * x[2]), normal=(-0.1, 1)), **contact)
-    scene.add_force(beam.end, (0, 2 * x[1]), follower=True)
-    pull = fb.Parameter("pull", lambda t: 10 * x[2] * (1 + t))
-    spring = fb.Spring(strain_energy=lambda r: pull * (r - 0.5) ** 2)
-    scene.add_force_between(beam.end, (0.5, 1.0), spring=spring)
-    scene.set_velocity(beam.end, (0, -6 * x[0]))
-    return scene
-
-
-def yielding(x):
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (x[2], 0)], PLASTIC, elements=3)
-    scene.clamp(beam.start)
-    scene.add_force(beam.end, lambda t: (0, 30 * x[0] * np.sin(6 * x[1] * t)))
-    return scene
-
-
-@pytest.mark.parametrize("build", [lossy, yielding])
-def test_all_kinds_of_work_and_losses_at_once_have_derivatives(build):
-    run = fb.Response(with_work(build), dt=0.01, t_end=0.1, newton=EXACT)
-    assert run(X)[1]["lost"][-1] > 1e-3
-    assert_derivatives(run, X)
 
 
 def rubbing(x):

@@ -6,7 +6,6 @@ import pytest
 from scenes import FLYING, free_flight, pinned_beam, relative_drift
 
 import fx_beam as fb
-from fx_beam.laws.resultants import averaged, with_exact_work
 
 
 def stiffening(eps, gamma, kappa):
@@ -45,16 +44,3 @@ def test_the_work_of_large_steps_on_coarse_meshes_is_the_energy_gained(name):
     if "pinned" not in name:
         late = solution.t > 2.5 + 1e-6 if "free" in name else slice(None)
         assert relative_drift(solution.angular_momentum[late]) < 1e-11
-
-
-def test_resultants_of_ones_own_are_made_exact_for_degree_2():
-    def own(step, law):
-        return with_exact_work(step, averaged(step, law))
-
-    scene, beam = free_flight(3, degree=2)
-    scheme = fb.Scheme("own", own, fb.MidPointRates())
-    solution = fb.simulate(scene, scheme, dt=0.05, t_end=5.0)
-    after = solution.t > 2.5 + 1e-6
-    assert relative_drift(solution.energy.total[after]) < 1e-11
-    expected = fb.simulate(scene, dt=0.05, t_end=5.0)
-    assert (solution.position(beam.end) == expected.position(beam.end)).all()

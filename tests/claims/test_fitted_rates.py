@@ -9,8 +9,6 @@ from jointed import chain, four_bar as linkage
 from scipy.integrate import solve_ivp
 
 import fx_beam as fb
-from fx_beam.step.fitted_rates import rate_fit
-from fx_beam.step.model import Model
 
 G = 9.81
 # A rigid pendulum: mass, moment of inertia, distance of the centre from the pin, first spin.
@@ -416,25 +414,3 @@ def test_rows_farther_apart_have_the_same_forces_beside_a_slide_that_moves():
     force = whole.joint(joint).force[::3]
     assert rows.joint(same).force == pytest.approx(force, rel=0, abs=1e-10 * abs(force).max())
     assert rows.a == pytest.approx(whole.a[::3], rel=0, abs=1e-10 * abs(whole.a).max())
-
-
-def test_rates_are_the_same_whether_rows_are_fitted_together_or_alone():
-    """Rows in which no arm has turned share the factors of the row before."""
-    scene = fb.Scene()
-    roots = {"left": (-0.3, 0.1), "right": (0.3, 0.1)}
-    body = scene.add_body((0, 0), mass=2.0, inertia=0.1, points=roots)
-    scene.prescribe(body.centre, x=lambda t: t)
-    section = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0, rhoI=1e-2)
-    for name, (x, y) in roots.items():
-        arm = scene.add_beam([(x, y), (5 * x, y)], section, elements=8, degree=2)
-        scene.add_joint(fb.Rigid(body[name], arm.start))
-    model, random = Model(scene, fb.EnergyMomentum()), np.random.default_rng(0)
-    fits = rate_fit(model)
-    q, v = random.normal(size=(2, 6, model.size))
-    q[:, 3 * body.centre.number + 2] = [0.0, 0.0, 0.4, 0.4, 0.0, 0.0]
-    given = q, v, np.zeros((6, scene.joint_count)), random.normal(size=(6, 1))
-    together = fits.fit(*given)
-    for row in range(6):
-        alone = fits.fit(*(values[row : row + 1] for values in given))
-        for name, values in alone._asdict().items():
-            assert getattr(together, name)[row] == pytest.approx(values[0], rel=1e-12, abs=1e-12)

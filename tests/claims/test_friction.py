@@ -62,38 +62,6 @@ def test_a_block_slides_to_rest_as_the_law_says(scheme):
     assert np.diff(solution.energy.dissipated).min() >= 0
 
 
-def test_an_oscillator_with_friction_loses_four_times_the_force_over_the_stiffness_in_a_period():
-    k, F = 200.0, 4.0  # 10 rad/s
-    scene, _, joint = block(0.0, spring=fb.Spring(k, rest=1.0), friction=fb.SmoothFriction(F, 1e-3))
-    period = 2 * np.pi / 10
-    solution = fb.simulate(scene, dt=period / 400, t_end=4 * period)
-    amplitudes = abs(solution.joint(joint).slide - 1.0)[::400]
-    assert amplitudes == pytest.approx(1.0 - 4 * F / k * np.arange(5), abs=2e-4)
-
-
-def test_a_wheel_stops_by_the_friction_of_its_hinge():
-    J, M, spin = 0.8, 0.5, 4.0  # after J spin^2 / (2 M)
-    scene = fb.Scene()
-    wheel = scene.add_body((0, 0), mass=1.0, inertia=J)
-    friction = fb.SmoothFriction(M, 0.01)
-    joint = scene.add_joint(fb.Revolute(fb.GROUND, wheel.centre, friction=friction))
-    scene.set_velocity(wheel, spin=spin)
-    angle = fb.simulate(scene, dt=0.01, t_end=8.0).joint(joint).angle[-1]
-    assert angle == pytest.approx(J * spin**2 / (2 * M), rel=2e-3)
-    assert angle > 2 * np.pi
-
-
-def test_a_block_creeps_under_less_than_the_friction_and_slides_under_more():
-    F, w = 3.0, 0.01
-    creep = w * np.arctanh(0.5)
-    scene, _, joint = block(0.0, gravity=(0, 0.5 * F / (2 * 0.8)), friction=fb.SmoothFriction(F, w))
-    solution = fb.simulate(scene, fb.GeneralizedAlpha(0.0), dt=0.02, t_end=4.0)
-    assert solution.joint(joint).rate[-1] == pytest.approx(creep, rel=1e-6)
-    scene, _, joint = block(0.0, gravity=(0, 1.5 * F / (2 * 0.8)), friction=fb.SmoothFriction(F, w))
-    slide = fb.simulate(scene, dt=0.02, t_end=2.0).joint(joint).slide[-1]
-    assert slide == pytest.approx(0.5 * F / 2 * 2.0**2 / 2, rel=1e-2)
-
-
 def test_stribecks_friction_stops_a_block_where_its_integral_says():
     law = fb.SmoothFriction(lambda rate: 1 + ufl.exp(-abs(rate) / 0.5), 0.005)
     scene, _, rail = block(2.0, mass=1.0, friction=law)

@@ -219,26 +219,6 @@ def test_what_damage_dissipates_in_load_steps_is_of_second_order(part):
 # -- Balances --------------------------------------------------------------------------------------
 
 
-def spinning_bar(material, degree):
-    """A free bar that spins and bends."""
-    scene = fb.Scene()
-    bar = scene.add_beam([(-1, 0), (1, 0.3)], material, elements=4, degree=degree)
-    scene.set_velocity(bar, lambda x, y: (0.3 - 2 * y, 2 * x + 3 * x * x), spin=2.0)
-    return scene, bar
-
-
-@pytest.mark.parametrize(("material", "degree"), [(PLASTIC, 2), (ISOTROPIC, 1)])
-def test_free_flight_loses_what_the_material_takes(material, degree):
-    scene, _ = spinning_bar(material, degree)
-    solution = fb.simulate(scene, dt=0.02, t_end=0.6)
-    energy = solution.energy
-    assert energy.dissipated[-1] > 0.01 * energy.kinetic[0]
-    assert np.diff(energy.dissipated).min() >= -1e-14
-    assert abs(energy.balance_error).max() < 1e-11 * energy.kinetic[0]
-    for momentum in (solution.linear_momentum, solution.angular_momentum):
-        assert abs(momentum - momentum[0]).max() < 1e-11
-
-
 def test_strains_whose_squares_have_no_reciprocal_do_not_fail(monkeypatch):
     # A load at one end has hardly begun: towards the other end strains fall below 1e-155.
     monkeypatch.setenv("CC", "cc")  # optimised code takes reciprocals
@@ -256,20 +236,6 @@ def test_strains_whose_squares_have_no_reciprocal_do_not_fail(monkeypatch):
         solution = fb.simulate(scene, dt=dt, t_end=2 * dt)
         assert solution.stats.halvings == 0
         assert solution.displacement(beam.end)[-1, 1] < 0
-
-
-def test_the_flow_does_not_depend_on_the_frame():
-    angle, found = 0.7, []
-    c, s = math.cos(angle), math.sin(angle)
-    for turn in (np.eye(2), np.array([[c, -s], [s, c]])):
-        scene = fb.Scene()
-        beam = scene.add_beam([turn @ (0, 0), turn @ (1, 0)], PLASTIC, elements=4)
-        scene.clamp(beam.start)
-        scene.add_force(beam.end, turn @ (0.2, 2.0))
-        solution = fb.simulate(scene, dt=0.02, t_end=0.6)
-        found.append(solution.internal(beam, NAME))
-    assert abs(found[0]).max() > 0.1
-    assert abs(found[1] - found[0]).max() < 1e-9
 
 
 def test_a_scene_may_have_several_materials():
@@ -290,8 +256,7 @@ def test_a_scene_may_have_several_materials():
         solution.internal(arms[1], "dashpot")
 
 
-@pytest.mark.parametrize("load", [5.0, 15.0, 20.0])
-@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize(("degree", "load"), [(1, 5.0), (1, 15.0), (1, 20.0), (2, 15.0)])
 def test_at_rest_on_the_yield_surface_a_motion_has_the_derivatives_of_its_equilibrium(degree, load):
     """Whether a point flows is decided by round-off there, and in each kind of form otherwise."""
 

@@ -112,21 +112,6 @@ def test_a_joint_on_the_ground_is_the_support_of_the_same_freedom(support, joint
     assert error < 1e-8 * abs(reaction).max()
 
 
-def test_a_rigid_joint_at_a_shared_point_is_the_continuous_beam():
-    motions = []
-    for joined in (False, True):
-        scene = fb.Scene(gravity=(0, -9.81))
-        first = scene.add_beam([(0, 0), (1, 0)], MEMBER, elements=2)
-        point = (1, 0) if joined else first.end
-        second = scene.add_beam([point, (2, 1)], MEMBER, elements=2)
-        if joined:
-            scene.add_joint(fb.Rigid(first.end, second.start))
-        scene.pin(first.start)
-        solution = fb.simulate(scene, dt=0.01, t_end=0.5)
-        motions.append(np.hstack([solution.shape(first), solution.shape(second)]))
-    assert abs(motions[1] - motions[0]).max() < 1e-10
-
-
 def test_a_rigid_joint_with_offset_and_a_body_are_a_stiff_short_beam():
     motions = []
     for how in ("joint", "beam", "body"):

@@ -263,39 +263,6 @@ def roots_of_modes(scene, state, tolerance):
 DATA = {"EA": 1e4, "GA": 1e4, "EI": 100.0, "rhoA": 1.0}
 
 
-def carried(joint, inertia):
-    """A mast that damps, and is bent by itself, on a rail of short elements; and a static state."""
-    scene, on_node = fb.Scene(gravity=(0, -9.81)), joint == "slot"
-    at = (1.0, 0.0) if on_node else (0.61, 0.0)
-    rail = scene.add_beam([(0, 0), (1, 0)], fb.Section(rhoI=inertia, **DATA), elements=20)
-    mast = scene.add_beam(
-        [at, (at[0], 1)], fb.Section(rhoI=0.01, retardation=0.01, **DATA), elements=3
-    )
-    scene.clamp(rail.start)
-    scene.add_natural_strain(mast, curvature=lambda f, t: 0.3 * f * t)
-    on = {"spring": fb.Spring(100.0, rest=0.6 * (not on_node)), "damper": fb.Damper(1.0)}
-    if joint == "slider":
-        scene.add_joint(fb.Slider(rail, mast.start, **on))
-        for side in (-1, 1):
-            scene.add_force_between(mast.end, (0.61 + side, 2.0), spring=fb.Spring(50.0))
-    elif joint == "sleeve":
-        scene.add_joint(fb.Sleeve(rail, mast.start, **on))
-    else:
-        hinge = fb.Coordinate(spring=fb.Spring(20.0))
-        scene.add_joint(fb.PinInSlot(rail.end, mast.start, axis=(1, 0.3), hinge=hinge, **on))
-    scene.add_force(mast.end, (2.0, -1.0))
-    return scene, fb.static(scene, load_steps=4, t=1.0)
-
-
-@pytest.mark.parametrize("joint", ["slider", "sleeve", "slot"])
-@pytest.mark.parametrize("inertia", [0.01, 0.0])
-def test_a_system_at_rest_has_the_vibrations_of_modes(joint, inertia):
-    """Without inertia a sleeve couples turns that have no mass by a lever that is round-off."""
-    scene, state = carried(joint, inertia)
-    roots = roots_of_modes(scene, state, 1e-7)
-    assert len(roots) < 2 * len(scene.nodes) * 3 and abs(roots).max() < 1e6
-
-
 @pytest.mark.parametrize("degree", [1, 2, 3])
 @pytest.mark.parametrize("inertia", [0.01, 0.0])
 @pytest.mark.parametrize("joint", [fb.Slider, fb.Sleeve])
@@ -397,7 +364,7 @@ def test_a_cantilever_that_creeps_slowly_ends_at_its_elastic_deflection(retardat
     assert found == pytest.approx(by_frequency, rel=1e-8)
 
 
-@pytest.mark.parametrize("elements", [4, 40, 80])
+@pytest.mark.parametrize("elements", [4, 40])
 def test_a_rod_in_a_sleeve_on_the_ground_has_the_frequencies_of_its_modes(elements):
     """Forces turn it about the sleeve: part of its stiffness is that of its coupling."""
     scene = fb.Scene(gravity=(0, -9.81))
@@ -475,15 +442,15 @@ def test_at_a_critical_point_forces_that_follow_have_their_load_factor():
 def test_a_long_chain_of_elements_has_the_frequencies_of_its_modes():
     # Its mass and stiffness have few entries; without inputs, outputs and motors.
     scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], section(retardation=0.0), elements=600)
+    beam = scene.add_beam([(0, 0), (1, 0)], section(retardation=0.0), elements=300)
     scene.clamp(beam.start)
     A = fb.linearise(scene, inputs=[], outputs={}).A
-    stiffness = A[1800:, :1800]
-    assert not A[1800:, 1800:].any()
-    assert np.array_equal(A[:1800, 1800:], np.eye(1800))
+    stiffness = A[900:, :900]
+    assert not A[900:, 900:].any()
+    assert np.array_equal(A[:900, 900:], np.eye(900))
     inverse = scipy.linalg.lu_factor(-stiffness)
-    x = np.ones((1800, 6))
-    x[::2, 1], x[::3, 2], x[:900, 3], x[900:, 4], x[1::4, 5] = 0, -1, 0, 2, 3
+    x = np.ones((900, 6))
+    x[::2, 1], x[::3, 2], x[:450, 3], x[450:, 4], x[1::4, 5] = 0, -1, 0, 2, 3
     for _ in range(60):  # inverse iteration
         x, _ = np.linalg.qr(scipy.linalg.lu_solve(inverse, x))
     omega = np.sqrt(np.sort(np.linalg.eigvals(x.T @ -stiffness @ x).real))

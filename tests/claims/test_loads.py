@@ -101,17 +101,6 @@ def test_a_line_load_on_a_skew_polyline_is_per_reference_length(degree):
     assert solution.linear_momentum[1] == pytest.approx([0, 2.0 * 6 * 0.01], abs=1e-14)
 
 
-def test_gravity_acts_on_lumped_masses():
-    scene, beam = free_beam(MASSLESS, gravity=(0.0, -10.0))
-    scene.add_mass(beam.start, 2.0)
-    scene.add_mass(beam.end, 3.0)
-    solution = fb.simulate(scene, dt=0.1, t_end=1.0)
-    assert solution.linear_momentum[:, 1] == pytest.approx(-50.0 * solution.t, abs=1e-11)
-    assert solution.energy.potential == pytest.approx(-50.0 * 5.0 * solution.t**2, abs=1e-10)
-    assert solution.energy.kinetic == pytest.approx(-solution.energy.potential, abs=1e-10)
-    assert solution.energy.work == pytest.approx(np.zeros(11), abs=0)
-
-
 # -- Prescribed motion -----------------------------------------------------------------------
 
 
@@ -153,16 +142,6 @@ def test_a_uniform_prescribed_motion_has_its_velocity_from_the_start(scheme):
     assert solution.spin(beam.start)[1::2] == pytest.approx(np.full(5, spin), abs=1e-4)
 
 
-def test_the_torque_of_a_crank_on_a_stiff_beam_turns_its_inertia():
-    stiff = fb.Section(EA=1e9, GA=1e9, EI=1e9, rhoA=1.0, rhoI=0.0)
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], stiff)
-    scene.pin(beam.start)
-    scene.prescribe(beam.start, rotation=lambda t: t**2)
-    solution = fb.simulate(scene, fb.GeneralizedAlpha(0.0), dt=0.01, t_end=0.5)
-    assert solution.reaction(beam.start)[-1, 2] == pytest.approx(2.0 / 3, rel=1e-3)
-
-
 def test_a_minute_prescribed_motion_has_the_reaction_of_its_stiffness():
     """A stretch by less than Newton's tolerance still costs EA times the strain."""
     stiff = fb.Section(EA=1e10, GA=1e10, EI=1e3)
@@ -177,20 +156,6 @@ def test_a_minute_prescribed_motion_has_the_reaction_of_its_stiffness():
 
 
 # -- Reactions -------------------------------------------------------------------------------
-
-
-def test_the_reaction_of_a_mass_that_hangs_at_rest_is_its_weight():
-    # Massless beam and the scheme that damps most: the axial swing about rest dies out.
-    scene = fb.Scene(gravity=(0.0, -9.81))
-    beam = scene.add_beam([(0, 0), (0, -0.5)], MASSLESS, elements=2)
-    scene.pin(beam.start)
-    scene.add_mass(beam.end, 2.0)
-    solution = fb.simulate(scene, fb.GeneralizedAlpha(0.0), dt=0.5, t_end=30.0)
-    assert solution.reaction(beam.start)[-1] == pytest.approx([0, 2.0 * 9.81, 0], abs=1e-9)
-    assert solution.position(beam.end)[-1] == pytest.approx(
-        [0, -0.5 * (1 + 2.0 * 9.81 / STIFFNESS["EA"])], abs=1e-12
-    )
-    assert solution.reaction(beam.end) == pytest.approx(np.zeros((61, 3)), abs=0)
 
 
 def ramp(t):
@@ -248,28 +213,6 @@ def test_a_short_cantilever_deflects_by_bending_and_shear():
     # The section turns by bending only.
     turn = load * length**2 / (2 * section.EI)
     assert solution.rotation(beam.end)[1] == pytest.approx(turn, rel=STATIC)
-
-
-def test_a_cantilever_under_a_line_load_deflects_as_the_linear_theory_says():
-    scene, beam = cantilever(0.5, 4, degree=2)
-    scene.add_line_load(beam, lambda t: (0.0, 1e-3 * t))
-    solution = static(scene, 1)
-    exact = 1e-3 * 0.5**4 / (8 * 100.0) + 1e-3 * 0.5**2 / (2 * 1e4)
-    assert solution.displacement(beam.end)[1, 1] == pytest.approx(exact, rel=1e-6)
-
-
-def test_a_mass_on_a_massless_bar_swings_with_its_frequency():
-    scene, beam = cantilever(2.0, 3)
-    scene.add_mass(beam.end, 4.0)
-    scene.set_velocity(beam.end, (1.0, 0.0))
-    frequency = math.sqrt(STIFFNESS["EA"] / 2.0 / 4.0)
-    dt = 0.02 / frequency
-    solution = fb.simulate(scene, dt=dt, t_end=200 * dt)
-    # The mid-point rule turns the phase by 2 atan(w dt / 2) in a step.
-    phase = 2 * math.atan(0.01) * np.arange(201)
-    assert solution.displacement(beam.end)[:, 0] * frequency == pytest.approx(
-        np.sin(phase), abs=1e-9
-    )
 
 
 def test_spin_without_rotary_inertia_is_the_mean_over_the_step_and_does_not_swing(dt=0.05):
@@ -403,7 +346,7 @@ PARTS = [(0.31, 0.33), (0.2, 1.3), (0.49, 0.52), (0.0, 0.04), (1.96, 2.0), (0.5,
 
 
 @pytest.mark.parametrize("by_time", [False, True])
-@pytest.mark.parametrize("degree", [1, 2, 3])
+@pytest.mark.parametrize("degree", [1, 3])
 @pytest.mark.parametrize("part", PARTS)
 def test_a_constant_load_on_a_part_of_a_beam_has_its_sum_and_its_centre(part, degree, by_time):
     a, b = part
@@ -462,7 +405,7 @@ def test_a_jump_that_travels_over_a_free_beam_gives_the_momentum_of_its_sum(degr
 
 
 @pytest.mark.parametrize("by_time", [False, True])
-@pytest.mark.parametrize("degree", [1, 2, 3])
+@pytest.mark.parametrize("degree", [1, 3])
 @pytest.mark.parametrize("part", PARTS)
 def test_natural_strains_on_a_part_of_a_beam_have_their_integrals(part, degree, by_time):
     """Nothing holds the end, so that the strains are the natural ones."""
@@ -502,7 +445,7 @@ def test_a_function_that_reduces_arrays_is_seen_also_if_it_is_zero_at_the_start(
             scene.add_line_load(beam, lambda s, t: (0.0, moving(s, t)), **load)
         else:
             scene.add_natural_strain(beam, curvature=lambda f, t: moving(f, t))
-        return fb.simulate(scene, dt=0.02, t_end=1.0).displacement(beam.end)[-1]
+        return fb.simulate(scene, dt=0.02, t_end=0.5).displacement(beam.end)[-1]
 
     assert end(lambda s: s) == pytest.approx(end(float), abs=1e-12)
 

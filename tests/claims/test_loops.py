@@ -78,19 +78,6 @@ def test_a_driven_linkage_is_where_circles_intersect():
     assert largest(solution.energy.balance_error) < 1e-12 * solution.energy.work.max()
 
 
-def test_a_linkage_falls_with_order_two_and_its_energy():
-    found = []
-    for dt in (0.02, 0.01, 0.005):
-        scene, bars, _ = four_bar()
-        solution = run(scene, dt=dt, t_end=1.0)
-        assert largest(solution.energy.balance_error) < 1e-11 * solution.energy.kinetic.max()
-        assert max(solution.joint(joint).gap.max() for joint in scene.joints) < 1e-14
-        assert solution.stats.unknowns == 1
-        found.append(solution.position(bars[1].centre)[-1])
-    ratio = largest(found[1] - found[0]) / largest(found[2] - found[1])
-    assert ratio == pytest.approx(4, rel=0.05)
-
-
 def test_a_loop_in_flight_with_two_beams_keeps_energy_and_both_momenta():
     scene = fb.Scene()
     bars = chain(scene, [*CORNERS, CORNERS[0]], closed=True)
@@ -130,12 +117,6 @@ def test_closed_loops_are_in_balance_with_exact_energy(made, scheme):
         mass = sum(mass for _, mass, _ in scene.masses)
         change = np.diff(solution.linear_momentum, axis=0) / 0.01 - mass * np.array(GRAVITY)
         assert force == pytest.approx(change, abs=1e-8 * largest(change))
-
-
-def test_the_middle_of_a_ladder_runs_on_a_circle():
-    scene, bar, _ = trammel()
-    solution = run(scene)
-    assert np.hypot(*solution.position(bar.centre).T) == pytest.approx(np.sqrt(0.41), abs=1e-14)
 
 
 def test_adaptive_steps_close_loops():
@@ -235,7 +216,7 @@ def pinned_at_random(seed, factor=1.0):
 
 
 # Pivots of the last ones were zero, by chance or by what was eliminated before them.
-@pytest.mark.parametrize("seed", [*range(40), 80, 372, 849])
+@pytest.mark.parametrize("seed", [*range(20), 80, 372, 849])
 def test_linkages_of_several_loops_move_unless_a_pin_is_redundant(seed):
     scene, _, G = pinned_at_random(seed)
     pins, _, count, _ = G.shape

@@ -193,17 +193,6 @@ def test_shapes_have_the_modal_mass_one_and_are_orthogonal(make):
             assert energy(one + other) == pytest.approx(1.0, abs=1e-9)
 
 
-def test_a_beam_vibrates_with_its_frequency():
-    scene = simply_supported(2, 4, square(0.05))
-    found = fb.modes(scene, n=2)
-    period = 1 / found.frequencies[1]
-    set_shape(scene, found, found.shapes[1], 1e-6)
-    solution = fb.simulate(scene, dt=period / 200, t_end=period)
-    quarter = solution.displacement(scene.beams[0].node(0.25))[:, 1]
-    exact = np.sin(2 * np.pi * solution.t / period)
-    assert quarter == pytest.approx(quarter[50] * exact, abs=2e-3 * abs(quarter).max())
-
-
 def test_a_shape_moves_the_axis_of_its_beam():
     scene = simply_supported(2, 4, square(0.1))
     moved = fb.modes(scene, n=1).shape(scene.beams[0], 0, size=0.1)
@@ -302,20 +291,6 @@ def test_a_ring_in_one_piece_with_a_rigid_joint_is_the_ring_of_two_arcs():
     one, two = (fb.modes(scene, n=9) for scene in (closed, ring()))
     assert one.rigid.sum() == two.rigid.sum() == 3
     assert one.angular_frequencies == pytest.approx(two.angular_frequencies, rel=1e-8)
-
-
-def test_a_prescribed_node_is_held():
-    section = square(0.1)
-    moved, held = fb.Scene(), fb.Scene()
-    for scene in (moved, held):
-        beam = scene.add_beam([(0, 0), (1, 0)], section, elements=4, degree=2)
-        if scene is held:
-            scene.clamp(beam.start)
-        else:
-            scene.fix(beam.start, "x", "rotation")
-            scene.prescribe(beam.start, y=lambda t: math.sin(t))
-    found = [fb.modes(scene, n=4).angular_frequencies for scene in (moved, held)]
-    assert found[0] == pytest.approx(found[1], rel=1e-9)
 
 
 @pytest.mark.parametrize("kind", [kind for kind in BENDING if "offset" in kind])

@@ -85,14 +85,6 @@ def test_a_beam_clamped_at_both_ends_does_not_move_and_has_the_moment_of_its_cur
     assert held.energy.strain[-1] == pytest.approx(SOFT.EI * k0**2 / 2, rel=1e-12)
 
 
-def test_the_prop_of_a_propped_cantilever_carries_three_halves_of_its_curvature():
-    k0 = 1e-3
-    scene, beam = bar(fb.Section(EA=1e6, GA=1e9, EI=1.0), degree=3, curvature=k0)
-    scene.fix(beam.end, "y")
-    prop = fb.static(scene, load_steps=1).reaction(beam.end)[-1, 1]
-    assert prop == pytest.approx(-3 * k0 / 2, rel=1e-5)
-
-
 def test_a_heated_bar_between_walls_is_pressed_and_a_free_one_grows():
     scene, beam = bar(axial=fb.thermal(12e-6, lambda f, t: 80.0 * t * f))
     warm = fb.static(scene, load_steps=1, t=0.5)
@@ -126,19 +118,6 @@ def test_several_natural_strains_add_up_and_one_that_is_changed_goes_on_from_whe
     np.testing.assert_allclose(less.resultants(beam).M[-1], -0.5 * SOFT.EI, rtol=1e-9)
     scene.remove(scene.natural_strains[1])
     assert len(scene.natural_strains) == 1
-
-
-def test_a_prestress_by_a_natural_strain_stays_while_a_load_rises():
-    tension = 100.0
-    string = fb.Section(EA=1e6, GA=1e6, EI=1e-3)
-    scene, beam = bar(string, elements=16, degree=2, axial=-tension / string.EA)
-    scene.pin(beam.end)
-    taut = fb.static(scene, load_steps=1)
-    scene.add_force(beam.node(0.5), (0.0, -0.1))
-    loaded = fb.static(scene, load_steps=4, start=taut)
-    sunk = loaded.displacement(beam.node(0.5))[:, 1]
-    # P L / (4 T), in equal steps; bending adds a little stiffness.
-    np.testing.assert_allclose(sunk, -0.1 / (4 * tension) * np.linspace(0, 1, 5), rtol=2e-2)
 
 
 # -- Small vibrations --------------------------------------------------------------------------
@@ -180,13 +159,6 @@ def test_the_vibrations_of_a_prestressed_beam_are_those_of_the_continuum(tension
     assert path[50] == pytest.approx(1e-3 / by_modes[0], rel=2e-3)
     assert abs(path[100]) < 2e-3 * path[50]
     assert np.ptp(motion.energy.work) == 0
-
-
-def test_the_gain_of_a_linear_system_by_a_natural_curvature_is_that_of_statics():
-    scene, beam = bar(elements=6, degree=2, curvature=fb.Input("muscle", factor=0.5))
-    system = fb.linearise(scene, outputs={"tip": fb.Output("displacement", beam.end, "y")})
-    gain = system.D - system.C @ np.linalg.solve(system.A, system.B)
-    assert gain.item() == pytest.approx(0.5 / 2, rel=1e-6)
 
 
 @pytest.mark.parametrize(("rhoI", "retardation"), [(1e-3, 0.01), (0.0, 0.01)])
@@ -346,20 +318,6 @@ def test_a_beam_that_follows_its_natural_strain_freely_has_no_stress_and_loses_n
     assert solution.energy.dissipated[-1] < 1e-9
 
 
-def test_a_muscle_that_shortens_lifts_a_weight_with_the_work_of_lifting():
-    rod = fb.Section(EA=1e5, GA=1e5, EI=1e2)
-    scene = fb.Scene(gravity=(0.0, -10.0))
-    muscle = scene.add_beam([(0, 0), (0, -1)], rod, elements=2)
-    scene.clamp(muscle.start)
-    scene.add_mass(muscle.end, 2.0, 1.0)
-    hanging = fb.static(scene, load_steps=1)
-    scene.add_natural_strain(muscle, axial=lambda t: -0.2 * (1 - np.cos(np.pi * t)) / 2)
-    lifted = fb.simulate(scene, dt=0.01, t_end=1.0, start=hanging)
-    height = np.diff(lifted.position(muscle.end)[[0, -1], 1]).item()
-    assert height == pytest.approx(0.2, rel=1e-3)
-    assert lifted.energy.work[-1] == pytest.approx(2.0 * 10.0 * height, rel=2e-2)
-
-
 @pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.EnergyMomentum(order=4)], ids=str)
 def test_resultants_are_those_of_the_step_whatever_is_recorded(scheme):
     scene, beam = bar(**WAVE)
@@ -373,18 +331,6 @@ def test_resultants_are_those_of_the_step_whatever_is_recorded(scheme):
     natural = all_rows.internal(beam, "natural curvature")
     s = all_rows.resultants(beam).s
     np.testing.assert_allclose(natural, 2 * np.sin(5 * all_rows.t[:, None] - 4 * s), atol=1e-12)
-
-
-def test_an_input_of_a_motion_step_by_step_is_a_ramp_over_each_step():
-    scene, _ = bar(curvature=fb.Input("muscle"))
-    motion, values = fb.Motion(scene, dt=0.02), [0.0, 0.5, 2.0, 1.0, 1.0]
-    for value in values[1:]:
-        motion.step({"muscle": value})
-    times = 0.02 * np.arange(len(values))
-    run = fb.simulate(
-        scene, dt=0.02, t_end=times[-1], inputs={"muscle": lambda t: np.interp(t, times, values)}
-    )
-    np.testing.assert_allclose(motion.q, run.q[-1], rtol=0, atol=1e-12)
 
 
 def test_an_own_force_sees_the_natural_strains_of_the_step():

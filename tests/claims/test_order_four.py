@@ -50,17 +50,6 @@ def test_the_force_of_an_elastic_pendulum_is_of_order_four():
     assert order(scene, of_section, 1.0, 80) > 3.9
 
 
-def test_the_swing_with_the_data_of_the_paper_is_of_order_four_before_its_reversal():
-    # The kinks of its load, at 0.128 s and 0.256 s, are at ends of steps.
-    assert order(demo("three_bar_swing").scene(), last_place, 0.512, 256) > 3.9
-
-
-def test_a_slider_crank_with_joints_and_a_motor_is_of_order_four():
-    crank = demo("slider_crank")
-    scene, joints = crank.scene()
-    assert order(scene, lambda s: s.joint(joints["guide"]).slide[-1], crank.RAMP, 800) > 3.5
-
-
 def stiffening(eps, gamma, kappa):
     return 200 * (eps**2 + eps**4) + 100 * gamma**2 + 5 * kappa**2
 

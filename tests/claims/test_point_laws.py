@@ -1,7 +1,5 @@
 """Forces between two points: closed solutions, statics, small motions, bad input."""
 
-import ufl
-
 import numpy as np
 import pytest
 
@@ -75,40 +73,6 @@ def test_a_mass_on_springs_hangs_and_vibrates_as_linear_theory_says():
     c, s = 1 / r, y / r
     k = 2 * (400 * np.array([c**2, s**2]) + pull / r * np.array([s**2, c**2]))
     assert found == pytest.approx(np.sort(np.sqrt(k / 2.0)) / (2 * np.pi), rel=1e-6)
-
-
-def test_a_damped_pair_has_the_eigenvalues_of_one_mass():
-    scene, left, right = balls()
-    for node in (left, right):
-        scene.fix(node, "y", "rotation")
-    scene.fix(left, "x")
-    scene.add_force_between(left, right, fb.Spring(50.0, 1.0), fb.Damper(3.0))
-    output = {"x": fb.Output("position", right)}
-    found = np.linalg.eigvals(fb.linearise(scene, outputs=output).A)
-    expected = np.roots([2.0, 3.0, 50.0])
-    assert np.sort_complex(found) == pytest.approx(np.sort_complex(expected), rel=1e-7)
-
-
-def test_a_wire_that_yields_keeps_its_length_in_statics():
-    def flow(old, strains0, strains, dt):
-        trial = 1e4 * (strains[0] - old[0]) - 100 * old[0]
-        excess = ufl.max_value(abs(trial) - 30, 0)
-        return [old[0] + ufl.sign(trial) * excess / (1e4 + 100)]
-
-    energy = fb.Spring(
-        rest=1.0,
-        strain_energy=lambda x, a: 1e4 / 2 * (x - a[0]) ** 2 + 50 * a[0] ** 2,
-        internal=fb.InternalVariables(("plastic",), flow),
-    )
-    scene = fb.Scene()
-    ball = scene.add_body((1.0, 0), mass=1.0, inertia=1.0).centre
-    scene.fix(ball, "y", "rotation")
-    scene.add_force_between(ball, (0, 0), energy)
-    scene.add_force(ball, (40.0, 0.0))
-    # It yields at 30 N, then hardens by 100 N/m.
-    assert fb.static(scene, load_steps=4).displacement(ball)[-1, 0] == pytest.approx(
-        0.1 + 40 / 1e4, rel=1e-6
-    )
 
 
 # -- Refusals -------------------------------------------------------------------------------------

@@ -71,22 +71,6 @@ def test_each_strain_has_its_own_time(component):
     assert abs(q - exact(solution.t, times[component])).max() < 2e-7
 
 
-@pytest.mark.parametrize("mode", [1, 2])
-def test_modes_of_a_damped_bar_decay_as_in_the_closed_solution(mode):
-    # Fixed and free: w_n = (2n - 1) pi/2 c/L, damping ratio tau w_n / 2.
-    EA, rhoA, tau = 100.0, 1.0, 4e-3
-    scene = fb.Scene()
-    section = fb.Section(EA=EA, GA=EA, EI=EA, rhoA=rhoA, retardation=tau)
-    bar = scene.add_beam([(0, 0), (1, 0)], section, elements=12, degree=2)
-    scene.clamp(bar.start)
-    k = (2 * mode - 1) * np.pi / 2
-    scene.set_velocity(bar, lambda x, y: (1e-4 * np.sin(k * x), 0.0))
-    solution = fb.simulate(scene, fb.EnergyMomentum(order=4), dt=0.005, t_end=1.0)
-    x = solution.displacement(bar.end)[:, 0] * np.sin(k)
-    found = exact(solution.t, tau, w=k * np.sqrt(EA / rhoA), v=1e-4)
-    assert abs(x - found).max() < 2e-3 * abs(found).max()
-
-
 def stiffening(eps, gamma, kappa):
     return 2e7 * (eps**2 + eps**4) + 5e6 * gamma**2 + 6.5e6 * kappa**2
 

@@ -120,23 +120,6 @@ def test_a_rope_without_tension_lets_its_load_fall():
 # -- Momenta, tension, and changes ---------------------------------------------------------------
 
 
-@pytest.mark.parametrize("order", [2, 4])
-def test_a_rope_over_free_bodies_keeps_both_momenta_and_energy(order):
-    scene, rng = fb.Scene(), np.random.default_rng(1)
-    nodes = [
-        scene.add_body(p, mass=1.0 + i, inertia=0.1).centre
-        for i, p in enumerate([(0, 0), (1, 0.3), (0.4, 1), (1.5, 1.2)])
-    ]
-    for node in nodes:
-        scene.set_velocity(node, rng.standard_normal(2))
-    rope = scene.add_rope([*nodes, nodes[1]], fb.Spring(200.0), length=3.0)
-    motion = fb.simulate(scene, fb.EnergyMomentum(order=order), dt=2e-3, t_end=1.0)
-    assert motion.joint(rope).force.max() > 10
-    assert np.ptp(motion.linear_momentum, axis=0).max() < 1e-11
-    assert np.ptp(motion.angular_momentum) < 1e-11
-    assert np.ptp(motion.energy.total) < 1e-10
-
-
 def test_the_pull_of_all_laws_is_that_of_their_closed_forms():
     """On a driven point: spring, damper, friction, stop and force on a length that grows."""
     scene = fb.Scene()

@@ -82,15 +82,6 @@ def test_the_first_row_is_the_start(framed):
     assert not solution.velocity(leg.end)[0].any()
 
 
-def test_the_first_acceleration_is_in_equilibrium_with_the_start():
-    scene = fb.Scene(gravity=(0.0, -9.81))
-    beam = scene.add_beam([(0, 0), (2, 0)], SECTION, elements=2)
-    scene.add_line_load(beam, (3.0, 0.0))
-    for scheme in (fb.EnergyMomentum(), fb.Newmark()):
-        solution = fb.simulate(scene, scheme, dt=0.1, t_end=0.1)
-        assert solution.acceleration(beam.end)[0] == pytest.approx([3.0, -9.81], rel=1e-9)
-
-
 def test_accelerations_at_the_start_are_those_of_the_run_whenever_they_are_read():
     lift = [20.0]
 

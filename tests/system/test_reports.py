@@ -11,10 +11,8 @@ import numpy as np
 import pytest
 from pytest import approx
 from scenes import benchmark
-from scipy.interpolate import CubicSpline
 
 import fx_beam as fb
-from fx_beam_studies import work_precision
 from fx_beam_studies.work_precision import accuracy
 
 ROOT = Path(__file__).parents[2]
@@ -91,22 +89,6 @@ def test_mean_force_is_the_mean_over_its_duration_to_second_order(level, duratio
         assert error(quantity, mean, made_up(dt, level)) < dt**2 / duration
     t, _ = quantity(made_up(0.01, level))
     assert t[0] == approx(half, abs=0.011) and t[-1] == approx(2 - half, abs=0.016)
-
-
-@pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.HHT(-0.1), fb.GeneralizedAlpha(0.9)])
-def test_halving_the_step_divides_the_error_of_the_pendulums_force_by_four(scheme):
-    module = benchmark("work_precision")
-    settings = module.pendulum(quick=True)
-    force, t = settings["exact"]["axial force"], np.linspace(0, 2, 4001)
-    settings["quantities"]["impulse"] = module.impulse("rod")
-    settings["exact"]["impulse"] = CubicSpline(t, force(t)).antiderivative()
-    more = {"t_end": 2.0, "dt": [0.02, 0.01, 0.005], "repetitions": 1}
-    found = work_precision.study(
-        lambda *mesh: module.scene("pendulum", *mesh), schemes=[scheme], **settings | more
-    )
-    for quantity in ("axial force", "impulse", "tip path", "period"):
-        _, coarse, fine = (run.errors[quantity] for run in found.runs)
-        assert coarse / fine == approx(4, rel=0.1), quantity
 
 
 def test_errors_of_energy_momentum_slide_and_path_are_those_of_the_solution():

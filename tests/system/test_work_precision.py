@@ -14,9 +14,6 @@ from fx_beam_studies import work_precision
 from fx_beam_studies.work_precision import Mesh, Precision, Run, accuracy, sentence, study
 from fx_beam_studies.work_precision.accuracy import History, counted
 from fx_beam_studies.work_precision.report import (
-    draw_dots,
-    draw_fronts,
-    front,
     mesh_order,
     step_order,
 )
@@ -254,60 +251,6 @@ def test_errors_below_that_of_the_reference_are_not_shown_as_known(tmp_path):
     rows = [line.split("|") for line in (tmp_path / "q.md").read_text().splitlines()]
     errors = [row[-3].strip() for row in rows if len(row) > 12 and row[1].strip() in "AB"]
     assert errors == ["0.05", "0.005", "0.04", "< 0.003", "< 0.003"]
-
-
-# -- Pictures ------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def axes(monkeypatch):
-    """The first axes of a picture of runs or of fronts, which is not written."""
-
-    def drawn(draw, *given):
-        figures = []
-        monkeypatch.setattr(fb.plot, "save", lambda figure, path: figures.append(figure))
-        draw("none.png", *given)
-        return figures[0].axes[0]
-
-    return drawn
-
-
-@pytest.mark.plot
-def test_each_scheme_has_a_dot_for_each_error_and_a_count_of_the_runs_that_it_loses(axes):
-    lost = {"failure": "no convergence", "errors": {}}
-    found = made_up(
-        [("A", 1e-2, 5e-3), ("A", 3e-2, 5e-5), ("C", 1e-2, np.nan, lost), ("C", 5e-3, 0.5)]
-    )
-    ax = axes(draw_dots, [("title", found, "q")])
-    names = [text.get_text() for text in ax.get_yticklabels()]
-    assert names == ["A", "C\n1 of 2 runs lost"]
-    dots = [one for one in ax.lines if one.get_marker() == "o" and one.get_fillstyle() == "full"]
-    heights = [float(round(one.get_ydata()[0])) for one in dots if len(one.get_xdata())]
-    times = [float(one.get_xdata()[0]) for one in dots if len(one.get_xdata())]
-    assert heights == [0, 0, 0] and times == approx([10, 30, 30])  # the least for each error
-    assert [t.get_text() for t in ax.texts if "\u00d7" in t.get_text()] == ["\u00d7 1 of 1"]
-
-
-def by_scheme(run):
-    return run.scheme
-
-
-def test_a_front_has_the_runs_that_err_less_than_all_faster_ones():
-    found = made_up([("A", 1e-3, 1e-2), ("A", 2e-3, 2e-2), ("A", 3e-3, 1e-3), ("A", 4e-3, 5.0)])
-    # A run counts with the errors of its smaller steps: here each is its own mesh.
-    assert (np.diff(front(found, "q", found.runs), axis=0) * (1, -1) > 0).all()
-
-
-@pytest.mark.plot
-def test_lines_are_named_and_lost_runs_are_crosses_above_the_largest_error(axes):
-    lost = {"failure": "no convergence", "errors": {}}
-    found = made_up([*TWO, ("C", 5e-3, np.nan, lost), ("C", 6e-3, 1e-2)])
-    ax = axes(draw_fronts, [("title", found, "q")], by_scheme)
-    named = [line.get_label() for line in ax.lines if line.get_marker() not in ("x", "None")]
-    assert named == ["A", "B", "C, 1 of 2 lost"]
-    (crosses,) = (line for line in ax.lines if line.get_marker() == "x" and len(line.get_xdata()))
-    assert crosses.get_ydata()[0] > 1
-    assert crosses.get_xdata() == approx([0.5])  # the steps take a tenth of the call
 
 
 # -- Running -----------------------------------------------------------------------------------
