@@ -8,6 +8,7 @@ from .derivatives.periodic_response import PeriodicResponse as PeriodicResponse
 from .derivatives.response import Response as Response
 from .derivatives.static_response import StaticResponse as StaticResponse
 from .equilibria.branches import Branch as Branch, imperfect as imperfect
+from .equilibria.buckling import buckling as buckling
 from .equilibria.critical_points import CriticalPoint as CriticalPoint
 from .equilibria.statics import static as static
 from .errors import Failure as Failure, SceneError as SceneError, StepError as StepError
@@ -41,6 +42,7 @@ from .orbits.periodic_search import (
     periodic as periodic,
 )
 from .results.audit import BeamResultants as BeamResultants, Energy as Energy, Stats as Stats
+from .results.buckling_modes import BucklingModes as BucklingModes
 from .results.interactions import (
     ContactMotion as ContactMotion,
     JointMotion as JointMotion,

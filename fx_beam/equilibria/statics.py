@@ -78,10 +78,10 @@ class LoadPath:
         self.forcing = LoadForcing(model, options.t, turning)
         self._team = waiting_team(connected) if options.continuation is None else None
         alone = self._team is None
-        self._stepper = LoadStepper(self.forcing, options, self.stats, alone)
-        self._crossings = Crossings(self._stepper)
+        self.stepper = LoadStepper(self.forcing, options, self.stats, alone)
+        self._crossings = Crossings(self.stepper)
         if alone:
-            self._stepper.check = self._crossings.check
+            self.stepper.check = self._crossings.check
         if self._team is not None:
             self.stats.solver = f"PETSc on {self._team.size} processes"
         #: Whether it warns if its last row is unstable.
@@ -94,7 +94,7 @@ class LoadPath:
     @property
     def held(self) -> np.ndarray:
         """Forces (free,) that hold the start, and fade as the loads rise."""
-        return self._stepper.path.held
+        return self.stepper.path.held
 
     def followed(self) -> Solution:
         """The whole path. An exception has the solution of the steps before it."""
@@ -102,7 +102,7 @@ class LoadPath:
         self._clock, bar = time.perf_counter(), progress_bar(1.0, options.progress, bar_format=_BAR)
         self.states = states = _States(bar)
         try:
-            with bar, shared(self._team, self._stepper.loop):
+            with bar, shared(self._team, self.stepper.loop):
                 self._follow()
             stopped = stats.closed or (options.stop_at and stats.limit_points)
             if states[-1].t < 1 and not stopped and stats.steps >= options.max_steps:
@@ -129,7 +129,7 @@ class LoadPath:
     def _warn_if_unstable(self) -> None:
         """Say that the path ends in an equilibrium that is unstable."""
         last = self.states[-1]
-        if count := self._stepper.motions.count(last, self.states[-2:][0]):
+        if count := self.stepper.motions.count(last, self.states[-2:][0]):
             _log.warning(
                 "static: the equilibrium at load factor %g, the last row, is unstable: %d of its "
                 "modes %s. See critical_points: a path of stable ones may branch off there "
@@ -141,22 +141,25 @@ class LoadPath:
 
     def _follow(self) -> None:
         """Append all states."""
-        stepper, states, start = self._stepper, self.states, self.start
-        if isinstance(start, Branch):
-            self._branch_off(start)
+        stepper, states = self.stepper, self.states
+        if isinstance(self.start, Branch):
+            self._branch_off(self.start)
             return
         model, works = self.model, self.model.scene.virtual_works
         if works and model.mechanism and Settling(stepper).freest(reference_state(model)) is None:
             model.mechanism = ""  # they hold it
-        if model.mechanism:
-            states.append(self._settled())
-        elif start is None:
-            states.append(self._first_state())
-        else:
-            states.append(stepper.start_from(self._at_rest(start)))
+        states.append(self.first_state())
         self._raise_load()
         if model.mechanism:
             Settling(stepper).check_balance(states[-1])
+
+    def first_state(self) -> State:
+        """The equilibrium at load factor 0, from which the loads rise."""
+        if self.model.mechanism:
+            return self._settled()
+        if self.start is None:
+            return self._first_state()
+        return self.stepper.start_from(self._at_rest(self.start))
 
     def _raise_load(self) -> None:
         """Append the states up to load factor 1.
@@ -164,7 +167,7 @@ class LoadPath:
         Those of a scene of so little stiffness that no step follows a small part of its loads, such
         as a cable that is not drawn as it hangs, settle as those of a mechanism.
         """
-        stepper, states, options, slack = self._stepper, self.states, self.options, False
+        stepper, states, options, slack = self.stepper, self.states, self.options, False
         may_settle = self._team is None and self.start is None and not self.model.mechanism
         may_settle &= options.load_steps * 2**options.max_cuts >= _SHORTEST
         while True:
@@ -186,19 +189,19 @@ class LoadPath:
 
     def _settled_again(self, state: State, error: StepError) -> State:
         """The state at the end of the load step of an error, if it is stable; else the error."""
-        path, steps = self._stepper.path, self.options.load_steps
+        path, steps = self.stepper.path, self.options.load_steps
         held, path.held = path.held, 0 * path.held
         with suppress(SceneError):
             goal = (np.floor(state.t * steps + 1e-9) + 1) / steps
-            new = Settling(self._stepper, str(error)).settled(state, float(goal))
-            if not self._stepper.motions.count(new, new):
+            new = Settling(self.stepper, str(error)).settled(state, float(goal))
+            if not self.stepper.motions.count(new, new):
                 return new
         path.held = held
         raise error
 
     def _branch_off(self, start: Branch) -> None:
         """Append the states of a branch."""
-        stepper, states = self._stepper, self.states
+        stepper, states = self.stepper, self.states
         arc, point = ArcLength(stepper), start.point
         if not self.model.mechanism:
             stepper.hold_reference()
@@ -221,7 +224,7 @@ class LoadPath:
 
     def _first_state(self) -> State:
         """That of a scene that has supports, unless laws of springs leave a part without any."""
-        stepper, settling = self._stepper, Settling(self._stepper)
+        stepper, settling = self.stepper, Settling(self.stepper)
         try:
             return stepper.first_state()
         except StepError as error:
@@ -235,7 +238,7 @@ class LoadPath:
 
     def _settled(self) -> State:
         """The first state of a mechanism, which its loads hold."""
-        stepper, start, settling = self._stepper, self.start, Settling(self._stepper)
+        stepper, start, settling = self.stepper, self.start, Settling(self.stepper)
         state = reference_state(self.model)
         if isinstance(start, Solution):
             state = self._at_rest(start)
@@ -269,14 +272,14 @@ class LoadPath:
         recorder = Recorder(model, np.array([state.t for state in states]), Record())
         for step, state in enumerate(turning):
             recorder.record(step, state)
-            self._stepper.loop.inversion.check(state.t, state.q)
+            self.stepper.loop.inversion.check(state.t, state.q)
         # Load factors are no times: no step in time came before.
         loads, last = self.forcing.dead(turning[-1].t), replace(turning[-1], length=0.0)
         if self.forcing.turning is not None:
             loads = loads + last.t * self.forcing.turning.force(last.q)
         if model.forms.has_added:
             loads += last.added_forces
-        loads += self._stepper.held_at_nodes(last)
+        loads += self.stepper.held_at_nodes(last)
         end = replace(last, t=self.forcing.time, loads=loads).changed(**self._inputs)
         path = self._stability(states, lambda state: self._solution([state]))
         later = {name: getattr(path, name) for name in ("unstable_modes", "critical_points")}
@@ -287,7 +290,7 @@ class LoadPath:
 
     def _stability(self, states: list[State], solved) -> PathStability:
         branches_off = isinstance(self.start, Branch)
-        return PathStability(self._stepper, self._crossings, list(states), solved, branches_off)
+        return PathStability(self.stepper, self._crossings, list(states), solved, branches_off)
 
     def _name_critical_point(self, error: StepError) -> None:
         """Let an error say that its path fails at a critical point."""

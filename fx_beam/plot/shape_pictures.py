@@ -15,6 +15,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from fx_beam.errors import is_whole, require
+from fx_beam.results.buckling_modes import BucklingModes
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import Modes, displaced
 from fx_beam.scene.beam import Node
@@ -184,7 +185,9 @@ _BORDER = np.array((0.0, 0.3))  # of a panel, for its title [inch]
 _AT_REST, _MOVED, _LATER = range(3)
 
 
-def modes(modes: Modes, path: Path | str | None = None, count: int | None = None) -> Figure:
+def modes(
+    modes: Modes | BucklingModes, path: Path | str | None = None, count: int | None = None
+) -> Figure:
     """Picture of mode shapes, side by side, over the configuration to which they belong.
 
     Where the nodes of a mode do not move in phase, because of dampers, a dashed line is the shape a
@@ -192,8 +195,8 @@ def modes(modes: Modes, path: Path | str | None = None, count: int | None = None
 
     Parameters
     ----------
-    modes : Modes
-        Result of `fx_beam.modes`.
+    modes : Modes or BucklingModes
+        Result of `fx_beam.modes` or `fx_beam.buckling`.
     path : str or path, optional
         Picture to write; its ending gives the format.
     count : int, optional
@@ -203,10 +206,16 @@ def modes(modes: Modes, path: Path | str | None = None, count: int | None = None
     -------
     matplotlib.figure.Figure
         The picture, with a panel for each mode. Their titles have its number, from 0 as in `Modes`,
-        and its frequency.
+        and its frequency or load factor.
     """
     path = picture(path)
-    require(isinstance(modes, Modes), "modes", modes, "what fx_beam.modes returned")
+    titles: list[str] = []
+    if isinstance(modes, BucklingModes):
+        titles = [f"load factor {three_digits(factor)}" for factor in modes.load_factors]
+        modes = modes.modes
+    wanted = "what fx_beam.modes or fx_beam.buckling returned"
+    require(isinstance(modes, Modes), "modes", modes, wanted)
+    titles = titles or [_kind(modes, mode) for mode in range(len(modes))]
     count = len(modes) if count is None else count
     wanted = f"from 1 to {len(modes)}, the number of modes"
     require(is_whole(count, 1, len(modes)), "count", count, wanted)
@@ -218,7 +227,7 @@ def modes(modes: Modes, path: Path | str | None = None, count: int | None = None
     fig, _, _ = panels(count, high - low, _BORDER)
     for mode, ax in enumerate(fig.axes):
         ax.axis("off")
-        ax.set_title(f"mode {mode}: {_kind(modes, mode)}", fontsize="small")
+        ax.set_title(f"mode {mode}: {titles[mode]}", fontsize="small")
         ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
         _draw(ax, Drawing(_vibration(modes, mode, size), [_AT_REST]), modes.shapes[mode])
     return written(fig, path)

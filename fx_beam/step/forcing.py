@@ -175,6 +175,15 @@ class LoadForcing(Forcing):
         self.goal[self._held] = (origin - self._origin)[self._held]
         self._origin, self.goal = origin, self._origin + self.goal - origin
 
+    def keep_start(self) -> None:
+        """Let all that the state to start from has stay, and the rest act beside it."""
+        self.rise = self.rise + self.first
+        if self._full is not None:
+            self._full = self._full + self._without
+        moves = np.ones(len(self.goal), dtype=bool)
+        moves[self._held] = False
+        self.goal[moves] += self._origin[moves]
+
     def dead(self, factor: float) -> np.ndarray:
         """Dead forces (size,) at a load factor [N, N m]."""
         return self.first + factor * self.rise

@@ -140,6 +140,8 @@ def test_a_rigid_column_tips_over_at_its_critical_point_and_along_its_branch():
     (point,) = fb.static(scene, 9).critical_points
     assert isinstance(point, fb.CriticalPoint) and isinstance(point.branch(1), fb.Branch)
     assert (point.kind, 15 * point.load_factor) == ("bifurcation", pytest.approx(7.0, rel=1e-9))
+    linear = fb.buckling(scene)
+    assert isinstance(linear, fb.BucklingModes) and 15 * linear.load_factors == pytest.approx([7.0])
     tipped = fb.static(scene, start=point.branch(1), continuation="arc-length")
     x, y = tipped.position(bar.centre).T
     psi = np.arctan2(abs(x), y)

@@ -1,0 +1,194 @@
+"""Linear buckling against closed forms."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import fx_beam as fb
+
+STIFF = fb.Section(EA=1e8, GA=1e8, EI=1.0, rhoA=1.0)
+EULER = math.pi**2
+
+
+def column(elements=8, section=STIFF, **scene):
+    """An upright column of length 1, without supports."""
+    made = fb.Scene(**scene)
+    return made, made.add_beam([(0, 0), (0, 1)], section, elements=elements, degree=3)
+
+
+def two_hinges(scene, beam):
+    scene.pin(beam.start)
+    scene.fix(beam.end, "x")
+
+
+def cantilever(scene, beam):
+    scene.clamp(beam.start)
+
+
+def two_clamps(scene, beam):
+    scene.clamp(beam.start)
+    scene.fix(beam.end, "x", "rotation")
+
+
+def clamp_and_hinge(scene, beam):
+    scene.clamp(beam.start)
+    scene.fix(beam.end, "x")
+
+
+CLAMP_AND_HINGE = brentq(lambda k: math.tan(k) - k, 4.4, 4.6) ** 2
+
+
+# Full matrices, and sparse ones.
+@pytest.mark.parametrize(("elements", "error"), [(8, 5e-4), (40, 2e-5)])
+@pytest.mark.parametrize(
+    ("hold", "loads"),
+    [
+        (two_hinges, [EULER, 4 * EULER, 9 * EULER]),
+        (cantilever, [EULER / 4, 9 * EULER / 4, 25 * EULER / 4]),
+        (two_clamps, [4 * EULER, 4 * 4.49340946**2, 16 * EULER]),
+        (clamp_and_hinge, [CLAMP_AND_HINGE]),
+    ],
+)
+def test_columns_buckle_at_eulers_loads(hold, loads, elements, error):
+    scene, beam = column(elements)
+    hold(scene, beam)
+    scene.add_force(beam.end, (0, -2.0))
+    modes = fb.buckling(scene, n=len(loads))
+    assert 2 * modes.load_factors == pytest.approx(loads, rel=error)
+
+
+def test_the_shape_of_a_column_is_half_a_wave():
+    scene, beam = column()
+    two_hinges(scene, beam)
+    scene.add_force(beam.end, (0, -1.0))
+    x, y = fb.buckling(scene, n=1).shape(beam, mode=0, size=0.1).T
+    assert abs(abs(x) - 0.1 * np.sin(np.pi * y)).max() < 1e-5
+
+
+def test_a_heated_column_buckles_at_its_thermal_force():
+    scene, beam = column()
+    scene.pin(beam.start)
+    scene.pin(beam.end)
+    scene.add_natural_strain(beam, axial=1e-7)
+    assert fb.buckling(scene, n=1).load_factors[0] * 1e-7 * 1e8 == pytest.approx(EULER, rel=1e-5)
+
+
+def test_a_column_buckles_under_its_weight_as_greenhill_says():
+    # The zero of the Bessel function of order -1/3: q L^3 / EI = 9/4 j^2.
+    scene, beam = column(gravity=(0, -1.0))
+    scene.clamp(beam.start)
+    assert fb.buckling(scene, n=1).load_factors[0] == pytest.approx(9 / 4 * 1.86635086**2, rel=1e-5)
+
+
+def test_prestress_stays_while_the_loads_rise():
+    tight, beam = column()
+    two_hinges(tight, beam)
+    tight.add_force(beam.end, (0, 5.0))
+    scene, beam = column()
+    two_hinges(scene, beam)
+    scene.add_force(beam.end, (0, -1.0))
+    found = fb.buckling(scene, fb.static(tight), n=1).load_factors
+    assert found == pytest.approx([EULER + 5.0], rel=1e-5)
+
+
+def test_the_weight_stays_while_a_load_rises():
+    # P / P_E + q / q_E is 1 but for a few per cent: here against the path of both loads.
+    heavy, beam = column(gravity=(0, -2.0))
+    heavy.clamp(beam.start)
+    scene, beam = column()
+    scene.clamp(beam.start)
+    scene.add_force(beam.end, (0, -1.0))
+    (factor,) = fb.buckling(scene, fb.static(heavy), n=1).load_factors
+    both, beam = column(gravity=(0, -2.0))
+    both.clamp(beam.start)
+    both.add_force(beam.end, (0, -factor))
+    assert fb.buckling(both, n=1).load_factors == pytest.approx([1.0], rel=1e-5)
+
+
+def test_rigid_links_with_springs_buckle_as_their_two_by_two_matrix_says():
+    scene, links = fb.Scene(), []
+    for y in (0, 1):
+        points = {"foot": (0, y), "top": (0, y + 1)}
+        links.append(scene.add_body((0, y + 0.5), 1.0, 1.0, points=points))
+    spring = fb.Spring(3.0)
+    scene.add_joint(fb.Revolute(fb.GROUND, links[0]["foot"], spring=spring))
+    scene.add_joint(fb.Revolute(links[0]["top"], links[1]["foot"], spring=spring))
+    scene.add_force(links[1]["top"], (0, -1.0))
+    root = math.sqrt(5)
+    loads = fb.buckling(scene).load_factors
+    assert loads == pytest.approx([1.5 * (3 - root), 1.5 * (3 + root)], rel=1e-10)
+
+
+def portal(load):
+    scene, section = fb.Scene(), fb.Section(EA=1e7, GA=1e7, EI=10.0, rhoA=1.0)
+    left, right = (scene.add_beam([(x, 0), (x, 3)], section, elements=4, degree=3) for x in (0, 4))
+    scene.add_beam([left.end, right.end], section, elements=4, degree=3)
+    for post in (left, right):
+        scene.clamp(post.start)
+        scene.add_force(post.end, (0, -load))
+    return scene, left
+
+
+def test_a_portal_frame_sways_at_the_root_of_its_stability_functions():
+    # Clamped posts of length h, a girder of length l: kh cot(kh) = -6 h/l, with P = k^2 EI.
+    scene, _ = portal(1.0)
+    kh = brentq(lambda kh: kh / math.tan(kh) + 6 * 3 / 4, 1.6, 3.1)
+    assert fb.buckling(scene, n=1).load_factors == pytest.approx([10 * (kh / 3) ** 2], rel=1e-4)
+
+
+def test_a_stiff_frame_buckles_where_its_path_of_equilibria_branches():
+    scene, _ = portal(8.0)
+    (point,) = fb.static(scene, load_steps=4).critical_points
+    assert fb.buckling(scene, n=1).load_factors == pytest.approx([point.load_factor], rel=1e-5)
+
+
+def test_pictures_have_the_load_factors(tmp_path):
+    scene, _ = portal(1.0)
+    modes = fb.buckling(scene, n=2)
+    picture = fb.plot.modes(modes, tmp_path / "modes.png")
+    assert [ax.get_title() for ax in picture.axes] == [
+        f"mode {k}: load factor {factor:.3g}" for k, factor in enumerate(modes.load_factors)
+    ]
+
+
+def following(scene, beam):
+    scene.clamp(beam.start)
+    scene.add_force(beam.end, (0, -1.0), follower=True)
+
+
+def pulled(scene, beam):
+    scene.clamp(beam.start)
+    scene.add_force(beam.end, (0, 1.0))
+
+
+def loose(scene, beam):
+    scene.pin(beam.start)
+    scene.add_force(beam.end, (0, -1.0))
+
+
+@pytest.mark.parametrize("elements", [4, 40])
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (following, "not symmetric, as loads follow the motion"),
+        (pulled, "no positive load factor: the loads make nothing unstable"),
+        (cantilever, "no loads"),
+        (loose, "no stable equilibrium|can rotate about"),
+    ],
+)
+def test_what_has_no_buckling_load_is_refused(make, message, elements):
+    scene, beam = column(elements)
+    make(scene, beam)
+    with pytest.raises(fb.SceneError, match=message):
+        fb.buckling(scene)
+
+
+def test_a_state_that_is_unstable_is_refused():
+    scene, beam = column()
+    two_hinges(scene, beam)
+    scene.add_force(beam.end, (0, -12.0))
+    state = fb.static(scene, load_steps=1)
+    with pytest.raises(fb.SceneError, match="no stable equilibrium"):
+        fb.buckling(scene, state)
