@@ -62,70 +62,166 @@ class Solved(NamedTuple):
     error: float
 
 
-class LinearSystem:
-    """GMRES on the exact tangent, preconditioned by that of an earlier one.
+class PartMatrix:
+    """The tangent of one part as a matrix of PETSc, which uses its values without a copy.
 
-    The tangent is the sum of those of the parts, which stay where they are. Unknowns have places in
-    blocks; `counts` are the numbers of places of all processes, `negligible` is an error of an
-    unknown.
+    It has the unknowns of the part, entries between them, and (m, 2) `more` of the whole.
+    Places without an unknown have a one on the diagonal.
+    """
+
+    def __init__(
+        self,
+        places: np.ndarray,
+        unknowns: np.ndarray,
+        rows: np.ndarray,
+        columns: np.ndarray,
+        more: np.ndarray,
+    ):
+        PETSc = petsc()
+        numbers = np.concatenate([unknowns, np.setdiff1d(more, unknowns)])
+        empty = np.setdiff1d(places, numbers)
+        numbers = np.concatenate([numbers, empty])
+        order, n = np.argsort(numbers), len(numbers)
+        more = order[np.searchsorted(numbers, more, sorter=order)].reshape(-1, 2)
+        ones = np.arange(n - len(empty), n) * (n + 1)
+        keys = np.concatenate([rows * n + columns, more[:, 0] * n + more[:, 1], ones])
+        keys, positions = np.unique(keys, return_inverse=True)
+        starts = np.searchsorted(keys, n * np.arange(n + 1))
+        self._values = np.zeros(len(keys))
+        self._values[positions[len(positions) - len(empty) :]] = 1.0
+        #: Positions of the part's values, and of the others.
+        self._own: np.ndarray | slice = positions[: len(rows)]
+        self._more = positions[len(rows) : len(positions) - len(empty)]
+        if (np.diff(self._own, prepend=-1) == 1).all():
+            self._own = slice(len(rows))
+        self._diagonal = np.flatnonzero(keys // n == keys % n)
+        self._rows = tuple(part.astype(PETSc.IntType) for part in (starts, keys % n))
+        #: Numbers of its rows in the whole.
+        self.numbers = numbers.astype(PETSc.IntType)
+        arrays = *self._rows, self._values
+        #: The matrix in PETSc.
+        self.matrix = PETSc.Mat().createAIJWithArrays((n, n), arrays, comm=PETSc.COMM_SELF)
+
+    @property
+    def diagonal(self) -> np.ndarray:
+        """A copy of its diagonal."""
+        return self._values[self._diagonal]
+
+    def set(self, values: np.ndarray, more: np.ndarray) -> None:
+        """Set the values of the part and of the other entries."""
+        self._values[self._more] = 0.0
+        self._values[self._own] = values
+        np.add.at(self._values, self._more, more)
+
+
+class Solver:
+    """GMRES with the factors of an earlier tangent, as PETSc's options say."""
+
+    def __init__(self, kind: str, accuracy: Accuracy):
+        #: What is tried first for new factors, and what the user's options made of it.
+        self.kind, self.name = kind, ""
+        self._accuracy = accuracy
+        # Empty until all processes make them at once.
+        self._ksp, self._assembled = petsc().KSP(), petsc().Mat()
+        #: Norms of the first and the last residual in the last call, and its iterations.
+        self.first = self.rest = 0.0
+        self.iterations = 0
+        self._least = np.inf
+
+    @property
+    def decades(self) -> float:
+        """By how many powers of ten the residual fell in the last call."""
+        return math.log10(self.first / self.rest) if self.rest else 16.0
+
+    def run(self, b: Any, x: Any, least: float) -> bool:
+        """Whether the solution is found, with an error of a negligible energy, `least`, or less."""
+        self._least = least
+        _released("KSPSolve", self._ksp, b, x)
+        self.iterations = max(self._ksp.getIterationNumber(), 1)
+        return self._ksp.getConvergedReason() > 0
+
+    def _judge(self, ksp: Any, iteration: int, norm: float) -> Any:
+        """Whether a residual, in the preconditioner's norm, is small enough."""
+        if not iteration:
+            self.first = norm
+        self.rest = norm
+        reasons = petsc().KSP.ConvergedReason
+        if not math.isfinite(norm):
+            return reasons.DIVERGED_NANORINF
+        allowed = ksp.rtol * self.first
+        if self._is_free:
+            allowed = self._accuracy.allowed(self.first, self._least)
+        return reasons.CONVERGED_RTOL if norm <= allowed else reasons.ITERATING
+
+    def factorise(self, matrix: Any) -> None:
+        """Make new factors of a matrix."""
+        PETSc = petsc()
+        self.destroy()
+        options, defaults = PETSc.Options(_PREFIX), KINDS[self.kind]
+        self._assembled = _assembled(matrix, in_blocks=self.kind == "Schwarz")
+        self._ksp = ksp = PETSc.KSP().create(PETSc.COMM_WORLD)
+        ours = {n: value for n, value in defaults.items() if not options.hasName(n)}
+        for name, value in ours.items():
+            options.setValue(name, value)
+        ksp.setOptionsPrefix(_PREFIX)
+        ksp.setType("gmres")
+        ksp.setGMRESRestart(_MOST)
+        ksp.setTolerances(atol=0.0, divtol=1e30, max_it=2 * _MOST)
+        ksp.setOperators(matrix, self._assembled)
+        ksp.setFromOptions()
+        self._is_free = self.kind == "Schwarz" and not options.hasName("ksp_rtol")
+        ksp.setConvergenceTest(self._judge)
+        _released("KSPSetUp", ksp)
+        if self.kind == "Schwarz":
+            _released("KSPSetUpOnBlocks", ksp)
+        ksp.getPC().setReusePreconditioner(True)
+        for name in ours:
+            options.delValue(name)
+        kind = ksp.getPC().getType()
+        self.name = _NAMES.get(kind, kind)
+
+    def destroy(self) -> None:
+        """Free PETSc's objects; all processes at once."""
+        self._ksp.destroy()
+        self._assembled.destroy()
+
+
+class LinearSystem:
+    """The sum of the tangents of the parts, which stay where they are, solved by all at once.
+
+    Unknowns have places in blocks; `counts` are the numbers of places of all processes,
+    `negligible` is an error of an unknown.
     """
 
     def __init__(self, counts: np.ndarray, kind: str, negligible: float):
         PETSc = petsc()
         here, first = int(counts[world().rank]), int(counts[: world().rank].sum())
         self._places = np.arange(first, first + here)
-        #: How it is solved.
-        self.kind = kind
         self._sizes = here, int(counts.sum())
-        self._comm = PETSc.COMM_WORLD
         # Empty until all processes make them at once.
-        self._b, self._x, self._ksp = PETSc.Vec(), PETSc.Vec(), PETSc.KSP()
-        self._matrix, self._assembled = PETSc.Mat(), PETSc.Mat()
+        self._b, self._x, self._matrix = PETSc.Vec(), PETSc.Vec(), PETSc.Mat()
         self._accuracy = Accuracy(negligible * math.sqrt(counts.sum()))
-        #: Norms of the first and the last residual in the last call, and its iterations.
-        self._first = self._rest = 0.0
-        self._last = 0
-        #: Iterations for each decade with the preconditioner when it was new, 0 without one.
-        self._new = 0.0
+        self._solver = Solver(kind, self._accuracy)
+        #: Iterations for each decade with the factors when they were new, 0 without any; and the
+        #: diagonal of the part of which they are.
+        self._new, self._factorised = 0.0, np.empty(0)
 
     def set_pattern(
-        self, numbers: np.ndarray, rows: np.ndarray, columns: np.ndarray, more: np.ndarray
+        self, unknowns: np.ndarray, rows: np.ndarray, columns: np.ndarray, more: np.ndarray
     ) -> None:
         """Set the unknowns of this part, its entries between them, and (m, 2) more of the whole.
 
         All processes at once.
         """
-        PETSc = petsc()
-        numbers = np.concatenate([numbers, np.setdiff1d(more, numbers)])
-        empty = np.setdiff1d(self._places, numbers)
-        numbers = np.concatenate([numbers, empty])
-        order, n = np.argsort(numbers), len(numbers)
-        more = order[np.searchsorted(numbers, more, sorter=order)].reshape(-1, 2)
-        ones = np.arange(n - len(empty), n) * (n + 1)
-        keys = np.concatenate([rows * n + columns, more[:, 0] * n + more[:, 1], ones])
-        keys, at = np.unique(keys, return_inverse=True)
-        starts = np.searchsorted(keys, n * np.arange(n + 1))
-        #: Values, of which those of empty places stay; positions of the part's, and of the others.
-        self._entries = np.zeros(len(keys))
-        self._entries[at[len(at) - len(empty) :]] = 1.0
-        self._at: np.ndarray | slice = at[: len(rows)]
-        self._at_more = at[len(rows) : len(at) - len(empty)]
-        if (np.diff(self._at, prepend=-1) == 1).all():
-            self._at = slice(len(rows))
-        self._diagonal = np.flatnonzero(keys // n == keys % n)
-        self._rows = tuple(part.astype(PETSc.IntType) for part in (starts, keys % n))
-        map_ = PETSc.LGMap().create(numbers.astype(PETSc.IntType), comm=self._comm)
-        # PETSc uses these arrays directly, without copies.
-        arrays = *self._rows, self._entries
-        self._own = PETSc.Mat().createAIJWithArrays((n, n), arrays, comm=PETSc.COMM_SELF)
+        PETSc, comm = petsc(), petsc().COMM_WORLD
+        self._part = PartMatrix(self._places, unknowns, rows, columns, more)
+        map_ = PETSc.LGMap().create(self._part.numbers, comm=comm)
         for old in (self._matrix, self._b, self._x):
             old.destroy()
-        self._matrix = PETSc.Mat().createIS(
-            (self._sizes, self._sizes), lgmapr=map_, lgmapc=map_, comm=self._comm
-        )
-        self._matrix.setISLocalMat(self._own)
+        self._matrix = PETSc.Mat().createIS([self._sizes] * 2, lgmapr=map_, lgmapc=map_, comm=comm)
+        self._matrix.setISLocalMat(self._part.matrix)
         self._x, self._b = self._matrix.createVecs()
-        self._new = 0
+        self._new = 0.0
 
     def begin(self) -> None:
         """Before the first correction of a step."""
@@ -138,127 +234,76 @@ class LinearSystem:
 
         `least` is an error of all unknowns whose energy is negligible.
         """
-        self._least = least
-        self._entries[self._at_more] = 0.0
-        self._entries[self._at] = values
-        np.add.at(self._entries, self._at_more, more)
+        self._part.set(values, more)
         # First of all: processes wait for each other, and signals arrive.
         still_good = self._still_serves()
-        self._own.stateIncrease()
+        self._part.matrix.stateIncrease()
         self._matrix.assemble()
         self._b.setArray(b)
-        if not ((still_good and self._run()) or self._renewed()):
+        solver = self._solver
+        if not ((still_good and self._run(least)) or self._renewed(least)):
             self._new = 0.0
-            return Solved(np.full(self._sizes[0], np.nan), self._name, self._last, 0.0, np.inf)
-        self._accuracy.note(self._first, self._rest)
-        error = self._rest / self._first if self._first else 0.0
-        return Solved(self._x.getArray().copy(), self._name, self._last, self._first, error)
+            none = np.full(self._sizes[0], np.nan)
+            return Solved(none, solver.name, solver.iterations, 0.0, np.inf)
+        self._accuracy.note(solver.first, solver.rest)
+        error = solver.rest / solver.first if solver.first else 0.0
+        x = self._x.getArray().copy()
+        return Solved(x, solver.name, solver.iterations, solver.first, error)
 
-    def _renewed(self) -> bool:
-        """Whether a new preconditioner solves the system."""
-        for kind in dict.fromkeys([self.kind, "MUMPS"]):
-            self.kind = kind
-            self._precondition()
-            if self._run() and (self._last <= _MOST or kind == "MUMPS"):
-                self._new = self._last / max(self._decades, 1.0)
+    def _run(self, least: float) -> bool:
+        return self._solver.run(self._b, self._x, least)
+
+    def _renewed(self, least: float) -> bool:
+        """Whether the system is solved with new factors."""
+        solver = self._solver
+        for kind in dict.fromkeys([solver.kind, "MUMPS"]):
+            solver.kind = kind
+            self._factorised = self._part.diagonal
+            solver.factorise(self._matrix)
+            if self._run(least) and (solver.iterations <= _MOST or kind == "MUMPS"):
+                self._new = solver.iterations / max(solver.decades, 1.0)
                 return True
         return False
 
     def _still_serves(self) -> bool:
-        """Whether the last preconditioner still serves."""
-        alike = False
-        if self._new and self._last <= _WORN * self._new * self._decades + _MORE:
-            now, was = abs(self._entries[self._diagonal]), abs(self._was)
+        """Whether the last factors still serve, on all processes."""
+        alike, solver = False, self._solver
+        if self._new and solver.iterations <= _WORN * self._new * solver.decades + _MORE:
+            now, was = abs(self._part.diagonal), abs(self._factorised)
             alike = bool(((now <= _CHANGED * was) & (was <= _CHANGED * now)).all())
         return world().allreduce(int(alike)) == world().size
 
-    @property
-    def _name(self) -> str:
-        """How systems are solved now."""
-        kind = self._ksp.getPC().getType()
-        return _NAMES.get(kind, kind)
-
-    def _run(self) -> bool:
-        """Whether GMRES finds the solution."""
-        self._released("KSPSolve", self._ksp, self._b, self._x)
-        self._last = max(self._ksp.getIterationNumber(), 1)
-        return self._ksp.getConvergedReason() > 0
-
-    def _judge(self, ksp: Any, iteration: int, norm: float) -> Any:
-        """Whether a residual, in the preconditioner's norm, is small enough."""
-        if not iteration:
-            self._first = norm
-        self._rest = norm
-        reasons = petsc().KSP.ConvergedReason
-        if not math.isfinite(norm):
-            return reasons.DIVERGED_NANORINF
-        wanted = ksp.rtol * self._first
-        if self._is_free:
-            wanted = self._accuracy.allowed(self._first, self._least)
-        return reasons.CONVERGED_RTOL if norm <= wanted else reasons.ITERATING
-
-    @property
-    def _decades(self) -> float:
-        """By how many powers of ten the residual fell in the last call."""
-        return math.log10(self._first / self._rest) if self._rest else 16.0
-
-    @staticmethod
-    def _released(name: str, *objects: Any) -> None:
-        """Call a function of PETSc and let signals arrive meanwhile: petsc4py keeps Python's lock.
-
-        Here a process waits for another one, which may have been killed.
-        """
-        PETSc = petsc()
-        function = ctypes.CDLL(PETSc.__file__)[name]
-        if code := function(*(ctypes.c_void_p(one.handle) for one in objects)):
-            raise PETSc.Error(code)
-
-    def _precondition(self) -> None:
-        """Make the preconditioner of the present tangent."""
-        PETSc = petsc()
-        self._ksp.destroy()
-        self._assembled.destroy()
-        options, defaults = PETSc.Options(_PREFIX), KINDS[self.kind]
-        self._was = self._entries[self._diagonal]
-        self._assembled = self._sum_of_parts()
-        self._ksp = ksp = PETSc.KSP().create(self._comm)
-        ours = {n: value for n, value in defaults.items() if not options.hasName(n)}
-        for name, value in ours.items():
-            options.setValue(name, value)
-        ksp.setOptionsPrefix(_PREFIX)
-        ksp.setType("gmres")
-        ksp.setGMRESRestart(_MOST)
-        ksp.setTolerances(atol=0.0, divtol=1e30, max_it=2 * _MOST)
-        ksp.setOperators(self._matrix, self._assembled)
-        ksp.setFromOptions()
-        self._is_free = self.kind == "Schwarz" and not options.hasName("ksp_rtol")
-        ksp.setConvergenceTest(self._judge)
-        self._released("KSPSetUp", ksp)
-        if self.kind == "Schwarz":
-            self._released("KSPSetUpOnBlocks", ksp)
-        ksp.getPC().setReusePreconditioner(True)
-        for name in ours:
-            options.delValue(name)
-
-    def _sum_of_parts(self) -> Any:
-        """The tangent as one matrix, of which each process has its rows."""
-        PETSc = petsc()
-        matrix = PETSc.Mat()
-        self._matrix.convert("aij", matrix)
-        if self.kind != "Schwarz":
-            return matrix
-        # In blocks: PETSc's own conversion takes a time like the square of their number.
-        starts, columns, values = matrix.getValuesCSR()
-        matrix.destroy()
-        rows = scipy.sparse.csr_matrix((values, columns, starts), self._sizes)
-        rows = rows.tobsr((BLOCK, BLOCK))
-        parts = rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data
-        return PETSc.Mat().createBAIJ([self._sizes] * 2, BLOCK, csr=parts, comm=self._comm)
-
     def destroy(self) -> None:
         """Free PETSc's objects; all processes at once."""
-        for thing in (self._ksp, self._assembled, self._matrix, self._b, self._x):
+        self._solver.destroy()
+        for thing in (self._matrix, self._b, self._x):
             thing.destroy()
+
+
+def _assembled(matrix: Any, in_blocks: bool) -> Any:
+    """The tangent as one matrix, of which each process has its rows."""
+    PETSc, rows = petsc(), petsc().Mat()
+    matrix.convert("aij", rows)
+    if not in_blocks:
+        return rows
+    # In blocks: PETSc's own conversion takes a time like the square of their number.
+    starts, columns, values = rows.getValuesCSR()
+    sizes = rows.getSizes()
+    rows.destroy()
+    blocks = scipy.sparse.csr_matrix((values, columns, starts), sizes[0]).tobsr((BLOCK, BLOCK))
+    parts = blocks.indptr.astype(PETSc.IntType), blocks.indices.astype(PETSc.IntType), blocks.data
+    return PETSc.Mat().createBAIJ(sizes, BLOCK, csr=parts, comm=PETSc.COMM_WORLD)
+
+
+def _released(name: str, *objects: Any) -> None:
+    """Call a function of PETSc and let signals arrive meanwhile: petsc4py keeps Python's lock.
+
+    Here a process waits for another one, which may have been killed.
+    """
+    PETSc = petsc()
+    function = ctypes.CDLL(PETSc.__file__)[name]
+    if code := function(*(ctypes.c_void_p(thing.handle) for thing in objects)):
+        raise PETSc.Error(code)
 
 
 class Accuracy:

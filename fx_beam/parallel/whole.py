@@ -169,7 +169,6 @@ class DistributedEquations:
 
     def __init__(self, team: Team, forcing: Forcing, options: NewtonOptions, stats: Stats):
         self.model, self._natural = (model := forcing.model), forcing.natural
-        self._reduction = model.reduction
         #: Where iterations are counted; root of the work of the last solution, over its size.
         self._stats, self._stiffness = stats, 0.0
         _check(model)
@@ -209,16 +208,12 @@ class DistributedEquations:
 
     def begin(self, interval: Interval, start: State) -> None:
         """Set the interval of a step and the state at its start, everywhere."""
-        self._reduction.begin(start.q, start.slides)
+        self.model.reduction.begin(start.q, start.slides)
         end = self._natural(interval.end)
         starts = [self._start_of(i, start) for i in range(self._team.size)]
         pairs, values = zip(self._shares, starts, strict=True), self.model.forms.parameters.values
-        given = [(interval, of, self._in_part(share, end), values) for share, of in pairs]
+        given = [(interval, of, _in_part(share, end), values) for share, of in pairs]
         self._crew("begin", given)
-
-    def _in_part(self, share: Share, values: np.ndarray | None) -> np.ndarray | None:
-        """Values (cells, ...) in the order of the elements of a part, if there are any."""
-        return None if values is None else values[share.elements]
 
     def _start_of(self, part: int, start: State) -> dict[str, Any]:
         """What a part needs of the state."""
@@ -229,7 +224,7 @@ class DistributedEquations:
         if start.q_previous is not None:
             of["q_previous"] = start.q_previous[dofs]
         for name in ("internal", "natural"):
-            of[name] = self._in_part(share, getattr(start, name))
+            of[name] = _in_part(share, getattr(start, name))
         return of
 
     def at(
@@ -237,7 +232,7 @@ class DistributedEquations:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Forces and residual (size,) at increments of the unknowns and of driven motion."""
         model = self.model
-        D = self._reduction.expand(y, driven)
+        D = model.reduction.expand(y, driven)
         f, r = np.zeros(model.size), np.zeros(model.size)
         model.points.add_force(D, f)
         model.forms.stiffness.data[self._at_points] = 0.0
@@ -280,7 +275,7 @@ class DistributedEquations:
         points, free = self.model.points, self.model.reduction.free
         if not len(points):
             return np.empty(0)
-        reduced = self._reduction.reduced(self._tangent_of_points()).tocoo()
+        reduced = self.model.reduction.reduced(self._tangent_of_points()).tocoo()
         columns, slopes = points.columns, points.on_slides(1)
         known = columns < free
         rows = np.concatenate([reduced.row, columns[known]]).astype(int)
@@ -313,6 +308,11 @@ class DistributedEquations:
         self._stats.krylov_iterations += first.iterations
         self._stats.solver = f"PETSc on {self._team.size} processes, {first.kind}"
         return x, first.error
+
+
+def _in_part(share: Share, values: np.ndarray | None) -> np.ndarray | None:
+    """Values (cells, ...) in the order of the elements of a part, if there are any."""
+    return None if values is None else values[share.elements]
 
 
 class Part:
