@@ -62,6 +62,15 @@ def test_a_block_slides_to_rest_as_the_law_says(scheme):
     assert np.diff(solution.energy.dissipated).min() >= 0
 
 
+def test_an_oscillator_with_friction_loses_four_times_the_force_over_the_stiffness_in_a_period():
+    k, F = 200.0, 4.0  # 10 rad/s
+    scene, _, joint = block(0.0, spring=fb.Spring(k, rest=1.0), friction=fb.SmoothFriction(F, 1e-3))
+    period = 2 * np.pi / 10
+    solution = fb.simulate(scene, dt=period / 400, t_end=4 * period)
+    amplitudes = abs(solution.joint(joint).slide - 1.0)[::400]
+    assert amplitudes == pytest.approx(1.0 - 4 * F / k * np.arange(5), abs=2e-4)
+
+
 def test_stribecks_friction_stops_a_block_where_its_integral_says():
     law = fb.SmoothFriction(lambda rate: 1 + ufl.exp(-abs(rate) / 0.5), 0.005)
     scene, _, rail = block(2.0, mass=1.0, friction=law)
