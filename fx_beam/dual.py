@@ -303,7 +303,7 @@ def dual_of(value: Any) -> Dual | None:
         return None if value.slopes is None else Dual(value, value.slopes)
     if isinstance(value, np.ndarray) and value.dtype == object:
         return dual_of(value.tolist())
-    if not isinstance(value, list | tuple) or _are_plain(value):
+    if not isinstance(value, list | tuple) or _flat(value) is not None:
         return None
     duals = {i: dual for i, part in enumerate(value) if (dual := dual_of(part)) is not None}
     if not duals:
@@ -314,15 +314,21 @@ def dual_of(value: Any) -> Dual | None:
     return Dual([duals[i].values if i in duals else part for i, part in enumerate(value)], slopes)
 
 
-def _are_plain(values: Any) -> bool:
-    """Whether nested lists have numbers without slopes alone, which is quickly known for most."""
-    while (kinds := {*map(type, values)}) <= _SEQUENCES and kinds:
+def _flat(values: Any) -> tuple[Any, list[int]] | None:
+    """Numbers of nested lists and their shape; None if one is no float, or lengths differ."""
+    shape = [len(values)]
+    while not (kinds := {*map(type, values)}) <= _NUMBERS:
+        if not kinds <= _SEQUENCES or len(lengths := {*map(len, values)}) > 1:
+            return None
         values = [*itertools.chain.from_iterable(values)]
-    return kinds <= _NUMBERS
+        shape += lengths
+    return values, shape
 
 
 def stacked(values: Any) -> Any:
     """An array of numbers, with slopes if any of them has."""
+    if isinstance(values, list | tuple) and (flat := _flat(values)) is not None:
+        return np.array(flat[0], float).reshape(flat[1])  # quickly
     dual = dual_of(values)
     return np.array(values, float) if dual is None else dual
 

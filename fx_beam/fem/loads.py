@@ -14,12 +14,15 @@ from fx_beam.dual import Dual, plain, stacked
 from fx_beam.errors import any_of
 from fx_beam.laws.interval import Interval, just_inside
 from fx_beam.scene.beam import Beam, Node, gauss_rule, lagrange_and_slopes
-from fx_beam.scene.functions import Signal, SignalAlong, evaluate
-from fx_beam.scene.loads import NAMES, Load, StrainPart, values_along
+from fx_beam.scene.functions import Signal, SignalAlong, constant, evaluate
+from fx_beam.scene.loads import NAMES, Load, values_along
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 
 from .mesh import Mesh
+
+# The function of time of a load that is constant in time.
+_ONE = constant(np.ones(1))
 
 
 def line_forces(mesh: Mesh, number: int, rule: int) -> scipy.sparse.csc_matrix:
@@ -156,15 +159,15 @@ class Loads(SumOfLoads):
         beam, rule = target, target.degree + 1
         unit = line_forces(self._mesh, scene.beams.index(beam), rule)
         nearest = NearestValues(beam.s, rule)
-        if (along := load.along) is not None:
+        if isinstance(function, SignalAlong):
+            function = ValuesOverTime(function, nearest)
+        elif function.place:
             rows, arrays = np.unique(unit.indices), scene.array_calls
-            each = nearest.of(lambda s: values_along(along, s, "s", arrays)).reshape(-1)
+            each = nearest.of(lambda s: values_along(function, s, arrays)).reshape(-1)
             values: Any = (unit @ plain(each))[rows]
             if isinstance(each, Dual):
                 values = Dual(values, (unit @ each.slopes)[rows])
-            return UnitLoad(function, str(load), values, rows, np.array([len(rows)]))
-        if isinstance(function, SignalAlong):
-            function = ValuesOverTime(function, nearest)
+            return UnitLoad(_ONE, str(load), values, rows, np.array([len(rows)]))
         else:
             unit = scipy.sparse.csc_matrix(unit @ np.tile(np.eye(2), (unit.shape[1] // 2, 1)))
         return UnitLoad(function, str(load), unit.data, unit.indices, np.diff(unit.indptr))
@@ -181,10 +184,10 @@ class NaturalStrains(SumOfLoads):
         parts = [(of.beam, *part) for of in scene.natural_strains for part in of.parts.items()]
         return [self._strain(scene, *part) for part in parts]
 
-    def _strain(self, scene: Scene, beam: Beam, name: str, part: StrainPart) -> UnitLoad:
+    def _strain(self, scene: Scene, beam: Beam, name: str, function: Signal) -> UnitLoad:
         from .nearest_values import NearestValues, ValuesOverTime
 
-        function, degree = part.value, self.shape[1]
+        degree = self.shape[1]
         cells = self._mesh.cells[scene.beams.index(beam)]
         points = degree * cells[:, None] + np.arange(degree)
         rows = 3 * points.ravel() + [*NAMES].index(name)
@@ -193,9 +196,10 @@ class NaturalStrains(SumOfLoads):
         what = f"{NAMES[name]} of beam {beam.name!r}"
         if isinstance(function, SignalAlong):
             function, counts = ValuesOverTime(function, nearest), np.ones(len(rows), dtype=int)
-        elif (along := part.along) is not None:
-            arrays = scene.array_calls
-            values = nearest.of(lambda f: values_along(along, f, "f", arrays)).reshape(-1)
+        elif function.place:
+            along, arrays = function, scene.array_calls
+            values = nearest.of(lambda f: values_along(along, f, arrays)).reshape(-1)
+            function = _ONE
         return UnitLoad(function, what, values, rows, counts)
 
     def __bool__(self):

@@ -16,7 +16,7 @@ from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.coordinate import Coordinate
 from fx_beam.scene.functions import constant
 from fx_beam.scene.joints import GROUND, Joint
-from fx_beam.scene.loads import Drag, Mass, NaturalStrain, StrainPart
+from fx_beam.scene.loads import Drag, Mass, NaturalStrain
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.section import DATA, Section
 from fx_beam.step.model import Model
@@ -77,7 +77,7 @@ class Share:
         scene.prescribed |= dict.fromkeys(self.prescribed, _AT_REST)
         scene.masses += self.masses
         if self.natural and scene.beams:
-            none = NaturalStrain(scene.beams[0], {"axial": StrainPart(_AT_REST)})
+            none = NaturalStrain(scene.beams[0], {"axial": _AT_REST})
             scene.natural_strains.append(none)
         if self.parameters:
             from fx_beam.scene.symbols import Parameter

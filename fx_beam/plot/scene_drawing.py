@@ -14,9 +14,9 @@ from fx_beam.errors import SceneError, is_flag, require, shown
 from fx_beam.scene.beam import Beam, Node, position_of, reference_positions
 from fx_beam.scene.contacts import arc_of
 from fx_beam.scene.coordinate import Held
-from fx_beam.scene.functions import SignalAlong
+from fx_beam.scene.functions import Signal, SignalAlong
 from fx_beam.scene.inputs import InputSignal
-from fx_beam.scene.loads import Load, StrainPart, label
+from fx_beam.scene.loads import Load, label
 from fx_beam.scene.scene import Scene
 
 from .drawing import Drawing, apart, axis, interpolated, three_digits
@@ -63,20 +63,11 @@ def _largest(load: Load) -> tuple[float, np.ndarray]:
     return samples[int(np.nanargmax(sizes))]
 
 
-def _arguments(of: Load | StrainPart, place: str) -> str:
-    """Of what its value is a function; empty for a constant."""
-    if of.along is not None:
-        return f"({place})"
-    if of.value.is_along:
-        return f"({place}, t)"
-    return "" if of.value.is_constant else "(t)"
-
-
 def _words(symbol: str, load: Load, value: float, unit: str, si: bool) -> str:
     if isinstance(load.value, InputSignal):
         return load.value.name + ", follower" * load.follower
     value_and_unit = f" = {three_digits(value)}{f' {unit}' if si else ''}"
-    return symbol + (_arguments(load, "s") or value_and_unit) + ", follower" * load.follower
+    return symbol + (load.value.arguments or value_and_unit) + ", follower" * load.follower
 
 
 def _force(sheet: Sheet, load: Load, si: bool) -> None:
@@ -98,16 +89,15 @@ def _moment(sheet: Sheet, load: Load, si: bool) -> None:
 
 def _line_load(sheet: Sheet, load: Load, si: bool) -> None:
     beam: Any = load.target
-    factor = _shown(load)
     arc, points = np.linspace(0, beam.length, _ARROWS + 1), _axis(beam)
     s = arc_of(points)
     tips = interpolated(arc, s * beam.length / s[-1], points)
     if isinstance(load.value, SignalAlong):
         loads = plain(load.value.at(arc, _largest(load)[0]))
-    elif load.along is None:
-        loads = np.tile(factor, (len(arc), 1))
+    elif load.value.place:
+        loads = np.array([load.value(s) for s in arc])
     else:
-        loads = factor[0] * np.array([load.along(s) for s in arc])
+        loads = np.tile(_shown(load), (len(arc), 1))
     sizes = np.hypot(*loads.T)
     if not sizes.max() > 0:
         return
@@ -141,17 +131,17 @@ def _natural_strains(sheet: Sheet, scene: Scene, si: bool) -> None:
         left /= np.hypot(*left.T)[:, None]
         beside = points + _BESIDE * sheet.size * left
         sheet.line(beside, color=_STRAINED, linewidth=1.2, linestyle=(0, (4, 2)))
-        words = [_of_part(name, part, si) for name, part in strain.parts.items()]
+        words = [_of_part(*part, si) for part in strain.parts.items()]
         sheet.label(", ".join(words), beside[len(beside) // 2 :], _STRAINED)
 
 
-def _of_part(name: str, part: StrainPart, si: bool) -> str:
+def _of_part(name: str, value: Signal, si: bool) -> str:
     """A component of a natural strain: its value, its input, or what it is a function of."""
-    symbol, value = _STRAINS[name], part.value
+    symbol = _STRAINS[name]
     if isinstance(value, InputSignal):
         return f"{symbol}: {value.name}"
     unit = " 1/m" if si and name == "curvature" else ""
-    words = _arguments(part, "f") or f" = {three_digits(float(value(0.0)[0]))}{unit}"
+    words = value.arguments or f" = {three_digits(float(value(0.0)[0]))}{unit}"
     return symbol + words
 
 

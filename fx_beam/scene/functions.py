@@ -43,8 +43,8 @@ class Signal:
     A value has the slopes of the numbers of which the function is made.
     """
 
-    #: Whether its arguments are a position along a beam, and the time.
-    is_along = False
+    #: Name of the position along a beam that is its argument: of all values, or before the time.
+    place = ""
     #: Whether it goes straight over a step to a value that is set.
     ramps = False
 
@@ -61,6 +61,11 @@ class Signal:
     def is_constant(self) -> bool:
         """Whether it has one value."""
         return self.function is None
+
+    @property
+    def arguments(self) -> str:
+        """Names of its arguments in brackets; empty for a constant."""
+        return f"({self.place})" if self.place else "" if self.is_constant else "(t)"
 
     def __call__(self, *arguments: Any) -> np.ndarray:
         """The value (size,) at a time or a place; SceneError if the function fails."""
@@ -147,17 +152,20 @@ class SignalAlong(Signal):
     one by one otherwise. It is tried at time 0, so that errors show before the run.
     """
 
-    is_along = True
-
-    def __init__(self, function: Callable, size: int, what: str, length: float, name: str):
+    def __init__(self, function: Callable, size: int, what: str, length: float, place: str):
         if not callable(function):
-            raise SceneError(f"{what}: {shown(function)} must be a function of ({name}, t)")
+            raise SceneError(f"{what}: {shown(function)} must be a function of ({place}, t)")
         super().__init__(function, size, what)
-        self._name, self._samples = name, length * _PARTS
+        self.place, self._samples = place, length * _PARTS
         one_by_one = self._at_each(self._samples, 0.0)
         at_once = self._at_once(self._samples, 0.0)
         self._takes_arrays = at_once is not None and np.array_equal(at_once, one_by_one)
         self._calls, self._was_zero = 0, True
+
+    @property
+    def arguments(self) -> str:
+        """Names of its arguments in brackets."""
+        return f"({self.place}, t)"
 
     def __call__(self, *arguments: float) -> np.ndarray:
         """The largest value (size,) at some positions, as pictures show it."""
@@ -208,7 +216,7 @@ class SignalAlong(Signal):
 
     def _checked(self, position: float, t: float) -> np.ndarray:
         """The value at a place; SceneError, with the place, for what is none."""
-        what = f"{self.what} at {self._name} = {position:g}, t = {t:g}"
+        what = f"{self.what} at {self.place} = {position:g}, t = {t:g}"
         function: Any = self.function
         try:
             value = function(position, t)
@@ -239,6 +247,13 @@ def checked_function(value: Any, size: int, what: str, *sample: float) -> Signal
     vector(first, size, what)
     signal = Signal(value, size, what)
     signal._is_dual = dual_of(first) is not None
+    return signal
+
+
+def function_of_place(value: Any, size: int, what: str, place: str) -> Signal:
+    """The same of a position along a beam, of a name."""
+    signal = checked_function(value, size, what, 0.0)
+    signal.place = place
     return signal
 
 

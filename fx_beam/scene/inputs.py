@@ -149,7 +149,7 @@ def input_slots(scene) -> Iterator[tuple[InputSignal, str]]:
     That is a "load", a "motion", a "parameter" or a "natural strain".
     """
     motors = (on.motor for joint in scene.joints for on in joint.coordinates.values())
-    strains = (part.value for strain in scene.natural_strains for part in strain.parts.values())
+    strains = (part for strain in scene.natural_strains for part in strain.parts.values())
     for kind, functions in (
         ("load", (load.value for load in scene.loads)),
         ("motion", (*scene.prescribed.values(), *motors)),
@@ -200,7 +200,7 @@ def connected(scene, function_of: Callable[[InputSignal], Signal]):
     new.parameters = scene.parameters.replaced(replaced)
     new.natural_strains = []
     for strain in scene.natural_strains:
-        parts = {k: replace(part, value=replaced(part.value)) for k, part in strain.parts.items()}
+        parts = {name: replaced(function) for name, function in strain.parts.items()}
         new.natural_strains.append(replace(strain, parts=parts))
     new.prescribed = {key: replaced(function) for key, function in scene.prescribed.items()}
     new.joints = []

@@ -31,7 +31,7 @@ from .functions import (
     argument_names,
     check_takes_time,
     checked_function,
-    constant,
+    function_of_place,
 )
 from .inputs import Input, time_function
 from .parameters import refused
@@ -49,14 +49,12 @@ NAMES = {
 }
 
 
-def values_along(
-    function: Signal, positions: np.ndarray, name: str, arrays: ArrayCalls | None
-) -> Any:
+def values_along(function: Signal, positions: np.ndarray, arrays: ArrayCalls | None) -> Any:
     """Finite values (n, size) of a function of position at n positions; SceneError otherwise."""
     values = function.each(positions[:, None], arrays)
     if not (abs(plain(values)) <= LARGEST).all():
         for x, value in zip(positions.tolist(), values, strict=True):
-            vector(value, function.size, f"{function.what} at {name} = {x:g}")
+            vector(value, function.size, f"{function.what} at {function.place} = {x:g}")
     return values
 
 
@@ -80,8 +78,6 @@ class Load:
     value: Signal = field(metadata=NUMBER)
     #: Whether a force turns with the section of its node.
     follower: bool = False
-    #: ``along(s)``: line load [qx, qy] at the arc length s; then ``value(t)`` is its factor.
-    along: Signal | None = field(default=None, metadata=NUMBER)
 
     def __str__(self):
         return f"{'follower ' if self.follower else ''}{self.kind} on {label(self.target)}"
@@ -104,16 +100,14 @@ def line_load(beam: Beam, load, of: str) -> Load:
     if of == "arc length and time":
         value = SignalAlong(load, 2, what, beam.length, "s")
         return Load("line load", beam, value)
-    along = checked_function(load, 2, what, 0.0)
-    return Load("line load", beam, constant(np.ones(1)), along=along)
+    return Load("line load", beam, function_of_place(load, 2, what, "s"))
 
 
 def changed(load: Load, value) -> Load:
     """The load with another value, of the same kind."""
     if isinstance(load.target, Beam):
-        of = "time" if load.along is None else "arc length"
-        if load.value.is_along:
-            of = "arc length and time"
+        of = "arc length" if load.value.place else "time"
+        of += " and time" * isinstance(load.value, SignalAlong)
         return line_load(load.target, value, of)
     size = 1 if load.kind == "moment" else 2
     return replace(load, value=time_function(value, size, str(load)))
@@ -235,21 +229,12 @@ def check_target(scene, target, what: str) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class StrainPart:
-    """A component of a natural strain."""
-
-    #: ``value(t)`` (1,), or a `SignalAlong` of fraction and time.
-    value: Signal = field(metadata=NUMBER)
-    #: ``along(f)`` (1,), by the fraction of the arc length; then ``value(t)`` is its factor.
-    along: Signal | None = field(default=None, metadata=NUMBER)
-
-
-@dataclass(frozen=True, eq=False)
 class NaturalStrain:
     """Natural strains of a beam by their names, of "axial", "shear" and "curvature"."""
 
     beam: Beam
-    parts: Mapping[str, StrainPart]
+    #: Functions of the time, of the fraction of the arc length, or of both, with values (1,).
+    parts: Mapping[str, Signal] = field(metadata=NUMBER)
 
     def __str__(self):
         return f"natural strain of beam {self.beam.name!r}"
@@ -268,17 +253,17 @@ def changed_strain(strain: NaturalStrain, given: Mapping[str, Any]) -> NaturalSt
     return replace(strain, parts={**strain.parts, **natural_strain(strain.beam, given).parts})
 
 
-def _part(beam: Beam, name: str, value) -> StrainPart:
+def _part(beam: Beam, name: str, value) -> Signal:
     what = f"{NAMES[name]} of beam {beam.name!r}"
     # The names of the arguments of a function say what it is of.
     is_function = callable(value) and not isinstance(value, Input)
     arguments = argument_names(value) if is_function else ["t"]
     if arguments == ["t"]:
-        return StrainPart(time_function(value, 1, what))
+        return time_function(value, 1, what)
     if arguments == ["f"]:
-        return StrainPart(constant(np.ones(1)), checked_function(value, 1, what, 0.0))
+        return function_of_place(value, 1, what, "f")
     if arguments == ["f", "t"]:
-        return StrainPart(SignalAlong(value, 1, what, 1.0, "f"))
+        return SignalAlong(value, 1, what, 1.0, "f")
     raise SceneError(
         f"{what}: the arguments of the function are ({', '.join(arguments)}). Name them f for the "
         "fraction of the arc length, t for the time, or (f, t) for both: lambda f, t: ..."
