@@ -40,33 +40,11 @@ class Path:
         self.width = p * self.window + 1
         #: Number of borders between elements that a step may pass.
         self.most = 2 if elements > self.WINDOW else elements
-        self._set_polynomials()
+        #: Coefficients (elements, 3 p + 1, 4) for the nodes of an element and of both neighbours.
+        self.coefficients = _polynomials(p, self.h, self.corners())
 
     def __len__(self):
         return len(self.X)
-
-    def _set_polynomials(self) -> None:
-        p, h, n = self.degree, self.h, len(self.h)
-        shapes = np.zeros((p + 1, 4))  # coefficients of 1, x, x^2, x^3
-        fractions = np.arange(p + 1) / p
-        shapes[:, : p + 1] = np.linalg.inv(fractions[:, None] ** np.arange(p + 1)).T
-        begin, end = shapes[:, 1], shapes @ np.arange(4)
-        corner = self.corners()
-        #: Coefficients (elements, 3 p + 1, 4) for the nodes of an element and of both neighbours.
-        self.coefficients = np.zeros((n, 3 * p + 1, 4))
-        inside = slice(p, 2 * p + 1)
-        self.coefficients[:, inside] = shapes
-        for i in range(n - 1):
-            if corner[i]:
-                continue
-            # Tangents by the nodes of both elements: their jump, taken up by one or the other.
-            jump = np.zeros(2 * p + 1)
-            jump[p:] += begin / h[i + 1]
-            jump[: p + 1] -= end / h[i]
-            share = h[i] / (h[i] + h[i + 1])
-            left, right = share * h[i] * jump, -(1 - share) * h[i + 1] * jump
-            self.coefficients[i, p:] += np.outer(left, _SLOPES[1])
-            self.coefficients[i + 1, : 2 * p + 1] += np.outer(right, _SLOPES[0])
 
     def corners(self) -> np.ndarray:
         """Whether the elements i and i + 1 meet in a corner of a polyline, (elements - 1,)."""
@@ -136,7 +114,7 @@ class Path:
         from_point[:, 0] -= point
         slopes = np.arange(1, 4)[:, None] * from_point[:, 1:]
         arcs = [self.s]
-        for e in self._may_be_nearest(from_point):
+        for e in _may_be_nearest(from_point, self.length):
             # The square of the distance, a polynomial of degree 6, is stationary.
             square: Any = sum(np.convolve(component, component) for component in from_point[e].T)
             x = np.roots(np.arange(6, 0, -1) * square[:0:-1])
@@ -150,14 +128,39 @@ class Path:
         best = np.argmax(gaps <= gaps.min() + 1e-15 * self.length)  # ends of elements come first
         return float(s[best]), float(gaps[best])
 
-    def _may_be_nearest(self, c: np.ndarray) -> np.ndarray:
-        """Elements that may be nearest to a point, from which coefficients (n, 4, 2) measure."""
-        powers = np.array([0.0, 0.5, 1.0])[:, None] ** np.arange(4)
-        distances = np.linalg.norm(powers @ c, axis=2).min(axis=1)
-        # No point is farther from one of these than a quarter of the largest slope.
-        reach = np.linalg.norm(c[:, 1:], axis=2) @ [0.25, 0.5, 0.75]
-        most = distances.min() * (1 + 1e-6) + 1e-12 * self.length
-        return np.flatnonzero(distances - reach <= most)
+
+def _polynomials(p: int, h: np.ndarray, corner: np.ndarray) -> np.ndarray:
+    """Coefficients of cubics over elements of the lengths h (n,) and the degree p."""
+    n = len(h)
+    shapes = np.zeros((p + 1, 4))  # coefficients of 1, x, x^2, x^3
+    fractions = np.arange(p + 1) / p
+    shapes[:, : p + 1] = np.linalg.inv(fractions[:, None] ** np.arange(p + 1)).T
+    begin, end = shapes[:, 1], shapes @ np.arange(4)
+    coefficients = np.zeros((n, 3 * p + 1, 4))
+    coefficients[:, p : 2 * p + 1] = shapes
+    for i in np.flatnonzero(~corner):
+        # Tangents by the nodes of both elements: their jump, taken up by one or the other.
+        jump = np.zeros(2 * p + 1)
+        jump[p:] += begin / h[i + 1]
+        jump[: p + 1] -= end / h[i]
+        share = h[i] / (h[i] + h[i + 1])
+        left, right = share * h[i] * jump, -(1 - share) * h[i + 1] * jump
+        coefficients[i, p:] += np.outer(left, _SLOPES[1])
+        coefficients[i + 1, : 2 * p + 1] += np.outer(right, _SLOPES[0])
+    return coefficients
+
+
+def _may_be_nearest(c: np.ndarray, length: float) -> np.ndarray:
+    """Elements that may be nearest to a point, from which coefficients c (n, 4, 2) measure.
+
+    The path has a length [m].
+    """
+    powers = np.array([0.0, 0.5, 1.0])[:, None] ** np.arange(4)
+    distances = np.linalg.norm(powers @ c, axis=2).min(axis=1)
+    # No point is farther from one of these than a quarter of the largest slope.
+    reach = np.linalg.norm(c[:, 1:], axis=2) @ [0.25, 0.5, 0.75]
+    most = distances.min() * (1 + 1e-6) + 1e-12 * length
+    return np.flatnonzero(distances - reach <= most)
 
 
 def _complex(vectors: np.ndarray) -> np.ndarray:
