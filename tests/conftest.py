@@ -84,8 +84,13 @@ def no_libraries(monkeypatch, tmp_path):
 _DEMOS = {path.stem for path in (Path(__file__).parents[1] / "demos").glob("*.py")}
 # Groups that take longest, which start first: otherwise one process would end with them alone.
 _SLOWEST = (
+    "test_steps_by_dolfinx",
     "test_stability_report",
     "test_processes",
+    "demo: gears",
+    "demo: clamped_beam",
+    "demo: gripper",
+    "demo: cart_pole",
     "test_periodic",
     "test_sweep",
     "test_sliders",

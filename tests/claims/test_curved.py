@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from numpy.polynomial import Legendre
-from scenes import FLYING, relative_drift
+from scenes import FLYING
 from scipy.integrate import quad, simpson
 
 import fx_beam as fb
@@ -284,37 +284,3 @@ def test_resultants_of_a_curve_stand_at_its_arc_length():
     assert r.M[-1] == pytest.approx(1e-3 * (1 - np.sin(angle)), abs=2e-5)
     assert r.N[-1] == pytest.approx(1e-3 * np.sin(angle), abs=2e-5)
     assert r.Q[-1] == pytest.approx(1e-3 * np.cos(angle), abs=2e-5)
-
-
-# -- Motion ------------------------------------------------------------------------------------
-
-
-def spun(degree, turn=0.0):
-    """A free quarter of a circle that is thrown and bent."""
-    c, s = math.cos(turn), math.sin(turn)
-    R = np.array([[c, -s], [s, c]])
-    scene = fb.Scene()
-    beam = scene.add_beam(fb.arc(*(R @ p for p in QUARTER)), FLYING, elements=4, degree=degree)
-
-    def velocity(x, y):
-        x, y = (x, y) @ R
-        return R @ (3 - 5 * y + 4 * x**2, 2 + 5 * x)
-
-    scene.set_velocity(beam, velocity, spin=5)
-    return scene, beam
-
-
-@DEGREES
-def test_a_curved_beam_in_free_spin_keeps_energy_and_momenta(degree):
-    solution = fb.simulate(spun(degree)[0], dt=0.05, t_end=3.0)
-    assert solution.energy.strain.max() > 1e-3 * solution.energy.total[0]  # it does bend
-    assert relative_drift(solution.energy.total) < 1e-11
-    assert relative_drift(solution.angular_momentum) < 1e-11
-    assert relative_drift(solution.linear_momentum[:, 0]) < 1e-11
-    assert relative_drift(solution.linear_momentum[:, 1]) < 1e-11
-
-
-def test_the_published_scheme_keeps_energy_of_a_curved_beam_the_better_the_higher_the_degree():
-    for degree, drift in ((1, 1e-6), (3, 5e-8)):
-        solution = fb.simulate(spun(degree)[0], fb.ModifiedMidPoint(), dt=0.02, t_end=3.0)
-        assert 1e-13 < relative_drift(solution.energy.total) < drift

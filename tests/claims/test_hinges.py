@@ -6,7 +6,7 @@ import ufl
 
 import numpy as np
 import pytest
-from jointed import drift, pair
+from jointed import pair
 
 import fx_beam as fb
 
@@ -144,30 +144,6 @@ def test_a_zener_hinge_relaxes_with_second_order(scheme):
     assert errors[1] < 0.01
 
 
-@pytest.mark.parametrize("size", [1.0, 1e-9], ids=["metres", "nanometres"])
-def test_a_stiffening_spring_keeps_its_energy_in_any_unit(size):
-    # Linear springs are part of it.
-    energy = {"strain_energy": lambda x: 40.0 * (x / size) ** 4}
-    spring = fb.Spring(10.0 / size**2, rest=0.1 * size, **energy)
-    scene = fb.Scene()
-    body = scene.add_beam([(0, 0), (size, 0)], LIGHT)
-    scene.add_mass(body.start, 2.0 / size**2)
-    joint = scene.add_joint(fb.Prismatic(fb.GROUND, body.start, axis=(1, 0), spring=spring))
-    scene.set_velocity(body, (1.5 * size, 0.0))
-    solution = fb.simulate(scene, dt=0.02, t_end=20.0)
-    E, x = solution.energy.total, solution.joint(joint).slide / size - 0.1
-    assert drift(E) < 1e-11
-    assert solution.energy.springs.max() > 0.99 * E[0]
-    # Amplitude, and half of the period: the integral of dx / v.
-    top = np.sqrt((np.sqrt(25 + 160 * E[0]) - 5) / 80)
-    assert abs(x).max() == pytest.approx(top, rel=1e-3)
-    angle = (np.arange(1000) + 0.5) * np.pi / 2000
-    places = top * np.sin(angle)
-    half = np.sum(top * np.cos(angle) / np.sqrt(E[0] - stiffening(places))) * np.pi / 1000
-    turns = np.flatnonzero(np.diff(np.sign(x)))
-    assert 0.02 * (turns[-1] - turns[0]) / (len(turns) - 1) == pytest.approx(half, rel=0.01)
-
-
 def test_load_steps_follow_the_flow_exactly_and_stiff_members_may_turn_about_a_hinge():
     scene = fb.Scene()
     arm = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e9, GA=1e9, EI=1e9))
@@ -181,24 +157,6 @@ def test_load_steps_follow_the_flow_exactly_and_stiff_members_may_turn_about_a_h
     assert solution.joint(joint).angle == pytest.approx(moments / STIFF + flown, abs=1e-9)
     motion = fb.simulate(scene, dt=0.05, t_end=0.2, start=solution)
     assert abs(motion.joint(joint).internal("a") - flown[-1]).max() < 1e-9
-
-
-def test_modes_hold_a_hinge_that_has_relaxed():
-    scene = fb.Scene()
-    arm = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e9, GA=1e9, EI=1e9))
-    joint = scene.add_joint(fb.Revolute(fb.GROUND, arm.start, spring=ZENER))
-    scene.add_mass(arm.end, 2.0)
-    scene.add_moment(arm.end, 4.0)
-    state = fb.static(scene, load_steps=4)
-    assert state.joint(joint).internal("dashpot")[-1] > 0.02
-    found = fb.modes(scene, state, n=1)
-    assert found.angular_frequencies == pytest.approx([math.sqrt((SLOW + FAST) / 2)], rel=1e-6)
-    assert abs(found.damping_ratios).max() < 1e-9
-    other = fb.Scene()
-    arm = other.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e9, GA=1e9, EI=1e9))
-    other.add_joint(fb.Revolute(fb.GROUND, arm.start, spring=STIFFENING))
-    with pytest.raises(fb.SceneError, match="modes: the solution has other internal variables"):
-        fb.modes(scene, fb.static(other))
 
 
 # -- Steps in parts, restarts, records -------------------------------------------------------------

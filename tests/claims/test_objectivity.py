@@ -86,24 +86,3 @@ def test_a_rigid_motion_strains_nothing(degree, section):
     EA, length = 1e4, 2 * 5**0.5
     # Strains of no more than some units in the last place of the displacement, 5.
     assert moved.energy.strain.max() < EA * length * (1e-14) ** 2
-
-
-def test_units_do_not_matter():
-    # The same beam in metres and seconds, and in micrometres and hours.
-    def run(metre, second):
-        force = metre / second**2
-        section = fb.Section(
-            EA=1e4 * force,
-            GA=1e4 * force,
-            EI=100 * force * metre**2,
-            rhoA=1.0 / metre,
-            rhoI=10.0 * metre,
-        )
-        scene = fb.Scene()
-        beam = scene.add_beam([(0, 0), (6 * metre, 8 * metre)], section, elements=4)
-        scene.add_force(beam.start, lambda t: (8 * force * (t < 2.5 * second), 0))
-        scene.add_moment(beam.start, lambda t: -80 * force * metre * (t < 2.5 * second))
-        solution = fb.simulate(scene, dt=0.05 * second, t_end=4 * second)
-        return solution.position(beam.end) / metre
-
-    assert abs(run(1e6, 1 / 3600) - run(1.0, 1.0)).max() < 1e-8

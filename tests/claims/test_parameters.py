@@ -178,24 +178,6 @@ def jump(t):
     return 1.0 if t < 0.1 else 3.0
 
 
-@pytest.mark.parametrize(
-    ("value", "scheme"),
-    [
-        (pulse, fb.EnergyMomentum(order=4)),
-        (jump, fb.EnergyMomentum()),
-        (jump, fb.EnergyDecaying(order=1)),
-    ],
-)
-def test_the_balance_of_energy_is_exact_while_stored_energies_change(value, scheme):
-    k = fb.Parameter("k", value)
-    scene, arm = swinging(energy_of(k))
-    spring = fb.Spring(strain_energy=lambda x: 20 * k * (x**2 + x**4))
-    scene.add_force_between(arm.end, (0.5, 2), spring=spring)
-    energy = fb.simulate(scene, scheme, dt=0.01, t_end=0.3).energy
-    assert abs(energy.balance_error).max() < 1e-11 * abs(energy.total).max()
-    assert abs(np.ptp(energy.work)) > 0.1
-
-
 def test_the_work_of_a_jump_is_the_change_of_the_stored_energy():
     scene = fb.Scene()
     ball = scene.add_body((1, 0), mass=2.0, inertia=0.1).centre
@@ -288,9 +270,6 @@ def test_linear_systems_have_the_derivative_by_inputs_that_set_parameters():
     h = 1e-4
     ahead, back = (fb.static(scene, inputs={"u": 1 + s * h}).position(arm.end)[-1] for s in (1, -1))
     assert gain[:, 0] == pytest.approx((ahead - back) / (2 * h), rel=1e-5)
-
-
-# -- Statics and modes -----------------------------------------------------------------------------
 
 
 # -- Scenes and solutions ------------------------------------------------------------------------

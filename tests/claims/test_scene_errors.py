@@ -127,14 +127,6 @@ def test_a_joint_is_added_once_also_to_a_copy():
         scene.add_joint(fb.PinInSlot(fb.GROUND, other.end, axis))
 
 
-def test_the_part_that_moves_is_found_among_parts_that_do_not():
-    scene, beam = small_scene(MASSLESS)
-    scene.pin(beam.start)
-    scene.add_beam([(0, 1), (1, 1)], SECTION)
-    with refused(r"beam 'arm' can rotate about \(0, 0\)"):
-        run(scene)
-
-
 @pytest.mark.parametrize(
     ("pinned", "reason"), [(True, "a node turns"), (False, "the tangent is singular")]
 )
@@ -170,14 +162,6 @@ def test_a_function_that_simulates_its_own_scene_is_stopped():
     scene.add_force(beam.end, force)
     with pytest.raises(fb.StepError, match="^force on node 2 .* runs an analysis of the scene to"):
         run(scene)
-
-
-def test_a_start_of_another_scene_is_refused():
-    scene, _ = small_scene()
-    other = fb.Scene()
-    other.add_beam([(0, 0), (1, 0)], SECTION, elements=2)
-    with refused("start: the solution has other nodes"):
-        run(scene, start=run(other), t_end=0.2)
 
 
 @pytest.mark.exact_times
