@@ -14,7 +14,7 @@ import subprocess
 import tempfile
 import threading
 import weakref
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, MutableMapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar
@@ -70,20 +70,35 @@ __attribute__((externally_visible)) {_MISSING} {{
 """
 # What C takes arrays of numbers as.
 _NUMBERS = {"int": np.int32, "double": np.float64}
-# Declarations by the names of their files in the cache.
-_declared: dict[str, Any] = {}
+
+
+# What this process has compiled or loaded: declarations, libraries, forms and laws; and what has
+# functions of a user, as long as something has it.
+_things: dict[Any, Any] = {}
+_of_users: weakref.WeakValueDictionary[Any, Any] = weakref.WeakValueDictionary()
 
 
 class CannotBuild(RuntimeError):
     """A C file cannot be compiled, or its library not be loaded."""
 
 
-@functools.cache
+def compiled(key: Any, make: Callable[[], T], of_user: bool = False) -> T:
+    """What `make` gives for a key, once: threads that ask at the same time get the same thing."""
+    things: MutableMapping[Any, T] = _of_users if of_user else _things
+    if (thing := things.get(key)) is None:
+        thing = things.setdefault(key, make())
+    return thing
+
+
 def declared(header: str, definitions: tuple[str, ...]) -> Any:
     """The cffi.FFI with the declarations of a header, in which `definitions` are macros.
 
     It is kept in the cache: cffi's parser takes longer than all else of a first call.
     """
+    return compiled((declared, header, definitions), lambda: _declared(header, definitions))
+
+
+def _declared(header: str, definitions: tuple[str, ...]) -> Any:
     text = declarations(header)
     for macro, _, value in (definition.partition(" ") for definition in definitions):
         text = re.sub(rf"\b{macro}\b", value, text)
@@ -103,8 +118,7 @@ def declared(header: str, definitions: tuple[str, ...]) -> Any:
         make_py_source(parser, "types", str(folder / name))
         return _ffi_of((folder / name).read_bytes())
 
-    # Threads that ask at once get the same one, whose types alone fit each other.
-    return _declared.setdefault(name, library_cache.loaded(name, loader, builder))
+    return library_cache.loaded(name, loader, builder)
 
 
 def _ffi_of(code: bytes) -> Any:
@@ -114,7 +128,6 @@ def _ffi_of(code: bytes) -> Any:
     return made["ffi"]
 
 
-@functools.cache
 def open_library(
     what: str,
     file: str,
@@ -128,6 +141,11 @@ def open_library(
     `definitions` are macros of both, `more` of the library alone: several libraries may share their
     structs. The library says by `fx_missing` what the processor lacks.
     """
+    asked = what, file, header, definitions, more, flags
+    return compiled((open_library, *asked), lambda: _opened(*asked))
+
+
+def _opened(what, file, header, definitions, more, flags) -> tuple[Any, Any]:
     ffi, source = declared(header, definitions), with_macros(file, *definitions, *more)
 
     def loader(path: Path) -> Any:
@@ -144,18 +162,22 @@ def open_library(
     return ffi, library
 
 
-@functools.cache
 def begin_to_build(
     what: str, file: str, macros: tuple[str, ...], flags: tuple[str, ...] = ()
 ) -> None:
     """Compile a library beside all else, if the cache lacks it."""
-    source = with_macros(file, *macros)
 
     def build() -> None:
+        source = with_macros(file, *macros)
         with suppress(RuntimeError, SceneError):  # who loads it is told why
             load(what, source, lambda: source, lambda _: True, flags)
 
-    threading.Thread(target=build).start()
+    def start() -> threading.Thread:
+        thread = threading.Thread(target=build)
+        thread.start()
+        return thread
+
+    compiled((begin_to_build, file, macros, flags), start)
 
 
 def with_macros(file: str, *macros: str) -> str:

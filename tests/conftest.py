@@ -19,7 +19,6 @@ if _cache.name != "fx_beam_tests":  # not yet, as in the processes of pytest-xdi
     os.environ["XDG_CACHE_HOME"] = str(_cache / "fx_beam_tests")
 
 from fx_beam import c_library, errors, library_cache  # noqa: E402
-from fx_beam.fem import form_library  # noqa: E402
 from fx_beam.step.loop import CompiledLoop  # noqa: E402
 from fx_beam.step.single_steps import CompiledSingleSteps  # noqa: E402
 
@@ -75,10 +74,10 @@ def no_libraries(monkeypatch, tmp_path):
 
     own = {name: in_own_folder(getattr(library_cache, name)) for name in ("loaded", "folder")}
     monkeypatch.setattr(c_library, "library_cache", SimpleNamespace(**own))
-    monkeypatch.setattr(form_library, "_modules", {})
-    c_library.open_library.cache_clear()
+    # Structs of models that are kept have the types of these declarations.
+    types = {key: ffi for key, ffi in c_library._things.items() if key[0] is c_library.declared}
+    monkeypatch.setattr(c_library, "_things", types)
     yield
-    c_library.open_library.cache_clear()
 
 
 _DEMOS = {path.stem for path in (Path(__file__).parents[1] / "demos").glob("*.py")}

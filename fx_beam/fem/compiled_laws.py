@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import ctypes
-import functools
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
+from fx_beam.c_library import compiled
 from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError
 from fx_beam.laws.point_laws import Motion, PointLaw, StepRule, arguments
@@ -19,6 +19,8 @@ from fx_beam.symbolic import Written, derivatives_taken, is_zero, ufl
 from . import elements
 from .assembly import tabulated
 from .form_library import CompiledForm, form_module
+
+T = TypeVar("T")
 
 # Tensor, coefficients, constants, coordinates; the others have no meaning here. Later versions of
 # FFCx have one more, which C ignores where there is none.
@@ -230,18 +232,22 @@ def _listed(function: Callable[[Motion], Any]) -> OfMotion:
     return values
 
 
-def _kept(make: Callable) -> Callable:
-    """Keep what is made of a law and of more, unless the law has functions of a user."""
-    cached = functools.cache(make)
-    return lambda law, *more: (make if law.of_user else cached)(law, *more)
+def _of_law(make: Callable[..., T], law: PointLaw, *more: Any) -> T:
+    """What is made of a law and of more: once, unless the law has functions of a user."""
+    if law.of_user:
+        return make(law, *more)
+    return compiled((make, law, *more), lambda: make(law, *more))
 
 
-@_kept
 def slopes_of(law: PointLaw, rule: StepRule, parameters: tuple[str, ...] = ()) -> PointFunction:
     """Derivatives of the forces and internal variables of a law, one after the other.
 
     They are by the values at the start, the increments, internal variables, numbers and parameters.
     """
+    return _of_law(_slopes, law, rule, parameters)
+
+
+def _slopes(law: PointLaw, rule: StepRule, parameters: tuple[str, ...]) -> PointFunction:
     n, first = law.size, arguments(law)
     count, inside = first + len(parameters), 3 * n + 2
     columns = [
@@ -263,14 +269,11 @@ def slopes_of(law: PointLaw, rule: StepRule, parameters: tuple[str, ...] = ()) -
     return point_function(name, values, count, key)
 
 
-_compiled_law = _kept(CompiledLaw)
-
-
 def compiled_laws(laws: Sequence[PointLaw], rule: StepRule) -> list[CompiledLaw]:
     """Laws as they are compiled, each once; without functions of a user they are kept."""
     distinct = {id(law): law for law in laws}
-    compiled = {key: _compiled_law(law, rule) for key, law in distinct.items()}
-    return [compiled[id(law)] for law in laws]
+    by_law = {key: _of_law(CompiledLaw, law, rule) for key, law in distinct.items()}
+    return [by_law[id(law)] for law in laws]
 
 
 def compiled_rule(rates: NodalRates, rule) -> PointFunction:

@@ -9,13 +9,13 @@ from __future__ import annotations
 import functools
 import hashlib
 import json
-import weakref
-from collections.abc import Callable, Mapping, MutableMapping
+from collections.abc import Callable, Mapping
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from fx_beam import c_library, compiler, library_cache
+from fx_beam.c_library import compiled
 from fx_beam.content_cache import cached_property
 from fx_beam.symbolic import Written
 
@@ -25,9 +25,6 @@ _FLAGS = "-O2", "-fno-tree-slp-vectorize"
 # Where all that becomes a form is written.
 _PACKAGE = Path(__file__).parents[1]
 _WRITERS = "laws/*.py", "fem/*.py", "scene/law.py"
-# Those that this process has loaded; those with functions of a user as long as something has them.
-_modules: dict[Any, FormModule] = {}
-_of_users: weakref.WeakValueDictionary[Any, FormModule] = weakref.WeakValueDictionary()
 
 
 class CompiledForm(NamedTuple):
@@ -86,16 +83,13 @@ def form_module(key: Any, write: Callable[[], Written]) -> FormModule:
 
     Without a key they are written in any case, and signed: functions of a user may have changed.
     """
-    known: MutableMapping[Any, FormModule] = _modules
-    written = None
-    if key is None:
-        from . import ffcx_api
+    if key is not None:
+        return compiled((FormModule, key), lambda: _loaded(key, write))
+    from . import ffcx_api
 
-        known, written = _of_users, write()
-        key = ffcx_api.signature(written)
-    if (module := known.get(key)) is None:
-        module = known.setdefault(key, _loaded(key, lambda: written or write()))
-    return module
+    written = write()
+    key = ffcx_api.signature(written)
+    return compiled((FormModule, key), lambda: _loaded(key, lambda: written), of_user=True)
 
 
 def _loaded(key: Any, write: Callable[[], Written]) -> FormModule:

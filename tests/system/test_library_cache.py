@@ -18,7 +18,6 @@ import numpy as np
 import pytest
 
 from fx_beam import c_library, compiler, library_cache
-from fx_beam.fem import form_library
 from fx_beam.fem.compiled_laws import point_function
 
 
@@ -35,9 +34,8 @@ def cache(monkeypatch, tmp_path):
 
 def forget(monkeypatch):
     """As in a process that has loaded nothing."""
-    for name in ("_modules", "_of_users"):
-        monkeypatch.setattr(form_library, name, {})
-    c_library.open_library.cache_clear()
+    for name in ("_things", "_of_users"):
+        monkeypatch.setattr(c_library, name, {})
     compiler._identity.cache_clear()
 
 

@@ -4,7 +4,8 @@ import cffi
 import numpy as np
 import pytest
 
-from fx_beam.c_library import Structs, declared
+from fx_beam import c_library
+from fx_beam.c_library import Structs
 
 DECLARED = """
 typedef double Law(double);
@@ -48,6 +49,13 @@ def test_a_pointer_that_is_not_set_is_named(frame):
         structs.check(c)
 
 
-def test_threads_that_ask_at_once_for_declarations_get_the_same_ones():
-    read = declared.__wrapped__  # as threads that find nothing in the cache of the process
-    assert read("sparse_rows.h", ()) is read("sparse_rows.h", ())
+def test_threads_that_ask_at_once_get_the_same_declarations(monkeypatch):
+    """Whose types alone fit each other: here another thread has them first."""
+    monkeypatch.setattr(c_library, "_things", {})
+    first = []
+
+    def make():
+        first.append(c_library.compiled("key", object))
+        return object()
+
+    assert c_library.compiled("key", make) is first[0]
