@@ -54,9 +54,9 @@ class Equations:
         reduction, natural = model.reduction, model.natural
         # The end less the start differs from dt by round-off, which would count as work.
         at_rest = model.scheme.rates.at_rest
-        loads = Interval(p.ratio_before, p.ratio)
-        self._interval = interval = loads if at_rest else Interval(p.t, p.t + dt, dt)
-        self._start = state = self.loop.state(p.t)
+        loads, t = Interval(p.statics.ratio_before, p.state.ratio), p.state.t
+        self._interval = interval = loads if at_rest else Interval(t, t + dt, dt)
+        self._start = state = self.loop.state(t)
         reduction.begin(state.q, state.slides)
         if self.natural is not None:
             self._strains[:] = self.natural.ravel()
@@ -114,7 +114,8 @@ class Equations:
         """Hand the increment, its forces and the work of added terms over to the engine."""
         p, (_, z, r, f) = self.loop.problem.c, self.memory
         z[: self.model.reduction.free], r[:], f[:] = self._y, self.forces, self.internal
-        p.work -= self._mean_added(p.t, dt) @ self._path
+        state = p.state
+        state.work -= self._mean_added(state.t, dt) @ self._path
 
     def _mean_added(self, t: float, dt: float) -> np.ndarray:
         """Forces of added terms (size,) in mid-step, from those at levels of steps."""
