@@ -26,7 +26,7 @@ from fx_beam.errors import Failure, StepError
 from fx_beam.laws.interval import Interval
 from fx_beam.results.state import State
 from fx_beam.step.load_loop import StepSolution
-from fx_beam.step.newton import ENERGY_FLOOR, SEARCHES
+from fx_beam.step.newton import ENERGY_FLOOR, SEARCHES, newton
 from fx_beam.step.step_failures import StepFailed
 
 from .load_steps import LoadStepper
@@ -91,8 +91,6 @@ class ArcLength:
     def __init__(self, stepper: LoadStepper):
         self.stepper, self.model, self._path = stepper, stepper.model, stepper.path
         self._failures = stepper.loop.failures
-        #: 1 where the load factor rises along the path, else -1.
-        self._rising = 1.0
 
     def follow(self, states: list[State], start: tuple[Tangent, float] | None = None) -> None:
         """Append the states on the path from the last one to load factor 1.
@@ -112,7 +110,8 @@ class ArcLength:
             ds = 1 / (steps * tangent.load)
         else:
             tangent, ds = start
-            self._rising = 1.0 if tangent.load >= 0 else -1.0
+        #: 1 where the load factor rises along the path, else -1.
+        self._rising = 1.0 if tangent.load >= 0 else -1.0
         cuts, behind = 0, 0.0
         while states[-1].t < 1 and stats.steps < options.max_steps and not stats.closed:
             back = home if len(states) >= _ROUND else None
@@ -326,9 +325,11 @@ class ArcLength:
         failures, free = self._failures, self.model.reduction.free
         self._path.begin(state)
         y, load, predicted = along * tangent.y, along * tangent.load, along * tangent.D
+        D, r, dy, dload, per_load = predicted, predicted, y, 0.0, predicted
         corrections: list[float] = []
-        previous = np.inf
-        for iteration in range(1, failures.options.max_iterations + 1):
+
+        def correct() -> tuple[float, bool]:
+            nonlocal y, load, D, r, dy, dload, per_load
             (D, f, r, residual), per_load, column = self._path.balance(y, load)
             residual = residual[:free]
             missing = normal.D @ (self._path.weight * D) + normal.load * load - distance
@@ -342,15 +343,15 @@ class ArcLength:
             D = self._path.expand(y, load)
             failures.check_turn(D, corrections)
             work, energy = residual @ dy, abs(f) @ abs(D)
-            stuck = size > 0.5 * previous and abs(work) <= ENERGY_FLOOR * energy
-            if size <= failures.options.tolerance or stuck:
-                change = self.stepper.loop.equations.change(self._path.spread(dy, 0.0))
-                r = r + change + dload * per_load
-                failures.check_places(D, corrections)
-                ended_by = "round-off" if stuck else "increment"
-                return StepSolution(D, y, r, iteration, ended_by, predicted), load
-            previous = size
-        raise failures.unconverged(D, corrections)
+            return size, abs(work) <= ENERGY_FLOOR * energy
+
+        options = failures.options
+        iterations, ended_by = newton(correct, options.tolerance, options.max_iterations)
+        if not ended_by:
+            raise failures.unconverged(D, corrections)
+        r = r + self.stepper.loop.equations.change(self._path.spread(dy, 0.0)) + dload * per_load
+        failures.check_places(D, corrections)
+        return StepSolution(D, y, r, iterations, ended_by, predicted), load
 
     def at_start(self, state: State, tangent: Tangent, ds: float = 0.0) -> Tangent:
         """The tangent at the start of a step, or a length ds from it along another one."""

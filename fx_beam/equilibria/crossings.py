@@ -6,7 +6,7 @@ A step in which their number changes at no point that is found has left its path
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -53,15 +53,13 @@ class Crossings:
         before, behind = (self.motions.count(state, old) for state in (old, new))
         if before is None or behind is None or abs(behind - before) in (0, known):
             return
-        crossings: list[Crossing] = []
-        for crossing in self._in_step(old, new, before, behind):
-            if isinstance(crossing, str):
-                reason = (
-                    f"of its modes {before} are unstable at its start and {behind} at its end, "
-                    f"with no critical point between ({crossing}): it has reached another path"
-                )
-                raise StepFailed("off the path", reason, new.q - old.q)
-            crossings.append(crossing)
+        crossings, missing = self._in_step(old, new, before, behind)
+        if missing:
+            reason = (
+                f"of its modes {before} are unstable at its start and {behind} at its end, "
+                f"with no critical point between ({missing}): it has reached another path"
+            )
+            raise StepFailed("off the path", reason, new.q - old.q)
         self._seen[id(new)] = old, new, crossings
 
     def between(
@@ -71,39 +69,31 @@ class Crossings:
         seen = self._seen.get(id(new))
         if seen is not None and seen[0] is old:
             return seen[2], ""
-        crossings: list[Crossing] = []
-        reason = ""
-        for crossing in self._in_step(old, new, before, behind):
-            if isinstance(crossing, str):
-                reason = crossing
-            else:
-                crossings.append(crossing)
-        return crossings, reason
+        return self._in_step(old, new, before, behind)
 
-    def _in_step(self, old: State, new: State, *counts: int) -> Iterator[Crossing | str]:
-        """Those in a step, and reasons why others were not found."""
+    def _in_step(self, old: State, new: State, *counts: int) -> tuple[list[Crossing], str]:
+        """Points in a step, and why another one was not found; empty if all were."""
         try:
             piece = Piece(self.arc, self.motions, old, new)
             brackets = brackets_of(piece, *counts)
         except FAILURES as failure:
-            yield str(failure)
-            return
-        if not brackets:
-            yield "all modes stay as they are"
-        last = -np.inf
+            return [], str(failure)
+        crossings = list[Crossing]()
+        reason, last = "" if brackets else "all modes stay as they are", -np.inf
         for bracket in brackets:
             several = bracket.many - bracket.few
             try:
                 root = root_of(piece, self.eigenvalue(piece, bracket.few), bracket)
                 on_path = self._is_on_path(root, several, max(counts))
             except FAILURES as failure:
-                yield str(failure)
+                reason = str(failure)
                 continue
             if not on_path:
-                yield "the step reaches another path"
+                reason = "the step reaches another path"
             elif root.place - last > SAME * piece.length:  # else it is the same one, divided
-                yield Crossing(root, several)
+                crossings.append(Crossing(root, several))
                 last = root.place
+        return crossings, reason
 
     def _is_on_path(self, root: Root, several: int, unstable: int) -> bool:
         """Whether a smooth point is an equilibrium, at which no rising load bends its modes."""

@@ -33,7 +33,6 @@ from fx_beam.step.recorder import Record, Recorder
 from fx_beam.step.step_failures import StepFailed
 from fx_beam.step.turning_frame import TurningFrame, check_turns
 
-from .arc_length import ArcLength
 from .branches import Branch, first_step, grow, is_equilibrium
 from .critical_points import PathStability
 from .crossings import Crossings
@@ -175,7 +174,7 @@ class LoadPath:
                 if options.continuation is None:
                     stepper.raise_load(states)
                 else:
-                    ArcLength(stepper).follow(states)
+                    self._crossings.arc.follow(states)
                 return
             except StepError as error:
                 # What has followed its loads for a while is not slack.
@@ -202,7 +201,7 @@ class LoadPath:
     def _branch_off(self, start: Branch) -> None:
         """Append the states of a branch."""
         stepper, states = self.stepper, self.states
-        arc, point = ArcLength(stepper), start.point
+        arc, point = self._crossings.arc, start.point
         if not self.model.mechanism:
             stepper.hold_reference()
         state = replace(self._at_rest(point.solution), t=point.load_factor)

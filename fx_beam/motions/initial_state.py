@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -20,6 +21,7 @@ from fx_beam.scene.beam import COMPONENTS
 from fx_beam.scene.joints import slides_at_start
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.model import Model
+from fx_beam.step.newton import newton
 
 _log = logging.getLogger("fx_beam")
 
@@ -56,8 +58,10 @@ def _settled(model: Model, state: State, force: np.ndarray, dt: float) -> State:
     shared = reduction.moves(has_mass) & ~reduction.moves_alone(has_mass)
     equations = Equations(model, inertia=_LITTLE if shared.any() else 1.0)
     time, level = 1e-9 * dt, model.scheme.rates.level
-    now, holding, last = replace(state, a=still), still, np.inf
-    for _ in range(_MOST_CORRECTIONS):
+    now, holding, away = replace(state, a=still), still, still
+
+    def correct() -> tuple[float, bool]:
+        nonlocal now, away
         # What has mass returns to its place, from which a correction along its path leads away.
         away = state.q - now.q
         away[~has_mass | (abs(away) < _IN_PLACE * model.unit)] = 0.0
@@ -67,11 +71,8 @@ def _settled(model: Model, state: State, force: np.ndarray, dt: float) -> State:
         w, independent = np.zeros(reduction.columns), reduction.independent
         unit = model.unit_of_unknowns[independent]  # pivots are of one kind
         scale = scipy.sparse.diags(unit)
-        try:
-            # The stiffness is that of the scheme's level in the step.
-            factors = scipy.sparse.linalg.splu((scale @ equations.tangent() @ scale).tocsc())
-        except RuntimeError:  # it is singular
-            break
+        # The stiffness is that of the scheme's level in the step.
+        factors = scipy.sparse.linalg.splu((scale @ equations.tangent() @ scale).tocsc())
         w[independent] = -level * unit * factors.solve(unit * residual[independent])
         y = reduction.completed(w)[: reduction.free]
         D = reduction.expand(y, np.zeros(reduction.driven))
@@ -81,19 +82,21 @@ def _settled(model: Model, state: State, force: np.ndarray, dt: float) -> State:
             D = reduction.expand(y, np.zeros(reduction.driven))
         size = abs(D / model.unit).max()
         if not np.isfinite(size):
-            break
+            raise RuntimeError(_NOT_SETTLED)
         slides = now.slides + model.couplings.free_slides(y, len(now.slides))
         now = replace(now, q=now.q + D, slides=slides)
-        if size <= _TOLERANCE or _STALLED >= size > 0.5 * last:
-            if holding.any() or not away.any():
-                moved = abs(now.q - state.q) > _TOLERANCE * model.unit
-                slid = abs(now.slides - state.slides) > _TOLERANCE * model.mesh.size
-                if model.remembers(state, moved, slid):
-                    break
-                return replace(state, q=now.q, slides=now.slides)
+        return size, size <= _STALLED
+
+    with suppress(RuntimeError):  # a tangent is singular
+        settled = newton(correct, _TOLERANCE, _MOST_CORRECTIONS)[1]
+        if settled and away.any():
             # Little inertia gives way. The force that it had is given, and brings all back.
-            holding, size = away / (level * time), np.inf
-        last = size
+            holding = away / (level * time)
+            settled = newton(correct, _TOLERANCE, _MOST_CORRECTIONS)[1]
+        moved = abs(now.q - state.q) > _TOLERANCE * model.unit
+        slid = abs(now.slides - state.slides) > _TOLERANCE * model.mesh.size
+        if settled and not model.remembers(state, moved, slid):
+            return replace(state, q=now.q, slides=now.slides)
     _log.warning(_NOT_SETTLED)
     return state
 

@@ -1,8 +1,9 @@
-"""Newton's method for the increment of a step (c/newton.h): when it stops."""
+"""Newton's method for the increment of a step: when it stops, in C (c/newton.h) and here."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,3 +63,21 @@ class NewtonOptions:
 
     def __post_init__(self):
         check_fields(self)
+
+
+def newton(
+    correct: Callable[[], tuple[float, bool]], tolerance: float, most: int
+) -> tuple[int, str]:
+    """Number of corrections, and what ended them: "increment", "round-off", or nothing.
+
+    `correct` gives the size of a correction, and whether it may be round-off, as it is if the size
+    is more than half of the last one.
+    """
+    last = np.inf
+    for k in range(1, most + 1):
+        size, may_be_round_off = correct()
+        stuck = may_be_round_off and size > 0.5 * last
+        if size <= tolerance or stuck:
+            return k, "round-off" if stuck else "increment"
+        last = size
+    return most, ""
