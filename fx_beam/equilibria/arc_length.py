@@ -22,23 +22,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from fx_beam.errors import Failure, StepError
+from fx_beam.errors import StepError
 from fx_beam.laws.interval import Interval
 from fx_beam.results.state import State
 from fx_beam.step.load_loop import StepSolution
 from fx_beam.step.newton import ENERGY_FLOOR, SEARCHES, newton
 from fx_beam.step.step_failures import StepFailed
 
+from .continuation import Stretch, root_between, root_near
 from .load_steps import LoadStepper
-from .path_equations import Tangent, between, root_near
+from .path_equations import Tangent, between
 
-# Target deviation of a step from its tangent, relative to its length, for few load steps; on a
-# circle it is half the angle of the step. A step is rejected at the given multiple of the target.
-_TARGET, _REJECTED = 0.1, 4.0
-# Target number of corrections in a step.
-_CORRECTIONS = 10
+# Turn, in terms of its target, at which a step is rejected.
+_REJECTED = 4.0
 # A step to a corner ends so far before it, relative to the step.
-_MARGIN = 1e-7
+MARGIN = 1e-7
 # Largest length of a step round a corner, relative to its length along the tangent.
 _LONG = 2.0
 # A corner nearer to the start or the end of a step than this part of it is there.
@@ -46,22 +44,12 @@ _NEAR = 1e-4
 # Turn of a step without a corner.
 _STRAIGHT = 0.01
 # Slope of the load factor that is zero within rounding errors: a plastic mechanism.
-_FLAT = 1e-9
-# Load factor at which a path is abandoned. Of 43 arches that snap through, three reached load
-# factors between -1 and -1.5 before their full load.
-_LOWEST = -10.0
-# Displacement, in sizes of the scene, from which on a path leads nowhere if the load factor rises
-# along it by less than this part of its mean rise so far.
-_FARTHEST, _LEVEL = 1e5, 0.01
-# Change of the load factor in a step, relative to that of a load step, at which it is taken again.
-# It is not if it is so short that this would not help.
-_EXCESS, _SHORTEST = 1 + 1e-6, 1e-12
+FLAT = 1e-9
 # Tolerance for the position of a limit point, relative to the step. Its load factor is far more
 # accurate, since it is an extremum.
 _PLACE = 1e-5
-# Smallest number of states of a closed path; distance from its first state, relative to a step, of
-# a step that may close it.
-_ROUND, _BESIDE = 6, 0.1
+# Distance from the first state of a path, relative to a step, of a step that may close it.
+_BESIDE = 0.1
 # Distances, relative to a step, of states on both sides of a bifurcation; and how far from each
 # other points on it may be that are interpolated from six of them, from four, or known.
 _SIDES = 0.1 * np.array([-3.0, -2.0, -1.0, 1.0, 2.0, 3.0])
@@ -91,70 +79,8 @@ class ArcLength:
     def __init__(self, stepper: LoadStepper):
         self.stepper, self.model, self._path = stepper, stepper.model, stepper.path
         self._failures = stepper.loop.failures
-
-    def follow(self, states: list[State], start: tuple[Tangent, float] | None = None) -> None:
-        """Append the states on the path from the last one to load factor 1.
-
-        `load_steps` limits the length and the turn of a step. The first one goes along rising
-        loads; or along a tangent, with a length. Such a path also ends where it returns to its
-        first state.
-        """
-        options = self.stepper.options
-        steps = options.load_steps
-        stats, home = self.stepper.stats, states[0] if start else None
-        # The error of the work is then of second order in the steps.
-        target = min(_TARGET, 1 / steps)
-        if start is None:
-            self._path.begin(states[-1])
-            tangent = self._path.with_the_load(np.zeros(self.model.reduction.free), 0.0)
-            ds = 1 / (steps * tangent.load)
-        else:
-            tangent, ds = start
         #: 1 where the load factor rises along the path, else -1.
-        self._rising = 1.0 if tangent.load >= 0 else -1.0
-        cuts, behind = 0, 0.0
-        while states[-1].t < 1 and stats.steps < options.max_steps and not stats.closed:
-            back = home if len(states) >= _ROUND else None
-            self.stepper.may_be_cut = cuts < options.max_cuts
-            try:
-                step = self._advance(states[-1], tangent, ds, target, back)
-                if not step.closes:
-                    self.stepper.check(states[-1], step.rows[-1], int(step.limit is not None))
-            except StepFailed as failure:
-                corner = self._corner(states[-1], tangent, ds, target)
-                if corner is None or corner[1] is None:
-                    if cuts == options.max_cuts:
-                        raise self.error(states[-1], failure) from failure
-                    cuts, stats.halvings = cuts + 1, stats.halvings + 1
-                    if corner and not behind:
-                        # From the corner on a step may be as long as the one that has failed.
-                        behind, ds = ds, (1 - _MARGIN) * min(ds, corner[0])
-                    else:
-                        behind, ds = 0.0, ds / 2
-                    continue
-                step = corner[1]
-            end = step.rows[-1]
-            excess = steps * abs(end.t - states[-1].t)
-            if excess > _EXCESS and ds > _SHORTEST:
-                # Where the path gets stiffer, or bends away from a bifurcation.
-                ds, behind = ds * min(0.9, 1 / excess), 0.0
-                continue
-            for row in step.rows:
-                states.append(row)  # which a progress bar shows
-            stats.steps, stats.closed = stats.steps + len(step.rows), step.closes
-            if step.limit is not None:
-                self._rising = -self._rising
-                stats.limit_points.append(step.limit)
-            if options.stop_at and stats.limit_points and end.t != stats.limit_points[0]:
-                return
-            self._check_way(end, step.ahead)
-            growth = (step.ahead.load - tangent.load) / ds
-            tangent, cuts = step.ahead, 0
-            ratio = min(target / max(step.turn, 1e-6), _CORRECTIONS / step.corrections)
-            ds = max(ds * min(2.0, max(0.5, ratio)), behind)
-            # The load factor changes at most as much as in a load step, also if its slope grows.
-            slope = max(abs(tangent.load), abs(tangent.load + growth * ds), 1e-6)
-            ds, behind = min(ds, 1 / (steps * slope)), 0.0
+        self.rising = 1.0
 
     def state_at(self, state: State, tangent: Tangent, distance: float) -> State:
         """State in the plane normal to a tangent at a distance along it; StepFailed if none."""
@@ -169,7 +95,7 @@ class ArcLength:
 
     # -- Steps ----------------------------------------------------------------------------------
 
-    def _advance(
+    def advance(
         self, state: State, tangent: Tangent, ds: float, target: float, home: State | None
     ) -> Advance:
         """An arc-length step ds, at most to a limit point, load factor 1 or home on its way."""
@@ -190,7 +116,7 @@ class ArcLength:
         if home and (last := self._last_row(home, state, tangent, ds, new)):
             return Advance([last], ahead, turn, corrections, closes=True)
         limit = None
-        if ahead.load * self._rising < -_FLAT:
+        if ahead.load * self.rising < -FLAT:
             limit, behind = self._limit_point(state, tangent, ds, target, (new, ahead))
             if behind is not None:
                 new, ahead = limit, behind
@@ -218,18 +144,14 @@ class ArcLength:
     ) -> tuple[State, Tangent | None]:
         """Limit point in a step to an end, and the tangent there; none if it is a bifurcation."""
         # On a plateau, as of a plastic mechanism, the slope's sign is round-off.
-        before = tangent.load if abs(tangent.load) > _FLAT else self._rising * _FLAT
+        before = tangent.load if abs(tangent.load) > FLAT else self.rising * FLAT
         if before * end[1].load > 0:
             raise StepFailed("off the path", "the step contains two limit points", ds * tangent.D)
-        reached = {0.0: (state, replace(tangent, load=before)), ds: end}
+        ends = {0.0: (state, replace(tangent, load=before)), ds: end}
+        stretch = Stretch(lambda length: self.step(state, tangent, length), ends)
 
         def slope(length: float) -> float:
-            if length not in reached:
-                reached[length] = self.step(state, tangent, length)
-            return reached[length][1].load
-
-        # Imported here: most paths have no limit point, and the import takes time.
-        from scipy.optimize import brentq
+            return stretch.at(length)[1].load
 
         low, high, beside = 0.0, ds, _SIDES[3] * ds
         while high - low > 2.1 * beside:
@@ -237,11 +159,11 @@ class ArcLength:
             for place in (guess - beside, guess + beside):
                 if low < place < high:
                     low, high = (place, high) if slope(place) * before > 0 else (low, place)
-        if reached[low][1].sense == reached[high][1].sense:
-            root = brentq(slope, low, high, xtol=_PLACE * ds)
+        if stretch.at(low)[1].sense == stretch.at(high)[1].sense:
+            root = root_between(slope, low, high, _PLACE * ds)
             if slope(root) * before < 0:  # the row lies before the point, not behind by round-off
                 root -= 2 * _PLACE * ds
-            new, there = reached.get(root) or self.step(state, tangent, root)
+            new, there = stretch.at(root)
             turn = self._turn(state, new, tangent, there, root)
             if self.model.nonsmooth or turn <= _REJECTED * target:
                 return new, there  # not at a bifurcation with two modes, which keeps the sign
@@ -360,7 +282,7 @@ class ArcLength:
 
     # -- Corners --------------------------------------------------------------------------------
 
-    def _corner(
+    def corner(
         self, state: State, tangent: Tangent, ds: float, target: float
     ) -> tuple[float, Advance | None] | None:
         """Distance of a corner in a step ds, and if it is 0 the step behind it; None without one.
@@ -397,7 +319,7 @@ class ArcLength:
             # Back on the way one has come, unless the tangent changes at the start.
             if self.at_start(state, tangent, 2 * _NEAR * ds).sense == tangent.sense:
                 return None
-        limit = state.t if ahead.load * self._rising < -_FLAT else None
+        limit = state.t if ahead.load * self.rising < -FLAT else None
         return 0.0, Advance([new], ahead, target, step.iterations, limit)
 
     def error(self, state: State, failure: StepFailed) -> StepError:
@@ -405,26 +327,3 @@ class ArcLength:
         what = f"the step along the arc length from load factor {state.t:.6g} failed"
         advice = "Try more steps or cuts (max_cuts), and check the units of loads and stiffnesses"
         return self._failures.error(what, self.stepper.options.max_cuts, state, failure, advice)
-
-    def _check_way(self, state: State, ahead: Tangent) -> None:
-        """StepError if the load falls for ever, or no force is left that could carry more."""
-        limits = self.stepper.stats.limit_points
-        far, largest = abs(state.q / self.model.unit).max(), max(map(abs, limits), default=0.0)
-        level = far > _FARTHEST and ahead.load * far <= _LEVEL * abs(state.t)
-        if state.t < _LOWEST:
-            turned = ", ".join(f"{point:.6g}" for point in limits)
-            since = f"after limit points at {turned} it has reached {state.t:.6g}"
-            reason = f"does not return to load factor 1: {since}"
-            advice = (
-                "Other paths may lead there: try a simulation with dampers, or loads in other "
-                "proportions"
-            )
-        elif level or max(abs(state.t), abs(ahead.load)) < _FLAT * largest:
-            reason = f"leads nowhere: at load factor {state.t:.6g} no force is left to carry more"
-            advice = "What softens carries no more than the largest load factor: give less load"
-        else:
-            return
-        advice = f"The path so far is in the error's `solution`. {advice}"
-        raise StepError(
-            Failure("off the path", f"static: the path {reason}", state.t, advice=advice)
-        )

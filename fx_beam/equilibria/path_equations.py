@@ -23,7 +23,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.polynomial import Polynomial
 from scipy.sparse import csr_matrix
 
 from fx_beam.content_cache import cached_property
@@ -292,16 +291,6 @@ class PathEquations:
 
 
 # States between others, by polynomials in the distance along the path.
-
-
-@np.errstate(divide="ignore", invalid="ignore")
-def root_near(points: np.ndarray, values: np.ndarray) -> float:
-    """Root near zero of the polynomial through values at points; not finite if it has none."""
-    polynomial = Polynomial(np.linalg.solve(np.vander(points, increasing=True), values))
-    slope, root = polynomial.deriv(), 0.0
-    for _ in range(20):
-        root -= float(polynomial(root) / slope(root))
-    return root
 
 
 def between(states: list[State], points: np.ndarray, place: float) -> State:

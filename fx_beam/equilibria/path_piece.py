@@ -17,7 +17,8 @@ from fx_beam.step.step_failures import StepFailed
 
 from .arc_length import ArcLength
 from .branches import unknowns_of
-from .path_equations import Tangent, between, root_near
+from .continuation import Stretch, root_between, root_near
+from .path_equations import Tangent, between
 from .small_motions import Growing, SmallMotions
 
 # Points so near to each other, relative to the step, are one with several modes.
@@ -49,7 +50,7 @@ _SAME_END = 1e-9
 _FLOWING, _AGAIN = 1e-9, 1e-5
 
 
-class Piece:
+class Piece(Stretch[State]):
     """The path between two states, by the distance along its tangent at the first one.
 
     Where the path may have corners or branches, by that along the straight way between them.
@@ -72,20 +73,15 @@ class Piece:
         #: Whether something flows in it, and where it begins: at the start itself nothing does.
         self.flows = self.model.flowed(first, second)
         self.first = _FLOWING * self.length if self.flows else 0.0
-        self._known = {0.0: first} | ({} if self.kinked else {self.length: second})
+        ends = {0.0: first} | ({} if self.kinked else {self.length: second})
+        super().__init__(lambda place: arc.state_at(first, self._tangent, place), ends)
         self._tangents: dict[float, csr_matrix] = {}
         with suppress(StepFailed):  # it is singular: the piece ends at a bifurcation
             self.at(self.length)
-        gap = self._known.setdefault(self.length, second).q - second.q
+        gap = self.points.setdefault(self.length, second).q - second.q
         if not stepper.is_still(gap) and stepper.size(gap) > _AGAIN * stepper.size(D):
             reason = "its end depends on the way, as where materials creep, or others lie beside it"
             raise StepFailed("off the path", reason, D + gap)
-
-    def at(self, distance: float) -> State:
-        """The state at a distance."""
-        if distance not in self._known:
-            self._known[distance] = self._arc.state_at(self._start, self._tangent, distance)
-        return self._known[distance]
 
     def stiffness(self, distance: float) -> csr_matrix:
         """The tangent at a distance; where something flows, that of going on."""
@@ -226,10 +222,7 @@ def root_of(piece: Piece, measure: Callable[[float], float], bracket: Bracket) -
     try:
         return _extrapolated(piece, measure, near, apart, _SMOOTH * (high - low))
     except StepFailed:
-        # Imported here: most paths have no such point, and the import takes time.
-        from scipy.optimize import brentq
-
-        near = brentq(measure, low, high, xtol=_JUMP * piece.length)
+        near = root_between(measure, low, high, _JUMP * piece.length)
     beside = _BESIDE * piece.length
     low, high = max(near - beside, piece.first), min(near + beside, piece.length)
     sizes = [abs(measure(place)) for place in (*ends, low, high)]

@@ -37,6 +37,7 @@ from .branches import Branch, first_step, grow, is_equilibrium
 from .critical_points import PathStability
 from .crossings import Crossings
 from .load_steps import LoadStepper, StaticOptions
+from .path_following import PathFollowing
 from .settling import Settling
 
 _log = logging.getLogger("fx_beam")
@@ -174,7 +175,7 @@ class LoadPath:
                 if options.continuation is None:
                     stepper.raise_load(states)
                 else:
-                    self._crossings.arc.follow(states)
+                    PathFollowing(self._crossings.arc, states).run()
                 return
             except StepError as error:
                 # What has followed its loads for a while is not slack.
@@ -219,7 +220,7 @@ class LoadPath:
             raise arc.error(state, failure) from failure
         self.stats.steps += 1
         states.append(new)
-        arc.follow(states, (ahead, distance))
+        PathFollowing(arc, states, (ahead, distance)).run()
 
     def _first_state(self) -> State:
         """That of a scene that has supports, unless laws of springs leave a part without any."""

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
-import scipy.optimize
 
+from fx_beam.equilibria.continuation import Stretch, follow, root_between
 from fx_beam.errors import StepError
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import PeriodicFamily, PeriodicMotion
@@ -124,22 +124,25 @@ class Path:
 
     def follow(self, first: Closed, towards: np.ndarray) -> Iterator[Closed]:
         """Motions after the first one, towards a change (rows + 1,) of rows and the parameter."""
-        now, step, tangent = first, self._longest / 2, _tangent(first, towards)
-        while True:
-            try:
-                new, onwards = self._next(now, tangent, step)
-            except (NotClosed, StepError) as reason:
-                step *= _SHORTER
-                if step < _SHORTEST:
-                    raise NotClosed(
-                        f"{self._shooting.what}: the family could not be followed beyond the "
-                        f"period of {now.period.length:.6g} s: {reason}"
-                    ) from reason
-                continue
-            self.last_step = now, tangent, step
-            now, tangent = new, onwards
-            step = min(self._longest, step * (_LONGER if new.iterations <= _FEW else 1.0))
-            yield now
+        Point = tuple[Closed, np.ndarray]
+
+        def advance(point: Point, step: float) -> tuple[Point, float]:
+            new = self._next(*point, step)
+            self.last_step = *point, step
+            longer = step * (_LONGER if new[0].iterations <= _FEW else 1.0)
+            return new, min(self._longest, longer)
+
+        def shorter(point: Point, step: float, reason: Exception) -> float:
+            if (step := _SHORTER * step) < _SHORTEST:
+                raise NotClosed(
+                    f"{self._shooting.what}: the family could not be followed beyond the period "
+                    f"of {point[0].period.length:.6g} s: {reason}"
+                ) from reason
+            return step
+
+        start = first, _tangent(first, towards)
+        for new, _ in follow(start, self._longest / 2, advance, shorter, (NotClosed, StepError)):
+            yield new
 
     def _next(self, now: Closed, tangent: np.ndarray, step: float) -> tuple[Closed, np.ndarray]:
         """The motion after a step, and the direction there; NotClosed if the curve bends away."""
@@ -184,22 +187,19 @@ class Path:
         The first one beyond it where this does not show: of free motions, whose multipliers are on
         the circle, and where two kinds of instability follow each other.
         """
-        motions = {0.0: before}
+        stretch = Stretch(lambda part: self._next(before, tangent, part * step)[0], {0.0: before})
 
         def beyond(part: float) -> float:
-            if part not in motions:
-                motions[part], _ = self._next(before, tangent, part * step)
-            return float(abs(multipliers_of(motions[part])).max()) - 1
+            return float(abs(multipliers_of(stretch.at(part))).max()) - 1
 
         if self._free:
             return after
         try:
-            place = float(scipy.optimize.brentq(beyond, 0.0, 1.0, xtol=_PLACE))
-            beyond(place)
+            closed = stretch.at(root_between(beyond, 0.0, 1.0, _PLACE))
         except (NotClosed, StepError, ValueError):  # ValueError: the same sign at both ends
             return after
         kind = after.instability or instability_of(multipliers_of(before), 0)
-        return motion_of(self._shooting, motions[place], self._free, kind)
+        return motion_of(self._shooting, closed, self._free, kind)
 
 
 def _in_rows(closed: Closed, tangent: np.ndarray) -> np.ndarray:
