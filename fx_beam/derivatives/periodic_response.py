@@ -16,7 +16,8 @@ from fx_beam.fem.parameter_values import before
 from fx_beam.motions.numbers import OF_STEPS, numbers_of, observed_numbers_of
 from fx_beam.orbits.closing import NO_SHIFT, ROUND_OFF, ROUNDING, turning_point
 from fx_beam.orbits.periodic_family import without_trivial
-from fx_beam.orbits.shooting import Directions, Period, Shooting, slope
+from fx_beam.orbits.shooting import Period, Shooting
+from fx_beam.orbits.variables import Directions, slope
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import PeriodicMotion
 from fx_beam.scene.outputs import PERIOD, Output
@@ -262,10 +263,10 @@ class PeriodicResponse(Response):
         unit = by.matrix[by.independent]
 
         def beside(change: float) -> np.ndarray:
-            start = shooting.moved(period.start, by, change * deviation)
+            start = shooting.variables.moved(period.start, by, change * deviation)
             shooting.run(start, period.parameter)
             # The same change of independent variables, whose others follow from another state.
-            there = shooting.directions(start, period.length)
+            there = shooting.variables.directions(start, period.length)
             amounts = np.linalg.solve(there.matrix[by.independent], unit @ slopes.start.T).T
             changes = _added(of_numbers, there, amounts)
             return shooting.slopes(changes, period)[0][by.independent]
@@ -302,7 +303,7 @@ class PeriodicResponse(Response):
             )
         changes = super()._changes()
         refuse_others(changes, shooting.derivatives.names, _WHAT)
-        by = shooting.directions(period.start, period.length)
+        by = shooting.variables.directions(period.start, period.length)
         independent, n = by.independent, by.matrix.shape[1]
         unit = by.matrix[independent]
         after, _ = shooting.slopes(by.changes, period)
@@ -350,7 +351,7 @@ class PeriodicResponse(Response):
                 phase = turning_point(shooting, period)
             held.append((phase.slopes(period, by), nothing))
         if cycle.chosen_by == "energy":
-            slopes = np.append(shooting.slope_of_energy(period.start, by), 0.0)
+            slopes = np.append(shooting.variables.slope_of_energy(period.start, by), 0.0)
             size = np.linalg.norm(slopes)
             held.append((slopes / size, self._energy_by_x(changes) / size))
         elif cycle.chosen_by == "amplitude":

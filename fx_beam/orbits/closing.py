@@ -12,7 +12,8 @@ import scipy.linalg
 from fx_beam.errors import SceneError, StepError
 from fx_beam.results.state import State
 
-from .shooting import Directions, Period, Shooting
+from .shooting import Period, Shooting
+from .variables import Directions
 
 _log = logging.getLogger("fx_beam")
 
@@ -77,7 +78,7 @@ def plane(
     """
 
     def error(period: Period) -> float:
-        rows = (shooting.rows_of(period.start) - at) / scale
+        rows = (shooting.variables.rows_of(period.start) - at) / scale
         return float(along @ np.append(rows, np.log(period.parameter / parameter)))
 
     def slopes(period: Period, by: Directions) -> np.ndarray:
@@ -92,14 +93,14 @@ def turning_point(shooting: Shooting, like: Period) -> Condition:
 
     The accelerations at its start are about those of another motion.
     """
-    way = np.where(shooting.are_rates, like.way, 0.0) / np.linalg.norm(like.way)
-    return plane(shooting, shooting.scales(like.start, like.length), np.append(way, 0.0))
+    way = np.where(shooting.variables.are_rates, like.way, 0.0) / np.linalg.norm(like.way)
+    return plane(shooting, shooting.variables.scales(like.start, like.length), np.append(way, 0.0))
 
 
 def _with_equations(
     shooting: Shooting, period: Period, phase: Condition | None, varies: bool
 ) -> Closed:
-    by = shooting.directions(period.start, period.length)
+    by = shooting.variables.directions(period.start, period.length)
     slopes = shooting.slopes(by.changes, period)
     growth = abs(slopes[0]).max()
     if growth > _USEFUL:
@@ -110,7 +111,7 @@ def _with_equations(
     of_parameter = shooting.by_parameter(period) if varies else np.zeros(len(period.gap))
     matrix = np.column_stack([slopes[0] - by.matrix, of_parameter])
     # What is remembered and does not change, such as plastic strain, is no unknown.
-    constant = (by.independent >= shooting.movable) & ~matrix[by.independent].any(axis=1)
+    constant = (by.independent >= shooting.variables.movable) & ~matrix[by.independent].any(axis=1)
     matrix[:, np.flatnonzero(constant)] = 0.0
     if phase is not None:
         matrix = np.vstack([matrix, phase.slopes(period, by)])
@@ -169,7 +170,7 @@ def close(
         try:
             if abs(step[-1]) > _FAR:
                 raise NotClosed("the period changes too much")
-            moved = shooting.moved(period.start, closed.by, step[:-1])
+            moved = shooting.variables.moved(period.start, closed.by, step[:-1])
             after = shooting.run(moved, period.parameter * np.exp(step[-1]))
             then = cost(after)
             left = solve(np.append(after.gap, errors(after)))

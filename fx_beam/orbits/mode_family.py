@@ -18,7 +18,8 @@ from fx_beam.step.undamped_modes import UndampedModes
 
 from .closing import ROUND_OFF, Closed, Condition, NotClosed, close, turning_point
 from .periodic_family import Path
-from .shooting import Directions, Period, Shooting
+from .shooting import Period, Shooting
+from .variables import Directions
 
 # Smallest part of a displacement in a mode that moves nodes, in units of the scene.
 _MOVES = 1e-6
@@ -87,7 +88,7 @@ class ModeFamily:
 
     def _start(self, amplitude: float) -> State:
         """The state at rest with an amplitude [m or rad] of this degree of freedom."""
-        return self._shooting.shifted(self._rest, amplitude * self._vector)
+        return self._shooting.variables.shifted(self._rest, amplitude * self._vector)
 
     def _holds(self, amplitude: float) -> Condition:
         """That the start has an amplitude."""
@@ -103,14 +104,14 @@ class ModeFamily:
 
     def _of_energy(self, energy: float) -> tuple[float, Condition]:
         """Amplitude of a small vibration with an energy, and the condition that holds it."""
-        shooting, at_rest = self._shooting, self._shooting.energy(self._rest)
+        shooting, at_rest = self._shooting, self._shooting.variables.energy(self._rest)
         more = energy - at_rest
         if more <= 0:
             raise SceneError(
                 f"{shooting.what}: energy = {energy:g} J must be above that at rest, {at_rest:g} J"
             )
         little = 1e-4 * shooting.model.unit[self.most]
-        of_little = shooting.energy(self._start(little)) - at_rest
+        of_little = shooting.variables.energy(self._start(little)) - at_rest
         amplitude = little * float(np.sqrt(more / of_little))
         return amplitude, holds_energy(shooting, energy, more)
 
@@ -164,16 +165,17 @@ class ModeFamily:
     def followed(self, path: Path) -> Iterator[Closed]:
         """Motions from a small amplitude on, up to the last one, along a path."""
         shooting, first = self._shooting, self._first()
+        variables = shooting.variables
         yield (shown := first)
-        rows = shooting.rows_of(first.period.start) - shooting.rows_of(self._rest)
+        rows = variables.rows_of(first.period.start) - variables.rows_of(self._rest)
         towards = np.append(rows / first.by.scale / first.period.size, 0.0)
         for closed in path.follow(first, towards):
             before, last = shown.period, closed.period
             if (beyond := self._wanted.error(last)) >= 0:
                 # From `last`, the search may find a larger motion that begins on its way.
                 part = 1 / (1 - beyond / self._wanted.error(before))
-                away = part * (shooting.rows_of(last.start) - shooting.rows_of(before.start))
-                start = shooting.shifted(before.start, away[: shooting.model.couplings.free])
+                away = part * (variables.rows_of(last.start) - variables.rows_of(before.start))
+                start = variables.shifted(before.start, away[: shooting.model.couplings.free])
                 length = before.length + part * (last.length - before.length)
                 yield close(shooting, start, length, turning_point(shooting, last), (self._wanted,))
                 return
@@ -184,9 +186,9 @@ def holds_energy(shooting: Shooting, energy: float, unit: float) -> Condition:
     """That a motion has an energy."""
 
     def error(period: Period) -> float:
-        return (shooting.energy(period.start) - energy) / unit
+        return (shooting.variables.energy(period.start) - energy) / unit
 
     def slopes(period: Period, by: Directions) -> np.ndarray:
-        return np.append(shooting.slope_of_energy(period.start, by), 0.0) / unit
+        return np.append(shooting.variables.slope_of_energy(period.start, by), 0.0) / unit
 
     return Condition(error, slopes)

@@ -98,7 +98,7 @@ def motion_of(
     """What users get of a periodic motion."""
     warn_of_round_off(shooting, [closed.left_over])
     period = closed.period
-    energy, multipliers = shooting.energy(period.start), multipliers_of(closed)
+    energy, multipliers = shooting.variables.energy(period.start), multipliers_of(closed)
     second = np.sort(abs(multipliers - 1))[1:2]  # of a cycle that forces drive it is any
     conserves = period.lost <= _NO_LOSS * abs(energy) and bool((second < _FAMILY).all())
     trivial = free * (1 + conserves)
@@ -147,16 +147,17 @@ class Path:
     def _next(self, now: Closed, tangent: np.ndarray, step: float) -> tuple[Closed, np.ndarray]:
         """The motion after a step, and the direction there; NotClosed if the curve bends away."""
         period, by, shooting = now.period, now.by, self._shooting
+        variables = shooting.variables
         along = _in_rows(now, tangent)
         away = step * tangent * np.append(np.full(len(tangent) - 1, period.size), 1.0)
-        state = shooting.moved(period.start, by, away[:-1])
+        state = variables.moved(period.start, by, away[:-1])
         parameter = period.parameter * np.exp(away[-1])
         across = along * np.append(np.ones(len(by.scale)), period.size)
-        arc = plane(shooting, by.scale, across, shooting.rows_of(state), parameter)
+        arc = plane(shooting, by.scale, across, variables.rows_of(state), parameter)
         phase = turning_point(shooting, period) if self._free else None
         new = close(shooting, state, parameter, phase, (arc,), most=_MOST, damping=_DAMPED)
         onwards = _tangent(new, along)
-        beside = (shooting.rows_of(new.period.start) - shooting.rows_of(state)) / by.scale
+        beside = (variables.rows_of(new.period.start) - variables.rows_of(state)) / by.scale
         beside = np.append(beside / period.size, np.log(new.period.parameter / parameter))
         bend = np.linalg.norm(beside) / step
         turn = _in_rows(new, onwards) @ along / np.linalg.norm(_in_rows(new, onwards))

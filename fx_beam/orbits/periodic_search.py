@@ -154,7 +154,7 @@ def _from_state(shooting: Shooting, start: Solution | None, period: float | None
     length = _period_in(start, what)
     conditions = tuple[Condition, ...]()
     if energy is not None:
-        size = abs(energy - shooting.energy(shooting.first_state(None, dt)))
+        size = abs(energy - shooting.variables.energy(shooting.first_state(None, dt)))
         conditions = (holds_energy(shooting, energy, size or 1.0),)
     closed = close(shooting, first, length, NO_SHIFT, conditions)
     return motion_of(shooting, closed, True, "energy" if conditions else "")
@@ -166,7 +166,7 @@ def of_period(shooting: Shooting, first: State, parameter: float, free: bool) ->
     The search begins again after a motion has settled for some time.
     """
     phase = NO_SHIFT if free else None
-    if shooting.remembers:
+    if shooting.variables.remembers:
         first = shooting.settled(first, parameter, 1)
     for more in () if free else _SETTLING:
         try:

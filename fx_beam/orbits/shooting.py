@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError, as_float, between, number, whole
 from fx_beam.laws.schemes import Scheme
 from fx_beam.linear.linearisation import check_unknowns
@@ -24,6 +23,8 @@ from fx_beam.step.recorder import Record, Recorder
 from fx_beam.step.tape import Tape
 from fx_beam.step.tape_derivatives import TapeDerivatives
 
+from .variables import Variables, slope
+
 #: Longest step along a family by default.
 STEP = 0.25
 # Relative change of a period for differences of states by it.
@@ -35,8 +36,6 @@ _AT_ONCE = 64
 # Largest number of variables of a state, for which the monodromy matrix has all columns.
 _MOST = 2000
 _NOTHING = Record(every=10**9, motion=False, rates=False, forces=False)
-# Change of variables in differences of the energy.
-_STEP = 1e-6
 # Motions that are smaller, in units of the scene, are none.
 _AT_REST = 1e-10
 # Distance of a motion from its start at which it comes back, relative to the largest.
@@ -70,18 +69,6 @@ class PeriodicOptions(CommonOptions):
         if self.amplitude is not None and self.energy is not None:
             raise SceneError(f"{self.what}: give the amplitude or the energy: each sets the other")
         self.__dict__["step"] = as_float(self.step)
-
-
-class Directions(NamedTuple):
-    """Changes of a state, one for each of its variables, in units of their scales."""
-
-    #: Changes (n, ...) of what steps read, by name.
-    changes: dict[str, np.ndarray]
-    #: The same (rows, n) in the order of `Shooting.rows_of`, over the scales.
-    matrix: np.ndarray
-    #: Which rows are variables; others follow to close loops.
-    independent: np.ndarray
-    scale: np.ndarray
 
 
 class Period(NamedTuple):
@@ -136,23 +123,16 @@ class Shooting:
         #: The steps of the last run, and what follows their derivatives.
         self.derivatives = TapeDerivatives(loop.problem, "JVP")
         self.tape = loop.tape = Tape(loop.problem)
-        fixed = [3 * node + i for node, i in model.scene.fixed]
-        #: Rates that steps keep: of what has mass and moves.
-        self._rates = np.setdiff1d(np.flatnonzero(~model.massless), fixed)
-        if (n := self.movable + sum(self._inside.values())) > _MOST:
+        self.variables = Variables(model, what)
+        if (n := self.variables.count) > _MOST:
             raise SceneError(
                 f"{what}: a state has {n} variables, and the time for derivatives by all of them "
                 f"grows with their square. Use fewer elements, for at most {_MOST}"
             )
 
-    @property
-    def remembers(self) -> bool:
-        """Whether steps depend on earlier ones: by the scheme, or by friction of joints."""
-        return self.model.keeps_previous or self.model.points.follow_joints
-
     def check_free(self) -> None:
         """Refuse what takes energy from any motion, if no loads give it back."""
-        if self.remembers:
+        if self.variables.remembers:
             by_joints = self.model.points.follow_joints
             taking = "friction of joints" if by_joints else self.model.scheme.name
             raise SceneError(
@@ -175,80 +155,6 @@ class Shooting:
             state = state.changed(motors=positions[len(self.model.prescribed) :])
         return state
 
-    def rows_of(self, state: State) -> np.ndarray:
-        """Positions, rates and what steps remember of a state, in one row."""
-        remembered = {name: _remembered(state, name).ravel() for name in self._inside}
-        return self._rows(vars(state) | remembered, remembered)
-
-    def _rows(self, arrays: Mapping[str, Any], inside: Iterable[str]) -> np.ndarray:
-        """Rows (..., rows) from arrays by name, with some of what steps remember."""
-        y = self.model.couplings.unknowns(arrays["q"], arrays["slides"])
-        parts = [y, arrays["v"][..., self._rates], *(arrays[name] for name in inside)]
-        return np.concatenate(parts, axis=-1)
-
-    def scales(self, state: State, period: float) -> np.ndarray:
-        """Units of the rows: of the scene, and of rates in a period."""
-        model = self.model
-        rates = 2 * np.pi / period * model.unit[self._rates]
-        units = {name: np.ones(size) for name, size in self._inside.items()}
-        if model.keeps_previous:
-            units["q previous"] = model.unit
-        if model.points.follow_joints:  # forces are large
-            units["spring internal"] = np.maximum(1.0, abs(_remembered(state, "spring internal")))
-        return np.concatenate([model.unit_of_unknowns, rates, *units.values()])
-
-    def directions(self, state: State, length: float) -> Directions:
-        """Changes of all variables at a state, which keep joints and loops closed."""
-        model, reduction = self.model, self.model.reduction
-        reduction.begin(state.q, state.slides)
-        if reduction.singularity:
-            raise SceneError(f"{self.what}: {reduction.singularity}. Start from another state")
-        free, scale = reduction.free, self.scales(state, length)
-        independent = np.concatenate([reduction.independent, np.arange(free, len(scale))])
-        y, n = len(reduction.independent), len(independent)
-        matrix = np.zeros((len(scale), n))
-        columns = reduction.completion().toarray()[:free, independent[:y]] * scale[independent[:y]]
-        matrix[:free, :y], matrix[independent[y:], np.arange(y, n)] = columns, scale[free:]
-        rows = matrix.T
-        changes = {"slides": model.couplings.free_slides(rows[:, :free], model.scene.joint_count)}
-        changes["v"] = np.zeros((n, model.size))
-        changes["v"][:, self._rates] = rows[:, free : self.movable]
-        first = self.movable
-        for name, size in self._inside.items():
-            changes[name], first = rows[:, first : first + size], first + size
-        spread = reduction.coupling()[:, independent[:y]].toarray() * scale[independent[:y]]
-        changes["q"] = np.vstack([spread.T, np.zeros((n - y, model.size))])
-        return Directions(changes, matrix / scale[:, None], independent, scale)
-
-    @property
-    def _inside(self) -> dict[str, int]:
-        """Numbers of what steps remember, by their names in the layout.
-
-        Internal variables of members and of springs, and the configuration a step before.
-        """
-        members, springs = int(np.prod(self.model.forms.internal_shape)), self.model.points.width
-        before = self.model.size * self.model.keeps_previous
-        sizes = {"internal": members, "spring internal": springs, "q previous": before}
-        return {name: size for name, size in sizes.items() if size}
-
-    def moved(self, state: State, by: Directions, amounts: np.ndarray) -> State:
-        """The state after a change of its variables (n,), in the units of the directions."""
-        y = (by.matrix @ amounts * by.scale)[: self.model.reduction.free]
-        changed = {"v": state.v + amounts @ by.changes["v"]}
-        for name in self._inside:
-            values = _remembered(state, name)
-            change = (amounts @ by.changes[name]).reshape(values.shape)
-            changed[name.replace(" ", "_")] = values + change
-        return self.shifted(state, y).changed(**changed)
-
-    def shifted(self, state: State, y: np.ndarray) -> State:
-        """The state after a change of its unknowns (free,)."""
-        model, reduction = self.model, self.model.reduction
-        reduction.begin(state.q, state.slides)
-        q = state.q + reduction.expand(y, np.zeros(reduction.driven))
-        slides = state.slides + model.couplings.free_slides(y, model.scene.joint_count)
-        return state.changed(q=q, slides=slides)
-
     # -- Motions --------------------------------------------------------------------------------
 
     def length_of(self, parameter: float) -> float:
@@ -260,34 +166,24 @@ class Shooting:
         length = self.length_of(parameter)
         if self.model.keeps_previous and state.q_previous is not None:
             state = state.changed(length=length / self.steps)
-        last = self._advance(state, self._times(state, length, self.steps))
+        last = self._advance(state, _times(state, length, self.steps))
         turns, of = np.zeros(self.model.size), self.model.turns  # full ones of rotations
         turns[of] = 2 * np.pi * np.round((last.q - state.q)[of] / (2 * np.pi))
         end = self._at_start(TurnCounter.without(turns, last).changed(t=state.t))
-        scale, first = self.scales(state, length), self.rows_of(state)
-        movable, parts = self.movable, len(self.model.scheme.fractions)
+        variables = self.variables
+        scale, first = variables.scales(state, length), variables.rows_of(state)
+        movable, parts = variables.movable, len(self.model.scheme.fractions)
         apart = (self._taped_rows() - first[:movable]) / scale[:movable]
         way = np.zeros(len(scale))
-        way[:movable] = apart[parts] + (self.rows_of(last) - first)[:movable] / scale[:movable]
+        way[:movable] = apart[parts] + (variables.rows_of(last) - first)[:movable] / scale[:movable]
         way[:movable] -= apart[-parts]
         size = float(np.linalg.norm(apart, axis=1).max())
-        gap = (self.rows_of(end) - first) / scale
+        gap = (variables.rows_of(end) - first) / scale
         return Period(state, parameter, length, end, gap, size, way, last.dissipated)
-
-    @property
-    def are_rates(self) -> np.ndarray:
-        """Which rows of a state are rates."""
-        at = np.arange(self.movable + sum(self._inside.values()))
-        return (at >= self.model.reduction.free) & (at < self.movable)
-
-    @property
-    def movable(self) -> int:
-        """Number of rows of positions and rates."""
-        return self.model.reduction.free + len(self._rates)
 
     def _taped_rows(self) -> np.ndarray:
         """Positions and rates at the starts of all sub-steps of the last run."""
-        return self._rows(self.tape.states(np.arange(len(self.tape))), ())
+        return self.variables.rows(self.tape.states(np.arange(len(self.tape))), ())
 
     def _advance(self, state: State, times: np.ndarray, recorder: Recorder | None = None) -> State:
         """The state after steps, which are on the tape."""
@@ -296,10 +192,6 @@ class Shooting:
         recorder = recorder or Recorder(self.model, times, _NOTHING)
         self.tape.last = self.prepared.stepper.advance(state, times[1:], 1, recorder)
         return self.tape.last
-
-    @staticmethod
-    def _times(state: State, length: float, steps: int) -> np.ndarray:
-        return state.t + length / steps * np.arange(steps + 1)
 
     def settled(self, state: State, parameter: float, periods: int) -> State:
         """The state after some periods."""
@@ -322,8 +214,9 @@ class Shooting:
             some = {name: rows[k : k + _AT_ONCE] for name, rows in changes.items()}
             ends = self.derivatives.jvp(self.tape, some, at)
             ends = {name: rows[-2:] for name, rows in ends.items()} | {"q previous": ends["q"][:2]}
-            blocks.append(self._rows(ends, self._inside))
-        first_step, last = np.concatenate(blocks, axis=1) / self.scales(period.start, period.length)
+            blocks.append(self.variables.rows(ends, self.variables.inside))
+        scales = self.variables.scales(period.start, period.length)
+        first_step, last = np.concatenate(blocks, axis=1) / scales
         return last.T, first_step.T
 
     def by_parameter(self, period: Period) -> np.ndarray:
@@ -338,7 +231,7 @@ class Shooting:
 
     def _positions(self, state: State, length: float, steps: int) -> np.ndarray:
         """Unknowns (steps + 1, free) at the ends of the steps of a motion, over their units."""
-        self._advance(state, self._times(state, length, steps))
+        self._advance(state, _times(state, length, steps))
         free = self.model.reduction.free  # rates have vibrations of stiff directions
         rows = self._taped_rows()[:: len(self.model.scheme.fractions), :free]
         return rows / self.model.unit_of_unknowns
@@ -352,48 +245,24 @@ class Shooting:
     def solution(self, period: Period) -> Solution:
         """The motion over a period with all that is recorded."""
         start = period.start.changed(algorithmic=period.end.algorithmic)
-        times = self._times(start, period.length, self.steps)
+        times = _times(start, period.length, self.steps)
         recorder = Recorder(self.model, times, Record())
         recorder.record(0, start)
         self._advance(start, times, recorder)
         stats = replace(self.prepared.stats, steps=self.steps)  # without those of the search
         return solution_of(recorder, stats, lambda: recorder.end)
 
-    # -- What does not change -------------------------------------------------------------------
-
-    def energy(self, state: State) -> float:
-        """Energy with that of constant loads, zero in the reference configuration [J]."""
-        return self.model.energy(state) - float(self._constant_loads @ state.q)
-
-    @cached_property
-    def _constant_loads(self) -> np.ndarray:
-        if not self.model.loads.constant:
-            return np.zeros(self.model.size)
-        return self.model.loads.at(0.0)
-
-    def slope_of_energy(self, state: State, by: Directions) -> np.ndarray:
-        """Derivatives (n,) of the energy, by differences."""
-
-        def along(unit: np.ndarray) -> float:
-            return slope(lambda x: self.energy(self.moved(state, by, x * unit)), _STEP)
-
-        return np.array([along(unit) for unit in np.eye(by.matrix.shape[1])])
-
-    def _of_time(self, state: State, t0: float, length: float) -> np.ndarray:
-        """Functions of time (steps, n) in a period."""
-        times = t0 + length / self.steps * np.arange(self.steps + 1)
-        values = numbers_of(self.prepared, state, times[:-1], times[1:])
-        parts = [values[name].reshape(self.steps, -1) for name in _OF_TIME if name in values]
-        return np.hstack(parts)
-
     def depends_on_time(self, state: State, length: float) -> bool:
         """Whether loads, driven motions, parameters or natural strains change in a period."""
-        values = self._of_time(state, state.t, length)
+        values = _of_time(self.prepared, self.steps, state, state.t, length)
         return bool((np.ptp(values, axis=0) > _REPEATS * abs(values).max(axis=0)).any())
 
     def check_repeats(self, state: State, length: float) -> None:
         """Refuse functions of time that do not repeat after a period, but for full turns."""
-        now, later = (self._of_time(state, t, length) for t in (state.t, state.t + length))
+        now, later = (
+            _of_time(self.prepared, self.steps, state, t, length)
+            for t in (state.t, state.t + length)
+        )
         apart, allowed = later - now, _REPEATS * np.maximum(abs(now), abs(later)).max(axis=0)
         turned = apart - 2 * np.pi * np.round(apart[:1] / (2 * np.pi))
         if ((abs(apart) > allowed) & (abs(turned) > allowed)).any():
@@ -403,16 +272,16 @@ class Shooting:
             )
 
 
-def slope(function: Callable[[float], Any], h: float) -> Any:
-    """The derivative at zero, by a central difference."""
-    low, high = function(-h), function(h)
-    return (high - low) / (2 * h)
+def _times(state: State, length: float, steps: int) -> np.ndarray:
+    return state.t + length / steps * np.arange(steps + 1)
 
 
-def _remembered(state: State, name: str) -> np.ndarray:
-    """What steps remember, by its name in the layout: no step before is one without a motion."""
-    values = getattr(state, name.replace(" ", "_"))
-    return state.q if values is None else values
+def _of_time(prepared: Prepared, steps: int, state: State, t0: float, length: float) -> np.ndarray:
+    """Functions of time (steps, n) in a period."""
+    times = t0 + length / steps * np.arange(steps + 1)
+    values = numbers_of(prepared, state, times[:-1], times[1:])
+    parts = [values[name].reshape(steps, -1) for name in _OF_TIME if name in values]
+    return np.hstack(parts)
 
 
 def _minima(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

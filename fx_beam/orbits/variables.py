@@ -1,0 +1,163 @@
+"""Variables of a state in periodic motions: positions, rates and what steps remember."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fx_beam.content_cache import cached_property
+from fx_beam.errors import SceneError
+from fx_beam.results.state import State
+from fx_beam.step.model import Model
+
+# Change of variables in differences of the energy.
+_STEP = 1e-6
+
+
+class Directions(NamedTuple):
+    """Changes of a state, one for each of its variables, in units of their scales."""
+
+    #: Changes (n, ...) of what steps read, by name.
+    changes: dict[str, np.ndarray]
+    #: The same (rows, n) in the order of `Variables.rows_of`, over the scales.
+    matrix: np.ndarray
+    #: Which rows are variables; others follow to close loops.
+    independent: np.ndarray
+    scale: np.ndarray
+
+
+class Variables:
+    """The variables of the states of a model; errors say `what` needs them."""
+
+    def __init__(self, model: Model, what: str):
+        self.model, self._what = model, what
+        fixed = [3 * node + i for node, i in model.scene.fixed]
+        #: Rates that steps keep: of what has mass and moves.
+        self._rates = np.setdiff1d(np.flatnonzero(~model.massless), fixed)
+
+    @property
+    def count(self) -> int:
+        """Number of rows of a state."""
+        return self.movable + sum(self.inside.values())
+
+    @property
+    def remembers(self) -> bool:
+        """Whether steps depend on earlier ones: by the scheme, or by friction of joints."""
+        return self.model.keeps_previous or self.model.points.follow_joints
+
+    @property
+    def are_rates(self) -> np.ndarray:
+        """Which rows of a state are rates."""
+        at = np.arange(self.count)
+        return (at >= self.model.reduction.free) & (at < self.movable)
+
+    @property
+    def movable(self) -> int:
+        """Number of rows of positions and rates."""
+        return self.model.reduction.free + len(self._rates)
+
+    def rows_of(self, state: State) -> np.ndarray:
+        """Positions, rates and what steps remember of a state, in one row."""
+        remembered = {name: _remembered(state, name).ravel() for name in self.inside}
+        return self.rows(vars(state) | remembered, remembered)
+
+    def rows(self, arrays: Mapping[str, Any], inside: Iterable[str]) -> np.ndarray:
+        """Rows (..., rows) from arrays by name, with some of what steps remember."""
+        y = self.model.couplings.unknowns(arrays["q"], arrays["slides"])
+        parts = [y, arrays["v"][..., self._rates], *(arrays[name] for name in inside)]
+        return np.concatenate(parts, axis=-1)
+
+    def scales(self, state: State, period: float) -> np.ndarray:
+        """Units of the rows: of the scene, and of rates in a period."""
+        model = self.model
+        rates = 2 * np.pi / period * model.unit[self._rates]
+        units = {name: np.ones(size) for name, size in self.inside.items()}
+        if model.keeps_previous:
+            units["q previous"] = model.unit
+        if model.points.follow_joints:  # forces are large
+            units["spring internal"] = np.maximum(1.0, abs(_remembered(state, "spring internal")))
+        return np.concatenate([model.unit_of_unknowns, rates, *units.values()])
+
+    def directions(self, state: State, length: float) -> Directions:
+        """Changes of all variables at a state, which keep joints and loops closed."""
+        model, reduction = self.model, self.model.reduction
+        reduction.begin(state.q, state.slides)
+        if reduction.singularity:
+            raise SceneError(f"{self._what}: {reduction.singularity}. Start from another state")
+        free, scale = reduction.free, self.scales(state, length)
+        independent = np.concatenate([reduction.independent, np.arange(free, len(scale))])
+        y, n = len(reduction.independent), len(independent)
+        matrix = np.zeros((len(scale), n))
+        columns = reduction.completion().toarray()[:free, independent[:y]] * scale[independent[:y]]
+        matrix[:free, :y], matrix[independent[y:], np.arange(y, n)] = columns, scale[free:]
+        rows = matrix.T
+        changes = {"slides": model.couplings.free_slides(rows[:, :free], model.scene.joint_count)}
+        changes["v"] = np.zeros((n, model.size))
+        changes["v"][:, self._rates] = rows[:, free : self.movable]
+        first = self.movable
+        for name, size in self.inside.items():
+            changes[name], first = rows[:, first : first + size], first + size
+        spread = reduction.coupling()[:, independent[:y]].toarray() * scale[independent[:y]]
+        changes["q"] = np.vstack([spread.T, np.zeros((n - y, model.size))])
+        return Directions(changes, matrix / scale[:, None], independent, scale)
+
+    @property
+    def inside(self) -> dict[str, int]:
+        """Numbers of what steps remember, by their names in the layout.
+
+        Internal variables of members and of springs, and the configuration a step before.
+        """
+        members, springs = int(np.prod(self.model.forms.internal_shape)), self.model.points.width
+        before = self.model.size * self.model.keeps_previous
+        sizes = {"internal": members, "spring internal": springs, "q previous": before}
+        return {name: size for name, size in sizes.items() if size}
+
+    def moved(self, state: State, by: Directions, amounts: np.ndarray) -> State:
+        """The state after a change of its variables (n,), in the units of the directions."""
+        y = (by.matrix @ amounts * by.scale)[: self.model.reduction.free]
+        changed = {"v": state.v + amounts @ by.changes["v"]}
+        for name in self.inside:
+            values = _remembered(state, name)
+            change = (amounts @ by.changes[name]).reshape(values.shape)
+            changed[name.replace(" ", "_")] = values + change
+        return self.shifted(state, y).changed(**changed)
+
+    def shifted(self, state: State, y: np.ndarray) -> State:
+        """The state after a change of its unknowns (free,)."""
+        model, reduction = self.model, self.model.reduction
+        reduction.begin(state.q, state.slides)
+        q = state.q + reduction.expand(y, np.zeros(reduction.driven))
+        slides = state.slides + model.couplings.free_slides(y, model.scene.joint_count)
+        return state.changed(q=q, slides=slides)
+
+    def energy(self, state: State) -> float:
+        """Energy with that of constant loads, zero in the reference configuration [J]."""
+        return self.model.energy(state) - float(self._constant_loads @ state.q)
+
+    @cached_property
+    def _constant_loads(self) -> np.ndarray:
+        if not self.model.loads.constant:
+            return np.zeros(self.model.size)
+        return self.model.loads.at(0.0)
+
+    def slope_of_energy(self, state: State, by: Directions) -> np.ndarray:
+        """Derivatives (n,) of the energy, by differences."""
+
+        def along(unit: np.ndarray) -> float:
+            return slope(lambda x: self.energy(self.moved(state, by, x * unit)), _STEP)
+
+        return np.array([along(unit) for unit in np.eye(by.matrix.shape[1])])
+
+
+def slope(function: Callable[[float], Any], h: float) -> Any:
+    """The derivative at zero, by a central difference."""
+    low, high = function(-h), function(h)
+    return (high - low) / (2 * h)
+
+
+def _remembered(state: State, name: str) -> np.ndarray:
+    """What steps remember, by its name in the layout: no step before is one without a motion."""
+    values = getattr(state, name.replace(" ", "_"))
+    return state.q if values is None else values
