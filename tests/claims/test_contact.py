@@ -614,8 +614,6 @@ REFUSED = [
     (lambda s, b: s.add_contact(b, FLOOR, energy=lambda d: -(d**2)), r"rise with the depth d"),
     (lambda s, b: s.add_contact(b, FLOOR, energy=ufl.ln), r"energy\(d\) at d = 0 .* be finite"),
     (lambda s, b: fb.Line((0, math.inf), (0, 1)), "not finite"),
-    (lambda s, b: fb.Circle((0, 0), -1.0), "radius = -1.0"),
-    (lambda s, b: fb.Circle((0, 0), 1.0, inside=2), "True or False"),
     (lambda s, b: fb.Circle(fb.GROUND, 0.1), "Circle: centre = .*the ground.* a node that carries"),
     (lambda s, b: fb.Line(s.bodies[0], (0, 1)), "Line: point = .*Body.* a node that carries"),
     (lambda s, b: rail((0, 1)), "lower, upper, stiffness"),

@@ -448,7 +448,6 @@ REFUSED = [
     (lambda n: fb.SmoothFriction(1.0, 0.0), "SmoothFriction: speed = 0 must be positive.*try"),
     (lambda n: fb.SmoothFriction(lambda rate: rate, 0.1), "negative"),
     (lambda n: fb.SmoothFriction(lambda rate: np.exp(rate), 0.1), "UFL"),
-    (lambda n: fb.Coulomb(-0.1, 1e5), "mu = -0.1 must be finite and not negative"),
     (lambda n: fb.Coulomb(0.1, 0), "stiffness = 0 must be finite and positive"),
     (
         lambda n: fb.Coulomb(0.1, 1e5, damping=-1),
