@@ -304,13 +304,16 @@ class Structs:
     """Sets members of C structs, and keeps the data to which they point.
 
     A member takes, by its declaration, a number, an array, the address of a function or of data, a
-    dict for a struct, or a list of dicts for a pointer to structs.
+    dict for a struct, or a list of dicts for a pointer to structs. None is for a pointer that the
+    scene does not need.
     """
 
-    def __init__(self, ffi: Any, declarations: str):
-        self._ffi, self._declarations = ffi, declarations
+    def __init__(self, ffi: Any):
+        self._ffi = ffi
         self._arrays = {name: ffi.typeof(f"{name}[]") for name in _NUMBERS}
         self._referenced: list[Any] = []
+        # Addresses of structs, and names of their pointers that are not needed.
+        self._unneeded: set[tuple[int, str]] = set()
 
     def set(self, struct: Any, **values: Any) -> None:
         """Set members of a struct, or of the one to which a pointer points."""
@@ -323,6 +326,9 @@ class Structs:
                 getattr(struct, name)[0 : len(value)] = list(value)
             elif kind.kind == "struct":
                 self.set(getattr(struct, name), **value)
+            elif value is None or (isinstance(value, int) and value == 0):
+                setattr(struct, name, self._ffi.NULL)
+                self._unneeded.add((self._address(struct), name))
             else:
                 setattr(struct, name, self._pointer(kind, value))
 
@@ -339,6 +345,11 @@ class Structs:
     def _type(self, struct: Any) -> Any:
         kind = self._ffi.typeof(struct)
         return kind.item if kind.kind == "pointer" else kind
+
+    def _address(self, struct: Any) -> int:
+        is_pointer = self._ffi.typeof(struct).kind == "pointer"
+        at = struct if is_pointer else self._ffi.addressof(struct)
+        return int(self._ffi.cast("uintptr_t", at))
 
     def _pointer(self, kind: Any, value: Any) -> Any:
         if kind.kind == "function" or isinstance(value, int):
@@ -367,52 +378,30 @@ class Structs:
     def check(self, struct: Any) -> None:
         """ValueError if a pointer of a struct is not set.
 
-        Those in a ``struct { }`` inside, with a name or without, are set all or none; without them
-        its numbers are zero.
+        A struct without any numbers and pointers is not needed, in another one, too.
         """
-        missing = list(self._missing(struct, optional=False))
-        if missing:
+        if missing := list(self._missing(struct)):
             what = self._type(struct).cname
             raise ValueError(f"C struct {what}: not set: {', '.join(missing)}")
 
-    def _missing(self, struct: Any, optional: bool) -> Iterator[str]:
-        inner, groups = _layout(self._type(struct), self._declarations)
-        for free, (pointers, numbers) in enumerate(groups):
-            left = [name for name in pointers if not getattr(struct, name)]
-            partly = len(left) < len(pointers) or any(getattr(struct, n) for n in numbers)
-            yield from left if partly or not (free or optional) else ()
-        for name in inner:
-            yield from (f"{name}.{n}" for n in self._missing(getattr(struct, name), optional=True))
-
-
-@functools.cache
-def _layout(kind: Any, declarations: str) -> tuple[list[str], list[tuple[list[str], list[str]]]]:
-    """Members of a struct that are structs; pointers and numbers of others, and of each group."""
-    kinds = {name: of.kind for name, of in _types(kind).items()}
-    groups = _groups(declarations)[kind.cname]
-    inner = [name for name, of in kinds.items() if of == "struct"]
-    ungrouped = [name for name in kinds if name not in {*inner}.union(*groups)]
-
-    def of_kinds(names: list[str], *wanted: str) -> list[str]:
-        return [name for name in names if kinds[name] in wanted]
-
-    every = [
-        (of_kinds(n, "pointer", "function"), of_kinds(n, "primitive")) for n in (ungrouped, *groups)
-    ]
-    return inner, every
+    def _missing(self, struct: Any, path: str = "") -> Iterator[str]:
+        """Paths of the pointers that are not set."""
+        names: dict[str, list[str]] = {}
+        for name, kind in _types(self._type(struct)).items():
+            names.setdefault(kind.kind, []).append(name)
+        pointers = [*names.get("pointer", ()), *names.get("function", ())]
+        missing = [name for name in pointers if not getattr(struct, name)]
+        if missing:
+            address = self._address(struct)
+            missing = [name for name in missing if (address, name) not in self._unneeded]
+        numbers = any(getattr(struct, name) for name in names.get("primitive", ()))
+        if len(missing) < len(pointers) or numbers:
+            yield from (f"{path}{name}" for name in missing)
+        for name in names.get("struct", ()):
+            yield from self._missing(getattr(struct, name), f"{path}{name}.")
 
 
 @functools.cache
 def _types(kind: Any) -> dict[str, Any]:
     """Types of the members of a struct."""
     return {name: field.type for name, field in kind.fields}
-
-
-@functools.cache
-def _groups(declarations: str) -> dict[str, list[list[str]]]:
-    """Names of the members in each ``struct { };`` inside a struct, by the name of the latter."""
-    text = re.sub(r"/\*.*?\*/", "", declarations, flags=re.DOTALL)
-    structs = re.findall(r"^typedef struct \{(.*?)^\} (\w+);", text, re.DOTALL | re.MULTILINE)
-    inside = re.compile(r"^  struct \{(.*?)\};", re.DOTALL | re.MULTILINE)
-    names = re.compile(r"(\w+)(?:\[\w+\])?[,;]")
-    return {name: [names.findall(part) for part in inside.findall(body)] for body, name in structs}

@@ -430,7 +430,7 @@ class Configuration:
 
     def __init__(self, members: dict[str, Any], joints: int, slides: Sequence[Slide]):
         ffi, self._library = c_library.open_library(*_LIBRARY, "problem.h", MACROS, (), _FLAGS)
-        self._structs, self._slides = Structs(ffi, c_library.declarations("problem.h")), slides
+        self._structs, self._slides = Structs(ffi), slides
         self._c, self._ffi = ffi.new("Problem *"), ffi
         size, columns = members["dofs"], members["columns"] + members["auxiliary"]["count"]
         self._state = np.zeros(size), np.zeros(joints)

@@ -112,6 +112,7 @@ class Slide:
             "carried": self.columns,
             "node": self.node_dofs,
             "dofs": self.dofs,
+            "turn_stored_at": None,
             "part_start": self._parts.starts(self.dofs.size),
             **self._parts.members("part_"),
             "entry_start": self._entry_start,

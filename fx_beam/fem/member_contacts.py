@@ -160,6 +160,8 @@ class MemberContacts:
             first_internal=first_internal,
             has_slot=np.zeros(self._first_slots[-1], np.int32),
             memory=np.zeros(self.width),
+            contact_point=None,
+            near=None,
             **{name: np.zeros(mesh.dofs.size) for name in ("searched_at", "start", "v", "product")},
         )
         # Freed with this object: C allocates as much as there are contact points.
@@ -175,6 +177,7 @@ class MemberContacts:
         one, law, numbers, mesh = self._pairs[i], self.laws[i], self._numbers[i], self._mesh
         return {
             **law.members,
+            "slopes": None,
             "sums": law.law.size,
             "loaded": law.law.size - (4 if law.law.internal else 2),
             "first_slot": self._first_slots[i],

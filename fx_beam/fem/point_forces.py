@@ -169,7 +169,7 @@ class PointForces:
         ffi, self._c = c_library.open_library(*_LIBRARY)
         self._of = functools.partial(ffi.from_buffer, ffi.typeof("double[]"))
         self._of_numbers = functools.partial(ffi.from_buffer, ffi.typeof("int[]"))
-        self._structs = structs = Structs(ffi, c_library.declarations(_HEADER))
+        self._structs = structs = Structs(ffi)
         laws = self._laws
         self.given, self._given = _parts([law.given for law in laws])
         ends = [arguments(law.law) for law in laws]
@@ -190,6 +190,7 @@ class PointForces:
             nodal=self._nodal,
             all=len(rows),
             of=rows,
+            members=None,
             probe=np.zeros(max((law.values + 2 * law.law.size for law in laws), default=1)),
             followed={"size": following, "memory": np.zeros(self._c.FIXED_POINT_ROWS * following)},
         )

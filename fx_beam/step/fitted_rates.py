@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.c_library import Structs, declarations
+from fx_beam.c_library import Structs
 
 from .form_tables import aligned_zeros
 from .layout import Arrays, Layout, Numbers, Rows, all_of, never_empty
@@ -57,7 +57,7 @@ class FittedRates:
         self._model = model
         self._problem = problem = Problem(model, NewtonOptions(), rates=True)
         self._ffi, self._p = problem.ffi, problem.c
-        self._structs = Structs(self._ffi, declarations("problem.h"))
+        self._structs = Structs(self._ffi)
         self._a = self._ffi.new("Derivatives *")
         self._structs.set(self._a, slide_at_rest=np.zeros(1 + len(model.couplings.moving)))
         #: The library, with names of what is asked of it: VALUES, BACKWARDS and FORWARDS.
@@ -97,7 +97,7 @@ class FittedRates:
         fit = Fit(*(*(np.full(shape, np.nan) for shape in shapes), driven))
         if (unknown := np.isnan(driven)).any():
             driven = np.where(unknown, self._driven_rates(q, v, slides), driven)
-        structs, of = Structs(self._ffi, declarations("problem.h")), self._ffi.new("Fits *")
+        structs, of = Structs(self._ffi), self._ffi.new("Fits *")
         arrays = {"q": q, "v": v, "slides": slides, "driven": driven, "rates": fit.rates}
         arrays |= {"joints": fit.joints, "constraints": fit.constraints}
         structs.set(of, rows=n, **{name: never_empty(x) for name, x in arrays.items()})

@@ -83,6 +83,10 @@ class Kernel(NamedTuple):
         return f"{{ {packed};\n{name}(A + {first}, own_w, own_c, x{unused}); }}\n"
 
 
+# Data of cells that not all scenes have: a tangent in rows or in a chain, and fields of beams.
+_NOT_ALWAYS = "stored_at", "run", "single_start", "single_from", "single_to", "internal", "natural"
+
+
 class FormTables:
     """Forms as ``Form`` of c/problem.h.
 
@@ -164,7 +168,7 @@ class FormTables:
             "constants": constants,
             **dict(zip(("time_at", "dt_at", "memory_at"), offsets, strict=True)),
             "parameters_at": first,
-            **(of_scene if first >= 0 else {}),
+            **(of_scene if first >= 0 else {"parameter": None}),
         }
 
     def _data_of(self, cells: np.ndarray) -> dict[str, np.ndarray]:
@@ -172,7 +176,8 @@ class FormTables:
         if (key := cells.tobytes()) in self._shared:
             return self._shared[key]
         stored_at, behind = self._stored_at[cells], self._problem.tangent.stored
-        data = {n: self._blocks(rows[cells]) for n, rows in self.rows.items() if n != "dofs"}
+        data: dict[str, Any] = dict.fromkeys(_NOT_ALWAYS)
+        data |= {n: self._blocks(rows[cells]) for n, rows in self.rows.items() if n != "dofs"}
         nodes = self.rows["dofs"][cells, 2 * self.rows["dofs"].shape[1] // 3 :] - 2
         data |= {"dofs": self._blocks(nodes), "to": self._blocks(nodes, self._problem.dofs)}
         data["coordinates"] = self._blocks(self._places[cells])

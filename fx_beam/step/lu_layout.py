@@ -236,7 +236,7 @@ def _eliminated(groups: dict[str, Any], rows: np.ndarray, columns: np.ndarray) -
     ffi, library = c_library.open_library(
         "order of elimination", "elimination.h", "sparse_rows.h", (), (), ("-O1",)
     )
-    structs = Structs(ffi, c_library.declarations("sparse_rows.h"))
+    structs = Structs(ffi)
     of = ffi.gc(ffi.new("Elimination *"), library.fx_free_elimination)
     structs.set(of, **groups)
     at = np.empty(len(rows), np.int32)

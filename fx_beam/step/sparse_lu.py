@@ -58,7 +58,7 @@ class LU:
         self._ffi, layout = ffi, factors_of(*pattern, dependent)
         self._rows = ffi.new("SparseRows *")
         self._diagonals = layout.rows.get("diagonal", layout.order)  # none without unknowns
-        self._structs = Structs(ffi, c_library.declarations("sparse_rows.h"))
+        self._structs = Structs(ffi)
         self._factors = np.empty(layout.size)
         self._structs.set(self._rows, **layout.rows, factors=self._factors)
         self._at, self._order = self._ints(layout.at), self._ints(layout.order)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy.sparse
 
-from fx_beam.c_library import Structs, array_at, declarations, declared
+from fx_beam.c_library import Structs, array_at, declared
 from fx_beam.content_cache import cached_property
 from fx_beam.fem.mesh import rotation_of
 from fx_beam.fem.sparsity import blocks_with
@@ -41,6 +41,19 @@ if TYPE_CHECKING:
 
 # Forms of the equations.
 _OF_EQUATIONS = "internal_forces", "drag"
+# Pointers of structs in Problem that not every scene and run needs.
+_NOT_ALWAYS = {
+    "internal": ("per_weight",),
+    "loads": ("weight",),
+    "system": (
+        *("rows", "tangent_start", "tangent_column", "factor_at", "changing"),
+        *("row_of", "unknown_of"),
+    ),
+    "at_points": ("stored_at", "slide_rate"),
+    "scheme": ("rule_stored_at", "nodal_rule"),
+    "statics": ("hold", "hold_dof", "viscous_weight", "diagonal_at"),
+    "newton": ("find", "predicted", "known", "known_forces"),
+}
 
 
 class Problem:
@@ -68,8 +81,9 @@ class Problem:
         self.ffi = declared("problem.h", MACROS)
         #: Constants of problem.h.
         self.constants = self.ffi.dlopen(None)
-        self._structs = Structs(self.ffi, declarations("problem.h"))
+        self._structs = Structs(self.ffi)
         self.c = self.ffi.new("Problem *")
+        self._set(**{group: dict.fromkeys(names) for group, names in _NOT_ALWAYS.items()})
         self._sparse_factors = np.zeros(0)
         self._stored_at = stored_at = self._hand_over_couplings()
         self._hand_over_mesh(stored_at)
@@ -371,8 +385,10 @@ class Problem:
         groups = groups_of(graph, reduction.dependent, reduction.forces)
         system = *couplings.system, self.constants.ON_BORDER
         row_of, unknown_of = on_bordering_rows(reduction, *system)
+        found_in_c = dict.fromkeys(("near_to", "order", "work", "position"))
         row = {
-            "elimination": groups,
+            "elimination": groups | found_in_c,
+            "pair": None,
             "dof_start": couplings.all_entries.starts(self.model.size),
             **couplings.all_entries.members("dof_"),
             "keep": not couplings.closures and not couplings.auxiliaries and not couplings.sliding,

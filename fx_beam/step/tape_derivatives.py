@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.c_library import Structs, declarations
+from fx_beam.c_library import Structs
 from fx_beam.content_cache import cached_property
 from fx_beam.dual import changing
 from fx_beam.errors import SceneError, any_of
@@ -37,7 +37,7 @@ class TapeDerivatives:
         problem.begin_derivatives(way)  # beside slopes of forms
         self._way = way
         self._ffi, self._p = problem.ffi, problem.c
-        self._structs = Structs(self._ffi, declarations("problem.h"))
+        self._structs = Structs(self._ffi)
         #: The C struct Derivatives.
         self.c = self._ffi.new("Derivatives *")
         #: Whether slopes of elements are those by places too; None for no slopes.
@@ -114,7 +114,7 @@ class TapeDerivatives:
         count, every, layout = len(tape), np.arange(len(tape) + 1), self.layout
         x, by_unknowns = aligned_zeros(layout.size), np.zeros(self._p.free)
         of_steps, ends = np.zeros((count + 1, layout.step_size)), layout.states.only({"q": ...})
-        structs = Structs(self._ffi, declarations("problem.h"))
+        structs = Structs(self._ffi)
         arrays = {"x": x, "sizes": np.zeros(count), "of_steps": never_empty(of_steps)}
         structs.set(self.c, **arrays, by_unknowns=by_unknowns, share=shares)
         at_ends = ends.members(every[1:], count + 1, of_ends, rows)
@@ -146,7 +146,7 @@ class TapeDerivatives:
         every, forces = len(tape), self.layout.forces
         states, x = self.layout.states.only(entries), aligned_zeros(self.layout.size)
         of_steps = np.zeros((every + 1, self.layout.step_size))
-        structs = Structs(self._ffi, declarations("problem.h"))
+        structs = Structs(self._ffi)
         #: Sizes of the derivatives by the rates at the starts of all sub-steps.
         self.sizes = np.zeros(every)
         arrays = {"x": x, "sizes": self.sizes, "of_steps": never_empty(of_steps)}
@@ -278,7 +278,7 @@ class TapeDerivatives:
         self, changes: Mapping[str, np.ndarray], x: np.ndarray, of_steps: np.ndarray, **more: Any
     ) -> Structs:
         """Hand over changes of all numbers, in groups; returns what keeps them."""
-        structs = Structs(self._ffi, declarations("problem.h"))
+        structs = Structs(self._ffi)
         self.hand_over_slopes("X" in changes and any_of(changes["X"]))
         masses = np.zeros(len(x), int)
         for name in changes.keys() & {"mass", "weight"}:
@@ -288,7 +288,7 @@ class TapeDerivatives:
 
     def _follow(self, way: str, tape: Tape, states: dict[str, Any], forces: dict[str, Any]) -> None:
         """Follow the sub-steps on the tape, with members for rows of states and of forces."""
-        structs = Structs(self._ffi, declarations("problem.h"))
+        structs = Structs(self._ffi)
         structs.set(self.c, states=states, forces=forces)
         library, (first, end), backwards = self.problem.derivatives(way), tape.present, way == "VJP"
         left = (library.fx_vjp if backwards else library.fx_jvp)(self._p, tape.c, self.c)
@@ -300,7 +300,7 @@ class TapeDerivatives:
         bristles = self._model.points.bristles if moves else []
         histories = tape.histories(self.problem, all_places(bristles)) if bristles else _NONE
         rows = reversal_rows(bristles, histories, tape.times.lengths)
-        self._reversals = Structs(self._ffi, declarations("problem.h"))
+        self._reversals = Structs(self._ffi)
         self._reversals.set(self.c, **rows)
 
     def _of_steps(self, changes: Mapping[str, np.ndarray], count: int, rows: int) -> np.ndarray:

@@ -16,8 +16,7 @@ enum { SLOTS = 2, IN_SLOT = 3 };
 /* Points, which are nodes, against a member. */
 typedef struct {
   Law *law;
-  struct { Law *energy; };
-  struct { Law *loss; };
+  Law *energy, *loss;
   int sums, loaded, remembered; /* twice the sums; the first of them, on which there are forces */
   int entries, *entry_row, *entry_column; /* of its tangent */
   int internal, first_slot; /* internal variables; its first slot of memory, in which a point has SLOTS */
@@ -32,7 +31,7 @@ typedef struct {
   double *arc;              /* places of its nodes along it */
   /* For derivatives: forces and internal variables by start, increments, internal variables and numbers; the first
      of its numbers and places among those of all contacts. */
-  struct { Law *slopes; };
+  Law *slopes;
   int first_number, first_arc;
   double apart;             /* of a member and itself: how far apart they must be */
 } MemberContact;
@@ -77,9 +76,9 @@ typedef struct {
   int *has_slot;            /* [slots] whether a contact point has it */
   /* [dofs]: positions of the last search and of the start of the step, rates there, room; its slots */
   double *searched_at, *start, *v, *product, *memory;
-  struct { ContactPoint *contact_point; };
+  ContactPoint *contact_point;
   int contact_points, near_places, near_room;
-  struct { NearPlace *near; }; /* [near_room] places of the last search */
+  NearPlace *near; /* [near_room] places of the last search */
 } MemberContacts;
 
 /* The stored energy; if there are functions `by`, of each contact that of the derivatives of its energy by all that its law is

@@ -7,10 +7,10 @@
 /* A force at nodes, or on the slide of a joint. */
 typedef struct {
   Law *law;           /* forces, entries of their tangent, internal variables, what is remembered */
-  struct { Law *energy; };   /* stored at the start */
-  struct { Law *loss; };     /* lost in the step */
-  struct { Law *switches; }; /* values that change their sign where it switches */
-  struct { Law *pull; };     /* along a line between points */
+  Law *energy;        /* stored at the start */
+  Law *loss;          /* lost in the step */
+  Law *switches;      /* values that change their sign where it switches */
+  Law *pull;          /* along a line between points */
   int size, entries, internal, remembered, conditions, overshoots;
   int *dof;           /* [size] degrees of freedom; -1 for the ground */
   int slide, column;  /* joint of a slide and its column, or -1 */
@@ -44,11 +44,9 @@ typedef struct {
 typedef struct {
   int contacts, external, nodal, all;
   int recorded;         /* points whose forces are recorded: of contacts, then slots of members */
-  struct {
-    PointForce *of;
-    double *probe;    /* room for results of one force, and for a correction */
-  };
-  struct { MemberContacts *members; };
+  PointForce *of;
+  double *probe;        /* room for results of one force, and for a correction */
+  MemberContacts *members;
   FixedPoint followed;  /* forces of joints that limit friction */
 } PointForces;
 

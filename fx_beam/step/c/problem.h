@@ -1,5 +1,4 @@
-/* Data of a scene for the loop, its inputs and its output. c_library.py reads this file as well. Of the
-   members in a `struct { };` either all are set or none; all other pointers are always set. */
+/* Data of a scene for the loop, its inputs and its output. */
 
 #pragma once
 
@@ -68,13 +67,13 @@ typedef struct {
   Batch *batch;
   int cells;
   int *dofs, *to;      /* first degree of freedom of each node, where it is read and added to: [block][cell node][lane] */
-  struct { int *stored_at; }; /* [block][cell dof, cell dof][lane]: indices in the tangent */
+  int *stored_at; /* [block][cell dof, cell dof][lane]: indices in the tangent */
   /* In a chain instead, for rows of three entries, those of a node: [block][cell dof, node][lane] index
      of the first. Entries that do not lie in a row: where those of each block begin, their indices
      among the element tensors, and in the tangent. */
-  struct { int *run, *single_start, *single_from, *single_to; };
-  struct { int *internal; }; /* [block][internal variable][lane]: indices in those of all cells */
-  struct { int *natural; };  /* the same of natural strains */
+  int *run, *single_start, *single_from, *single_to;
+  int *internal; /* [block][internal variable][lane]: indices in those of all cells */
+  int *natural;  /* the same of natural strains */
   double *coordinates; /* [block][coordinate][lane] */
   double *packed;      /* [block][coefficient][lane]; changing ones are updated */
 } Integral;
@@ -89,7 +88,7 @@ typedef struct {
   double *constants;
   int time_at, dt_at, memory_at; /* their indices among the constants, or -1 */
   int parameters_at;   /* that of the first parameter, or -1; which ones of the scene they are */
-  struct { int parameters, *parameter; };
+  int parameters, *parameter;
 } Form;
 
 /* Sparse factors that serve several steps (reused_factors.h). */
@@ -118,7 +117,7 @@ typedef struct {
   long searches;        /* number of the search for contact points for which the rows are */
   int placed;           /* whether positions among the factors are those of the transposed tangent; -1 before there are any */
   int pairs, room;
-  struct { ContactPair *pair; }; /* of all contact points */
+  ContactPair *pair; /* of all contact points */
 } ChangingRows;
 
 /* Nodes and elements of the beams. */
@@ -145,7 +144,7 @@ typedef struct {
 /* Internal variables of beams. */
 typedef struct {
   int per_cell;
-  struct { double *per_weight; }; /* [internal variable of a cell] */
+  double *per_weight; /* [internal variable of a cell] */
 } Internal;
 
 /* Natural strains: their number, and those of a cell; strains of unit ones, in compressed rows. */
@@ -158,7 +157,7 @@ typedef struct {
 typedef struct {
   int count, *start, *dof;
   double *force;
-  struct { double *weight; };
+  double *weight;
   int follower_forces;
 } Loads;
 
@@ -220,20 +219,20 @@ typedef struct {
   /* Sparse rows of factors, besides which the tangent is stored, in compressed rows of the unknowns: `factor_at` has the
      position of each of its values among the factors. Where the pattern changes, `rows` are those of `changing`, which sets
      `order` and `factor_at`, too. */
-  struct { SparseRows *rows; };
-  struct { int *tangent_start, *tangent_column, *factor_at; };
-  struct { ChangingRows *changing; };
+  SparseRows *rows;
+  int *tangent_start, *tangent_column, *factor_at;
+  ChangingRows *changing;
   ReusedFactors reused;
   /* Of each column of the scene the row of the forces on it, and its unknown: -1 for none, or a bordering row. */
-  struct { int *row_of, *unknown_of; };
+  int *row_of, *unknown_of;
 } System;
 
 /* Bordering rows (bordering_rows.h): their number, the first of forces that close loops on beams, columns of a block of right
    sides. */
 typedef struct {
   int rows, carriers, block;
-  struct { int bordered, *bordered_unknown, *bordered_row; }; /* unknowns of them that stand alone among the others */
-  struct { int beside, *beside_row, *beside_column, *beside_at; }; /* entries of the tangent in them, and where these are stored */
+  int bordered, *bordered_unknown, *bordered_row; /* unknowns of them that stand alone among the others */
+  int beside, *beside_row, *beside_column, *beside_at; /* entries of the tangent in them, and where these are stored */
 } Border;
 
 /* How the reduced tangent is made of the full one. Entries that are added as they are: */
@@ -284,8 +283,8 @@ typedef struct {
    if forces act on some. */
 typedef struct {
   int spring_width, lines, friction_follows;
-  struct { int *stored_at; };
-  struct { double *slide_rate; };
+  int *stored_at;
+  double *slide_rate;
 } AtPoints;
 
 /* Parameters of the user's functions: whether they vary, and stored energies with them; the values with
@@ -302,26 +301,24 @@ typedef struct {
   double level, beta, gamma, alpha_m;
   double fractions[SUB_STEPS];
   /* Rules of a user, of which the sub-steps take turns; where the tangent has all entries of a pair of nodes [pair][3][3]. */
-  struct {
-    int rules, *rule_stored_at;
-    Law **nodal_rule;
-  };
+  int rules, *rule_stored_at;
+  Law **nodal_rule;
 } Scheme;
 
 /* Of statics: holding forces on the unknowns, and the first degrees of freedom of those of which there are derivatives, with
    their number; a viscosity on increments, with weights and positions in the tangent; the load factor at the start, for several
    processes. A yielding of forces that close loops, in rates that fit joints. */
 typedef struct {
-  struct { double *hold; };
-  struct { int *hold_dof; };
+  double *hold;
+  int *hold_dof;
   int holds;
-  struct { double *viscous_weight; int *diagonal_at; };
+  double *viscous_weight; int *diagonal_at;
   double viscosity, yielding, ratio_before;
 } Statics;
 
 /* A frame that turns: arms of the displacements in the reference, and square of its spin. */
 typedef struct {
-  struct { double *arm; };
+  double *arm;
   double spin_squared;
 } Frame;
 
@@ -329,14 +326,14 @@ typedef struct {
 typedef struct {
   double tolerance, negligible, energy_floor, max_turn, longest_turn, large_turn;
   int max_iterations, may_overshoot;
-  struct { Find *find; };
+  Find *find;
   double corrections[CORRECTIONS]; /* their largest sizes in units, of the last iterations; `tried` were made */
   int tried;
   int raised, old_factors; /* whether pivots of the last factors were raised, -1 for a singular tangent; whether they are
                               those of an earlier tangent */
-  struct { double *predicted; }; /* the first correction of a step, without its sign */
+  double *predicted; /* the first correction of a step, without its sign */
   /* Increments of the columns and forces on the nodes of all sub-steps, if they are known. */
-  struct { double *known, *known_forces; };
+  double *known, *known_forces;
 } Newton;
 
 /* Driven columns: those of prescribed degrees of freedom, so many, then motors. Degrees of freedom a and b between which their
@@ -422,39 +419,13 @@ typedef struct {
 /* A scene and a scheme, the present state, and a run of steps from it. */
 typedef struct {
   int dofs, cells, columns, free, driven; /* of the columns the free ones are the unknowns, driven ones follow */
-  Mesh mesh;
-  Forms forms;
-  Internal internal;
-  Natural natural;
-  Loads loads;
-  Tangent tangent;
-  Mass mass;
-  Map map;
-  Joints joints;
-  Auxiliary auxiliary;
-  Sliders sliders;
-  System system;
-  Border border;
-  Direct direct;
-  Coupled coupled;
-  Geometric geometric;
-  Loops loops;
+  Mesh mesh; Forms forms; Internal internal; Natural natural; Loads loads; Tangent tangent; Mass mass;
+  Map map; Joints joints; Auxiliary auxiliary; Sliders sliders; Loops loops;
+  System system; Border border; Direct direct; Coupled coupled; Geometric geometric;
   PointForces *points;
-  AtPoints at_points;
-  Parameters parameters;
-  Scheme scheme;
-  Statics statics;
-  Frame frame;
-  Newton newton;
-  Team team;
-  Motors motors;
-  Passes passes;
-  State state;
-  Predictor predictor;
-  Control control;
-  Run run;
-  Inverted inverted;
-  Parts parts;
+  AtPoints at_points; Parameters parameters; Motors motors; Passes passes; Parts parts;
+  Scheme scheme; Statics statics; Frame frame; Newton newton; Team team;
+  State state; Predictor predictor; Control control; Run run; Inverted inverted;
 } Problem;
 
 /* Rows of an array. */
@@ -507,10 +478,8 @@ typedef struct {
 typedef struct {
   int of_element, q_previous; /* numbers of each element itself; whether there are derivatives by the configuration before */
   Form slopes;
-  struct {
-    int blocks, numbers, of_state, weights, slope_numbers, pieces, made; /* the first `of_state` numbers are of the state */
-    int *piece_start, *number_at, *piece_numbers, *weight_at, *piece_weights, *end_of, *from, *to;
-  };
+  int blocks, numbers, of_state, weights, slope_numbers, pieces, made; /* the first `of_state` numbers are of the state */
+  int *piece_start, *number_at, *piece_numbers, *weight_at, *piece_weights, *end_of, *from, *to;
 } Vjp;
 
 /* Where the named arrays begin in the vector x of a sub-step that is linearised (blocks.h), each of which ends where the
@@ -560,9 +529,9 @@ typedef struct {
   int *numbers, point_numbers;
   double *of_point;
   /* Position among sparse factors of each entry of the transposed tangent; of a chain or a band, of each stored value. */
-  struct { int *transposed_at; };
+  int *transposed_at;
   int *followed;      /* places in x of the forces that friction follows */
-  struct { int *reversal_start; Reversal *reversal; }; /* the first of each sub-step, if there are any */
+  int *reversal_start; Reversal *reversal; /* the first of each sub-step, if there are any */
   int member_numbers, member_arcs; /* of contact with members: how many numbers and arcs its laws have */
   double *scratch;
 } Derivatives;

@@ -56,11 +56,9 @@ typedef struct {
   /* Entries of its columns: rows, values and signs, from entry_start[component] on. Entries of the beam's degrees of freedom
      [node][3]: columns, values and signs, from part_start on; storage indices of the diagonal of its rotations in the full
      tangent. */
-  struct {
-    int *entry_start, *entry_row, *entry_value, *part_start, *part_column, *part_value;
-    double *entry_sign, *part_sign;
-  };
-  struct { int *turn_stored_at; };
+  int *entry_start, *entry_row, *entry_value, *part_start, *part_column, *part_value;
+  double *entry_sign, *part_sign;
+  int *turn_stored_at;
   int bordering_row, products; /* first bordering row that is no column; number of products */
   /* Of a beam without mass that only sliding nodes may hold: columns of one of its nodes, and storage indices
      of their diagonals. */

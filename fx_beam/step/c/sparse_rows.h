@@ -7,7 +7,7 @@
 typedef struct {
   int unknowns, *start, *diagonal;
   int groups, *first, *source_start, *source, *run_start, *run_column, *run_length;
-  struct { double *factors; };
+  double *factors;
 } SparseRows;
 
 typedef struct {
@@ -18,8 +18,8 @@ typedef struct {
    them (elimination.h): lists of what each group is coupled with, the order, and the rows. */
 typedef struct {
   int groups, *group_of, *first_unknown, *unknown, *graph_start, *graph, *waits, *waiting_start, *waiting;
-  struct { IntList *near_to; };
-  struct { int *order, *work, *position; };
+  IntList *near_to;
+  int *order, *work, *position;
   SparseRows rows;
 } Elimination;
 
