@@ -142,7 +142,7 @@ def middle_frames():
 def compare_storage(runs=5, steps=20, dt=0.01):
     """Steps of frames with a band and with sparse rows, in turns, and which of them is chosen."""
     worst, seconds, record = 0.0, [], fb.Record(every=steps)
-    sparse = COSTS._replace(narrow=0, band_entry=sys.maxsize)
+    sparse = COSTS._replace(narrow=0)
     forced = {"band": COSTS._replace(narrow=sys.maxsize), "sparse": sparse}
     stepper.Stepper.advance = timed(stepper.Stepper.advance, seconds)
     for name, scene in middle_frames().items():

@@ -28,17 +28,14 @@ class Costs(NamedTuple):
     unknowns (`benchmarks/frames.py storage`).
     """
 
-    #: Up to this half bandwidth a band is always faster: the compiler unrolls its loops.
+    #: Up to this half bandwidth a band is faster: the compiler unrolls its loops.
     narrow: float = 11
-    #: Besides the multiplications, time of each entry of half a band and of sparse rows.
-    band_entry: float = 17
+    #: Besides the multiplications, time of each entry of sparse rows.
     row_entry: float = 31
     #: Time of each entry of factors and tangent in a substitution.
     substitution: float = 7
-    #: Factors are kept if making them costs as much as so many substitutions; a correction then
-    #: costs about as much as so many, also for the new factors now and then.
+    #: Factors are kept if making them costs as much as so many substitutions.
     least_worth: float = 3
-    correction: float = 2.5
 
 
 COSTS = Costs()
@@ -62,8 +59,6 @@ class Factors(NamedTuple):
     padding: np.ndarray = _NONE
     #: Substitutions that cost as much as a factorisation; 0 if factors are not kept.
     worth: int = 0
-    #: Time of a correction by Newton's method, relative to that of a multiplication.
-    cost: float = 0.0
 
     def __str__(self):
         if self.chain:
@@ -84,7 +79,7 @@ def factors_of(
     sparse: bool = True,
     costs: Costs = COSTS,
 ) -> Factors:
-    """Storage in sparse rows, to keep if it pays; or in a band if its corrections cost less.
+    """Storage in sparse rows, to keep if it pays; or in a band if it is narrow.
 
     With auxiliary unknowns (`Reduction.dependent`) sparse rows are from the leaves of trees to the
     roots. The last unknowns may be `forces` without a stiffness, given by an unknown on which each
@@ -95,18 +90,15 @@ def factors_of(
     if len(indptr) == 1:  # nothing is unknown
         return Factors(_NONE, _NONE, 0, 1)
     graph, rows = graph_of(indptr, indices), np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
-    sparse = sparse or dependent is not None or len(forces) > 0
-    band_cost = np.inf
-    if not sparse:
+    if not (sparse or dependent is not None or len(forces)):
         banded = _in_band(graph, rows, indices)
         if banded.band <= costs.narrow:
             return banded
-        band_cost = len(banded.order) * banded.band * (banded.band + 1 + costs.band_entry)
     groups = groups_of(graph, dependent, forces)
     if dependent is None and not len(forces):
         groups |= _one_by_one(_minimum_degree(groups["graph_start"], groups["graph"]))
-    in_rows = _with_cost(_eliminated(groups, rows, indices), len(indices), keep, costs)
-    return in_rows if in_rows.cost < band_cost else banded
+    in_rows = _eliminated(groups, rows, indices)
+    return in_rows._replace(worth=_worth(in_rows, len(indices), costs)) if keep else in_rows
 
 
 def graph_of(indptr: np.ndarray, indices: np.ndarray) -> scipy.sparse.csr_matrix:
@@ -116,15 +108,12 @@ def graph_of(indptr: np.ndarray, indices: np.ndarray) -> scipy.sparse.csr_matrix
     return (graph + graph.T + scipy.sparse.identity(n)).tocsr()
 
 
-def _with_cost(sparse: Factors, entries: int, keep: bool, costs: Costs) -> Factors:
-    """Sparse rows with their cost, to keep if it pays; the tangent has so many entries."""
+def _worth(sparse: Factors, entries: int, costs: Costs) -> int:
+    """`Factors.worth` of sparse rows; the tangent has so many entries."""
     above = sparse.rows["start"][1:] - sparse.rows["diagonal"] - 1.0
     factorisation = above @ (above + 1) + costs.row_entry * sparse.size
-    substitution = costs.substitution * (sparse.size + entries)
-    worth = int(factorisation / substitution)
-    if keep and worth >= costs.least_worth:
-        return sparse._replace(worth=worth, cost=costs.correction * substitution)
-    return sparse._replace(cost=factorisation)
+    worth = int(factorisation / (costs.substitution * (sparse.size + entries)))
+    return worth if worth >= costs.least_worth else 0
 
 
 def _in_band(graph: scipy.sparse.csr_matrix, rows: np.ndarray, columns: np.ndarray) -> Factors:

@@ -92,7 +92,7 @@ def frame(cells, high, turn=0.0):
 
 @pytest.mark.parametrize(
     ("cells", "storage"),
-    [((3, 3), "band"), ((20, 1), "band"), ((12, 12), "sparse"), ((36, 28), "sparse")],
+    [((4, 1), "band"), ((20, 1), "band"), ((12, 12), "sparse"), ((36, 28), "sparse")],
 )
 def test_a_narrow_frame_has_a_band_and_a_wide_one_sparse_rows_which_are_kept(cells, storage):
     solver = fb.simulate(frame(*cells)[0], dt=0.01, t_end=0.01).stats.solver
