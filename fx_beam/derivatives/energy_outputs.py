@@ -15,7 +15,7 @@ import numpy as np
 
 from fx_beam.dual import plain
 from fx_beam.errors import SceneError
-from fx_beam.laws.interval import Interval, Parts, StepStart
+from fx_beam.laws.interval import Interval, StepBatch, StepStart
 from fx_beam.scene.joints import GROUND
 from fx_beam.scene.outputs import Output
 from fx_beam.step.forcing import Forcing
@@ -67,7 +67,7 @@ def _strain(of: SubSteps, rows: Arrays) -> Derivatives:
         return {}
     names, ones = ("q", "internal", "natural", "parameters"), np.ones(len(rows["q"]))
     given = {name: rows[name] for name in names if name in rows}
-    return beams.stored_energy_by(Parts(ones, ones, **given), of.by_places)
+    return beams.stored_energy_by(StepBatch(ones, ones, **given), of.by_places)
 
 
 def _potential(of: SubSteps, rows: Arrays) -> Derivatives:
@@ -135,7 +135,7 @@ def losses_in_steps(of: SubSteps, rows: np.ndarray) -> Iterator[Block]:
 
 
 def _losses_of_points(
-    of: SubSteps, rows: np.ndarray, steps: np.ndarray, parts: Parts
+    of: SubSteps, rows: np.ndarray, steps: np.ndarray, parts: StepBatch
 ) -> Iterator[Block]:
     """Derivatives of what forces at points lose."""
     forms, points, given = of.model.forms, of.model.points, []

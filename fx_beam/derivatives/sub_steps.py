@@ -9,7 +9,7 @@ import numpy as np
 
 from fx_beam.content_cache import cached_property
 from fx_beam.dual import plain
-from fx_beam.laws.interval import INSTANT, Parts
+from fx_beam.laws.interval import INSTANT, StepBatch
 from fx_beam.step.full_turns import without_turns
 from fx_beam.step.model import Model
 from fx_beam.step.tape import Tape
@@ -79,7 +79,7 @@ class SubSteps:
             rows["parameters"][boundaries == 0] = self._at_start
         return rows
 
-    def parts(self, steps: np.ndarray) -> Parts:
+    def parts(self, steps: np.ndarray) -> StepBatch:
         """Sub-steps by their numbers; -1 for the start of the run."""
         tape, model, states, starts = self.tape, self.model, self.states, steps < 0
         first, (before, after, _) = np.maximum(steps, 0), self.places(steps)
@@ -95,7 +95,7 @@ class SubSteps:
             given["parameters"][starts] = self._at_start
         if model.forms.needs_previous:
             given["memory"] = np.where(starts, 0.0, tape.memories[first])
-        return Parts(tape.times.starts[first] + self._level * dt * ~starts, dt, D, q, **given)
+        return StepBatch(tape.times.starts[first] + self._level * dt * ~starts, dt, D, q, **given)
 
     # -- Derivatives of rows, from those by what belongs to states or sub-steps --------------------
 

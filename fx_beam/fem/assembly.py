@@ -11,7 +11,7 @@ import numpy as np
 
 from fx_beam import c_library
 from fx_beam.content_cache import cached_property
-from fx_beam.laws.interval import Parts
+from fx_beam.laws.interval import StepBatch
 
 from .form_library import CompiledForm
 
@@ -127,8 +127,8 @@ class BoundForm:
 class RowValues:
     """Values of expressions at Gauss points, or tensors of a form, in several steps.
 
-    Each expression is of some cells. From step to step fields change that are in `Parts.moving`,
-    and constants that are in `_CHANGING`.
+    Each expression is of some cells. From step to step the fields of `StepBatch.moving` change,
+    and the constants of `_CHANGING`.
     """
 
     def __init__(
@@ -141,14 +141,16 @@ class RowValues:
         #: With the addresses of their functions, and their cells.
         self._expressions = [*expressions]
 
-    def __call__(self, parts: Parts, parameters: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    def __call__(
+        self, parts: StepBatch, parameters: np.ndarray, shape: tuple[int, ...]
+    ) -> np.ndarray:
         """Values (n, cells, ...) of a shape in n steps, whose parameters (n, k) are given."""
         coordinates = self._mesh.coordinates  # scenes move nodes
         values = np.zeros((len(parts.t), len(coordinates), *shape))
         most = max(1, _MOST // values[0].size)
         for first in range(0, len(values), most):
             rows = slice(first, first + most)
-            given = Parts(*(of[rows] if len(of) else of for of in parts))
+            given = StepBatch(*(of[rows] if len(of) else of for of in parts))
             for of, address, cells in self._expressions:
                 fields = self._coefficients(of, cells, given)
                 numbers = fields, self._constants(of, given, parameters[rows]), coordinates[cells]
@@ -158,7 +160,7 @@ class RowValues:
                 values[rows, which] += out.reshape(*out.shape[:2], *shape)
         return values
 
-    def _coefficients(self, of: BoundForm, cells: np.ndarray, parts: Parts) -> np.ndarray:
+    def _coefficients(self, of: BoundForm, cells: np.ndarray, parts: StepBatch) -> np.ndarray:
         """Coefficients (n, cells, width) of an expression."""
         changing = dict(zip(self._moving, parts.moving, strict=True))
         coefficients = np.empty((len(parts.t), len(cells), of.width))
@@ -168,7 +170,7 @@ class RowValues:
             coefficients[..., start : start + field.space.width] = of_field
         return coefficients
 
-    def _constants(self, of: BoundForm, parts: Parts, parameters: np.ndarray) -> np.ndarray:
+    def _constants(self, of: BoundForm, parts: StepBatch, parameters: np.ndarray) -> np.ndarray:
         """Constants (n, m) of an expression."""
         columns = (of[:, None] for of in (parts.t, parts.dt, parts.dt, parts.memory))
         changing = dict(zip(_CHANGING, (*columns, parameters), strict=True))

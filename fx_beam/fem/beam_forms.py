@@ -10,7 +10,7 @@ import numpy as np
 from fx_beam.content_cache import cached_property
 from fx_beam.dual import plain
 from fx_beam.errors import SceneError
-from fx_beam.laws.interval import Interval, Parts, StepStart
+from fx_beam.laws.interval import Interval, StepBatch, StepStart
 from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.beam import gauss_rule
 from fx_beam.scene.law import functions_of_energy, held
@@ -232,7 +232,7 @@ class BeamForms:
         return slopes
 
     def _derivatives(
-        self, of: str, parts: Parts, by_places: bool, points: int = 0
+        self, of: str, parts: StepBatch, by_places: bool, points: int = 0
     ) -> Iterator[tuple[str, Space, np.ndarray]]:
         """Derivatives of a quantity of `DerivedForm` in steps: name, space, and values.
 
@@ -251,7 +251,7 @@ class BeamForms:
             if by_places or name != "coordinates":
                 yield name, space, values(parts, parameters, (*shape, space.width))
 
-    def stored_energy_by(self, parts: Parts, by_places: bool) -> dict[str, np.ndarray]:
+    def stored_energy_by(self, parts: StepBatch, by_places: bool) -> dict[str, np.ndarray]:
         """Derivatives of `strain_energy` at the starts of k steps by "q" (k, size), as `_summed`.
 
         And by "internal" variables, "natural" strains, the data of sections, "X", and "parameters".
@@ -275,7 +275,7 @@ class BeamForms:
             derivatives["X" if name == "coordinates" else name] = sums.reshape(-1, size)
         return derivatives
 
-    def losses_by(self, parts: Parts, by_places: bool) -> list[dict[str, np.ndarray]]:
+    def losses_by(self, parts: StepBatch, by_places: bool) -> list[dict[str, np.ndarray]]:
         """Derivatives of what beams lose in k completed steps: to material, scheme and drag.
 
         As `_summed`: by "increment", "start" and "q_previous", "X", "internal" variables, strains
@@ -286,7 +286,7 @@ class BeamForms:
         return [self._summed(self._derivatives(name, parts, by_places)) for name in names]
 
     def resultants_by(
-        self, parts: Parts, by_places: bool, weights: np.ndarray, component: int
+        self, parts: StepBatch, by_places: bool, weights: np.ndarray, component: int
     ) -> dict[str, np.ndarray]:
         """Derivatives of the sums of weights (k, cells, points) times N, Q or M in k steps.
 
@@ -299,7 +299,7 @@ class BeamForms:
         )
 
     def resultants_with(
-        self, parts: Parts, by_places: bool, changes: Mapping[str, np.ndarray], component: int
+        self, parts: StepBatch, by_places: bool, changes: Mapping[str, np.ndarray], component: int
     ) -> np.ndarray:
         """Changes (k, m, cells, points) of N, Q or M with those (k or 1, m, ...) by these names."""
         total: Any = 0.0
@@ -312,7 +312,7 @@ class BeamForms:
         return total
 
     def _slopes_of_resultants(
-        self, parts: Parts, by_places: bool, component: int
+        self, parts: StepBatch, by_places: bool, component: int
     ) -> Iterator[tuple[str, Space, np.ndarray]]:
         """Local Jacobians (k, cells, points, numbers) by name, and the space of the numbers."""
         for name, space, slopes in self._derivatives("resultants", parts, by_places, self.degree):
@@ -395,7 +395,7 @@ class BeamForms:
 
     def normal_stretch(self, q: np.ndarray) -> np.ndarray:
         """t . phi' (cells, degree) of eq. 4 at the Gauss points, for q (size,)."""
-        instant = Parts(np.zeros(1), np.ones(1), q=q[None], memory=np.zeros(1))
+        instant = StepBatch(np.zeros(1), np.ones(1), q=q[None], memory=np.zeros(1))
         values = self._point_values(self._forms.module("normal_stretch"))
         return values(instant, np.empty((1, 0)), (self.degree,))[0]
 
@@ -416,11 +416,11 @@ class BeamForms:
     def _resultants(self) -> RowValues:
         return self._point_values(self._forms.module("of_points"))
 
-    def resultants(self, parts: Parts) -> np.ndarray:
+    def resultants(self, parts: StepBatch) -> np.ndarray:
         """N, Q and M (n, cells, degree, 3) at the Gauss points, for n steps or parts."""
         return self._resultants(parts, self._parameters_in(parts), (self.degree, 3))
 
-    def _parameters_in(self, parts: Parts) -> np.ndarray:
+    def _parameters_in(self, parts: StepBatch) -> np.ndarray:
         """Values (n, k) of the parameters of the forms."""
         of_all = parts.parameters
         if not of_all.size:

@@ -11,7 +11,7 @@ import numpy as np
 from fx_beam.c_library import compiled
 from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError
-from fx_beam.laws.point_laws import Motion, PointLaw, StepRule, arguments
+from fx_beam.laws.point_laws import ForceStep, PointLaw, StepRule, arguments
 from fx_beam.laws.rates import NodalRates
 from fx_beam.scene.parameters import names_of, parameters_in, replaced
 from fx_beam.symbolic import Written, derivatives_taken, is_zero, ufl
@@ -104,7 +104,7 @@ def point_function(name: str, values: Values, arguments: int, key: Any = None) -
     return PointFunction(module.forms[name])
 
 
-OfMotion = Callable[[Motion], list]
+OfForceStep = Callable[[ForceStep], list]
 
 
 class CompiledLaw:
@@ -176,7 +176,7 @@ class CompiledLaw:
         """Its functions in UFL."""
         law = self.law
         given = ufl.Constant(elements.domain(1), shape=(arguments(law),))
-        motion = Motion(given, law, self._rule)
+        motion = ForceStep(given, law, self._rule)
         functions = {name: getattr(law, name) for name in _OTHERS}
         others = {name: _listed(of) for name, of in functions.items() if of is not None}
         conditions = len(others["switches"](motion)) if "switches" in others else 0
@@ -193,18 +193,18 @@ class CompiledLaw:
         facts = {"others": [*others], "entries": self._entries, "conditions": conditions}
         return written._replace(facts=facts)
 
-    def _function(self, values: OfMotion) -> Callable[[Any], Any]:
+    def _function(self, values: OfForceStep) -> Callable[[Any], Any]:
         """The values as a vector of what the law is given."""
         first = arguments(self.law)
 
         def of(given: Any) -> Any:
             by_name = {parameter: given[first + i] for i, parameter in enumerate(self.parameters)}
-            motion = Motion(given, self.law, self._rule)
+            motion = ForceStep(given, self.law, self._rule)
             return replaced(ufl.as_vector(values(motion)), by_name)
 
         return of
 
-    def _forces(self, motion: Motion) -> list:
+    def _forces(self, motion: ForceStep) -> list:
         """Forces, entries of their tangent, internal variables and what is remembered."""
         result = self.law.forces(motion)
         entries = [
@@ -222,10 +222,10 @@ class CompiledLaw:
         ]
 
 
-def _listed(function: Callable[[Motion], Any]) -> OfMotion:
+def _listed(function: Callable[[ForceStep], Any]) -> OfForceStep:
     """A function that gives one value or several, always as a list."""
 
-    def values(motion: Motion) -> list:
+    def values(motion: ForceStep) -> list:
         value = function(motion)
         return value if isinstance(value, list) else [value]
 
@@ -259,7 +259,7 @@ def _slopes(law: PointLaw, rule: StepRule, parameters: tuple[str, ...]) -> Point
     def values(symbols: Any) -> Any:
         given = ufl.variable(ufl.as_vector([symbols[i] for i in range(count)]))
         by_name = {parameter: given[first + i] for i, parameter in enumerate(parameters)}
-        of_step = law.forces(Motion(given, law, rule))
+        of_step = law.forces(ForceStep(given, law, rule))
         quantities = [replaced(of, by_name) for of in (*of_step.forces, *of_step.internal)]
         rows = [ufl.diff(of, given) for of in quantities]
         return ufl.as_vector([row[k] for row in rows for k in columns])

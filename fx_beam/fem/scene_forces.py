@@ -15,7 +15,7 @@ from fx_beam.laws.point_laws import (
     ANGLE,
     FOLLOWER,
     SLIDE,
-    Kind,
+    CoordinateKind,
     PointLaw,
     drag,
     length_over,
@@ -51,7 +51,9 @@ def point_forces(scene: Scene, mesh: Mesh, mobility: np.ndarray, at_rest: bool) 
     ]
 
 
-def _shared(known: _Known, law: Callable, kind: Kind, of: Iterable, *given: Any) -> PointLaw:
+def _shared(
+    known: _Known, law: Callable, kind: CoordinateKind, of: Iterable, *given: Any
+) -> PointLaw:
     """A law with functions of a user; functions that give equal expressions share one law."""
     key = law, kind, *of
     if key not in known:
@@ -114,7 +116,7 @@ def _of_joints(scene: Scene, known: _Known, at_rest: bool) -> Iterator[PointForc
                 yield PointForce(law, numbers, **where)
 
 
-def _place_on(joint: Joint, coordinate: str) -> tuple[Kind, dict[str, Any]]:
+def _place_on(joint: Joint, coordinate: str) -> tuple[CoordinateKind, dict[str, Any]]:
     """Kind of the laws on a coordinate of a joint, and where their forces are."""
     if coordinate == "slide":
         return SLIDE, {"slide": joint.number, "role": Role.SLIDE}
@@ -154,7 +156,7 @@ def _between(scene: Scene, mesh: Mesh, known: _Known, at_rest: bool) -> Iterator
 
 
 def _of_coordinate(
-    of: Any, kind: Kind, known: _Known, at_rest: bool
+    of: Any, kind: CoordinateKind, known: _Known, at_rest: bool
 ) -> Iterator[tuple[PointLaw, list[float]]]:
     """Laws of a coordinate, and their numbers."""
     spring, stop, damper = of.spring, of.stop, None if at_rest else of.damper

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from fx_beam.symbolic import ufl
 
-from .point_laws import TINY, Coordinate, Kind, Motion, Slip, add, arm_length, dot
+from .point_laws import TINY, CoordinateKind, ForceStep, Slip, StepCoordinate, add, arm_length, dot
 
 
 class _Pair(NamedTuple):
@@ -35,7 +35,12 @@ class _Meeting:
     """A point and a shape over a step, seen from the origin of the shape."""
 
     def __init__(
-        self, motion: Motion, D: Sequence[Any], numbers: Sequence[Any], pair: _Pair, of_shape: int
+        self,
+        motion: ForceStep,
+        D: Sequence[Any],
+        numbers: Sequence[Any],
+        pair: _Pair,
+        of_shape: int,
     ):
         (x, y), rest = numbers[:2], numbers[2 + of_shape :]
         self.motion, self.pair, self._D = motion, pair, D
@@ -89,14 +94,14 @@ class _ShapeLaw(NamedTuple):
     numbers: int
     #: Whether it turns with its carrier.
     turns: bool
-    gap: Callable[[_Meeting], Coordinate]
+    gap: Callable[[_Meeting], StepCoordinate]
     slip: Callable[[_Meeting], Slip]
 
 
 @functools.cache
 def gap_of(
     shape: str, nodes: int = 1, carried: bool = False, slips: bool = False, thick: bool = False
-) -> Kind:
+) -> CoordinateKind:
     """Gap of a point of so many nodes from a shape.
 
     Numbers: the place of the point relative to the shape, those of the shape, the half thickness
@@ -105,10 +110,10 @@ def gap_of(
     law = _LAWS[shape]
     pair = _Pair(nodes, (3 if slips or law.turns else 2) * carried, thick)
 
-    def meeting(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> _Meeting:
+    def meeting(motion: ForceStep, D: Sequence[Any], numbers: Sequence[Any]) -> _Meeting:
         return _Meeting(motion, D, numbers, pair, law.numbers)
 
-    return Kind(
+    return CoordinateKind(
         f"the gap of a {shape.lower()}{pair}",
         pair.size,
         3 + law.numbers + (nodes if nodes > 1 else 0),
@@ -117,7 +122,7 @@ def gap_of(
     )
 
 
-def _circle_gap(at: _Meeting) -> Coordinate:
+def _circle_gap(at: _Meeting) -> StepCoordinate:
     """The direction is (r0 + r1) / (|r0| + |r1|), which has no moment about the centre.
 
     Its product with Dr is the change of the gap.
@@ -148,7 +153,7 @@ def _line_normals(at: _Meeting) -> tuple[Sequence[Any], Sequence[Any], Sequence[
     return n0, n1, _turned(normal, motion.at_level(psi, Dpsi))
 
 
-def _line_gap(at: _Meeting) -> Coordinate:
+def _line_gap(at: _Meeting) -> StepCoordinate:
     """If a node carries the line, the change of n.r is n.Dr + Dtheta (W n).r.
 
     Dtheta = 2 tan(Dpsi/2), with the means of n and r over the step.
@@ -159,11 +164,13 @@ def _line_gap(at: _Meeting) -> Coordinate:
     along = at.spread(n, lever)
     start, change, rate = dot(n0, at.r0) - at.half, dot(n, at.Dr), dot(n0, at.rates)
     if not carried:
-        return Coordinate(start, start + change, along, along, change, rate)
+        return StepCoordinate(start, start + change, along, along, change, rate)
     end = dot(n1, add(at.r0, 1.0, at.Dr)) - at.half
     rate += at.turn(motion.rates) * dot(_normal_to(n0), at.r0)
     exact = change + motion.path(at.turn()) * lever
-    return Coordinate(start, end, along, along, exact if motion.rule.turning else end - start, rate)
+    return StepCoordinate(
+        start, end, along, along, exact if motion.rule.turning else end - start, rate
+    )
 
 
 def _line_slip(at: _Meeting) -> Slip:

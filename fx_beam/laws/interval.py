@@ -85,7 +85,7 @@ class StepStart(NamedTuple):
     natural: tuple[np.ndarray, np.ndarray] | None = None
 
 
-class Parts(NamedTuple):
+class StepBatch(NamedTuple):
     """Completed steps, or parts of halved ones, one a row; what nothing depends on is left out."""
 
     #: Times (n,) at the scheme's level, and lengths [s].

@@ -17,7 +17,7 @@ from typing import Any
 
 from fx_beam.symbolic import ufl
 
-from .point_laws import TINY, Coordinate, Kind, Motion, Slip, add, dot
+from .point_laws import TINY, CoordinateKind, ForceStep, Slip, StepCoordinate, add, dot
 
 # Least change of a . t, relative to |a|^2, for which forces do work on it: below it what they
 # would add is less than round-off.
@@ -30,7 +30,9 @@ Vector = list[Any]
 _Ends = tuple[tuple[Vector, Vector], tuple[Vector, Vector]]
 
 
-def _gap(follows: bool, motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Coordinate:
+def _gap(
+    follows: bool, motion: ForceStep, D: Sequence[Any], numbers: Sequence[Any]
+) -> StepCoordinate:
     """Numbers: 1 / the second derivative of |arm|^2 / 2 by the place, at the end and at the start.
 
     Behind them those of the slip, and last the radii. The arms to the nearest points are
@@ -45,10 +47,10 @@ def _gap(follows: bool, motion: Motion, D: Sequence[Any], numbers: Sequence[Any]
     along = near.with_places(*_directions(motion, near.ends), len(D))
     (a, t, *_), path, radius = _vectors(motion.rates), distance1 - distance0, numbers[-1]
     rate = dot(first, add(a, -0.5, t)) / distance0
-    return Coordinate(distance0 - radius, distance1 - radius, along, along, path, rate)
+    return StepCoordinate(distance0 - radius, distance1 - radius, along, along, path, rate)
 
 
-def _slip(follows: bool, motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Slip:
+def _slip(follows: bool, motion: ForceStep, D: Sequence[Any], numbers: Sequence[Any]) -> Slip:
     """Increment of the arc length of the nearest point in the reference.
 
     Numbers: the first two of the gap, the slip, its slopes by the place at the end and at the
@@ -91,7 +93,7 @@ class _Nearest:
     the start is followed where there is a number for it.
     """
 
-    def __init__(self, motion: Motion, D: Sequence[Any], numbers: Sequence[Any], follows: bool):
+    def __init__(self, motion: ForceStep, D: Sequence[Any], numbers: Sequence[Any], follows: bool):
         start, end = motion.start, add(motion.start, 1.0, D)
         at_end, at_start, *_ = numbers
         self._of_ends = (arm0, t0, _, w, *_), (arm1, t1, u, *_) = _vectors(start), _vectors(end)
@@ -149,7 +151,7 @@ def _arms(ends: _Ends) -> tuple[Vector, Vector]:
     return add(arm0, -0.5, t0), add(arm1, 0.5, t1)
 
 
-def _directions(motion: Motion, ends: _Ends) -> tuple[Vector, Vector]:
+def _directions(motion: ForceStep, ends: _Ends) -> tuple[Vector, Vector]:
     """Directions of the normal force on a and t; that on the point is opposite to the first.
 
     At mid-step their products with the changes are the change of the distance.
@@ -185,12 +187,12 @@ def _relative(a: Vector, b: Vector) -> Any:
     return ufl.conditional(some, _length(a) / ufl.conditional(some, _length(b), 1.0), 1.0)
 
 
-def _kinds(follows: bool) -> tuple[Kind, Kind]:
+def _kinds(follows: bool) -> tuple[CoordinateKind, CoordinateKind]:
     """The gap without and with friction; for derivatives the nearest point at the start follows."""
     of, gap = " by its start" if follows else "", functools.partial(_gap, follows)
     slip = functools.partial(_slip, follows)
-    friction = Kind(f"the gap and slip of a member{of}", 12, 6, gap, slip=slip)
-    return Kind(f"the gap of a member{of}", 8, 3, gap), friction
+    friction = CoordinateKind(f"the gap and slip of a member{of}", 12, 6, gap, slip=slip)
+    return CoordinateKind(f"the gap of a member{of}", 8, 3, gap), friction
 
 
 MEMBER, MEMBER_WITH_FRICTION = _kinds(False)

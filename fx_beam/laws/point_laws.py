@@ -38,7 +38,7 @@ class StepRule(NamedTuple):
         return StepRule(float(rates.level), rates.turning, bool(rates.at_rest), instant)
 
 
-class Motion:
+class ForceStep:
     """The coordinates of a force over a step, as UFL scalars, in the order of `arguments`."""
 
     def __init__(self, given: Any, law: PointLaw, rule: StepRule):
@@ -96,22 +96,25 @@ class StepForces(NamedTuple):
     pull: Any = 0.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PointLaw:
-    """A force at points: at nodes, with x, y and rotation of each, or on the slide of a joint."""
+    """A force at points: at nodes, with x, y and rotation of each, or on the slide of a joint.
+
+    Two laws of this package are equal if they have the same `key`, two of a user if they are one.
+    """
 
     name: str
     #: Number of coordinates, and of the numbers of each force.
     size: int
     numbers: int
-    forces: Callable[[Motion], StepForces]
+    forces: Callable[[ForceStep], StepForces]
     #: Energy stored at the start of a step, and lost in it.
-    energy: Callable[[Motion], Any] | None = None
-    loss: Callable[[Motion], Any] | None = None
+    energy: Callable[[ForceStep], Any] | None = None
+    loss: Callable[[ForceStep], Any] | None = None
     #: Values at the start of a step that change their sign where the force switches.
-    switches: Callable[[Motion], list] | None = None
+    switches: Callable[[ForceStep], list] | None = None
     #: Its pull along a line between points, if this is recorded.
-    pull: Callable[[Motion], Any] | None = None
+    pull: Callable[[ForceStep], Any] | None = None
     #: Number of internal variables, and of what iterations remember.
     internal: int = 0
     remembered: int = 0
@@ -128,6 +131,14 @@ class PointLaw:
     overshoots: bool = False
     #: What to say if it is not finite where all coordinates are zero; empty if that may be.
     at_zero: str = ""
+
+    def __eq__(self, other: object) -> bool:
+        if self is other or not isinstance(other, PointLaw):
+            return self is other
+        return not (self.of_user or other.of_user) and self.key == other.key
+
+    def __hash__(self) -> int:
+        return hash((self.name, self.size, self.numbers))
 
     @property
     def kind(self) -> Any:
@@ -147,7 +158,7 @@ def arguments(law: PointLaw) -> int:
     return 3 * law.size + 2 + law.internal + law.remembered + law.numbers
 
 
-class Coordinate(NamedTuple):
+class StepCoordinate(NamedTuple):
     """A scalar over a step, on which a force acts: a gap, a distance, an angle or a slide."""
 
     start: Any
@@ -161,9 +172,9 @@ class Coordinate(NamedTuple):
     #: Rate at the start.
     rate: Any
 
-    def beyond(self, limit: Any, sign: float) -> Coordinate:
+    def beyond(self, limit: Any, sign: float) -> StepCoordinate:
         """The distance from a limit, on the side of a sign."""
-        return Coordinate(
+        return StepCoordinate(
             sign * (self.start - limit),
             sign * (self.end - limit),
             [sign * a for a in self.along],
@@ -221,7 +232,7 @@ def drag(linear: bool, quadratic: bool, rotation: bool) -> PointLaw:
     """
     moves = linear or quadratic
 
-    def against(motion: Motion, v: list[Any]) -> list[Any]:
+    def against(motion: ForceStep, v: list[Any]) -> list[Any]:
         numbers, forces = iter(motion.numbers), []
         if moves:
             along = next(numbers) if linear else ufl.as_ufl(0.0)
@@ -230,17 +241,17 @@ def drag(linear: bool, quadratic: bool, rotation: bool) -> PointLaw:
             forces += [along * v[0], along * v[1]]
         return [*forces, next(numbers) * v[-1]] if rotation else forces
 
-    def mean(motion: Motion) -> list[Any]:
+    def mean(motion: ForceStep) -> list[Any]:
         paths = list(motion.increment)
         if rotation:
             paths[-1] = motion.path(paths[-1])
         return [motion.mean_rate(path) for path in paths]
 
-    def forces(motion: Motion) -> StepForces:
+    def forces(motion: ForceStep) -> StepForces:
         rates = zip(motion.rates, mean(motion), strict=True)
         return StepForces(against(motion, [motion.rate_at_level(v0, v) for v0, v in rates]))
 
-    def loss(motion: Motion) -> Any:
+    def loss(motion: ForceStep) -> Any:
         v = mean(motion)
         return sum(f * x for f, x in zip(against(motion, v), v, strict=True)) * motion.dt
 
@@ -248,7 +259,7 @@ def drag(linear: bool, quadratic: bool, rotation: bool) -> PointLaw:
     return PointLaw(name, 2 * moves + rotation, linear + quadratic + rotation, forces, loss=loss)
 
 
-def _follower(motion: Motion) -> StepForces:
+def _follower(motion: ForceStep) -> StepForces:
     psi = motion.at_level(motion.start[2], motion.increment[2])
     x, y, factor = motion.numbers
     c, s = factor * ufl.cos(psi), factor * ufl.sin(psi)
@@ -270,28 +281,28 @@ class Slip(NamedTuple):
     normal: Any = 1.0
 
 
-class Kind(NamedTuple):
+class CoordinateKind(NamedTuple):
     """A kind of coordinate: its number of entries and of numbers, and the coordinate."""
 
     name: str
     size: int
     numbers: int
     #: From the motion, increments and numbers.
-    of: Callable[[Motion, Sequence[Any], Sequence[Any]], Coordinate]
+    of: Callable[[ForceStep, Sequence[Any], Sequence[Any]], StepCoordinate]
     #: Whether it is zero where all that it is given is zero, and regular there.
     starts_at_zero: bool = False
     #: Whether it is the length of a line between points, whose pull is recorded.
     is_line: bool = False
     #: In contact with friction the slip, of the same.
-    slip: Callable[[Motion, Sequence[Any], Sequence[Any]], Slip] | None = None
+    slip: Callable[[ForceStep, Sequence[Any], Sequence[Any]], Slip] | None = None
 
 
-def _slide(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Coordinate:
+def _slide(motion: ForceStep, D: Sequence[Any], numbers: Sequence[Any]) -> StepCoordinate:
     start, one = motion.start[0], [ufl.as_ufl(1.0)]
-    return Coordinate(start, start + D[0], one, one, D[0], motion.rates[0])
+    return StepCoordinate(start, start + D[0], one, one, D[0], motion.rates[0])
 
 
-def _angle(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Coordinate:
+def _angle(motion: ForceStep, D: Sequence[Any], numbers: Sequence[Any]) -> StepCoordinate:
     """The rotation of the second node minus that of the first.
 
     A moment with a potential is multiplied by (Dpsi_b - Dpsi_a) / (Dtheta_b - Dtheta_a), so that
@@ -310,7 +321,7 @@ def _angle(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Coordina
         ratio = above / ufl.conditional(near, secants, path)
     sides = [ufl.as_ufl(-1.0), ufl.as_ufl(1.0)]
     rate = motion.rates[1] - motion.rates[0]
-    return Coordinate(start, start + (Db - Da), [-ratio, ratio], sides, path, rate)
+    return StepCoordinate(start, start + (Db - Da), [-ratio, ratio], sides, path, rate)
 
 
 def _x_over_sin(x: Any) -> Any:
@@ -319,7 +330,7 @@ def _x_over_sin(x: Any) -> Any:
     return 1 + (1 / 6) * x2 * (1 + (7 / 60) * x2 * (1 + (31 / 294) * x2))
 
 
-def arm_length(motion: Motion, r0, Dr, rates, rest: Any, side: Any) -> Coordinate:
+def arm_length(motion: ForceStep, r0, Dr, rates, rest: Any, side: Any) -> StepCoordinate:
     """The length of an arm, from a rest, times a side."""
     level, r1 = motion.rule.level, add(r0, 1.0, Dr)
     size0, size1 = (ufl.sqrt(dot(r, r) + TINY) for r in (r0, r1))
@@ -327,11 +338,11 @@ def arm_length(motion: Motion, r0, Dr, rates, rest: Any, side: Any) -> Coordinat
     along = [side * ((1 - level) * x + level * y) / mean for x, y in zip(r0, r1, strict=True)]
     start, end = side * (size0 - rest), side * (size1 - rest)
     rate = side * dot(r0, rates) / size0
-    return Coordinate(start, end, along, along, end - start, rate)
+    return StepCoordinate(start, end, along, along, end - start, rate)
 
 
 @functools.cache
-def length_over(moves: tuple[bool, ...]) -> Kind:
+def length_over(moves: tuple[bool, ...]) -> CoordinateKind:
     """Length of a line over points in order, of which some move; the others are fixed.
 
     Numbers: the vectors from each point to the next one in the reference. Each piece of the line
@@ -344,7 +355,7 @@ def length_over(moves: tuple[bool, ...]) -> Kind:
         of_points = [list(next(pairs)) if moves_ else None for moves_ in moves]
         return [_way(*ends) for ends in itertools.pairwise(of_points)]
 
-    def length(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Coordinate:
+    def length(motion: ForceStep, D: Sequence[Any], numbers: Sequence[Any]) -> StepCoordinate:
         parts = [
             arm_length(motion, add(apart, 1.0, way), way_D, way_rates, 0.0, 1.0)
             for apart, way, way_D, way_rates in zip(
@@ -363,10 +374,12 @@ def length_over(moves: tuple[bool, ...]) -> Kind:
             _total([getattr(part, name) for part in parts])
             for name in ("start", "end", "path", "rate")
         )
-        return Coordinate(start, end, along, along, path, rate)
+        return StepCoordinate(start, end, along, along, path, rate)
 
     which = "".join("fn"[of] for of in moves)
-    return Kind(f"a length over {which}", 2 * sum(moves), 2 * len(moves) - 2, length, is_line=True)
+    return CoordinateKind(
+        f"a length over {which}", 2 * sum(moves), 2 * len(moves) - 2, length, is_line=True
+    )
 
 
 def _way(a: list[Any] | None, b: list[Any] | None) -> list[Any]:
@@ -391,5 +404,5 @@ def dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
     return a[0] * b[0] + a[1] * b[1]
 
 
-SLIDE = Kind("a slide", 1, 0, _slide, starts_at_zero=True)
-ANGLE = Kind("an angle", 2, 0, _angle, starts_at_zero=True)
+SLIDE = CoordinateKind("a slide", 1, 0, _slide, starts_at_zero=True)
+ANGLE = CoordinateKind("an angle", 2, 0, _angle, starts_at_zero=True)

@@ -19,11 +19,11 @@ from fx_beam.symbolic import ufl
 
 from .point_laws import (
     REMEMBERED,
-    Coordinate,
-    Kind,
-    Motion,
+    CoordinateKind,
+    ForceStep,
     PointLaw,
     Slip,
+    StepCoordinate,
     StepForces,
     clipped,
     smooth_sign,
@@ -43,8 +43,8 @@ _OPEN = 1e-100
 class _Step(NamedTuple):
     """A coordinate over a step, and the numbers of its force."""
 
-    motion: Motion
-    x: Coordinate
+    motion: ForceStep
+    x: StepCoordinate
     numbers: Sequence[Any]
     #: In contact with friction the slip.
     slip: Slip | None
@@ -81,7 +81,7 @@ class _Step(NamedTuple):
 
 
 def _on(
-    kind: Kind,
+    kind: CoordinateKind,
     name: str,
     numbers: int,
     forces: Callable[[_Step], StepForces],
@@ -96,10 +96,10 @@ def _on(
     Its pull is on a side of the coordinate: -1 if it is against a decrease.
     """
 
-    def of(function: Callable[[_Step], Any]) -> Callable[[Motion], Any]:
+    def of(function: Callable[[_Step], Any]) -> Callable[[ForceStep], Any]:
         return lambda motion: function(step(motion))
 
-    def step(motion: Motion) -> _Step:
+    def step(motion: ForceStep) -> _Step:
         of_kind, of_law = motion.numbers[: kind.numbers], motion.numbers[kind.numbers :]
         given = [(motion, D, of_kind) for D in (motion.increment, motion.still)]
         moving, still = (
@@ -124,7 +124,7 @@ def _on(
 
 
 @functools.cache
-def spring(kind: Kind, damped: bool) -> PointLaw:
+def spring(kind: CoordinateKind, damped: bool) -> PointLaw:
     """A linear spring; numbers: stiffness, rest, and viscosity if it is `damped`."""
 
     def forces(step: _Step) -> StepForces:
@@ -143,7 +143,9 @@ def spring(kind: Kind, damped: bool) -> PointLaw:
     return _on(kind, "spring", 2 + damped, forces, energy, loss if damped else None)
 
 
-def stored_energy(kind: Kind, energy: Energy, internal: InternalVariables | None) -> PointLaw:
+def stored_energy(
+    kind: CoordinateKind, energy: Energy, internal: InternalVariables | None
+) -> PointLaw:
     """A spring with a stored energy, a function of the coordinate since its rest; number: rest."""
     count, level = (len(internal.names), internal.level) if internal else (0, 1.0)
 
@@ -210,7 +212,7 @@ def _discrete_gradient(energy: Callable[[Any], Any], x0: Any, x1: Any) -> Any:
 # -- Dampers and friction -----------------------------------------------------------------------
 
 
-def damper_law(kind: Kind, law: Callable[[Any], Any]) -> PointLaw:
+def damper_law(kind: CoordinateKind, law: Callable[[Any], Any]) -> PointLaw:
     """A damper with a law of its own."""
     return _on(
         kind,
@@ -225,13 +227,13 @@ def damper_law(kind: Kind, law: Callable[[Any], Any]) -> PointLaw:
 
 
 @functools.cache
-def friction(kind: Kind) -> PointLaw:
+def friction(kind: CoordinateKind) -> PointLaw:
     """Coulomb's friction, regularised: F tanh(rate / speed); numbers: speed, F."""
     return _friction(kind, lambda rate, F: F, 1)
 
 
 @functools.cache
-def joint_friction(kind: Kind) -> PointLaw:
+def joint_friction(kind: CoordinateKind) -> PointLaw:
     """Friction that sticks, of a joint under its own force; numbers: tau, limit of unit force, kt.
 
     Internal variables: stretch and slip as in a contact, and the force, with which the step is
@@ -262,12 +264,12 @@ def joint_friction(kind: Kind) -> PointLaw:
     )
 
 
-def friction_law(kind: Kind, magnitude: Callable[[Any], Any]) -> PointLaw:
+def friction_law(kind: CoordinateKind, magnitude: Callable[[Any], Any]) -> PointLaw:
     """The same with a magnitude that depends on the rate; number: speed."""
     return _friction(kind, magnitude, 0, of_user=True)
 
 
-def _friction(kind: Kind, magnitude: Callable, more: int, **options: Any) -> PointLaw:
+def _friction(kind: CoordinateKind, magnitude: Callable, more: int, **options: Any) -> PointLaw:
     def forces(step: _Step) -> StepForces:
         speed, *numbers = step.numbers
         sign, remembered = step.sign(speed)
@@ -285,7 +287,7 @@ def _friction(kind: Kind, magnitude: Callable, more: int, **options: Any) -> Poi
 # -- Forces of a user ---------------------------------------------------------------------------
 
 
-def pull(kind: Kind, force: Callable[[Any, Any, Any], Any]) -> PointLaw:
+def pull(kind: CoordinateKind, force: Callable[[Any, Any, Any], Any]) -> PointLaw:
     """A force against an increase, from the coordinate, its rate and time; number: load factor."""
 
     def forces(step: _Step) -> StepForces:
@@ -299,7 +301,7 @@ def pull(kind: Kind, force: Callable[[Any, Any, Any], Any]) -> PointLaw:
 # -- Contact ------------------------------------------------------------------------------------
 
 
-def contact(kind: Kind, loses: bool = False, energy: Energy | None = None) -> PointLaw:
+def contact(kind: CoordinateKind, loses: bool = False, energy: Energy | None = None) -> PointLaw:
     """A one-sided spring on a gap, k g^2 / 2 where g < 0, or k times an energy of the depth.
 
     Number: k. If it `loses` energy, the force is k <-g> (1 + r tanh(-rate / speed)); numbers: k, r,
@@ -312,12 +314,12 @@ def contact(kind: Kind, loses: bool = False, energy: Energy | None = None) -> Po
 
 
 @functools.cache
-def _linear_contact(kind: Kind, loses: bool) -> PointLaw:
+def _linear_contact(kind: CoordinateKind, loses: bool) -> PointLaw:
     return _one_sided(kind, "contact", loses)
 
 
 @functools.cache
-def stop(kind: Kind, sign: int, loses: bool = False) -> PointLaw:
+def stop(kind: CoordinateKind, sign: int, loses: bool = False) -> PointLaw:
     """A stop of a coordinate at its lower (sign 1) or upper (-1) limit: a contact.
 
     Its numbers are those of a contact, then the limit.
@@ -326,7 +328,7 @@ def stop(kind: Kind, sign: int, loses: bool = False) -> PointLaw:
 
 
 def _one_sided(
-    kind: Kind, name: str, loses: bool, sign: int = 0, energy: Energy | None = None
+    kind: CoordinateKind, name: str, loses: bool, sign: int = 0, energy: Energy | None = None
 ) -> PointLaw:
     """Contact on a gap, or with a sign on the distance of a coordinate from its limit."""
     sticks = kind.slip is not None
@@ -457,7 +459,7 @@ def _depth(gap: Any) -> Any:
     return ufl.conditional(ufl.lt(gap, 0), -gap, 0.0)
 
 
-def _mean_push(energy: Callable, gap: Coordinate, level: float, linear: bool) -> Any:
+def _mean_push(energy: Callable, gap: StepCoordinate, level: float, linear: bool) -> Any:
     """Force whose work over the step is the change of the energy of the depth, if at mid-step.
 
     A convex function of the gap at the end, with a continuous slope, for k depth^2 / 2.

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.errors import SceneError, check_fields, flag, numbers, require, whole
-from fx_beam.laws.interval import INSTANT, Parts
+from fx_beam.laws.interval import INSTANT, StepBatch
 from fx_beam.results.state import ROWS, State
 
 from .model import Model
@@ -354,7 +354,7 @@ class Recorder:
         begins = np.flatnonzero(np.diff(row, prepend=-1))
         return np.add.reduceat(weights.reshape(-1, *[1] * (values.ndim - 1)) * values, begins)
 
-    def sub_steps(self, first: int = 0) -> Parts:
+    def sub_steps(self, first: int = 0) -> StepBatch:
         """The sub-steps before each row from one on, for which its forces are evaluated.
 
         Row 0 has a single one, so short that its forces depend on the rates, but not on a motion.
@@ -390,7 +390,7 @@ class Recorder:
             if beams.facts.resultants_move:
                 D[0] = dt[0] * self._first.v
                 q[0] -= level * D[0]
-        parts = Parts(t, dt, D, q)
+        parts = StepBatch(t, dt, D, q)
         names = [*("v", "a")[: 2 * beams.facts.resultants_need_rates]]
         names += ["internal"] * (beams.internal_shape[-1] > 0)
         names += ["natural"] * bool(self.model.natural)
