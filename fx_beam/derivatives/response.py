@@ -492,7 +492,7 @@ class Response(Differentiable):
         self._warned = self._warned or warn_of_short_reversals(model, tape)
         # Forms are compiled beside the library, for which names wait.
         by_places = "X" in self._scenes.changing
-        derivatives.hand_over_slopes(by_places)
+        derivatives.set_slopes(by_places)
         refuse_others(changes, derivatives.names, "Response")
         forces = functools.partial(derivatives.constraint_forces, tape)
         given = model, tape, forces, entries, by_places

@@ -110,7 +110,7 @@ class StaticDerivatives:
         problem = Problem(model, NewtonOptions())
         held = path.held if path.start is None else 0 * path.held
         if held.any():
-            problem.hand_over_holds()
+            problem.set_holds()
         self.derivatives = TapeDerivatives(problem)
         self.tape = static_tape(problem, start, self.states, path.forcing)
         if held.any():

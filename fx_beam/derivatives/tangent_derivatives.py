@@ -155,14 +155,15 @@ class TangentDerivatives:
         # At the reference forces that depend on the motion count for damping, not for stiffness.
         unloaded = self._damped and self._factor == 0.0 and model.points.has_external
         self._factors = [0.0, 1.0] if unloaded else [self._factor]
-        problem = Problem.of(model, NewtonOptions(), about.frame is not None)
-        problem.hand_over_frame(about.frame)
+        # Forces that depend on rates, without inertia.
+        given = NewtonOptions(), about.frame is not None, True, False, False, 1.0, False
+        problem = Problem.of(model, *given)
+        problem.set_frame(about.frame)
         if problem is not self._problem:
             self._derivatives = TapeDerivatives(problem)
             kind = {"instant" if self._damped else "mobile": True}
             self._others = OtherScenes(model.scene, model.scheme, **kind)
-        self._problem, p = problem, problem.c
-        p.scheme.at_rest = 1  # forces that depend on rates, without inertia
+        self._problem = problem
         self._forcing = LoadForcing(model, about.start.t)
         self._unknowns = about.unknowns
 

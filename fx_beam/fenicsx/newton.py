@@ -56,7 +56,7 @@ class Newton:
         p.newton.tried, self._failure = 0, self._constants.NO_CONVERGENCE
         self.snes.solve(None, x)
         self.iterations = self.snes.getIterationNumber()
-        p.run.iterations += self.iterations
+        p.counts.iterations += self.iterations
         PETSc.garbage_cleanup(self.snes.comm)  # petsc4py 3.18 keeps what nothing refers to
         if self.snes.getConvergedReason() < 0:
             return self._failure

@@ -137,7 +137,7 @@ def readings(
 ) -> dict[str, Reading]:
     """Functions that read outputs, with the full turns that are missing in rotations."""
     if any(output.quantity == "force" for output in outputs.values()):
-        prepared.stepper.integrator.problem.c.run.keeps_joint_forces = True
+        prepared.stepper.integrator.problem.keep_joint_forces()
     model, turns = prepared.model, prepared.turn_counter.removed
     return {name: _reading(model, now, turns, output) for name, output in outputs.items()}
 

@@ -320,8 +320,8 @@ class Part:
 
     def __init__(self, share: Share, scheme: Scheme, time: float, *of_system: Any):
         self._model = model = Model(share.scene(), scheme, part=True)
-        problem = Problem(model, NewtonOptions(), bare=True)
-        problem.hand_over_ends(None)
+        problem = Problem(model, NewtonOptions(), forces_only=True)
+        problem.set_given_strains(None)
         self._natural: np.ndarray | None = None
         self._equations = Equations(model, time, None, lambda end: self._natural, problem)
         column, dof, of_slide, joint = model.couplings.free_columns

@@ -58,11 +58,10 @@ class Equations:
         self.model, self._time, self._natural = model, time, natural
         if problem is None:
             # The loop of a motion has another storage, whose library is there already.
-            bare = model.scheme.rates.at_rest or not inert
-            given = NewtonOptions(), turning is not None, True, bare, False, inertia
+            forces_only = model.scheme.rates.at_rest or not inert
+            given = NewtonOptions(), turning is not None, True, forces_only, False, inertia, inert
             problem = Problem.of(model, *given)
-            problem.hand_over_ends(turning)
-            problem.c.scheme.at_rest |= not inert
+            problem.set_given_strains(turning)
         self._problem, self._c, self._library = problem, problem.c, problem.library
         self._doubles = problem.ffi.typeof("double[]")
         n, columns, p = model.size, model.reduction.columns, problem.c

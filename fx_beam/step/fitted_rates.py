@@ -75,7 +75,7 @@ class FittedRates:
         impulses["impulses of columns"] = at["R"][p.free : p.columns]
         self.results = Rows({"rates": at["q1"], "rates of slides": of_slides} | impulses)
         numbers = {name: all_of(at[name]) for name in _OF_SHAPE}
-        numbers["mass"] = Numbers(at["mass"], problem.heavy.ravel(), model.mass.nnz)
+        numbers["mass"] = Numbers(at["mass"], problem.mass_entries.ravel(), model.mass.nnz)
         #: The numbers of the scene by name.
         self.numbers = {name: of for name, of in numbers.items() if of.size}
 

@@ -44,13 +44,13 @@ class LoadLoop(CompiledLoop):
     ):
         self._alone, model = alone, forcing.model
         super().__init__(forcing, options, stats, alone)
-        p, free = self._problem, model.reduction.free
-        p.run.keeps_joint_forces = True
+        free = model.reduction.free
+        self.problem.keep_joint_forces()
         #: Holding forces (free,) on the unknowns, in addition to the forces of the model.
         self.hold, self._predicted = np.zeros(free), np.zeros(model.size)
         arrays = {"hold": self.hold, "predicted": self._predicted}
         #: Weights (size,) of a viscous drag on increments; zero at points at which nothing acts.
-        self.drag_weight = self.problem.hand_over_statics(forcing.turning, **arrays)
+        self.drag_weight = self.problem.set_load_steps(forcing.turning, **arrays)
         n, columns = model.size, model.reduction.columns
         sizes = {"D": n, "z": columns, "r": n, "tangent": len(model.reduction.tangent.pattern[1])}
         self._D, self._z, self._r, self._tangent = self.problem.results(**sizes)
@@ -89,10 +89,11 @@ class LoadLoop(CompiledLoop):
         """State at the end of a load step, and its increment; StepFailed if none is found."""
         p, length = self._problem, interval.length
         inputs = self._begin_step(state, interval, length)
-        p.run.iterations = p.run.by_round_off = self._one_row.rows = 0
+        self._library.fx_take_counts(p)  # those of the steps before
+        self._one_row.rows = 0
         if not self._steps(1, length, self.c_inputs(inputs), self._one_row):
             raise self.failures.in_c(self.problem, state)
-        ended_by = "round-off" if p.run.by_round_off else "increment"
+        ended_by = "round-off" if p.counts.by_round_off else "increment"
         y = self._z[: self.model.reduction.free].copy()
         parts = self._D.copy(), y, self._r.copy(), p.newton.tried, ended_by, self._predicted.copy()
         return self._taken(state, interval), StepSolution(*parts)

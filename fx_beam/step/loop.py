@@ -283,28 +283,22 @@ class CompiledLoop:
 
     def count(self, taken: int) -> None:
         """Add what C has counted in some steps or parts to the statistics."""
-        p, stats = self._problem, self.stats
+        counts, stats = self._library.fx_take_counts(self._problem), self.stats
         stats.substeps += taken
-        stats.newton_iterations += p.run.iterations
-        stats.too_large += p.run.too_large
-        stats.amplified += p.run.amplified
-        if p.inverted.count:
-            self.inversion.count(p.inverted.count, p.inverted.t, self.problem.inverted_q)
-        solves = taken * p.scheme.sub_steps
-        for name, count in (
-            ("increment", solves - p.run.by_round_off),
-            ("round-off", p.run.by_round_off),
-        ):
+        stats.newton_iterations += counts.iterations
+        stats.too_large += counts.too_large
+        stats.amplified += counts.amplified
+        if counts.inverted:
+            self.inversion.count(counts.inverted, counts.inverted_t, self.problem.inverted_q)
+        by_round_off = counts.by_round_off
+        solves = taken * self._problem.scheme.sub_steps - by_round_off
+        for name, count in (("increment", solves), ("round-off", by_round_off)):
             if count:
                 stats.ended_by[name] = stats.ended_by.get(name, 0) + count
-        if p.run.left:
-            stats.rounding += p.run.left / min(max(p.run.moved, _SLIGHT), 1.0)
+        if counts.left:
+            stats.rounding += counts.left / min(max(counts.moved, _SLIGHT), 1.0)
             if not stats.rounding_in:
-                stats.rounding_in = self.model.mesh.place_of(p.run.left_at // 3, self.model.scene)
-            p.run.left = p.run.moved = p.run.left_most = 0
-        p.run.iterations = p.run.by_round_off = p.run.too_large = p.inverted.count = (
-            p.run.amplified
-        ) = 0
+                stats.rounding_in = self.model.mesh.place_of(counts.left_at // 3, self.model.scene)
 
     def inputs_ahead(self, t: float, times: np.ndarray) -> StepInputs:
         """Inputs of steps from t to `times` [s] that are taken next."""

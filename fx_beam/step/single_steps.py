@@ -114,7 +114,7 @@ class CompiledSingleSteps:
             self._plan = None, -1  # parts of this step have the same record of C
             self._loop.check()
             return False
-        if p.inverted.count:
+        if p.counts.inverted:
             self._loop.count(0)  # which warns
         return True
 

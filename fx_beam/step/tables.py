@@ -59,8 +59,8 @@ _NOT_ALWAYS = {
 class Problem:
     """The C struct Problem, and the arrays to which it points.
 
-    A `bare` one is for `Equations` alone: it takes no steps. One of `rates` has no forces. It may
-    have a part of the `inertia` only.
+    One of `forces_only` is for `Equations`: it takes no steps. One of `rates` has no forces. It may
+    have a part of the `inertia` only; steps of one that is not `inert` are those of statics.
     """
 
     def __init__(
@@ -68,13 +68,15 @@ class Problem:
         model: Model,
         options: NewtonOptions,
         turns: bool = False,
-        alone: bool = True,
-        bare: bool = False,
+        owns_factors: bool = True,
+        forces_only: bool = False,
         rates: bool = False,
         inertia: float = 1.0,
+        inert: bool = True,
     ):
-        self.model, self._frame_turns, self._alone, self._bare = model, turns, alone, bare
-        self._rates, self._inertia = rates, inertia
+        self.model, self._frame_turns = model, turns
+        self._owns_factors, self._forces_only = owns_factors, forces_only
+        self._rates, self._inertia, self._inert = rates, inertia, inert
         self.factors = self._factors_of(*model.reduction.tangent.pattern)
         self._features = self._features_of_scene()
         begin_to_build(self._features)  # beside what is compiled for the elements
@@ -85,19 +87,19 @@ class Problem:
         self.c = self.ffi.new("Problem *")
         self._set(**{group: dict.fromkeys(names) for group, names in _NOT_ALWAYS.items()})
         self._sparse_factors = np.zeros(0)
-        self._stored_at = stored_at = self._hand_over_couplings()
-        self._hand_over_mesh(stored_at)
+        self._stored_at = stored_at = self._set_couplings()
+        self._set_mesh(stored_at)
         self._set(forms={"has_added": model.forms.has_added})
-        self._hand_over_rates(stored_at)
+        self._set_rates(stored_at)
         if rates:
             diagonal_at = stored_at[model.masses.diagonal]
             self._set(points=[{}], statics={"diagonal_at": diagonal_at})
         else:
-            self._hand_over_points(stored_at)
-        self._hand_over_motors()
+            self._set_points(stored_at)
+        self._set_motors()
         self._set(at_points={"lines": model.scene.force_count})
         if model.scene.joint_count:  # also of joints that were removed
-            self._hand_over_joint_forces()
+            self._set_joint_forces()
         self._set(
             newton={
                 **vars(options),
@@ -165,7 +167,7 @@ class Problem:
     def _set(self, **values: Any) -> None:
         self._structs.set(self.c, **values)
 
-    def _hand_over_mesh(self, stored_at: np.ndarray) -> None:
+    def _set_mesh(self, stored_at: np.ndarray) -> None:
         model = self.model
         mesh, K = model.mesh, model.forms.stiffness
         cells, cell_dofs = mesh.unknowns.dofs.shape
@@ -195,7 +197,7 @@ class Problem:
             },
             internal={"per_cell": per_cell},
             tangent={"row_start": K.indptr, "column_of": K.indices, "stored_at": stored_at},
-            mass={"start": starts, "dof": 3 * nodes, "stored_at": stored_at[self.heavy]},
+            mass={"start": starts, "dof": 3 * nodes, "stored_at": stored_at[self.mass_entries]},
             loads={
                 "count": columns.shape[1],
                 "start": columns.indptr,
@@ -208,7 +210,7 @@ class Problem:
         if (beams := model.forms.beams) is not None and not self._rates:
             stored = stored_at[model.forms.of_cells]
             self.tables = FormTables(self, stored)
-            forms = self.tables.all(_OF_EQUATIONS if self._bare else FORMS)
+            forms = self.tables.all(_OF_EQUATIONS if self._forces_only else FORMS)
             self._set(forms=forms)
             if per_cell:
                 per_weight = np.repeat(1 / beams.point_weights, beams.internal_shape[-1])
@@ -222,7 +224,7 @@ class Problem:
         return blocks_with(has_mass, K.indptr, K.indices)
 
     @cached_property
-    def heavy(self) -> np.ndarray:
+    def mass_entries(self) -> np.ndarray:
         """Entries (pairs, 3) of the tangent that C has as masses and rotary inertias."""
         return np.ascontiguousarray(self._mass_blocks[2].reshape(-1, 9)[:, ::4])
 
@@ -242,7 +244,11 @@ class Problem:
         numbers["loads.force"] = loads.data
         if masses:
             turning = 0 if self._frame_turns else 1  # centrifugal forces have no moments
-            values = model.mass.data[self.heavy] * [1, 1, turning] if len(self.heavy) else 0
+            values = (
+                model.mass.data[self.mass_entries] * [1, 1, turning]
+                if len(self.mass_entries)
+                else 0
+            )
             numbers |= {"mass.value": np.append(self._inertia * values, 0.0)}
         if self._rates:
             numbers["statics.viscous_weight"] = model.little_mass()
@@ -268,7 +274,7 @@ class Problem:
         self._structs.restore(self.c)
         self._clear()
 
-    def _hand_over_points(self, stored_at: np.ndarray) -> None:
+    def _set_points(self, stored_at: np.ndarray) -> None:
         model, points = self.model, self.model.points
         self._set(
             at_points={
@@ -297,13 +303,13 @@ class Problem:
         if len(points.slides):
             self._set(at_points={"slide_rate": np.zeros(model.scene.joint_count)})
 
-    def _hand_over_rates(self, stored_at: np.ndarray) -> None:
+    def _set_rates(self, stored_at: np.ndarray) -> None:
         rates, fractions = self.model.scheme.rates, self.model.scheme.fractions
         assert self.constants.SUB_STEPS == MOST_SUB_STEPS
         self._set(
             scheme={
                 "level": rates.level,
-                "at_rest": rates.at_rest,
+                "at_rest": rates.at_rest or not self._inert,
                 **rates.constants,
                 "keeps_previous": self.model.keeps_previous,
                 "sub_steps": len(fractions),
@@ -316,7 +322,7 @@ class Problem:
             tables = {"nodal_rule": addresses, "rule_stored_at": of_pairs}
             self._set(scheme={"rules": len(addresses), **tables})
 
-    def _hand_over_couplings(self) -> np.ndarray:
+    def _set_couplings(self) -> np.ndarray:
         """Hand over the couplings; returns the storage index of each entry of the full tangent."""
         p, reduction, factors = self.c, self.model.reduction, self.factors
         on_border = self.constants.ON_BORDER
@@ -336,7 +342,7 @@ class Problem:
         #: Storage indices of the entries of `ReducedTangent.pattern`.
         self.tangent_at = at
         if self.model.points.members is not None and not self._rates:
-            self._hand_over_changing_rows()
+            self._set_changing_rows()
         elif factors.rows:
             self._sparse_factors = np.zeros(factors.size)
             self._set(system={"rows": [factors.rows | {"factors": self._sparse_factors}]})
@@ -378,7 +384,7 @@ class Problem:
         self._on_slides = at[tangent.restoring["to"]], tangent.restoring["of"]
         return stored_at
 
-    def _hand_over_changing_rows(self) -> None:
+    def _set_changing_rows(self) -> None:
         """Hand over what a pattern that changes with contact points is found from."""
         reduction, couplings = self.model.reduction, self.model.couplings
         graph = graph_of(*reduction.tangent.pattern)
@@ -402,9 +408,9 @@ class Problem:
 
     def _factors_of(self, indptr: np.ndarray, indices: np.ndarray) -> Factors:
         reduction, order = self.model.reduction, np.arange(len(indptr) - 1)
-        if not self._alone:  # others have the tangent
+        if not self._owns_factors:  # others have the tangent
             return Factors(order, np.zeros(len(indices), int), 1, 1)
-        if self._bare:
+        if self._forces_only:
             return Factors(order, np.arange(len(indices)), 0, 0)
         couplings, members = self.model.couplings, self.model.points.members is not None
         # Rows of unknowns that close loops are no forces, by which errors are judged.
@@ -414,7 +420,11 @@ class Problem:
         behind = reduction.dependent, reduction.forces
         return factors_of(indptr, indices, *behind, keep, sparse, COSTS)
 
-    def hand_over_statics(
+    def keep_joint_forces(self) -> None:
+        """Find forces of joints in each step, whether it is recorded or not."""
+        self.c.run.keeps_joint_forces = True
+
+    def set_load_steps(
         self, frame: TurningFrame | None, hold: np.ndarray, predicted: np.ndarray
     ) -> np.ndarray:
         """Let C read forces that `hold` the unknowns, and write the first correction of a step.
@@ -426,22 +436,22 @@ class Problem:
         weights = np.where(model.used_entries()[diagonal], model.unit**-2.0, 0.0)
         table = {"viscous_weight": weights, "diagonal_at": self._stored_at[diagonal]}
         self._set(statics=table | {"hold": hold}, newton={"predicted": predicted})
-        self.hand_over_ends(frame)
+        self.set_given_strains(frame)
         return weights
 
-    def hand_over_holds(self) -> None:
+    def set_holds(self) -> None:
         """Let derivatives by the forces that hold the unknowns be found."""
         columns, dofs, _, _ = self.model.couplings.free_columns
         first = np.zeros(self.model.reduction.free, int)
         first[columns[::-1]] = dofs[::-1]
         self._set(statics={"hold_dof": first, "holds": len(first)})
 
-    def hand_over_ends(self, frame: TurningFrame | None) -> None:
+    def set_given_strains(self, frame: TurningFrame | None) -> None:
         """Let C leave natural strains at the end of a step as `given`, and read a frame or None."""
         self.c.natural.count = 0
-        self.hand_over_frame(frame)
+        self.set_frame(frame)
 
-    def hand_over_frame(self, frame: TurningFrame | None) -> None:
+    def set_frame(self, frame: TurningFrame | None) -> None:
         """Let C read a frame that turns, or None."""
         if frame is not None:
             arm = frame.arms(np.zeros(self.model.size))
@@ -510,7 +520,7 @@ class Problem:
         stored[at] = self.factors.at
         return stored
 
-    def _hand_over_motors(self) -> None:
+    def _set_motors(self) -> None:
         prescribed, motors = [*self.model.prescribed], self.model.motors
         self._set(
             motors={
@@ -521,7 +531,7 @@ class Problem:
             }
         )
 
-    def _hand_over_joint_forces(self) -> None:
+    def _set_joint_forces(self) -> None:
         """How forces on nodes pass through joints of trees, from the leaves to the roots.
 
         The force of a joint on b is the sum of those on all nodes that follow through it.

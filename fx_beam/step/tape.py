@@ -255,17 +255,13 @@ class Tape:
         problem.memory[:] = checkpoint.memory
         for array, values in zip(problem.work, checkpoint.work, strict=False):
             array[:] = values
-        p.control.controlled = p.control.watches = 0
         if (members := problem.model.points.members) is not None:
             members.forget()
-            p.system.reused.present = 0
         to = ffi.new("Record *")
         to.every, to.first, to.last, to.parts, to.part = 2**30, 1, -1, steps.parts, steps.part
         to.tape = self._with_room(steps.number * self._sub_steps)
         self._read_increments(checkpoint.increments)
-        p.run.repeats = 1
-        problem.library.fx_run(p, steps.number, steps.dt, steps.inputs, to)
-        p.run.repeats = 0
+        problem.library.fx_repeat(p, steps.number, steps.dt, steps.inputs, to)
 
     @property
     def times(self) -> Times:

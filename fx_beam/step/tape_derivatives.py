@@ -47,7 +47,7 @@ class TapeDerivatives:
             # How many numbers elements have; derivatives are compiled when they are needed.
             for name in ["internal_forces"] + ["drag"] * beams.have_drag:
                 self._works.append(work := VjpWork(name, beams, problem))
-                self._structs.set(self.c, **{name: work.handed_over()})
+                self._structs.set(self.c, **{name: work.first_members()})
         addresses, numbers, sizes = zip(*(self._model.points.slopes or [(0, 0, 0)]), strict=True)
         slopes = np.array(addresses, np.uintp)
         self._structs.set(self.c, slopes=slopes, numbers=numbers, of_point=np.zeros(max(sizes) + 1))
@@ -110,7 +110,7 @@ class TapeDerivatives:
         By the numbers that have some `names`, of the state only by the unknowns `of_state`; and by
         all unknowns.
         """
-        self.hand_over_slopes("X" in names)
+        self.set_slopes("X" in names)
         count, every, layout = len(tape), np.arange(len(tape) + 1), self.layout
         x, by_unknowns = aligned_zeros(layout.size), np.zeros(self._p.free)
         of_steps, ends = np.zeros((count + 1, layout.step_size)), layout.states.only({"q": ...})
@@ -142,7 +142,7 @@ class TapeDerivatives:
         (m,), or by some `entries` of these alone; and by the forces in some `sub_steps` (k,):
         "constraints" (k, columns) of driven and fixed columns, and "joints" (k, joints, 3).
         """
-        self.hand_over_slopes("X" in names)
+        self.set_slopes("X" in names)
         every, forces = len(tape), self.layout.forces
         states, x = self.layout.states.only(entries), aligned_zeros(self.layout.size)
         of_steps = np.zeros((every + 1, self.layout.step_size))
@@ -193,7 +193,7 @@ class TapeDerivatives:
             "q": Numbers(at_q, of_q, p.dofs),
             "slides": Numbers(at["Y"][of_slides], joints, model.scene.joint_count),
             "motors": all_of(driven[first:]),
-            "mass": Numbers(at["mass"], self.problem.heavy.ravel(), model.mass.nnz),
+            "mass": Numbers(at["mass"], self.problem.mass_entries.ravel(), model.mass.nnz),
             "X": Numbers(at_X, of_X, X.size),
         }
 
@@ -279,7 +279,7 @@ class TapeDerivatives:
     ) -> Structs:
         """Hand over changes of all numbers, in groups; returns what keeps them."""
         structs = Structs(self._ffi)
-        self.hand_over_slopes("X" in changes and any_of(changes["X"]))
+        self.set_slopes("X" in changes and any_of(changes["X"]))
         masses = np.zeros(len(x), int)
         for name in changes.keys() & {"mass", "weight"}:
             masses[changing(changes[name]) // x.shape[2]] = 1
@@ -327,7 +327,7 @@ class TapeDerivatives:
         late = self.sizes[half:].max(initial=0.0)
         return float(self.sizes[:half].max(initial=0.0) / late) if late else 0.0
 
-    def hand_over_slopes(self, by_places: bool) -> None:
+    def set_slopes(self, by_places: bool) -> None:
         """Derivatives of forces of elements, by places of nodes if these are wanted.
 
         And the slides of joints in the reference of the present scene.

@@ -45,7 +45,7 @@ class VjpWork:
         self._local = {name: size for name, size in self._sizes.items() if name not in _IN_COMMON}
         self._compiled: dict[bool, tuple[list[tuple[str, int]], Kernel, dict[str, Any]]] = {}
 
-    def handed_over(self) -> dict[str, Any]:
+    def first_members(self) -> dict[str, Any]:
         """What the layout of the vector needs of it, as members of ``Vjp`` of c/problem.h."""
         has_previous = int("q_previous" in self._sizes)
         return {"of_element": sum(self._local.values()), "q_previous": has_previous}

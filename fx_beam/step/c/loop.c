@@ -54,8 +54,8 @@ static double most_strain_energy(const Problem *p) {
 
 /* Counts steps that end with inverted sections (eq. 4), and stores the first configuration. */
 static void count_inverted(Problem *p, const Work *w) {
-  if (!(sum_over_elements(p, w, &p->forms.inversion) > 0) || p->inverted.count++ > 0) return;
-  p->inverted.t = p->state.t;
+  if (!(sum_over_elements(p, w, &p->forms.inversion) > 0) || p->counts.inverted++ > 0) return;
+  p->counts.inverted_t = p->state.t;
   memcpy(p->inverted.q, p->state.q, p->dofs * sizeof(double));
 }
 
@@ -132,10 +132,10 @@ static int follow_joints(Problem *p, Work *w, const double *driven) {
     set_axes(p, w);
     if (!follow_forces(p->points, w->joint_forces, p->state.q, w->D, p->scheme.level, still, p->state.spring_internal))
       return OK;
-    long before = p->run.iterations;
+    long before = p->counts.iterations;
     int failure = newton(p, w, driven, GO_ON);
     if (failure) return failure;
-    still = p->run.iterations == before + 1;
+    still = p->counts.iterations == before + 1;
   }
   return UNMET_FRICTION;
 }
@@ -225,7 +225,7 @@ static void summarise(Problem *p, const Work *w, double dt, int before, int part
     if (means) p->state.a[i] = ((p->state.v[i] - v[i]) / dt + before * a[i]) / (before + 1);
     w->scratch[i] = p->state.q[i] - q[i];
   }
-  p->run.too_large += parts > 1 && widest_turn(p, w->scratch) * parts > p->newton.large_turn;
+  p->counts.too_large += parts > 1 && widest_turn(p, w->scratch) * parts > p->newton.large_turn;
 }
 
 /* Shares of a sub-step and of the parts before in the means over the step so far. */
@@ -249,8 +249,8 @@ static int amplifies(const Problem *p, const Work *w, double lost) {
 
 /* Returns to the state before a step that failed; counts of what was seen are kept. */
 static void undo(Problem *p, const Work *w, Problem before) {
-  before.run.failure = p->run.failure, before.inverted.count = p->inverted.count, before.inverted.t = p->inverted.t;
-  before.run.amplified = p->run.amplified;
+  before.run.failure = p->run.failure, before.counts.inverted = p->counts.inverted, before.counts.inverted_t = p->counts.inverted_t;
+  before.counts.amplified = p->counts.amplified;
   before.control.ratios[1] = p->control.ratios[1], before.system.reused = p->system.reused;
   *p = before;
   memcpy(p->state.memory, w->saved, p->state.size * sizeof(double));
@@ -308,7 +308,7 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Reco
       advance(p, w, inputs, number);
       if (p->control.watches && switched(p)) p->run.failure = SWITCHED;
     }
-    if (!p->run.failure && amplifies(p, w, lost)) p->run.failure = AMPLIFIED, ++p->run.amplified;
+    if (!p->run.failure && amplifies(p, w, lost)) p->run.failure = AMPLIFIED, ++p->counts.amplified;
     if (p->control.controlled && !p->run.failure) {
       double ratio = local_error(p, w, dt);
       p->control.ratios[0] = p->control.ratios[1], p->control.ratios[1] = ratio;
@@ -340,3 +340,19 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Reco
 #elif defined FIT
 #include "fitted_rates.h"
 #endif
+
+/* Takes steps again, for their tape alone. */
+OF_STEPS int fx_repeat(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
+  p->control.controlled = p->control.watches = 0;
+  if (HAS(MEMBERS) && p->points->members) p->system.reused.present = 0;
+  p->run.repeats = 1;
+  int taken = fx_run(p, steps, dt, inputs, to);
+  p->run.repeats = 0;
+  return taken;
+}
+
+OF_STEPS Counts fx_take_counts(Problem *p) {
+  Counts counts = p->counts;
+  p->counts = (Counts){0};
+  return counts;
+}

@@ -227,14 +227,14 @@ static int judge(const Problem *p, const Work *w, Convergence *c, int iteration,
 
 /* Counts a solve that rounding errors end, and what is left of it: a correction of this size. */
 static void note_rounding(Problem *p, const Work *w, double size) {
-  ++p->run.by_round_off;
-  p->run.left += size;
-  p->run.moved = fmax(p->run.moved, largest(p->dofs, p->state.q, p->mesh.per_unit));
-  p->run.moved = fmax(p->run.moved, largest(p->dofs, w->D, p->mesh.per_unit));
-  if (size <= p->run.left_most) return;
-  p->run.left_most = size;
+  ++p->counts.by_round_off;
+  p->counts.left += size;
+  p->counts.moved = fmax(p->counts.moved, largest(p->dofs, p->state.q, p->mesh.per_unit));
+  p->counts.moved = fmax(p->counts.moved, largest(p->dofs, w->D, p->mesh.per_unit));
+  if (size <= p->counts.left_most) return;
+  p->counts.left_most = size;
   for (int i = 0; i < p->dofs; ++i)
-    if (fabs(w->correction[i] * p->mesh.per_unit[i]) == size) p->run.left_at = i;
+    if (fabs(w->correction[i] * p->mesh.per_unit[i]) == size) p->counts.left_at = i;
 }
 
 /* Instead of the order of a prediction: from the unknowns as they are. */
@@ -307,7 +307,7 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
     if (widest_turn(p, w->D) > p->newton.max_turn) return TURNED_TOO_FAR;
     if (end) {
       if (leaves_beam(p)) return SLID_TOO_FAR;
-      p->run.iterations += iteration;
+      p->counts.iterations += iteration;
       if (end == AT_ROUND_OFF) note_rounding(p, w, size);
       p->system.reused.slowest_size = convergence.sizes.slowest, p->system.reused.slowest_error = convergence.errors.slowest;
       return OK;

@@ -395,18 +395,23 @@ typedef struct {
   int keeps_joint_forces; /* whether they are computed in every step, recorded or not */
   int sub_step;         /* number of the present one */
   long completed;       /* steps or parts; Python knows by it what an interrupt leaves */
-  int iterations, failure, by_round_off;
-  int too_large;        /* parts of steps with rotations above large_turn per step */
-  int amplified;        /* steps or parts that were refused, as dampers gave energy */
-  double left, moved, left_most; /* of solves that end at round-off: sum of their last corrections, largest motion, in units */
-  int left_at;          /* degree of freedom of the largest of them */
+  int failure;
 } Run;
 
-/* Steps or parts that end with inverted sections; time and configuration of the first of them. With less strain energy no
-   section is inverted. */
+/* What was counted in the steps or parts since it was taken (fx_take_counts). */
 typedef struct {
-  int count;
-  double t, *q, least_energy;
+  int iterations, by_round_off;
+  int too_large;        /* those with rotations above large_turn per step */
+  int amplified;        /* those that were refused, as dampers gave energy */
+  int inverted;         /* those that end with inverted sections */
+  double inverted_t;    /* time of the first of them */
+  double left, moved, left_most; /* of solves that end at round-off: sum of their last corrections, largest motion, in units */
+  int left_at;          /* degree of freedom of the largest of them */
+} Counts;
+
+/* Inverted sections: the first configuration that has some. With less strain energy no section is inverted. */
+typedef struct {
+  double *q, least_energy;
 } Inverted;
 
 /* Parts with energies of their own, if there are several: runs of degrees of freedom and of unknowns, and the part of each;
@@ -425,7 +430,7 @@ typedef struct {
   PointForces *points;
   AtPoints at_points; Parameters parameters; Motors motors; Passes passes; Parts parts;
   Scheme scheme; Statics statics; Frame frame; Newton newton; Team team;
-  State state; Predictor predictor; Control control; Run run; Inverted inverted;
+  State state; Predictor predictor; Control control; Run run; Counts counts; Inverted inverted;
 } Problem;
 
 /* Rows of an array. */
@@ -557,6 +562,8 @@ typedef struct {
 int fx_begin_joints(Problem *p);
 int fx_expand(Problem *p, int close);
 int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to);
+int fx_repeat(Problem *p, int steps, double dt, const Inputs *inputs, Record *to);
+Counts fx_take_counts(Problem *p);
 long fx_scratch(const Problem *p);
 Results fx_results(const Problem *p);
 int fx_judge(Problem *p, Convergence *c, int iteration, int shortened);
