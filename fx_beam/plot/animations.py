@@ -18,7 +18,7 @@ from fx_beam.results.files import replacing, writable
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node
 
-from .drawing import Drawing, checked_drawing, clock, say_if_too_small, three_digits
+from .drawing import Drawing, checked_drawing, clock, say_if_too_small, three_digits, title
 from .members import Members
 from .sheet import LARGEST, Plane
 from .symbols import Supports, draw_forces, draw_joints, draw_marks, draw_moving, draw_outlines
@@ -136,39 +136,59 @@ def animate(
         solution.position(trace)  # refuses what is no node of the solution
         beside += [*drawing.positions(trace.number, slice(shown[0], max(shown) + 1))]
     drawing = replace(drawing, beside=beside)
-    plane = _plane(drawing, colour is not None, size)
     say_if_too_small(drawing)
-    ax = plane.ax
-    look: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points"}
-    look |= {"fontsize": "small", "va": "bottom"}
-    # Beside the time, or above it where there is no room.
-    above = 4 if ax.bbox.width > _BESIDE * plane.figure.dpi else 15
-    ax.annotate(drawing.title(), (1, 1), (0, above), ha="right", **look)
-    draw_outlines(ax, drawing.obstacles)
-    heading = ax.annotate("", (0, 1), (0, 4), family="monospace", **look)
-    (past,) = ax.plot([], [], color="0.65", linewidth=1.0, zorder=1)
-    lines: Any = members.collection(2.5)
-    if colour is None:
-        shades = itertools.islice(itertools.cycle(_COLOURS), len(solution.beams))
-        lines.set_color(members.per_piece(list(shades)))
-    else:
-        plane.draw_bar(members.scale, **members.bar)
-    moving = [heading, past, ax.add_collection(lines)]
-    for artist in moving:
-        artist.set_animated(True)  # left out of the static part of a frame
-    canvas = FigureCanvasAgg(plane.figure)
-    canvas.draw()
-    still, supports = canvas.copy_from_bbox(plane.figure.bbox), Supports(drawing)
-    headings = clock(solution.t[shown].tolist())
-    if solution.stats.static:
-        headings = [f"load factor {three_digits(t)}" for t in solution.t[shown]]
+    is_coloured = colour is not None
+    frames = _Frames(drawing, members, _plane(drawing, is_coloured, size), is_coloured)
+    if trace is not None:
+        frames.trace = trace.number
+    write = _write_mp4 if is_film else _write_gif
+    with replacing(path) as file:
+        write(frames.drawn(marks, scenery), file, fps)
 
-    def frames() -> Iterator[np.ndarray]:
-        for k, words in zip(shown, headings, strict=True):
-            heading.set_text(words)
-            members.move(lines, k)
-            if trace is not None:
-                past.set_data(*drawing.positions(trace.number, slice(shown[0], k + 1)).T)
+
+class _Frames:
+    """The pictures of an animation: what stays is drawn once, and all else for each."""
+
+    #: Number of the node whose path is drawn.
+    trace: int | None = None
+
+    def __init__(self, drawing: Drawing, members: Members, plane: Plane, is_coloured: bool):
+        ax: Any = plane.ax
+        self._drawing, self._members, self._ax = drawing, members, ax
+        look: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points"}
+        look |= {"fontsize": "small", "va": "bottom"}
+        # Beside the time, or above it where there is no room.
+        above = 4 if ax.bbox.width > _BESIDE * plane.figure.dpi else 15
+        ax.annotate(title(drawing), (1, 1), (0, above), ha="right", **look)
+        draw_outlines(ax, drawing.obstacles)
+        self._heading = ax.annotate("", (0, 1), (0, 4), family="monospace", **look)
+        (self._past,) = ax.plot([], [], color="0.65", linewidth=1.0, zorder=1)
+        self._lines: Any = members.collection(2.5)
+        if is_coloured:
+            plane.draw_bar(members.scale, **members.bar)
+        else:
+            shades = itertools.islice(itertools.cycle(_COLOURS), len(drawing.solution.beams))
+            colours: Any = members.per_piece(list(shades))
+            self._lines.set_color(colours)
+        self._moving = [self._heading, self._past, ax.add_collection(self._lines)]
+        for artist in self._moving:
+            artist.set_animated(True)  # left out of the static part of a frame
+        self._canvas = FigureCanvasAgg(plane.figure)
+        self._canvas.draw()
+        self._still = self._canvas.copy_from_bbox(plane.figure.bbox)
+
+    def drawn(
+        self, marks: dict[str, Node] | None, scenery: Callable[[Any, int], list] | None
+    ) -> Iterator[np.ndarray]:
+        """Pixels (height, width, 4) of each frame, with names of nodes and additional objects."""
+        ax, drawing = self._ax, self._drawing
+        supports, shown = Supports(drawing), drawing.rows
+        for k, words in zip(shown, _headings(drawing), strict=True):
+            self._heading.set_text(words)
+            self._members.move(self._lines, k)
+            if self.trace is not None:
+                path = drawing.positions(self.trace, slice(shown[0], k + 1))
+                self._past.set_data(*path.T)
             before = {*ax.get_children()}
             draw_moving(ax, drawing, k)
             draw_joints(ax, drawing, k)
@@ -178,16 +198,20 @@ def animate(
             more = (scenery(ax, k) if scenery else None) or []
             new = [artist for artist in ax.get_children() if artist not in before]
             drawn = list(dict.fromkeys([*new, *more]))
-            canvas.restore_region(still)
-            for artist in sorted([*moving, *drawn], key=lambda artist: artist.get_zorder()):
+            self._canvas.restore_region(self._still)
+            for artist in sorted([*self._moving, *drawn], key=lambda artist: artist.get_zorder()):
                 ax.draw_artist(artist)
-            yield np.array(canvas.buffer_rgba())
+            yield np.array(self._canvas.buffer_rgba())
             for artist in drawn:
                 artist.remove()
 
-    write = _write_mp4 if is_film else _write_gif
-    with replacing(path) as file:
-        write(frames(), file, fps)
+
+def _headings(drawing: Drawing) -> list[str]:
+    """The time of each row, or its load factor."""
+    t = drawing.solution.t[drawing.rows]
+    if drawing.solution.stats.static:
+        return [f"load factor {three_digits(factor)}" for factor in t]
+    return clock(t.tolist())
 
 
 def _plane(drawing: Drawing, bar: bool, size: Any) -> Plane:

@@ -17,7 +17,7 @@ from fx_beam.results.files import of_numpy, replacing, writable
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node, arc_lengths
 
-from .drawing import Drawing, axis, checked_drawing, time_unit
+from .drawing import Drawing, axis, checked_drawing, line_between, time_unit, title
 from .members import SEQUENTIAL, SIGNED, WORDS, hexadecimal, is_signed, unit_of
 from .symbols import Supports, nodes_of_joints, nodes_with_mass
 
@@ -114,7 +114,7 @@ def interactive(
     for node in traced:
         solution.position(node)  # refuses what is no node of the solution
     data = {
-        "title": _plain(drawing.title()),
+        "title": _plain(title(drawing)),
         "unit": scene_unit,
         "static": solution.stats.static,
         "t": solution.t[drawing.rows],
@@ -142,7 +142,7 @@ def interactive(
             {
                 "spring": force.on.spring is not None and len(force.points) == 2,
                 "count": len(force.points),
-                "points": _points(drawing, drawing.line(force, drawing.rows)),
+                "points": _points(drawing, line_between(drawing, force, drawing.rows)),
             }
             for force in drawing.of_scene("forces_between")
         ],

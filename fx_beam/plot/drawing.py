@@ -241,16 +241,9 @@ class Drawing:
         return float(np.ptp(self.window, axis=0).max())
 
     @cached_property
-    def spacing(self) -> float:
-        """Mean distance between members [m]: area by length."""
-        sides = np.maximum(np.ptp(self.points, axis=0), 0.1 * self.reach)
-        length = sum(beam.length for beam in self.solution.beams.values())
-        return float(np.prod(sides)) / length if length else self.reach
-
-    @property
     def thinness(self) -> float:
         """Factor of the widths of lines and of symbols: 1, or less where members are dense."""
-        return min(1.0, self.spacing / (_DENSE * self.reach))
+        return min(1.0, spacing(self) / (_DENSE * self.reach))
 
     # -- Positions and forces -------------------------------------------------------------------
 
@@ -291,17 +284,6 @@ class Drawing:
             return np.asarray(arrow)
         return np.asarray(arrow) @ _turn(self.magnify * self._q[k][node.number, 2])
 
-    def line(self, force: ForceBetween, rows) -> np.ndarray:
-        """Points (..., points, 2) of a force between points in some rows."""
-        like = self.positions(0, rows)
-        of_points = [
-            self.positions(point.number, rows)
-            if isinstance(point, Node)
-            else np.broadcast_to(point.position, like.shape)
-            for point in force.points
-        ]
-        return np.stack(of_points, axis=-2)
-
     def arrow(self, node: int, k: int) -> np.ndarray:
         """Tail and tip (2, 2) of the arrow of a force in row k, with its tip at the node."""
         tip, scale = self.positions(node, k), _LONGEST_FORCE * self.reach
@@ -319,19 +301,37 @@ class Drawing:
         sizes = [np.hypot(*force) for of_row in self.forces.values() for force in of_row.values()]
         return max(sizes, default=0.0)
 
-    # -- Words ----------------------------------------------------------------------------------
 
-    def title(self) -> str:
-        """Scheme and time step, or the kind of analysis, and the factor on displacements."""
-        t, stats = self.solution.t, self.solution.stats
-        magnified = f", displacements x {self.magnify:g}" if self.magnify != 1 else ""
-        if stats.static:
-            return "equilibria" + magnified
-        if len(t) == stats.steps + 1 > 1 and np.ptp(np.diff(t)) <= 1e-6 * t[-1]:
-            factor, unit = time_unit(t[-1])
-            dt = three_digits(factor * (t[1] - t[0]))
-            return rf"{stats.scheme}, $\Delta t$ = {dt} {unit}" + magnified
-        return f"{stats.scheme}, {stats.steps} steps to {t[-1]:g} s" + magnified
+def title(drawing: Drawing) -> str:
+    """Scheme and time step, or the kind of analysis, and the factor on displacements."""
+    t, stats = drawing.solution.t, drawing.solution.stats
+    magnified = f", displacements x {drawing.magnify:g}" if drawing.magnify != 1 else ""
+    if stats.static:
+        return "equilibria" + magnified
+    if len(t) == stats.steps + 1 > 1 and np.ptp(np.diff(t)) <= 1e-6 * t[-1]:
+        factor, unit = time_unit(t[-1])
+        dt = three_digits(factor * (t[1] - t[0]))
+        return rf"{stats.scheme}, $\Delta t$ = {dt} {unit}" + magnified
+    return f"{stats.scheme}, {stats.steps} steps to {t[-1]:g} s" + magnified
+
+
+def spacing(drawing: Drawing) -> float:
+    """Mean distance between members [m]: area by length."""
+    sides = np.maximum(np.ptp(drawing.points, axis=0), 0.1 * drawing.reach)
+    length = sum(beam.length for beam in drawing.solution.beams.values())
+    return float(np.prod(sides)) / length if length else drawing.reach
+
+
+def line_between(drawing: Drawing, force: ForceBetween, rows) -> np.ndarray:
+    """Points (..., points, 2) of a force between points in some rows."""
+    shape = drawing.positions(0, rows).shape
+    lines = [
+        drawing.positions(point.number, rows)
+        if isinstance(point, Node)
+        else np.broadcast_to(point.position, shape)
+        for point in force.points
+    ]
+    return np.stack(lines, axis=-2)
 
 
 def checked_drawing(

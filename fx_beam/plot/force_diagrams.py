@@ -15,7 +15,7 @@ from fx_beam.errors import is_flag, is_one_of, require
 from fx_beam.results.fields import RESULTANTS, along_all
 from fx_beam.results.solution import Solution
 
-from .drawing import Drawing, checked_drawing, three_digits, time_unit
+from .drawing import Drawing, checked_drawing, spacing, three_digits, time_unit
 from .members import SIGNED, words_for
 from .sheet import panels, picture, written
 from .symbols import draw_lines, draw_surroundings
@@ -84,12 +84,12 @@ def diagrams(
     require(fits, "quantities", quantities, f"some of {', '.join(RESULTANTS)}")
     require(is_flag(deformed), "deformed", deformed, "True or False")
     drawing = Drawing(solution, [row], 1.0 if deformed else 0.0, scene_unit)
-    tallest = min(_TALLEST * drawing.size, _OVER * drawing.spacing)
+    tallest = min(_TALLEST * drawing.size, _OVER * spacing(drawing))
     low, high = drawing.window
     margin = 1.3 * tallest + _BESIDE_TIP * drawing.size
     low, high = low - margin, high + margin
     fig, columns, panel = panels(len(names), high - low, _BORDER, share=True)
-    between = 72 * max(panel) * drawing.spacing / max(high - low)  # members [points]
+    between = 72 * max(panel) * spacing(drawing) / max(high - low)  # members [points]
     thinness = min(1.0, between / _DENSE)
     for number, (ax, name) in enumerate(zip(fig.axes, names, strict=True)):
         _panel(ax, drawing, name, row, tallest, thinness)

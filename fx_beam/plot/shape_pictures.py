@@ -21,7 +21,7 @@ from fx_beam.results.vibrations import Modes, displaced
 from fx_beam.scene.beam import Node
 
 from .backend import check_renderer
-from .drawing import Drawing, checked_drawing, say_if_too_small, three_digits, time_unit
+from .drawing import Drawing, checked_drawing, say_if_too_small, three_digits, time_unit, title
 from .members import SEQUENTIAL, Members
 from .sheet import Plane, panels, picture, written
 from .symbols import (
@@ -108,7 +108,7 @@ def shapes(
     plane = Plane(drawing, bar=True)
     say_if_too_small(drawing)
     ax = plane.ax
-    ax.set_title(drawing.title(), fontsize="medium")
+    ax.set_title(title(drawing), fontsize="medium")
     shades: Any = ["0.35"] * len(shown)
     if colour is None:
         shades = _colours_of_times(plane, drawing)

@@ -14,7 +14,7 @@ from fx_beam.scene.beam import Node
 from fx_beam.scene.coordinate import Coordinate
 from fx_beam.scene.joints import GROUND, Joint
 
-from .drawing import Drawing, Outline, apart
+from .drawing import Drawing, Outline, apart, line_between
 
 # Fractions of the drawing's size: height of a support, length of a wall, its strokes, half of the
 # shortest guide, and what guides have beyond the path on them.
@@ -328,7 +328,7 @@ def draw_between(ax, drawing: Drawing, k: int) -> None:
     lines: dict[str, list[np.ndarray]] = {"fine": [], "pull": [], "friction": []}
     size = drawing.size
     for force in drawing.of_scene("forces_between"):
-        points, on = drawing.line(force, k), force.on
+        points, on = line_between(drawing, force, k), force.on
         is_rope, (a, b) = len(points) > 2, points[-2:]
         along = (b - a) / max(np.hypot(*(b - a)), 1e-9 * size)
         for part in () if is_rope else ("spring", "damper", "friction"):
