@@ -274,7 +274,7 @@ def memory(call):
     Problem.__init__ = remember
     call()
     Problem.__init__ = begin
-    arrays, nodes = (arrays_of(problems[-1]), problems[-1].c.nodes) if problems else ({}, 1)
+    arrays, nodes = (arrays_of(problems[-1]), problems[-1].c.mesh.nodes) if problems else ({}, 1)
     per_node = sum(arrays.values()) / nodes if problems else None
     return {"memory [bytes a node]": per_node, "nodes": nodes, "arrays": arrays}
 
