@@ -254,7 +254,7 @@ class ArcLength:
             nonlocal y, load, D, r, dy, dload, per_load
             (D, f, r, residual), per_load, column = self._path.balance(y, load)
             residual = residual[:free]
-            missing = normal.D @ (self._path.weight * D) + normal.load * load - distance
+            missing = float(normal.D @ (self._path.weight * D)) + normal.load * load - distance
             dy, dload = self._path.solve(column, normal, -residual, -missing)
             correction = self._path.spread(dy, dload)
             factor = failures.shortening(correction)
