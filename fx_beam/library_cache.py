@@ -9,7 +9,6 @@ one that holds it.
 from __future__ import annotations
 
 import fcntl
-import functools
 import hashlib
 import logging
 import multiprocessing
@@ -22,6 +21,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TypeVar
+
+from fx_beam.errors import warn_once
 
 T = TypeVar("T")
 
@@ -137,8 +138,8 @@ def _writable_folder() -> Path:
         except OSError as error:
             unusable += f" {place} cannot be used ({error.strerror or error})."
             continue
-        if unusable:
-            _warn(f"the cache folder{unusable} What is compiled goes to {place}. {advice}")
+        if unusable and multiprocessing.parent_process() is None:  # not in workers of a sweep
+            warn_once(f"the cache folder{unusable} What is compiled goes to {place}. {advice}")
         return place
     raise OSError(f"nothing can be compiled:{unusable} {advice}")
 
@@ -158,13 +159,6 @@ def _prepare(place: Path) -> None:
     _checked(place)
     with tempfile.TemporaryFile(dir=place) as file:
         os.posix_fallocate(file.fileno(), 0, _ROOM)
-
-
-@functools.cache
-def _warn(sentence: str) -> None:
-    """Warn once, and not in each worker process of a sweep."""
-    if multiprocessing.parent_process() is None:
-        _log.warning("%s", sentence)
 
 
 @contextmanager

@@ -17,7 +17,7 @@ import _cffi_backend
 import numpy as np
 import pytest
 
-from fx_beam import c_library, compiler, library_cache
+from fx_beam import c_library, compiler, errors, library_cache
 from fx_beam.fem.compiled_laws import point_function
 
 
@@ -27,7 +27,7 @@ def cache(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     (tmp_path / "temporary").mkdir(mode=0o700)
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
-    library_cache._warn.cache_clear()
+    errors.warn_once.cache_clear()
     forget(monkeypatch)
     return tmp_path / "cache" / "fx_beam"
 
