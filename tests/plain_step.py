@@ -192,7 +192,7 @@ def assert_balanced(scene, scheme=None, *, dt, t_end, newton=None, least=1e-10):
     for number, to in enumerate(times[1:]):
         ends, interval = np.array([to]), Interval(state.t, float(to))
         recorder = Recorder(prepared.model, np.array([state.t, to]), Record())
-        prepared.loop.record_start(state, recorder)
+        prepared.loop.record(state, recorder)
         end = prepared.stepper.advance(state, ends, 1, recorder)
         errors = PlainStep(prepared, state, interval).errors(end)
         assert errors[0] < GAP and errors[1] < least, (number, errors)

@@ -301,7 +301,7 @@ class LoadStepper:
         beams, recorder = self.model.forms.beams, Recorder(self.model, np.zeros(1), Record())
         if beams is None:
             return 0.0
-        recorder.record(0, state)
+        self.loop.record(state, recorder)
         with self.model.reading:
             N, Q, M = np.moveaxis(abs(beams.resultants(recorder.sub_steps())), -1, 0)
         return float(max(self.model.mesh.size * max(N.max(), Q.max()), M.max()))

@@ -270,8 +270,8 @@ class LoadPath:
         stats.seconds, stats.substeps = time.perf_counter() - self._clock, stats.steps
         turning = [self._turning(state) for state in states]
         recorder = Recorder(model, np.array([state.t for state in states]), Record())
-        for step, state in enumerate(turning):
-            recorder.record(step, state)
+        for state in turning:
+            self.stepper.loop.record(state, recorder)
             self.stepper.loop.inversion.check(state.t, state.q)
         # Load factors are no times: no step in time came before.
         loads, last = self.forcing.dead(turning[-1].t), replace(turning[-1], length=0.0)

@@ -185,8 +185,7 @@ class Equilibrium(Steps):
         try:
             for step, factor in enumerate(factors):
                 self.advance(factor)
-                recorder.record(step, self._state)
-                recorder.end = self._state
+                self._loads.record(self._state, recorder)
                 modes.append(self.unstable_modes())
                 self._replace_in_row(recorder)
                 if step and after is not None:

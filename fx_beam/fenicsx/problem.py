@@ -205,7 +205,7 @@ class Problem(Steps):
         self._rows.clear()
         if self._starts and self._form.has_further:
             self._accelerate()
-        self._loop.record_start(self._state, recorder)
+        self._loop.record(self._state, recorder)
         if self._form.replaced:  # its forces are those in an instant, as they may depend on rates
             length = INSTANT * self.dt
             start = self._state.changed(q=self._state.q - 0.5 * length * self._state.v)

@@ -9,6 +9,7 @@ from fx_beam.results.audit import uncounted
 from fx_beam.results.state import State
 from fx_beam.step.events import end_behind_event
 from fx_beam.step.loop import StepsResult
+from fx_beam.step.marks import Mark
 from fx_beam.step.recorder import NullRecorder, Recorder, Rows
 from fx_beam.step.step_control import AVERAGED, StepControl
 from fx_beam.step.stepper import Stepper, Trial
@@ -162,7 +163,7 @@ class AdaptiveRun:
             self._behind_event = False
         for _ in range(_TRIALS):
             dt = min(control.length, longest)
-            past, now = integrator.past, state
+            mark, now = Mark(integrator.problem), state
             integrator.forget_errors()
             ratio, failed = None, False
             try:
@@ -175,7 +176,7 @@ class AdaptiveRun:
                         if result.switched:
                             break
             finally:
-                integrator.past = past
+                mark.restore()
             stats.rejected += self._order + AVERAGED
             if failed:
                 self._fail(state, dt)

@@ -11,7 +11,8 @@ import numpy as np
 
 from fx_beam.dual import plain
 from fx_beam.errors import SceneError, is_number, shown
-from fx_beam.results.state import Past, State
+from fx_beam.results.state import State
+from fx_beam.step.marks import Mark
 from fx_beam.step.recorder import NullRecorder, Recorder
 
 from .grid import Grid
@@ -37,7 +38,7 @@ class _Mark(NamedTuple):
     """The end of a step, to which a run can return."""
 
     state: State
-    past: Past
+    in_c: Mark
     halving: dict[str, Any]
     stats: dict[str, Any]
     rows: int
@@ -201,11 +202,11 @@ class Ending:
         stepper, recorder = self._stepper, self._recorder
         stats = copy(vars(stepper.stats)) | {"ended_by": dict(stepper.stats.ended_by)}
         halving = copy(vars(stepper.halving))
-        return _Mark(recorder.end, stepper.integrator.past, halving, stats, recorder.rows)
+        return _Mark(recorder.end, Mark(stepper.integrator.problem), halving, stats, recorder.rows)
 
     def _return_to(self, mark: _Mark) -> None:
         stepper = self._stepper
-        stepper.integrator.past = mark.past
+        mark.in_c.restore()
         vars(stepper.halving).update(mark.halving)
         vars(stepper.stats).update(mark.stats | {"ended_by": dict(mark.stats["ended_by"])})
         self._recorder.end = mark.state

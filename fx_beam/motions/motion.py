@@ -21,6 +21,7 @@ from fx_beam.scene.scene import Scene
 from fx_beam.step import full_turns
 from fx_beam.step.held_inputs import HeldInputs
 from fx_beam.step.interrupts import ctrl_c_between_blocks, one_thread, uninterrupted
+from fx_beam.step.marks import Mark
 from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import NullRecorder, Record, Recorder, Rows
@@ -123,7 +124,7 @@ class OpenMotion:
         if self._record is not None:
             self.recorder = Recorder(model, np.array([state.t]), self._record)
             self.recorder.miss(counter.removed)
-            self.recorder.record(0, state)
+            self._prepared.stepper.integrator.record(state, self.recorder)
         #: Present time [s].
         self.t = grid(0)
 
@@ -231,6 +232,15 @@ class OpenMotion:
         """The same as it is shown, with its full turns."""
         self.settle()
         return self.holding(self._prepared.turn_counter.with_turns(self.shown.state()))
+
+    def solution(self, stats: Stats) -> Solution:
+        """The same as a solution of one row; C returns to the state of the steps after it."""
+        end, loop = self.end(), self._prepared.stepper.integrator
+        recorder = Recorder(self._prepared.model, np.array([end.t]), Record())
+        self._pending = Mark(loop.problem).restore, ()
+        loop.record(end, recorder)
+        self.settle()
+        return solution_of(recorder, stats, lambda: end)
 
     def holding(self, state: State) -> State:
         """A state with the present inputs."""
@@ -501,10 +511,7 @@ class Motion:
     @one_thread
     def state(self) -> Solution:
         """The present state, a solution of one row: for `start`, `modes`, `linearise`, pictures."""
-        recorder = Recorder(self._prepared.model, np.array([self.t]), Record())
-        end = self._open.end()
-        recorder.record(0, end)
-        return solution_of(recorder, self.stats, lambda: end)
+        return self._open.solution(self.stats)
 
     @one_thread
     def solution(self) -> Solution:

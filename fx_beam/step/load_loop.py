@@ -17,6 +17,8 @@ from .equations import Balance, Equations
 from .forcing import LoadForcing
 from .loop import CompiledLoop, StepInputs
 from .newton import NewtonOptions
+from .recorded_histories import sums_of
+from .recorder import Recorder
 
 
 class StepSolution(NamedTuple):
@@ -79,6 +81,18 @@ class LoadLoop(CompiledLoop):
         alone = self.problem if self._alone else None
         forcing = self.forcing
         return Equations(self.model, forcing.time, forcing.turning, forcing.natural, alone)
+
+    def record(self, state: State, recorder: Recorder) -> None:
+        """Record a state in the next row of a recorder.
+
+        Masses of a frame that turns have no rotary inertia in C.
+        """
+        super().record(state, recorder)
+        if (frame := self.forcing.turning) is not None:
+            rows, row = recorder.arrays, recorder.rows - 1
+            spin = (self.model.mass - frame.mass) @ state.v
+            rows["energies"][row, 0] += state.v @ spin / 2
+            rows["momenta"][row] += sums_of(self.model, state.q[None], spin[None])[0]
 
     def balance(self, state: State, factor: float) -> Balance:
         """The equations in a state at a load factor, without holding forces."""

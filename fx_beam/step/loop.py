@@ -17,6 +17,7 @@ from fx_beam.results.state import ARRAYS, FORCES, NUMBERS, Past, State
 from .forcing import Forcing
 from .interrupts import uninterrupted
 from .inverted_sections import InversionCheck
+from .marks import Mark
 from .newton import NewtonOptions
 from .recorder import NullRecorder, Recorder, Rows
 from .step_failures import StepFailed, StepFailures
@@ -143,8 +144,8 @@ class CompiledLoop:
             error=inputs.error if taken == len(inputs.driven) // p.scheme.sub_steps else None,
         )
 
-    def record_start(self, state: State, recorder: Recorder) -> None:
-        """Record the state at the start of a run, as C records the ends of steps."""
+    def record(self, state: State, recorder: Recorder) -> None:
+        """Record a state in the next row of a recorder, as C records the ends of steps."""
         self.model.forms.parameters.use(state.parameters)
         self.problem.load(state)
         recorder.begin(state)
@@ -215,7 +216,7 @@ class CompiledLoop:
 
     def failure(self, state: State, t1: float) -> StepFailed:
         """Why a step to t1 [s] fails, without a prediction."""
-        p, past, inputs = self._problem, self.past, self.inputs(state.t, np.array([t1]))
+        p, mark, inputs = self._problem, Mark(self.problem), self.inputs(state.t, np.array([t1]))
         if inputs.error is not None:
             raise inputs.error
         self.past = None
@@ -223,10 +224,11 @@ class CompiledLoop:
         p.control.controlled = p.control.watches = 0
         to = self.c_record(NullRecorder(), 1)
         taken = self._steps(1, t1 - state.t, self.c_inputs(inputs), to)
-        self.past = past
-        if taken:
-            return StepFailed("no convergence", "no convergence", np.zeros(self.model.size))
-        return self.failures.in_c(self.problem, state)
+        failure = StepFailed("no convergence", "no convergence", np.zeros(self.model.size))
+        if not taken:
+            failure = self.failures.in_c(self.problem, state)
+        mark.restore()
+        return failure
 
     def c_inputs(self, inputs: StepInputs):
         """The inputs for C; they must be kept as long as C uses them."""

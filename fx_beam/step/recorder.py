@@ -16,7 +16,7 @@ from fx_beam.laws.interval import INSTANT, StepBatch
 from fx_beam.results.state import ROWS, State
 
 from .model import Model
-from .recorded_histories import RecordedHistories, fitted, sums_of
+from .recorded_histories import RecordedHistories, fitted
 
 # What may be recorded.
 _KINDS = "motion", "rates", "forces"
@@ -138,10 +138,10 @@ class NullRecorder:
         """Whether starts are stored: never."""
         return False
 
-    def record(self, *_: Any, **options: Any) -> None:
+    def make_room(self, *_: Any, **options: Any) -> None:
         """Nothing."""
 
-    make_room = count = plan = miss = truncate = record
+    count = plan = miss = truncate = make_room
 
 
 class Recorder:
@@ -272,32 +272,10 @@ class Recorder:
         return self._parted or parts > 1 or self.every > 1
 
     def begin(self, state: State) -> None:
-        """Begin with a state, that of row 0."""
-        self._first = self.end = state
-
-    def record(self, step: int, state: State) -> None:
-        """Add a row for the end of a step of the grid, if `every` selects it; step 0 is the start.
-
-        The starts of its sub-steps were stored before.
-        """
-        if step % self.every and step != self.last:
-            return
-        if step == 0:
-            self.begin(state)
-        model = self.model
-        *energies, springs = model.energies(state)
-        losses = state.dissipated, state.algorithmic, state.numerical
-        momentum = model.mass @ state.v if state.v.any() else state.v
-        values: dict[str, Any] = {
-            **vars(state),
-            "up_to_row": self.starts,
-            "energies": (*energies, state.work, springs, *losses),
-            "momenta": sums_of(model, state.q[None], momentum[None]),
-        }
-        for name, rows in self.arrays.items():
-            if (value := values.get(name)) is not None:
-                rows[self.rows] = value.ravel() if isinstance(value, np.ndarray) else value
-        self.rows += 1
+        """Have a last state, which is also the first one if there is no row yet."""
+        self.end = state
+        if not self.rows:
+            self._first = state
 
     def _missing(self, rows: np.ndarray) -> np.ndarray | float:
         """Full turns (n, size) [rad] that are missing in some rows."""

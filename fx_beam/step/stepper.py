@@ -11,6 +11,7 @@ from fx_beam.errors import StepError, any_of
 from fx_beam.results.state import State
 
 from .loop import CompiledLoop, StepInputs, Steps, StepsResult
+from .marks import Mark
 from .recorder import NullRecorder, Rows
 from .substeps import Halving
 
@@ -114,13 +115,13 @@ class Stepper:
         It is counted as others are; see `uncounted`.
         """
         integrator, ends = self.integrator, np.array([t1])
-        past, inputs = integrator.past, integrator.inputs_ahead(state.t, ends)
+        mark, inputs = Mark(integrator.problem), integrator.inputs_ahead(state.t, ends)
         steps, recorder = Steps(ends, t1 - state.t, inputs, 1, watch=watch), NullRecorder()
         recorder.tape = tape
         try:
             result = integrator.take(state, steps, recorder)
         finally:
-            integrator.past = past
+            mark.restore()
         return Trial(result.state if result.taken else None, result.switches)
 
     def try_steps(
