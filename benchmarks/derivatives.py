@@ -88,7 +88,7 @@ class Case:
         """Processor time of the steps [s]."""
         record = Record(rates=False, forces=False)
         recorder = Recorder(self.prepared.model, self.times, record)
-        recorder.record(0, self.start)
+        self.prepared.stepper.integrator.record(self.start, recorder)
         self.prepared.stepper.load(self.start)
         self.loop.tape = tape
         if tape is not None:

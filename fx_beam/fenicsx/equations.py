@@ -56,7 +56,7 @@ class Equations:
         at_rest = model.scheme.rates.at_rest
         loads, t = Interval(p.statics.ratio_before, p.state.ratio), p.state.t
         self._interval = interval = loads if at_rest else Interval(t, t + dt, dt)
-        self._start = state = self.loop.state(t)
+        self._start = state = self.loop.state.read(t)
         reduction.begin(state.q, state.slides)
         if self.natural is not None:
             self._strains[:] = self.natural.ravel()

@@ -214,7 +214,7 @@ class Problem(Steps):
         self._replace_in_row(recorder)
 
         def solution() -> Solution:
-            past, parts = self._loop.past, prepared.stepper.halving.state
+            past, parts = self._loop.state.past, prepared.stepper.halving.state
             end = self._state.changed(past=past, parts=parts)
             return self._with_replaced(solution_of(recorder, stats, lambda: end))
 

@@ -9,7 +9,6 @@ from fx_beam.results.audit import uncounted
 from fx_beam.results.state import State
 from fx_beam.step.events import end_behind_event
 from fx_beam.step.loop import StepsResult
-from fx_beam.step.marks import Mark
 from fx_beam.step.recorder import NullRecorder, Recorder, Rows
 from fx_beam.step.step_control import AVERAGED, StepControl
 from fx_beam.step.stepper import Stepper, Trial
@@ -163,8 +162,8 @@ class AdaptiveRun:
             self._behind_event = False
         for _ in range(_TRIALS):
             dt = min(control.length, longest)
-            mark, now = Mark(integrator.problem), state
-            integrator.forget_errors()
+            copy, now = integrator.state.copy(), state
+            integrator.state.forget_errors()
             ratio, failed = None, False
             try:
                 with uncounted(stats):
@@ -176,7 +175,7 @@ class AdaptiveRun:
                         if result.switched:
                             break
             finally:
-                mark.restore()
+                integrator.state.restore(*copy)
             stats.rejected += self._order + AVERAGED
             if failed:
                 self._fail(state, dt)
@@ -197,7 +196,7 @@ class AdaptiveRun:
                 break
             if control.too_short:
                 raise self._too_short(state.t)
-        integrator.forget_errors()
+        integrator.state.forget_errors()
         self._started, self._block = True, _FIRST_BLOCK
 
     def _fail(self, state: State, dt: float) -> None:

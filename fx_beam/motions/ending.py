@@ -12,7 +12,6 @@ import numpy as np
 from fx_beam.dual import plain
 from fx_beam.errors import SceneError, is_number, shown
 from fx_beam.results.state import State
-from fx_beam.step.marks import Mark
 from fx_beam.step.recorder import NullRecorder, Recorder
 
 from .grid import Grid
@@ -38,7 +37,7 @@ class _Mark(NamedTuple):
     """The end of a step, to which a run can return."""
 
     state: State
-    in_c: Mark
+    in_c: tuple[np.ndarray, list[bytes]]
     halving: dict[str, Any]
     stats: dict[str, Any]
     rows: int
@@ -202,11 +201,11 @@ class Ending:
         stepper, recorder = self._stepper, self._recorder
         stats = copy(vars(stepper.stats)) | {"ended_by": dict(stepper.stats.ended_by)}
         halving = copy(vars(stepper.halving))
-        return _Mark(recorder.end, Mark(stepper.integrator.problem), halving, stats, recorder.rows)
+        return _Mark(recorder.end, stepper.integrator.state.copy(), halving, stats, recorder.rows)
 
     def _return_to(self, mark: _Mark) -> None:
         stepper = self._stepper
-        mark.in_c.restore()
+        stepper.integrator.state.restore(*mark.in_c)
         vars(stepper.halving).update(mark.halving)
         vars(stepper.stats).update(mark.stats | {"ended_by": dict(mark.stats["ended_by"])})
         self._recorder.end = mark.state

@@ -21,7 +21,6 @@ from fx_beam.scene.scene import Scene
 from fx_beam.step import full_turns
 from fx_beam.step.held_inputs import HeldInputs
 from fx_beam.step.interrupts import ctrl_c_between_blocks, one_thread, uninterrupted
-from fx_beam.step.marks import Mark
 from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import NullRecorder, Record, Recorder, Rows
@@ -173,7 +172,7 @@ class OpenMotion:
             start = self.state()
             self._last = start, number - 1
             end = stepper.advance(start, np.array([t1]), number, self.recorder)
-            past, parts = stepper.integrator.past, stepper.halving.state
+            past, parts = stepper.integrator.state.past, stepper.halving.state
             self._last = replace(end, parts=parts, past=past), number
 
     def _end_step(self, number: int, t0: float, t1: float, inputs: Mapping[str, Any]) -> None:
@@ -237,7 +236,7 @@ class OpenMotion:
         """The same as a solution of one row; C returns to the state of the steps after it."""
         end, loop = self.end(), self._prepared.stepper.integrator
         recorder = Recorder(self._prepared.model, np.array([end.t]), Record())
-        self._pending = Mark(loop.problem).restore, ()
+        self._pending = loop.state.restore, loop.state.copy()
         loop.record(end, recorder)
         self.settle()
         return solution_of(recorder, stats, lambda: end)

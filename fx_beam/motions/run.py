@@ -268,7 +268,7 @@ class Run:
 
         def end() -> State:
             state = prepared.turn_counter.with_turns(self.recorder.end)
-            past, parts = prepared.stepper.integrator.past, prepared.stepper.halving.state
+            past, parts = prepared.stepper.integrator.state.past, prepared.stepper.halving.state
             return state.changed(parts=parts, past=past, **held)
 
         return solution_of(

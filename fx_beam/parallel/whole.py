@@ -112,7 +112,7 @@ class Together:
         if self._at_rest:
             interval = Interval(p.statics.ratio_before, p.state.ratio)
         if self._error is None:
-            self.equations.begin(interval, self._loop.state(interval.start))
+            self.equations.begin(interval, self._loop.state.read(interval.start))
 
     def forces(self, z: Any, loads: Any, f: Any, r: Any) -> None:
         """Find forces and residual for increments of the columns, and loads."""

@@ -78,7 +78,7 @@ class Equations:
         """Set the interval of a step and the state at its start."""
         model, p, length, end = self.model, self._c, interval.length, interval.end
         model.reduction.begin(start.q, start.slides)
-        self._problem.load(start)
+        self._problem.state.load(start)
         if model.scheme.rates.at_rest:
             # The interval is one of load factors; only internal variables depend on its length.
             interval = Interval(self._time, self._time)

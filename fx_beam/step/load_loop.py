@@ -134,7 +134,7 @@ class LoadLoop(CompiledLoop):
     def _begin_step(self, state: State, interval: Interval, length: float) -> StepInputs:
         """Begin in a state; the inputs of the step."""
         p, model, forcing = self._problem, self.model, self.forcing
-        self.problem.load(state)
+        self.state.load(state)
         model.points.set_load(interval.end, length)
         self._force[:], self._mean_force[:] = map(forcing.dead, (interval.end, interval.at(0.5)))
         if model.weight is not None:  # whose work is all of its potential energy
@@ -153,7 +153,7 @@ class LoadLoop(CompiledLoop):
         return StepInputs(none, driven, follower_force, values, none, 1)
 
     def _taken(self, state: State, interval: Interval) -> State:
-        new = self.state(interval.end)
+        new = self.state.read(interval.end)
         if (frame := self.forcing.turning) is not None:
             pushes = (one.t * frame.force(one.q) for one in (state, new))
             new.work += float(sum(pushes) / 2 @ self._D)

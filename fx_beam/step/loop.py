@@ -10,14 +10,12 @@ import numpy as np
 
 from fx_beam.dual import plain
 from fx_beam.laws.interval import divided
-from fx_beam.laws.schemes import order_and_constant
 from fx_beam.results.audit import Stats
-from fx_beam.results.state import ARRAYS, FORCES, NUMBERS, Past, State
+from fx_beam.results.state import State
 
 from .forcing import Forcing
 from .interrupts import uninterrupted
 from .inverted_sections import InversionCheck
-from .marks import Mark
 from .newton import NewtonOptions
 from .recorder import NullRecorder, Recorder, Rows
 from .step_failures import StepFailed, StepFailures
@@ -43,18 +41,10 @@ class CompiledLoop:
 
     def __init__(self, forcing: Forcing, options: NewtonOptions, stats: Stats, alone: bool = True):
         self.model, self._options = forcing.model, options
-        #: Owns the arrays to which C points.
+        #: Owns the arrays to which C points, and with them the state.
         self.problem = problem = Problem.of(self.model, options, forcing.turning is not None, alone)
         self._ffi, self._library = problem.ffi, problem.library
-        self._problem, self._state_arrays = problem.c, problem.state_arrays
-        #: Shapes of the arrays of a state.
-        self.shapes = {name: array.lengths(self.model.sizes) for name, array in ARRAYS.items()}
-        # Those that a state has in any case.
-        self._shaped = {
-            name: self._state_arrays[name].reshape(self.shapes[name])
-            for name, quantity in ARRAYS.items()
-            if not quantity.mean and (quantity.required or self._state_arrays[name].size)
-        }
+        self._problem, self.state = problem.c, problem.state
         #: Records of C by recorders, each with the recorder's plan and its arrays of rows.
         self._records: weakref.WeakKeyDictionary = weakref.WeakKeyDictionary()
         #: Where sub-steps are taped, but for those of trials; None for nowhere.
@@ -75,39 +65,6 @@ class CompiledLoop:
         self.problem.refill()
         self._begin(forcing, stats)
 
-    @property
-    def past(self) -> Past:
-        """The last configurations, from which the next increment is predicted."""
-        p, model = self._problem, self.model
-        known = min(p.predictor.known, self._library.PAST)
-        ages, differences, y = (values[:known].copy() for values in self.problem.past)
-        slides = model.couplings.free_slides(y, model.scene.joint_count)
-        return Past(
-            ages, np.array(list(p.predictor.orders[0 : p.scheme.sub_steps])), differences, slides
-        )
-
-    @past.setter
-    def past(self, past: Past | None) -> None:
-        p = self._problem
-        if past is None:  # nothing is predicted in the next step
-            p.predictor.known, p.predictor.orders[0 : p.scheme.sub_steps] = (
-                0,
-                [0] * p.scheme.sub_steps,
-            )
-            return
-        known = len(past.ages)
-        p.predictor.known, p.predictor.orders[0 : p.scheme.sub_steps] = known, past.orders.tolist()
-        y = self.model.couplings.unknowns(past.differences, past.slides)
-        given = past.ages, past.differences, y
-        for values, of_past in zip(self.problem.past, given, strict=True):
-            values[:known] = of_past
-
-    def forget_errors(self) -> None:
-        """Do not compare the next steps with those before."""
-        p = self._problem
-        p.control.scheme_order, _ = order_and_constant(self.model.scheme)
-        p.control.known, p.control.ratios = 0, [-1.0, -1.0]
-
     def take(
         self, state: State, steps: Steps, recorder: Rows, completed: Callable[[int], int] = int
     ) -> StepsResult:
@@ -125,7 +82,7 @@ class CompiledLoop:
             p.control.lowest, p.control.highest = steps.control.band(steps.dt)
         with uninterrupted:
             if taken := self._run(state, steps, recorder):
-                state = self.state(float(ends[taken - 1]))
+                state = self.state.read(float(ends[taken - 1]))
                 self.stats.steps += completed(taken)
                 recorder.end = state
         C, before, ratio = (
@@ -147,7 +104,7 @@ class CompiledLoop:
     def record(self, state: State, recorder: Recorder) -> None:
         """Record a state in the next row of a recorder, as C records the ends of steps."""
         self.model.forms.parameters.use(state.parameters)
-        self.problem.load(state)
+        self.state.load(state)
         recorder.begin(state)
         to = self.c_record(recorder, 0, first=0)
         self._library.fx_run(self._problem, 0, 0.0, self._ffi.NULL, to)
@@ -155,7 +112,7 @@ class CompiledLoop:
 
     def _run(self, state: State, steps: Steps, recorder: Rows) -> int:
         """Number of steps or parts of equal length that succeeded."""
-        self.problem.load(state)
+        self.state.load(state)
         inputs, number, dt = steps.inputs, len(steps.ends), steps.dt
         to = self.c_record(recorder, number, steps.first, steps.parts, steps.done)
         tape = recorder.tape if isinstance(recorder, NullRecorder) else self.tape
@@ -216,18 +173,18 @@ class CompiledLoop:
 
     def failure(self, state: State, t1: float) -> StepFailed:
         """Why a step to t1 [s] fails, without a prediction."""
-        p, mark, inputs = self._problem, Mark(self.problem), self.inputs(state.t, np.array([t1]))
+        p, copy, inputs = self._problem, self.state.copy(), self.inputs(state.t, np.array([t1]))
         if inputs.error is not None:
             raise inputs.error
-        self.past = None
-        self.problem.load(state)
+        self.state.past = None
+        self.state.load(state)
         p.control.controlled = p.control.watches = 0
         to = self.c_record(NullRecorder(), 1)
         taken = self._steps(1, t1 - state.t, self.c_inputs(inputs), to)
         failure = StepFailed("no convergence", "no convergence", np.zeros(self.model.size))
         if not taken:
             failure = self.failures.in_c(self.problem, state)
-        mark.restore()
+        self.state.restore(*copy)
         return failure
 
     def c_inputs(self, inputs: StepInputs):
@@ -344,19 +301,6 @@ class CompiledLoop:
             before = int(np.searchsorted(times, getattr(raised, "time", t)))
             inputs = self.inputs(t, times[:before]) if before else no_inputs(p.scheme.sub_steps)
             return inputs._replace(error=inputs.error or raised)
-
-    def state(self, t: float) -> State:
-        """The state in the memory of C, at the time t [s]."""
-        p = self._problem
-        taken = p.state.steps_done > 0
-        arrays: dict[str, Any] = {name: of.copy() for name, of in self._shaped.items()}
-        for name in FORCES:
-            # Those of joints and obstacles are not computed in steps that are not recorded.
-            if taken and (name == "constraint_forces" or p.state.forces_found):
-                arrays[name] = self._state_arrays[name].reshape(self.shapes[name]).copy()
-        numbers = {name: getattr(p.state, name) for name in NUMBERS} | {"t": t}
-        motors = self._state_arrays["driven_now"][len(self.model.prescribed) :].copy()
-        return State(**numbers, **arrays, motors=motors)
 
 
 class Steps(NamedTuple):

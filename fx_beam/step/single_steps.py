@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 from fx_beam.errors import StepError
-from fx_beam.results.state import ARRAYS, State
+from fx_beam.results.state import State
 from fx_beam.scene.inputs import InputSignal
 
 from .loop import CompiledLoop, StepInputs, no_inputs
@@ -33,8 +32,7 @@ class CompiledSingleSteps:
         self._p, self._run = problem.c, problem.library.fx_run
         self._unrecorded = loop.c_record(NullRecorder(), 1)
         #: The present state: arrays of C.
-        arrays = {name: problem.state_arrays[name].reshape(loop.shapes[name]) for name in ARRAYS}
-        self.now = SimpleNamespace(**arrays)
+        self.now = SimpleNamespace(**problem.state.arrays)
         #: Rows of a recorder for C, and the recorder and its plan to which they belong.
         self._rows = self._unrecorded
         self._plan: tuple[Recorder | None, int] = None, -1
@@ -79,7 +77,7 @@ class CompiledSingleSteps:
     def load(self, state: State, number: int) -> None:
         """Begin with a state after some steps."""
         self._known = no_inputs(1), 0
-        self._loop.problem.load(state)
+        self._loop.state.load(state)
         self._p.run.completed = number
 
     @property
@@ -89,7 +87,7 @@ class CompiledSingleSteps:
 
     def state(self, t: float) -> State:
         """The present state, with its past."""
-        return replace(self._loop.state(t), past=self._loop.past)
+        return self._loop.state.read(t).changed(past=self._loop.state.past)
 
     def take(self, number: int, t0: float, grid: Callable[..., Any], recorder: Rows) -> bool:
         """Whether a step from t0 [s] succeeds; otherwise the state is that before it.

@@ -11,7 +11,6 @@ from fx_beam.errors import StepError, any_of
 from fx_beam.results.state import State
 
 from .loop import CompiledLoop, StepInputs, Steps, StepsResult
-from .marks import Mark
 from .recorder import NullRecorder, Rows
 from .substeps import Halving
 
@@ -42,7 +41,7 @@ class Stepper:
 
     def load(self, state: State) -> None:
         """Begin with the past of a state, and with the parts of its steps."""
-        self.integrator.past = state.past
+        self.integrator.state.past = state.past
         self.halving.resume(state.parts)
 
     def advance(self, state: State, times: np.ndarray, first: int, recorder: Rows) -> State:
@@ -71,7 +70,7 @@ class Stepper:
                 now = integrator.inputs_ahead(state.t, ends)
             result, steps = self._take(state, ends, dt, now, first + done, recorder)
             if result.failed:
-                integrator.past = None
+                integrator.state.past = None
                 if not halving.fail():
                     end = halving.ends(np.concatenate([[t0], times])[done + steps :])[0]
                     raise self.error(result.state, end)
@@ -100,7 +99,7 @@ class Stepper:
             whole = halving.take(taken)
             if halving.parts != parts:
                 # Where steps fail, predictions from steps of another length lead astray.
-                integrator.past = None
+                integrator.state.past = None
             return whole
 
         steps = Steps(ends, dt / parts, inputs, first, halving.done, parts)
@@ -115,13 +114,13 @@ class Stepper:
         It is counted as others are; see `uncounted`.
         """
         integrator, ends = self.integrator, np.array([t1])
-        mark, inputs = Mark(integrator.problem), integrator.inputs_ahead(state.t, ends)
+        copy, inputs = integrator.state.copy(), integrator.inputs_ahead(state.t, ends)
         steps, recorder = Steps(ends, t1 - state.t, inputs, 1, watch=watch), NullRecorder()
         recorder.tape = tape
         try:
             result = integrator.take(state, steps, recorder)
         finally:
-            mark.restore()
+            integrator.state.restore(*copy)
         return Trial(result.state if result.taken else None, result.switches)
 
     def try_steps(

@@ -7,8 +7,6 @@ in the C files: Newton's method, couplings and nodal rates.
 from __future__ import annotations
 
 import functools
-import itertools
-import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
@@ -20,13 +18,14 @@ from fx_beam.content_cache import cached_property
 from fx_beam.fem.mesh import rotation_of
 from fx_beam.fem.sparsity import blocks_with
 from fx_beam.laws.schemes import MOST_SUB_STEPS
-from fx_beam.results.state import ARRAYS, MACROS, NUMBERS, State
+from fx_beam.results.state import MACROS
 
 from .build import begin_to_build, load_library
 from .form_tables import FORMS, FormTables, aligned_zeros
 from .lu_layout import COSTS, Factors, factors_of, graph_of, groups_of
 from .model import Model
 from .newton import ENERGY_FLOOR, LONGEST_TURN, NEGLIGIBLE, NewtonOptions
+from .state_vector import StateVector
 from .substeps import LARGE_TURN
 from .tangent_storage import (
     alone_in_column,
@@ -272,7 +271,7 @@ class Problem:
                 self.tables.move(model.mesh.coordinates)
             self.tables.refill()
         self._structs.restore(self.c)
-        self._clear()
+        self.state.clear()
 
     def _set_points(self, stored_at: np.ndarray) -> None:
         model, points = self.model, self.model.points
@@ -457,22 +456,6 @@ class Problem:
             arm = frame.arms(np.zeros(self.model.size))
             self._set(frame={"arm": arm, "spin_squared": frame.spin**2})
 
-    def load(self, state: State) -> None:
-        """Write a state into the memory of C."""
-        p, arrays = self.c, self._filled
-        for name, array in arrays.items():
-            if name != "driven_now":
-                value = getattr(state, name)
-                array[:] = 0.0 if value is None else value.ravel()
-        if p.scheme.keeps_previous and state.q_previous is None:
-            arrays["q_previous"][:] = state.q
-        if len(state.motors):
-            arrays["driven_now"][len(self.model.prescribed) :] = state.motors
-        p.state.steps_done = state.constraint_forces is not None
-        p.state.forces_found = state.joint_forces is not None
-        for name in NUMBERS:
-            setattr(p.state, name, getattr(state, name))
-
     def results(self, **sizes: int) -> Iterator[np.ndarray]:
         """What C has found in the last step: members of ``Results`` of c/problem.h, with sizes."""
         of_step = self.library.fx_results(self.c)
@@ -553,32 +536,10 @@ class Problem:
         self._set(passes={"joints": joints, "count": len(sums), **tables})
 
     def _allocate(self) -> None:
-        model, reduction = self.model, self.model.reduction
-        sizes = {name: math.prod(array.lengths(model.sizes)) for name, array in ARRAYS.items()}
-        sizes["driven_now"] = reduction.driven
-        # Past of the predictor and of local errors: ages and divided differences.
-        known, n = self.library.PAST, model.size
-        every = sizes | {"ages": known + 1, "past": known * (n + reduction.free)}
-        every |= {"error_ages": known + 1, "error_past": known * n}
-        every["error_last"] = (self.library.AVERAGED - 1) * n
-        #: One piece of memory, which the loop copies before a step with sub-steps.
-        self.memory = np.zeros(sum(every.values()))
-        ends = itertools.pairwise(itertools.accumulate(every.values(), initial=0))
-        #: Where its arrays are in it.
-        self.places = dict(zip(every, itertools.starmap(slice, ends), strict=True))
-        arrays = {name: self.memory[place] for name, place in self.places.items()}
-        self.state_arrays = {name: arrays[name] for name in sizes}
-        self._set(
-            state={"memory": self.memory, "size": len(self.memory), **self.state_arrays},
-            predictor={name: arrays[name] for name in ("ages", "past")},
-            control={name: arrays[f"error_{name}"] for name in ("ages", "past", "last")},
-        )
-        #: Those that are not empty.
-        self._filled = {name: array for name, array in self.state_arrays.items() if array.size}
-        self._ages = arrays["ages"], arrays["error_ages"]
-        #: Past of the predictor: ages, divided differences of nodes (size,) and unknowns (free,).
-        differences = np.split(arrays["past"].reshape(known, -1), [model.size], axis=1)
-        self.past = arrays["ages"], *differences
+        model = self.model
+        #: The state, its past and its local errors.
+        self.state = StateVector(model, self.c, self.ffi, self.library)
+        self._set(**self.state.members)
         #: First configuration with inverted sections.
         self.inverted_q = np.zeros(model.size)
         switches = model.points.conditions
@@ -591,10 +552,4 @@ class Problem:
         self._set(run={"scratch": self.scratch})
         #: What steps by the factors of earlier ones depend on, beside the state.
         self.work = [self.scratch, self._sparse_factors]
-        self._clear()
-
-    def _clear(self) -> None:
-        """Forget the last run."""
-        self.memory[:] = 0.0
-        for ages in self._ages:
-            ages[:] = 1.0
+        self.state.clear()

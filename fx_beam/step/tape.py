@@ -164,7 +164,7 @@ class Tape:
         """Keep the state before some steps; the C struct for their rows, or 0 for none."""
         problem, p = self.problem, self.problem.c
         work = [array.copy() for array in problem.work] if p.system.reused.worth else []
-        before = p.state.t, bytes(self._ffi.buffer(p)), problem.memory.copy()
+        before = p.state.t, bytes(self._ffi.buffer(p)), problem.state.memory.copy()
         more = steps.number * self._sub_steps
         if self.is_whole and 8 * self.c.size * (self.c.rows + more) > self._limit:
             self.is_whole = False
@@ -252,7 +252,7 @@ class Tape:
         """Write the rows of the steps after a checkpoint."""
         p, steps, ffi = problem.c, checkpoint.steps, self._ffi
         ffi.memmove(p, checkpoint.problem, len(checkpoint.problem))
-        problem.memory[:] = checkpoint.memory
+        problem.state.memory[:] = checkpoint.memory
         for array, values in zip(problem.work, checkpoint.work, strict=False):
             array[:] = values
         if (members := problem.model.points.members) is not None:
@@ -305,7 +305,7 @@ class Tape:
         if self.present.end == len(self):
             return np.ravel(getattr(self.last, name))
         assert self._after is not None
-        return self._after.memory[self.problem.places[name]]
+        return self._after.memory[self.problem.state.places[name]]
 
     def histories(self, problem: Problem, places: np.ndarray) -> np.ndarray:
         """Internal variables (n + 1, places) of forces at points at all ends of sub-steps.

@@ -1,0 +1,131 @@
+"""The state in C, one piece of memory by the schema of `State`, and copies of it."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import Any
+
+import numpy as np
+
+from fx_beam.laws.schemes import order_and_constant
+from fx_beam.results.state import ARRAYS, FORCES, NUMBERS, Past, State
+
+from .model import Model
+
+# Structs of C whose numbers go with the memory.
+_STRUCTS = "state", "predictor", "control"
+
+
+class StateVector:
+    """The state of a problem in C, with its past and its local errors."""
+
+    def __init__(self, model: Model, c: Any, ffi: Any, C: Any):
+        self._model, self._c, self._ffi = model, c, ffi
+        n = model.size
+        #: Shapes of the arrays of the state by name.
+        self.shapes = {name: array.lengths(model.sizes) for name, array in ARRAYS.items()}
+        sizes = {name: math.prod(shape) for name, shape in self.shapes.items()}
+        sizes["driven_now"] = model.reduction.driven
+        past = {"ages": C.PAST + 1, "past": C.PAST * (n + model.reduction.free)}
+        errors = {"ages": C.PAST + 1, "past": C.PAST * n, "last": (C.AVERAGED - 1) * n}
+        every = sizes | past | {f"error_{name}": size for name, size in errors.items()}
+        #: The memory, which C copies before a step with sub-steps, and where its arrays are in it.
+        self.memory = np.zeros(sum(every.values()))
+        ends = itertools.pairwise(itertools.accumulate(every.values(), initial=0))
+        self.places = dict(zip(every, itertools.starmap(slice, ends), strict=True))
+        arrays = {name: self.memory[place] for name, place in self.places.items()}
+        #: Arrays of the state, and positions (driven,) of driven motions.
+        self.arrays = {name: arrays[name].reshape(shape) for name, shape in self.shapes.items()}
+        self._driven = arrays["driven_now"]
+        self._ages = arrays["ages"], arrays["error_ages"]
+        # Ages, and divided differences of nodes (PAST, size) and of unknowns (PAST, free).
+        by_age = np.split(arrays["past"].reshape(C.PAST, -1), [n], axis=1)
+        self._past = arrays["ages"], *by_age
+        of_state = {name: arrays[name] for name in sizes}
+        #: Members of the structs in C.
+        self.members: dict[str, dict[str, Any]] = {
+            "state": {"memory": self.memory, "size": len(self.memory), **of_state},
+            "predictor": {name: arrays[name] for name in past},
+            "control": {name: arrays[f"error_{name}"] for name in errors},
+        }
+
+    def clear(self) -> None:
+        """Forget the last run."""
+        self.memory[:] = 0.0
+        for ages in self._ages:
+            ages[:] = 1.0
+
+    def load(self, state: State) -> None:
+        """Write a state into the memory."""
+        p = self._c
+        for name, array in self.arrays.items():
+            if array.size:
+                value = getattr(state, name)
+                array[...] = 0.0 if value is None else value.reshape(array.shape)
+        if p.scheme.keeps_previous and state.q_previous is None:
+            self.arrays["q_previous"][:] = state.q
+        if len(state.motors):
+            self._driven[len(self._model.prescribed) :] = state.motors
+        p.state.steps_done = state.constraint_forces is not None
+        p.state.forces_found = state.joint_forces is not None
+        for name in NUMBERS:
+            setattr(p.state, name, getattr(state, name))
+
+    def read(self, t: float) -> State:
+        """A copy of the state, at the time t [s]."""
+        p, copies = self._c, dict[str, Any]()
+        taken, found = p.state.steps_done > 0, p.state.forces_found
+        for name, array in self.arrays.items():
+            # Forces of joints and obstacles are not computed in steps that are not recorded.
+            if name in FORCES:
+                has = taken and (name == "constraint_forces" or found)
+            else:
+                has = ARRAYS[name].required or array.size
+            if has:
+                copies[name] = array.copy()
+        numbers = {name: getattr(p.state, name) for name in NUMBERS} | {"t": t}
+        motors = self._driven[len(self._model.prescribed) :].copy()
+        return State(**numbers, **copies, motors=motors)
+
+    @property
+    def past(self) -> Past:
+        """The last configurations, from which the next increment is predicted."""
+        p, model = self._c, self._model
+        known = min(p.predictor.known, len(self._past[1]))
+        ages, differences, y = (values[:known].copy() for values in self._past)
+        slides = model.couplings.free_slides(y, model.scene.joint_count)
+        orders = np.array(list(p.predictor.orders[0 : p.scheme.sub_steps]))
+        return Past(ages, orders, differences, slides)
+
+    @past.setter
+    def past(self, past: Past | None) -> None:
+        predictor, parts = self._c.predictor, self._c.scheme.sub_steps
+        if past is None:  # nothing is predicted in the next step
+            predictor.known, predictor.orders[0:parts] = 0, [0] * parts
+            return
+        predictor.known = known = len(past.ages)
+        predictor.orders[0:parts] = past.orders.tolist()
+        y = self._model.couplings.unknowns(past.differences, past.slides)
+        for values, rows in zip(self._past, (past.ages, past.differences, y), strict=True):
+            values[:known] = rows
+
+    def forget_errors(self) -> None:
+        """Do not compare the next steps with those before."""
+        control = self._c.control
+        control.scheme_order, _ = order_and_constant(self._model.scheme)
+        control.known, control.ratios = 0, [-1.0, -1.0]
+
+    def copy(self) -> tuple[np.ndarray, list[bytes]]:
+        """A copy of all, for `restore`."""
+        return self.memory.copy(), [bytes(numbers) for numbers in self._numbers()]
+
+    def restore(self, memory: np.ndarray, copies: list[bytes]) -> None:
+        """Have all again as it was copied."""
+        self.memory[:] = memory
+        for numbers, copied in zip(self._numbers(), copies, strict=True):
+            numbers[:] = copied
+
+    def _numbers(self) -> list[Any]:
+        """Numbers that go with the memory, as bytes of C."""
+        return [self._ffi.buffer(self._ffi.addressof(self._c, name)) for name in _STRUCTS]
