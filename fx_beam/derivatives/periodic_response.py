@@ -14,6 +14,9 @@ from fx_beam.dual import plain, stacked
 from fx_beam.errors import SceneError, check_takes, is_whole, require
 from fx_beam.fem.parameter_values import before
 from fx_beam.motions.numbers import OF_STEPS, numbers_of, observed_numbers_of
+from fx_beam.motions.options import Options
+from fx_beam.motions.prepared import Prepared
+from fx_beam.motions.set_ups import Lease
 from fx_beam.orbits.closing import NO_SHIFT, ROUND_OFF, ROUNDING, turning_point
 from fx_beam.orbits.periodic_family import without_trivial
 from fx_beam.orbits.shooting import Period, Shooting
@@ -152,14 +155,20 @@ class PeriodicResponse(Response):
         if self._finds_frequency:
             self._frequency = cycle.period.parameter
             self._scene, self._outputs = self._at(x)
-        self._shooting = Shooting(self._scene, cycle.options, self._series.prepare)
+        leases = list[Lease]()
+
+        def prepare(scene: Scene, options: Options) -> Prepared:
+            leases.append(self._series.lease(scene, options))
+            return leases[0].set_up
+
+        self._shooting = Shooting(self._scene, cycle.options, prepare)
         self._options = self._shooting.prepared.options
         fits = len(cycle.period.start.q) == self._shooting.model.size
         require(fits, f"{_WHAT}: motion", self.motion, "that of the scene, or of the build, given")
         #: The motion; its parameter is its length here.
         self._period = cycle.period._replace(parameter=cycle.period.length)
         solution = self._shooting.solution(self._period)
-        self._series.keep(self._shooting.prepared, solution)
+        solution.resultants_of_beam = leases[0].reads(solution.resultants_of_beam)
         self.stats, self._t = solution.stats, solution.t[1:]
         return self._t.copy(), self._read_all(solution)
 

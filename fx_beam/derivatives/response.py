@@ -256,7 +256,7 @@ class Response(Differentiable):
         if isinstance(read, Solution):
             self._t = read.t
             return self._t, self._read_all(read)
-        self._series.keep(run.prepared)
+        run.lease.end()
         self._last_run, self._t = run, run.recorder.t
         return self._t.copy(), read
 

@@ -9,10 +9,10 @@ import numpy as np
 
 from fx_beam.errors import check_takes, require
 from fx_beam.linear.linearisation import Linearisation, linearised
+from fx_beam.motions.set_ups import Lease
 from fx_beam.results.audit import Stats
 from fx_beam.results.solution import Solution
 from fx_beam.scene.scene import Scene
-from fx_beam.step.model import Model
 
 from .differentiable import Differentiable
 from .static_derivatives import StateChange, StaticDerivatives
@@ -42,7 +42,7 @@ class TangentResponse(Differentiable):
         self._about: Linearisation
         # Whether damping counted in the last call.
         self._is_damped = False
-        self._models: dict[str, Model] = {}
+        self._models: dict[str, Lease] = {}
         self._tangent = TangentDerivatives(self._what)
 
     def _linearised(self, x: Any) -> Linearisation:

@@ -19,7 +19,8 @@ from fx_beam.motions.initial_state import reference_state
 from fx_beam.motions.options import check_scene
 from fx_beam.motions.prepared import state_of, stats_of
 from fx_beam.motions.progress import attach, failure_of, keeping_steps, progress_bar
-from fx_beam.motions.surroundings import recent_model, waiting_team, warn_of_equal_work
+from fx_beam.motions.set_ups import model_for
+from fx_beam.motions.surroundings import waiting_team, warn_of_equal_work
 from fx_beam.parallel.whole import shared
 from fx_beam.results.solution import Solution, forces_on_nodes
 from fx_beam.results.state import State
@@ -28,6 +29,7 @@ from fx_beam.scene.inputs import values_at, with_functions
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.watch import Watch
 from fx_beam.step.forcing import LoadForcing
+from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record, Recorder
 from fx_beam.step.step_failures import StepFailed
@@ -66,8 +68,8 @@ class LoadPath:
         )  # the scene may change later
         self._inputs = values_at(scene, options.inputs, options.t)
         self.began = time.perf_counter()
-        self.model = model = recent_model(connected, Equilibrium(), settles=True)
-        model.needed_by(self)
+        self._lease = model_for(connected, Equilibrium(), settles=True)
+        self.model: Model = (model := self._lease.set_up)
         self.stats = stats_of(model, solver="sparse lu", static=True)
         if options.continuation is not None and model.points.follow_joints:
             raise SceneError(
@@ -285,7 +287,7 @@ class LoadPath:
         later = {name: getattr(path, name) for name in ("unstable_modes", "critical_points")}
         solution = solution_of(recorder, stats, lambda: end, ended=True, stability=later)
         solution.loads_on_nodes = self._loads_on_nodes
-        model.needed_by(solution.resultants_of_beam)
+        solution.resultants_of_beam = self._lease.reads(solution.resultants_of_beam)
         return solution
 
     def _stability(self, states: list[State], solved) -> PathStability:

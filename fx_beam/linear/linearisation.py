@@ -15,7 +15,7 @@ from fx_beam.laws.schemes import Equilibrium, MidPoint
 from fx_beam.motions.initial_state import rates_of_columns, reference_state
 from fx_beam.motions.options import check_scene
 from fx_beam.motions.prepared import state_of
-from fx_beam.motions.surroundings import recent_model
+from fx_beam.motions.set_ups import Lease, model_for
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
@@ -60,7 +60,7 @@ class Linearisation:
     #: Load factor of forces that depend on rates; 1 without a state.
     factor: float
     #: Models of an earlier scene by kind, which serve again.
-    models: dict[str, Model]
+    models: dict[str, Lease]
 
     @property
     def may_be_damped(self) -> bool:
@@ -103,9 +103,8 @@ class Linearisation:
         Forces of the mid-point rule are smooth in their increments, for all stored energies.
         """
         kind = MidPoint(), self.models.get("damped")
-        self.models["damped"] = model = recent_model(self.model.scene, *kind, instant=True)
-        model.needed_by(self)
-        return model
+        self.models["damped"] = lease = model_for(self.model.scene, *kind, instant=True)
+        return lease.set_up
 
     @cached_property
     def has_potential(self) -> bool:
@@ -182,7 +181,7 @@ def linearised(
     scene: Scene,
     state: Solution | None,
     what: str,
-    models: dict[str, Model] | None = None,
+    models: dict[str, Lease] | None = None,
     held: bool = False,
 ) -> Linearisation:
     """Linearise about the last row of a state, or about the reference without loads.
@@ -198,7 +197,8 @@ def linearised(
     springs = [of.spring for of in _coordinates(scene) if of.spring]
     flows = any(of.internal for of in [*springs, *(beam.section for beam in scene.beams)])
     kind = {"mobile": True} | ({"instant": True} if flows else {})
-    models["plain"] = model = recent_model(at_values, Equilibrium(), models.get("plain"), **kind)
+    models["plain"] = lease = model_for(at_values, Equilibrium(), models.get("plain"), **kind)
+    model: Model = lease.set_up
     factor, start = 0.0, reference_state(model)  # an equilibrium without loads
     if state is not None:
         factor, start = _last(model, state, what)
@@ -228,7 +228,6 @@ def linearised(
     largest = max(abs(part * model.unit).max() for part in (balance.f, balance.r, force))
     if not held:
         _check_equilibrium(about, state, balance.residual[unknowns], largest, what)
-    model.needed_by(about)
     return about
 
 

@@ -14,7 +14,7 @@ from fx_beam.laws.interval import instant
 from fx_beam.laws.schemes import EnergyMomentum
 from fx_beam.motions.initial_state import reference_state
 from fx_beam.motions.prepared import state_of
-from fx_beam.motions.surroundings import recent_model
+from fx_beam.motions.set_ups import Lease, model_for
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.functions import constant
@@ -58,6 +58,7 @@ class Deviations:
     """M z'' + C z' + K z = 0 for small deviations z of the unknowns and of driven motion."""
 
     model: Model
+    lease: Lease
     held: HeldInputs
     forcing: Forcing
     #: The state, and the rates (columns,) in it.
@@ -99,7 +100,8 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
                 held.scene.loads[i] = replace(load, value=constant(0 * load.value(0.0)))
     elif at.stats.static:
         factor = float(at.t[-1])
-    model, frame = recent_model(held.scene, EnergyMomentum(), instant=True), None
+    lease, frame = model_for(held.scene, EnergyMomentum(), instant=True), None
+    model: Model = lease.set_up
     check_unknowns(model, what)
     forcing = Forcing(model)
     state = reference_state(model)
@@ -142,9 +144,7 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
     C = T.T @ (C @ T + 2 * (mass @ dT)) + S.T @ (viscous @ S)
     M, unknowns = T.T @ (mass @ T), model.reduction.independent
     matrices = (M.tocsr(), C.tocsr(), (K + geometric).tocsr(), T, dT, S, dS)
-    about = Deviations(model, held, forcing, state, w, unknowns, *matrices, frame, factor)
-    model.needed_by(about)
-    return about
+    return Deviations(model, lease, held, forcing, state, w, unknowns, *matrices, frame, factor)
 
 
 def _warn_of_turn(

@@ -18,7 +18,8 @@ from fx_beam.step.recorder import Record
 from .motion_series import MotionSeries
 from .options import Condition, Options, check_scene
 from .progress import keeping_steps
-from .surroundings import keep, take_recent, thread_series
+from .set_ups import RECENT
+from .surroundings import thread_series
 
 # Changes that are so near to their limits when another one happens happen with it, as those of a
 # symmetric scene: relative to the force, to the size of the scene, or 1 rad.
@@ -239,11 +240,7 @@ def simulate(
     """
     check_scene(scene, "simulate")
     options = Options.among(locals())
-    series = thread_series()
-    if series is None:
-        recent, key = take_recent(scene, "motion")
-        series = recent or MotionSeries(brief=True)
-        keep(series, key)
+    series = thread_series() or MotionSeries(cache=RECENT)
     if changes is None:
         return series.motion(scene, options, start)
     return ChangingScene(scene, changes, options).motion(series, start)

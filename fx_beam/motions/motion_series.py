@@ -3,46 +3,40 @@
 from __future__ import annotations
 
 import time
-import weakref
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from fx_beam.results.solution import Solution
 from fx_beam.scene.functions import ArrayCalls
 from fx_beam.scene.inputs import with_functions
 from fx_beam.scene.outputs import check_outputs
 from fx_beam.scene.scene import Scene
-from fx_beam.scene.structure import ElsewhereError, OtherStructureError
+from fx_beam.scene.structure import ElsewhereError
 
 from .initial_state import end_of
 from .options import Options
 from .prepared import Prepared
 from .run import Run
-from .surroundings import HELD, call_with_arrays, waiting_team, warn_of_equal_work
+from .set_ups import Lease, SetUps, kind_of
+from .surroundings import call_with_arrays, waiting_team, warn_of_equal_work
 
 if TYPE_CHECKING:
     from fx_beam.step.tape import Tape
 
 
 class MotionSeries:
-    """Simulates scenes. `Response` and each worker of a sweep own one, `simulate` has recent ones.
+    """Simulates scenes. `Response` and each worker of a sweep own one, with a cache of its own.
 
     With a `memory` [bytes] for tapes, solutions are read before anything else happens, and motions
-    are not divided among processes. A `brief` one keeps small scenes only.
+    are not divided among processes. In a cache that others share, scenes have kinds by their sizes.
     """
 
-    def __init__(self, memory: float | None = None, brief: bool = False):
-        self._memory, self._brief = memory, brief
-        #: The prepared scene of the last motion, for the next one; None while a motion has it.
+    def __init__(self, memory: float | None = None, cache: SetUps | None = None):
+        self._memory, self._shares = memory, cache is not None
+        self._cache = cache or SetUps(most=1)
+        #: The prepared scene of the last motion.
         self.prepared: Prepared | None = None
-        #: Degrees of freedom of the last scene that was kept.
-        self.size = 0
         # What has the numbers of other scenes.
         self._alike: Prepared | None = None
-        # The last solution, as long as it is in use: it reads the model.
-        self._solution: Callable[[], Any] = lambda: None
-        #: Why the last scene was prepared anew; empty if it was not.
-        self.reason = ""
         #: What is known of the functions of its scenes.
         self.array_calls = ArrayCalls()
         #: Whether runs are taped, and the tape of the last one.
@@ -68,31 +62,29 @@ class MotionSeries:
         call_with_arrays(scene)
         connected = with_functions(scene, options.inputs, f"{options.what}: inputs")
         warn_of_equal_work()
-        prepared = self.prepare(connected, options)
-        run = Run(prepared, scene, start, grid, self.keep, self._memory is not None, over)
-        self._begin_tape(prepared)
-        prepared.stats.setup_seconds = time.perf_counter() - clock
-        prepared.stats.setup_reason = self.reason
+        lease = self.lease(connected, options)
+        run = Run(lease, scene, start, grid, self._memory is not None, over)
+        self._begin_tape(run.prepared)
+        run.prepared.stats.setup_seconds = time.perf_counter() - clock
+        run.prepared.stats.setup_reason = lease.reason
         return run
 
-    @property
-    def is_free(self) -> bool:
-        """Whether it has a prepared scene that no solution needs."""
-        return self.prepared is not None and self._solution() is None
+    def lease(self, scene: Scene, options: Options) -> Lease:
+        """The lease of a prepared scene for a motion."""
+        self.prepared = None
 
-    def prepare(self, scene: Scene, options: Options) -> Prepared:
-        """A prepared scene, which others may take for their motions once it is given back."""
-        last, self.prepared = self.prepared, None
-        if last is not None:
-            self.reason = self._reason_against(last, options)
-            try:
-                if not self.reason:
-                    last.refill(scene, options)
-                    return last
-            except OtherStructureError as other:
-                self.reason = str(other)
-        self.reason, self._alike = self.reason or "the first scene", None
-        return Prepared(scene, options, waiting_team(scene) if self._memory is None else None)
+        def prepared() -> Prepared:
+            return Prepared(scene, options, waiting_team(scene) if self._memory is None else None)
+
+        lease = self._cache.lease(
+            kind_of(scene, "motion") if self._shares else "motion",
+            lambda last: last.refill(scene, options),
+            prepared,
+        )
+        if lease.reason:
+            self._alike = None
+        self.prepared = lease.set_up
+        return lease
 
     def alike(self, scene: Scene, base: Scene, options: Options) -> Prepared:
         """The prepared `base` with the numbers of another scene; those of its loop stay."""
@@ -102,15 +94,6 @@ class MotionSeries:
         except ElsewhereError:
             self._alike = Prepared(scene, options)
         return self._alike
-
-    def _reason_against(self, last: Prepared, options: Options) -> str:
-        """Why the last prepared scene cannot serve, besides its structure; empty if it can."""
-        before = last.options
-        if not options.scheme.built_in:
-            return "the scheme has functions of your own, which may have changed"
-        if (options.scheme, options.newton) != (before.scheme, before.newton):
-            return "another scheme, or other options"
-        return "" if self._solution() is None else "the last solution is still in use"
 
     def _begin_tape(self, prepared: Prepared) -> None:
         if (loop := prepared.loop) is None or not self.tapes:
@@ -123,11 +106,3 @@ class MotionSeries:
             self.tape.clear()
         if loop is not None:
             loop.tape = self.tape
-
-    def keep(self, prepared: Prepared, solution: Solution | None = None) -> None:
-        """Keep what a run was made with. As long as its solution lives, this needs it."""
-        if self._brief and (prepared.loop is None or prepared.model.size > HELD):
-            return
-        self.prepared, self._solution, self.size = prepared, lambda: None, prepared.model.size
-        if solution is not None:
-            self._solution = weakref.ref(solution.resultants_of_beam)

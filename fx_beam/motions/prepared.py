@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -15,6 +16,7 @@ from fx_beam.results.audit import Stats, uncounted
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.scene import Scene
+from fx_beam.scene.structure import OtherStructureError
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.full_turns import TurnCounter
 from fx_beam.step.loop import CompiledLoop
@@ -60,12 +62,25 @@ class Prepared:
         dt = options.dt if options.tolerance is None else None
         self.stepper = Stepper(loop, Halving(options.max_halvings, dt))
 
+    @property
+    def size(self) -> float:
+        """Number of degrees of freedom; infinite where a team has a part of it."""
+        return self.model.size if self._team is None else math.inf
+
     def refill(self, scene: Scene, options: Options | None = None) -> None:
         """Set all numbers to those of another scene, as if it were prepared anew.
 
-        OtherStructureError if the scene differs in more; this is useless then.
+        OtherStructureError if the scene, or what is asked for, differs in more; this is useless
+        then.
         """
-        self.options = options or self.options
+        if options is not None:
+            if not options.scheme.built_in:
+                reason = "the scheme has functions of your own, which may have changed"
+                raise OtherStructureError(reason)
+            last = self.options
+            if (options.scheme, options.newton) != (last.scheme, last.newton):
+                raise OtherStructureError("another scheme, or other options")
+            self.options = options
         self.model.refill(scene)
         self.turn_counter.removed[:] = 0.0
         self._begin(self.loop)

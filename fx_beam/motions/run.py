@@ -30,6 +30,7 @@ from .evaluation import solution_of
 from .options import Tolerance
 from .prepared import Prepared
 from .progress import attach, failure_of, progress_bar
+from .set_ups import Lease
 
 _log = logging.getLogger("fx_beam")
 _T = TypeVar("_T")
@@ -94,22 +95,23 @@ def warn_of_damping(stats: Stats, dt: float | None) -> None:
 class Run:
     """The motion of a prepared scene by the steps of a grid, from its first state on.
 
-    `scene` has its inputs still. `keep` takes what is prepared with each solution, and the scene
-    stays as it is until these are read if it `stays`. Its rows are written `over` those of a run on
-    the same grid, which nothing needs.
+    `scene` has its inputs still, and stays as it is until solutions are read if it `stays`.
+    These have the lease. Rows are written `over` those of a run on the same grid, which nothing
+    needs.
     """
 
     def __init__(
         self,
-        prepared: Prepared,
+        lease: Lease,
         scene: Scene,
         start: Solution | None,
         grid: tuple[np.ndarray, Tolerance | None],
-        keep: Callable[[Prepared, Solution], None],
         stays: bool,
         over: Run | None = None,
     ):
-        self.prepared, self._scene, self._keep, self._stays = prepared, scene, keep, stays
+        #: The lease of what is prepared.
+        self.lease, self._scene, self._stays = lease, scene, stays
+        self.prepared: Prepared = (prepared := lease.set_up)
         self._watch = Watch(scene)
         #: What was asked for, and with it the ends of steps [s] or what controls them.
         self.options, self.grid = prepared.options, grid
@@ -255,7 +257,7 @@ class Run:
             self._files.take()
             self._files.save(self._of_rows, always=True)
             solution = self._of_rows(self._files.histories())
-        self._keep(self.prepared, solution)
+        solution.resultants_of_beam = self.lease.reads(solution.resultants_of_beam)
         return solution
 
     def _of_rows(self, rows: RecordedHistories | None) -> Solution:

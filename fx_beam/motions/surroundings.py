@@ -1,4 +1,4 @@
-"""What is around a motion: the sweep whose worker calls, other processes, and recent set-ups."""
+"""What is around a motion: the sweep whose worker calls, and other processes."""
 
 from __future__ import annotations
 
@@ -11,17 +11,12 @@ from contextlib import contextmanager
 from typing import Any
 
 from fx_beam.fem.mpi import rank_and_size
-from fx_beam.laws.schemes import Scheme
 from fx_beam.parallel.team import Team
 from fx_beam.scene.scene import Scene
-from fx_beam.scene.structure import OtherStructureError
-from fx_beam.step.model import Model
 
 _log = logging.getLogger("fx_beam")
 #: Elements from which on a scene is divided among processes: smaller ones take longer on several.
 SMALLEST = 10_000
-#: Degrees of freedom of all set-ups that a thread holds for other scenes, and their number.
-HELD, _MOST = 25_000, 8
 
 
 class _OfThread(threading.local):
@@ -29,10 +24,6 @@ class _OfThread(threading.local):
 
     #: The `MotionSeries` of the worker that calls a function of the user here; None outside sweeps.
     series: Any = None
-
-    def __init__(self):
-        #: What was set up last, with what it was for.
-        self.recent: list[tuple[Any, Any]] = []
 
 
 _THREAD = _OfThread()
@@ -92,48 +83,3 @@ def _warn() -> None:
             "an executor, see its documentation",
             *(number, number),
         )
-
-
-def take_recent(scene: Scene, kind: Any) -> tuple[Any, Any]:
-    """What was set up for a scene of a kind and nothing needs, or None; and a key for `keep`.
-
-    It is taken out until it is kept again.
-    """
-    key = kind, len(scene.nodes), len(scene.beams), len(scene.joints), len(scene.bodies)
-    last_first = reversed(_THREAD.recent)
-    free = (entry for entry in last_first if entry[0] == key and entry[1].is_free)
-    entry = next(free, (key, None))
-    _THREAD.recent = [other for other in _THREAD.recent if other is not entry]
-    return entry[1], key
-
-
-def keep(what: Any, key: Any) -> None:
-    """Keep it for the next scenes; forget the earliest ones if there are too many or too large."""
-    _THREAD.recent = [*_THREAD.recent, (key, what)][-_MOST:]
-    while sum(other.size for _, other in _THREAD.recent) > HELD:
-        del _THREAD.recent[0]
-
-
-def recent_model(scene: Scene, scheme: Scheme, known: Model | None = None, **kind: bool) -> Model:
-    """The model of a scene, which others take as soon as nothing needs it.
-
-    It is the `known` one if this is of the same kind and structure; whoever gives it has it.
-    """
-    call_with_arrays(scene)
-    if known is not None and _refilled(known, scene):
-        return known
-    model, key = take_recent(scene, (type(scheme), *kind))
-    if model is None or not _refilled(model, scene):
-        model = Model(scene, scheme, **kind)
-    if model.size <= HELD:
-        keep(model, key)
-    return model
-
-
-def _refilled(model: Model, scene: Scene) -> bool:
-    """Whether a model could take the numbers of a scene."""
-    try:
-        model.refill(scene)
-    except OtherStructureError:
-        return False
-    return True

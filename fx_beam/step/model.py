@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import weakref
-from collections.abc import Callable
 from threading import RLock
 from typing import TYPE_CHECKING, Any
 
@@ -99,18 +97,8 @@ class Model:
         #: What C has of it, by what it is for, and how often the numbers were set.
         self.problems: dict[Any, Any] = {}
         self.refills = 0
-        self._users: list[Callable[[], Any]] = []
         if not part:
             self._check_mechanism()
-
-    def needed_by(self, user: Any) -> None:
-        """Do not serve another scene as long as an object lives."""
-        self._users.append(weakref.ref(user))
-
-    @property
-    def is_free(self) -> bool:
-        """Whether all that needed it is gone."""
-        return bool(self._users) and all(user() is None for user in self._users)
 
     def _check_mechanism(self) -> None:
         #: Why the scene without loads is a mechanism; empty if it is none.
@@ -134,7 +122,7 @@ class Model:
         What was assembled for the last scene changes in place.
         """
         self._structure.check(scene)
-        self.refills, self._users = self.refills + 1, []
+        self.refills += 1
         moved = self.mesh.refill(scene)
         last, self.scene = self._joints, scene
         self.forms.refill(scene)

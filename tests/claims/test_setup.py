@@ -10,7 +10,7 @@ import pytest
 
 import fx_beam as fb
 from fx_beam.fem import ffcx_api
-from fx_beam.motions import motion_series, surroundings
+from fx_beam.motions.set_ups import RECENT
 
 
 def arm(elements=3, length=1.0, EA=1e4, force=1.0, degree=1, second=None, **more):
@@ -114,8 +114,7 @@ def test_scenes_of_thousands_of_elements_are_prepared_once_as_well():
 
 
 def test_the_earliest_of_the_prepared_scenes_is_forgotten_beyond_a_size(monkeypatch):
-    for module in (surroundings, motion_series):
-        monkeypatch.setattr(module, "HELD", 60)  # degrees of freedom
+    monkeypatch.setattr(RECENT, "size", 60)  # degrees of freedom
     sizes = [7, 9, 7, 8, 7, 9]  # of which two are held, but not three
     new = [bool(reason_of(elements)) for elements in sizes]
     assert new == [True, True, False, True, False, True]

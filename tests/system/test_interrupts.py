@@ -11,7 +11,7 @@ from interrupting import call_stopped_at
 
 import fx_beam as fb
 from fx_beam.content_cache import cached_property
-from fx_beam.motions import motion_series, surroundings
+from fx_beam.motions.set_ups import RECENT
 from fx_beam.step import full_turns, single_steps
 from fx_beam_studies import stability
 
@@ -206,8 +206,7 @@ def alarm():
 def test_interrupts_leave_the_steps_before_or_say_there_are_none(name, kind, ctrl_c, monkeypatch):
     run = RUNS[name]()
     # Each run sets up a model of its own, so that it has as many lines as the others.
-    for module in (surroundings, motion_series):
-        monkeypatch.setattr(module, "HELD", 0)
+    monkeypatch.setattr(RECENT, "size", 0)
     whole = run()
     steps, end = lines_of(run)
     # Not at the beginning of the steps: from run to run it is some lines earlier or later.

@@ -12,7 +12,8 @@ from jointed import whirling
 from scenes import FLYING
 
 import fx_beam as fb
-from fx_beam.motions import progress, surroundings
+from fx_beam.motions import progress
+from fx_beam.motions.set_ups import RECENT
 
 # Without rounding, so that two runs may be equal to the last digit.
 DT = 1 / 16
@@ -114,7 +115,7 @@ def loaded():
 
 @pytest.mark.parametrize("continuation", [None, "arc-length"])
 def test_an_interrupted_path_hands_over_its_equilibria(continuation, monkeypatch):
-    monkeypatch.setattr(surroundings, "HELD", 0)  # each run sets up a model of its own
+    monkeypatch.setattr(RECENT, "size", 0)  # each run sets up a model of its own
 
     def path():
         return fb.static(loaded(), load_steps=5, continuation=continuation)

@@ -1,0 +1,116 @@
+"""The cache of what is set up for scenes: a set-up has one user, then serves the next scene."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections import Counter
+from collections.abc import Callable, Hashable
+from contextlib import suppress
+from typing import Any
+
+from fx_beam.laws.schemes import Scheme
+from fx_beam.scene.scene import Scene
+from fx_beam.scene.structure import OtherStructureError
+from fx_beam.step.model import Model
+
+from .surroundings import call_with_arrays
+
+
+class SetUps:
+    """Set-ups that wait for scenes, by kind; the earliest go beyond a size and a number.
+
+    `size` is the sum of their degrees of freedom. Threads may share a cache.
+    """
+
+    def __init__(self, size: float = math.inf, most: int = 8):
+        self.size, self._most = size, most
+        # Kinds and set-ups that wait, the earliest first.
+        self._waiting: list[tuple[Hashable, Any]] = []
+        #: Number of set-ups in use by kind.
+        self.in_use: Counter[Hashable] = Counter()
+
+    def lease(
+        self, kind: Hashable, refill: Callable[[Any], None], make: Callable[[], Any]
+    ) -> Lease:
+        """The last set-up of a kind after `refill`, or a new one if there is none that fits."""
+        reason = "the last solution is still in use" if self.in_use[kind] else "the first scene"
+        entry = next((entry for entry in self._waiting[::-1] if entry[0] == kind), None)
+        if entry is not None and self._take(entry):
+            try:
+                refill(entry[1])
+                return Lease(self, *entry)
+            except OtherStructureError as other:
+                reason = str(other)
+        return Lease(self, kind, make(), reason)
+
+    def _take(self, entry: tuple[Hashable, Any]) -> bool:
+        """Take out what waits; False if another thread was first."""
+        with suppress(ValueError):
+            self._waiting.remove(entry)
+            return True
+        return False
+
+    def end(self, kind: Hashable, set_up: Any, serves: bool) -> None:
+        """Let a set-up wait for the next scene, if it `serves` and is not too large."""
+        self.in_use[kind] -= 1
+        if not self.in_use[kind]:
+            self.in_use.pop(kind, None)
+        if serves and set_up.size <= self.size:
+            self._waiting.append((kind, set_up))
+        while len(waiting := self._waiting) > self._most or _size(waiting) > self.size:
+            del waiting[:1]
+
+
+def _size(waiting: list[tuple[Hashable, Any]]) -> int:
+    return sum(set_up.size for _, set_up in waiting)
+
+
+class Lease:
+    """A set-up for one user; it returns to its cache as soon as no object has the lease."""
+
+    def __init__(self, cache: SetUps, kind: Hashable, set_up: Any, reason: str = ""):
+        self._cache, self._kind = cache, kind
+        #: What is leased, and why it was set up anew; empty if it was not.
+        self.set_up, self.reason = set_up, reason
+        self._active = True
+        cache.in_use[kind] += 1
+
+    def end(self, serves: bool = True) -> None:
+        """Return the set-up to the cache, once; drop one that `serves` no other scene."""
+        was_active, self._active = self._active, False
+        if was_active:
+            self._cache.end(self._kind, self.set_up, serves)
+
+    __del__ = end
+
+    def reads(self, function: Callable[[Any], Any]) -> Callable[[Any], Any]:
+        """A function that reads the set-up, and has the lease as long as it lives."""
+        return functools.partial(self._read, function)
+
+    def _read(self, function: Callable[[Any], Any], value: Any) -> Any:
+        return function(value)
+
+
+#: Set-ups of all that is called by itself, from any thread.
+RECENT = SetUps(size=25_000)
+
+
+def kind_of(scene: Scene, *kind: Any) -> Hashable:
+    """A kind of set-ups for scenes with as many parts."""
+    return *kind, len(scene.nodes), len(scene.beams), len(scene.joints), len(scene.bodies)
+
+
+def model_for(scene: Scene, scheme: Scheme, last: Lease | None = None, **kind: bool) -> Lease:
+    """The lease of a model for a scene: the `last` one if its owner has it for this structure."""
+    call_with_arrays(scene)
+    if last is not None:
+        try:
+            last.set_up.refill(scene)
+            return last
+        except OtherStructureError:  # some of its numbers may be those of this scene
+            last.end(serves=False)
+    of_kind = kind_of(scene, type(scheme), *kind)
+    return RECENT.lease(
+        of_kind, lambda model: model.refill(scene), lambda: Model(scene, scheme, **kind)
+    )
