@@ -19,7 +19,7 @@ from fx_beam.scene.section import Section
 from fx_beam.scene.structure import OtherStructureError
 
 from .assembly import BoundForm, Field, RowValues, Space
-from .fields import CONSTANTS, NATURAL, NODAL, DataField, distinct, drag_data, section_data
+from .fields import CONSTANTS, NATURAL, NODAL, data_field, distinct, drag_data, section_data
 from .form_library import CompiledForm, FormModule, FormSource
 from .mesh import Mesh
 from .parameter_values import ParameterValues
@@ -58,8 +58,9 @@ class BeamForms:
         self.bound: dict[str, BoundForm] = {}
         #: Polynomial degree of the elements.
         self.degree = scene.beams[0].degree
-        data = self._data_of_beams(scene)
-        self._read(scene, data)
+        #: Data (cells, points, ...) of sections and of drag by name, with slopes of the scene.
+        self.numbers = self._data_of_beams(scene)
+        self._read(scene)
         #: Whether there are virtual works of a user.
         self.has_external = bool(scene.virtual_works)
         step = self._compiled()
@@ -70,15 +71,13 @@ class BeamForms:
                 f"{scheme.name}: its resultants depend on the last step, so that it cannot "
                 "have sub-steps. Use fractions=(1.0,)"
             )
-        #: Data of sections and of drag by name.
-        self.of_beams = {name: DataField(values, mesh) for name, values in data.items()}
         #: Fields and arrays on this mesh by their names in forms.
         self._data = self._fields()
         for i, work in enumerate(scene.virtual_works):
             inside = np.ones(len(mesh.beam_of_cell), dtype=bool)
             if work.beam is not None:
                 inside = mesh.beam_of_cell == scene.beams.index(work.beam)
-            self._data[f"indicator {i}"] = DataField(inside[:, None], mesh)
+            self._data[f"indicator {i}"] = data_field(inside[:, None], mesh)
         if facts.names:
             self._read_parameters()
         #: Functions that change: the first in every iteration, the others in every step. They are
@@ -107,7 +106,8 @@ class BeamForms:
         mesh, degree, width = self._mesh, self.degree, self.facts.width
         self._values = {name: np.zeros(()) for name in CONSTANTS}
         self._reset_constants()
-        data: dict[str, Any] = {**self._values, **self.of_beams}
+        data: dict[str, Any] = dict(self._values)
+        data |= {name: data_field(values, mesh) for name, values in self.numbers.items()}
         if width:
             data["internal"] = Field(mesh.space(degree, width))
         if self.kind.natural:
@@ -120,7 +120,7 @@ class BeamForms:
     @property
     def data(self) -> dict[str, np.ndarray]:
         """Values (cells, width) of what is constant over steps, by name in forms."""
-        names = (name for name in self._data if name in self.of_beams or name == "coordinate")
+        names = (name for name in self._data if name in self.numbers or name == "coordinate")
         named = [*names, *(name for name in self._data if name.startswith("indicator "))]
         return {name: self._data[name].array.reshape(len(self.tags), -1) for name in named}
 
@@ -128,7 +128,7 @@ class BeamForms:
         for name, value in self._values.items():
             value[...] = 1.0 if name in ("dt", "load_factor") else 0.0
 
-    def _read(self, scene: Scene, data: dict[str, Any]) -> None:
+    def _read(self, scene: Scene) -> None:
         """Find the kind of the scene."""
         mesh = self._mesh
         sections = [beam.section for beam in scene.beams]
@@ -141,7 +141,8 @@ class BeamForms:
         #: Subdomain of each cell, the number of its material.
         self.tags = np.array([numbers[key] for key in keys])[mesh.beam_of_cell]
         works, natural = tuple(scene.virtual_works), bool(scene.natural_strains)
-        shapes = tuple((name, (of.shape[1], of.shape[2:])) for name, of in data.items())
+        arrays = self.numbers.items()
+        shapes = tuple((name, (data.shape[1], data.shape[2:])) for name, data in arrays)
         self.kind = Kind(
             *(self.degree, mesh.curved, self._scheme, tuple(materials.values())),
             *(works, natural, shapes, bool(works) and self._holds),
@@ -189,11 +190,13 @@ class BeamForms:
         for field in filter(None, self.moving):
             field.array[:] = 0.0
         self._reset_constants()
-        data = self._data_of_beams(scene)
-        if list(self.of_beams) != list(data):
+        last, self.numbers = self.numbers, self._data_of_beams(scene)
+        if list(last) != list(self.numbers):
             raise OtherStructureError("beams have other kinds of data")
-        for name, field in self.of_beams.items():
-            field.refill(data[name])
+        for name, data in self.numbers.items():
+            if data.shape != last[name].shape:
+                raise OtherStructureError("data of beams that were constant vary, or conversely")
+            self._data[name].array[:] = plain(data).ravel()
 
     # -- Derivatives ----------------------------------------------------------------------------
 
@@ -317,11 +320,6 @@ class BeamForms:
         """Local Jacobians (k, cells, points, numbers) by name, and the space of the numbers."""
         for name, space, slopes in self._derivatives("resultants", parts, by_places, self.degree):
             yield name, space, slopes[..., component, :] / self.point_weights[:, None]
-
-    @property
-    def numbers(self) -> dict[str, np.ndarray]:
-        """Data (cells, points, ...) of sections and of drag by name, with slopes of the scene."""
-        return {name: of.data for name, of in self.of_beams.items()}
 
     def _bind(
         self, compiled: CompiledForm, spaces: Sequence[Space] = (), data: Mapping | None = None

@@ -18,7 +18,6 @@ from fx_beam.scene.beam import Beam, arc_lengths, gauss_rule
 from fx_beam.scene.loads import PARTS_OF_DRAG
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.section import Section
-from fx_beam.scene.structure import OtherStructureError
 from fx_beam.symbolic import ufl
 
 from . import elements
@@ -35,24 +34,11 @@ CONSTANTS = "time", "dt", "load_factor", "load_increment", "memory"
 DataShape = tuple[int, tuple[int, ...]]
 
 
-class DataField(Field):
-    """Data (cells, points, ...) of beams, constant in cells or at Gauss points, as a field.
-
-    Others of the same shape may replace them.
-    """
-
-    def __init__(self, data: Any, mesh: Mesh):
-        super().__init__(mesh.space(data.shape[1], math.prod(data.shape[2:])))
-        #: With slopes that the scene has.
-        self.data = data
-        self.array[:] = plain(data).ravel()
-
-    def refill(self, data: Any) -> None:
-        """Set the data; OtherStructureError if they have another shape."""
-        if data.shape != self.data.shape:
-            raise OtherStructureError("data of beams that were constant vary, or conversely")
-        self.data = data
-        self.array[:] = plain(data).ravel()
+def data_field(data: Any, mesh: Mesh) -> Field:
+    """Data (cells, points, ...) of beams, constant in cells or at Gauss points, as a field."""
+    field = Field(mesh.space(data.shape[1], math.prod(data.shape[2:])))
+    field.array[:] = plain(data).ravel()
+    return field
 
 
 def section_data(mesh: Mesh, scene: Scene, names: tuple[str, ...], points: int) -> Any:
