@@ -19,7 +19,7 @@ from .assembly import Space
 
 @dataclass(eq=False)
 class Mesh:
-    """The mesh of a scene. `X` changes if the scene does, and all that is derived from it."""
+    """The mesh of a scene. `X` changes if the scene does, with what follows from it."""
 
     #: Reference positions (n, 2) [m]: nodes of the scene by number, then nodes inside elements.
     X: np.ndarray
@@ -29,6 +29,18 @@ class Mesh:
     cells: list[np.ndarray]
     #: Whether the elements are curved, with the beams' degree, or straight.
     curved: bool
+
+    def __post_init__(self):
+        self._set_positions(self.X)
+
+    def _set_positions(self, X: np.ndarray) -> None:
+        self.X = X
+        #: Largest extent of the scene [m]; 1 for a single node.
+        self.size = float(np.hypot(*np.ptp(X, axis=0))) or 1.0
+        in_space = np.zeros((*self.points.shape, 3))
+        in_space[..., :2] = X[self.points]
+        #: Positions (cells, 3 m) of `points` in space [m].
+        self.coordinates = _rows(in_space)
 
     @cached_property
     def dofs(self) -> np.ndarray:
@@ -46,12 +58,7 @@ class Mesh:
         of_beams = [self.elements[cells] for cells in self.cells]
         return [np.append(nodes[:, :-1], nodes[-1, -1]) for nodes in of_beams]
 
-    @cached_property
-    def size(self) -> float:
-        """Largest extent of the scene [m]; 1 for a single node."""
-        return float(np.hypot(*np.ptp(self.X, axis=0))) or 1.0
-
-    @cached_property
+    @property
     def shortest(self) -> list[float]:
         """Shortest distance of the ends of an element of each beam [m]."""
         ends = self.X[self.elements[:, [0, -1]]]
@@ -74,9 +81,7 @@ class Mesh:
         X = _positions(scene)
         if all_of(X == self.X):
             return False
-        self.X = X
-        for name in ("size", "shortest", "coordinates"):
-            self.__dict__.pop(name, None)
+        self._set_positions(X)
         return True
 
     def nodal_positions(self, scene: Scene) -> Any:
@@ -100,13 +105,6 @@ class Mesh:
     def points(self) -> np.ndarray:
         """Nodes (cells, m) between which each cell lies: all of them, or the ends if straight."""
         return self._in_forms if self.curved else self._in_forms[:, :2]
-
-    @cached_property
-    def coordinates(self) -> np.ndarray:
-        """Positions (cells, 3 m) of these nodes in space [m]."""
-        positions = np.zeros((*self.points.shape, 3))
-        positions[..., :2] = self.X[self.points]
-        return _rows(positions)
 
     @cached_property
     def unknowns(self) -> Space:

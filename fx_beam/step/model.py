@@ -41,8 +41,6 @@ if TYPE_CHECKING:
 _LITTLE = 1e-8
 # Degrees of freedom up to which a coupling is an array.
 _SMALL = 200
-# Cached properties that depend on the positions of nodes and joints.
-_OF_POSITIONS = "unit", "error_unit", "unit_of_unknowns", "fits_rates"
 
 
 class Model:
@@ -66,6 +64,7 @@ class Model:
         self.scene = scene
         self.scheme = scheme
         self.mesh = build_mesh(scene)
+        self._set_unit()
         if not sliding_joints(scene.joints):
             begin_to_build(_probable_features(scene, scheme))
         if not all(joint.is_index for joint in scene.joints):
@@ -100,6 +99,11 @@ class Model:
         if not part:
             self._check_mechanism()
 
+    def _set_unit(self) -> None:
+        size = self.mesh.size
+        #: Size (size,) of unit increments: that of the scene for displacements, 1 for rotations.
+        self.unit = np.tile([size, size, 1.0], len(self.mesh.X))
+
     def _check_mechanism(self) -> None:
         #: Why the scene without loads is a mechanism; empty if it is none.
         self.mechanism = ""
@@ -125,6 +129,7 @@ class Model:
         self.refills += 1
         moved = self.mesh.refill(scene)
         last, self.scene = self._joints, scene
+        self._set_unit()
         self.forms.refill(scene)
         self.masses.refill(scene, moved)
         self.weight = self.masses.weight
@@ -133,8 +138,6 @@ class Model:
         self.motors = motors(scene)
         elsewhere = self._refill_reduction(last, moved)
         self._joints = scene.joints[:]
-        for name in _OF_POSITIONS if elsewhere else ():
-            self.__dict__.pop(name, None)
         self._damp_friction()
         # In statics without joints and forces between nodes places alone tell mechanisms.
         by_places = self._weightless and not (scene.joints or scene.forces_between)
@@ -344,12 +347,7 @@ class Model:
 
         return LU(self.reduction.tangent.pattern)
 
-    @cached_property
-    def unit(self) -> np.ndarray:
-        """Size (size,) of unit increments: that of the scene for displacements, 1 for rotations."""
-        return np.tile([self.mesh.size, self.mesh.size, 1.0], len(self.mesh.X))
-
-    @cached_property
+    @property
     def error_unit(self) -> np.ndarray:
         """The same (size,) for errors: rotations that displace something are seen there.
 
@@ -397,7 +395,7 @@ class Model:
                     little[b] = 0.0
         return little
 
-    @cached_property
+    @property
     def unit_of_unknowns(self) -> np.ndarray:
         """Size of a unit increment of each unknown (free,); compare `unit`."""
         couplings, turns = self.couplings, set(self.turns.tolist())
@@ -407,13 +405,6 @@ class Model:
         unit = np.full(couplings.columns + len(couplings.auxiliaries), self.mesh.size)
         unit[turning] = 1.0
         return unit[: couplings.free]
-
-    @cached_property
-    def fits_rates(self) -> bool:
-        """Whether rates by the mean rule must be fitted to joints and driven motions."""
-        # Couplings that change with the motion.
-        turning = any(not (joint.is_index or joint.a is GROUND) for joint in self.scene.joints)
-        return self.scheme.rates.by_mean and bool(turning or self.couplings.driven)
 
     @property
     def moving(self) -> list[Joint]:
@@ -431,6 +422,10 @@ class Model:
         """Build the unknowns and the reduction to them, by supports and joints."""
         scene, matrix = self.scene, self.forms.stiffness
         self.couplings = couple(scene, self.mesh)
+        # Couplings that change with the motion.
+        turning = any(not (joint.is_index or joint.a is GROUND) for joint in scene.joints)
+        #: Whether rates by the mean rule must be fitted to joints and driven motions.
+        self.fits_rates = self.scheme.rates.by_mean and (turning or self.couplings.driven > 0)
         #: Joints with a motor, each with the name of its coordinate.
         self.motors = motors(scene)
         keys, driven = [*scene.prescribed, *sorted(scene.fixed)], len(scene.prescribed)
