@@ -17,7 +17,7 @@ from fx_beam.laws.resultants import Nodes, lagrange
 from fx_beam.scene.beam import Beam, arc_lengths, gauss_rule
 from fx_beam.scene.loads import PARTS_OF_DRAG
 from fx_beam.scene.scene import Scene
-from fx_beam.scene.section import Section
+from fx_beam.scene.section import Section, values_along
 from fx_beam.symbolic import ufl
 
 from . import elements
@@ -58,7 +58,7 @@ def section_data(mesh: Mesh, scene: Scene, names: tuple[str, ...], points: int) 
         fractions = arc_lengths(beam, gauss) / beam.length
         try:
             section, arrays = beam.section, scene.array_calls
-            of_beam = [section.values_with(name, fractions, arrays) for name in names]
+            of_beam = [values_along(section, name, fractions, arrays) for name in names]
         except SceneError as error:
             raise SceneError(f"beam {beam.name!r}: {error}") from None
         values.append(np.stack(of_beam, axis=-1) if len(names) > 1 else of_beam[0])

@@ -172,12 +172,7 @@ class Section:
         _check_name(name, "values")
         at = numbers(fractions)
         require(at.size > 0, "Section.values: fractions", fractions, "an array of numbers")
-        return in_scene(self.values_with(name, at, None))
-
-    def values_with(self, name: str, fractions: np.ndarray, arrays: ArrayCalls | None) -> Any:
-        """The same, by one call of a function for all fractions if it accepts `arrays`."""
-        values = [_values(name, datum, fractions, arrays) for datum in self._data(name)]
-        return np.stack(values, axis=-1) if len(values) > 1 else values[0]
+        return in_scene(values_along(self, name, at, None))
 
     def constants(self, names: tuple[str, ...]) -> Any:
         """Values of data if none varies: of several a list, of one itself; zero if omitted.
@@ -489,6 +484,15 @@ class Section:
             rhoI=_combined(operator.mul, rho=rho, **J),
             retardation=retardation,
         )
+
+
+def values_along(
+    section: Section, name: str, fractions: np.ndarray, arrays: ArrayCalls | None
+) -> Any:
+    """`Section.values`, by one call of a function for all fractions if it accepts `arrays`."""
+    data = section._data(name)
+    values = [_values(name, datum, fractions, arrays) for datum in data]
+    return np.stack(values, axis=-1) if len(values) > 1 else values[0]
 
 
 def _check_name(name, what: str) -> None:
