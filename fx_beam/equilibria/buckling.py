@@ -10,7 +10,6 @@ import scipy.sparse
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
 from fx_beam.errors import SceneError, is_whole, require
-from fx_beam.laws.interval import Interval
 from fx_beam.results.buckling_modes import BucklingModes
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
@@ -18,12 +17,11 @@ from fx_beam.results.vibrations import modes_of
 from fx_beam.scene.scene import Scene
 from fx_beam.step.sparse_lu import LU
 
-from .load_steps import LoadStepper, StaticOptions
+from .load_steps import StaticOptions
+from .small_loads import SmallLoads
+from .small_motions import SmallMotions
 from .statics import LoadPath
 
-# Largest rotation [rad] and strain of the states between which the stiffness is compared, and the
-# number of extrapolations: the error of each falls by the fourth part, the sixteenth ...
-_LARGEST, _LEVELS = 0.02, 4
 # Number of unknowns up to which matrices are full.
 _FULL = 60
 # Part of a rough value of the lowest load factor about which the lowest ones are sought.
@@ -95,99 +93,50 @@ def buckling(
     first = path.first_state()
     path.forcing.keep_start()
     path.stepper.path.held[:] = 0.0  # forces that hold the state do not fade
-    about = _Loaded(path.stepper, first)
-    factors, vectors = about.lowest(n)
+    about, motions = SmallLoads("buckling", path.stepper, first), path.stepper.motions
+    factors, vectors = _lowest(about, motions, n)
     none = np.zeros(len(factors))
-    shapes = path.stepper.motions.coupling() @ vectors
+    motions.stiffness(first)  # the couplings are then those of the state
+    shapes = motions.coupling() @ vectors
     modes = modes_of(path.model, about.state.q, shapes, none, none > 0, none, none * 1j)
     return BucklingModes(factors, modes)
 
 
-class _Loaded:
-    """Stiffness about a state, and how it changes as the loads rise."""
+def _lowest(about: SmallLoads, motions: SmallMotions, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """The n lowest positive load factors, and vectors (unknowns, n)."""
 
-    def __init__(self, stepper: LoadStepper, state: State):
-        self._stepper, self.state = stepper, state
-        self._K = self._stiffness(state)
-        path, free = stepper.path, stepper.model.reduction.free
-        path.begin(state)
-        _, _, self._force = path.balance(np.zeros(free), 0.0)
-        #: Displacements of the unknowns (free,) by the load factor.
-        self._rate = self._solved()
-        self._Kg = self._geometric()
-
-    def _stiffness(self, state: State) -> scipy.sparse.csr_matrix:
-        K = self._stepper.motions.stiffness(state)
-        if not self._stepper.motions.symmetric(K):
+    def stiffness(state: State) -> scipy.sparse.csr_matrix:
+        K = motions.stiffness(state)
+        if not motions.symmetric(K):
             raise SceneError(
                 "buckling: the stiffness is not symmetric, as loads follow the motion. Stability "
                 "depends on masses then. Take fx_beam.static, whose critical_points have flutter"
             )
         return K
 
-    def _solved(self) -> np.ndarray:
-        """Displacements (free,) of all unknowns by the load factor."""
-        path, reduction = self._stepper.path, self._stepper.model.reduction
-        tangent = path.with_the_load(np.zeros(reduction.free), 0.0)
-        if abs(tangent.load) <= 0 or not np.isfinite(tangent.y).all():
-            raise SceneError("buckling: the state is at a critical point already. Reduce its loads")
-        return tangent.y / tangent.load
-
-    def _geometric(self) -> scipy.sparse.csr_matrix:
-        """dK/dlambda by central differences, extrapolated to the length 0 (Richardson)."""
-        length = _LARGEST / (self._size() or 1.0)
-        rows: list[scipy.sparse.csr_matrix] = []
-        for level in range(_LEVELS):
-            h = length / 2**level
-            row = [(self._stiffness_at(h) - self._stiffness_at(-h)) / (2 * h)]
-            for order, before in enumerate(rows, start=1):
-                row.append((4**order * row[-1] - before) / (4**order - 1))
-            rows = row
-        return rows[-1]
-
-    def _size(self) -> float:
-        """Largest rotation or strain by the load factor."""
-        model, path = self._stepper.model, self._stepper.path
-        D = path.spread(self._rate, 1.0).reshape(-1, 3)
-        mesh = model.mesh
-        ends = mesh.points[:, :2]
-        length = np.hypot(*(mesh.X[ends[:, 1]] - mesh.X[ends[:, 0]]).T)
-        strains = np.hypot(*(D[ends[:, 1], :2] - D[ends[:, 0], :2]).T) / length
-        return float(max(abs(D[:, 2]).max(initial=0.0), strains.max(initial=0.0)))
-
-    def _stiffness_at(self, load: float) -> scipy.sparse.csr_matrix:
-        """The stiffness at a part of the loads, in small displacements."""
-        path, loop, state = self._stepper.path, self._stepper.loop, self.state
-        y = load * self._rate
-        path.begin(state)
-        balance, *_ = path.balance(y, load)
-        interval = Interval(state.t, state.t + load)
-        return self._stiffness(loop.finished(state, interval, y, balance.r.copy()))
-
-    def lowest(self, n: int) -> tuple[np.ndarray, np.ndarray]:
-        """The n lowest positive load factors, and vectors (unknowns, n)."""
-        K, Kg, size = self._K, self._Kg, self._K.shape[0]
-        unit = scipy.sparse.diags(self._stepper.motions.unit)
-        K, Kg = ((unit @ (A + A.T) @ unit / 2).tocsc() for A in (K, Kg))
-        if not abs(Kg).max():
-            raise SceneError("buckling: the scene has no loads, or none that strains it")
-        if not size or self._stepper.motions.growing(self.state, self._K) != (0, 0):
-            raise SceneError(
-                "buckling: the state is no stable equilibrium. Reduce its loads, or support it"
-            )
-        # 1/lambda are the largest eigenvalues of -Kg in the metric of K.
-        if size <= _FULL or n > size // 3:
-            inverse, vectors = scipy.linalg.eigh(-Kg.toarray(), K.toarray())
-        else:
-            inverse, vectors = _largest(-Kg, K, n)
-        order = np.argsort(-inverse)[:n]
-        order = order[inverse[order] > abs(inverse).max(initial=0.0) / _NONE]
-        if not len(order):
-            raise SceneError(
-                "buckling: no positive load factor: the loads make nothing unstable. Reverse them, "
-                "or check that they compress a member"
-            )
-        return 1 / inverse[order], unit @ vectors[:, order]
+    K = stiffness(about.state)
+    size, stable = K.shape[0], motions.growing(about.state, K) == (0, 0)
+    Kg, unit = about.slope_of(stiffness), scipy.sparse.diags(motions.unit)
+    K, Kg = ((unit @ (A + A.T) @ unit / 2).tocsc() for A in (K, Kg))
+    if not about.acts:
+        raise SceneError("buckling: the scene has no loads")
+    if not stable:
+        raise SceneError(
+            "buckling: the state is no stable equilibrium. Reduce its loads, or support it"
+        )
+    # 1/lambda are the largest eigenvalues of -Kg in the metric of K.
+    if size <= _FULL or n > size // 3:
+        inverse, vectors = scipy.linalg.eigh(-Kg.toarray(), K.toarray())
+    else:
+        inverse, vectors = _largest(-Kg, K, n)
+    order = np.argsort(-inverse)[:n]
+    order = order[inverse[order] > abs(inverse).max(initial=0.0) / _NONE]
+    if not len(order):
+        raise SceneError(
+            "buckling: no positive load factor: the loads make nothing unstable. Reverse them, "
+            "or check that they compress a member"
+        )
+    return 1 / inverse[order], unit @ vectors[:, order]
 
 
 def _largest(A: Any, K: Any, n: int) -> tuple[np.ndarray, np.ndarray]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fx_beam.errors import StepError, is_one_of, number, vector, whole
+from fx_beam.errors import StepError, flag, is_one_of, number, vector, whole
 from fx_beam.laws.interval import Interval
 from fx_beam.motions.contact_check import goes_through
 from fx_beam.motions.initial_state import reference_state
@@ -65,6 +65,7 @@ class StaticOptions(CommonOptions):
     pivot: Sequence[float] = (0.0, 0.0)
     branches: int = whole(0, 10, default=0)
     stop_at: str | None = None
+    linear: bool = flag(default=False)
 
     def __post_init__(self):
         super().__post_init__()

@@ -38,6 +38,7 @@ from fx_beam.step.turning_frame import TurningFrame, check_turns
 from .branches import Branch, first_step, grow, is_equilibrium
 from .critical_points import PathStability
 from .crossings import Crossings
+from .first_order import first_order
 from .load_steps import LoadStepper, StaticOptions
 from .path_following import PathFollowing
 from .settling import Settling
@@ -126,6 +127,22 @@ class LoadPath:
                 self._name_critical_point(error)
                 warn_of_sharp_bends(error.solution)
             raise
+        return solution
+
+    def first_order(self) -> Solution:
+        """The solution by small displacements about the reference."""
+        if self.model.mechanism:
+            raise SceneError(f"{self.model.mechanism}: it has no first-order equilibrium")
+        self._clock = time.perf_counter()
+        start = self.first_state()
+
+        def end(last: State) -> State:
+            return replace(last, t=self.forcing.time, loads=self.forcing.dead(1.0), length=0.0)
+
+        self.stats.linear, self.stats.steps = True, 1
+        solution = first_order(self.stepper, start, self.stats, end)
+        self.stats.seconds = time.perf_counter() - self._clock
+        solution.loads_on_nodes = self._loads_on_nodes
         return solution
 
     def _warn_if_unstable(self) -> None:
@@ -332,6 +349,9 @@ def _check_start(options: StaticOptions, scene: Scene, start: Any) -> None:
             raise SceneError("static: start with a spin: give all loads at once, without start")
     if isinstance(start, Branch) and options.continuation is None:
         raise SceneError('static: start is a branch. Follow it by continuation="arc-length"')
+    others = start is not None or options.spin or options.continuation or options.branches
+    if options.linear and others:
+        raise SceneError("static: linear goes without start, spin, continuation and branches")
     if options.branches and (start is not None or options.spin):
         raise SceneError("static: branches are followed of paths without start and spin")
 
@@ -364,6 +384,7 @@ def static(
     start: Solution | Branch | None = None,
     branches: int = 0,
     stop_at: str | None = None,
+    linear: bool = False,
 ) -> Solution:
     """Compute equilibria of a scene while its loads rise from zero.
 
@@ -429,6 +450,12 @@ def static(
     stop_at : {"limit point"}, optional
         Where an arc-length path ends before the load factor 1. The first limit point is then the
         last row but one.
+    linear : bool
+        Whether to compute the first-order answer of a frame program instead: small displacements
+        about the reference, with equilibrium in the undeformed shape. The solution has two rows,
+        without loads and with all loads; displacements, reactions, resultants and diagrams are
+        proportional to the load factor, energies and work to its square. Without `start`, `spin`
+        and `continuation`.
 
     Returns
     -------
@@ -462,6 +489,8 @@ def static(
     True
     """
     options = StaticOptions.among(locals())
+    if linear:
+        return LoadPath(scene, options, start).first_order()
     solution = LoadPath(scene, options, start).followed()
     if branches:
         along = replace(options, continuation="arc-length", branches=0)

@@ -15,7 +15,7 @@ from fx_beam.scene.beam import Beam, arc_lengths, gauss_rule, lagrange_and_slope
 from fx_beam.scene.joints import constraints_of
 from fx_beam.scene.loads import NAMES
 from fx_beam.step.model import Model
-from fx_beam.step.recorded_histories import RecordedHistories, slides_near
+from fx_beam.step.recorded_histories import slides_near
 from fx_beam.step.recorder import Recorder
 
 
@@ -28,7 +28,7 @@ def solution_of(
     ended: bool = False,
     scene_stays: bool = False,
     stability: Mapping[str, Any] | None = None,
-    stored: RecordedHistories | None = None,
+    stored: Any = None,
 ) -> Solution:
     """Solution from a record, or from what is `stored` of it; `end` gives the last state.
 

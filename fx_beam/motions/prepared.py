@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fx_beam.dual import plain
 from fx_beam.errors import SceneError
 from fx_beam.fem.parameter_values import before
-from fx_beam.parallel.team import Team
 from fx_beam.results.audit import Stats, uncounted
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
@@ -27,6 +26,9 @@ from fx_beam.step.substeps import Halving
 
 from .initial_state import Starts, check_joints, end_of
 from .options import Options
+
+if TYPE_CHECKING:
+    from fx_beam.parallel.team import Team
 
 # Energy that is round-off, relative to the sizes of its parts.
 _ROUND_OFF = 1e-11

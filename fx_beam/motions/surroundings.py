@@ -8,11 +8,13 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fx_beam.fem.mpi import rank_and_size
-from fx_beam.parallel.team import Team
 from fx_beam.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from fx_beam.parallel.team import Team
 
 _log = logging.getLogger("fx_beam")
 #: Elements from which on a scene is divided among processes: smaller ones take longer on several.
@@ -50,16 +52,22 @@ def call_with_arrays(scene: Scene) -> None:
         scene.array_calls = series.array_calls
 
 
+def _leading_team() -> Team | None:
+    """The processes that this one leads; what starts them loads their module."""
+    module = sys.modules.get("fx_beam.parallel.team")
+    return None if module is None else module.Team.leading
+
+
 def warn_of_equal_work() -> None:
     """Warn once, on rank 0, that every rank computes the scene; not where a sweep calls."""
     # `python -m mpi4py.futures` runs the script on one rank; the others wait for cases.
-    if thread_series() is None and "mpi4py.futures" not in sys.modules and Team.leading is None:
+    if thread_series() is None and "mpi4py.futures" not in sys.modules and _leading_team() is None:
         _warn()
 
 
 def waiting_team(scene: Scene) -> Team | None:
     """Processes that wait for parts of a scene; None without any, in a sweep, or if it is small."""
-    team = Team.leading if thread_series() is None else None
+    team = _leading_team() if thread_series() is None else None
     if team is None:
         return None
     elements = sum(beam.elements for beam in scene.beams)

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from fx_beam.errors import Failure
-from fx_beam.scene.notebook import html_table, sketch
 
 
 @contextmanager
@@ -101,6 +100,8 @@ class Energy:
         )
 
     def _repr_html_(self):
+        from fx_beam.scene.notebook import html_table, sketch
+
         shades = "#000", "#0072B2", "#D55E00", "#009E73"
         values = {name: getattr(self, name) for name in ("total", "kinetic", "strain", "potential")}
         largest = max(abs(of).max() for of in values.values()) or 1.0
@@ -226,6 +227,8 @@ class Stats:
         if there is none.
     static : bool
         Whether the solution is static: its steps are load factors, not times.
+    linear : bool
+        Whether it is a first-order one, by small displacements.
     limit_points : list of float
         Load factors of the limit points on the path.
     closed : bool
@@ -275,6 +278,7 @@ class Stats:
     changes: dict[str, float] = field(default_factory=dict)
     file: str = ""
     static: bool = False
+    linear: bool = False
     limit_points: list[float] = field(default_factory=list)
     closed: bool = False
     gradient_growth: float = 0.0
@@ -289,6 +293,8 @@ class Stats:
         )
 
     def _repr_html_(self):
+        from fx_beam.scene.notebook import html_table
+
         known = {name.replace("_", " "): value for name, value in vars(self).items() if value}
         words = {
             name: f"{of:.3g}" if isinstance(of, float) else str(of) for name, of in known.items()

@@ -59,8 +59,10 @@ def moments_at_ends(solution: Any, rows: list[int], M: np.ndarray) -> np.ndarray
     shape, slopes = lagrange_and_slopes(places, points)
     lengths = np.linalg.norm(slopes @ solution.X[nodes], axis=-1)
     N, Q = (_at_points(solution, name, rows) for name in "NQ")
-    axial, shear, _ = _strains(solution, nodes, _q_of_forces(solution, rows))
-    lever = (1 + axial) * Q - shear * N  # of n about the axis, W phi'.n
+    lever = Q  # of n about the axis, W phi'.n
+    if not solution.stats.linear:
+        axial, shear, _ = _strains(solution, nodes, _q_of_forces(solution, rows))
+        lever = (1 + axial) * Q - shear * N
     forces = np.einsum("g,ga,reg->rea", weights, slopes[:, ends], M)
     forces -= np.einsum("g,ga,eg,reg->rea", weights, shape[:, ends], lengths, lever)
     if not is_static:

@@ -17,7 +17,6 @@ from fx_beam.scene.contacts import Contact
 from fx_beam.scene.forces_between import ForceBetween
 from fx_beam.scene.joints import GROUND, Joint, key_of
 from fx_beam.scene.loads import NAMES
-from fx_beam.scene.notebook import html_table, sketch
 from fx_beam.scene.outputs import Output, definition
 
 from .audit import BeamResultants, Energy, Stats, facts, known_resultants, read_only
@@ -220,6 +219,8 @@ class Solution:
         )
 
     def _repr_html_(self):
+        from fx_beam.scene.notebook import html_table, sketch
+
         rows = np.unique(np.linspace(0, len(self.q) - 1, 5).astype(int)) if self.has_motion else []
         lines = [self.X[of] + self.q[k, of, :2] for k in rows for of in self.nodes_of_beam.values()]
         shades = [f"hsl(205 100% {85 - 50 * (k + 1) / len(self.q):.0f}%)" for k in rows]

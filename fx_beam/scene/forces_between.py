@@ -15,7 +15,6 @@ from fx_beam.symbolic import ufl
 
 from .beam import Node, position_of
 from .coordinate import Coordinate, Coulomb, Spring, functions_of
-from .notebook import html_table
 from .parameters import is_parameter, value_of
 
 if TYPE_CHECKING:
@@ -84,6 +83,8 @@ class ForceBetween:
         return f"<{self}>"
 
     def _repr_html_(self):
+        from .notebook import html_table
+
         rows = {"laws": str(self.on)} if self.on.acts else {}
         if self.force is not None:
             rows["force"] = "a function" if callable(self.force) else str(self.force)

@@ -15,7 +15,6 @@ from fx_beam.errors import NUMBER, SceneError, numbers, require, shown, vector
 from .beam import Beam, Node
 from .coordinate import Coordinate, Coulomb, Damper, Friction, Spring, Stop, checked_coordinate
 from .inputs import time_function
-from .notebook import html_table
 
 # Largest gap of a joint that is made at a solution, relative to the size of the scene.
 _FITS = 1e-6
@@ -123,6 +122,8 @@ class Joint:
         return f"<{self}>"
 
     def _repr_html_(self):
+        from .notebook import html_table
+
         rows = {name: str(on) for name, on in self.coordinates.items()}
         return html_table(str(self), {"offset": str(self.offset)} | rows)
 

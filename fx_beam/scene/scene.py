@@ -32,7 +32,6 @@ from .joints import GROUND, Joint, Revolute, Rigid, moved_by, placed
 from .law import functions_of_energy
 from .loads import NaturalStrain, changed_strain, natural_strain
 from .mesh import MeshBeams, mesh_layout, sections_of
-from .notebook import facts, html_table, sketch
 from .parameters import Parameters, is_parameter
 from .removal import joint_of, locked, position_in, remove_part, unlocked
 from .section import Section
@@ -138,9 +137,13 @@ class Scene:
         return max(high - low for low, high in zip(*self._corners, strict=True)) or 1.0
 
     def __repr__(self):
+        from .notebook import facts  # loaded where a scene is shown
+
         return f"<Scene: {', '.join(f'{name} {value}' for name, value in facts(self).items())}>"
 
     def _repr_html_(self):
+        from .notebook import facts, html_table, sketch
+
         beams = [[*map(position_of, beam.nodes)] for beam in self.beams]
         ends = [(body.centre, point) for body in self.bodies for point in body.nodes[1:]]
         arms = [[*map(position_of, pair)] for pair in ends]

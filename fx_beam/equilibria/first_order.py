@@ -1,0 +1,83 @@
+"""First-order statics: small displacements about the reference, as of a frame program."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from fx_beam.errors import SceneError
+from fx_beam.motions.evaluation import solution_of
+from fx_beam.results.audit import BeamResultants, Energy, Stats
+from fx_beam.results.solution import Solution
+from fx_beam.results.state import State
+from fx_beam.step.recorder import Record, Recorder
+
+from .load_steps import LoadStepper
+from .small_loads import SmallLoads
+
+# Part of a change of forces with the load that is the same for both signs of a small load, above
+# which a stop or a contact begins to act there.
+_KINK = 0.2
+
+
+class _Histories(dict[str, Any]):
+    """Histories by name, of which no motion goes on."""
+
+    def at_end(self, t: float) -> dict[str, np.ndarray]:
+        """Nothing that a next step would need."""
+        return {}
+
+
+def first_order(
+    stepper: LoadStepper, start: State, stats: Stats, end: Callable[[State], State]
+) -> Solution:
+    """The solution of two rows, without loads and with all loads, from a state without loads.
+
+    Every history is linear in the load factor; energies and work are quadratic.
+    """
+    about = SmallLoads("static: linear", stepper, start)
+    model, states = stepper.model, about.states
+    _check_kinks(about, stepper)
+    recorder = Recorder(model, np.arange(len(states), dtype=float), Record())
+    for state in states:
+        stepper.loop.record(state, recorder)
+    close = solution_of(recorder, stats, lambda: start)
+    histories = _Histories(recorder.histories())
+    for name, rows in histories.items():
+        if isinstance(rows, np.ndarray) and len(rows) == len(states):
+            histories[name] = np.stack([rows[0], rows[0] + about.slope(rows)])
+        elif isinstance(rows, Energy):
+            parts = (
+                [part[0], part[0] + about.slope(part) + about.curvature(part)]
+                for part in vars(rows).values()
+            )
+            histories[name] = Energy(*map(np.array, parts))
+    histories.update({"t": np.array([0.0, 1.0]), "t_level": np.array([0.0, 1.0])})
+    last = end(start.changed(t=1.0, q=start.q + about.D))
+    solution = solution_of(recorder, stats, lambda: last, stored=histories)
+
+    def resultants_of_beam(name: str) -> BeamResultants:
+        beam = close.resultants_of_beam(name)
+        parts: Any = (
+            np.stack([rows[0], rows[0] + about.slope(rows)]) for rows in (beam.N, beam.Q, beam.M)
+        )
+        return BeamResultants(beam.s, *parts)
+
+    solution.resultants_of_beam = resultants_of_beam
+    return solution
+
+
+def _check_kinks(about: SmallLoads, stepper: LoadStepper) -> None:
+    """Refuse a scene in which the stiffness depends on the sign of small loads."""
+    if not stepper.model.nonsmooth:
+        return
+    small = np.argsort(abs(about.loads))[:2] + 1
+    forces = [stepper.loop.balance(state, state.t).f.copy() for state in about.states]
+    up, down = (forces[k] - forces[0] for k in small)
+    if np.linalg.norm(up + down) > _KINK * np.linalg.norm(up - down):
+        raise SceneError(
+            "static: linear: a stop, a contact or a law of springs has a kink where the scene is "
+            "at rest, so that its stiffness depends on the load. Leave linear out"
+        )

@@ -1,0 +1,82 @@
+"""States at small loads, by which derivatives by the load factor are found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from fx_beam.content_cache import cached_property
+from fx_beam.errors import SceneError
+from fx_beam.laws.interval import Interval
+from fx_beam.results.state import State
+
+from .load_steps import LoadStepper
+
+# Largest rotation [rad] and strain of these states. Their loads are these parts of the largest: the
+# error of a derivative is that of a polynomial of degree 8.
+_LARGEST, _PARTS = 0.05, np.arange(4, 0, -1) / 4
+
+
+class SmallLoads:
+    r"""Displacements u_1 = K_0^-1 f about a state, and states at u = l u_1 under loads l f."""
+
+    def __init__(self, what: str, stepper: LoadStepper, state: State):
+        self._what, self._stepper, self.state = what, stepper, state
+        reduction = stepper.model.reduction
+        path, y = stepper.path, np.zeros(reduction.free)
+        path.begin(state)
+        #: Whether anything changes with the load factor.
+        self.acts = bool(stepper.forcing.rise.any() or path.balance(y, 0.0)[2].any())
+        tangent = path.with_the_load(y, 0.0)
+        if not (tangent.load and np.isfinite(tangent.y).all()):
+            raise SceneError(f"{what}: the state is at a critical point already. Reduce its loads")
+        #: Displacements (free,) of the unknowns by the load factor, and (size,) of all nodes.
+        self.y, self.D = tangent.y / tangent.load, tangent.D / tangent.load
+        largest = _LARGEST / (self._size() or 1.0)
+        #: Load factors (n,) of the states, of both signs, beside that of the state.
+        self.loads = largest * np.concatenate([_PARTS, -_PARTS])
+        # Of the polynomial through values in all states: its coefficients of the first two orders.
+        powers = np.vander(np.append(0.0, self.loads / largest), increasing=True)
+        self._first, self._second = np.linalg.inv(powers)[1:3]
+        self._largest = largest
+
+    def _size(self) -> float:
+        """Largest rotation or strain by the load factor."""
+        mesh, D = self._stepper.model.mesh, self.D.reshape(-1, 3)
+        first, last = mesh.points[:, 0], mesh.points[:, 1]
+        length = np.hypot(*(mesh.X[last] - mesh.X[first]).T)
+        strains = np.hypot(*(D[last, :2] - D[first, :2]).T) / length
+        return float(max(abs(D[:, 2]).max(initial=0.0), strains.max(initial=0.0)))
+
+    @cached_property
+    def states(self) -> list[State]:
+        """The state, and those at `loads`."""
+        return [self.state, *map(self._at, self.loads.tolist())]
+
+    def _at(self, load: float) -> State:
+        path, start = self._stepper.path, self.state
+        path.begin(start)
+        y = load * self.y
+        balance, *_ = path.balance(y, load)
+        interval = Interval(start.t, start.t + load)
+        return self._stepper.loop.finished(start, interval, y, balance.r.copy())
+
+    def slope(self, values: Any) -> Any:
+        """Derivative by the load factor of values (n + 1, ...) in all states."""
+        return _sum(self._first, values) / self._largest
+
+    def curvature(self, values: Any) -> Any:
+        """Half of the second derivative likewise."""
+        return _sum(self._second, values) / self._largest**2
+
+    def slope_of(self, function: Callable[[State], Any]) -> Any:
+        """Derivative of a function of the state, such as a sparse matrix."""
+        return self.slope([function(state) for state in self.states])
+
+
+def _sum(weights: np.ndarray, values: Any) -> Any:
+    if isinstance(values, np.ndarray):
+        return np.tensordot(weights, values, axes=1)
+    return sum(weight * value for weight, value in zip(weights, values, strict=True))

@@ -1,0 +1,161 @@
+"""First-order statics against a stiffness matrix of Timoshenko's beams, and closed forms."""
+
+import numpy as np
+import pytest
+
+import fx_beam as fb
+from fx_beam.results.fields import along_all
+
+EA, GA, EI = 3e5, 1e5, 40.0
+SECTION = fb.Section(EA=EA, GA=GA, EI=EI, rhoA=2.0)
+
+
+def stiffness(a, b):
+    """Stiffness (6, 6) of a beam of Timoshenko between two points, and its turn (6, 6)."""
+    (dx, dy) = np.subtract(b, a)
+    L = np.hypot(dx, dy)
+    c, s, phi = dx / L, dy / L, 12 * EI / (GA * L**2)
+    k = EI / (L**3 * (1 + phi))
+    K = np.zeros((6, 6))
+    K[np.ix_([0, 3], [0, 3])] = EA / L * np.array([[1, -1], [-1, 1]])
+    near, far = (4 + phi) * L**2, (2 - phi) * L**2
+    K[np.ix_([1, 2, 4, 5], [1, 2, 4, 5])] = k * np.array(
+        [
+            [12, 6 * L, -12, 6 * L],
+            [6 * L, near, -6 * L, far],
+            [-12, -6 * L, 12, -6 * L],
+            [6 * L, far, -6 * L, near],
+        ]
+    )
+    turn = np.kron(np.eye(2), [[c, s, 0], [-s, c, 0], [0, 0, 1]])
+    return K, turn
+
+
+POINTS = np.array([(0, 0), (0, 3), (2, 4.5), (4, 3), (4, 0)], float)
+MEMBERS = [(0, 1), (1, 2), (2, 3), (3, 4), (1, 3)]
+LOADS = np.zeros((5, 3))
+LOADS[1], LOADS[2], LOADS[3] = (5.0, -20.0, 0.0), (1.0, -40.0, 3.0), (0.0, -10.0, -2.0)
+
+
+def by_stiffness():
+    """Displacements (5, 3) of a frame on two clamps, reactions, and end forces of members."""
+    K = np.zeros((15, 15))
+    for a, b in MEMBERS:
+        local, turn = stiffness(POINTS[a], POINTS[b])
+        dofs = [*range(3 * a, 3 * a + 3), *range(3 * b, 3 * b + 3)]
+        K[np.ix_(dofs, dofs)] += turn.T @ local @ turn
+    free = np.arange(3, 12)
+    u = np.zeros(15)
+    u[free] = np.linalg.solve(K[np.ix_(free, free)], LOADS.ravel()[free])
+    ends = []
+    for a, b in MEMBERS:
+        local, turn = stiffness(POINTS[a], POINTS[b])
+        dofs = [*range(3 * a, 3 * a + 3), *range(3 * b, 3 * b + 3)]
+        ends.append(local @ turn @ u[dofs])
+    return u.reshape(5, 3), (K @ u - LOADS.ravel()).reshape(5, 3), np.array(ends)
+
+
+def frame(factor=1.0):
+    scene = fb.Scene()
+    beams = scene.add_mesh(POINTS, MEMBERS, SECTION, elements=2, degree=3)
+    for node in (beams.nodes[0], beams.nodes[4]):
+        scene.clamp(node)
+    for node, (x, y, moment) in zip(beams.nodes, LOADS, strict=True):
+        scene.add_force(node, (factor * x, factor * y))
+        scene.add_moment(node, factor * moment)
+    return scene, beams
+
+
+@pytest.mark.parametrize("factor", [1.0, 1e4])  # large loads, in which no path could be followed
+def test_a_frame_has_the_displacements_and_forces_of_its_stiffness_matrix(factor):
+    u, reactions, ends = by_stiffness()
+    scene, beams = frame(factor)
+    solution = fb.static(scene, linear=True)
+    q = np.array(
+        [[*solution.displacement(node)[-1], solution.rotation(node)[-1]] for node in beams.nodes]
+    )
+    assert q / factor == pytest.approx(u, rel=1e-9, abs=1e-9 * abs(u).max())
+    for k in (0, 4):
+        found = solution.reaction(beams.nodes[k])[-1] / factor
+        assert found == pytest.approx(reactions[k], abs=1e-8 * abs(reactions).max())
+    N, Q, M = (along_all(solution, name, [1], np.array([0.0, 1.0]))[0] for name in "NQM")
+    for member, (n1, q1, m1, n2, q2, m2) in enumerate(ends):
+        first, last = 2 * member, 2 * member + 1
+        size = 1e-8 * abs(ends).max()
+        assert [-N[first, 0] / factor, N[last, 1] / factor] == pytest.approx([n1, n2], abs=size)
+        assert [-Q[first, 0] / factor, Q[last, 1] / factor] == pytest.approx([q1, q2], abs=size)
+        assert [-M[first, 0] / factor, M[last, 1] / factor] == pytest.approx([m1, m2], abs=size)
+
+
+def test_energies_are_half_the_work_of_the_full_loads():
+    u, _, _ = by_stiffness()
+    scene, _ = frame()
+    energy = fb.static(scene, linear=True).energy
+    assert energy.strain[-1] == pytest.approx(0.5 * (u * LOADS).sum(), rel=1e-8)
+    assert abs(energy.balance_error).max() < 1e-8 * energy.strain[-1]
+
+
+def test_it_is_the_limit_of_static_at_small_loads():
+    scene, beams = frame(1e-4)
+    linear = fb.static(scene, linear=True)
+    path = fb.static(scene, load_steps=1)
+    assert linear.q[-1] == pytest.approx(path.q[-1], abs=1e-3 * abs(path.q).max())
+
+
+def test_weight_heat_settlement_and_springs_count():
+    L, q, settled, k, heat = 2.0, 2.0 * 9.81, -0.01, 50.0, 2e-3
+    scene = fb.Scene(gravity=(0, -9.81))
+    beam = scene.add_beam([(0, 0), (L, 0)], SECTION, elements=2, degree=3)
+    scene.fix(beam.start, "x", "rotation")
+    scene.prescribe(beam.start, y=lambda t: settled)
+    scene.add_force_between(beam.end, (L, -1.0), spring=fb.Spring(k, rest=1.0))
+    scene.add_natural_strain(beam, curvature=heat)
+    tip = fb.static(scene, linear=True).displacement(beam.end)[-1, 1]
+    free = settled - q * L**4 / (8 * EI) - q * L**2 / (2 * GA) + heat * L**2 / 2
+    compliance = L**3 / (3 * EI) + L / GA
+    assert tip == pytest.approx(free / (1 + k * compliance), rel=1e-8)
+
+
+def test_joints_are_those_of_the_reference():
+    # A hinged beam in the middle: the hinge has no moment, and each half is a cantilever.
+    scene = fb.Scene()
+    left = scene.add_beam([(0, 0), (1, 0)], SECTION, elements=2, degree=3)
+    right = scene.add_beam([(1, 0), (3, 0)], SECTION, elements=2, degree=3)
+    scene.clamp(left.start)
+    scene.clamp(right.end)
+    scene.add_joint(fb.Revolute(left.end, right.start))
+    scene.add_force(left.end, (0, -6.0))
+    solution = fb.static(scene, linear=True)
+    stiffnesses = [1 / (L**3 / (3 * EI) + L / GA) for L in (1.0, 2.0)]
+    sunk = solution.displacement(left.end)[-1, 1]
+    assert sunk == pytest.approx(-6.0 / sum(stiffnesses), rel=1e-9)
+    assert solution.reaction(left.start)[-1, 1] == pytest.approx(-sunk * stiffnesses[0], rel=1e-8)
+
+
+def resting():
+    scene = fb.Scene(gravity=(0, -9.81))
+    beam = scene.add_beam([(0, 0), (1, 0)], SECTION, elements=4)
+    scene.clamp(beam.start)
+    scene.add_contact(beam.end, fb.Line((0, 0), normal=(0, 1)), stiffness=1e5)
+    return scene
+
+
+def swinging():
+    scene = fb.Scene(gravity=(0, -9.81))
+    scene.pin(scene.add_beam([(0, 0), (1, 0)], SECTION, elements=4).start)
+    return scene
+
+
+@pytest.mark.parametrize(
+    ("make", "options", "message"),
+    [
+        (resting, {}, "linear: a stop, a contact or a law of springs has a kink"),
+        (swinging, {}, "it has no first-order equilibrium"),
+        (lambda: frame()[0], {"spin": 1.0}, "linear goes without start, spin"),
+        (lambda: frame()[0], {"linear": "yes"}, "linear = 'yes' must be True or False"),
+        (lambda: frame()[0], {"continuation": "arc-length"}, "linear goes without"),
+    ],
+)
+def test_what_has_no_first_order_answer_is_refused(make, options, message):
+    with pytest.raises(fb.SceneError, match=message):
+        fb.static(make(), **{"linear": True} | options)
