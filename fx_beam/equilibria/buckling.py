@@ -12,14 +12,13 @@ from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 from fx_beam.errors import SceneError, is_whole, require
 from fx_beam.results.buckling_modes import BucklingModes
 from fx_beam.results.solution import Solution
-from fx_beam.results.state import State
 from fx_beam.results.vibrations import modes_of
 from fx_beam.scene.scene import Scene
 from fx_beam.step.sparse_lu import LU
 
-from .load_steps import StaticOptions
+from .geometric_stiffness import check_forces, geometric_stiffness
+from .load_steps import LoadStepper, StaticOptions
 from .small_loads import SmallLoads
-from .small_motions import SmallMotions
 from .statics import LoadPath
 
 # Number of unknowns up to which matrices are full.
@@ -36,12 +35,11 @@ def buckling(
 ) -> BucklingModes:
     r"""Compute load factors and shapes of linear buckling.
 
-    Displacements are small up to the critical load: with the stiffness :math:`K_0` about a state,
-    the displacements :math:`u_1 = K_0^{-1} f` under the loads f, and the geometric stiffness
-    :math:`K_g = dK(\varepsilon u_1, \varepsilon f)/d\varepsilon`, it solves
-    :math:`(K_0 + \lambda K_g) \varphi = 0`. Where members deform much before they buckle, as
-    shallow arches, take `static` with ``continuation="arc-length"``. Contacts and stops stay as
-    they are in the state.
+    With the stiffness :math:`K_0` about a state, the forces in members, lines and joints by its
+    first-order answer under the loads, and their geometric stiffness :math:`K_g` in the shape of
+    the state, it solves :math:`(K_0 + \lambda K_g) \varphi = 0`. Displacements before the critical
+    load are neglected: where members deform much before they buckle, as shallow arches, take
+    `static` with ``continuation="arc-length"``.
 
     Parameters
     ----------
@@ -66,8 +64,8 @@ def buckling(
     Raises
     ------
     SceneError
-        If the state is unstable or free to move; if the loads follow the motion, so that the
-        stiffness is not symmetric; or if no positive load factor exists.
+        If the state is unstable or free to move; for loads that follow the motion or have a law of
+        their own, contact, and nodes that slide on beams; or if no positive load factor exists.
 
     References
     ----------
@@ -93,8 +91,9 @@ def buckling(
     first = path.first_state()
     path.forcing.keep_start()
     path.stepper.path.held[:] = 0.0  # forces that hold the state do not fade
+    check_forces(path.model)
     about, motions = SmallLoads("buckling", path.stepper, first), path.stepper.motions
-    factors, vectors = _lowest(about, motions, n)
+    factors, vectors = _lowest(about, path.stepper, n)
     none = np.zeros(len(factors))
     motions.stiffness(first)  # the couplings are then those of the state
     shapes = motions.coupling() @ vectors
@@ -102,28 +101,19 @@ def buckling(
     return BucklingModes(factors, modes)
 
 
-def _lowest(about: SmallLoads, motions: SmallMotions, n: int) -> tuple[np.ndarray, np.ndarray]:
+def _lowest(about: SmallLoads, stepper: LoadStepper, n: int) -> tuple[np.ndarray, np.ndarray]:
     """The n lowest positive load factors, and vectors (unknowns, n)."""
-
-    def stiffness(state: State) -> scipy.sparse.csr_matrix:
-        K = motions.stiffness(state)
-        if not motions.symmetric(K):
-            raise SceneError(
-                "buckling: the stiffness is not symmetric, as loads follow the motion. Stability "
-                "depends on masses then. Take fx_beam.static, whose critical_points have flutter"
-            )
-        return K
-
-    K = stiffness(about.state)
-    size, stable = K.shape[0], motions.growing(about.state, K) == (0, 0)
-    Kg, unit = about.slope_of(stiffness), scipy.sparse.diags(motions.unit)
-    K, Kg = ((unit @ (A + A.T) @ unit / 2).tocsc() for A in (K, Kg))
-    if not about.acts:
-        raise SceneError("buckling: the scene has no loads")
-    if not stable:
+    motions = stepper.motions
+    K = motions.stiffness(about.state)
+    size, unit = K.shape[0], scipy.sparse.diags(motions.unit)
+    if not size or not about.acts:
+        raise SceneError("buckling: the scene has no loads" if size else "buckling: nothing moves")
+    if not motions.symmetric(K) or motions.growing(about.state, K) != (0, 0):
         raise SceneError(
             "buckling: the state is no stable equilibrium. Reduce its loads, or support it"
         )
+    Kg = geometric_stiffness(about, stepper)
+    K, Kg = ((unit @ (A + A.T) @ unit / 2).tocsc() for A in (K, Kg))
     # 1/lambda are the largest eigenvalues of -Kg in the metric of K.
     if size <= _FULL or n > size // 3:
         inverse, vectors = scipy.linalg.eigh(-Kg.toarray(), K.toarray())

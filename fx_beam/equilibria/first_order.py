@@ -12,7 +12,6 @@ from fx_beam.motions.evaluation import solution_of
 from fx_beam.results.audit import BeamResultants, Energy, Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
-from fx_beam.step.recorder import Record, Recorder
 
 from .load_steps import LoadStepper
 from .small_loads import SmallLoads
@@ -38,15 +37,11 @@ def first_order(
     Every history is linear in the load factor; energies and work are quadratic.
     """
     about = SmallLoads("static: linear", stepper, start)
-    model, states = stepper.model, about.states
     _check_kinks(about, stepper)
-    recorder = Recorder(model, np.arange(len(states), dtype=float), Record())
-    for state in states:
-        stepper.loop.record(state, recorder)
-    close = solution_of(recorder, stats, lambda: start)
+    close, recorder = about.solution, about.recorder
     histories = _Histories(recorder.histories())
     for name, rows in histories.items():
-        if isinstance(rows, np.ndarray) and len(rows) == len(states):
+        if isinstance(rows, np.ndarray) and len(rows) == len(close.t):
             histories[name] = np.stack([rows[0], rows[0] + about.slope(rows)])
         elif isinstance(rows, Energy):
             parts = (

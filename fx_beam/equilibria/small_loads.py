@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 
 from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError
 from fx_beam.laws.interval import Interval
+from fx_beam.motions.evaluation import solution_of
+from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
+from fx_beam.step.recorder import Record, Recorder
 
 from .load_steps import LoadStepper
 
@@ -41,6 +41,7 @@ class SmallLoads:
         powers = np.vander(np.append(0.0, self.loads / largest), increasing=True)
         self._first, self._second = np.linalg.inv(powers)[1:3]
         self._largest = largest
+        self._find_states()
 
     def _size(self) -> float:
         """Largest rotation or strain by the load factor."""
@@ -50,33 +51,35 @@ class SmallLoads:
         strains = np.hypot(*(D[last, :2] - D[first, :2]).T) / length
         return float(max(abs(D[:, 2]).max(initial=0.0), strains.max(initial=0.0)))
 
-    @cached_property
-    def states(self) -> list[State]:
-        """The state, and those at `loads`."""
-        return [self.state, *map(self._at, self.loads.tolist())]
-
-    def _at(self, load: float) -> State:
+    def _find_states(self) -> None:
         path, start = self._stepper.path, self.state
-        path.begin(start)
-        y = load * self.y
-        balance, *_ = path.balance(y, load)
-        interval = Interval(start.t, start.t + load)
-        return self._stepper.loop.finished(start, interval, y, balance.r.copy())
+        states, forces = [], []
+        for load in (0.0, *self.loads.tolist()):
+            path.begin(start)
+            y = load * self.y
+            forces.append(path.balance(y, load)[0].r.copy())
+            interval = Interval(start.t, start.t + load)
+            states.append(self._stepper.loop.finished(start, interval, y, forces[-1]))
+        #: The state and those at `loads`, and forces (n + 1, size) of supports and joints in them.
+        self.states, self.forces = [start, *states[1:]], np.array(forces)
 
-    def slope(self, values: Any) -> Any:
+    @cached_property
+    def recorder(self) -> Recorder:
+        """A record of all states."""
+        recorder = Recorder(self._stepper.model, np.arange(len(self.states), dtype=float), Record())
+        for state in self.states:
+            self._stepper.loop.record(state, recorder)
+        return recorder
+
+    @cached_property
+    def solution(self) -> Solution:
+        """All states as the rows of a solution."""
+        return solution_of(self.recorder, self._stepper.stats, lambda: self.state)
+
+    def slope(self, rows: np.ndarray) -> np.ndarray:
         """Derivative by the load factor of values (n + 1, ...) in all states."""
-        return _sum(self._first, values) / self._largest
+        return np.tensordot(self._first, rows, axes=1) / self._largest
 
-    def curvature(self, values: Any) -> Any:
+    def curvature(self, rows: np.ndarray) -> np.ndarray:
         """Half of the second derivative likewise."""
-        return _sum(self._second, values) / self._largest**2
-
-    def slope_of(self, function: Callable[[State], Any]) -> Any:
-        """Derivative of a function of the state, such as a sparse matrix."""
-        return self.slope([function(state) for state in self.states])
-
-
-def _sum(weights: np.ndarray, values: Any) -> Any:
-    if isinstance(values, np.ndarray):
-        return np.tensordot(weights, values, axes=1)
-    return sum(weight * value for weight, value in zip(weights, values, strict=True))
+        return np.tensordot(self._second, rows, axes=1) / self._largest**2

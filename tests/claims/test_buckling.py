@@ -144,6 +144,45 @@ def test_a_stiff_frame_buckles_where_its_path_of_equilibria_branches():
     assert fb.buckling(scene, n=1).load_factors == pytest.approx([point.load_factor], rel=1e-5)
 
 
+@pytest.mark.parametrize("side", [0.0, 0.1, 1.0])
+def test_bending_before_the_critical_load_does_not_count(side):
+    scene, beam = column()
+    scene.clamp(beam.start)
+    scene.add_force(beam.end, (side, -1.0))
+    assert fb.buckling(scene, n=1).load_factors == pytest.approx([EULER / 4], rel=1e-5)
+
+
+def test_a_frame_that_the_wind_bends_sways_at_the_load_of_one_that_it_does_not():
+    scene, left = portal(1.0)
+    scene.add_force(left.end, (0.02, 0.0))
+    kh = brentq(lambda kh: kh / math.tan(kh) + 6 * 3 / 4, 1.6, 3.1)
+    assert fb.buckling(scene, n=1).load_factors == pytest.approx([10 * (kh / 3) ** 2], rel=1e-3)
+
+
+def test_a_strut_of_a_spring_on_a_side_spring_buckles_at_its_stiffness_times_its_length():
+    scene = fb.Scene()
+    node = scene.add_body((0, 2.0), 1.0, 1.0).centre
+    scene.fix(node, "rotation")
+    scene.add_force_between(node, (0, 0), spring=fb.Spring(1e6, rest=2.0))
+    scene.add_force_between(node, (3.0, 2.0), spring=fb.Spring(7.0, rest=3.0))
+    scene.add_force(node, (0, -1.0))
+    assert fb.buckling(scene).load_factors == pytest.approx([14.0], rel=1e-7)
+
+
+def test_a_body_on_two_columns_buckles_as_a_portal_with_a_rigid_girder():
+    # Clamped posts that a rigid block joins: each has 4 pi^2 EI / (2 h)^2.
+    scene = fb.Scene()
+    posts = [scene.add_beam([(x, 0), (x, 3)], STIFF, elements=8, degree=3) for x in (0, 4)]
+    points = {"left": (0, 3), "right": (4, 3)}
+    block = scene.add_body((2, 3.5), mass=1.0, inertia=1.0, points=points)
+    for post, name in zip(posts, points, strict=True):
+        scene.clamp(post.start)
+        scene.add_joint(fb.Rigid(post.end, block[name]))
+    scene.add_force(block.centre, (0, -2.0))
+    (factor,) = fb.buckling(scene, n=1).load_factors
+    assert factor == pytest.approx(EULER / 9, rel=1e-4)
+
+
 def test_pictures_have_the_load_factors(tmp_path):
     scene, _ = portal(1.0)
     modes = fb.buckling(scene, n=2)
@@ -172,7 +211,7 @@ def loose(scene, beam):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (following, "not symmetric, as loads follow the motion"),
+        (following, "the scene has loads that follow the motion"),
         (pulled, "no positive load factor: the loads make nothing unstable"),
         (cantilever, "no loads"),
         (loose, "no stable equilibrium|can rotate about"),

@@ -1,0 +1,144 @@
+"""The geometric stiffness of forces that small loads cause, in the shape of a state."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse
+
+from fx_beam.errors import SceneError
+from fx_beam.fem.mesh import rotation_of
+from fx_beam.results.fields import nodes_of_elements
+from fx_beam.scene.beam import Node, gauss_rule, lagrange_and_slopes
+from fx_beam.scene.joints import GROUND
+from fx_beam.step.model import Model
+
+from .load_steps import LoadStepper
+from .small_loads import SmallLoads
+
+# Part of a unit for differences of the maps of joints.
+_PART = 1e-5
+
+
+def check_forces(model: Model) -> None:
+    """SceneError for forces whose geometric stiffness is not known."""
+    scene, what = model.scene, ""
+    if scene.virtual_works or any(line.force for line in scene.forces_between):
+        what = "forces with a law of their own"
+    if len(model.points.followers):
+        what = "loads that follow the motion, so that stability depends on masses"
+    if scene.contacts or model.couplings.sliding:
+        what = "contact" if scene.contacts else "nodes that slide on beams"
+    if what:
+        raise SceneError(
+            f"buckling: the scene has {what}. Take fx_beam.static, which finds critical_points"
+        )
+
+
+def geometric_stiffness(about: SmallLoads, stepper: LoadStepper) -> scipy.sparse.csr_matrix:
+    """dK/dlambda (unknowns, unknowns) by forces alone: displacements stay those of the state."""
+    model, motions = stepper.model, stepper.motions
+    K = _of_beams(about, model) + _of_lines(about, model)
+    motions.stiffness(about.state)  # the couplings are then those of this state
+    T = motions.coupling()
+    return (T.T @ K @ T + _of_joints(about, model)).tocsr()
+
+
+def _assembled(dofs: np.ndarray, blocks: np.ndarray, size: int) -> scipy.sparse.csr_matrix:
+    """Matrix (size, size) of blocks (n, k, k) by their degrees of freedom (n, k)."""
+    rows = np.repeat(dofs, dofs.shape[1], axis=1).ravel()
+    columns = np.tile(dofs, dofs.shape[1]).ravel()
+    return scipy.sparse.csr_matrix((blocks.ravel(), (rows, columns)), (size, size))
+
+
+def _of_beams(about: SmallLoads, model: Model) -> scipy.sparse.csr_matrix:
+    """That of N and Q: the second variation of N eps + Q gamma (eqs 9 and 10).
+
+    With t and n along and across the section: N (2 n.du' dpsi - t.phi' dpsi^2) and
+    -Q (2 t.du' dpsi + n.phi' dpsi^2).
+    """
+    mesh, size = model.mesh, model.size
+    if not model.scene.beams:
+        return scipy.sparse.csr_matrix((size, size))
+    nodes = nodes_of_elements(about.solution)
+    count = nodes.shape[1]
+    points, weights = gauss_rule(count - 1)
+    values, slopes = lagrange_and_slopes(np.linspace(0, 1, count), points)
+    N, Q = (_slopes_of(about, model, name)[..., None] for name in "NQ")
+    X, q = mesh.X[nodes], about.state.q.reshape(-1, 3)[nodes]
+    along = np.einsum("ga,eai->egi", slopes, X)
+    J = np.linalg.norm(along, axis=-1, keepdims=True)
+    x, y = np.moveaxis(along / J, -1, 0)
+    psi = q[..., 2] @ values.T
+    c, s = np.cos(psi), np.sin(psi)
+    t = np.stack([c * x - s * y, s * x + c * y], axis=-1)
+    n = np.stack([-t[..., 1], t[..., 0]], axis=-1)
+    by_J = along + np.einsum("ga,eai->egi", slopes, q[..., :2])  # J phi'
+    turned = -((N * t + Q * n) * by_J).sum(axis=-1)
+    # du' is a slope by J, and the integral has the weight J.
+    mixed = np.einsum("g,ga,egi,gb->eaib", weights, slopes, N * n - Q * t, values)
+    blocks = np.zeros((len(nodes), count, 3, count, 3))
+    blocks[:, :, :2, :, 2] = mixed
+    blocks[:, :, 2, :, :2] = mixed.transpose(0, 3, 1, 2)
+    blocks[:, :, 2, :, 2] = np.einsum("g,eg,ga,gb->eab", weights, turned, values, values)
+    width = 3 * count
+    return _assembled(mesh.dofs[nodes].reshape(-1, width), blocks.reshape(-1, width, width), size)
+
+
+def _slopes_of(about: SmallLoads, model: Model, name: str) -> np.ndarray:
+    """Resultants (cells, points) by the load factor."""
+    of_beams = []
+    for beam in model.scene.beams:
+        rows = getattr(about.solution.resultants(beam), name)
+        of_beams.append(about.slope(rows).reshape(beam.elements, -1))
+    return np.concatenate(of_beams)
+
+
+def _of_lines(about: SmallLoads, model: Model) -> scipy.sparse.csr_matrix:
+    """That of forces between points and ropes: F / l across each straight part of length l."""
+    lines, size = model.scene.forces_between, model.size
+    if not lines:
+        return scipy.sparse.csr_matrix((size, size))
+    forces = about.slope(about.solution.recorded("line_forces"))
+    positions = model.mesh.X + about.state.q.reshape(-1, 3)[:, :2]
+    # The degrees of freedom of a fixed point are behind all others, and left out at the end.
+    fixed = np.full(2, size)
+    dofs, blocks = [], []
+    for line in lines:
+        places = [positions[p.number] if isinstance(p, Node) else p.position for p in line.points]
+        of_points = [
+            model.mesh.dofs[p.number][:2] if isinstance(p, Node) else fixed for p in line.points
+        ]
+        for k, arm in enumerate(np.diff(places, axis=0)):
+            length = np.hypot(*arm)
+            across = np.eye(2) - np.outer(arm, arm) / length**2
+            blocks.append(forces[line.number] / length * np.kron([[1, -1], [-1, 1]], across))
+            dofs.append(np.concatenate(of_points[k : k + 2]))
+    return _assembled(np.array(dofs), np.array(blocks), size + 1)[:size, :size]
+
+
+def _of_joints(about: SmallLoads, model: Model) -> scipy.sparse.csr_matrix:
+    """That of forces in joints with arms: d(Tv(y)^T r)/dy by central differences of Tv."""
+    reduction, state = model.reduction, about.state
+    independent = reduction.independent
+    n = len(independent)
+    arms = np.zeros(model.size)
+    for joint in model.couplings.moving:
+        if joint.a is not GROUND:
+            arms[rotation_of(joint.a)] = 1.0
+    if reduction.equates or not arms.any():
+        return scipy.sparse.csr_matrix((n, n))
+    forces, driven = about.slope(about.forces), np.zeros(reduction.driven)
+    reduction.begin(state.q, state.slides)
+    turning = np.flatnonzero(reduction.moves(arms)[independent])
+    columns = np.zeros((n, len(turning)))
+    for column, unknown in zip(columns.T, independent[turning], strict=True):
+        h = _PART * model.unit_of_unknowns[unknown]
+        for step in (h, -h):
+            y = np.zeros(reduction.free)
+            y[unknown] = step
+            reduction.expand(y, driven)
+            Tv = reduction.coupling(virtual=True)[:, independent]
+            column += Tv.T @ forces / (2 * step)
+    reduction.expand(np.zeros(reduction.free), driven)
+    rows, places = np.divmod(np.arange(columns.size), len(turning))
+    return scipy.sparse.csr_matrix((columns.ravel(), (rows, turning[places])), (n, n))
