@@ -12,6 +12,7 @@ import pytest
 from scenes import FLYING, free_flight
 
 import fx_beam as fb
+from fx_beam.motions.set_ups import SetUps
 
 
 def stiffening(eps, gamma, kappa):
@@ -346,7 +347,10 @@ def mapped():
 
 @pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="Linux says what is mapped")
 @pytest.mark.parametrize("law", ["section", "spring", "work"])
-def test_code_of_laws_that_nothing_has_any_more_leaves_the_process(law):
+def test_code_of_laws_that_nothing_has_any_more_leaves_the_process(law, monkeypatch):
+    # Without the set-ups of tests before, whose code goes at some time in this one.
+    monkeypatch.setattr("fx_beam.motions.dynamics.RECENT", SetUps(size=25_000))
+
     def motion(number):
         def energy(eps, gamma, kappa):
             return same_as_flying(eps, gamma, kappa) + number * kappa**4
