@@ -71,7 +71,7 @@ def finished(folder, number, text, code=0):
 
 def test_a_small_scene_is_computed_by_the_first_process_alone(monkeypatch):
     others = SimpleNamespace(size=4)
-    monkeypatch.setattr(surroundings.Team, "leading", others)
+    monkeypatch.setattr("fx_beam.parallel.team.Team.leading", others)
     scene = process_cases.loaded(lambda t: (0.0, 1.0))
     assert surroundings.waiting_team(scene) is None
     monkeypatch.setattr(surroundings, "SMALLEST", 2)
