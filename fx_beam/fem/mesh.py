@@ -37,6 +37,10 @@ class Mesh:
         self.X = X
         #: Largest extent of the scene [m]; 1 for a single node.
         self.size = float(np.hypot(*np.ptp(X, axis=0))) or 1.0
+        ends = X[self.elements[:, [0, -1]]]
+        lengths = np.hypot(*(ends[:, 1] - ends[:, 0]).T)
+        #: Shortest distance of the ends of an element of each beam [m].
+        self.shortest = [float(lengths[cells].min()) for cells in self.cells]
         in_space = np.zeros((*self.points.shape, 3))
         in_space[..., :2] = X[self.points]
         #: Positions (cells, 3 m) of `points` in space [m].
@@ -57,13 +61,6 @@ class Mesh:
         """Nodes of each beam, in order along it."""
         of_beams = [self.elements[cells] for cells in self.cells]
         return [np.append(nodes[:, :-1], nodes[-1, -1]) for nodes in of_beams]
-
-    @property
-    def shortest(self) -> list[float]:
-        """Shortest distance of the ends of an element of each beam [m]."""
-        ends = self.X[self.elements[:, [0, -1]]]
-        lengths = np.hypot(*(ends[:, 1] - ends[:, 0]).T)
-        return [float(lengths[cells].min()) for cells in self.cells]
 
     def place_of(self, node: int, scene: Scene) -> str:
         """In words where a node is: on which beam, or its position."""

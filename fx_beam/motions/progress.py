@@ -48,11 +48,12 @@ def progress_bar(total: float, asked: bool | None, **look) -> tqdm | _NoBar:
 
     In a sweep only if it is asked for: several workers would draw over one another.
     """
-    # For tqdm, None means: only on a terminal.
-    hidden = (thread_series() is not None or None) if asked is None else not asked
-    if hidden or sys.stderr is None or getattr(sys.stderr, "closed", False):
+    error = sys.stderr
+    if error is None or getattr(error, "closed", False):
         return _NoBar()
-    return tqdm(total=total, disable=hidden, delay=0 if asked else _SOON, leave=False, **look)
+    if not (thread_series() is None and error.isatty() if asked is None else asked):
+        return _NoBar()
+    return tqdm(total=total, delay=0 if asked else _SOON, leave=False, **look)
 
 
 def failure_of(stop: BaseException, time: float) -> Failure:

@@ -398,12 +398,14 @@ class Model:
     @property
     def unit_of_unknowns(self) -> np.ndarray:
         """Size of a unit increment of each unknown (free,); compare `unit`."""
-        couplings, turns = self.couplings, set(self.turns.tolist())
-        sums = [couplings.entries(dof) for dof in turns]
-        sums += [auxiliary.entries for auxiliary in couplings.auxiliaries if auxiliary.dof in turns]
-        turning = [entry[0] for entries in sums for entry in entries]
+        couplings, turns = self.couplings, np.zeros(self.size, dtype=bool)
+        turns[self.turns] = True
         unit = np.full(couplings.columns + len(couplings.auxiliaries), self.mesh.size)
-        unit[turning] = 1.0
+        entries = couplings.all_entries
+        unit[entries.column[turns[entries.row]]] = 1.0
+        for auxiliary in couplings.auxiliaries:
+            if turns[auxiliary.dof]:
+                unit[[entry[0] for entry in auxiliary.entries]] = 1.0
         return unit[: couplings.free]
 
     @property
