@@ -151,7 +151,7 @@ fx_beam.simulate; print(*sys.modules)"""
     package, motions = (set(line.split()) for line in done.stdout.splitlines())
     libraries = {"matplotlib", "pyvista", "vtkmodules", "imageio", "pandas", "xarray"}
     rooms = {name.split(".")[1] for name in motions if name.startswith("fx_beam.")} & set(ROOMS)
-    assert rooms == {"scene", "laws", "results", "fem", "coupling", "step", "parallel", "motions"}
+    assert rooms == {"scene", "laws", "results", "fem", "coupling", "step", "motions"}
     assert {name for name in package if name.startswith("fx_beam")} == {"fx_beam"}
     assert not package & {"numpy", "ufl"}
     assert not motions & (libraries | {"dolfinx", "mpi4py", "petsc4py"})
