@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.errors import SceneError
 from fx_beam.motions.evaluation import solution_of
 from fx_beam.results.audit import BeamResultants, Energy, Stats
 from fx_beam.results.solution import Solution
@@ -15,10 +14,6 @@ from fx_beam.results.state import State
 
 from .load_steps import LoadStepper
 from .small_loads import SmallLoads
-
-# Part of a change of forces with the load that is the same for both signs of a small load, above
-# which a stop or a contact begins to act there.
-_KINK = 0.2
 
 
 class _Histories(dict[str, Any]):
@@ -37,7 +32,6 @@ def first_order(
     Every history is linear in the load factor; energies and work are quadratic.
     """
     about = SmallLoads("static: linear", stepper, start)
-    _check_kinks(about, stepper)
     close, recorder = about.solution, about.recorder
     histories = _Histories(recorder.histories())
     for name, rows in histories.items():
@@ -62,17 +56,3 @@ def first_order(
 
     solution.resultants_of_beam = resultants_of_beam
     return solution
-
-
-def _check_kinks(about: SmallLoads, stepper: LoadStepper) -> None:
-    """Refuse a scene in which the stiffness depends on the sign of small loads."""
-    if not stepper.model.nonsmooth:
-        return
-    small = np.argsort(abs(about.loads))[:2] + 1
-    forces = [stepper.loop.balance(state, state.t).f.copy() for state in about.states]
-    up, down = (forces[k] - forces[0] for k in small)
-    if np.linalg.norm(up + down) > _KINK * np.linalg.norm(up - down):
-        raise SceneError(
-            "static: linear: a stop, a contact or a law of springs has a kink where the scene is "
-            "at rest, so that its stiffness depends on the load. Leave linear out"
-        )

@@ -17,6 +17,8 @@ from .load_steps import LoadStepper
 # Largest rotation [rad] and strain of these states. Their loads are these parts of the largest: the
 # error of a derivative is that of a polynomial of degree 8.
 _LARGEST, _PARTS = 0.05, np.arange(4, 0, -1) / 4
+# Least part of these loads that is tried where laws switch.
+_NEAREST = 1e-4
 
 
 class SmallLoads:
@@ -34,7 +36,7 @@ class SmallLoads:
             raise SceneError(f"{what}: the state is at a critical point already. Reduce its loads")
         #: Displacements (free,) of the unknowns by the load factor, and (size,) of all nodes.
         self.y, self.D = tangent.y / tangent.load, tangent.D / tangent.load
-        largest = _LARGEST / (self._size() or 1.0)
+        largest = self._without_switch(_LARGEST / (self._size() or 1.0))
         #: Load factors (n,) of the states, of both signs, beside that of the state.
         self.loads = largest * np.concatenate([_PARTS, -_PARTS])
         # Of the polynomial through values in all states: its coefficients of the first two orders.
@@ -42,6 +44,33 @@ class SmallLoads:
         self._first, self._second = np.linalg.inv(powers)[1:3]
         self._largest = largest
         self._find_states()
+
+    def _without_switch(self, largest: float) -> float:
+        """A load factor up to which, in both directions, no stop or other law switches."""
+        model, start = self._stepper.model, self.state
+        if not (model.points.conditions or model.points.members):
+            return largest
+        path, members = self._stepper.path, model.points.members
+        at_start, touched = np.sign(model.switches(start)), members and members.touched
+        path.begin(start)
+
+        def switched(load: float) -> bool:
+            y = load * self.y
+            slides = start.slides + model.couplings.free_slides(y, len(start.slides))
+            values = model.points.switches(start.q + path.expand(y, load), slides)
+            return (
+                bool((np.sign(values) != at_start).any())
+                or (members and members.touched) != touched
+            )
+
+        for part in _NEAREST ** np.linspace(0, 1, 20):
+            loads = part * largest * np.concatenate([_PARTS, -_PARTS])
+            if not any(map(switched, loads.tolist())):
+                return part * largest
+        raise SceneError(
+            f"{self._what}: a stop, a contact or a law of springs switches where the scene is at "
+            "rest: its stiffness depends on the direction of the load. Take fx_beam.static"
+        )
 
     def _size(self) -> float:
         """Largest rotation or strain by the load factor."""

@@ -183,6 +183,24 @@ def test_a_body_on_two_columns_buckles_as_a_portal_with_a_rigid_girder():
     assert factor == pytest.approx(EULER / 9, rel=1e-4)
 
 
+def with_stop(gap):
+    scene, beam = column()
+    scene.clamp(beam.start)
+    scene.add_force(beam.end, (0.1, -1.0))
+    scene.add_force_between(beam.end, (1.0, 1.0), stop=(1.0 - gap, None, 1e5))
+    return scene
+
+
+@pytest.mark.parametrize("gap", [1e-3, 0.5])
+def test_a_stop_that_is_open_stays_open(gap):
+    assert fb.buckling(with_stop(gap), n=1).load_factors == pytest.approx([EULER / 4], rel=1e-5)
+
+
+def test_a_stop_that_touches_is_refused():
+    with pytest.raises(fb.SceneError, match="buckling: a stop, .* switches where the scene is at"):
+        fb.buckling(with_stop(0.0))
+
+
 def test_pictures_have_the_load_factors(tmp_path):
     scene, _ = portal(1.0)
     modes = fb.buckling(scene, n=2)

@@ -132,6 +132,19 @@ def test_joints_are_those_of_the_reference():
     assert solution.reaction(left.start)[-1, 1] == pytest.approx(-sunk * stiffnesses[0], rel=1e-8)
 
 
+@pytest.mark.parametrize("gap", [1e-3, 0.5])
+@pytest.mark.parametrize("stiff", [1e3, 1e7])
+def test_a_stop_stays_open(gap, stiff):
+    section = fb.Section(EA=stiff, GA=stiff, EI=1.0)
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=2, degree=3)
+    scene.clamp(beam.start)
+    scene.add_force(beam.end, (0, -1.0))
+    scene.add_force_between(beam.end, (1.0, -1.0), stop=(1.0 - gap, None, 1e5))
+    sunk = fb.static(scene, linear=True).displacement(beam.end)[-1, 1]
+    assert sunk == pytest.approx(-(1 / 3 + 1 / stiff), rel=1e-7)
+
+
 def resting():
     scene = fb.Scene(gravity=(0, -9.81))
     beam = scene.add_beam([(0, 0), (1, 0)], SECTION, elements=4)
@@ -149,7 +162,7 @@ def swinging():
 @pytest.mark.parametrize(
     ("make", "options", "message"),
     [
-        (resting, {}, "linear: a stop, a contact or a law of springs has a kink"),
+        (resting, {}, "linear: a stop, a contact or a law of springs switches"),
         (swinging, {}, "it has no first-order equilibrium"),
         (lambda: frame()[0], {"spin": 1.0}, "linear goes without start, spin"),
         (lambda: frame()[0], {"linear": "yes"}, "linear = 'yes' must be True or False"),
