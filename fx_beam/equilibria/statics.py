@@ -64,9 +64,8 @@ class LoadPath:
         #: What it starts from. After the run True stands for a solution: a path that held it would
         #: hold all the solutions before it as well.
         self.scene, self.options, self.start = scene, options, start
-        self._loads_on_nodes = _loads_on_nodes(
-            scene, start, options.t
-        )  # the scene may change later
+        # Now, as the scene may change later.
+        self._loads_on_nodes = _loads_on_nodes(scene, start, options.t)
         self._inputs = values_at(scene, options.inputs, options.t)
         self.began = time.perf_counter()
         self._lease = model_for(connected, Equilibrium(), settles=True)

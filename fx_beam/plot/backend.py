@@ -28,6 +28,5 @@ def check_renderer() -> None:
     except OSError as error:
         raise RuntimeError(
             "VTK cannot draw the shapes: this system has no libEGL.so.1. As root: apt-get install "
-            "libegl1 libgl1-mesa-dri. Without it: thickness=1.0 and colours of a quantity, which "
-            "matplotlib draws"
+            "libegl1 libgl1-mesa-dri. Or give thickness=1.0 or a colour, which matplotlib draws"
         ) from error
