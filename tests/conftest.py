@@ -74,6 +74,8 @@ def no_libraries(monkeypatch, tmp_path):
 
     own = {name: in_own_folder(getattr(library_cache, name)) for name in ("loaded", "folder")}
     monkeypatch.setattr(c_library, "library_cache", SimpleNamespace(**own))
+    # A thread that patches beside this one, or after it, would leave its folder to later tests.
+    monkeypatch.setattr(c_library, "begin_to_build", lambda *library: None)
     # Structs of models that are kept have the types of these declarations.
     types = {key: ffi for key, ffi in c_library._things.items() if key[0] is c_library.declared}
     monkeypatch.setattr(c_library, "_things", types)
