@@ -356,14 +356,14 @@ class Structs:
             return self._ffi.cast(kind, value)
         if kind.item.kind == "struct":
             return self._array(kind.item, value)
-        wanted = _NUMBERS.get(kind.item.cname, np.uintp)  # else addresses of functions
+        expected = _NUMBERS.get(kind.item.cname, np.uintp)  # else addresses of functions
         value = np.asarray(value)
-        other = value.dtype != wanted
-        if other and value.size and not np.can_cast(value.dtype, wanted, "same_kind"):
+        other = value.dtype != expected
+        if other and value.size and not np.can_cast(value.dtype, expected, "same_kind"):
             raise TypeError(f"an array of {value.dtype} for C's {kind.cname}")
-        value = np.asarray(value, wanted, "C")
+        value = np.asarray(value, expected, "C")
         self._referenced.append(value)
-        if wanted is np.uintp:
+        if expected is np.uintp:
             return self._ffi.cast(kind, value.ctypes.data)
         return self._ffi.from_buffer(self._arrays[kind.item.cname], value)
 

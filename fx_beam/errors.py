@@ -215,32 +215,32 @@ def shown(value) -> str:
     return text if len(text) <= _SHOWN else f"{text[:_SHOWN]} ..."
 
 
-def require(fits: bool, what: str, value, wanted: str) -> None:
+def require(ok: bool, name: str, value, expected: str) -> None:
     """Raise a SceneError unless the value is allowed; the message says what is allowed."""
-    if not fits:
-        raise SceneError(f"{what} = {shown(value)} must be {wanted}{size_limit(value, wanted)}")
+    if not ok:
+        raise SceneError(f"{name} = {shown(value)} must be {expected}{size_limit(value, expected)}")
 
 
-def size_limit(value, wanted: str) -> str:
-    """The limit of sizes, for a number that is as wanted otherwise."""
+def size_limit(value, expected: str) -> str:
+    """What a message adds about the limit of sizes, where only the size of a number is wrong."""
     size = abs(as_float(value))
-    if "positive" in wanted and 0 < size < 1 / LARGEST:
+    if "positive" in expected and 0 < size < 1 / LARGEST:
         return f", at least {1 / LARGEST:g}"
-    return f", at most {LARGEST:g}" if _SIZES.search(wanted) and size > LARGEST else ""
+    return f", at most {LARGEST:g}" if _SIZES.search(expected) and size > LARGEST else ""
 
 
-def positive(value, what: str, wanted: str = "a positive number") -> float:
+def positive(value, name: str, expected: str = "a positive number") -> float:
     """A positive number with which one can compute; SceneError for others."""
     number = as_float(value)
-    require(1 / LARGEST <= number <= LARGEST, what, value, wanted)
+    require(1 / LARGEST <= number <= LARGEST, name, value, expected)
     return number
 
 
-def finite(value, what: str, sign: str = "", more: str = "") -> float:
+def finite(value, name: str, sign: str = "", more: str = "") -> float:
     """A number of a size with which one can compute, and "positive" or "not negative"."""
     number = as_float(value)
-    fits = is_number(value) and (number > 0 or not sign or (number == 0 and sign != "positive"))
-    require(fits, what, value, f"finite{sign and f' and {sign}'}{more}")
+    ok = is_number(value) and (number > 0 or not sign or (number == 0 and sign != "positive"))
+    require(ok, name, value, f"finite{sign and f' and {sign}'}{more}")
     return number
 
 
@@ -254,33 +254,33 @@ Check = Callable[[Any, str], Any]
 def number(sign: str = "", optional: bool = False, **default: Any) -> Any:
     """A field that is a number, with a sign as of `finite`; or None, if it is optional."""
 
-    def check(value: Any, what: str) -> float | None:
+    def check(value: Any, name: str) -> float | None:
         more = ", or None" if optional else ""
-        return None if value is None and optional else finite(value, what, sign, more)
+        return None if value is None and optional else finite(value, name, sign, more)
 
     return field(metadata={**NUMBER, "check": check}, **default)
 
 
-def _field(fits: Callable[[Any], bool], wanted: str, kind: Callable, default: dict) -> Any:
+def _field(ok: Callable[[Any], bool], expected: str, kind: Callable, default: dict) -> Any:
     """A field that fits, and is made of a kind."""
 
-    def check(value: Any, what: str) -> Any:
-        require(fits(value), what, value, wanted)
+    def check(value: Any, name: str) -> Any:
+        require(ok(value), name, value, expected)
         return kind(value)
 
     return field(metadata={"check": check}, **default)
 
 
-def between(low: float, high: float, wanted: str = "", **default: Any) -> Any:
+def between(low: float, high: float, expected: str = "", **default: Any) -> Any:
     """A field that is a number between two others."""
-    wanted = wanted or f"a number between {low:g} and {high:g}"
-    return _field(lambda value: low < as_float(value) < high, wanted, as_float, default)
+    expected = expected or f"a number between {low:g} and {high:g}"
+    return _field(lambda value: low < as_float(value) < high, expected, as_float, default)
 
 
 def whole(least: int, most: float = 1e9, **default: Any) -> Any:
     """A field that is a whole number in a range."""
-    wanted = f"a whole number from {least} {'on' if most == 1e9 else f'to {most:,}'}"
-    return _field(lambda value: is_whole(value, least, most), wanted, int, default)
+    expected = f"a whole number from {least} {'on' if most == 1e9 else f'to {most:,}'}"
+    return _field(lambda value: is_whole(value, least, most), expected, int, default)
 
 
 def flag(**default: Any) -> Any:
@@ -294,57 +294,59 @@ def _checks(kind: Any) -> list[tuple[str, Check, bool]]:
     return [(f.name, f.metadata["check"], "number" in f.metadata) for f in checked]
 
 
-def check_fields(part, what: str = "") -> None:
+def check_fields(part, name: str = "") -> None:
     """Check the fields of a frozen dataclass that say how; SceneError for what does not fit.
 
-    Numbers become floats. Errors say what it is, by default by the name of its class.
+    Numbers become floats. Errors begin with `name`, by default that of the class.
     """
     kind: Any = type(part)
-    for name, check, is_a_number in _checks(kind):
-        value = getattr(part, name)
+    for key, check, is_real in _checks(kind):
+        value = getattr(part, key)
         # Quickly, as in scenes of many springs.
-        if not (is_a_number and type(value) is float and 0 < value <= LARGEST):
-            object.__setattr__(part, name, check(value, f"{what or kind.__name__}: {name}"))
+        if not (is_real and type(value) is float and 0 < value <= LARGEST):
+            object.__setattr__(part, key, check(value, f"{name or kind.__name__}: {key}"))
 
 
-def array_of(value, what: str) -> np.ndarray:
+def array_of(value, name: str) -> np.ndarray:
     """New array of real numbers of any shape, finite or not; SceneError for others."""
     array = numbers(value)
-    require(array.shape != (0, 0), what, value, "an array of numbers")
+    require(array.shape != (0, 0), name, value, "an array of numbers")
     return array
 
 
-def check_takes(function, names: str, what: str) -> None:
+def check_takes(function, arguments: str, name: str) -> None:
     """Refuse what is no function of arguments such as "t, y"."""
-    require(callable(function), what, function, f"a function of ({names})")
+    require(callable(function), name, function, f"a function of ({arguments})")
     try:
         takes = inspect.signature(function)
     except (TypeError, ValueError):  # of compiled code, which says nothing
         return
     try:
-        takes.bind(*names.split(", "))
+        takes.bind(*arguments.split(", "))
     except TypeError:
-        raise SceneError(f"{what} takes {takes}; it must take ({names})") from None
+        raise SceneError(f"{name} takes {takes}; it must take ({arguments})") from None
 
 
-def vector(value, size: int, what: str) -> np.ndarray:
+def vector(value, size: int, name: str) -> np.ndarray:
     """Read-only array of `size` finite numbers."""
-    array = shaped(value, size, what)
+    array = shaped(value, size, name)
     if not all_of(abs(array) <= LARGEST):
         raise SceneError(
-            f"{what}: {shown(value)} is not finite, or too large; give finite numbers of at most "
+            f"{name}: {shown(value)} is not finite, or too large; give finite numbers of at most "
             f"{LARGEST:g}"
         )
     array.setflags(write=False)
     return array
 
 
-def shaped(value, size: int, what: str) -> np.ndarray:
+def shaped(value, size: int, name: str) -> np.ndarray:
     """New array of `size` numbers, finite or not."""
     array = np.atleast_1d(numbers(value))
     if array.shape != (size,):
-        wanted = "a number" if size == 1 else f"{size} numbers"
-        raise SceneError(f"{what}: {shown(value)} has the wrong type or shape; it must be {wanted}")
+        expected = "a number" if size == 1 else f"{size} numbers"
+        raise SceneError(
+            f"{name}: {shown(value)} has the wrong type or shape; it must be {expected}"
+        )
     return array
 
 
@@ -380,16 +382,16 @@ def fields_in(expression) -> list:
     return [*analysis.extract_coefficients(expression), *analysis.extract_constants(expression)]
 
 
-def refuse_fields(symbols: Iterable, what: str, known: Iterable = ()) -> None:
-    """Refuse functions and constants of the user in a UFL expression, unless `known`.
+def refuse_fields(symbols: Iterable, name: str, allowed: Iterable = ()) -> None:
+    """Refuse functions and constants of the user in a UFL expression, unless `allowed`.
 
     They would be read once, before the run; later changes would be ignored.
     """
-    ours = {id(symbol) for symbol in known}
+    ours = {id(symbol) for symbol in allowed}
     for symbol in symbols:
         if id(symbol) not in ours:
             raise SceneError(
-                f"{what}: it contains {symbol}, a {type(symbol).__name__} of your own. It would be "
+                f"{name}: it contains {symbol}, a {type(symbol).__name__} of your own. It would be "
                 "read only once; later changes would be ignored. Use numbers and UFL expressions "
                 "of the function's arguments: the strains in a stored energy; step.t (time) and "
                 "step.X (position) elsewhere, for example ufl.sin(3 * step.t). For a number that "
@@ -398,9 +400,9 @@ def refuse_fields(symbols: Iterable, what: str, known: Iterable = ()) -> None:
             )
 
 
-def refuse_fields_in(expression, what: str, known: Iterable = ()) -> None:
+def refuse_fields_in(expression, name: str, allowed: Iterable = ()) -> None:
     """The same for all functions and constants in an expression, and for nan and inf."""
-    refuse_fields(fields_in(expression), what, known)
+    refuse_fields(fields_in(expression), name, allowed)
     for part in parts_of(expression):
         if isinstance(part, ufl.constantvalue.FloatValue) and not math.isfinite(part):
-            raise SceneError(f"{what}: it contains the number {part}. Give finite numbers")
+            raise SceneError(f"{name}: it contains the number {part}. Give finite numbers")

@@ -28,9 +28,9 @@ def one_call(method: _Method) -> _Method:
     @functools.wraps(method)
     def call(self, *given, **named):
         if name != "__call__":
-            wanted = "called after run(x) without an error"
+            expected = "called after run(x) without an error"
             what = f"{type(self).__name__}.{name}"
-            require(self._x is not None, what, f"no {self._gives} yet", wanted)
+            require(self._x is not None, what, f"no {self._gives} yet", expected)
         return method(self, *given, **named)
 
     return one_thread(call)  # type: ignore[return-value]
@@ -79,8 +79,8 @@ class Differentiable:
         """The parameters of a call; there are no derivatives until it succeeds."""
         self._x = self._known_changes = None
         values = numbers(x)
-        fits = values.ndim == 1 and values.size > 0 and all_of(np.isfinite(values))
-        require(fits, "Response: x", x, "a sequence of finite numbers")
+        ok = values.ndim == 1 and values.size > 0 and all_of(np.isfinite(values))
+        require(ok, "Response: x", x, "a sequence of finite numbers")
         return values
 
     def _changes(self) -> dict[str, np.ndarray]:

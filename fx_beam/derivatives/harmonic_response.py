@@ -120,10 +120,10 @@ class HarmonicResponse(TangentResponse):
 
     def _scene_at(self, x: Any) -> Scene:
         built = self._built(x)
-        fits = isinstance(built, tuple) and len(built) == 3 and isinstance(built[0], Scene)
-        fits = fits and (built[1] is None) == (self._base is not None)
-        wanted = "(scene, load, at)" if self._base is None else "(scene, None, at), with a base"
-        require(fits, f"{_WHAT}: what build gives", built, wanted)
+        ok = isinstance(built, tuple) and len(built) == 3 and isinstance(built[0], Scene)
+        ok = ok and (built[1] is None) == (self._base is not None)
+        expected = "(scene, load, at)" if self._base is None else "(scene, None, at), with a base"
+        require(ok, f"{_WHAT}: what build gives", built, expected)
         self._given[built[0]] = built[1:]
         return built[0]
 
@@ -206,8 +206,8 @@ class HarmonicResponse(TangentResponse):
         """
         what, values = f"{_WHAT}.vjp: weights", self.response.values
         given = array_of(np.real(weights), what) + 1j * array_of(np.imag(weights), what)
-        fits = given.shape == values.shape and np.isfinite(given).all()
-        require(bool(fits), what, weights, f"{values.shape} finite numbers")
+        ok = given.shape == values.shape and np.isfinite(given).all()
+        require(bool(ok), what, weights, f"{values.shape} finite numbers")
         pairs = self._pairs(self._solutions, given[:, None])
         return self._of_sums(pairs, np.ones((1, len(values))))[0]
 

@@ -246,8 +246,8 @@ class ModalResponse(TangentResponse):
         what = "ModalResponse.vjp: weights"
         shape = (len(self.modes), 2) if self._damped else (len(self.modes),)
         given = array_of(weights, what)
-        fits = given.shape == shape and np.isfinite(given).all()
-        require(bool(fits), what, weights, f"{shape} finite numbers")
+        ok = given.shape == shape and np.isfinite(given).all()
+        require(bool(ok), what, weights, f"{shape} finite numbers")
         every = np.zeros((len(self._omega), 1 + self._damped))
         every[: len(given)] = given.reshape(len(given), -1)
         modes = list[np.ndarray]()

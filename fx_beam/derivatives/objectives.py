@@ -37,8 +37,8 @@ class Objective(_OfRun):
     def __call__(self, x: Any) -> tuple[float, np.ndarray]:
         """The value, and its derivatives (m,) by x."""
         given = self._function(*self._run(x))
-        fits = isinstance(given, tuple) and len(given) == 2 and isinstance(given[1], Mapping)
-        if not fits or numbers(given[0]).shape:
+        ok = isinstance(given, tuple) and len(given) == 2 and isinstance(given[1], Mapping)
+        if not ok or numbers(given[0]).shape:
             raise SceneError(
                 "objective: function(t, y) must give a number and its derivatives by outputs, a "
                 f"dict of arrays by names, not {shown(given)}"
@@ -68,8 +68,8 @@ class Misfit(_OfRun):
 
     def __init__(self, run: Differentiable, measured: Mapping[str, Any], scatter: Any):
         what = "misfit: measured"
-        fits = isinstance(measured, Mapping) and len(measured) > 0
-        require(fits, what, measured, "a dict of arrays by names of outputs")
+        ok = isinstance(measured, Mapping) and len(measured) > 0
+        require(ok, what, measured, "a dict of arrays by names of outputs")
         self._run = run
         pairs = measured.items()
         self._measured = {name: _measured(rows, f"{what}[{name!r}]") for name, rows in pairs}
@@ -89,8 +89,8 @@ class Misfit(_OfRun):
         (_, y), parts = self._run(x), list[np.ndarray]()
         for name, rows in self._measured.items():
             require(name in y, "misfit: measured", [*self._measured], f"names of {[*y]}")
-            fits = rows.shape == y[name].shape
-            require(fits, f"misfit: measured[{name!r}]", rows.shape, f"of shape {y[name].shape}")
+            ok = rows.shape == y[name].shape
+            require(ok, f"misfit: measured[{name!r}]", rows.shape, f"of shape {y[name].shape}")
             deviations = (y[name] - rows) / self._scatter[name]
             parts.append(np.where(np.isnan(rows), 0.0, deviations).ravel())
         self._x = self._run._x

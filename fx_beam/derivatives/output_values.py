@@ -47,11 +47,11 @@ def values_of(solution: Solution, output: Wanted, name: str) -> np.ndarray:
     """Values (n, ...) of an output."""
     if not isinstance(output, Output):
         values = np.asarray(output(solution))
-        wanted = "a number or an array of numbers"
-        require(values.dtype.kind in "iufb", f"Response: the output {name!r}", values, wanted)
+        expected = "a number or an array of numbers"
+        require(values.dtype.kind in "iufb", f"Response: the output {name!r}", values, expected)
         return values
-    wanted = "that of a PeriodicResponse: other motions and equilibria have no period"
-    require(output.quantity != PERIOD, f"Response: the output {name!r}", str(output), wanted)
+    expected = "that of a PeriodicResponse: other motions and equilibria have no period"
+    require(output.quantity != PERIOD, f"Response: the output {name!r}", str(output), expected)
     if output.quantity == CRITICAL_LOAD:
         return np.array(first_critical_point(solution).load_factor)
     if isinstance(output.of, Scene):

@@ -163,8 +163,8 @@ class PeriodicResponse(Response):
 
         self._shooting = Shooting(self._scene, cycle.options, prepare)
         self._options = self._shooting.prepared.options
-        fits = len(cycle.period.start.q) == self._shooting.model.size
-        require(fits, f"{_WHAT}: motion", self.motion, "that of the scene, or of the build, given")
+        ok = len(cycle.period.start.q) == self._shooting.model.size
+        require(ok, f"{_WHAT}: motion", self.motion, "that of the scene, or of the build, given")
         #: The motion; its parameter is its length here.
         self._period = cycle.period._replace(parameter=cycle.period.length)
         solution = self._shooting.solution(self._period)
@@ -249,8 +249,8 @@ class PeriodicResponse(Response):
         known = known[known.imag >= 0]
         if not len(known):
             raise SceneError(f"{_WHAT}.multipliers: all are 1, for shifts in time and the energy")
-        fits = is_whole(n, 1, len(known))
-        require(fits, f"{_WHAT}.multipliers: n", n, f"a whole number from 1 to {len(known)}")
+        ok = is_whole(n, 1, len(known))
+        require(ok, f"{_WHAT}.multipliers: n", n, f"a whole number from 1 to {len(known)}")
         values, left, right = scipy.linalg.eig(self._slopes.monodromy, left=True, right=True)
         derivatives = np.zeros((n, len(self._x)), dtype=complex)
         for i, value in enumerate(known[:n]):

@@ -185,8 +185,8 @@ class Response(Differentiable):
     def _at(self, x: Any) -> tuple[Scene, dict[str, Wanted]]:
         """The scene of parameters, and its outputs; SceneError if `build` gives something else."""
         built = self._built(x)
-        fits = isinstance(built, tuple) and len(built) == 2
-        if not fits or not isinstance(built[0], Scene) or not isinstance(built[1], Mapping):
+        ok = isinstance(built, tuple) and len(built) == 2
+        if not ok or not isinstance(built[0], Scene) or not isinstance(built[1], Mapping):
             raise SceneError(f"Response: build must give a scene and outputs, not {shown(built)}")
         scene, outputs = built[0], dict(built[1])
         require(bool(outputs), "Response: outputs", outputs, "at least one output by name")
@@ -200,12 +200,12 @@ class Response(Differentiable):
                         "which its force is a function, or the spring_energy of the scene"
                     )
             else:
-                wanted = "an fx_beam.Output, or a function of the solution"
-                require(callable(output), what, output, wanted)
+                expected = "an fx_beam.Output, or a function of the solution"
+                require(callable(output), what, output, expected)
                 check_takes(output, "solution", what)
         self._names = self._names or list(outputs)
-        wanted = f"as in the first call, {self._names}"
-        require(list(outputs) == self._names, "Response: outputs", list(outputs), wanted)
+        expected = f"as in the first call, {self._names}"
+        require(list(outputs) == self._names, "Response: outputs", list(outputs), expected)
         return scene, outputs
 
     def _scene_at(self, x: Any) -> Scene:
@@ -543,8 +543,8 @@ class Response(Differentiable):
     def _differentiable(self, names: Iterable[str], what: str) -> dict[str, Output]:
         """Outputs by names; SceneError for functions."""
         given = list(names)
-        fits = all(is_one_of(name, self._outputs) for name in given)
-        require(fits, what, given, f"names of outputs, of {self._names}")
+        ok = all(is_one_of(name, self._outputs) for name in given)
+        require(ok, what, given, f"names of outputs, of {self._names}")
         outputs: dict[str, Output] = {}
         for name in given:
             output = self._outputs[name]

@@ -50,9 +50,9 @@ class TangentResponse(Differentiable):
         self._scene = scene = self._scene_at(x)
         self._end = self._state and self._state(scene)
         self._path = path = getattr(self._end, "load_path", None)
-        fits = self._state is None or (path is not None and path.scene is scene)
-        wanted = "a solution of fx_beam.static(scene)"
-        require(fits, f"{self._what}: state(scene)", self._end, wanted)
+        ok = self._state is None or (path is not None and path.scene is scene)
+        expected = "a solution of fx_beam.static(scene)"
+        require(ok, f"{self._what}: state(scene)", self._end, expected)
         self._about = about = linearised(scene, self._end, self._asked, self._models)
         scheme, unknowns = about.model.scheme, len(about.unknowns)
         self.stats = Stats(scheme.name, scheme.rates.level, "", unknowns, static=True)

@@ -65,14 +65,14 @@ class Branch:
     mode: int = 0
 
     def __post_init__(self):
-        fits = is_number(self.direction) and self.direction != 0
-        require(fits, "branch: direction", self.direction, "1 or -1")
+        ok = is_number(self.direction) and self.direction != 0
+        require(ok, "branch: direction", self.direction, "1 or -1")
         if (kind := getattr(self.point, "kind", shown(self.point))) != "bifurcation":
             path = "the path itself goes on by continuation='arc-length'"
             raise SceneError(f"branch: no path branches off at a {kind}; {path}")
         count = len(self.point.modes)
-        fits = is_whole(self.mode, 0, count - 1)
-        require(fits, "branch: mode", self.mode, f"a number of the {count} modes, from 0")
+        ok = is_whole(self.mode, 0, count - 1)
+        require(ok, "branch: mode", self.mode, f"a number of the {count} modes, from 0")
 
     @property
     def shape(self) -> np.ndarray:
@@ -158,8 +158,8 @@ def imperfect(scene: Scene, modes: Modes, size: float, mode: int = 0) -> Scene:
     """
     require(isinstance(scene, Scene), "imperfect: scene", scene, "an fx_beam.Scene")
     require(is_number(size), "imperfect: size", size, "a finite number [m]")
-    fits = isinstance(modes, Modes) and is_whole(mode, 0, len(modes) - 1)
-    require(fits, "imperfect: mode", mode, "the number of one of the modes")
+    ok = isinstance(modes, Modes) and is_whole(mode, 0, len(modes) - 1)
+    require(ok, "imperfect: mode", mode, "the number of one of the modes")
     nodes = np.array([[node.x, node.y] for node in scene.nodes]).reshape(-1, 2)
     X = np.vstack([nodes, *(plain(inner_positions(beam)) for beam in scene.beams)])
     if len(X) != len(modes.positions) or {*modes.beams} != {beam.name for beam in scene.beams}:

@@ -85,8 +85,8 @@ def buckling(
     True
     """
     require(is_whole(n, 1), "buckling: n", n, "a whole number from 1 on")
-    wanted = "a Solution, such as that of fx_beam.static"
-    require(state is None or isinstance(state, Solution), "buckling: state", state, wanted)
+    expected = "a Solution, such as that of fx_beam.static"
+    require(state is None or isinstance(state, Solution), "buckling: state", state, expected)
     path = LoadPath(scene, StaticOptions(what="buckling", t=t), state)
     first = path.first_state()
     path.forcing.keep_start()

@@ -69,11 +69,11 @@ class StaticOptions(CommonOptions):
 
     def __post_init__(self):
         super().__post_init__()
-        fits = self.continuation is None or is_one_of(self.continuation, ("arc-length",))
-        self._require("continuation", fits, '"arc-length" or None')
+        ok = self.continuation is None or is_one_of(self.continuation, ("arc-length",))
+        self._require("continuation", ok, '"arc-length" or None')
         by_arc = self.continuation is not None and is_one_of(self.stop_at, ("limit point",))
-        wanted = '"limit point", with continuation="arc-length", or None'
-        self._require("stop_at", self.stop_at is None or by_arc, wanted)
+        expected = '"limit point", with continuation="arc-length", or None'
+        self._require("stop_at", self.stop_at is None or by_arc, expected)
         vector(self.pivot, 2, "static: pivot")
 
 

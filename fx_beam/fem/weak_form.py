@@ -273,16 +273,18 @@ class WeakForm:
         test, term = self.fields.test, replaced(work.of(step, what), self._by_name)
         if not self._open:
             refuse_fields_in(term, what, [*self.fields.names, self.parameters])
-        wanted = f"{what}: the result must be a scalar UFL expression linear in step.virtual_u and "
-        wanted += "step.virtual_psi"
+        expected = (
+            f"{what}: the result must be a scalar UFL expression linear in step.virtual_u and "
+        )
+        expected += "step.virtual_psi"
         if term.ufl_shape != () or ufl.algorithms.extract_arguments(term) != [test]:
-            raise SceneError(f"{wanted}, not {term}")
+            raise SceneError(f"{expected}, not {term}")
         lowered = ufl.algorithms.apply_algebra_lowering.apply_algebra_lowering
         arities = ufl.algorithms.check_arities
         try:
             arities.check_integrand_arity(lowered(term), (test,))
         except (Exception, arities.ArityMismatch) as error:  # which is not always an Exception
-            raise SceneError(f"{wanted}; {error}") from error
+            raise SceneError(f"{expected}; {error}") from error
         return term
 
     def of_step(self) -> Written:

@@ -167,8 +167,8 @@ class Equilibrium(Steps):
         StepError
             If a step fails. Its attribute `solution` has all steps before it.
         """
-        wanted, fits = "a number from 1 on", isinstance(load_steps, int) and load_steps > 0
-        require(fits, "load_steps", load_steps, wanted)
+        expected, ok = "a number from 1 on", isinstance(load_steps, int) and load_steps > 0
+        require(ok, "load_steps", load_steps, expected)
         factors = np.linspace(self.load_factor, 1.0, load_steps + 1)
         recorder, modes = Recorder(self._model, factors, Record()), list[int | None]()
         self._rows.clear()

@@ -131,8 +131,8 @@ class StepForm:
 
     def add(self, term: ufl.Form) -> None:
         """Add a term to the residual, if it is one."""
-        wanted = "a form, such as c * problem.measure()"
-        require(isinstance(term, ufl.Form), "fenicsx: add: term", term, wanted)
+        expected = "a form, such as c * problem.measure()"
+        require(isinstance(term, ufl.Form), "fenicsx: add: term", term, expected)
         linear = "fenicsx: add: the term must be linear in step.virtual_u and step.virtual_psi"
         domain = self.grid.mesh.ufl_domain()
         if any(other.ufl_id() != domain.ufl_id() for other in term.ufl_domains()):

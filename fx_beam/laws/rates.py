@@ -264,10 +264,10 @@ class NodalRates(UpdateRule):
     of_user: ClassVar[bool] = True
 
     def __post_init__(self):
-        fits = bool(self.rules) and all(map(callable, self.rules))
-        require(fits, "NodalRates: rule", self.rule, "a function of D, v0, a0, before and dt")
-        fits = as_float(self.level) in (0.5, 1.0)
-        require(fits, "NodalRates: level", self.level, "0.5 or 1.0")
+        ok = bool(self.rules) and all(map(callable, self.rules))
+        require(ok, "NodalRates: rule", self.rule, "a function of D, v0, a0, before and dt")
+        ok = as_float(self.level) in (0.5, 1.0)
+        require(ok, "NodalRates: level", self.level, "0.5 or 1.0")
         object.__setattr__(self, "level", as_float(self.level))
         for rule in self.rules:
             self._check(rule)

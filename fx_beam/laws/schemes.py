@@ -79,12 +79,12 @@ class Scheme:
     def __post_init__(self):
         require(isinstance(self.name, str), "Scheme: name", self.name, "a string")
         check_takes(self.resultants, "step, law", "Scheme: resultants")
-        fits = type(self.rates) in (MidPointRates, NewmarkRates, NodalRates, AtRest)
-        wanted = "MidPointRates(), NewmarkRates(...), AtRest(), or NodalRates(rule) of your own"
-        require(fits, "Scheme: rates", self.rates, wanted)
-        wanted = f"a tuple of at most {MOST_SUB_STEPS} numbers with the sum 1 and partial sums "
-        wanted += "between 0 and 1"
-        require(_divide_a_step(self.fractions), "Scheme: fractions", self.fractions, wanted)
+        ok = type(self.rates) in (MidPointRates, NewmarkRates, NodalRates, AtRest)
+        expected = "MidPointRates(), NewmarkRates(...), AtRest(), or NodalRates(rule) of your own"
+        require(ok, "Scheme: rates", self.rates, expected)
+        expected = f"a tuple of at most {MOST_SUB_STEPS} numbers with the sum 1 and partial sums "
+        expected += "between 0 and 1"
+        require(_divide_a_step(self.fractions), "Scheme: fractions", self.fractions, expected)
         if isinstance(self.rates, NodalRates):
             if len(self.rates.rules) not in (1, len(self.fractions)):
                 raise SceneError(

@@ -191,21 +191,21 @@ class Vibration:
 def checked_frequencies(frequencies, what: str) -> np.ndarray:
     """Frequencies (n,) [Hz]; SceneError for others."""
     f = numbers(frequencies)
-    fits = f.ndim == 1 and f.size and (f >= 0).all() and (f <= LARGEST).all()
-    require(bool(fits), what, frequencies, "a list of numbers [Hz], zero or positive")
+    ok = f.ndim == 1 and f.size and (f >= 0).all() and (f <= LARGEST).all()
+    require(bool(ok), what, frequencies, "a list of numbers [Hz], zero or positive")
     return f
 
 
 def nodal_load(about: Linearisation, load, what: str) -> np.ndarray:
     """Complex amplitudes (size,) of the load at the nodes."""
-    fits = isinstance(load, tuple | list) and len(load) == 2
-    wanted = "a node and its amplitudes, such as (beam.end, (0.0, 1.0))"
-    require(fits, what, load, wanted)
+    ok = isinstance(load, tuple | list) and len(load) == 2
+    expected = "a node and its amplitudes, such as (beam.end, (0.0, 1.0))"
+    require(ok, what, load, expected)
     node, components = load
     check_node(about.scene, node, what)
     parts = _amplitudes(components)
-    fits = len(parts) in (2, 3)
-    require(fits, f"{what} on {node}", components, "(fx, fy) or (fx, fy, moment)")
+    ok = len(parts) in (2, 3)
+    require(ok, f"{what} on {node}", components, "(fx, fy) or (fx, fy, moment)")
     full = np.zeros(about.model.size, dtype=complex)
     full[about.model.mesh.dofs[node.number][: len(parts)]] = parts
     if not (about.T.T @ full).any():
@@ -219,8 +219,8 @@ def nodal_load(about: Linearisation, load, what: str) -> np.ndarray:
 def base_motion(about: Linearisation, base, what: str) -> np.ndarray:
     """Complex amplitudes (size,) of the motion of all nodes with the base."""
     parts = _amplitudes(base)
-    fits = len(parts) == 2 and bool(parts.any())
-    require(fits, what, base, "the amplitudes (x, y) of its displacement [m], such as (1.0, 0.0)")
+    ok = len(parts) == 2 and bool(parts.any())
+    require(ok, what, base, "the amplitudes (x, y) of its displacement [m], such as (1.0, 0.0)")
     if about.frame is not None:
         raise SceneError(
             f"{what}: the state turns, and a base that shakes in one direction of space has two "

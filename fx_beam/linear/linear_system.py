@@ -333,8 +333,8 @@ class LinearSystem:
         array([3.52, 3.52])
         """
         states = len(self.A)
-        fits = is_whole(n, 1, states - 1)
-        require(fits, "slowest: n", n, f"a whole number below that of the states, {states}")
+        ok = is_whole(n, 1, states - 1)
+        require(ok, "slowest: n", n, f"a whole number below that of the states, {states}")
         # Balanced, so that rounding errors of fast modes do not hide the slow ones.
         A, scale = scipy.linalg.matrix_balance(self.A, permute=False)
         scale = scale.diagonal()
@@ -374,8 +374,8 @@ class LinearSystem:
         SceneError
             If it is neither, or of another scene.
         """
-        fits = isinstance(of, Motion | Solution)
-        require(fits, "deviation: of", of, "a Motion or a Solution of the scene")
+        ok = isinstance(of, Motion | Solution)
+        require(ok, "deviation: of", of, "a Motion or a Solution of the scene")
         at = of.state if isinstance(of, Motion) else of
         q, v, end = at.recorded("q")[-1], at.recorded("v")[-1], end_of(at)
         return self.reduction.deviation(q, v, at.slides[-1], end)
@@ -452,15 +452,15 @@ def linearise(
     """
     what = "linearise"
     check_scene(scene, what)
-    fits = isinstance(state, Motion | Solution | None)
-    require(fits, f"{what}: state", state, "a Solution or a Motion of the scene")
+    ok = isinstance(state, Motion | Solution | None)
+    require(ok, f"{what}: state", state, "a Solution or a Motion of the scene")
     outputs = {} if outputs is None else outputs
     check_outputs(scene, outputs, f"{what}: outputs")
     known = widths(scene)
     names = list(known) if inputs is None else inputs
-    fits = isinstance(names, Sequence) and not isinstance(names, str)
-    fits = fits and all(isinstance(name, str) for name in names)
-    require(fits, f"{what}: inputs", inputs, "a sequence of names")
+    ok = isinstance(names, Sequence) and not isinstance(names, str)
+    ok = ok and all(isinstance(name, str) for name in names)
+    require(ok, f"{what}: inputs", inputs, "a sequence of names")
     check_names(names, known, f"{what}: inputs")
     about = deviations(scene, state.state if isinstance(state, Motion) else state, what)
     driving = InputColumns(about, names)

@@ -213,8 +213,8 @@ def rayleigh(frequencies: Sequence[float], ratios: Sequence[float]) -> tuple[flo
     """
     f = vector(frequencies, 2, "rayleigh: frequencies")
     zeta = vector(ratios, 2, "rayleigh: ratios")
-    fits = f.min() > 0 and f[0] != f[1]
-    require(fits, "rayleigh: frequencies", frequencies, "positive and different")
+    ok = f.min() > 0 and f[0] != f[1]
+    require(ok, "rayleigh: frequencies", frequencies, "positive and different")
     require(zeta.min() >= 0, "rayleigh: ratios", ratios, "zero or positive")
     # alpha + tau omega^2 = 2 zeta omega, with the frequencies in order.
     (w1, z1), (w2, z2) = sorted(zip(2 * np.pi * f, zeta, strict=True))

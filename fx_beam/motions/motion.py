@@ -428,9 +428,9 @@ class Motion:
         KeyboardInterrupt
             After Ctrl-C. The motion stays in the state after the last step.
         """
-        fits = is_number(t_end) and (as_float(t_end) - self.t) / self._dt <= MOST_STEPS
-        wanted = f"a finite number, at most {MOST_STEPS:.0e} steps away"
-        require(fits, "Motion.run: t_end", t_end, wanted)
+        ok = is_number(t_end) and (as_float(t_end) - self.t) / self._dt <= MOST_STEPS
+        expected = f"a finite number, at most {MOST_STEPS:.0e} steps away"
+        require(ok, "Motion.run: t_end", t_end, expected)
         last = as_float(t_end) - 1e-6 * self._dt
         if controller is not None:
             check_takes(controller, "t, outputs", "Motion.run: controller")

@@ -53,19 +53,19 @@ class Tolerance:
     def __init__(self, options: Options, t0: float):
         tolerance, dt, dt_max = options.tolerance, options.dt, options.dt_max
         t_end, breaks = options.t_end, options.breaks
-        fits = _LEAST <= as_float(tolerance) <= _MOST
-        require(fits, "tolerance", tolerance, f"a number from {_LEAST:g} to {_MOST:g}")
+        ok = _LEAST <= as_float(tolerance) <= _MOST
+        require(ok, "tolerance", tolerance, f"a number from {_LEAST:g} to {_MOST:g}")
         if not t_end - t0 >= 1 / LARGEST:
             since = f"the start at t = {t0:g}" if t0 else "0"
             raise SceneError(f"t_end = {t_end!r} must be after {since}")
         shortest = _SHORTEST * (t_end - t0)
         for name, value in (("dt", dt), ("dt_max", dt_max)):
-            fits = value is None or (is_number(value) and as_float(value) >= shortest)
-            wanted = f"a positive number, at least {_SHORTEST:g} of the whole time"
-            require(fits, name, value, wanted)
+            ok = value is None or (is_number(value) and as_float(value) >= shortest)
+            expected = f"a positive number, at least {_SHORTEST:g} of the whole time"
+            require(ok, name, value, expected)
         inner = numbers(breaks)
-        fits = inner.ndim == 1 and bool(np.isfinite(inner).all())
-        require(fits, "breaks", breaks, "a sequence of finite times")
+        ok = inner.ndim == 1 and bool(np.isfinite(inner).all())
+        require(ok, "breaks", breaks, "a sequence of finite times")
         #: The tolerance, and the whole time [s].
         self.value, self.span = as_float(tolerance), t_end - t0
         given = _LONGEST * self.span if dt_max is None else as_float(dt_max)
@@ -103,11 +103,11 @@ class CommonOptions:
             self.__dict__["newton"] = NewtonOptions()
         check_fields(self, self.what)
         self._require("newton", isinstance(self.newton, NewtonOptions), "an fx_beam.NewtonOptions")
-        fits = self.progress is None or is_flag(self.progress)
-        self._require("progress", fits, "True, False or None")
+        ok = self.progress is None or is_flag(self.progress)
+        self._require("progress", ok, "True, False or None")
 
-    def _require(self, name: str, fits: bool, wanted: str) -> None:
-        require(fits, f"{self.what}: {name}", getattr(self, name), wanted)
+    def _require(self, name: str, ok: bool, expected: str) -> None:
+        require(ok, f"{self.what}: {name}", getattr(self, name), expected)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,7 +128,7 @@ class Options(CommonOptions):
     outputs: Mapping[str, Output] | None = None
 
     def __post_init__(self):
-        values, wanted = self.__dict__, "given with a tolerance only"
+        values, expected = self.__dict__, "given with a tolerance only"
         values.update({name: of for name, of in _DEFAULTS.items() if values[name] is None})
         super().__post_init__()
         if not isinstance(self.scheme, Scheme):
@@ -142,9 +142,9 @@ class Options(CommonOptions):
             raise SceneError(text)
         self._require("record", isinstance(self.record, Record), "an fx_beam.Record")
         if self.tolerance is None:
-            self._require("dt_max", self.dt_max is None, wanted)
+            self._require("dt_max", self.dt_max is None, expected)
             without = isinstance(self.breaks, tuple | list) and not self.breaks
-            self._require("breaks", without, wanted)
+            self._require("breaks", without, expected)
             values["breaks"] = ()
         values.update(
             {name: as_float(values[name]) for name in ("t_end", "dt") if is_number(values[name])}
@@ -153,8 +153,8 @@ class Options(CommonOptions):
             self._require("outputs", self.outputs is None, "given with `until` only")
             return
         named = self.until if isinstance(self.until, Mapping) else {"until": self.until}
-        fits = all(isinstance(name, str) and callable(of) for name, of in named.items())
-        self._require("until", fits, _CONDITIONS)
+        ok = all(isinstance(name, str) and callable(of) for name, of in named.items())
+        self._require("until", ok, _CONDITIONS)
         values["until"] = dict(named)
         if self.record.file is not None:
             text = f"{self.what}: a Record with a file is not possible with until or changes"
@@ -169,9 +169,9 @@ class Options(CommonOptions):
             times, control = np.array([t0]), Tolerance(self, t0)
             order_and_constant(self.scheme)  # refuses one whose local errors are not known
         if (of_rows := self.record.times) is not None:
-            fits = of_rows[-1] >= t0 and of_rows[0] <= self.t_end
-            wanted = f"in part within the run, from {t0:g} to {self.t_end:g} s"
-            require(fits, f"{self.what}: the record's times", of_rows, wanted)
+            ok = of_rows[-1] >= t0 and of_rows[0] <= self.t_end
+            expected = f"in part within the run, from {t0:g} to {self.t_end:g} s"
+            require(ok, f"{self.what}: the record's times", of_rows, expected)
         return times, control
 
 
@@ -183,8 +183,8 @@ def _time_grid(dt: Any, t_end: Any, t0: float, goes_on: bool) -> np.ndarray:
         later = f"after the start at t = {t0:g}, by more than a millionth of dt"
         least = later if goes_on else f"at least one step dt = {dt!r}"
         raise SceneError(f"t_end = {t_end!r} must be {least}")
-    wanted = f"larger: its steps to t_end = {t_end!r} are more than {MOST_STEPS:.0e}"
-    require((t_end - t0) / dt <= MOST_STEPS, "dt", dt, wanted)
+    expected = f"larger: its steps to t_end = {t_end!r} are more than {MOST_STEPS:.0e}"
+    require((t_end - t0) / dt <= MOST_STEPS, "dt", dt, expected)
     # A remainder below 1e-6 steps is a rounding error of t_end / dt or of the times, not a step.
     rounding = rounding_of(t0, t_end) / dt
     require(rounding < 0.1, "dt", dt, f"larger, as times near t = {t0:g} s are rounded by as much")

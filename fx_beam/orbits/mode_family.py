@@ -115,7 +115,7 @@ class ModeFamily:
         amplitude = little * float(np.sqrt(more / of_little))
         return amplitude, holds_energy(shooting, energy, more)
 
-    def _at(self, amplitude: float, wanted: Condition) -> Closed:
+    def _at(self, amplitude: float, expected: Condition) -> Closed:
         """The motion that meets a condition, from the mode with an amplitude.
 
         NotClosed if it repeats itself within the period, or passes the amplitude at some speed.
@@ -123,7 +123,7 @@ class ModeFamily:
         shooting, state = self._shooting, self._start(amplitude)
         length = shooting.first_return(state, _LONGEST * self._period) or self._period
         phase = turning_point(shooting, shooting.run(state, length))
-        closed = close(shooting, state, length, phase, (wanted,), most=_PATIENCE)
+        closed = close(shooting, state, length, phase, (expected,), most=_PATIENCE)
         start, length, most = closed.period.start, closed.period.length, self.most
         amplitude = abs(start.q[most] - self._rest.q[most])
         moves = abs(start.v[most]) * length / (2 * np.pi) > _AT_REST * amplitude

@@ -386,9 +386,9 @@ def forced_response(
     what = "forced_response"
     check_takes(build, "f", f"{what}: build")
     ends = numbers(frequencies)
-    fits = ends.shape == (2,) and ends[0] != ends[1]
-    fits = fits and all(1 / LARGEST <= f <= LARGEST for f in ends)
-    require(fits, f"{what}: frequencies", frequencies, "the first and the last one, positive [Hz]")
+    ok = ends.shape == (2,) and ends[0] != ends[1]
+    ok = ok and all(1 / LARGEST <= f <= LARGEST for f in ends)
+    require(ok, f"{what}: frequencies", frequencies, "the first and the last one, positive [Hz]")
     require(is_whole(periods, 1), f"{what}: periods", periods, "a whole number from 1 on")
     first, last = map(float, ends)
     shooting = _OverFrequency(build, first, periods, PeriodicOptions.among(locals()))

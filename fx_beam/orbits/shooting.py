@@ -63,8 +63,8 @@ class PeriodicOptions(CommonOptions):
 
     def __post_init__(self):
         super().__post_init__()
-        wanted = "an odd whole number from 9 on: what alternates from step to step then fades"
-        self._require("steps", self.steps % 2 == 1, wanted)
+        expected = "an odd whole number from 9 on: what alternates from step to step then fades"
+        self._require("steps", self.steps % 2 == 1, expected)
         self._require("step", 0 < as_float(self.step) <= 1, "a number between 0 and 1")
         if self.amplitude is not None and self.energy is not None:
             raise SceneError(f"{self.what}: give the amplitude or the energy: each sets the other")

@@ -218,9 +218,9 @@ def _plane(drawing: Drawing, bar: bool, size: Any) -> Plane:
     """Axes of frames of a size [pixels], in which letters are as large as in other pictures."""
     if size is None:
         return Plane(drawing, bar)
-    fits = isinstance(size, Sequence) and len(size) == 2
-    fits = fits and all(is_whole(pixels, 100, 4096) for pixels in size)
-    require(fits, "size", size, "width and height [pixels], such as (1920, 1080)")
+    ok = isinstance(size, Sequence) and len(size) == 2
+    ok = ok and all(is_whole(pixels, 100, 4096) for pixels in size)
+    require(ok, "size", size, "width and height [pixels], such as (1920, 1080)")
     dpi = min(size[0] / LARGEST[0], size[1] / (0.75 * LARGEST[1]))
     # A little more, as a fraction of a pixel is cut off.
     plane = Plane(drawing, bar, ((size[0] + 0.01) / dpi, (size[1] + 0.01) / dpi))

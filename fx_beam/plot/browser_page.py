@@ -243,9 +243,9 @@ def _series(drawing: Drawing, series: dict[str, np.ndarray] | None) -> list[dict
     entries = []
     for name, given in series.items():
         values = numbers(given)
-        wanted = f"{len(solution.t)} finite numbers, one for each row of the solution"
-        fits = values.shape == solution.t.shape and bool(np.isfinite(values).all())
-        require(fits, f"series[{name!r}]", given, wanted)
+        expected = f"{len(solution.t)} finite numbers, one for each row of the solution"
+        ok = values.shape == solution.t.shape and bool(np.isfinite(values).all())
+        require(ok, f"series[{name!r}]", given, expected)
         entries.append({"name": str(name), "values": values[drawing.rows]})
     return entries
 

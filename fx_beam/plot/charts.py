@@ -181,8 +181,8 @@ def quantities(axes, values: dict[str, np.ndarray], t: np.ndarray) -> None:
 
 def _check(axes: Any, curves: Any, what: str) -> None:
     """Refuse axes that draw nothing, and curves without labels."""
-    wanted = "axes of matplotlib, such as fx_beam.plot.figure(1, 1)[1][0, 0]"
-    require(isinstance(axes, Axes), "axes", axes, wanted)
+    expected = "axes of matplotlib, such as fx_beam.plot.figure(1, 1)[1][0, 0]"
+    require(isinstance(axes, Axes), "axes", axes, expected)
     require(isinstance(curves, Mapping), what, curves, "a dict by labels in the legend")
 
 
@@ -248,13 +248,13 @@ def frequency_response(
     require(len(named) > 0, "responses", responses, "at least one")
     shown: dict[str, tuple[str, np.ndarray, np.ndarray]] = {}
     for label, of in named.items():
-        wanted = "what fx_beam.frequency_response returned"
-        require(isinstance(of, FrequencyResponse), "responses", of, wanted)
+        expected = "what fx_beam.frequency_response returned"
+        require(isinstance(of, FrequencyResponse), "responses", of, expected)
         moving = [name for name in of.names if of.component(name).any()]
         names = moving if components is None else components
-        wanted = f"names to draw, of {list(of.names)}, of which {moving or 'none'} move"
-        fits = isinstance(names, Sequence) and not isinstance(names, str)
-        require(fits and len(names) > 0, "components", names, wanted)
+        expected = f"names to draw, of {list(of.names)}, of which {moving or 'none'} move"
+        ok = isinstance(names, Sequence) and not isinstance(names, str)
+        require(ok and len(names) > 0, "components", names, expected)
         for name in names:
             curve_label = name if not label else label if len(names) == 1 else f"{label}, {name}"
             unit = of.units[of.names.index(name)] if name in of.names else ""
@@ -307,8 +307,8 @@ def response(
     """
     named = families if isinstance(families, Mapping) else {"": families}
     for family in named.values():
-        wanted = "what fx_beam.backbone or fx_beam.forced_response returned"
-        require(isinstance(family, PeriodicFamily), "response: families", family, wanted)
+        expected = "what fx_beam.backbone or fx_beam.forced_response returned"
+        require(isinstance(family, PeriodicFamily), "response: families", family, expected)
     fig, axes = figure(1, 1, height=3.5)
     ax = axes[0, 0]
     for label, family in named.items():

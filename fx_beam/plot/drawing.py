@@ -117,8 +117,8 @@ def axis(nodes: np.ndarray, degree: int) -> np.ndarray:
     """
     require(is_whole(degree, 1, 3), "axis: degree", degree, "1, 2 or 3")
     given = numbers(nodes)
-    fits = given.ndim > 1 and given.shape[-1] == 2 and given.shape[-2] % degree == 1 % degree
-    require(fits, "axis: nodes", nodes, f"positions (..., elements * {degree} + 1, 2)")
+    ok = given.ndim > 1 and given.shape[-1] == 2 and given.shape[-2] % degree == 1 % degree
+    require(ok, "axis: nodes", nodes, f"positions (..., elements * {degree} + 1, 2)")
     if degree == 1:
         return given
     values = lagrange(np.linspace(0, 1, degree + 1), np.arange(_LINES) / _LINES)
@@ -358,12 +358,12 @@ def checked_drawing(
     elif times is not None:
         times = numbers(times)
         low, high = t.min(), t.max()  # a static path may come to its end from above
-        fits = times.ndim == 1 and len(times) > 0 and low <= times.min() and times.max() <= high
-        require(fits, "times", times, f"times of the solution, from {low:g} to {high:g}")
+        ok = times.ndim == 1 and len(times) > 0 and low <= times.min() and times.max() <= high
+        require(ok, "times", times, f"times of the solution, from {low:g} to {high:g}")
         rows = [int(abs(t - time).argmin()) for time in times]
-    fits = numbers(rows).ndim == 1 and all(is_whole(k, 0, last) for k in rows)
-    wanted = f"rows of the solution, such as range(0, {last + 1}, {max(1, last // 10)})"
-    require(fits and len(rows) > 0, "rows", rows, wanted)
+    ok = numbers(rows).ndim == 1 and all(is_whole(k, 0, last) for k in rows)
+    expected = f"rows of the solution, such as range(0, {last + 1}, {max(1, last // 10)})"
+    require(ok and len(rows) > 0, "rows", rows, expected)
     return Drawing(solution, list(rows), positive(magnify, "magnify"), unit)
 
 

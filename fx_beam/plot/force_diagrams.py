@@ -80,8 +80,8 @@ def diagrams(
         raise ValueError("diagrams need beams, but the solution has none")
     given = [quantities] if isinstance(quantities, str) else quantities
     names = list(given) if isinstance(given, Iterable) else []
-    fits = len(names) > 0 and all(is_one_of(name, RESULTANTS) for name in names)
-    require(fits, "quantities", quantities, f"some of {', '.join(RESULTANTS)}")
+    ok = len(names) > 0 and all(is_one_of(name, RESULTANTS) for name in names)
+    require(ok, "quantities", quantities, f"some of {', '.join(RESULTANTS)}")
     require(is_flag(deformed), "deformed", deformed, "True or False")
     drawing = Drawing(solution, [row], 1.0 if deformed else 0.0, scene_unit)
     tallest = min(_TALLEST * drawing.size, _OVER * spacing(drawing))

@@ -77,9 +77,9 @@ class Members:
         if quantity is not None:
             self._take_colours(quantity, limits, scale)
             return
-        wanted = "given with a colour, such as colour='M'"
-        require(limits is None, "colour_limits", limits, wanted)
-        require(isinstance(scale, str) and scale == "linear", "colour_scale", scale, wanted)
+        expected = "given with a colour, such as colour='M'"
+        require(limits is None, "colour_limits", limits, expected)
+        require(isinstance(scale, str) and scale == "linear", "colour_scale", scale, expected)
 
     def _take_colours(self, quantity: str, limits: Any, scale: str) -> None:
         drawing, solution = self._drawing, self._drawing.solution
@@ -87,8 +87,8 @@ class Members:
             raise ValueError(f"colour = {quantity!r} needs beams, but the solution has none")
         internal = {name for names in solution.variables_of_beam.values() for name in names}
         known = [*QUANTITIES, *sorted(internal)]
-        wanted = f"one of {', '.join(map(repr, known))}, or None"
-        require(is_one_of(quantity, known), "colour", quantity, wanted)
+        expected = f"one of {', '.join(map(repr, known))}, or None"
+        require(is_one_of(quantity, known), "colour", quantity, expected)
         require(is_one_of(scale, _SCALES), "colour_scale", scale, "'linear' or 'log'")
         middles = (np.arange(self.pieces) + 0.5) / self.pieces
         values = along_all(solution, quantity, drawing.rows, middles)
@@ -211,13 +211,13 @@ def _norm(values: np.ndarray, signed: bool, limits: Any, logarithmic: bool) -> A
     """The scale between two values."""
     largest = float(abs(values).max()) or 1.0
     if limits is not None:
-        fits = numbers(limits).shape == (2,) and bool(np.isfinite(numbers(limits)).all())
-        low, high = (as_float(limit) for limit in limits) if fits else (0.0, 0.0)
-        wanted = "two finite numbers, the lower one first"
-        require(fits and low < high, "colour_limits", limits, wanted)
+        ok = numbers(limits).shape == (2,) and bool(np.isfinite(numbers(limits)).all())
+        low, high = (as_float(limit) for limit in limits) if ok else (0.0, 0.0)
+        expected = "two finite numbers, the lower one first"
+        require(ok and low < high, "colour_limits", limits, expected)
         if logarithmic:
-            wanted = "the smallest and the largest size, both positive, on a log scale"
-            require(low > 0, "colour_limits", limits, wanted)
+            expected = "the smallest and the largest size, both positive, on a log scale"
+            require(low > 0, "colour_limits", limits, expected)
     elif logarithmic:
         low, high = _DECADES * largest, largest
     else:

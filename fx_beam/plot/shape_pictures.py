@@ -213,12 +213,12 @@ def modes(
     if isinstance(modes, BucklingModes):
         titles = [f"load factor {three_digits(factor)}" for factor in modes.load_factors]
         modes = modes.modes
-    wanted = "what fx_beam.modes or fx_beam.buckling returned"
-    require(isinstance(modes, Modes), "modes", modes, wanted)
+    expected = "what fx_beam.modes or fx_beam.buckling returned"
+    require(isinstance(modes, Modes), "modes", modes, expected)
     titles = titles or [_kind(modes, mode) for mode in range(len(modes))]
     count = len(modes) if count is None else count
-    wanted = f"from 1 to {len(modes)}, the number of modes"
-    require(is_whole(count, 1, len(modes)), "count", count, wanted)
+    expected = f"from 1 to {len(modes)}, the number of modes"
+    require(is_whole(count, 1, len(modes)), "count", count, expected)
     count = int(count)
     at_rest = Drawing(_vibration(modes, 0, 0.0), [_AT_REST])
     size = _SIZE * at_rest.reach

@@ -211,8 +211,8 @@ def _require(package: str, what: str, instead: str) -> None:
 
 def _columns(solution, nodes: dict[str, Node]) -> dict[str, np.ndarray]:
     """Columns (n,) by their names, times or load factors first."""
-    wanted = "a dict of nodes by the names of their columns, such as {'tip': beam.end}"
-    require(isinstance(nodes, dict) and all(map(is_name, nodes)), "nodes", nodes, wanted)
+    expected = "a dict of nodes by the names of their columns, such as {'tip': beam.end}"
+    require(isinstance(nodes, dict) and all(map(is_name, nodes)), "nodes", nodes, expected)
     columns = {"load factor" if solution.stats.static else "t": solution.t}
     columns |= {f"energy {name}": value for name, value in vars(solution.energy).items()}
     columns["energy total"] = solution.energy.total

@@ -68,12 +68,12 @@ def _check_end(end: State) -> None:
     for part in (*fields(State), *(() if end.past is None else fields(Past))):
         value, facts = getattr(end, part.name, getattr(end.past, part.name, None)), part.metadata
         if part.name in (*NUMBERS, "impact"):
-            fits = isinstance(value, int | float) and not isinstance(value, bool)
+            ok = isinstance(value, int | float) and not isinstance(value, bool)
         elif "quantity" in facts or "shape" in facts:
-            fits = isinstance(value, np.ndarray) or (value is None and part.default is None)
+            ok = isinstance(value, np.ndarray) or (value is None and part.default is None)
         else:
-            fits = value is None or isinstance(value, _OF_END[part.name])
-        if not fits:
+            ok = value is None or isinstance(value, _OF_END[part.name])
+        if not ok:
             raise ValueError(f"{part.name} of the last state is {value!r:.80}")
 
 
@@ -94,11 +94,11 @@ def _check_arrays(data: Mapping[str, np.ndarray], points: list[int]) -> None:
 def _check(name: str, array: np.ndarray, shape: tuple, sizes: dict[str, int]) -> None:
     """Refuse an array of another shape or kind; `sizes` are those known by names so far."""
     missing = shape[:1] == ("n?",) and len(array) == 0
-    fits = array.ndim == len(shape) and array.dtype.kind == _DTYPES.get(name, "f")
+    ok = array.ndim == len(shape) and array.dtype.kind == _DTYPES.get(name, "f")
     for size, length in list(zip(shape, array.shape, strict=False))[missing:]:
-        wanted = sizes.setdefault(size.rstrip("?"), length) if isinstance(size, str) else size
-        fits &= wanted == length
-    if not fits:
+        expected = sizes.setdefault(size.rstrip("?"), length) if isinstance(size, str) else size
+        ok &= expected == length
+    if not ok:
         raise ValueError(f"{name} is {array.dtype} {array.shape}, not {shape} of {sizes}")
     if name in _FINITE and not np.isfinite(array).all():
         raise ValueError(f"{name} is not finite")

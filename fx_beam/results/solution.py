@@ -631,11 +631,11 @@ def _node_number(solution: Any, node: Node) -> int:
         )
     X, scene = solution.X, scene_of(solution)
     other: Any = node.scene
-    fits = node.number < len(X) and X[node.number].tolist() == [node.x, node.y]
-    if fits and scene and other and other is not scene:  # a copy, or one that was built again
+    ok = node.number < len(X) and X[node.number].tolist() == [node.x, node.y]
+    if ok and scene and other and other is not scene:  # a copy, or one that was built again
         pairs = zip(scene.nodes, other.nodes, strict=False)
-        fits = all((a.x, a.y) == (b.x, b.y) for a, b in pairs)
-    if not fits:
+        ok = all((a.x, a.y) == (b.x, b.y) for a, b in pairs)
+    if not ok:
         raise SceneError(f"{node} is not a node of this solution; take a node of its scene")
     return node.number
 

@@ -430,8 +430,8 @@ class PeriodicMotion:
         SceneError
             For a node that is none, or another component.
         """
-        fits = is_one_of(component, COMPONENTS)
-        require(fits, "amplitude: component", component, f"one of {list(COMPONENTS)}")
+        ok = is_one_of(component, COMPONENTS)
+        require(ok, "amplitude: component", component, f"one of {list(COMPONENTS)}")
         rows = np.column_stack([self.solution.displacement(node), self.solution.rotation(node)])
         return float(np.ptp(rows[:, COMPONENTS.index(component)])) / 2
 

@@ -247,8 +247,8 @@ def listed_points(points: Any, what: str) -> tuple[list, np.ndarray]:
         positions = numbers([position_of(point) for point in listed])
     except Exception:  # a UFL expression has no length
         listed, positions = [], np.empty((0, 0))
-    fits = positions.ndim == 2 and positions.shape[1] == 2
-    if not fits or not (abs(positions) <= LARGEST).all():
+    ok = positions.ndim == 2 and positions.shape[1] == 2
+    if not ok or not (abs(positions) <= LARGEST).all():
         raise SceneError(
             f"{what}: points must be points of the plane, finite (x, y) or nodes, not "
             f"{shown(points)}"
@@ -305,9 +305,9 @@ def _spread(elements, lengths: np.ndarray, name: str) -> list[int]:
     pieces = len(lengths)
     several = isinstance(elements, list | tuple) or np.ndim(elements) > 0
     given = elements if several else [elements]
-    fits = all(is_whole(n, 1, MOST_ELEMENTS) for n in given)
-    wanted = f"positive whole numbers, at most {MOST_ELEMENTS:,}"
-    require(fits, f"beam {name!r}: elements", elements, wanted)
+    ok = all(is_whole(n, 1, MOST_ELEMENTS) for n in given)
+    expected = f"positive whole numbers, at most {MOST_ELEMENTS:,}"
+    require(ok, f"beam {name!r}: elements", elements, expected)
     counts = [int(n) for n in given]
     if several:
         if len(counts) != pieces:

@@ -107,10 +107,10 @@ class Fuse:
 
 def checked_changes(scene: Any, changes: Any) -> dict[str, Latch | Fuse]:
     """Latches and fuses by their names; SceneError if they are none, or do not fit the scene."""
-    fits = isinstance(changes, Mapping) and all(isinstance(name, str) for name in changes)
-    fits = fits and all(isinstance(change, Latch | Fuse) for change in changes.values())
-    wanted = "a dictionary of fx_beam.Latch and fx_beam.Fuse by names"
-    require(fits, "simulate: changes", changes, wanted)
+    ok = isinstance(changes, Mapping) and all(isinstance(name, str) for name in changes)
+    ok = ok and all(isinstance(change, Latch | Fuse) for change in changes.values())
+    expected = "a dictionary of fx_beam.Latch and fx_beam.Fuse by names"
+    require(ok, "simulate: changes", changes, expected)
     known: dict[tuple[Any, ...], str] = {}
     for name, change in changes.items():
         what = f"simulate: changes[{name!r}]"

@@ -47,9 +47,9 @@ def _place(given: Any, what: str) -> Any:
     if isinstance(given, Node) and given is not GROUND:
         return given
     if not isinstance(given, list | tuple | np.ndarray):
-        wanted = "(x, y), or a node that carries it: beam.end, body.centre, body[name]"
+        expected = "(x, y), or a node that carries it: beam.end, body.centre, body[name]"
         given = "the ground" if given is GROUND else shown(given)
-        raise SceneError(f"{what} = {given} must be {wanted}")
+        raise SceneError(f"{what} = {given} must be {expected}")
     x, y = map(as_float, vector(given, 2, what))
     return x, y
 
@@ -107,8 +107,8 @@ class Shape:
             Distance [m]; negative on the side that is not allowed.
         """
         checked = numbers(positions)
-        fits = checked.ndim > 0 and checked.shape[-1] == 2
-        require(fits, f"{self.name}.gap: positions", positions, "positions (x, y)")
+        ok = checked.ndim > 0 and checked.shape[-1] == 2
+        require(ok, f"{self.name}.gap: positions", positions, "positions (x, y)")
         return in_scene(self.seen(checked - stacked(self.origin))[0])
 
     @property
@@ -316,22 +316,22 @@ class Contact:
         if self.energy is not None:
             values = [value_of(self.energy, [d], f"{what}: energy(d)") for d in (0.0, 1e-6)]
             rises = all(map(is_number, values)) and values[1] >= values[0]
-            wanted = "finite, and rise with the depth d"
-            require(rises, f"{what}: energy(d) at d = 0 and 1e-6", values, wanted)
+            expected = "finite, and rise with the depth d"
+            require(rises, f"{what}: energy(d) at d = 0 and 1e-6", values, expected)
         check_impact(self, what)
         if isinstance(self.shape, Beam):
             radius: Any = _checked_radii(what, self.radius)
         else:
             radius = finite(self.radius, f"{what}: radius", "not negative")
         if along is not None:
-            fits = isinstance(self.target, Beam)
-            require(fits, f"{what}: along", along, "None, as a node has no length")
-            wanted = f"a whole number from 1 to {_MOST_POINTS}, or None"
-            require(is_whole(along, 1, _MOST_POINTS), f"{what}: along", along, wanted)
+            ok = isinstance(self.target, Beam)
+            require(ok, f"{what}: along", along, "None, as a node has no length")
+            expected = f"a whole number from 1 to {_MOST_POINTS}, or None"
+            require(is_whole(along, 1, _MOST_POINTS), f"{what}: along", along, expected)
             along = int(along)
-        fits = friction is None or (isinstance(friction, Coulomb) and friction.radius is None)
-        wanted = "an fx_beam.Coulomb(mu, stiffness), none that has the radius of a pin, or None"
-        require(fits, f"{what}: friction", friction, wanted)
+        ok = friction is None or (isinstance(friction, Coulomb) and friction.radius is None)
+        expected = "an fx_beam.Coulomb(mu, stiffness), none that has the radius of a pin, or None"
+        require(ok, f"{what}: friction", friction, expected)
         vars(self).update(radius=radius, along=along)
 
     def __repr__(self):
@@ -407,10 +407,10 @@ def _checked_radii(what: str, radius: Any) -> tuple[float, float]:
     """Half thicknesses of what touches and of the member; one number is that of both."""
     pair = (radius, radius) if is_number(radius) else radius
     pair = tuple(pair) if getattr(pair, "ndim", 0) == 1 else pair
-    fits = isinstance(pair, tuple | list) and len(pair) == 2 and all(map(is_number, pair))
-    fits = fits and min(map(as_float, pair)) >= 0 and sum(map(as_float, pair)) > 0
-    wanted = "half of the thickness of the members, positive, or a pair of both"
-    require(fits, f"{what}: radius", radius, wanted)
+    ok = isinstance(pair, tuple | list) and len(pair) == 2 and all(map(is_number, pair))
+    ok = ok and min(map(as_float, pair)) >= 0 and sum(map(as_float, pair)) > 0
+    expected = "half of the thickness of the members, positive, or a pair of both"
+    require(ok, f"{what}: radius", radius, expected)
     first, second = map(as_float, pair)
     return first, second
 

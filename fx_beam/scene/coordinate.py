@@ -81,8 +81,8 @@ class Stop:
         if self.lower is None and self.upper is None:
             raise SceneError("Stop: give a lower limit, an upper limit or both")
         if self.lower is not None and self.upper is not None:
-            wanted = f"below upper = {self.upper!r}; the order is (lower, upper, stiffness)"
-            require(self.lower < self.upper, "Stop: lower", self.lower, wanted)
+            expected = f"below upper = {self.upper!r}; the order is (lower, upper, stiffness)"
+            require(self.lower < self.upper, "Stop: lower", self.lower, expected)
 
     def check_start(self, place: float, tolerance: float, what: str) -> None:
         """Refuse a start of the coordinate beyond a limit.
@@ -452,17 +452,17 @@ class Coordinate:
         if isinstance(self.stop, tuple | list) and len(self.stop) == 3:
             object.__setattr__(self, "stop", Stop(*self.stop))
         friction = "an fx_beam.SmoothFriction or an fx_beam.Coulomb"
-        for name, kinds, wanted in (
+        for name, kinds, expected in (
             ("spring", Spring, "an fx_beam.Spring"),
             ("damper", Damper, "an fx_beam.Damper"),
             ("friction", Friction, friction),
             ("stop", Stop, "(lower, upper, stiffness) or an fx_beam.Stop"),
         ):
             value = getattr(self, name)
-            require(value is None or isinstance(value, kinds), name, value, wanted)
-        fits = self.motor is None or isinstance(self.motor, Input) or callable(self.motor)
-        fits = fits or is_number(self.motor)
-        require(fits, "motor", self.motor, "a function of time, or an fx_beam.Input")
+            require(value is None or isinstance(value, kinds), name, value, expected)
+        ok = self.motor is None or isinstance(self.motor, Input) or callable(self.motor)
+        ok = ok or is_number(self.motor)
+        require(ok, "motor", self.motor, "a function of time, or an fx_beam.Input")
 
     @property
     def acts(self) -> bool:

@@ -91,8 +91,8 @@ class Curve:
             require(is_end, f"Curve: {name}", end, "a node of another beam, or None")
         require(callable(self.function), "Curve: function", self.function, "a function")
         breaks = numbers(self.breaks)
-        fits = breaks.ndim == 1 and ((breaks >= 0) & (breaks <= 1)).all()
-        require(bool(fits), "Curve: breaks", self.breaks, "fractions between 0 and 1")
+        ok = breaks.ndim == 1 and ((breaks >= 0) & (breaks <= 1)).all()
+        require(bool(ok), "Curve: breaks", self.breaks, "fractions between 0 and 1")
         object.__setattr__(self, "breaks", tuple(breaks.tolist()))
 
 
@@ -220,8 +220,8 @@ def layout(points, elements, degree: int, name: str) -> Layout:
 
 def along_curve(curve: Curve, elements: Any, degree: int, name: str) -> Layout:
     """Elements of equal arc length along a curve, with degree - 1 nodes inside each."""
-    wanted = f"one positive whole number for a curve, at most {MOST_ELEMENTS:,}"
-    require(is_whole(elements, 1, MOST_ELEMENTS), f"beam {name!r}: elements", elements, wanted)
+    expected = f"one positive whole number for a curve, at most {MOST_ELEMENTS:,}"
+    require(is_whole(elements, 1, MOST_ELEMENTS), f"beam {name!r}: elements", elements, expected)
     elements = int(elements)
     function = checked_function(curve.function, 2, f"beam {name!r}: curve", 0.0)
 

@@ -139,10 +139,10 @@ def rope_spring(spring: Any, length: Any, number: int) -> tuple[Spring, tuple[st
     """
     from .symbols import Parameter
 
-    fits = isinstance(spring, Spring) and spring.stiffness > 0
-    fits = fits and spring.strain_energy is None and spring.rest == 0
-    wanted = "a linear fx_beam.Spring(k) without a rest, as the rope has a length"
-    require(fits, f"rope {number}: spring", spring, wanted)
+    ok = isinstance(spring, Spring) and spring.stiffness > 0
+    ok = ok and spring.strain_energy is None and spring.rest == 0
+    expected = "a linear fx_beam.Spring(k) without a rest, as the rope has a length"
+    require(ok, f"rope {number}: spring", spring, expected)
     k = Parameter(f"stiffness of rope {number}", spring.stiffness)
     own: tuple[str, ...] = (k.name,)
     if not is_parameter(length):

@@ -238,8 +238,8 @@ def checked_function(value: Any, size: int, what: str, *sample: float) -> Signal
     if not callable(value):
         return Signal(None, size, what, vector(value, size, what))
     if hasattr(value, "ufl_shape") and not is_number(value):  # it gives its value at the beginning
-        wanted = "give a number, a function or an fx_beam.Input"
-        raise SceneError(f"{what}: {shown(value)} is an expression of UFL; {wanted}")
+        expected = "give a number, a function or an fx_beam.Input"
+        raise SceneError(f"{what}: {shown(value)} is an expression of UFL; {expected}")
     try:
         first = value(*sample)
     except Exception as error:

@@ -640,8 +640,8 @@ def new_joint(kind, a, b, offset, axis=None, slide=None, rotation=None, of=Joint
     if a is b:
         raise SceneError(f"{kind}: both of its nodes are {a}. Give two different nodes")
     offset = vector(offset, 2, f"{kind}: offset")
-    wanted = f"zero, as the ground takes no offset: the joint is at the start position of {b}"
-    require(a is not GROUND or not offset.any(), f"{kind}: offset", offset.tolist(), wanted)
+    expected = f"zero, as the ground takes no offset: the joint is at the start position of {b}"
+    require(a is not GROUND or not offset.any(), f"{kind}: offset", offset.tolist(), expected)
     joint = of(kind, a, b, offset, axis, slide, rotation, **more)
     if len(set(joint.internal)) < len(joint.internal):
         raise SceneError(

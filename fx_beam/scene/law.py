@@ -177,11 +177,11 @@ def check_energy(
 
     Refuse internal variables of another type, or without a stored energy.
     """
-    fits = internal is None or isinstance(internal, InternalVariables)
-    require(fits, f"{part}: internal", internal, "an fx_beam.InternalVariables")
+    ok = internal is None or isinstance(internal, InternalVariables)
+    require(ok, f"{part}: internal", internal, "an fx_beam.InternalVariables")
     if strain_energy is None:
-        wanted = f"None: internal variables need a strain_energy({', '.join(strains)}, a)"
-        require(internal is None, f"{part}: internal", internal, wanted)
+        expected = f"None: internal variables need a strain_energy({', '.join(strains)}, a)"
+        require(internal is None, f"{part}: internal", internal, expected)
         return
     count, variables = len(strains), () if internal is None else internal.names
 
@@ -327,13 +327,13 @@ class InternalVariables:
 
     def __post_init__(self):
         names = self.names
-        fits = isinstance(names, tuple) and all(isinstance(n, str) and n for n in names)
-        fits = fits and 0 < len(set(names)) == len(names)
-        require(fits, "InternalVariables: names", names, 'different names such as ("creep",)')
-        wanted = "a function of old, strains0, strains and dt"
-        require(callable(self.update), "InternalVariables: update", self.update, wanted)
-        fits = self.level is None or 0.5 <= as_float(self.level) <= 1
-        require(fits, "InternalVariables: level", self.level, "a number from 0.5 to 1, or None")
+        ok = isinstance(names, tuple) and all(isinstance(n, str) and n for n in names)
+        ok = ok and 0 < len(set(names)) == len(names)
+        require(ok, "InternalVariables: names", names, 'different names such as ("creep",)')
+        expected = "a function of old, strains0, strains and dt"
+        require(callable(self.update), "InternalVariables: update", self.update, expected)
+        ok = self.level is None or 0.5 <= as_float(self.level) <= 1
+        require(ok, "InternalVariables: level", self.level, "a number from 0.5 to 1, or None")
         takes_time = self._check_update()
         level = (0.5 if takes_time else 1.0) if self.level is None else as_float(self.level)
         object.__setattr__(self, "level", level)

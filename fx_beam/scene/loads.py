@@ -86,8 +86,8 @@ class Load:
 def line_load(beam: Beam, load, of: str) -> Load:
     """Line load on a beam: a constant, or a function of time, of the arc length, or of both."""
     what = f"line load on {label(beam)}"
-    wanted = "'time' or 'arc length', or 'arc length and time' for a function of both"
-    require(is_one_of(of, _OF), f"{what}: of", of, wanted)
+    expected = "'time' or 'arc length', or 'arc length and time' for a function of both"
+    require(is_one_of(of, _OF), f"{what}: of", of, expected)
     if of == "time":
         check_takes_time(load, what)
         return Load("line load", beam, time_function(load, 2, what))
@@ -118,8 +118,8 @@ def not_negative(value, what: str) -> float:
     number = as_float(value)
     if not abs(number) <= LARGEST:
         (number,) = vector(value, 1, what)
-    fits = number == 0 or number >= 1 / LARGEST
-    require(fits, what, value, "zero or positive")
+    ok = number == 0 or number >= 1 / LARGEST
+    require(ok, what, value, "zero or positive")
     return as_float(number)
 
 
@@ -143,11 +143,13 @@ class Drag:
             given, what = getattr(self, name), f"{on}: {name}"
             pair = isinstance(given, list | tuple | np.ndarray) and numbers(given).shape == (2,)
             may_be = isinstance(self.target, Beam) and name != "rotation"
-            wanted = "one number; only a beam has directions along and across it, for its velocity"
-            require(may_be or not pair, what, given, wanted)
+            expected = (
+                "one number; only a beam has directions along and across it, for its velocity"
+            )
+            require(may_be or not pair, what, given, expected)
             value = vector(given, 2 if pair else 1, what)
-            wanted = "zero or positive; for a force along the motion there is add_virtual_work"
-            require(value.min() >= 0, what, given, wanted)
+            expected = "zero or positive; for a force along the motion there is add_virtual_work"
+            require(value.min() >= 0, what, given, expected)
             object.__setattr__(self, name, value)
         if not any(getattr(self, name).any() for name in PARTS_OF_DRAG):
             raise SceneError(f"{on}: give linear, quadratic or rotation, not all zero")

@@ -139,8 +139,8 @@ def _named(k: int, cells: np.ndarray) -> str:
 def _checked_elements(elements: Any, count: int) -> np.ndarray:
     """Numbers of elements (m,) of so many cells."""
     counts = numbers(elements)
-    fits = counts.shape in ((), (count,)) and (counts == np.floor(counts)).all()
-    if not fits or not ((counts >= 1) & (counts <= MOST_ELEMENTS)).all():
+    ok = counts.shape in ((), (count,)) and (counts == np.floor(counts)).all()
+    if not ok or not ((counts >= 1) & (counts <= MOST_ELEMENTS)).all():
         raise SceneError(
             f"add_mesh: elements = {shown(elements)} must be a whole number from 1 to "
             f"{MOST_ELEMENTS:,}, or one for each of the {count} cells"

@@ -153,15 +153,15 @@ class Output:
     component: str | None = None
 
     def __post_init__(self):
-        fits = isinstance(self.of, Node | Joint | ForceBetween | Scene | Beam)
-        require(fits, "Output: of", self.of, "a node, a joint, a rope, a scene or a beam")
+        ok = isinstance(self.of, Node | Joint | ForceBetween | Scene | Beam)
+        require(ok, "Output: of", self.of, "a node, a joint, a rope, a scene or a beam")
         known = self._known
-        wanted = f"one of {list(known)} for {self._place}"
-        require(is_one_of(self.quantity, known), "Output: quantity", self.quantity, wanted)
+        expected = f"one of {list(known)} for {self._place}"
+        require(is_one_of(self.quantity, known), "Output: quantity", self.quantity, expected)
         parts = known[self.quantity].components
-        fits = self.component is None or is_one_of(self.component, parts)
-        wanted = f"one of {list(parts)}" if parts else "left out: it is a single number"
-        require(fits, f"Output: component of {self.quantity!r}", self.component, wanted)
+        ok = self.component is None or is_one_of(self.component, parts)
+        expected = f"one of {list(parts)}" if parts else "left out: it is a single number"
+        require(ok, f"Output: component of {self.quantity!r}", self.component, expected)
 
     def __str__(self):
         return f"{self.quantity}{f'.{self.component}' if self.component else ''} of {self._place}"
@@ -199,29 +199,29 @@ def definition(output: Output) -> Defined:
 
 def check_outputs(scene, outputs, what: str) -> None:
     """Refuse outputs that are no dictionary of outputs of the scene."""
-    fits = isinstance(outputs, Mapping) and all(isinstance(name, str) for name in outputs)
-    require(fits, what, outputs, "a dictionary of fx_beam.Output by names")
+    ok = isinstance(outputs, Mapping) and all(isinstance(name, str) for name in outputs)
+    require(ok, what, outputs, "a dictionary of fx_beam.Output by names")
     for name, output in outputs.items():
         label = f"{what}[{name!r}]"
-        fits = isinstance(output, Output) and isinstance(output.of, Node | Joint | ForceBetween)
-        require(fits, label, output, "an fx_beam.Output of a node, a joint or a rope")
+        ok = isinstance(output, Output) and isinstance(output.of, Node | Joint | ForceBetween)
+        require(ok, label, output, "an fx_beam.Output of a node, a joint or a rope")
         check_output(scene, output, label)
 
 
 def check_output(scene, output: Output, what: str) -> None:
     """Refuse an output of another scene or of its nodes and joints, or one that its joint lacks."""
-    of, wanted = output.of, ""
+    of, expected = output.of, ""
     if isinstance(of, Scene):
-        wanted = "" if of is scene else "of the scene of the motion"
+        expected = "" if of is scene else "of the scene of the motion"
     elif isinstance(of, Beam):
-        wanted = "" if any(of is one for one in scene.beams) else "of a beam of this scene"
+        expected = "" if any(of is one for one in scene.beams) else "of a beam of this scene"
     elif isinstance(of, Node):
         check_node(scene, of, what)
     elif isinstance(of, ForceBetween):
         ours = {str(one) for one in scene.forces_between}  # also of a copy
-        wanted = "" if str(of) in ours else "of a rope that add_rope of this scene returned"
+        expected = "" if str(of) in ours else "of a rope that add_rope of this scene returned"
     elif (joint := own_joint(scene, of)) is None:
-        wanted = "of a joint that add_joint of this scene returned"
+        expected = "of a joint that add_joint of this scene returned"
     else:
-        wanted = joint.lacks(output.quantity)
-    require(not wanted, what, str(output), wanted)
+        expected = joint.lacks(output.quantity)
+    require(not expected, what, str(output), expected)

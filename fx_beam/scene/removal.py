@@ -37,8 +37,8 @@ def own_joint(scene: Any, joint: Joint) -> Joint | None:
 def joint_of(scene: Any, joint: Any, what: str) -> Joint:
     """The same; SceneError if the scene does not have it."""
     known: Any = own_joint(scene, joint) if isinstance(joint, Joint) else None
-    wanted = "a joint that add_joint of this scene returned, and that was not removed"
-    require(known is not None, what, joint, wanted)
+    expected = "a joint that add_joint of this scene returned, and that was not removed"
+    require(known is not None, what, joint, expected)
     return known
 
 
@@ -83,8 +83,8 @@ def _forget(scene: Any, part: Any) -> None:
 def locked(joint: Joint, coordinate: str | None) -> Joint:
     """The joint with a coordinate that keeps its value; SceneError if it has no such one."""
     names = ["slide"] if joint.on_beam else [*joint.coordinates]
-    fits = coordinate is None or is_one_of(coordinate, names)
-    require(fits, f"lock {joint}: coordinate", coordinate, f"one of {names}")
+    ok = coordinate is None or is_one_of(coordinate, names)
+    require(ok, f"lock {joint}: coordinate", coordinate, f"one of {names}")
     if not names:
         raise SceneError(f"lock {joint}: it has no slide and no relative rotation to lock")
     if coordinate is None and len(names) > 1:

@@ -358,8 +358,8 @@ class Scene:
         x, y = vector(position, 2, f"{name}: position")
         given = (("mass", mass), ("inertia", inertia))
         m, J = (loads.not_negative(value, f"{name}: {what}") for what, value in given)
-        fits = isinstance(points, Mapping | None) and all(map(is_name, points or ()))
-        require(fits, f"{name}: points", points, "a dict of positions by their names")
+        ok = isinstance(points, Mapping | None) and all(map(is_name, points or ()))
+        require(ok, f"{name}: points", points, "a dict of positions by their names")
         ends: list[Any] = [(x, y)]
         for key, point in (points or {}).items():
             what = f"{name}: point {key!r}"
@@ -530,8 +530,8 @@ class Scene:
         >>> scene.parameters["damping"]
         0.2
         """
-        fits = is_parameter(parameter)
-        require(fits, "add_parameter: parameter", parameter, "an fx_beam.Parameter")
+        ok = is_parameter(parameter)
+        require(ok, "add_parameter: parameter", parameter, "an fx_beam.Parameter")
         self.parameters.add([("parameter", parameter)], "add_parameter")
 
     def make_velocities_compatible(self) -> None:
@@ -778,8 +778,8 @@ class Scene:
         98.2
         """
         what, number = "rope: points", self.force_count
-        fits = isinstance(points, list | tuple) and len(points) > 1
-        require(fits, what, points, "a sequence of two or more nodes and positions (x, y)")
+        ok = isinstance(points, list | tuple) and len(points) > 1
+        require(ok, what, points, "a sequence of two or more nodes and positions (x, y)")
         nodes = [point for point in points if isinstance(point, Node)]
         require(bool(nodes), what, points, "with a node among them: nothing else can move")
         for node in nodes:

@@ -132,9 +132,9 @@ class Section:
         times: Any = self.retardation
         if isinstance(times, list) or getattr(times, "ndim", 0) == 1:
             object.__setattr__(self, "retardation", tuple(times))
-        fits = self.strain_energy is None or not isinstance(self.retardation, tuple)
-        wanted = "one time for all strains, as there is a strain_energy"
-        require(fits, "Section: retardation", self.retardation, wanted)
+        ok = self.strain_energy is None or not isinstance(self.retardation, tuple)
+        expected = "one time for all strains, as there is a strain_energy"
+        require(ok, "Section: retardation", self.retardation, expected)
         for time in self._times:
             _value("retardation", time, 0.5)
         for name in ("EA", "GA", "EI", "rhoA", "rhoI"):
@@ -204,8 +204,8 @@ class Section:
         given = self.retardation
         if not isinstance(given, tuple):
             return given, given, given
-        wanted = "one time, or three: for axial, shear and bending strains"
-        require(len(given) == 3, "Section: retardation", given, wanted)
+        expected = "one time, or three: for axial, shear and bending strains"
+        require(len(given) == 3, "Section: retardation", given, expected)
         return given
 
     @property
@@ -496,8 +496,8 @@ def values_along(
 
 
 def _check_name(name, what: str) -> None:
-    wanted = f"one of {list(DATA)}"
-    require(is_one_of(name, DATA), f"Section.{what}: name", name, wanted)
+    expected = f"one of {list(DATA)}"
+    require(is_one_of(name, DATA), f"Section.{what}: name", name, expected)
 
 
 def _values(
@@ -566,8 +566,8 @@ def _share_of_webs(height: float, width: float, thickness: float) -> float:
 
 def _inner(outer: float, thickness: float) -> float:
     """Inner size of a hollow section."""
-    wanted = f"at most half of the outer size, {as_float(outer) / 2:g}"
-    require(2 * thickness <= outer, "Section: thickness", thickness, wanted)
+    expected = f"at most half of the outer size, {as_float(outer) / 2:g}"
+    require(2 * thickness <= outer, "Section: thickness", thickness, expected)
     return outer - 2 * thickness
 
 
@@ -588,9 +588,9 @@ def _value(name: str, datum: Datum, fraction: float = 0.0) -> float:
     may_be_zero = name in _MAY_BE_ZERO
     number = as_float(datum)
     if not (is_number(datum) and (number > 0 or (may_be_zero and number == 0))):
-        wanted = "zero or positive and finite" if may_be_zero else "positive and finite"
-        wanted += size_limit(datum, wanted)
-        raise SceneError(f"Section: {name} = {shown(datum)}{where} must be {wanted}")
+        expected = "zero or positive and finite" if may_be_zero else "positive and finite"
+        expected += size_limit(datum, expected)
+        raise SceneError(f"Section: {name} = {shown(datum)}{where} must be {expected}")
     return number
 
 

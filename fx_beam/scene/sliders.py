@@ -333,13 +333,15 @@ def sliding_joints(joints: Iterable[Joint]) -> list[SlidingJoint]:
 def _sliding(kind, beam, node, fraction, parts, rotation) -> SlidingJoint:
     if not isinstance(beam, Beam):
         raise SceneError(f"{kind}: {beam!r} is not a beam; give the beam that guides the node")
-    wanted = "given: a guide on the ground needs its place at the start, as a fraction of the beam"
-    require(node is not GROUND or fraction is not None, f"{kind}: fraction", fraction, wanted)
+    expected = (
+        "given: a guide on the ground needs its place at the start, as a fraction of the beam"
+    )
+    require(node is not GROUND or fraction is not None, f"{kind}: fraction", fraction, expected)
     if any(node is of_beam for of_beam in beam.nodes):
         raise SceneError(f"{kind}: {node} belongs to beam {beam.name!r}; take one of another beam")
     if fraction is not None:
-        fits = 0 <= as_float(fraction) <= 1
-        require(fits, f"{kind}: fraction", fraction, "a number from 0 to 1")
+        ok = 0 <= as_float(fraction) <= 1
+        require(ok, f"{kind}: fraction", fraction, "a number from 0 to 1")
         fraction = as_float(fraction)
     slide = checked_coordinate(f"motor of a {kind.lower()}", *parts)
     on_beam = {"of": SlidingJoint, "beam": beam, "fraction": fraction}

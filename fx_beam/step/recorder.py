@@ -115,8 +115,8 @@ class Record:
             return
         times = numbers(self.times)
         rising = times.ndim == 1 and times.size > 0 and bool((np.diff(times) > 0).all())
-        fits = rising and bool(np.isfinite(times).all())
-        require(fits, "Record: times", self.times, "increasing finite times")
+        ok = rising and bool(np.isfinite(times).all())
+        require(ok, "Record: times", self.times, "increasing finite times")
         if not (self.every == 1 and self.motion):
             raise SceneError("Record: times need every=1 and motion=True")
         object.__setattr__(self, "times", tuple(times.tolist()))  # a column of a table has labels

@@ -159,8 +159,8 @@ def converge(
     check_takes(scene_of, "elements, degree", "converge: scene_of")
     check_takes(quantity, "solution", "converge: quantity")
     tolerance = positive(tolerance, "converge: tolerance")
-    wanted = f"a whole number from 1 to {_MOST}"
-    require(is_whole(elements, 1, _MOST), "converge: elements", elements, wanted)
+    expected = f"a whole number from 1 to {_MOST}"
+    require(is_whole(elements, 1, _MOST), "converge: elements", elements, expected)
     require(is_whole(degree, 1, 3), "converge: degree", degree, "1, 2 or 3")
     require(is_whole(max_runs, 4), "converge: max_runs", max_runs, "a whole number from 4 on")
 
@@ -214,9 +214,9 @@ class _Runs:
             self.last = self._run(elements, tolerance)
             given = self._quantity(self.last)
             value = numbers(given)
-            fits = value.size > 0 and {value.shape} >= {v.shape for v in self.values.values()}
-            wanted = "a number, or an array of numbers, of one shape in all runs"
-            require(fits, "converge: the quantity", given, wanted)
+            ok = value.size > 0 and {value.shape} >= {v.shape for v in self.values.values()}
+            expected = "a number, or an array of numbers, of one shape in all runs"
+            require(ok, "converge: the quantity", given, expected)
             what = f"converge: the quantity with {elements} elements"
             require(bool(np.isfinite(value).all()), what, given, "finite")
             self.values[key], self.steps = value, self.steps + self.last.stats.steps

@@ -84,9 +84,9 @@ def open_workers(function: Callable, executor: Any, timeout: float | None = None
         return _Here(function)
     if is_whole(executor, 1, _MOST):
         return _OnProcesses(int(executor), function, timeout)
-    fits = not isinstance(executor, int) and hasattr(executor, "submit")
-    wanted = "an executor of concurrent.futures, or the number of processes"
-    require(fits, "executor", executor, wanted)
+    ok = not isinstance(executor, int) and hasattr(executor, "submit")
+    expected = "an executor of concurrent.futures, or the number of processes"
+    require(ok, "executor", executor, expected)
     if timeout is not None:
         raise SceneError(
             f"timeout = {timeout:g} needs processes of this machine: give executor their number"
