@@ -245,20 +245,20 @@ def finite(value, name: str, sign: str = "", more: str = "") -> float:
 
 
 #: Of a field of a part of a scene: scenes that differ in such fields only have one structure.
-NUMBER = {"number": True}
+IS_DATA = {"number": True}
 
 
 Check = Callable[[Any, str], Any]
 
 
-def number(sign: str = "", optional: bool = False, **default: Any) -> Any:
+def real(sign: str = "", optional: bool = False, **default: Any) -> Any:
     """A field that is a number, with a sign as of `finite`; or None, if it is optional."""
 
     def check(value: Any, name: str) -> float | None:
         more = ", or None" if optional else ""
         return None if value is None and optional else finite(value, name, sign, more)
 
-    return field(metadata={**NUMBER, "check": check}, **default)
+    return field(metadata={**IS_DATA, "check": check}, **default)
 
 
 def _field(ok: Callable[[Any], bool], expected: str, kind: Callable, default: dict) -> Any:
@@ -309,7 +309,7 @@ def check_fields(part, name: str = "") -> None:
 
 def array_of(value, name: str) -> np.ndarray:
     """New array of real numbers of any shape, finite or not; SceneError for others."""
-    array = numbers(value)
+    array = as_real_array(value)
     require(array.shape != (0, 0), name, value, "an array of numbers")
     return array
 
@@ -341,7 +341,7 @@ def vector(value, size: int, name: str) -> np.ndarray:
 
 def shaped(value, size: int, name: str) -> np.ndarray:
     """New array of `size` numbers, finite or not."""
-    array = np.atleast_1d(numbers(value))
+    array = np.atleast_1d(as_real_array(value))
     if array.shape != (size,):
         expected = "a number" if size == 1 else f"{size} numbers"
         raise SceneError(
@@ -350,7 +350,7 @@ def shaped(value, size: int, name: str) -> np.ndarray:
     return array
 
 
-def numbers(value) -> np.ndarray:
+def as_real_array(value) -> np.ndarray:
     """New array of real numbers (see `as_float`), finite or not; of shape (0, 0) if one is not.
 
     The entries of a masked array that are masked are no numbers.

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fx_beam.errors import StepError, flag, is_one_of, number, vector, whole
+from fx_beam.errors import StepError, flag, is_one_of, real, vector, whole
 from fx_beam.laws.interval import Interval
 from fx_beam.motions.contact_check import goes_through
 from fx_beam.motions.initial_state import reference_state
@@ -57,11 +57,11 @@ class StaticOptions(CommonOptions):
 
     what: str = "static"
     load_steps: int = whole(1, _MOST_STEPS, default=10)
-    t: float = number(default=0.0)
+    t: float = real(default=0.0)
     continuation: str | None = None
     max_cuts: int = whole(0, MOST_HALVINGS, default=8)
     max_steps: int = whole(1, _MOST_STEPS, default=1000)
-    spin: float = number(default=0.0)
+    spin: float = real(default=0.0)
     pivot: Sequence[float] = (0.0, 0.0)
     branches: int = whole(0, 10, default=0)
     stop_at: str | None = None

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fx_beam.errors import SceneError, as_float, between, number, whole
+from fx_beam.errors import SceneError, as_float, between, real, whole
 from fx_beam.laws.schemes import Scheme
 from fx_beam.linear.linearisation import check_unknowns
 from fx_beam.motions.evaluation import solution_of
@@ -55,8 +55,8 @@ class PeriodicOptions(CommonOptions):
     scheme: Scheme | None = None
     steps: int = whole(9, default=201)
     tolerance: float = between(0, 1, default=1e-9)
-    amplitude: float | None = number("positive", optional=True, default=None)
-    energy: float | None = number(optional=True, default=None)
+    amplitude: float | None = real("positive", optional=True, default=None)
+    energy: float | None = real(optional=True, default=None)
     #: Longest step along a family, relative to the size of its motions, and most of these.
     step: float = STEP
     most: int = whole(1, default=1)

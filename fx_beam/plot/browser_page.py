@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.errors import numbers, require
+from fx_beam.errors import as_real_array, require
 from fx_beam.results.fields import RESULTANTS, along_all
 from fx_beam.results.files import of_numpy, replacing, writable
 from fx_beam.results.solution import Solution
@@ -242,7 +242,7 @@ def _series(drawing: Drawing, series: dict[str, np.ndarray] | None) -> list[dict
     require(isinstance(series, dict), "series", series, "a dict of values by name")
     entries = []
     for name, given in series.items():
-        values = numbers(given)
+        values = as_real_array(given)
         expected = f"{len(solution.t)} finite numbers, one for each row of the solution"
         ok = values.shape == solution.t.shape and bool(np.isfinite(values).all())
         require(ok, f"series[{name!r}]", given, expected)

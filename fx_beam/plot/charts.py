@@ -12,7 +12,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.rcsetup import cycler
 
-from fx_beam.errors import array_of, check_takes, is_number, is_whole, numbers, positive, require
+from fx_beam.errors import (
+    array_of,
+    as_real_array,
+    check_takes,
+    is_number,
+    is_whole,
+    positive,
+    require,
+)
 from fx_beam.results.files import replacing, writable
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import FrequencyResponse, PeriodicFamily
@@ -188,7 +196,7 @@ def _check(axes: Any, curves: Any, what: str) -> None:
 
 def curve(given: Any, t: np.ndarray, what: str) -> np.ndarray:
     """Values (n,) over times or load factors (n,)."""
-    values = numbers(given)
+    values = as_real_array(given)
     require(values.shape == t.shape, what, given, f"{t.size} numbers, one for each row or time")
     return values
 

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fx_beam.content_cache import cached_property
-from fx_beam.errors import SceneError, is_name, is_whole, numbers, positive, require
+from fx_beam.errors import SceneError, as_real_array, is_name, is_whole, positive, require
 from fx_beam.results.fields import nodes_of_elements
 from fx_beam.results.interactions import nodes_of
 from fx_beam.results.solution import Solution, forces_on_nodes, scene_of
@@ -116,7 +116,7 @@ def axis(nodes: np.ndarray, degree: int) -> np.ndarray:
         For another degree, or positions of another shape.
     """
     require(is_whole(degree, 1, 3), "axis: degree", degree, "1, 2 or 3")
-    given = numbers(nodes)
+    given = as_real_array(nodes)
     ok = given.ndim > 1 and given.shape[-1] == 2 and given.shape[-2] % degree == 1 % degree
     require(ok, "axis: nodes", nodes, f"positions (..., elements * {degree} + 1, 2)")
     if degree == 1:
@@ -356,12 +356,12 @@ def checked_drawing(
         require(is_whole(count, 1), "count", count, "a whole number, at least 1")
         rows = np.unique(np.linspace(0, last, min(count, last + 1)).round().astype(int)).tolist()
     elif times is not None:
-        times = numbers(times)
+        times = as_real_array(times)
         low, high = t.min(), t.max()  # a static path may come to its end from above
         ok = times.ndim == 1 and len(times) > 0 and low <= times.min() and times.max() <= high
         require(ok, "times", times, f"times of the solution, from {low:g} to {high:g}")
         rows = [int(abs(t - time).argmin()) for time in times]
-    ok = numbers(rows).ndim == 1 and all(is_whole(k, 0, last) for k in rows)
+    ok = as_real_array(rows).ndim == 1 and all(is_whole(k, 0, last) for k in rows)
     expected = f"rows of the solution, such as range(0, {last + 1}, {max(1, last // 10)})"
     require(ok and len(rows) > 0, "rows", rows, expected)
     return Drawing(solution, list(rows), positive(magnify, "magnify"), unit)

@@ -11,7 +11,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import LinearSegmentedColormap, LogNorm, Normalize, SymLogNorm, to_hex
 
-from fx_beam.errors import as_float, is_one_of, numbers, positive, require
+from fx_beam.errors import as_float, as_real_array, is_one_of, positive, require
 from fx_beam.results.fields import QUANTITIES, RESULTANTS, along_all
 from fx_beam.scene.beam import Beam, arc_lengths
 from fx_beam.scene.contacts import Contact
@@ -211,7 +211,7 @@ def _norm(values: np.ndarray, signed: bool, limits: Any, logarithmic: bool) -> A
     """The scale between two values."""
     largest = float(abs(values).max()) or 1.0
     if limits is not None:
-        ok = numbers(limits).shape == (2,) and bool(np.isfinite(numbers(limits)).all())
+        ok = as_real_array(limits).shape == (2,) and bool(np.isfinite(as_real_array(limits)).all())
         low, high = (as_float(limit) for limit in limits) if ok else (0.0, 0.0)
         expected = "two finite numbers, the lower one first"
         require(ok and low < high, "colour_limits", limits, expected)

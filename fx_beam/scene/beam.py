@@ -10,7 +10,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fx_beam.dual import plain, stacked
-from fx_beam.errors import LARGEST, NUMBER, SceneError, as_float, is_whole, numbers, require, shown
+from fx_beam.errors import (
+    IS_DATA,
+    LARGEST,
+    SceneError,
+    as_float,
+    as_real_array,
+    is_whole,
+    require,
+    shown,
+)
 
 #: Components of a node's motion, in the order used in all arrays.
 COMPONENTS = ("x", "y", "rotation")
@@ -92,9 +101,9 @@ class Beam:
     name: str
     nodes: tuple[Node, ...]
     degree: int
-    s: np.ndarray = field(compare=False, metadata=NUMBER)
+    s: np.ndarray = field(compare=False, metadata=IS_DATA)
     section: Any = None
-    inner: np.ndarray | None = field(compare=False, default=None, metadata=NUMBER)
+    inner: np.ndarray | None = field(compare=False, default=None, metadata=IS_DATA)
     fractions: np.ndarray | None = field(compare=False, default=None)
 
     def __repr__(self):
@@ -244,7 +253,7 @@ def listed_points(points: Any, what: str) -> tuple[list, np.ndarray]:
     try:
         # Rows of tables count by labels, not from 0.
         listed = [of.to_numpy() if hasattr(of, "to_numpy") else of for of in points]
-        positions = numbers([position_of(point) for point in listed])
+        positions = as_real_array([position_of(point) for point in listed])
     except Exception:  # a UFL expression has no length
         listed, positions = [], np.empty((0, 0))
     ok = positions.ndim == 2 and positions.shape[1] == 2

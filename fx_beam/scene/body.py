@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from fx_beam.dual import stacked
-from fx_beam.errors import NUMBER, SceneError, is_name, require
+from fx_beam.errors import IS_DATA, SceneError, is_name, require
 
 from . import loads
 from .beam import Beam, Node
@@ -45,8 +45,8 @@ class Body:
     name: str
     centre: Node
     points: dict[str, Node]
-    mass: float = field(metadata=NUMBER)
-    inertia: float = field(metadata=NUMBER)
+    mass: float = field(metadata=IS_DATA)
+    inertia: float = field(metadata=IS_DATA)
 
     def __getitem__(self, name: str) -> Node:
         if not isinstance(name, str) or name not in self.points:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from fx_beam.errors import LARGEST, SceneError, between, check_fields, number, require
+from fx_beam.errors import LARGEST, SceneError, between, check_fields, real, require
 
 from .joints import Joint
 from .outputs import Output
@@ -98,7 +98,7 @@ class Fuse:
     """
 
     joint: Joint
-    force: float = number("positive")
+    force: float = real("positive")
 
     def __post_init__(self):
         require(isinstance(self.joint, Joint), "Fuse: joint", self.joint, "a joint of the scene")

@@ -9,16 +9,16 @@ import numpy as np
 
 from fx_beam.dual import in_scene, stacked
 from fx_beam.errors import (
-    NUMBER,
+    IS_DATA,
     SceneError,
     as_float,
+    as_real_array,
     check_fields,
     finite,
     flag,
     is_number,
     is_whole,
-    number,
-    numbers,
+    real,
     require,
     shown,
     vector,
@@ -106,7 +106,7 @@ class Shape:
         (...) float
             Distance [m]; negative on the side that is not allowed.
         """
-        checked = numbers(positions)
+        checked = as_real_array(positions)
         ok = checked.ndim > 0 and checked.shape[-1] == 2
         require(ok, f"{self.name}.gap: positions", positions, "positions (x, y)")
         return in_scene(self.seen(checked - stacked(self.origin))[0])
@@ -159,8 +159,8 @@ class Line(Shape):
     1.5
     """
 
-    point: Any = field(metadata=NUMBER)
-    normal: Any = field(metadata=NUMBER)
+    point: Any = field(metadata=IS_DATA)
+    normal: Any = field(metadata=IS_DATA)
 
     def __post_init__(self):
         super().__post_init__()
@@ -212,8 +212,8 @@ class Circle(Shape):
     array([ 1., -1.])
     """
 
-    centre: Any = field(metadata=NUMBER)
-    radius: float = number("positive")
+    centre: Any = field(metadata=IS_DATA)
+    radius: float = real("positive")
     inside: bool = flag(default=False)
 
     def __post_init__(self):
@@ -295,12 +295,12 @@ class Contact:
 
     target: Node | Beam
     shape: Shape | Beam
-    stiffness: float = number("positive")
-    restitution: float = number("not negative", default=1.0)
-    speed: float | None = number("positive", optional=True, default=None)
+    stiffness: float = real("positive")
+    restitution: float = real("not negative", default=1.0)
+    speed: float | None = real("positive", optional=True, default=None)
     number: int = -1
-    energy: Energy | None = field(default=None, metadata=NUMBER)
-    radius: float | tuple[float, float] = field(default=0.0, metadata=NUMBER)
+    energy: Energy | None = field(default=None, metadata=IS_DATA)
+    radius: float | tuple[float, float] = field(default=0.0, metadata=IS_DATA)
     along: int | None = None
     friction: Coulomb | None = None
 

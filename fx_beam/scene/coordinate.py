@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.errors import NUMBER, SceneError, check_fields, finite, is_number, number, require
+from fx_beam.errors import IS_DATA, SceneError, check_fields, finite, is_number, real, require
 from fx_beam.symbolic import parts_of, ufl
 
 from .functions import Signal
@@ -69,11 +69,11 @@ class Stop:
     True
     """
 
-    lower: float | None = number(optional=True)
-    upper: float | None = number(optional=True)
-    stiffness: float = number("positive")
-    restitution: float = number("not negative", default=1.0)
-    speed: float | None = number("positive", optional=True, default=None)
+    lower: float | None = real(optional=True)
+    upper: float | None = real(optional=True)
+    stiffness: float = real("positive")
+    restitution: float = real("not negative", default=1.0)
+    speed: float | None = real("positive", optional=True, default=None)
 
     def __post_init__(self):
         _refuse_functions(self, ("lower", "upper", "stiffness"), _IN_ENERGY)
@@ -208,10 +208,10 @@ class Coulomb:
     0.1
     """
 
-    mu: float = number("not negative")
-    stiffness: float = number("positive")
-    radius: float | None = number("positive", optional=True, default=None)
-    damping: float | None = number("not negative", optional=True, default=None)
+    mu: float = real("not negative")
+    stiffness: float = real("positive")
+    radius: float | None = real("positive", optional=True, default=None)
+    damping: float | None = real("not negative", optional=True, default=None)
 
     def __post_init__(self):
         check_fields(self)
@@ -292,9 +292,9 @@ class Spring:
     (0.1, 0.1004)
     """
 
-    stiffness: float = number("not negative", default=0.0)
-    rest: float = number(default=0.0)
-    strain_energy: Energy | None = field(default=None, metadata=NUMBER)
+    stiffness: float = real("not negative", default=0.0)
+    rest: float = real(default=0.0)
+    strain_energy: Energy | None = field(default=None, metadata=IS_DATA)
     internal: InternalVariables | None = None
 
     def __post_init__(self):
@@ -332,8 +332,8 @@ class Damper:
     >>> damper = fb.Damper(law=lambda rate: 0.3 * abs(rate) * rate)
     """
 
-    viscosity: float = number("not negative", default=0.0)
-    law: Callable[[Any], Any] | None = field(default=None, metadata=NUMBER)
+    viscosity: float = real("not negative", default=0.0)
+    law: Callable[[Any], Any] | None = field(default=None, metadata=IS_DATA)
 
     def __post_init__(self):
         _refuse_functions(self, ("viscosity",), "the law of a damper, law=lambda rate: c * rate")
@@ -379,8 +379,8 @@ class SmoothFriction:
     1.0
     """
 
-    force: float | Callable[[Any], Any] = field(metadata=NUMBER)
-    speed: float = number("not negative")
+    force: float | Callable[[Any], Any] = field(metadata=IS_DATA)
+    speed: float = real("not negative")
 
     def __post_init__(self):
         if callable(self.force):
@@ -439,7 +439,7 @@ class Coordinate:
 
     spring: Spring | None = None
     damper: Damper | None = None
-    motor: Callable[[float], np.ndarray] | None = field(default=None, metadata=NUMBER)
+    motor: Callable[[float], np.ndarray] | None = field(default=None, metadata=IS_DATA)
     friction: Friction | None = None
     stop: Stop | None = None
 

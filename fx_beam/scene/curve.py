@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.polynomial.chebyshev import Chebyshev, chebder, chebint, chebpts1, chebpts2, chebvander
 
-from fx_beam.errors import SceneError, is_whole, numbers, require, vector
+from fx_beam.errors import SceneError, as_real_array, is_whole, require, vector
 
 from .beam import MOST_ELEMENTS, Layout, Node, lagrange, listed_points, polyline, position_of
 from .functions import checked_function
@@ -90,7 +90,7 @@ class Curve:
             is_end = end is None or isinstance(end, Node)
             require(is_end, f"Curve: {name}", end, "a node of another beam, or None")
         require(callable(self.function), "Curve: function", self.function, "a function")
-        breaks = numbers(self.breaks)
+        breaks = as_real_array(self.breaks)
         ok = breaks.ndim == 1 and ((breaks >= 0) & (breaks <= 1)).all()
         require(bool(ok), "Curve: breaks", self.breaks, "fractions between 0 and 1")
         object.__setattr__(self, "breaks", tuple(breaks.tolist()))

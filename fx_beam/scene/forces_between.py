@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fx_beam.errors import NUMBER, SceneError, numbers, require, vector
+from fx_beam.errors import IS_DATA, SceneError, as_real_array, require, vector
 from fx_beam.symbolic import ufl
 
 from .beam import Node, position_of
@@ -39,7 +39,7 @@ class GivenPull:
 class FixedPoint:
     """A place to which a force or a rope is fixed, or over which a rope runs."""
 
-    position: np.ndarray = field(metadata=NUMBER)
+    position: np.ndarray = field(metadata=IS_DATA)
 
     def __str__(self):
         return "({:g}, {:g})".format(*self.position)
@@ -75,7 +75,7 @@ class ForceBetween:
 
     points: tuple[Node | FixedPoint, ...]
     on: Coordinate
-    force: Pull | None = field(default=None, metadata=NUMBER)
+    force: Pull | None = field(default=None, metadata=IS_DATA)
     number: int = -1
     own: tuple[str, ...] = ()
 
@@ -115,7 +115,7 @@ class ForceBetween:
     def apart(self) -> np.ndarray:
         """Vectors (points - 1, 2) from each point to the next one, at the start [m]."""
         at = [position_of(_node_or_position(point)) for point in self.points]
-        return numbers([[y[0] - x[0], y[1] - x[1]] for x, y in itertools.pairwise(at)])
+        return as_real_array([[y[0] - x[0], y[1] - x[1]] for x, y in itertools.pairwise(at)])
 
     @property
     def functions(self) -> list[tuple[str, Any]]:

@@ -61,7 +61,7 @@ class Input:
         named = errors.is_name(self.name)
         errors.require(named, "Input: name", self.name, "a text that is not empty")
         if self.factor is not None:
-            size = 2 if errors.numbers(self.factor).size == 2 else 1
+            size = 2 if errors.as_real_array(self.factor).size == 2 else 1
             factor = errors.vector(self.factor, size, f"{self}: factor")
             errors.require(
                 bool(factor.any()), f"{self}: factor", self.factor, "different from zero"

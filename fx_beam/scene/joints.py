@@ -10,7 +10,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from fx_beam.dual import dual_of, in_scene
-from fx_beam.errors import NUMBER, SceneError, numbers, require, shown, vector
+from fx_beam.errors import IS_DATA, SceneError, as_real_array, require, shown, vector
 
 from .beam import Beam, Node
 from .coordinate import Coordinate, Coulomb, Damper, Friction, Spring, Stop, checked_coordinate
@@ -108,8 +108,8 @@ class Joint:
     kind: str
     a: Node
     b: Node
-    offset: np.ndarray = field(metadata=NUMBER)
-    axis: np.ndarray | None = field(default=None, metadata=NUMBER)
+    offset: np.ndarray = field(metadata=IS_DATA)
+    axis: np.ndarray | None = field(default=None, metadata=IS_DATA)
     slide: Coordinate | None = None
     rotation: Coordinate | None = None
     number: int = field(default=-1)
@@ -171,7 +171,7 @@ class Joint:
             return np.array(self.place.apart)
         if self.a is GROUND or self.b is GROUND:
             return self.offset
-        return numbers([self.b.x - self.a.x, self.b.y - self.a.y])
+        return as_real_array([self.b.x - self.a.x, self.b.y - self.a.y])
 
     @property
     def arm(self) -> np.ndarray:

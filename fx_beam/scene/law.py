@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from fx_beam.errors import NUMBER, SceneError, as_float, fields_in, refuse_fields_in, require
+from fx_beam.errors import IS_DATA, SceneError, as_float, fields_in, refuse_fields_in, require
 from fx_beam.symbolic import derivatives_taken, is_zero, parts_of, ufl
 
 from .parameters import new_variables, parameters_in, refused, scalar_of, symbols_of
@@ -322,7 +322,7 @@ class InternalVariables:
     """
 
     names: tuple[str, ...]
-    update: Callable[[Any, Any, Any, Any], Sequence] = field(metadata=NUMBER)
+    update: Callable[[Any, Any, Any, Any], Sequence] = field(metadata=IS_DATA)
     level: float = None  # type: ignore[assignment]  # it is set below
 
     def __post_init__(self):

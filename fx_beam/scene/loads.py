@@ -11,12 +11,12 @@ import numpy as np
 
 from fx_beam.dual import plain
 from fx_beam.errors import (
+    IS_DATA,
     LARGEST,
-    NUMBER,
     SceneError,
     as_float,
+    as_real_array,
     is_one_of,
-    numbers,
     require,
     shown,
     vector,
@@ -75,7 +75,7 @@ class Load:
     target: Node | Beam
     #: ``value(t)``: [fx, fy] in N, [moment] in N m, or [qx, qy] in N per metre of reference length;
     #: a `SignalAlong` of arc length and time.
-    value: Signal = field(metadata=NUMBER)
+    value: Signal = field(metadata=IS_DATA)
     #: Whether a force turns with the section of its node.
     follower: bool = False
 
@@ -132,16 +132,18 @@ class Drag:
 
     target: Node | Beam
     #: Force per speed [N s/m] and per its square [N s^2/m^2].
-    linear: np.ndarray = field(metadata=NUMBER)
-    quadratic: np.ndarray = field(metadata=NUMBER)
+    linear: np.ndarray = field(metadata=IS_DATA)
+    quadratic: np.ndarray = field(metadata=IS_DATA)
     #: Moment per spin [N m s/rad].
-    rotation: np.ndarray = field(metadata=NUMBER)
+    rotation: np.ndarray = field(metadata=IS_DATA)
 
     def __post_init__(self):
         on = f"drag on {label(self.target)}"
         for name in PARTS_OF_DRAG:
             given, what = getattr(self, name), f"{on}: {name}"
-            pair = isinstance(given, list | tuple | np.ndarray) and numbers(given).shape == (2,)
+            pair = isinstance(given, list | tuple | np.ndarray) and as_real_array(given).shape == (
+                2,
+            )
             may_be = isinstance(self.target, Beam) and name != "rotation"
             expected = (
                 "one number; only a beam has directions along and across it, for its velocity"
@@ -160,8 +162,8 @@ class Velocity:
     """Initial velocity (2,) [m/s] and spin [rad/s] of a node, or of all nodes of a beam."""
 
     target: Node | Beam
-    value: Signal = field(metadata=NUMBER)
-    spin: Signal = field(metadata=NUMBER)
+    value: Signal = field(metadata=IS_DATA)
+    spin: Signal = field(metadata=IS_DATA)
 
 
 def initial_velocity(target: Node | Beam, velocity, spin) -> Velocity:
@@ -179,7 +181,7 @@ def initial_velocity(target: Node | Beam, velocity, spin) -> Velocity:
 class VirtualWork:
     """Virtual work per length of a user's force, on one beam or on all."""
 
-    term: Callable[[Any], Any] = field(metadata=NUMBER)
+    term: Callable[[Any], Any] = field(metadata=IS_DATA)
     beam: Beam | None
 
     def __post_init__(self):
@@ -236,7 +238,7 @@ class NaturalStrain:
 
     beam: Beam
     #: Functions of the time, of the fraction of the arc length, or of both, with values (1,).
-    parts: Mapping[str, Signal] = field(metadata=NUMBER)
+    parts: Mapping[str, Signal] = field(metadata=IS_DATA)
 
     def __str__(self):
         return f"natural strain of beam {self.beam.name!r}"

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fx_beam.dual import plain, stacked
-from fx_beam.errors import LARGEST, SceneError, numbers, shown
+from fx_beam.errors import LARGEST, SceneError, as_real_array, shown
 
 from .beam import MOST_ELEMENTS, Beam, Node
 from .section import Section
@@ -76,7 +76,7 @@ def _repeated(values: np.ndarray) -> np.ndarray:
 
 def _checked_points(points: Any) -> Any:
     """Positions (n, 2) [m], with slopes if they have any."""
-    places = numbers(points)
+    places = as_real_array(points)
     if places.ndim != 2 or places.shape[1] != 2:
         depth = ". Take x and y: points[:, :2]" if places.shape[1:] == (3,) else ""
         raise SceneError(
@@ -91,7 +91,7 @@ def _checked_points(points: Any) -> Any:
 
 def _checked_cells(cells: Any, count: int) -> np.ndarray:
     """Points at both ends of each cell (m, 2), of so many points."""
-    given = numbers(cells)
+    given = as_real_array(cells)
     if given.ndim != 2 or given.shape[1] != 2 or not given.size or (given != np.floor(given)).any():
         raise SceneError(
             "add_mesh: cells must be an array (m, 2) of whole numbers, the points at both ends, "
@@ -138,7 +138,7 @@ def _named(k: int, cells: np.ndarray) -> str:
 
 def _checked_elements(elements: Any, count: int) -> np.ndarray:
     """Numbers of elements (m,) of so many cells."""
-    counts = numbers(elements)
+    counts = as_real_array(elements)
     ok = counts.shape in ((), (count,)) and (counts == np.floor(counts)).all()
     if not ok or not ((counts >= 1) & (counts <= MOST_ELEMENTS)).all():
         raise SceneError(

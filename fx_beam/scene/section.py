@@ -14,12 +14,12 @@ import numpy as np
 
 from fx_beam.dual import Dual, DualFloat, in_scene, plain, stacked
 from fx_beam.errors import (
-    NUMBER,
+    IS_DATA,
     SceneError,
     as_float,
+    as_real_array,
     is_number,
     is_one_of,
-    numbers,
     refuse_fields_in,
     require,
     shaped,
@@ -119,13 +119,13 @@ class Section:
     ... )
     """
 
-    EA: Datum | None = field(default=None, metadata=NUMBER)
-    GA: Datum | None = field(default=None, metadata=NUMBER)
-    EI: Datum | None = field(default=None, metadata=NUMBER)
-    rhoA: Datum = field(default=0.0, metadata=NUMBER)
-    rhoI: Datum = field(default=0.0, metadata=NUMBER)
-    strain_energy: Energy | None = field(default=None, metadata=NUMBER)
-    retardation: Datum | tuple[Datum, Datum, Datum] = field(default=0.0, metadata=NUMBER)
+    EA: Datum | None = field(default=None, metadata=IS_DATA)
+    GA: Datum | None = field(default=None, metadata=IS_DATA)
+    EI: Datum | None = field(default=None, metadata=IS_DATA)
+    rhoA: Datum = field(default=0.0, metadata=IS_DATA)
+    rhoI: Datum = field(default=0.0, metadata=IS_DATA)
+    strain_energy: Energy | None = field(default=None, metadata=IS_DATA)
+    retardation: Datum | tuple[Datum, Datum, Datum] = field(default=0.0, metadata=IS_DATA)
     internal: InternalVariables | None = None
 
     def __post_init__(self):
@@ -170,7 +170,7 @@ class Section:
             For a stiffness that is not positive and finite, or a negative or non-finite inertia.
         """
         _check_name(name, "values")
-        at = numbers(fractions)
+        at = as_real_array(fractions)
         require(at.size > 0, "Section.values: fractions", fractions, "an array of numbers")
         return in_scene(values_along(self, name, at, None))
 

@@ -1,7 +1,7 @@
 """Whether two scenes differ in numbers only: what is set up for one then serves the other.
 
 All that a scene has is structure, and must be equal, except fields that are marked as numbers, by
-`NUMBER` or `number`. So what is added to a scene later counts as structure until it is marked.
+`IS_DATA` or `real`. So what is added to a scene later counts as structure until it is marked.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ def expressions_of(scene: Scene) -> Iterator[tuple[str, Any]]:
 
 
 # Attributes of a scene of which only the kind must be the same, as of fields that are marked by
-# `NUMBER`: an array keeps its shape, a function of time or place stays one or becomes a number, and
-# None stays None. Functions of a user in UFL are among them, as what they give is compared.
+# `IS_DATA`: an array keeps its shape, a function of time or place stays one or becomes a number,
+# and None stays None. Functions of a user in UFL are among them, as what they give is compared.
 _NUMBERS = "_gravity", "prescribed", "masses", "parameters"
 # Kinds of values that are compared as they are.
 _PLAIN = {float, DualFloat, int, bool, str, type(None)}

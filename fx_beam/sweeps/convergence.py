@@ -7,7 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fx_beam.errors import Failure, StepError, check_takes, is_whole, numbers, positive, require
+from fx_beam.errors import (
+    Failure,
+    StepError,
+    as_real_array,
+    check_takes,
+    is_whole,
+    positive,
+    require,
+)
 from fx_beam.laws.schemes import Scheme
 from fx_beam.motions.dynamics import simulate
 from fx_beam.results.solution import Solution
@@ -213,7 +221,7 @@ class _Runs:
                 raise self._unknown()
             self.last = self._run(elements, tolerance)
             given = self._quantity(self.last)
-            value = numbers(given)
+            value = as_real_array(given)
             ok = value.size > 0 and {value.shape} >= {v.shape for v in self.values.values()}
             expected = "a number, or an array of numbers, of one shape in all runs"
             require(ok, "converge: the quantity", given, expected)
