@@ -41,13 +41,13 @@ from .orbits.periodic_search import (
     forced_response as forced_response,
     periodic as periodic,
 )
-from .results.audit import BeamResultants as BeamResultants, Energy as Energy, Stats as Stats
 from .results.buckling_modes import BucklingModes as BucklingModes
-from .results.interactions import (
+from .results.joint_and_contact_motion import (
     ContactMotion as ContactMotion,
     JointMotion as JointMotion,
     PullMotion as PullMotion,
 )
+from .results.records import BeamResultants as BeamResultants, Energy as Energy, Stats as Stats
 from .results.saved import load as load
 from .results.solution import Solution as Solution
 from .results.vibrations import (

@@ -131,17 +131,17 @@ class Dual(NDArrayOperatorsMixin):
             return _sum(*given, **{"axis": 0} | options)
         if method != "__call__" or options:
             what = f"numpy.{ufunc.__name__}.{method}"
-            return _without_slopes(what, getattr(ufunc, method), given, options)
+            return _call_without_slopes(what, getattr(ufunc, method), given, options)
         parts = [_parts(part) for part in given]
         if None in parts:
-            return _without_slopes(type(given[parts.index(None)]).__name__, ufunc, given, {})
+            return _call_without_slopes(type(given[parts.index(None)]).__name__, ufunc, given, {})
         arguments = [values for values, _ in parts]
         if (rules := _RULES.get(ufunc)) is None:
             if ufunc is np.matmul:
                 return _matmul(*parts)
             if ufunc in _OF_VALUES:
                 return ufunc(*arguments)
-            return _without_slopes(f"numpy.{ufunc.__name__}", ufunc, given, {})
+            return _call_without_slopes(f"numpy.{ufunc.__name__}", ufunc, given, {})
         values = ufunc(*arguments)
         total: Any = None
         for (_, slopes), rule in zip(parts, rules, strict=True):
@@ -158,8 +158,8 @@ class Dual(NDArrayOperatorsMixin):
         if function in _FUNCTIONS:
             return _FUNCTIONS[function](*given, **options)
         if function in _OF_VALUES:
-            return function(*map(plain, given), **options)
-        return _without_slopes(f"numpy.{function.__name__}", function, given, options)
+            return function(*map(without_slopes, given), **options)
+        return _call_without_slopes(f"numpy.{function.__name__}", function, given, options)
 
 
 class LinearDual(Dual):
@@ -231,7 +231,7 @@ def changes_of(values: Any, count: int) -> Any:
     return np.ndarray((count, *values.shape), buffer=bytes(8), strides=(0,) * (1 + values.ndim))
 
 
-def changing(changes: Any) -> np.ndarray:
+def nonzero_rows(changes: Any) -> np.ndarray:
     """The parameters (k,) by which changes (m, ...) of numbers may differ from zero."""
     if isinstance(changes, LinearChanges):
         return changes.columns[0]
@@ -270,7 +270,7 @@ class DualArray(np.ndarray):
 
     def __getitem__(self, key):
         values, slopes = super().__getitem__(key), self.slopes
-        return values if slopes is None else in_scene(Dual(values, slopes[key]))
+        return values if slopes is None else scene_number(Dual(values, slopes[key]))
 
     def __iter__(self):
         return (self[i] for i in range(len(self)))
@@ -284,7 +284,7 @@ def slopes_by(x: np.ndarray, without: Iterable[int] = ()) -> Dual:
     return Dual(x, slopes)
 
 
-def in_scene(dual: Any) -> Any:
+def scene_number(dual: Any) -> Any:
     """What a scene keeps of a dual number, or of several; other numbers are as they were."""
     if not isinstance(dual, Dual):
         return dual
@@ -325,7 +325,7 @@ def _flat(values: Any) -> tuple[Any, list[int]] | None:
     return values, shape
 
 
-def stacked(values: Any) -> Any:
+def as_dual_array(values: Any) -> Any:
     """An array of numbers, with slopes if any of them has."""
     if isinstance(values, list | tuple) and (flat := _flat(values)) is not None:
         return np.array(flat[0], float).reshape(flat[1])  # quickly
@@ -333,22 +333,24 @@ def stacked(values: Any) -> Any:
     return np.array(values, float) if dual is None else dual
 
 
-def plain(values: Any) -> Any:
+def without_slopes(values: Any) -> Any:
     """The values without slopes."""
     return values.values if isinstance(values, Dual) else values
 
 
-def _without_slopes(what: str, function: Callable, given: Any, options: dict) -> Any:
+def _call_without_slopes(what: str, function: Callable, given: Any, options: dict) -> Any:
     """What a function gives that takes plain numbers alone; LostSlopesError if any has slopes."""
     if (error := LostSlopesError(what, given)).numbers:
         raise error
-    lists = [[*map(plain, one)] if type(one) is list else plain(one) for one in given]
+    lists = [
+        [*map(without_slopes, one)] if type(one) is list else without_slopes(one) for one in given
+    ]
     return function(*lists, **options)
 
 
 def with_slopes(values: Any, count: int) -> Dual:
     """Numbers with slopes by `count` others; zero where they have none."""
-    dual = stacked(values)
+    dual = as_dual_array(values)
     return dual if isinstance(dual, Dual) else Dual(dual, np.zeros((*dual.shape, count)))
 
 
@@ -371,7 +373,7 @@ def _in_scene(of_dual: Callable) -> Callable:
     def result(self, other):
         if not isinstance(other, float | int | np.ndarray):
             return NotImplemented
-        return in_scene(of_dual(Dual(self, self.slopes), other))
+        return scene_number(of_dual(Dual(self, self.slopes), other))
 
     return result
 
@@ -453,8 +455,8 @@ _sum = _along(np.sum)
 
 def _interp(x, xp, fp) -> Any:
     """Interpolated on a line between points; its slopes at a point are those after it."""
-    x, xp, fp = map(stacked, (x, xp, fp))
-    at, points = plain(x), plain(xp)
+    x, xp, fp = map(as_dual_array, (x, xp, fp))
+    at, points = without_slopes(x), without_slopes(xp)
     if len(points) == 1:
         return fp[np.zeros(np.shape(at), int)]
     i = np.searchsorted(points[1:-1], at, "right")
@@ -475,7 +477,7 @@ def _clip(a, low=None, high=None) -> Any:
 
 def _linspace(start, stop, num=50, endpoint=True):
     fractions = np.linspace(0.0, 1.0, num, endpoint)
-    start, stop = stacked(start), stacked(stop)
+    start, stop = as_dual_array(start), as_dual_array(stop)
     return start + fractions.reshape(-1, *[1] * np.ndim(start)) * (stop - start)
 
 
@@ -503,7 +505,7 @@ def _joined(function: Callable, arrays: Any, axis: int = 0) -> Dual:
 
 def _norm(a: Any, ord: Any = None, axis: Any = None) -> Any:  # noqa: A002  # as NumPy's
     if ord is not None:
-        return _without_slopes(f"numpy.linalg.norm of order {ord}", np.linalg.norm, (a,), {})
+        return _call_without_slopes(f"numpy.linalg.norm of order {ord}", np.linalg.norm, (a,), {})
     return np.sqrt(_sum(a * a, axis))
 
 
@@ -513,7 +515,7 @@ _FUNCTIONS: dict[Any, Callable] = {
     np.cumsum: _along(np.cumsum),
     np.diff: lambda a, n=1, axis=-1: _along(functools.partial(np.diff, n=n))(a, axis),
     np.dot: lambda a, b: np.matmul(a, b) if np.ndim(a) and np.ndim(b) else a * b,
-    np.outer: lambda a, b: stacked(a).reshape(-1)[:, None] * stacked(b).reshape(-1),
+    np.outer: lambda a, b: as_dual_array(a).reshape(-1)[:, None] * as_dual_array(b).reshape(-1),
     np.interp: _interp,
     np.clip: _clip,
     np.max: lambda a: a.reshape(-1)[int(a.values.argmax())],
@@ -550,7 +552,10 @@ def _placed(function: Callable, given: Any, options: dict) -> Dual:
         return dual.values, np.arange(first, count).reshape(dual.shape)
 
     of = _PLACING[function]
-    pairs = [values_and_rows(one) if i in of else (plain(one),) * 2 for i, one in enumerate(given)]
+    pairs = [
+        values_and_rows(one) if i in of else (without_slopes(one),) * 2
+        for i, one in enumerate(given)
+    ]
     values, rows = (function(*arguments, **options) for arguments in zip(*pairs, strict=True))
     slopes = np.concatenate([np.zeros((1, parts[0].shape[1])), *parts])
     return Dual(values, slopes.take(rows, 0))

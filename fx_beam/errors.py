@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from .dual import Dual, DualFloat, dual_of, in_scene
+from .dual import Dual, DualFloat, dual_of, scene_number
 from .symbolic import parts_of, ufl
 
 #: Largest size of a number: products of a few such numbers are finite.
@@ -145,7 +145,7 @@ def as_float(value) -> float:
     if type(value) in _PLAIN:
         return float(value)
     if isinstance(value, Dual):
-        return math.nan if value.ndim else in_scene(value)
+        return math.nan if value.ndim else scene_number(value)
     if isinstance(value, DualFloat):
         return value
     scalar = _scalar(value)
@@ -361,7 +361,7 @@ def as_real_array(value) -> np.ndarray:
         with suppress(OverflowError):  # an integer too large for a float
             return np.array(value, dtype=float)
     if (dual := dual_of(value)) is not None:
-        return in_scene(dual if dual.ndim else dual.reshape(1))
+        return scene_number(dual if dual.ndim else dual.reshape(1))
     parts = value if isinstance(value, list | tuple) else [value]
     if any(isinstance(part, np.ma.MaskedArray) and np.ma.is_masked(part) for part in parts):
         return np.empty((0, 0))

@@ -11,7 +11,7 @@ import numpy as np
 
 from fx_beam.dual import Dual
 from fx_beam.errors import all_of, as_real_array, require
-from fx_beam.results.audit import Stats
+from fx_beam.results.records import Stats
 from fx_beam.scene.functions import ArrayCalls
 from fx_beam.scene.scene import Scene
 from fx_beam.step.interrupts import one_thread

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.dual import Dual, plain
+from fx_beam.dual import Dual, without_slopes
 from fx_beam.equilibria.statics import LoadPath
 from fx_beam.errors import SceneError, array_of, check_takes, is_one_of, positive, require, shown
 from fx_beam.laws.schemes import Scheme
@@ -21,7 +21,7 @@ from fx_beam.motions.numbers import numbers_of, numbers_of_state, observed_numbe
 from fx_beam.motions.options import Options
 from fx_beam.motions.prepared import Prepared
 from fx_beam.motions.run import Run
-from fx_beam.results.audit import uncounted
+from fx_beam.results.records import stats_unchanged
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.forces_between import ForceBetween
@@ -580,7 +580,7 @@ class Response(Differentiable):
             return None
         assert prepared is not None  # it has the model
         tape, short = Tape(derivatives.problem), _INSTANT * first
-        with uncounted(prepared.stats):
+        with stats_unchanged(prepared.stats):
             state = prepared.first_state(short, None, accelerations=False)
             if prepared.stepper.trial(state, state.t + short, tape=tape).state is None:
                 return None  # such a step may fail with unknowns that have no mass
@@ -601,7 +601,7 @@ class Response(Differentiable):
                 raise TypeError("a start that is found by a step has no slopes")
             state = other.first_state(first, before, at_start)
         else:
-            state = other.state_from(start.at(model, plain(change)), first, at_start)
+            state = other.state_from(start.at(model, without_slopes(change)), first, at_start)
         numbers: dict[str, Any] = numbers_of(other, state, t0, t1)
         if self._start is None and isinstance(change, Dual):
             if model.natural:
@@ -612,7 +612,7 @@ class Response(Differentiable):
         if start is not None and isinstance(change, Dual):
             for name, values in numbers_of_state(model, start.at(model, change)).items():
                 if isinstance(values, Dual):
-                    numbers[name] = Dual(plain(numbers[name]), values.slopes)
+                    numbers[name] = Dual(without_slopes(numbers[name]), values.slopes)
         return other, state, numbers
 
     def _numbers_of(

@@ -10,7 +10,7 @@ import numpy as np
 from fx_beam.errors import check_takes, require
 from fx_beam.linear.linearisation import Linearisation, linearised
 from fx_beam.motions.set_ups import Lease
-from fx_beam.results.audit import Stats
+from fx_beam.results.records import Stats
 from fx_beam.results.solution import Solution
 from fx_beam.scene.scene import Scene
 

@@ -14,7 +14,7 @@ from fx_beam.laws.interval import Interval
 from fx_beam.motions.contact_check import goes_through
 from fx_beam.motions.initial_state import reference_state
 from fx_beam.motions.options import CommonOptions
-from fx_beam.results.audit import Stats
+from fx_beam.results.records import Stats
 from fx_beam.results.state import State
 from fx_beam.step.forcing import LoadForcing
 from fx_beam.step.load_loop import LoadLoop, StepSolution

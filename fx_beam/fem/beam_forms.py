@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.content_cache import cached_property
-from fx_beam.dual import plain
+from fx_beam.dual import without_slopes
 from fx_beam.errors import SceneError
 from fx_beam.laws.interval import Interval, StepBatch, StepStart
 from fx_beam.laws.schemes import Scheme
@@ -196,7 +196,7 @@ class BeamForms:
         for name, data in self.numbers.items():
             if data.shape != last[name].shape:
                 raise OtherStructureError("data of beams that were constant vary, or conversely")
-            self._data[name].array[:] = plain(data).ravel()
+            self._data[name].array[:] = without_slopes(data).ravel()
 
     # -- Derivatives ----------------------------------------------------------------------------
 
@@ -422,7 +422,7 @@ class BeamForms:
         """Values (n, k) of the parameters of the forms."""
         of_all = parts.parameters
         if not of_all.size:
-            of_all = plain(self._parameters.at_times(parts.t))
+            of_all = without_slopes(self._parameters.at_times(parts.t))
         return of_all[:, self.parameters]
 
 

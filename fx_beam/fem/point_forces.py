@@ -12,7 +12,7 @@ import scipy.sparse
 
 from fx_beam import c_library
 from fx_beam.c_library import Structs
-from fx_beam.dual import plain, stacked
+from fx_beam.dual import as_dual_array, without_slopes
 from fx_beam.laws.interval import Interval, StepStart
 from fx_beam.laws.point_laws import PointLaw, StepRule, arguments
 from fx_beam.scene.structure import OtherStructureError
@@ -224,7 +224,7 @@ class PointForces:
     @property
     def numbers(self) -> np.ndarray:
         """Numbers of all forces, one force after the other."""
-        return stacked([number for force in self._forces for number in force.numbers])
+        return as_dual_array([number for force in self._forces for number in force.numbers])
 
     def _row(self, i: int, first_entry: int) -> dict[str, Any]:
         """A force as ``PointForce`` of c/point_force.h."""
@@ -303,7 +303,7 @@ class PointForces:
         self._c.fx_begin_points(self._all, *vectors, t, dt, variables)
         if len(self.followers):
             first = self.external.start
-            for i, force in enumerate(plain(self.followers.at(interval)), start=first):
+            for i, force in enumerate(without_slopes(self.followers.at(interval)), start=first):
                 self._numbers[i][:2] = force
 
     def set_parameters(self, values: np.ndarray) -> None:

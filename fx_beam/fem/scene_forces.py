@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.dual import stacked
+from fx_beam.dual import as_dual_array
 from fx_beam.errors import as_float
 from fx_beam.laws import scalar_laws as laws
 from fx_beam.laws.gaps import gap_of
@@ -75,7 +75,7 @@ def _contacts(
     carrier = carrier[: kind.size - count * (3 if thick else 2)]
     expressions = [bool(of_loss), *functions_of_energy(obstacle.energy, None, 1)]
     law = _shared(known, laws.contact, kind, expressions, bool(of_loss), obstacle.energy)
-    relative = points.of(mesh.nodal_positions(scene)[nodes]) - stacked(shape.origin)
+    relative = points.of(mesh.nodal_positions(scene)[nodes]) - as_dual_array(shape.origin)
     for i, of_point in enumerate(nodes[points.nodes]):
         length, weights = points.lengths[i], points.weights[i] if count > 1 else ()
         law_numbers = obstacle.stiffness * length, *of_loss

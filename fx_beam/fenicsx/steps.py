@@ -16,7 +16,7 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.errors import SceneError
-from fx_beam.results.audit import BeamResultants
+from fx_beam.results.records import BeamResultants
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.beam import Beam, Node, arc_lengths, gauss_rule

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.content_cache import cached_property
-from fx_beam.dual import plain
+from fx_beam.dual import without_slopes
 from fx_beam.errors import LARGEST, SceneError, as_real_array, require
 from fx_beam.fem.mesh import rotation_of
 from fx_beam.results.solution import Solution
@@ -235,7 +235,7 @@ def base_motion(about: Linearisation, base, what: str) -> np.ndarray:
 def _amplitudes(components) -> np.ndarray:
     """Complex numbers (n,); an empty array for what is no row of finite ones."""
     given = components if isinstance(components, list | tuple) or np.ndim(components) else ()
-    parts = plain(
+    parts = without_slopes(
         as_real_array([(x.real, x.imag) if np.iscomplexobj(x) else (x, 0.0) for x in given])
     )
     fits = parts.ndim == 2 and bool((abs(parts) <= LARGEST).all())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fx_beam.errors import Failure, StepError
-from fx_beam.results.audit import uncounted
+from fx_beam.results.records import stats_unchanged
 from fx_beam.results.state import State
 from fx_beam.step.events import end_behind_event
 from fx_beam.step.loop import StepsResult
@@ -121,7 +121,7 @@ class AdaptiveRun:
 
     def _trial(self, state: State, t1: float, watch: bool = False) -> Trial:
         """A step that is not part of the run; it is counted as rejected."""
-        with uncounted(self._stats):
+        with stats_unchanged(self._stats):
             trial = self._stepper.trial(state, t1, watch)
         self._stats.rejected += 1
         return trial
@@ -166,7 +166,7 @@ class AdaptiveRun:
             integrator.state.forget_errors()
             ratio, failed = None, False
             try:
-                with uncounted(stats):
+                with stats_unchanged(stats):
                     while ratio is None and not failed:
                         number = round((now.t - state.t) / dt)
                         ends = state.t + dt * np.arange(number + 1, self._order + AVERAGED + 1)

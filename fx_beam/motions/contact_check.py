@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from fx_beam.results.interactions import nodes_of
+from fx_beam.results.joint_and_contact_motion import nodes_of
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.contacts import Circle, Contact, arc_of, nearest

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.results.audit import BeamResultants, Energy, Stats
+from fx_beam.results.records import BeamResultants, Energy, Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import HISTORIES, State
 from fx_beam.scene.beam import Beam, arc_lengths, gauss_rule, lagrange_and_slopes

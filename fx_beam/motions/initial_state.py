@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse.linalg
 
-from fx_beam.dual import Dual, plain, with_slopes
+from fx_beam.dual import Dual, with_slopes, without_slopes
 from fx_beam.errors import SceneError, all_of, any_of, shown
 from fx_beam.laws.interval import INSTANT, Interval, instant
 from fx_beam.results.solution import Solution
@@ -187,7 +187,7 @@ class Starts:
         """Set the reduction to the start; rates and accelerations (driven,) of driven motion."""
         model, forcing = self.model, self._forcing
         forcing.check_start(state)
-        rates, bend = map(plain, forcing.derivatives(state.t, 1e-3 * self._dt))
+        rates, bend = map(without_slopes, forcing.derivatives(state.t, 1e-3 * self._dt))
         model.reduction.begin(state.q, state.slides)
         if singularity := model.reduction.singularity:
             raise SceneError(f"start: {singularity}. Start from a position beside it")
@@ -328,7 +328,7 @@ def initial_rates(model: Model, state: State, driven: np.ndarray) -> tuple[np.nd
     scene = model.scene
     if not (any_of(state.v) or scene.velocities or any_of(driven)):
         return np.zeros(model.reduction.columns), np.zeros(model.size)
-    v = state.v.copy() if any_of(state.v) else plain(given_velocity(model))
+    v = state.v.copy() if any_of(state.v) else without_slopes(given_velocity(model))
     project = scene.projects_velocities
     w = (projected_rates if project else rates_of_columns)(model, state, v, driven)
     compatible = model.reduction.spread(w)
@@ -397,7 +397,7 @@ def given_velocity(model: Model) -> Any:
         before, twice, x = values[nodes], known[nodes], X[nodes]
         functions = item.value, item.spin
         rates: Any = np.concatenate([of.each(x, scene.array_calls) for of in functions], axis=1)
-        known[nodes], given = True, plain(rates)
+        known[nodes], given = True, without_slopes(rates)
         values[nodes] = given
         if isinstance(rates, Dual):
             slopes = slopes + np.zeros((*values.shape, rates.count))

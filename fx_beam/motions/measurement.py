@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.dual import plain
+from fx_beam.dual import without_slopes
 from fx_beam.results.state import State
 from fx_beam.scene.joints import Joint, NodalMotion
 from fx_beam.scene.outputs import Output, definition
@@ -128,7 +128,7 @@ class FittedState:
         grid = self._stepper.grid
         length = grid.dt if instant.number else self._length or -grid.dt
         ends, lengths = np.array([grid(instant.number)]), np.array([length])
-        rates = plain(self._forcing.end_rates(ends, lengths))[0]
+        rates = without_slopes(self._forcing.end_rates(ends, lengths))[0]
         return np.where(self._inputs, instant.inputs, rates)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from fx_beam.errors import SceneError, as_float, check_takes, is_number, positive, require
 from fx_beam.laws.schemes import Scheme
-from fx_beam.results.audit import Stats
+from fx_beam.results.records import Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.outputs import Output, check_outputs

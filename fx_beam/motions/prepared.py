@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fx_beam.dual import plain
+from fx_beam.dual import without_slopes
 from fx_beam.errors import SceneError
 from fx_beam.fem.parameter_values import before
-from fx_beam.results.audit import Stats, uncounted
+from fx_beam.results.records import Stats, stats_unchanged
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.scene import Scene
@@ -159,12 +159,12 @@ class Prepared:
             return state
         from fx_beam.step.fitted_rates import rate_fit
 
-        with uncounted(self.stats):
+        with stats_unchanged(self.stats):
             end = self.stepper.trial(state, state.t + dt).state
         if end is None:
             return state
         fits = rate_fit(model)
-        driven = plain(self.forcing.end_rates(np.array([end.t]), np.array([dt])))
+        driven = without_slopes(self.forcing.end_rates(np.array([end.t]), np.array([dt])))
         swing = fits.fit(end.q[None], end.v[None], end.slides[None], driven).corrections
         # The slow part is the mean of both ends, as the start fits; at the start it is normal to
         # what joints allow there.

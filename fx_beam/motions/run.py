@@ -13,7 +13,7 @@ import numpy as np
 
 from fx_beam.errors import StepError, any_of, warn_once
 from fx_beam.laws.schemes import order_and_constant
-from fx_beam.results.audit import Stats
+from fx_beam.results.records import Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.inputs import values_at

@@ -17,7 +17,7 @@ from fx_beam.errors import SceneError
 from fx_beam.fem.mpi import petsc
 from fx_beam.laws.interval import Interval
 from fx_beam.laws.schemes import Scheme
-from fx_beam.results.audit import Stats
+from fx_beam.results.records import Stats
 from fx_beam.results.state import State
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.sliders import sliding_joints

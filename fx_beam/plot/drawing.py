@@ -13,7 +13,7 @@ import numpy as np
 from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError, as_real_array, is_name, is_whole, positive, require
 from fx_beam.results.fields import nodes_of_elements
-from fx_beam.results.interactions import nodes_of
+from fx_beam.results.joint_and_contact_motion import nodes_of
 from fx_beam.results.solution import Solution, forces_on_nodes, scene_of
 from fx_beam.scene.beam import Beam, Node, lagrange, lagrange_and_slopes
 from fx_beam.scene.contacts import Shape, arc_of

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from fx_beam.dual import plain
+from fx_beam.dual import without_slopes
 from fx_beam.errors import SceneError, is_flag, require, shown
 from fx_beam.scene.beam import Beam, Node, position_of, reference_positions
 from fx_beam.scene.contacts import arc_of
@@ -93,7 +93,7 @@ def _line_load(sheet: Sheet, load: Load, si: bool) -> None:
     s = arc_of(points)
     tips = interpolated(arc, s * beam.length / s[-1], points)
     if isinstance(load.value, SignalAlong):
-        loads = plain(load.value.at(arc, _largest(load)[0]))
+        loads = without_slopes(load.value.at(arc, _largest(load)[0]))
     elif load.value.place:
         loads = np.array([load.value(s) for s in arc])
     else:
@@ -111,7 +111,7 @@ def _line_load(sheet: Sheet, load: Load, si: bool) -> None:
 
 def _axis(beam: Beam) -> np.ndarray:
     """Points (n, 2) of the axis of a beam in its reference configuration."""
-    return axis(plain(reference_positions(beam)), beam.degree)
+    return axis(without_slopes(reference_positions(beam)), beam.degree)
 
 
 def _drags(sheet: Sheet, scene: Scene) -> None:
@@ -290,7 +290,7 @@ class Reference:
         self.nodes_of_beam = dict[str, np.ndarray]()
         free, rows = len(scene.nodes), [np.array([(node.x, node.y) for node in scene.nodes])]
         for beam in scene.beams:
-            rows.append(plain(reference_positions(beam)))
+            rows.append(without_slopes(reference_positions(beam)))
             self.nodes_of_beam[beam.name] = np.arange(free, free := free + len(rows[-1]))
         self.X = np.concatenate(rows)
         self.q = np.zeros((1, len(self.X), 3))

@@ -17,8 +17,8 @@ import numpy as np
 from fx_beam.errors import is_name, require
 from fx_beam.scene.beam import COMPONENTS, Beam, Node
 
-from .audit import BeamResultants, known_resultants
 from .files import in_table, of_numpy, replacing
+from .records import BeamResultants, known_resultants
 from .state import HISTORIES
 
 #: Format of saved files.

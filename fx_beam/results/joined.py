@@ -12,8 +12,8 @@ import numpy as np
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.contacts import Contact
 
-from .audit import BeamResultants, Energy, Stats
-from .interactions import columns_of
+from .joint_and_contact_motion import columns_of
+from .records import BeamResultants, Energy, Stats
 from .state import HISTORIES
 
 # Statistics that add up.

@@ -16,9 +16,9 @@ from fx_beam.scene.contacts import Contact, Shape
 from fx_beam.scene.coordinate import Coulomb
 from fx_beam.scene.joints import Constraints, JointKey
 
-from .audit import BeamResultants, Energy, Stats
 from .export import FORMAT
 from .files import named
+from .records import BeamResultants, Energy, Stats
 from .solution import Solution
 from .state import ARRAYS, AT_NODES, HISTORIES, NUMBERS, Past, State
 

@@ -19,8 +19,14 @@ from fx_beam.scene.joints import GROUND, Joint, key_of
 from fx_beam.scene.loads import NAMES
 from fx_beam.scene.outputs import Output, definition
 
-from .audit import BeamResultants, Energy, Stats, facts, known_resultants, read_only
-from .interactions import ContactMotion, JointMotion, PullMotion, internal_variable, motion_of
+from .joint_and_contact_motion import (
+    ContactMotion,
+    JointMotion,
+    PullMotion,
+    internal_variable,
+    motion_of,
+)
+from .records import BeamResultants, Energy, Stats, facts, known_resultants, read_only
 from .state import HISTORIES, State
 
 if TYPE_CHECKING:

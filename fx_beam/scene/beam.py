@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.dual import plain, stacked
+from fx_beam.dual import as_dual_array, without_slopes
 from fx_beam.errors import (
     IS_DATA,
     LARGEST,
@@ -194,7 +194,7 @@ def inner_positions(beam: Beam) -> np.ndarray:
         return beam.inner.reshape(-1, 2)
     if beam.degree == 1:
         return np.empty((0, 2))
-    points = stacked([(node.x, node.y) for node in beam.nodes])
+    points = as_dual_array([(node.x, node.y) for node in beam.nodes])
     fractions = np.arange(1, beam.degree)[:, None] / beam.degree
     return (points[:-1, None] + fractions * np.diff(points, axis=0)[:, None]).reshape(-1, 2)
 
@@ -300,11 +300,11 @@ def _polyline(points: Sequence, elements: int | Sequence[int], name: str) -> Lay
     counts = _spread(elements, lengths, name)
     if sum(counts) == len(counts):  # quickly, as in frames of many members
         return Layout(points, np.concatenate(([0.0], np.cumsum(lengths))))
-    ends, positions, at = [points[0]], [corners[:1]], stacked(given)
+    ends, positions, at = [points[0]], [corners[:1]], as_dual_array(given)
     for a, b, count, corner in zip(at[:-1], at[1:], counts, points[1:], strict=True):
         on_piece = np.linspace(a, b, count + 1)[1:]
         ends += [*map(tuple, on_piece[:-1].tolist()), corner]
-        positions.append(plain(on_piece))
+        positions.append(without_slopes(on_piece))
     steps = np.diff(np.concatenate(positions), axis=0)
     return Layout(ends, np.concatenate(([0.0], np.cumsum(np.hypot(*steps.T)))))
 

@@ -7,7 +7,7 @@ from collections.abc import Set
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-from fx_beam.dual import stacked
+from fx_beam.dual import as_dual_array
 from fx_beam.errors import IS_DATA, SceneError, is_name, require
 
 from . import loads
@@ -90,7 +90,7 @@ def velocities_of(body: Body, velocity, spin) -> list[loads.Velocity]:
     """Initial velocities of the nodes of a body, from that of its centre and its spin."""
     centre = body.centre
     given = loads.initial_velocity(centre, velocity, spin)
-    position = stacked([(centre.x, centre.y)])
+    position = as_dual_array([(centre.x, centre.y)])
     # Floats of NumPy would lose the slopes of the arms.
     (vx, vy), (w,) = (of.each(position)[0].tolist() for of in (given.value, given.spin))
     arms = [(node, node.x - centre.x, node.y - centre.y) for node in body.nodes]

@@ -7,7 +7,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from fx_beam.dual import in_scene, stacked
+from fx_beam.dual import as_dual_array, scene_number
 from fx_beam.errors import (
     IS_DATA,
     SceneError,
@@ -109,7 +109,7 @@ class Shape:
         checked = as_real_array(positions)
         ok = checked.ndim > 0 and checked.shape[-1] == 2
         require(ok, f"{self.name}.gap: positions", positions, "positions (x, y)")
-        return in_scene(self.seen(checked - stacked(self.origin))[0])
+        return scene_number(self.seen(checked - as_dual_array(self.origin))[0])
 
     @property
     def of_gap(self) -> tuple[float, ...]:

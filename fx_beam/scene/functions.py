@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.dual import Dual, dual_of, plain, stacked
+from fx_beam.dual import Dual, as_dual_array, dual_of, without_slopes
 from fx_beam.errors import LARGEST, Failure, SceneError, StepError, is_number, shaped, shown, vector
 
 # Parameter names, in lower case, that show a function of position instead of time.
@@ -92,7 +92,7 @@ class Signal:
         name for messages, rows are times; StepError if it fails or is not finite.
         """
         if self.function is None:
-            return np.broadcast_to(stacked(self.value), (len(rows), self.size))
+            return np.broadcast_to(as_dual_array(self.value), (len(rows), self.size))
         last = None if isinstance(rows, Dual) else self._last
         if last is not None and last[0] == run and np.array_equal(last[1], rows):
             return last[2]
@@ -124,7 +124,9 @@ class Signal:
         if values is not None and (not run or np.isfinite(values).all()):
             return values
         # The row whose value is wrong is found.
-        return stacked([evaluate(self, row[0], run) if run else self(*row) for row in arguments])
+        return as_dual_array(
+            [evaluate(self, row[0], run) if run else self(*row) for row in arguments]
+        )
 
     def _collect(self, collected: list, arguments: list) -> Any:
         """Values (n, size) for rows, if all fit; they are added to a list, which counts them.
@@ -137,7 +139,7 @@ class Signal:
             for row in arguments
         )
         try:
-            return stacked(collected).reshape(len(collected), self.size)
+            return as_dual_array(collected).reshape(len(collected), self.size)
         except (TypeError, ValueError, OverflowError):
             return None
 
@@ -169,14 +171,14 @@ class SignalAlong(Signal):
 
     def __call__(self, *arguments: float) -> np.ndarray:
         """The largest value (size,) at some positions, as pictures show it."""
-        values = plain(self.at(self._samples, *arguments))
+        values = without_slopes(self.at(self._samples, *arguments))
         return values[np.argmax(np.linalg.norm(values, axis=1))]
 
     def at(self, positions: np.ndarray, t: float) -> Any:
         """Finite values (n, size) at n positions; SceneError otherwise."""
         values = self._at_once(positions, t) if self._takes_arrays else None
         is_right = values is not None and self._is_right(values, positions, t)
-        if not (is_right and (abs(plain(values)) <= LARGEST).all()):
+        if not (is_right and (abs(without_slopes(values)) <= LARGEST).all()):
             values = self._at_each(positions, t)  # which names the place
         return values
 
@@ -190,7 +192,7 @@ class SignalAlong(Signal):
             return True
         some = len(positions) * np.array([1, 2]) // 3
         self._takes_arrays = _agree(values[some], self._at_each(positions[some], t), values)
-        self._was_zero &= not plain(values).any()
+        self._was_zero &= not without_slopes(values).any()
         return self._takes_arrays
 
     def _at_once(self, positions: np.ndarray, t: float) -> Any:
@@ -199,7 +201,7 @@ class SignalAlong(Signal):
         try:
             result: Any = function(positions.copy(), t)
             parts: Sequence = (result,) if self.size == 1 else tuple(result)
-            columns = [np.broadcast_to(stacked(part), len(positions)) for part in parts]
+            columns = [np.broadcast_to(as_dual_array(part), len(positions)) for part in parts]
             return np.column_stack(columns) if len(columns) == self.size else None
         except Exception:  # noqa: BLE001  # whatever a function does that takes single positions
             return None
@@ -208,11 +210,11 @@ class SignalAlong(Signal):
         places, function = positions.tolist(), self.function
         assert function is not None
         with suppress(Exception):  # which is found below, with its place
-            values = stacked([function(position, t) for position in places])
+            values = as_dual_array([function(position, t) for position in places])
             values = values.reshape(len(places), self.size)
-            if (abs(plain(values)) <= LARGEST).all():
+            if (abs(without_slopes(values)) <= LARGEST).all():
                 return values
-        return stacked([self._checked(position, t) for position in places])
+        return as_dual_array([self._checked(position, t) for position in places])
 
     def _checked(self, position: float, t: float) -> np.ndarray:
         """The value at a place; SceneError, with the place, for what is none."""
@@ -338,12 +340,12 @@ def _at_once(function: Callable, size: int, rows: Any) -> Any:
         with np.errstate(divide="raise", over="raise", invalid="raise"):
             result: Any = function(*columns)
         if isinstance(result, np.ndarray | Dual) and result.shape == (len(rows), size):
-            values = stacked(result)
+            values = as_dual_array(result)
         else:
             alone = isinstance(result, Dual) and not result.ndim
             alone = alone or not hasattr(result, "__len__") or len(result) != size
             parts: Sequence = (result,) if alone else result
-            columns = [np.broadcast_to(stacked(part), shape) for part in parts]
+            columns = [np.broadcast_to(as_dual_array(part), shape) for part in parts]
             values = np.concatenate(columns, axis=1)
     except Exception as error:  # noqa: BLE001  # whatever a function does that takes single numbers
         if _is_endless(error):
@@ -354,7 +356,9 @@ def _at_once(function: Callable, size: int, rows: Any) -> Any:
 
 def _agree(values: Any, others: Any, sizes: Any = None) -> bool:
     """Whether values (n, size) differ by round-off at most, in terms of the largest of `sizes`."""
-    values, others, sizes = map(plain, (values, others, others if sizes is None else sizes))
+    values, others, sizes = map(
+        without_slopes, (values, others, others if sizes is None else sizes)
+    )
     return bool((abs(values - others) <= _ROUNDING * abs(sizes).max(axis=0)).all())
 
 

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from fx_beam.dual import dual_of, in_scene
+from fx_beam.dual import dual_of, scene_number
 from fx_beam.errors import IS_DATA, SceneError, as_real_array, require, shown, vector
 
 from .beam import Beam, Node
@@ -615,7 +615,7 @@ def direction(value, what: str) -> np.ndarray:
     if length == 0:
         raise SceneError(f"{what} = {given} has no direction. Give a nonzero vector")
     if (dual := dual_of(given)) is not None:
-        return in_scene(dual / np.hypot(*dual))
+        return scene_number(dual / np.hypot(*dual))
     unit = given / length if abs(length - 1) > 4e-16 else given
     unit.setflags(write=False)
     return unit

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.dual import plain
+from fx_beam.dual import without_slopes
 from fx_beam.errors import (
     IS_DATA,
     LARGEST,
@@ -52,7 +52,7 @@ NAMES = {
 def values_along(function: Signal, positions: np.ndarray, arrays: ArrayCalls | None) -> Any:
     """Finite values (n, size) of a function of position at n positions; SceneError otherwise."""
     values = function.each(positions[:, None], arrays)
-    if not (abs(plain(values)) <= LARGEST).all():
+    if not (abs(without_slopes(values)) <= LARGEST).all():
         for x, value in zip(positions.tolist(), values, strict=True):
             vector(value, function.size, f"{function.what} at {function.place} = {x:g}")
     return values

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.dual import plain, stacked
+from fx_beam.dual import as_dual_array, without_slopes
 from fx_beam.errors import LARGEST, SceneError, as_real_array, shown
 
 from .beam import MOST_ELEMENTS, Beam, Node
@@ -48,7 +48,7 @@ def mesh_layout(points: Any, cells: Any, elements: Any, pinned: bool) -> MeshLay
     places = _checked_points(points)
     count = len(places)
     at = _checked_cells(cells, count)
-    lengths = _checked_lengths(plain(places), at)
+    lengths = _checked_lengths(without_slopes(places), at)
     elements = _checked_elements(elements, len(at))
     ends, own = at.flatten(), np.empty(0, int)
     if pinned:  # of the cells at a point the first one has the node there
@@ -82,11 +82,11 @@ def _checked_points(points: Any) -> Any:
         raise SceneError(
             f"add_mesh: points must be an array (n, 2) of numbers, not {shown(points)}{depth}"
         )
-    for i in np.flatnonzero(~(abs(plain(places)) <= LARGEST).all(axis=1)):
+    for i in np.flatnonzero(~(abs(without_slopes(places)) <= LARGEST).all(axis=1)):
         raise SceneError(
             f"add_mesh: point {i} at ({places[i, 0]:g}, {places[i, 1]:g}) is not finite, or too far"
         )
-    return stacked(places)
+    return as_dual_array(places)
 
 
 def _checked_cells(cells: Any, count: int) -> np.ndarray:

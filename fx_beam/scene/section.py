@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.dual import Dual, DualFloat, in_scene, plain, stacked
+from fx_beam.dual import Dual, DualFloat, as_dual_array, scene_number, without_slopes
 from fx_beam.errors import (
     IS_DATA,
     SceneError,
@@ -172,7 +172,7 @@ class Section:
         _check_name(name, "values")
         at = as_real_array(fractions)
         require(at.size > 0, "Section.values: fractions", fractions, "an array of numbers")
-        return in_scene(values_along(self, name, at, None))
+        return scene_number(values_along(self, name, at, None))
 
     def constants(self, names: tuple[str, ...]) -> Any:
         """Values of data if none varies: of several a list, of one itself; zero if omitted.
@@ -506,16 +506,16 @@ def _values(
     """Values at fractions of the arc length, of the same shape; zero for no stiffness."""
     if not callable(datum):
         value = 0.0 if datum is None else _value(name, datum)
-        return np.broadcast_to(stacked(value), fractions.shape)
+        return np.broadcast_to(as_dual_array(value), fractions.shape)
 
     def each(rows: np.ndarray) -> np.ndarray:
-        return stacked([[_value(name, datum, float(f))] for f in rows[:, 0]])
+        return as_dual_array([[_value(name, datum, float(f))] for f in rows[:, 0]])
 
     rows = fractions.reshape(-1, 1)
     if arrays is not None:
         is_dual = isinstance(_value(name, datum, float(rows[0, 0])), DualFloat)
         values = values_of(datum, 1, rows, name, each, arrays, is_dual)
-        if (plain(values) > 0).all():  # else the calls below tell what is wrong
+        if (without_slopes(values) > 0).all():  # else the calls below tell what is wrong
             return values.reshape(fractions.shape)
     return each(rows).reshape(fractions.shape)
 

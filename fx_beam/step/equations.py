@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse
 from scipy.sparse.linalg import splu
 
-from fx_beam.dual import plain
+from fx_beam.dual import without_slopes
 from fx_beam.laws.interval import Interval
 from fx_beam.results.state import State
 
@@ -86,7 +86,7 @@ class Equations:
         model.forms.parameters.begin(interval.at(level), start.parameters)
         p.state.t, self._length, self._start = interval.end - length, length, start
         follow = model.points.followers
-        followers = plain(follow.at(interval)) if len(follow) else np.empty(0)
+        followers = without_slopes(follow.at(interval)) if len(follow) else np.empty(0)
         self._library.fx_begin(p, length, self._of(followers))
         self.end_at(end)
 

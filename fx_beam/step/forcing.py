@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fx_beam.dual import plain
+from fx_beam.dual import without_slopes
 from fx_beam.errors import SceneError
 from fx_beam.fem.parameter_values import before
 from fx_beam.laws.interval import Interval, just_inside
@@ -76,10 +76,10 @@ class Forcing:
         # Differences to the start have no rounding error if the motion is constant.
         f = self.series(t + h * np.array(_PLACES))
         _, d1, d2, _, e1, e2, e3, far, g2, g3 = differences = f - f[0]
-        noise = abs(_TO_NOISE @ plain(differences)).max(axis=0)
+        noise = abs(_TO_NOISE @ without_slopes(differences)).max(axis=0)
         # Rates below the errors of these differences are set to zero: of these formulas, and of
         # rounding, of which a kink close to the start is not told apart.
-        rates, error = (4 * d1 - d2) / 2, np.maximum(1e-5 * abs(plain(far)), 20 * noise)
+        rates, error = (4 * d1 - d2) / 2, np.maximum(1e-5 * abs(without_slopes(far)), 20 * noise)
         # Second differences use longer steps, since rounding errors are divided by h^2, and still
         # longer ones where both agree but for these errors. Values below them are set to zero.
         near, wide = 4 * e2 - 5 * e1 - e3, 4 * g2 - 5 * far - g3

@@ -8,9 +8,9 @@ import numpy as np
 
 from fx_beam.c_library import array_at
 from fx_beam.content_cache import cached_property
-from fx_beam.dual import plain
+from fx_beam.dual import without_slopes
 from fx_beam.laws.interval import Interval
-from fx_beam.results.audit import Stats
+from fx_beam.results.records import Stats
 from fx_beam.results.state import State
 
 from .equations import Balance, Equations
@@ -147,9 +147,11 @@ class LoadLoop(CompiledLoop):
             interval.end,
         )
         t, followers = np.array([forcing.time]), model.points.followers
-        follower_force = plain(followers.series(t, t)) if len(followers) else np.empty((1, 0))
+        follower_force = (
+            without_slopes(followers.series(t, t)) if len(followers) else np.empty((1, 0))
+        )
         values = np.tile(model.forms.parameters.values, (1, 2, 1))
-        driven, none = plain(forcing.positions(interval.end))[None], np.empty((1, 0))
+        driven, none = without_slopes(forcing.positions(interval.end))[None], np.empty((1, 0))
         return StepInputs(none, driven, follower_force, values, none, 1)
 
     def _taken(self, state: State, interval: Interval) -> State:

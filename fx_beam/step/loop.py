@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.dual import plain
+from fx_beam.dual import without_slopes
 from fx_beam.laws.interval import divided
-from fx_beam.results.audit import Stats
+from fx_beam.results.records import Stats
 from fx_beam.results.state import State
 
 from .forcing import Forcing
@@ -284,7 +284,7 @@ class CompiledLoop:
         def rows(of: Callable[..., np.ndarray], constant: bool, *ends: np.ndarray) -> np.ndarray:
             """Rows of all sub-steps; a single row is repeated without copies."""
             values = of(*(end[: 1 if constant else None] for end in ends))
-            values = np.ascontiguousarray(plain(values))
+            values = np.ascontiguousarray(without_slopes(values))
             shape = len(t1), *values.shape[1:]
             return np.broadcast_to(values, shape) if values.size else np.empty(shape)
 
@@ -293,10 +293,10 @@ class CompiledLoop:
             if follow:
                 given["follower_force"] = rows(follow.series, follow.constant, t0, t1)
             if parameters.vary:
-                given["parameters"] = plain(parameters.over_steps(t0, t1, level))
+                given["parameters"] = without_slopes(parameters.over_steps(t0, t1, level))
             if strains:
                 given["natural"] = rows(forcing.naturals, strains.constant, t1)
-            return inputs._replace(driven=plain(forcing.series(t1)), **given)
+            return inputs._replace(driven=without_slopes(forcing.series(t1)), **given)
         except BaseException as raised:
             before = int(np.searchsorted(times, getattr(raised, "time", t)))
             inputs = self.inputs(t, times[:before]) if before else no_inputs(p.scheme.sub_steps)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.errors import Failure, StepError
-from fx_beam.results.audit import Stats
+from fx_beam.results.records import Stats
 from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
 from fx_beam.scene.sliders import corner_advice

@@ -111,7 +111,7 @@ class Stepper:
     def trial(self, state: State, t1: float, watch: bool = False, tape=None) -> Trial:
         """One step to t1 [s] that is not part of the run; with `watch` also its switches.
 
-        It is counted as others are; see `uncounted`.
+        It is counted as others are; see `stats_unchanged`.
         """
         integrator, ends = self.integrator, np.array([t1])
         copy, inputs = integrator.state.copy(), integrator.inputs_ahead(state.t, ends)

@@ -9,7 +9,7 @@ import numpy as np
 
 from fx_beam.c_library import Structs
 from fx_beam.content_cache import cached_property
-from fx_beam.dual import changing
+from fx_beam.dual import nonzero_rows
 from fx_beam.errors import SceneError, any_of
 
 from .form_tables import aligned_zeros
@@ -282,7 +282,7 @@ class TapeDerivatives:
         self.set_slopes("X" in changes and any_of(changes["X"]))
         masses = np.zeros(len(x), int)
         for name in changes.keys() & {"mass", "weight"}:
-            masses[changing(changes[name]) // x.shape[2]] = 1
+            masses[nonzero_rows(changes[name]) // x.shape[2]] = 1
         structs.set(self.c, of_steps=never_empty(of_steps), x=x, changes_mass=masses, **more)
         return structs
 

@@ -8,7 +8,7 @@ import pytest
 from derivatives import EXACT, difference
 
 import fx_beam as fb
-from fx_beam.dual import slopes_by, stacked
+from fx_beam.dual import as_dual_array, slopes_by
 
 STEPS, TIMES = 40, np.linspace(0, 1, 5)
 X = np.array([0.3, -0.2, 0.5, 0.1, -0.4])
@@ -351,7 +351,7 @@ def test_slopes_are_those_of_functions():
         steps = [(h, h * row) for h in (4e-3, 2e-3, 1e-3) for row in np.eye(3)]
         ends = [(of(x + e) - of(x - e)) / (2 * h) for h, e in steps]
         expected = np.tensordot([1 / 45, -20 / 45, 64 / 45], np.reshape(ends, (3, 3, -1)), 1)
-        assert stacked(of(slopes_by(x))).slopes.T == pytest.approx(expected, abs=2e-12)
+        assert as_dual_array(of(slopes_by(x))).slopes.T == pytest.approx(expected, abs=2e-12)
 
 
 def _pulse(t, x):

@@ -1,4 +1,4 @@
-/* Histories, energies and momenta (recorder.py, audit.py). */
+/* Histories, energies and momenta (recorder.py, records.py). */
 
 #pragma once
 

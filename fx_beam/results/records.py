@@ -13,7 +13,7 @@ from fx_beam.errors import Failure
 
 
 @contextmanager
-def uncounted(stats: Stats) -> Iterator[None]:
+def stats_unchanged(stats: Stats) -> Iterator[None]:
     """What is done in this block changes no statistics."""
     # Lists of what is compiled are those of the model, which goes on with them.
     counts = vars(stats) | {"ended_by": dict(stats.ended_by)}
