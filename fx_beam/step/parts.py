@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,6 +11,9 @@ if TYPE_CHECKING:
     from .model import Model
 
 _Members = frozenset[int]
+# An unknown that moves more members is judged by all: else the joints of a chain of n bodies would
+# have n^2 members, and as many parts inside each other.
+_MOST = 32
 
 
 def part_tables(model: Model) -> dict[str, Any]:
@@ -48,7 +52,7 @@ def _members_of_nodes(model: Model) -> np.ndarray:
 
 
 def _members_of_columns(model: Model, of_dofs: np.ndarray) -> list[_Members]:
-    """Those whose nodes each unknown moves; all of them where couplings do not tell."""
+    """Members whose nodes each unknown moves; every one where they are many, or not known."""
     couplings, every = model.couplings, _Members().union(*of_dofs)
     moved: list[set[int]] = [set() for _ in range(couplings.columns + len(couplings.auxiliaries))]
     entries = couplings.all_entries
@@ -56,8 +60,10 @@ def _members_of_columns(model: Model, of_dofs: np.ndarray) -> list[_Members]:
         moved[column] |= of_dofs[dof]
     for k, auxiliary in reversed([*enumerate(couplings.auxiliaries, couplings.columns)]):
         for column, *_ in auxiliary.entries:
-            moved[column] |= moved[k]
-    return [_Members(members or every) for members in moved[: couplings.free]]
+            # Of too many members some are too many as well.
+            moved[column].update(itertools.islice(moved[k], _MOST + 1))
+    few = (members if len(members) <= _MOST else () for members in moved[: couplings.free])
+    return [_Members(members or every) for members in few]
 
 
 def _parts_inside(parts: dict[_Members, int]) -> list[list[int]]:

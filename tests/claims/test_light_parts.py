@@ -53,6 +53,28 @@ def test_it_falls_as_fast_by_dolfinx(mass):
     assert solution.energy.strain.max() < 1e-18
 
 
+def test_a_long_light_chain_swings_beside_a_heavy_body_as_it_does_alone():
+    """Its joints move more bodies than are judged one by one: all of the chain judges them."""
+
+    def end(mass):
+        scene, last = fb.Scene(gravity=GRAVITY), None
+        for k in range(40):
+            points = {"top": (k, 0), "end": (k + 1, 0)}
+            link = scene.add_body((k + 0.5, 0), 1e-6, 1e-7, points=points)
+            if last is None:
+                scene.pin(link["top"])
+            else:
+                scene.add_joint(fb.Revolute(last["end"], link["top"]))
+            last = link
+        if mass:
+            scene.add_body((0, 3), mass, mass)
+        return fb.simulate(scene, dt=0.02, t_end=2.0).position(last["end"])
+
+    alone = end(0.0)
+    assert np.ptp(alone[:, 1]) > 1.0
+    assert abs(end(1e9) - alone).max() < 1e-9
+
+
 def test_a_small_beam_beside_a_large_scene_bends_as_it_does_alone():
     """A beam of 1 um, 1 m away from one of 1 km."""
     motions = []
