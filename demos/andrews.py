@@ -1,21 +1,24 @@
-"""Andrews' squeezing mechanism: seven rigid bodies in closed loops, driven by a moment.
+r"""Andrews' squeezing mechanism: seven rigid bodies in closed loops, driven by a moment.
 
 Seven bodies, hinged to each other and at three points to the ground, and a spring. A moment
-accelerates the smallest body, K1, from rest: it turns by sixteen radians in 0.03 s, and the others
-move back and forth. This is a standard test for solvers of constrained motion. Objective: the
-published angles and speeds at the end, the closing of the loops, and the balance of energy.
+accelerates the smallest body, $K_1$, from rest: it turns by sixteen radians in 0.03 s, and the
+others move back and forth. This is a standard test for solvers of constrained motion. Objective:
+the published angles and speeds at the end, the closing of the loops, and the balance of energy.
 
 The mechanism and its data are from W. Schiehlen (ed.), "Multibody systems handbook", Springer
 (1990), as E. Hairer and G. Wanner give them, "Solving ordinary differential equations II", Springer
 (1996), section VII.7. The values at 0.03 s are those of F. Mazzia and C. Magherini, "Test set for
 initial value problem solvers, release 2.4", University of Bari (2008). Its angles are, by bodies,
 
-    beta = K1, Theta = K2 - K1, gamma = K3, Phi = K4 - K5,
-    delta = K5, Omega = K6 - K7, epsilon = K7.
+$$
+\beta = K_1, \quad \Theta = K_2 - K_1, \quad \gamma = K_3, \quad \Phi = K_4 - K_5, \quad
+\delta = K_5, \quad \Omega = K_6 - K_7, \quad \varepsilon = K_7.
+$$
 
 There are nine unknowns: seven rotations, and the rotation and length of the spring. The four loops
 have eight equations, so that one degree of freedom is left. The spring lies on a body without mass
-that turns about the point C; a pin of K3 slides along it. Units are metre, kilogram and second.
+that turns about the point $C$; a pin of $K_3$ slides along it. Units are metre, kilogram and
+second.
 """
 
 import logging

@@ -1,11 +1,12 @@
-"""Bars in axial impact: one that hits a wall, and one that hits another bar end to end.
+r"""Bars in axial impact: one that hits a wall, and one that hits another bar end to end.
 
-A bar that flies along its axis with the speed v hits a rigid wall, or a bar of the same kind at
+A bar that flies along its axis with the speed $v$ hits a rigid wall, or a bar of the same kind at
 rest. Objective: the force while they touch and how long that lasts, against the exact solutions of
-the wave equation (Saint-Venant 1867). With the wave speed c = sqrt(EA/rhoA)
+the wave equation (Saint-Venant 1867). With the wave speed $c = \sqrt{EA/\rho A}$
 
-    wall:       F = sqrt(EA rhoA) v     for 2 L / c, then the bar flies back with v,
-    two bars:   F = sqrt(EA rhoA) v / 2 for 2 L / c, then they have changed their velocities.
+- wall: $F = v \sqrt{EA\,\rho A}$ for the time $2 L/c$, then the bar flies back with $v$,
+- two bars: $F = \frac{1}{2} v \sqrt{EA\,\rho A}$ for $2 L/c$, then they have changed their
+  velocities.
 
 In both cases a wave runs from the place of the impact to the free end and back. Behind it no
 vibration is left.

@@ -1,4 +1,4 @@
-"""Friction of a strip on a drum, and a belt that drives a pulley.
+r"""Friction of a strip on a drum, and a belt that drives a pulley.
 
 A strip over half of a fixed drum is held at one end and pulled at the other, until it slips:
 Euler's law of the capstan. Then a belt runs over two equal pulleys. One is turned at a given rate,
@@ -7,40 +7,43 @@ belt. The belt slips where it leaves a pulley. Elsewhere it sticks: at the tight
 speed of the driving pulley, at the slack side that of the driven one. As it is longer under more
 tension, the driven pulley turns a little slower: it creeps.
 
-Each node of strip and belt touches a circle, with a friction that sticks up to mu times the normal
-force. The circles of the pulleys move and turn with their bodies. With the tensions T1 > T2, the
-pull F, the moment M of the load, the radius R, and slip over the angle phi of a pulley,
+Each node of strip and belt touches a circle, with a friction that sticks up to $\mu$ times the
+normal force. The circles of the pulleys move and turn with their bodies. With the tensions
+$T_1 > T_2$, the pull $F$, the moment $M$ of the load, the radius $R$, the rates $w_1$ of the
+driving and $w_2$ of the driven pulley, and slip over the angle $\varphi$ of a pulley:
 
-    capstan    T1 = T2 exp(mu pi),
-    belt       T1 + T2 = F,  (T1 - T2) R = M,  phi = ln(T1 / T2) / mu,
-    creep      w2 / w1 = (1 + T2 / EA) / (1 + T1 / EA).
+- capstan: $T_1 = T_2 \exp(\mu \pi)$,
+- belt: $T_1 + T_2 = F$, $(T_1 - T_2) R = M$, $\varphi = \ln(T_1/T_2)/\mu$,
+- creep: $w_2/w_1 = (1 + T_2/EA)/(1 + T_1/EA)$.
 
 The arcs of slip come to those of the theory as four things that it leaves out become small:
 
-- Nodes that come to a pulley vibrate on the springs of the contact. Where mu times the normal
-  force swells faster than k times the speed of slip, with the stiffness k of the friction that
+- Nodes that come to a pulley vibrate on the springs of the contact. Where $\mu$ times the normal
+  force swells faster than $k$ times the speed of slip, with the stiffness $k$ of the friction that
   sticks, a node sticks for some steps of its arc of slip. Without a loss in the contact this goes
-  on: friction is at 0.95 to 0.98 of its limit on average, but a quarter of the rows count as
-  stick. On the driver axial retardation of the belt makes this vibration larger, on the driven
-  pulley it does not. This was seen, not derived.
-- Friction is at its limit after a slip of mu N / k: the arc lacks about sqrt(2 EA / (k R^2)), 11.5
-  degrees with k = 1e7 N/m^2, 3.6 with 1e8.
-- A belt with bending stiffness leaves a pulley over the length sqrt(EI / T): 5.5 degrees at the
-  slack side and 3.4 at the tight side with EI = 1e-3 N m^2, a third of this with 1e-4.
-- The belt lies T / (R k_n) deep in the contact, which makes the creep larger by (T1 - T2) /
-  (R^2 k_n): 1.8e-4 with k_n = 1e7 N/m^2, 1.8e-5 with 1e8.
+  on: friction is at 0.95 to 0.98 of its limit on average, but a quarter of the rows count as stick.
+  On the driver axial retardation of the belt makes this vibration larger, on the driven pulley it
+  does not. This was seen, not derived.
+- Friction is at its limit after a slip of $\mu N/k$: the arc lacks about $\sqrt{2 EA/(k R^2)}$,
+  11.5 degrees with $k$ = 1e7 N/m², 3.6 with 1e8.
+- A belt with bending stiffness leaves a pulley over the length $\sqrt{EI/T}$: 5.5 degrees at the
+  slack side and 3.4 at the tight side with $EI$ = 1e-3 N m², a third of this with 1e-4.
+- The belt lies $T/(R k_n)$ deep in the contact, which makes the creep larger by
+  $(T_1 - T_2)/(R^2 k_n)$: 1.8e-4 with $k_n$ = 1e7 N/m², 1.8e-5 with 1e8.
 
-Arcs [degrees] of driver and driven pulley, and by the tensions, for the axial retardation tau, with
-the restitution 0.3 but in the first row:
+Arcs [degrees] of driver and driven pulley, and by the tensions, for the axial retardation $\tau$,
+with the restitution 0.3 but in the first row:
 
-    k = 1e7, tau = 2e-3 s, EI = 1e-3      84, 103, 110    no loss in the contact
-    k = 1e7, tau = 2e-3 s, EI = 1e-3     101, 103, 110    with tau = 2e-4 s the same
-    k = 1e8, tau = 2e-3 s, EI = 1e-3     105, 108, 110
-    k = 1e9, tau = 2e-4 s, EI = 1e-3     106, 109, 110
-    k = 1e8, tau = 2e-3 s, EI = 1e-4     107, 110, 110    as computed here, but for k_n
-    k = 1e9, tau = 2e-3 s, EI = 1e-4     107, 109, 110    twice as many elements
+```text
+k = 1e7, tau = 2e-3 s, EI = 1e-3      84, 103, 110    no loss in the contact
+k = 1e7, tau = 2e-3 s, EI = 1e-3     101, 103, 110    with tau = 2e-4 s the same
+k = 1e8, tau = 2e-3 s, EI = 1e-3     105, 108, 110
+k = 1e9, tau = 2e-4 s, EI = 1e-3     106, 109, 110
+k = 1e8, tau = 2e-3 s, EI = 1e-4     107, 110, 110    as computed here, but for k_n
+k = 1e9, tau = 2e-3 s, EI = 1e-4     107, 109, 110    twice as many elements
+```
 
-Arcs are counted in nodes, which are 7.5 degrees apart. Here k_n = 1e8 N/m^2, in the table 1e7.
+Arcs are counted in nodes, which are 7.5 degrees apart. Here $k_n$ = 1e8 N/m², in the table 1e7.
 
 Reference: the laws of Euler (capstan) and Grashof (creep), as in textbooks on machine elements.
 Objective: these laws by a belt of two-node elements; the energy balance with stick, slip, and nodes

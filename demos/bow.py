@@ -1,4 +1,4 @@
-"""A bow that is strung, drawn and released, and the arrow that it shoots.
+r"""A bow that is strung, drawn and released, and the arrow that it shoots.
 
 The limbs of a bow are straight without the string, which is shorter than they are and bends them:
 this is its prestress. Here the bow is built in the bent shape, as arcs of a circle and a straight
@@ -9,16 +9,19 @@ that only pushes. Then the arrow is let go, and leaves the string by itself.
 Objective: the draw curve, compared with the theory of the elastica; the work of the draw, which is
 the area under this curve; and the energy that the arrow takes. For arrows of 10, 20 and 40 g the
 limbs keep some of it, and the heavier arrow takes more. With limbs and a string that weigh a
-hundredth, it takes all of it: 1/2 m v^2 is the work of the draw.
+hundredth, it takes all of it: $\frac{1}{2} m v^2$ is the work of the draw.
 
-The elastica of a limb, clamped at s = 0, straight without load, of bending stiffness EI(s), with
-the force F of the string at its tip, has the inclination theta and the moment M of
+The elastica of a limb, clamped at $s = 0$, straight without load, of bending stiffness $EI(s)$,
+with the force $F$ of the string at its tip, has the inclination $\theta$ and the moment $M$ of
 
-    theta' = M / EI,    M' = F_x sin(theta) - F_y cos(theta),    x' = cos(theta), y' = sin(theta),
+$$
+\theta' = \frac{M}{EI}, \quad M' = F_x \sin\theta - F_y \cos\theta, \quad
+x' = \cos\theta, \quad y' = \sin\theta,
+$$
 
-with M = 0 at its tip. There F points along half the string, whose length is l (1 + T/EA_string), to
-the nock. M(0) and F follow by shooting. The bow's limbs are Reissner's beams with large EA and GA.
-Units are metre, kilogram and second.
+with $M = 0$ at its tip. There $F$ points along half the string, whose length is
+$l\,(1 + T/EA_\mathrm{string})$, to the nock. $M(0)$ and $F$ follow by shooting. The bow's limbs are
+Reissner's beams with large $EA$ and $GA$. Units are metre, kilogram and second.
 """
 
 import logging
@@ -46,7 +49,7 @@ STEP, T_END = 2e-5, 0.03
 
 
 def stiffness(f):
-    """Bending stiffness [N m^2] at a fraction of a limb."""
+    """Bending stiffness [N m²] at a fraction of a limb."""
     return EI_GRIP * (1 - TAPER * f)
 
 

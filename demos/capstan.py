@@ -1,19 +1,20 @@
-"""A capstan: friction holds a rope that is wound around a fixed drum.
+r"""A capstan: friction holds a rope that is wound around a fixed drum.
 
-A thin rope lies on a fixed drum over an angle phi. A constant force T2 tightens its left end while
-the other one is held; then that end is pulled slowly, until the whole rope slides. Objective: the
-force T1 of the pull, which is T2 exp(mu phi) while the rope slides (Euler 1769, Eytelwein 1808),
-and the tension along the rope before.
+A thin rope lies on a fixed drum over an angle $\varphi$. A constant force $T_2$ tightens its left
+end while the other one is held; then that end is pulled slowly, until the whole rope slides.
+Objective: the force $T_1$ of the pull, which is $T_2 \exp(\mu\varphi)$ while the rope slides (Euler
+1769, Eytelwein 1808), and the tension along the rope before.
 
-While T2 is raised the rope creeps to the left everywhere, and the held end carries T2 exp(-mu phi).
-Then a part of the rope at the pulled end slides to the right, where the tension falls by
-exp(-mu theta) from T1 on. The rest still has the tension of the beginning. The part grows until it
-reaches the left end.
+While $T_2$ is raised the rope creeps to the left everywhere, and the held end carries
+$T_2 \exp(-\mu\varphi)$. Then a part of the rope at the pulled end slides to the right, where the
+tension falls by $\exp(-\mu\theta)$ from $T_1$ on, over the angle $\theta$ from that end. The rest
+still has the tension of the beginning. The part grows until it reaches the left end.
 
 The rope is a beam with little bending stiffness that touches the drum at three Gauss points in each
 element. Its friction is `fx_beam.Coulomb`, which sticks: at each point a stiff tangential spring
-holds, up to mu times the normal force. A weak drag takes the vibration of the free ends; it and the
-inertia of the rope change T1 by parts in ten thousand, in proportion to the speed of the pull.
+holds, up to $\mu$ times the normal force. A weak drag takes the vibration of the free ends; it and
+the inertia of the rope change $T_1$ by parts in ten thousand, in proportion to the speed of the
+pull.
 """
 
 import logging

@@ -1,4 +1,4 @@
-"""An inverted flexible pendulum on a cart, kept upright and moved by feedback of its state.
+r"""An inverted flexible pendulum on a cart, kept upright and moved by feedback of its state.
 
 A cart on a straight rail carries a slender pole on a hinge, with a mass at its tip. The only
 control is a horizontal force on the cart. Objective: compute gains from the linearised scene, and
@@ -8,20 +8,20 @@ gains, for a rigid pole, does not damp the bending of the pole.
 Reference: R. E. Kalman, Contributions to the theory of optimal control, Boletin de la Sociedad
 Matematica Mexicana 5 (1960) 102-119. The example is our own.
 
-About the upright equilibrium the motion is x' = A x + B u, with the push u on the cart and the
-states x of the slowest modes. The gains K minimise the integral of
+About the upright equilibrium the motion is $\dot x = A x + B u$, with the push $u$ on the cart and
+the states $x$ of the slowest modes. The gains $K$ minimise the integral of
 
-    q_c c^2 + q_d d^2 + q_b b^2 + r u^2,        u = -K (x - x_goal),
+$$ q_c c^2 + q_d d^2 + q_b b^2 + r u^2, \qquad u = -K (x - x_\mathrm{goal}), $$
 
-with the positions c of the cart and d of the tip, and the bending b = d - c + L phi of the pole,
-whose lower end turns by phi: K = B^T P/r, where P solves the Riccati equation
+with the positions $c$ of the cart and $d$ of the tip, and the bending $b = d - c + L \varphi$ of
+the pole, whose lower end turns by $\varphi$: $K = B^T P/r$, where $P$ solves the Riccati equation
 
-    A^T P + P A - P B B^T P/r + Q = 0.
+$$ A^T P + P A - \frac{1}{r} P B B^T P + Q = 0. $$
 
 In each step of the nonlinear motion the force is constant; it follows from the state at the start
 of the step. The goal is an equilibrium as well: the same state, at another position of the cart.
-All states are assumed to be known; an observer would need A, B and C.
-Units are metre, kilogram and second.
+All states are assumed to be known; an observer would need $A$, $B$ and $C$. Units are metre,
+kilogram and second.
 """
 
 import logging

@@ -1,30 +1,40 @@
-"""A clamped beam over its amplitude: backbone, shapes, and where other modes join in.
+r"""A clamped beam over its amplitude: backbone, shapes, and where other modes join in.
 
 A beam between two clamps that cannot move is pulled taut by its deflection: its frequency grows
 with the amplitude, and its shape changes. Objective: the family of free motions of its first mode,
 by `fx_beam.backbone`, up to seven radii of gyration.
 
-Reference: a single mode. With w = a(t) phi(x), phi the first mode of a clamped beam with phi = 1 in
-the middle, and the axial force EA/(2 l) int w'^2 dx of a slender beam, Galerkin's method gives
-Duffing's equation, with the radius of gyration r = sqrt(EI/EA):
+Reference: a single mode. With $w = a(t)\,\varphi(x)$, $\varphi$ the first mode of a clamped beam
+with $\varphi = 1$ in the middle, and the axial force $\frac{EA}{2 l} \int w'^2\,\mathrm{d}x$ of a
+slender beam, Galerkin's method gives Duffing's equation, with the radius of gyration
+$r = \sqrt{EI/EA}$:
 
-    a'' + w0^2 (1 + g (a/r)^2) a = 0,   w0^2 = beta^4 EI/rhoA,   beta l = 4.7300,
-    g = (int phi'^2 dx)^2 / (2 l beta^4 int phi^2 dx) = 0.0599.
+$$
+\ddot a + \omega_0^2 \left(1 + g \frac{a^2}{r^2}\right) a = 0, \quad
+\omega_0^2 = \beta^4 \frac{EI}{\rho A}, \quad \beta l = 4.7300,
+$$
 
-Its frequency at the amplitude A, with e = g (A/r)^2, is w0 pi sqrt(1 + e) / (2 K(m)), K the
-complete elliptic integral with the parameter m = e / (2 (1 + e)). One mode is a little too stiff,
-since the shape of the beam is free to change.
+$$
+g = \frac{\left(\int \varphi'^2\,\mathrm{d}x\right)^2}
+{2 l \beta^4 \int \varphi^2\,\mathrm{d}x} = 0.0599.
+$$
+
+Its frequency at the amplitude $A$, with $e = g (A/r)^2$, is $\omega_0 \pi \sqrt{1 + e}/(2 K(m))$,
+$K$ the complete elliptic integral with the parameter $m = e/(2 + 2 e)$. One mode is a little too
+stiff, since the shape of the beam is free to change.
 
 The taut beam's modes come closer to those of a string, 1 : 2 : 3, and meet whole-number ratios:
 
-- Near A = 2.3 r the third mode is five times as fast as the first. There the curve has a tongue, on
-  which the motion passes over to the third mode, until it is that mode alone. It is narrow: with
+- Near $A = 2.3\,r$ the third mode is five times as fast as the first. There the curve has a tongue,
+  on which the motion passes over to the third mode, until it is that mode alone. It is narrow: with
   long steps the continuation passes it, with short ones it follows it. It ends on the backbone of
   the third mode, at a fifth of its frequency.
-- Near A = 7 r the second mode is twice as fast. The axial force of the first mode lets it grow: the
-  motions are unstable. By Galerkin's method a small amplitude b of the second mode follows Hill's
-  equation b'' + (w2^2 + h a^2) b = 0, h = EA int phi'^2 int phi2'^2 / (2 l rhoA int phi2^2).
-  It grows where the sum of its two multipliers in a period of the first mode is above 2.
+- Near $A = 7\,r$ the second mode is twice as fast. The axial force of the first mode lets it grow:
+  the motions are unstable. By Galerkin's method a small amplitude $b$ of the second mode
+  $\varphi_2$ follows Hill's equation $\ddot b + (\omega_2^2 + h a^2) b = 0$ with
+  $h = \frac{EA}{2 l\,\rho A} \int \varphi'^2\,\mathrm{d}x \int \varphi_2'^2\,\mathrm{d}x$ for
+  $\int \varphi_2^2\,\mathrm{d}x = 1$. It grows where the sum of its two multipliers in a period of
+  the first mode is above 2.
 """
 
 import logging
@@ -64,7 +74,7 @@ def scene():
 
 
 def mode_shape(x, number=0, derivative=0):
-    """A mode of a clamped beam, with cos 0 = cosh 0 = 1 in its formula, or its derivative."""
+    r"""A mode of a clamped beam, with $\cos 0 = \cosh 0 = 1$ in its formula, or its derivative."""
     beta = BETA[number]
     z = beta * np.asarray(x)
     share = (np.cosh(beta) - np.cos(beta)) / (np.sinh(beta) - np.sin(beta))
@@ -74,13 +84,13 @@ def mode_shape(x, number=0, derivative=0):
 
 
 def integrals(number):
-    """Integrals of phi^2 and phi'^2 of a mode."""
+    r"""Integrals of $\varphi^2$ and $\varphi'^2$ of a mode."""
     x, weights = (GAUSS[0] + 1) / 2, GAUSS[1] / 2
     return weights @ mode_shape(x, number) ** 2, weights @ mode_shape(x, number, 1) ** 2
 
 
 def single_mode():
-    """Stiffness k of the first mode, for EI = l = 1, and the factor g of its hardening."""
+    """Stiffness $k$ of the first mode, for $EI = l = 1$, and the factor $g$ of its hardening."""
     squares, slopes = np.array(integrals(0)) / mode_shape(0.5) ** 2
     stiffness = BETA[0] ** 4 * squares
     return stiffness, slopes**2 / (2 * stiffness)
@@ -104,13 +114,13 @@ def trace_of_second_mode(amplitude):
 
 
 def energy_of(amplitude):
-    """Energy [J] of a single mode with an amplitude A/r."""
+    """Energy [J] of a single mode with an amplitude $A/r$."""
     k, g = single_mode()
     return RADIUS**2 * k * (amplitude**2 / 2 + g * amplitude**4 / 4)
 
 
 def frequency_of(amplitude):
-    """Frequency of a single mode over w0, with an amplitude A/r."""
+    r"""Frequency of a single mode over $\omega_0$, with an amplitude $A/r$."""
     e = single_mode()[1] * np.asarray(amplitude) ** 2
     return np.pi * np.sqrt(1 + e) / (2 * ellipk(e / (2 * (1 + e))))
 

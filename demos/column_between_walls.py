@@ -1,25 +1,27 @@
-"""A column between two walls: contact at a point, then along a line.
+r"""A column between two walls: contact at a point, then along a line.
 
-A pinned column is compressed between two walls at a small distance h on either side. It buckles,
+A pinned column is compressed between two walls at a small distance $h$ on either side. It buckles,
 its middle touches one wall, and the load can grow far beyond the buckling load. First only the
 middle touches; then the column lies flat on the wall, and the flat part grows. Objective: the force
 on the wall, the load at which the column begins to lie flat, and the length that does.
 
 The theory is that of small deflections (Chai 1998, J. Mech. Phys. Solids 46, 1155-1171), with
-k^2 = P/EI and P_1 = pi^2 EI/L^2:
+$k^2 = P/EI$ and $P_1 = \pi^2 EI/L^2$. From $P_1$ to $4 P_1$ the force on the wall is
 
-    F = -2 P k h cos(kL/2) / (sin(kL/2) - kL/2 cos(kL/2))  from P_1 to 4 P_1
-    F = 2 P k h / pi,   flat length L - 2 pi/k  above
+$$ F = \frac{-2 P k h \cos(kL/2)}{\sin(kL/2) - \frac{1}{2} kL \cos(kL/2)}. $$
 
-At 4 P_1 the bending moment of the middle, which touches, has fallen to zero. While the column is
-flat, half of the force acts at each end of the flat part. At 16 P_1 the flat part would buckle
+Above it is $F = 2 P k h/\pi$, and the flat length is $L - 2 \pi/k$.
+
+At $4 P_1$ the bending moment of the middle, which touches, has fallen to zero. While the column is
+flat, half of the force acts at each end of the flat part. At $16 P_1$ the flat part would buckle
 itself.
 
-A weak line load in the place of an imperfection leads the column to one side. Between P_1 and the
+A weak line load in the place of an imperfection leads the column to one side. Between $P_1$ and the
 wall the deflection grows at a nearly constant load, so that the path is followed with an unknown
 load factor. The walls are stiff springs along the column. They spread the forces at the ends of the
-flat part over a length of about (EI/stiffness)^(1/4); its ends are taken as the mean places of the
-force on either half. What differs from the theory for small deflections falls with h^2.
+flat part over a length of about $(EI/\text{stiffness})^{1/4}$; its ends are taken as the mean
+places of the force on either half. What differs from the theory for small deflections falls with
+$h^2$.
 """
 
 import logging

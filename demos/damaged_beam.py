@@ -1,19 +1,22 @@
-"""A beam that is damaged where it bends: stiffness by a field of one's own, in dolfinx.
+r"""A beam that is damaged where it bends: stiffness by a field of one's own, in dolfinx.
 
 A strip is bent to an arc by turning its end, and let back. Where it has been bent most, it has lost
 stiffness for good. Objective: a law of damage with a threshold, written with a Function on the mesh
 of dolfinx. Its moment and loss of energy are held against the closed form. Then a force at the end
 damages the strip near its clamp alone, against the elastica of the same law by an ODE.
 
-With the largest curvature K so far, D is the damage, as in Mazars' law for one strain (Mazars 1986,
-doi 10.1016/0013-7944(86)90034-6):
+With the largest curvature $K$ so far, $D$ is the damage, as in Mazars' law for one strain (Mazars
+1986, doi 10.1016/0013-7944(86)90034-6):
 
-    M = (1 - D) EI kappa,    D = A (1 - exp(-B (K - K0)))  for K > K0, else 0.
+$$ M = (1 - D)\,EI \kappa, \qquad D = A\,(1 - \exp(-B (K - K_0))) $$
 
-Under a couple M and kappa = angle/L are the same all along: the moment is M(angle/L), on the way
-back (1 - D) EI angle/L. Lost is the area between both, times L. Under a force P across the end,
-psi' = kappa(M) with M = P (x(L) - x) and x' = cos(psi). A and B are such that M rises with kappa:
-where it falls, all damage gathers in one element, and results hang on the mesh.
+for $K > K_0$, else $D = 0$.
+
+Under a couple, $M$ and $\kappa = \alpha/L$ are the same all along, $\alpha$ being the angle of the
+end: the moment is $M(\alpha/L)$, on the way back $(1 - D)\,EI \alpha/L$. Lost is the area between
+both over $\alpha$. Under a force $P$ across the end, $\psi' = \kappa(M)$ with $M = P\,(x(L) - x)$
+and $x' = \cos\psi$. $A$ and $B$ are such that $M$ rises with $\kappa$: where it falls, all damage
+gathers in one element, and results hang on the mesh.
 
 Units are metre, newton and second.
 """

@@ -1,10 +1,10 @@
-"""Numerical damping in the paper's four examples: a scan of its parameter and of the time step.
+r"""Numerical damping in the paper's four examples: a scan of its parameter and of the time step.
 
 The paper says that the numerical dissipation of the HHT scheme does not cure the instability of
-Newmark's rule but "merely postpones" it. It does not give its value of alpha. Objective: the time
-at which the energy of a run exceeds 1.5 times its initial value. HHT is run with alpha from 0,
-which is Newmark's rule, to its limit of -1/3; generalized alpha with spectral radii rho from 0.9
-to 0. All run with several time steps.
+Newmark's rule but "merely postpones" it. It does not give its value of $\alpha$. Objective: the
+time at which the energy of a run exceeds 1.5 times its initial value. HHT is run with $\alpha$ from
+0, which is Newmark's rule, to its limit of $-1/3$; generalized alpha with spectral radii $\rho$
+from 0.9 to 0. All run with several time steps.
 
 References: A. Ibrahimbegovic, S. Mamouri, Nonlinear dynamics of flexible beams in planar motion:
 formulation and time-stepping scheme for stiff problems, Computers & Structures 70 (1999) 1-22,
@@ -12,11 +12,11 @@ sections 4 and 5, doi 10.1016/S0045-7949(98)00150-3; H. M. Hilber, T. J. R. Hugh
 Earthquake Engineering & Structural Dynamics 5 (1977) 283-292; J. Chung, G. M. Hulbert, Journal of
 Applied Mechanics 60 (1993) 371-375.
 
-The two families have members in common: HHT with alpha = -1/3 is generalized alpha with rho = 1/2,
-and HHT with alpha = 0 is generalized alpha with rho = 1. The scenes are those of the other demos.
-If a step of these two families still fails after two halvings, the run stops and counts as lost at
-that time; for the schemes that conserve energy the limit is twelve halvings, the default. The
-values of alpha and of the time steps are our choice.
+The two families have members in common: HHT with $\alpha = -1/3$ is generalized alpha with
+$\rho = 1/2$, and HHT with $\alpha = 0$ is generalized alpha with $\rho = 1$. The scenes are those
+of the other demos. If a step of these two families still fails after two halvings, the run stops
+and counts as lost at that time; for the schemes that conserve energy the limit is twelve halvings,
+the default. The values of $\alpha$ and of the time steps are our choice.
 """
 
 import logging

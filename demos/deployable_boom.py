@@ -1,4 +1,4 @@
-"""A folded boom that springs open on a free satellite, with a latch in each hinge.
+r"""A folded boom that springs open on a free satellite, with a latch in each hinge.
 
 Three panels are folded against each other, and joined to a satellite and to each other by hinges
 with springs. They are let go. Each hinge latches as soon as its panel is in line with the one
@@ -6,16 +6,20 @@ before. Objective: the times of the latches, what each of them takes from the mo
 invariants: nothing acts on the satellite, so its momenta and the balance of energy hold.
 
 Each hinge has an `fx_beam.Latch`: where the angle reaches it, a step ends, the hinge is locked, and
-the motion goes on with velocities that are projected by the mass:
+the motion goes on with velocities that are projected by the mass matrix $M$; an impact takes the
+energy $E$:
 
-    M (v+ - v-) = G^T mu,   G v+ = 0,   impact = 1/2 (v+ - v-) . M (v+ - v-)
+$$
+M (v^+ - v^-) = G^T \mu, \quad G v^+ = 0, \quad
+E = \frac{1}{2} (v^+ - v^-) \cdot M (v^+ - v^-).
+$$
 
 References, exact for rigid panels:
 
-    one panel on a fixed hub    it latches after a quarter of the period, t = pi/2 sqrt(J/k), and
-                                the impact is all of the spring's energy k a^2/2
-    the free satellite          both momenta are zero, so that it rests once all hinges are locked:
-                                the impacts add up to the energy of all springs
+- One panel on a fixed hub latches after a quarter of the period, $t = \frac{\pi}{2} \sqrt{J/k}$,
+  and the impact is all of the spring's energy $\frac{1}{2} k a^2$.
+- Both momenta of the free satellite are zero, so that it rests once all hinges are locked: the
+  impacts add up to the energy of all springs.
 
 Flexible panels keep nearly all of this energy as a vibration of the boom, which the damping of the
 material takes: in a latch only the nodes at the hinge lose theirs. Units are metre, kilogram and

@@ -1,18 +1,18 @@
-"""Design map of a slider crank: how far its rod bends, over its height and the speed.
+r"""Design map of a slider crank: how far its rod bends, over its height and the speed.
 
 The slider crank of demos/slider_crank.py with rods of many heights, at many speeds. Objective: a
 map of the largest deflection of the rod, from which a designer reads the thinnest rod for a speed,
 and speeds that are better avoided.
 
-This example is our own. The crank starts from rest and turns at n turns a second after two turns;
+This example is our own. The crank starts from rest and turns at $n$ turns a second after two turns;
 then three more turns follow. The rod bends under its own inertia, with forces at all multiples of
-n. It is in resonance where one of them is the lowest frequency of its bending between its pins,
+$n$. It is in resonance where one of them is the lowest frequency of its bending between its pins,
 
-    k n = f = pi h/(2 l^2) sqrt(E/(12 rho)),         k = 2, 3, ...
+$$ k n = f = \frac{\pi h}{2 l^2} \sqrt{\frac{E}{12 \rho}}, \qquad k = 2, 3, \ldots $$
 
-A rod that is far stiffer bends by w ~ (n/h)^2, as its mass is proportional to h and its stiffness
-to h^3: on a straight line through the origin of the map the deflection is constant. At high speeds
-the crank, which is always the same, bends as well, and also shakes stiff rods.
+A rod that is far stiffer bends by $w \sim (n/h)^2$, as its mass is proportional to $h$ and its
+stiffness to $h^3$: on a straight line through the origin of the map the deflection is constant. At
+high speeds the crank, which is always the same, bends as well, and also shakes stiff rods.
 
 Each point of the map is a case of `fx_beam.sweep`, which uses all cores. Runs in which the rod
 bends so far that a step fails are rows with an error, and blank on the map. Units are metre,

@@ -1,12 +1,13 @@
-"""The cycle of a driven four-bar linkage, found by Newton's method instead of by waiting.
+r"""The cycle of a driven four-bar linkage, found by Newton's method instead of by waiting.
 
 A crank turns at a constant speed and moves a flexible coupler and a flexible rocker, which have
-little damping. After a start the vibrations decay slowly, by the largest Floquet multiplier mu in a
-cycle: a simulation is within 1e-9 of the cycle after ln(1e-9) / ln |mu| turns of the crank.
-Objective: the cycle itself, x(T) = x(0), by `fx_beam.periodic`, and the turns that it saves.
+little damping. After a start the vibrations decay slowly, by the largest Floquet multiplier $\mu$
+in a cycle: a simulation is within 1e-9 of the cycle after $\ln 10^{-9}/\ln|\mu|$ turns of the
+crank. Objective: the cycle itself, $x(T) = x(0)$, by `fx_beam.periodic`, and the turns that it
+saves.
 
-The reference is the simulation: its distance from the cycle must fall like |mu|^n. In the cycle the
-work of the motor is what the damping takes.
+The reference is the simulation: its distance from the cycle must fall like $|\mu|^n$ over $n$
+turns. In the cycle the work of the motor is what the damping takes.
 """
 
 import logging

@@ -1,4 +1,4 @@
-"""An elastic ring that falls on a plane and bounces on.
+r"""An elastic ring that falls on a plane and bounces on.
 
 A ring with a velocity along the plane falls on it, flattens to an oval, bounces, and flies on
 vibrating. Without friction the plane exerts no force along itself. Objective: energy and momentum
@@ -6,15 +6,17 @@ along the plane to round-off over all bounces; the part of the energy that becom
 that even an elastic ring on an elastic plane does not reach its initial height again; and the
 effect of a restitution of the contact, which holds for each node, not for the ring.
 
-The nodes of the ring, at the gap g from the plane, store k/2 <-g>^2 per length, <a> = max(a, 0).
-The force in a step is the change of this energy divided by that of the gap: its work is exact. With
-the height h of the centre of mass, its velocity v and the mass m,
+The nodes of the ring, at the gap $g$ from the plane, store $\frac{1}{2} k \langle -g \rangle^2$ per
+length, $\langle a \rangle = \max(a, 0)$. The force in a step is the change of this energy divided
+by that of the gap: its work is exact. With the height $h$ of the centre of mass, its velocity $v$,
+the mass $m$, the kinetic energy $T$, the strain energy $U$ and the energy $C$ of the contact,
 
-    energy    T + U + contact + m g h = const,    momentum    m v_x = const,
-    vibration = T - m |v|^2 / 2 + U + contact.
+$$ T + U + C + m g h = \mathrm{const}, \qquad m v_x = \mathrm{const}, $$
 
-The impulse of the plane is the change of m v_y plus m g t. The example is our own; its reference
-are these balances.
+and the energy of the vibration is $T - \frac{1}{2} m |v|^2 + U + C$.
+
+The impulse of the plane is the change of $m v_y$ plus $m g t$. The example is our own; its
+reference are these balances.
 
 Units are metre, kilogram and second.
 """

@@ -1,26 +1,27 @@
-"""A flexible arm turns by 90 degrees in the shortest time and stays at rest: 40 numbers of a motor.
+r"""A flexible arm turns by 90 degrees in the shortest time and rests: 40 numbers of a motor.
 
 An arm of aluminium with a mass at its tip turns in a horizontal plane. A motor prescribes the angle
-of its hub; its angular acceleration is limited to a_max. Objective: the shortest time T in which
-the arm turns by 90 degrees so that after T the tip stays within 1 mm of its goal. There is no
-damping: a vibration that is left at T does not decay.
+of its hub; its angular acceleration is limited to $a_\mathrm{max}$. Objective: the shortest time
+$T$ in which the arm turns by 90 degrees so that after $T$ the tip stays within 1 mm of its goal.
+There is no damping: a vibration that is left at $T$ does not decay.
 
 This example is our own. A flexible body that turns in the shortest time by a bounded control is
 the problem of G. Singh, P. T. Kabamba, N. H. McClamroch, Planar, time-optimal, rest-to-rest slewing
 maneuvers of flexible spacecraft, Journal of Guidance, Control, and Dynamics 12(1) (1989) 71-81,
 of a linear model; the control is then always at one of its limits.
 
-The acceleration is constant in each of 40 intervals of [0, T], a_max times the entries of P c, with
+The acceleration is constant in each of 40 intervals of $[0, T]$, $a_\mathrm{max}$ times the entries
+of $P c$, with
 
-    -1 <= P c <= 1,    theta'(T) = 0,    theta(T) = 90 degrees.
+$$ -1 \le P c \le 1, \qquad \dot\theta(T) = 0, \qquad \theta(T) = 90^\circ. $$
 
-P is the unit matrix: 40 free numbers c. For comparison, P c are the values of a polynomial of
-degree 7, with 8 numbers c, so that the angle has degree 9. For each T the numbers minimise the mean
-square of the distance of the tip from its goal in a window after T. `Response.vjp` gives the
-gradient, from the motion that has just been computed. The interval between a T that fails and one
-that succeeds is bisected; a minimum that fails may be a local one. The usual polynomial of
-degree 5 for the angle, without speed and acceleration at both ends, has only its time T. A rigid
-arm needs the time 2 sqrt(pi/(2 a_max)). Units are metre, kilogram and second.
+$P$ is the unit matrix: 40 free numbers $c$. For comparison, $P c$ are the values of a polynomial of
+degree 7, with 8 numbers $c$, so that the angle has degree 9. For each $T$ the numbers minimise the
+mean square of the distance of the tip from its goal in a window after $T$. `Response.vjp` gives the
+gradient, from the motion that has just been computed. The interval between a $T$ that fails and one
+that succeeds is bisected; a minimum that fails may be a local one. The usual polynomial of degree 5
+for the angle, without speed and acceleration at both ends, has only its time $T$. A rigid arm needs
+the time $2 \sqrt{\pi/(2 a_\mathrm{max})}$. Units are metre, kilogram and second.
 """
 
 import logging

@@ -1,4 +1,4 @@
-"""Two gears that touch with the flanks of their teeth.
+r"""Two gears that touch with the flanks of their teeth.
 
 A pinion with 18 teeth drives a wheel with 27 against a brake. The outlines of both are closed beams
 whose nodes are fixed to bodies, so that the pair has one unknown besides the motor's angle.
@@ -6,12 +6,12 @@ Objective: how closely contact of two outlines, and nothing else, keeps the rati
 with involute teeth, and what it does at the change of the direction.
 
 Reference: the law of gearing. Flanks that are involutes of the base circles touch on a line that is
-common to both circles, and transmit the speed with the constant ratio z1/z2, at any distance of the
-axes. With a distance that is larger by d than the sum of the pitch circles, the play between the
-flanks is 2 d tan(alpha) along the pitch circle, less the skins of both outlines: when the motor
-turns back, the wheel stands still until it is passed. Points on the involutes, with lines between
-them, and the round corners of the outline, are errors that go down with their number. Units are
-metre, kilogram and second.
+common to both circles, and transmit the speed with the constant ratio $z_1/z_2$, at any distance of
+the axes. With a distance that is larger by $d$ than the sum of the pitch circles, the play between
+the flanks, at the pressure angle $\alpha$, is $2 d \tan\alpha$ along the pitch circle, less the
+skins of both outlines: when the motor turns back, the wheel stands still until it is passed. Points
+on the involutes, with lines between them, and the round corners of the outline, are errors that go
+down with their number. Units are metre, kilogram and second.
 """
 
 import logging

@@ -1,21 +1,22 @@
-"""A soft gripper: two fingers bend, hold a disc by friction and lift it.
+r"""A soft gripper: two fingers bend, hold a disc by friction and lift it.
 
 Two strips hang from a palm. Their natural curvature grows, as that of a pneumatic finger or of a
 bimetal does, and presses them against a disc between them. Then the palm moves up. Objective: the
 least coefficient of friction with which the disc is lifted.
 
-At the disc with weight m g and acceleration a both fingers are alike, with a normal force N that
-makes an angle b with the horizontal, upwards, and a tangential force T:
+At the disc with weight $m g$ and acceleration $a$ both fingers are alike, with a normal force $N$
+that makes an angle $b$ with the horizontal, upwards, and a tangential force $T$:
 
-    2 (N sin b + T cos b) = m (g + a)
+$$ 2 (N \sin b + T \cos b) = m (g + a) $$
 
-A finger holds while T < mu N. So the largest T/N in a lift with much friction is the least mu with
-which the disc should be lifted. It is compared with the least mu that is found by trying.
+A finger holds while $T < \mu N$. So the largest $T/N$ in a lift with much friction is the least
+$\mu$ with which the disc should be lifted. It is compared with the least $\mu$ that is found by
+trying.
 
-For small rotations a strip with the natural curvature K, clamped at a distance L from the disc that
-keeps it d away from where it would touch without curvature, presses with
+For small rotations a strip with the natural curvature $K$, clamped at a distance $L$ from the disc
+that keeps it $d$ away from where it would touch without curvature, presses with
 
-    N = 3 EI (K L^2/2 - d)/L^3
+$$ N = \frac{3 EI}{L^3} \left(\frac{K L^2}{2} - d\right) $$
 
 The fingers touch at two Gauss points in each element, with half their thickness; their friction,
 `fx_beam.Coulomb`, sticks. A drag takes their vibration.

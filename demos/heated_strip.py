@@ -1,24 +1,27 @@
-"""A bimetal strip over a heater: two fields on one mesh, one of them by dolfinx alone.
+r"""A bimetal strip over a heater: two fields on one mesh, one of them by dolfinx alone.
 
 A strip of two metals, bent a little towards a heater, is pinned at both ends. Heat gives it the
 opposite curvature, until it snaps away from the heater; there it cools, and snaps back: a thermal
 relay. Objective: to couple a heat equation, written as any problem of dolfinx, to the motion of a
 scene on the same mesh.
 
-1. Heat. The temperature T(s, t) above that of the air obeys, with heat capacity c per volume,
-   conductivity k, film coefficient h and thickness d,
+1. Heat. The temperature $T(s, t)$ above that of the air is zero at both ends and obeys, with heat
+   capacity $c$ per volume, conductivity $k$, film coefficient $h$ and thickness $d$,
 
-       c T' = k T_ss - 2 h / d T + q(y),   q(y) = q0 / (1 + exp((y - y0)/l)),   T = 0 at both ends.
+   $$
+   c \dot T = k T_{ss} - \frac{2 h}{d} T + q(y), \qquad
+   q(y) = \frac{q_0}{1 + \exp((y - y_0)/l)}.
+   $$
 
-   The source q fades where the strip is higher than y0. The implicit Euler
-   rule takes a step of it after each step of the motion.
-2. Strain. Layers of thickness d/2 and equal stiffness that expand by a1 (above) and a2 (below) have
-   the natural axial strain (a1 + a2)/2 T and the natural curvature 3/2 (a1 - a2) T / d (Timoshenko
-   1925, doi 10.1364/JOSA.11.000233).
+   The source $q$ fades where the strip is higher than $y_0$. The implicit Euler rule takes a step
+   of it after each step of the motion.
+2. Strain. Layers of thickness $d/2$ and equal stiffness that expand by $a_1$ (above) and $a_2$
+   (below) have the natural axial strain $\frac{1}{2} (a_1 + a_2) T$ and the natural curvature
+   $\frac{3}{2} (a_1 - a_2) T/d$ (Timoshenko 1925, doi 10.1364/JOSA.11.000233).
 
 Check: where the source is constant, the steady temperature is that of the closed form
-T = q d / (2 h) (1 - cosh(m (s - L/2)) / cosh(m L/2)) with m^2 = 2 h / (k d).
-Units are metre, kilogram, second and kelvin.
+$T = \frac{q d}{2 h} \left(1 - \cosh(m (s - L/2))/\cosh(m L/2)\right)$ with $m^2 = 2 h/(k d)$. Units
+are metre, kilogram, second and kelvin.
 """
 
 import logging

@@ -1,25 +1,26 @@
-"""Identification: stiffness, density and damping of two members, and the friction of their hinge.
+r"""Identification: stiffness, density and damping of two members, and the friction of their hinge.
 
 Two flexible members, a double pendulum with a known mass at its tip, fall from rest. The paths of
 the hinge and of the tip are measured, with noise. Objective: the seven numbers
 
-    x = (E1, E2, rho1, rho2, tau1, tau2, M)
+$$ x = (E_1, E_2, \rho_1, \rho_2, \tau_1, \tau_2, M) $$
 
-of the members, Young's modulus E, density rho and the retardation time tau of a Kelvin-Voigt
-material, and the moment M of the hinge's Coulomb friction, with intervals of 95 %.
+of the members, Young's modulus $E$, density $\rho$ and the retardation time $\tau$ of a
+Kelvin-Voigt material, and the moment $M$ of the hinge's Coulomb friction, with intervals of 95 %.
 
 This example is our own. The measurement is a motion that was computed with known numbers, plus
-independent normal noise of the standard deviation sigma. The numbers minimise
+independent normal noise of the standard deviation $\sigma$. The numbers minimise
 
-    chi^2 = sum (y(x) - y_m)^2 / sigma^2
+$$ \chi^2 = \sum \frac{(y(x) - y_m)^2}{\sigma^2} $$
 
-over all measured values y_m, in terms of their logarithms z, x = x0 exp(z), by the method of Gauss
-and Newton. It needs the derivatives J of y/sigma by z. `Response.jacobian` gives them, exact to
-the steps, from the motion that has just been computed; otherwise they are differences of motions,
-one for each number. Where the noise is small, (J^T J)^-1 is the covariance of z.
+over all measured values $y_m$, in terms of their logarithms $z$, $x = x_0 \exp(z)$, by the method
+of Gauss and Newton. It needs the derivatives $J$ of $y/\sigma$ by $z$. `Response.jacobian` gives
+them, exact to the steps, from the motion that has just been computed; otherwise they are
+differences of motions, one for each number. Where the noise is small, $(J^T J)^{-1}$ is the
+covariance of $z$.
 
-A short time is fitted first: chi^2 of a long motion has many minima, as vibrations come out of
-step. Of this small scene seven directions of J take as long as differences; they need no choice
+A short time is fitted first: $\chi^2$ of a long motion has many minima, as vibrations come out of
+step. Of this small scene seven directions of $J$ take as long as differences; they need no choice
 of a step, and are exact. Units are metre, kilogram and second.
 """
 
@@ -100,7 +101,7 @@ def measurement(t_end=STAGES[-1]):
 
 
 def identified(measured, stages, differences):
-    """Logarithms z of the numbers, J there, and what it took."""
+    """Logarithms $z$ of the numbers, $J$ there, and what it took."""
     z, motions, seconds = np.zeros(len(NAMES)), 0, perf_counter()
     for t_end in stages:
         fit = Fit(t_end, measured)

@@ -1,4 +1,4 @@
-"""The pinned beam in dolfinx: mesh, form, coupling and Newton's method, step by step.
+r"""The pinned beam in dolfinx: mesh, form, coupling and Newton's method, step by step.
 
 A scene is a variational problem as well. `fx_beam.fenicsx.Problem` has its mesh, its function space
 and its form as objects of dolfinx, and PETSc takes its steps. Objective: to write the paper's
@@ -9,34 +9,53 @@ Reference: A. Ibrahimbegovic, S. Mamouri, Computers & Structures 70 (1999) 1-22,
 10.1016/S0045-7949(98)00150-3. The beam and its data are those of the demo "Pinned beam": it turns
 freely about a pin at its end, so that energy and angular momentum are constant.
 
-Unknowns are the displacement u and the rotation psi of sections, with the reference tangent t0 and
-' = d/ds along the beam. The position is phi = X + u, R(psi) a rotation, W a rotation by 90 degrees.
-Strains (eqs 9 and 12) and virtual work of the forces n and the couple m (eqs 15 to 17):
+Unknowns are the displacement $u$ and the rotation $\psi$ of sections, with the reference tangent
+$t_0$ and a prime for the derivative by $s$ along the beam. The position is $\varphi = X + u$,
+$R(\psi)$ a rotation, $W$ a rotation by 90 degrees. Strains (eqs 9 and 12) and virtual work of the
+forces $n$ and the couple $m$ (eqs 15 to 17):
 
-    E = R(psi)^T phi' - t0,    K = psi'
-    G = int (du' - dpsi W phi').n + dpsi' m ds
+$$
+\begin{aligned}
+E &= R(\psi)^T \varphi' - t_0, \qquad K = \psi', \\
+G &= \int ((\delta u' - \delta\psi\,W \varphi') \cdot n + \delta\psi'\,m)\,\mathrm{d}s.
+\end{aligned}
+$$
 
-A step goes from u0, psi0 to u0 + Du, psi0 + Dpsi. The scheme has mean strains, a mean of two
-rotations, and the mean phi' (eqs 39 to 41 and 47):
+A step goes from $u_0$, $\psi_0$ to $u_0 + \Delta u$, $\psi_0 + \Delta\psi$. The scheme has mean
+strains, a mean of two rotations, and the mean $\varphi'$ (eqs 39 to 41 and 47):
 
-    n = (R0 + R1)/2 C (E0 + E1)/2
-    m = EI (K0 + K1)/2 / (1 + tan(Dpsi/2)^2)
+$$
+n = \frac{R_0 + R_1}{2}\,C\,\frac{E_0 + E_1}{2}, \qquad
+m = \frac{EI\,(K_0 + K_1)/2}{1 + \tan^2(\Delta\psi/2)}.
+$$
 
-Rates are those of nodes (eqs 27 to 30). So inertia is no integral of UFL, but the mass matrix M
+Rates are those of nodes (eqs 27 to 30). So inertia is no integral of UFL, but the mass matrix $M$
 times nodal accelerations:
 
-    v1 + v0 = 2/dt Du,    omega1 + omega0 = 4/dt tan(Dpsi/2)
-    a = (v1 - v0)/dt,     alpha = (omega1 - omega0)/dt
+$$
+\begin{aligned}
+v_1 + v_0 &= \frac{2}{\Delta t} \Delta u, &
+\omega_1 + \omega_0 &= \frac{4}{\Delta t} \tan\frac{\Delta\psi}{2}, \\
+a &= \frac{v_1 - v_0}{\Delta t}, & \alpha &= \frac{\omega_1 - \omega_0}{\Delta t}.
+\end{aligned}
+$$
 
-A support or a joint makes all degrees of freedom D functions of fewer unknowns y, as a multi-point
-constraint does. With T = dD/dy and the virtual motion Tv, Newton's method solves
+A support or a joint makes all degrees of freedom $D$ functions of fewer unknowns $y$, as a
+multi-point constraint does. With $T = \mathrm{d}D/\mathrm{d}y$ and the virtual motion $T_v$,
+Newton's method solves
 
-    Tv^T (M a + G) = 0,    Tv^T (M da/dD + dG/dD) T dy = - Tv^T (M a + G)
+$$
+T_v^T (M a + G) = 0, \qquad
+T_v^T \left(M \frac{\mathrm{d}a}{\mathrm{d}D} + \frac{\mathrm{d}G}{\mathrm{d}D}\right)
+T\,\mathrm{d}y = -T_v^T (M a + G).
+$$
 
-Here T and Tv are equal, and drop the two displacements of the pinned node. With joints they differ.
+Here $T$ and $T_v$ are equal, and drop the two displacements of the pinned node. With joints they
+differ.
 
-Without the divisor in m the work of the couple on the step is no longer EI times the increment of
-K^2/2, and the energy drifts. The default scheme of the package has a factor that makes it exact.
+Without the divisor in $m$ the work of the couple on the step is no longer $EI$ times the increment
+of $K^2/2$, and the energy drifts. The default scheme of the package has a factor that makes it
+exact.
 
 Units are the paper's: inch, pound and second.
 """
@@ -87,14 +106,14 @@ def scene():
 
 
 def turned(psi, a):
-    """R(psi) a."""
+    r"""$R(\psi)\,a$."""
     return ufl.cos(psi) * a + ufl.sin(psi) * ufl.perp(a)
 
 
 def weak_form(q0, D):
-    """The form G, for the start q0 and the increments D, two Functions on the mixed space.
+    """The form $G$, for the start $q_0$ and the increments $D$, two Functions on the mixed space.
 
-    The rule has one point, against locking. `ufl.perp` is W, and of the straight beam t0 is (1, 0).
+    The rule has one point, against locking. `ufl.perp` is $W$, and $t_0$ of the beam (1, 0).
     """
     (u0, psi0), (Du, Dpsi) = ufl.split(q0), ufl.split(D)
     du, dpsi = ufl.TestFunctions(D.function_space)
@@ -136,9 +155,9 @@ def matrix(form):
 
 
 def step_by_hand(q0, v0, T, Tv, dt=DT):
-    """The increments D of a step, and the largest correction of each iteration.
+    """The increments $D$ of a step, and the largest correction of each iteration.
 
-    T and Tv have a row for each degree of freedom of the space.
+    $T$ and $T_v$ have a row for each degree of freedom of the space.
     """
     space = q0.function_space
     D = fem.Function(space)
@@ -187,9 +206,9 @@ def first_step():
 
 
 def published(step, law):
-    """The same n and m in the fields of a step, as `Problem.replace_resultants` takes them.
+    """The same $n$ and $m$ in the fields of a step, as `Problem.replace_resultants` takes them.
 
-    `step.strains0` and `step.director0` are E0, K0 and R0 t0; `law` has the section's stiffness.
+    `step.strains0` and `step.director0` are $E_0$, $K_0$, $R_0 t_0$; `law` has the stiffness.
     """
     ends = zip(step.strains0, step.strains1, strict=True)
     N, Q, M = law.resultants(*((a + b) / 2 for a, b in ends))
@@ -199,7 +218,7 @@ def published(step, law):
 
 
 def without_divisor(step, law):
-    """A change of one factor: m is the mean moment."""
+    """A change of one factor: $m$ is the mean moment."""
     r = published(step, law)
     return r._replace(m=r.M)
 

@@ -1,4 +1,4 @@
-"""Lee's frame: snap-through and snap-back under a dead load.
+r"""Lee's frame: snap-through and snap-back under a dead load.
 
 Two legs of equal length are joined rigidly at a right angle. Both ends are hinged. A dead load acts
 on the beam at a fifth of its length. At the first limit load the frame would snap through. Beyond
@@ -7,17 +7,20 @@ the second limit load on, the load rises again. Objective: the whole path, both 
 load at which load steps without arc length fail.
 
 The frame is that of Lee, Manuel & Rossow (1968), J. Eng. Mech. Div. ASCE 94, 527-547, with the data
-in use since then: legs of 120, A = 6, I = 2 and E = 7.2e6. nu = 0.3 and a shear factor of 5/6 are
-our choice. The literature gives a first limit load of 18.5e3 to 18.6e3; the differences come from
-beam theories and meshes. The exact values for the present theory are computed here by shooting.
-With n the constant force in each of the three straight parts, t and W t the rotated axes of the
-section, and ' = d/ds, the equations
+in use since then: legs of 120, $A$ = 6, $I$ = 2 and $E$ = 7.2e6. $\nu$ = 0.3 and a shear factor of
+5/6 are our choice. The literature gives a first limit load of 18.5e3 to 18.6e3; the differences
+come from beam theories and meshes. The exact values for the present theory are computed here by
+shooting. With $n$ the constant force in each of the three straight parts, $t$ and $W t$ the rotated
+axes of the section, and a prime for the derivative by $s$, the equations
 
-    phi' = (1 + n.t/EA) t + (n.W t/GA) W t,    EI psi' = M,    M' = n.W phi'
+$$
+\varphi' = \left(1 + \frac{n \cdot t}{EA}\right) t + \frac{n \cdot W t}{GA} W t, \quad
+EI\,\psi' = M, \quad M' = n \cdot W \varphi'
+$$
 
-are integrated from one hinge to the other. For a given rotation psi at the first hinge, the load
+are integrated from one hinge to the other. For a given rotation $\psi$ at the first hinge, the load
 and the two components of the reaction are found for which the far end lies at its hinge and has no
-moment. The limit loads are the extrema over psi.
+moment. The limit loads are the extrema over $\psi$.
 
 In `fx_beam.static(..., continuation="arc-length")` the load factor is an unknown (Keller's
 pseudo-arc-length method), and steps end exactly at limit points. The data have no units; any

@@ -1,24 +1,29 @@
-"""Scatter of a slider crank's peak moment: a Monte Carlo study with 1000 samples.
+r"""Scatter of a slider crank's peak moment: a Monte Carlo study with 1000 samples.
 
 The slider crank of demos/slider_crank.py is built many times, each time with other dimensions and
 another steel, as a workshop would. Objective: the distribution of the largest bending moment in the
 rod, its mean and standard deviation, and the moment that 99 % of the mechanisms do not exceed.
 These are compared with a linear estimate from the slopes of the moment at the nominal values.
 
-This example is our own. The height h of the rod, its modulus E, the mass m of the slider and the
-period T of a turn are normally distributed about their nominal values, independent of one another,
-with standard deviations of 2, 2, 3 and 1 %. With the moment M(p) and its slopes at the nominal
-values, from central differences over one standard deviation,
+This example is our own. The height $h$ of the rod, its modulus $E$, the mass $m$ of the slider and
+the period $T$ of a turn are normally distributed about their nominal values, independent of one
+another, with standard deviations of 2, 2, 3 and 1 %. With the moment $M(p)$ and its slopes at the
+nominal values, from central differences over one standard deviation, linear error propagation gives
+the standard deviation of the moment,
 
-    std(M)^2 = sum_i (dM/dp_i)^2 std(p_i)^2            (linear error propagation).
+$$
+\sigma_M^2 = \sum_i \left(\frac{\partial M}{\partial p_i}\right)^2 \sigma_i^2.
+$$
 
 The moment is not that linear: the fifth multiple of the speed, 50 Hz, is near the lowest frequency
 of the rod's bending between its pins, with which the moment rises and falls,
 
-    f = pi/(2 l^2) sqrt(E I/(rho A)) = pi h/(2 l^2) sqrt(E/(12 rho)).
+$$
+f = \frac{\pi}{2 l^2} \sqrt{\frac{EI}{\rho A}} = \frac{\pi h}{2 l^2} \sqrt{\frac{E}{12 \rho}}.
+$$
 
-Each sample is a case of `fx_beam.sweep`, which uses all cores. A mean of n samples has a standard
-error of std/sqrt(n). Units are metre, kilogram and second.
+Each sample is a case of `fx_beam.sweep`, which uses all cores. A mean of $n$ samples has a standard
+error of $\sigma_M/\sqrt{n}$. Units are metre, kilogram and second.
 """
 
 from time import perf_counter

@@ -1,24 +1,32 @@
-"""A mass that rolls over a simply supported beam, against the series solution.
+r"""A mass that rolls over a simply supported beam, against the series solution.
 
-A mass M enters a beam at one support and rolls to the other at the speed v, as a vehicle over a
+A mass $M$ enters a beam at one support and rolls to the other at the speed $v$, as a vehicle over a
 bridge. Its weight and its inertia bend the beam, most after it has passed the middle. Objective:
 the deflection under the mass for three speeds, compared with the classical series; the energy,
 which is conserved to round-off while the mass moves from element to element; and the force between
 mass and beam.
 
 The classical solution, for example in L. Fryba, Vibration of Solids and Structures under Moving
-Loads (1999), is for small deflections and a constant speed. With the modes sin(n pi x/L), the
-frequencies w_n = (n pi/L)^2 sqrt(EI/m) and the place x = v t of the mass, the deflection
-w = sum q_n(t) sin(n pi x/L), positive downwards, follows from
+Loads (1999), is for small deflections and a constant speed. With the modes $\sin(n \pi x/L)$, the
+frequencies $\omega_n = (n \pi/L)^2 \sqrt{EI/m}$ and the place $x = v t$ of the mass, the deflection
+$w = \sum q_n(t) \sin(n \pi x/L)$, positive downwards, follows from
 
-    m L/2 (q_n'' + w_n^2 q_n) = sin(n pi v t/L) M (g - D^2 w/Dt^2),
-    D^2 w/Dt^2 = sum (q_n'' + 2 v (n pi/L) cot q_n' - (n pi v/L)^2 q_n) sin(n pi v t/L),
+$$
+\begin{aligned}
+\frac{m L}{2} (\ddot q_n + \omega_n^2 q_n) &=
+\sin(n \Omega t)\,M \left(g - \frac{D^2 w}{D t^2}\right), \qquad \Omega = \frac{\pi v}{L}, \\
+\frac{D^2 w}{D t^2} &= \sum \left((\ddot q_n - n^2 \Omega^2 q_n) \sin(n \Omega t)
++ 2 n \Omega \dot q_n \cos(n \Omega t)\right).
+\end{aligned}
+$$
 
-where the product of cot and sin is cos(n pi v t/L). The equations are integrated by scipy with a
-tolerance of 1e-8. For the force M g alone the bracket is M g, and the sum has a closed form:
+The equations are integrated by scipy with a tolerance of 1e-8. For the force $M g$ alone
+$D^2 w/D t^2$ is left out, and the sum has a closed form with $a = \Omega/\omega_1$:
 
-    q_n = 2 M g L^3/(pi^4 EI) (sin(n W t) - (n W/w_n) sin(w_n t)) / (n^2 (n^2 - a^2)),
-    W = pi v/L,    a = W/w_1.
+$$
+q_n = \frac{2 M g L^3}{\pi^4 EI}\,
+\frac{\sin(n \Omega t) - (n \Omega/\omega_n) \sin(\omega_n t)}{n^2 (n^2 - a^2)}.
+$$
 
 Here the mass rolls freely: it is the end of a short post, whose section does not turn, on a
 `Slider`. The beam has shear stiffness so large that it is Euler's. Units are metre, kilogram and
@@ -76,7 +84,7 @@ def duration(speed):
 
 @functools.cache
 def series(speed, steps=STEPS, mass=MASS):
-    """Deflection under the mass in all steps; a mass of 0 stands for the force M g alone."""
+    """Deflection under the mass in all steps; a mass of 0 stands for the force $M g$ alone."""
     t = np.linspace(0, duration(speed), steps + 1)
     n = np.arange(1, MODES + 1)
     frequency, wave = FIRST * n**2, n * np.pi / LENGTH
@@ -99,7 +107,7 @@ def series(speed, steps=STEPS, mass=MASS):
 
 
 def closed_series(speed, t):
-    """The same for the force M g alone, by the closed form."""
+    """The same for the force $M g$ alone, by the closed form."""
     n = np.arange(1, MODES + 1)[:, None]
     W = np.pi * speed / LENGTH
     a = W / FIRST

@@ -1,4 +1,4 @@
-"""Multi-body system of four flexible members with hinges and a slide.
+r"""Multi-body system of four flexible members with hinges and a slide.
 
 Two hinged members connect the right support with a telescopic leg on the left support. A short
 moment at the right support sets them in motion; after it no load acts. At 0.6 s they have swung to
@@ -21,20 +21,22 @@ vibration from about 0.5 s on, and the energy blows up with Newmark and with HHT
 
 After about 1.2 s the motion depends on mesh and time step, and later on round-off. Some results do
 not depend on them: EnergyMomentum conserves the energy, the published scheme nearly conserves it,
-and Newmark's rule loses the motion with every time step. HHT with small alpha or large steps also
-loses it, but later; see damping_scan.py.
+and Newmark's rule loses the motion with every time step. HHT with small $\alpha$ or large steps
+also loses it, but later; see damping_scan.py.
 
-    B o---2---o A        supports (0, 0) and (1, 0), A = (1, 1), B = (0, 1) m;
-      3       |          member 1 from the right support to A, 2 from A to B,
-      #       1          3 from B halfway down, 4 from the left support halfway up;
-      4       |          the end of 4 carries a straight guide of unlimited length,
-      o       o          along which the end of 3 slides
+```text
+B o---2---o A        supports (0, 0) and (1, 0), A = (1, 1), B = (0, 1) m;
+  3       |          member 1 from the right support to A, 2 from A to B,
+  #       1          3 from B halfway down, 4 from the left support halfway up;
+  4       |          the end of 4 carries a straight guide of unlimited length,
+  o       o          along which the end of 3 slides
+```
 
-At a hinge both nodes have the same displacement unknowns. With the rotation psi_4 of the guide, its
-direction a0 in the reference configuration, and the slide d, which is an additional unknown, the
-prismatic joint is
+At a hinge both nodes have the same displacement unknowns. With the rotation $\psi_4$ of the guide,
+its direction $a_0$ in the reference configuration, and the slide $d$, which is an additional
+unknown, the prismatic joint is
 
-    phi_3 = phi_4 + d R(psi_4) a0,     psi_3 = psi_4.
+$$ \varphi_3 = \varphi_4 + d\,R(\psi_4)\,a_0, \qquad \psi_3 = \psi_4. $$
 
 There are no multipliers. The unknowns are 3 per node, minus those that supports and joints remove,
 plus one slide. Units are metre, kilogram and second.

@@ -1,33 +1,38 @@
-"""User-defined physics: a material, forces and a time scheme, each in a few lines of UFL.
+r"""User-defined physics: a material, forces and a time scheme, each in a few lines of UFL.
 
 A soft arm, pinned at one end, falls from the horizontal under its own weight. Objective: to define
 a stored energy, forces and a time scheme that the package does not have, and to check the energy
 balance with each of them.
 
 1. Material. The stiffness grows with bending. The stored energy becomes infinite when the arm is
-   compressed to zero length. With axial strain eps, shear strain gamma and curvature kappa, the
-   energy per length is
+   compressed to zero length. With axial strain $\varepsilon$, shear strain $\gamma$ and curvature
+   $\kappa$, the energy per length is
 
-       W = EA/4 ((1 + eps)^2 - 1 - 2 ln(1 + eps)) + GA/2 gamma^2 + EI/2 kappa^2 (1 + (kappa/k)^2).
+   $$
+   W = \frac{EA}{4} ((1 + \varepsilon)^2 - 1 - 2 \ln(1 + \varepsilon))
+   + \frac{GA}{2} \gamma^2 + \frac{EI}{2} \kappa^2 \left(1 + \frac{\kappa^2}{k^2}\right).
+   $$
 
-   Its initial stiffness is EA, GA and EI. The energy-momentum scheme takes a discrete gradient
-   of W (Gonzalez 1996, doi 10.1007/BF02440162), so that the total energy is constant.
+   Its initial stiffness is $EA$, $GA$ and $EI$. The energy-momentum scheme takes a discrete
+   gradient of $W$ (Gonzalez 1996, doi 10.1007/BF02440162), so that the total energy is constant.
 
 2. Forces. Each force is defined by its virtual work per length:
 
-       viscous oil below y = 0:                         - c v . du            for y < 0,
-       elastic foundation below y = -d:                 - k (y + d) dy        for y < -d,
-       jet on the last tenth, along the arm's axis:       q t . du            with t = R(psi) t0.
+   - viscous oil below $y = 0$: $-c\,v \cdot \delta u$ for $y < 0$,
+   - elastic foundation below $y = -d$: $-k\,(y + d)\,\delta y$ for $y < -d$,
+   - jet on the last tenth, along the arm's axis: $q\,t \cdot \delta u$ with $t = R(\psi)\,t_0$.
 
    The energy is then not constant: its change is the work of these forces.
 
-3. Time scheme. To the averaged stress resultants a part chi/2 of their increments is added,
+3. Time scheme. To the averaged stress resultants a part $\chi/2$ of their increments is added,
 
-       N = N_av + chi/2 (N_1 - N_0),   and likewise for Q and M.
+   $$ N = N_\mathrm{av} + \frac{\chi}{2} (N_1 - N_0), $$
 
-   This removes the energy chi/2 dE.C dE in every step and does not change the momenta. It damps
-   the high frequencies (as in Armero & Romero 2001, doi 10.1016/S0045-7825(01)00233-X, without
-   their damping of the rates).
+   and likewise for $Q$ and $M$.
+
+   This removes the energy $\frac{\chi}{2} \Delta E \cdot C\,\Delta E$ in every step and does not
+   change the momenta. It damps the high frequencies (as in Armero & Romero 2001, doi
+   10.1016/S0045-7825(01)00233-X, without their damping of the rates).
 
 Units are metre, kilogram and second.
 """
@@ -94,7 +99,7 @@ def jet(step):
 
 
 def dissipating(chi):
-    """Scheme that dissipates chi/2 times the work of the increments of the resultants."""
+    r"""Scheme that dissipates $\chi/2$ times the work of the increments of the resultants."""
 
     def resultants(step, law):
         r = fb.EnergyMomentum().resultants(step, law)

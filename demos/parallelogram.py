@@ -1,4 +1,4 @@
-"""Parallelogram of stiff bars: which schemes pass through its line-up?
+r"""Parallelogram of stiff bars: which schemes pass through its line-up?
 
 Two cranks of equal length and a coupler make a parallelogram, which swings in gravity. Twice in
 each swing all bars are in line. There a rigid mechanism may go on as a parallelogram, as its
@@ -8,14 +8,17 @@ practical length does not resolve such vibrations. In a scheme that conserves en
 decay; a decaying scheme removes them. Objective: the error of the path for many mechanisms, by
 scheme, and the axial force of the coupler.
 
-This example is our own. The rigid parallelogram has one coordinate, the angle theta of the cranks.
-With the crank's length a, the coupler's length b, mass per length m, inertia of the section per
-length i, and a mass M at the joint of the left crank,
+This example is our own. The rigid parallelogram has one coordinate, the angle $\theta$ of the
+cranks. With the crank's length $a$, the coupler's length $b$, mass per length $m$, inertia of the
+section per length $i$, and a mass $M$ at the joint of the left crank,
 
-    J theta_tt = -g a cos(theta) (m a + m b + M),      J = 2/3 m a^3 + 2 i a + (m b + M) a^2.
+$$
+J \ddot\theta = -g a \cos\theta\,(m a + m b + M), \qquad
+J = \frac{2}{3} m a^3 + 2 i a + (m b + M)\,a^2.
+$$
 
 It is integrated by scipy with a tolerance of 1e-11. The error is the distance between the joint of
-the left crank and its position in the rigid mechanism, divided by a. With an error above 0.1 the
+the left crank and its position in the rigid mechanism, divided by $a$. With an error above 0.1 the
 mechanism has taken a wrong turn. Units are metre, kilogram and second.
 """
 

@@ -1,23 +1,28 @@
-"""Stability chart of a column under a pulsating load, by Floquet multipliers.
+r"""Stability chart of a column under a pulsating load, by Floquet multipliers.
 
 A strip of steel between hinges, one of which may slide along the axis, carries the load
-P(t) = P0 + P1 cos(Omega t), which never reaches the buckling load. The column stays straight and
-only becomes shorter and longer. At certain frequencies this motion is unstable all the same, and
-the column begins to bend: near Omega = 2 omega with twice the period of the load (a multiplier
-below -1), near Omega = omega with its period (a multiplier above 1).
-Objective: these regions over frequency and load. For each P1, `fx_beam.forced_response` follows the
+$P(t) = P_0 + P_1 \cos(\Omega t)$, which never reaches the buckling load. The column stays straight
+and only becomes shorter and longer. At certain frequencies this motion is unstable all the same,
+and the column begins to bend: near $\Omega = 2 \omega$ with twice the period of the load (a
+multiplier below -1), near $\Omega = \omega$ with its period (a multiplier above 1). Objective:
+these regions over frequency and load. For each $P_1$, `fx_beam.forced_response` follows the
 straight motion over the frequency, with the multipliers of all deviations.
 
 The reference is Mathieu's equation for the first mode (Bolotin, The Dynamic Stability of Elastic
 Systems, 1964),
 
-    q'' + 2 zeta omega q' + omega^2 (1 - 2 m cos Omega t) q = 0,     m = P1 / (2 (P_cr - P0)),
+$$
+\ddot q + 2 \zeta \omega \dot q + \omega^2 (1 - 2 m \cos \Omega t)\,q = 0, \qquad
+m = \frac{P_1}{2 (P_\mathrm{cr} - P_0)},
+$$
 
-with omega and zeta of the column under P0 and its buckling load P_cr. On a boundary of stability it
-has the solution q = sum_k a_k e^(i k Omega t/2), with odd k for twice the period and even k for the
-period. So (omega^2 + i k zeta omega Omega - k^2 Omega^2/4) a_k = m omega^2 (a_(k-2) + a_(k+2)):
-the eigenvalues m of this (Hill's determinant) are the loads on the boundary. Damping lifts the
-regions from the axis, to m = 2 zeta near 2 omega and to about m = sqrt(2 zeta) near omega.
+with $\omega$ and $\zeta$ of the column under $P_0$ and its buckling load $P_\mathrm{cr}$. On a
+boundary of stability it has the solution $q = \sum_k a_k e^{i k \Omega t/2}$, with odd $k$ for
+twice the period and even $k$ for the period. So
+$(\omega^2 + i k \zeta \omega \Omega - k^2 \Omega^2/4)\,a_k = m \omega^2 (a_{k-2} + a_{k+2})$: the
+eigenvalues $m$ of this (Hill's determinant) are the loads on the boundary. Damping lifts the
+regions from the axis, to $m = 2 \zeta$ near $2 \omega$ and to about $m = \sqrt{2 \zeta}$ near
+$\omega$.
 
 A second check is without any multiplier: a column that is pushed a little to the side must grow by
 the multiplier in each period.
@@ -49,7 +54,7 @@ PUSH, PERIODS = 1e-6, 30  # sideways [EULER], and of the load in the simulation
 
 
 def scene(load, push=None):
-    """The column under a load P(t) in units of Euler's, or a constant one, and a push(t)."""
+    """The column under a load $P(t)$ in units of Euler's, or a constant one, and a push(t)."""
     made = fb.Scene()
     column = made.add_beam([(0, 0), (LENGTH, 0)], SECTION, ELEMENTS, DEGREE, name="column")
     made.pin(column.start)
@@ -62,12 +67,12 @@ def scene(load, push=None):
 
 
 def pulsating(pulse, frequency):
-    """P(t) of a pulse P1 and a frequency [Hz]."""
+    """$P(t)$ of a pulse $P_1$ and a frequency [Hz]."""
     return lambda t: MEAN + pulse * math.cos(2 * np.pi * frequency * t)
 
 
 def own_numbers():
-    """Buckling load, and natural frequency [rad/s] and damping ratio under P0."""
+    """Buckling load, and natural frequency [rad/s] and damping ratio under $P_0$."""
     path = fb.static(scene(1.2)[0], 4, progress=False)
     under_mean, _ = scene(MEAN)
     modes = fb.modes(under_mean, fb.static(under_mean, progress=False), n=1)
@@ -76,7 +81,7 @@ def own_numbers():
 
 
 def by_mathieu(ratio, zeta, parity, terms=7):
-    """Least m on the boundary at Omega / omega, by Hill's determinant; 1 if it is larger or none.
+    r"""Least $m$ on the boundary at $\Omega/\omega$, by Hill's determinant; 1 if larger or none.
 
     The parity is 1 for twice the period of the load, 0 for its period.
     """
@@ -88,7 +93,7 @@ def by_mathieu(ratio, zeta, parity, terms=7):
 
 
 def chart_row(pulse, omega):
-    """The straight motions under a P1, over the frequency."""
+    """The straight motions under a $P_1$, over the frequency."""
     first, last = (ratio * omega / (2 * np.pi) for ratio in RANGE)
     return fb.forced_response(
         lambda f: scene(pulsating(pulse, f))[0],
@@ -101,7 +106,7 @@ def chart_row(pulse, omega):
 
 
 def crossings(ratio, margin):
-    """Where a smooth function of Omega / omega changes its sign."""
+    r"""Where a smooth function of $\Omega/\omega$ changes its sign."""
     return CubicSpline(ratio, margin).roots(extrapolate=False).tolist()
 
 

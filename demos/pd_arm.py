@@ -1,4 +1,4 @@
-"""A flexible arm turned by PD control of its joint, which also damps the vibration of the tip.
+r"""A flexible arm turned by PD control of its joint, which also damps the vibration of the tip.
 
 An arm of aluminium with a load at its tip turns about a hub in a horizontal plane, by one radian. A
 motor with given angle brings the hub exactly to its goal, but the tip vibrates without decay. A
@@ -11,14 +11,15 @@ one-link robot, International Journal of Robotics Research 3(3) (1984) 62-75,
 doi 10.1177/027836498400300303, who name this control of the joint as the state of the art before
 theirs. The arm is our own.
 
-With the hub's angle theta and its goal theta_d(t), a smooth step of the time T,
+With the hub's angle $\theta$ and its goal $\theta_d(t)$, a smooth step of the time $T$, the torque
+is
 
-    torque = k_p (theta_d - theta) - k_d theta',
+$$ u = k_p (\theta_d - \theta) - k_d \dot\theta, $$
 
-constant in each step of the motion. About the arm at rest the scene is x' = A x + B torque, with
-theta = C x; with feedback its roots are the eigenvalues of A - B (k_p C + k_d C A). From a grid of
-gains those are chosen whose slowest root decays fastest, for a turning arm with two vibrations.
-Units are metre, kilogram and second; there is no weight and no damping.
+constant in each step of the motion. About the arm at rest the scene is $\dot x = A x + B u$, with
+$\theta = C x$; with feedback its roots are the eigenvalues of $A - B (k_p C + k_d C A)$. From a
+grid of gains those are chosen whose slowest root decays fastest, for a turning arm with two
+vibrations. Units are metre, kilogram and second; there is no weight and no damping.
 """
 
 import logging
@@ -42,7 +43,7 @@ DERIVATIVE = np.geomspace(0.1, 4, 41)  # k_d [N m s/rad]
 
 
 def goal(t):
-    """Angle theta_d: its speed and acceleration are continuous."""
+    r"""Angle $\theta_d$: its speed and acceleration are continuous."""
     s = np.clip(t / RISE, 0, 1)
     return ANGLE * s**3 * (10 - 15 * s + 6 * s**2)
 

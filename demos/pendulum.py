@@ -1,4 +1,4 @@
-"""Simple pendulum on a nearly rigid rod.
+r"""Simple pendulum on a nearly rigid rod.
 
 A mass at the end of a massless beam, pinned at the top, swings by 45 degrees to each side. The
 beam is one element. It is so stiff that its axial vibration is some hundred thousand times faster
@@ -10,22 +10,27 @@ Reference: A. Ibrahimbegovic, S. Mamouri, Nonlinear dynamics of flexible beams i
 formulation and time-stepping scheme for stiff problems, Computers & Structures 70 (1999) 1-22,
 section 4.1, doi 10.1016/S0045-7949(98)00150-3.
 
-On a rigid rod the angle theta from the vertical starts from 0 with the speed v0 of the mass. It is
+On a rigid rod the angle $\theta$ from the vertical starts from 0 with the speed $v_0$ of the mass.
+It is
 
-    L theta'' = -g sin(theta),   sin(theta/2) = k sn(w t, k),   w = sqrt(g/L),   k = v0/(2 w L),
+$$
+L \ddot\theta = -g \sin\theta, \quad \sin(\theta/2) = k\,\mathrm{sn}(\omega t, k), \quad
+\omega = \sqrt{g/L}, \quad k = \frac{v_0}{2 \omega L},
+$$
 
-with Jacobi's elliptic function sn. The period is 4 K(k)/w with the complete elliptic integral K.
-The axial force is N = m (g cos(theta) + L theta'^2).
+with Jacobi's elliptic function $\mathrm{sn}$. The period is $4 K(k)/\omega$ with the complete
+elliptic integral $K$. The axial force is $N = m (g \cos\theta + L \dot\theta^2)$.
 
-The beam starts unstressed, whereas the rigid rod carries m (g + v0^2/L) at the start. The axial
+The beam starts unstressed, whereas the rigid rod carries $m (g + v_0^2/L)$ at the start. The axial
 force of the elastic beam therefore vibrates about that of the rigid rod, with this amplitude. The
-energy of the vibration, N^2 L/(2 EA), is only 6e-9 J. A run is useful if the scheme does not let
+energy of the vibration, $N^2 L/(2 EA)$, is only 6e-9 J. A run is useful if the scheme does not let
 this energy grow.
 
-In the paper the energy blows up, first with Newmark's rule and later with HHT; the value of alpha
-is not given. With steps of 0.1 s this happens here at 1.4 s with Newmark, and at 2.2 s with HHT
-and alpha = -0.05. With alpha = -0.1 it does not happen within 10 s; a third of the energy is lost
-instead. damping_scan.py shows more values of alpha, and of rho of generalized alpha.
+In the paper the energy blows up, first with Newmark's rule and later with HHT; the value of
+$\alpha$ is not given. With steps of 0.1 s this happens here at 1.4 s with Newmark, and at 2.2 s
+with HHT and $\alpha = -0.05$. With $\alpha = -0.1$ it does not happen within 10 s; a third of the
+energy is lost instead. damping_scan.py shows more values of $\alpha$, and of $\rho$ of generalized
+alpha.
 """
 
 import logging

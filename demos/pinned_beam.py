@@ -1,4 +1,4 @@
-"""Pinned flexible beam in free rotation.
+r"""Pinned flexible beam in free rotation.
 
 A beam that is pinned at one end starts with a transverse velocity. It turns about the pin and
 vibrates with large displacements. There are no loads, so its total energy and its angular momentum
@@ -10,16 +10,22 @@ Reference: A. Ibrahimbegovic, S. Mamouri, Nonlinear dynamics of flexible beams i
 formulation and time-stepping scheme for stiff problems, Computers & Structures 70 (1999) 1-22,
 section 4.4, doi 10.1016/S0045-7949(98)00150-3; its figures 19 and 20.
 
-With the axis phi(s), the rotation psi(s) of the sections, the velocity v and the spin omega, and
-the strains E = R(psi)^T phi' - t0 and K = psi',
+With the axis $\varphi(s)$, the rotation $\psi(s)$ of the sections, the velocity $v$ and the spin
+$\omega$, and the strains $E = R(\psi)^T \varphi' - t_0$ and $K = \psi'$, the energy $H$ and the
+angular momentum $A$ are
 
-    energy              1/2 int rho A |v|^2 + rho I omega^2 ds + 1/2 int E.C E + EI K^2 ds,
-    angular momentum    int phi x rho A v + rho I omega ds.
+$$
+\begin{aligned}
+H &= \frac{1}{2} \int (\rho A\,|v|^2 + \rho I\,\omega^2 + E \cdot C E + EI\,K^2)\,\mathrm{d}s, \\
+A &= \int (\varphi \times \rho A\,v + \rho I\,\omega)\,\mathrm{d}s.
+\end{aligned}
+$$
 
-Start: the straight beam phi = (x, 0) with v = (0, V (1 - |2 x/l - 1|)). A node spins with the
-mean slope of v on its two sides: omega = 2 V/l left of the middle, 0 in it, -2 V/l right of it.
+Start: the straight beam $\varphi = (x, 0)$ with $v = (0, V (1 - |2 x/l - 1|))$. A node spins with
+the mean slope of $v$ on its two sides: $\omega = 2 V/l$ left of the middle, 0 in it, $-2 V/l$ right
+of it.
 
-Units are the paper's: inch, pound and second, thus lb s^2/in for masses.
+Units are the paper's: inch, pound and second, thus lb·s²/in for masses.
 """
 
 import logging

@@ -1,30 +1,31 @@
-"""Plasticity: a bar bent to and fro, a portal frame pushed to its limit, a dropped ring.
+r"""Plasticity: a bar bent to and fro, a portal frame pushed to its limit, a dropped ring.
 
 Members that yield in bending: the plastic curvature is an internal variable at each Gauss point.
-With the elastic bending moment M = EI (kappa - a), they yield where
+With the elastic bending moment $M = EI (\kappa - a)$, they yield where
 
-    |M - H a| = M_p  (kinematic hardening),     |M| = M_p + H b  (isotropic hardening),
+- $|M - H a| = M_p$ (kinematic hardening), or
+- $|M| = M_p + H b$ (isotropic hardening),
 
-where b is the length of the path of a. Objective: internal variables with an explicit return map,
-compared with exact solutions and with a limit load computed by hand.
+where $b$ is the length of the path of $a$. Objective: internal variables with an explicit return
+map, compared with exact solutions and with a limit load computed by hand.
 
 1. A bar is bent uniformly to and fro. The loops of bending moment and curvature are compared with
    the exact ones.
 
-2. A portal frame carries a vertical force V in the middle of its beam, and is then pushed sideways
-   and released. All members yield at the same moment M_p. By the kinematic theorem (Neal 1977, The
-   plastic methods of structural analysis), the frame collapses in the mechanism with hinges at the
-   foot of the left column (turn theta), in the middle of the beam (2 theta), at the right corner
-   (2 theta) and at the right foot (theta), when
+2. A portal frame carries a vertical force $V$ in the middle of its beam, and is then pushed
+   sideways and released. All members yield at the same moment $M_p$. By the kinematic theorem (Neal
+   1977, The plastic methods of structural analysis), the frame collapses in the mechanism with
+   hinges at the foot of the left column (turn $\theta$), in the middle of the beam ($2 \theta$), at
+   the right corner ($2 \theta$) and at the right foot ($\theta$), when
 
-       F h + V l/2 = 6 M_p.
+   $$ F h + \frac{1}{2} V l = 6 M_p. $$
 
-   Members yield at the moment in the middle of an element: with n elements in a column, the frame
-   carries about 1/n more. The small hardening adds less than 1 %.
+   Members yield at the moment in the middle of an element: with $n$ elements in a column, the frame
+   carries about $1/n$ more. The small hardening adds less than 1 %.
 
    The same frame is also made of elastic members on plastic hinges: joints at the feet, at the
-   corners and in the middle of the beam whose springs yield at M_p. Then no mesh error is left. The
-   force is 0.3 % below the limit, as the frame leans and its beam sags. If all is ten times as
+   corners and in the middle of the beam whose springs yield at $M_p$. Then no mesh error is left.
+   The force is 0.3 % below the limit, as the frame leans and its beam sags. If all is ten times as
    stiff, it is 0.03 % below.
 
 3. A ring of soft metal falls on a stiff ground and stays bent.

@@ -1,29 +1,30 @@
-"""A strip that a magnet pulls in: where equilibria end, and how a sudden field reaches farther.
+r"""A strip that a magnet pulls in: where equilibria end, and how a sudden field reaches farther.
 
-A steel strip is clamped at its foot and carries a mass m at its tip. A magnet at the distance d
-from the tip attracts it, along the line between them, by c/r^2 at the distance r. Objective: forces
-between points in statics, in modes and in a motion that conserves energy; the end of equilibria.
+A steel strip is clamped at its foot and carries a mass $m$ at its tip. A magnet at the distance $d$
+from the tip attracts it, along the line between them, by $c/r^2$ at the distance $r$. Objective:
+forces between points in statics, in modes and in a motion that conserves energy; the end of
+equilibria.
 
-Reference, by hand. For small deflections the strip is a spring of the stiffness k, with
+Reference, by hand. For small deflections the strip is a spring of the stiffness $k$, with
 
-    1/k = L^3/(3 EI) + L/GA.
+$$ \frac{1}{k} = \frac{L^3}{3 EI} + \frac{L}{GA}. $$
 
-Its tip is at rest at x where k x = c/(d - x)^2. This c is largest at x = d/3:
+Its tip is at rest at $x$ where $k x = c/(d - x)^2$. This $c$ is largest at $x = d/3$:
 
-    c_max = 4 k d^3/27.
+$$ c_\mathrm{max} = \frac{4}{27} k d^3. $$
 
 Beyond it there is no equilibrium, and the strip snaps to the magnet. Below it the tip vibrates at
 
-    w^2 = (k - 2 c/(d - x)^3)/(m + 33/140 rhoA L),
+$$ \omega^2 = \frac{k - 2 c/(d - x)^3}{m + \frac{33}{140} \rho A\,L}, $$
 
-which is zero at x = d/3: 33/140 of its mass is what a strip adds to the tip. When the field is
+which is zero at $x = d/3$: 33/140 of its mass is what a strip adds to the tip. When the field is
 switched on at once, the strip swings beyond its equilibrium, and no energy is lost:
 
-    k x^2/2 = c/(d - x) - c/d,
+$$ \frac{1}{2} k x^2 = \frac{c}{d - x} - \frac{c}{d}, $$
 
-so that it arrives at rest at x = d/2 with c = k d^3/8, and snaps with more: 27/32 of c_max is
-enough. The force of the motion is a spring with the stored energy -c/r, which the scheme conserves.
-A stop at a tenth of d holds the strip off the magnet, elastically.
+so that it arrives at rest at $x = d/2$ with $c = k d^3/8$, and snaps with more: 27/32 of
+$c_\mathrm{max}$ is enough. The force of the motion is a spring with the stored energy $-c/r$, which
+the scheme conserves. A stop at a tenth of $d$ holds the strip off the magnet, elastically.
 
 Units are metre, kilogram and second.
 """
@@ -101,7 +102,7 @@ def swing(strength):
 
 
 def threshold(low=0.80, high=0.88):
-    """Strength at which the strip begins to snap, c / c_max, within 1e-3."""
+    r"""Strength at which the strip begins to snap, $c/c_\mathrm{max}$, within 1e-3."""
     while high - low > 1e-3:
         middle = (low + high) / 2
         low, high = (low, middle) if swing(middle)[1].max() > 0.7 else (middle, high)

@@ -1,16 +1,22 @@
-"""Relaxation and creep of a cantilever of a Zener material, the standard linear solid.
+r"""Relaxation and creep of a cantilever of a Zener material, the standard linear solid.
 
-A spring of bending stiffness EI lies beside one of stiffness EI_1 in series with a dashpot.
-The curvature a of the dashpot is an internal variable, and relaxes in the time tau:
+A spring of bending stiffness $EI$ lies beside one of stiffness $EI_1$ in series with a dashpot. The
+curvature $a$ of the dashpot is an internal variable, and relaxes in the time $\tau$:
 
-    M = EI kappa + EI_1 (kappa - a),     da/dt = (kappa - a)/tau.
+$$ M = EI \kappa + EI_1 (\kappa - a), \qquad \dot a = \frac{\kappa - a}{\tau}. $$
 
 The cantilever has no mass and is bent uniformly: by a turn of its end in proportion to the time
 (relaxation), or by a moment there in proportion to the time (creep). Objective: an internal
-variable with its update in UFL, and the order in which the schemes converge to the closed solutions
+variable with its update in UFL, and the order in which the schemes converge to the closed
+solutions, for $\kappa = c t$ and for $M = c t$:
 
-    M     = c [EI t + EI_1 tau (1 - exp(-t/tau))]                         for kappa = c t,
-    kappa = c [t/EI - EI_1/EI^2 tau (1 - exp(-EI t/((EI + EI_1) tau)))]     for M = c t.
+$$
+\begin{aligned}
+M &= c \left(EI\,t + EI_1 \tau (1 - e^{-t/\tau})\right), \\
+\kappa &= c \left(\frac{t}{EI} - \frac{EI_1}{EI^2} \tau (1 - e^{-t/T})\right), \qquad
+T = \frac{EI + EI_1}{EI} \tau.
+\end{aligned}
+$$
 
 Units are metre, kilogram and second.
 """
@@ -54,12 +60,12 @@ def scene(test, elements=2):
 
 
 def moment(t):
-    """Bending moment [N m] at the curvature c t."""
+    """Bending moment [N m] at the curvature $c t$."""
     return RATE * (EI * t + EI_1 * TAU * (1 - np.exp(-t / TAU)))
 
 
 def curvature(t):
-    """Curvature [1/m] under the moment c t."""
+    """Curvature [1/m] under the moment $c t$."""
     slow = TAU * (EI + EI_1) / EI
     return RATE * (t / EI - EI_1 / EI**2 * TAU * (1 - np.exp(-t / slow)))
 

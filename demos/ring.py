@@ -1,4 +1,4 @@
-"""Ring: natural frequencies, and free flight after an impact.
+r"""Ring: natural frequencies, and free flight after an impact.
 
 A thin steel ring is made of two half circles. The first part computes its natural frequencies:
 three rigid modes, then pairs of modes with 2, 3, 4, ... waves around the circumference. In the
@@ -7,15 +7,17 @@ vibrates with large displacements, at the most nearly half its diameter. Objecti
 compared with straight ones, and the energy and momenta of a curved body.
 
 Reference for the frequencies: A. E. H. Love, A Treatise on the Mathematical Theory of Elasticity,
-4th edition (1927), section 293. A ring that does not stretch has, for n waves, the angular
+4th edition (1927), section 293. A ring that does not stretch has, for $n$ waves, the angular
 frequency
 
-    omega_n^2 = EI n^2 (n^2 - 1)^2 / (rhoA R^4 (n^2 + 1)).
+$$ \omega_n^2 = \frac{EI\,n^2 (n^2 - 1)^2}{\rho A\,R^4 (n^2 + 1)}. $$
 
 A ring that stretches and shears, and whose sections have inertia, moves with radial displacement
-A cos(n theta), tangential displacement B sin(n theta) and rotation C sin(n theta), which have
+$A \cos n\theta$, tangential displacement $B \sin n\theta$ and rotation $C \sin n\theta$, which have
 
-    axial strain (A + n B)/R,   shear strain (B + n A)/R - C,   curvature n C/R,
+- the axial strain $(A + n B)/R$,
+- the shear strain $(B + n A)/R - C$,
+- the curvature $n C/R$,
 
 so that its frequencies are those of a system with three degrees of freedom: the exact ones here.
 """
@@ -86,7 +88,7 @@ def inextensional(n):
 
 
 def exact(n):
-    """Lowest angular frequency [rad/s] with n waves of a ring that stretches and shears."""
+    """Lowest angular frequency [rad/s] with $n$ waves of a ring that stretches and shears."""
     s, R = SECTION, RADIUS
     axial, shear, bending = (
         np.array(row) for row in ((1 / R, n / R, 0), (n / R, 1 / R, -1), (0, 0, n / R))

@@ -1,20 +1,21 @@
-"""A straight beam rolled up to one and two full circles, and released.
+r"""A straight beam rolled up to one and two full circles, and released.
 
 A cantilever is bent by a moment at its end. Objective: the exact circle from the straight beam, in
 few load steps; the order of convergence with the number of elements; and a motion that starts from
 the rolled-up state.
 
 This is the classical test of finite rotations in beams since Simo & Vu-Quoc (1986), Comput. Methods
-Appl. Mech. Eng. 58, 79-116, doi 10.1016/0045-7825(86)90079-4. Under an end moment M alone the axial
-and the shear force are zero and the curvature is M/EI everywhere. The beam is a circular arc for
-any EA and GA. With the angle a = M L/EI its tip is at
+Appl. Mech. Eng. 58, 79-116, doi 10.1016/0045-7825(86)90079-4. Under an end moment $M$ alone the
+axial and the shear force are zero and the curvature is $M/EI$ everywhere. The beam is a circular
+arc for any $EA$ and $GA$. With the angle $a = M L/EI$ its tip is at
 
-    x = L sin(a)/a,    y = L (1 - cos(a))/a,
+$$ x = L\,\frac{\sin a}{a}, \qquad y = L\,\frac{1 - \cos a}{a}, $$
 
-and M = 2 pi EI/L closes the circle. The work of the moment, M a/2 = EI a^2/(2 L), is the strain
-energy. In the static analysis M is multiplied by a load factor, which grows in equal load steps.
+and $M = 2 \pi EI/L$ closes the circle. The work of the moment, $M a/2 = EI a^2/(2 L)$, is the
+strain energy. In the static analysis $M$ is multiplied by a load factor, which grows in equal load
+steps.
 
-When the beam is released, M = 0 for t > 0, it springs open. `fx_beam.simulate(..., start=...)`
+When the beam is released, $M = 0$ for $t > 0$, it springs open. `fx_beam.simulate(..., start=...)`
 starts from the rolled-up state, and the total energy remains the work of the moment.
 
 Units are metre, newton and second.
@@ -39,7 +40,7 @@ DT, T_END = 0.01, 4.0  # of the motion after release [s]
 
 
 def scene(turns=1.0, elements=ELEMENTS, degree=DEGREE):
-    """The beam with the moment that gives a number of turns, removed for t > 0."""
+    """The beam with the moment that gives a number of turns, removed for $t > 0$."""
     rolled = fb.Scene()
     beam = rolled.add_beam([(0, 0), (LENGTH, 0)], SECTION, elements, degree, name="beam")
     rolled.clamp(beam.start)

@@ -1,23 +1,29 @@
-"""Shallow arch: snap-through, sway, and its bifurcation diagram.
+r"""Shallow arch: snap-through, sway, and its bifurcation diagram.
 
-An arch y = H sin(pi x/l) between two hinges that cannot move carries a load p sin(pi x/l). A low
-arch snaps through symmetrically at its limit point. In a higher arch the thrust reaches the second
-buckling load before: the symmetric path has a bifurcation, and the arch sways to one side.
+An arch $y = H \sin(\pi x/l)$ between two hinges that cannot move carries a load $p \sin(\pi x/l)$.
+A low arch snaps through symmetrically at its limit point. In a higher arch the thrust reaches the
+second buckling load before: the symmetric path has a bifurcation, and the arch sways to one side.
 Objective: both loads for several heights, the path with its branches, and which parts are stable.
 
-With the radius of gyration r of the section, e = H/(2 r) and q = p l^4 / (2 r pi^4 EI), the theory
-of slender shallow arches (Fung and Kaplan 1952, NACA TN 2840) gives for the amplitude u of the
-deformed arch, also divided by 2 r,
+With the radius of gyration $r$ of the section, $e = H/(2 r)$ and $q = p l^4/(2 r \pi^4 EI)$, the
+theory of slender shallow arches (Fung and Kaplan 1952, NACA TN 2840) gives for the amplitude $u$ of
+the deformed arch, also divided by $2 r$, the path, its limit point for $e > 1$ and its bifurcation
+for $e > 2$:
 
-    q = e + (e^2 - 1) u - u^3,   limit point   q = e + sqrt(4 (e^2 - 1)^3 / 27)   for e > 1,
-                                 bifurcation   q = e + 3 sqrt(e^2 - 4)            for e > 2,
+$$
+\begin{aligned}
+q &= e + (e^2 - 1)\,u - u^3, \\
+q_\mathrm{limit} &= e + \sqrt{4 (e^2 - 1)^3/27}, \\
+q_\mathrm{sway} &= e + 3 \sqrt{e^2 - 4},
+\end{aligned}
+$$
 
-the second where the thrust e^2 - u^2 is that of a column that buckles with two half waves. The
-bifurcation comes first for e > sqrt(5.5) = 2.35. On the branch the thrust is constant, and the
-amplitude v of the second mode grows from zero: u = (q - e)/3 and 4 v^2 = e^2 - 4 - u^2. It leads
-over to a second bifurcation of the symmetric path.
+the last where the thrust $e^2 - u^2$ is that of a column that buckles with two half waves. The
+bifurcation comes first for $e > \sqrt{5.5} = 2.35$. On the branch the thrust is constant, and the
+amplitude $v$ of the second mode grows from zero: $u = (q - e)/3$ and $4 v^2 = e^2 - 4 - u^2$. It
+leads over to a second bifurcation of the symmetric path.
 
-The beams are those of the geometrically exact theory; the differences fall with r^2. No
+The beams are those of the geometrically exact theory; the differences fall with $r^2$. No
 imperfection is needed: `static(..., branches=1)` starts from the bifurcations along their modes.
 """
 
@@ -40,7 +46,7 @@ UNIT = 2 * RADIUS * np.pi**4  # load p for q = 1
 
 
 def scene(rise):
-    """The arch, its middle, and its load q, which is a fifth more than the limit load."""
+    """The arch, its middle, and its load $q$, which is a fifth more than the limit load."""
     arch, height, load = fb.Scene(), 2 * RADIUS * rise, 1.2 * limit(rise)
     beam = arch.add_beam(
         lambda f: (f, height * np.sin(np.pi * f)), SECTION, ELEMENTS, DEGREE, name="arch"
@@ -55,17 +61,17 @@ def scene(rise):
 
 
 def limit(rise):
-    """Limit load q."""
+    """Limit load $q$."""
     return rise + np.sqrt(4 * (rise**2 - 1) ** 3 / 27)
 
 
 def sway(rise):
-    """Load q of the bifurcation, for e > 2."""
+    """Load $q$ of the bifurcation, for $e > 2$."""
     return rise + 3 * np.sqrt(rise**2 - 4)
 
 
 def second_mode(path, beam):
-    """Amplitude v (n,) of the second mode, divided by 2 r."""
+    """Amplitude $v$ (n,) of the second mode, divided by $2 r$."""
     nodes = beam.nodes
     places = np.array([node.x for node in nodes])
     across = np.column_stack([path.displacement(node)[:, 1] for node in nodes])

@@ -1,4 +1,4 @@
-"""Slider-crank mechanism with a flexible crank and rod, driven by a motor.
+r"""Slider-crank mechanism with a flexible crank and rod, driven by a motor.
 
 A motor turns the crank. It starts from rest, reaches a constant speed within the time of two turns,
 and then runs for ten turns. The rod drives a slider on a straight guide. Crank and rod are so
@@ -6,23 +6,34 @@ slender that they bend under their own inertia. Objective: the difference betwee
 slider and that of a rigid mechanism, the moment of the motor, and the balance of the motor's work
 with the energy of the mechanism.
 
-This example is our own. With the motor's angle theta, the crank's radius r, the rod's length l
-and its angle beta, the rigid mechanism has
+This example is our own. With the motor's angle $\theta$, the crank's radius $r$, the rod's length
+$l$ and its angle $\beta$, the rigid mechanism has
 
-    r sin(theta) + l sin(beta) = 0,         beta' = -r cos(theta)/(l cos(beta)),
-    x = r cos(theta) + l cos(beta),         x' = -r sin(theta) - l sin(beta) beta',
+$$
+\begin{aligned}
+r \sin\theta + l \sin\beta &= 0, & \beta' &= -\frac{r \cos\theta}{l \cos\beta}, \\
+x &= r \cos\theta + l \cos\beta, & x' &= -r \sin\theta - l \sin\beta\,\beta',
+\end{aligned}
+$$
 
-where ' is d/dtheta. Its kinetic energy is J theta_t^2/2 with, for uniform crank and rod,
+where a prime is the derivative by $\theta$. Its kinetic energy is $\frac{1}{2} J \dot\theta^2$
+with, for uniform crank and rod,
 
-    J = rho A_c r^3/3 + rho I_c r + rho A l (r^2 - r sin(theta) x' + x'^2)/3 + rho I l beta'^2
-        + m x'^2,
+$$
+\begin{aligned}
+J &= \frac{1}{3} \rho A_c\,r^3 + \rho I_c\,r
++ \frac{1}{3} \rho A\,l\,(r^2 - r \sin\theta\,x' + x'^2) \\
+&\quad + \rho I\,l\,\beta'^2 + m x'^2,
+\end{aligned}
+$$
 
-and the motor's moment is M = J theta_tt + J' theta_t^2/2.
+and the motor's moment is $M = J \ddot\theta + \frac{1}{2} J' \dot\theta^2$.
 
-The angle of the motor is prescribed: theta = W T g(t/T) up to T and W (t - T/2) after it, with
-g(s) = s^6 - 3 s^5 + 5/2 s^4. Speed and acceleration are continuous. The work of the motor in a
-step is M Dtheta with Dtheta = 2 tan(Dpsi/2), where M is the moment that the joint reports.
-Units are metre, kilogram and second. The mechanism moves in a horizontal plane: there is no weight.
+The angle of the motor is prescribed: $\theta = W T g(t/T)$ up to $T$ and $W (t - T/2)$ after it,
+with $g(s) = s^6 - 3 s^5 + \frac{5}{2} s^4$. Speed and acceleration are continuous. The work of the
+motor in a step is $M \Delta\theta$ with $\Delta\theta = 2 \tan(\Delta\psi/2)$, where $M$ is the
+moment that the joint reports. Units are metre, kilogram and second. The mechanism moves in a
+horizontal plane: there is no weight.
 """
 
 import logging
@@ -50,7 +61,7 @@ STIFFENED = 1e4  # factor on the stiffness of a mechanism that is nearly rigid
 
 
 def angle(t):
-    """Motor's angle, speed and acceleration at times t."""
+    """Motor's angle, speed and acceleration at times $t$."""
     s = np.clip(t / RAMP, 0, 1)
     theta = SPEED * (RAMP * (s**6 - 3 * s**5 + 2.5 * s**4) + np.maximum(t - RAMP, 0))
     rate = SPEED * (6 * s**5 - 15 * s**4 + 10 * s**3)

@@ -1,4 +1,4 @@
-"""Snapping chain: a metamaterial of bistable cells, and the path through all of its states.
+r"""Snapping chain: a metamaterial of bistable cells, and the path through all of its states.
 
 A cell is a shallow truss: two bars with hinges rise from a stiff frame to the middle of the next
 frame. It carries a load up to its limit load, then it snaps through and is stable upside down. By
@@ -6,18 +6,21 @@ symmetry one half of the chain is enough. Each of the three cells is stiffer tha
 Objective: the path of all equilibria with its limit points; which cell snaps when, under a growing
 load and under a growing displacement; and the energy barrier that holds each state.
 
-All cells carry the same force F. With the height y of a cell, the length l = sqrt(w^2 + y^2) of
-its bar, L the length without load, and the strain energy EA (l - L)^2 / (2 L) of the bar,
+All cells carry the same force $F$. With the height $y$ and the half width $w$ of a cell, the length
+$l = \sqrt{w^2 + y^2}$ of its bar, $L$ the length without load, and the strain energy
+$EA (l - L)^2/(2 L)$ of the bar,
 
-    F(y) = EA (L - l)/L  y/l,    limit point:  l^3 = L w^2,    F_max = EA (1 - (w/L)^(2/3))^(3/2).
+$$ F(y) = EA\,\frac{L - l}{L}\,\frac{y}{l}, $$
 
-At F = 0 a cell is in its upper or lower state, or flat and unstable: the barrier between both is
-the energy EA (L - w)^2 / (2 L) of the flat bar.
+with the limit point $l^3 = L w^2$, where $F_\mathrm{max} = EA\,(1 - (w/L)^{2/3})^{3/2}$.
+
+At $F = 0$ a cell is in its upper or lower state, or flat and unstable: the barrier between both is
+the energy $EA (L - w)^2/(2 L)$ of the flat bar.
 
 No two cells are at their limit points at once, so only one at a time passes its own: the weakest
 one that carries the load at that moment. The path counts in binary numbers: the first cell snaps;
 it snaps back, and the second one has snapped; the first one snaps again; both snap back, and the
-third one has snapped. So the path visits all 2^3 states that are stable without load. A dead load
+third one has snapped. So the path visits all $2^3$ states that are stable without load. A dead load
 and a prescribed displacement lead along this same path, but not the same parts are stable: under a
 displacement the force may fall. Where the path turns back in the displacement, a cell jumps all the
 same.
@@ -84,14 +87,14 @@ def heights(path, middles):
 
 
 def states_without_load(path, cells):
-    """Which cells are up (1) or down (-1) where the path passes F = 0, in its stable parts."""
+    """Which cells are up (1) or down (-1) where the path passes $F = 0$, in its stable parts."""
     factor, stable = path.load_factor, path.stable
     rows = np.flatnonzero((factor[1:] * factor[:-1] <= 0) & stable[1:] & stable[:-1])
     return [tuple(np.sign(cells[row]).astype(int).tolist()) for row in rows]
 
 
 def lowest_barrier(path):
-    """Energy where the path first passes F = 0 in an unstable state [J]."""
+    """Energy where the path first passes $F = 0$ in an unstable state [J]."""
     F, energy = LOAD * path.load_factor, path.energy.strain
     rows = np.flatnonzero((F[1:] * F[:-1] < 0) & ~path.stable[1:] & ~path.stable[:-1])
     part = F[rows[0]] / (F[rows[0]] - F[rows[0] + 1])

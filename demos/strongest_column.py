@@ -1,13 +1,14 @@
-"""The shape of the strongest column of a given volume, between two pins.
+r"""The shape of the strongest column of a given volume, between two pins.
 
 The areas of a column are chosen for the highest buckling load. Bending stiffness grows with the
 square of the area, as that of a cross-section that grows in both directions. Objective: how closely
 gradients of critical loads find the best shape, and what it carries once it has buckled.
 
 Reference: Keller, "The shape of the strongest column" (Arch. Rat. Mech. Anal. 5, 1960): it carries
-4/3 of what the uniform column does. With the angle theta from 0 to pi along the column,
-s = (theta - sin(2 theta)/2) / pi and A = (4/3) sin^2(theta). Areas are numbers at equal distances,
-with lines between them. Units: length, volume and the uniform column's EI are 1.
+4/3 of what the uniform column does. With the angle $\theta$ from 0 to $\pi$ along the column,
+$s = (\theta - \frac{1}{2} \sin 2\theta)/\pi$ and $A = \frac{4}{3} \sin^2\theta$. Areas are numbers
+at equal distances, with lines between them. Units: length, volume and the uniform column's $EI$ are
+1.
 """
 
 import logging
@@ -58,7 +59,7 @@ def strongest(count):
 
 
 def keller(s):
-    """Area of the exact shape at places s."""
+    """Area of the exact shape at places $s$."""
     theta = np.linspace(0, np.pi, 2001)
     return np.interp(s, (theta - np.sin(2 * theta) / 2) / np.pi, 4 / 3 * np.sin(theta) ** 2)
 

@@ -1,4 +1,4 @@
-"""Three-bar swing: a flexible beam between two rigid links.
+r"""Three-bar swing: a flexible beam between two rigid links.
 
 A slender beam with a mass in its middle hangs on two nearly rigid links. A short force sets the
 mass in motion to the right. At 0.64 s the left link and the left half of the beam are in line and
@@ -13,10 +13,15 @@ section 4.2, doi 10.1016/S0045-7949(98)00150-3. Data that our text of the paper 
 taken from other published models of this swing; OURS below lists them.
 
 At a hinge both nodes have the same displacement unknowns, and each has its own rotation. With the
-masses m_i and the force F on the mass in the middle,
+masses $m_i$ and the force $F$ on the mass in the middle, the energy $H$ and its balance are
 
-    energy     1/2 sum m_i |v_i|^2 + 1/2 int rho A |v|^2 + rho I omega^2 + E.C E + EI K^2 ds,
-    balance    energy gained = int F . v dt,
+$$
+\begin{aligned}
+H &= \frac{1}{2} \sum m_i |v_i|^2
++ \frac{1}{2} \int (\rho A\,|v|^2 + \rho I\,\omega^2 + E \cdot C E + EI\,K^2)\,\mathrm{d}s, \\
+\dot H &= F \cdot v,
+\end{aligned}
+$$
 
 so the energy is constant from 0.256 s on, when the force has ended. After the reversal the motion
 depends on mesh and time step, but the energy does not.

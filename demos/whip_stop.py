@@ -1,4 +1,4 @@
-"""An arm that swings against a stop and whips around a peg.
+r"""An arm that swings against a stop and whips around a peg.
 
 A steel strip turns about a hinge at 10 rad/s until the hinge meets its stop. The strip bends on by
 its own inertia, strikes a fixed peg, and its outer half whips around it. Then it springs back, and
@@ -6,15 +6,20 @@ swings to a second stop. Objective: contacts return the energy that they have st
 for every stiffness and step; the same impacts with other schemes; contacts with a given loss; and
 steps that a tolerance makes short at an impact.
 
-The stop, at the angle x of the hinge, and the peg, at the gap g of each node of the strip, store
+The stop, at the angle $x$ of the hinge, and the peg, at the gap $g$ of each node of the strip,
+store, with the limits $x_u$ and $x_l$ of the hinge and $\langle a \rangle = \max(a, 0)$,
 
-    k/2 <x - upper>^2 + k/2 <lower - x>^2    and    k/2 <-g>^2,      <a> = max(a, 0).
+$$
+\frac{k}{2} \langle x - x_u \rangle^2 + \frac{k}{2} \langle x_l - x \rangle^2
+\quad\text{and}\quad \frac{k}{2} \langle -g \rangle^2.
+$$
 
-Over a step from gap g0 to g1 the force is the change of this energy divided by that of the gap (a
-discrete gradient: Gonzalez 1996, J. Nonlinear Sci. 6, 449-467, doi 10.1007/BF02440162), so that
-its work is the change of the energy, for any step. With a restitution e the force has a further
-part, r tanh(rate / speed) times the elastic one with r = (1 - e^2)/(1 + e^2), which dissipates
-energy. The example is our own; the invariants are its reference.
+Over a step from gap $g_0$ to $g_1$ the force is the change of this energy divided by that of the
+gap (a discrete gradient: Gonzalez 1996, J. Nonlinear Sci. 6, 449-467, doi 10.1007/BF02440162), so
+that its work is the change of the energy, for any step. With a restitution $e$ the force has a
+further part, $r \tanh(w/w_0)$ times the elastic one with the rate $w$, the `speed` $w_0$ and
+$r = (1 - e^2)/(1 + e^2)$, which dissipates energy. The example is our own; the invariants are its
+reference.
 
 Units are metre, kilogram and second.
 """

@@ -1,34 +1,35 @@
-"""Whip taper: the heights of a whip whose tip becomes as fast as possible, at a given mass.
+r"""Whip taper: the heights of a whip whose tip becomes as fast as possible, at a given mass.
 
-A flexible strip of the length L is turned at its root by the angle A within the time T, and held:
+A flexible strip of the length $L$ is turned at its root by the angle $A$ within the time $T$, and
+held:
 
-    psi = A (s - sin(2 pi s)/(2 pi)),         s = t/T
+$$ \psi = A \left(s - \frac{\sin 2 \pi s}{2 \pi}\right), \qquad s = \frac{t}{T}. $$
 
-Objective: the heights h_1 ... h_n of its elements for which the largest speed of the tip is
+Objective: the heights $h_1, \ldots, h_n$ of its elements for which the largest speed of the tip is
 highest, at a given mass, where no height is less than a fraction of their mean. References: the
 uniform strip; the best linear taper, which is found by its one number; differences of motions for
 the gradient; and the found whip with shorter steps and elements. This example is our own.
 
 The largest speed over time has jumps in its derivative where another time takes over. It is
-smoothed by the p-norm of the speeds v of the steps, 4 to 8 % above the largest:
+smoothed by the $p$-norm of the speeds $v$ of the steps, 4 to 8 % above the largest:
 
-    V^p = sum over steps of v^p,              p = 30
+$$ V^p = \sum v^p, \qquad p = 30. $$
 
-`Response` gives the motion, and by `vjp` the gradient of V by all heights, from the same motion
-backwards. The speed of a step is the way of the tip over dt, so that V is a function of positions.
-Mass and bound hold by scaling, with free numbers z and the mean height H:
+`Response` gives the motion, and by `vjp` the gradient of $V$ by all heights, from the same motion
+backwards. The speed of a step is the way of the tip over $\Delta t$, so that $V$ is a function of
+positions. Mass and bound hold by scaling, with free numbers $z$ and the mean height $H$:
 
-    h_i = H (b + (1 - b) n q_i),              q_i = exp(z_i)/Z
+$$ h_i = H (b + (1 - b)\,n q_i), \qquad q_i = \frac{1}{Z} \exp(z_i) $$
 
-in which Z is the sum of all exp(z_j). SciPy's L-BFGS maximises V over z, from the best linear
-taper. At a maximum the gain
+in which $Z$ is the sum of all $\exp(z_j)$. SciPy's L-BFGS maximises $V$ over $z$, from the best
+linear taper. At a maximum the gain
 
-    g_i = dV/dh_i - G
+$$ g_i = \frac{\mathrm{d}V}{\mathrm{d}h_i} - G $$
 
-of an element at a given mass is zero, or negative where its height is the least. G is the mean of
-all dV/dh_j with the weights q_j. There may be other maxima. Most of the time for a gradient goes
-into the sections of the elements with their slopes, as this short motion has few steps. Units are
-metre, kilogram and second.
+of an element at a given mass is zero, or negative where its height is the least. $G$ is the mean of
+all $\mathrm{d}V/\mathrm{d}h_j$ with the weights $q_j$. There may be other maxima. Most of the time
+for a gradient goes into the sections of the elements with their slopes, as this short motion has
+few steps. Units are metre, kilogram and second.
 """
 
 from dataclasses import replace
@@ -61,7 +62,7 @@ def root(t):
 
 
 def whip(x, elements=ELEMENTS):
-    """The whip whose heights over their mean are x, in pieces of equal length."""
+    """The whip whose heights over their mean are $x$, in pieces of equal length."""
     heights = HEIGHT * np.asarray(x)
     last = len(heights) - 1
 
@@ -121,7 +122,7 @@ def linear(slope):
 
 
 def scaled(z):
-    """Heights over their mean of the free numbers z, and their shares q of what is above b."""
+    """Heights over their mean of the free numbers $z$, and shares $q$ of what is above $b$."""
     q = np.exp(z - z.max())
     q /= q.sum()
     return LEAST + (1 - LEAST) * len(z) * q, q
@@ -136,7 +137,7 @@ def best_linear(peak):
 
 
 def optimised(peak, x):
-    """The heights of the whip of the fastest tip near x, and the number of gradients."""
+    """The heights of the whip of the fastest tip near $x$, and the number of gradients."""
     unit = peak.value(x)
 
     def cost(z):

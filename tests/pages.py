@@ -1,5 +1,6 @@
 """Pages in Markdown, for tests: their Python, and their links."""
 
+import ast
 import re
 import subprocess
 import sys
@@ -17,17 +18,25 @@ def blocks(page):
     return re.findall(r"```python\n(.*?)```", text(page), flags=re.DOTALL)
 
 
+def prose(page):
+    """The text of a page without code; of a demo, what its docstrings say."""
+    says = text(page)
+    if page.suffix == ".py":
+        tree = ast.parse(says)
+        functions = [node for node in tree.body if isinstance(node, ast.FunctionDef)]
+        says = "\n\n".join(ast.get_docstring(node) or "" for node in [tree, *functions])
+    return re.sub(r"```.*?```|`[^`]*`", "", says, flags=re.DOTALL)
+
+
 def formulas(page):
     """The formulas of a page in LaTeX: those on lines of their own, and those in lines."""
-    prose = re.sub(r"```.*?```|`[^`]*`", "", text(page), flags=re.DOTALL)
-    found = re.findall(r"\$\$(.*?)\$\$|\$([^$]+)\$", prose, flags=re.DOTALL)
+    found = re.findall(r"\$\$(.*?)\$\$|\$([^$]+)\$", prose(page), flags=re.DOTALL)
     return [block for block, _ in found if block], [inline for _, inline in found if inline]
 
 
 def links(page):
     """Files that a page links to, and the names in them; pictures as well."""
-    prose = re.sub(r"```.*?```|`[^`]*`", "", text(page), flags=re.DOTALL)
-    for target in re.findall(r"\]\(([^)\s]+)\)", prose):
+    for target in re.findall(r"\]\(([^)\s]+)\)", prose(page)):
         if not re.match(r"https?:|#|10\.", target):
             file, _, name = target.partition("#")
             yield (page.parent / file).resolve(), name

@@ -16,7 +16,7 @@ import sys
 from pathlib import Path
 
 import notebooks
-from scripts import code_of, prose
+from scripts import code_of
 from sphinx.errors import ExtensionError
 from sphinx.util import logging
 
@@ -91,7 +91,7 @@ def page(demo, folder):
         name=demo.stem,
         notebook=notebook,
         title=title.rstrip("."),
-        text=prose(text.strip()),
+        text=text.strip(),
         animation="\n\n".join(moving),
         outcome=outcome.read_text(encoding="utf-8"),
         pictures="\n\n".join(still),

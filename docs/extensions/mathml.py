@@ -1,13 +1,22 @@
-"""Formulas as MathML, which browsers draw by themselves, with the font of the site: no script."""
+"""Formulas as MathML, which browsers draw by themselves, with the font of the site: no script.
+
+Of what Sphinx has, `sphinx.ext.mathjax` loads a script from another site and `sphinx.ext.imgmath`
+needs LaTeX. docutils makes MathML of LaTeX, but Sphinx does not call it.
+"""
 
 import re
 
 from docutils.nodes import SkipNode
 from docutils.utils.math.latex2mathml import tex2mathml
 
-# Signs without space around them; a prime in place of an apostrophe, a macron that the font has.
+# Signs without space around them; angle brackets of one size, a prime in place of an apostrophe, a
+# macron that the font has.
 _CLOSE = {
     '<mo stretchy="false">/</mo>': '<mo stretchy="false" lspace="0" rspace="0">/</mo>',
+    '<mo stretchy="false">|</mo>': '<mo stretchy="false" lspace="0" rspace="0">|</mo>',
+    "<mo>⟨</mo>": '<mo stretchy="false">⟨</mo>',
+    "<mo>⟩</mo>": '<mo stretchy="false">⟩</mo>',
+    "<mo>max</mo>": "<mi>max</mi>",
     "<mo>'</mo>": '<mo lspace="0" rspace="0">′</mo>',
     "ˉ": "¯",
 }
@@ -21,6 +30,8 @@ _FUNCTION = re.compile(
 _INDEX = re.compile(
     r"<munderover>\s*(<mi>[^<]*</mi>)\s*(.*?)\s*(<mo[^>]*>[¯ˆ˙¨˜]</mo>)\s*</munderover>", re.DOTALL
 )
+# A minus after these is that of a number.
+_MINUS = re.compile(r"((?:⟨|&lt;|,)</mo>\s*)<mo>−</mo>")
 _THIN = '<mspace width="0.1667em"/>'
 
 
@@ -37,6 +48,7 @@ def mathml(formula, as_block):
     for latex, better in _CLOSE.items():
         text = text.replace(latex, better)
     text = _INDEX.sub(r'<msub><mover accent="true">\1\3</mover>\2</msub>', text)
+    text = _MINUS.sub(r'\1<mo form="prefix">−</mo>', text)
     return _FUNCTION.sub(_spaced, text)
 
 
@@ -46,9 +58,7 @@ def inline(formula):
 
 
 def block(formula):
-    """A formula on a line of its own; rows are aligned at their signs &."""
-    if "\\\\" in formula and "\\begin" not in formula:
-        formula = f"\\begin{{align}}{formula}\\end{{align}}"
+    """A formula on a line of its own."""
     return f'<div class="formula">{mathml(formula, as_block=True)}</div>'
 
 

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 import jupytext
-from scripts import code_of, prose
+from scripts import code_of
 
 DEMOS = Path(__file__).parents[2] / "demos"
 #: Demos whose pages have a notebook: the first thing that they draw is a solution.
@@ -49,7 +49,7 @@ def of_demo(demo):
         if start.startswith(("from shared import", "def draw(", "if __name__")):
             lines[node.lineno - 1 : node.end_lineno] = [""] * (node.end_lineno - node.lineno + 1)
     code = code_of("\n".join(lines))
-    return of_page(f"# {title.rstrip('.')}\n\n{prose(text.strip())}\n\n## Code\n\n{code}{END}")
+    return of_page(f"# {title.rstrip('.')}\n\n{text.strip()}\n\n## Code\n\n{code}{END}")
 
 
 def write(path, folder):

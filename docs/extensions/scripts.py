@@ -1,22 +1,6 @@
-"""The script of a demo as Markdown: its text with formulas, and its code in pieces."""
+"""The script of a demo as Markdown: its code in pieces, each after the text of its function."""
 
 import ast
-
-import formulas
-
-
-def prose(text):
-    """Text in Markdown: indented lines and equations as formulas, a drawing as it is."""
-    parts = []
-    for block in text.split("\n\n"):
-        if not block.startswith("    "):
-            parts.append(formulas.inline(block))
-        elif "---" in block:
-            parts.append(f"```text\n{block}\n```")
-        else:
-            lines = [formulas.latex(line) for line in block.splitlines()]
-            parts += [f"$$\n{line}\n$$" for line in lines]
-    return "\n\n".join(parts)
 
 
 def _start(node, lines):
@@ -37,7 +21,7 @@ def pieces(source):
         says = ast.get_docstring(node) if isinstance(node, ast.FunctionDef) else None
         if says:
             yield text, code
-            text, first = f"**{node.name}**: {formulas.inline(says)}", node.body[0]
+            text, first = f"**{node.name}**: {says}", node.body[0]
             code = lines[start : first.lineno - 1] + lines[first.end_lineno : end]
         else:
             code = [*code, *lines[start:end]]
