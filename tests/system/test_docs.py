@@ -95,13 +95,18 @@ def test_each_page_can_be_reached(page):
     home = page.parent if page.name != "index.md" else page.parent.parent
     home = DOCS / "index.md" if home == DOCS else home / "index.md"
     entry = name_of(page).removeprefix(f"{name_of(home.parent / 'x')[:-1]}")
-    assert re.search(rf"^{entry}$", pages.text(home), flags=re.MULTILINE)
+    assert re.search(rf"^({entry}|[\w -]+ <{entry}>)$", pages.text(home), flags=re.MULTILINE)
 
 
-def test_each_demo_is_in_the_gallery_and_has_a_text_on_its_results():
-    shown = {file.stem for file, _ in pages.links(DOCS / "gallery.md") if file.suffix == ".py"}
+def test_the_home_has_the_example_of_the_readme():
+    assert pages.blocks(DOCS / "index.md") == pages.blocks(pages.ROOT / "README.md")
+
+
+def test_each_demo_is_in_the_gallery_once_and_has_a_text_on_its_results():
+    links = [file for file, _ in pages.links(DOCS / "gallery.md")]
+    shown = sorted(file.stem for file in links if file.suffix == ".py")
     demos = {demo.stem for demo in DEMOS}
-    assert shown == demos
+    assert shown == sorted([*demos, *demos])  # its picture and its name
     assert {page.stem for page in (DOCS / "outcomes").glob("*.md")} == demos  # on their pages
 
 
