@@ -31,7 +31,7 @@ from shared import script
 log = logging.getLogger("fx_beam.demo")
 
 MASS = {1: 0.04325, 2: 0.00365, 3: 0.02373, 4: 0.00706, 5: 0.07050, 6: 0.00706, 7: 0.05498}  # [kg]
-INERTIA = dict(  # [kg m^2]
+INERTIA = dict(  # [kg m²]
     enumerate((2.194e-6, 4.410e-7, 5.255e-6, 5.667e-7, 1.169e-5, 5.667e-7, 1.912e-5), start=1)
 )
 # Fixed points [m].

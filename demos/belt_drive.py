@@ -66,8 +66,8 @@ ON_ARC = 24  # elements over half of a pulley
 EA, MU, PULL, RATE = 2000.0, 0.5, 40.0, 10.0  # [N], friction, [N], [rad/s]
 BELT = fb.Section(EA=EA, GA=EA / 2, EI=1e-4, rhoA=0.1, rhoI=1e-6, retardation=2e-3)
 DRAG = 0.18  # of the load [N m s]
-MASS, INERTIA = 1.0, 5e-3  # of a pulley [kg, kg m^2]
-STIFFNESS, STICKS = 1e8, 1e8  # of contact and of friction, per length [N/m^2]
+MASS, INERTIA = 1.0, 5e-3  # of a pulley [kg, kg m²]
+STIFFNESS, STICKS = 1e8, 1e8  # of contact and of friction, per length [N/m²]
 LOSS = {"restitution": 0.3, "speed": 0.02}  # of contact
 TIGHTENED, FULL = 0.3, 0.8  # the belt is tight, the pulley has its rate [s]
 DT, EVERY, T_END, STEADY = 1e-3, 10, 2.4, 2.0  # [s]; means are from here on

@@ -36,7 +36,7 @@ from shared import script
 log = logging.getLogger("fx_beam.demo")
 
 LIMB, RADIUS = 0.85, 1.6  # length of a limb, radius of the arc as which it is built [m]
-EI_GRIP, TAPER = 120.0, 0.6  # bending stiffness at the grip [N m^2], its relative loss to the tip
+EI_GRIP, TAPER = 120.0, 0.6  # bending stiffness at the grip [N m²], its relative loss to the tip
 PER_LENGTH = 0.3  # of a limb at the grip [kg/m]; it falls by half to the tip
 STRING_EA, STRING_PER_LENGTH = 5e4, 4e-3  # [N], [kg/m]
 HALF_STRING = RADIUS * np.sin(LIMB / RADIUS)

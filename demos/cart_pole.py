@@ -35,12 +35,12 @@ from shared import script
 log = logging.getLogger("fx_beam.demo")
 
 LENGTH, WIDTH, HEIGHT = 1.0, 15e-3, 2.5e-3  # of the pole [m]
-E, RHO, RETARDATION = 70e9, 2700.0, 2e-5  # aluminium, with a little damping [Pa, kg/m^3, s]
+E, RHO, RETARDATION = 70e9, 2700.0, 2e-5  # aluminium, with a little damping [Pa, kg/m³, s]
 TIP, CART_HALF = 0.1, 0.15  # mass at the tip [kg]; half of the cart's length [m]
 ELEMENTS = 8
 RIGID = 1e3  # factor on the bending stiffness of a pole that is nearly rigid
 STATES = 8  # of the controller; 4 for a rigid pole
-WEIGHTS = (20.0, 40.0, 2e4, 0.05)  # q_c, q_d, q_b [1/m^2], r [1/N^2]
+WEIGHTS = (20.0, 40.0, 2e4, 0.05)  # q_c, q_d, q_b [1/m²], r [1/N²]
 DT, T_END = 2e-3, 9.0  # [s]
 GUST, GUST_TIME = 0.4, (0.5, 0.7)  # force at the tip [N], from and to [s]
 GOAL, GOAL_TIME = 1.0, 4.0  # new place of the cart [m], from this time on [s]

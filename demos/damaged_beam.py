@@ -41,7 +41,7 @@ from dolfinx import fem
 
 log = logging.getLogger("fx_beam.demo")
 
-LENGTH, EA, GA, EI = 1.0, 1e6, 1e6, 4.0  # [m], [N], [N], [N m^2]
+LENGTH, EA, GA, EI = 1.0, 1e6, 1e6, 4.0  # [m], [N], [N], [N m²]
 LIMIT, A, B = 0.5, 0.6, 0.8  # K0 [1/m], A, B [m]
 ANGLE = 2.0  # of the end [rad]
 FORCE = 4.5  # [N]

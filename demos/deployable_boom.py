@@ -36,10 +36,10 @@ from shared import script
 log = logging.getLogger("fx_beam.demo")
 
 LENGTH = 1.0  # of a panel [m]
-PANEL = fb.Section(  # [N], [N], [N m^2], [kg/m], [kg m], [s]
+PANEL = fb.Section(  # [N], [N], [N m²], [kg/m], [kg m], [s]
     EA=1e6, GA=1e6, EI=400.0, rhoA=1.0, rhoI=1e-3, retardation=5e-3
 )
-HUB = {"mass": 20.0, "inertia": 2.0}  # [kg], [kg m^2]
+HUB = {"mass": 20.0, "inertia": 2.0}  # [kg], [kg m²]
 STIFFNESS = 2.0  # of the spring of a hinge [N m/rad]
 # From the folded position to the latch [rad]: panels lie up, down, up; then all to the right.
 ANGLES = -np.pi / 2, np.pi, -np.pi

@@ -33,9 +33,9 @@ log = logging.getLogger("fx_beam.demo")
 RADIUS, HEIGHT = 0.5, 0.5  # of the ring, and below it [m]
 SECTION = fb.Section(EA=1e5, GA=4e4, EI=2.0, rhoA=1.0, rhoI=2e-5)
 ELEMENTS, DEGREE = 16, 2  # of each half
-STIFFNESS = 1e5  # of the contact, per length of the ring [N/m^2]
+STIFFNESS = 1e5  # of the contact, per length of the ring [N/m²]
 SPEED = 0.02  # below which the loss of a restitution is viscous [m/s]
-VELOCITY, GRAVITY = 0.5, 9.81  # along the plane [m/s], [m/s^2]
+VELOCITY, GRAVITY = 0.5, 9.81  # along the plane [m/s], [m/s²]
 MASS = 2 * np.pi * RADIUS * SECTION.rhoA
 DT, T_END = 1e-3, 4.0  # [s]
 RESTITUTIONS = 1.0, 0.7, 0.0

@@ -37,7 +37,7 @@ log = logging.getLogger("fx_beam.demo")
 
 LENGTH, WIDTH, HEIGHT, LOAD = 1.0, 20e-3, 3e-3, 0.05  # [m], mass at the tip [kg]
 ALUMINIUM = {"E": 70e9, "nu": 0.33, "rho": 2700.0}
-ANGLE, A_MAX = np.pi / 2, 12.0  # [rad], [rad/s^2]
+ANGLE, A_MAX = np.pi / 2, 12.0  # [rad], [rad/s²]
 GOAL = LENGTH * np.array([np.cos(ANGLE), np.sin(ANGLE)])
 INTERVALS, DEGREE = 40, 7  # of the acceleration; degree of the best polynomial
 LIMIT, WINDOW = 1e-3, 0.3  # distance of the tip [m], time after T in which it counts [s]

@@ -26,7 +26,7 @@ log = logging.getLogger("fx_beam.demo")
 MODULE, ALPHA = 4e-3, np.radians(20.0)  # m [m], pressure angle
 TEETH = 18, 27
 APART, SKIN = 3e-4, 2e-5  # d, and half thicknesses of the outlines [m]
-STIFFNESS = 1e9  # of the contact [N/m^2]
+STIFFNESS = 1e9  # of the contact [N/m²]
 RIGID = fb.Section(EA=1e6, GA=1e6, EI=1e2)  # no unknown depends on it
 BRAKE = 0.05  # on the wheel [N m s]
 SPEED, RAMP, BACK = 8.0, 0.1, 0.5  # of the motor [rad/s], its start [s], where it turns back [s]

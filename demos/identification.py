@@ -37,7 +37,7 @@ from shared import script
 log = logging.getLogger("fx_beam.demo")
 
 NAMES = ("E1", "E2", "rho1", "rho2", "tau1", "tau2", "friction")
-TRUE = np.array([2.0e9, 1.2e9, 1200.0, 1000.0, 4e-3, 8e-3, 0.02])  # [Pa, kg/m^3, s, N m]
+TRUE = np.array([2.0e9, 1.2e9, 1200.0, 1000.0, 4e-3, 8e-3, 0.02])  # [Pa, kg/m³, s, N m]
 GUESS = TRUE * np.array([0.85, 1.2, 1.15, 0.85, 1.5, 0.6, 1.6])  # x0
 LENGTHS, HEIGHT, WIDTH = (0.5, 0.4), 3e-3, 20e-3  # [m]
 TIP = 0.05  # [kg]; without it only ratios of the numbers change the motion

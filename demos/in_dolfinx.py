@@ -80,8 +80,8 @@ from dolfinx import fem, io
 log = logging.getLogger("fx_beam.demo")
 
 LENGTH = 100.0  # [in]
-EA, GA, EI = 4e7, 1e7, 1.3e7  # [lb], [lb], [lb in^2]
-RHO_A, RHO_I = 0.05, 1 / 60  # [lb s^2/in^2], [lb s^2]
+EA, GA, EI = 4e7, 1e7, 1.3e7  # [lb], [lb], [lb·in²]
+RHO_A, RHO_I = 0.05, 1 / 60  # [lb·s²/in²], [lb·s²]
 VELOCITY = 600.0  # in the middle of the beam [in/s]
 ELEMENTS = 8
 DT, T_END = 0.01, 4.0  # [s]

@@ -33,7 +33,7 @@ SECTION = fb.Section.rectangle(
     width=10e-3,  # [m]
     E=70e9,  # [Pa]
     nu=0.33,
-    rho=2700.0,  # [kg/m^3]
+    rho=2700.0,  # [kg/m³]
 )
 SPEED = math.sqrt(SECTION.EA / SECTION.rhoA)  # c [m/s]
 ROW_SPEED = SPEED / math.sqrt(2)  # [m/s]

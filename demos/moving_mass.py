@@ -44,10 +44,10 @@ from shared import script
 
 log = logging.getLogger("fx_beam.demo")
 
-LENGTH, PER_LENGTH, EI = 10.0, 100.0, 1.0e7  # L [m], m [kg/m], [N m^2]
+LENGTH, PER_LENGTH, EI = 10.0, 100.0, 1.0e7  # L [m], m [kg/m], [N m²]
 BEAM = fb.Section(EA=1e10, GA=1e10, EI=EI, rhoA=PER_LENGTH)
 POST = fb.Section(EA=1e8, GA=1e8, EI=1e8)  # without mass
-MASS, GRAVITY = 250.0, 9.81  # M [kg], [m/s^2]: a quarter of the beam's mass
+MASS, GRAVITY = 250.0, 9.81  # M [kg], [m/s²]: a quarter of the beam's mass
 FIRST = (np.pi / LENGTH) ** 2 * np.sqrt(EI / PER_LENGTH)  # w_1 [rad/s]
 SPEEDS = {f"a = {a}": a * FIRST * LENGTH / np.pi for a in (0.1, 0.25, 0.5)}  # v [m/s]
 STATIC = MASS * GRAVITY * LENGTH**3 / (48 * EI)  # deflection by the weight in the middle [m]

@@ -54,7 +54,7 @@ log = logging.getLogger("fx_beam.demo")
 RIGHT, LEFT = (1.0, 0.0), (0.0, 0.0)  # supports [m]
 A, B, MIDDLE = (1.0, 1.0), (0.0, 1.0), (0.0, 0.5)  # joints [m]
 SIZE = 1.0  # [m]
-# Steel strip; EA/EI = 12/height^2 = 3e6 1/m^2.
+# Steel strip; EA/EI = 12/height^2 = 3e6 1/m².
 SECTION = fb.Section.rectangle(height=2e-3, width=20e-3, E=210e9, nu=0.3, rho=7850.0)
 ELEMENTS = 5  # of each member
 PULSE = (0.0, 0.25, 0.5), (0.0, -15.0, 0.0)  # times [s] and moment at the right support [N m]

@@ -48,12 +48,12 @@ from shared import script
 
 log = logging.getLogger("fx_beam.demo")
 
-EA, GA, EI = 400.0, 150.0, 0.05  # [N], [N], [N m^2]
+EA, GA, EI = 400.0, 150.0, 0.05  # [N], [N], [N m²]
 K_BEND = 5.0  # curvature at which the bending stiffness has doubled, k [1/m]
 LENGTH = 1.0  # [m]
-GRAVITY = (0.0, -9.81)  # [m/s^2]
-VISCOSITY = 0.4  # c [N s/m^2]
-BED_STIFFNESS, BED_DEPTH = 80.0, 0.6  # k [N/m^2], d [m]
+GRAVITY = (0.0, -9.81)  # [m/s²]
+VISCOSITY = 0.4  # c [N s/m²]
+BED_STIFFNESS, BED_DEPTH = 80.0, 0.6  # k [N/m²], d [m]
 JET = 2.0  # q [N/m]
 DAMPING = 0.2  # chi [-]
 DT, T_END = 0.004, 3.0  # [s]

@@ -35,7 +35,7 @@ log = logging.getLogger("fx_beam.demo")
 
 CRANK, COUPLER = 1.0, 2.0  # a, b [m]
 MASS, INERTIA = 1.0, 1e-3  # m [kg/m], i [kg m]
-GRAVITY = 9.81  # [m/s^2]
+GRAVITY = 9.81  # [m/s²]
 # Angle at the start [rad] and mass M [kg] of the mechanisms, and stiffnesses EA [N] of their bars.
 STARTS = (np.pi / 3, 0.0), (0.3, 1.0), (0.8, 5.0), (1.2, 10.0)
 STIFFNESSES = tuple(10.0 ** np.arange(6, 12.1, 0.5))

@@ -39,7 +39,7 @@ from shared import script
 
 log = logging.getLogger("fx_beam.demo")
 
-# Strip of steel, 1 m long, 30 mm x 5 mm [N, N m^2, kg/m, kg m, s]
+# Strip of steel, 1 m long, 30 mm x 5 mm [N, N m², kg/m, kg m, s]
 SECTION = fb.Section(EA=31.5e6, GA=10e6, EI=65.6, rhoA=1.18, rhoI=2.45e-6, retardation=2.5e-4)
 LENGTH = 1.0  # [m]
 EULER = np.pi**2 * SECTION.EI / LENGTH**2  # unit of loads [N]

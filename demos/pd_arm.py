@@ -33,7 +33,7 @@ log = logging.getLogger("fx_beam.demo")
 
 LENGTH, WIDTH, HEIGHT = 1.0, 20e-3, 3e-3  # of the arm [m]
 ALUMINIUM = {"E": 70e9, "nu": 0.33, "rho": 2700.0}
-HUB, LOAD = 0.01, 0.05  # inertia of the hub [kg m^2], mass at the tip [kg]
+HUB, LOAD = 0.01, 0.05  # inertia of the hub [kg m²], mass at the tip [kg]
 ELEMENTS = 8
 ANGLE, RISE = 1.0, 0.8  # goal [rad] and the time T in which it is reached [s]
 T_END, DT = 6.0, 1e-3  # [s]

@@ -57,12 +57,12 @@ OURS = {
 }
 LENGTH = 0.5  # L [m], deduced
 MASS = 1.0  # m [kg], deduced
-GRAVITY = 9.81  # g [m/s^2]
+GRAVITY = 9.81  # g [m/s²]
 SPEED = 1.695  # v0 [m/s], deduced: it gives a swing of 45 degrees
 SECTION = fb.Section(
     EA=1e10,  # [N], deduced
     GA=1e10,  # [N], deduced
-    EI=1e3,  # [N m^2], deduced; no effect, as the beam does not bend
+    EI=1e3,  # [N m²], deduced; no effect, as the beam does not bend
     rhoA=0.0,  # [kg/m]
     rhoI=0.0,  # [kg m]
 )

@@ -51,9 +51,9 @@ LENGTH = 100.0  # l [in]
 SECTION = fb.Section(
     EA=4e7,  # [lb]
     GA=1e7,  # [lb], deduced
-    EI=1.3e7,  # [lb in^2]
-    rhoA=0.05,  # [lb s^2/in^2]
-    rhoI=1 / 60,  # [lb s^2], deduced: a square section, 2 in wide
+    EI=1.3e7,  # [lb·in²]
+    rhoA=0.05,  # [lb·s²/in²]
+    rhoI=1 / 60,  # [lb·s²], deduced: a square section, 2 in wide
 )
 VELOCITY = 600.0  # V, in the middle of the beam [in/s]
 ELEMENTS = 8

@@ -45,13 +45,13 @@ from shared import script
 log = logging.getLogger("fx_beam.demo")
 
 # 1. The bar
-BAR = {"EA": 2e4, "GA": 8e3, "EI": 6.0}  # [N], [N], [N m^2]
-BAR_YIELD, BAR_HARDENING = 0.3, 1.5  # M_p [N m], H [N m^2]
+BAR = {"EA": 2e4, "GA": 8e3, "EI": 6.0}  # [N], [N], [N m²]
+BAR_YIELD, BAR_HARDENING = 0.3, 1.5  # M_p [N m], H [N m²]
 CURVATURES = 0.0, 0.2, -0.2, 0.3, -0.3, 0.0  # corners of the path [1/m]
 
 # 2. The frame
 FRAME = {"EA": 6e9, "GA": 2e9, "EI": 2e8}  # stiff, so that displacements stay small
-FRAME_YIELD, FRAME_HARDENING = 100e3, 5e3  # [N m], [N m^2]
+FRAME_YIELD, FRAME_HARDENING = 100e3, 5e3  # [N m], [N m²]
 HEIGHT, SPAN = 3.0, 6.0  # h, l [m]
 VERTICAL = 100e3  # V [N]
 LIMIT = (6 * FRAME_YIELD - VERTICAL * SPAN / 2) / HEIGHT  # F [N]
@@ -63,9 +63,9 @@ STIFFER = 1, 10  # how much stiffer the frame with hinges is
 # 3. The ring
 RADIUS = 0.5  # [m]
 RING = {"EA": 4e5, "GA": 1.6e5, "EI": 4.0, "rhoA": 1.0, "rhoI": 1e-5}
-RING_YIELD, RING_HARDENING = 8.0, 0.2  # [N m], [N m^2]
-SPEED, GRAVITY = 6.0, 9.81  # [m/s], [m/s^2]
-GROUND = 1e5  # stiffness of the ground [N/m^2]
+RING_YIELD, RING_HARDENING = 8.0, 0.2  # [N m], [N m²]
+SPEED, GRAVITY = 6.0, 9.81  # [m/s], [m/s²]
+GROUND = 1e5  # stiffness of the ground [N/m²]
 DT, T_END = 5e-4, 0.6  # [s]
 SHOWN = 0, 200, 1200  # steps in the picture
 

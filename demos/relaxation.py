@@ -30,7 +30,7 @@ from shared import script
 
 log = logging.getLogger("fx_beam.demo")
 
-EI, EI_1, TAU = 4.0, 2.0, 0.5  # [N m^2], [N m^2], [s]
+EI, EI_1, TAU = 4.0, 2.0, 0.5  # [N m²], [N m²], [s]
 RATE = 1.0  # c [1/(m s)] or [N m/s]
 LENGTH, T_END = 1.0, 2.0  # [m], [s]
 STEPS = 0.2, 0.1, 0.05, 0.025  # [s]

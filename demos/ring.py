@@ -39,7 +39,7 @@ SECTION = fb.Section.rectangle(
     width=20e-3,  # [m]
     E=210e9,  # [Pa]
     nu=0.3,
-    rho=7850.0,  # [kg/m^3]
+    rho=7850.0,  # [kg/m³]
 )
 WAVES = 2, 3, 4, 5
 MESHES = {1: (32, 64), 2: (16, 32), 3: (12, 24)}  # elements by degree, of the whole ring

@@ -31,7 +31,7 @@ from shared import script
 log = logging.getLogger("fx_beam.demo")
 
 LENGTH = 10.0  # L [m]
-SECTION = fb.Section(EA=1e4, GA=1e4, EI=500.0, rhoA=1.0, rhoI=0.05)  # [N], [N], [N m^2], ...
+SECTION = fb.Section(EA=1e4, GA=1e4, EI=500.0, rhoA=1.0, rhoI=0.05)  # [N], [N], [N m²], ...
 CIRCLE = 2 * np.pi * SECTION.EI / LENGTH  # M that closes the circle [N m]
 ELEMENTS, DEGREE = 16, 2
 MESHES = {1: (4, 8, 16, 32), 2: (2, 4, 8, 16), 3: (2, 4, 8)}  # elements by degree

@@ -43,7 +43,7 @@ from shared import script
 
 LENGTH, WIDTH = 1.0, 0.02  # L [m], across the plane [m]
 HEIGHT, LEAST = 3e-3, 0.3  # mean height H [m]; least one b, over the mean
-MATERIAL = {"E": 3e9, "rho": 1200.0}  # [Pa, kg/m^3], a plastic
+MATERIAL = {"E": 3e9, "rho": 1200.0}  # [Pa, kg/m³], a plastic
 RETARDATION = 2e-3  # of a Kelvin-Voigt material [s]
 ANGLE, TURN = 1.5, 0.3  # A [rad], T [s]
 ELEMENTS, DT, T_END = 12, 2e-3, 0.6  # n, [s], [s]

@@ -52,6 +52,7 @@ html_js_files = ["pictures.js"]
 html_copy_source = html_show_sourcelink = False
 html_sidebars = {
     "first_steps": [],
+    "tutorial": [],
     "tasks": [],
     "gallery": [],
     "how_we_know": [],
