@@ -2,10 +2,10 @@ r"""Bars in axial impact: one that hits a wall, and one that hits another bar en
 
 A bar that flies along its axis with the speed $v$ hits a rigid wall, or a bar of the same kind at
 rest. Objective: the force while they touch and how long that lasts, against the exact solutions of
-the wave equation (Saint-Venant 1867). With the wave speed $c = \sqrt{EA/\rho A}$
+the wave equation (Saint-Venant 1867). With the wave speed $c = \sqrt{EA/\rho A}$:
 
 - wall: $F = v \sqrt{EA\,\rho A}$ for the time $2 L/c$, then the bar flies back with $v$,
-- two bars: $F = \frac{1}{2} v \sqrt{EA\,\rho A}$ for $2 L/c$, then they have changed their
+- two bars: $F = \frac{1}{2} v \sqrt{EA\,\rho A}$ for $2 L/c$, then they have exchanged their
   velocities.
 
 In both cases a wave runs from the place of the impact to the free end and back. Behind it no
