@@ -175,7 +175,7 @@ class AdaptiveRun:
                         if result.switched:
                             break
             finally:
-                integrator.state.restore(*copy)
+                integrator.state.restore(copy)
             stats.rejected += self._order + AVERAGED
             if failed:
                 self._fail(state, dt)

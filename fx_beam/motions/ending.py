@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from copy import copy
-from types import SimpleNamespace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,9 +13,9 @@ from fx_beam.dual import without_slopes
 from fx_beam.errors import SceneError, is_number, shown
 from fx_beam.results.state import State
 from fx_beam.step.recorder import NullRecorder, Recorder
+from fx_beam.step.state_vector import StateCopy
 
-from .grid import Grid
-from .measurement import FittedState, readings
+from .measurement import Instant, fitted_value, readings
 from .prepared import Prepared
 
 # Accuracy of the time of the end, relative to the step, and to the time.
@@ -37,7 +37,7 @@ class _Mark(NamedTuple):
     """The end of a step, to which a run can return."""
 
     state: State
-    in_c: tuple[np.ndarray, list[bytes]]
+    in_c: StateCopy
     halving: dict[str, Any]
     stats: dict[str, Any]
     rows: int
@@ -52,10 +52,9 @@ class Ending:
         self._last = start = recorder.end
         #: Time over which rates of driven motions are found at the start [s].
         self._ahead = prepared.options.dt or 1e-3 * (prepared.options.t_end - start.t)
-        #: The present state in a step, as `FittedState` reads that of a stepper.
-        self._step = SimpleNamespace()
-        self._now = FittedState(prepared.model, prepared.forcing, self._step)
-        self._readings = readings(prepared, self._now, prepared.options.outputs or {})
+        #: What outputs are read from: the last state, and where its step starts and ends.
+        self._step: tuple[State, Instant | None, Instant | None] = start, None, None
+        self._readings = readings(prepared, self._value, prepared.options.outputs or {})
         self._before: _Mark | None = None
         #: Length of the last step [s]; zero before the first one.
         self._length = 0.0
@@ -166,13 +165,15 @@ class Ending:
         self, start: State, end: State, names: Sequence[str] | None = None
     ) -> dict[str, float]:
         """Values of conditions at the end of a step: numbers, or 1 where they are met, else -1."""
-        step = self._step
-        grid = Grid(start.t, 0, end.t - start.t or self._ahead)
-        step.present, step.grid, step.number = start, grid, 0
-        self._now.begin(start, self._length)
-        if end is not start:
-            self._now.leave()
-            step.present, step.number = end, 1
+        first = last = None
+        if self._prepared.model.fits_rates:
+            forcing, dt = self._prepared.forcing, end.t - start.t or self._ahead
+            length, known = self._length or -dt, start.driven_rates
+            last = Instant(forcing, start.t, length, partial(getattr, start), known)
+            if end is not start:
+                first = last
+                last = Instant(forcing, start.t + dt, dt, partial(getattr, end), None, first)
+        self._step = end, first, last
         outputs = {key: read() for key, read in self._readings.items()}
         values: dict[str, float] = {}
         for name in self._conditions if names is None else names:
@@ -197,6 +198,10 @@ class Ending:
             values[name] = 2.0 * bool(value) - 1.0 if truth else float(value)
         return values
 
+    def _value(self, name: str) -> Any:
+        state, *instants = self._step
+        return fitted_value(name, partial(getattr, state), *instants)
+
     def _mark(self) -> _Mark:
         stepper, recorder = self._stepper, self._recorder
         stats = copy(vars(stepper.stats)) | {"ended_by": dict(stepper.stats.ended_by)}
@@ -205,7 +210,7 @@ class Ending:
 
     def _return_to(self, mark: _Mark) -> None:
         stepper = self._stepper
-        stepper.integrator.state.restore(*mark.in_c)
+        stepper.integrator.state.restore(mark.in_c)
         vars(stepper.halving).update(mark.halving)
         vars(stepper.stats).update(mark.stats | {"ended_by": dict(mark.stats["ended_by"])})
         self._recorder.end = mark.state

@@ -7,7 +7,7 @@ from copy import copy
 from dataclasses import dataclass, replace
 from threading import RLock
 from time import perf_counter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,10 +25,11 @@ from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import NullRecorder, Record, Recorder, Rows
 from fx_beam.step.single_steps import CompiledSingleSteps
+from fx_beam.step.state_vector import StateCopy
 
 from .evaluation import solution_of
 from .grid import Grid, grid_from
-from .measurement import FittedState, readings
+from .measurement import Instant, fitted_state, fitted_value, readings
 from .options import MOST_STEPS, Options, check_scene
 from .prepared import Prepared, state_of
 from .surroundings import waiting_team
@@ -91,172 +92,184 @@ class Snapshot:
             )
 
 
-class OpenMotion:
-    """Takes steps of the length dt [s]. State, time, inputs and record agree after all interrupts.
+class _Course(NamedTuple):
+    """What the steps of a motion go on from, since it began or was restored."""
 
-    What changes several of them first says how it is completed or undone; `settle` does so. Steps
-    that fail, and those in parts, are taken by the `Stepper`.
+    start: State
+    #: Times of the ends of steps, their rows, and the number of all steps before.
+    grid: Grid
+    recorder: Rows
+    steps: int
+
+
+class _Present(NamedTuple):
+    """The end of a step of a motion: copies, which no further step changes."""
+
+    course: _Course
+    #: Number of steps in this course, and time [s].
+    number: int
+    t: float
+    #: The state in C, and that of `Halving`.
+    in_c: StateCopy
+    parts: np.ndarray | None
+    #: Values of inputs by name, and full turns (size,) that are missing in the state [rad].
+    inputs: dict[str, np.ndarray]
+    turns: np.ndarray
+    #: Where the last step starts and ends, if rates are fitted.
+    start: Instant | None = None
+    end: Instant | None = None
+
+
+class OpenMotion:
+    """Takes steps of the length dt [s].
+
+    A step changes the state in C, inputs and record; then one assignment makes it the present one.
+    After an interrupt before that, `settle` copies the present state into C. Steps that fail, and
+    those in parts, are taken by the `Stepper`.
     """
+
+    #: The present state.
+    now: _Present
 
     def __init__(self, prepared: Prepared, held: HeldInputs, dt: float, record: Record | None):
         self._prepared, self._dt, self._record = prepared, dt, record
-        #: What completes or undoes what an interrupt may have broken off, and its arguments.
-        self._pending: tuple[Callable[..., None], tuple] | None = None
         self.held = held
-        #: What tries the steps, and has the present state.
-        self._steps = CompiledSingleSteps(prepared.stepper.integrator, dt)
-        #: The present state as it is shown.
-        self.shown = FittedState(prepared.model, prepared.forcing, self)
+        self._loop = loop = prepared.stepper.integrator
+        self._steps = CompiledSingleSteps(loop, dt)
+        #: The present state that C has; None while a step is taken.
+        self._in_c: _Present | None = None
+        #: Arrays of the state in C by name.
+        self.arrays = loop.state.arrays.__getitem__
 
     def begin(self, state: State, removed: np.ndarray, grid: Grid) -> None:
         """Begin to step and to record from a state, in which full turns are missing."""
-        counter, model = self._prepared.turn_counter, self._prepared.model
+        counter, model, loop = self._prepared.turn_counter, self._prepared.model, self._loop
         turns = counter.turns_of(state)
         state = counter.without(turns, state)
-        counter.removed[:] = removed + turns
-        #: Times of the ends of steps.
-        self.grid = grid
-        self._load(state, 0)
-        self.shown.begin(state)
-        #: The rows of the steps.
-        self.recorder: Rows = NullRecorder()
+        counter.removed[:] = turns = removed + turns
+        self._load(state)
+        recorder: Rows = NullRecorder()
         if self._record is not None:
-            self.recorder = Recorder(model, np.array([state.t]), self._record)
-            self.recorder.miss(counter.removed)
-            self._prepared.stepper.integrator.record(state, self.recorder)
-        #: Present time [s].
-        self.t = grid(0)
+            recorder = Recorder(model, np.array([state.t]), self._record)
+            recorder.miss(turns)
+            loop.record(state, recorder)
+        course = _Course(state, grid, recorder, self._prepared.stats.steps)
+        copy, parts = loop.state.copy(), self._prepared.stepper.halving.state
+        now = _Present(course, 0, grid(0), copy, parts, self.held.values, turns)
+        if model.fits_rates:
+            arrays, known = loop.state.arrays_of(now.in_c), state.driven_rates
+            end = Instant(self._prepared.forcing, now.t, -self._dt, arrays, known)
+            now = now._replace(end=end)
+        self._be(now)
 
-    def _load(self, state: State, number: int) -> None:
-        """Return to a state and the number of steps to it."""
+    def _load(self, state: State) -> None:
+        self._in_c = None
         self._prepared.stepper.load(state)
-        self._steps.load(state, number)
-        #: Number of steps that the statistics have.
-        self._counted = number
-        #: While a step is taken in parts: the last state, and the number of steps to it.
-        self._last: tuple[State, int] | None = None
+        self._steps.load(state)
+
+    def _be(self, now: _Present) -> None:
+        """Have a present state, which is that in C."""
+        self._in_c = now
+        self.now = now
 
     def settle(self) -> None:
-        """Complete or undo what an interrupt has broken off."""
-        if self._pending is not None:
-            mend, arguments = self._pending
-            mend(*arguments)  # which may be interrupted, and called again
-            self._pending = None
+        """Undo what an interrupt or an error has left of a step that was not taken."""
+        now, course, prepared = self.now, self.now.course, self._prepared
+        if self._in_c is now:
+            return
+        self._loop.state.restore(now.in_c)
+        prepared.stepper.halving.resume(now.parts)
+        prepared.forcing.hold(course.start)
+        self.held.set(now.inputs)
+        self.held.arrive()
+        prepared.turn_counter.removed[:] = now.turns
+        course.recorder.truncate(1 + now.number // course.recorder.every)
+        course.recorder.miss(now.turns)
+        self._in_c = now
 
     # -- Steps --------------------------------------------------------------------------------
 
     def step(self, inputs: Mapping[str, Any]) -> None:
         """Take a step with some new inputs."""
-        if self._pending is not None:
+        if self._in_c is not self.now:
             self.settle()
-        held, number = self.held, self.number + 1
-        checked, t0, t1 = held.checked(inputs), self.t, self.grid(number)
-        if number >= self.recorder.planned:
-            ends = self.grid(np.arange(number, number + _ROWS))
-            self.recorder.plan(number, ends, last=False)
-        self._pending = self._end_step, (number, t0, t1, held.values)
-        self.shown.leave()
+        now, held = self.now, self.held
+        (_, grid, recorder, _), number = now.course, now.number + 1
+        checked, t1 = held.checked(inputs), grid(number)
+        if number >= recorder.planned:
+            ends = grid(np.arange(number, number + _ROWS))
+            recorder.plan(number, ends, last=False)
+        self._in_c, parts = None, now.parts
         held.set(checked)
-        held.begin(t0, t1)
-        self._take(number, t0, t1)
-        self._end_step(number, t0, t1, {})
-        self._pending = None
+        held.begin(now.t, t1)
+        stepper = self._prepared.stepper
+        if stepper.halving.times or not self._steps.take(number, now.t, grid, recorder):
+            self._loop.count()
+            stepper.advance(self.state(), np.array([t1]), number, recorder)
+            parts = stepper.halving.state
+        held.arrive()
+        recorder.truncate(1 + number // recorder.every)
+        copy, start, end = self._loop.state.copy(), now.end, None
+        if start is not None:
+            arrays = self._loop.state.arrays_of(copy)
+            end = Instant(self._prepared.forcing, t1, self._dt, arrays, start=start)
+        course, inputs, turns = now.course, held.values, now.turns
+        self._be(_Present(course, number, t1, copy, parts, inputs, turns, start, end))
         if number % full_turns.STEPS == 0:
             self._count_turns()
 
-    def _take(self, number: int, t0: float, t1: float) -> None:
-        """Take a step from t0 to t1 [s]; one that fails, or is one of parts, by the stepper."""
-        stepper = self._prepared.stepper
-        if stepper.halving.times or not self._steps.take(number, t0, self.grid, self.recorder):
-            self.count()
-            start = self.state()
-            self._last = start, number - 1
-            end = stepper.advance(start, np.array([t1]), number, self.recorder)
-            past, parts = stepper.integrator.state.past, stepper.halving.state
-            self._last = replace(end, parts=parts, past=past), number
-
-    def _end_step(self, number: int, t0: float, t1: float, inputs: Mapping[str, Any]) -> None:
-        """End a step, whether it was taken or not; if not, with the inputs that it began with."""
-        if self._last is not None:
-            self._load(*self._last)
-        done = self.number == number
-        if done:
-            self.held.arrive()
-        else:
-            self.held.set(inputs)
-        self.t = t1 if done else t0
-        self.recorder.truncate(1 + self.number // self.recorder.every)
-
     def _count_turns(self) -> None:
         """Count full turns separately, so that they do not add to rounding errors."""
-        counter, state = self._prepared.turn_counter, self.state()
+        counter, state, now = self._prepared.turn_counter, self.state(), self.now
         turns = counter.turns_of(state)
         if turns.any():
-            self.count()  # as C begins to count anew
-            without = counter.without(turns, state), self.number
-            self._pending = self._turn_back, (*without, counter.removed + turns)
-            self.settle()
-
-    def _turn_back(self, state: State, number: int, removed: np.ndarray) -> None:
-        """Go on from the present state without its full turns; `removed` are all that miss."""
-        self._prepared.turn_counter.removed[:] = removed
-        self.recorder.miss(removed)
-        self._load(state, number)
+            self._load(counter.without(turns, state))
+            counter.removed[:] = turns = counter.removed + turns
+            now.course.recorder.miss(turns)
+            self._be(now._replace(in_c=self._loop.state.copy(), turns=turns))
 
     def count(self) -> None:
         """Add what was counted to the statistics."""
-        steps = self.number - self._counted
-        self._prepared.stats.steps += steps
-        self._steps.count(steps)
-        self._counted += steps
+        self._prepared.stats.steps = self.now.course.steps + self.now.number
+        self._loop.count()
 
     # -- The present state ----------------------------------------------------------------------
 
-    @property
-    def number(self) -> int:
-        """Number of steps since `begin`."""
-        return self._steps.completed
-
-    @property
-    def present(self) -> Any:
-        """The present state: its arrays by the names in `State`, with the rates of steps."""
-        return self._steps.now
+    def value(self, name: str) -> Any:
+        """An array of `State` as it is shown, with rates that fit the joints."""
+        return fitted_value(name, self.arrays, self.now.start, self.now.end)
 
     def state(self) -> State:
-        """The same, with all on which the next step depends."""
-        state = self._steps.state(self.grid(self.number))
-        return replace(state, parts=self._prepared.stepper.halving.state)
+        """The state in C, with all on which the next step depends."""
+        state, halving = self._loop.state, self._prepared.stepper.halving
+        return state.read(self.now.t).changed(past=state.past, parts=halving.state)
+
+    def shown(self) -> State:
+        """The same as it is shown, with the present inputs."""
+        self.settle()
+        state = fitted_state(self.state(), self.now.start, self.now.end)
+        return state.changed(inputs=self.held.all, input_names=self.held.names)
 
     def end(self) -> State:
-        """The same as it is shown, with its full turns."""
-        self.settle()
-        return self.holding(self._prepared.turn_counter.with_turns(self.shown.state()))
+        """The same with its full turns."""
+        return self._prepared.turn_counter.with_turns(self.shown())
 
     def solution(self, stats: Stats) -> Solution:
-        """The same as a solution of one row; C returns to the state of the steps after it."""
-        end, loop = self.end(), self._prepared.stepper.integrator
+        """The same as a solution of one row."""
+        end = self.end()
         recorder = Recorder(self._prepared.model, np.array([end.t]), Record())
-        self._pending = loop.state.restore, loop.state.copy()
-        loop.record(end, recorder)
-        self.settle()
+        self._in_c = None
+        self._loop.record(end, recorder)
         return solution_of(recorder, stats, lambda: end)
-
-    def holding(self, state: State) -> State:
-        """A state with the present inputs."""
-        return state.changed(inputs=self.held.all, input_names=self.held.names)
 
     def restore(self, snapshot: Snapshot) -> None:
         """Return to a snapshot of the same scene."""
         self.settle()
         self.count()
-        self._pending = self._return_to, (snapshot,)
-        self.settle()
-
-    def _return_to(self, snapshot: Snapshot) -> None:
-        state = snapshot.state
-        self._prepared.forcing.hold(state)
-        self.held.resume(self._prepared.forcing, state)
-        self.begin(state, snapshot.turns, Grid(*snapshot.step, self._dt))
+        self._in_c, forcing = None, self._prepared.forcing
+        forcing.hold(snapshot.state)
+        self.held.resume(forcing, snapshot.state)
+        self.begin(snapshot.state, snapshot.turns, Grid(*snapshot.step, self._dt))
 
 
 Controller = Callable[[float, dict[str, Any]], Mapping[str, Any] | None]
@@ -366,7 +379,7 @@ class Motion:
             state = state_of(prepared.model, start)
             held.resume(prepared.forcing, state)
         self._open = OpenMotion(prepared, held, self._dt, record)
-        self._readings = readings(prepared, self._open.shown, outputs)
+        self._readings = readings(prepared, self._open.value, outputs)
         state = prepared.first_state(self._dt, start)
         self._open.begin(state, np.zeros(prepared.model.size), grid_from(state.t, self._dt))
         prepared.stats.setup_seconds = perf_counter() - clock
@@ -437,9 +450,9 @@ class Motion:
         outputs = self.outputs
         with ctrl_c_between_blocks():
             motion = self._open
-            while motion.t < last:
+            while motion.now.t < last:
                 with uninterrupted:  # what the controller remembers belongs to the step
-                    inputs = None if controller is None else controller(motion.t, outputs)
+                    inputs = None if controller is None else controller(motion.now.t, outputs)
                     outputs = self.step(inputs)
         return outputs
 
@@ -447,7 +460,7 @@ class Motion:
 
     @property
     def _settled(self) -> OpenMotion:
-        """The motion after what an interrupt has broken off is completed or undone."""
+        """The motion without what an interrupt has left of a step."""
         self._open.settle()
         return self._open
 
@@ -455,7 +468,7 @@ class Motion:
     @one_thread
     def t(self) -> float:
         """Present time [s]."""
-        return self._settled.t
+        return self._open.now.t
 
     @property
     def dt(self) -> float:
@@ -466,20 +479,20 @@ class Motion:
     @one_thread
     def q(self) -> np.ndarray:
         """Present displacements and rotations of the nodes, (n_node, 3) [m, rad]."""
-        turns = self._prepared.turn_counter.removed
-        return (self._settled.present.q + turns).reshape(-1, 3)
+        motion = self._settled
+        return (motion.arrays("q") + motion.now.turns).reshape(-1, 3)
 
     @property
     @one_thread
     def v(self) -> np.ndarray:
         """Their rates, (n_node, 3) [m/s, rad/s]."""
-        return np.array(self._settled.shown.value("v")).reshape(-1, 3)
+        return np.array(self._settled.value("v")).reshape(-1, 3)
 
     @property
     @one_thread
     def slides(self) -> np.ndarray:
         """Present slides of the joints, (joints,) [m]; NaN of those that were removed."""
-        slides = self._settled.present.slides.copy()
+        slides = self._settled.arrays("slides").copy()
         slides[self._prepared.model.removed_joints] = np.nan
         return slides
 
@@ -489,7 +502,7 @@ class Motion:
         """Present values of the inputs: a number, or an array (2,) of an input without factor."""
         return {
             name: value.copy() if len(value) > 1 else float(value[0])
-            for name, value in self._settled.held.values.items()
+            for name, value in self._open.now.inputs.items()
         }
 
     @property
@@ -526,13 +539,14 @@ class Motion:
         SceneError
             If nothing is recorded.
         """
-        recorder = self._settled.recorder
+        recorder = self._settled.now.course.recorder
         if not isinstance(recorder, Recorder):
             raise SceneError(
                 "Motion.solution: nothing was recorded. Create the motion with record=fb.Record()"
             )
         # Its steps are those of its rows, and not those before the last `restore`.
-        return solution_of(recorder, replace(self.stats, steps=self._open.number), self._open.end)
+        stats = replace(self.stats, steps=self._open.now.number)
+        return solution_of(recorder, stats, self._open.end)
 
     # -- Snapshots --------------------------------------------------------------------------------
 
@@ -545,10 +559,9 @@ class Motion:
         Snapshot
             The present state.
         """
-        motion, turns = self._settled, self._prepared.turn_counter.removed.copy()
-        state = motion.holding(motion.shown.state())
-        step = motion.grid.origin, motion.grid.first + motion.number
-        return Snapshot(motion.t, state, step, turns)
+        state, now = self._open.shown(), self._open.now
+        step = now.course.grid.origin, now.course.grid.first + now.number
+        return Snapshot(now.t, state, step, now.turns)
 
     @one_thread
     def restore(self, snapshot: Snapshot) -> dict[str, Any]:

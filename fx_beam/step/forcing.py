@@ -45,6 +45,8 @@ class Forcing:
             for (node, component), function in scene.prescribed.items()
         ]
         self._driven += [(getattr(j, name).motor, f"motor of {j}") for j, name in model.motors]
+        #: Which of them are inputs of a motion (driven,): these go straight in a step.
+        self.straight = np.array([function.ramps for function in self.functions], dtype=bool)
         #: Numbers of those that are locked.
         self._held = [i for i, (of, _) in enumerate(self._driven) if isinstance(of, Held)]
 

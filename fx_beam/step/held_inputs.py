@@ -69,11 +69,12 @@ class HeldInputs:
 
     def set(self, values: Mapping[str, Any]) -> None:
         """Set some inputs for the next steps."""
-        new = {name: np.array(value, float, ndmin=1) for name, value in values.items()}
-        self.values = self.values | new
-        for name, value in new.items():
+        new = dict(self.values)
+        for name, value in values.items():
+            new[name] = array = np.array(value, float, ndmin=1)
             for part in self.parts[name]:
-                part.set(value)
+                part.set(array)
+        self.values = new
 
     def begin(self, t0: float, t1: float) -> None:
         """Set the times of a step [s]."""

@@ -122,7 +122,7 @@ class CompiledLoop:
             known = len(inputs.driven) // self._problem.scheme.sub_steps
             taken = self._steps(known, dt, self.c_inputs(inputs), to)
         recorder.count(to.rows, to.starts)
-        self.count(taken)
+        self.count()
         return taken
 
     def _steps(self, number: int, dt: float, c_inputs: Any, to: Any) -> int:
@@ -184,7 +184,7 @@ class CompiledLoop:
         failure = StepFailed("no convergence", "no convergence", np.zeros(self.model.size))
         if not taken:
             failure = self.failures.in_c(self.problem, state)
-        self.state.restore(*copy)
+        self.state.restore(copy)
         return failure
 
     def c_inputs(self, inputs: StepInputs):
@@ -240,17 +240,17 @@ class CompiledLoop:
             row.target = self._ffi.from_buffer("double[]", array)
         return rows
 
-    def count(self, taken: int) -> None:
-        """Add what C has counted in some steps or parts to the statistics."""
+    def count(self) -> None:
+        """Add what C has counted since it was asked last to the statistics."""
         counts, stats = self._library.fx_take_counts(self._problem), self.stats
-        stats.substeps += taken
+        stats.substeps += counts.taken
         stats.newton_iterations += counts.iterations
         stats.too_large += counts.too_large
         stats.amplified += counts.amplified
         if counts.inverted:
             self.inversion.count(counts.inverted, counts.inverted_t, self.problem.inverted_q)
         by_round_off = counts.by_round_off
-        solves = taken * self._problem.scheme.sub_steps - by_round_off
+        solves = counts.taken * self._problem.scheme.sub_steps - by_round_off
         for name, count in (("increment", solves), ("round-off", by_round_off)):
             if count:
                 stats.ended_by[name] = stats.ended_by.get(name, 0) + count

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,19 +19,13 @@ _BLOCK = 64
 
 
 class CompiledSingleSteps:
-    """Tries single steps of the length dt [s] from the present state.
-
-    An interrupt may come anywhere between two lines of Python: C takes a step as a whole, and
-    counts it.
-    """
+    """Tries single steps of the length dt [s] from the state in C."""
 
     def __init__(self, loop: CompiledLoop, dt: float):
         self._loop, self._dt = loop, dt
         problem = loop.problem
         self._p, self._run = problem.c, problem.library.fx_run
         self._unrecorded = loop.c_record(NullRecorder(), 1)
-        #: The present state: arrays of C.
-        self.now = SimpleNamespace(**problem.state.arrays)
         #: Rows of a recorder for C, and the recorder and its plan to which they belong.
         self._rows = self._unrecorded
         self._plan: tuple[Recorder | None, int] = None, -1
@@ -74,20 +67,10 @@ class CompiledSingleSteps:
         if not self._varies:
             self._fill(self._loop.inputs(0.0, np.array([self._dt])), 0)
 
-    def load(self, state: State, number: int) -> None:
-        """Begin with a state after some steps."""
+    def load(self, state: State) -> None:
+        """Begin with a state, and with step number 1."""
         self._known = no_inputs(1), 0
         self._loop.state.load(state)
-        self._p.run.completed = number
-
-    @property
-    def completed(self) -> int:
-        """Number of steps to the present state."""
-        return self._p.run.completed
-
-    def state(self, t: float) -> State:
-        """The present state, with its past."""
-        return self._loop.state.read(t).changed(past=self._loop.state.past)
 
     def take(self, number: int, t0: float, grid: Callable[..., Any], recorder: Rows) -> bool:
         """Whether a step from t0 [s] succeeds; otherwise the state is that before it.
@@ -113,7 +96,7 @@ class CompiledSingleSteps:
             self._loop.check()
             return False
         if p.counts.inverted:
-            self._loop.count(0)  # which warns
+            self._loop.count()  # which warns
         return True
 
     def _rows_of(self, recorder: Recorder):
@@ -144,7 +127,3 @@ class CompiledSingleSteps:
         for target, source in zip(self._inputs[:5], inputs[:5], strict=True):
             if source.size:
                 target[...] = source[of_step].reshape(target.shape)
-
-    def count(self, taken: int) -> None:
-        """Add what C has counted in some steps to the statistics."""
-        self._loop.count(taken)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -13,15 +14,15 @@ from fx_beam.results.state import ARRAYS, FORCES, NUMBERS, Past, State
 
 from .model import Model
 
-# Structs of C whose numbers go with the memory.
-_STRUCTS = "state", "predictor", "control"
+#: A copy of the memory, and of the numbers that go with it.
+StateCopy = tuple[np.ndarray, bytes]
 
 
 class StateVector:
     """The state of a problem in C, with its past and its local errors."""
 
     def __init__(self, model: Model, c: Any, ffi: Any, C: Any):
-        self._model, self._c, self._ffi = model, c, ffi
+        self._model, self._c = model, c
         n = model.size
         #: Shapes of the arrays of the state by name.
         self.shapes = {name: array.lengths(model.sizes) for name, array in ARRAYS.items()}
@@ -39,6 +40,9 @@ class StateVector:
         self.arrays = {name: arrays[name].reshape(shape) for name, shape in self.shapes.items()}
         self._driven = arrays["driven_now"]
         self._ages = arrays["ages"], arrays["error_ages"]
+        # Numbers that go with the memory, in structs of C that follow each other, as bytes.
+        first, stop = (ffi.offsetof(ffi.typeof(c).item, name) for name in ("state", "run"))
+        self._numbers = ffi.buffer(ffi.addressof(c, "state"), stop - first)
         # Ages, and divided differences of nodes (PAST, size) and of unknowns (PAST, free).
         by_age = np.split(arrays["past"].reshape(C.PAST, -1), [n], axis=1)
         self._past = arrays["ages"], *by_age
@@ -116,16 +120,16 @@ class StateVector:
         control.scheme_order, _ = order_and_constant(self._model.scheme)
         control.known, control.ratios = 0, [-1.0, -1.0]
 
-    def copy(self) -> tuple[np.ndarray, list[bytes]]:
+    def copy(self) -> StateCopy:
         """A copy of all, for `restore`."""
-        return self.memory.copy(), [bytes(numbers) for numbers in self._numbers()]
+        # Local errors, behind all else, are not known where steps are not controlled.
+        stop = None if self._c.control.known else self.places["error_ages"].start
+        return self.memory[:stop].copy(), bytes(self._numbers)
 
-    def restore(self, memory: np.ndarray, copies: list[bytes]) -> None:
+    def arrays_of(self, copy: StateCopy) -> Callable[[str], np.ndarray]:
+        """Arrays of a copy by name, as vectors."""
+        return lambda name: copy[0][self.places[name]]
+
+    def restore(self, copy: StateCopy) -> None:
         """Have all again as it was copied."""
-        self.memory[:] = memory
-        for numbers, copied in zip(self._numbers(), copies, strict=True):
-            numbers[:] = copied
-
-    def _numbers(self) -> list[Any]:
-        """Numbers that go with the memory, as bytes of C."""
-        return [self._ffi.buffer(self._ffi.addressof(self._c, name)) for name in _STRUCTS]
+        self.memory[: len(copy[0])], self._numbers[:] = copy

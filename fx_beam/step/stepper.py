@@ -120,7 +120,7 @@ class Stepper:
         try:
             result = integrator.take(state, steps, recorder)
         finally:
-            integrator.state.restore(*copy)
+            integrator.state.restore(copy)
         return Trial(result.state if result.taken else None, result.switches)
 
     def try_steps(

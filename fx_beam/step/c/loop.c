@@ -324,7 +324,7 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Reco
     }
     if (p->scheme.sub_steps > 1 || to->parts > 1) summarise(p, w, dt, part, to->parts);
     if (wanted) record(p, w, to);
-    ++p->run.completed;
+    p->counts.taken += !p->run.repeats;
     double most = wanted ? p->state.energies[1] : steps > 1 ? most_strain_energy(p) : HUGE_VAL;
     if (most >= p->inverted.least_energy) count_inverted(p, w);
   }

@@ -394,13 +394,12 @@ typedef struct {
   int repeats;          /* whether steps are repeated for their tape alone */
   int keeps_joint_forces; /* whether they are computed in every step, recorded or not */
   int sub_step;         /* number of the present one */
-  long completed;       /* steps or parts; Python knows by it what an interrupt leaves */
   int failure;
 } Run;
 
 /* What was counted in the steps or parts since it was taken (fx_take_counts). */
 typedef struct {
-  int iterations, by_round_off;
+  int taken, iterations, by_round_off;
   int too_large;        /* those with rotations above large_turn per step */
   int amplified;        /* those that were refused, as dampers gave energy */
   int inverted;         /* those that end with inverted sections */
