@@ -117,18 +117,15 @@ class LoadLoop(CompiledLoop):
 
         No time passes for internal variables.
         """
-        p, driven = self._problem, self.forcing.positions(interval.end)
+        driven = self.forcing.positions(interval.end)
         inputs = self._begin_step(state, interval, 0.0)
         z = self.model.reduction.in_columns(y, driven - self.forcing.current(state))
-        r = np.ascontiguousarray(r)
-        p.newton.known, p.newton.known_forces = (
-            self._ffi.from_buffer("double[]", x) for x in (z, r)
+        c_inputs, r = self.c_inputs(inputs), np.ascontiguousarray(r)
+        c_inputs.known, c_inputs.known_forces = map(
+            self._ffi.from_buffer, ("double[]",) * 2, (z, r)
         )
         self._one_row.rows = 0
-        try:
-            self._steps(1, 0.0, self.c_inputs(inputs), self._one_row)
-        finally:
-            p.newton.known = p.newton.known_forces = self._ffi.NULL
+        self._steps(1, 0.0, c_inputs, self._one_row)
         return self._taken(state, interval)
 
     def _begin_step(self, state: State, interval: Interval, length: float) -> StepInputs:

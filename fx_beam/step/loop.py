@@ -73,13 +73,6 @@ class CompiledLoop:
         `completed` counts the parts that were taken, and gives the number of whole steps.
         """
         p, ends, inputs = self._problem, steps.ends, steps.inputs
-        p.control.controlled, p.control.watches = (
-            steps.control is not None,
-            steps.watch and p.control.switches > 0,
-        )
-        if steps.control is not None:
-            p.control.smooth, p.control.raw, p.control.coarse = steps.control.factors(steps.dt)
-            p.control.lowest, p.control.highest = steps.control.band(steps.dt)
         with uninterrupted:
             if taken := self._run(state, steps, recorder):
                 state = self.state.read(float(ends[taken - 1]))
@@ -107,7 +100,7 @@ class CompiledLoop:
         self.state.load(state)
         recorder.begin(state)
         to = self.c_record(recorder, 0, first=0)
-        self._library.fx_run(self._problem, 0, 0.0, self._ffi.NULL, to)
+        self._library.fx_run(self._problem, 0, 0.0, self._ffi.NULL, self._ffi.NULL, to)
         recorder.count(to.rows, to.starts)
 
     def _run(self, state: State, steps: Steps, recorder: Rows) -> int:
@@ -120,14 +113,23 @@ class CompiledLoop:
             taken = self._run_taped(tape, steps, state.t, to)
         else:
             known = len(inputs.driven) // self._problem.scheme.sub_steps
-            taken = self._steps(known, dt, self.c_inputs(inputs), to)
+            taken = self._steps(known, dt, self.c_inputs(inputs), to, self._limits(steps))
         recorder.count(to.rows, to.starts)
         self.count()
         return taken
 
-    def _steps(self, number: int, dt: float, c_inputs: Any, to: Any) -> int:
+    def _limits(self, steps: Steps) -> Any:
+        """When C ends a run before its last step, as the errors or switches of a step tell."""
+        watches, control = steps.watch and self._problem.control.switches > 0, steps.control
+        if control is None:
+            return self._ffi.new("Limits *", [0, watches])
+        limits = *control.factors(steps.dt), *control.band(steps.dt)
+        return self._ffi.new("Limits *", [1, watches, *limits])
+
+    def _steps(self, number: int, dt: float, c_inputs: Any, to: Any, limits: Any = None) -> int:
         """Number of steps that C takes."""
-        taken = self._library.fx_run(self._problem, number, dt, c_inputs, to)
+        limits = self._ffi.NULL if limits is None else limits
+        taken = self._library.fx_run(self._problem, number, dt, c_inputs, limits, to)
         self.check()
         return taken
 
@@ -164,7 +166,7 @@ class CompiledLoop:
             c_inputs = self.c_inputs(rest)
             now = TakenSteps(count, steps.dt, to.parts, to.part, c_inputs, rest, times[taken:])
             to.tape = tape.begin(now)
-            done = self._steps(count, steps.dt, c_inputs, to)
+            done = self._steps(count, steps.dt, c_inputs, to, self._limits(steps))
             tape.end(done)
             taken, to.part = taken + done, to.part + done
             if done < count or self._problem.control.stopped:
@@ -173,12 +175,11 @@ class CompiledLoop:
 
     def failure(self, state: State, t1: float) -> StepFailed:
         """Why a step to t1 [s] fails, without a prediction."""
-        p, copy, inputs = self._problem, self.state.copy(), self.inputs(state.t, np.array([t1]))
+        copy, inputs = self.state.copy(), self.inputs(state.t, np.array([t1]))
         if inputs.error is not None:
             raise inputs.error
         self.state.past = None
         self.state.load(state)
-        p.control.controlled = p.control.watches = 0
         to = self.c_record(NullRecorder(), 1)
         taken = self._steps(1, t1 - state.t, self.c_inputs(inputs), to)
         failure = StepFailed("no convergence", "no convergence", np.zeros(self.model.size))

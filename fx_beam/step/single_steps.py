@@ -25,6 +25,7 @@ class CompiledSingleSteps:
         self._loop, self._dt = loop, dt
         problem = loop.problem
         self._p, self._run = problem.c, problem.library.fx_run
+        self._no_limits = problem.ffi.NULL
         self._unrecorded = loop.c_record(NullRecorder(), 1)
         #: Rows of a recorder for C, and the recorder and its plan to which they belong.
         self._rows = self._unrecorded
@@ -91,7 +92,7 @@ class CompiledSingleSteps:
             to = self._rows_of(recorder)
             to.first = number
         p.state.t = t0
-        if not self._run(p, 1, self._dt, self._c_inputs, to):
+        if not self._run(p, 1, self._dt, self._c_inputs, self._no_limits, to):
             self._plan = None, -1  # parts of this step have the same record of C
             self._loop.check()
             return False

@@ -51,7 +51,7 @@ _NOT_ALWAYS = {
     "at_points": ("stored_at", "slide_rate"),
     "scheme": ("rule_stored_at", "nodal_rule"),
     "statics": ("hold", "hold_dof", "viscous_weight", "diagonal_at"),
-    "newton": ("find", "predicted", "known", "known_forces"),
+    "newton": ("find", "predicted"),
 }
 
 

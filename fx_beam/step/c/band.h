@@ -47,9 +47,7 @@ INLINED void substitute(int reach, int direction, const double *restrict row, do
 
 /* Rows of a band matrix that are eliminated downwards from its start, and those that are eliminated upwards
    from its end, around this one; between them are at least twice the bandwidth. */
-typedef struct {
-  int top, bottom;
-} Ends;
+typedef struct { int top, bottom; } Ends;
 
 INLINED Ends ends_around(int n, int band, int middle) {
   int top = middle - band, bottom = n - middle - band;

@@ -11,18 +11,12 @@
 typedef Four Changes;
 
 /* An entry of a Jacobian: the number `to` changes by `slope` times the change of `from`. */
-typedef struct {
-  int from, to;
-  double slope;
-} Entry;
+typedef struct { int from, to; double slope; } Entry;
 
 /* Laws that are evaluated one after the other: entries, or tables that a scene has already, of which slopes are signs times
    `values`, or 1 for copies. */
 typedef struct {
-  Entry *entry;
-  long count, room;
-  const int *from, *to, *value;
-  const double *sign, *values;
+  Entry *entry; long count, room; const int *from, *to, *value; const double *sign, *values;
   int from_array, to_array; /* where the arrays of `from` and `to` begin */
   int lacks_memory;
 } Block;
@@ -64,8 +58,7 @@ enum { SPACING = 40 };
    on the chord; y and y_c. */
 enum {
   AT, ALONG = AT + 2 * WINDOW_NODES, PARTS = ALONG + 2 * WINDOW_NODES, TOTAL = PARTS + WINDOW_NODES, AXIS,
-  APART = AXIS + 3, TURN = APART + 2, ON_CHORD, MEAN_TURN = ON_CHORD + 2, NODE_TURN, SLIDE_NUMBERS
-};
+  APART = AXIS + 3, TURN = APART + 2, ON_CHORD, MEAN_TURN = ON_CHORD + 2, NODE_TURN, SLIDE_NUMBERS };
 
 KEPT Layout fx_layout(const Problem *p, const Derivatives *a) {
   Layout l;
@@ -84,8 +77,7 @@ KEPT Layout fx_layout(const Problem *p, const Derivatives *a) {
   ARRAY(loads, 2 * p->loads.count), ARRAY(driven, p->driven), ARRAY(follower_force, 2 * p->loads.follower_forces);
   ARRAY(parameters, 2 * p->parameters.count), ARRAY(naturals, p->natural.count), ARRAY(hold, p->statics.holds);
   ARRAY(Y1, columns + SPACING), ARRAY(q1, n), ARRAY(arms, 2 * joints), ARRAY(slides, SLIDE_NUMBERS * p->sliders.count);
-  ARRAY(natural1, natural), ARRAY(internal1, internal), ARRAY(springs1, p->at_points.spring_width),
-      ARRAY(map, 1 + 4 * joints);
+  ARRAY(natural1, natural), ARRAY(internal1, internal), ARRAY(springs1, p->at_points.spring_width), ARRAY(map, 1 + 4 * joints);
   ARRAY(held, 3 * p->sliders.count), next += SPACING, ARRAY(r, n), next += SPACING, ARRAY(R, columns > n ? columns : n);
   ARRAY(closures, p->loops.closures), ARRAY(closing, p->loops.closures);
   ARRAY(pushed, p->loops.carried ? columns : 0), ARRAY(carried, p->loops.carried ? n : 0);

@@ -9,8 +9,7 @@ static void begin_points(const Problem *p, const Work *w) {
   const PointForces *points = p->points;
   find_slide_rates(p, w);
   double t = p->state.t + p->scheme.level * w->dt;
-  fx_begin_points(points, p->state.q, p->state.v, p->state.slides, p->at_points.slide_rate, t, w->dt,
-      p->state.spring_internal);
+  fx_begin_points(points, p->state.q, p->state.v, p->state.slides, p->at_points.slide_rate, t, w->dt, p->state.spring_internal);
   for (int i = 0; i < p->loads.follower_forces; ++i)
     memcpy(points->of[points->external + i].numbers, w->follower_force + 2 * i, 2 * sizeof(double));
 }

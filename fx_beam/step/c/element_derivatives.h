@@ -66,8 +66,7 @@ static int begin_taped(Problem *p, Work *w, const Derivatives *a, const double *
   if (!expand(p, w)) return 0;
   if (HAS(MEMBERS) && p->points->members) settle_members(p, w);
   for (int i = 0; i < 2; ++i) begin_form(p, w, &work_of_elements(a, i)->slopes, p->state.t + p->scheme.level * dt);
-  if (unread) work_increment(p, w), acceleration(p, w, dt), evaluate_nodes(p, w);
-  else balance(p, w);
+  if (unread) work_increment(p, w), acceleration(p, w, dt), evaluate_nodes(p, w); else balance(p, w);
   if (w->by_slopes && !a->by_unknowns) find_slopes(p, w, a, l), add_slopes(p, &a->internal_forces, l->slopes[0], w->tangent);
   if (p->at_points.friction_follows) set_axes(p, w);
   if (!l->adds) l->of[TOUCHED].count = 0;
@@ -160,8 +159,7 @@ INLINED void vjp_cells(const Problem *p, const Work *w, const Vjp *of, const dou
   double room[of->slope_numbers * LANES + 1];
   EACH_BLOCK(integral, block, &of->slopes) {
     const double *slopes = stored ? stored : room;
-    if (stored) stored += (long)of->slope_numbers * LANES;
-    else evaluate_slopes(p, w, of, integral, block, room);
+    if (stored) stored += (long)of->slope_numbers * LANES; else evaluate_slopes(p, w, of, integral, block, room);
     for (int k = 0; k < of->weights * LANES; ++k) ((double *)weight)[k] = x[to[k]];
     for (int i = 0; i < of->pieces; ++i) {
       int internal = of->weight_at[i], at = of->number_at[i];

@@ -37,9 +37,7 @@ static void begin_elimination(Elimination *e) {
 }
 
 /* Groups in lists by their degree, the unknowns with which they are coupled, but those that still wait for so many others. */
-typedef struct {
-  int *head, *tail, *next, *previous, *mark, *waits, *degree;
-} Degrees;
+typedef struct { int *head, *tail, *next, *previous, *mark, *waits, *degree; } Degrees;
 
 static void take_out(Degrees *d, int g) {
   if (d->waits[g]) return;

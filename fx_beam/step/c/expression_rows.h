@@ -6,8 +6,6 @@
 typedef void (*Tabulate)(double *, const double *, const double *, const double *, const int *, const unsigned char *, void *);
 
 /* Numbers of coefficients, constants, coordinates and values of an element. */
-typedef struct {
-  int width, constants, coordinates, values;
-} Sizes;
+typedef struct { int width, constants, coordinates, values; } Sizes;
 
 void fx_tabulate(Tabulate tabulate, Sizes of, int rows, int cells, const double *w, const double *c, const double *x, double *A);

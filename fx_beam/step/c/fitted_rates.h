@@ -20,12 +20,7 @@ enum { TIED_BY_MAP = BEGUN, SPREAD_BY_MAP = FORCED, SLID_BY_MAP = TOUCHED, INERT
 enum { FIT_BLOCKS = 21 };
 
 /* What is linear in the rates, and T by the configuration, in the order in which they are evaluated. */
-typedef struct {
-  Linear of, shape;
-  Block *block[FIT_BLOCKS];
-  long size;
-  int solutions;
-} Fit;
+typedef struct { Linear of, shape; Block *block[FIT_BLOCKS]; long size; int solutions; } Fit;
 
 static void begin_fits(const Problem *p, Work *w, const Derivatives *a, Fit *f) {
   Linear *l = &f->of, *shape = &f->shape;

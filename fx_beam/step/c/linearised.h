@@ -15,13 +15,11 @@
    start, those of a run. EQUAL, SPREAD, COLLECTED, ROWS and ROWS_BY_MAP are tables. */
 enum {
   STRAINED, DRIVEN, ARMS, WEIGHED, TIED, EQUAL, SPREAD, PLACED, TOUCHED, FORCED, SLID, LEVERS, CARRIED, COLLECTED, ROWS,
-  ROWS_BY_MAP, MAPPED, CLOSED, JOINED, BEGUN, BLOCKS
-};
+  ROWS_BY_MAP, MAPPED, CLOSED, JOINED, BEGUN, BLOCKS };
 
 /* A sub-step that is linearised, and room for what follows it. */
 typedef struct {
-  Layout at;
-  Block of[BLOCKS];
+  Layout at; Block of[BLOCKS];
   double *slopes[2];                        /* of the forces of elements, and of drag */
   int stores;                               /* whether they are there */
   double share;                             /* with which forces are added to a sum; 0 for none */
@@ -147,8 +145,7 @@ static void put_auxiliaries(const Problem *p, const Linear *l, const double *val
   for (int k = 0; k < p->auxiliary.arms; ++k)
     put(to, l->at.arms + p->auxiliary.arm[k], Y + p->columns + p->auxiliary.arm_of[k], p->joints.sign[p->auxiliary.arm[k]]);
   for (int k = 0; k < p->auxiliary.entries; ++k)
-    put(to, Y + p->auxiliary.column[k], Y + p->columns + p->auxiliary.of[k],
-        p->auxiliary.sign[k] * values[p->auxiliary.value[k]]);
+    put(to, Y + p->auxiliary.column[k], Y + p->columns + p->auxiliary.of[k], p->auxiliary.sign[k] * values[p->auxiliary.value[k]]);
 }
 
 /* Places q at the start (0) or at the end (1), there besides EQUAL and SPREAD, from columns Y, arms, and the beams on which
@@ -212,8 +209,7 @@ static void put_points(const Problem *p, const Derivatives *a, Linear *l) {
     call(a->slopes[k], e->given, a->of_point, all * wide);
     if (reversal) reverse(reversal, n, wide, 2 * n + e->internal + numbers - 2, e->load >= 0, a->of_point);
     for (int i = 0; i < all; ++i) {
-      int row = i >= n ? l->at.springs1 + e->first_internal + i - n
-                       : e->slide >= 0 ? l->at.R + e->column : in(l->at.r, e->dof[i]);
+      int row = i >= n ? l->at.springs1 + e->first_internal + i - n : e->slide >= 0 ? l->at.R + e->column : in(l->at.r, e->dof[i]);
       if (i == 1 && e->joint >= 0) put_point(l, e, numbers, first, -1, slopes, l->at.moments + e->joint, to);
       slopes = put_point(l, e, numbers, first, pushed, slopes, row, to);
     }
@@ -288,8 +284,7 @@ static void put_closing(const Problem *p, const Work *w, Linear *l) {
       put(to, closing, l->at.R + p->loops.column[p->loops.near[k]], -w->G_virtual[k]);
     put(to, closing, in(l->at.r, p->loops.b[i]), -1), put(to, closing, in(l->at.r, p->loops.a[i]), 1);
     for (int k = p->loops.entry_start[i]; p->loops.carried && k < p->loops.entry_start[i + 1]; ++k)
-      put(to, closing, l->at.pushed + p->loops.entry_column[k],
-          -p->loops.entry_sign[k] * w->virtual_map[p->loops.entry_value[k]]);
+      put(to, closing, l->at.pushed + p->loops.entry_column[k], -p->loops.entry_sign[k] * w->virtual_map[p->loops.entry_value[k]]);
   }
   for (const Slider *a = p->sliders.slider + p->sliders.count - 1; p->loops.carried && a >= p->sliders.slider; --a) {
     int held[3];
@@ -383,8 +378,7 @@ static int factorise_for_directions(Problem *p, const Work *w) {
 static void solve_right_sides(const Problem *p, const Work *w, const Linear *l) {
   Work of_block = *w;
   double *x = of_block.block = (double *)l->block, *g = (double *)l->on_bordering_rows;
-  if (p->newton.raised) solve_raised(p, w, GROUP_SIZE, x);
-  else solve_columns(p, &of_block, 1);
+  if (p->newton.raised) solve_raised(p, w, GROUP_SIZE, x); else solve_columns(p, &of_block, 1);
   if (!HAS(SLIDERS) || !p->border.rows) return;
   memset(g, 0, p->border.rows * sizeof(Changes));
   pass_on(p, GROUP_SIZE, 0, x, g);

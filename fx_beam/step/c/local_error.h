@@ -24,6 +24,6 @@ HOT double local_error(Problem *p, const Work *w, double dt) {
   for (int i = 0; i < n; ++i)
     mean[i] = (now[i] + 2 * last[i] + before[i]) / 4, before[i] = last[i], last[i] = now[i];
   if (++p->control.known < order + AVERAGED) return -1;
-  double fine = product * fmax(p->control.smooth * largest(n, mean, p->mesh.per_error), p->control.raw * raw);
-  return fmax(fine, p->control.coarse * (product * displaced - RESOLVED * moved));
+  double fine = product * fmax(p->control.limits.smooth * largest(n, mean, p->mesh.per_error), p->control.limits.raw * raw);
+  return fmax(fine, p->control.limits.coarse * (product * displaced - RESOLVED * moved));
 }

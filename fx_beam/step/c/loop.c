@@ -152,12 +152,12 @@ static int find_increment(Problem *p, const Work *w, const double *driven, int o
   return failure;
 }
 
-/* Takes the increment of the columns that is known, and the forces with it. */
-static int take_increment(Problem *p, const Work *w, const double *known) {
+/* Takes the increment of the columns that is known, and the forces if these are. */
+static int take_increment(Problem *p, const Work *w, const double *known, const double *forces) {
   memcpy(w->z, known, p->columns * sizeof(double));
   if (!(begin_couplings(p, w) || (HAS(LOOPS) && choose_ahead(p, w))) || !expand(p, w)) return SINGULAR;
-  if (!p->newton.known_forces) return OK;
-  memcpy(w->r, p->newton.known_forces + p->run.sub_step * p->dofs, p->dofs * sizeof(double));
+  if (!forces) return OK;
+  memcpy(w->r, forces + p->run.sub_step * p->dofs, p->dofs * sizeof(double));
   evaluate_nodes(p, w);
   return OK;
 }
@@ -180,9 +180,9 @@ static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs 
   if (p->parameters.vary) use_parameters(p, parameters);
   begin_elements(p, w);
   int *order = p->predictor.orders + sub_step;
-  p->run.failure = known ? take_increment(p, w, known) : find_increment(p, w, change, *order);
+  p->run.failure = known ? take_increment(p, w, known, inputs->known_forces) : find_increment(p, w, change, *order);
   if (p->run.failure) return 0;
-  if (p->at_points.friction_follows && !p->newton.known && (p->run.failure = follow_joints(p, w, change))) return 0;
+  if (p->at_points.friction_follows && !inputs->known && (p->run.failure = follow_joints(p, w, change))) return 0;
   if (!p->scheme.at_rest) *order = update_predictor(p, w);
   work_increment(p, w);
   if (p->run.repeats) return 1;
@@ -266,11 +266,12 @@ static int switched(const Problem *p) {
 }
 
 /* Takes steps, and returns how many; from step 0 on, the present state is recorded, from which the first one starts. */
-OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
+OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, const Limits *limits, Record *to) {
   Work work = work_of(p), *w = &work;
+  p->control.limits = limits ? *limits : (Limits){0};
   p->run.failure = p->control.stopped = 0;  // also where no step is to be taken
   if (p->parameters.vary && !p->scheme.at_rest) use_parameters(p, p->state.parameters); /* there may be those of a trial */
-  if (p->control.watches) fx_find_switches(p->points, p->state.q, p->state.slides, p->control.sides);
+  if (p->control.limits.watches) fx_find_switches(p->points, p->state.q, p->state.slides, p->control.sides);
   if (to->first == 0) record(p, w, to);
   else if (steps > 1) find_energies(p, w); /* for one step they cost more than they spare */
   for (int k = 0; k < steps; ++k) {
@@ -281,7 +282,7 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Reco
     long taped = to->tape ? to->tape->rows : 0;
     double lost = p->state.dissipated;
     Problem before; /* of a step that may change the state and fail */
-    if (p->scheme.sub_steps > 1 || p->control.controlled || p->control.watches || to->parts > 1) {
+    if (p->scheme.sub_steps > 1 || p->control.limits.controlled || p->control.limits.watches || to->parts > 1) {
       before = *p;
       memcpy(w->saved, p->state.memory, p->state.size * sizeof(double));
     }
@@ -291,7 +292,7 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Reco
       if (p->scheme.level != 0.5) to->starts = to->complete;
       if (of_row && to->stores_starts) record_start(p, dt * p->scheme.fractions[i], i, to);
       const double *taped = p->run.repeats && to->tape->increments ? to->tape->increments + number * p->columns : 0;
-      const double *known = p->newton.known ? p->newton.known + i * p->columns : taped;
+      const double *known = inputs->known ? inputs->known + i * p->columns : taped;
       if (!take_step(p, w, dt * p->scheme.fractions[i], i, inputs, number, known)) break;
       changed = 1;
       /* Another run may start from the last step, and then has its forces in row 0. */
@@ -306,15 +307,15 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Reco
       if (lines) add_line_forces(p, w);
       if (to->tape) put_on_tape(p, w, to->tape);
       advance(p, w, inputs, number);
-      if (p->control.watches && switched(p)) p->run.failure = SWITCHED;
+      if (p->control.limits.watches && switched(p)) p->run.failure = SWITCHED;
     }
     if (!p->run.failure && amplifies(p, w, lost)) p->run.failure = AMPLIFIED, ++p->counts.amplified;
-    if (p->control.controlled && !p->run.failure) {
+    if (p->control.limits.controlled && !p->run.failure) {
       double ratio = local_error(p, w, dt);
       p->control.ratios[0] = p->control.ratios[1], p->control.ratios[1] = ratio;
-      int low = ratio >= 0 && fmax(ratio, p->control.ratios[0]) < p->control.lowest;
+      int low = ratio >= 0 && fmax(ratio, p->control.ratios[0]) < p->control.limits.lowest;
       if (ratio > 1) p->run.failure = TOO_INACCURATE;
-      else if (low || ratio > p->control.highest) steps = k + 1, p->control.stopped = 1;
+      else if (low || ratio > p->control.limits.highest) steps = k + 1, p->control.stopped = 1;
     }
     if (p->run.failure) { /* nothing of it is recorded */
       if (changed) undo(p, w, before);
@@ -343,10 +344,9 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Reco
 
 /* Takes steps again, for their tape alone. */
 OF_STEPS int fx_repeat(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
-  p->control.controlled = p->control.watches = 0;
   if (HAS(MEMBERS) && p->points->members) p->system.reused.present = 0;
   p->run.repeats = 1;
-  int taken = fx_run(p, steps, dt, inputs, to);
+  int taken = fx_run(p, steps, dt, inputs, 0, to);
   p->run.repeats = 0;
   return taken;
 }

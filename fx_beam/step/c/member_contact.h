@@ -3,8 +3,7 @@
 #pragma once
 
 /* A function as FFCx compiles it: values, and what is given in the place of the constants. */
-typedef void Law(double *, const double *, const double *, const double *, const int *,
-                 const unsigned char *, void *);
+typedef void Law(double *, const double *, const double *, const double *, const int *, const unsigned char *, void *);
 
 /* Entries of a contact point: x and y of the point and of four nodes; vectors of its law, and room for what it
    is given and finds. */
@@ -15,8 +14,7 @@ enum { SLOTS = 2, IN_SLOT = 3 };
 
 /* Points, which are nodes, against a member. */
 typedef struct {
-  Law *law;
-  Law *energy, *loss;
+  Law *law; Law *energy, *loss;
   int sums, loaded, remembered; /* twice the sums; the first of them, on which there are forces */
   int entries, *entry_row, *entry_column; /* of its tangent */
   int internal, first_slot; /* internal variables; its first slot of memory, in which a point has SLOTS */
@@ -31,18 +29,14 @@ typedef struct {
   double *arc;              /* places of its nodes along it */
   /* For derivatives: forces and internal variables by start, increments, internal variables and numbers; the first
      of its numbers and places among those of all contacts. */
-  Law *slopes;
-  int first_number, first_arc;
+  Law *slopes; int first_number, first_arc;
   double apart;             /* of a member and itself: how far apart they must be */
 } MemberContact;
 
 /* A point of two successive pieces: weights of four nodes, their slopes by the place and the slopes of these, 1 / the
    second derivative of half the squared distance (0 at an end of the member), the distance; at which of their ends it
    has left them, -1 or 1. */
-typedef struct {
-  double place, weights[4], slopes[4], bends[4], per_rate, distance;
-  int left;
-} NearPoint;
+typedef struct { double place, weights[4], slopes[4], bends[4], per_rate, distance; int left; } NearPoint;
 
 /* A point that is near a member. */
 typedef struct {
@@ -60,14 +54,10 @@ typedef struct {
 } ContactPoint;
 
 /* A place on a piece of a member that is near a point, and their distance. */
-typedef struct {
-  int contact, point, piece;
-  double place, distance;
-} NearPlace;
+typedef struct { int contact, point, piece; double place, distance; } NearPlace;
 
 typedef struct {
-  int contacts, conditions;
-  MemberContact *of;
+  int contacts, conditions; MemberContact *of;
   int dofs, moving, *moves; /* all degrees of freedom; those of all points and members, as pairs */
   double *reference;        /* [dofs] positions in the reference configuration */
   double margin, moved, step; /* of the last search, below 0 without one; largest motions since then, and in the last step */
@@ -75,18 +65,14 @@ typedef struct {
   int slots, first_internal; /* of friction; where they begin among all internal variables */
   int *has_slot;            /* [slots] whether a contact point has it */
   /* [dofs]: positions of the last search and of the start of the step, rates there, room; its slots */
-  double *searched_at, *start, *v, *product, *memory;
-  ContactPoint *contact_point;
+  double *searched_at, *start, *v, *product, *memory; ContactPoint *contact_point;
   int contact_points, near_places, near_room;
   NearPlace *near; /* [near_room] places of the last search */
 } MemberContacts;
 
 /* The stored energy; if there are functions `by`, of each contact that of the derivatives of its energy by all that its law is
    given, also the derivatives by degrees of freedom, internal variables and all numbers. */
-typedef struct {
-  Law **by;
-  double sum, *of_q, *of_internal, *of_numbers;
-} Energy;
+typedef struct { Law **by; double sum, *of_q, *of_internal, *of_numbers; } Energy;
 
 /* What is wrong at the end of a step: nothing, points have moved further than was expected, a point has passed through
    a member, or has moved further along one than its contact point can. */

@@ -232,8 +232,7 @@ static void begin_contact_point(MemberContacts *m, ContactPoint *e, double t, do
 }
 
 /* The start of a step: contact points, and what does not change in it. */
-static void begin_members(MemberContacts *m, const double *q, const double *v, double t, double dt,
-                             const double *internal) {
+static void begin_members(MemberContacts *m, const double *q, const double *v, double t, double dt, const double *internal) {
   double step = fmax(m->step, v ? largest_motion(m, v) * fabs(dt) : 0), least = HUGE_VAL;
   for (int k = 0; k < m->contacts; ++k) least = fmin(least, m->of[k].number[0]);
   double wanted = fmax(2 * SPARE * LASTS * step, LEAST_MARGIN * least);
@@ -320,8 +319,7 @@ INLINED void tangent_of(ContactPoint *e, double K[2 * MOST_SUMS][2 * MOST_SUMS],
 HOT void make_tangent(const MemberContact *c, ContactPoint *e) {
   double K[2 * MOST_SUMS][2 * MOST_SUMS] = {{0}};
   for (int i = 0; i < c->entries; ++i) K[c->entry_row[i]][c->entry_column[i]] = e->results[c->sums + i];
-  if (c->loaded == 6) tangent_of(e, K, 3);
-  else tangent_of(e, K, 4);
+  if (c->loaded == 6) tangent_of(e, K, 3); else tangent_of(e, K, 4);
 }
 
 /* Calls the law of a contact point, after `move_contact_point`. */

@@ -28,10 +28,7 @@ static inline void fold(double *n, int begins, int ends) {
 }
 
 /* A piece as a polynomial, and half the derivative of its squared distance from the origin, f . (1, x, ..). */
-typedef struct {
-  Two value, slope, bend;
-  double f[4];
-} Piece;
+typedef struct { Two value, slope, bend; double f[4]; } Piece;
 
 static inline Piece piece_of(Two previous, Two at, Two next) {
   Piece c = {.slope = (next - previous) / 2, .bend = (previous - 2 * at + next) / 2};

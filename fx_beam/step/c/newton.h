@@ -65,8 +65,7 @@ INLINED void extend_differences(int n, int all, const double *restrict increment
    extrapolation with the least error in this step. */
 HOT int update_predictor(Problem *p, const Work *w) {
   int n = p->dofs, all = n + p->free, order = 0;
-  double best = PREDICTOR_ERROR * largest(n, w->D, p->mesh.per_unit), product = w->dt, per_age[PAST + 1],
-      *highest = w->scratch;
+  double best = PREDICTOR_ERROR * largest(n, w->D, p->mesh.per_unit), product = w->dt, per_age[PAST + 1], *highest = w->scratch;
   advance_ages(w->dt, p->predictor.ages, per_age);
   extend_differences(n, all, w->D, per_age, p->predictor.past, highest);
   extend_differences(p->free, all, w->z, per_age, p->predictor.past + n, highest + n);
@@ -157,8 +156,7 @@ static void line_search(const Problem *p, const Work *w, double gained) {
     if (springs) work = gained * (1 - part) + point_deviation(p->points, w->correction, w->step, part);
     else retake(p, w, &taken, part), work = along_step(p, w);
     if (fabs(work) <= OVERSHOOT * gained) break;
-    if (work > 0) low = part, at_low = work, at_high /= 2;
-    else high = part, at_high = work, at_low /= 2;
+    if (work > 0) low = part, at_low = work, at_high /= 2; else high = part, at_high = work, at_low /= 2;
   }
   if (springs) retake(p, w, &taken, part);
 }

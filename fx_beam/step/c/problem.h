@@ -27,8 +27,7 @@ enum { INCREMENT, START, RATE, ACCELERATION, PREVIOUS, INTERNAL, NATURAL, NATURA
 /* Why a step failed. */
 enum {
   OK, NO_CONVERGENCE, SINGULAR, TURNED_TOO_FAR, TOO_INACCURATE, SLID_TOO_FAR, SWITCHED, PASSED_THROUGH, OUT_OF_LINE,
-  OPEN_LOOP, MOVED_TOO_FAR, UNMET_FRICTION, AMPLIFIED
-};
+  OPEN_LOOP, MOVED_TOO_FAR, UNMET_FRICTION, AMPLIFIED };
 
 /* What several processes do together in the place of this one. Where one of them fails, its numbers are not finite. */
 typedef struct {
@@ -45,16 +44,11 @@ typedef struct {
 typedef int Find(double dt);
 
 /* A sequence that converges quadratically: its last value, and its slowest convergence so far. */
-typedef struct {
-  double last, slowest;
-} Sequence;
+typedef struct { double last, slowest; } Sequence;
 
 /* What the corrections of a step tell of its convergence: their sizes, roots of their work, and how many were small, or no
    smaller than those before. */
-typedef struct {
-  Sequence sizes, errors;
-  int small, stalled;
-} Convergence;
+typedef struct { Sequence sizes, errors; int small, stalled; } Convergence;
 
 /* Element tensors from coefficients, constants and coordinates. All arrays except the constants are
    for LANES elements, with entry k of lane l at [k][l]. */
@@ -64,31 +58,24 @@ typedef void Batch(double *, const double *, const double *, const double *);
    element. Their results are added behind the end of the vector or matrix, where they are not used;
    each lane has its own index there, so that additions do not wait for each other. */
 typedef struct {
-  Batch *batch;
-  int cells;
-  int *dofs, *to;      /* first degree of freedom of each node, where it is read and added to: [block][cell node][lane] */
-  int *stored_at; /* [block][cell dof, cell dof][lane]: indices in the tangent */
+  Batch *batch; int cells;
+  /* [block][..][lane]: the first degree of freedom of each node, where it is read and added to; of pairs of degrees of freedom of
+     a cell indices in the tangent; of internal variables and natural strains those in the ones of all cells; coordinates;
+     coefficients, of which changing ones are updated. */
+  int *dofs, *to, *stored_at, *internal, *natural; double *coordinates, *packed;
   /* In a chain instead, for rows of three entries, those of a node: [block][cell dof, node][lane] index
      of the first. Entries that do not lie in a row: where those of each block begin, their indices
      among the element tensors, and in the tangent. */
   int *run, *single_start, *single_from, *single_to;
-  int *internal; /* [block][internal variable][lane]: indices in those of all cells */
-  int *natural;  /* the same of natural strains */
-  double *coordinates; /* [block][coordinate][lane] */
-  double *packed;      /* [block][coefficient][lane]; changing ones are updated */
 } Integral;
 
-/* Compiled forms that are evaluated together: one integral for each law. */
+/* Compiled forms that are evaluated together: one integral for each law. Of `moving` coefficients the first, `changing` ones change
+   in every iteration, the others in every step; which field each of them is, and where it begins among those of an element.
+   Indices among the constants, or -1, that of the first parameter last; which ones of the scene the parameters are. */
 typedef struct {
-  int integrals, width;
-  Integral *of;
-  int moving;          /* number of changing coefficients */
-  int changing;        /* the first of them change in every iteration, the others in every step */
-  int *kind, *offset;  /* which field each of them is, and where it begins among the coefficients of an element */
-  double *constants;
-  int time_at, dt_at, memory_at; /* their indices among the constants, or -1 */
-  int parameters_at;   /* that of the first parameter, or -1; which ones of the scene they are */
-  int parameters, *parameter;
+  int integrals, width; Integral *of;
+  int moving, changing, *kind, *offset; double *constants;
+  int time_at, dt_at, memory_at, parameters_at, parameters, *parameter;
 } Form;
 
 /* Sparse factors that serve several steps (reused_factors.h). */
@@ -102,64 +89,42 @@ typedef struct {
 
 /* What contact adds to an entry of the linear system: a sign times an entry of the 10 x 10 tangent of a contact point, a value of
    Tv and a value of T. `row` and `column` are of unknowns, or bordering rows; `at` is the position among the factors, or -1. */
-typedef struct {
-  short entry, sign;
-  int contact_point, row, column, virtual_value, value, at;
-} ContactPair;
+typedef struct { short entry, sign; int contact_point, row, column, virtual_value, value, at; } ContactPair;
 
-/* Sparse rows whose pattern changes with the points that are near members (changing_rows.h). */
+/* Sparse rows whose pattern changes with the points that are near members (changing_rows.h): the elimination from which they are
+   found; entries of T and Tv of each degree of freedom; whether factors may be kept, and the costs of lu_layout.py; number of the
+   search for contact points for which the rows are; whether positions among the factors are those of the transposed tangent, -1
+   before there are any; pairs of all contact points. */
 typedef struct {
-  Elimination elimination; /* from which the order and the rows are found */
-  int *dof_start, *dof_column, *dof_value; /* entries of T and Tv of each degree of freedom */
-  double *dof_sign;
-  int keep;             /* whether factors may be kept; the costs of lu_layout.py */
-  double row_entry, substitution, least_worth;
-  long searches;        /* number of the search for contact points for which the rows are */
-  int placed;           /* whether positions among the factors are those of the transposed tangent; -1 before there are any */
-  int pairs, room;
-  ContactPair *pair; /* of all contact points */
+  Elimination elimination;
+  int *dof_start, *dof_column, *dof_value; double *dof_sign;
+  int keep; double row_entry, substitution, least_worth;
+  long searches; int placed, pairs, room; ContactPair *pair;
 } ChangingRows;
 
-/* Nodes and elements of the beams. */
+/* Nodes and elements of the beams: positions [node][x, y]; 1 / size of a unit correction of each degree of freedom, and the same
+   for errors of steps; degrees of freedom without mass. */
 typedef struct {
-  int nodes, cell_dofs, cell_coordinates;
-  double *position;     /* (nodes, 2) */
-  double *per_unit;     /* 1 / size of a unit correction of each degree of freedom */
-  double *per_error;    /* the same for errors of steps */
-  int *massless, massless_count; /* degrees of freedom without mass, and their number */
+  int nodes, cell_dofs, cell_coordinates, massless_count, *massless;
+  double *position, *per_unit, *per_error;
 } Mesh;
 
-/* Forms of the beams. */
+/* Forms of the beams: internal forces and drag, each with its tangent; energies lost to drag, to the material and to the scheme,
+   and held by it, also at the start with the parameters of the step; increments of the internal variables, each times the weight
+   of its point; work of natural strains that change. */
 typedef struct {
-  Form internal_forces; /* internal forces, then their tangent */
-  Form energy, inversion, added;
-  Form drag, lost_to_drag; /* of beams: forces, then their tangent; energy lost to it */
-  Form lost, taken, held_by_scheme; /* energies lost to the material and to the scheme, and held by it */
-  Form held_before;     /* what it held at the start, with the parameters of the step */
-  Form evolution;       /* increments of the internal variables, each times the weight of its point */
-  Form actuated;        /* work of natural strains that change */
+  Form internal_forces, energy, inversion, added, drag, lost_to_drag, lost, taken, held_by_scheme, held_before, evolution, actuated;
   int has_added;
 } Forms;
 
-/* Internal variables of beams. */
-typedef struct {
-  int per_cell;
-  double *per_weight; /* [internal variable of a cell] */
-} Internal;
+/* Internal variables of beams, with a factor for each of a cell. */
+typedef struct { int per_cell; double *per_weight; } Internal;
 
 /* Natural strains: their number, and those of a cell; strains of unit ones, in compressed rows. */
-typedef struct {
-  int count, per_cell, *start, *at;
-  double *value;
-} Natural;
+typedef struct { int count, per_cell, *start, *at; double *value; } Natural;
 
 /* Forces of unit loads, in compressed rows, and the weight of all nodes; number of follower forces, the first external ones. */
-typedef struct {
-  int count, *start, *dof;
-  double *force;
-  double *weight;
-  int follower_forces;
-} Loads;
+typedef struct { int count, *start, *dof; double *force; double *weight; int follower_forces; } Loads;
 
 /* The full tangent in compressed rows; `stored_at` has the storage index of each value. Entries that are
    entries of the reduced tangent share its storage; the others are behind it. */
@@ -171,17 +136,13 @@ typedef struct {
 
 /* The mass matrix, in compressed rows of nodes: the first degree of freedom of each column's node; mass, the same, and
    rotary inertia of each pair of nodes, with a number behind all; where the tangent has these [pair][3]. */
-typedef struct {
-  int *start, *dof, *stored_at;
-  double *value;
-} Mass;
+typedef struct { int *start, *dof, *stored_at; double *value; } Mass;
 
 /* Displacements and rotations x = g(z) of the columns z, which are unknowns, then driven and fixed ones, with T = dg/dz, and
    Tv for virtual displacements. Each entry of both is a sign times one of the values of the joints: number 0 is the constant 1,
    and joint j has those from 1 + 4 j on. */
 typedef struct {
-  int count, *row, *column, *value;
-  double *sign;
+  int count, *row, *column, *value; double *sign;
   int equal;            /* number of the first entries, which are 1: all, one of each row in turn, where nothing is COUPLED */
 } Map;
 
@@ -189,40 +150,27 @@ typedef struct {
    slide (-1: none), number among all joints, kind of Track; offset and axis in the frame of the carrier; signs of the arm's
    components in what they move. */
 typedef struct {
-  int count, *carrier, *carried_node, *slide_column, *number, *track;
-  double *offset, *axis, *sign;
+  int count, *carrier, *carried_node, *slide_column, *number, *track; double *offset, *axis, *sign;
   int followers, *follower, *through; /* degrees of freedom that arms move; 2 j + i of component i of arm j */
 } Joints;
 
 /* Auxiliary unknowns: degrees of freedom in long trees with columns of their own, behind all others (graph.py). Each
    is a sum of entries of T, and of arms. */
-typedef struct {
-  int count, entries, arms;
-  int *of, *column, *value, *arm_of, *arm;
-  double *sign;
-} Auxiliary;
+typedef struct { int count, entries, arms; int *of, *column, *value, *arm_of, *arm; double *sign; } Auxiliary;
 
 /* Nodes that slide on beams, and numbers of their paths (path.py). */
-typedef struct {
-  int count, path_numbers;
-  Slider *slider;
-} Sliders;
+typedef struct { int count, path_numbers; Slider *slider; } Sliders;
 
-/* The reduced tangent, in an order with little fill-in: as a chain, as a band, or in sparse rows. */
+/* The reduced tangent, in an order with little fill-in: as a chain, as a band, or in sparse rows. Unknowns, with two of each
+   auxiliary one, itself and its force, and forces that close loops; the position of each in the elimination; half bandwidth, 0 for
+   sparse rows; groups of three unknowns in a row (chain.h), 0 if they are more entangled; positions, more than unknowns where
+   groups of a chain have fewer than three; entries that are 1: diagonals of these and of auxiliary unknowns, and another one. */
 typedef struct {
-  int unknowns;         /* with two of each auxiliary unknown, itself and its force, and forces that close loops */
-  int *order;           /* position of each unknown in the elimination */
-  int band;             /* half bandwidth; 0 for sparse rows */
-  int chain;            /* groups of three unknowns in a row (chain.h); 0 if they are more entangled */
-  int positions;        /* in the elimination: more than unknowns, where groups of a chain have fewer than three */
-  int paddings, *padding; /* entries that are 1: diagonals of groups that have fewer and of auxiliary unknowns, and another one */
+  int unknowns, *order, band, chain, positions, paddings, *padding;
   /* Sparse rows of factors, besides which the tangent is stored, in compressed rows of the unknowns: `factor_at` has the
      position of each of its values among the factors. Where the pattern changes, `rows` are those of `changing`, which sets
      `order` and `factor_at`, too. */
-  SparseRows *rows;
-  int *tangent_start, *tangent_column, *factor_at;
-  ChangingRows *changing;
-  ReusedFactors reused;
+  SparseRows *rows; int *tangent_start, *tangent_column, *factor_at; ChangingRows *changing; ReusedFactors reused;
   /* Of each column of the scene the row of the forces on it, and its unknown: -1 for none, or a bordering row. */
   int *row_of, *unknown_of;
 } System;
@@ -236,123 +184,81 @@ typedef struct {
 } Border;
 
 /* How the reduced tangent is made of the full one. Entries that are added as they are: */
-typedef struct {
-  int count, *to, *from;
-} Direct;
+typedef struct { int count, *to, *from; } Direct;
 
 /* Entries times an entry of Tv and an entry of T. Entries of T and Tv of auxiliary unknowns and of closures, in equations and in
    the balance of what their forces act on, are such products with a stored 1. From number `stiffened` on there are also products
    of two entries of a closure with the stiffness of closures, which is stored at `stiffness_at`. */
-typedef struct {
-  int count, *to, *from, *virtual, *value;
-  double *sign;
-  int stiffened, stiffness_at;
-} Coupled;
+typedef struct { int count, *to, *from, *virtual, *value; double *sign; int stiffened, stiffness_at; } Coupled;
 
 /* Derivatives of Tv times the forces of joints: by the rotation of the carrier (kind 0 of the lever, 2 of the slide's force) or
    by the slide (1 and 3). */
-typedef struct {
-  int count, *to, *joint, *kind;
-  double *sign;
-} Geometric;
+typedef struct { int count, *to, *joint, *kind; double *sign; } Geometric;
 
 /* Closures: components of the displacements of b less a and the arm of joints that close loops, which are zero. Loops that
-   share unknowns are a block, of which the closures and columns follow each other. */
+   share unknowns are a block, of which the closures and columns follow each other. Columns on which closures depend, the first of
+   which are unknowns; degrees of freedom (-1: ground); arm (-1: none); joint force. */
 typedef struct {
-  int closures, blocks, columns; /* columns on which closures depend, the first of which are unknowns */
-  int *b, *a, *arm, *force; /* degrees of freedom (-1: ground); arm (-1: none); joint force */
+  int closures, blocks, columns, *b, *a, *arm, *force;
   /* Derivatives of closures: entries of T or Tv, those of each closure from its start on; entries of auxiliary unknowns on
      which they depend, in the order in which these are collected; which of the loops' columns they have. */
-  int *entry_start, *entry_column, *entry_value;
-  double *entry_sign;
-  int *auxiliary_start, *auxiliary;
-  int *start, *near;
-  int *column;            /* columns of the scene */
-  double *unit, *arm_at_rest; /* units of columns; arms in the reference */
-  double *length, closed; /* what makes lengths of closures, as some are angles; length of a closed one */
-  int *block_closure, *block_column, *block_part; /* [blocks + 1] where each begins, the last in its factors */
-  int pivoting_size;      /* of an array of Work */
-  int *following;         /* [closures] the loops' columns that depend on the others, chosen in each step */
-  int carried, *carried_closure; /* closures with nodes on beams, whose forces are bordering rows from `carriers` on */
-  int scales, *scale_at;  /* the stiffness of closures is from the diagonals stored there, with a unit [size] of each unknown */
-  double *scale_unit;
+  int *entry_start, *entry_column, *entry_value; double *entry_sign; int *auxiliary_start, *auxiliary; int *start, *near;
+  /* Columns of the scene and their units; arms in the reference; what makes lengths of closures, as some are angles; length of a
+     closed one; [blocks + 1] where each begins, the last in its factors; size of an array of Work; [closures] the loops' columns
+     that depend on the others, chosen in each step. */
+  int *column; double *unit, *arm_at_rest, *length, closed;
+  int *block_closure, *block_column, *block_part, pivoting_size, *following;
+  /* Closures with nodes on beams, whose forces are bordering rows from `carriers` on. The stiffness of closures is from the
+     diagonals stored there, with a unit [size] of each unknown. */
+  int carried, *carried_closure, scales, *scale_at; double *scale_unit;
 } Loops;
 
 /* Forces at points in the scene: number of their internal variables; lines between points, whose pulls are recorded; whether
    friction follows forces of joints; where the tangent has the entries of theirs, -1 for none; rates of the slides of all joints,
    if forces act on some. */
-typedef struct {
-  int spring_width, lines, friction_follows;
-  int *stored_at;
-  double *slide_rate;
-} AtPoints;
+typedef struct { int spring_width, lines, friction_follows; int *stored_at; double *slide_rate; } AtPoints;
 
 /* Parameters of the user's functions: whether they vary, and stored energies with them; the values with
    which forms and laws are evaluated, those of the state where they do not vary. */
-typedef struct {
-  int count, vary, energies_vary;
-  double *value;
-} Parameters;
+typedef struct { int count, vary, energies_vary; double *value; } Parameters;
 
 /* Rule for the rates: 0 mid-point, 1 Newmark. In statics a step has no rates and no inertia, and its `ratio` is
    the load factor at its end. Sub-steps, relative to a step. */
 typedef struct {
-  int rule, at_rest, keeps_previous, sub_steps;
-  double level, beta, gamma, alpha_m;
-  double fractions[SUB_STEPS];
+  int rule, at_rest, keeps_previous, sub_steps; double level, beta, gamma, alpha_m; double fractions[SUB_STEPS];
   /* Rules of a user, of which the sub-steps take turns; where the tangent has all entries of a pair of nodes [pair][3][3]. */
-  int rules, *rule_stored_at;
-  Law **nodal_rule;
+  int rules, *rule_stored_at; Law **nodal_rule;
 } Scheme;
 
 /* Of statics: holding forces on the unknowns, and the first degrees of freedom of those of which there are derivatives, with
    their number; a viscosity on increments, with weights and positions in the tangent; the load factor at the start, for several
    processes. A yielding of forces that close loops, in rates that fit joints. */
 typedef struct {
-  double *hold;
-  int *hold_dof;
-  int holds;
-  double *viscous_weight; int *diagonal_at;
-  double viscosity, yielding, ratio_before;
+  double *hold; int *hold_dof; int holds; double *viscous_weight; int *diagonal_at; double viscosity, yielding, ratio_before;
 } Statics;
 
 /* A frame that turns: arms of the displacements in the reference, and square of its spin. */
-typedef struct {
-  double *arm;
-  double spin_squared;
-} Frame;
+typedef struct { double *arm; double spin_squared; } Frame;
 
-/* Newton's method. */
+/* Newton's method: largest sizes in units of corrections in the last iterations, of which `tried` were made; whether pivots of the
+   last factors were raised, -1 for a singular tangent, and whether they are those of an earlier tangent; the first correction of a
+   step, without its sign. */
 typedef struct {
-  double tolerance, negligible, energy_floor, max_turn, longest_turn, large_turn;
-  int max_iterations, may_overshoot;
-  Find *find;
-  double corrections[CORRECTIONS]; /* their largest sizes in units, of the last iterations; `tried` were made */
-  int tried;
-  int raised, old_factors; /* whether pivots of the last factors were raised, -1 for a singular tangent; whether they are
-                              those of an earlier tangent */
-  double *predicted; /* the first correction of a step, without its sign */
-  /* Increments of the columns and forces on the nodes of all sub-steps, if they are known. */
-  double *known, *known_forces;
+  double tolerance, negligible, energy_floor, max_turn, longest_turn, large_turn; int max_iterations, may_overshoot;
+  Find *find; double corrections[CORRECTIONS]; int tried, raised, old_factors; double *predicted;
 } Newton;
 
 /* Driven columns: those of prescribed degrees of freedom, so many, then motors. Degrees of freedom a and b between which their
    forces do work (-1: the ground), b the prescribed one; but for motors on slides. */
-typedef struct {
-  int prescribed, *a, *b, *slides;
-} Motors;
+typedef struct { int prescribed, *a, *b, *slides; } Motors;
 
 /* How forces of joints pass through these from the nodes that follow to those that lead (-1: none), the former first; first
    displacements, then rotations. `joints` are all of the scene. */
-typedef struct {
-  int joints, count, of_forces, *dof, *to, *of;
-  double *sign;
-} Passes;
+typedef struct { int joints, count, of_forces, *dof, *to, *of; double *sign; } Passes;
 
 /* The state. Its arrays and those of the predictor are in one piece of memory. */
 typedef struct {
-  double *memory;
-  long size;
+  double *memory; long size;
   double STATE_NUMBERS, STATE_ARRAYS; /* by their names in results/state.py */
   double *driven_now;
   /* Forces are means over the step so far, of which the parts before are the share `earlier`, this sub-step
@@ -364,54 +270,39 @@ typedef struct {
   int forces_found;     /* whether those of joints, obstacles and lines were computed in the last step */
 } State;
 
-/* The last configurations, from which the next one is predicted. */
-typedef struct {
-  double *ages;         /* [PAST + 1] times since the configurations before the last one, the latest first */
-  double *past;         /* [PAST] divided differences of configurations and then unknowns, from order 1 on */
-  int known;            /* number of previous sub-steps */
-  int orders[SUB_STEPS]; /* of the prediction of each sub-step; 0: none */
-} Predictor;
+/* The last configurations, from which the next one is predicted: [PAST + 1] times since those before the last one, the latest first;
+   [PAST] divided differences of configurations and then unknowns, from order 1 on; number of previous sub-steps; orders of the
+   prediction of each sub-step, 0 for none. */
+typedef struct { double *ages, *past; int known, orders[SUB_STEPS]; } Predictor;
 
-/* Local errors of whole steps, for controlled steps. */
+/* When a run ends: whether errors are controlled, and whether before a step in which a contact or law switches. Factors of averaged
+   differences of displacements and of single ones of all, and of these where steps are too coarse for their order; ratios of error
+   and limit at which it ends: two below, or one above. */
+typedef struct { int controlled, watches; double smooth, raw, coarse, lowest, highest; } Limits;
+
+/* Local errors of whole steps: [PAST + 1] ages, [PAST] divided differences of configurations from order 1 on, [2] the last two of
+   the order after that of the scheme; number of previous steps. [2][switches] values whose signs tell that a contact or law
+   switches, at both ends of a sub-step. Ratios of the last two steps, negative if unknown; whether the run ended at such a ratio. */
 typedef struct {
-  int controlled, scheme_order;
-  double smooth, raw;   /* factors of averaged differences of displacements and of single ones of all */
-  double coarse;        /* factor of single ones where steps are too coarse for their order */
-  double lowest, highest; /* ratios of error and limit at which a run ends: two below, or one above */
-  double *ages;         /* [PAST + 1] */
-  double *past;         /* [PAST] divided differences of configurations from order 1 on */
-  double *last;         /* [2] the last two of the order after that of the scheme */
-  int known;            /* number of previous steps */
-  int watches, switches; /* whether a run ends before a step in which a contact or law switches */
-  double *sides;        /* [2][switches] values whose signs tell it, at both ends of a sub-step */
-  double ratios[2];     /* of the last two steps; negative if unknown */
-  int stopped;          /* whether the run ended at such a ratio */
+  Limits limits; int scheme_order, known, switches, stopped;
+  double *ages, *past, *last, *sides, ratios[2];
 } Control;
 
-/* A run: work space, what it shall do, and what comes of it. */
-typedef struct {
-  double *scratch;
-  int repeats;          /* whether steps are repeated for their tape alone */
-  int keeps_joint_forces; /* whether they are computed in every step, recorded or not */
-  int sub_step;         /* number of the present one */
-  int failure;
-} Run;
+/* A run: work space; whether steps are repeated for their tape alone, and whether forces of joints are computed in every step,
+   recorded or not; number of the present sub-step; why it failed. */
+typedef struct { double *scratch; int repeats, keeps_joint_forces, sub_step, failure; } Run;
 
-/* What was counted in the steps or parts since it was taken (fx_take_counts). */
+/* What was counted in the steps or parts since it was taken (fx_take_counts): those that were taken; iterations; solves that end at
+   round-off; steps with rotations above large_turn per step; those that were refused, as dampers gave energy; those that end with
+   inverted sections, and the time of the first. Of solves that end at round-off the sum of their last corrections, the largest
+   motion, in units, and the largest correction with its degree of freedom. */
 typedef struct {
-  int taken, iterations, by_round_off;
-  int too_large;        /* those with rotations above large_turn per step */
-  int amplified;        /* those that were refused, as dampers gave energy */
-  int inverted;         /* those that end with inverted sections */
-  double inverted_t;    /* time of the first of them */
-  double left, moved, left_most; /* of solves that end at round-off: sum of their last corrections, largest motion, in units */
-  int left_at;          /* degree of freedom of the largest of them */
+  int taken, iterations, by_round_off, too_large, amplified, inverted, left_at;
+  double inverted_t, left, moved, left_most;
 } Counts;
 
 /* Inverted sections: the first configuration that has some. With less strain energy no section is inverted. */
-typedef struct {
-  double *q, least_energy;
-} Inverted;
+typedef struct { double *q, least_energy; } Inverted;
 
 /* Parts with energies of their own, if there are several: runs of degrees of freedom and of unknowns, and the part of each;
    for each part those whose energies together are its own; [2][part] room for the work of a correction and for energies. */
@@ -425,52 +316,37 @@ typedef struct {
   int dofs, cells, columns, free, driven; /* of the columns the free ones are the unknowns, driven ones follow */
   Mesh mesh; Forms forms; Internal internal; Natural natural; Loads loads; Tangent tangent; Mass mass;
   Map map; Joints joints; Auxiliary auxiliary; Sliders sliders; Loops loops;
-  System system; Border border; Direct direct; Coupled coupled; Geometric geometric;
-  PointForces *points;
+  System system; Border border; Direct direct; Coupled coupled; Geometric geometric; PointForces *points;
   AtPoints at_points; Parameters parameters; Motors motors; Passes passes; Parts parts;
   Scheme scheme; Statics statics; Frame frame; Newton newton; Team team;
   State state; Predictor predictor; Control control; Run run; Counts counts; Inverted inverted;
 } Problem;
 
 /* Rows of an array. */
-typedef struct {
-  const double *source;
-  double *target;
-  long size;
-} Rows;
+typedef struct { const double *source; double *target; long size; } Rows;
 
 /* A tape (tape.h): rows of numbers, one for each sub-step. If they are `apart`, as
    equilibria are, none depends on those before. They may be a part of a run: there are `all`, and `first` before
    these. A tape without a `row` keeps increments of the columns alone, [sub-step][column], from which steps are
    repeated. */
-typedef struct {
-  long size, rows, first, all;
-  int apart;
-  double *row, *increments;
-} Tape;
+typedef struct { long size, rows, first, all; int apart; double *row, *increments; } Tape;
 
-/* Histories: a row for every `every`-th step and for the last; so many rows have been recorded. */
+/* Histories: a row for every `every`-th step and for the last; so many rows have been recorded. Number of the first step of this
+   call, and of the last step of all; parts of a halved step, and those of the first step already taken; arrays of which rows are
+   recorded; whether forces of joints and obstacles are among them. */
 typedef struct {
-  int every, first, last, rows; /* number of the first step of this call, and of the last step of all */
-  int parts, part;              /* parts of a halved step, and those of the first step already taken */
-  int histories, *up_to_row;    /* arrays of which rows are recorded */
-  Rows *history;
-  int forces;                   /* whether forces of joints and obstacles are recorded */
+  int every, first, last, rows, parts, part, histories, forces, *up_to_row; Rows *history;
   /* Starts of the sub-steps of recorded steps, if they are stored: their number, that of complete rows,
      and up to each row. Their shares of the step, and the ratio of the lengths of steps. */
-  int stores_starts, starts, complete, stored;
-  Rows *start;
-  double *share, *memory;
+  int stores_starts, starts, complete, stored; Rows *start; double *share, *memory;
   Tape *tape; /* 0 for none */
 } Record;
 
-/* Inputs of each sub-step; with a stride of 0 all have those of the first. */
+/* Inputs of each sub-step: [start, end][load]; [driven column] at the end; [follower_force][x, y] at the scheme's level; [level,
+   end][parameter]; [natural strain] at the end. With a stride of 0 all have those of the first. Increments of the columns and
+   forces on the nodes, if they are known. */
 typedef struct {
-  double *loads;  /* [sub-step][start, end][load] */
-  double *driven; /* [sub-step][driven column], at the end */
-  double *follower_force; /* [sub-step][follower_force][x, y], at the scheme's level */
-  double *parameters; /* [sub-step][level, end][parameter] */
-  double *natural;    /* [sub-step][natural strain], at the end */
+  double *loads, *driven, *follower_force, *parameters, *natural, *known, *known_forces;
   long loads_stride, follower_force_stride, natural_stride;
 } Inputs;
 
@@ -501,18 +377,12 @@ typedef struct {
 
 /* Rows of a run, of states at boundaries between sub-steps or of forces in sub-steps: the number of the row of each, -1 for
    none, the places in x of its numbers, and the rows. */
-typedef struct {
-  int *at, size, *place;
-  double *rows;
-} RowsOfRun;
+typedef struct { int *at, size, *place; double *rows; } RowsOfRun;
 
 /* Friction in a sub-step around a reversal of its slip (reversals.h), by the place of the stretch of its spring. Before it the
    derivative of the time of the reversal is `leads` times that of the slip. In it the stretch is far beyond the limit, so that
    the friction is given, and the force of its joint; it changes by `pushes` times its derivative by mu with that time. */
-typedef struct {
-  int place;
-  double stretch, force, leads, keeps, pushes, share;
-} Reversal;
+typedef struct { int place; double stretch, force, leads, keeps, pushes, share; } Reversal;
 
 /* A run of which derivatives are followed: backwards (adjoint.h) those of a function of the states at its boundaries, the
    ends of sub-steps, and of forces of driven and fixed columns and of joints; forwards (forward.h) changes of these with those
@@ -529,9 +399,7 @@ typedef struct {
   double *slide_at_rest; /* in the reference configuration */
   /* Of the laws of forces at points: derivatives of each force and internal variable by start, increments, internal
      variables, numbers and parameters, and room for them; how many numbers each has, and all. */
-  Law **slopes;
-  int *numbers, point_numbers;
-  double *of_point;
+  Law **slopes; int *numbers, point_numbers; double *of_point;
   /* Position among sparse factors of each entry of the transposed tangent; of a chain or a band, of each stored value. */
   int *transposed_at;
   int *followed;      /* places in x of the forces that friction follows */
@@ -542,10 +410,7 @@ typedef struct {
 
 /* Configurations with rates, slides, and rates of driven columns, in rows; rates that fit joints and supports (fitted_rates.h),
    and the impulses of joints and of driven and fixed columns that make them fit. Derivatives of these may be wanted, too. */
-typedef struct {
-  long rows;
-  double *q, *v, *slides, *driven, *rates, *joints, *constraints;
-} Fits;
+typedef struct { long rows; double *q, *v, *slides, *driven, *rates, *joints, *constraints; } Fits;
 
 enum { VALUES, BACKWARDS, FORWARDS };
 
@@ -554,13 +419,12 @@ enum { VALUES, BACKWARDS, FORWARDS };
    their means, natural strains at the end. */
 typedef struct {
   double *D, *z, *r, *tangent, *f, *reduced, *step, *correction, *block, *corner, *border, *values, *virtual_map, *closure;
-  double *force, *dead, *natural_end;
-  int *reached, *crossed;
+  double *force, *dead, *natural_end; int *reached, *crossed;
 } Results;
 
 int fx_begin_joints(Problem *p);
 int fx_expand(Problem *p, int close);
-int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to);
+int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, const Limits *limits, Record *to);
 int fx_repeat(Problem *p, int steps, double dt, const Inputs *inputs, Record *to);
 Counts fx_take_counts(Problem *p);
 long fx_scratch(const Problem *p);

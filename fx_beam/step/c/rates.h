@@ -41,8 +41,7 @@ static void evaluate_rule(const Problem *p, const Work *w, double dt) {
   for (int i = 0; i < p->mesh.nodes; ++i) {
     for (int c = 0; c < 3; ++c) {
       int k = 3 * i + c;
-      in[c] = w->D[k], in[3 + c] = p->state.v[k], in[6 + c] = p->state.a[k],
-          in[9 + c] = p->state.q[k] - p->state.q_previous[k];
+      in[c] = w->D[k], in[3 + c] = p->state.v[k], in[6 + c] = p->state.a[k], in[9 + c] = p->state.q[k] - p->state.q_previous[k];
     }
     memset(w->rule + RULE_VALUES * i, 0, RULE_VALUES * sizeof(double));
     rule(w->rule + RULE_VALUES * i, 0, in, 0, 0, 0, 0);
@@ -94,8 +93,7 @@ HOT void inertia(const Problem *p, const Work *w, double *r, double *K) {
 HOT void advance_rates(Problem *p, const Work *w, double dt) {
   if (p->scheme.at_rest) return;
   const double *restrict path = w->path;
-  double *restrict v = p->state.v, *restrict a = p->state.a, *restrict v0 = w->scratch, *restrict a0 = w->acc,
-      per_dt = 1 / dt;
+  double *restrict v = p->state.v, *restrict a = p->state.a, *restrict v0 = w->scratch, *restrict a0 = w->acc, per_dt = 1 / dt;
   int newmark = p->scheme.rule && !p->scheme.rules;
   memcpy(v0, v, p->dofs * sizeof *v);
   if (p->scheme.rules) {

@@ -71,8 +71,7 @@ static void find_energies(Problem *p, const Work *w) {
   energy[1] = sum_over_elements(p, w, &p->forms.energy);
   energy[2] = p->loads.weight ? -dot(n, p->loads.weight, p->state.q) : 0;
   energy[4] = fx_stored_at_points(p->points, p->state.q, p->state.slides, p->state.spring_internal);
-  energy[3] = p->state.work, energy[5] = p->state.dissipated, energy[6] = p->state.algorithmic,
-      energy[7] = p->state.numerical;
+  energy[3] = p->state.work, energy[5] = p->state.dissipated, energy[6] = p->state.algorithmic, energy[7] = p->state.numerical;
 }
 
 /* Energies, momenta and the other quantities at the end of a step. */

@@ -72,8 +72,7 @@ static Ends ends_of_elimination(const Problem *p) {
 /* The block of n times four columns from its right sides and factors. */
 INLINED void solve_columns(const Problem *p, const Work *w, int n) {
   if (HAS(CHAIN)) solve_chain_columns(p, w, middle_of_elimination(p) / 3, n);
-  else if (HAS(BAND)) solve_band_columns(p, w, ends_of_elimination(p), n);
-  else solve_sparse_columns(p, w, n);
+  else if (HAS(BAND)) solve_band_columns(p, w, ends_of_elimination(p), n); else solve_sparse_columns(p, w, n);
 }
 
 /* The block by the factors, which may be those of an earlier A, and the factors of the corner with it. */
@@ -89,8 +88,7 @@ HOT void add_contact_points(const Problem *p, const Work *w, int bordering) {
     const ContactPoint *t = p->points->members->contact_point + e->contact_point;
     if (!t->closed || bordering != (e->at < 0)) continue;
     double value = e->sign * w->virtual_map[e->virtual_value] * w->values[e->value] * t->tangent[e->entry];
-    if (bordering) add_at(p, w, e->row, e->column, value);
-    else p->system.rows->factors[e->at] += value;
+    if (bordering) add_at(p, w, e->row, e->column, value); else p->system.rows->factors[e->at] += value;
   }
 }
 
@@ -104,8 +102,7 @@ HOT void fill_factors(const Problem *p, const Work *w) {
   for (int k = 0; k < entries; ++k) A[p->system.factor_at[k]] = K[k];
   if (members) add_contact_points(p, w, 0);
   for (int i = 0, first = p->system.unknowns - p->loops.closures; p->statics.yielding > 0 && i < p->loops.closures; ++i)
-    A[p->system.rows->diagonal[p->system.order[first + i]]] -=
-        p->statics.yielding / (p->loops.length[i] * p->loops.length[i]);
+    A[p->system.rows->diagonal[p->system.order[first + i]]] -= p->statics.yielding / (p->loops.length[i] * p->loops.length[i]);
 }
 
 static int factorise(Problem *p, const Work *w) {
@@ -177,8 +174,7 @@ static int refine(Problem *p, const Work *w, const Convergence *c, double *rest)
     if (k == 0) first_size = size, first_error = error;
     double fine = allowed(c->sizes.slowest, p->system.reused.slowest_size, first_size, p->newton.negligible);
     double exact = allowed(c->errors.slowest, p->system.reused.slowest_error, first_error, p->newton.negligible * root);
-    double excess = fmax(fmax(size / fine, error / exact),
-                         fabs(dot(n, r, w->z) - dot(n, r, x)) / (exact * root));
+    double excess = fmax(fmax(size / fine, error / exact), fabs(dot(n, r, w->z) - dot(n, r, x)) / (exact * root));
     double slowness = fmax(excess / last_excess, length / last_length);
     if (k > 0 && slowness > SLOWEST) return 0;
     add_times(n, 1, proposed, x);

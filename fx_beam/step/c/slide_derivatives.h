@@ -6,11 +6,7 @@
 #include "blocks.h"
 
 /* Where its laws are put, and what they read: configurations and slides at both ends, numbers of its path, its numbers. */
-typedef struct {
-  Block *b;
-  const Slider *a;
-  int q[2], slide[2], arcs, positions, coefficients, angles, numbers;
-} SlideLaws;
+typedef struct { Block *b; const Slider *a; int q[2], slide[2], arcs, positions, coefficients, angles, numbers; } SlideLaws;
 
 static SlideLaws laws_of(Block *b, const Problem *p, const Layout *at, int i) {
   const Slider *a = p->sliders.slider + i;

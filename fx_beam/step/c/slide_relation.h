@@ -9,8 +9,7 @@ static int element_of(const Slider *a, double s) {
   int low = 0, high = a->elements;
   while (high - low > 1) {
     int middle = (low + high) / 2;
-    if (s >= a->ends[middle]) low = middle;
-    else high = middle;
+    if (s >= a->ends[middle]) low = middle; else high = middle;
   }
   return low;
 }
@@ -145,8 +144,7 @@ static void slide_on(const Problem *p, Slider *a, const double *D) {
   begin_window(a);
   weigh_place(a, 0, 0, o->at), weigh_place(a, 1, 0, o->at + 1);
   weigh_quotient(a, o->at, o->along), memcpy(change, o->along->of, n * sizeof(double));
-  if (exact) o->along[1] = o->along[0];
-  else weigh_place(a, 0, 1, o->along), weigh_place(a, 1, 1, o->along + 1);
+  if (exact) o->along[1] = o->along[0]; else weigh_place(a, 0, 1, o->along), weigh_place(a, 1, 1, o->along + 1);
   o->exact = exact, o->share[0] = 1 - p->scheme.level, o->share[1] = p->scheme.level;
   memset(a->T, 0, sizeof a->T), memset(a->virtual_map, 0, sizeof a->virtual_map);
   for (int k = 0; k < n; ++k) {

@@ -8,18 +8,11 @@ enum { WINDOW_NODES = 16, LOCAL = 49, ARC = LOCAL - 1, PRODUCTS = 4, MOST_PARTS 
 
 /* A part of weights of nodes: the coefficients of an element times these factors of 1, x, x^2 and x^3, which have these
    derivatives by the arc lengths of its ends. */
-typedef struct {
-  int element;
-  double factor[4], by_begin[4], by_end[4];
-} WeightPart;
+typedef struct { int element; double factor[4], by_begin[4], by_end[4]; } WeightPart;
 
 /* Weights of the nodes of a window, their derivatives by the arc lengths at the start and at the end of a step, and the
    parts of which they are sums. */
-typedef struct {
-  double of[WINDOW_NODES], by[2][WINDOW_NODES];
-  int parts;
-  WeightPart part[MOST_PARTS];
-} Weight;
+typedef struct { double of[WINDOW_NODES], by[2][WINDOW_NODES]; int parts; WeightPart part[MOST_PARTS]; } Weight;
 
 /* What the relation of a step consists of (slide_relation.h), by the names in coupling/sliders.py; numbers at the start
    and at the end are next to each other. */
@@ -32,8 +25,7 @@ typedef struct {
   double Ds, z[2], w[2], turn[2][2], Dr[2], Dalpha; /* w = W rbar / |rbar|^2, and its derivatives */
   /* If the rotation is that of 2 tan(Dpsi/2): x_a; k(x_a - y) cos x_a; of Nbar_a times this the derivatives by x_a and
      by y, and the sum; for a virtual slide of 1 the virtual rotation, and its derivatives by q, y_c and y. */
-  int turned;
-  double half[WINDOW_NODES], per_mean[WINDOW_NODES], by_half[WINDOW_NODES], by_y[WINDOW_NODES], total;
+  int turned; double half[WINDOW_NODES], per_mean[WINDOW_NODES], by_half[WINDOW_NODES], by_y[WINDOW_NODES], total;
   double along_turn, of_turn[3];
 } Relation;
 
@@ -56,8 +48,7 @@ typedef struct {
   /* Entries of its columns: rows, values and signs, from entry_start[component] on. Entries of the beam's degrees of freedom
      [node][3]: columns, values and signs, from part_start on; storage indices of the diagonal of its rotations in the full
      tangent. */
-  int *entry_start, *entry_row, *entry_value, *part_start, *part_column, *part_value;
-  double *entry_sign, *part_sign;
+  int *entry_start, *entry_row, *entry_value, *part_start, *part_column, *part_value; double *entry_sign, *part_sign;
   int *turn_stored_at;
   int bordering_row, products; /* first bordering row that is no column; number of products */
   /* Of a beam without mass that only sliding nodes may hold: columns of one of its nodes, and storage indices
@@ -65,9 +56,7 @@ typedef struct {
   int anchors, anchor_column[3], anchor_at[3];
   /* In the present iteration: arc lengths and the slide between them, their elements, first node of the window, increment, T and
      Tv, force. */
-  double s0, s1, slide;
-  int element[2], first;
-  double increment[3], T[3][LOCAL], virtual_map[3][LOCAL], force[3];
+  double s0, s1, slide; int element[2], first; double increment[3], T[3][LOCAL], virtual_map[3][LOCAL], force[3];
   Relation relation;
   Second of_force; /* derivatives of virtual_map^T F by the end of the step */
 } Slider;

@@ -25,8 +25,7 @@ INLINED void subtract_rows(int n, double (*f)[3], const double *const *from, dou
 
 /* A copy, without a call for the most frequent length, that of a node. */
 INLINED void copy_run(int length, const double *restrict from, double *restrict to) {
-  if (length == 3) to[0] = from[0], to[1] = from[1], to[2] = from[2];
-  else memcpy(to, from, length * sizeof(double));
+  if (length == 3) to[0] = from[0], to[1] = from[1], to[2] = from[2]; else memcpy(to, from, length * sizeof(double));
 }
 
 /* Copies stored rows of a group to rows with a place for each column. */
@@ -80,8 +79,7 @@ INLINED int finish(const SparseRows *p, double *A, int g, int size, double *cons
 }
 
 /* Subtracts multiples of the rows of an eliminated group of `many` rows from those of a group. */
-INLINED void eliminate_source(const SparseRows *p, double *A, int g, int h, int size, int many, int lower,
-                              double *const *row) {
+INLINED void eliminate_source(const SparseRows *p, double *A, int g, int h, int size, int many, int lower, double *const *row) {
   const int *start = p->start, *diagonal = p->diagonal, *first = p->first;
   int i = first[g], at = first[h];
   double f[3][3] = {{0}};

@@ -5,22 +5,17 @@
 /* Factors, and where each row of them and its diagonal begin; groups of up to three successive rows with equal columns:
    their first rows, the groups that are subtracted from them, and the columns behind them in runs of successive ones. */
 typedef struct {
-  int unknowns, *start, *diagonal;
-  int groups, *first, *source_start, *source, *run_start, *run_column, *run_length;
+  int unknowns, *start, *diagonal; int groups, *first, *source_start, *source, *run_start, *run_column, *run_length;
   double *factors;
 } SparseRows;
 
-typedef struct {
-  int *of, count, room;
-} IntList;
+typedef struct { int *of, count, room; } IntList;
 
 /* Groups of unknowns with equal columns, their graph, and those that wait until others are eliminated. Then what is found from
    them (elimination.h): lists of what each group is coupled with, the order, and the rows. */
 typedef struct {
-  int groups, *group_of, *first_unknown, *unknown, *graph_start, *graph, *waits, *waiting_start, *waiting;
-  IntList *near_to;
-  int *order, *work, *position;
-  SparseRows rows;
+  int groups, *group_of, *first_unknown, *unknown, *graph_start, *graph, *waits, *waiting_start, *waiting; IntList *near_to;
+  int *order, *work, *position; SparseRows rows;
 } Elimination;
 
 /* The order and the rows of a pattern, and the positions among the factors of its entries, in these rows and columns. */

@@ -7,10 +7,7 @@
 /* Numbers and arrays of a row. */
 enum { TAPED_NUMBERS = 5, TAPED = 12 };
 
-typedef struct {
-  double *of[TAPED];
-  long size[TAPED];
-} TapedArrays;
+typedef struct { double *of[TAPED]; long size[TAPED]; } TapedArrays;
 
 /* Start of a sub-step, loads at both ends, natural strains at its end, follower forces and parameters in it, and
    increments of the columns. */
@@ -18,11 +15,9 @@ static TapedArrays taped_arrays(const Problem *p, const Work *w) {
   long n = p->dofs, before = p->scheme.keeps_previous ? n : 0, internal = (long)p->cells * p->internal.per_cell;
   return (TapedArrays){
       {p->state.q, p->state.v, p->state.q_previous, p->state.slides, p->state.internal, p->state.spring_internal,
-          p->state.natural, w->loads, w->follower_force,
-       w->naturals, p->parameters.value, w->z},
+          p->state.natural, w->loads, w->follower_force, w->naturals, p->parameters.value, w->z},
       {n, n, before, p->passes.joints, internal, p->at_points.spring_width, (long)p->cells * p->natural.per_cell,
-          2L * p->loads.count,
-       2L * p->loads.follower_forces, p->natural.count, p->parameters.count, p->columns}};
+          2L * p->loads.count, 2L * p->loads.follower_forces, p->natural.count, p->parameters.count, p->columns}};
 }
 
 OF_STEPS long fx_tape_size(const Problem *p) {

@@ -7,9 +7,7 @@
 
 /* f at the end d of a step and its derivatives by e; the mean of its derivative by d over the step, which changes by `bend`
    with d, and its derivatives by e. */
-typedef struct {
-  Two place, place_by[2], chord, bend, chord_by[2];
-} Track;
+typedef struct { Two place, place_by[2], chord, bend, chord_by[2]; } Track;
 
 INLINED Track straight_track(const double *e, double d) {
   return (Track){d * pair(e), {{d, 0}, {0, d}}, pair(e), {0, 0}, {{1, 0}, {0, 1}}};
