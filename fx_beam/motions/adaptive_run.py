@@ -38,15 +38,11 @@ class AdaptiveRun:
         of_run = tolerance.value, tolerance.span, tolerance.longest
         self._control = StepControl(stepper.model, *of_run)
         self._control.begin(tolerance.first)
-        self._order = self._control.order
-        #: Whether a larger first length than that of the control is looked for.
-        self._search, self._breaks = tolerance.search, tolerance.breaks
+        self._tolerance = tolerance
         # The local error of a scheme of order 2 is right also where accelerations have a kink.
-        self._watch = self._order > 2
+        self._watch = self._control.order > 2
         #: Whether functions of time move the kinks of laws.
         self._kinks_move = self._watch and stepper.model.forms.parameters.vary
-        #: Segments of motion between events are not divided further [s].
-        self._least = _LEAST * tolerance.span
         self._started = self._behind_event = False
         #: Whether each call takes a single step.
         self._single = single
@@ -57,14 +53,14 @@ class AdaptiveRun:
     def advance(self, state: State) -> None:
         """Take some steps from a state, at most up to the next break."""
         control, stats, recorder = self._control, self._stats, self._recorder
-        until = self._breaks[self._next]
+        until = self._tolerance.breaks[self._next]
         if not self._started:
             self._start(state, until)
         ends, dt = control.ends(state.t, until, self._block)
         if self._single:
             ends = ends[:1]
         first = stats.steps + 1
-        last = self._next == len(self._breaks) - 1
+        last = self._next == len(self._tolerance.breaks) - 1
         recorder.plan(first, ends, last and ends[-1] == until)
         result = self._try_steps(state, ends, dt, first, recorder)
         if self._watch and (result.switched or (result.ratio or 0.0) > 1):
@@ -99,6 +95,11 @@ class AdaptiveRun:
             return result
         step = stepper.try_steps(now, next_one, dt, first + result.taken, recorder, control)
         return step._replace(taken=result.taken + step.taken)
+
+    @property
+    def _least(self) -> float:
+        """Segments of motion between events are not divided further [s]."""
+        return _LEAST * self._tolerance.span
 
     def _matters(self, state: State, t1: float) -> bool:
         """Whether a step to t1 [s] and two of half its length end in different configurations."""
@@ -143,7 +144,7 @@ class AdaptiveRun:
             end = t1
         end = self._harmless(state, end)
         number = stats.steps + 1
-        recorder.plan(number, np.array([end]), end == self._breaks[-1])
+        recorder.plan(number, np.array([end]), end == self._tolerance.breaks[-1])
         step = stepper.try_steps(
             state, np.array([end]), end - state.t, number, recorder, self._control
         )
@@ -155,7 +156,7 @@ class AdaptiveRun:
     def _start(self, state: State, until: float) -> None:
         """Find the first length by trial steps, which are not part of the run."""
         integrator, control, stats = self._stepper.integrator, self._control, self._stats
-        number = self._order + AVERAGED
+        number = control.order + AVERAGED
         longest = (until - state.t) / number
         if self._behind_event:
             control.begin(self._harmless(state, state.t + min(control.length, longest)) - state.t)
@@ -169,25 +170,25 @@ class AdaptiveRun:
                 with stats_unchanged(stats):
                     while ratio is None and not failed:
                         number = round((now.t - state.t) / dt)
-                        ends = state.t + dt * np.arange(number + 1, self._order + AVERAGED + 1)
+                        ends = state.t + dt * np.arange(number + 1, control.order + AVERAGED + 1)
                         result = self._try_steps(now, ends, dt, 1, NullRecorder())
                         now, ratio, failed = result.state, result.ratio, result.failed
                         if result.switched:
                             break
             finally:
                 integrator.state.restore(copy)
-            stats.rejected += self._order + AVERAGED
+            stats.rejected += control.order + AVERAGED
             if failed:
                 self._fail(state, dt)
                 continue
             if result.switched and dt > self._least:
                 # Fewer steps would have no error that is known up to there.
                 steps_taken = round((now.t - state.t) / dt)
-                control.begin(dt * min((steps_taken + 0.5) / (self._order + AVERAGED + 1), 0.5))
+                control.begin(dt * min((steps_taken + 0.5) / (control.order + AVERAGED + 1), 0.5))
                 longest = min(longest, control.length)
                 continue
             # Only the first length may be far too small; at breaks a trial is lost time.
-            search = self._search and stats.steps == 0
+            search = self._tolerance.search and stats.steps == 0
             self._halvings = 0
             if ratio is not None and ratio > 1:
                 # Longer trials may reach a contact that shorter ones do not: do not try them again.

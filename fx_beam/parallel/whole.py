@@ -24,10 +24,11 @@ from fx_beam.scene.sliders import sliding_joints
 from fx_beam.step.equations import Equations
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.load_loop import LoadLoop
-from fx_beam.step.loop import CompiledLoop, StepInputs, Steps, StepsResult, no_inputs
+from fx_beam.step.loop import CompiledLoop, Steps, StepsResult
 from fx_beam.step.model import Model
 from fx_beam.step.newton import NEGLIGIBLE, NewtonOptions
 from fx_beam.step.recorder import Rows
+from fx_beam.step.step_inputs import StepInputs, no_inputs
 from fx_beam.step.tables import Problem
 
 from .linear_system import LinearSystem, Solved
@@ -160,7 +161,7 @@ class TeamLoop(CompiledLoop):
     ) -> StepsResult:
         """Take the first of some steps or parts, if it succeeds."""
         end = steps.ends[:1]
-        one = steps._replace(ends=end, inputs=self.inputs(state.t, end))
+        one = steps._replace(ends=end, inputs=super().inputs_ahead(state.t, end))
         return super().take(state, one, recorder, completed)
 
 

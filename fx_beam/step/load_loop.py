@@ -15,10 +15,11 @@ from fx_beam.results.state import State
 
 from .equations import Balance, Equations
 from .forcing import LoadForcing
-from .loop import CompiledLoop, StepInputs
+from .loop import CompiledLoop
 from .newton import NewtonOptions
 from .recorded_histories import sums_of
 from .recorder import Recorder
+from .step_inputs import StepInputs
 
 
 class StepSolution(NamedTuple):
@@ -56,23 +57,24 @@ class LoadLoop(CompiledLoop):
         n, columns = model.size, model.reduction.columns
         sizes = {"D": n, "z": columns, "r": n, "tangent": len(model.reduction.tangent.pattern[1])}
         self._D, self._z, self._r, self._tangent = self.problem.results(**sizes)
-        self._force, self._mean_force, self._strains = self.problem.given()
+        # Dead forces at the end and their mean, and natural strains, for C.
+        self._given = [*self.problem.given()]
 
     @property
     def drag(self) -> float:
         """Drag [J] on increments, in all tangents and residuals of the loop and its equations."""
-        return float(self._problem.statics.viscosity)
+        return float(self.problem.c.statics.viscosity)
 
     @drag.setter
     def drag(self, drag: float) -> None:
-        self._problem.statics.viscosity = drag
+        self.problem.c.statics.viscosity = drag
 
     @cached_property
     def _one_row(self) -> Any:
         """A record of forces alone, for one step."""
-        to, self._row = self._ffi.new("Record *"), np.zeros(1, np.int32)
+        to, self._row = self.problem.ffi.new("Record *"), np.zeros(1, np.int32)
         to.every = to.parts = to.forces = 1
-        to.up_to_row = self._ffi.from_buffer("int[]", self._row)
+        to.up_to_row = self.problem.ffi.from_buffer("int[]", self._row)
         return to
 
     @cached_property
@@ -101,11 +103,11 @@ class LoadLoop(CompiledLoop):
 
     def step(self, state: State, interval: Interval) -> tuple[State, StepSolution]:
         """State at the end of a load step, and its increment; StepFailed if none is found."""
-        p, length = self._problem, interval.length
+        p, length = self.problem.c, interval.length
         inputs = self._begin_step(state, interval, length)
-        self._library.fx_take_counts(p)  # those of the steps before
+        self.problem.library.fx_take_counts(p)  # those of the steps before
         self._one_row.rows = 0
-        if not self._steps(1, length, self.c_inputs(inputs), self._one_row):
+        if not self._steps(1, length, inputs.in_c(self.problem.ffi), self._one_row):
             raise self.failures.in_c(self.problem, state)
         ended_by = "round-off" if p.counts.by_round_off else "increment"
         y = self._z[: self.model.reduction.free].copy()
@@ -120,9 +122,9 @@ class LoadLoop(CompiledLoop):
         driven = self.forcing.positions(interval.end)
         inputs = self._begin_step(state, interval, 0.0)
         z = self.model.reduction.in_columns(y, driven - self.forcing.current(state))
-        c_inputs, r = self.c_inputs(inputs), np.ascontiguousarray(r)
+        c_inputs, r = inputs.in_c(self.problem.ffi), np.ascontiguousarray(r)
         c_inputs.known, c_inputs.known_forces = map(
-            self._ffi.from_buffer, ("double[]",) * 2, (z, r)
+            self.problem.ffi.from_buffer, ("double[]",) * 2, (z, r)
         )
         self._one_row.rows = 0
         self._steps(1, 0.0, c_inputs, self._one_row)
@@ -130,14 +132,15 @@ class LoadLoop(CompiledLoop):
 
     def _begin_step(self, state: State, interval: Interval, length: float) -> StepInputs:
         """Begin in a state; the inputs of the step."""
-        p, model, forcing = self._problem, self.model, self.forcing
+        p, model, forcing = self.problem.c, self.model, self.forcing
         self.state.load(state)
         model.points.set_load(interval.end, length)
-        self._force[:], self._mean_force[:] = map(forcing.dead, (interval.end, interval.at(0.5)))
+        force, mean_force, strains = self._given
+        force[:], mean_force[:] = map(forcing.dead, (interval.end, interval.at(0.5)))
         if model.weight is not None:  # whose work is all of its potential energy
-            self._mean_force -= model.weight
-        if (strains := forcing.natural(interval.end)) is not None:
-            self._strains[:] = strains.ravel()
+            mean_force -= model.weight
+        if (natural := forcing.natural(interval.end)) is not None:
+            strains[:] = natural.ravel()
         p.state.t, p.statics.ratio_before, p.state.ratio = (
             forcing.time - length,
             interval.start,
@@ -168,7 +171,7 @@ class LoadLoop(CompiledLoop):
     @property
     def singular(self) -> bool:
         """Whether it was singular, or nearly."""
-        return self._problem.newton.raised < 0
+        return self.problem.c.newton.raised < 0
 
     @property
     def values(self) -> np.ndarray | None:
@@ -180,12 +183,12 @@ class LoadLoop(CompiledLoop):
 
         By Sylvester's law of inertia: the pivots have their signs.
         """
-        p = self._problem
+        p = self.problem.c
         if self.together is not None or p.newton.raised or p.newton.old_factors:
             return None
         if not p.system.unknowns:
             return 0
         rows = p.system.rows
-        factors = array_at(self._ffi, rows.factors, rows.start[p.system.unknowns])
-        diagonal = array_at(self._ffi, rows.diagonal, p.system.unknowns)
+        factors = array_at(self.problem.ffi, rows.factors, rows.start[p.system.unknowns])
+        diagonal = array_at(self.problem.ffi, rows.diagonal, p.system.unknowns)
         return int((factors[diagonal] < 0).sum())

@@ -11,8 +11,9 @@ from fx_beam.errors import StepError
 from fx_beam.results.state import State
 from fx_beam.scene.inputs import InputSignal
 
-from .loop import CompiledLoop, StepInputs, no_inputs
+from .loop import CompiledLoop
 from .recorder import NullRecorder, Recorder, Rows
+from .step_inputs import StepInputs, inputs_of, no_inputs
 
 # Steps whose functions of time are evaluated at once.
 _BLOCK = 64
@@ -26,7 +27,7 @@ class CompiledSingleSteps:
         problem = loop.problem
         self._p, self._run = problem.c, problem.library.fx_run
         self._no_limits = problem.ffi.NULL
-        self._unrecorded = loop.c_record(NullRecorder(), 1)
+        self._unrecorded = loop.records.next(NullRecorder(), 1)
         #: Rows of a recorder for C, and the recorder and its plan to which they belong.
         self._rows = self._unrecorded
         self._plan: tuple[Recorder | None, int] = None, -1
@@ -41,7 +42,7 @@ class CompiledSingleSteps:
         arrays = [np.zeros((steps, *shape)) for shape in shapes]
         loads, driven, follower_force, parameters, natural = arrays
         self._inputs = StepInputs(loads, driven, follower_force, parameters, natural, steps)
-        self._c_inputs = self._loop.c_inputs(self._inputs)
+        self._c_inputs = self._inputs.in_c(self._loop.problem.ffi)
         ends = np.cumsum(model.scheme.fractions)
         ends[-1] = 1.0
         starts, level = np.append(0.0, ends[:-1]), model.scheme.rates.level
@@ -66,7 +67,7 @@ class CompiledSingleSteps:
             elif not function.is_constant:
                 self._varies = True
         if not self._varies:
-            self._fill(self._loop.inputs(0.0, np.array([self._dt])), 0)
+            self._fill(inputs_of(self._loop.problem, forcing, 0.0, np.array([self._dt])), 0)
 
     def load(self, state: State) -> None:
         """Begin with a state, and with step number 1."""
@@ -104,7 +105,7 @@ class CompiledSingleSteps:
         """The record of C, from the recorder's next row on."""
         if (recorder, recorder.plans) != self._plan:
             room = len(recorder.arrays["energies"]) - recorder.rows
-            self._rows = self._loop.c_record(recorder, room)
+            self._rows = self._loop.records.next(recorder, room)
             self._plan = recorder, recorder.plans
         self._rows.rows = recorder.rows
         self._rows.starts, self._rows.complete = recorder.starts, recorder.complete
@@ -115,7 +116,8 @@ class CompiledSingleSteps:
         known, first = self._known
         if (number - first) * self._p.scheme.sub_steps >= len(known.driven):
             ends = grid(number + np.arange(_BLOCK))
-            known, first = self._loop.inputs(t0, ends), number
+            loop = self._loop
+            known, first = inputs_of(loop.problem, loop.forcing, t0, ends), number
             now = not (isinstance(known.error, StepError) and len(known.driven))
             if known.error is not None and now:
                 raise known.error

@@ -10,8 +10,9 @@ import numpy as np
 from fx_beam.errors import StepError, any_of
 from fx_beam.results.state import State
 
-from .loop import CompiledLoop, StepInputs, Steps, StepsResult
+from .loop import CompiledLoop, Steps, StepsResult
 from .recorder import NullRecorder, Rows
+from .step_inputs import StepInputs
 from .substeps import Halving
 
 if TYPE_CHECKING:

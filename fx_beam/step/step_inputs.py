@@ -1,0 +1,100 @@
+"""Inputs of time steps: loads, driven motions and the like, evaluated for many at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fx_beam.dual import without_slopes
+from fx_beam.laws.interval import divided
+
+from .forcing import Forcing
+from .tables import Problem
+
+# Inputs of which a single row may stand for all sub-steps.
+_REPEATED = "loads", "follower_force", "natural"
+
+
+class StepInputs(NamedTuple):
+    """Loads, driven motions and the like of sub-steps, and what ended them."""
+
+    loads: np.ndarray
+    driven: np.ndarray
+    follower_force: np.ndarray
+    #: Values (sub-steps, 2, n) at the scheme's level and at the end; (..., 0) if none varies.
+    parameters: np.ndarray
+    #: Natural strains (sub-steps, n) at the end.
+    natural: np.ndarray
+    #: Sub-steps of a step.
+    parts: int
+    error: BaseException | None = None
+
+    @property
+    def steps(self) -> int:
+        """Number of steps."""
+        return len(self.driven) // self.parts
+
+    def arrays(self) -> dict[str, Any]:
+        """All rows by name."""
+        return dict(zip(self._fields, self[:5], strict=False))
+
+    def after(self, steps: int) -> StepInputs:
+        """The inputs of the steps after some."""
+        first = steps * self.parts
+        return self._replace(**{name: rows[first:] for name, rows in self.arrays().items()})
+
+    def in_c(self, ffi: Any) -> Any:
+        """The struct ``Inputs``, which reads these arrays as long as they are kept."""
+        inputs = ffi.new("Inputs *")
+        for name, rows in self.arrays().items():
+            if rows.size:
+                # The first row is contiguous, also where it stands for all.
+                setattr(inputs, name, ffi.from_buffer("double[]", rows[:1]))
+                if name in _REPEATED:
+                    setattr(inputs, f"{name}_stride", rows.strides[0] // rows.itemsize)
+        return inputs
+
+
+def no_inputs(parts: int, steps: int = 0) -> StepInputs:
+    """Those of steps without any."""
+    none, of_ends = np.empty((steps * parts, 0)), np.empty((steps * parts, 2, 0))
+    return StepInputs(of_ends, none, none, of_ends, none, parts)
+
+
+def inputs_of(problem: Problem, forcing: Forcing, t: float, times: np.ndarray) -> StepInputs:
+    """Inputs of steps from t to `times` [s]; if a function of time fails, of those before."""
+    p, model = problem.c, forcing.model
+    inputs = no_inputs(p.scheme.sub_steps, len(times))
+    acts = p.loads.count or p.driven or p.loads.follower_forces
+    if not (acts or p.parameters.vary or p.natural.count):
+        return inputs
+    starts = np.concatenate([[t], times[:-1]])
+    t0, t1 = divided(starts, times, model.scheme.fractions)
+    follow, parameters, strains = model.points.followers, model.forms.parameters, model.natural
+
+    def rows(series: Callable[..., Any], constant: bool, *ends: np.ndarray) -> np.ndarray:
+        """Rows of all sub-steps; a single row is repeated without copies."""
+        values = series(*(end[: 1 if constant else None] for end in ends))
+        values = np.ascontiguousarray(without_slopes(values))
+        shape = len(t1), *values.shape[1:]
+        return np.broadcast_to(values, shape) if values.size else np.empty(shape)
+
+    try:
+        arrays: dict[str, Any] = {"loads": rows(forcing.loads, model.loads.constant, t0, t1)}
+        if follow:
+            arrays["follower_force"] = rows(follow.series, follow.constant, t0, t1)
+        if parameters.vary:
+            level = model.scheme.rates.level
+            arrays["parameters"] = without_slopes(parameters.over_steps(t0, t1, level))
+        if strains:
+            arrays["natural"] = rows(forcing.naturals, strains.constant, t1)
+        return inputs._replace(driven=without_slopes(forcing.series(t1)), **arrays)
+    except BaseException as raised:
+        before = int(np.searchsorted(times, getattr(raised, "time", t)))
+        if before:
+            inputs = inputs_of(problem, forcing, t, times[:before])
+        else:
+            inputs = no_inputs(p.scheme.sub_steps)
+        return inputs._replace(error=inputs.error or raised)
