@@ -70,6 +70,11 @@ from .scene.coordinate import (
 )
 from .scene.curve import Curve as Curve, arc as arc, spline as spline
 from .scene.forces_between import ForceBetween as ForceBetween
+from .scene.ground_springs import (
+    Bed as Bed,
+    GroundSpring as GroundSpring,
+    GroundSprings as GroundSprings,
+)
 from .scene.inputs import Input as Input
 from .scene.joints import (
     GROUND as GROUND,

@@ -15,6 +15,7 @@ from fx_beam.content_cache import cached_by_content
 from fx_beam.errors import SceneError
 from fx_beam.fem.mesh import Mesh
 from fx_beam.scene.coordinate import Coordinate
+from fx_beam.scene.ground_springs import GroundSpring
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.scene import Scene
 
@@ -138,7 +139,17 @@ def _rows(scene: Scene, mesh: Mesh, parts: _Parts, at_rest: bool):
             turning.append(nodes)
     row_of = [*range(len(together))]
     for force in scene.forces_between:
-        if _is_held(force.on, at_rest):  # the length over all of its points
+        if not _is_held(force.on, at_rest):
+            continue
+        if isinstance(force, GroundSpring):
+            if force.direction is None:
+                turning.append((-1, force.target.number))
+                continue
+            held = mesh.nodes_of(scene, force.target)
+            row_of += range(len(together), len(together) + len(held))
+            ways = force.ways(mesh.X[held])
+            together += [(-1, node, *way, 0.0, 0.0) for node, way in zip(held, ways, strict=True)]
+        else:  # the length over all of its points
             row_of += [len(together)] * len(force.apart)
             ways = zip(force.nodes, force.nodes[1:], force.apart, strict=False)
             together += [(a, b, *(way / np.hypot(*way)), 0.0, 0.0) for a, b, way in ways]

@@ -15,6 +15,7 @@ import scipy.sparse
 from scipy.sparse.csgraph import connected_components
 
 from fx_beam.scene.beam import Beam
+from fx_beam.scene.ground_springs import GroundSpring
 from fx_beam.step.model import Model
 from fx_beam.step.sparse_lu import pivoted_lu
 
@@ -48,7 +49,10 @@ def free_parts(model: Model) -> list[FreePart]:
     pairs = [(nodes[0], node) for nodes in mesh.nodes for node in nodes[1:]]
     pairs += [(joint.a.number, joint.b.number) for joint in scene.joints]
     for force in scene.forces_between:
-        pairs += pairwise(force.nodes)
+        if isinstance(force, GroundSpring):
+            pairs.append((mesh.nodes_of(scene, force.target)[0], -1))
+        else:
+            pairs += pairwise(force.nodes)
     for contact in scene.contacts:
         nodes, shape = mesh.nodes_of(scene, contact.target), contact.shape
         carrier = shape.nodes[0] if isinstance(shape, Beam) else shape.carrier

@@ -13,7 +13,9 @@ from fx_beam.laws import scalar_laws as laws
 from fx_beam.laws.gaps import gap_of
 from fx_beam.laws.point_laws import (
     ANGLE,
+    DISPLACEMENT,
     FOLLOWER,
+    ROTATION,
     SLIDE,
     CoordinateKind,
     PointLaw,
@@ -23,6 +25,7 @@ from fx_beam.laws.point_laws import (
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.contacts import Contact
 from fx_beam.scene.coordinate import Coulomb, SmoothFriction, bristle, functions_of, numbers_of_loss
+from fx_beam.scene.ground_springs import GroundSpring
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.law import functions_of_energy
 from fx_beam.scene.scene import Scene
@@ -143,6 +146,9 @@ def _frictions(scene: Scene, mesh: Mesh, mobility: np.ndarray) -> Iterator[Point
 
 def _between(scene: Scene, mesh: Mesh, known: _Known, at_rest: bool) -> Iterator[PointForce]:
     for force in scene.forces_between:
+        if isinstance(force, GroundSpring):
+            yield from _to_ground(force, scene, mesh, known, at_rest)
+            continue
         kind = length_over(tuple(node >= 0 for node in force.nodes))
         apart = [component for vector in force.apart for component in vector]  # with slopes
         dofs = mesh.dofs[[node for node in force.nodes if node >= 0], :2].ravel().tolist()
@@ -153,6 +159,23 @@ def _between(scene: Scene, mesh: Mesh, known: _Known, at_rest: bool) -> Iterator
             numbers = [*apart, 1.0]
             law = _shared(known, laws.pull, kind, force.functions, force.force)
             yield PointForce(law, numbers, dofs, role=Role.EXTERNAL, line=force.number)
+
+
+def _to_ground(
+    force: GroundSpring, scene: Scene, mesh: Mesh, known: _Known, at_rest: bool
+) -> Iterator[PointForce]:
+    """Springs from a node, or from each node of a beam, to the ground."""
+    if force.direction is None:
+        for law, numbers in _of_coordinate(force.on, ROTATION, known, at_rest):
+            dofs = [-1, rotation_of(force.target)]
+            yield PointForce(law, numbers, dofs, owner=str(force), line=force.number)
+        return
+    nodes = mesh.nodes_of(scene, force.target)
+    ways = force.ways(mesh.nodal_positions(scene)[nodes])
+    for node, way, length in zip(nodes, ways, force.lengths, strict=True):
+        for law, (stiffness, *numbers) in _of_coordinate(force.on, DISPLACEMENT, known, at_rest):
+            given = law, [*way, stiffness * length, *numbers], mesh.dofs[node, :2].tolist()
+            yield PointForce(*given, owner=str(force), line=force.number)
 
 
 def _of_coordinate(

@@ -404,5 +404,14 @@ def dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
     return a[0] * b[0] + a[1] * b[1]
 
 
+def _displacement(motion: ForceStep, D: Sequence[Any], numbers: Sequence[Any]) -> StepCoordinate:
+    """The displacement of a node along a fixed direction, the numbers."""
+    start, path, rate = (dot(numbers, values) for values in (motion.start, D, motion.rates))
+    return StepCoordinate(start, start + path, numbers, numbers, path, rate)
+
+
 SLIDE = CoordinateKind("a slide", 1, 0, _slide, starts_at_zero=True)
 ANGLE = CoordinateKind("an angle", 2, 0, _angle, starts_at_zero=True)
+#: Of a node to the ground, with recorded forces.
+DISPLACEMENT = CoordinateKind("a displacement", 2, 2, _displacement, True, is_line=True)
+ROTATION = ANGLE._replace(name="a rotation", is_line=True)

@@ -16,6 +16,7 @@ from fx_beam.results.fields import RESULTANTS, along_all
 from fx_beam.results.files import of_numpy, replacing, writable
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node, arc_lengths
+from fx_beam.scene.ground_springs import GroundSpring
 
 from .drawing import Drawing, axis, checked_drawing, line_between, time_unit, title
 from .members import SEQUENTIAL, SIGNED, WORDS, hexadecimal, is_signed, unit_of
@@ -145,6 +146,7 @@ def interactive(
                 "points": _points(drawing, line_between(drawing, force, drawing.rows)),
             }
             for force in drawing.of_scene("forces_between")
+            if not isinstance(force, GroundSpring)  # which are only in drawings
         ],
         "forces": [
             {"points": _points(drawing, [drawing.arrow(node, k) for k in drawing.rows])}

@@ -18,6 +18,7 @@ from fx_beam.results.solution import Solution, forces_on_nodes, scene_of
 from fx_beam.scene.beam import Beam, Node, lagrange, lagrange_and_slopes
 from fx_beam.scene.contacts import Shape, arc_of
 from fx_beam.scene.forces_between import ForceBetween
+from fx_beam.scene.ground_springs import GroundSpring
 from fx_beam.scene.joints import GROUND
 
 _log = logging.getLogger("fx_beam")
@@ -25,6 +26,8 @@ _log = logging.getLogger("fx_beam")
 # Fractions of the scene's size: what is drawn beyond the nearest positions, distance and length
 # of the strokes. An obstacle farther away than the size is not drawn.
 _BEYOND, _APART, _STROKE = 0.1, 0.03, 0.016
+# Lengths of springs from a node and from a bed to the ground; number of the latter.
+_GROUND_SPRING, _BED_SPRING, _OF_BED = 0.15, 0.06, 9
 # Displacements below this fraction of it cannot be seen.
 _TINY = 1e-3
 
@@ -224,6 +227,8 @@ class Drawing:
         between = self.of_scene("forces_between")
         points = (point for force in between for point in force.points)
         fixed = [point.position for point in points if not isinstance(point, Node)]
+        grounded = (force for force in between if isinstance(force, GroundSpring))
+        fixed += [foot for force in grounded for _, foot, _ in feet(self, force)]
         arrows = [self.arrow(node, k) for k, of_row in self.forces.items() for node in of_row]
         lines = [of.line for of in self.obstacles]
         lines += [of.line for k in self.rows for of in self.carried(k)]
@@ -332,6 +337,22 @@ def line_between(drawing: Drawing, force: ForceBetween, rows) -> np.ndarray:
         for point in force.points
     ]
     return np.stack(lines, axis=-2)
+
+
+def feet(drawing: Drawing, force: GroundSpring) -> list[tuple[int, np.ndarray, np.ndarray]]:
+    """Nodes that a force holds to the ground, places of their walls and directions from these.
+
+    Of a bed across a beam some springs are drawn, of one along it the one at the end.
+    """
+    if force.direction is None:
+        return []
+    nodes = nodes_of(drawing.solution, force.target)
+    X = drawing.solution.X[nodes]
+    ways = np.broadcast_to(force.ways(X), X.shape)
+    short = len(nodes) > 1 and not force.direction[0]
+    drawn = np.linspace(0, len(nodes) - 1, min(len(nodes), _OF_BED if short else 1)).round()
+    length = (_BED_SPRING if short else _GROUND_SPRING) * drawing.reach
+    return [(int(nodes[i]), X[i] - length * ways[i], ways[i]) for i in drawn.astype(int)]
 
 
 def checked_drawing(

@@ -12,9 +12,10 @@ from matplotlib.collections import PolyCollection
 from fx_beam.errors import require
 from fx_beam.scene.beam import Node
 from fx_beam.scene.coordinate import Coordinate
+from fx_beam.scene.ground_springs import GroundSpring
 from fx_beam.scene.joints import GROUND, Joint
 
-from .drawing import Drawing, Outline, apart, line_between
+from .drawing import Drawing, Outline, apart, feet, line_between
 
 # Fractions of the drawing's size: height of a support, length of a wall, its strokes, half of the
 # shortest guide, and what guides have beyond the path on them.
@@ -328,6 +329,9 @@ def draw_between(ax, drawing: Drawing, k: int) -> None:
     lines: dict[str, list[np.ndarray]] = {"fine": [], "pull": [], "friction": []}
     size = drawing.size
     for force in drawing.of_scene("forces_between"):
+        if isinstance(force, GroundSpring):
+            _draw_to_ground(lines, drawing, force, k)
+            continue
         points, on = line_between(drawing, force, k), force.on
         is_rope, (a, b) = len(points) > 2, points[-2:]
         along = (b - a) / max(np.hypot(*(b - a)), 1e-9 * size)
@@ -343,6 +347,24 @@ def draw_between(ax, drawing: Drawing, k: int) -> None:
                 wall = wall_strokes(way / np.hypot(*way), _SHORT_WALL).at(point.position, size)
                 lines["fine"] += wall.thick + wall.thin
     _draw_by_looks(ax, lines)
+
+
+def _draw_to_ground(lines: dict, drawing: Drawing, force: GroundSpring, k: int) -> None:
+    """Add what holds a node or a beam to the ground, with walls."""
+    size, parts = drawing.size, [part for part in _AROUND if getattr(force.on, part) is not None]
+    if force.direction is None:
+        centre = drawing.positions(force.target.number, k)
+        for part in parts:
+            symbol = centre + _SPRING_WIDTH * size * _AROUND[part]
+            lines[_LOOK_OF.get(part, part)].append(symbol)
+    for node, foot, way in feet(drawing, force):
+        end = drawing.positions(node, k)
+        along = (end - foot) / max(np.hypot(*(end - foot)), 1e-9 * size)
+        for part in [part for part in parts if part != "stop"] or ["spring"]:
+            symbol = _straight(part, force.on, (foot, end), (foot + end) / 2, along, size)
+            lines[_LOOK_OF.get(part, part)].append(symbol)
+        wall = wall_strokes(-way, _SHORT_WALL).at(foot, size)
+        lines["fine"] += wall.thick + wall.thin
 
 
 def _draw_by_looks(ax, lines: dict[str, list[np.ndarray]]) -> None:

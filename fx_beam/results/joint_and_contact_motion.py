@@ -13,6 +13,7 @@ from fx_beam.errors import is_one_of, shown
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.contacts import Contact, arc_of, nearest
 from fx_beam.scene.forces_between import ForceBetween
+from fx_beam.scene.ground_springs import GroundSpring
 from fx_beam.scene.joints import Joint, NodalMotion
 
 # Distances of points and nodes, in all rows, that are looked at together.
@@ -179,7 +180,9 @@ def nodes_of(solution: Any, target: Node | Beam) -> np.ndarray:
 
 @dataclass(frozen=True, repr=False)
 class PullMotion:
-    """Length and tension of a force between points or a rope; created by `Solution.joint`.
+    """Length and tension of a force between points, a rope or a spring to the ground.
+
+    Created by `Solution.joint`.
 
     Parameters
     ----------
@@ -212,14 +215,27 @@ class PullMotion:
     def force(self) -> np.ndarray:
         """Pull (n,) [N], positive if it shortens the line, at `Solution.t_level`; 0 if slack.
 
-        Of all its laws together: springs, dampers, friction, stops and the additional force.
+        Of all its laws together: springs, dampers, friction, stops and the additional force. Of a
+        spring to the ground the force, or moment [N m], against an increase of `length`; of a bed
+        that on all of the beam.
         """
         return self.solution.recorded("line_forces")[:, self.line.number]
 
     @property
     def length(self) -> np.ndarray:
-        """Distance (n,) of the points, or the sum of those along a rope [m]."""
+        """Distance (n,) of the points, or the sum of those along a rope [m].
+
+        Of a spring to the ground the displacement along its direction [m], or the rotation [rad];
+        of a bed those (n, nodes) at the nodes of the beam.
+        """
         of, count = self.solution, len(self.solution.t)
+        if isinstance(self.line, GroundSpring):
+            nodes = nodes_of(of, self.line.target)
+            q = of.recorded("q").reshape(count, -1, 3)[:, nodes]
+            if self.line.direction is None:
+                return q[:, 0, 2]
+            along = np.sum(q[..., :2] * self.line.ways(of.X[nodes]), axis=-1)
+            return along if isinstance(self.line.target, Beam) else along[:, 0]
         at = [
             of.position(point) if isinstance(point, Node) else np.tile(point.position, (count, 1))
             for point in self.line.points

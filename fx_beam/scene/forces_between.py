@@ -182,13 +182,19 @@ def checked_force(
             f"{made}: fx_beam.Coulomb needs a normal force, which a force between two points has "
             "not. Use fx_beam.SmoothFriction"
         )
-    if on.stop is not None:
-        on.stop.check_start(distance, 1e-9 * size, f"{made}: the distance")
-    if on.spring is not None and on.spring.strain_energy is not None and not on.spring.internal:
-        _check(on.spring.strain_energy, (distance - on.spring.rest,), made, "strain_energy(x)")
+    check_at_start(made, distance, 1e-9 * size, "the distance")
     if force is not None:
         _check(force, (distance, 0.0, 0.0), made, "force(distance, rate, t)")
     return made
+
+
+def check_at_start(made: ForceBetween, place: float, tolerance: float, what: str) -> None:
+    """SceneError if a force starts beyond a stop, or its stored energy is not finite there."""
+    stop, spring = made.on.stop, made.on.spring
+    if stop is not None:
+        stop.check_start(place, tolerance, f"{made}: {what}")
+    if spring is not None and spring.strain_energy is not None and not spring.internal:
+        _check(spring.strain_energy, (place - spring.rest,), made, "strain_energy(x)")
 
 
 def _points(points: Sequence[Any]) -> tuple[Node | FixedPoint, ...]:

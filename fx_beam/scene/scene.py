@@ -8,9 +8,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
+import numpy as np
+
 from fx_beam.errors import (
     SceneError,
     as_float,
+    finite,
     is_flag,
     is_name,
     is_one_of,
@@ -27,6 +30,7 @@ from .coordinate import Coordinate, Coulomb, Damper, SmoothFriction, Spring, Sto
 from .curve import Curve, layout
 from .forces_between import ForceBetween, Pull, checked_force, rope_spring
 from .functions import ArrayCalls, Signal
+from .ground_springs import Bed, GroundSprings, bed_of, ground_spring
 from .inputs import Input, time_function
 from .joints import GROUND, Joint, Revolute, Rigid, moved_by, placed
 from .law import functions_of_energy
@@ -789,6 +793,126 @@ class Scene:
             spring, own = rope_spring(spring, length, number)
         on = Coordinate(spring, damper, friction=friction, stop=stop)  # type: ignore[arg-type]
         return self._with_force(checked_force(points, on, force, number, self._size, own))
+
+    def add_spring(
+        self, node: Node, x=None, y=None, rotation=None, axis: Sequence[float] = (1.0, 0.0)
+    ) -> GroundSprings:
+        """Hold a node to the ground by springs, dampers, friction or stops.
+
+        They act on the displacement of the node along fixed directions, and on its rotation, both
+        since the reference configuration. In schemes that conserve energy the work is exactly the
+        change of the stored energy.
+
+        Parameters
+        ----------
+        node : Node
+            A node of this scene.
+        x, y, rotation : Spring, Damper, SmoothFriction, Stop or a list of them, optional
+            What acts on each displacement [m] and on the rotation [rad].
+        axis : (2,) float, optional
+            Direction of x, of any length; y is to its left. By default those of the scene.
+
+        Returns
+        -------
+        GroundSprings
+            With `x`, `y` and `rotation`; ``solution.joint(springs.x)`` has the force and the
+            displacement.
+
+        Raises
+        ------
+        SceneError
+            Without any law, for what is no law, for a stop beyond which the node starts, or an
+            axis without a direction.
+
+        Examples
+        --------
+        A mass of 2 kg on a spring of 800 N/m with a damper: it hangs m g / k lower.
+
+        >>> import fx_beam as fb
+        >>> scene = fb.Scene(gravity=(0, -9.81))
+        >>> mass = scene.add_body((0, 0), mass=2.0).centre
+        >>> scene.fix(mass, "x", "rotation")
+        >>> held = scene.add_spring(mass, y=[fb.Spring(800.0), fb.Damper(20.0)])
+        >>> rest = fb.static(scene)
+        >>> float(rest.joint(held.y).force[-1].round(2)), float(rest.position(mass)[-1, 1].round(6))
+        (-19.62, -0.024525)
+        """
+        loads.check_node(self, node, "spring")
+        along = vector(axis, 2, "spring: axis")
+        size = np.hypot(*along)
+        require(size > 0, "spring: axis", axis, "a direction")
+        left = np.array([-along[1], along[0]]) + 0.0  # no -0
+        each = ("x", x, along / size), ("y", y, left / size), ("rotation", rotation, None)
+        given = [(name, laws, way) for name, laws, way in each if laws is not None]
+        expected = "an fx_beam.Spring for one of them at least"
+        require(bool(given), "spring: x, y, rotation", None, expected)
+        made = {
+            name: ground_spring(node, laws, way, number, f"spring: {name}")
+            for number, (name, laws, way) in enumerate(given, self.force_count)
+        }
+        for spring in made.values():
+            self._with_force(spring)
+        return GroundSprings(**made)
+
+    def add_bed(
+        self, beam: Beam, normal: float = 0.0, tangential: float = 0.0, pushes_only: bool = False
+    ) -> Bed:
+        """Lay a beam on an elastic bed (Winkler's): springs along all of its length to the ground.
+
+        They act on the displacements across and along the axis of the beam in the reference
+        configuration, at its nodes, with the length that belongs to each.
+
+        Parameters
+        ----------
+        beam : Beam
+            A beam of this scene.
+        normal : float
+            Stiffness across the beam per length [N/m^2].
+        tangential : float, optional
+            Stiffness along the beam per length [N/m^2].
+        pushes_only : bool, optional
+            Whether the bed lies to the right of the beam, seen from its start, and does not pull:
+            below a beam from left to right.
+
+        Returns
+        -------
+        Bed
+            With `normal` and `tangential`; ``solution.joint(bed.normal)`` has the force on all of
+            the beam and the displacements at its nodes.
+
+        Raises
+        ------
+        SceneError
+            For a negative stiffness, or none at all.
+
+        Examples
+        --------
+        A long beam on a bed of stiffness k sinks under a load P by P b / (2 k), with
+        b^4 = k / (4 EI) (Hetenyi 1946).
+
+        >>> import fx_beam as fb
+        >>> scene = fb.Scene()
+        >>> section = fb.Section(EA=1e6, GA=1e7, EI=100.0)
+        >>> beam = scene.add_beam([(-5, 0), (5, 0)], section, elements=100, degree=2)
+        >>> scene.fix(beam.start, "x")
+        >>> bed = scene.add_bed(beam, normal=6400.0)
+        >>> load = scene.add_force(beam.node(0.5), (0, -1.0))
+        >>> sunk = fb.static(scene, load_steps=1).displacement(beam.node(0.5))[-1, 1]
+        >>> bool(abs(sunk * 2 * 6400.0 / 2.0 + 1) < 1e-4)
+        True
+        """
+        loads.check_beam(self, beam, "bed")
+        of_bed = f"bed of beam {beam.name!r}"
+        normal = finite(normal, f"{of_bed}: normal", "not negative")
+        tangential = finite(tangential, f"{of_bed}: tangential", "not negative")
+        some, expected = normal + tangential > 0, "a positive stiffness [N/m^2]"
+        require(some, f"{of_bed}: normal", normal, expected)
+        require(is_flag(pushes_only), f"{of_bed}: pushes_only", pushes_only, "True or False")
+        made = bed_of(beam, normal, tangential, pushes_only, self.force_count)
+        for part in made:
+            if part is not None:
+                self._with_force(part)
+        return made
 
     def _with_force(self, made: ForceBetween) -> ForceBetween:
         self.parameters.add(made.functions, str(made))

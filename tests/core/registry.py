@@ -421,6 +421,27 @@ def force_between_points(x):
 
 
 @case()
+def springs_dampers_and_a_stop_to_the_ground(x):
+    scene, beam = arm(x)
+    laws = {"x": fb.Spring(200 * x[7]), "y": [fb.Spring(300 * x[8]), fb.Damper(5 * x[7])]}
+    held = scene.add_spring(beam.start, **laws, axis=(1, 0.5))
+    assert isinstance(held, fb.GroundSprings) and isinstance(held.x, fb.GroundSpring)
+    scene.add_spring(beam.start, rotation=fb.Spring(20 * x[7], 0.1 * x[8]))
+    scene.add_spring(beam.end, y=fb.Stop(-0.1, None, 1e4 * x[8], 0.5, 0.05))
+    return scene
+
+
+@case()
+def curved_beam_on_a_bed(x):
+    scene = fb.Scene(gravity=GRAVITY)
+    curve = fb.arc((0, 0), (0.5, 0.2 * x[5]), (1, 0))
+    beam = scene.add_beam(curve, section(x), elements=2, degree=2)
+    bed = scene.add_bed(beam, normal=100 * x[7], tangential=50 * x[8])
+    assert isinstance(bed, fb.Bed)
+    return scene
+
+
+@case()
 def winch_on_a_rope_over_pulleys(x):
     scene, beam = swing(x)
     points = [(2, 0.5), beam.end, (1.7 * x[8], 0.9), (1.2, 1.1), beam.node(0.5)]

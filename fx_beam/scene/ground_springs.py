@@ -1,0 +1,159 @@
+"""What holds nodes and beams to the ground: springs, dampers, friction, stops and beds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fx_beam.errors import IS_DATA, require
+
+from .beam import Beam, Node
+from .contacts import points_of
+from .coordinate import Coordinate, Damper, SmoothFriction, Spring, Stop
+from .forces_between import ForceBetween, check_at_start
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class GroundSpring(ForceBetween):
+    """A spring, damper, friction and stops between a node or a beam and the ground.
+
+    Created by `Scene.add_spring` and `Scene.add_bed`. It acts on the displacement along one
+    direction, or on the rotation of a node. Of a beam all laws are per length.
+
+    Parameters
+    ----------
+    target : Node or Beam
+        What is held.
+    direction : (2,) float or None
+        Direction of the displacement: of a node along x and y, of a beam along its axis and to the
+        left of it; None for the rotation.
+
+    Examples
+    --------
+    >>> import fx_beam as fb
+    >>> scene = fb.Scene()
+    >>> ball = scene.add_body((0, 0), mass=1.0, inertia=0.1, name="ball").centre
+    >>> print(scene.add_spring(ball, y=fb.Spring(100.0)).y)
+    force 0, between node 0 at (0, 0) and the ground along (0, 1)
+    """
+
+    target: Any = None
+    direction: np.ndarray | None = field(default=None, metadata=IS_DATA)
+
+    def __str__(self):
+        number = "" if self.number < 0 else f"force {self.number}, "
+        way = "against rotation"
+        if self.direction is not None:
+            way = "along ({:.4g}, {:.4g})".format(*self.direction)
+            if isinstance(self.target, Beam):
+                way = "along it" if self.direction[0] else "across it"
+                return f"{number}bed of beam {self.target.name!r} {way}"
+        return f"{number}between {self.target} and the ground {way}"
+
+    def ways(self, positions: Any) -> Any:
+        """Directions (n, 2) of the displacements of its nodes, at reference positions (n, 2)."""
+        assert self.direction is not None
+        if isinstance(self.target, Node):
+            return self.direction[None]
+        chords = np.concatenate(
+            [
+                positions[1:2] - positions[:1],
+                positions[2:] - positions[:-2],
+                positions[-1:] - positions[-2:-1],
+            ]
+        )
+        x, y = chords.T / np.hypot(*chords.T)
+        along, left = self.direction
+        return np.stack([along * x - left * y, along * y + left * x], axis=1)
+
+    @property
+    def lengths(self) -> np.ndarray:
+        """Lengths (n,) of the beam that belong to its nodes [m]; 1 for a node."""
+        return points_of(self.target).lengths
+
+
+class GroundSprings(NamedTuple):
+    """What holds a node to the ground along x, y and against rotation; None where nothing does.
+
+    Returned by `Scene.add_spring`.
+
+    Parameters
+    ----------
+    x, y, rotation : GroundSpring or None
+        Each as `Solution.joint`, `Output` and `Scene.remove` take it.
+
+    Examples
+    --------
+    >>> import fx_beam as fb
+    >>> scene = fb.Scene()
+    >>> ball = scene.add_body((0, 0), mass=1.0, inertia=0.1).centre
+    >>> held = scene.add_spring(ball, x=fb.Spring(100.0), rotation=fb.Spring(5.0))
+    >>> held.y is None, held.x.on.spring.stiffness
+    (True, 100.0)
+    """
+
+    x: GroundSpring | None = None
+    y: GroundSpring | None = None
+    rotation: GroundSpring | None = None
+
+
+class Bed(NamedTuple):
+    """What holds a beam to the ground, across it and along it; None where nothing does.
+
+    Returned by `Scene.add_bed`.
+
+    Parameters
+    ----------
+    normal, tangential : GroundSpring or None
+        Each as `Solution.joint`, `Output` and `Scene.remove` take it.
+
+    Examples
+    --------
+    >>> import fx_beam as fb
+    >>> scene = fb.Scene()
+    >>> rail = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=1.0), name="rail")
+    >>> print(scene.add_bed(rail, normal=100.0).normal)
+    force 0, bed of beam 'rail' across it
+    """
+
+    normal: GroundSpring | None = None
+    tangential: GroundSpring | None = None
+
+
+#: Names of laws in `Coordinate` by their kinds.
+_LAWS = {Spring: "spring", Damper: "damper", SmoothFriction: "friction", Stop: "stop"}
+
+
+def ground_spring(
+    node: Node, laws: Any, direction: np.ndarray | None, number: int, what: str
+) -> GroundSpring:
+    """What holds a node along a direction, or its rotation; SceneError for what is no law."""
+    each = laws if isinstance(laws, list | tuple) else [laws]
+    names = [_LAWS.get(type(law), "") for law in each]
+    ok = bool(each) and all(names) and len({*names}) == len(names)
+    expected = "an fx_beam.Spring, Damper, SmoothFriction or Stop, or a list with one of each"
+    require(ok, what, laws, expected)
+    on = Coordinate(**dict(zip(names, each, strict=True)))
+    made = GroundSpring((node,), on, number=number, target=node, direction=direction)
+    check_at_start(made, 0.0, 0.0, "the rotation" if direction is None else "the displacement")
+    return made
+
+
+def bed_of(beam: Beam, normal: float, tangential: float, pushes_only: bool, number: int) -> Bed:
+    """The bed of a beam; its parts get numbers from `number` on."""
+    across: Any = Coordinate(spring=Spring(normal))
+    if pushes_only:
+        across = Coordinate(stop=Stop(0.0, None, normal))
+    laws = {
+        "normal": (normal, across, (0.0, 1.0)),
+        "tangential": (tangential, Coordinate(spring=Spring(tangential)), (1.0, 0.0)),
+    }
+    parts = [(name, on, way) for name, (stiffness, on, way) in laws.items() if stiffness]
+    return Bed(
+        **{
+            name: GroundSpring(beam.nodes, on, number=k, target=beam, direction=np.array(way))
+            for k, (name, on, way) in enumerate(parts, number)
+        }
+    )
