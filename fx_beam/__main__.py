@@ -17,10 +17,10 @@ from pathlib import Path
 from fx_beam import c_library, compiler, library_cache
 from fx_beam.errors import SceneError
 from fx_beam.fem import mpi
-from fx_beam.parallel import team
+from fx_beam.parallel import process_group
 from fx_beam.step import build
 
-#: Distributions of what is imported; those of FEniCSx have a prefix before the name of the package.
+#: Distributions of the imported packages; for FEniCSx with a prefix before the package's name.
 _PREFIX = "fenics-"
 _DISTRIBUTIONS = (
     *("fenics-ffcx", "fenics-basix", "fenics-ufl", "fenics-dolfinx", "petsc4py", "mpi4py"),
@@ -34,7 +34,7 @@ def info() -> dict[str, str]:
     rows["fx_beam"] = f"{sys.modules['fx_beam'].__version__}, {Path(__file__).parent}"
     # First, as this finds the petsc4py of Debian.
     reference = "available" if mpi.has_petsc() else "needs petsc4py"
-    rows |= {of.removeprefix(_PREFIX): _package(of) for of in _DISTRIBUTIONS}
+    rows |= {name.removeprefix(_PREFIX): _package(name) for name in _DISTRIBUTIONS}
     rows["compiled loop"] = _loop()
     rows["reference"] = reference
     rows["compiler"] = _compiler()
@@ -96,9 +96,9 @@ def run(script: str, arguments: list[str]) -> None:
     if size > 1 and mpi.has_petsc():  # it begins on all processes together, or waits for them
         mpi.petsc()
     if rank:
-        team.follow()
+        process_group.follow()
         return
-    with team.led() if size > 1 else nullcontext():
+    with process_group.led() if size > 1 else nullcontext():
         runpy.run_path(script, run_name="__main__")
 
 
@@ -111,11 +111,11 @@ def main() -> None:
         "mpirun -n 4 python -m fx_beam script.py computes on 4 processes",
     )
     parser.add_argument("arguments", nargs=argparse.REMAINDER, help="arguments of the script")
-    given = parser.parse_args()
-    if given.what != "info":
-        if not Path(given.what).is_file():
-            parser.error(f"{given.what} is neither info nor a script")
-        return run(given.what, given.arguments)
+    options = parser.parse_args()
+    if options.what != "info":
+        if not Path(options.what).is_file():
+            parser.error(f"{options.what} is neither info nor a script")
+        return run(options.what, options.arguments)
     lines = info()
     width = max(map(len, lines)) + 2
     if sys.stdout is None:

@@ -82,9 +82,9 @@ class CannotBuild(RuntimeError):
     """A C file cannot be compiled, or its library not be loaded."""
 
 
-def compiled(key: Any, make: Callable[[], T], of_user: bool = False) -> T:
-    """What `make` gives for a key, once: threads that ask at the same time get the same thing."""
-    things: MutableMapping[Any, T] = _of_users if of_user else _things
+def compiled(key: Any, make: Callable[[], T], user_defined: bool = False) -> T:
+    """The result of `make` for a key, made once, also if several threads ask at the same time."""
+    things: MutableMapping[Any, T] = _of_users if user_defined else _things
     if (thing := things.get(key)) is None:
         thing = things.setdefault(key, make())
     return thing
@@ -269,7 +269,7 @@ def _check_target(target: str, flags: list[str]) -> None:
 
 @functools.cache
 def declarations(header: str) -> str:
-    """Text of a header and of those that it includes, without directives."""
+    """Text of a header and of the headers that it includes, without directives."""
     lines = (SOURCES / header).read_text().splitlines()
     included = [line.split('"')[1] for line in lines if line.startswith('#include "')]
     plain = [line for line in lines if not line.startswith("#")]
@@ -292,12 +292,12 @@ def _processor() -> str:
     return next((line for line in lines if line.startswith(("flags", "Features"))), "")
 
 
-def array_at(ffi: Any, at: Any, *shape: int) -> np.ndarray:
+def array_at(ffi: Any, pointer: Any, *shape: int) -> np.ndarray:
     """Array in C's memory, where a pointer to numbers points."""
-    kind, count = np.dtype(_NUMBERS[ffi.typeof(at).item.cname]), math.prod(shape)
+    kind, count = np.dtype(_NUMBERS[ffi.typeof(pointer).item.cname]), math.prod(shape)
     if not count:
         return np.empty(shape, kind)
-    return np.frombuffer(ffi.buffer(at, count * kind.itemsize), kind).reshape(shape)
+    return np.frombuffer(ffi.buffer(pointer, count * kind.itemsize), kind).reshape(shape)
 
 
 class Structs:
@@ -348,8 +348,8 @@ class Structs:
 
     def _address(self, struct: Any) -> int:
         is_pointer = self._ffi.typeof(struct).kind == "pointer"
-        at = struct if is_pointer else self._ffi.addressof(struct)
-        return int(self._ffi.cast("uintptr_t", at))
+        struct_pointer = struct if is_pointer else self._ffi.addressof(struct)
+        return int(self._ffi.cast("uintptr_t", struct_pointer))
 
     def _pointer(self, kind: Any, value: Any) -> Any:
         if kind.kind == "function" or isinstance(value, int):

@@ -23,7 +23,7 @@ _DEFAULT = "cc"
 
 
 def command() -> list[str]:
-    """Its program, with its place if it is found, and the arguments that belong to it.
+    """Program of the compiler, with its path if it is found, and the arguments of the command.
 
     RuntimeError if the environment variable CC is no command.
     """
@@ -72,8 +72,8 @@ def identity() -> str:
 def _identity(words: tuple[str, ...], folders: tuple[str, ...]) -> str:
     names = {*words, os.path.basename(words[0]), _DEFAULT}
     files = {os.path.realpath(os.path.join(f, name)) for f in folders for name in names}
-    known = [(file, os.stat(file)) for file in sorted(files) if os.path.isfile(file)]
-    return repr((words, [(file, now.st_size, now.st_mtime_ns) for file, now in known]))
+    status = [(file, os.stat(file)) for file in sorted(files) if os.path.isfile(file)]
+    return repr((words, [(file, now.st_size, now.st_mtime_ns) for file, now in status]))
 
 
 def run(arguments: Sequence[str], source: str, folder: Path) -> None:
@@ -81,7 +81,7 @@ def run(arguments: Sequence[str], source: str, folder: Path) -> None:
 
     subprocess.CalledProcessError, with what it said, if it fails.
     """
-    kept = {name: value for name, value in os.environ.items() if name not in _LEFT_OUT}
+    variables = {name: value for name, value in os.environ.items() if name not in _LEFT_OUT}
     subprocess.run(
         [*command(), *arguments],
         check=True,
@@ -89,7 +89,7 @@ def run(arguments: Sequence[str], source: str, folder: Path) -> None:
         capture_output=True,
         cwd=folder,
         # In English, as a line with "error:" is looked for.
-        env=kept | {"LC_ALL": "C", "TMPDIR": str(folder)},
+        env=variables | {"LC_ALL": "C", "TMPDIR": str(folder)},
         text=True,
         # As paths, which may be in the source.
         encoding=sys.getfilesystemencoding(),

@@ -1,4 +1,4 @@
-"""Numbers with slopes: values, and their derivatives by the numbers of which a scene is built."""
+"""Numbers with slopes: values, and derivatives by the numbers x from which a scene is built."""
 
 from __future__ import annotations
 
@@ -20,19 +20,20 @@ _STEP = 1e-100
 class LostSlopesError(TypeError):
     """Something takes plain floats alone; slopes by the `numbers` would be lost in it."""
 
-    def __init__(self, what: str, given: Iterable):
+    def __init__(self, what: str, arguments: Iterable):
         super().__init__(f"{what} takes no number that has slopes; a function of NumPy may")
-        one_by_one = (one for part in given for one in (part if type(part) is list else [part]))
-        slopes = [one.slopes for one in one_by_one if isinstance(one, Dual)]
-        by = [rows.reshape(-1, rows.shape[-1]).any(axis=0) for rows in slopes]
-        self.numbers = {*np.flatnonzero(np.any(by, axis=0)).tolist()} if by else set()
+        lists = (part if type(part) is list else [part] for part in arguments)
+        duals = [dual for dual in itertools.chain(*lists) if isinstance(dual, Dual)]
+        changes = [dual.slopes.reshape(-1, dual.count).any(axis=0) for dual in duals]
+        #: Indices of the numbers by which arguments have slopes.
+        self.numbers = {*np.flatnonzero(np.any(changes, axis=0)).tolist()} if duals else set()
 
 
 class Dual(NDArrayOperatorsMixin):
     """Values (...) with slopes (..., m) by m numbers; NumPy's functions and arithmetic keep both.
 
     It is no float: what can keep no slopes, such as ``math.sin``, raises `LostSlopesError`.
-    Comparisons are those of the values.
+    Comparisons compare the values.
     """
 
     __slots__ = "slopes", "values"
@@ -48,9 +49,9 @@ class Dual(NDArrayOperatorsMixin):
 
     @property
     def columns(self) -> tuple[np.ndarray, np.ndarray]:
-        """The numbers (k,) by which slopes differ from zero, and these slopes (..., k)."""
-        by = np.flatnonzero(self.slopes.reshape(-1, self.count).any(axis=0))
-        return by, self.slopes[..., by]
+        """The numbers (k,) by which slopes differ from zero, and their slopes (..., k)."""
+        numbers = np.flatnonzero(self.slopes.reshape(-1, self.count).any(axis=0))
+        return numbers, self.slopes[..., numbers]
 
     def along(self, gradient: np.ndarray) -> np.ndarray:
         """Derivatives (m,) from a gradient (n,) by the values (n,)."""
@@ -126,67 +127,68 @@ class Dual(NDArrayOperatorsMixin):
 
     __rmul__ = __mul__
 
-    def __array_ufunc__(self, ufunc, method, *given, **options):
+    def __array_ufunc__(self, ufunc, method, *inputs, **options):
         if ufunc is np.add and method == "reduce":
-            return _sum(*given, **{"axis": 0} | options)
+            return _sum(*inputs, **{"axis": 0} | options)
         if method != "__call__" or options:
             what = f"numpy.{ufunc.__name__}.{method}"
-            return _call_without_slopes(what, getattr(ufunc, method), given, options)
-        parts = [_parts(part) for part in given]
+            return _call_without_slopes(what, getattr(ufunc, method), inputs, options)
+        parts = [_parts(part) for part in inputs]
         if None in parts:
-            return _call_without_slopes(type(given[parts.index(None)]).__name__, ufunc, given, {})
+            return _call_without_slopes(type(inputs[parts.index(None)]).__name__, ufunc, inputs, {})
         arguments = [values for values, _ in parts]
         if (rules := _RULES.get(ufunc)) is None:
             if ufunc is np.matmul:
                 return _matmul(*parts)
             if ufunc in _OF_VALUES:
                 return ufunc(*arguments)
-            return _call_without_slopes(f"numpy.{ufunc.__name__}", ufunc, given, {})
+            return _call_without_slopes(f"numpy.{ufunc.__name__}", ufunc, inputs, {})
         values = ufunc(*arguments)
         total: Any = None
         for (_, slopes), rule in zip(parts, rules, strict=True):
             if slopes is not None:
                 factor = rule(values, *arguments)
-                by = slopes if factor is _ONE else np.asarray(factor)[..., None] * slopes
-                total = by if total is None else total + by
+                change = slopes if factor is _ONE else np.asarray(factor)[..., None] * slopes
+                total = change if total is None else total + change
         shape = *values.shape, self.slopes.shape[-1]
         return Dual(values, total if total.shape == shape else np.broadcast_to(total, shape))
 
-    def __array_function__(self, function, kinds, given, options):
+    def __array_function__(self, function, kinds, inputs, options):
         if function in _PLACING:
-            return _placed(function, given, options)
+            return _placed(function, inputs, options)
         if function in _FUNCTIONS:
-            return _FUNCTIONS[function](*given, **options)
+            return _FUNCTIONS[function](*inputs, **options)
         if function in _OF_VALUES:
-            return function(*map(without_slopes, given), **options)
-        return _call_without_slopes(f"numpy.{function.__name__}", function, given, options)
+            return function(*map(floats, inputs), **options)
+        return _call_without_slopes(f"numpy.{function.__name__}", function, inputs, options)
 
 
 class LinearDual(Dual):
     """A linear function of numbers with slopes; its own slopes are computed when they are read."""
 
     def __init__(
-        self, values: np.ndarray, function: Callable[[Dual], Dual], of: Dual, transposed: Callable
+        self, values: np.ndarray, function: Callable[[Dual], Dual], dual: Dual, transposed: Callable
     ):
-        self.values, self._function, self._of, self._transposed = values, function, of, transposed
+        self.values, self._dual = values, dual
+        self._function, self._transposed = function, transposed
 
-    count = property(lambda self: self._of.count)
+    count = property(lambda self: self._dual.count)
 
     @functools.cached_property
     def columns(self) -> tuple[np.ndarray, np.ndarray]:
-        """As of `Dual`, of which no others are computed."""
-        by, slopes = self._of.columns
-        return by, self._function(Dual(self._of.values, slopes)).slopes
+        """As of `Dual`; other slopes are zero, and not computed."""
+        numbers, slopes = self._dual.columns
+        return numbers, self._function(Dual(self._dual.values, slopes)).slopes
 
     def along(self, gradient: np.ndarray) -> np.ndarray:
         """As of `Dual`, without the slopes."""
-        return self._of.along(self._transposed(gradient))
+        return self._dual.along(self._transposed(gradient))
 
     @functools.cached_property
     def slopes(self) -> np.ndarray:  # type: ignore[override]
         """The slopes (n, m)."""
-        (by, columns), slopes = self.columns, np.zeros((*self.shape, self.count))
-        slopes[..., by] = columns
+        (numbers, columns), slopes = self.columns, np.zeros((*self.shape, self.count))
+        slopes[..., numbers] = columns
         return slopes
 
 
@@ -202,14 +204,14 @@ class LinearChanges:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """That of the array."""
+        """Shape (m, ...) of the array."""
         return self._dual.count, *self._dual.shape
 
     @property
     def columns(self) -> tuple[np.ndarray, np.ndarray]:
-        """Parameters (k,) by which they may differ from zero, and changes (k, n) by these."""
-        by, columns = self._dual.columns
-        return by, columns.T
+        """Parameters (k,) whose changes may differ from zero, and the changes (k, n)."""
+        numbers, columns = self._dual.columns
+        return numbers, columns.T
 
     def __array__(self, dtype=None, copy=None):
         return _by_x(self._dual.slopes)
@@ -222,7 +224,7 @@ class LinearChanges:
 
 
 def changes_of(values: Any, count: int) -> Any:
-    """Changes (m, ...) of numbers by those that they have slopes by."""
+    """d values / dx (m, ...) of values (...) by the m numbers x; zero without slopes."""
     if isinstance(values, LinearDual):
         return LinearChanges(values)
     if isinstance(values, Dual):
@@ -232,7 +234,7 @@ def changes_of(values: Any, count: int) -> Any:
 
 
 def nonzero_rows(changes: Any) -> np.ndarray:
-    """The parameters (k,) by which changes (m, ...) of numbers may differ from zero."""
+    """Indices (k,) of the rows of changes (m, ...) that may differ from zero."""
     if isinstance(changes, LinearChanges):
         return changes.columns[0]
     return np.flatnonzero(changes.reshape(len(changes), -1).any(axis=1))
@@ -277,7 +279,7 @@ class DualArray(np.ndarray):
 
 
 def slopes_by(x: np.ndarray, without: Iterable[int] = ()) -> Dual:
-    """Numbers x (m,) with the slopes dx/dx = 1; those `without` have the slope 0."""
+    """Numbers x (m,) with the slopes dx/dx = 1; the ones `without` have the slope 0."""
     slopes = np.eye(len(x))
     for i in without:
         slopes[i, i] = 0.0
@@ -285,7 +287,7 @@ def slopes_by(x: np.ndarray, without: Iterable[int] = ()) -> Dual:
 
 
 def scene_number(dual: Any) -> Any:
-    """What a scene keeps of a dual number, or of several; other numbers are as they were."""
+    """A dual number or array as a scene keeps it: a `DualFloat` or `DualArray`; others as is."""
     if not isinstance(dual, Dual):
         return dual
     if not dual.ndim:
@@ -325,32 +327,30 @@ def _flat(values: Any) -> tuple[Any, list[int]] | None:
     return values, shape
 
 
-def as_dual_array(values: Any) -> Any:
-    """An array of numbers, with slopes if any of them has."""
+def dual_array(values: Any) -> Any:
+    """An array of floats, or a `Dual` if any entry has slopes."""
     if isinstance(values, list | tuple) and (flat := _flat(values)) is not None:
         return np.array(flat[0], float).reshape(flat[1])  # quickly
     dual = dual_of(values)
     return np.array(values, float) if dual is None else dual
 
 
-def without_slopes(values: Any) -> Any:
+def floats(values: Any) -> Any:
     """The values without slopes."""
     return values.values if isinstance(values, Dual) else values
 
 
-def _call_without_slopes(what: str, function: Callable, given: Any, options: dict) -> Any:
-    """What a function gives that takes plain numbers alone; LostSlopesError if any has slopes."""
-    if (error := LostSlopesError(what, given)).numbers:
+def _call_without_slopes(what: str, function: Callable, inputs: Any, options: dict) -> Any:
+    """What a function of plain numbers gives; LostSlopesError if an argument has slopes."""
+    if (error := LostSlopesError(what, inputs)).numbers:
         raise error
-    lists = [
-        [*map(without_slopes, one)] if type(one) is list else without_slopes(one) for one in given
-    ]
-    return function(*lists, **options)
+    plain = ([*map(floats, x)] if type(x) is list else floats(x) for x in inputs)
+    return function(*plain, **options)
 
 
 def with_slopes(values: Any, count: int) -> Dual:
-    """Numbers with slopes by `count` others; zero where they have none."""
-    dual = as_dual_array(values)
+    """Values with slopes by `count` numbers, zero where they have none."""
+    dual = dual_array(values)
     return dual if isinstance(dual, Dual) else Dual(dual, np.zeros((*dual.shape, count)))
 
 
@@ -369,11 +369,11 @@ def _parts(value: Any) -> Any:
     return None
 
 
-def _in_scene(of_dual: Callable) -> Callable:
+def _in_scene(function: Callable) -> Callable:
     def result(self, other):
         if not isinstance(other, float | int | np.ndarray):
             return NotImplemented
-        return scene_number(of_dual(Dual(self, self.slopes), other))
+        return scene_number(function(Dual(self, self.slopes), other))
 
     return result
 
@@ -388,7 +388,7 @@ def _slope(function: Callable) -> Callable:
     return lambda o, a: function(a + _STEP * 1j).imag / _STEP
 
 
-#: The derivative of a sum by its parts, with which slopes need not be multiplied.
+#: Derivative of a sum by a part: slopes need no product with it.
 _ONE = 1.0
 #: Derivatives of functions by each argument, of the result and the arguments.
 _RULES: dict[Any, tuple[Callable[..., Any], ...]] = {
@@ -429,14 +429,14 @@ _OF_VALUES = {
 
 
 def _matmul(a: tuple, b: tuple) -> Dual:
-    (A, by_a), (B, by_b) = a, b
+    (A, dA), (B, dB) = a, b
     total = np.zeros(())
-    if by_a is not None:
-        of_a = B.T @ by_a if B.ndim < 3 else np.moveaxis(np.moveaxis(by_a, -1, 0) @ B, 0, -1)
-        total = total + of_a
-    if by_b is not None:
-        of_b = A @ by_b if B.ndim == 1 else np.moveaxis(A @ np.moveaxis(by_b, -1, 0), 0, -1)
-        total = total + of_b
+    if dA is not None:
+        change = B.T @ dA if B.ndim < 3 else np.moveaxis(np.moveaxis(dA, -1, 0) @ B, 0, -1)
+        total = total + change
+    if dB is not None:
+        change = A @ dB if B.ndim == 1 else np.moveaxis(A @ np.moveaxis(dB, -1, 0), 0, -1)
+        total = total + change
     return Dual(A @ B, total)
 
 
@@ -445,7 +445,7 @@ def _along(function: Callable) -> Callable:
 
     def result(a, axis=None, **options) -> Dual:
         a, axis = (a, axis % a.ndim) if axis is not None else (a.reshape(-1), 0)
-        return Dual(*(function(of, axis=axis, **options) for of in (a.values, a.slopes)))
+        return Dual(*(function(array, axis=axis, **options) for array in (a.values, a.slopes)))
 
     return result
 
@@ -454,12 +454,12 @@ _sum = _along(np.sum)
 
 
 def _interp(x, xp, fp) -> Any:
-    """Interpolated on a line between points; its slopes at a point are those after it."""
-    x, xp, fp = map(as_dual_array, (x, xp, fp))
-    at, points = without_slopes(x), without_slopes(xp)
+    """Linear interpolation; at a point with the slopes of the piece behind it."""
+    x, xp, fp = map(dual_array, (x, xp, fp))
+    places, points = floats(x), floats(xp)
     if len(points) == 1:
-        return fp[np.zeros(np.shape(at), int)]
-    i = np.searchsorted(points[1:-1], at, "right")
+        return fp[np.zeros(np.shape(places), int)]
+    i = np.searchsorted(points[1:-1], places, "right")
     w = _clip((x - xp[i]) / (xp[i + 1] - xp[i]), 0.0, 1.0)
     if isinstance(w, Dual) or not isinstance(fp, Dual):
         return fp[i] + w * (fp[1:] - fp[:-1])[i]
@@ -467,7 +467,7 @@ def _interp(x, xp, fp) -> Any:
     slopes -= before  # in place, as there may be many
     slopes *= w[..., None]
     slopes += before
-    return Dual(np.interp(at, points, fp.values), slopes)
+    return Dual(np.interp(places, points, fp.values), slopes)
 
 
 def _clip(a, low=None, high=None) -> Any:
@@ -477,7 +477,7 @@ def _clip(a, low=None, high=None) -> Any:
 
 def _linspace(start, stop, num=50, endpoint=True):
     fractions = np.linspace(0.0, 1.0, num, endpoint)
-    start, stop = as_dual_array(start), as_dual_array(stop)
+    start, stop = dual_array(start), dual_array(stop)
     return start + fractions.reshape(-1, *[1] * np.ndim(start)) * (stop - start)
 
 
@@ -488,19 +488,19 @@ def _broadcast_to(a, shape) -> Dual:
     return Dual(values, np.broadcast_to(a.slopes, (*values.shape, a.slopes.shape[-1])))
 
 
-def _bincount(at, weights, size):
+def _bincount(index, weights, size):
     count = weights.slopes.shape[-1]
-    places = (at[:, None] * count + np.arange(count)).ravel()
+    places = (index[:, None] * count + np.arange(count)).ravel()
     slopes = np.bincount(places, weights.slopes.ravel(), size * count).reshape(size, count)
-    return Dual(np.bincount(at, weights.values, size), slopes)
+    return Dual(np.bincount(index, weights.values, size), slopes)
 
 
 def _joined(function: Callable, arrays: Any, axis: int = 0) -> Dual:
     """Arrays side by side, without numbers of their entries, as there may be many."""
-    count = next(of.slopes.shape[-1] for of in map(dual_of, arrays) if of is not None)
-    duals = [with_slopes(of, count) for of in arrays]
-    values = function([of.values for of in duals], axis)
-    return Dual(values, function([of.slopes for of in duals], axis % values.ndim))
+    count = next(dual.slopes.shape[-1] for dual in map(dual_of, arrays) if dual is not None)
+    duals = [with_slopes(array, count) for array in arrays]
+    values = function([dual.values for dual in duals], axis)
+    return Dual(values, function([dual.slopes for dual in duals], axis % values.ndim))
 
 
 def _norm(a: Any, ord: Any = None, axis: Any = None) -> Any:  # noqa: A002  # as NumPy's
@@ -515,7 +515,7 @@ _FUNCTIONS: dict[Any, Callable] = {
     np.cumsum: _along(np.cumsum),
     np.diff: lambda a, n=1, axis=-1: _along(functools.partial(np.diff, n=n))(a, axis),
     np.dot: lambda a, b: np.matmul(a, b) if np.ndim(a) and np.ndim(b) else a * b,
-    np.outer: lambda a, b: as_dual_array(a).reshape(-1)[:, None] * as_dual_array(b).reshape(-1),
+    np.outer: lambda a, b: dual_array(a).reshape(-1)[:, None] * dual_array(b).reshape(-1),
     np.interp: _interp,
     np.clip: _clip,
     np.max: lambda a: a.reshape(-1)[int(a.values.argmax())],
@@ -527,7 +527,7 @@ _FUNCTIONS: dict[Any, Callable] = {
     np.stack: functools.partial(_joined, np.stack),
     np.broadcast_to: _broadcast_to,
 }
-#: Functions that only place entries, and which arguments have these.
+#: Functions that only place entries, and numbers of the arguments with the entries.
 _PLACING = dict.fromkeys(
     (np.hstack, np.vstack, np.column_stack, np.dstack, np.reshape)
     + (np.ravel, np.transpose, np.atleast_1d, np.atleast_2d, np.copy, np.repeat, np.tile, np.flip)
@@ -536,8 +536,8 @@ _PLACING = dict.fromkeys(
 ) | {np.where: (1, 2), np.append: (0, 1)}
 
 
-def _placed(function: Callable, given: Any, options: dict) -> Dual:
-    """What a function that only places entries gives: it places values, then rows of slopes."""
+def _placed(function: Callable, inputs: Any, options: dict) -> Dual:
+    """The result of a function that only places entries: of values, then of rows of slopes."""
     parts, count = list[np.ndarray](), 1
 
     def values_and_rows(value: Any) -> tuple[Any, Any]:
@@ -551,17 +551,17 @@ def _placed(function: Callable, given: Any, options: dict) -> Dual:
         first, count = count, count + len(parts[-1])
         return dual.values, np.arange(first, count).reshape(dual.shape)
 
-    of = _PLACING[function]
-    pairs = [
-        values_and_rows(one) if i in of else (without_slopes(one),) * 2
-        for i, one in enumerate(given)
-    ]
+    placed = _PLACING[function]
+    pairs = [values_and_rows(x) if i in placed else (floats(x),) * 2 for i, x in enumerate(inputs)]
     values, rows = (function(*arguments, **options) for arguments in zip(*pairs, strict=True))
     slopes = np.concatenate([np.zeros((1, parts[0].shape[1])), *parts])
     return Dual(values, slopes.take(rows, 0))
 
 
-_METHODS = {of.__name__: of for of in _RULES if of.nin == 1}
-_METHODS |= {of.__name__: of for of in (np.sum, np.mean, np.cumsum, np.dot, np.clip, np.repeat)}
-_METHODS |= {of.__name__: of for of in (np.ravel, np.transpose, np.copy, np.squeeze, np.argsort)}
+_AS_METHODS = (
+    *(rule for rule in _RULES if rule.nin == 1),
+    *(np.sum, np.mean, np.cumsum, np.dot, np.clip, np.repeat),
+    *(np.ravel, np.transpose, np.copy, np.squeeze, np.argsort),
+)
+_METHODS = {function.__name__: function for function in _AS_METHODS}
 _METHODS |= {"max": np.max, "min": np.min, "flatten": np.ravel}

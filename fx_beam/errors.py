@@ -244,7 +244,7 @@ def finite(value, name: str, sign: str = "", more: str = "") -> float:
     return number
 
 
-#: Of a field of a part of a scene: scenes that differ in such fields only have one structure.
+#: Mark of a field of a part of a scene; marked fields do not count for the structure of a scene.
 IS_DATA = {"number": True}
 
 
@@ -309,7 +309,7 @@ def check_fields(part, name: str = "") -> None:
 
 def array_of(value, name: str) -> np.ndarray:
     """New array of real numbers of any shape, finite or not; SceneError for others."""
-    array = as_real_array(value)
+    array = real_array(value)
     require(array.shape != (0, 0), name, value, "an array of numbers")
     return array
 
@@ -341,7 +341,7 @@ def vector(value, size: int, name: str) -> np.ndarray:
 
 def shaped(value, size: int, name: str) -> np.ndarray:
     """New array of `size` numbers, finite or not."""
-    array = np.atleast_1d(as_real_array(value))
+    array = np.atleast_1d(real_array(value))
     if array.shape != (size,):
         expected = "a number" if size == 1 else f"{size} numbers"
         raise SceneError(
@@ -350,7 +350,7 @@ def shaped(value, size: int, name: str) -> np.ndarray:
     return array
 
 
-def as_real_array(value) -> np.ndarray:
+def real_array(value) -> np.ndarray:
     """New array of real numbers (see `as_float`), finite or not; of shape (0, 0) if one is not.
 
     The entries of a masked array that are masked are no numbers.
@@ -377,7 +377,7 @@ def as_real_array(value) -> np.ndarray:
 
 
 def fields_in(expression) -> list:
-    """Functions and constants in a UFL expression, such as those of dolfinx."""
+    """Functions and constants in a UFL expression, as dolfinx has them."""
     analysis = ufl.algorithms.analysis
     return [*analysis.extract_coefficients(expression), *analysis.extract_constants(expression)]
 
@@ -401,7 +401,7 @@ def refuse_fields(symbols: Iterable, name: str, allowed: Iterable = ()) -> None:
 
 
 def refuse_fields_in(expression, name: str, allowed: Iterable = ()) -> None:
-    """The same for all functions and constants in an expression, and for nan and inf."""
+    """Refuse functions and constants of the user, nan and inf in a UFL expression."""
     refuse_fields(fields_in(expression), name, allowed)
     for part in parts_of(expression):
         if isinstance(part, ufl.constantvalue.FloatValue) and not math.isfinite(part):

@@ -30,9 +30,9 @@ _log = logging.getLogger("fx_beam")
 _DIGEST = 16
 # Free space without which nothing is compiled [bytes].
 _ROOM = 1 << 22
-# Folders in which libraries are built; those of processes that were killed go after so long [s].
+# Prefix of folders in which libraries are built; age [s] from which one is left over and removed.
 _SCRATCH, _FORGOTTEN = "building-", 86400.0
-#: Largest size of all libraries; those that were not used for longest go first [bytes].
+#: Largest size of all libraries [bytes]; the ones unused for the longest time go first.
 LARGEST = 1 << 28
 # Write permission of others than the owner.
 _OTHERS_WRITE = 0o022
@@ -49,7 +49,7 @@ def folder() -> Path:
 
 
 def _substitute() -> Path:
-    """The folder for when the other one cannot be written."""
+    """The folder of libraries if the folder of the cache cannot be written."""
     return Path(os.path.realpath(tempfile.gettempdir()), f"fx_beam-{os.geteuid()}")
 
 
@@ -86,12 +86,12 @@ def _checked(place: Path) -> Path:
             raise PermissionError(f"another user can write {holder}")
     descriptor = os.open(place, os.O_DIRECTORY | os.O_NOFOLLOW)
     status = os.fstat(descriptor)
-    kept = _descriptors.setdefault((status.st_dev, status.st_ino), descriptor)
-    if kept != descriptor:
+    first = _descriptors.setdefault((status.st_dev, status.st_ino), descriptor)
+    if first != descriptor:
         os.close(descriptor)
     if not _is_ours(status):
         raise PermissionError("another user can write it")
-    path = Path(f"/proc/self/fd/{kept}")
+    path = Path(f"/proc/self/fd/{first}")
     with suppress(OSError):
         if os.path.samestat(path.stat(), status):
             return path
@@ -220,7 +220,7 @@ def _remove_unused(place: Path) -> None:
     """Take away what was not used for longest, if there is too much."""
     files = [(file, file.stat()) for file in place.iterdir() if file.suffix in (".so", ".types")]
     left = sum(status.st_size for _, status in files)
-    for file, status in sorted(files, key=lambda one: one[1].st_mtime):
+    for file, status in sorted(files, key=lambda pair: pair[1].st_mtime):
         if left <= LARGEST:
             break
         file.unlink(missing_ok=True)

@@ -34,7 +34,7 @@ ufl: Any = _Ufl()
 
 
 def parts_of(expression: Any) -> Any:
-    """An expression and all of which it consists, each once."""
+    """An expression and all its parts, each once."""
     return ufl.corealg.traversal.unique_pre_traversal(expression)
 
 

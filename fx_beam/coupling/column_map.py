@@ -1,4 +1,4 @@
-"""Degrees of freedom as linear functions of columns, some of which depend on others."""
+"""Degrees of freedom x = A z as linear functions of columns z, with equations C z = 0."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class ColumnMap:
     """x = A z, where the equations C z = 0 give the `dependent` columns.
 
     `weights` are the entries of A: rows, columns and values. C is an array, or in compressed rows.
-    What depends on others is not finite if the equations do not determine it.
+    Dependent columns are not finite if C z = 0 does not determine them.
     """
 
     def __init__(
@@ -44,20 +44,20 @@ class ColumnMap:
             self._C = np.full(C.shape, np.nan)
             self._solve = lambda x, side="N": np.full_like(x, np.nan)
 
-    def completed(self, z: np.ndarray) -> np.ndarray:
-        """All columns from the others in z."""
+    def with_dependent(self, z: np.ndarray) -> np.ndarray:
+        """z (columns,) with its dependent entries computed from the others."""
         if len(self._dependent):
             z = z.copy()
             z[self._dependent] = -self._solve(self._C @ z)
         return z
 
     def __matmul__(self, z: np.ndarray) -> np.ndarray:
-        """A z, for the other columns in z."""
+        """x = A z, for the independent entries of z."""
         row, column, values = self._weights
-        return np.bincount(row, values * self.completed(z)[column], self._shape[0])
+        return np.bincount(row, values * self.with_dependent(z)[column], self._shape[0])
 
-    def collected(self, r: np.ndarray, on_columns: np.ndarray) -> np.ndarray:
-        """A^T r and the given forces on columns, with what dependent columns pass on to others."""
+    def transposed(self, r: np.ndarray, on_columns: np.ndarray) -> np.ndarray:
+        """A^T r + forces `on_columns`; forces on dependent columns are passed on to the others."""
         row, column, values = self._weights
         out = np.bincount(column, values * r[row], self._shape[1]) + on_columns
         if len(self._dependent):
@@ -66,16 +66,16 @@ class ColumnMap:
         return out
 
     @cached_property
-    def completion(self) -> scipy.sparse.csr_matrix:
-        """Matrix (columns, columns) of `completed`."""
+    def dependence_matrix(self) -> scipy.sparse.csr_matrix:
+        """Matrix (columns, columns) of `with_dependent`."""
         others = np.setdiff1d(np.arange(self._shape[1]), self._dependent)
         entries = np.ones(len(others)), (others, others)
         if len(self._dependent):
             C = self._C if isinstance(self._C, np.ndarray) else self._C.toarray()
             ratios = -self._solve(C)
             k, column = np.nonzero(ratios)
-            at = np.append(others, self._dependent[k]), np.append(others, column)
-            entries = np.append(entries[0], ratios[k, column]), at
+            places = np.append(others, self._dependent[k]), np.append(others, column)
+            entries = np.append(entries[0], ratios[k, column]), places
         return scipy.sparse.csr_matrix(entries, (self._shape[1],) * 2)
 
     @cached_property
@@ -86,10 +86,10 @@ class ColumnMap:
     @cached_property
     def matrix(self) -> scipy.sparse.csr_matrix:
         """The matrix from z to x."""
-        return self._A @ self.completion if len(self._dependent) else self._A
+        return self._A @ self.dependence_matrix if len(self._dependent) else self._A
 
-    def by_dependent(self) -> np.ndarray:
-        """Derivatives (n, dependent) of -x by dependent columns, also as others depend on them."""
+    def derivatives_by_dependent(self) -> np.ndarray:
+        """dx/d(C z) (n, dependent): A_d C_d^-1 with the dependent columns of A and C."""
         if not len(self._dependent):
             return np.zeros((self._shape[0], 0))
         return self._solve(self._A[:, self._dependent].T.toarray(), "T").T

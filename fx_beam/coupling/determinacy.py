@@ -49,7 +49,7 @@ def check_no_massless_mechanism(
     parts = _parts(mesh, stiffness, None if mass is None else _inertia(scene, mesh, mass))
     if parts is None or not parts.free.any():
         return
-    motion = _motion(_rows(scene, mesh, parts, at_rest=mass is None))
+    motion = _motion(_rows(scene, mesh, parts, static=mass is None))
     if motion is None:
         return
     rates = np.zeros(parts.free.shape)
@@ -67,12 +67,12 @@ class _Parts(NamedTuple):
     """Rigid bodies; each moves by a point [in sizes of the scene] and a rotation."""
 
     #: Body of each node (n_node,).
-    of_node: np.ndarray
-    #: Mean position of its nodes, and its point: the same, or the centre of its massive nodes,
-    #: each (parts, 2) [m].
+    part_of_node: np.ndarray
+    #: Mean position (parts, 2) of the nodes of a body, and its point (parts, 2): the same, or the
+    #: centre of the massive nodes [m].
     middle: np.ndarray
     point: np.ndarray
-    #: Whether its point may move along x and y, and whether it may rotate, without mass (parts, 3).
+    #: Whether the point may move along x and y, and the body rotate, without mass (parts, 3).
     free: np.ndarray
 
 
@@ -95,17 +95,17 @@ def _connected(indptr: np.ndarray, indices: np.ndarray) -> tuple[int, np.ndarray
 def _parts(mesh: Mesh, stiffness, inertia: np.ndarray | None) -> _Parts | None:
     """The parts of a scene; None if all of them have mass and rotary inertia."""
     count, part_of_dof = _connected(stiffness.indptr, stiffness.indices)
-    of_node, X = part_of_dof[::3], mesh.X
+    part_of_node, X = part_of_dof[::3], mesh.X
     free = np.ones((count, 3), dtype=bool)
     if inertia is not None:
         heavy, turning = np.flatnonzero(inertia[:, 0]), np.flatnonzero(inertia[:, 2])
-        free[of_node[heavy], :2] = free[of_node[turning], 2] = False
+        free[part_of_node[heavy], :2] = free[part_of_node[turning], 2] = False
         if not free.any():
             return None
 
     def mean(nodes: np.ndarray) -> np.ndarray:
         """Mean positions of some nodes of each part, zero for a part without them."""
-        part = of_node[nodes]
+        part = part_of_node[nodes]
         sums = [np.bincount(part, X[nodes, i], count) for i in (0, 1)]
         return np.column_stack(sums) / np.maximum(np.bincount(part, minlength=count), 1)[:, None]
 
@@ -113,12 +113,12 @@ def _parts(mesh: Mesh, stiffness, inertia: np.ndarray | None) -> _Parts | None:
     if inertia is not None:
         # With mass at one place only, a body can rotate about it without inertia.
         point = np.where(free[:, :1], middle, mean(heavy))
-        apart = np.hypot(*(X[heavy] - point[of_node[heavy]]).T) > 1e-12 * mesh.size
-        free[of_node[heavy[apart]], 2] = False
-    return _Parts(of_node, middle, point, free)
+        apart = np.hypot(*(X[heavy] - point[part_of_node[heavy]]).T) > 1e-12 * mesh.size
+        free[part_of_node[heavy[apart]], 2] = False
+    return _Parts(part_of_node, middle, point, free)
 
 
-def _rows(scene: Scene, mesh: Mesh, parts: _Parts, at_rest: bool):
+def _rows(scene: Scene, mesh: Mesh, parts: _Parts, static: bool):
     """Linear constraints of supports and joints on the free rates: an array (rows, free) if few."""
     # Nodes a and b, -1 for the ground: along a direction the displacement of b is that of the end
     # of an arm on a; or they turn together.
@@ -131,15 +131,15 @@ def _rows(scene: Scene, mesh: Mesh, parts: _Parts, at_rest: bool):
             together.append((-1, node, 1 - component, component, 0.0, 0.0))
     for joint in scene.joints:
         nodes, along = (joint.a.number, joint.b.number), joint.direction
-        if along is None or _is_held(joint.slide, at_rest):
+        if along is None or _is_held(joint.slide, static):
             together += [(*nodes, 1.0, 0.0, *joint.arm), (*nodes, 0.0, 1.0, *joint.arm)]
         else:
             together.append((*nodes, -along[1], along[0], *joint.arm))
-        if joint.turns_together or _is_held(joint.rotation, at_rest):
+        if joint.turns_together or _is_held(joint.rotation, static):
             turning.append(nodes)
     row_of = [*range(len(together))]
     for force in scene.forces_between:
-        if not _is_held(force.on, at_rest):
+        if not _is_held(force.on, static):
             continue
         if isinstance(force, GroundSpring):
             if force.direction is None:
@@ -153,21 +153,21 @@ def _rows(scene: Scene, mesh: Mesh, parts: _Parts, at_rest: bool):
             row_of += [len(together)] * len(force.apart)
             ways = zip(force.nodes, force.nodes[1:], force.apart, strict=False)
             together += [(a, b, *(way / np.hypot(*way)), 0.0, 0.0) for a, b, way in ways]
-    given, rows_of = np.array(together).reshape(-1, 6), np.array(row_of, dtype=int)
-    pairs, along, arm = given[:, :2].astype(int), given[:, 2:4], given[:, 4:] / mesh.size
+    table, rows_of = np.array(together).reshape(-1, 6), np.array(row_of, dtype=int)
+    pairs, along, arm = table[:, :2].astype(int), table[:, 2:4], table[:, 4:] / mesh.size
     turned = np.array(turning, dtype=int).reshape(-1, 2)
     entries = []
     for end, sign in ((0, -1.0), (1, 1.0)):
-        of_row = np.flatnonzero(pairs[:, end] >= 0)
-        node, direction = pairs[of_row, end], sign * along[of_row]
-        part = parts.of_node[node]
-        x, y = ((mesh.X[node] - parts.point[part]) / mesh.size + (1 - end) * arm[of_row]).T
-        of_row = rows_of[of_row]
-        entries += [(of_row, 3 * part + i, direction[:, i]) for i in (0, 1)]
-        entries.append((of_row, 3 * part + 2, direction[:, 1] * x - direction[:, 0] * y))
-        of_row = np.flatnonzero(turned[:, end] >= 0)
-        part = parts.of_node[turned[of_row, end]]
-        entries.append((len(pairs) + of_row, 3 * part + 2, np.full(len(part), sign)))
+        row = np.flatnonzero(pairs[:, end] >= 0)
+        node, direction = pairs[row, end], sign * along[row]
+        part = parts.part_of_node[node]
+        x, y = ((mesh.X[node] - parts.point[part]) / mesh.size + (1 - end) * arm[row]).T
+        row = rows_of[row]
+        entries += [(row, 3 * part + i, direction[:, i]) for i in (0, 1)]
+        entries.append((row, 3 * part + 2, direction[:, 1] * x - direction[:, 0] * y))
+        row = np.flatnonzero(turned[:, end] >= 0)
+        part = parts.part_of_node[turned[row, end]]
+        entries.append((len(pairs) + row, 3 * part + 2, np.full(len(part), sign)))
     i, j, values = map(np.concatenate, zip(*entries, strict=True))
     shape, free = (len(pairs) + len(turned), parts.free.size), parts.free.ravel()
     if free.sum() > _FEW:
@@ -176,7 +176,7 @@ def _rows(scene: Scene, mesh: Mesh, parts: _Parts, at_rest: bool):
     return rows.reshape(shape)[:, free]
 
 
-def _is_held(coordinate: Coordinate | None, at_rest: bool) -> bool:
+def _is_held(coordinate: Coordinate | None, static: bool) -> bool:
     """Whether a motor or a spring restrains a coordinate, or in a motion a damper or friction."""
     if coordinate is None:
         return False
@@ -184,7 +184,7 @@ def _is_held(coordinate: Coordinate | None, at_rest: bool) -> bool:
     held = coordinate.motor or (spring and (spring.stiffness or spring.strain_energy))
     resists = getattr(friction, "force", False)  # that of Coulomb may be zero
     damped = (damper and (damper.viscosity or damper.law)) or resists
-    return bool(held or (damped and not at_rest))
+    return bool(held or (damped and not static))
 
 
 def _motion(rows) -> np.ndarray | None:
@@ -200,7 +200,7 @@ def _motion(rows) -> np.ndarray | None:
 
 
 def _all(rows: np.ndarray) -> tuple[np.ndarray, Callable]:
-    """Unit motions (n, k) in the null space of a few rows, and the projection on these."""
+    """Unit motions (n, k) in the null space of a few rows, and the projection on this space."""
     largest = np.sqrt((rows**2).sum(axis=0).max()) or 1.0
     _, violations, motions = np.linalg.svd(rows)
     violations = np.append(violations, np.zeros(len(motions) - len(violations)))
@@ -209,9 +209,9 @@ def _all(rows: np.ndarray) -> tuple[np.ndarray, Callable]:
 
 
 def _some(rows: scipy.sparse.csr_matrix) -> tuple[np.ndarray, Callable]:
-    """The same, but not all motions, by inverse iteration on the normal equations.
+    """A few motions (n, k) of the null space, by inverse iteration on the normal equations.
 
-    It finds candidates; their round-off is that of squares, so the rows themselves decide.
+    The iteration finds candidates with the round-off of squares, so the rows themselves decide.
     """
     n, normal = rows.shape[1], (rows.T @ rows).tocsc()
     largest = normal.diagonal().max() or 1.0
@@ -244,10 +244,10 @@ def _description(scene: Scene, mesh: Mesh, parts: _Parts, rates: np.ndarray) -> 
     """The beams of the body that a motion (parts, 3) moves most, its motion, and what helps."""
     middle, turn = parts.middle, rates[:, 2]
     x, y = ((middle - parts.point) / mesh.size).T
-    at_middle = rates + np.column_stack([-turn * y, turn * x, 0 * turn])
-    sizes = abs(at_middle).max(axis=1)
+    middle_rates = rates + np.column_stack([-turn * y, turn * x, 0 * turn])
+    sizes = abs(middle_rates).max(axis=1)
     part = int(np.argmax(sizes > (1 - 1e-6) * sizes.max()))  # the first of equal ones
-    mode = at_middle[part]
+    mode = middle_rates[part]
     if abs(mode[2]) > 1e-6 * abs(mode[:2]).max():
         # Velocity (mode0 - w y, mode1 + w x) vanishes at the pole.
         pole = middle[part] + mesh.size * np.array([-mode[1], mode[0]]) / mode[2]
@@ -257,14 +257,14 @@ def _description(scene: Scene, mesh: Mesh, parts: _Parts, rates: np.ndarray) -> 
         along = np.round(mode[:2] / abs(mode[:2]).max(), 6) + 0.0  # no -0
         how = f"can move along ({along[0]:.3g}, {along[1]:.3g})"
     nodes_of = zip(scene.beams, mesh.nodes, strict=True)
-    names = [repr(beam.name) for beam, nodes in nodes_of if parts.of_node[nodes[0]] == part]
+    names = [repr(beam.name) for beam, nodes in nodes_of if parts.part_of_node[nodes[0]] == part]
     if not names:  # a part without elements is one node
-        number = int(np.flatnonzero(parts.of_node == part)[0])
-        of = [body.name for body in scene.bodies if scene.nodes[number] in body.nodes]
+        number = int(np.flatnonzero(parts.part_of_node == part)[0])
+        owners = [body.name for body in scene.bodies if scene.nodes[number] in body.nodes]
         advice = _OF_NODE
         if not parts.free[part, :2].any():  # it has a mass at this place
-            advice = _OF_ROTATION.format("add_body" if of else "add_mass")
-        return f"{scene.nodes[number]}{f' of {of[0]}' if of else ''} {how}", advice
+            advice = _OF_ROTATION.format("add_body" if owners else "add_mass")
+        return f"{scene.nodes[number]}{f' of {owners[0]}' if owners else ''} {how}", advice
     more = f" and {len(names) - 3} more" if len(names) > 3 else ""
     return f"beam{'s' * (len(names) > 1)} {', '.join(names[:3])}{more} {how}", _OF_BEAMS
 
@@ -321,7 +321,7 @@ def _rank_near_by(reduction: Reduction, loops: Loops, motions: np.ndarray) -> in
     change = _AWAY * np.random.default_rng(0).choice([-1.0, 1.0], len(motions)) @ motions
     for _ in range(_CLOSURES):
         y[loops.unknowns] += change * loops.unit[loops.unknowns]
-        closure = loops.lengths * reduction.expand_open(y, np.zeros(reduction.driven))
+        closure = loops.lengths * reduction.closures_at(y, np.zeros(reduction.driven))
         if abs(closure).max() < 1e-13 * loops.size:
             return _rank(reduction, loops)[0]
         change = -np.linalg.lstsq(reduction.closure_derivatives(), closure, rcond=_DEPENDENT)[0]
@@ -332,10 +332,11 @@ def _self_stress(scene: Scene, couplings: Couplings, loops: Loops, left: np.ndar
     """Forces (joints, 3, n) of the joints that no load causes, for closing forces (n, closures)."""
     n = len(scene.nodes)
     forces, on_nodes = (np.zeros((count, 3, len(left))) for count in (scene.joint_count, n + 1))
-    for force, one in zip(left.T, loops.closures, strict=True):
-        forces[one.joint.number, one.component] += force
-        on_nodes[one.joint.b.number, one.component] -= force
-        on_nodes[one.joint.a.number, one.component] += force  # that of the ground is the last
+    for force, closure in zip(left.T, loops.closures, strict=True):
+        joint, i = closure.joint, closure.component
+        forces[joint.number, i] += force
+        on_nodes[joint.b.number, i] -= force
+        on_nodes[joint.a.number, i] += force  # the last row is the ground
     for i in (0, 1):
         for branch in reversed(couplings.forests[i]):
             forces[branch.joint.number, i] += branch.sign * on_nodes[branch.node, i]

@@ -48,7 +48,7 @@ def grown_forests(scene: Scene) -> tuple[list[list[Branch]], list[list[Joint]]]:
     turning = [joint for joint in joints if joint.turns_together]
     joints = order_for_short_loops(joints, _forest(scene, joints, 0, held, on_beams)[1])
     joints_of = joints, joints, turning
-    grown = [_forest(scene, of, i, held, on_beams) for i, of in enumerate(joints_of)]
+    grown = [_forest(scene, members, i, held, on_beams) for i, members in enumerate(joints_of)]
     forests, closed = zip(*grown, strict=True)
     return list(forests), [[loop[-1] for loop in loops] for loops in closed]
 
@@ -60,11 +60,10 @@ def _forest(
     held: list[set[int]],
     on_beams: list[set[int]],
 ) -> tuple[list[Branch], list[list[Joint]]]:
-    """Joints as branches of trees, parents first; a supported node or the ground is a root.
+    """Joints as branches of trees, parents first, and loops with the closing joint behind.
 
-    Otherwise the root is one of the other displacement, or the node with the smallest number. Also
-    the loops with an arm that turns or slides, or with a node on a beam, each with the joint that
-    closes it behind the others; other loops are over-constrained.
+    Roots: supported nodes and the ground; else a node that is supported in the other displacement,
+    or the one with the smallest number. Loops without an arm or a node on a beam over-constrain.
     """
     supported = {*held[component], GROUND.number}
     preferred = held[1 - component] if component < 2 else set()
@@ -95,7 +94,7 @@ def _forest(
         queue = [] if root in reached else [root]
         for parent in queue:
             reached.add(parent)
-            grown = [Branch(n, parent, by) for n, by in neighbours[parent] if n not in reached]
+            grown = [Branch(n, parent, j) for n, j in neighbours[parent] if n not in reached]
             above |= {branch.node: branch for branch in grown}
             queue += [branch.node for branch in grown]
     loops = [_loop(scene, joint, component, above, on_beams[component]) for joint in closing]
@@ -105,7 +104,7 @@ def _forest(
 def _loop(
     scene: Scene, joint: Joint, component: int, above: dict[int, Branch], on_beams: set[int]
 ) -> list[Joint]:
-    """The loop that a joint closes, itself behind the others; SceneError if it over-constrains."""
+    """The loop that a joint closes, with this joint last; SceneError if it over-constrains."""
     (way_a, first), (way_b, last) = (_way_up(above, node.number) for node in (joint.a, joint.b))
     while way_a and way_b and way_a[-1] is way_b[-1]:
         way_a.pop()
@@ -114,7 +113,7 @@ def _loop(
     turning, what = component == 2, _COMPONENTS[component]
     on_beam = first != last and not on_beams.isdisjoint({first, last})
     yields = on_beam and not (turning and joint.rotation is not None)
-    if yields or not (turning or all(other.is_index for other in loop)):
+    if yields or not (turning or all(other.is_selection for other in loop)):
         return loop
     reason = f"they close a loop in which each joint couples the {what}"
     if first != last:
@@ -130,7 +129,7 @@ def _loop(
 
 
 def _way_up(above: dict[int, Branch], node: int) -> tuple[list[Joint], int]:
-    """Joints from a node to the root of its tree, and this root."""
+    """Joints from a node to the root of its tree, and the number of the root."""
     joints: list[Joint] = []
     while node in above:
         joints.append(above[node].joint)
@@ -139,17 +138,18 @@ def _way_up(above: dict[int, Branch], node: int) -> tuple[list[Joint], int]:
 
 
 def order_for_short_loops(joints: Sequence[Joint], loops: Sequence[Sequence[Joint]]) -> list[Joint]:
-    """Joints in the order in which trees grow: those that close loops, given as joints, are last.
+    """Joints in the order in which trees grow; joints that close loops are last.
 
-    The last joint of a loop closes it. Loops of one tree are a basis of all loops: joint f of loop
-    k may close it in the place of the joint that does; each other loop with f then becomes its sum
-    with loop k. So the rungs of a ladder close one cell each. Only plain hinges are exchanged.
+    The last joint of a loop closes it. Loops of one tree are a basis of all loops: another joint f
+    of loop k may close it; then each other loop with f becomes its sum with loop k. So the rungs of
+    a ladder close one cell each. Only plain hinges are exchanged.
     """
     number = {id(joint): k for k, joint in enumerate(joints)}
     closing = [number[id(loop[-1])] for loop in loops]
     # One bit for each joint.
     basis = [sum(1 << number[id(joint)] for joint in loop) for loop in loops]
-    hinges = sum(1 << k for k, of in enumerate(joints) if of.is_index and not of.turns_together)
+    plain = [joint.is_selection and not joint.turns_together for joint in joints]
+    hinges = sum(1 << k for k, is_hinge in enumerate(plain) if is_hinge)
     before = sum(map(int.bit_count, basis))
     changed, passes = len(basis) > 1, 0
     while changed and passes < _PASSES:
@@ -167,7 +167,7 @@ def order_for_short_loops(joints: Sequence[Joint], loops: Sequence[Sequence[Join
 
 
 def _better(k: int, basis: list[int], hinges: int) -> int | None:
-    """The hinge of a loop that shortens the others most if it closes this one; None if none."""
+    """The hinge of loop k that shortens other loops most if it closes loop k; None if none does."""
     loop, gains = basis[k], dict[int, int]()
     for g, other in enumerate(basis):
         common = other & loop & hinges

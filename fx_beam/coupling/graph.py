@@ -41,13 +41,13 @@ class Entries(NamedTuple):
 
     @classmethod
     def of(cls, sums: Iterable[tuple[int, Sequence[Entry]]]) -> Entries:
-        """Those of numbered sums."""
-        entries = [(row, *entry) for row, of_row in sums for entry in of_row]
+        """Entries of numbered sums."""
+        entries = [(row, *entry) for row, row_entries in sums for entry in row_entries]
         row, column, value_at, sign = np.array(entries, dtype=float).reshape(-1, 4).T
         return cls(row.astype(int), column.astype(int), value_at.astype(int), sign)
 
-    def at(self, chosen: np.ndarray) -> Entries:
-        """Some of them."""
+    def take(self, chosen: np.ndarray) -> Entries:
+        """The chosen entries."""
         return Entries(*(part[chosen] for part in self))
 
     def matrix(self, values: np.ndarray, shape: tuple[int, int]) -> scipy.sparse.csr_matrix:
@@ -56,19 +56,19 @@ class Entries(NamedTuple):
         return scipy.sparse.csr_matrix((weights, (row, column)), shape)
 
     def weights(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The same as rows, columns and numbers."""
+        """Rows, columns and values of `matrix`."""
         return self.row, self.column, values[self.value_at] * self.sign
 
     def members(self, prefix: str = "") -> dict[str, np.ndarray]:
-        """Their columns, positions and signs, by the names in problem.h."""
+        """Columns, positions of values and signs, by the names in problem.h."""
         parts = ("column", self.column), ("value", self.value_at), ("sign", self.sign)
         return {f"{prefix}{part}": values for part, values in parts}
 
     @property
     def factors(self) -> dict[str, np.ndarray]:
-        """Their values twice: of T for equations, then of Tv for the balance of forces."""
-        one = np.zeros(len(self.row), dtype=int)
-        virtual, value = np.append(one, self.value_at), np.append(self.value_at, one)
+        """Positions of values twice: of T for equations, then of Tv for the balance of forces."""
+        constant = np.zeros(len(self.row), dtype=int)
+        virtual, value = np.append(constant, self.value_at), np.append(self.value_at, constant)
         return {"virtual": virtual, "value": value, "sign": np.tile(self.sign, 2)}
 
     @property
@@ -90,14 +90,14 @@ def joined(*tables: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 class SystemEntries(NamedTuple):
-    """Entries of T and Tv that stand in the linear system, in these rows and columns of it.
+    """Entries of T and Tv in the linear system: rows, columns and factors.
 
-    Behind them may be others, which are 1.
+    There may be more rows and columns than factors: the last entries are 1.
     """
 
     rows: np.ndarray
     columns: np.ndarray
-    #: Their values and signs, by the names in problem.h.
+    #: Values and signs, by the names in problem.h.
     factors: dict[str, np.ndarray]
 
 
@@ -108,20 +108,20 @@ class Closure:
     joint: Joint
     #: 0 for x, 1 for y; 2 for the rotation, only in loops with a sleeve.
     component: int
-    #: Entries of the closure: the displacement of b minus that of the point of a where it is.
+    #: Entries of closure = u_b - u_p, with the point p of a at which b is.
     entries: list[Entry]
 
 
 @dataclass(frozen=True)
 class Auxiliary:
-    """A degree of freedom in a long tree that has a column of its own, which depends on others.
+    """A degree of freedom in a long tree, with a column of its own: column = sum of entries.
 
     What follows it refers to this column, not to all columns on the way from the root. Newton's
-    method does not know it; its linear system has it as an unknown, with the sum as an equation.
+    method does not know it; the linear system has it as an unknown, with the sum as an equation.
     """
 
     dof: int
-    #: Entries of its sum; those of columns of auxiliary unknowns are of earlier ones.
+    #: Entries of the sum; it has columns of earlier auxiliary unknowns only.
     entries: list[Entry]
 
 
@@ -130,8 +130,8 @@ class Couplings:
     """All degrees of freedom as functions of the remaining columns.
 
     Order of columns: free degrees of freedom and slides; driven (prescribed motions, then motors);
-    fixed, with one for the ground; those of nodes that slide on beams, which depend on the others.
-    Behind them are those of auxiliary unknowns.
+    fixed, with one for the ground; nodes that slide on beams, which depend on other columns;
+    auxiliary unknowns.
     """
 
     #: Number of free columns, of driven ones, and of all but the auxiliary unknowns.
@@ -148,11 +148,11 @@ class Couplings:
     moving: list[Joint]
     #: For x, y and rotation (3, joints): 1 if b follows a, -1 if a follows b, 0 if neither does.
     sign: np.ndarray
-    #: Auxiliaries, those of rotations first.
+    #: Auxiliaries: of rotations, then of x and y.
     auxiliaries: list[Auxiliary]
     #: For x, y and rotation: the nodes that follow others through joints, parents first.
     forests: list[list[Branch]]
-    #: Joints of nodes that slide on beams: each after those on whose nodes its beam depends.
+    #: Joints of nodes that slide on beams, in order: a beam depends on earlier sliding nodes only.
     sliding: list[SlidingJoint]
     #: Columns of the nodes that slide, by the number of the joint.
     carried: dict[int, list[int]]
@@ -160,9 +160,9 @@ class Couplings:
     closures: list[Closure]
 
     @property
-    def is_index(self) -> bool:
-        """Whether each degree of freedom equals one column."""
-        return not self.sums and not self.sliding
+    def is_selection(self) -> bool:
+        """Whether each degree of freedom equals one column, and no joint closes a loop."""
+        return not (self.sums or self.sliding or self.closures)
 
     @property
     def independent(self) -> int:
@@ -171,10 +171,10 @@ class Couplings:
 
     @cached_property
     def system(self) -> tuple[np.ndarray, np.ndarray]:
-        """Row of the forces on each column in the linear system, and its unknown; -1 for none.
+        """Row of the forces on each column in the linear system, and unknown; -1 for none.
 
-        Of free columns, then of auxiliaries: its equation is in the row of its displacement, the
-        balance in that of its force. Those of nodes that slide on beams are behind all unknowns.
+        Order: free columns, then two for each auxiliary unknown (row of its equation: displacement;
+        row of its balance: force). Nodes that slide on beams are behind all unknowns.
         """
         columns, auxiliaries = self.columns, len(self.auxiliaries)
         unknowns = np.full(columns + auxiliaries, -1)
@@ -197,27 +197,27 @@ class Couplings:
 
     @cached_property
     def all_entries(self) -> Entries:
-        """Those of all degrees of freedom."""
-        alone, of_sums = np.flatnonzero(self.column >= 0), Entries.of(self.sums.items())
+        """Entries of all degrees of freedom."""
+        alone, summed = np.flatnonzero(self.column >= 0), Entries.of(self.sums.items())
         none = np.zeros(len(alone), dtype=int)
-        of_alone = alone, self.column[alone], none, 1.0 + none
-        every = (np.concatenate(parts) for parts in zip(of_alone, of_sums, strict=True))
+        single = alone, self.column[alone], none, 1.0 + none
+        every = (np.concatenate(parts) for parts in zip(single, summed, strict=True))
         entries = Entries(*every)
-        return entries.at(np.argsort(entries.row, kind="stable"))
+        return entries.take(np.argsort(entries.row, kind="stable"))
 
     @cached_property
     def free_columns(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Free columns of degrees of freedom and of slides, each with its owners."""
+        """Free columns and their degrees of freedom, free columns and their slides (by joint)."""
         dofs = np.flatnonzero((self.column >= 0) & (self.column < self.free))
         slides = np.array([pair for pair in self.slides.items() if pair[1] < self.free], int)
-        number, of_slide = slides.reshape(-1, 2).T
-        return self.column[dofs], dofs, of_slide, number
+        number, slide_columns = slides.reshape(-1, 2).T
+        return self.column[dofs], dofs, slide_columns, number
 
     def unknowns(self, D: np.ndarray, slides: np.ndarray) -> np.ndarray:
         """Unknowns (..., free) from increments (..., size) and slides (..., joints)."""
         y = np.zeros((*D.shape[:-1], self.free))
-        columns, dofs, of_slides, numbers = self.free_columns
-        y[..., columns], y[..., of_slides] = D[..., dofs], slides[..., numbers]
+        columns, dofs, slide_columns, numbers = self.free_columns
+        y[..., columns], y[..., slide_columns] = D[..., dofs], slides[..., numbers]
         return y
 
     def free_slides(self, y: np.ndarray, joints: int) -> np.ndarray:
@@ -232,21 +232,21 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
     """Couplings of a scene; SceneError for joints that over-constrain, with their names."""
     forests, closing = grown_forests(scene)
     columns = _Columns(scene, mesh, forests)
-    moving = [b.joint for b in forests[0] if not b.joint.is_index]
-    moving += [joint for joint in closing[0] if not joint.is_index]
+    moving = [b.joint for b in forests[0] if not b.joint.is_selection]
+    moving += [joint for joint in closing[0] if not joint.is_selection]
     # Auxiliaries depend on no columns of nodes that slide.
     whole = {joint.b.number for joint in sliding_joints(scene.joints)}
     sums = _Sums(columns, forests, moving, whole)
-    column = columns.of_roots.flatten()
-    of_sums = {}
-    for key, entries in sums.of.items():
+    column = columns.root.flatten()
+    summed = {}
+    for key, entries in sums.entries.items():
         if key[0] < 0:
             continue
         dof = 3 * key[0] + key[1]
         if len(entries) == 1 and entries[0][1:] == (0, 1.0):
             column[dof] = entries[0][0]
         else:
-            column[dof], of_sums[dof] = -1, entries
+            column[dof], summed[dof] = -1, entries
     sign = np.zeros((3, scene.joint_count))
     for i, branch in ((i, branch) for i, forest in enumerate(forests) for branch in forest):
         sign[i, branch.joint.number] = branch.sign
@@ -255,7 +255,7 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
         driven=columns.driven,
         columns=columns.count,
         column=column,
-        sums=of_sums,
+        sums=summed,
         slides=columns.slides,
         moving=moving,
         sign=sign,
@@ -269,7 +269,7 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
 
 
 def _sliding_in_order(scene: Scene, mesh: Mesh, couplings: Couplings) -> list[SlidingJoint]:
-    """Sliding joints, each after those on whose nodes its beam depends."""
+    """Sliding joints in order: a beam depends on earlier sliding nodes only."""
     owner = {c: number for number, columns in couplings.carried.items() for c in columns}
     joints = {joint.number: joint for joint in couplings.sliding}
     needs = {
@@ -299,9 +299,10 @@ class _Sums:
     ):
         self._columns = columns
         self._number = {joint.number: m for m, joint in enumerate(moving)}
-        ground = [(columns.of[_GROUND], 0, 1.0)] if _GROUND in columns.of else []
+        ground = [(columns.number[_GROUND], 0, 1.0)] if _GROUND in columns.number else []
         #: Entries of the nodes that follow through a joint, by node and component.
-        self.of: dict[tuple[int, int], list[Entry]] = {(GROUND.number, i): ground for i in range(3)}
+        self.entries: dict[tuple[int, int], list[Entry]]
+        self.entries = {(GROUND.number, i): ground for i in range(3)}
         self.auxiliaries: list[Auxiliary] = []
         whole = _connected(forests, whole)
         for i in (2, 0, 1):
@@ -311,17 +312,17 @@ class _Sums:
                 if branch.node in auxiliary and len(entries) > _REACH:
                     self.auxiliaries.append(Auxiliary(3 * branch.node + i, entries))
                     entries = [(columns.count + len(self.auxiliaries) - 1, 0, 1.0)]
-                self.of[branch.node, i] = entries
+                self.entries[branch.node, i] = entries
 
     def _at(self, node: int, component: int) -> list[Entry]:
-        root = int(self._columns.of_roots[node, component]) if node >= 0 else -1
-        return self.of[node, component] if root < 0 else [(root, 0, 1.0)]
+        root = int(self._columns.root[node, component]) if node >= 0 else -1
+        return self.entries[node, component] if root < 0 else [(root, 0, 1.0)]
 
     def _of_joint(self, joint: Joint, i: int, side: float) -> list[Entry]:
         """Entries that a joint adds: of a motor's rotation, or of the arm between its nodes."""
         if i == 2:
             driven = joint.rotation is not None
-            return [(self._columns.of["motor", joint.number], 0, side)] if driven else []
+            return [(self._columns.number["motor", joint.number], 0, side)] if driven else []
         if joint.number not in self._number:
             return []
         first = 1 + 4 * self._number[joint.number] + i
@@ -351,11 +352,11 @@ class _Sums:
         for side, entries in ((1.0, b), (-1.0, a), (1.0, self._of_joint(joint, i, -1.0))):
             for *key, sign in entries:
                 total[key[0], key[1]] = total.get((key[0], key[1]), 0.0) + side * sign
-        return Closure(joint, i, [(at, value, sign) for (at, value), sign in total.items() if sign])
+        return Closure(joint, i, [(*key, sign) for key, sign in total.items() if sign])
 
 
 def _connected(forests: list[list[Branch]], nodes: set[int]) -> set[int]:
-    """Nodes of trees that contain one of these nodes; the ground connects nothing."""
+    """Nodes of all trees that contain one of some nodes; the ground connects nothing."""
     pairs = [(b.node, b.parent) for forest in forests for b in forest if b.parent >= 0]
     if not nodes or not pairs:
         return set()
@@ -387,19 +388,19 @@ class _Columns:
         keys = [*free, *driven, *sorted(scene.fixed), *ground, *carried]
         alone = int(np.count_nonzero(free_root))
         #: Columns of slides, driven and fixed degrees of freedom, and of the ground.
-        self.of: dict[tuple, int] = {key: column for column, key in enumerate(keys, start=alone)}
+        self.number: dict[tuple, int] = {key: k for k, key in enumerate(keys, start=alone)}
         #: Column (nodes, 3) of each component of a node that follows no joint; -1 for the others.
-        self.of_roots = np.full(free_root.shape, -1)
-        self.of_roots[free_root] = np.arange(alone)
+        self.root = np.full(free_root.shape, -1)
+        self.root[free_root] = np.arange(alone)
         for key in held:
             if key not in follow:
-                self.of_roots[key] = self.of[key]
-        for of_sliding in carried:
-            self.of_roots[of_sliding[1:]] = self.of[of_sliding]
+                self.root[key] = self.number[key]
+        for sliding_key in carried:
+            self.root[sliding_key[1:]] = self.number[sliding_key]
         self.free, self.driven, self.count = alone + len(free), len(driven), alone + len(keys)
         #: Columns of the nodes that slide, by the number of the joint.
-        self.carried = {j.number: [self.of[key] for key in j.carried] for j in sliding}
-        self.slides = {n: self.of["motor" if n in moved else "slide", n] for n in slides}
+        self.carried = {j.number: [self.number[key] for key in j.carried] for j in sliding}
+        self.slides = {n: self.number["motor" if n in moved else "slide", n] for n in slides}
 
 
 def motors(scene: Scene) -> list[tuple[Joint, str]]:
@@ -430,24 +431,24 @@ class Auxiliaries:
         auxiliaries, row_of, unknown_of = couplings.auxiliaries, *couplings.system
         self._count = len(auxiliaries)
         self._shape = self._count, couplings.columns + self._count
-        self._entries = entries = Entries.of((k, one.entries) for k, one in enumerate(auxiliaries))
-        moving = entries.at(unknown_of[entries.column] >= 0)
+        self._entries = entries = Entries.of(enumerate(a.entries for a in auxiliaries))
+        moving = entries.take(unknown_of[entries.column] >= 0)
         numbers = unknown_of[couplings.columns :]
-        of, on = numbers[moving.row], unknown_of[moving.column]
-        rows = np.concatenate([of, row_of[moving.column], numbers, numbers + 1])
-        columns = np.concatenate([on, of + 1, numbers, numbers + 1])
+        own, needed = numbers[moving.row], unknown_of[moving.column]
+        rows = np.concatenate([own, row_of[moving.column], numbers, numbers + 1])
+        columns = np.concatenate([needed, own + 1, numbers, numbers + 1])
         #: What auxiliary unknowns add to the linear system: equations, forces, diagonals.
         self.in_system = SystemEntries(rows, columns, moving._replace(sign=-moving.sign).factors)
-        #: Unknowns (2, m) of auxiliary unknowns, and those on which they depend.
-        self.dependent = np.array([np.append(of, of + 1), np.tile(on, 2)])
+        #: Unknowns (2, m) in the linear system: the auxiliary, and the one on which it depends.
+        self.dependent = np.array([np.append(own, own + 1), np.tile(needed, 2)])
 
     def __len__(self):
         return self._count
 
     def entries_of(self, chosen: np.ndarray) -> np.ndarray:
-        """Numbers of entries of some, the latest first: others depend on earlier ones only."""
-        of = np.flatnonzero(chosen[self._entries.row])
-        return of[np.argsort(-self._entries.row[of], kind="stable")]
+        """Numbers of the entries of chosen auxiliaries, the latest first."""
+        numbers = np.flatnonzero(chosen[self._entries.row])
+        return numbers[np.argsort(-self._entries.row[numbers], kind="stable")]
 
     def equations(self, values: np.ndarray) -> scipy.sparse.csr_matrix:
         """Rows (auxiliaries, columns) whose products with all columns are zero, by values of T."""
@@ -455,14 +456,14 @@ class Auxiliaries:
         return (self._entries.matrix(values, self._shape) - auxiliaries).tocsr()
 
     def members(self) -> dict[str, Any]:
-        """Their sums as ``Auxiliary`` of problem.h."""
-        of_arms, arms = self._entries.arms
+        """The sums as ``Auxiliary`` of problem.h."""
+        owners, arms = self._entries.arms
         return {
             "count": self._count,
             "entries": len(self._entries.row),
             "of": self._entries.row,
             **self._entries.members(),
             "arms": len(arms),
-            "arm_of": of_arms,
+            "arm_of": owners,
             "arm": arms,
         }

@@ -1,8 +1,8 @@
 """Closed loops of joints, without multipliers: some unknowns follow the others.
 
 The trees of joints leave the columns z; a joint that closes a loop gives equations closure(z) = 0.
-Of the unknowns some, d, follow the others, i, by Newton's method on these equations. The closing
-joints' forces on b are those that leave no residual R of d. With G the derivative of the closures,
+Some unknowns, d, follow all others, i, by Newton's method on these equations. The forces of the
+closing joints on b are such that d has no residual R_d. With G the derivative of the closures,
 and Gv that of virtual displacements, so that Gv times the work increments of a step is its closure:
 
     F = Gv_d^-T R_d,    0 = R_i - Gv_i^T F,    z_d = -G_d^-1 G_i z_i   (in small changes)
@@ -39,7 +39,7 @@ _ROUNDING = 1e-9
 class Loops:
     """The closed loops of a scene; `unit` (free,) is the size of unit unknowns.
 
-    Closures are in the order of blocks, those that share unknowns directly or through others.
+    Closures are in the order of blocks; a block shares unknowns, directly or through others.
     """
 
     def __init__(
@@ -48,19 +48,19 @@ class Loops:
         #: Size of the scene [m].
         self.size = size = sliders.scene_size
         self.unit, self._couplings, self._sliders = unit, couplings, sliders
-        self._entries = Entries.of((k, one.entries) for k, one in enumerate(couplings.closures))
+        self._entries = Entries.of(enumerate(closure.entries for closure in couplings.closures))
         values, *dependence = _dependence(couplings, auxiliaries, sliders.all)
         count, shape = len(auxiliaries), (len(couplings.closures), dependence[0].shape[1])
-        of_closures = ColumnMap(self._entries.weights(values), shape, *dependence)
-        by_others, passed = of_closures.matrix, of_closures.by_dependent()
-        by_others.data[abs(by_others.data) < _ROUNDING] = 0.0
-        by_others.eliminate_zeros()
-        blocks = blocks_of(by_others[:, : couplings.free])
+        closure_map = ColumnMap(self._entries.weights(values), shape, *dependence)
+        depends, passed = closure_map.matrix, closure_map.derivatives_by_dependent()
+        depends.data[abs(depends.data) < _ROUNDING] = 0.0
+        depends.eliminate_zeros()
+        blocks = blocks_of(depends[:, : couplings.free])
         order = np.concatenate([members for members, _ in blocks])
         self.closures = [couplings.closures[k] for k in order]
-        self._entries = Entries.of((k, one.entries) for k, one in enumerate(self.closures))
+        self._entries = Entries.of(enumerate(closure.entries for closure in self.closures))
         #: In compressed rows the columns on which each closure depends.
-        self._near = by_others[order]
+        self._near = depends[order]
         moved = scipy.sparse.csgraph.maximum_bipartite_matching(
             self._near[:, : couplings.free], perm_type="column"
         )
@@ -69,9 +69,9 @@ class Loops:
         self.acts_on = np.where(moved < 0, -1, couplings.system[1][moved])
         passes = abs(passed[order, :count]) > _ROUNDING
         #: Entries of auxiliary unknowns of each, in the order in which they are collected.
-        self._auxiliaries = [auxiliaries.entries_of(of_closure) for of_closure in passes]
+        self._auxiliaries = [auxiliaries.entries_of(chosen) for chosen in passes]
         row_of, unknown_of = couplings.system
-        moving = self._entries.at(unknown_of[self._entries.column] >= 0)
+        moving = self._entries.take(unknown_of[self._entries.column] >= 0)
         force = couplings.unknown_count - len(self) + moving.row
         rows = np.append(force, row_of[moving.column])
         columns = np.append(unknown_of[moving.column], force)
@@ -104,14 +104,14 @@ class Loops:
     @property
     def singularity(self) -> str:
         """What is wrong in a singular position."""
-        names = "; ".join(dict.fromkeys(str(one.joint) for one in self._couplings.closures))
+        names = "; ".join(dict.fromkeys(str(closure.joint) for closure in self._couplings.closures))
         return (
             f"the loops that {names} close are in a singular position, such as bars in one "
             "line, from which the motion may go on in several ways"
         )
 
     def derivatives(self, values: np.ndarray) -> scipy.sparse.csr_matrix:
-        """Those of the closures (closures, columns) by all columns, for the values of T or Tv."""
+        """Derivatives (closures, columns) of closures by columns, for the values of T or Tv."""
         columns = self._couplings.columns + len(self._couplings.auxiliaries)
         return self._entries.matrix(values, (len(self._couplings.closures), columns))
 
@@ -119,10 +119,10 @@ class Loops:
         """``Loops`` of problem.h, without positions in the tangent."""
         couplings, moving = self._couplings, self._couplings.moving
         arms = {(joint.number, i): 2 * m + i for m, joint in enumerate(moving) for i in range(2)}
-        closed = [(one.joint, one.component) for one in self.closures]
+        closed = [(closure.joint, closure.component) for closure in self.closures]
         near = np.empty(couplings.columns, dtype=int)
         near[self.columns] = np.arange(len(self.columns))
-        at_rest = [joint.arm if joint.place is None else joint.apart for joint in moving]
+        arms_at_rest = [joint.arm if joint.place is None else joint.apart for joint in moving]
         sizes, widths = map(np.diff, self._block_starts)
         return {
             "closures": len(self),
@@ -146,7 +146,7 @@ class Loops:
             "block_closure": self._block_starts[0],
             "block_column": self._block_starts[1],
             "block_part": starts_of(sizes**2),
-            "arm_at_rest": np.array(at_rest).reshape(-1, 2),
+            "arm_at_rest": np.array(arms_at_rest).reshape(-1, 2),
             "length": self.lengths,
             "closed": _CLOSED * self.size,
             "carried": len(self._carried),
@@ -158,15 +158,15 @@ class Loops:
         closure, column = self._entries.row, self._entries.column
         on = np.flatnonzero(self._couplings.system[1][column] >= 0)
         shape = len(closure), len(self)
-        of_closure = scipy.sparse.csr_matrix((np.ones(len(on)), (on, closure[on])), shape)
-        left, right = (of_closure @ of_closure.T).nonzero()
+        membership = scipy.sparse.csr_matrix((np.ones(len(on)), (on, closure[on])), shape)
+        left, right = (membership @ membership.T).nonzero()
         weighted = self._entries._replace(sign=self._entries.sign * self.lengths[closure] ** 2)
-        return weighted.at(left), self._entries.at(right)
+        return weighted.take(left), self._entries.take(right)
 
     def scales(self, pattern: Pattern) -> tuple[np.ndarray, np.ndarray]:
         """Diagonals of unknowns in the linear system, which give the stiffness, and units [size].
 
-        Without those of slides on beams, which border it and have ones there.
+        Slides on beams, which border the system, are left out: their diagonals are 1.
         """
         inside = np.setdiff1d(np.arange(len(self.unit)), self._sliders.outside)
         return positions_in(*pattern, inside, inside), self.unit[inside] / self.size
@@ -175,9 +175,9 @@ class Loops:
 def _dependence(
     couplings: Couplings, auxiliaries: Auxiliaries, slides: list[Slide]
 ) -> tuple[np.ndarray, scipy.sparse.csr_matrix, np.ndarray]:
-    """Values of T that do not cancel by chance, equations of dependent columns, and the latter.
+    """Random values of T, C of the equations C z = 0, and the numbers of dependent columns.
 
-    A node on a beam may be anywhere on it.
+    Random values do not cancel; a node on a beam may be anywhere on it.
     """
     random = np.random.default_rng(0)
     values = random.uniform(1.0, 2.0, 1 + 4 * len(couplings.moving))
@@ -194,9 +194,9 @@ def _dependence(
 
 
 def blocks_of(depends: scipy.sparse.csr_matrix) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Closures of loops that share unknowns, directly or through others, and these unknowns.
+    """Blocks (closures, unknowns) of loops that share unknowns, directly or through others.
 
-    Those of neighbouring loops are near to each other.
+    Closures of neighbouring loops are near to each other.
     """
     near = (depends @ depends.T).tocsr()
     _, label = scipy.sparse.csgraph.connected_components(near, directed=False)
@@ -205,7 +205,7 @@ def blocks_of(depends: scipy.sparse.csr_matrix) -> list[tuple[np.ndarray, np.nda
     blocks = []
     for members in np.split(order, np.flatnonzero(np.diff(label[order])) + 1):
         part = depends[members].tocoo()
-        columns, at = np.unique(part.col, return_inverse=True)
-        place = np.bincount(at, part.row) / np.bincount(at)
+        columns, index = np.unique(part.col, return_inverse=True)
+        place = np.bincount(index, part.row) / np.bincount(index)
         blocks.append((members, columns[np.argsort(place, kind="stable")]))
     return blocks

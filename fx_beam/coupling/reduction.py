@@ -1,7 +1,7 @@
 """From all degrees of freedom to the unknowns: supports, and joints without multipliers.
 
 The nodal vector x is a function g of the columns z, unknowns first, with T = dg/dz. Virtual
-displacements are Tv times those of the columns. Newton's method solves Tv^T r(g(z)) = 0; the
+displacements are dx = Tv dz. Newton's method solves Tv^T r(g(z)) = 0; the
 tangent is Tv^T K T + (dTv/dz)^T r.
 """
 
@@ -35,16 +35,17 @@ if TYPE_CHECKING:
 class ReducedTangent(NamedTuple):
     """How the reduced tangent is made of the full one, by the names in c/problem.h."""
 
-    #: Sparsity (indptr, indices) of the linear system of the unknowns and of what is behind them,
-    #: in compressed rows; nodes that slide on beams border it.
+    #: Sparsity (indptr, indices) of the linear system, in compressed rows; nodes that slide on
+    #: beams border it.
     pattern: Pattern
-    #: Entries of the full tangent that are added to reduced ones as they are; those multiplied by
-    #: entries of Tv and T; the derivatives of Tv; those of the forces of springs and dampers. Among
-    #: the second are from a number on those of the stiffness of closures, of auxiliary unknowns and
-    #: of closures: behind the full tangent are an entry that is 1 and this stiffness.
+    #: Entries of K that are added as they are.
     direct: dict[str, np.ndarray]
+    #: Products Tv K T. From the number `stiffened` on K is the stiffness of closures, then 1, for
+    #: auxiliary unknowns and closures: both entries are behind the full tangent.
     coupled: dict[str, np.ndarray]
+    #: Derivatives of Tv.
     geometric: dict[str, np.ndarray]
+    #: Derivatives of the forces of springs and dampers on slides.
     restoring: dict[str, np.ndarray]
     stiffened: int
     #: Positions of entries of auxiliary unknowns that are 1.
@@ -54,9 +55,9 @@ class ReducedTangent(NamedTuple):
 class Reduction:
     """Unknowns of a scene, and the reduction of vectors and matrices to them.
 
-    `matrix` has the sparsity of the full tangent; those of its entries that are not `used` remain
-    zero. In the linear system each auxiliary unknown has two unknowns, its displacement u and the
-    force on what it follows, and each closure of a loop its force.
+    `matrix` has the sparsity of the full tangent; entries that are not `used` remain zero. In the
+    linear system an auxiliary unknown is two unknowns, its displacement u and the force on what it
+    follows, and a closure of a loop is one, its force.
     """
 
     #: Why no step can begin here; empty if it can.
@@ -74,11 +75,11 @@ class Reduction:
         loops: Loops | None = None,
     ):
         self.sliders, self.loops, self.couplings = sliders, loops, couplings
-        #: Number of unknowns, of driven columns (prescribed, motors), and of all with fixed ones.
+        #: Number of unknowns, of driven columns (prescribed, motors), and of all columns.
         self.free, self.driven = couplings.free, couplings.driven
         self.columns = couplings.columns
-        #: For each force that closes a loop an unknown on which it acts. The forces themselves are
-        #: unknowns in C, behind the others.
+        #: For each force that closes a loop an unknown on which it acts. In C the forces are
+        #: unknowns, too, behind all others.
         self.forces = np.empty(0, dtype=int) if loops is None else loops.acts_on
         self.auxiliaries = auxiliaries
         self._rates, self._points = rates, points
@@ -101,10 +102,7 @@ class Reduction:
 
     @cached_property
     def tangent(self) -> ReducedTangent:
-        """Positions of all products Tv[i, a] K[i, j] T[j, b] in the reduced tangent.
-
-        Not made where others have the tangent.
-        """
+        """Positions of all products Tv[i, a] K[i, j] T[j, b] in the reduced tangent."""
         free, couplings, (matrix, used) = self.free, self.couplings, self._full
         row_of, unknown_of = couplings.system
         geometric = []
@@ -112,8 +110,8 @@ class Reduction:
             turn = [] if joint.a is GROUND else couplings.entries(rotation_of(joint.a))
             turn = [e for e in turn if unknown_of[e[0]] >= 0]
             slide = [(self._slide[m], 0, 1.0)] if 0 <= self._slide[m] < free else []
-            of_kinds = (turn, turn), (turn, slide), (slide, turn), (slide, slide)
-            for kind, (maps, values) in enumerate(of_kinds[: 4 if joint.track.number else 3]):
+            pairs_of_kinds = (turn, turn), (turn, slide), (slide, turn), (slide, slide)
+            for kind, (maps, values) in enumerate(pairs_of_kinds[: 4 if joint.track.number else 3]):
                 geometric += [(a, b, m, kind, s * o) for a, _, s in maps for b, _, o in values]
         #: Slides with forces that are unknowns, among all with forces.
         sprung = np.flatnonzero(unknown_of[self._points.columns] >= 0)
@@ -121,23 +119,23 @@ class Reduction:
 
         entries, moves = self._entries, unknown_of[self._entries.column] >= 0
         source, i, j = _products(entries.row, moves, used, matrix.indptr, matrix.indices)
-        left, right, of_full = entries.at(i), entries.at(j), len(source)
+        left, right, full_count = entries.take(i), entries.take(j), len(source)
         added, forces = [self.auxiliaries.in_system], np.empty(0, dtype=int)
         if self.loops is not None:
             added, forces = [self.loops.in_system, *added], self.loops.bordering
             both = zip((left, right), self.loops.stiffened(), strict=True)
             left, right = (Entries(*map(np.append, *sides)) for sides in both)
-        source = np.append(source, np.full(len(left.row) - of_full, matrix.nnz + 1))
+        source = np.append(source, np.full(len(left.row) - full_count, matrix.nnz + 1))
         others = np.array([p[:2] for p in (*geometric, *restoring)], dtype=int).reshape(-1, 2).T
-        rows = [row_of[left.column], row_of[others[0]], *(of.rows for of in added)]
-        columns = [unknown_of[right.column], unknown_of[others[1]], *(of.columns for of in added)]
+        rows = [row_of[left.column], row_of[others[0]], *(part.rows for part in added)]
+        columns = [unknown_of[right.column], unknown_of[others[1]], *(p.columns for p in added)]
         pairs = np.concatenate(rows), np.concatenate(columns)
         if not couplings.sliding:
             pattern, position = sparsity(*pairs, couplings.unknown_count)
         else:
             position = self.sliders.set_tangent(*pairs, forces)
             pattern = self.sliders.bordered.pattern
-        factors = joined(*(of.factors for of in added))
+        factors = joined(*(part.factors for part in added))
         counts = len(source), len(geometric), len(restoring), len(factors["sign"])
         position, geometric_to, restoring_to, to, ones = np.split(position, np.cumsum(counts))
         virtual, value, sign = left.value_at, right.value_at, left.sign * right.sign
@@ -153,18 +151,13 @@ class Reduction:
             coupled=joined(dict(zip(names, coupled, strict=True)), factors),
             geometric={"to": geometric_to, **joint_and_kind, "sign": table[:, 2]},
             restoring={"to": restoring_to, "of": sprung},
-            stiffened=np.count_nonzero(~direct[:of_full]),
+            stiffened=np.count_nonzero(~direct[:full_count]),
             ones=ones,
         )
 
-    @cached_property
-    def equates(self) -> bool:
-        """Whether supports and joints only make degrees of freedom equal."""
-        return self.couplings.is_index and not (len(self.forces) or len(self._points.columns))
-
     @property
     def dependent(self) -> np.ndarray | None:
-        """Auxiliary unknowns (2, m), and those on which they depend; None without any."""
+        """`Auxiliaries.dependent` (2, m); None without auxiliary unknowns."""
         return self.auxiliaries.dependent if len(self.auxiliaries) else None
 
     @property
@@ -177,10 +170,10 @@ class Reduction:
         """The couplings by the names in c/problem.h, without positions in the tangent."""
         couplings, moving = self.couplings, self.couplings.moving
         equal = (self._entries.value_at == 0) & (self._entries.sign == 1)
-        entries = self._entries.at(np.argsort(~equal, kind="stable"))
+        entries = self._entries.take(np.argsort(~equal, kind="stable"))
         ends = [[rotation_of(node) for node in (joint.a, joint.b)] for joint in moving]
         carrier, carried = np.array(ends, dtype=int).reshape(-1, 2).T
-        # Rows that follow through joint m: 2 m for those in x, 2 m + 1 for those in y.
+        # Rows that follow through joint m: in x as 2 m, in y as 2 m + 1.
         below, through = self._entries.arms
         return {
             "dofs": self._size,
@@ -221,34 +214,31 @@ class Reduction:
         return Configuration(members, self.couplings.sign.shape[1], slides)
 
     def begin(self, q: np.ndarray, slides: np.ndarray) -> None:
-        """Set the start of a step, and choose the unknowns that close loops.
-
-        There are displacements and rotations, and slides.
-        """
-        if self.equates:
+        """Set the start of a step, q and slides, and choose the unknowns that close loops."""
+        if self.couplings.is_selection:
             return
         regular = self._configuration.begin(q, slides)
         self.singularity = "" if regular or self.loops is None else self.loops.singularity
-        self.expand_open(np.zeros(self.free), np.zeros(self.driven))
+        self.closures_at(np.zeros(self.free), np.zeros(self.driven))
 
     def in_columns(self, y: np.ndarray, driven: Any = ()) -> np.ndarray:
-        """Increments (columns,) with those of the unknowns and of driven columns; else zero."""
+        """Increments (columns,) from y of the unknowns and from driven columns; else zero."""
         fixed = np.zeros(self.columns - self.free - len(driven))
         return np.concatenate([y, driven, fixed])
 
-    def expand(self, y: np.ndarray, driven: np.ndarray) -> np.ndarray:
-        """Increment of all degrees of freedom from increments of unknowns and driven columns: g.
+    def increment(self, y: np.ndarray, driven: np.ndarray) -> np.ndarray:
+        """Increment (size,) of all degrees of freedom by unknowns y and driven columns: g.
 
-        `spread` and `project` refer to it. Unknowns that close loops are corrected in y; it is not
-        finite if they cannot be closed.
+        From now on T and Tv belong to this configuration. Unknowns that close loops are corrected
+        in y; the increment is not finite if no correction closes them.
         """
-        if self.equates:
+        if self.couplings.is_selection:
             return self.in_columns(y, driven)[self.couplings.column]
         closed = self._expand(y, driven, True)
         self._points.evaluate_slides(self._configuration.z[: self.columns])
         return self._configuration.D.copy() if closed else np.full(self._size, np.nan)
 
-    def expand_open(self, y: np.ndarray, driven: np.ndarray) -> np.ndarray:
+    def closures_at(self, y: np.ndarray, driven: np.ndarray) -> np.ndarray:
         """Closures (closures,) at increments of unknowns that need not close the loops [m]."""
         self._expand(y, driven, False)
         return self._configuration.closure
@@ -259,7 +249,7 @@ class Reduction:
 
     @property
     def independent(self) -> np.ndarray:
-        """Unknowns that follow no others: all, but for those that close loops."""
+        """Unknowns that follow no others: all but the ones that close loops."""
         every = np.arange(self.free)
         return every if self.loops is None else np.setdiff1d(every, self._following(self.loops))
 
@@ -269,7 +259,7 @@ class Reduction:
     def fault(self, arcs: Sequence[tuple[float, float]] | None = None) -> tuple[str, str] | None:
         """Kind and reason of a step in which a node leaves the beam on which it slides; or None.
 
-        Of the last step, or of one with these arc lengths of all nodes at its ends.
+        `arcs` are the arc lengths of all nodes at both ends, by default of the last step.
         """
         if not self.couplings.sliding:
             return None
@@ -278,7 +268,7 @@ class Reduction:
     # -- Small changes ----------------------------------------------------------------------------
 
     def _values(self, virtual: bool) -> np.ndarray:
-        return np.ones(1) if self.equates else self._configuration.values[virtual]
+        return np.ones(1) if self.couplings.is_selection else self._configuration.values[virtual]
 
     def _map(self, virtual: bool, auxiliaries: bool = True, closed: bool = True) -> ColumnMap:
         """T or Tv, with dependent columns of what slides, `auxiliaries`, and of `closed` loops."""
@@ -291,7 +281,7 @@ class Reduction:
     def _dependence(
         self, values: np.ndarray, virtual: bool, auxiliaries: bool, closed: bool
     ) -> tuple[scipy.sparse.csr_matrix | np.ndarray, np.ndarray]:
-        """Equations (dependent, columns) of dependent columns, and which these are."""
+        """C (dependent, columns) with C z = 0, and the numbers of the dependent columns."""
         columns, slides = self._shape[1], self.sliders.all
         relations = self._configuration.relations(virtual) if slides else []
         rows: list[Any] = [np.empty((0, columns))]
@@ -305,59 +295,53 @@ class Reduction:
             return np.concatenate(rows), np.concatenate(dependent)
         rows.append(self.auxiliaries.equations(values))
         dependent.append(np.arange(self.columns, columns))
-        C = scipy.sparse.vstack([scipy.sparse.csr_matrix(of) for of in rows], "csr")
+        C = scipy.sparse.vstack([scipy.sparse.csr_matrix(block) for block in rows], "csr")
         return C, np.concatenate(dependent)
 
     def closure_derivatives(self) -> np.ndarray:
         """Derivatives (closures, unknowns) of closures [m] by units of the loops' unknowns."""
         assert (loops := self.loops) is not None
-        G = loops.derivatives(self._values(False)) @ self._map(False, closed=False).completion
-        G = G[:, loops.unknowns].toarray()
+        all_columns = self._map(False, closed=False).dependence_matrix
+        G = (loops.derivatives(self._values(False)) @ all_columns)[:, loops.unknowns].toarray()
         return loops.lengths[:, None] * G * loops.unit[loops.unknowns]
 
-    def completion(self) -> scipy.sparse.csr_matrix:
-        """Matrix (columns, columns) that gives all rates from those of independent columns."""
-        return self._map(False).completion[: self.columns, : self.columns]
+    def dependence_matrix(self) -> scipy.sparse.csr_matrix:
+        """Matrix (columns, columns) from rates of independent columns to rates of all."""
+        return self._map(False).dependence_matrix[: self.columns, : self.columns]
 
     def _with_auxiliaries(self, z: np.ndarray) -> np.ndarray:
         return np.append(z, np.zeros(more)) if (more := len(self.auxiliaries)) else z
 
-    def completed(self, z: np.ndarray) -> np.ndarray:
-        """All rates from those of independent columns: completion() z."""
-        return self._map(False).completed(self._with_auxiliaries(z))[: self.columns]
+    def with_dependent(self, z: np.ndarray) -> np.ndarray:
+        """Rates of all columns from z with rates of independent columns: dependence_matrix() z."""
+        return self._map(False).with_dependent(self._with_auxiliaries(z))[: self.columns]
 
-    def spread(self, z: np.ndarray) -> np.ndarray:
-        """Small change of all degrees of freedom from a small change of all columns: T z."""
+    def to_nodes(self, z: np.ndarray) -> np.ndarray:
+        """dq = T dz (size,), the small change of all degrees of freedom by all columns."""
         return self._map(False) @ self._with_auxiliaries(z)
 
     def coupling(self, closed: bool = True, virtual: bool = False) -> scipy.sparse.csr_matrix:
-        """The matrix T (size, columns) of `spread`; or with loops that are not `closed`; or Tv."""
+        """T (size, columns), or with `virtual` Tv; loops follow the unknowns if `closed`."""
         return self._map(virtual, closed=closed).matrix[:, : self.columns]
 
-    def gather(self, r: np.ndarray) -> np.ndarray:
-        """Forces on all columns without Tv and springs: T^T r."""
-        return self._map(False).collected(r, np.zeros(self._shape[1]))[: self.columns]
+    def transpose_to_nodes(self, r: np.ndarray) -> np.ndarray:
+        """T^T r (columns,), without Tv and springs."""
+        return self._map(False).transposed(r, np.zeros(self._shape[1]))[: self.columns]
 
-    def project(self, r: np.ndarray) -> np.ndarray:
-        """Generalised forces of all columns: Tv^T r, with springs and dampers."""
+    def reduced_force(self, r: np.ndarray) -> np.ndarray:
+        """Tv^T r (columns,), with springs and dampers on slides."""
         on_slides = np.zeros(self._shape[1])
         np.add.at(on_slides, self._points.columns, self._points.on_slides(0))
-        return self._map(True).collected(r, on_slides)[: self.columns]
+        return self._map(True).transposed(r, on_slides)[: self.columns]
 
     def moves(self, dofs: np.ndarray) -> np.ndarray:
         """Whether each unknown (free,) moves one of some degrees of freedom (size,), or a loop."""
         some = np.random.default_rng(0).random(self._size) * dofs  # which do not cancel
-        of_columns = self._map(False, closed=False).collected(some, np.zeros(self._shape[1]))
-        moves = of_columns[: self.free] != 0
+        on_columns = self._map(False, closed=False).transposed(some, np.zeros(self._shape[1]))
+        moves = on_columns[: self.free] != 0
         if self.loops is not None:
             moves[self.loops.unknowns] = True
         return moves
-
-    @property
-    def only_copies(self) -> bool:
-        """Whether each degree of freedom equals a column, without arms, slides and loops."""
-        of = self.couplings
-        return of.is_index and not (of.closures or of.moving or of.auxiliaries)
 
     def moves_alone(self, dofs: np.ndarray) -> np.ndarray:
         """Whether each unknown (free,) equals one of some degrees of freedom (size,).
@@ -372,9 +356,9 @@ class Reduction:
         return np.bincount(equal, minlength=self.columns)[: self.free] > 0
 
     def normal(self, weight: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
-        """T^T W T for a matrix W (size, size), as a system with equations of dependent columns.
+        """T^T W T for a matrix W (size, size), as a system with the equations C z = 0.
 
-        Its first unknowns x solve T^T W T x = b, if b is followed by zeros.
+        Its first unknowns x solve T^T W T x = b, if zeros follow b.
         """
         values = self._values(False)
         C = scipy.sparse.csr_matrix(self._dependence(values, False, True, True)[0])
@@ -385,7 +369,7 @@ class Reduction:
     def reduced(self, matrix: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
         """The part Tv^T A T of the linear system for a matrix A of any sparsity, without loops."""
         (row_of, unknown_of), n = self.couplings.system, self.couplings.unknown_count
-        T, Tv = (self._map(of, False, False).matrix for of in (False, True))
+        T, Tv = (self._map(virtual, False, False).matrix for virtual in (False, True))
         A = (Tv.T @ matrix @ T).tocoo()
         row, column = row_of[A.row], unknown_of[A.col]
         on = (row >= 0) & (column >= 0) & (row < n) & (column < n)
@@ -396,9 +380,10 @@ class Reduction:
 def _products(
     row: np.ndarray, moves: np.ndarray, used: np.ndarray, indptr: np.ndarray, indices: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Used entries of K, in compressed rows, and the entries of Tv and T by which to multiply.
+    """Entries of K, and entries of Tv and T by which they are multiplied, of all products Tv K T.
 
-    From the rows of Tv's entries, and whether they move.
+    `row` and `moves`: rows of the entries of Tv, and whether they have an unknown. `used`, `indptr`
+    and `indices`: used entries of K, and its compressed rows.
     """
     moving, size = np.flatnonzero(moves), len(indptr) - 1
     count = np.bincount(row[moving], minlength=size)
@@ -425,7 +410,7 @@ def begin_to_build_joints() -> None:
 class Configuration:
     """Joints at one configuration, in C: increments in a step, and the values of T and Tv.
 
-    `members` are those of ``Problem`` in c/problem.h.
+    `members` are named as in ``Problem`` of c/problem.h.
     """
 
     def __init__(self, members: dict[str, Any], joints: int, slides: Sequence[Slide]):
@@ -438,12 +423,12 @@ class Configuration:
         self._structs.set(self._c, **members, points=[{}], state=state)
         scratch = np.zeros(self._library.fx_scratch(self._c))
         self._structs.set(self._c, run={"scratch": scratch})
-        of, array = self._library.fx_results(self._c), functools.partial(array_at, ffi)
+        results, array = self._library.fx_results(self._c), functools.partial(array_at, ffi)
         values, closures = 1 + 4 * members["joints"]["count"], members["loops"].get("closures", 0)
         #: Increments of nodes and columns; the values of T and Tv; closures.
-        self.D, self.z = array(of.D, size), array(of.z, columns)
-        self.values = array(of.values, values), array(of.virtual_map, values)
-        self.closure = array(of.closure, closures)
+        self.D, self.z = array(results.D, size), array(results.z, columns)
+        self.values = array(results.values, values), array(results.virtual_map, values)
+        self.closure = array(results.closure, closures)
         self.following = array(self._c.loops.following, closures)
 
     def begin(self, q: np.ndarray, slides: np.ndarray) -> bool:
@@ -454,7 +439,7 @@ class Configuration:
     def expand(self, y: np.ndarray, driven: np.ndarray, close: bool) -> bool:
         """Find D for increments of unknowns and driven columns; False if loops do not close.
 
-        Those that close loops are corrected in y if they shall `close`.
+        With `close` the unknowns that close loops are corrected in y.
         """
         free = len(y)
         self.z[:free], self.z[free : free + len(driven)] = y, driven
@@ -463,7 +448,7 @@ class Configuration:
         return closed
 
     def relations(self, virtual: bool) -> Iterator[tuple[np.ndarray, int]]:
-        """Of the nodes on beams the columns of T, or Tv, and where their windows begin."""
+        """For each node on a beam the columns of T, or Tv, and where its window begins."""
         for i, slide in enumerate(self._slides):
             c = self._c.sliders.slider[i]
             rows = np.frombuffer(self._ffi.buffer(c.virtual_map if virtual else c.T)).reshape(3, -1)

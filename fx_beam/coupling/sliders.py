@@ -42,13 +42,14 @@ _BEYOND = 1e-9
 class Bordered(NamedTuple):
     """A tangent before the elimination, as one of the unknowns and what borders it."""
 
-    #: Sparsity of the unknowns; the entries before the elimination that belong to it, and their
-    #: positions; those of diagonals of slides, which are 1.
+    #: Sparsity of the unknowns.
     pattern: Pattern
+    #: Entries before the elimination that belong to the unknowns, and their positions.
     inside: np.ndarray
     positions: np.ndarray
+    #: Positions of the diagonals of slides, which are 1.
     ones: np.ndarray
-    #: The other entries, with their rows and columns as columns of the scene.
+    #: The other entries, and the columns of the scene that are their rows and columns.
     beside: np.ndarray
     rows: np.ndarray
     columns: np.ndarray
@@ -61,29 +62,30 @@ class Slide:
         self.joint, self.path = joint, joint.path
         self.columns = np.array(couplings.carried[joint.number])
         self.column = couplings.slides[joint.number]
-        #: Degrees of freedom (nodes, 3) of the beam, and those of the node (3,).
+        #: Degrees of freedom of the beam (nodes, 3) and of the node (3,).
         self.dofs, self.node_dofs = mesh.dofs[nodes], mesh.dofs[joint.b.number]
-        #: Entries of the degrees of freedom of the beam, and of its columns.
+        #: Entries of the degrees of freedom of the beam, then entries in the columns of the node.
         dofs = enumerate(self.dofs.ravel().tolist())
         self._parts = Entries.of((k, couplings.entries(dof)) for k, dof in dofs)
         every = couplings.all_entries
         on = [np.flatnonzero(every.column == column) for column in self.columns]
-        self._entries, self._entry_start = every.at(np.concatenate(on)), starts_of([*map(len, on)])
+        self._entries = every.take(np.concatenate(on))
+        self._entry_start = starts_of([*map(len, on)])
 
     def equations(
         self, relation: np.ndarray, first: int, values: np.ndarray, count: int
     ) -> np.ndarray:
-        """Rows (components, columns) whose products with all columns are zero, by values of T.
+        """Rows C (components, columns) with C z = 0, by values of T or Tv.
 
-        By the relation of T, or values and relation of Tv, of a window that begins with a node
+        `relation`: derivatives of the node by a window of the beam that begins with node `first`
         (c/slider.h).
         """
-        by_dofs = np.zeros((len(relation), *self.dofs.shape))
+        dof_weights = np.zeros((len(relation), *self.dofs.shape))
         window = relation[:, :-1].reshape(len(relation), len(relation), self.path.width)
-        by_dofs[:, first : first + self.path.width, : len(relation)] = window.swapaxes(1, 2)
+        dof_weights[:, first : first + self.path.width, : len(relation)] = window.swapaxes(1, 2)
         row, column, weights = self._parts.weights(values)
-        of_parts = by_dofs.reshape(len(relation), -1)[:, row] * weights
-        rows = np.array([np.bincount(column, of, count) for of in of_parts])
+        part_weights = dof_weights.reshape(len(relation), -1)[:, row] * weights
+        rows = np.array([np.bincount(column, row_weights, count) for row_weights in part_weights])
         rows[:, self.column] += relation[:, -1]
         rows[:, self.columns] -= np.eye(len(rows))
         return rows
@@ -141,7 +143,7 @@ class Sliders:
         #: Forces that close loops and border the other unknowns as well.
         self.forces = forces
         self._given, position = np.unique(rows * self._size + columns, return_inverse=True)
-        #: Number of these entries.
+        #: Number of entries before the elimination.
         self.entries_before = len(self._given)
         return position
 
@@ -155,20 +157,20 @@ class Sliders:
         on_bordering = outside[rows] | outside[columns]
         inside, beside = np.flatnonzero(~on_bordering), np.flatnonzero(on_bordering)
         # What slides is an unknown of the other equations that is zero there.
-        all_rows, all_columns = (np.append(of[inside], slides) for of in (rows, columns))
+        all_rows, all_columns = (np.append(part[inside], slides) for part in (rows, columns))
         pattern, position = sparsity(all_rows, all_columns, n)
         positions, ones = np.split(position, [len(inside)])
         column_of = np.empty(self._size, dtype=int)
         column_of[self.forces] = len(self._couplings.system[0]) + np.arange(len(self.forces))
-        for at in self._couplings.system:
-            column_of[at[at >= 0]] = np.flatnonzero(at >= 0)
-        of_beside = column_of[rows[beside]], column_of[columns[beside]]
-        return Bordered(pattern, inside, positions, ones, beside, *of_beside)
+        for index in self._couplings.system:
+            column_of[index[index >= 0]] = np.flatnonzero(index >= 0)
+        beside_columns = column_of[rows[beside]], column_of[columns[beside]]
+        return Bordered(pattern, inside, positions, ones, beside, *beside_columns)
 
     def diagonals(self, slide: Slide) -> tuple[np.ndarray, np.ndarray]:
-        """Unknowns (nodes, 3) that degrees of freedom of a beam equal, or -1 for others.
+        """Unknowns (nodes, 3) that degrees of freedom of a beam equal, or -1.
 
-        Also their diagonals among the entries before the elimination, and those of what slides.
+        Also the diagonals (nodes, 3) of their columns among the entries before the elimination.
         """
         column, (row_of, unknown_of) = self._couplings.column[slide.dofs], self._couplings.system
         index = np.where(column >= 0, unknown_of[column], -1)
@@ -178,9 +180,12 @@ class Sliders:
 
     def reach(self, slides: np.ndarray, z: np.ndarray) -> float:
         """How often columns z can be added to a state before a node slides off its element."""
-        ends = ((of.column, of.path.s[1:-1] - slides[of.joint.number]) for of in self.all)
-        ways = (abs(beside).min(initial=np.inf) / abs(z[at]) for at, beside in ends if z[at])
-        return min(ways, default=np.inf)
+        ways = [np.inf]
+        for slide in self.all:
+            if z[slide.column]:
+                to_ends = abs(slide.path.s[1:-1] - slides[slide.joint.number])
+                ways.append(to_ends.min(initial=np.inf) / abs(z[slide.column]))
+        return min(ways)
 
     def fault(self, arcs: Sequence[tuple[float, float]]) -> tuple[str, str] | None:
         """Kind and reason of a step that leaves a beam, or passes too many elements; or None.

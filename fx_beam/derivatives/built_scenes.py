@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from fx_beam.dual import Dual, LostSlopesError, changes_of, slopes_by, without_slopes
+from fx_beam.dual import Dual, LostSlopesError, changes_of, floats, slopes_by
 from fx_beam.errors import SceneError, all_of, shown
 from fx_beam.motions.numbers import OF_OUTPUTS, OF_STEPS
 from fx_beam.scene.scene import Scene
@@ -162,7 +162,7 @@ class BuiltScenes:
             numbers = numbers_of(self._at(x), np.zeros(len(x)))
         self.changing = {name for name, of in numbers.items() if isinstance(of, Dual)}
         by_name = {name: changes_of(values, len(x)) for name, values in numbers.items()}
-        return {name: without_slopes(values) for name, values in numbers.items()}, by_name
+        return {name: floats(values) for name, values in numbers.items()}, by_name
 
     def _learn(self, error: BaseException | None, others: set[int]) -> None:
         """Take differences by those parameters that an error says to have no slopes, or by all."""

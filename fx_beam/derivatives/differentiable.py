@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from fx_beam.dual import Dual
-from fx_beam.errors import all_of, as_real_array, require
+from fx_beam.errors import all_of, real_array, require
 from fx_beam.results.records import Stats
 from fx_beam.scene.functions import ArrayCalls
 from fx_beam.scene.scene import Scene
@@ -78,7 +78,7 @@ class Differentiable:
     def _begin_call(self, x: Any) -> np.ndarray:
         """The parameters of a call; there are no derivatives until it succeeds."""
         self._x = self._known_changes = None
-        values = as_real_array(x)
+        values = real_array(x)
         ok = values.ndim == 1 and values.size > 0 and all_of(np.isfinite(values))
         require(ok, "Response: x", x, "a sequence of finite numbers")
         return values

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fx_beam.dual import without_slopes
+from fx_beam.dual import floats
 from fx_beam.errors import SceneError
 from fx_beam.laws.interval import Interval, StepBatch, StepStart
 from fx_beam.scene.joints import GROUND
@@ -310,11 +310,11 @@ def work_in_steps(of: SubSteps, forces: np.ndarray) -> Iterator[Block]:
         # Loads and forces are those at the ends of steps. The first one, to the equilibrium without
         # loads, does not count.
         path[:1], slope[:1], slides[:1] = 0.0, 0.0, 0.0
-        factors = _with_last(tape.memories[:, None] * without_slopes(model.loads.series(t1)))
+        factors = _with_last(tape.memories[:, None] * floats(model.loads.series(t1)))
         driven = _with_last(driven)
         driven[:1] = 0.0
     else:
-        factors = without_slopes(Forcing(model).loads(t0, t1)).mean(axis=1)
+        factors = floats(Forcing(model).loads(t0, t1)).mean(axis=1)
     # Paths (k, driven) of driven motions, and derivatives by the increments along the path.
     paths, by_slides = np.zeros_like(driven), np.zeros_like(slides)
     by_path = (columns @ factors.T).T

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import minimize_scalar, newton
 
-from fx_beam.dual import as_dual_array
+from fx_beam.dual import dual_array
 from fx_beam.errors import array_of, is_one_of, require
 from fx_beam.linear.harmonic import (
     Measured,
@@ -295,7 +295,7 @@ class HarmonicResponse(TangentResponse):
         """The numbers of a scene and of its load, whose node is that of the last call."""
         _, components = self._given[scene][0] or (None, (0.0, 0.0))
         parts = [(c.real, c.imag) if np.iscomplexobj(c) else (c, 0.0) for c in components]
-        flat = np.reshape(as_dual_array(parts), -1)
+        flat = np.reshape(dual_array(parts), -1)
         filled = np.concatenate([flat, np.zeros(6 - len(flat))])
         return super()._numbers_of(scene, change) | {_LOAD: filled}
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.errors import SceneError, array_of, as_real_array, check_takes, require, shown
+from fx_beam.errors import SceneError, array_of, check_takes, real_array, require, shown
 from fx_beam.step.interrupts import one_thread
 
 from .differentiable import Differentiable
@@ -38,7 +38,7 @@ class Objective(_OfRun):
         """The value, and its derivatives (m,) by x."""
         given = self._function(*self._run(x))
         ok = isinstance(given, tuple) and len(given) == 2 and isinstance(given[1], Mapping)
-        if not ok or as_real_array(given[0]).shape:
+        if not ok or real_array(given[0]).shape:
             raise SceneError(
                 "objective: function(t, y) must give a number and its derivatives by outputs, a "
                 f"dict of arrays by names, not {shown(given)}"

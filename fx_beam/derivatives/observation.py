@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from fx_beam.dual import without_slopes
+from fx_beam.dual import floats
 from fx_beam.errors import SceneError
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.joints import Joint
@@ -113,7 +113,7 @@ class Observation:
         #: Rates that fit the joints, and their derivatives.
         self._fit = None
         if model.fits_rates and needed:
-            driven = without_slopes(Forcing(model).end_rates(*rates_at(tape, self.boundaries)))
+            driven = floats(Forcing(model).end_rates(*rates_at(tape, self.boundaries)))
             q, v, slides = (of.states[name] for name in ("q", "v", "slides"))
             self._fit = RateDerivatives(rate_fit(model), q, v, slides, driven)
             of.states["rates"] = self._fit.rates

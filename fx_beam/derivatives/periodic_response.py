@@ -10,7 +10,7 @@ import numpy as np
 import scipy.linalg
 
 from fx_beam.content_cache import cached_property
-from fx_beam.dual import as_dual_array, without_slopes
+from fx_beam.dual import dual_array, floats
 from fx_beam.errors import SceneError, check_takes, is_whole, require
 from fx_beam.fem.parameter_values import before
 from fx_beam.motions.numbers import OF_STEPS, numbers_of, observed_numbers_of
@@ -400,7 +400,7 @@ class PeriodicResponse(Response):
         by_x = jvp(output.blocks(none), (1,), held, changes)[0]
         if model.loads.constant and model.loads.functions:
             loads, q = model.loads.unit_loads, self._period.start.q
-            factors = without_slopes(model.loads.series(np.zeros(1)))[0]
+            factors = floats(model.loads.series(np.zeros(1)))[0]
             columns = np.repeat(np.arange(loads.shape[1]), np.diff(loads.indptr))
             by_x = by_x - changes["columns"] @ (q[loads.indices] * factors[columns])
             of_factors = changes["loads"].reshape(len(self._x), -1, loads.shape[1])[:, 0]
@@ -473,7 +473,7 @@ class PeriodicResponse(Response):
         numbers: dict[str, Any] = numbers_of(other, start, t0, t1)
         later = numbers_of(other, start, t0 + period, t1 + period)
         numbers |= {name + _LATER: later[name] for name in OF_STEPS & later.keys()}
-        numbers[_AT_START] = as_dual_array(other.forcing.series(t0[:1])[0])
+        numbers[_AT_START] = dual_array(other.forcing.series(t0[:1])[0])
         if natural := other.model.natural:
             numbers["natural"] = natural.numbers_at(float(before(start.t)))
         of = [output for output in self._outputs.values() if isinstance(output, Output)]

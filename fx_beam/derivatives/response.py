@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.dual import Dual, without_slopes
+from fx_beam.dual import Dual, floats
 from fx_beam.equilibria.statics import LoadPath
 from fx_beam.errors import SceneError, array_of, check_takes, is_one_of, positive, require, shown
 from fx_beam.laws.schemes import Scheme
@@ -601,7 +601,7 @@ class Response(Differentiable):
                 raise TypeError("a start that is found by a step has no slopes")
             state = other.first_state(first, before, at_start)
         else:
-            state = other.state_from(start.at(model, without_slopes(change)), first, at_start)
+            state = other.state_from(start.at(model, floats(change)), first, at_start)
         numbers: dict[str, Any] = numbers_of(other, state, t0, t1)
         if self._start is None and isinstance(change, Dual):
             if model.natural:
@@ -612,7 +612,7 @@ class Response(Differentiable):
         if start is not None and isinstance(change, Dual):
             for name, values in numbers_of_state(model, start.at(model, change)).items():
                 if isinstance(values, Dual):
-                    numbers[name] = Dual(without_slopes(numbers[name]), values.slopes)
+                    numbers[name] = Dual(floats(numbers[name]), values.slopes)
         return other, state, numbers
 
     def _numbers_of(

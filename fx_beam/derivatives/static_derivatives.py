@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.dual import Dual, without_slopes
+from fx_beam.dual import Dual, floats
 from fx_beam.equilibria.statics import LoadPath
 from fx_beam.errors import SceneError
 from fx_beam.laws.schemes import Equilibrium, Scheme
@@ -187,4 +187,4 @@ class StateChange:
         }
         state = replace(self._state, t=self._path.forcing.time, parameters=None, **moved)
         natural = model.natural.numbers_at(state.t) if model.natural else None
-        return replace(state, natural=natural if isinstance(by, Dual) else without_slopes(natural))
+        return replace(state, natural=natural if isinstance(by, Dual) else floats(natural))

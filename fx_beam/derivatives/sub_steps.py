@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fx_beam.content_cache import cached_property
-from fx_beam.dual import without_slopes
+from fx_beam.dual import floats
 from fx_beam.laws.interval import INSTANT, StepBatch
 from fx_beam.step.full_turns import without_turns
 from fx_beam.step.model import Model
@@ -48,9 +48,7 @@ class SubSteps:
         self._parameters = None
         if len(of_scene):
             times = tape.times
-            self._parameters = without_slopes(
-                of_scene.over_steps(times.starts, times.ends, self._level)
-            )
+            self._parameters = floats(of_scene.over_steps(times.starts, times.ends, self._level))
             self._at_start = of_scene.at(float(times.starts[0]))[None]
         # Length of the short step for the resultants at the start [s], and 1 if these depend on
         # rates, else 0.

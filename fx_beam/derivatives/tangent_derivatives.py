@@ -145,7 +145,7 @@ class TangentDerivatives:
         model = about.damped_model if self._damped else about.model
         # Internal variables are held in these steps.
         losing = (law for law in model.points.laws if law.loss and not law.internal)
-        nonlinear = any(law.remembered or law.of_user for law in losing)
+        nonlinear = any(law.iteration_memory or law.user_defined for law in losing)
         quadratic = any(drag.quadratic.any() for drag in model.scene.drags)
         self._first, self._slow = _FIRST, 1.0
         functions = (of for name, of in expressions_of(model.scene) if name in _FUNCTIONS)
@@ -373,7 +373,7 @@ class TangentDerivatives:
 
         def switched(by: float) -> bool:
             y = by * columns[: reduction.free]
-            q = start.q + reduction.expand(y, driven)
+            q = start.q + reduction.increment(y, driven)
             slides = start.slides + model.couplings.free_slides(y, len(start.slides))
             passed = (model.points.switches(q, slides) * at_start < 0).any()
             return bool(passed) or (members and members.touched) != touched

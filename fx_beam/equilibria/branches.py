@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.dual import without_slopes
+from fx_beam.dual import floats
 from fx_beam.errors import SceneError, StepError, as_float, is_number, is_whole, require, shown
 from fx_beam.motions.initial_state import rates_of_columns
 from fx_beam.results.solution import Solution
@@ -161,10 +161,10 @@ def imperfect(scene: Scene, modes: Modes, size: float, mode: int = 0) -> Scene:
     ok = isinstance(modes, Modes) and is_whole(mode, 0, len(modes) - 1)
     require(ok, "imperfect: mode", mode, "the number of one of the modes")
     nodes = np.array([[node.x, node.y] for node in scene.nodes]).reshape(-1, 2)
-    X = np.vstack([nodes, *(without_slopes(inner_positions(beam)) for beam in scene.beams)])
+    X = np.vstack([nodes, *(floats(inner_positions(beam)) for beam in scene.beams)])
     if len(X) != len(modes.positions) or {*modes.beams} != {beam.name for beam in scene.beams}:
         raise SceneError("imperfect: the modes belong to another scene, with other nodes")
-    if scene.bodies or any(not joint.is_index for joint in scene.joints):
+    if scene.bodies or any(not joint.is_selection for joint in scene.joints):
         raise SceneError(
             "imperfect: bodies, and joints with offsets or guides, are rigid. Give the scene its "
             "imperfect shape when you build it"

@@ -125,7 +125,7 @@ def _of_joints(about: SmallLoads, model: Model) -> scipy.sparse.csr_matrix:
     for joint in model.couplings.moving:
         if joint.a is not GROUND:
             arms[rotation_of(joint.a)] = 1.0
-    if reduction.equates or not arms.any():
+    if reduction.couplings.is_selection or not arms.any():
         return scipy.sparse.csr_matrix((n, n))
     forces, driven = about.slope(about.forces), np.zeros(reduction.driven)
     reduction.begin(state.q, state.slides)
@@ -136,9 +136,9 @@ def _of_joints(about: SmallLoads, model: Model) -> scipy.sparse.csr_matrix:
         for step in (h, -h):
             y = np.zeros(reduction.free)
             y[unknown] = step
-            reduction.expand(y, driven)
+            reduction.increment(y, driven)
             Tv = reduction.coupling(virtual=True)[:, independent]
             column += Tv.T @ forces / (2 * step)
-    reduction.expand(np.zeros(reduction.free), driven)
+    reduction.increment(np.zeros(reduction.free), driven)
     rows, places = np.divmod(np.arange(columns.size), len(turning))
     return scipy.sparse.csr_matrix((columns.ravel(), (rows, turning[places])), (n, n))

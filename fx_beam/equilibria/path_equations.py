@@ -185,7 +185,7 @@ class PathEquations:
 
     def expand(self, y: np.ndarray, load: float) -> np.ndarray:
         """Increment of all degrees of freedom."""
-        return self._reduction.expand(y, self._driven(load))
+        return self._reduction.increment(y, self._driven(load))
 
     def _driven(self, load: float) -> np.ndarray:
         return self._forcing.positions(self._start.t + load) - self._forcing.current(self._start)
@@ -193,7 +193,7 @@ class PathEquations:
     def spread(self, dy: np.ndarray, dload: float) -> np.ndarray:
         """Small change of all degrees of freedom."""
         reduction = self._reduction
-        return reduction.spread(reduction.in_columns(dy, dload * self._forcing.goal))
+        return reduction.to_nodes(reduction.in_columns(dy, dload * self._forcing.goal))
 
     def balance(self, y: np.ndarray, load: float) -> tuple[Balance, np.ndarray, np.ndarray]:
         """The equations, and their derivative with respect to the load factor: full and reduced."""
@@ -208,7 +208,8 @@ class PathEquations:
             per_load = self._loop.equations.change(moved) - forcing.rise
             if forcing.turning is not None:
                 per_load -= forcing.turning.force(self._start.q + balance.D)
-            column = reduction.project(per_load) - reduction.project(np.zeros_like(per_load))
+            column = reduction.reduced_force(per_load)
+            column -= reduction.reduced_force(np.zeros_like(per_load))
         balance.residual[: len(y)] -= (1 - self._start.t - load) * self.held
         return balance, per_load, column[: reduction.free] + self.held
 
@@ -250,7 +251,7 @@ class PathEquations:
         dy, dload = self.bordered.solve(np.append(residual[independent], last))
         w = np.zeros(reduction.columns)
         w[independent], w[moved] = dy, dload * self._forcing.goal
-        return reduction.completed(w)[:free], dload
+        return reduction.with_dependent(w)[:free], dload
 
     def tangent(self, y: np.ndarray, load: float, previous: Tangent) -> Tangent:
         """Unit tangent after increments, in the direction of a previous one."""

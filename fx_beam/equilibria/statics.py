@@ -21,7 +21,7 @@ from fx_beam.motions.prepared import state_of, stats_of
 from fx_beam.motions.progress import attach, failure_of, keeping_steps, progress_bar
 from fx_beam.motions.set_ups import model_for
 from fx_beam.motions.surroundings import waiting_team, warn_of_equal_work
-from fx_beam.parallel.whole import shared
+from fx_beam.parallel.distributed import shared
 from fx_beam.results.solution import Solution, forces_on_nodes
 from fx_beam.results.state import State
 from fx_beam.scene.functions import constant

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from fx_beam.content_cache import cached_property
-from fx_beam.dual import without_slopes
+from fx_beam.dual import floats
 from fx_beam.errors import SceneError
 from fx_beam.laws.interval import Interval, StepBatch, StepStart
 from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.beam import gauss_rule
-from fx_beam.scene.law import functions_of_energy, held
+from fx_beam.scene.law import frozen, functions_of_energy
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.section import Section
 from fx_beam.scene.structure import OtherStructureError
@@ -132,7 +132,7 @@ class BeamForms:
         """Find the kind of the scene."""
         mesh = self._mesh
         sections = [beam.section for beam in scene.beams]
-        internal = [held(of.internal) if self._holds else of.internal for of in sections]
+        internal = [frozen(of.internal) if self._holds else of.internal for of in sections]
         of_sections = {id(of): _expressions(of) for of in distinct(sections)}
         keys = [of_sections[id(of)] for of in sections]
         energies = (of.strain_energy for of in sections)
@@ -196,7 +196,7 @@ class BeamForms:
         for name, data in self.numbers.items():
             if data.shape != last[name].shape:
                 raise OtherStructureError("data of beams that were constant vary, or conversely")
-            self._data[name].array[:] = without_slopes(data).ravel()
+            self._data[name].array[:] = floats(data).ravel()
 
     # -- Derivatives ----------------------------------------------------------------------------
 
@@ -422,7 +422,7 @@ class BeamForms:
         """Values (n, k) of the parameters of the forms."""
         of_all = parts.parameters
         if not of_all.size:
-            of_all = without_slopes(self._parameters.at_times(parts.t))
+            of_all = floats(self._parameters.at_times(parts.t))
         return of_all[:, self.parameters]
 
 

@@ -112,7 +112,7 @@ class CompiledLaw:
 
     def __init__(self, law: PointLaw, rule: StepRule):
         self.law, self._rule = law, rule
-        self._key = None if law.of_user else (*law.key, *rule)
+        self._key = None if law.user_defined else (*law.key, *rule)
         #: Names of the parameters in its functions, whose values are given behind all else.
         self.parameters: list[str] = []
         module = form_module(self._key, self._written)
@@ -124,7 +124,7 @@ class CompiledLaw:
         self.conditions: int = facts["conditions"]
         self._derivatives: dict[str, PointFunction] = {}
         #: Number of forces, entries of the tangent, internal variables and what is remembered.
-        self.values = law.size + len(self.entries) + law.internal + law.remembered
+        self.values = law.size + len(self.entries) + law.internal + law.iteration_memory
 
     def address(self, name: str) -> int:
         """Address of a function: of the "law" or one of `_OTHERS`; 0 for none."""
@@ -136,7 +136,7 @@ class CompiledLaw:
         (row, column), law = self.entries.T, self.law
         return {
             **{name: self.address(name) for name in ("law", "energy", "loss")},
-            **{"internal": law.internal, "remembered": law.remembered},
+            **{"internal": law.internal, "iteration_memory": law.iteration_memory},
             **{"entries": len(self.entries), "entry_row": row, "entry_column": column},
         }
 
@@ -145,8 +145,8 @@ class CompiledLaw:
         given = np.zeros(self.given)
         given[3 * self.law.size + 1] = 1.0  # the length of the step
         given[arguments(self.law) :] = parameters
-        if self.law.at_zero and not np.isfinite(self._functions["law"](given)).all():
-            raise SceneError(self.law.at_zero)
+        if self.law.zero_advice and not np.isfinite(self._functions["law"](given)).all():
+            raise SceneError(self.law.zero_advice)
 
     @property
     def given(self) -> int:
@@ -182,7 +182,7 @@ class CompiledLaw:
         conditions = len(others["switches"](motion)) if "switches" in others else 0
         if not conditions:
             others.pop("switches", None)
-        if law.of_user:
+        if law.user_defined:
             of_step = law.forces(motion)
             parts = [part for of in others.values() for part in of(motion)]
             self.parameters = names_of(parameters_in(*of_step.forces, *of_step.internal, *parts))
@@ -218,7 +218,7 @@ class CompiledLaw:
             *result.forces,
             *(entry[2] for entry in entries),
             *result.internal,
-            *result.remembered,
+            *result.iteration_memory,
         ]
 
 
@@ -234,7 +234,7 @@ def _listed(function: Callable[[ForceStep], Any]) -> OfForceStep:
 
 def _of_law(make: Callable[..., T], law: PointLaw, *more: Any) -> T:
     """What is made of a law and of more: once, unless the law has functions of a user."""
-    if law.of_user:
+    if law.user_defined:
         return make(law, *more)
     return compiled((make, law, *more), lambda: make(law, *more))
 
@@ -265,7 +265,7 @@ def _slopes(law: PointLaw, rule: StepRule, parameters: tuple[str, ...]) -> Point
         return ufl.as_vector([row[k] for row in rows for k in columns])
 
     name = f"slopes of {law.name}"
-    key = None if law.of_user else (*law.key, *rule, name)
+    key = None if law.user_defined else (*law.key, *rule, name)
     return point_function(name, values, count, key)
 
 

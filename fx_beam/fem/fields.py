@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.dual import as_dual_array, without_slopes
+from fx_beam.dual import dual_array, floats
 from fx_beam.errors import SceneError, refuse_fields_in
 from fx_beam.laws.kinematics import Step
 from fx_beam.laws.rates import UpdateRule
@@ -37,7 +37,7 @@ DataShape = tuple[int, tuple[int, ...]]
 def data_field(data: Any, mesh: Mesh) -> Field:
     """Data (cells, points, ...) of beams, constant in cells or at Gauss points, as a field."""
     field = Field(mesh.space(data.shape[1], math.prod(data.shape[2:])))
-    field.array[:] = without_slopes(data).ravel()
+    field.array[:] = floats(data).ravel()
     return field
 
 
@@ -50,7 +50,7 @@ def section_data(mesh: Mesh, scene: Scene, names: tuple[str, ...], points: int) 
     sections = [beam.section for beam in scene.beams]
     constants = {id(section): section.constants(names) for section in distinct(sections)}
     if None not in constants.values():
-        of_beams = as_dual_array([constants[id(section)] for section in sections])
+        of_beams = dual_array([constants[id(section)] for section in sections])
         return of_beams[mesh.beam_of_cell][:, None]
     gauss, _ = gauss_rule(points)
     values: list[np.ndarray] = []
@@ -81,8 +81,8 @@ def drag_data(mesh: Mesh, scene: Scene) -> dict[str, Any]:
                 key = f"drag {name}" if len(value) == 1 else f"drag {name} along and across"
                 of_beams = rows.setdefault(key, [np.zeros(len(value)) for _ in scene.beams])
                 i = scene.beams.index(beam)
-                of_beams[i] = of_beams[i] + as_dual_array(value)
-    of_cells = {name: as_dual_array(of_beams)[mesh.beam_of_cell] for name, of_beams in rows.items()}
+                of_beams[i] = of_beams[i] + dual_array(value)
+    of_cells = {name: dual_array(of_beams)[mesh.beam_of_cell] for name, of_beams in rows.items()}
     return {name: of[:, None] if "across" in name else of for name, of in of_cells.items()}
 
 

@@ -89,7 +89,7 @@ def form_module(key: Any, write: Callable[[], Written]) -> FormModule:
 
     written = write()
     key = ffcx_api.signature(written)
-    return compiled((FormModule, key), lambda: _loaded(key, lambda: written), of_user=True)
+    return compiled((FormModule, key), lambda: _loaded(key, lambda: written), user_defined=True)
 
 
 def _loaded(key: Any, write: Callable[[], Written]) -> FormModule:

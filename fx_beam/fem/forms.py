@@ -82,7 +82,7 @@ class Forms:
         self.points.refill(forces, followers, members)
         times: dict[str, list[float]] = {}
         for force in forces:
-            if force.law.sticks:
+            if force.law.has_stick_state:
                 times.setdefault(force.belongs_to, []).append(float(force.numbers[-3]))
         times |= {} if members is None else members.friction_damping
         self.friction_damping = {name: [min(of), max(of)] for name, of in times.items()}

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.sparse
 
-from fx_beam.dual import Dual, as_dual_array, without_slopes
+from fx_beam.dual import Dual, dual_array, floats
 from fx_beam.errors import any_of
 from fx_beam.laws.interval import Interval, just_inside
 from fx_beam.scene.beam import Beam, Node, gauss_rule, lagrange_and_slopes
@@ -71,9 +71,7 @@ class SumOfLoads:
         values, rows, starts = self._read(self._unit_loads(scene))
         of_unit_loads = self.size, len(starts) - 1
         #: Unit loads, as a matrix (size, n).
-        self.unit_loads = scipy.sparse.csc_matrix(
-            (without_slopes(values), rows, starts), of_unit_loads
-        )
+        self.unit_loads = scipy.sparse.csc_matrix((floats(values), rows, starts), of_unit_loads)
         #: The entries of these, with slopes that the scene has.
         self.entries = values
 
@@ -106,7 +104,7 @@ class SumOfLoads:
         same = len(rows) == len(known.indices) and len(starts) == len(known.indptr)
         if not same or any_of(rows != known.indices) or any_of(starts != known.indptr):
             raise OtherStructureError("loads act on other degrees of freedom")
-        known.data, self.entries = without_slopes(values), values
+        known.data, self.entries = floats(values), values
 
     @property
     def constant(self) -> bool:
@@ -117,14 +115,14 @@ class SumOfLoads:
         """Their sum at the time t [s]; StepError if a function fails."""
         if not self.functions:
             return np.zeros(self.shape)
-        factors = np.concatenate([*map(without_slopes, self._factors(t))])
+        factors = np.concatenate([*map(floats, self._factors(t))])
         return (self.unit_loads @ factors).reshape(self.shape)
 
     def numbers_at(self, t: float) -> Any:
         """The same with slopes that the scene has."""
         columns = self.unit_loads
         of = np.repeat(np.arange(columns.shape[1]), np.diff(columns.indptr))
-        values = self.entries * np.concatenate([*map(as_dual_array, self._factors(t))])[of]
+        values = self.entries * np.concatenate([*map(dual_array, self._factors(t))])[of]
         return np.bincount(columns.indices, values, self.size).reshape(self.shape)
 
     def _factors(self, t: float) -> list[np.ndarray]:
@@ -166,7 +164,7 @@ class Loads(SumOfLoads):
         elif function.place:
             rows, arrays = np.unique(unit.indices), scene.array_calls
             each = nearest.of(lambda s: values_along(function, s, arrays)).reshape(-1)
-            values: Any = (unit @ without_slopes(each))[rows]
+            values: Any = (unit @ floats(each))[rows]
             if isinstance(each, Dual):
                 values = Dual(values, (unit @ each.slopes)[rows])
             return UnitLoad(_ONE, str(load), values, rows, np.array([len(rows)]))

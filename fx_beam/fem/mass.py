@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.content_cache import cached_property
-from fx_beam.dual import Dual, DualFloat, LinearDual, as_dual_array, dual_of, without_slopes
+from fx_beam.dual import Dual, DualFloat, LinearDual, dual_array, dual_of, floats
 from fx_beam.errors import any_of
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
@@ -59,7 +59,7 @@ class Mass:
         if self._scene.masses:
             self.assembled.append("lumped mass")
         self.changes += 1
-        entries = self._entries(without_slopes(self._masses())), K.indices, K.indptr
+        entries = self._entries(floats(self._masses())), K.indices, K.indptr
         return scipy.sparse.csr_matrix(entries, K.shape, copy=False)
 
     def refill(self, scene: Scene, moved: bool) -> None:
@@ -75,13 +75,13 @@ class Mass:
         self._refilled = self._masses() if anew else None
         if anew:
             self.changes += 1
-            entries = self._entries(without_slopes(self._refilled))
+            entries = self._entries(floats(self._refilled))
             if ((mass.data != 0) != (entries != 0)).any():
                 raise OtherStructureError("other nodes have mass")
             mass.data[:] = entries
         # The mass may be assembled only here, and then differs from none.
         if scene.gravity is not None and (anew or (scene.gravity != gravity).any()):
-            self.weight = without_slopes(self._weights(self._gravity, mass.data))
+            self.weight = floats(self._weights(self._gravity, mass.data))
 
     @cached_property
     def weight(self) -> np.ndarray | None:
@@ -89,10 +89,8 @@ class Mass:
         if self._scene.gravity is None:
             return None
         self.assembled.append("gravity")
-        weight = without_slopes(
-            self._weights(self._gravity, self._entries(without_slopes(self._masses())))
-        )
-        if any_of(without_slopes(self._gravity)) and not any_of(weight):
+        weight = floats(self._weights(self._gravity, self._entries(floats(self._masses()))))
+        if any_of(floats(self._gravity)) and not any_of(weight):
             _log.warning("gravity acts on no mass. Give sections rho or rhoA, or add masses")
         return weight
 
@@ -117,9 +115,7 @@ class Mass:
 
     def _masses(self) -> Any:
         """Masses (n,), of translations and of rotations: lumped, then at Gauss points of beams."""
-        masses = as_dual_array([(m, m, inertia) for _, m, inertia in self._scene.masses]).reshape(
-            -1
-        )
+        masses = dual_array([(m, m, inertia) for _, m, inertia in self._scene.masses]).reshape(-1)
         if not self._has:
             return masses
         mesh, scene, degree = self._mesh, self._scene, self._scene.beams[0].degree
@@ -149,7 +145,7 @@ class Mass:
     def _weights(self, gravity: Any, entries: Any) -> Any:
         """Weight (size,) by entries of the mass: it resists the acceleration of a free fall."""
         at, rows = self._of_translations
-        pull = as_dual_array(gravity)[rows % 3]
+        pull = dual_array(gravity)[rows % 3]
         return np.bincount(rows, entries[at] * pull, self._mesh.dofs.size)
 
     def _by_entries(self, gravity: Any, by_weight: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from fx_beam.laws.member_gap import FOLLOWED, FOLLOWED_WITH_FRICTION, MEMBER, ME
 from fx_beam.laws.point_laws import PointLaw, StepRule
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.contacts import Contact, arc_of, points_of
-from fx_beam.scene.coordinate import bristle, numbers_of_loss
+from fx_beam.scene.coordinate import friction_numbers, numbers_of_loss
 from fx_beam.scene.joints import GROUND
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
@@ -88,7 +88,8 @@ def _both_directions(
         lengths = share * of.lengths
         columns: list[Any] = [contact.radii, contact.stiffness * lengths, *of_loss]
         if friction is not None:
-            columns += bristle(friction, lengths, mobility[mesh.dofs[points, :2]].max(axis=1))
+            most_mobile = mobility[mesh.dofs[points, :2]].max(axis=1)
+            columns += friction_numbers(friction, lengths, most_mobile)
         numbers = np.column_stack([column + np.zeros(len(lengths)) for column in columns])
         turn = len(nodes) - 1 if isinstance(member, Beam) and _is_closed(scene, member) else 0
         if turn:
@@ -240,7 +241,7 @@ class MemberContacts:
     @property
     def friction_damping(self) -> dict[str, list[float]]:
         """Damping of the friction on the points of first members [s], by the contact as text."""
-        sticking = [one for one in self._pairs if one.law.sticks and one.contact]
+        sticking = [one for one in self._pairs if one.law.has_stick_state and one.contact]
         return {str(one.contact): one.numbers[:, -3].tolist() for one in sticking}
 
     @property
@@ -249,7 +250,7 @@ class MemberContacts:
         return [
             (_IN_SLOT * (first + k) + 1, float(one.numbers[k // _SLOTS, -2]))
             for one, first in zip(self._pairs, self._first_slots[:-1].tolist(), strict=True)
-            if one.law.sticks
+            if one.law.has_stick_state
             for k in range(_SLOTS * len(one.points))
         ]
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.content_cache import cached_property
-from fx_beam.dual import DualFloat, as_dual_array, without_slopes
+from fx_beam.dual import DualFloat, dual_array, floats
 from fx_beam.errors import SceneError, all_of
 from fx_beam.scene.beam import Beam, Node, inner_positions
 from fx_beam.scene.scene import Scene
@@ -86,7 +86,7 @@ class Mesh:
         have = (type(at.x) is DualFloat or type(at.y) is DualFloat for at in scene.nodes)
         if self.curved or not any(have):
             return self.X
-        points = [as_dual_array([(node.x, node.y) for node in scene.nodes])]
+        points = [dual_array([(node.x, node.y) for node in scene.nodes])]
         points += [inner_positions(beam) for beam in scene.beams if beam.degree > 1]
         return np.concatenate(points)
 
@@ -159,4 +159,4 @@ def _positions(scene: Scene) -> np.ndarray:
     points[:, 1] = [node.y for node in scene.nodes]
     if not scene.beams or scene.beams[0].degree == 1:
         return points
-    return np.vstack([points, *(without_slopes(inner_positions(beam)) for beam in scene.beams)])
+    return np.vstack([points, *(floats(inner_positions(beam)) for beam in scene.beams)])

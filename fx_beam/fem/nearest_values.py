@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.content_cache import cached_property
-from fx_beam.dual import Dual, as_dual_array, without_slopes
+from fx_beam.dual import Dual, dual_array, floats
 from fx_beam.scene.beam import gauss_rule, lagrange
 from fx_beam.scene.functions import ArrayCalls, Signal, SignalAlong, evaluate
 
@@ -58,7 +58,7 @@ class NearestValues:
 
     def is_rough(self, function: _Values) -> bool:
         """Whether a function jumps or varies within elements."""
-        v = without_slopes(function(self._looks))
+        v = floats(function(self._looks))
         difference = v[4:] + v[:-4] - 4 * (v[3:-1] + v[1:-3]) + 6 * v[2:-2]
         return abs(difference).max() > _ROUGH * abs(v).max()
 
@@ -106,9 +106,9 @@ class NearestValues:
         polynomials = lagrange(points, fractions[:, :-2].ravel()) / own
         polynomials = polynomials.reshape(len(cells), len(inner), -1)
         polynomials = polynomials * (width[:, None] * weights)[..., None]
-        inside, ends = values[:, :-2], without_slopes(values)[:, -2:]
-        missed = abs(to_ends @ without_slopes(inside) - ends).max(axis=(1, 2))
-        largest = float(abs(without_slopes(values)).max())
+        inside, ends = values[:, :-2], floats(values)[:, -2:]
+        missed = abs(to_ends @ floats(inside) - ends).max(axis=(1, 2))
+        largest = float(abs(floats(values)).max())
         return _integrals(polynomials, inside), width * missed, largest
 
 
@@ -162,12 +162,10 @@ class ValuesOverTime(Signal):
             return nearest.divided(lambda places: values_at(places, t))
 
         if not self._is_rough:
-            rows = as_dual_array([call(at_points, t) for t in times])
-            self._is_rough = any(
-                call(is_rough, times[k]) for k in self._looks(without_slopes(rows))
-            )
+            rows = dual_array([call(at_points, t) for t in times])
+            self._is_rough = any(call(is_rough, times[k]) for k in self._looks(floats(rows)))
         if self._is_rough:
-            rows = as_dual_array([call(divided, t) for t in times])
+            rows = dual_array([call(divided, t) for t in times])
         return rows.reshape(len(times), -1)
 
     def _looks(self, rows: np.ndarray) -> Iterator[int]:

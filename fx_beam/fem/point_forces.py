@@ -12,7 +12,7 @@ import scipy.sparse
 
 from fx_beam import c_library
 from fx_beam.c_library import Structs
-from fx_beam.dual import as_dual_array, without_slopes
+from fx_beam.dual import dual_array, floats
 from fx_beam.laws.interval import Interval, StepStart
 from fx_beam.laws.point_laws import PointLaw, StepRule, arguments
 from fx_beam.scene.structure import OtherStructureError
@@ -224,7 +224,7 @@ class PointForces:
     @property
     def numbers(self) -> np.ndarray:
         """Numbers of all forces, one force after the other."""
-        return as_dual_array([number for force in self._forces for number in force.numbers])
+        return dual_array([number for force in self._forces for number in force.numbers])
 
     def _row(self, i: int, first_entry: int) -> dict[str, Any]:
         """A force as ``PointForce`` of c/point_force.h."""
@@ -238,7 +238,7 @@ class PointForces:
             "line": force.line,
             "size": of.size,
             "conditions": law.conditions,
-            "overshoots": of.overshoots or (of.opens and self._rule.at_rest),
+            "needs_line_search": of.needs_line_search or (of.unilateral and self._rule.at_rest),
             "dof": np.array(force.dofs or [-1]),
             "slide": force.slide,
             "column": -1,
@@ -303,7 +303,7 @@ class PointForces:
         self._c.fx_begin_points(self._all, *vectors, t, dt, variables)
         if len(self.followers):
             first = self.external.start
-            for i, force in enumerate(without_slopes(self.followers.at(interval)), start=first):
+            for i, force in enumerate(floats(self.followers.at(interval)), start=first):
                 self._numbers[i][:2] = force
 
     def set_parameters(self, values: np.ndarray) -> None:
@@ -439,7 +439,7 @@ class PointForces:
         own = [
             Bristle(first, float(numbers[-2]), force.load.joint >= 0)
             for force, first, numbers in every
-            if force.law.sticks
+            if force.law.has_stick_state
         ]
         of_members = [] if self.members is None else self.members.bristles
         return own + [Bristle(self._of_forces + place, mu, False) for place, mu in of_members]
@@ -497,7 +497,7 @@ class PointForces:
         """Whether friction acts that sticks: of a joint, or of a contact that is closed."""
         ends = np.cumsum(self._switch_counts, dtype=int)
         pairs = zip(self.laws, np.split(self.switches(q, slides) <= 0, ends), strict=False)
-        return any(law.sticks and (not law.opens or of.any()) for law, of in pairs)
+        return any(law.has_stick_state and (not law.unilateral or of.any()) for law, of in pairs)
 
 
 def _parts(sizes: list[int]) -> tuple[np.ndarray, list[np.ndarray]]:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.dual import as_dual_array
+from fx_beam.dual import dual_array
 from fx_beam.errors import as_float
 from fx_beam.laws import scalar_laws as laws
 from fx_beam.laws.gaps import gap_of
@@ -24,7 +24,13 @@ from fx_beam.laws.point_laws import (
 )
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.contacts import Contact
-from fx_beam.scene.coordinate import Coulomb, SmoothFriction, bristle, functions_of, numbers_of_loss
+from fx_beam.scene.coordinate import (
+    Coulomb,
+    SmoothFriction,
+    friction_numbers,
+    functions_of,
+    numbers_of_loss,
+)
 from fx_beam.scene.ground_springs import GroundSpring
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.law import functions_of_energy
@@ -78,14 +84,14 @@ def _contacts(
     carrier = carrier[: kind.size - count * (3 if thick else 2)]
     expressions = [bool(of_loss), *functions_of_energy(obstacle.energy, None, 1)]
     law = _shared(known, laws.contact, kind, expressions, bool(of_loss), obstacle.energy)
-    relative = points.of(mesh.nodal_positions(scene)[nodes]) - as_dual_array(shape.origin)
+    relative = points.of(mesh.nodal_positions(scene)[nodes]) - dual_array(shape.origin)
     for i, of_point in enumerate(nodes[points.nodes]):
         length, weights = points.lengths[i], points.weights[i] if count > 1 else ()
         law_numbers = obstacle.stiffness * length, *of_loss
-        numbers = [*map(as_float, relative[i]), *shape.of_gap, half, *weights, *law_numbers]
+        numbers = [*map(as_float, relative[i]), *shape.gap_numbers, half, *weights, *law_numbers]
         if friction is not None:
             moves = mobility[mesh.dofs[of_point, :2]].max() + mobility[carrier[:2]].max(initial=0.0)
-            numbers += bristle(friction, length, moves)
+            numbers += friction_numbers(friction, length, moves)
         dofs = [*mesh.dofs[of_point, :2].ravel().tolist(), *carrier]
         dofs += mesh.dofs[of_point, 2].tolist() if thick else []
         yield PointForce(law, numbers, dofs, role=Role.CONTACT, nodes=count, owner=str(obstacle))
@@ -139,7 +145,7 @@ def _frictions(scene: Scene, mesh: Mesh, mobility: np.ndarray) -> Iterator[Point
             elif joint.axis is not None:
                 axis = tuple(joint.kinematics.tangent(0.0).tolist())
                 load = Load(joint.number, axis, rotation_of(joint.a))
-            tau, mu, stiffness = bristle(friction, 1.0, mobility[moving].sum())
+            tau, mu, stiffness = friction_numbers(friction, 1.0, mobility[moving].sum())
             numbers = [tau, mu * (friction.radius or 1.0), stiffness]
             yield PointForce(laws.joint_friction(kind), numbers, load=load, **where)
 

@@ -158,7 +158,7 @@ class WeakForm:
         resultants = self._of_step()
         every = [r for parts in resultants for r in parts]
         exact = self.step.degree > 1 and any(isinstance(r, ExactResultants) for r in every)
-        if exact or (self.scheme.rates.by_mean and "rotation" in self._drag):
+        if exact or (self.scheme.rates.mean_based and "rotation" in self._drag):
             self.fields = self._nodal
             resultants = self._of_step()
         #: Resultants of each law: those of the scheme, and the viscous ones.
@@ -273,10 +273,8 @@ class WeakForm:
         test, term = self.fields.test, replaced(work.of(step, what), self._by_name)
         if not self._open:
             refuse_fields_in(term, what, [*self.fields.names, self.parameters])
-        expected = (
-            f"{what}: the result must be a scalar UFL expression linear in step.virtual_u and "
-        )
-        expected += "step.virtual_psi"
+        expected = f"{what}: the result must be a scalar UFL expression linear in step.virtual_u "
+        expected += "and step.virtual_psi"
         if term.ufl_shape != () or ufl.algorithms.extract_arguments(term) != [test]:
             raise SceneError(f"{expected}, not {term}")
         lowered = ufl.algorithms.apply_algebra_lowering.apply_algebra_lowering

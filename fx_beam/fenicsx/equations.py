@@ -53,9 +53,9 @@ class Equations:
         p, model = self.loop.problem.c, self.model
         reduction, natural = model.reduction, model.natural
         # The end less the start differs from dt by round-off, which would count as work.
-        at_rest = model.scheme.rates.at_rest
+        static = model.scheme.rates.at_rest
         loads, t = Interval(p.statics.ratio_before, p.state.ratio), p.state.t
-        self._interval = interval = loads if at_rest else Interval(t, t + dt, dt)
+        self._interval = interval = loads if static else Interval(t, t + dt, dt)
         self._start = state = self.loop.state.read(t)
         reduction.begin(state.q, state.slides)
         if self.natural is not None:
@@ -84,7 +84,7 @@ class Equations:
         """
         model, rates, reduction = self.model, self.model.scheme.rates, self.model.reduction
         self._y[self.unknowns.independent] = y
-        D = self.memory[0][:] = reduction.expand(self._y, self._driven)
+        D = self.memory[0][:] = reduction.increment(self._y, self._driven)
         if not abs(D[model.turns]).max() <= self._max_turn:
             constants, closed = self.loop.problem.constants, np.isfinite(D).all()
             raise NoConfigurationError(constants.TURNED_TOO_FAR if closed else constants.OPEN_LOOP)
@@ -118,7 +118,7 @@ class Equations:
         state.work -= self._mean_added(state.t, dt) @ self._path
 
     def _mean_added(self, t: float, dt: float) -> np.ndarray:
-        """Forces of added terms (size,) in mid-step, from those at levels of steps."""
+        """Forces of added terms (size,) in mid-step, from forces at the levels of steps."""
         level, (end, before) = self.model.scheme.rates.level, self._last_added
         self._last_added = t + dt, self._added
         if level == 0.5 or not np.isclose(end, t, rtol=1e-12, atol=1e-9 * abs(dt)):
@@ -137,7 +137,7 @@ class Equations:
             others += mass.data * (self._steepness * self._slope)[mass.indices]
         model.points.add_tangent(others)
         if model.points.members is not None:
-            of_members = model.points.members.tangent()
-            more = of_members if more is None else more + of_members
+            member_tangent = model.points.members.tangent()
+            more = member_tangent if more is None else more + member_tangent
         self.unknowns.assemble(others, more, self._y, self._driven, self.forces)
         return self.unknowns.A

@@ -50,7 +50,7 @@ class StepForm:
             self.pattern.shape, csr=csr_of(self.pattern), comm=MPI.COMM_SELF
         )
         self._write(self.beams.kind)
-        #: Mass (eqs 19 to 21) of beams, with lumped masses, in this sparsity.
+        #: Mass (eqs 19 to 21) of beams and lumped masses, with the sparsity of `pattern`.
         self.mass = self._assembled_mass()
 
     def _write(self, kind: Kind) -> None:
@@ -62,12 +62,12 @@ class StepForm:
         self._internal, self._parameters = written.internal, written.parameters
         #: Space of displacements (2) and rotation (1).
         self.V = fields.start.function_space
-        #: Number in the scene of each degree of freedom of V, and of the space of increments: that
-        #: one is discontinuous where nodal rotations are components, so that several have one.
+        #: Number in the scene of each degree of freedom of V, and of the space of increments. The
+        #: latter is discontinuous if nodal rotations are components: then numbers repeat.
         spaces = self.V, fields.increment.function_space
         dofs = self.model.mesh.unknowns.dofs
-        self.of_V, self.of_increment = (grid.numbers(space, dofs) for space in spaces)
-        self._glue = glue(self.of_increment)
+        self.V_numbers, self.increment_numbers = (grid.numbers(space, dofs) for space in spaces)
+        self._glue = glue(self.increment_numbers)
         #: State at the end of the last step, its rates, and accelerations.
         self.q, self.v, self.a = (fem.Function(self.V, name=name) for name in "qva")
         displacements, self._of_u = self.V.sub(0).collapse()
@@ -76,18 +76,18 @@ class StepForm:
         for name, symbol in written.named_data.items():
             grid.fill(symbol, np.asarray(self.beams.data[name], dtype=float))
         forms = written.of_step().forms
-        # Terms of the residual, without inertia, and those of a user. Each is assembled by itself:
+        # Terms of the residual without inertia, and terms of a user. Each is assembled by itself:
         # FFCx 0.5 confuses quadrature rules.
         self._terms = [forms[name] for name in ("internal forces", "drag") if name in forms]
         self._added: list[ufl.Form] = []
-        # With the term itself, as a number of another object may come back.
+        # By id, with the term: while it lives no other object gets its id.
         self._compiled: dict[int, tuple[ufl.Form, Any, Any]] = {}
         ends = {fields.start: self.q, fields.natural[0]: fields.natural[1]}
         if self._internal is not None:
             self._internal_end = fem.Function(self._internal.function_space)
             ends[self._internal] = self._internal_end
         self._energy = compiled(ufl.replace(forms["strain energy"], ends))
-        #: Whether the resultants are others than those of the scene.
+        #: Whether the resultants of the scene are replaced.
         self.replaced = False
 
     # -- The state ---------------------------------------------------------------------------------
@@ -103,7 +103,7 @@ class StepForm:
         q_previous = state.q if state.q_previous is None else state.q_previous
         functions = fields.start, *fields.start_rates, fields.q_previous
         for function, x in zip(functions, (state.q, state.v, state.a, q_previous), strict=True):
-            function.x.array[:] = x[self.of_V]
+            function.x.array[:] = x[self.V_numbers]
         for function, strains in zip(fields.natural, (state.natural, natural), strict=True):
             if strains is not None:
                 self.grid.fill(function, strains)
@@ -119,7 +119,7 @@ class StepForm:
     def end(self, state: State) -> None:
         """Set the end of a step."""
         for function, x in zip((self.q, self.v, self.a), (state.q, state.v, state.a), strict=True):
-            function.x.array[:] = x[self.of_V]
+            function.x.array[:] = x[self.V_numbers]
         self.u.x.array[:] = self.q.x.array[self._of_u]
         if state.internal is not None:
             self.grid.fill(self._internal_end, state.internal)
@@ -141,7 +141,7 @@ class StepForm:
                 "or a measure with domain=problem.mesh"
             )
         if [*term.arguments()] != [self._fields.test]:
-            others = ", ".join(str(of) for of in term.arguments() if of != self._fields.test)
+            others = ", ".join(str(u) for u in term.arguments() if u != self._fields.test)
             raise SceneError(f"{linear} of problem.step; it has {others or 'neither'}")
         lowered = ufl.algorithms.apply_algebra_lowering.apply_algebra_lowering(term)
         arities = ufl.algorithms.check_arities
@@ -153,7 +153,7 @@ class StepForm:
         self._added.append(term)
 
     def replace_resultants(self, resultants: Resultants, strain_energy: Callable | None) -> None:
-        """Have other resultants, with an energy per length at the end of the step or None."""
+        """Replace the resultants, with the stored energy per length at the end, or None."""
         kind = self.beams.kind
         scheme = Scheme(kind.scheme.name, resultants, kind.scheme.rates)
         self._write(kind._replace(scheme=scheme))
@@ -176,35 +176,35 @@ class StepForm:
 
     @property
     def J(self) -> ufl.Form:
-        """Its derivative by the increment."""
+        """dF/dD, the derivative of the residual by the increment."""
         return ufl.derivative(self.F, self._fields.increment, self._fields.trial)
 
     # -- Assembly ----------------------------------------------------------------------------------
 
     def _forms_of(self, term: ufl.Form) -> tuple[Any, Any]:
-        """A term and its derivative by the increment, compiled; None for one that is zero."""
+        """A term and its derivative by the increment, compiled; None for a zero derivative."""
         if id(term) not in self._compiled:
             tangent = ufl.derivative(term, self._fields.increment, self._fields.trial)
-            of_tangent = None if is_empty(tangent) else compiled(tangent)
-            self._compiled[id(term)] = term, compiled(term), of_tangent
+            compiled_tangent = None if is_empty(tangent) else compiled(tangent)
+            self._compiled[id(term)] = term, compiled(term), compiled_tangent
         return self._compiled[id(term)][1:]
 
     def residual(self, D: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Internal forces and drag (size,) at increments D (size,), and added terms."""
-        self._fields.increment.x.array[:] = D[self.of_increment]
+        self._fields.increment.x.array[:] = D[self.increment_numbers]
         forces = np.zeros((2, self.model.size))
         for out, terms in zip(forces, (self._terms, self._added), strict=True):
             if not terms:
                 continue
-            b = np.zeros(len(self.of_increment))
+            b = np.zeros(len(self.increment_numbers))
             for term in terms:
                 fem.assemble_vector(b, self._forms_of(term)[0])
-            out[:] = np.bincount(self.of_increment, b, len(D))
+            out[:] = np.bincount(self.increment_numbers, b, len(D))
         own, added = self.grid.total(forces)
         return own, added
 
     def add_tangent(self, matrix: PETSc.Mat, numbers: PETSc.LGMap) -> None:
-        """Add the tangent to a matrix, by the number in it of each increment."""
+        """Add the tangent to a matrix; `numbers` are rows of the increments."""
         matrix.setLGMap(numbers, numbers)
         for term in (*self._terms, *self._added):
             tangent = self._forms_of(term)[1]
@@ -213,7 +213,7 @@ class StepForm:
         matrix.assemble()
 
     def tangent(self) -> np.ndarray:
-        """Its values in `pattern`, of the elements of this process."""
+        """Values of the tangent in `pattern`, of the elements of this process."""
         self._local.zeroEntries()
         self.add_tangent(self._local, self._glue)
         return self._local.getValuesCSR()[2]
@@ -227,7 +227,7 @@ class StepForm:
         (u, psi), (virtual_u, virtual_psi) = pairs
         translation = density[0] * ufl.dot(u, virtual_u)
         form = (translation + density[1] * psi * virtual_psi) * self._fields.measure(points)
-        numbers = glue(self.of_V)
+        numbers = glue(self.V_numbers)
         self._local.setLGMap(numbers, numbers)
         fem.petsc.assemble_matrix(self._local, compiled(form))
         self._local.assemble()
@@ -254,5 +254,5 @@ def glue(numbers: np.ndarray) -> PETSc.LGMap:
 def csr_of(matrix: scipy.sparse.csr_matrix) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rows, columns and values of a matrix, as PETSc takes them."""
     matrix.sort_indices()
-    indptr, indices = (np.asarray(of, PETSc.IntType) for of in (matrix.indptr, matrix.indices))
+    indptr, indices = (np.asarray(row, PETSc.IntType) for row in (matrix.indptr, matrix.indices))
     return indptr, indices, matrix.data

@@ -33,7 +33,7 @@ from .versions import (
 
 
 class Grid:
-    """A mesh of dolfinx with the elements of a scene, of which each process has a part.
+    """A mesh of dolfinx with the elements of a scene; each process has a part of them.
 
     Values of elements (cells, ...) are in the scene's order, and of all of them.
     """
@@ -46,35 +46,35 @@ class Grid:
         self.mesh = create_mesh(comm, points, nodes.X, element)
         #: Number in the scene of each element that this process has.
         self.cells = np.asarray(self.mesh.topology.original_cell_index)
-        at = self.mesh.geometry.x[cell_nodes(self.mesh, points.shape[1]), :2]
-        assert np.array_equal(at, nodes.X[points][self.cells])  # dolfinx keeps the order of nodes
+        X = self.mesh.geometry.x[cell_nodes(self.mesh, points.shape[1]), :2]
+        assert np.array_equal(X, nodes.X[points][self.cells])  # dolfinx keeps the order of nodes
         self._beams = self.tagged(nodes.beam_of_cell)
         # With the expression itself, as a number of another object may come back.
         self._expressions: dict[Any, tuple[Any, Any]] = {}
         self._spaces: dict[Any, Any] = {}
 
     def tagged(self, tags: np.ndarray) -> Any:
-        """Tags of elements as those of a mesh."""
+        """Tags of elements as tags of the mesh of dolfinx."""
         every = np.arange(len(self.cells), dtype=np.int32)
         return dolfinx.mesh.meshtags(self.mesh, 1, every, tags[self.cells].astype(np.int32))
 
-    def numbers(self, space: Any, of_cells: np.ndarray) -> np.ndarray:
-        """The number that each degree of freedom of a space has in its cell (cells, width)."""
+    def numbers(self, space: Any, cell_numbers: np.ndarray) -> np.ndarray:
+        """The number of each degree of freedom of a space, from numbers (cells, width) in cells."""
         dofs = cell_dofs(space)
         numbers = np.zeros(dofs.max(initial=-1) + 1, dtype=PETSc.IntType)
-        numbers[dofs] = of_cells[self.cells]
+        numbers[dofs] = cell_numbers[self.cells]
         return numbers
 
-    def fill(self, function: fem.Function, of_cells: np.ndarray) -> None:
+    def fill(self, function: fem.Function, cell_values: np.ndarray) -> None:
         """Set a Function by its values (cells, ...)."""
-        values = of_cells.reshape(len(of_cells), -1)[self.cells]
+        values = cell_values.reshape(len(cell_values), -1)[self.cells]
         function.x.array[cell_dofs(function.function_space)] = values
 
-    def _gathered(self, of_cells: np.ndarray) -> np.ndarray:
-        """Values (cells, ...) from those of the cells that each process owns."""
+    def _gathered(self, own_values: np.ndarray) -> np.ndarray:
+        """Values (cells, ...) from the values of the cells that each process owns."""
         own, _ = count_cells(self.mesh)
-        values = np.zeros((len(self._nodes.points), *of_cells.shape[1:]))
-        values[self.cells[:own]] = of_cells
+        values = np.zeros((len(self._nodes.points), *own_values.shape[1:]))
+        values[self.cells[:own]] = own_values
         return self.total(values)
 
     def total(self, values: np.ndarray) -> np.ndarray:
@@ -113,7 +113,7 @@ class Grid:
     # -- Values ------------------------------------------------------------------------------------
 
     def at_points(self, expressions: list[Any], tags: np.ndarray, points: Any) -> np.ndarray:
-        """Values (cells, points, ...) of expressions in UFL, of which tags (cells,) choose."""
+        """Values (cells, points, ...) of UFL expressions, chosen for each cell by tags (cells,)."""
         places = gauss_rule(self.degree)[0] if points is None else np.asarray(points, float)
         own = self.cells[: count_cells(self.mesh)[0]]
         values = np.empty((len(own), len(places), *expressions[0].ufl_shape))
@@ -125,8 +125,8 @@ class Grid:
                 compiled = compiled_expression(expression, places[:, None])
                 self._expressions[key] = expression, compiled
             here = np.flatnonzero(tags[own] == number)
-            found = values_of(self._expressions[key][1], self.mesh, here)
-            values[here] = found.reshape(len(here), len(places), *expression.ufl_shape)
+            computed = values_of(self._expressions[key][1], self.mesh, here)
+            values[here] = computed.reshape(len(here), len(places), *expression.ufl_shape)
         return self._gathered(values)
 
     def interpolated(self, values: np.ndarray, name: str) -> fem.Function:

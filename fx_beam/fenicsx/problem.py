@@ -106,8 +106,8 @@ class Problem(Steps):
         comm: MPI.Comm = MPI.COMM_SELF,
     ):
         check_scene(scene, "fenicsx.Problem")
-        given: dict[str, Any] = {"scheme": scheme, "newton": newton, "max_halvings": max_halvings}
-        options = Options(what="fenicsx.Problem", dt=positive(dt, "dt"), **given)
+        choices: dict[str, Any] = {"scheme": scheme, "newton": newton, "max_halvings": max_halvings}
+        options = Options(what="fenicsx.Problem", dt=positive(dt, "dt"), **choices)
         self._prepared = prepared = Prepared(scene, options)
         super().__init__(prepared.stepper.integrator, options.newton, petsc_options, comm)
         #: Length of a step [s].
@@ -154,7 +154,7 @@ class Problem(Steps):
             self._replace_in_row(recorder)
 
     def _accelerate(self) -> None:
-        """Accelerations at the start by all forces, also those that only the forms here have."""
+        """Accelerations at the start by all forces, also by terms that only these forms have."""
         starts = Starts(self._model, self._prepared.forcing, self.dt, further=self._further)
         self._state = self._state.changed(a=starts.resumed(self._state, same_scheme=False).a)
         self._form.end(self._state)
@@ -165,9 +165,9 @@ class Problem(Steps):
         own, added = self._form.residual(D)
         if not self._form.replaced:
             return added
-        of_scene = np.zeros_like(own)
-        self._form.beams.add_force(D, of_scene)
-        return own + added - of_scene
+        beam_forces = np.zeros_like(own)
+        self._form.beams.add_force(D, beam_forces)
+        return own + added - beam_forces
 
     def run(
         self,
@@ -257,8 +257,8 @@ class Problem(Steps):
                     "step needs. Leave out `row`"
                 )
             names = "q", "v", "a", "slides"
-            of_row = {name: getattr(solution, name)[row].ravel().copy() for name in names}
-            state = state.changed(t=float(solution.t[row]), past=None, work=0.0, **of_row)
+            arrays = {name: getattr(solution, name)[row].ravel().copy() for name in names}
+            state = state.changed(t=float(solution.t[row]), past=None, work=0.0, **arrays)
             state = state.changed(constraint_forces=None, joint_forces=None, dissipated=0.0)
             self._prepared.stepper.load(state)
         self._set(state)

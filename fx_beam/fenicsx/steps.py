@@ -106,7 +106,7 @@ class Steps:
     def replace_resultants(
         self, resultants: Resultants, strain_energy: Callable[[Any, Any, Any], Any] | None = None
     ) -> None:
-        """Have other stress resultants than those of the scene.
+        """Replace the stress resultants of the scene.
 
         Call it first: the step and its Functions are new ones then, and terms that were added are
         gone.
@@ -118,7 +118,7 @@ class Steps:
             `Scheme`; they may contain Functions and Constants on `mesh`.
         strain_energy : callable, optional
             ``strain_energy(eps, gamma, kappa)`` gives the stored energy at the end of a step [J/m],
-            for `energies` and for solutions; without it these have nan.
+            for `energies` and for solutions; without it the strain energy is nan there.
         """
         self._form.replace_resultants(resultants, strain_energy)
         self._form.end(self._state)
@@ -129,10 +129,10 @@ class Steps:
         """Axial strain, shear strain and curvature (3,) without stress, in UFL; None for none.
 
         They may contain Functions that other problems compute on `mesh` between steps, such as a
-        temperature. They are evaluated at the Gauss points before each step, for its end, and take
-        the place of those of the scene, which needs some: ``scene.add_natural_strain(beam,
-        axial=0.0)``. The first step starts with those of the scene, so that what is given before it
-        arises in it. What changes them does work, which is part of `Energy.work`.
+        temperature. They are evaluated at the Gauss points before each step, for its end, and
+        replace the natural strains of the scene, which needs some: ``scene.add_natural_strain(beam,
+        axial=0.0)``. The first step starts with the natural strains of the scene and ends with the
+        ones given here. What changes them does work, which is part of `Energy.work`.
         """
         return self._natural
 
@@ -206,16 +206,16 @@ class Steps:
     @property
     def scene_dofs(self) -> np.ndarray:
         """Number in the scene of each degree of freedom of `V`: its row of `T`, `Tv`, `K`, `M`."""
-        return self._form.of_V
+        return self._form.V_numbers
 
     @property
     def T(self) -> scipy.sparse.csr_matrix:
-        """Small motions (size, n) of all degrees of freedom by those of the unknowns."""
+        """dq = T dy (size, n): small motions of all degrees of freedom by the unknowns."""
         return self._equations.unknowns.T
 
     @property
     def Tv(self) -> scipy.sparse.csr_matrix:
-        """Virtual motions (size, n) likewise: the forces on the unknowns are Tv^T r."""
+        """Virtual motions (size, n) by virtual unknowns: forces on the unknowns are Tv^T r."""
         return self._equations.unknowns.Tv
 
     # -- Values ------------------------------------------------------------------------------------
@@ -292,17 +292,17 @@ class Steps:
             return solution
         rows, model = np.array(self._rows), self._model
         pairs = zip(model.scene.beams, model.mesh.cells, strict=True)
-        of_beams = {beam.name: (beam, cells) for beam, cells in pairs}
+        beams = {beam.name: (beam, cells) for beam, cells in pairs}
 
-        def of_beam(name: str) -> BeamResultants:
-            beam, cells = of_beams[name]
+        def resultants(name: str) -> BeamResultants:
+            beam, cells = beams[name]
             N, Q, M = np.moveaxis(rows[:, cells].reshape(len(rows), -1, 3), -1, 0)
             return BeamResultants(arc_lengths(beam, gauss_rule(beam.degree)[0]).ravel(), N, Q, M)
 
-        solution.resultants_of_beam = of_beam
+        solution.resultants_of_beam = resultants
         return solution
 
 
 def _has_ufl(strains: Any) -> bool:
-    """Whether strains are an expression of UFL, or one of them is."""
+    """Whether strains are, or contain, an expression of UFL."""
     return isinstance(strains, Expr) or any(isinstance(strain, Expr) for strain in strains)

@@ -22,17 +22,17 @@ _SMALL = 200
 
 
 class SharedUnknowns:
-    """Unknowns y (n,) that follow no others, of which each process has some, and their maps."""
+    """Independent unknowns y (n,), shared by the processes, with the maps T and Tv."""
 
     def __init__(self, form: StepForm):
         self._form, self._comm = form, form.grid.comm
         self._reduction = form.model.reduction
-        #: Their numbers among all unknowns of the scene.
+        #: Numbers (n,) of y among all unknowns of the scene.
         self.independent = self._reduction.independent
         self.size = len(self.independent)
 
     def _share(self, touched: np.ndarray) -> None:
-        """Number the unknowns in PETSc: a process has those that its elements touch first."""
+        """Number the unknowns in PETSc: the first process whose elements touch one has it."""
         comm, owner = self._comm, np.full(self.size, self._comm.size, dtype=np.int32)
         owner[touched] = comm.rank
         comm.Allreduce(MPI.IN_PLACE, owner, MPI.MIN)
@@ -66,11 +66,11 @@ class SharedUnknowns:
 
     @property
     def Tv(self) -> scipy.sparse.csr_matrix:
-        """Virtual motion (size, n) likewise."""
+        """Virtual motion (size, n) of all degrees of freedom by the unknowns, at the last ones."""
         return self._reduction.coupling(virtual=True)[:, self.independent]
 
     def matrix(self, matrix: scipy.sparse.csr_matrix) -> PETSc.Mat:
-        """A matrix (n, n), of which each process has its rows."""
+        """A matrix (n, n); each process has the rows of its unknowns."""
         sizes = ((len(self._own), self.size),) * 2
         return PETSc.Mat().createAIJ(sizes, csr=csr_of(self._rows(matrix)), comm=self._comm)
 
@@ -89,10 +89,10 @@ class EqualUnknowns(SharedUnknowns):
         columns, n = self._reduction.couplings.column, self.size
         #: Unknown of each degree of freedom of the scene; n for one that is held.
         self._unknown = np.where(columns < n, columns, n)
-        touched = np.unique(form.of_increment)
+        touched = np.unique(form.increment_numbers)
         self._share(np.setdiff1d(self._unknown[touched], n))
         numbers = np.append(self._numbers, -1).astype(PETSc.IntType)
-        self._glue = glue(numbers[self._unknown[form.of_increment]])
+        self._glue = glue(numbers[self._unknown[form.increment_numbers]])
         self._find_places()
         #: The reduced tangent.
         self.A = self.matrix(self._summed(np.zeros(form.pattern.nnz)))
@@ -138,7 +138,7 @@ class JointUnknowns(SharedUnknowns):
     def __init__(self, form: StepForm):
         super().__init__(form)
         self._moving = self._which_turn()
-        self._share(np.unique(self.T[np.unique(form.of_increment)].indices))
+        self._share(np.unique(self.T[np.unique(form.increment_numbers)].indices))
         #: The reduced tangent.
         self.A = self.matrix(scipy.sparse.identity(self.size, format="csr"))
 
@@ -148,7 +148,7 @@ class JointUnknowns(SharedUnknowns):
 
     def projected(self, r: np.ndarray) -> np.ndarray:
         """Forces on the unknowns: Tv^T r."""
-        return self._reduction.project(r)[self.independent]
+        return self._reduction.reduced_force(r)[self.independent]
 
     def assemble(self, others: np.ndarray, more: Any, y: Any, driven: Any, r: Any) -> None:
         """Set the reduced tangent, with that of `others` in the scene's sparsity, and `more` or 0.
@@ -182,9 +182,9 @@ class JointUnknowns(SharedUnknowns):
             for step in (h, -h):
                 beside = y.copy()
                 beside[unknown] += step
-                reduction.expand(beside, driven)
+                reduction.increment(beside, driven)
                 column += self.projected(r) / (2 * step)
-        reduction.expand(y, driven)
+        reduction.increment(y, driven)
         starts = len(moving) * np.arange(self.size + 1)
         entries = columns.ravel(), np.tile(moving, self.size), starts
         return scipy.sparse.csr_matrix(entries, (self.size, self.size))
@@ -211,6 +211,6 @@ Unknowns = EqualUnknowns | JointUnknowns
 def unknowns_of(form: StepForm) -> Unknowns:
     """The unknowns of a form for the joints' present independent ones."""
     model = form.model
-    special = model.scheme.rates.of_user or model.points.members is not None
-    direct = model.reduction.equates and not special
+    special = model.scheme.rates.user_defined or model.points.members is not None
+    direct = model.reduction.couplings.is_selection and not special
     return EqualUnknowns(form) if direct else JointUnknowns(form)

@@ -64,19 +64,19 @@ def function_space(mesh: Mesh, element: Any) -> Any:
     return getattr(fem, "functionspace", fem.FunctionSpace)(mesh, element)
 
 
-def _rows(of_cells: Any, width: int) -> np.ndarray:
+def _rows(table: Any, width: int) -> np.ndarray:
     """Numbers (cells, width) of a list of lists, or of a table."""
-    return np.asarray(getattr(of_cells, "array", of_cells)).reshape(-1, width)
+    return np.asarray(getattr(table, "array", table)).reshape(-1, width)
 
 
 def count_cells(mesh: Mesh) -> tuple[int, int]:
-    """Number of cells that this process owns, and of those that it has, with copies of others."""
+    """Number of cells that this process owns, and number that it has, copies included."""
     cells = mesh.topology.index_map(1)
     return cells.size_local, cells.size_local + cells.num_ghosts
 
 
 def cell_dofs(space: Any) -> np.ndarray:
-    """Degrees of freedom (cells, width) of a space, those of blocks one by one."""
+    """Degrees of freedom (cells, width) of a space; blocks are expanded."""
     dofmap, size = space.dofmap, space.dofmap.index_map_bs
     width = dofmap.dof_layout.num_dofs
     dofs = _rows(dofmap.list, width)
@@ -99,8 +99,8 @@ def cell_vertices(mesh: Mesh) -> np.ndarray:
 def exterior_facets(mesh: Mesh) -> np.ndarray:
     """Vertices of this process in which a single cell ends."""
     mesh.topology.create_connectivity(0, 1)
-    found = dolfinx.mesh.exterior_facet_indices
-    return np.asarray(found(mesh.topology))
+    exterior = dolfinx.mesh.exterior_facet_indices
+    return np.asarray(exterior(mesh.topology))
 
 
 @quiet()

@@ -14,21 +14,21 @@ from .point_laws import TINY, CoordinateKind, ForceStep, Slip, StepCoordinate, a
 class _Pair(NamedTuple):
     """Who meets: a point x = sum N_a x_a of some nodes, and a shape that a node may carry.
 
-    Entries are x and y of each node of the point, those of the carrier and its rotation if it
-    matters, and in friction the rotations of the nodes of a thick member.
+    Entries: x and y of each node of the point; x, y (and rotation, if it matters) of the carrier;
+    with friction the rotations of the nodes of a thick member.
     """
 
     nodes: int
-    of_carrier: int
+    carrier_size: int
     turns: bool
 
     @property
     def size(self) -> int:
-        return 2 * self.nodes + self.of_carrier + self.nodes * self.turns
+        return 2 * self.nodes + self.carrier_size + self.nodes * self.turns
 
     def __str__(self):
-        of_nodes = f", of {self.nodes} nodes" * (self.nodes > 1)
-        return of_nodes + ", carried" * bool(self.of_carrier) + ", thick" * self.turns
+        points = f", of {self.nodes} nodes" * (self.nodes > 1)
+        return points + ", carried" * bool(self.carrier_size) + ", thick" * self.turns
 
 
 class _Meeting:
@@ -40,12 +40,12 @@ class _Meeting:
         D: Sequence[Any],
         numbers: Sequence[Any],
         pair: _Pair,
-        of_shape: int,
+        shape_numbers: int,
     ):
-        (x, y), rest = numbers[:2], numbers[2 + of_shape :]
+        (x, y), rest = numbers[:2], numbers[2 + shape_numbers :]
         self.motion, self.pair, self._D = motion, pair, D
         #: Numbers of the shape, half thickness of the member, and weights of the nodes.
-        self.numbers, self.half = numbers[2 : 2 + of_shape], rest[0]
+        self.numbers, self.half = numbers[2 : 2 + shape_numbers], rest[0]
         self._weights = rest[1:] or [1]
         #: From the shape to the point at the start and at the level, its increment, and its rate.
         self.r0 = add((x, y), 1.0, self._relative(motion.start))
@@ -57,7 +57,7 @@ class _Meeting:
         n = self.pair.nodes
         points, carrier = [values[2 * a : 2 * a + 2] for a in range(n)], values[2 * n :]
         points = [[N * x for x in x_a] for N, x_a in zip(self._weights, points, strict=True)]
-        origin = carrier[:2] if self.pair.of_carrier else (0, 0)
+        origin = carrier[:2] if self.pair.carrier_size else (0, 0)
         return [sum(xs) - c for *xs, c in zip(*points, origin, strict=True)]
 
     def turn(self, values: Sequence[Any] | None = None) -> Any:
@@ -66,16 +66,16 @@ class _Meeting:
 
     def spread(self, force: Sequence[Any], on_carrier: Any, on_point: Any = 0.0) -> list[Any]:
         """A force on the point and two moments, as forces on all entries."""
-        of_carrier = [*(-f for f in force), on_carrier][: self.pair.of_carrier]
+        carrier_forces = [*(-f for f in force), on_carrier][: self.pair.carrier_size]
         moments = [N * on_point for N in self._weights] if self.pair.turns else []
-        return [*(N * f for N in self._weights for f in force), *of_carrier, *moments]
+        return [*(N * f for N in self._weights for f in force), *carrier_forces, *moments]
 
     def slip(self, n: Sequence[Any], apart: Any, half: Any) -> Slip:
         """Slip of a member's material against that of the shape, along W n.
 
-        The member touches at a distance `half` from its axis, which is `apart` from the origin of
-        the shape in the direction n. The rest of this is the arm of the shape: then the friction
-        has no moment in all, and a rotation of both is no slip.
+        The axis of the member is `apart` from the origin of the shape in the direction n, and the
+        member touches at `half` from its axis. With the arm `apart - half` of the shape, friction
+        has no moment in all, and a common rotation is no slip.
         """
         along, on_shape, motion = _normal_to(n), apart - half, self.motion
         path = dot(along, self.Dr)
@@ -83,13 +83,13 @@ class _Meeting:
             rotations = self._D[self.pair.size - self.pair.nodes :]
             for N, Dpsi in zip(self._weights, rotations, strict=True):
                 path -= half * N * motion.path(Dpsi)
-        if self.pair.of_carrier:
+        if self.pair.carrier_size:
             path -= on_shape * motion.path(self.turn())
         return Slip(path, self.spread(along, -on_shape, -half))
 
 
 class _ShapeLaw(NamedTuple):
-    """A kind of shape: its gap and its slip, and how many numbers it has."""
+    """A kind of shape: how many numbers it has, its gap and its slip."""
 
     numbers: int
     #: Whether it turns with its carrier.
@@ -104,8 +104,8 @@ def gap_of(
 ) -> CoordinateKind:
     """Gap of a point of so many nodes from a shape.
 
-    Numbers: the place of the point relative to the shape, those of the shape, the half thickness
-    of the member, and weights of several nodes.
+    Numbers: place of the point relative to the shape (2), numbers of the shape, half thickness of
+    the member, weights of the nodes if there are several.
     """
     law = _LAWS[shape]
     pair = _Pair(nodes, (3 if slips or law.turns else 2) * carried, thick)
@@ -117,67 +117,76 @@ def gap_of(
         f"the gap of a {shape.lower()}{pair}",
         pair.size,
         3 + law.numbers + (nodes if nodes > 1 else 0),
-        lambda *given: law.gap(meeting(*given)),
-        slip=(lambda *given: law.slip(meeting(*given))) if slips else None,
+        lambda *arguments: law.gap(meeting(*arguments)),
+        slip=(lambda *arguments: law.slip(meeting(*arguments))) if slips else None,
     )
 
 
-def _circle_gap(at: _Meeting) -> StepCoordinate:
+def _circle_gap(meeting: _Meeting) -> StepCoordinate:
     """The direction is (r0 + r1) / (|r0| + |r1|), which has no moment about the centre.
 
     Its product with Dr is the change of the gap.
     """
-    radius, side = at.numbers
-    gap = arm_length(at.motion, at.r0, at.Dr, at.rates, radius + side * at.half, side)
-    along = at.spread(gap.along, 0.0)
+    radius, side = meeting.numbers
+    gap = arm_length(
+        meeting.motion, meeting.r0, meeting.Dr, meeting.rates, radius + side * meeting.half, side
+    )
+    along = meeting.spread(gap.along, 0.0)
     return gap._replace(along=along, across=along)
 
 
-def _circle_slip(at: _Meeting) -> Slip:
-    level, arms = at.motion.rule.level, (at.r0, add(at.r0, 1.0, at.Dr), at.r)
+def _circle_slip(meeting: _Meeting) -> Slip:
+    level, arms = (
+        meeting.motion.rule.level,
+        (meeting.r0, add(meeting.r0, 1.0, meeting.Dr), meeting.r),
+    )
     start, end, length = (ufl.sqrt(dot(arm, arm) + TINY) for arm in arms)
     mean = (1 - level) * start + level * end
-    slip = at.slip([x / length for x in at.r], length, at.numbers[1] * at.half)
+    slip = meeting.slip([x / length for x in meeting.r], length, meeting.numbers[1] * meeting.half)
     return slip._replace(normal=length / mean)
 
 
-def _line_normals(at: _Meeting) -> tuple[Sequence[Any], Sequence[Any], Sequence[Any]]:
+def _line_normals(meeting: _Meeting) -> tuple[Sequence[Any], Sequence[Any], Sequence[Any]]:
     """Normals at both ends of the step, and at the level."""
-    normal, motion = at.numbers, at.motion
-    if not at.pair.of_carrier:
+    normal, motion = meeting.numbers, meeting.motion
+    if not meeting.pair.carrier_size:
         return normal, normal, normal
-    psi, Dpsi = at.turn(motion.start), at.turn()
+    psi, Dpsi = meeting.turn(motion.start), meeting.turn()
     n0, n1 = _turned(normal, psi), _turned(normal, psi + Dpsi)
     if motion.rule.turning:
         return n0, n1, [x / 2 for x in add(n0, 1.0, n1)]
     return n0, n1, _turned(normal, motion.at_level(psi, Dpsi))
 
 
-def _line_gap(at: _Meeting) -> StepCoordinate:
+def _line_gap(meeting: _Meeting) -> StepCoordinate:
     """If a node carries the line, the change of n.r is n.Dr + Dtheta (W n).r.
 
     Dtheta = 2 tan(Dpsi/2), with the means of n and r over the step.
     """
-    n0, n1, n = _line_normals(at)
-    carried, motion = bool(at.pair.of_carrier), at.motion
-    lever = dot(_normal_to(n), at.r) if carried else 0.0
-    along = at.spread(n, lever)
-    start, change, rate = dot(n0, at.r0) - at.half, dot(n, at.Dr), dot(n0, at.rates)
+    n0, n1, n = _line_normals(meeting)
+    carried, motion = bool(meeting.pair.carrier_size), meeting.motion
+    lever = dot(_normal_to(n), meeting.r) if carried else 0.0
+    along = meeting.spread(n, lever)
+    start, change, rate = (
+        dot(n0, meeting.r0) - meeting.half,
+        dot(n, meeting.Dr),
+        dot(n0, meeting.rates),
+    )
     if not carried:
         return StepCoordinate(start, start + change, along, along, change, rate)
-    end = dot(n1, add(at.r0, 1.0, at.Dr)) - at.half
-    rate += at.turn(motion.rates) * dot(_normal_to(n0), at.r0)
-    exact = change + motion.path(at.turn()) * lever
+    end = dot(n1, add(meeting.r0, 1.0, meeting.Dr)) - meeting.half
+    rate += meeting.turn(motion.rates) * dot(_normal_to(n0), meeting.r0)
+    exact = change + motion.path(meeting.turn()) * lever
     return StepCoordinate(
         start, end, along, along, exact if motion.rule.turning else end - start, rate
     )
 
 
-def _line_slip(at: _Meeting) -> Slip:
-    *_, n = _line_normals(at)
-    length = ufl.sqrt(dot(n, n)) if at.pair.of_carrier else 1.0
+def _line_slip(meeting: _Meeting) -> Slip:
+    *_, n = _line_normals(meeting)
+    length = ufl.sqrt(dot(n, n)) if meeting.pair.carrier_size else 1.0
     n = [x / length for x in n]
-    return at.slip(n, dot(n, at.r), at.half)._replace(normal=length)
+    return meeting.slip(n, dot(n, meeting.r), meeting.half)._replace(normal=length)
 
 
 #: By the names of the shapes.

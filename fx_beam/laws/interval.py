@@ -18,7 +18,7 @@ class Interval(NamedTuple):
 
     start: float
     end: float
-    #: Given for an instant, whose forces are those at one time, and where its last digits count.
+    #: Length, if it is not end - start: for an instant, or where the last digits count.
     own_length: float | None = None
 
     @property
@@ -37,7 +37,7 @@ INSTANT = 1e-5
 
 
 def instant(t: float, length: float) -> Interval:
-    """An interval of a length on which rates depend, and all of whose forces are those at t [s]."""
+    """An interval with all forces at the time t [s], and a length by which rates are found."""
     return Interval(t, t, length)
 
 
@@ -65,8 +65,8 @@ def just_inside(t0, t1):
 class StepStart(NamedTuple):
     """Configuration, rates and memory at the start of a step."""
 
-    #: Displacements and rotations (size,), their rates and accelerations; these may be left out if
-    #: nothing depends on them.
+    #: Displacements and rotations q (size,), rates v and accelerations a; v and a may be left out
+    #: if nothing depends on them.
     q: np.ndarray
     v: np.ndarray = _NONE
     a: np.ndarray = _NONE
@@ -91,13 +91,13 @@ class StepBatch(NamedTuple):
     #: Times (n,) at the scheme's level, and lengths [s].
     t: np.ndarray
     dt: np.ndarray
-    #: Increments and starts (n, size), rates there, and starts of the steps before.
+    #: Increments D and starts q (n, size), rates v and a at the start, starts of the last steps.
     D: np.ndarray = _NONE
     q: np.ndarray = _NONE
     v: np.ndarray = _NONE
     a: np.ndarray = _NONE
     q_previous: np.ndarray = _NONE
-    #: Internal variables and natural strains at the start, and these at the end (n, variables).
+    #: Internal variables and natural strains at the start, natural strains at the end (n, k).
     internal: np.ndarray = _NONE
     natural: np.ndarray = _NONE
     natural_end: np.ndarray = _NONE

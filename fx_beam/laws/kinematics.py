@@ -31,10 +31,7 @@ def director(psi, t0):
 
 
 def turn_of(t, angle):
-    """What a rotation by an angle adds to a vector, exact for small angles, too.
-
-    By the half of the angle, of which schemes need sine and cosine anyway.
-    """
+    """R(angle) t - t, exact for small angles, too; schemes need functions of angle/2 anyway."""
     s, c = ufl.sin(angle / 2), ufl.cos(angle / 2)
     return 2 * s * (c * perp(t) - s * t)
 
@@ -212,12 +209,12 @@ class Step:
 
     @property
     def _turn0(self):
-        """What turns the director from the reference to the start of the step."""
+        """Turn R(psi0) t0 - t0 of the director from the reference to the start of the step."""
         return turn_of(self.t0, self.psi0)
 
     @property
     def _turn1(self):
-        """The same to the end of the step."""
+        """Turn R(psi1) t0 - t0 of the director from the reference to the end of the step."""
         return self._turn0 + turn_of(self.director0, self.Dpsi)
 
     @property

@@ -4,7 +4,7 @@ A member is a smooth curve through the middles of its elements, with points c = 
 nodes. Let N0 and N1 be the weights of the nearest points at the start and at the end of a step,
 n = (N0 + N1) / 2, d = N1 - N0, and s the slopes of N1 by the place on the member. The coordinates
 are the sums a, t, u, w of the arms from the node to the nodes of the member, with n, d, s, and the
-slopes of N0; with friction also those with the slopes of w and of u. There are forces on a, t and
+slopes of N0; with friction also with the slopes of w and of u. There are forces on a, t and
 u, with friction on w; only derivatives by the start, where they follow the nearest point there as
 well, need the others.
 """
@@ -33,13 +33,12 @@ _Ends = tuple[tuple[Vector, Vector], tuple[Vector, Vector]]
 def _gap(
     follows: bool, motion: ForceStep, D: Sequence[Any], numbers: Sequence[Any]
 ) -> StepCoordinate:
-    """Numbers: 1 / the second derivative of |arm|^2 / 2 by the place, at the end and at the start.
+    """Numbers: 1 / (d^2/ds^2 |arm|^2 / 2) at the end and at the start, numbers of the slip, radii.
 
-    Behind them those of the slip, and last the radii. The arms to the nearest points are
-    a0 - t0 / 2 and a1 + t1 / 2. Forces along the mean of a do work on the change of |a|. What the
-    distance changes besides is of third order. It is given to forces that do work on the change of
-    a . t, which vanishes only with d. All of these are products of arms, whose forces have no
-    moment.
+    The arms to the nearest points are a0 - t0 / 2 and a1 + t1 / 2. Forces along the mean of a do
+    work on the change of |a|. The rest of the change of the distance is of third order; forces
+    that do work on the change of a . t, which vanishes only with d, account for it. Forces on
+    products of arms have no moment.
     """
     near = _Nearest(motion, D, numbers, follows)
     first, last = _arms(near.ends)
@@ -53,18 +52,18 @@ def _gap(
 def _slip(follows: bool, motion: ForceStep, D: Sequence[Any], numbers: Sequence[Any]) -> Slip:
     """Increment of the arc length of the nearest point in the reference.
 
-    Numbers: the first two of the gap, the slip, its slopes by the place at the end and at the
-    start. The product a . w, with fixed weights, changes by about minus the way of the place, and
-    vanishes only with it: there the slope is the first number, or if the start is followed what
-    has that number's derivatives as well.
+    Numbers: two factors of the gap, the slip, and slopes of the slip by the place, at the end and
+    at the start. The product a . w, with fixed weights, changes by about minus the way of the
+    place. Where this way is zero, the slope of the way by a . w is the first factor, or if the
+    start is followed an expression with the same value, which has derivatives.
     """
-    at_end, _, slipped, length, length_at_start, _ = numbers
+    end_factor, _, slipped, length, length_at_start, _ = numbers
     near = _Nearest(motion, D, numbers, follows)
     path = slipped + length * near.place - length_at_start * near.place_at_start
     # The quotient of the slip and the change of a . w where there is none.
-    still = -length * at_end
+    still = -length * end_factor
     if follows:
-        inside = ufl.gt(at_end, 0)
+        inside = ufl.gt(end_factor, 0)
         rate = ufl.conditional(inside, near.rate_at_end(), 1.0)
         still = ufl.conditional(inside, -length / rate, 0.0)
     (arm0, _), (arm1, t1) = near.ends
@@ -87,26 +86,26 @@ def _slip(follows: bool, motion: ForceStep, D: Sequence[Any], numbers: Sequence[
 
 
 class _Nearest:
-    """The nearest points of a step, and what their places change.
+    """The nearest points of a step, at places on the member that follow the motion.
 
-    The changes of the places with the motion are zero in value: they have only derivatives. That at
-    the start is followed where there is a number for it.
+    The places change by zero in value: only their derivatives matter. The place at the start is
+    followed where derivatives by the start are needed.
     """
 
     def __init__(self, motion: ForceStep, D: Sequence[Any], numbers: Sequence[Any], follows: bool):
         start, end = motion.start, add(motion.start, 1.0, D)
-        at_end, at_start, *_ = numbers
-        self._of_ends = (arm0, t0, _, w, *_), (arm1, t1, u, *_) = _vectors(start), _vectors(end)
+        end_factor, start_factor, *_ = numbers
+        self._sums = (arm0, t0, _, w, *_), (arm1, t1, u, *_) = _vectors(start), _vectors(end)
         # A place is a zero of such a residual.
-        self.place = -at_end * dot(add(arm1, 0.5, t1), u)
+        self.place = -end_factor * dot(add(arm1, 0.5, t1), u)
         self.place_at_start: Any = ufl.as_ufl(0.0)
-        #: That at the end, where the slopes there follow it.
-        self._of_slopes: Any = ufl.as_ufl(0.0)
+        #: The change of the place at the end by which slopes change, if they follow it.
+        self._slope_place: Any = ufl.as_ufl(0.0)
         if follows:
-            self.place_at_start = -at_start * dot(add(arm0, -0.5, t0), w)
-            self._of_slopes = self.place
+            self.place_at_start = -start_factor * dot(add(arm0, -0.5, t0), w)
+            self._slope_place = self.place
         #: a and t at both ends.
-        self.ends: _Ends = self._shifted(self._of_ends[0]), self._shifted(self._of_ends[1])
+        self.ends: _Ends = self._shifted(self._sums[0]), self._shifted(self._sums[1])
 
     def _shifted(self, sums: list[Vector]) -> tuple[Vector, Vector]:
         """Sums of arms for weights of other places."""
@@ -117,30 +116,30 @@ class _Nearest:
     @property
     def u(self) -> Vector:
         """u at the end."""
-        sums = self._of_ends[1]
-        return add(sums[2], self._of_slopes, sums[5]) if len(sums) > 5 else sums[2]
+        sums = self._sums[1]
+        return add(sums[2], self._slope_place, sums[5]) if len(sums) > 5 else sums[2]
 
     @property
     def w(self) -> tuple[Vector, Vector]:
         """w at both ends."""
-        first, last = (add(sums[3], self.place_at_start, sums[4]) for sums in self._of_ends)
+        first, last = (add(sums[3], self.place_at_start, sums[4]) for sums in self._sums)
         return first, last
 
     def rate_at_end(self) -> Any:
         """The second derivative of |arm|^2 / 2 by the place at the end."""
         arm, t = self.ends[1]
-        return dot(self.u, self.u) + dot(add(arm, 0.5, t), self._of_ends[1][5])
+        return dot(self.u, self.u) + dot(add(arm, 0.5, t), self._sums[1][5])
 
     def with_places(
         self, on_arm: Vector, on_t: Vector, size: int, on_u: Any = (0, 0), on_w: Any = (0, 0)
     ) -> list[Any]:
-        """Forces (size,) on all sums, with those that weights of other places add."""
-        place, at_start = self.place, self.place_at_start
+        """Forces (size,) on all sums, with what changes of the places add."""
+        place, place0 = self.place, self.place_at_start
         half = [x / 2 for x in on_arm]
         vectors = (
             *(on_arm, on_t, add(on_u, place, add(half, 1.0, on_t))),
-            add(on_w, at_start, add(half, -1.0, on_t)),
-            *([at_start * x for x in on_w], [self._of_slopes * x for x in on_u]),
+            add(on_w, place0, add(half, -1.0, on_t)),
+            *([place0 * x for x in on_w], [self._slope_place * x for x in on_u]),
         )
         return [x for vector in vectors for x in vector][:size]
 
@@ -189,10 +188,10 @@ def _relative(a: Vector, b: Vector) -> Any:
 
 def _kinds(follows: bool) -> tuple[CoordinateKind, CoordinateKind]:
     """The gap without and with friction; for derivatives the nearest point at the start follows."""
-    of, gap = " by its start" if follows else "", functools.partial(_gap, follows)
+    name, gap = " by its start" if follows else "", functools.partial(_gap, follows)
     slip = functools.partial(_slip, follows)
-    friction = CoordinateKind(f"the gap and slip of a member{of}", 12, 6, gap, slip=slip)
-    return CoordinateKind(f"the gap of a member{of}", 8, 3, gap), friction
+    friction = CoordinateKind(f"the gap and slip of a member{name}", 12, 6, gap, slip=slip)
+    return CoordinateKind(f"the gap of a member{name}", 8, 3, gap), friction
 
 
 MEMBER, MEMBER_WITH_FRICTION = _kinds(False)

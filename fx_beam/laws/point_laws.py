@@ -41,19 +41,19 @@ class StepRule(NamedTuple):
 class ForceStep:
     """The coordinates of a force over a step, as UFL scalars, in the order of `arguments`."""
 
-    def __init__(self, given: Any, law: PointLaw, rule: StepRule):
-        n, values = law.size, iter(range(arguments(law)))
+    def __init__(self, values: Any, law: PointLaw, rule: StepRule):
+        n, index = law.size, iter(range(arguments(law)))
 
         def take(count: int) -> list[Any]:
-            return [given[next(values)] for _ in range(count)]
+            return [values[next(index)] for _ in range(count)]
 
         self.rule = rule
         #: Values at the start of the step.
         self.start = take(n)
-        #: Increments for which derivatives are taken, and the same ones for which they are not.
+        #: Increments without derivatives, and the same increments with derivatives.
         self.still = take(n)
         self.increment = [ufl.variable(D) for D in self.still]
-        #: Rates at the start of the step, none in statics; the time of its forces, and its length.
+        #: Rates at the start, none in statics; time at the scheme's level, length of the step.
         self.rates = take(n)
         self.t, self.dt = take(2)
         self._per_dt = 1 / self.dt
@@ -61,7 +61,7 @@ class ForceStep:
             self.rates, self._per_dt = [ufl.as_ufl(0.0)] * n, ufl.as_ufl(0.0)
         #: Internal variables at the start of the step, and what the last iteration left.
         self.internal = take(law.internal)
-        self.remembered = take(law.remembered)
+        self.iteration_memory = take(law.iteration_memory)
         #: Numbers of this force.
         self.numbers = take(law.numbers)
 
@@ -91,7 +91,7 @@ class StepForces(NamedTuple):
     forces: Sequence[Any]
     #: Internal variables at the end, and what the next iteration remembers.
     internal: Sequence[Any] = ()
-    remembered: Sequence[Any] = ()
+    iteration_memory: Sequence[Any] = ()
     #: The force against an increase of a single coordinate.
     pull: Any = 0.0
 
@@ -117,25 +117,25 @@ class PointLaw:
     pull: Callable[[ForceStep], Any] | None = None
     #: Number of internal variables, and of what iterations remember.
     internal: int = 0
-    remembered: int = 0
+    iteration_memory: int = 0
     #: Whether it has functions of a user, which may have changed since another scene.
-    of_user: bool = False
+    user_defined: bool = False
     #: Whether it is one-sided: a contact that opens.
-    opens: bool = False
+    unilateral: bool = False
     #: Whether it has friction that sticks, whose damping, mu and stiffness are its last numbers.
-    sticks: bool = False
-    #: Whether it is friction with the smooth sign of a rate, whose speed is the first number after
-    #: those of the coordinate.
+    has_stick_state: bool = False
+    #: Whether it is friction with the smooth sign of rate / speed. The speed is the first number
+    #: after the numbers of the coordinate.
     smooth: bool = False
     #: Whether Newton's method may go far too far with it, and is shortened.
-    overshoots: bool = False
+    needs_line_search: bool = False
     #: What to say if it is not finite where all coordinates are zero; empty if that may be.
-    at_zero: str = ""
+    zero_advice: str = ""
 
     def __eq__(self, other: object) -> bool:
         if self is other or not isinstance(other, PointLaw):
             return self is other
-        return not (self.of_user or other.of_user) and self.key == other.key
+        return not (self.user_defined or other.user_defined) and self.key == other.key
 
     def __hash__(self) -> int:
         return hash((self.name, self.size, self.numbers))
@@ -143,19 +143,19 @@ class PointLaw:
     @property
     def kind(self) -> Any:
         """What laws of the same kind share; functions of a user are compared in the scene."""
-        return self.key if self.of_user else self
+        return self.key if self.user_defined else self
 
     @property
     def key(self) -> tuple:
         """Identifier of a law of this package: what it consists of, without its functions."""
-        has = [bool(of) for of in (self.energy, self.loss, self.switches, self.pull)]
-        plain = self.size, self.numbers, self.internal, self.remembered, self.opens, self.sticks
-        return self.name, *plain, *has
+        has = [bool(part) for part in (self.energy, self.loss, self.switches, self.pull)]
+        sizes = self.size, self.numbers, self.internal, self.iteration_memory
+        return self.name, *sizes, self.unilateral, self.has_stick_state, *has
 
 
 def arguments(law: PointLaw) -> int:
     """Number of values that a law is given: three for each coordinate, t, dt, what it needs."""
-    return 3 * law.size + 2 + law.internal + law.remembered + law.numbers
+    return 3 * law.size + 2 + law.internal + law.iteration_memory + law.numbers
 
 
 class StepCoordinate(NamedTuple):
@@ -184,28 +184,28 @@ class StepCoordinate(NamedTuple):
         )
 
 
-def smooth_sign(x: Any, still: Any, remembered: Sequence[Any]) -> tuple[Any, list[Any]]:
+def smooth_sign(x: Any, still: Any, iteration_memory: Sequence[Any]) -> tuple[Any, list[Any]]:
     """Tanh of x, and what the next iteration remembers; `still` is x without a derivative."""
     y = ufl.tanh(ufl.conditional(ufl.lt(abs(still), _LARGE), still, _LARGE * ufl.sign(still)))
     near = ufl.lt(abs(still), 1e-4)
     safe = ufl.conditional(near, 1.0, y)
     s = ufl.conditional(near, 1.0, still / safe)
     bend = ufl.conditional(near, 2 * still / 3, (1 - (1 - y * y) * s) / safe)
-    return _with_slope(y, s, bend, x, still, remembered)
+    return _with_slope(y, s, bend, x, still, iteration_memory)
 
 
 def clipped(
-    x: Any, still: Any, remembered: Sequence[Any], edge: float = 1.0
+    x: Any, still: Any, iteration_memory: Sequence[Any], edge: float = 1.0
 ) -> tuple[Any, list[Any]]:
-    """The same of x between -1 and 1; from the edge on it is 1."""
+    """x limited to -1 and 1 (to 1 from the edge on), and what the next iteration remembers."""
     beyond = ufl.gt(abs(still), edge)
     sign = ufl.conditional(ufl.gt(still, 0), 1.0, -1.0)
     s, bend = ufl.conditional(beyond, abs(still), 1.0), ufl.conditional(beyond, sign, 0.0)
-    return _with_slope(ufl.conditional(beyond, sign, still), s, bend, x, still, remembered)
+    return _with_slope(ufl.conditional(beyond, sign, still), s, bend, x, still, iteration_memory)
 
 
 def _with_slope(
-    y: Any, s: Any, bend: Any, x: Any, still: Any, remembered: Sequence[Any]
+    y: Any, s: Any, bend: Any, x: Any, still: Any, iteration_memory: Sequence[Any]
 ) -> tuple[Any, list[Any]]:
     """A bounded y(x) with a derivative with which Newton's method does not jump to and fro.
 
@@ -213,7 +213,7 @@ def _with_slope(
     `bend` is s'. For y it takes what the last iteration expected, limited to 1 (Chan, Golub and
     Mulet 1999, doi 10.1137/S1064827596299767). Where both agree it is that of y.
     """
-    repeated, last_x, last_y, last_slope = remembered
+    repeated, last_x, last_y, last_slope = iteration_memory
     guess = last_y + last_slope * (still - last_x)
     bounded = ufl.conditional(
         ufl.gt(guess, 1), 1.0, ufl.conditional(ufl.lt(guess, -1), -1.0, guess)
@@ -288,18 +288,18 @@ class CoordinateKind(NamedTuple):
     size: int
     numbers: int
     #: From the motion, increments and numbers.
-    of: Callable[[ForceStep, Sequence[Any], Sequence[Any]], StepCoordinate]
+    coordinate: Callable[[ForceStep, Sequence[Any], Sequence[Any]], StepCoordinate]
     #: Whether it is zero where all that it is given is zero, and regular there.
     starts_at_zero: bool = False
     #: Whether it is the length of a line between points, whose pull is recorded.
     is_line: bool = False
-    #: In contact with friction the slip, of the same.
+    #: The slip, from the motion, increments and numbers; None without friction of contact.
     slip: Callable[[ForceStep, Sequence[Any], Sequence[Any]], Slip] | None = None
 
 
 def _slide(motion: ForceStep, D: Sequence[Any], numbers: Sequence[Any]) -> StepCoordinate:
-    start, one = motion.start[0], [ufl.as_ufl(1.0)]
-    return StepCoordinate(start, start + D[0], one, one, D[0], motion.rates[0])
+    start, unit = motion.start[0], [ufl.as_ufl(1.0)]
+    return StepCoordinate(start, start + D[0], unit, unit, D[0], motion.rates[0])
 
 
 def _angle(motion: ForceStep, D: Sequence[Any], numbers: Sequence[Any]) -> StepCoordinate:
@@ -311,12 +311,12 @@ def _angle(motion: ForceStep, D: Sequence[Any], numbers: Sequence[Any]) -> StepC
     (a, b), (Da, Db) = motion.start, D
     start, path, ratio = b - a, Db - Da, ufl.as_ufl(1.0)
     if motion.rule.turning:
-        by_a, by_b = motion.path(Da), motion.path(Db)
-        path = by_b - by_a
+        Dtheta_a, Dtheta_b = motion.path(Da), motion.path(Db)
+        path = Dtheta_b - Dtheta_a
         # For small differences the same with cosines, as 1 / cos^2 = 1 + tan^2.
         x = (Db - Da) / 2
         near = ufl.lt(x * x, 4e-4)
-        secants = ufl.sqrt((1 + 0.25 * by_a * by_a) * (1 + 0.25 * by_b * by_b))
+        secants = ufl.sqrt((1 + 0.25 * Dtheta_a * Dtheta_a) * (1 + 0.25 * Dtheta_b * Dtheta_b))
         above = ufl.conditional(near, _x_over_sin(x), 2 * x)
         ratio = above / ufl.conditional(near, secants, path)
     sides = [ufl.as_ufl(-1.0), ufl.as_ufl(1.0)]
@@ -343,7 +343,7 @@ def arm_length(motion: ForceStep, r0, Dr, rates, rest: Any, side: Any) -> StepCo
 
 @functools.cache
 def length_over(moves: tuple[bool, ...]) -> CoordinateKind:
-    """Length of a line over points in order, of which some move; the others are fixed.
+    """Length of a line over points in order; a point moves, or is fixed.
 
     Numbers: the vectors from each point to the next one in the reference. Each piece of the line
     has its own forces along itself, so that momenta are kept.
@@ -352,8 +352,8 @@ def length_over(moves: tuple[bool, ...]) -> CoordinateKind:
     def ways(values: Sequence[Any]) -> list[list[Any]]:
         """From each point to the next one, of displacements, increments or rates."""
         pairs = zip(values[::2], values[1::2], strict=True)
-        of_points = [list(next(pairs)) if moves_ else None for moves_ in moves]
-        return [_way(*ends) for ends in itertools.pairwise(of_points)]
+        vectors = [list(next(pairs)) if moves_ else None for moves_ in moves]
+        return [_way(*ends) for ends in itertools.pairwise(vectors)]
 
     def length(motion: ForceStep, D: Sequence[Any], numbers: Sequence[Any]) -> StepCoordinate:
         parts = [
@@ -376,7 +376,7 @@ def length_over(moves: tuple[bool, ...]) -> CoordinateKind:
         )
         return StepCoordinate(start, end, along, along, path, rate)
 
-    which = "".join("fn"[of] for of in moves)
+    which = "".join("fn"[moving] for moving in moves)
     return CoordinateKind(
         f"a length over {which}", 2 * sum(moves), 2 * len(moves) - 2, length, is_line=True
     )

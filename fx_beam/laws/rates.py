@@ -1,4 +1,4 @@
-"""Nodal rules: velocities and accelerations from the increment over a step, and those of users."""
+"""Nodal rules: velocities and accelerations from the increment over a step, also of users."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ class UpdateRule(Protocol):
     #: Whether the problem is static, without inertia.
     at_rest: ClassVar[bool] = False
     #: Whether rates at the end follow from their means over the step, as by the mid-point rule.
-    by_mean: ClassVar[bool] = False
+    mean_based: ClassVar[bool] = False
     #: Whether functions of a user give the rates of a node.
-    of_user: ClassVar[bool] = False
+    user_defined: ClassVar[bool] = False
     #: Whether derivatives of whole motions follow its steps.
     has_derivatives: ClassVar[bool] = False
 
@@ -42,7 +42,7 @@ class UpdateRule(Protocol):
     @property
     def turning(self) -> bool:
         """Whether forces do work on 2 tan(Dpsi/2) of rotations, and not on the increment itself."""
-        return self.by_mean
+        return self.mean_based
 
     def work_increment(self, D: np.ndarray, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Increment with which forces do work in the step.
@@ -120,7 +120,7 @@ class MidPointRates(UpdateRule):
     (array([0.200669]), array([1.010067]))
     """
 
-    by_mean: ClassVar[bool] = True
+    mean_based: ClassVar[bool] = True
     has_derivatives: ClassVar[bool] = True
 
     constants = {"rule": 0}
@@ -181,8 +181,8 @@ class NewmarkRates(UpdateRule):
     def fields(self, Du, Dpsi, v0, a0, dt):
         """Velocity and spin at level 1 - alpha_f."""
         return tuple(
-            self.level * self._end_rate(*of, dt) + (1 - self.level) * of[1]
-            for of in zip((Du, Dpsi), v0, a0, strict=True)
+            self.level * self._end_rate(D, v, a, dt) + (1 - self.level) * v
+            for D, v, a in zip((Du, Dpsi), v0, a0, strict=True)
         )
 
     def _a1(self, D, v0, a0, dt):
@@ -206,7 +206,7 @@ class AtRest(UpdateRule):
     at_rest: ClassVar[bool] = True
     has_derivatives: ClassVar[bool] = True
 
-    #: Those of a rule whose increments do work as they are; there is no mass.
+    #: Constants of a rule whose increments do work as they are; there is no mass.
     constants = {"rule": 1, "beta": 1.0}
     level = 1.0
 
@@ -261,7 +261,7 @@ class NodalRates(UpdateRule):
 
     rule: Rule | tuple[Rule, ...]
     level: float = 0.5
-    of_user: ClassVar[bool] = True
+    user_defined: ClassVar[bool] = True
 
     def __post_init__(self):
         ok = bool(self.rules) and all(map(callable, self.rules))
@@ -300,7 +300,7 @@ class NodalRates(UpdateRule):
 
     @property
     def constants(self) -> dict[str, float]:
-        """Those of a rule that has the same work increments."""
+        """Constants of a rule that has the same work increments."""
         same = MidPointRates() if self.turning else NewmarkRates(0.25, 0.5)
         return same.constants
 

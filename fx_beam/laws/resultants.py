@@ -32,7 +32,7 @@ class Nodes(NamedTuple):
     #: Increments and virtual rotations.
     Dpsi: Any
     virtual_psi: Any
-    #: Their interpolation N_a, and its derivative N_a' along the reference arc length.
+    #: Shape functions N_a, and their derivatives N_a' along the reference arc length.
     shape: Any
     slope: Any
 
@@ -70,7 +70,7 @@ def turning_work(step: Step, lever, m):
         S_a = N_a c_a / sum_b N_b c_b,     B_a = cos(y) (N_a' c_a - S_a sum_b N_b' c_b).
     """
     # c_a (tan(x_a) - tan(y)) = (x_a - y) / cos(y). The sums of N_a (x_a - y) and N_a' (x_a - y) are
-    # zero and Dpsi'/2: those of S_a and B_a times 2 tan(x_a) are 2 tan(y) and Dpsi'.
+    # zero and Dpsi'/2, so that sums of S_a and B_a times 2 tan(x_a) are 2 tan(y) and Dpsi'.
     nodes, y = step.nodes, step.Dpsi / 2
     c = ufl.as_vector([ufl.cos(D / 2) / _sine_quotient(D / 2 - y) for D in nodes.Dpsi])
     # Collected by virtual_psi_a, which keeps the derivative short.
@@ -85,7 +85,7 @@ def turning_work(step: Step, lever, m):
 
 
 def _turning_work_of_line(step: Step, lever, m):
-    """The same for two nodes and the point in their middle.
+    """`turning_work` for two nodes, at the point midway between them.
 
     With h = Dpsi/2 and d = l Dpsi'/4 the nodal half increments are h - d and h + d.
     """
@@ -281,8 +281,9 @@ def with_exact_work(step: Step, r: Resultants) -> ExactResultants:
 def discrete_gradient(law: Law, e0, e1, length):
     """N, Q and M whose work on the strain increment is the increment of the stored energy.
 
-    Those at the mean strain for a quadratic energy (eqs 40 and 41), else with the smallest
-    correction (Gonzalez 1996, doi 10.1007/BF02440162). `length` makes curvatures comparable.
+    They are taken at the mean strain (eqs 40 and 41), and unless the energy is quadratic get the
+    smallest correction (Gonzalez 1996, doi 10.1007/BF02440162). `length` makes curvatures
+    comparable.
     """
     mean = law.resultants(*((a + b) / 2 for a, b in zip(e0, e1, strict=True)))
     if law.quadratic:
@@ -307,13 +308,13 @@ def discrete_gradient(law: Law, e0, e1, length):
 class DecayingResultants(ExactResultants):
     """Resultants whose work is that of the stored energy, plus what the scheme takes."""
 
-    #: Those of the stored energy alone.
+    #: Resultants of the stored energy alone.
     mean: Resultants
-    #: Energy per length that the scheme takes in the step, and that it holds for the next one;
-    #: None if it holds none.
+    #: Energy per length that the scheme takes in the step.
     loss: Any
+    #: Energy per length that it holds for the next step, and that it held at the start, both with
+    #: the stiffness of this step; None with order 1.
     held: Any
-    #: What it held at the start, with the stiffness of this step; None likewise.
     held_before: Any
 
 
@@ -339,9 +340,9 @@ class Decaying:
             # The work of the added resultants is the loss plus what the held energy gains:
             # 2 dE.C rest = dE.C dE - r^2 dE_before.C dE_before + rest.C rest
             held = self.damping / 4 * work_of(law.linear(now), now)
-            of_before = work_of(law.linear(before), before)
-            held_before = self.damping / 4 * of_before
-            lost_before = (1 - step.memory**2) * of_before
+            before_work = work_of(law.linear(before), before)
+            held_before = self.damping / 4 * before_work
+            lost_before = (1 - step.memory**2) * before_work
         forces = law.linear(rest)
         N, Q, M = (self.damping / 2 * force for force in forces)
         share = 2 if self.order == 1 else 1
@@ -374,7 +375,7 @@ def viscous(step: Step, law: Law, tau, level: float) -> Resultants | ExactResult
 
 
 def viscous_loss(step: Step, law: Law, tau):
-    """Energy per length that they take in a step, dE . C (tau dE) / dt; never negative."""
+    """Energy per length that viscous forces take in a step, dE . C (tau dE) / dt >= 0."""
     return work_of(_mean_forces(step, law, tau), step.strain_increments)
 
 
@@ -395,33 +396,33 @@ def actuation(step: Step, r: Any):
     return -work_of((r.N, r.Q, r.M), step.natural_increments)
 
 
-def drag_work(step: Step, of: Mapping[str, Any]):
+def drag_work(step: Step, coefficients: Mapping[str, Any]):
     """Virtual work per length against the drag, at the scheme's level in the step.
 
-    `of` has the coefficients: "linear" and "quadratic" in all directions, those "along and across",
-    and "rotation".
+    Coefficients: "linear" and "quadratic" in all directions, "linear along and across", "quadratic
+    along and across", and "rotation".
     """
-    work = ufl.dot(_force(step, of, step.v), step.virtual_u)
-    if "rotation" in of and step.nodes is not None:
+    work = ufl.dot(_force(step, coefficients, step.v), step.virtual_u)
+    if "rotation" in coefficients and step.nodes is not None:
         # The virtual rotation that is 2 tan(Dpsi/2) on the step's own increment.
-        return work - turning_work(step, of["rotation"] * step.omega, 0)
-    return work + of.get("rotation", 0) * step.omega * step.virtual_psi
+        return work - turning_work(step, coefficients["rotation"] * step.omega, 0)
+    return work + coefficients.get("rotation", 0) * step.omega * step.virtual_psi
 
 
-def drag_loss(step: Step, of: Mapping[str, Any]):
+def drag_loss(step: Step, coefficients: Mapping[str, Any]):
     """Energy per length that the drag at the mean velocity takes in a step; never negative."""
     turn = step.Dpsi if step.nodes is None else 2 * ufl.tan(step.Dpsi / 2)
-    lost = ufl.dot(_force(step, of, step.Du / step.dt), step.Du)
-    return lost + of.get("rotation", 0) * turn**2 / step.dt
+    lost = ufl.dot(_force(step, coefficients, step.Du / step.dt), step.Du)
+    return lost + coefficients.get("rotation", 0) * turn**2 / step.dt
 
 
-def _force(step: Step, of: Mapping[str, Any], v):
+def _force(step: Step, coefficients: Mapping[str, Any], v):
     """Resisting force per length at the velocity v."""
-    force = of.get("linear", 0) * v
-    force += of.get("quadratic", 0) * ufl.sqrt(ufl.dot(v, v) + _AT_REST) * v
+    force = coefficients.get("linear", 0) * v
+    force += coefficients.get("quadratic", 0) * ufl.sqrt(ufl.dot(v, v) + _AT_REST) * v
     t = director(step.psi, step.t0)
-    linear = of.get("linear along and across", (0, 0))
-    quadratic = of.get("quadratic along and across", (0, 0))
+    linear = coefficients.get("linear along and across", (0, 0))
+    quadratic = coefficients.get("quadratic along and across", (0, 0))
     for i, direction in enumerate((t, perp(t))):
         speed = ufl.dot(v, direction)
         force += (linear[i] + quadratic[i] * abs(speed)) * speed * direction

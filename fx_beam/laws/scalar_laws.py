@@ -48,7 +48,7 @@ class _Step(NamedTuple):
     numbers: Sequence[Any]
     #: In contact with friction the slip.
     slip: Slip | None
-    #: The same without derivatives.
+    #: This step with a coordinate and slip without derivatives.
     still: Any = None
 
     @property
@@ -64,7 +64,7 @@ class _Step(NamedTuple):
     def sign(self, speed: Any) -> tuple[Any, list[Any]]:
         """The smooth sign of the rate, and what the next iteration remembers."""
         still = self.still.rate / speed
-        return smooth_sign(self.rate / speed, still, self.motion.remembered[:REMEMBERED])
+        return smooth_sign(self.rate / speed, still, self.motion.iteration_memory[:REMEMBERED])
 
     def forces(
         self, elastic: Any = 0.0, other: Any = 0.0, friction: Any = 0.0, **memory: Sequence[Any]
@@ -91,19 +91,20 @@ def _on(
     side: int = 1,
     **options: Any,
 ) -> PointLaw:
-    """A law on a kind of coordinate, whose numbers follow those of the coordinate.
+    """A law on a kind of coordinate; numbers: of the coordinate, then of the law.
 
     Its pull is on a side of the coordinate: -1 if it is against a decrease.
     """
 
-    def of(function: Callable[[_Step], Any]) -> Callable[[ForceStep], Any]:
+    def on_step(function: Callable[[_Step], Any]) -> Callable[[ForceStep], Any]:
         return lambda motion: function(step(motion))
 
     def step(motion: ForceStep) -> _Step:
-        of_kind, of_law = motion.numbers[: kind.numbers], motion.numbers[kind.numbers :]
-        given = [(motion, D, of_kind) for D in (motion.increment, motion.still)]
+        kind_numbers, law_numbers = motion.numbers[: kind.numbers], motion.numbers[kind.numbers :]
+        cases = [(motion, D, kind_numbers) for D in (motion.increment, motion.still)]
         moving, still = (
-            _Step(motion, kind.of(*of), of_law, kind.slip and kind.slip(*of)) for of in given
+            _Step(motion, kind.coordinate(*case), law_numbers, kind.slip and kind.slip(*case))
+            for case in cases
         )
         return moving._replace(still=still)
 
@@ -111,11 +112,11 @@ def _on(
         f"{name} on {kind.name}",
         kind.size,
         kind.numbers + numbers,
-        of(forces),
-        energy and of(energy),
-        loss and of(loss),
-        switches and of(switches),
-        of(lambda step: side * forces(step).pull) if kind.is_line else None,
+        on_step(forces),
+        energy and on_step(energy),
+        loss and on_step(loss),
+        switches and on_step(switches),
+        on_step(lambda step: side * forces(step).pull) if kind.is_line else None,
         **options,
     )
 
@@ -189,10 +190,10 @@ def stored_energy(
         loss if internal else None,
         None if internal else lambda step: switches(energy(ends(step)[0])),
         internal=count,
-        of_user=True,
-        overshoots=True,
-        at_zero="Spring: at its rest the force, its derivative and the internal variables must be "
-        "finite. Write ufl.sqrt(x**2 + 1e-12) for abs(x), for example"
+        user_defined=True,
+        needs_line_search=True,
+        zero_advice="Spring: at its rest the force, its derivative and the internal variables must "
+        "be finite. Write ufl.sqrt(x**2 + 1e-12) for abs(x), for example"
         if kind.starts_at_zero
         else "",
     )
@@ -220,8 +221,8 @@ def damper_law(kind: CoordinateKind, law: Callable[[Any], Any]) -> PointLaw:
         0,
         lambda step: step.forces(other=law(step.rate)),
         loss=lambda step: law(step.mean) * step.x.path,
-        of_user=True,
-        at_zero="Damper: law at the rate 0 and its derivative must be finite. Write "
+        user_defined=True,
+        zero_advice="Damper: law at the rate 0 and its derivative must be finite. Write "
         "ufl.sqrt(rate**2 + 1e-4) for abs(rate), for example",
     )
 
@@ -241,15 +242,15 @@ def joint_friction(kind: CoordinateKind) -> PointLaw:
     """
 
     def slips(step: _Step) -> tuple[_Step, Any]:
-        still, step = (of._replace(slip=Slip(of.x.path, of.x.across)) for of in (step.still, step))
+        still, step = (s._replace(slip=Slip(s.x.path, s.x.across)) for s in (step.still, step))
         N = step.motion.internal[2]
         return step._replace(still=still), ufl.conditional(ufl.gt(N, 0), N, 0.0)
 
     def forces(step: _Step) -> StepForces:
         step, N = slips(step)
-        friction, internal, remembered = _sticking(step, N, N)
+        friction, internal, memory = _sticking(step, N, N)
         internal = [*internal, step.motion.internal[2]]
-        return step.forces(friction=friction, internal=internal, remembered=remembered)
+        return step.forces(friction=friction, internal=internal, iteration_memory=memory)
 
     return _on(
         kind,
@@ -259,28 +260,28 @@ def joint_friction(kind: CoordinateKind) -> PointLaw:
         lambda step: _in_bristle(step, step.motion.internal[0]),
         lambda step: _lost_to_friction(*slips(step)),
         internal=3,
-        remembered=REMEMBERED,
-        sticks=True,
+        iteration_memory=REMEMBERED,
+        has_stick_state=True,
     )
 
 
 def friction_law(kind: CoordinateKind, magnitude: Callable[[Any], Any]) -> PointLaw:
-    """The same with a magnitude that depends on the rate; number: speed."""
-    return _friction(kind, magnitude, 0, of_user=True)
+    """Coulomb's friction, regularised, with a magnitude F(rate); number: speed."""
+    return _friction(kind, magnitude, 0, user_defined=True)
 
 
 def _friction(kind: CoordinateKind, magnitude: Callable, more: int, **options: Any) -> PointLaw:
     def forces(step: _Step) -> StepForces:
         speed, *numbers = step.numbers
-        sign, remembered = step.sign(speed)
-        return step.forces(other=magnitude(step.rate, *numbers) * sign, remembered=remembered)
+        sign, memory = step.sign(speed)
+        return step.forces(other=magnitude(step.rate, *numbers) * sign, iteration_memory=memory)
 
     def loss(step: _Step) -> Any:
         speed, *numbers = step.numbers
         force = magnitude(step.mean, *numbers) * ufl.tanh(step.mean / speed)
         return force * step.x.path
 
-    options |= {"remembered": REMEMBERED, "smooth": True}
+    options |= {"iteration_memory": REMEMBERED, "smooth": True}
     return _on(kind, "friction", 1 + more, forces, loss=loss, **options)
 
 
@@ -295,7 +296,7 @@ def pull(kind: CoordinateKind, force: Callable[[Any, Any, Any], Any]) -> PointLa
         place = motion.at_level(x.start, x.end - x.start)
         return step.forces(other=factor * force(place, step.rate, motion.t))
 
-    return _on(kind, "force", 1, forces, of_user=True)
+    return _on(kind, "force", 1, forces, user_defined=True)
 
 
 # -- Contact ------------------------------------------------------------------------------------
@@ -322,92 +323,107 @@ def _linear_contact(kind: CoordinateKind, loses: bool) -> PointLaw:
 def stop(kind: CoordinateKind, sign: int, loses: bool = False) -> PointLaw:
     """A stop of a coordinate at its lower (sign 1) or upper (-1) limit: a contact.
 
-    Its numbers are those of a contact, then the limit.
+    Numbers: as of a contact, then the limit.
     """
     return _one_sided(kind, f"stop {sign}", loses, sign)
+
+
+class _OneSided(NamedTuple):
+    """Contact on a gap, or with a sign on the distance of a coordinate from its limit."""
+
+    loses: bool
+    sticks: bool
+    sign: int
+    energy: Energy | None
+
+    def gap(self, step: _Step) -> _Step:
+        """The step of the gap, without the limit among its numbers."""
+        if not self.sign:
+            return step
+        *numbers, limit = step.numbers
+        still = step.still and self.gap(step.still)
+        return step._replace(x=step.x.beyond(limit, self.sign), numbers=numbers, still=still)
+
+    def unit(self, depth: Any) -> Any:
+        """The stored energy over the first number, zero at the surface."""
+        if self.energy is None:
+            return depth * depth / 2
+        return self.energy(depth) - self.energy(ufl.as_ufl(0.0))
+
+    def push(self, step: _Step, level: float | None = None) -> Any:
+        """The part of the force that is stored, against a closing."""
+        level = step.motion.rule.level if level is None else level
+        return step.numbers[0] * _mean_push(self.unit, step.x, level, self.energy is None)
+
+    def damping(self, step: _Step, level: float | None = None) -> Any:
+        """The part of the force that takes energy, against an opening."""
+        _, r, speed, *_ = step.numbers
+        return r * self.push(step, level) * ufl.tanh(step.mean / speed)
+
+    def forces(self, step: _Step) -> StepForces:
+        """Forces against the motion, with internal variables and iteration memory."""
+        step = self.gap(step)
+        normal, other = self.push(step), ufl.as_ufl(0.0)
+        memory: list[Any] = []
+        if self.loses:
+            _, r, speed, *_ = step.numbers
+            direction, memory = step.sign(speed)
+            other = r * normal * direction
+        if not self.sticks:
+            return step.forces(-normal, other, iteration_memory=memory)
+        still_normal = self.push(step.still)
+        if self.loses:
+            still_normal -= self.damping(step.still)
+        friction, internal, more = _sticking(step, normal - other, still_normal)
+        return step.forces(
+            -normal, other, friction, internal=internal, iteration_memory=[*memory, *more]
+        )
+
+    def stored(self, step: _Step) -> Any:
+        """Energy at the start of the step."""
+        step = self.gap(step)
+        depth = _depth(step.x.start)
+        energy = step.numbers[0] * ufl.conditional(ufl.gt(depth, 0), self.unit(depth), 0.0)
+        return energy + _in_bristle(step, step.motion.internal[0]) if self.sticks else energy
+
+    def loss(self, step: _Step) -> Any:
+        """Energy lost by the mean force over the step: at an end it would be of first order."""
+        step = self.gap(step)
+        total = self.damping(step, 0.5) * step.x.path if self.loses else ufl.as_ufl(0.0)
+        if not self.sticks:
+            return total
+        normal = self.push(step) - self.damping(step) if self.loses else self.push(step)
+        return total + _lost_to_friction(step, normal)
 
 
 def _one_sided(
     kind: CoordinateKind, name: str, loses: bool, sign: int = 0, energy: Energy | None = None
 ) -> PointLaw:
-    """Contact on a gap, or with a sign on the distance of a coordinate from its limit."""
     sticks = kind.slip is not None
-
-    def gap(step: _Step) -> _Step:
-        if not sign:
-            return step
-        *numbers, limit = step.numbers
-        still = step.still and gap(step.still)
-        return step._replace(x=step.x.beyond(limit, sign), numbers=numbers, still=still)
-
-    def unit(depth: Any) -> Any:
-        """The stored energy over the first number, zero at the surface."""
-        return depth * depth / 2 if energy is None else energy(depth) - energy(ufl.as_ufl(0.0))
-
-    def push(step: _Step, level: float | None = None) -> Any:
-        level = step.motion.rule.level if level is None else level
-        return step.numbers[0] * _mean_push(unit, step.x, level, energy is None)
-
-    def of_loss(step: _Step, level: float | None = None) -> Any:
-        """The part of the force that takes energy, against an opening."""
-        _, r, speed, *_ = step.numbers
-        return r * push(step, level) * ufl.tanh(step.mean / speed)
-
-    def forces(step: _Step) -> StepForces:
-        step = gap(step)
-        normal, other = push(step), ufl.as_ufl(0.0)
-        remembered: list[Any] = []
-        if loses:
-            _, r, speed, *_ = step.numbers
-            direction, remembered = step.sign(speed)
-            other = r * normal * direction
-        if not sticks:
-            return step.forces(-normal, other, remembered=remembered)
-        still_normal = push(step.still)
-        if loses:
-            still_normal -= of_loss(step.still)
-        friction, internal, more = _sticking(step, normal - other, still_normal)
-        remembered = [*remembered, *more]
-        return step.forces(-normal, other, friction, internal=internal, remembered=remembered)
-
-    def stored(step: _Step) -> Any:
-        step = gap(step)
-        depth = _depth(step.x.start)
-        energy = step.numbers[0] * ufl.conditional(ufl.gt(depth, 0), unit(depth), 0.0)
-        return energy + _in_bristle(step, step.motion.internal[0]) if sticks else energy
-
-    def loss(step: _Step) -> Any:
-        step = gap(step)
-        # The mean force over the step, whatever the scheme's level: at an end it is of first order.
-        total = of_loss(step, 0.5) * step.x.path if loses else ufl.as_ufl(0.0)
-        if not sticks:
-            return total
-        normal = push(step) - of_loss(step) if loses else push(step)
-        return total + _lost_to_friction(step, normal)
-
+    law = _OneSided(loses, sticks, sign, energy)
     return _on(
         kind,
         name,
         (3 if loses else 1) + 3 * sticks + bool(sign),
-        forces,
-        stored,
-        loss if loses or sticks else None,
-        lambda step: [gap(step).x.start],
+        law.forces,
+        law.stored,
+        law.loss if loses or sticks else None,
+        lambda step: [law.gap(step).x.start],
         sign or 1,
         internal=2 * sticks,
-        remembered=REMEMBERED * (loses + sticks),
-        of_user=energy is not None,
-        opens=True,
-        sticks=sticks,
+        iteration_memory=REMEMBERED * (loses + sticks),
+        user_defined=energy is not None,
+        unilateral=True,
+        has_stick_state=sticks,
     )
 
 
 def _sticking(step: _Step, normal: Any, still_normal: Any) -> tuple[Any, list[Any], list[Any]]:
-    """Friction of a contact against its slip, internal variables at the end, what is remembered.
+    """Friction of a contact against its slip, internal variables at the end, iteration memory.
 
-    The variables are the stretch z of a spring along the surface, of the stiffness kt, with a
-    viscosity kt tau, whose force is at most mu times the normal one, and how far the contact has
-    slipped since it closed. The normal force is also given without derivatives.
+    A spring along the surface, of stiffness kt and viscosity kt tau, has a force of at most mu
+    times the normal force. Variables: its stretch z, and the slip since the contact closed.
+    `still_normal` is the normal force without derivatives.
     """
     assert step.slip is not None
     tau, mu, stiffness = step.numbers[-3:]
@@ -429,14 +445,14 @@ def _sticking(step: _Step, normal: Any, still_normal: Any) -> tuple[Any, list[An
     if rule.instant:  # what is at its limit slips, also if round-off of places leads back
         held = ratio(0.0, still_limit)
         still = ufl.conditional(ufl.gt(abs(held), abs(still)), held, still)
-    bounded, remembered = clipped(x, still, step.motion.remembered[-REMEMBERED:], edge)
+    bounded, iteration_memory = clipped(x, still, step.motion.iteration_memory[-REMEMBERED:], edge)
     friction = ufl.conditional(ufl.gt(limit, _OPEN), limit * bounded, 0.0)
     end = start + (friction / stiffness - start) / part
     # At rest its spring holds no more than the limit: what it lags behind a falling one is lost.
     most = ufl.conditional(ufl.gt(limit, _OPEN), limit / stiffness, 0.0)
     end = ufl.conditional(ufl.gt(abs(end), most), most * ufl.sign(end), end)
     path = slipped + step.slip.path - (end - start)
-    return friction, [end, ufl.conditional(ufl.gt(normal, 0), path, 0.0)], remembered
+    return friction, [end, ufl.conditional(ufl.gt(normal, 0), path, 0.0)], iteration_memory
 
 
 def _lost_to_friction(step: _Step, normal: Any) -> Any:
@@ -460,9 +476,9 @@ def _depth(gap: Any) -> Any:
 
 
 def _mean_push(energy: Callable, gap: StepCoordinate, level: float, linear: bool) -> Any:
-    """Force whose work over the step is the change of the energy of the depth, if at mid-step.
+    """Force at a level; at mid-step its work over the step is the change of the stored energy.
 
-    A convex function of the gap at the end, with a continuous slope, for k depth^2 / 2.
+    For k depth^2 / 2 it is a convex function of the gap at the end, with a continuous slope.
     """
     g0, g1 = gap.start, gap.end
     if level != 0.5:

@@ -99,29 +99,29 @@ class Scheme:
 
     @property
     def parameters(self) -> list[Parameter]:
-        """Parameters of which the resultants consist, besides those of the law."""
+        """Parameters in the resultants that are not in the law."""
         damping: Any = getattr(self.resultants, "damping", None)
         return [damping] if isinstance(self.resultants, Decaying) and is_parameter(damping) else []
 
     @property
     def balances_energy(self) -> bool:
-        """Whether the balance of energy is exact in each step, with nothing held for the next."""
-        return self.resultants is _exact and self.rates.by_mean
+        """Whether each step balances energy exactly, and holds none for the next step."""
+        return self.resultants is _exact and self.rates.mean_based
 
     @property
     def key(self) -> tuple[str, str]:
         """What forms depend on of a scheme that is `built_in`."""
-        of: Any = self.resultants
+        resultants: Any = self.resultants
         if self.parameters:
-            of = replace(of, damping=of.damping.name)
-        return getattr(of, "__name__", repr(of)), repr(self.rates)
+            resultants = replace(resultants, damping=resultants.damping.name)
+        return getattr(resultants, "__name__", repr(resultants)), repr(self.rates)
 
     @property
     def built_in(self) -> bool:
-        """Whether resultants and rates are those of this package, whose UFL never changes."""
-        of_package = self.resultants in (at_mid_step, averaged, _exact)
-        of_package = of_package or type(self.resultants) in (AtEnds, Decaying)
-        return of_package and not self.rates.of_user
+        """Whether resultants and rates are of this package, so that their UFL never changes."""
+        own = self.resultants in (at_mid_step, averaged, _exact)
+        own = own or type(self.resultants) in (AtEnds, Decaying)
+        return own and not self.rates.user_defined
 
 
 def _divide_a_step(fractions) -> bool:
@@ -129,8 +129,8 @@ def _divide_a_step(fractions) -> bool:
         return False
     ends = list(accumulate(fractions))
     inside = all(-1e-12 <= end <= 1 + 1e-12 for end in ends)
-    fits = bool(ends) and len(ends) <= MOST_SUB_STEPS
-    return fits and inside and 0 not in fractions and abs(ends[-1] - 1) < 1e-12
+    ok = bool(ends) and len(ends) <= MOST_SUB_STEPS
+    return ok and inside and 0 not in fractions and abs(ends[-1] - 1) < 1e-12
 
 
 def _of_order(order: int, scheme: Scheme) -> Scheme:
@@ -144,8 +144,8 @@ def _of_order(order: int, scheme: Scheme) -> Scheme:
 
 def _called(scheme: Scheme, function: str, **arguments: Any) -> Scheme:
     """The scheme, which from now on says by which call it was made."""
-    given = ", ".join(f"{name}={value!r}" for name, value in arguments.items())
-    object.__setattr__(scheme, "_call", f"{function}({given})")
+    text = ", ".join(f"{name}={value!r}" for name, value in arguments.items())
+    object.__setattr__(scheme, "_call", f"{function}({text})")
     return scheme
 
 

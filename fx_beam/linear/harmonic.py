@@ -8,8 +8,8 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.content_cache import cached_property
-from fx_beam.dual import without_slopes
-from fx_beam.errors import LARGEST, SceneError, as_real_array, require
+from fx_beam.dual import floats
+from fx_beam.errors import LARGEST, SceneError, real_array, require
 from fx_beam.fem.mesh import rotation_of
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import FrequencyResponse
@@ -190,7 +190,7 @@ class Vibration:
 
 def checked_frequencies(frequencies, what: str) -> np.ndarray:
     """Frequencies (n,) [Hz]; SceneError for others."""
-    f = as_real_array(frequencies)
+    f = real_array(frequencies)
     ok = f.ndim == 1 and f.size and (f >= 0).all() and (f <= LARGEST).all()
     require(bool(ok), what, frequencies, "a list of numbers [Hz], zero or positive")
     return f
@@ -235,9 +235,8 @@ def base_motion(about: Linearisation, base, what: str) -> np.ndarray:
 def _amplitudes(components) -> np.ndarray:
     """Complex numbers (n,); an empty array for what is no row of finite ones."""
     given = components if isinstance(components, list | tuple) or np.ndim(components) else ()
-    parts = without_slopes(
-        as_real_array([(x.real, x.imag) if np.iscomplexobj(x) else (x, 0.0) for x in given])
-    )
+    pairs = [(x.real, x.imag) if np.iscomplexobj(x) else (x, 0.0) for x in given]
+    parts = floats(real_array(pairs))
     fits = parts.ndim == 2 and bool((abs(parts) <= LARGEST).all())
     return parts @ (1, 1j) if fits else np.empty(0)
 

@@ -220,7 +220,7 @@ def linearised(
         only = scipy.sparse.diags(heavy.astype(float))
         M = (only @ M @ only).tocsr()
     G = None if frame is None else (np.sqrt(factor) * T.T @ frame.gyroscopic @ T).tocsr()
-    columns = reduction.completion()[:, unknowns]
+    columns = reduction.dependence_matrix()[:, unknowns]
     of_rates = 1.0 if state is None else factor
     matrices = scene, model, K, M, T, unknowns, columns, start, frame, G
     about = Linearisation(*matrices, of_rates, models)

@@ -220,8 +220,8 @@ class _Coupling:
     def _at(self, z: np.ndarray) -> scipy.sparse.csr_matrix:
         free, moved = self._reduction.free, np.zeros(self._reduction.columns)
         moved[self.columns] = z
-        self._reduction.expand(moved[:free], moved[free : free + self._reduction.driven])
-        parts = self._reduction.coupling(), self._reduction.completion()
+        self._reduction.increment(moved[:free], moved[free : free + self._reduction.driven])
+        parts = self._reduction.coupling(), self._reduction.dependence_matrix()
         return scipy.sparse.vstack(parts, "csr")[:, self.columns]
 
     def derivatives(self, z: np.ndarray) -> tuple[scipy.sparse.csr_matrix, scipy.sparse.csr_matrix]:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.dual import without_slopes
+from fx_beam.dual import floats
 from fx_beam.errors import SceneError, is_number, shown
 from fx_beam.results.state import State
 from fx_beam.step.recorder import NullRecorder, Recorder
@@ -131,7 +131,7 @@ class Ending:
         acting.append(forcing.end_rates(np.repeat(t0, 2), t0 - np.array([t, t1])))
         if len(followers := model.points.followers):
             acting.append(followers.series(at, at))
-        sizes = ((abs(of[1] - of[0]), abs(of)) for of in map(without_slopes, acting) if of.size)
+        sizes = ((abs(of[1] - of[0]), abs(of)) for of in map(floats, acting) if of.size)
         return any(jump.max() > _LEAST_JUMP * size.max() for jump, size in sizes)
 
     def _zero(self, name: str, mark: _Mark, t0: float, t1: float, last: float) -> float:

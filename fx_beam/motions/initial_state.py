@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse.linalg
 
-from fx_beam.dual import Dual, with_slopes, without_slopes
+from fx_beam.dual import Dual, floats, with_slopes
 from fx_beam.errors import SceneError, all_of, any_of, shown
 from fx_beam.laws.interval import INSTANT, Interval, instant
 from fx_beam.results.solution import Solution
@@ -74,12 +74,12 @@ def _settled(model: Model, state: State, force: np.ndarray, dt: float) -> State:
         # The stiffness is that of the scheme's level in the step.
         factors = scipy.sparse.linalg.splu((scale @ equations.tangent() @ scale).tocsc())
         w[independent] = -level * unit * factors.solve(unit * residual[independent])
-        y = reduction.completed(w)[: reduction.free]
-        D = reduction.expand(y, np.zeros(reduction.driven))
+        y = reduction.with_dependent(w)[: reduction.free]
+        D = reduction.increment(y, np.zeros(reduction.driven))
         turn = abs(D[model.turns]).max()
         if turn > _LONGEST_TURN:
             y *= _LONGEST_TURN / turn
-            D = reduction.expand(y, np.zeros(reduction.driven))
+            D = reduction.increment(y, np.zeros(reduction.driven))
         size = abs(D / model.unit).max()
         if not np.isfinite(size):
             raise RuntimeError(_NOT_SETTLED)
@@ -145,7 +145,7 @@ class Starts:
             state = state.changed(v=v)
         else:
             w = projected_rates(model, state, state.fitted, rates)
-            v = model.reduction.spread(w)
+            v = model.reduction.to_nodes(w)
             lost = model.mass @ (state.fitted - v)
             by_driven = -float(lost @ v) if model.couplings.driven else 0.0
             state = state.changed(v=v, work=state.work + by_driven, fitted=None)
@@ -187,7 +187,7 @@ class Starts:
         """Set the reduction to the start; rates and accelerations (driven,) of driven motion."""
         model, forcing = self.model, self._forcing
         forcing.check_start(state)
-        rates, bend = map(without_slopes, forcing.derivatives(state.t, 1e-3 * self._dt))
+        rates, bend = map(floats, forcing.derivatives(state.t, 1e-3 * self._dt))
         model.reduction.begin(state.q, state.slides)
         if singularity := model.reduction.singularity:
             raise SceneError(f"start: {singularity}. Start from a position beside it")
@@ -236,22 +236,22 @@ class Starts:
             if model.couplings.sliding:
                 # The third derivative of a beam's curve jumps at its nodes: an error of order k.
                 curved = 2 * curved - _second_difference(model, w, 2 * k)
-            reduction.expand(np.zeros(free), np.zeros(reduction.driven))
+            reduction.increment(np.zeros(free), np.zeros(reduction.driven))
         if moves and not model.flows:
             # What a scheme damps over the length of a step has the opposite sign in a step back.
             h = min(dt, INSTANT / size)
             f = (internal_force(h) + internal_force(-h)) / 2
         else:
             f = internal_force(INSTANT * dt)
-        force = loads[0] - f - mass @ (reduction.spread(a) + curved)
-        b = -reduction.project(-force)[:free]
+        force = loads[0] - f - mass @ (reduction.to_nodes(a) + curved)
+        b = -reduction.reduced_force(-force)[:free]
         a[:free], rest = accelerations(model, b)
         # A load that grows from zero has a little of its first step already.
         unit, of_unknowns = model.unit, model.unit_of_unknowns
         works = b * of_unknowns, *(part * unit for part in (force, *loads))
         largest = max(abs(work).max(initial=0.0) for work in works)
         left = abs(rest * of_unknowns).max(initial=0.0)
-        return reduction.spread(a) + curved, bool(left > _NONE * largest)
+        return reduction.to_nodes(a) + curved, bool(left > _NONE * largest)
 
 
 def end_of(start: Solution) -> State:
@@ -316,7 +316,7 @@ def _second_difference(model: Model, w: np.ndarray, k: float) -> np.ndarray:
     reduction = model.reduction
     free, driven = reduction.free, reduction.driven
     increments = (sign * k * w[: free + driven] for sign in (1, -1))
-    ahead, back = (reduction.expand(y[:free], y[free:]) for y in increments)
+    ahead, back = (reduction.increment(y[:free], y[free:]) for y in increments)
     return (ahead + back) / k**2
 
 
@@ -328,10 +328,10 @@ def initial_rates(model: Model, state: State, driven: np.ndarray) -> tuple[np.nd
     scene = model.scene
     if not (any_of(state.v) or scene.velocities or any_of(driven)):
         return np.zeros(model.reduction.columns), np.zeros(model.size)
-    v = state.v.copy() if any_of(state.v) else without_slopes(given_velocity(model))
+    v = state.v.copy() if any_of(state.v) else floats(given_velocity(model))
     project = scene.projects_velocities
     w = (projected_rates if project else rates_of_columns)(model, state, v, driven)
-    compatible = model.reduction.spread(w)
+    compatible = model.reduction.to_nodes(w)
     if project or (not scene.prescribed and all_of(compatible == v)):
         return w, compatible
     unit = [1.0, 1.0, 1 / model.mesh.size]
@@ -344,7 +344,7 @@ def initial_rates(model: Model, state: State, driven: np.ndarray) -> tuple[np.nd
             raise SceneError(_message(model, key, v, compatible, ", or not given"))
     v[model.prescribed] = compatible[model.prescribed]
     # Rates of driven motion are finite differences, hence the second tolerance.
-    driven_v = model.reduction.spread(_driven_rates(model, driven))
+    driven_v = model.reduction.to_nodes(_driven_rates(model, driven))
     speed, driven_speed = (abs(rates.reshape(-1, 3) / unit).max() for rates in (v, driven_v))
     tolerance = 1e-9 * speed + 1e-5 * driven_speed
     if gap.max() > tolerance:
@@ -373,7 +373,7 @@ def rates_of_columns(model: Model, state: State, v: np.ndarray, driven: np.ndarr
         slides[number] = joint.kinematics.rate(at, state.slides[number])
     w = _driven_rates(model, driven)
     w[: model.reduction.free] = model.couplings.unknowns(v, slides)
-    return model.reduction.completed(w)
+    return model.reduction.with_dependent(w)
 
 
 def _driven_rates(model: Model, driven: np.ndarray) -> np.ndarray:
@@ -397,7 +397,7 @@ def given_velocity(model: Model) -> Any:
         before, twice, x = values[nodes], known[nodes], X[nodes]
         functions = item.value, item.spin
         rates: Any = np.concatenate([of.each(x, scene.array_calls) for of in functions], axis=1)
-        known[nodes], given = True, without_slopes(rates)
+        known[nodes], given = True, floats(rates)
         values[nodes] = given
         if isinstance(rates, Dual):
             slopes = slopes + np.zeros((*values.shape, rates.count))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fx_beam.content_cache import cached_property
-from fx_beam.dual import without_slopes
+from fx_beam.dual import floats
 from fx_beam.results.state import State
 from fx_beam.scene.joints import Joint, NodalMotion
 from fx_beam.scene.outputs import Output, definition
@@ -62,7 +62,7 @@ class Instant:
         if self._known is not None or not len(self._inputs):
             return self._inputs if self._known is None else self._known
         ends, lengths = np.array([self._t]), np.array([self.length])
-        rates = without_slopes(self._forcing.end_rates(ends, lengths))[0]
+        rates = floats(self._forcing.end_rates(ends, lengths))[0]
         return np.where(self._forcing.straight, self._inputs, rates)
 
     @cached_property

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.dual import as_dual_array
+from fx_beam.dual import dual_array
 from fx_beam.results.state import State
 from fx_beam.step.forcing import LoadForcing
 from fx_beam.step.model import Model
@@ -75,11 +75,11 @@ def observed_numbers_of(
         if joint.axis is not None:
             axes[joint.number], offsets[joint.number] = joint.axis, joint.offset
     for name, rows in (("axes of slides", axes), ("offsets of slides", offsets)):
-        observed[name] = as_dual_array(rows).reshape(-1, 2)
+        observed[name] = dual_array(rows).reshape(-1, 2)
     if model.fits_rates:
         rates = prepared.forcing.end_rates(times, lengths)
         if state.driven_rates is not None:  # those at the start are of the motion before
-            rates = as_dual_array([state.driven_rates, *rates[1:]])
+            rates = dual_array([state.driven_rates, *rates[1:]])
         observed["driven rates"] = rates
     return _arrays(observed)
 
@@ -124,8 +124,8 @@ def _of_model(model: Model) -> dict[str, Any]:
         numbers |= model.forms.beams.numbers
     if moving := model.moving:
         axes = [(0.0, 0.0) if joint.axis is None else joint.axis for joint in moving]
-        numbers["offset"] = as_dual_array([joint.offset for joint in moving]).reshape(-1, 2)
-        numbers["axis"] = as_dual_array(axes).reshape(-1, 2)
+        numbers["offset"] = dual_array([joint.offset for joint in moving]).reshape(-1, 2)
+        numbers["axis"] = dual_array(axes).reshape(-1, 2)
         numbers["rest"] = [joint.start()[0] for joint in moving]
     if sliding := model.sliding:
         numbers["places"] = [joint.place_at_rest for joint in sliding]
@@ -149,4 +149,4 @@ def _before_motors(model: Model) -> np.ndarray:
 
 
 def _arrays(numbers: dict[str, Any]) -> dict[str, np.ndarray]:
-    return {name: as_dual_array(values) for name, values in numbers.items() if values is not None}
+    return {name: dual_array(values) for name, values in numbers.items() if values is not None}

@@ -13,11 +13,11 @@ from fx_beam.errors import (
     LARGEST,
     SceneError,
     as_float,
-    as_real_array,
     check_fields,
     is_flag,
     is_number,
     positive,
+    real_array,
     require,
     shown,
     whole,
@@ -63,7 +63,7 @@ class Tolerance:
             ok = value is None or (is_number(value) and as_float(value) >= shortest)
             expected = f"a positive number, at least {_SHORTEST:g} of the whole time"
             require(ok, name, value, expected)
-        inner = as_real_array(breaks)
+        inner = real_array(breaks)
         ok = inner.ndim == 1 and bool(np.isfinite(inner).all())
         require(ok, "breaks", breaks, "a sequence of finite times")
         #: The tolerance, and the whole time [s].

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fx_beam.dual import without_slopes
+from fx_beam.dual import floats
 from fx_beam.errors import SceneError
 from fx_beam.fem.parameter_values import before
 from fx_beam.results.records import Stats, stats_unchanged
@@ -28,7 +28,7 @@ from .initial_state import Starts, check_joints, end_of
 from .options import Options
 
 if TYPE_CHECKING:
-    from fx_beam.parallel.team import Team
+    from fx_beam.parallel.process_group import ProcessGroup
 
 # Energy that is round-off, relative to the sizes of its parts.
 _ROUND_OFF = 1e-11
@@ -40,7 +40,7 @@ class Prepared:
     With a team of processes these take the steps.
     """
 
-    def __init__(self, scene: Scene, options: Options, team: Team | None = None):
+    def __init__(self, scene: Scene, options: Options, team: ProcessGroup | None = None):
         self.model = Model(scene, options.scheme)
         #: What was asked for when the scene was prepared.
         self.options, self._team = options, team
@@ -58,7 +58,7 @@ class Prepared:
         elif self._team is None:
             loop = CompiledLoop(*given)
         else:
-            from fx_beam.parallel.whole import TeamLoop
+            from fx_beam.parallel.distributed import TeamLoop
 
             loop = TeamLoop(self._team, *given)
         dt = options.dt if options.tolerance is None else None
@@ -164,7 +164,7 @@ class Prepared:
         if end is None:
             return state
         fits = rate_fit(model)
-        driven = without_slopes(self.forcing.end_rates(np.array([end.t]), np.array([dt])))
+        driven = floats(self.forcing.end_rates(np.array([end.t]), np.array([dt])))
         swing = fits.fit(end.q[None], end.v[None], end.slides[None], driven).corrections
         # The slow part is the mean of both ends, as the start fits; at the start it is normal to
         # what joints allow there.
@@ -221,7 +221,7 @@ def _same(model: Model, start: Solution) -> State:
     if pulls is not None and len(pulls) != model.scene.force_count:
         pulls = None  # other forces between points
     # Accelerations of other rules keep what joints do not allow; the energy of that is work.
-    v = state.v if state.fitted is None or model.scheme.rates.by_mean else state.fitted
+    v = state.v if state.fitted is None or model.scheme.rates.mean_based else state.fitted
     state = replace(state, natural=natural, constraint_forces=forces, line_forces=pulls)
     return replace(state, v=v, fitted=None)
 

@@ -193,7 +193,8 @@ class Run:
                 prepared.stepper, recorder, self._control, single=bool(options.until)
             )
             take_steps, self._events = adaptive.advance, adaptive.events
-            loses = any(law.opens and law.loss for law in prepared.model.points.laws)  # at impacts
+            laws = prepared.model.points.laws
+            loses = any(law.unilateral and law.loss for law in laws)  # at impacts
             if loses and order_and_constant(options.scheme)[0] > 2:
                 _log.warning(_IMPACTS, prepared.stats.scheme)
         if not options.until:

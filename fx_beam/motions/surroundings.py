@@ -14,7 +14,7 @@ from fx_beam.fem.mpi import rank_and_size
 from fx_beam.scene.scene import Scene
 
 if TYPE_CHECKING:
-    from fx_beam.parallel.team import Team
+    from fx_beam.parallel.process_group import ProcessGroup
 
 _log = logging.getLogger("fx_beam")
 #: Elements from which on a scene is divided among processes: smaller ones take longer on several.
@@ -52,10 +52,10 @@ def call_with_arrays(scene: Scene) -> None:
         scene.array_calls = series.array_calls
 
 
-def _leading_team() -> Team | None:
+def _leading_team() -> ProcessGroup | None:
     """The processes that this one leads; what starts them loads their module."""
-    module = sys.modules.get("fx_beam.parallel.team")
-    return None if module is None else module.Team.leading
+    module = sys.modules.get("fx_beam.parallel.process_group")
+    return None if module is None else module.ProcessGroup.leading
 
 
 def warn_of_equal_work() -> None:
@@ -65,7 +65,7 @@ def warn_of_equal_work() -> None:
         _warn()
 
 
-def waiting_team(scene: Scene) -> Team | None:
+def waiting_team(scene: Scene) -> ProcessGroup | None:
     """Processes that wait for parts of a scene; None without any, in a sweep, or if it is small."""
     team = _leading_team() if thread_series() is None else None
     if team is None:

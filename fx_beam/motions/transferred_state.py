@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.dual import without_slopes
+from fx_beam.dual import floats
 from fx_beam.errors import SceneError
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
@@ -121,7 +121,7 @@ class Transfer:
         if self._start.stats.static:  # the motion begins with the initial velocities of the scene
             nodal.pop("fitted")
         elif not known.all():
-            given = np.repeat(~known, 3) * without_slopes(given_velocity(self._model))
+            given = np.repeat(~known, 3) * floats(given_velocity(self._model))
             nodal["v"] += given
             nodal["fitted"] += given
         return nodal

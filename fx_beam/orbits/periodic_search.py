@@ -6,15 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from fx_beam.errors import (
-    LARGEST,
-    SceneError,
-    as_real_array,
-    check_takes,
-    is_whole,
-    positive,
-    require,
-)
+from fx_beam.errors import LARGEST, SceneError, check_takes, is_whole, positive, real_array, require
 from fx_beam.laws.schemes import Scheme
 from fx_beam.motions.initial_state import end_of
 from fx_beam.results.solution import Solution
@@ -393,7 +385,7 @@ def forced_response(
     """
     what = "forced_response"
     check_takes(build, "f", f"{what}: build")
-    ends = as_real_array(frequencies)
+    ends = real_array(frequencies)
     ok = ends.shape == (2,) and ends[0] != ends[1]
     ok = ok and all(1 / LARGEST <= f <= LARGEST for f in ends)
     require(ok, f"{what}: frequencies", frequencies, "the first and the last one, positive [Hz]")

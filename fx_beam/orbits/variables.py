@@ -90,7 +90,8 @@ class Variables:
         independent = np.concatenate([reduction.independent, np.arange(free, len(scale))])
         y, n = len(reduction.independent), len(independent)
         matrix = np.zeros((len(scale), n))
-        columns = reduction.completion().toarray()[:free, independent[:y]] * scale[independent[:y]]
+        columns = reduction.dependence_matrix().toarray()[:free, independent[:y]]
+        columns = columns * scale[independent[:y]]
         matrix[:free, :y], matrix[independent[y:], np.arange(y, n)] = columns, scale[free:]
         rows = matrix.T
         changes = {"slides": model.couplings.free_slides(rows[:, :free], model.scene.joint_count)}
@@ -128,7 +129,7 @@ class Variables:
         """The state after a change of its unknowns (free,)."""
         model, reduction = self.model, self.model.reduction
         reduction.begin(state.q, state.slides)
-        q = state.q + reduction.expand(y, np.zeros(reduction.driven))
+        q = state.q + reduction.increment(y, np.zeros(reduction.driven))
         slides = state.slides + model.couplings.free_slides(y, model.scene.joint_count)
         return state.changed(q=q, slides=slides)
 

@@ -24,7 +24,7 @@ _CHANGED = 1e4
 # Of Newton's corrections, as in reused_factors.h and newton.h: errors relative to what the method
 # leaves, and bounds of them relative to the correction.
 _SHARE, _LARGEST, _LEAST = 0.1, 1e-3, 1e-12
-#: Unknowns in a block, those of a node: blocks are factorised and substituted twice as fast.
+#: Unknowns in a block, one block for a node: this makes factors and solutions twice as fast.
 BLOCK = 3
 #: Options of the two kinds: overlapping parts with factors of each, or factors of the whole. With
 #: an overlap of 8 nodes, about as far as a wave runs in a step, half as many iterations as with 2.
@@ -57,7 +57,7 @@ class Solved(NamedTuple):
     #: How it was solved, in how many iterations.
     kind: str
     iterations: int
-    #: Its size in the preconditioner's norm, and its error relative to it.
+    #: Size of x in the preconditioner's norm, and error of x relative to this size.
     size: float
     error: float
 
@@ -89,14 +89,14 @@ class PartMatrix:
         starts = np.searchsorted(keys, n * np.arange(n + 1))
         self._values = np.zeros(len(keys))
         self._values[positions[len(positions) - len(empty) :]] = 1.0
-        #: Positions of the part's values, and of the others.
+        #: Positions of the part's values, and of the values of `more`.
         self._own: np.ndarray | slice = positions[: len(rows)]
         self._more = positions[len(rows) : len(positions) - len(empty)]
         if (np.diff(self._own, prepend=-1) == 1).all():
             self._own = slice(len(rows))
         self._diagonal = np.flatnonzero(keys // n == keys % n)
         self._rows = tuple(part.astype(PETSc.IntType) for part in (starts, keys % n))
-        #: Numbers of its rows in the whole.
+        #: Numbers of the rows in the whole matrix.
         self.numbers = numbers.astype(PETSc.IntType)
         arrays = *self._rows, self._values
         #: The matrix in PETSc.
@@ -104,11 +104,11 @@ class PartMatrix:
 
     @property
     def diagonal(self) -> np.ndarray:
-        """A copy of its diagonal."""
+        """A copy of the diagonal (n,)."""
         return self._values[self._diagonal]
 
     def set(self, values: np.ndarray, more: np.ndarray) -> None:
-        """Set the values of the part and of the other entries."""
+        """Set the part's values, and values of the entries `more`."""
         self._values[self._more] = 0.0
         self._values[self._own] = values
         np.add.at(self._values, self._more, more)
@@ -118,12 +118,12 @@ class Solver:
     """GMRES with the factors of an earlier tangent, as PETSc's options say."""
 
     def __init__(self, kind: str, accuracy: Accuracy):
-        #: What is tried first for new factors, and what the user's options made of it.
+        #: Kind of factors that is tried first, and its name with the user's options.
         self.kind, self.name = kind, ""
         self._accuracy = accuracy
         # Empty until all processes make them at once.
         self._ksp, self._assembled = petsc().KSP(), petsc().Mat()
-        #: Norms of the first and the last residual in the last call, and its iterations.
+        #: Norms of the first and the last residual, and iterations, of the last call.
         self.first = self.rest = 0.0
         self.iterations = 0
         self._least = np.inf
@@ -134,7 +134,7 @@ class Solver:
         return math.log10(self.first / self.rest) if self.rest else 16.0
 
     def run(self, b: Any, x: Any, least: float) -> bool:
-        """Whether the solution is found, with an error of a negligible energy, `least`, or less."""
+        """Whether the solution is found; an error of the size `least` is negligible."""
         self._least = least
         _released("KSPSolve", self._ksp, b, x)
         self.iterations = max(self._ksp.getIterationNumber(), 1)
@@ -202,14 +202,14 @@ class LinearSystem:
         self._b, self._x, self._matrix = PETSc.Vec(), PETSc.Vec(), PETSc.Mat()
         self._accuracy = Accuracy(negligible * math.sqrt(counts.sum()))
         self._solver = Solver(kind, self._accuracy)
-        #: Iterations for each decade with the factors when they were new, 0 without any; and the
-        #: diagonal of the part of which they are.
+        #: Iterations for each decade when the factors were new, 0 without factors; and the diagonal
+        #: of the matrix that was factorised.
         self._new, self._factorised = 0.0, np.empty(0)
 
     def set_pattern(
         self, unknowns: np.ndarray, rows: np.ndarray, columns: np.ndarray, more: np.ndarray
     ) -> None:
-        """Set the unknowns of this part, its entries between them, and (m, 2) more of the whole.
+        """Set numbers of unknowns, entries between them, and (m, 2) `more` entries of the whole.
 
         All processes at once.
         """
@@ -230,12 +230,12 @@ class LinearSystem:
     def solve(
         self, values: np.ndarray, more: np.ndarray, b: np.ndarray, least: float = np.inf
     ) -> Solved:
-        """Own unknowns, for values of the part and of the other entries; all processes at once.
+        """Unknowns of this process, for values of entries and of `more`; all processes at once.
 
-        `least` is an error of all unknowns whose energy is negligible.
+        An error of the size `least` has a negligible energy.
         """
         self._part.set(values, more)
-        # First of all: processes wait for each other, and signals arrive.
+        # At first: processes wait for each other here, and signals arrive.
         still_good = self._still_serves()
         self._part.matrix.stateIncrease()
         self._matrix.assemble()
@@ -281,7 +281,7 @@ class LinearSystem:
 
 
 def _assembled(matrix: Any, in_blocks: bool) -> Any:
-    """The tangent as one matrix, of which each process has its rows."""
+    """The tangent as one matrix; each process has the rows of its places."""
     PETSc, rows = petsc(), petsc().Mat()
     matrix.convert("aij", rows)
     if not in_blocks:
@@ -309,7 +309,7 @@ def _released(name: str, *objects: Any) -> None:
 class Accuracy:
     """Bounds of the errors of corrections, by the quadratic convergence of this step and the last.
 
-    `least` is an error that is negligible anyway, in the norm of the corrections.
+    An error of the size `least`, in the norm of the corrections, is always negligible.
     """
 
     def __init__(self, least: float):
@@ -320,14 +320,11 @@ class Accuracy:
     def begin(self) -> None:
         """Before the first correction of a step."""
         self._slowest_before, self._slowest = self._slowest, 0.0
-        #: Size of the last correction, and its error.
+        #: Size of the last correction, and the error in it.
         self._last, self._left = np.inf, 0.0
 
     def allowed(self, size: float, least: float) -> float:
-        """Error that the next correction may have, for its size.
-
-        `least` is one whose energy is negligible.
-        """
+        """Error that a correction of a size may have; one of the size `least` is negligible."""
         quadratic = _SHARE * max(self._slowest, self._slowest_before) * size
         floor = min(_SHARE * self._least, least)
         return max(floor, min(_LARGEST, max(quadratic, _LEAST)) * size)

@@ -1,6 +1,6 @@
 """Cuts a scene by coordinates into shares of about equal numbers of elements.
 
-A process gets some of the members, and the trees of joints that these touch.
+A process gets some of the members, and the trees of joints that the members touch.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ class Share:
     Without loads and forces at points, which the first process has.
     """
 
-    #: Positions (n, 2) of its nodes, in the order of the scene.
+    #: Positions (n, 2) of the nodes, in the order of the scene.
     X: np.ndarray
-    #: Rows of its nodes among all nodes, and then of those inside its elements.
+    #: Rows of the nodes in the whole mesh, then of the nodes inside elements.
     rows: np.ndarray
-    #: Numbers of its elements in the scene, in order.
+    #: Numbers of the elements in the scene, in order.
     elements: np.ndarray
-    #: Whether forces and masses at a node of `rows` are its own: each node has one owner.
+    #: Whether the process has the forces and masses at a node of `rows`: each node has one owner.
     owned: np.ndarray
     degree: int
     runs: list[Run]
@@ -54,10 +54,10 @@ class Share:
     natural: bool
     #: Names of the scene's parameters, whose values come with each step.
     parameters: list[str]
-    #: Indices of its driven columns among those of the scene.
+    #: Indices of the driven columns in the list of the scene.
     driven: np.ndarray
-    #: Numbers of its unknowns in the linear system: of its nodes (n, 3), and of its joints' slides;
-    #: -1 where there is none.
+    #: Numbers of the unknowns in the linear system: of nodes (n, 3), and of slides of joints; -1
+    #: where there is none.
     unknowns: np.ndarray
     slides: np.ndarray
 
@@ -65,8 +65,8 @@ class Share:
         """The sub-scene."""
         scene = Scene()
         scene.nodes += [Node(i, x, y, scene) for i, (x, y) in enumerate(self.X.tolist())]
-        for name, nodes, *of_run, drags in self.runs:
-            beam = Beam(name, tuple(scene.nodes[n] for n in nodes), self.degree, *of_run)
+        for name, nodes, *facts, drags in self.runs:
+            beam = Beam(name, tuple(scene.nodes[n] for n in nodes), self.degree, *facts)
             scene.beams.append(beam)
             scene.drags += [replace(drag, target=beam) for drag in drags]
         for number, (joint, *pair) in enumerate(self.joints):
@@ -82,8 +82,8 @@ class Share:
         if self.parameters:
             from fx_beam.scene.symbols import Parameter
 
-            of_part = [(name, Parameter(name, 0.0)) for name in self.parameters]
-            scene.parameters.add(of_part, "a part")
+            parameters = [(name, Parameter(name, 0.0)) for name in self.parameters]
+            scene.parameters.add(parameters, "a part")
         return scene
 
 
@@ -114,9 +114,9 @@ class _Cut:
         self._tree = _trees(self._scene)
         X, ends, count = model.mesh.X, self._ends, len(self._scene.nodes)
         alone = np.setdiff1d(np.arange(count), ends)
-        of_beams = zip(self._scene.beams, model.mesh.cells, strict=True)
+        pairs = zip(self._scene.beams, model.mesh.cells, strict=True)
         # A part of a beam has the same section, unless its data are functions along the beam.
-        whole = [cells for beam, cells in of_beams if beam.section.constants(DATA) is None]
+        whole = [cells for beam, cells in pairs if beam.section.constants(DATA) is None]
         middles = X[ends].mean(axis=1)
         for cells in whole:
             middles[cells] = middles[cells].mean(axis=0)
@@ -124,62 +124,63 @@ class _Cut:
         for cells in whole:
             process[cells] = process[cells[0]]
         #: Process of each element, and of each node of the scene: a tree of joints has one owner.
-        self.of_element = process[: len(ends)]
-        of_node = np.empty(count, dtype=int)
-        of_node[alone] = process[len(ends) :]
-        of_node[ends[::-1]] = self.of_element[::-1, None]
+        self.element_process = process[: len(ends)]
+        node_process = np.empty(count, dtype=int)
+        node_process[alone] = process[len(ends) :]
+        node_process[ends[::-1]] = self.element_process[::-1, None]
         first = np.unique(self._tree, return_index=True)[1]
-        self.of_node = of_node[first[self._tree]]
-        if len(np.unique(self.of_node)) < number:
+        self.node_process = node_process[first[self._tree]]
+        if len(np.unique(self.node_process)) < number:
             raise SceneError(
                 f"the scene has too few members for {number} processes. Start fewer of them, "
                 "or compute it on one, without mpirun"
             )
 
     def numbered_unknowns(self) -> tuple[np.ndarray, np.ndarray]:
-        """Numbers (free,) of the unknowns, and counts: those of a process follow each other.
+        """Numbers (free,) of the unknowns, in order of processes, and counts (processes,).
 
-        Those of a node are in a block of their own, which has free places at supports.
+        Each node has a block of three places; at supports places are free.
         """
         couplings = self._model.couplings
         owner, block = (np.zeros(couplings.free, dtype=int) for _ in range(2))
-        column, dof, of_slide, joint = couplings.free_columns
-        of_row = np.concatenate([self.of_node, np.repeat(self.of_element, self._inside.shape[1])])
+        column, dof, slide_column, joint = couplings.free_columns
+        inside_process = np.repeat(self.element_process, self._inside.shape[1])
+        row_process = np.append(self.node_process, inside_process)
         block[column] = dof // 3
-        owner[column] = of_row[block[column]]
-        by_number = {joint.number: joint for joint in self._scene.joints}
-        owner[of_slide] = [self.of_node[by_number[number].b.number] for number in joint]
-        block[of_slide] = len(of_row) + np.arange(len(of_slide))
+        owner[column] = row_process[block[column]]
+        joints = {joint.number: joint for joint in self._scene.joints}
+        owner[slide_column] = [self.node_process[joints[number].b.number] for number in joint]
+        block[slide_column] = len(row_process) + np.arange(len(slide_column))
         order = np.lexsort((block, owner))
         first = np.diff(block[order], prepend=-1) != 0
         starts = np.flatnonzero(first)
-        of_block = np.cumsum(first) - 1
+        block_number = np.cumsum(first) - 1
         numbers = np.empty(couplings.free, dtype=int)
-        numbers[order] = BLOCK * of_block + np.arange(couplings.free) - starts[of_block]
+        numbers[order] = BLOCK * block_number + np.arange(couplings.free) - starts[block_number]
         return numbers, BLOCK * np.bincount(owner[order][starts], minlength=self._number)
 
     def share(self, process: int, numbers: np.ndarray) -> Share:
         """What a process has."""
         scene, mesh, couplings = self._scene, self._model.mesh, self._model.couplings
-        elements = np.flatnonzero(self.of_element == process)
-        touched = self.of_node == process
+        elements = np.flatnonzero(self.element_process == process)
+        touched = self.node_process == process
         touched[self._ends[elements]] = True
         nodes = np.flatnonzero(np.isin(self._tree, self._tree[touched]))
         local = np.full(len(scene.nodes) + 1, -1)  # the last one is the ground
         local[nodes] = np.arange(len(nodes))
         rows = np.concatenate([nodes, self._inside[elements].ravel()])
         owned = np.ones(len(rows), dtype=bool)
-        owned[: len(nodes)] = self.of_node[nodes] == process
+        owned[: len(nodes)] = self.node_process[nodes] == process
         ends = [(joint, local[[joint.a.number, joint.b.number]].tolist()) for joint in scene.joints]
         joints = [(_bare(joint), a, b) for joint, (a, b) in ends if max(a, b) >= 0]
         here = {joint.number for joint, *_ in joints}
         prescribed = [(int(local[node]), i) for node, i in scene.prescribed]
         moved = [node >= 0 for node, _ in prescribed]
         moved += [joint.number in here for joint, _ in self._model.motors]
-        of_column = np.full(couplings.columns + 1, -1)  # the last one is none
-        of_column[: couplings.free] = numbers
+        column_number = np.full(couplings.columns + 1, -1)  # the last one is none
+        column_number[: couplings.free] = numbers
         slides = [couplings.slides.get(joint.number, -1) for joint, *_ in joints]
-        heavy = [of for of in scene.masses if self.of_node[of.node] == process]
+        heavy = [mass for mass in scene.masses if self.node_process[mass.node] == process]
         return Share(
             mesh.X[nodes],
             rows,
@@ -190,21 +191,21 @@ class _Cut:
             joints=joints,
             fixed=[(int(local[node]), i) for node, i in scene.fixed if local[node] >= 0],
             prescribed=[(node, i) for node, i in prescribed if node >= 0],
-            masses=[of._replace(node=int(local[of.node])) for of in heavy],
+            masses=[mass._replace(node=int(local[mass.node])) for mass in heavy],
             natural=bool(scene.natural_strains),
             parameters=[*scene.parameters],
             driven=np.flatnonzero(moved),
-            unknowns=of_column[couplings.column[mesh.dofs[rows]]],
-            slides=of_column[np.array(slides, int)],
+            unknowns=column_number[couplings.column[mesh.dofs[rows]]],
+            slides=column_number[np.array(slides, int)],
         )
 
     def _runs_of(self, process: int, local: np.ndarray) -> list[Run]:
         """The runs of elements, and the drag on them."""
-        mesh, of_process, runs = self._model.mesh, self.of_element == process, list[Run]()
-        for i in np.unique(mesh.beam_of_cell[of_process]).tolist():
+        mesh, in_process, runs = self._model.mesh, self.element_process == process, list[Run]()
+        for i in np.unique(mesh.beam_of_cell[in_process]).tolist():
             beam, nodes = self._scene.beams[i], local[mesh.nodes[i][:: self._inside.shape[1] + 1]]
             drags = [drag for drag in self._scene.drags if drag.target is beam]
-            for a, b in _runs(of_process[mesh.cells[i]]):
+            for a, b in _runs(in_process[mesh.cells[i]]):
                 inner = None if beam.inner is None else beam.inner[a:b]
                 ends = slice(a, b + 1)
                 runs.append((beam.name, nodes[ends], beam.s[ends], beam.section, inner, drags))
@@ -222,9 +223,9 @@ def bisected(X: np.ndarray, number: int) -> np.ndarray:
         longer = int(np.argmax(np.ptp(X[points], axis=0))) if len(points) else 0
         order = points[np.lexsort((X[points, 1 - longer], X[points, longer]))]
         half = count // 2
-        at = round(len(points) * half / count)
-        cut(order[:at], first, half)
-        cut(order[at:], first + half, count - half)
+        middle = round(len(points) * half / count)
+        cut(order[:middle], first, half)
+        cut(order[middle:], first + half, count - half)
 
     cut(np.arange(len(X)), 0, number)
     return process

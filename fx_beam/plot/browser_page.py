@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import html
+import itertools
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.errors import as_real_array, require
+from fx_beam.errors import real_array, require
 from fx_beam.results.fields import RESULTANTS, along_all
 from fx_beam.results.files import of_numpy, replacing, writable
 from fx_beam.results.solution import Solution
@@ -108,15 +109,28 @@ def interactive(
     """
     path = None if path is None else writable(path, ("html", "htm"))
     drawing = checked_drawing(solution, magnify, scene_unit, _ROWS, rows)
-    factor, unit = time_unit(solution.t[-1])
-    bodies = {name: [n.number for n in of.nodes] for name, of in solution.bodies.items()}
-    markers = {"mass": nodes_with_mass(drawing), **nodes_of_joints(drawing)}
     traced = trace if isinstance(trace, Sequence) else [trace]
     for node in traced:
         solution.position(node)  # refuses what is no node of the solution
-    data = {
+    data = _data(drawing, traced) | {"series": _series(drawing, series)}
+    # No text of the user's may end the element that holds the data.
+    text = json.dumps(data, allow_nan=False, default=of_numpy).replace("<", "\\u003c")
+    page = Page(_TEMPLATE.read_text("utf-8").replace("/* DATA */", text))
+    if path is not None:
+        with replacing(path) as new:
+            new.write_text(page.text, "utf-8")
+    return page
+
+
+def _data(drawing: Drawing, traced: Sequence[Node]) -> dict[str, Any]:
+    """All of a motion that the page draws, by the names in the page."""
+    solution = drawing.solution
+    factor, unit = time_unit(solution.t[-1])
+    bodies = {name: [n.number for n in body.nodes] for name, body in solution.bodies.items()}
+    markers = {"mass": nodes_with_mass(drawing), **nodes_of_joints(drawing)}
+    return {
         "title": _plain(title(drawing)),
-        "unit": scene_unit,
+        "unit": drawing.unit,
         "static": solution.stats.static,
         "t": solution.t[drawing.rows],
         "clock": [factor, _plain(unit)],
@@ -128,7 +142,7 @@ def interactive(
             {"name": name, "nodes": nodes, "points": _points_of(drawing, nodes)}
             for name, nodes in bodies.items()
         ],
-        "obstacles": [of._asdict() for of in drawing.obstacles],
+        "obstacles": [outline._asdict() for outline in drawing.obstacles],
         "carried": _carried(drawing),
         # Symbols in units of the drawing's size.
         "supports": [
@@ -145,7 +159,7 @@ def interactive(
                 "count": len(force.points),
                 "points": _points(drawing, line_between(drawing, force, drawing.rows)),
             }
-            for force in drawing.of_scene("forces_between")
+            for force in drawing.scene_parts("forces_between")
             if not isinstance(force, GroundSpring)  # which are only in drawings
         ],
         "forces": [
@@ -153,15 +167,7 @@ def interactive(
             for node in drawing.forces[drawing.rows[0]]
         ],
         "traces": [_points_of(drawing, [node.number]) for node in traced],
-        "series": _series(drawing, series),
     }
-    # No text of the user's may end the element that holds the data.
-    text = json.dumps(data, allow_nan=False, default=of_numpy).replace("<", "\\u003c")
-    page = Page(_TEMPLATE.read_text("utf-8").replace("/* DATA */", text))
-    if path is not None:
-        with replacing(path) as new:
-            new.write_text(page.text, "utf-8")
-    return page
 
 
 def _members(drawing: Drawing) -> dict[str, Any]:
@@ -179,9 +185,9 @@ def _members(drawing: Drawing) -> dict[str, Any]:
     for name, beam in beams.items():
         points = axis(everywhere[:, solution.nodes_of_beam[name]], degree)
         positions.append(points[:, :: (points.shape[1] - 1) // (beam.elements * pieces)])
-        of_points = np.full(beam.elements * pieces + 1, -1)
-        of_points[::pieces] = solution.nodes_of_beam[name][::degree]
-        nodes.append(of_points)
+        numbers = np.full(beam.elements * pieces + 1, -1)
+        numbers[::pieces] = solution.nodes_of_beam[name][::degree]
+        nodes.append(numbers)
         s.append(np.append(arc_lengths(beam, np.arange(pieces) / pieces), beam.length))
     middles = (np.arange(pieces) + 0.5) / pieces
     return {
@@ -195,12 +201,12 @@ def _members(drawing: Drawing) -> dict[str, Any]:
 
 def _known(solution: Any) -> list[str]:
     """Quantities along the members that the solution has."""
-    known = [*RESULTANTS]
+    names = [*RESULTANTS]
     if all(beam.section is not None for beam in solution.beams.values()):
-        known.append("strain energy")
+        names.append("strain energy")
     if solution.has_rates and not solution.stats.static:
-        known.append("speed")
-    return known + sorted({name for names in solution.variables_of_beam.values() for name in names})
+        names.append("speed")
+    return names + sorted({*itertools.chain(*solution.variables_of_beam.values())})
 
 
 def _quantity(drawing: Drawing, name: str, fractions: np.ndarray) -> dict[str, Any]:
@@ -223,7 +229,7 @@ def _carried(drawing: Drawing) -> list[dict[str, Any]]:
     """Obstacles that nodes carry: points of the line, then ends of the strokes, in all rows."""
     entries = []
     for in_rows in zip(*(drawing.carried(k) for k in drawing.rows), strict=True):
-        points = _points(drawing, [[*of.line, *of.strokes.reshape(-1, 2)] for of in in_rows])
+        points = _points(drawing, [[*o.line, *o.strokes.reshape(-1, 2)] for o in in_rows])
         line, strokes = map(len, in_rows[0])
         entries.append({"line": line, "strokes": strokes, "points": points})
     return entries
@@ -239,21 +245,21 @@ def _series(drawing: Drawing, series: dict[str, np.ndarray] | None) -> list[dict
     if series is None:
         unit = " [J]" if drawing.unit == "m" else ""
         energies = {name: getattr(solution.energy, name) for name in _ENERGIES}
-        seen = {name: of for name, of in energies.items() if name == "total" or of.any()}
-        series = {f"{name} energy{unit}": of for name, of in seen.items()}
+        seen = (name for name in _ENERGIES if name == "total" or energies[name].any())
+        series = {f"{name} energy{unit}": energies[name] for name in seen}
     require(isinstance(series, dict), "series", series, "a dict of values by name")
     entries = []
-    for name, given in series.items():
-        values = as_real_array(given)
+    for name, curve in series.items():
+        values = real_array(curve)
         expected = f"{len(solution.t)} finite numbers, one for each row of the solution"
         ok = values.shape == solution.t.shape and bool(np.isfinite(values).all())
-        require(ok, f"series[{name!r}]", given, expected)
+        require(ok, f"series[{name!r}]", curve, expected)
         entries.append({"name": str(name), "values": values[drawing.rows]})
     return entries
 
 
 def _plain(text: str) -> str:
-    """A text of other pictures without the marks of formulas."""
+    """A text without TeX."""
     return text.replace(r"$\Delta t$", "\u0394t").replace(r"$\mu$", "\u03bc")
 
 

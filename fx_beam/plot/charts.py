@@ -12,15 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.rcsetup import cycler
 
-from fx_beam.errors import (
-    array_of,
-    as_real_array,
-    check_takes,
-    is_number,
-    is_whole,
-    positive,
-    require,
-)
+from fx_beam.errors import array_of, check_takes, is_number, is_whole, positive, real_array, require
 from fx_beam.results.files import replacing, writable
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import FrequencyResponse, PeriodicFamily
@@ -145,7 +137,7 @@ def curves(
 
 
 def _marked(number: int) -> dict:
-    """Marker style of the curve with this number among those of one line style."""
+    """Marker style of curve number 0, 1, ... with one line style."""
     if not number:
         return {}
     marker = _MARKERS[(number - 1) % len(_MARKERS)]
@@ -182,8 +174,8 @@ def quantities(axes, values: dict[str, np.ndarray], t: np.ndarray) -> None:
     """
     _check(axes, values, "values")
     t = array_of(t, "t")
-    for (label, given), look in zip(values.items(), _looks(), strict=False):
-        y = curve(given, t, f"values[{label!r}]")
+    for (label, row), look in zip(values.items(), _looks(), strict=False):
+        y = curve(row, t, f"values[{label!r}]")
         axes.plot(t, y, label=label, linewidth=1.5, **look)
 
 
@@ -194,10 +186,10 @@ def _check(axes: Any, curves: Any, what: str) -> None:
     require(isinstance(curves, Mapping), what, curves, "a dict by labels in the legend")
 
 
-def curve(given: Any, t: np.ndarray, what: str) -> np.ndarray:
+def curve(row: Any, t: np.ndarray, what: str) -> np.ndarray:
     """Values (n,) over times or load factors (n,)."""
-    values = as_real_array(given)
-    require(values.shape == t.shape, what, given, f"{t.size} numbers, one for each row or time")
+    values = real_array(row)
+    require(values.shape == t.shape, what, row, f"{t.size} numbers, one for each row or time")
     return values
 
 
@@ -255,18 +247,18 @@ def frequency_response(
     named = responses if isinstance(responses, Mapping) else {"": responses}
     require(len(named) > 0, "responses", responses, "at least one")
     shown: dict[str, tuple[str, np.ndarray, np.ndarray]] = {}
-    for label, of in named.items():
+    for label, result in named.items():
         expected = "what fx_beam.frequency_response returned"
-        require(isinstance(of, FrequencyResponse), "responses", of, expected)
-        moving = [name for name in of.names if of.component(name).any()]
+        require(isinstance(result, FrequencyResponse), "responses", result, expected)
+        moving = [name for name in result.names if result.component(name).any()]
         names = moving if components is None else components
-        expected = f"names to draw, of {list(of.names)}, of which {moving or 'none'} move"
+        expected = f"names to draw, of {list(result.names)}, of which {moving or 'none'} move"
         ok = isinstance(names, Sequence) and not isinstance(names, str)
         require(ok and len(names) > 0, "components", names, expected)
         for name in names:
             curve_label = name if not label else label if len(names) == 1 else f"{label}, {name}"
-            unit = of.units[of.names.index(name)] if name in of.names else ""
-            shown[curve_label] = unit, of.frequencies, of.component(name)
+            unit = result.units[result.names.index(name)] if name in result.names else ""
+            shown[curve_label] = unit, result.frequencies, result.component(name)
     kinds = sorted({unit for unit, _, _ in shown.values()})
     fig, axes = figure(len(kinds) + 1, 1)
     *amplitudes, last = axes[:, 0]
@@ -324,9 +316,9 @@ def response(
         style = {"linestyle": "--", "color": "0.4"} if family.free else {"linewidth": 1.5}
         (line,) = ax.plot(f, a, label=label or None, **style)
         if not stable.all():
-            of = "unstable" if not label else f"{label}, unstable"
+            name = "unstable" if not label else f"{label}, unstable"
             look = {"markersize": 4, "markerfacecolor": "white", "color": line.get_color()}
-            ax.plot(f[~stable], a[~stable], "o", label=of, **look)
+            ax.plot(f[~stable], a[~stable], "o", label=name, **look)
     unit = "rad" if component == "rotation" else "m"
     ax.set(xlabel="frequency [Hz]", ylabel=f"amplitude of {component} [{unit}]")
     return _saved(fig, path)
@@ -393,7 +385,7 @@ def equilibrium_paths(
 
 
 def _all_of(solution: Solution) -> Iterator[Solution]:
-    """A path, its branches, and theirs."""
+    """A path, its branches, branches of the branches, and so on."""
     yield solution
     for branch in solution.branches:
         yield from _all_of(branch)

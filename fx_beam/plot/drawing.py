@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fx_beam.content_cache import cached_property
-from fx_beam.errors import SceneError, as_real_array, is_name, is_whole, positive, require
+from fx_beam.errors import SceneError, is_name, is_whole, positive, real_array, require
 from fx_beam.results.fields import nodes_of_elements
 from fx_beam.results.joint_and_contact_motion import nodes_of
 from fx_beam.results.solution import Solution, forces_on_nodes, scene_of
@@ -55,30 +55,30 @@ def outline(shape: Shape, positions: np.ndarray, size: float) -> Outline:
     """The outline of a fixed shape that reaches past some positions."""
     line, away = shape.outline(positions, size, _BEYOND * size)
     s = arc_of(line)
-    at = np.arange(0.5 * _APART * size, s[-1], _APART * size)
-    starts, out = (interpolated(at, s, values) for values in (line, away))
+    places = np.arange(0.5 * _APART * size, s[-1], _APART * size)
+    starts, out = (interpolated(places, s, values) for values in (line, away))
     aside = 0.8 * out[:, ::-1] * (1, -1)
     ends = starts + _STROKE * size * (out + aside)
     return Outline(line, np.stack([starts, ends], axis=1))
 
 
-def interpolated(at: np.ndarray, s: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Values (m, 2) at arc lengths (m,) between those (n, 2) at s (n,)."""
-    return np.column_stack([np.interp(at, s, of) for of in values.T])
+def interpolated(places: np.ndarray, s: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values (m, 2) at places (m,), interpolated between values (n, 2) at s (n,)."""
+    return np.column_stack([np.interp(places, s, column) for column in values.T])
 
 
 _UNITS = (1e-3, 1e6, r"$\mu$s"), (1e-2, 1e3, "ms"), (math.inf, 1.0, "s")
 
 
 def three_digits(value: float) -> str:
-    """A number with three digits; up to 100 000 those before the point are all kept."""
+    """A number with three digits; up to 100 000 with all digits before the point."""
     if 1000 <= abs(value) < 1e5:
         return f"{value:.0f}"
     return f"{float(f'{value:.3g}'):g}"
 
 
 def time_unit(largest: float) -> tuple[float, str]:
-    """Factor from seconds to a unit for times up to this one [s], and its name."""
+    """Factor from seconds to a unit for times up to a last one [s], and name of the unit."""
     return next((factor, name) for limit, factor, name in _UNITS if largest < limit)
 
 
@@ -119,17 +119,18 @@ def axis(nodes: np.ndarray, degree: int) -> np.ndarray:
         For another degree, or positions of another shape.
     """
     require(is_whole(degree, 1, 3), "axis: degree", degree, "1, 2 or 3")
-    given = as_real_array(nodes)
-    ok = given.ndim > 1 and given.shape[-1] == 2 and given.shape[-2] % degree == 1 % degree
+    positions = real_array(nodes)
+    count, width = positions.shape[-2:] if positions.ndim > 1 else (0, 0)
+    ok = width == 2 and count % degree == 1 % degree
     require(ok, "axis: nodes", nodes, f"positions (..., elements * {degree} + 1, 2)")
     if degree == 1:
-        return given
+        return positions
     values = lagrange(np.linspace(0, 1, degree + 1), np.arange(_LINES) / _LINES)
-    elements = (given.shape[-2] - 1) // degree
-    of_element = degree * np.arange(elements)[:, None] + np.arange(degree + 1)
-    points = values @ given[..., of_element, :]
-    points = points.reshape(*given.shape[:-2], elements * _LINES, 2)
-    return np.concatenate([points, given[..., -1:, :]], axis=-2)
+    elements = (positions.shape[-2] - 1) // degree
+    element_nodes = degree * np.arange(elements)[:, None] + np.arange(degree + 1)
+    points = values @ positions[..., element_nodes, :]
+    points = points.reshape(*positions.shape[:-2], elements * _LINES, 2)
+    return np.concatenate([points, positions[..., -1:, :]], axis=-2)
 
 
 def apart(lines: Iterable[np.ndarray]) -> np.ndarray:
@@ -158,13 +159,13 @@ class Drawing:
     def __post_init__(self):
         require(is_name(self.unit), "scene_unit", self.unit, "a text")
 
-    def of_scene(self, name: str) -> Any:
+    def scene_parts(self, name: str) -> Any:
         """What the scene has; nothing of a solution that was read from a file."""
         return getattr(scene_of(self.solution), name, ())
 
     @property
     def _q(self) -> np.ndarray:
-        """Displacements and rotations; a solution says so if it has none."""
+        """Displacements and rotations (rows, nodes, 3); an error says if there are none."""
         recorded = getattr(self.solution, "recorded", None)
         return self.solution.q if recorded is None else recorded("q")
 
@@ -197,13 +198,13 @@ class Drawing:
 
     @cached_property
     def _carried(self) -> list[tuple[int, Outline]]:
-        """Nodes that carry obstacles, and the outlines as if these nodes were at the origin."""
+        """Nodes that carry obstacles, and outlines relative to the node."""
         outlines_of: dict[Shape, tuple[int, Outline]] = {}
         for obstacle in self.solution.contacts:
             shape = obstacle.shape
             if isinstance(shape, Beam) or shape.carrier is None or shape in outlines_of:
                 continue
-            # What touches in all rows, relative to the node and its section, and this itself.
+            # What touches in all rows, relative to the node and its section, and the node itself.
             carrier, seen = shape.carrier.number, [np.zeros((1, 2))]
             nodes = nodes_of(self.solution, obstacle.target)
             for k in self.rows:
@@ -217,21 +218,21 @@ class Drawing:
         """Outlines of the obstacles that nodes carry, in row k."""
         q = self._q[k]
         return [
-            of.moved(self.positions(number, k), self.magnify * q[number, 2])
-            for number, of in self._carried
+            outline.moved(self.positions(number, k), self.magnify * q[number, 2])
+            for number, outline in self._carried
         ]
 
     @cached_property
     def window(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower left and upper right corner of the drawing, with a margin."""
-        between = self.of_scene("forces_between")
+        between = self.scene_parts("forces_between")
         points = (point for force in between for point in force.points)
         fixed = [point.position for point in points if not isinstance(point, Node)]
         grounded = (force for force in between if isinstance(force, GroundSpring))
         fixed += [foot for force in grounded for _, foot, _ in feet(self, force)]
-        arrows = [self.arrow(node, k) for k, of_row in self.forces.items() for node in of_row]
-        lines = [of.line for of in self.obstacles]
-        lines += [of.line for k in self.rows for of in self.carried(k)]
+        arrows = [self.arrow(node, k) for k, forces in self.forces.items() for node in forces]
+        lines = [outline.line for outline in self.obstacles]
+        lines += [outline.line for k in self.rows for outline in self.carried(k)]
         fixed += [*self.beside]
         seen = np.concatenate([self.points, np.reshape(fixed, (-1, 2)), *arrows, *lines])
         low, high = seen.min(axis=0), seen.max(axis=0)
@@ -297,13 +298,13 @@ class Drawing:
     @cached_property
     def forces(self) -> dict[int, dict[int, np.ndarray]]:
         """Forces (2,) on nodes by their numbers [N], by rows."""
-        of, is_run = self.solution, isinstance(self.solution, Solution)
-        return {k: forces_on_nodes(of, k, self.magnify) if is_run else {} for k in self.rows}
+        solution, is_run = self.solution, isinstance(self.solution, Solution)
+        return {k: forces_on_nodes(solution, k, self.magnify) if is_run else {} for k in self.rows}
 
     @cached_property
     def largest_force(self) -> float:
         """The largest force in the rows that are drawn [N]."""
-        sizes = [np.hypot(*force) for of_row in self.forces.values() for force in of_row.values()]
+        sizes = [np.hypot(*force) for row in self.forces.values() for force in row.values()]
         return max(sizes, default=0.0)
 
 
@@ -364,25 +365,25 @@ def checked_drawing(
     times: Any = None,
     count: Any = None,
 ) -> Drawing:
-    """A drawing of some rows, of those next to some times, or of a number of them.
+    """A drawing of some rows, of rows next to some times, or of a number of rows.
 
     `usual` is the number if nothing is asked for. SceneError for what does not fit.
     """
     require(isinstance(solution, Solution), "solution", solution, "a Solution")
     last, t = len(solution.t) - 1, solution.t
-    if sum(given is not None for given in (rows, times, count)) > 1:
+    if sum(choice is not None for choice in (rows, times, count)) > 1:
         raise SceneError("a picture shows rows, times or a count of rows: give one of these")
     if rows is None and times is None:
         count = usual if count is None else count
         require(is_whole(count, 1), "count", count, "a whole number, at least 1")
         rows = np.unique(np.linspace(0, last, min(count, last + 1)).round().astype(int)).tolist()
     elif times is not None:
-        times = as_real_array(times)
+        times = real_array(times)
         low, high = t.min(), t.max()  # a static path may come to its end from above
         ok = times.ndim == 1 and len(times) > 0 and low <= times.min() and times.max() <= high
         require(ok, "times", times, f"times of the solution, from {low:g} to {high:g}")
         rows = [int(abs(t - time).argmin()) for time in times]
-    ok = as_real_array(rows).ndim == 1 and all(is_whole(k, 0, last) for k in rows)
+    ok = real_array(rows).ndim == 1 and all(is_whole(k, 0, last) for k in rows)
     expected = f"rows of the solution, such as range(0, {last + 1}, {max(1, last // 10)})"
     require(ok and len(rows) > 0, "rows", rows, expected)
     return Drawing(solution, list(rows), positive(magnify, "magnify"), unit)

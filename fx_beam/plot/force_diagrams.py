@@ -42,9 +42,9 @@ def diagrams(
     A value is drawn normal to the axis: N and Q to the left of the beam's direction if they are
     positive, M on the side that is in tension. Positive areas are red, negative ones blue and
     hatched. The extreme value of each member is written beside it; in frames of more than 12
-    members those of the whole. M is what the balance of each element gives at its ends, at a clamp
-    the reaction, at a free end zero; of a motion from a file, and N and Q, what they are at the
-    Gauss points.
+    members only the extreme values of the frame. M follows from the balance of each element, at its
+    ends: at a clamp it is the reaction, at a free end zero. M of a motion from a file, N and Q are
+    values at the Gauss points.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def diagrams(
     quantities : sequence of {"N", "Q", "M"}
         The panels, from left to right.
     deformed : bool
-        Whether the diagrams stand on the deformed members, or on those of the start.
+        Whether the diagrams stand on the deformed members, or on the members as they start.
     scene_unit : str
         Unit of length in which the scene is given, for labels; nothing is scaled.
 
@@ -78,8 +78,8 @@ def diagrams(
     (row,) = checked_drawing(solution, 1.0, scene_unit, rows=[row]).rows
     if not solution.beams:
         raise ValueError("diagrams need beams, but the solution has none")
-    given = [quantities] if isinstance(quantities, str) else quantities
-    names = list(given) if isinstance(given, Iterable) else []
+    choice = [quantities] if isinstance(quantities, str) else quantities
+    names = list(choice) if isinstance(choice, Iterable) else []
     ok = len(names) > 0 and all(is_one_of(name, RESULTANTS) for name in names)
     require(ok, "quantities", quantities, f"some of {', '.join(RESULTANTS)}")
     require(is_flag(deformed), "deformed", deformed, "True or False")
@@ -130,15 +130,15 @@ def _panel(ax, drawing: Drawing, quantity: str, row: int, tallest: float, thinne
     tips = points + side * values[..., None]
     ends = np.concatenate([[0], np.cumsum([beam.elements for beam in beams.values()])]).tolist()
     members = list(map(slice, ends[:-1], ends[1:]))
-    corners = [end for of in members for end in ((of.start, 0), (of.stop - 1, _PIECES))]
+    corners = [end for member in members for end in ((member.start, 0), (member.stop - 1, _PIECES))]
     edges = [np.stack([points[end], tips[end]]) for end in corners]
     draw_lines(ax, [*tips, *edges], color="0.3", linewidth=0.7 * thinness, zorder=2)
-    axes = [points[of].reshape(-1, 2) for of in members]
+    axes = [points[member].reshape(-1, 2) for member in members]
     draw_lines(ax, axes, linewidth=1.5 * thinness, zorder=3)
     peaks = []
-    for of in members:
-        element, piece = np.unravel_index(abs(values[of]).argmax(), values[of].shape)
-        peaks.append((of.start + int(element), int(piece)))
+    for member in members:
+        element, piece = np.unravel_index(abs(values[member]).argmax(), values[member].shape)
+        peaks.append((member.start + int(element), int(piece)))
     if len(peaks) > _NAMED:
         peaks = [max(peaks, key=values.__getitem__), min(peaks, key=values.__getitem__)]
     box = {"boxstyle": "round,pad=0.1", "facecolor": "white", "alpha": 0.8, "linewidth": 0}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable
 from typing import Any
 
@@ -11,7 +12,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import LinearSegmentedColormap, LogNorm, Normalize, SymLogNorm, to_hex
 
-from fx_beam.errors import as_float, as_real_array, is_one_of, positive, require
+from fx_beam.errors import as_float, is_one_of, positive, real_array, require
 from fx_beam.results.fields import QUANTITIES, RESULTANTS, along_all
 from fx_beam.scene.beam import Beam, arc_lengths
 from fx_beam.scene.contacts import Contact
@@ -20,7 +21,7 @@ from .drawing import Drawing
 
 _PIECES = 12  # per element, each with one colour
 _NONE = np.empty((0, 1))
-_MANY = 6_000  # pieces of all elements, of which there are no more if an element has several
+_MANY = 6_000  # largest number of pieces in all, if elements have several pieces
 
 # Without the palest colours, which are hard to see on white.
 SEQUENTIAL = LinearSegmentedColormap.from_list(
@@ -85,10 +86,10 @@ class Members:
         drawing, solution = self._drawing, self._drawing.solution
         if not solution.beams:
             raise ValueError(f"colour = {quantity!r} needs beams, but the solution has none")
-        internal = {name for names in solution.variables_of_beam.values() for name in names}
-        known = [*QUANTITIES, *sorted(internal)]
-        expected = f"one of {', '.join(map(repr, known))}, or None"
-        require(is_one_of(quantity, known), "colour", quantity, expected)
+        internal = itertools.chain(*solution.variables_of_beam.values())
+        names = [*QUANTITIES, *sorted({*internal})]
+        expected = f"one of {', '.join(map(repr, names))}, or None"
+        require(is_one_of(quantity, names), "colour", quantity, expected)
         require(is_one_of(scale, _SCALES), "colour_scale", scale, "'linear' or 'log'")
         middles = (np.arange(self.pieces) + 0.5) / self.pieces
         values = along_all(solution, quantity, drawing.rows, middles)
@@ -145,7 +146,7 @@ class Members:
         if self._depths is None or not self._depths.size:
             return []
         sides = (self._sides(k) for k in self._drawing.rows)
-        return [corner for of in sides for corner in (of.min((0, 1, 2)), of.max((0, 1, 2)))]
+        return [corner for x in sides for corner in (x.min((0, 1, 2)), x.max((0, 1, 2)))]
 
     def per_piece(self, values) -> np.ndarray:
         """One value for each member, repeated for its pieces."""
@@ -165,9 +166,9 @@ def _contact_depths(contacts: Iterable[Contact]) -> dict[str, float]:
 
 
 def _depths(beam: Beam, fractions: np.ndarray, touching: float | None) -> np.ndarray:
-    """Depths (elements, points) of a beam [m], if it touches nothing those of a rectangle.
+    """Depths (elements, points) of a beam [m]: its thickness in contacts, else of a rectangle.
 
-    The rectangle has the stiffnesses or masses of its section.
+    The rectangle has the stiffnesses or masses of the section.
     """
     if touching is not None:
         return np.full((beam.elements, len(fractions)), touching)
@@ -178,9 +179,9 @@ def _depths(beam: Beam, fractions: np.ndarray, touching: float | None) -> np.nda
         )
     s = arc_lengths(beam, fractions) / beam.length
     for bending, axial in ("EI", "EA"), ("rhoI", "rhoA"):
-        given, second = beam.section.values(axial, s), beam.section.values(bending, s)
-        if given.all() and second.all():
-            return np.sqrt(12 * second / given)
+        first, second = beam.section.values(axial, s), beam.section.values(bending, s)
+        if first.all() and second.all():
+            return np.sqrt(12 * second / first)
     raise ValueError(
         f"thickness needs EA and EI, or rhoA and rhoI, in the section of {beam.name!r}"
     )
@@ -192,7 +193,7 @@ def is_signed(quantity: str) -> bool:
 
 
 def unit_of(quantity: str, scene_unit: str) -> str:
-    """Unit of a quantity; empty if that of the scene is not the metre, as it is not known then."""
+    """Unit of a quantity; empty, as it is unknown, if the scene's unit is not the metre."""
     return QUANTITIES.get(quantity, "") if scene_unit == "m" else ""
 
 
@@ -211,7 +212,7 @@ def _norm(values: np.ndarray, signed: bool, limits: Any, logarithmic: bool) -> A
     """The scale between two values."""
     largest = float(abs(values).max()) or 1.0
     if limits is not None:
-        ok = as_real_array(limits).shape == (2,) and bool(np.isfinite(as_real_array(limits)).all())
+        ok = real_array(limits).shape == (2,) and bool(np.isfinite(real_array(limits)).all())
         low, high = (as_float(limit) for limit in limits) if ok else (0.0, 0.0)
         expected = "two finite numbers, the lower one first"
         require(ok and low < high, "colour_limits", limits, expected)

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from fx_beam.dual import without_slopes
+from fx_beam.dual import floats
 from fx_beam.errors import SceneError, is_flag, require, shown
 from fx_beam.scene.beam import Beam, Node, position_of, reference_positions
 from fx_beam.scene.contacts import arc_of
-from fx_beam.scene.coordinate import Held
+from fx_beam.scene.coordinate import Locked
 from fx_beam.scene.functions import Signal, SignalAlong
 from fx_beam.scene.inputs import InputSignal
 from fx_beam.scene.loads import Load, label
@@ -54,7 +54,7 @@ def _shown(load: Load) -> np.ndarray:
 
 
 def _largest(load: Load) -> tuple[float, np.ndarray]:
-    """The time at which a load is largest, of those sampled, and its value then."""
+    """The sampled time at which a load is largest, and the value then."""
     samples = [(0.0, load.value(0.0))]
     for t in _TIMES[1:].tolist():
         with suppress(Exception):  # a function may be defined for the times of its run only
@@ -93,7 +93,7 @@ def _line_load(sheet: Sheet, load: Load, si: bool) -> None:
     s = arc_of(points)
     tips = interpolated(arc, s * beam.length / s[-1], points)
     if isinstance(load.value, SignalAlong):
-        loads = without_slopes(load.value.at(arc, _largest(load)[0]))
+        loads = floats(load.value.at(arc, _largest(load)[0]))
     elif load.value.place:
         loads = np.array([load.value(s) for s in arc])
     else:
@@ -111,7 +111,7 @@ def _line_load(sheet: Sheet, load: Load, si: bool) -> None:
 
 def _axis(beam: Beam) -> np.ndarray:
     """Points (n, 2) of the axis of a beam in its reference configuration."""
-    return axis(without_slopes(reference_positions(beam)), beam.degree)
+    return axis(floats(reference_positions(beam)), beam.degree)
 
 
 def _drags(sheet: Sheet, scene: Scene) -> None:
@@ -136,7 +136,7 @@ def _natural_strains(sheet: Sheet, scene: Scene, si: bool) -> None:
 
 
 def _of_part(name: str, value: Signal, si: bool) -> str:
-    """A component of a natural strain: its value, its input, or what it is a function of."""
+    """A component of a natural strain as text: value, input, or arguments of a function."""
     symbol = _STRAINS[name]
     if isinstance(value, InputSignal):
         return f"{symbol}: {value.name}"
@@ -156,7 +156,7 @@ def _motors(sheet: Sheet, scene: Scene) -> None:
     for joint in scene.joints:
         for name in joint.driven:
             text = {"slide": "motor d(t)", "rotation": r"motor $\psi$(t)"}[name]
-            text = "locked" if isinstance(joint.coordinates[name].motor, Held) else text
+            text = "locked" if isinstance(joint.coordinates[name].motor, Locked) else text
             direction = joint.direction if name == "slide" else None
             _driven(sheet, position_of(node_of(joint)), text, direction)
 
@@ -231,7 +231,7 @@ def scene(
     the spring of a joint, a cup its damper, two thick strokes its friction, bars across a slide or
     an arc with two ends its stops. Grey hatched lines and circles are obstacles. Beams and nodes
     with drag have the word "drag".
-    Arrows of forces end at their nodes, those of initial velocities start there.
+    Arrows of forces end at their nodes, arrows of initial velocities start there.
     Prescribed motions and motors have arrows with two heads. Loads that are functions of time are
     drawn with their largest value. Added virtual works are not drawn.
 
@@ -285,12 +285,12 @@ class Reference:
         self.beams = {beam.name: beam for beam in scene.beams}
         self.bodies = {body.name: body for body in scene.bodies}
         self.contacts = scene.contacts
-        #: Rows of `X` with the nodes of each beam in order, including those inside elements: they
-        #: are there once more.
+        #: Rows of `X` with the nodes of each beam in order, also inside elements. For this `X` has
+        #: the nodes of each beam once more.
         self.nodes_of_beam = dict[str, np.ndarray]()
         free, rows = len(scene.nodes), [np.array([(node.x, node.y) for node in scene.nodes])]
         for beam in scene.beams:
-            rows.append(without_slopes(reference_positions(beam)))
+            rows.append(floats(reference_positions(beam)))
             self.nodes_of_beam[beam.name] = np.arange(free, free := free + len(rows[-1]))
         self.X = np.concatenate(rows)
         self.q = np.zeros((1, len(self.X), 3))
@@ -325,8 +325,8 @@ def _names(sheet: Sheet, scene: Scene, axes, marks: dict[str, Node], si: bool) -
     size = 9.0 if len(axes) <= _MANY else 5.5
     for name, points in axes.items() if len(axes) <= _CROWD else ():
         s = arc_of(points)
-        at = interpolated(s[-1] * np.array([0.5, 0.35, 0.65, 0.2, 0.8]), s, points)
-        sheet.label(name, at, _MEMBER, size)
+        places = interpolated(s[-1] * np.array([0.5, 0.35, 0.65, 0.2, 0.8]), s, points)
+        sheet.label(name, places, _MEMBER, size)
 
 
 def _dimensions(sheet: Sheet, scene: Scene, points: np.ndarray) -> None:

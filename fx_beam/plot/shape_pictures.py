@@ -56,8 +56,8 @@ def shapes(
     """Picture of superposed deformed shapes, coloured by time or by the order of load steps.
 
     Bodies, lumped masses (discs) and forces on nodes (arrows of their sums) are drawn in all rows,
-    but for forces that are an `Input`. In equilibria these are the forces at their time `t`, times
-    the load factor; those of the state at their `start` fade. Supports, joints and forces between
+    but for forces that are an `Input`. In equilibria they are the forces at the time `t`, times the
+    load factor; forces of the state at the `start` fade. Supports, joints and forces between
     points have the symbols of `scene`; they are drawn once, where they are in the last of the rows.
 
     Parameters
@@ -220,9 +220,9 @@ def modes(
     expected = f"from 1 to {len(modes)}, the number of modes"
     require(is_whole(count, 1, len(modes)), "count", count, expected)
     count = int(count)
-    at_rest = Drawing(_vibration(modes, 0, 0.0), [_AT_REST])
-    size = _SIZE * at_rest.reach
-    low, high = at_rest.window
+    still = Drawing(_vibration(modes, 0, 0.0), [_AT_REST])
+    size = _SIZE * still.reach
+    low, high = still.window
     low, high = low - size, high + size
     fig, _, _ = panels(count, high - low, _BORDER)
     for mode, ax in enumerate(fig.axes):
@@ -242,12 +242,12 @@ def _vibration(modes: Modes, mode: int, size: float) -> SimpleNamespace:
     return SimpleNamespace(X=modes.positions, q=q, contacts=(), **members)
 
 
-def _draw(ax, drawing: Drawing, of_mode: np.ndarray) -> None:
+def _draw(ax, drawing: Drawing, mode_rows: np.ndarray) -> None:
     looks: dict[int, dict[str, Any]] = {
         _AT_REST: {"color": "0.7", "linewidth": 1.0},
         _MOVED: {"color": _MODE},
     }
-    if abs(of_mode.imag).max() > 0.01 * abs(of_mode).max():
+    if abs(mode_rows.imag).max() > 0.01 * abs(mode_rows).max():
         looks[_LATER] = {"color": _MODE, "linewidth": 1.0, "linestyle": "--"}
     for row, look in looks.items():
         lines = [drawing.axis(name, row) for name in drawing.solution.beams]

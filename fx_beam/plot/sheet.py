@@ -163,7 +163,7 @@ class Sheet:
 
     def drawn(self, marks: bool) -> list[np.ndarray]:
         """Points (n, 2) of all markers so far, or of all lines."""
-        lines = [of for of in self.ax.lines if (of.get_marker() not in ("None", "")) == marks]
+        lines = [line for line in self.ax.lines if (line.get_marker() not in ("None", "")) == marks]
         return [line.get_xydata() for line in lines]
 
     def corner(self) -> np.ndarray:

@@ -55,10 +55,10 @@ class Supports:
         self._drawing = drawing
         self._guides: list[Joint] = []
         held: dict[int, set[int]] = {}
-        for number, component in drawing.of_scene("fixed"):
-            if number not in drawing.of_scene("gone"):
+        for number, component in drawing.scene_parts("fixed"):
+            if number not in drawing.scene_parts("gone"):
                 held.setdefault(number, set()).add(component)
-        for joint in filter(is_grounded, drawing.of_scene("joints")):
+        for joint in filter(is_grounded, drawing.scene_parts("joints")):
             if joint.axis is not None:
                 self._guides.append(joint)
             else:
@@ -70,14 +70,14 @@ class Supports:
         """Draw the supports in row k, and the guides."""
         drawing, symbols = self._drawing, self.symbols
         unit, guides = drawing.size * drawing.thinness, [*map(self._guide, self._guides)]
-        strokes = [of.at(drawing.positions(number, k), unit) for number, of in symbols.items()]
+        strokes = [symbol.at(drawing.positions(n, k), unit) for n, symbol in symbols.items()]
         strokes += [wall for _, wall in guides]
-        thick = [line for of in strokes for line in of.thick]
+        thick = [line for stroke in strokes for line in stroke.thick]
         draw_lines(ax, thick, linewidth=1.2, zorder=3)
-        draw_lines(ax, [line for of in strokes for line in of.thin], **_THIN)
+        draw_lines(ax, [line for stroke in strokes for line in stroke.thin], **_THIN)
         draw_lines(ax, [guide for guide, _ in guides], **_RAIL)
         for marker in "os":
-            if nodes := [number for number, of in symbols.items() if of.marker == marker]:
+            if nodes := [number for number, symbol in symbols.items() if symbol.marker == marker]:
                 size = marker_size(ax, drawing)
                 ax.plot(*drawing.positions(nodes, k).T, marker, markersize=size, **_WHITE)
 
@@ -175,7 +175,7 @@ def _across(leaving: np.ndarray) -> np.ndarray:
 
 
 def slide_direction(drawing: Any, joint: Any, k: int) -> np.ndarray:
-    """Unit vector (2,) of a slide in row k; on a beam that of the nodes beside the sliding node."""
+    """Unit vector (2,) of a slide in row k; on a beam the direction between two of its nodes."""
     if joint.axis is not None:
         return drawing.turned(joint.a, k, joint.direction)
     positions = drawing.positions(drawing.solution.nodes_of_beam[joint.beam.name], k)
@@ -241,8 +241,8 @@ def draw_moving(ax, drawing: Drawing, k: int, colour: Any = "black", small: bool
 def draw_outlines(ax, outlines: Sequence[Outline], colour: Any = "0.35") -> None:
     """Draw obstacles as lines with strokes on one side."""
     look: dict[str, Any] = {"color": colour, "zorder": 1}
-    draw_lines(ax, [of.line for of in outlines], linewidth=1.4, **look)
-    strokes = [pair for of in outlines for pair in of.strokes]
+    draw_lines(ax, [outline.line for outline in outlines], linewidth=1.4, **look)
+    strokes = [pair for outline in outlines for pair in outline.strokes]
     draw_lines(ax, strokes, linewidth=0.7, **look)
 
 
@@ -255,7 +255,7 @@ def draw_surroundings(ax, drawing: Drawing, k: int) -> None:
 
 def nodes_with_mass(drawing: Drawing) -> list[int]:
     """Numbers of the nodes with lumped masses."""
-    return sorted({node for node, mass, _ in drawing.of_scene("masses") if mass})
+    return sorted({node for node, mass, _ in drawing.scene_parts("masses") if mass})
 
 
 def draw_forces(ax, drawing: Drawing, k: int, colour: Any = "black") -> None:
@@ -276,9 +276,9 @@ def _draw_arms(ax, drawing: Drawing, k: int, colour) -> None:
     """Rigid arms from nodes to joints with an offset."""
     arms = []
     centres = {body.centre for body in drawing.solution.bodies.values()}
-    for joint in drawing.of_scene("joints"):
-        of_body = joint.is_rigid and joint.a in centres
-        if joint.offset.any() and not (of_body or is_grounded(joint)):
+    for joint in drawing.scene_parts("joints"):
+        in_body = joint.is_rigid and joint.a in centres
+        if joint.offset.any() and not (in_body or is_grounded(joint)):
             ends = drawing.positions(joint.a.number, k), _origin(drawing, joint, k)
             arms.append(np.array(ends))
     draw_lines(ax, arms, color=colour, linewidth=2.0, zorder=2)
@@ -308,7 +308,7 @@ def draw_bodies(ax, drawing: Drawing, k: int, colour: Any, small: bool) -> None:
 def draw_joints(ax, drawing: Drawing, k: int) -> None:
     """Draw joints, springs, dampers, stops, forces between points of row k."""
     lines: dict[str, list[np.ndarray]] = {"guide": [], "fine": [], "friction": [], "stop": []}
-    for joint in drawing.of_scene("joints"):
+    for joint in drawing.scene_parts("joints"):
         position = drawing.positions(node_of(joint).number, k)
         if joint.axis is not None and not is_grounded(joint):
             lines["guide"].append(_guide(drawing, joint, position, k))
@@ -328,7 +328,7 @@ def draw_between(ax, drawing: Drawing, k: int) -> None:
     """Draw forces between points of row k, with walls at points."""
     lines: dict[str, list[np.ndarray]] = {"fine": [], "pull": [], "friction": []}
     size = drawing.size
-    for force in drawing.of_scene("forces_between"):
+    for force in drawing.scene_parts("forces_between"):
         if isinstance(force, GroundSpring):
             _draw_to_ground(lines, drawing, force, k)
             continue
@@ -369,8 +369,8 @@ def _draw_to_ground(lines: dict, drawing: Drawing, force: GroundSpring, k: int) 
 
 def _draw_by_looks(ax, lines: dict[str, list[np.ndarray]]) -> None:
     """Draw lines by their looks."""
-    for look, of in lines.items():
-        draw_lines(ax, of, **_LOOKS[look])
+    for look, points in lines.items():
+        draw_lines(ax, points, **_LOOKS[look])
 
 
 def draw_hinges(ax, drawing: Drawing, k: int) -> None:
@@ -384,7 +384,7 @@ def draw_hinges(ax, drawing: Drawing, k: int) -> None:
 def nodes_of_joints(drawing: Drawing) -> dict[str, list[int]]:
     """Numbers of the nodes at hinges by the marker "o", and at slides by "s"."""
     nodes: dict[str, list[int]] = {}
-    for joint in drawing.of_scene("joints"):
+    for joint in drawing.scene_parts("joints"):
         # A hinge on the ground is drawn as a support; rigid joints are not marked.
         if not (joint.is_rigid or (is_grounded(joint) and joint.slide is None)):
             marker = "o" if joint.slide is None else "s"

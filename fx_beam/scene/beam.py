@@ -9,14 +9,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.dual import as_dual_array, without_slopes
+from fx_beam.dual import dual_array, floats
 from fx_beam.errors import (
     IS_DATA,
     LARGEST,
     SceneError,
     as_float,
-    as_real_array,
     is_whole,
+    real_array,
     require,
     shown,
 )
@@ -85,9 +85,9 @@ class Beam:
         Cross-section; None in a solution that was read from a file.
     inner : (elements, degree - 1, 2) float, optional
         Positions of the nodes inside the elements of a curved beam [m]; None for straight elements.
-        Those of degree 3 lie near the curve, not on it.
+        With degree 3 they lie near the curve, not on it.
     fractions : (elements + 1,) float, optional
-        Fractions by which `node` knows the nodes; by default those of the arc length.
+        Fractions by which `node` knows the nodes; by default of the arc length.
 
     Examples
     --------
@@ -194,7 +194,7 @@ def inner_positions(beam: Beam) -> np.ndarray:
         return beam.inner.reshape(-1, 2)
     if beam.degree == 1:
         return np.empty((0, 2))
-    points = as_dual_array([(node.x, node.y) for node in beam.nodes])
+    points = dual_array([(node.x, node.y) for node in beam.nodes])
     fractions = np.arange(1, beam.degree)[:, None] / beam.degree
     return (points[:-1, None] + fractions * np.diff(points, axis=0)[:, None]).reshape(-1, 2)
 
@@ -205,8 +205,8 @@ def reference_positions(target: Node | Beam) -> np.ndarray:
         return np.array([(target.x, target.y)])
     ends = np.array([(node.x, node.y) for node in target.nodes])
     inner = inner_positions(target).reshape(target.elements, -1, 2)
-    of_elements = np.concatenate([ends[:-1, None], inner], axis=1)
-    return np.concatenate([of_elements.reshape(-1, 2), ends[-1:]])
+    element_points = np.concatenate([ends[:-1, None], inner], axis=1)
+    return np.concatenate([element_points.reshape(-1, 2), ends[-1:]])
 
 
 @functools.cache
@@ -225,7 +225,7 @@ def lagrange(nodes: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def lagrange_and_slopes(nodes: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The same and their derivatives; the nodes (k,), or (n, k) for each of the points (n,)."""
+    """Lagrange polynomials (n, k) at points (n,) and their slopes; nodes (k,) or (n, k)."""
     nodes, x = np.atleast_2d(np.asarray(nodes, dtype=float)), np.asarray(points, dtype=float)
     count = nodes.shape[1]
     values, slopes = np.ones((len(x), count)), np.zeros((len(x), count))
@@ -252,8 +252,8 @@ def listed_points(points: Any, what: str) -> tuple[list, np.ndarray]:
     """Points of a beam as a list, and their positions (n, 2) [m]; SceneError for what is none."""
     try:
         # Rows of tables count by labels, not from 0.
-        listed = [of.to_numpy() if hasattr(of, "to_numpy") else of for of in points]
-        positions = as_real_array([position_of(point) for point in listed])
+        listed = [point.to_numpy() if hasattr(point, "to_numpy") else point for point in points]
+        positions = real_array([position_of(point) for point in listed])
     except Exception:  # a UFL expression has no length
         listed, positions = [], np.empty((0, 0))
     ok = positions.ndim == 2 and positions.shape[1] == 2
@@ -268,13 +268,13 @@ def listed_points(points: Any, what: str) -> tuple[list, np.ndarray]:
 
 
 def _plain(points: Any) -> tuple | None:
-    """Positions, of which layouts are kept: Python's numbers, with nodes at most at both ends."""
+    """Positions for `_known`: Python's numbers, with nodes at most at both ends; else None."""
     if type(points) is not list or len(points) < 2:
         return None
     places = position_of(points[0]), *points[1:-1], position_of(points[-1])
     pairs = all(type(place) is tuple and len(place) == 2 for place in places)
-    fits = pairs and all(type(x) is float or type(x) is int for place in places for x in place)
-    return places if fits else None
+    plain = pairs and all(type(x) is float or type(x) is int for place in places for x in place)
+    return places if plain else None
 
 
 @functools.lru_cache(maxsize=64)
@@ -286,9 +286,9 @@ def _known(points: tuple, elements: int, name: str) -> tuple[tuple, np.ndarray]:
 
 
 def _polyline(points: Sequence, elements: int | Sequence[int], name: str) -> Layout:
-    """The same for any points."""
-    points, given = listed_points(points, f"beam {name!r}")
-    corners = np.asarray(given)
+    """Nodes along a polyline for points of any kind."""
+    points, places = listed_points(points, f"beam {name!r}")
+    corners = np.asarray(places)
     lengths = np.hypot(*(corners[1:] - corners[:-1]).T)
     extent = (corners.max(axis=0) - corners.min(axis=0)).max()
     shortest = max(1e-12 * extent, 1e-15 * abs(corners).max())
@@ -300,11 +300,11 @@ def _polyline(points: Sequence, elements: int | Sequence[int], name: str) -> Lay
     counts = _spread(elements, lengths, name)
     if sum(counts) == len(counts):  # quickly, as in frames of many members
         return Layout(points, np.concatenate(([0.0], np.cumsum(lengths))))
-    ends, positions, at = [points[0]], [corners[:1]], as_dual_array(given)
-    for a, b, count, corner in zip(at[:-1], at[1:], counts, points[1:], strict=True):
+    ends, positions, places = [points[0]], [corners[:1]], dual_array(places)
+    for a, b, count, corner in zip(places[:-1], places[1:], counts, points[1:], strict=True):
         on_piece = np.linspace(a, b, count + 1)[1:]
         ends += [*map(tuple, on_piece[:-1].tolist()), corner]
-        positions.append(without_slopes(on_piece))
+        positions.append(floats(on_piece))
     steps = np.diff(np.concatenate(positions), axis=0)
     return Layout(ends, np.concatenate(([0.0], np.cumsum(np.hypot(*steps.T)))))
 
@@ -313,11 +313,11 @@ def _spread(elements, lengths: np.ndarray, name: str) -> list[int]:
     """Number of elements of each piece: as given, or in proportion to its length."""
     pieces = len(lengths)
     several = isinstance(elements, list | tuple) or np.ndim(elements) > 0
-    given = elements if several else [elements]
-    ok = all(is_whole(n, 1, MOST_ELEMENTS) for n in given)
+    counts = elements if several else [elements]
+    ok = all(is_whole(n, 1, MOST_ELEMENTS) for n in counts)
     expected = f"positive whole numbers, at most {MOST_ELEMENTS:,}"
     require(ok, f"beam {name!r}: elements", elements, expected)
-    counts = [int(n) for n in given]
+    counts = [int(n) for n in counts]
     if several:
         if len(counts) != pieces:
             raise SceneError(

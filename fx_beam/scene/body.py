@@ -7,7 +7,7 @@ from collections.abc import Set
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-from fx_beam.dual import as_dual_array
+from fx_beam.dual import dual_array
 from fx_beam.errors import IS_DATA, SceneError, is_name, require
 
 from . import loads
@@ -20,8 +20,8 @@ T = TypeVar("T", "Beam", "Body")
 class Body:
     """A rigid body; created by `Scene.add_body`.
 
-    Its points move with the centre: phi = phi_c + R(psi_c) (X - X_c). They are nodes like those of
-    beams. ``body["A"]`` is the point "A".
+    Its points move with the centre: phi = phi_c + R(psi_c) (X - X_c). They are nodes, as in beams.
+    ``body["A"]`` is the point "A".
 
     Parameters
     ----------
@@ -63,19 +63,19 @@ class Body:
 
 
 class Members(list[T]):
-    """Beams or bodies in their order; ``beams["arm"]`` is that of a name."""
+    """Beams or bodies in order; ``beams["arm"]`` is the one with this name."""
 
     def __getitem__(self, key: Any) -> Any:
         if not isinstance(key, str):
             return super().__getitem__(key)
-        by_name = {member.name: member for member in self}
-        if key not in by_name:
-            raise SceneError(f"the scene has no {key!r}; it has {list(by_name)}")
-        return by_name[key]
+        members = {member.name: member for member in self}
+        if key not in members:
+            raise SceneError(f"the scene has no {key!r}; it has {list(members)}")
+        return members[key]
 
 
 def name_of(kind: str, names: Set[str], count: int, name: str | None) -> str:
-    """The name of a new beam or body beside those that have `names`: the given one, or a number."""
+    """The name of a new beam or body, by default a number; `names` are taken already."""
     if name is None:
         numbers = itertools.count(count + 1)
         name = next(free for n in numbers if (free := f"{kind} {n}") not in names)
@@ -87,12 +87,12 @@ def name_of(kind: str, names: Set[str], count: int, name: str | None) -> str:
 
 
 def velocities_of(body: Body, velocity, spin) -> list[loads.Velocity]:
-    """Initial velocities of the nodes of a body, from that of its centre and its spin."""
+    """Initial velocities of the nodes of a body, from velocity and spin of its centre."""
     centre = body.centre
-    given = loads.initial_velocity(centre, velocity, spin)
-    position = as_dual_array([(centre.x, centre.y)])
+    start = loads.initial_velocity(centre, velocity, spin)
+    position = dual_array([(centre.x, centre.y)])
     # Floats of NumPy would lose the slopes of the arms.
-    (vx, vy), (w,) = (of.each(position)[0].tolist() for of in (given.value, given.spin))
+    (vx, vy), (w,) = (signal.each(position)[0].tolist() for signal in (start.value, start.spin))
     arms = [(node, node.x - centre.x, node.y - centre.y) for node in body.nodes]
     return [loads.initial_velocity(node, (vx - w * y, vy + w * x), w) for node, x, y in arms]
 

@@ -111,7 +111,7 @@ def checked_changes(scene: Any, changes: Any) -> dict[str, Latch | Fuse]:
     ok = ok and all(isinstance(change, Latch | Fuse) for change in changes.values())
     expected = "a dictionary of fx_beam.Latch and fx_beam.Fuse by names"
     require(ok, "simulate: changes", changes, expected)
-    known: dict[tuple[Any, ...], str] = {}
+    coordinates: dict[tuple[Any, ...], str] = {}
     for name, change in changes.items():
         what = f"simulate: changes[{name!r}]"
         joint = joint_of(scene, change.joint, f"{what}: joint")
@@ -122,17 +122,17 @@ def checked_changes(scene: Any, changes: Any) -> dict[str, Latch | Fuse]:
                 raise SceneError(f"{what}: {reason}") from None
         limit = change.at if isinstance(change, Latch) else change.force
         key = change.joint.number, output_of(change).quantity, limit
-        if key in known:
+        if key in coordinates:
             raise SceneError(
-                f"simulate: changes[{known[key]!r}] and changes[{name!r}] are the same "
+                f"simulate: changes[{coordinates[key]!r}] and changes[{name!r}] are the same "
                 f"{type(change).__name__.lower()} of {change.joint}. Omit one of them"
             )
-        known[key] = name
+        coordinates[key] = name
     return dict(changes)
 
 
 def is_over(change: Latch | Fuse, after: Latch | Fuse) -> bool:
-    """Whether a change cannot happen any more: its joint is gone, or its coordinate is held."""
+    """Whether a change cannot happen after another one: a fuse of its joint, or its own latch."""
     same = change.joint.number == after.joint.number
     return same and (isinstance(after, Fuse) or output_of(change) == output_of(after))
 
@@ -147,7 +147,7 @@ def output_of(change: Latch | Fuse) -> Output:
 
 
 def excess(change: Latch | Fuse, measured: Any) -> float:
-    """How far this output is beyond its limit [m, rad or N]."""
+    """How far the measured output of a change is beyond the limit [m, rad or N]."""
     if isinstance(change, Fuse):
         return math.hypot(measured[0], measured[1]) - change.force
     return measured - change.at

@@ -7,18 +7,18 @@ from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from fx_beam.dual import as_dual_array, scene_number
+from fx_beam.dual import dual_array, scene_number
 from fx_beam.errors import (
     IS_DATA,
     SceneError,
     as_float,
-    as_real_array,
     check_fields,
     finite,
     flag,
     is_number,
     is_whole,
     real,
+    real_array,
     require,
     shown,
     vector,
@@ -42,15 +42,15 @@ _Two = tuple[np.ndarray, np.ndarray]
 _ITERATIONS, _ABOUT = 26, np.arange(-1, 2)
 
 
-def _place(given: Any, what: str) -> Any:
+def _place(place: Any, what: str) -> Any:
     """A node that carries a shape, or the point (x, y) of one that is fixed."""
-    if isinstance(given, Node) and given is not GROUND:
-        return given
-    if not isinstance(given, list | tuple | np.ndarray):
+    if isinstance(place, Node) and place is not GROUND:
+        return place
+    if not isinstance(place, list | tuple | np.ndarray):
         expected = "(x, y), or a node that carries it: beam.end, body.centre, body[name]"
-        given = "the ground" if given is GROUND else shown(given)
-        raise SceneError(f"{what} = {given} must be {expected}")
-    x, y = map(as_float, vector(given, 2, what))
+        place = "the ground" if place is GROUND else shown(place)
+        raise SceneError(f"{what} = {place} must be {expected}")
+    x, y = map(as_float, vector(place, 2, what))
     return x, y
 
 
@@ -94,7 +94,7 @@ class Shape:
         return replace(self, **{self._place: place})
 
     def gap(self, positions) -> np.ndarray:
-        """Distance of positions from the shape, in its reference configuration if it is carried.
+        """Distances of positions from the shape; from a carried one in its reference configuration.
 
         Parameters
         ----------
@@ -106,14 +106,14 @@ class Shape:
         (...) float
             Distance [m]; negative on the side that is not allowed.
         """
-        checked = as_real_array(positions)
+        checked = real_array(positions)
         ok = checked.ndim > 0 and checked.shape[-1] == 2
         require(ok, f"{self.name}.gap: positions", positions, "positions (x, y)")
-        return scene_number(self.seen(checked - as_dual_array(self.origin))[0])
+        return scene_number(self.seen(checked - dual_array(self.origin))[0])
 
     @property
-    def of_gap(self) -> tuple[float, ...]:
-        """Numbers of its gap."""
+    def gap_numbers(self) -> tuple[float, ...]:
+        """Numbers of the shape in the law of the gap."""
         raise NotImplementedError
 
     def seen(self, arms: np.ndarray, turn: Any = 0.0) -> _Two:
@@ -168,7 +168,7 @@ class Line(Shape):
         object.__setattr__(self, "normal", tuple(map(as_float, normal)))
 
     @property
-    def of_gap(self) -> tuple[float, ...]:
+    def gap_numbers(self) -> tuple[float, ...]:
         """The normal."""
         return self.normal
 
@@ -226,7 +226,7 @@ class Circle(Shape):
         return -1.0 if self.inside else 1.0
 
     @property
-    def of_gap(self) -> tuple[float, ...]:
+    def gap_numbers(self) -> tuple[float, ...]:
         """Radius and side."""
         return self.radius, self.side
 
@@ -376,16 +376,16 @@ class Contact:
 
 
 class Points(NamedTuple):
-    """Points of a node or beam: sums of its nodes, along the beam with those inside elements."""
+    """Points of a node or a beam, x = sum N_a x_a over all nodes, also inside elements."""
 
     #: Nodes (points, n) of each point, by their place along the beam, and weights (points, n).
     nodes: np.ndarray
     weights: np.ndarray
-    #: Length of the beam that belongs to each (points,) [m]; 1 for a node.
+    #: Length (points,) of the beam that belongs to each point [m]; 1 for a node.
     lengths: np.ndarray
 
     def of(self, values: np.ndarray) -> np.ndarray:
-        """Values (..., points, k) at the points of those (..., nodes, k) at the nodes."""
+        """Values (..., points, k) at the points, from values (..., nodes, k) at the nodes."""
         return np.sum(self.weights[..., None] * values[..., self.nodes, :], axis=-2)
 
 
@@ -396,15 +396,15 @@ def points_of(target: Node | Beam, along: int | None = None) -> Points:
     degree, lengths = target.degree, np.diff(target.s)
     nodes = degree * np.arange(target.elements)[:, None] + np.arange(degree + 1)
     if along is None:
-        at_nodes = np.bincount(nodes.ravel(), np.outer(lengths, _SHARES[degree]).ravel())
-        return Points(np.arange(len(at_nodes))[:, None], np.ones((len(at_nodes), 1)), at_nodes)
+        shares = np.bincount(nodes.ravel(), np.outer(lengths, _SHARES[degree]).ravel())
+        return Points(np.arange(len(shares))[:, None], np.ones((len(shares), 1)), shares)
     points, shares = gauss_rule(along)
     weights = np.tile(lagrange(np.linspace(0, 1, degree + 1), points), (target.elements, 1))
     return Points(np.repeat(nodes, along, axis=0), weights, np.outer(lengths, shares).ravel())
 
 
 def _checked_radii(what: str, radius: Any) -> tuple[float, float]:
-    """Half thicknesses of what touches and of the member; one number is that of both."""
+    """Half thicknesses (radius of the other member, of the target); one number is for both."""
     pair = (radius, radius) if is_number(radius) else radius
     pair = tuple(pair) if getattr(pair, "ndim", 0) == 1 else pair
     ok = isinstance(pair, tuple | list) and len(pair) == 2 and all(map(is_number, pair))
@@ -440,10 +440,12 @@ def check_start(made: Contact, size: float) -> None:
 
 
 class Nearest(NamedTuple):
-    """Of points (..., m): distances, nodes about which the nearest ones lie, and these (..., 2)."""
+    """The nearest points of a member for points (..., m)."""
 
     distance: np.ndarray
+    #: Node of the member next to the nearest point.
     node: np.ndarray
+    #: The nearest point (..., m, 2).
     point: np.ndarray
 
 
@@ -466,8 +468,8 @@ def nearest(
 ) -> Nearest:
     """The nearest points of a member with nodes (..., n, 2) to points (..., m, 2).
 
-    If these are its own nodes, with arc lengths `arc` (n,), parts that are less than `apart`
-    away along the member are left out. The last node of a `closed` one is its first.
+    If the points are its own nodes, with arc lengths `arc` (n,), parts that are less than `apart`
+    away along the member are left out. The last node of a `closed` member is its first.
     """
     nodes, count = (nodes[..., :-1, :] if closed else nodes), nodes.shape[-2] - 1
     square = ((points[..., None, :] - nodes[..., None, :, :]) ** 2).sum(axis=-1)
@@ -481,7 +483,7 @@ def nearest(
         left_out = abs(arc[:, None] - arc[node]) < apart
         distance[left_out], on_pieces[left_out] = np.inf, np.nan
     best = np.argmin(distance, axis=-1)[..., None]
-    distance, node = (np.take_along_axis(of, best, -1)[..., 0] for of in (distance, node))
+    distance, node = (np.take_along_axis(values, best, -1)[..., 0] for values in (distance, node))
     return Nearest(distance, node, np.take_along_axis(on_pieces, best[..., None], -2)[..., 0, :])
 
 
@@ -501,8 +503,8 @@ def _on_pieces(points: np.ndarray, nodes: np.ndarray, node: np.ndarray, closed: 
     low, high = np.where(begins, 0.0, -0.5), np.where(ends, 0.0, 0.5)
     for _ in range(_ITERATIONS):  # bisection: the derivative of the distance has one zero
         x = (low + high) / 2
-        at = value + x[..., None] * (slope + x[..., None] * bend)
-        rises = (at * (slope + 2 * x[..., None] * bend)).sum(axis=-1) > 0
+        residual = value + x[..., None] * (slope + x[..., None] * bend)
+        rises = (residual * (slope + 2 * x[..., None] * bend)).sum(axis=-1) > 0
         low, high = np.where(rises, low, x), np.where(rises, x, high)
     x = ((low + high) / 2)[..., None]
     return points + value + x * (slope + x * bend)

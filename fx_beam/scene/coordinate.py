@@ -217,7 +217,7 @@ class Coulomb:
         check_fields(self)
 
 
-def bristle(friction: Coulomb, share: Any, mobility: Any) -> list[Any]:
+def friction_numbers(friction: Coulomb, share: Any, mobility: Any) -> list[Any]:
     """Numbers tau, mu, kt of the law with a share of the stiffness; damping is critical by default.
 
     The `mobility` is 1 / m, zero for what cannot move; an array for several points.
@@ -229,9 +229,9 @@ def bristle(friction: Coulomb, share: Any, mobility: Any) -> list[Any]:
     return [damping + 0 * mobility, friction.mu + 0 * mobility, stiffness + 0 * mobility]
 
 
-def numbers_of_loss(part: Any, at_rest: bool) -> list[float]:
+def numbers_of_loss(part: Any, static: bool) -> list[float]:
     """Numbers r and speed of the loss of a stop or a contact; none without, or in statics."""
-    return [part.loss, part.speed] if part.loss and not at_rest else []
+    return [part.loss, part.speed] if part.loss and not static else []
 
 
 @dataclass(frozen=True)
@@ -400,7 +400,7 @@ class SmoothFriction:
 Friction = SmoothFriction | Coulomb
 
 
-class Held(Signal):
+class Locked(Signal):
     """In the place of a motor: it holds a coordinate where it is when a run starts.
 
     In the reference configuration it is at zero.
@@ -444,9 +444,9 @@ class Coordinate:
     stop: Stop | None = None
 
     def __str__(self):
-        parts = (of for of in vars(self).values() if of is not None)
+        parts = (part for part in vars(self).values() if part is not None)
         # A motor is a function, whose own text says nothing.
-        return ", ".join("motor" if of is self.motor else str(of) for of in parts) or "free"
+        return ", ".join("motor" if part is self.motor else str(part) for part in parts) or "free"
 
     def __post_init__(self):
         if isinstance(self.stop, tuple | list) and len(self.stop) == 3:
@@ -466,7 +466,7 @@ class Coordinate:
 
     @property
     def acts(self) -> bool:
-        """Whether it has a spring, a damper, friction or stops."""
+        """Whether there is a spring, a damper, friction or stops."""
         return any((self.spring, self.damper, self.friction, self.stop))
 
 

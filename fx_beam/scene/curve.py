@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.polynomial.chebyshev import Chebyshev, chebder, chebint, chebpts1, chebpts2, chebvander
 
-from fx_beam.errors import SceneError, as_real_array, is_whole, require, vector
+from fx_beam.errors import SceneError, is_whole, real_array, require, vector
 
 from .beam import MOST_ELEMENTS, Layout, Node, lagrange, listed_points, polyline, position_of
 from .functions import checked_function
@@ -90,7 +90,7 @@ class Curve:
             is_end = end is None or isinstance(end, Node)
             require(is_end, f"Curve: {name}", end, "a node of another beam, or None")
         require(callable(self.function), "Curve: function", self.function, "a function")
-        breaks = as_real_array(self.breaks)
+        breaks = real_array(self.breaks)
         ok = breaks.ndim == 1 and ((breaks >= 0) & (breaks <= 1)).all()
         require(bool(ok), "Curve: breaks", self.breaks, "fractions between 0 and 1")
         object.__setattr__(self, "breaks", tuple(breaks.tolist()))
@@ -245,8 +245,8 @@ def along_curve(curve: Curve, elements: Any, degree: int, name: str) -> Layout:
                 f"{gap:.3g} away from {node} that it should share. Move the node or the curve"
             )
         ends[i] = node
-    of_element = points[degree * np.arange(elements)[:, None] + np.arange(degree + 1)]
-    inner = lagrange(met, np.arange(1, degree) / degree) @ of_element
+    element_points = points[degree * np.arange(elements)[:, None] + np.arange(degree + 1)]
+    inner = lagrange(met, np.arange(1, degree) / degree) @ element_points
     return Layout(ends, s, inner)
 
 
@@ -262,7 +262,7 @@ def _check_followed(ends: np.ndarray, s: np.ndarray, name: str) -> None:
 
 
 def _measure(position, breaks, name: str) -> tuple[float, Callable[[float], float]]:
-    """Length of a curve, and a function that gives its fraction at a distance from the start."""
+    """Length of a curve, and a function from the distance along it to the fraction."""
     cuts = np.unique([0.0, *breaks, 1.0])
     size = max(abs(position(cut)).max() for cut in cuts.tolist())
     pieces = _pieces(position, cuts.tolist(), size, name)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fx_beam.errors import IS_DATA, SceneError, as_real_array, require, vector
+from fx_beam.errors import IS_DATA, SceneError, real_array, require, vector
 from fx_beam.symbolic import ufl
 
 from .beam import Node, position_of
@@ -114,8 +114,8 @@ class ForceBetween:
     @property
     def apart(self) -> np.ndarray:
         """Vectors (points - 1, 2) from each point to the next one, at the start [m]."""
-        at = [position_of(_node_or_position(point)) for point in self.points]
-        return as_real_array([[y[0] - x[0], y[1] - x[1]] for x, y in itertools.pairwise(at)])
+        positions = [position_of(_node_or_position(point)) for point in self.points]
+        return real_array([[y[0] - x[0], y[1] - x[1]] for x, y in itertools.pairwise(positions)])
 
     @property
     def functions(self) -> list[tuple[str, Any]]:
@@ -133,7 +133,7 @@ def _node_or_position(point: Node | FixedPoint) -> Any:
 
 
 def rope_spring(spring: Any, length: Any, number: int) -> tuple[Spring, tuple[str, ...]]:
-    """A spring that only pulls, from a length on, and the names of its own parameters.
+    """A spring that only pulls, from a length on, and names of parameters made for it.
 
     SceneError if no linear spring is given.
     """
@@ -163,7 +163,7 @@ def checked_force(
     size: float,
     own: tuple[str, ...] = (),
 ) -> ForceBetween:
-    """A force of a scene of this size [m]; SceneError if its laws are not finite at the start."""
+    """A force of a scene of a size [m]; SceneError if a law is not finite at the start."""
     if force is not None and not callable(force):
         from .symbols import Parameter
 
@@ -205,8 +205,8 @@ def _points(points: Sequence[Any]) -> tuple[Node | FixedPoint, ...]:
     return tuple(p if isinstance(p, Node) else FixedPoint(vector(p, 2, what)) for p in points)
 
 
-def _check(function: Callable, at: tuple[float, ...], what: ForceBetween, call: str) -> None:
+def _check(function: Callable, arguments: tuple[float, ...], what: ForceBetween, call: str) -> None:
     """Refuse a function that is no scalar UFL expression, or not finite at the start."""
-    value = value_of(function, at, f"{what}: {call}")
+    value = value_of(function, arguments, f"{what}: {call}")
     if isinstance(value, complex) or not math.isfinite(value):
-        raise SceneError(f"{what}: {call} is {value} at the start, at {at[0]:.6g}")
+        raise SceneError(f"{what}: {call} is {value} at the start, at {arguments[0]:.6g}")

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.dual import Dual, as_dual_array, dual_of, without_slopes
+from fx_beam.dual import Dual, dual_array, dual_of, floats
 from fx_beam.errors import LARGEST, Failure, SceneError, StepError, is_number, shaped, shown, vector
 
 # Parameter names, in lower case, that show a function of position instead of time.
@@ -40,10 +40,10 @@ class ArrayCalls:
 class Signal:
     """A function with values (size,), mostly of time, or a constant; errors say `what` it is.
 
-    A value has the slopes of the numbers of which the function is made.
+    Values have slopes if the function is made of numbers with slopes.
     """
 
-    #: Name of the position along a beam that is its argument: of all values, or before the time.
+    #: Name of the position along a beam, if it is an argument: the only one, or before the time.
     place = ""
     #: Whether it goes straight over a step to a value that is set.
     ramps = False
@@ -54,7 +54,7 @@ class Signal:
         self.value = value
         # Whether values had slopes.
         self._is_dual = False
-        # With slopes the last rows of arguments, for which a motion and its derivatives ask.
+        # Last values with slopes: a motion and its derivatives ask for the same rows of arguments.
         self._last: tuple[str, np.ndarray, Dual] | None = None
 
     @property
@@ -92,7 +92,7 @@ class Signal:
         name for messages, rows are times; StepError if it fails or is not finite.
         """
         if self.function is None:
-            return np.broadcast_to(as_dual_array(self.value), (len(rows), self.size))
+            return np.broadcast_to(dual_array(self.value), (len(rows), self.size))
         last = None if isinstance(rows, Dual) else self._last
         if last is not None and last[0] == run and np.array_equal(last[1], rows):
             return last[2]
@@ -107,7 +107,7 @@ class Signal:
         return values
 
     def _one_by_one(self, rows: Any, run: str) -> Any:
-        """The same, called with one row after the other."""
+        """Values (n, size), by one call for each row of arguments."""
         arguments: list = rows.tolist()
         collected: list = []
         try:
@@ -124,9 +124,7 @@ class Signal:
         if values is not None and (not run or np.isfinite(values).all()):
             return values
         # The row whose value is wrong is found.
-        return as_dual_array(
-            [evaluate(self, row[0], run) if run else self(*row) for row in arguments]
-        )
+        return dual_array([evaluate(self, row[0], run) if run else self(*row) for row in arguments])
 
     def _collect(self, collected: list, arguments: list) -> Any:
         """Values (n, size) for rows, if all fit; they are added to a list, which counts them.
@@ -139,7 +137,7 @@ class Signal:
             for row in arguments
         )
         try:
-            return as_dual_array(collected).reshape(len(collected), self.size)
+            return dual_array(collected).reshape(len(collected), self.size)
         except (TypeError, ValueError, OverflowError):
             return None
 
@@ -160,8 +158,8 @@ class SignalAlong(Signal):
         super().__init__(function, size, what)
         self.place, self._samples = place, length * _PARTS
         one_by_one = self._at_each(self._samples, 0.0)
-        at_once = self._at_once(self._samples, 0.0)
-        self._takes_arrays = at_once is not None and np.array_equal(at_once, one_by_one)
+        values = self._at_once(self._samples, 0.0)
+        self._takes_arrays = values is not None and np.array_equal(values, one_by_one)
         self._calls, self._was_zero = 0, True
 
     @property
@@ -171,19 +169,19 @@ class SignalAlong(Signal):
 
     def __call__(self, *arguments: float) -> np.ndarray:
         """The largest value (size,) at some positions, as pictures show it."""
-        values = without_slopes(self.at(self._samples, *arguments))
+        values = floats(self.at(self._samples, *arguments))
         return values[np.argmax(np.linalg.norm(values, axis=1))]
 
     def at(self, positions: np.ndarray, t: float) -> Any:
         """Finite values (n, size) at n positions; SceneError otherwise."""
         values = self._at_once(positions, t) if self._takes_arrays else None
         is_right = values is not None and self._is_right(values, positions, t)
-        if not (is_right and (abs(without_slopes(values)) <= LARGEST).all()):
+        if not (is_right and (abs(floats(values)) <= LARGEST).all()):
             values = self._at_each(positions, t)  # which names the place
         return values
 
     def _is_right(self, values: Any, positions: np.ndarray, t: float) -> bool:
-        """Whether values of one call are those one by one, at two positions.
+        """Whether values of one call equal the values of calls one by one, at two positions.
 
         They are compared until some are not zero, and then ever more rarely.
         """
@@ -192,7 +190,7 @@ class SignalAlong(Signal):
             return True
         some = len(positions) * np.array([1, 2]) // 3
         self._takes_arrays = _agree(values[some], self._at_each(positions[some], t), values)
-        self._was_zero &= not without_slopes(values).any()
+        self._was_zero &= not floats(values).any()
         return self._takes_arrays
 
     def _at_once(self, positions: np.ndarray, t: float) -> Any:
@@ -201,7 +199,7 @@ class SignalAlong(Signal):
         try:
             result: Any = function(positions.copy(), t)
             parts: Sequence = (result,) if self.size == 1 else tuple(result)
-            columns = [np.broadcast_to(as_dual_array(part), len(positions)) for part in parts]
+            columns = [np.broadcast_to(dual_array(part), len(positions)) for part in parts]
             return np.column_stack(columns) if len(columns) == self.size else None
         except Exception:  # noqa: BLE001  # whatever a function does that takes single positions
             return None
@@ -210,11 +208,11 @@ class SignalAlong(Signal):
         places, function = positions.tolist(), self.function
         assert function is not None
         with suppress(Exception):  # which is found below, with its place
-            values = as_dual_array([function(position, t) for position in places])
+            values = dual_array([function(position, t) for position in places])
             values = values.reshape(len(places), self.size)
-            if (abs(without_slopes(values)) <= LARGEST).all():
+            if (abs(floats(values)) <= LARGEST).all():
                 return values
-        return as_dual_array([self._checked(position, t) for position in places])
+        return dual_array([self._checked(position, t) for position in places])
 
     def _checked(self, position: float, t: float) -> np.ndarray:
         """The value at a place; SceneError, with the place, for what is none."""
@@ -303,8 +301,8 @@ def values_of(
 ) -> Any:
     """Values (n, size) for rows (n, k) of arguments, by one call if the function accepts `arrays`.
 
-    All values of the first function made by a line of the user's code are compared with those of
-    calls one by one, and some of each later one. They may differ by round-off.
+    For the first function made by a line of the user's code all values are compared with calls one
+    by one, for each later function some values. They may differ by round-off.
     """
     least = _LEAST_WITH_SLOPES if is_dual or isinstance(rows, Dual) else _LEAST
     if arrays is None or len(rows) < least:
@@ -312,20 +310,20 @@ def values_of(
     key = what, getattr(function, "__code__", type(function))
     if not arrays.accepted.get(key, True):
         return one_by_one(rows)
-    at_once, is_first = _at_once(function, size, rows), key not in arrays.accepted
+    values_at_once, is_first = _at_once(function, size, rows), key not in arrays.accepted
     if is_first:
         values = one_by_one(rows)
-        arrays.accepted[key] = at_once is not None and _agree(at_once, values)
+        arrays.accepted[key] = values_at_once is not None and _agree(values_at_once, values)
         return values
-    if at_once is None:
+    if values_at_once is None:
         return one_by_one(rows)
     some = np.arange(_SAMPLES) * (len(rows) - 1) // (_SAMPLES - 1)
     sizes = None
-    if isinstance(at_once, Dual):
-        some, sizes = some[1:2], at_once
-    if not _agree(at_once[some], one_by_one(rows[some]), sizes):
+    if isinstance(values_at_once, Dual):
+        some, sizes = some[1:2], values_at_once
+    if not _agree(values_at_once[some], one_by_one(rows[some]), sizes):
         return one_by_one(rows)
-    return at_once
+    return values_at_once
 
 
 def _at_once(function: Callable, size: int, rows: Any) -> Any:
@@ -340,12 +338,12 @@ def _at_once(function: Callable, size: int, rows: Any) -> Any:
         with np.errstate(divide="raise", over="raise", invalid="raise"):
             result: Any = function(*columns)
         if isinstance(result, np.ndarray | Dual) and result.shape == (len(rows), size):
-            values = as_dual_array(result)
+            values = dual_array(result)
         else:
             alone = isinstance(result, Dual) and not result.ndim
             alone = alone or not hasattr(result, "__len__") or len(result) != size
             parts: Sequence = (result,) if alone else result
-            columns = [np.broadcast_to(as_dual_array(part), shape) for part in parts]
+            columns = [np.broadcast_to(dual_array(part), shape) for part in parts]
             values = np.concatenate(columns, axis=1)
     except Exception as error:  # noqa: BLE001  # whatever a function does that takes single numbers
         if _is_endless(error):
@@ -356,14 +354,12 @@ def _at_once(function: Callable, size: int, rows: Any) -> Any:
 
 def _agree(values: Any, others: Any, sizes: Any = None) -> bool:
     """Whether values (n, size) differ by round-off at most, in terms of the largest of `sizes`."""
-    values, others, sizes = map(
-        without_slopes, (values, others, others if sizes is None else sizes)
-    )
+    values, others, sizes = map(floats, (values, others, others if sizes is None else sizes))
     return bool((abs(values - others) <= _ROUNDING * abs(sizes).max(axis=0)).all())
 
 
 def _copied(value: Any) -> Any:
-    """A function's value, copied where the function may fill and return the same array again."""
+    """A function's value, as a copy: a function may fill and return one array again and again."""
     if isinstance(value, _IMMUTABLE):
         return value
     return (value if isinstance(value, np.ndarray) else np.array(value)).tolist()

@@ -61,7 +61,7 @@ class Input:
         named = errors.is_name(self.name)
         errors.require(named, "Input: name", self.name, "a text that is not empty")
         if self.factor is not None:
-            size = 2 if errors.as_real_array(self.factor).size == 2 else 1
+            size = 2 if errors.real_array(self.factor).size == 2 else 1
             factor = errors.vector(self.factor, size, f"{self}: factor")
             errors.require(
                 bool(factor.any()), f"{self}: factor", self.factor, "different from zero"
@@ -75,34 +75,34 @@ class Input:
 class InputSignal(Signal):
     """An `Input` at a place with values (size,): zero, or what a motion sets over its steps.
 
-    Over a step a load is held; others, of one component, go straight from `start` to `end`.
+    Over a step a load is constant. A motion, of one component, goes straight from `start` to `end`.
     """
 
     is_constant = False
 
-    def __init__(self, given: Input, size: int, what: str):
-        if given.factor is not None and len(given.factor) != size:
+    def __init__(self, source: Input, size: int, what: str):
+        if source.factor is not None and len(source.factor) != size:
             raise SceneError(
-                f"{what}: {given} has {len(given.factor)} factors, but there "
+                f"{what}: {source} has {len(source.factor)} factors, but there "
                 f"{'are two components' if size == 2 else 'is one component'}"
             )
         super().__init__(None, size, what)
-        self.name = given.name
-        #: Values (size,) are this (size, width) times the input.
-        self.factor = np.eye(size) if given.factor is None else np.array(given.factor)[:, None]
+        self.name = source.name
+        #: Matrix (size, width) from the input to the values.
+        self.factor = np.eye(size) if source.factor is None else np.array(source.factor)[:, None]
         #: Number of values of the input.
         self.width = self.factor.shape[1]
-        #: The same factor; an input of two numbers is the value itself.
+        #: Factor on an input of one number (width 1); an input of two numbers is the value.
         self.scale: Any = self.factor[:, 0] if self.width == 1 else 1.0
         #: Whether no motion sets it.
         self.is_open = True
-        #: Values at the start and at the end of a step, which ends at these times [s].
+        #: Values at the start and at the end of a step, and its times [s].
         self.start: Any = np.zeros(size)
         self.end: Any = self.start
         self._t0, self._t1 = -math.inf, math.inf
 
     def over_steps(self, ramps: bool) -> InputSignal:
-        """The same, which a motion sets."""
+        """A copy that a motion sets."""
         new = copy.copy(self)
         new.is_open, new.ramps = False, ramps
         if ramps:
@@ -118,7 +118,7 @@ class InputSignal(Signal):
         self._t0, self._t1 = t0, t1
 
     def __call__(self, *arguments: Any) -> np.ndarray:
-        """The value (size,) in the step; outside it that of its start or end."""
+        """The value (size,) in the step, or at its nearer end."""
         if not self.ramps:
             return self.end
         if self.start == self.end:
@@ -156,7 +156,7 @@ def input_slots(scene) -> Iterator[tuple[InputSignal, str]]:
         ("parameter", scene.parameters.functions.values()),
         ("natural strain", strains),
     ):
-        yield from ((one, kind) for one in functions if is_open_input(one))
+        yield from ((function, kind) for function in functions if is_open_input(function))
 
 
 def widths(scene) -> dict[str, int]:
@@ -180,11 +180,11 @@ def widths(scene) -> dict[str, int]:
     return {name: slot.width for name, (slot, _) in slots.items()}
 
 
-def check_names(names, known, what: str) -> None:
-    """Refuse names of inputs that a scene does not have."""
+def check_names(names, own, what: str) -> None:
+    """Refuse names of inputs that a scene with its `own` names does not have."""
     for name in names:
-        if name not in known:
-            has = f"it has {list(known)}" if known else "it has none; see fx_beam.Input"
+        if name not in own:
+            has = f"it has {list(own)}" if own else "it has none; see fx_beam.Input"
             raise SceneError(f"{what}: the scene has no input {name!r}; {has}")
 
 
@@ -211,62 +211,62 @@ def connected(scene, function_of: Callable[[InputSignal], Signal]):
     return new
 
 
-def with_functions(scene, given: Mapping | None, what: str):
+def with_functions(scene, values: Mapping | None, what: str):
     """The scene with its inputs as functions of time or constants; zero where none is given."""
-    if given is None:
+    if values is None:
         return scene
-    errors.require(isinstance(given, Mapping), what, given, "a dictionary by names of inputs")
-    known = widths(scene)
-    check_names(given, known, what)
+    errors.require(isinstance(values, Mapping), what, values, "a dictionary by names of inputs")
+    sizes = widths(scene)
+    check_names(values, sizes, what)
     functions = {
-        name: checked_function(value, known[name], f"input {name!r}", 0.0)
-        for name, value in given.items()
+        name: checked_function(value, sizes[name], f"input {name!r}", 0.0)
+        for name, value in values.items()
     }
 
     def function_of(slot: InputSignal) -> Signal:
         if slot.name not in functions:
             return slot
-        of_time = functions[slot.name]
-        if of_time.is_constant:
-            return constant(slot.factor @ of_time(0.0))
-        return Signal(lambda t: slot.factor @ of_time(t), slot.size, slot.what)
+        signal = functions[slot.name]
+        if signal.is_constant:
+            return constant(slot.factor @ signal(0.0))
+        return Signal(lambda t: slot.factor @ signal(t), slot.size, slot.what)
 
     return connected(scene, function_of)
 
 
 def with_values(scene, values: np.ndarray | None):
-    """The scene with its inputs at these values of all, in the order of `widths`."""
-    known = widths(scene)
-    if values is None or len(values) != sum(known.values()):
+    """The scene with all inputs at values (n,), in the order of `widths`."""
+    sizes = widths(scene)
+    if values is None or len(values) != sum(sizes.values()):
         return scene
-    parts = np.split(values, np.cumsum(list(known.values()))[:-1])
-    return with_functions(scene, dict(zip(known, parts, strict=True)), "inputs")
+    parts = np.split(values, np.cumsum(list(sizes.values()))[:-1])
+    return with_functions(scene, dict(zip(sizes, parts, strict=True)), "inputs")
 
 
-def values_at(scene, given: Mapping | None, t: float) -> dict[str, np.ndarray | None]:
-    """Values of all inputs, of those given at t [s], and their names, as a `State` has them."""
-    given, known = {} if given is None else given, widths(scene)
+def values_at(scene, settings: Mapping | None, t: float) -> dict[str, np.ndarray | None]:
+    """Values at t [s] and names of all inputs, as members of a `State`; zero if not set."""
+    settings, sizes = {} if settings is None else settings, widths(scene)
     parts = [
-        checked_function(given.get(name, np.zeros(width)), width, f"input {name!r}", t)(t)
-        for name, width in known.items()
+        checked_function(settings.get(name, np.zeros(width)), width, f"input {name!r}", t)(t)
+        for name, width in sizes.items()
     ]
     values = np.concatenate(parts) if parts else None
-    return {"inputs": values, "input_names": names_of_values(known)}
+    return {"inputs": values, "input_names": names_of_values(sizes)}
 
 
-def names_of_values(known: Mapping[str, int]) -> np.ndarray | None:
+def names_of_values(sizes: Mapping[str, int]) -> np.ndarray | None:
     """The name of the input of each value, in the order of `widths`; None without any."""
-    return np.repeat([*known], [*known.values()]) if known else None
+    return np.repeat([*sizes], [*sizes.values()]) if sizes else None
 
 
-def values_of(state: Any, known: Mapping[str, int]) -> np.ndarray | None:
-    """Values of all inputs in the order of `widths`, from those of a state; zero for others."""
+def values_of(state: Any, sizes: Mapping[str, int]) -> np.ndarray | None:
+    """Values of all inputs from a state, in the order of `widths`; zero for unknown names."""
     values, names = state.inputs, state.input_names
     if values is None or names is None:
         return values
-    of_state = {name: values[names == name] for name in known}
-    fits = {name: len(of_state[name]) == width for name, width in known.items()}
-    parts = (of_state[n] if fits[n] else np.zeros(width) for n, width in known.items())
+    state_values = {name: values[names == name] for name in sizes}
+    same_size = {name: len(state_values[name]) == width for name, width in sizes.items()}
+    parts = (state_values[n] if same_size[n] else np.zeros(width) for n, width in sizes.items())
     return np.concatenate([np.empty(0), *parts])
 
 

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from fx_beam.dual import dual_of, scene_number
-from fx_beam.errors import IS_DATA, SceneError, as_real_array, require, shown, vector
+from fx_beam.errors import IS_DATA, SceneError, real_array, require, shown, vector
 
 from .beam import Beam, Node
 from .coordinate import Coordinate, Coulomb, Damper, Friction, Spring, Stop, checked_coordinate
@@ -89,7 +89,7 @@ class Joint:
     slide : Coordinate, optional
         Spring, damper, friction, stops and motor of the slide; None for a joint without slide.
     rotation : Coordinate, optional
-        Those of the relative rotation psi_b - psi_a; None where it is fixed.
+        Spring, damper, ... of the relative rotation psi_b - psi_a; None where it is fixed.
     number : int
         Index in the scene's joints.
     place : Place, optional
@@ -115,7 +115,7 @@ class Joint:
     number: int = field(default=-1)
     place: Place | None = None
 
-    #: Where b is on a, by its slide.
+    #: The curve on which b is on a, over the slide.
     track: ClassVar[type[Track]] = Track
 
     def __repr__(self):
@@ -133,13 +133,13 @@ class Joint:
 
     @property
     def coordinates(self) -> dict[str, Coordinate]:
-        """What acts on its slide and on its rotation, of those that it has, by name."""
+        """The free coordinates of the joint, "slide" and "rotation", with what acts on them."""
         parts = {"slide": self.slide, "rotation": self.rotation}
         return {name: part for name, part in parts.items() if part is not None}
 
     @property
     def driven(self) -> list[str]:
-        """Names of its coordinates with a motor."""
+        """Names of the coordinates with a motor."""
         return [name for name, on in self.coordinates.items() if on.motor is not None]
 
     @property
@@ -149,18 +149,18 @@ class Joint:
 
     @property
     def internal(self) -> tuple[str, ...]:
-        """Names of the internal variables of its springs, that of the slide first."""
+        """Names of the internal variables of springs: of the slide, then of the rotation."""
         springs = (on.spring for on in self.coordinates.values())
         return tuple(name for s in springs if s and s.internal for name in s.internal.names)
 
     @property
     def coupling(self) -> tuple:
-        """What it couples: of joints for which this is equal, one is enough."""
+        """Kind, nodes and place: of two joints with the same ones, one is enough."""
         axis = None if self.axis is None else tuple(self.axis)
         return self.kind, self.a.number, self.b.number, tuple(self.offset), axis, self.place
 
     @property
-    def is_index(self) -> bool:
+    def is_selection(self) -> bool:
         """Whether the displacements of a and b are equal."""
         return self.axis is None and not self.offset.any() and self.place is None
 
@@ -171,7 +171,7 @@ class Joint:
             return np.array(self.place.apart)
         if self.a is GROUND or self.b is GROUND:
             return self.offset
-        return as_real_array([self.b.x - self.a.x, self.b.y - self.a.y])
+        return real_array([self.b.x - self.a.x, self.b.y - self.a.y])
 
     @property
     def arm(self) -> np.ndarray:
@@ -277,9 +277,9 @@ class NodalMotion(NamedTuple):
     """Motion over n rows: "q", displacements and rotations, or "v", their rates."""
 
     #: Components (3, n) of a node.
-    of_node: Callable[[str, Node], np.ndarray]
-    #: Those (n, nodes, 3) of the nodes of a beam, those inside its elements included.
-    of_beam: Callable[[str, Beam], np.ndarray]
+    node: Callable[[str, Node], np.ndarray]
+    #: Components (n, nodes, 3) of all nodes of a beam, also inside elements.
+    beam: Callable[[str, Beam], np.ndarray]
 
 
 class JointKinematics:
@@ -306,62 +306,62 @@ class JointKinematics:
         (offset_x, offset_y), axis = self.joint.offset, self.joint.axis
         return 0.0 if axis is None else self.joint.track.nearest(axis, x - offset_x, y - offset_y)
 
-    def parting(self, at: NodalMotion, slide: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def parting(self, motion: NodalMotion, slide: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """From b to its place on a: components x and y (n,) [m]."""
-        (X, Y), (x, y, _) = self.joint.apart, self._difference(at, "q")
-        arm_x, arm_y = self._turned(at, self.place_on_a(slide))
+        (X, Y), (x, y, _) = self.joint.apart, self._difference(motion, "q")
+        arm_x, arm_y = self._turned(motion, self.place_on_a(slide))
         return arm_x - X - x, arm_y - Y - y
 
-    def gap(self, at: NodalMotion, slide: np.ndarray) -> np.ndarray:
+    def gap(self, motion: NodalMotion, slide: np.ndarray) -> np.ndarray:
         """Distance (n,) of b from its place [m]; zero to round-off."""
-        return np.hypot(*self.parting(at, slide))
+        return np.hypot(*self.parting(motion, slide))
 
-    def angle(self, at: NodalMotion, slide: np.ndarray) -> np.ndarray:
+    def angle(self, motion: NodalMotion, slide: np.ndarray) -> np.ndarray:
         """Rotation (n,) of b relative to a, or to its beam where it is, since the start [rad]."""
-        return self._difference(at, "q")[2]
+        return self._difference(motion, "q")[2]
 
-    def spin(self, at: NodalMotion, slide: np.ndarray) -> np.ndarray:
+    def spin(self, motion: NodalMotion, slide: np.ndarray) -> np.ndarray:
         """Rate (n,) of the angle [rad/s]."""
-        return self._difference(at, "v")[2]
+        return self._difference(motion, "v")[2]
 
-    def rate(self, at: NodalMotion, slide: np.ndarray) -> np.ndarray:
+    def rate(self, motion: NodalMotion, slide: np.ndarray) -> np.ndarray:
         """Rate (n,) of the slide [m/s] if the joint has one, else of the angle [rad/s]."""
         joint = self.joint
         if joint.axis is None:
-            return self.spin(at, slide)
-        x, y, _ = self._difference(at, "v")
-        psi, spin = (self._of(at, name, joint.a)[2] for name in "qv")
+            return self.spin(motion, slide)
+        x, y, _ = self._difference(motion, "v")
+        psi, spin = (self._of(motion, name, joint.a)[2] for name in "qv")
         return axial_rate(joint.track, joint.offset, joint.axis, slide, psi, spin, x, y)
 
-    def parting_rate(self, at: NodalMotion, slide: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def parting_rate(self, motion: NodalMotion, slide: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Velocity (2, n) of b as a sees it, and the direction (2, n) of the slide, or zero."""
-        x, y, _ = self._difference(at, "v")
-        spin = self._of(at, "v", self.joint.a)[2]
-        arm_x, arm_y = self._turned(at, self.place_on_a(slide))
+        x, y, _ = self._difference(motion, "v")
+        spin = self._of(motion, "v", self.joint.a)[2]
+        arm_x, arm_y = self._turned(motion, self.place_on_a(slide))
         velocity = np.array([x + spin * arm_y, y - spin * arm_x])
         # The ground's does not turn.
-        along = np.reshape(self._turned(at, self.tangent(slide)), (2, -1))
+        along = np.reshape(self._turned(motion, self.tangent(slide)), (2, -1))
         return velocity, np.broadcast_to(along, velocity.shape)
 
-    def slide(self, at: NodalMotion, near: np.ndarray) -> np.ndarray:
+    def slide(self, motion: NodalMotion, near: np.ndarray) -> np.ndarray:
         """The slide (n,) [m] in a motion, from one near by; that one for a joint without."""
         if self.joint.axis is None:
             return near
-        (X, Y), (x, y, _) = self.joint.apart, self._difference(at, "q")
-        return self.slide_at(*self._turned(at, (X + x, Y + y), back=True))
+        (X, Y), (x, y, _) = self.joint.apart, self._difference(motion, "q")
+        return self.slide_at(*self._turned(motion, (X + x, Y + y), back=True))
 
-    def _of(self, at: NodalMotion, name: str, node: Node) -> Any:
+    def _of(self, motion: NodalMotion, name: str, node: Node) -> Any:
         """Components of a node; zero on the ground."""
-        return (0.0, 0.0, 0.0) if node.number < 0 else at.of_node(name, node)
+        return (0.0, 0.0, 0.0) if node.number < 0 else motion.node(name, node)
 
-    def _difference(self, at: NodalMotion, name: str) -> list[np.ndarray]:
-        """Components (3,) of the motion of b less that of a."""
-        a, b = (self._of(at, name, node) for node in (self.joint.a, self.joint.b))
+    def _difference(self, motion: NodalMotion, name: str) -> list[np.ndarray]:
+        """Components (3,) of the motion of b relative to a: x_b - x_a."""
+        a, b = (self._of(motion, name, node) for node in (self.joint.a, self.joint.b))
         return [after - before for after, before in zip(b, a, strict=True)]
 
-    def _turned(self, at: NodalMotion, arm, back: bool = False) -> tuple[np.ndarray, np.ndarray]:
-        """Components of a vector that rotates with a; or back, as a sees it."""
-        psi = self._of(at, "q", self.joint.a)[2]
+    def _turned(self, motion: NodalMotion, arm, back: bool = False) -> tuple[Any, Any]:
+        """R(psi_a) arm, or with `back` R(-psi_a) arm: the components as a sees them."""
+        psi = self._of(motion, "q", self.joint.a)[2]
         c, s = np.cos(psi), np.sin(-psi if back else psi)
         return c * arm[0] - s * arm[1], s * arm[0] + c * arm[1]
 
@@ -405,8 +405,8 @@ def placed(joint: Joint, q_a: np.ndarray, q_b: np.ndarray, size: float) -> Joint
         )
     for name, on in joint.coordinates.items():
         if on.stop is not None:
-            at = slide if name == "slide" else float(q_b[2] - q_a[2])
-            on.stop.check_start(at, _FITS * size, f"{joint}: its {name}")
+            value = slide if name == "slide" else float(q_b[2] - q_a[2])
+            on.stop.check_start(value, _FITS * size, f"{joint}: its {name}")
     offset.setflags(write=False)
     place = Place((float(apart[0]), float(apart[1])), slide, turn)
     return replace(joint, offset=offset, place=place)
@@ -418,8 +418,8 @@ def moved_by(solution: Any, node: Node) -> np.ndarray:
     if end is None or X is None:
         raise SceneError(f"add_joint: at = {shown(solution)} must be a solution with a last state")
     number = node.number
-    known = 0 <= number < len(X) and tuple(X[number]) == (node.x, node.y)
-    return end.q[number] if known else np.zeros(3)
+    same_node = 0 <= number < len(X) and tuple(X[number]) == (node.x, node.y)
+    return end.q[number] if same_node else np.zeros(3)
 
 
 def Rigid(a: Node, b: Node, offset=(0.0, 0.0)) -> Joint:
@@ -610,18 +610,18 @@ def PinInSlot(
 
 def direction(value, what: str) -> np.ndarray:
     """Unit vector (2,) in the direction of a vector; a unit vector stays, to the last digit."""
-    given = vector(value, 2, what)
-    length = np.hypot(*given)
+    components = vector(value, 2, what)
+    length = np.hypot(*components)
     if length == 0:
-        raise SceneError(f"{what} = {given} has no direction. Give a nonzero vector")
-    if (dual := dual_of(given)) is not None:
+        raise SceneError(f"{what} = {components} has no direction. Give a nonzero vector")
+    if (dual := dual_of(components)) is not None:
         return scene_number(dual / np.hypot(*dual))
-    unit = given / length if abs(length - 1) > 4e-16 else given
+    unit = components / length if abs(length - 1) > 4e-16 else components
     unit.setflags(write=False)
     return unit
 
 
-def new_joint(kind, a, b, offset, axis=None, slide=None, rotation=None, of=Joint, **more) -> Any:
+def new_joint(kind, a, b, offset, axis=None, slide=None, rotation=None, cls=Joint, **more) -> Any:
     """A joint of a class, and what this has more; SceneError for nodes and laws that do not fit."""
     if slide is not None and isinstance(slide.friction, Coulomb) and slide.friction.radius:
         raise SceneError(f"{kind}: friction of a slide has no radius; omit it")
@@ -642,7 +642,7 @@ def new_joint(kind, a, b, offset, axis=None, slide=None, rotation=None, of=Joint
     offset = vector(offset, 2, f"{kind}: offset")
     expected = f"zero, as the ground takes no offset: the joint is at the start position of {b}"
     require(a is not GROUND or not offset.any(), f"{kind}: offset", offset.tolist(), expected)
-    joint = of(kind, a, b, offset, axis, slide, rotation, **more)
+    joint = cls(kind, a, b, offset, axis, slide, rotation, **more)
     if len(set(joint.internal)) < len(joint.internal):
         raise SceneError(
             f"{kind}: the springs of its slide and its rotation have internal variables of the "
@@ -677,7 +677,7 @@ class Constraints:
 
 
 def joints_by_number(scene: Any) -> dict[int, Joint]:
-    """The joints of a scene by their numbers, some of which may be missing."""
+    """The joints of a scene by their numbers; numbers of removed joints are missing."""
     return {joint.number: joint for joint in scene.joints}
 
 
@@ -700,5 +700,5 @@ def key_of(joint: Joint) -> JointKey:
     place = [*joint.offset.tolist(), *([] if joint.axis is None else joint.axis.tolist())]
     place += [] if joint.place is None else [*joint.place.apart, joint.place.turn]
     beam, ends = getattr(joint, "beam", None), (joint.a.number, joint.b.number)
-    of_beam = "" if beam is None else beam.name
-    return JointKey(joint.number, joint.kind, *ends, tuple(joint.driven), tuple(place), of_beam)
+    beam_name = "" if beam is None else beam.name
+    return JointKey(joint.number, joint.kind, *ends, tuple(joint.driven), tuple(place), beam_name)

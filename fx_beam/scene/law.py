@@ -16,12 +16,12 @@ from .parameters import new_variables, parameters_in, refused, scalar_of, symbol
 
 Energy = Callable[..., Any]
 
-# Strains at which a stored energy is compared with that of zero strain: curvatures are small where
-# the unit of length is.
+# Strains at which a stored energy is compared with its value at zero strain; curvatures are small
+# if the unit of length is small.
 _SIZES = 1e-12, 1e-9, 1e-6, 1e-3, 1e-2, 0.1, 1.0, 10.0
-# Share of a load step after which what flows from its start on has changed.
+# Share of a load step after which a variable that flows from the start on has changed.
 _SHORTLY = 1e-3
-# UFL's names of comparisons of two numbers, of which conditions are made.
+# UFL's names of comparisons of two numbers, which conditions consist of.
 _COMPARISONS = {"EQ", "GE", "GT", "LE", "LT", "NE"}
 # What pictures and files have along members besides internal variables.
 _OF_MEMBERS = {"N", "Q", "M", "strain energy", "speed", "velocity", "displacement", "rotation"}
@@ -185,12 +185,12 @@ def check_energy(
         return
     count, variables = len(strains), () if internal is None else internal.names
 
-    def of_all(*given: Any) -> Any:
-        a = [ufl.as_vector(given[count:])] if variables else []
-        return strain_energy(*given[:count], *a)
+    def energy(*arguments: Any) -> Any:
+        a = [ufl.as_vector(arguments[count:])] if variables else []
+        return strain_energy(*arguments[:count], *a)
 
     call = f"{part}: {name}({', '.join(strains)}{', a' * bool(variables)})"
-    W, e = scalar_of(of_all, count + len(variables), call)
+    W, e = scalar_of(energy, count + len(variables), call)
     met = set(parts_of(W))
     missing = [n for n, x in zip((*strains, *variables), e, strict=True) if x not in met]
     if missing:
@@ -211,7 +211,7 @@ def _check_convexity(W: Any, e: list[Any], what: str, strains: tuple[str, ...]) 
     energy = ufl.replace(W, dict(zip(e, symbols, strict=True)))
 
     def at(name: str, value: float) -> float:
-        """The energy at a value of one strain, the others being zero."""
+        """The energy at a value of one strain; all other strains are zero."""
         values = [value if name == strain else 0.0 for strain in strains]
         try:
             return float(energy((), dict(zip(symbols, values, strict=True))))
@@ -274,9 +274,10 @@ class InternalVariables:
     update : callable
         ``update(old, strains0, strains, dt)`` gives the new variables as UFL expressions, one for
         each name: from `old`, the variables at the start of the step, `strains0`, the strains
-        (eps, gamma, kappa) at the start, `strains`, those that they belong to, and `dt`, the time
-        between them [s]. A spring has the single strain (x,), its coordinate. In load steps of
-        `static`, `dt` is the increment of the load factor, with arc-length continuation zero.
+        (eps, gamma, kappa) at the start, `strains`, the strains at the time of the new variables,
+        and `dt`, the time between [s]. A spring has the single strain (x,), its coordinate. In load
+        steps of `static`, `dt` is the increment of the load factor, with arc-length continuation
+        zero.
     level : float, optional
         Fraction of a step after which the update holds, from 1/2 to 1. With 1/2 smooth changes, as
         of a viscous material, are of second order in time, and no step gains energy. With 1, sudden
@@ -352,8 +353,8 @@ class InternalVariables:
         strains0, strains = (tuple(new_variables(strains_of_part)) for _ in range(2))
         (dt,) = new_variables(1)
         updated = self.updated(ufl.as_vector(old), strains0, strains, dt)
-        known = parameters_in(updated) + symbols_of([*old, *strains0, *strains, dt])
-        refuse_fields_in(updated, "InternalVariables: update", known)
+        allowed = parameters_in(updated) + symbols_of([*old, *strains0, *strains, dt])
+        refuse_fields_in(updated, "InternalVariables: update", allowed)
         for i, name in enumerate(self.names):
             if not {*old, *strains0, *strains} & set(parts_of(updated[i])):
                 raise SceneError(
@@ -370,8 +371,8 @@ class InternalVariables:
         old : ufl vector
             The variables at the start of the step.
         strains0, strains : sequence of ufl scalars
-            Axial strain, shear strain and curvature [1/m] at the start, and those given; of a
-            spring its coordinate [m or rad].
+            Axial strain, shear strain and curvature [1/m] at the start, and at the time of the new
+            variables; of a spring its coordinate [m or rad].
         dt : ufl scalar
             Time between them [s].
 
@@ -395,21 +396,21 @@ class InternalVariables:
         return ufl.as_vector(updated)
 
 
-def evolved(variables: InternalVariables, old, e0, e1, dt, at_rest: bool) -> tuple[Any, Any, Any]:
+def evolved(variables: InternalVariables, old, e0, e1, dt, static: bool) -> tuple[Any, Any, Any]:
     """Internal variables at both ends of a step, and in statics shortly after its start."""
-    level = 1.0 if at_rest else variables.level
+    level = 1.0 if static else variables.level
 
     def after(share: float) -> Any:
-        """They are updated to their level in this share of the step, then linear."""
+        """Variables after a share of the step: the update to its level, extended linearly."""
         until = level * share
         strains = tuple((1 - until) * a + until * b for a, b in zip(e0, e1, strict=True))
         return old + (variables.updated(old, e0, strains, until * dt) - old) / level
 
-    return old, after(1.0), after(_SHORTLY) if at_rest else old
+    return old, after(1.0), after(_SHORTLY) if static else old
 
 
 def law_of_step(energy: Energy, old, new) -> Law:
-    """The law at the mean of the internal variables, with those of both ends."""
+    """The law at the mean of the internal variables, with laws at `old` and at `new`."""
 
     def at(a) -> Energy:
         return lambda *strains: energy(*strains, a)
@@ -419,36 +420,35 @@ def law_of_step(energy: Energy, old, new) -> Law:
     return replace(law, ends=(start, end))
 
 
-def evolution_loss(energy: Energy, level: float, variables, strains, at_rest: bool):
+def evolution_loss(energy: Energy, level: float, variables, strains, static: bool):
     """Energy that the evolution takes: per length, or of a spring.
 
-    In motions what the work N.(E1 - E0) + M (K1 - K0) has more than the stored energy gains, in
-    statics the work of the forces that drive it: their mean over both ends if it flows from the
-    start on, else that at the `level` of its update, the end if it begins to flow within.
-    `variables` are those of `evolved`, `strains` those at both ends.
+    In motions the work N.(E1 - E0) + M (K1 - K0) less the gain of stored energy. In statics the
+    work of the forces that drive the variables: of their mean over both ends if they flow from the
+    start on, else at the `level` of the update. `variables` as of `evolved`, `strains` at the ends.
     """
     (old, new, begun), (e0, e1) = variables, strains
 
-    def drive(e, of):
-        return -slope(lambda a: energy(*e, a), of)
+    def drive(e, state):
+        return -slope(lambda a: energy(*e, a), state)
 
-    if at_rest:
+    if static:
         change = new - old
         flows = ufl.gt(ufl.dot(begun - old, change), _SHORTLY / 100 * ufl.dot(change, change))
-        at_start = ufl.conditional(flows, 0.5, 1 - level)
-        return ufl.dot(at_start * drive(e0, old) + (1 - at_start) * drive(e1, new), change)
+        weight = ufl.conditional(flows, 0.5, 1 - level)
+        return ufl.dot(weight * drive(e0, old) + (1 - weight) * drive(e1, new), change)
     mean = (old + new) / 2
     return energy(*e1, mean) - energy(*e1, new) + energy(*e0, old) - energy(*e0, mean)
 
 
-def held(variables: InternalVariables | None) -> InternalVariables | None:
-    """The same variables, which stay what they are."""
+def frozen(variables: InternalVariables | None) -> InternalVariables | None:
+    """The variables with an update that keeps their values."""
     return variables and replace(variables, update=_held)
 
 
 def _held(old, strains0, strains, dt):
-    """The old ones, in a way whose derivatives are no constants: of these FFCx makes no code."""
-    return [ufl.conditional(ufl.lt(dt, 0), 0.0, of) for of in old]
+    """The old values, as expressions with derivatives: FFCx makes no code of a constant."""
+    return [ufl.conditional(ufl.lt(dt, 0), 0.0, variable) for variable in old]
 
 
 def check_dissipation(energy: Callable, variables: InternalVariables, strains_of_part: int) -> None:
@@ -486,7 +486,7 @@ _PATH = [
 
 
 def _update(energy, variables, old, strains, dt) -> tuple[list[float], float, float]:
-    """New variables, the energy that they take, and the size of its terms."""
+    """New variables, the energy that the update takes, and the size of terms of this energy."""
     e = tuple(map(ufl.as_ufl, strains))
     updated = variables.updated(ufl.as_vector([*map(ufl.as_ufl, old)]), e, e, ufl.as_ufl(dt))
     new = [float(updated[i](())) for i in range(len(old))]

@@ -9,14 +9,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.dual import without_slopes
+from fx_beam.dual import floats
 from fx_beam.errors import (
     IS_DATA,
     LARGEST,
     SceneError,
     as_float,
-    as_real_array,
     is_one_of,
+    real_array,
     require,
     shown,
     vector,
@@ -52,14 +52,14 @@ NAMES = {
 def values_along(function: Signal, positions: np.ndarray, arrays: ArrayCalls | None) -> Any:
     """Finite values (n, size) of a function of position at n positions; SceneError otherwise."""
     values = function.each(positions[:, None], arrays)
-    if not (abs(without_slopes(values)) <= LARGEST).all():
+    if not (abs(floats(values)) <= LARGEST).all():
         for x, value in zip(positions.tolist(), values, strict=True):
             vector(value, function.size, f"{function.what} at {function.place} = {x:g}")
     return values
 
 
 class Mass(NamedTuple):
-    """A lumped mass: number of its node, mass [kg] and moment of inertia [kg m^2]."""
+    """A lumped mass: number of the node, mass [kg] and moment of inertia [kg m^2]."""
 
     node: int
     mass: float
@@ -83,21 +83,21 @@ class Load:
         return f"{'follower ' if self.follower else ''}{self.kind} on {label(self.target)}"
 
 
-def line_load(beam: Beam, load, of: str) -> Load:
+def line_load(beam: Beam, load, arguments: str) -> Load:
     """Line load on a beam: a constant, or a function of time, of the arc length, or of both."""
     what = f"line load on {label(beam)}"
     expected = "'time' or 'arc length', or 'arc length and time' for a function of both"
-    require(is_one_of(of, _OF), f"{what}: of", of, expected)
-    if of == "time":
+    require(is_one_of(arguments, _OF), f"{what}: of", arguments, expected)
+    if arguments == "time":
         check_takes_time(load, what)
         return Load("line load", beam, time_function(load, 2, what))
-    names, called = argument_names(load), "s, t" if of.endswith("time") else "s"
+    names, called = argument_names(load), "s, t" if arguments.endswith("time") else "s"
     if names and names[0].lower() in ("t", "time"):
         raise SceneError(
             f"{what}: the function takes ({', '.join(names)}), but it is called with ({called}), "
             f"the arc length first: give lambda {called}: ... A function of time has of='time'"
         )
-    if of == "arc length and time":
+    if arguments == "arc length and time":
         value = SignalAlong(load, 2, what, beam.length, "s")
         return Load("line load", beam, value)
     return Load("line load", beam, function_of_place(load, 2, what, "s"))
@@ -106,9 +106,9 @@ def line_load(beam: Beam, load, of: str) -> Load:
 def changed(load: Load, value) -> Load:
     """The load with another value, of the same kind."""
     if isinstance(load.target, Beam):
-        of = "arc length" if load.value.place else "time"
-        of += " and time" * isinstance(load.value, SignalAlong)
-        return line_load(load.target, value, of)
+        arguments = "arc length" if load.value.place else "time"
+        arguments += " and time" * isinstance(load.value, SignalAlong)
+        return line_load(load.target, value, arguments)
     size = 1 if load.kind == "moment" else 2
     return replace(load, value=time_function(value, size, str(load)))
 
@@ -140,19 +140,16 @@ class Drag:
     def __post_init__(self):
         on = f"drag on {label(self.target)}"
         for name in PARTS_OF_DRAG:
-            given, what = getattr(self, name), f"{on}: {name}"
-            pair = isinstance(given, list | tuple | np.ndarray) and as_real_array(given).shape == (
-                2,
-            )
+            value, what = getattr(self, name), f"{on}: {name}"
+            pair = isinstance(value, list | tuple | np.ndarray)
+            pair = pair and real_array(value).shape == (2,)
             may_be = isinstance(self.target, Beam) and name != "rotation"
-            expected = (
-                "one number; only a beam has directions along and across it, for its velocity"
-            )
-            require(may_be or not pair, what, given, expected)
-            value = vector(given, 2 if pair else 1, what)
+            expected = "one number; only a beam has directions along and across, for its velocity"
+            require(may_be or not pair, what, value, expected)
+            coefficients = vector(value, 2 if pair else 1, what)
             expected = "zero or positive; for a force along the motion there is add_virtual_work"
-            require(value.min() >= 0, what, given, expected)
-            object.__setattr__(self, name, value)
+            require(coefficients.min() >= 0, what, value, expected)
+            object.__setattr__(self, name, coefficients)
         if not any(getattr(self, name).any() for name in PARTS_OF_DRAG):
             raise SceneError(f"{on}: give linear, quadratic or rotation, not all zero")
 
@@ -244,17 +241,17 @@ class NaturalStrain:
         return f"natural strain of beam {self.beam.name!r}"
 
 
-def natural_strain(beam: Beam, given: Mapping[str, Any]) -> NaturalStrain:
+def natural_strain(beam: Beam, components: Mapping[str, Any]) -> NaturalStrain:
     """Natural strains of a beam, from numbers and functions of f, of t, or of both."""
-    parts = {name: _part(beam, name, value) for name, value in given.items() if value is not None}
+    parts = {name: _part(beam, name, x) for name, x in components.items() if x is not None}
     if not parts:
         raise SceneError(f"natural strain of beam {beam.name!r}: give axial, shear or curvature")
     return NaturalStrain(beam, parts)
 
 
-def changed_strain(strain: NaturalStrain, given: Mapping[str, Any]) -> NaturalStrain:
+def changed_strain(strain: NaturalStrain, components: Mapping[str, Any]) -> NaturalStrain:
     """The natural strain with other values of some components."""
-    return replace(strain, parts={**strain.parts, **natural_strain(strain.beam, given).parts})
+    return replace(strain, parts={**strain.parts, **natural_strain(strain.beam, components).parts})
 
 
 def _part(beam: Beam, name: str, value) -> Signal:

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.dual import as_dual_array, without_slopes
-from fx_beam.errors import LARGEST, SceneError, as_real_array, shown
+from fx_beam.dual import dual_array, floats
+from fx_beam.errors import LARGEST, SceneError, real_array, shown
 
 from .beam import MOST_ELEMENTS, Beam, Node
 from .section import Section
@@ -27,19 +27,19 @@ class MeshBeams(list[Beam]):
 
 
 class MeshLayout(NamedTuple):
-    """Nodes of a mesh: at its points, then those that pins join to these, then those in cells."""
+    """Nodes of a mesh, in order: at points, nodes that pins join to points, nodes in cells."""
 
     #: Number of points.
     points: int
     #: Positions of all nodes (n, 2) [m].
     positions: Any
-    #: Pairs of nodes that pins join, that at a point first, (k, 2).
+    #: Pairs (k, 2) of nodes that pins join; the first one is at a point.
     pins: np.ndarray
-    #: Where each cell begins in `nodes` and `s`, and their length, (m + 1,).
+    #: Where each cell begins in `nodes` and `s`, and the length of both (m + 1,).
     starts: np.ndarray
     #: Nodes of the cells, one cell after the other.
     nodes: np.ndarray
-    #: Arc length there [m].
+    #: Arc length at these nodes, from the start of the cell [m].
     s: np.ndarray
 
 
@@ -47,22 +47,22 @@ def mesh_layout(points: Any, cells: Any, elements: Any, pinned: bool) -> MeshLay
     """Nodes of a mesh; SceneError for points, cells or elements that do not fit."""
     places = _checked_points(points)
     count = len(places)
-    at = _checked_cells(cells, count)
-    lengths = _checked_lengths(without_slopes(places), at)
-    elements = _checked_elements(elements, len(at))
-    ends, own = at.flatten(), np.empty(0, int)
+    pairs = _checked_cells(cells, count)
+    lengths = _checked_lengths(floats(places), pairs)
+    elements = _checked_elements(elements, len(pairs))
+    ends, own = pairs.flatten(), np.empty(0, int)
     if pinned:  # of the cells at a point the first one has the node there
         own = _repeated(ends)
         ends[own] = count + np.arange(len(own))
-    beside = at.flat[own]
+    beside = pairs.flat[own]
     starts = np.concatenate(([0], np.cumsum(elements + 1)))
-    cell = np.repeat(np.arange(len(at)), elements + 1)
+    cell = np.repeat(np.arange(len(pairs)), elements + 1)
     fractions = (np.arange(len(cell)) - starts[cell]) / elements[cell]
     inside = (fractions > 0) & (fractions < 1)
     nodes = np.empty(len(cell), int)
     nodes[~inside] = ends
     nodes[inside] = count + len(own) + np.arange(np.count_nonzero(inside))
-    a, b = (places[at[cell[inside], i]] for i in (0, 1))
+    a, b = (places[pairs[cell[inside], i]] for i in (0, 1))
     within = a + fractions[inside, None] * (b - a)
     positions = np.concatenate([places, places[beside], within])
     pins = np.column_stack([beside, ends[own]])
@@ -70,40 +70,40 @@ def mesh_layout(points: Any, cells: Any, elements: Any, pinned: bool) -> MeshLay
 
 
 def _repeated(values: np.ndarray) -> np.ndarray:
-    """Where values are that were there before."""
+    """Indices of values that occur before in the array."""
     return np.setdiff1d(np.arange(len(values)), np.unique(values, return_index=True)[1])
 
 
 def _checked_points(points: Any) -> Any:
     """Positions (n, 2) [m], with slopes if they have any."""
-    places = as_real_array(points)
+    places = real_array(points)
     if places.ndim != 2 or places.shape[1] != 2:
         depth = ". Take x and y: points[:, :2]" if places.shape[1:] == (3,) else ""
         raise SceneError(
             f"add_mesh: points must be an array (n, 2) of numbers, not {shown(points)}{depth}"
         )
-    for i in np.flatnonzero(~(abs(without_slopes(places)) <= LARGEST).all(axis=1)):
+    for i in np.flatnonzero(~(abs(floats(places)) <= LARGEST).all(axis=1)):
         raise SceneError(
             f"add_mesh: point {i} at ({places[i, 0]:g}, {places[i, 1]:g}) is not finite, or too far"
         )
-    return as_dual_array(places)
+    return dual_array(places)
 
 
 def _checked_cells(cells: Any, count: int) -> np.ndarray:
     """Points at both ends of each cell (m, 2), of so many points."""
-    given = as_real_array(cells)
-    if given.ndim != 2 or given.shape[1] != 2 or not given.size or (given != np.floor(given)).any():
+    pairs = real_array(cells)
+    if pairs.ndim != 2 or pairs.shape[1] != 2 or not pairs.size or (pairs != np.floor(pairs)).any():
         raise SceneError(
             "add_mesh: cells must be an array (m, 2) of whole numbers, the points at both ends, "
             f"not {shown(cells)}"
         )
-    for k in np.flatnonzero(((given < 0) | (given >= count)).any(axis=1)):
-        start = ". If they count from 1, give cells - 1" if given.min() == 1 else ""
+    for k in np.flatnonzero(((pairs < 0) | (pairs >= count)).any(axis=1)):
+        start = ". If they count from 1, give cells - 1" if pairs.min() == 1 else ""
         raise SceneError(
-            f"add_mesh: {_named(k, given)} has a point that is not among the {count} points, which "
+            f"add_mesh: {_named(k, pairs)} has a point that is not among the {count} points, which "
             f"count from 0{start}"
         )
-    ends = given.astype(int)
+    ends = pairs.astype(int)
     unused = np.setdiff1d(np.arange(count), ends)
     if len(unused):
         raise SceneError(
@@ -115,7 +115,7 @@ def _checked_cells(cells: Any, count: int) -> np.ndarray:
     for k in _repeated(keys):
         twin = int(np.argmax(keys == keys[k]))
         raise SceneError(
-            f"add_mesh: {_named(k, given)} is there twice, also as cell {twin}. Leave one out"
+            f"add_mesh: {_named(k, pairs)} is there twice, also as cell {twin}. Leave one out"
         )
     return ends
 
@@ -138,7 +138,7 @@ def _named(k: int, cells: np.ndarray) -> str:
 
 def _checked_elements(elements: Any, count: int) -> np.ndarray:
     """Numbers of elements (m,) of so many cells."""
-    counts = as_real_array(elements)
+    counts = real_array(elements)
     ok = counts.shape in ((), (count,)) and (counts == np.floor(counts)).all()
     if not ok or not ((counts >= 1) & (counts <= MOST_ELEMENTS)).all():
         raise SceneError(
@@ -153,8 +153,8 @@ def sections_of(section: Any, tags: Any, count: int) -> list[Section]:
     if isinstance(section, Mapping) != (tags is not None):
         more = "a dict of sections by tag" if tags is not None else "the tag of each cell as tags"
         raise SceneError(f"add_mesh: tags choose sections from a dict; give {more}, too")
-    by_tag = {None: section} if tags is None else section
-    for tag, part in by_tag.items():
+    sections = {None: section} if tags is None else section
+    for tag, part in sections.items():
         if not isinstance(part, Section):
             key = "" if tags is None else f" of the tag {shown(tag)}"
             raise SceneError(
@@ -164,9 +164,9 @@ def sections_of(section: Any, tags: Any, count: int) -> list[Section]:
     if not isinstance(listed, list) or len(listed) != count:
         raise SceneError(f"add_mesh: tags = {shown(tags)} must be one for each of {count} cells")
     for k, tag in enumerate(listed):
-        if not isinstance(tag, Hashable) or tag not in by_tag:
+        if not isinstance(tag, Hashable) or tag not in sections:
             raise SceneError(
                 f"add_mesh: cell {k} has the tag {shown(tag)}, which has no section; there are "
-                f"sections of {shown([*by_tag])}"
+                f"sections of {shown([*sections])}"
             )
-    return [by_tag[tag] for tag in listed]
+    return [sections[tag] for tag in listed]

@@ -94,16 +94,16 @@ def parameters_of(functions: Iterable[tuple[str, Any]]) -> list[Parameter]:
 
 
 def names_of(parameters: Iterable[Parameter]) -> list[str]:
-    """Their names, each once, in alphabetical order."""
+    """Names of parameters, each once, in alphabetical order."""
     return sorted({parameter.name for parameter in parameters})
 
 
-def replaced(expression: Any, by_name: Mapping[str, Any]) -> Any:
-    """The expression with others in the place of its parameters."""
+def replaced(expression: Any, values: Mapping[str, Any]) -> Any:
+    """The expression with values in the place of parameters, by their names."""
     parameters = parameters_in(expression)
     if not parameters:
         return expression
-    return ufl.replace(expression, {part: by_name[part.name] for part in parameters})
+    return ufl.replace(expression, {part: values[part.name] for part in parameters})
 
 
 class Parameters(Mapping):
@@ -117,7 +117,7 @@ class Parameters(Mapping):
         #: Values as functions of time (1,).
         self.functions: dict[str, Signal] = {}
         self._given: dict[str, Any] = {}
-        # Values at the beginning, of which those with the same name must be the same.
+        # First values: parameters with one name must begin with one value.
         self._first: dict[str, Any] = {}
         #: How often a value was changed.
         self.changes = 0
@@ -173,7 +173,7 @@ class Parameters(Mapping):
     def replaced(self, function_of: Callable[[Signal], Signal]) -> Parameters:
         """The same parameters with other functions of time."""
         new = copy.copy(self)
-        new.functions = {name: function_of(of) for name, of in self.functions.items()}
+        new.functions = {name: function_of(function) for name, function in self.functions.items()}
         return new
 
 

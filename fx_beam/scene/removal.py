@@ -13,7 +13,7 @@ from fx_beam.errors import SceneError, is_one_of, require, shown
 
 from .beam import COMPONENTS, Beam, Node
 from .body import Body
-from .coordinate import Held
+from .coordinate import Locked
 from .forces_between import ForceBetween
 from .joints import Joint, joints_by_number
 
@@ -27,25 +27,25 @@ _REMOVABLE = {*_WITH_ENDS, "beams", "bodies", "masses"} - {"velocities"}
 
 
 def own_joint(scene: Any, joint: Joint) -> Joint | None:
-    """The joint of a scene that was added as this one, and may have been locked since."""
-    known = joints_by_number(scene).get(joint.number)
+    """The joint of a scene with the number and nodes of `joint`, which may be locked by now."""
+    own = joints_by_number(scene).get(joint.number)
     key = joint.kind, joint.a, joint.b
-    same = known is not None and (known.kind, known.a, known.b) == key
-    return known if same and all(n.scene in (scene, None) for n in (joint.a, joint.b)) else None
+    same = own is not None and (own.kind, own.a, own.b) == key
+    return own if same and all(n.scene in (scene, None) for n in (joint.a, joint.b)) else None
 
 
 def joint_of(scene: Any, joint: Any, what: str) -> Joint:
-    """The same; SceneError if the scene does not have it."""
-    known: Any = own_joint(scene, joint) if isinstance(joint, Joint) else None
+    """`own_joint` of a scene; SceneError if there is none."""
+    own: Any = own_joint(scene, joint) if isinstance(joint, Joint) else None
     expected = "a joint that add_joint of this scene returned, and that was not removed"
-    require(known is not None, what, joint, expected)
-    return known
+    require(own is not None, what, joint, expected)
+    return own
 
 
-def position_in(known: Sequence, part: Any, what: str, kind: str) -> int:
+def position_in(parts: Sequence, part: Any, what: str, kind: str) -> int:
     """Index of a part in a list of a scene; SceneError if it is not there."""
-    for i, one in enumerate(known):
-        if one is part:
+    for i, other in enumerate(parts):
+        if other is part:
             return i
     raise SceneError(
         f"{what}: the scene does not have {shown(part)}. Give {kind} that a method such as "
@@ -58,8 +58,8 @@ def remove_part(scene: Any, part: Any) -> None:
     if isinstance(part, Joint):
         part = own_joint(scene, part) or part
     lists = (getattr(scene, name) for name in _REMOVABLE)
-    known: list[Any] = next((parts for parts in lists if any(part is one for one in parts)), [])
-    del known[position_in(known, part, "remove", "a part")]
+    parts: list[Any] = next((own for own in lists if any(part is other for other in own)), [])
+    del parts[position_in(parts, part, "remove", "a part")]
     _forget(scene, part)
     if isinstance(part, Beam):
         _remove_what_is_on(scene, part)
@@ -92,14 +92,14 @@ def locked(joint: Joint, coordinate: str | None) -> Joint:
     name = coordinate or names[0]
     if name in joint.driven:
         raise SceneError(f"lock {joint}: a motor, or a lock, holds its {name} already")
-    held: Any = replace(joint.coordinates[name], motor=Held())
+    held: Any = replace(joint.coordinates[name], motor=Locked())
     return replace(joint, **{name: held})
 
 
 def unlocked(joint: Joint) -> Joint:
     """The joint without its lock; SceneError if it has none."""
     for name, part in joint.coordinates.items():
-        if isinstance(part.motor, Held):
+        if isinstance(part.motor, Locked):
             free: Any = replace(part, motor=None)
             return replace(joint, **{name: free})
     raise SceneError(f"unlock {joint}: it is not locked")
@@ -127,9 +127,9 @@ def _remove_what_is_on(scene: Any, target: Beam | Node) -> None:
         return any(end is target for end in (*ends, shape, getattr(shape, "carrier", None)))
 
     for name in _WITH_ENDS:
-        known = getattr(scene, name)
-        for part in filter(is_on_it, known):
+        parts = getattr(scene, name)
+        for part in filter(is_on_it, parts):
             _forget(scene, part)
-        known[:] = [part for part in known if not is_on_it(part)]
+        parts[:] = [part for part in parts if not is_on_it(part)]
     if isinstance(target, Node):
         scene.masses[:] = [mass for mass in scene.masses if mass.node != target.number]

@@ -77,7 +77,7 @@ class Scene:
     """
 
     def __init__(self, gravity: Sequence[float] | None = None):
-        #: Changes of what it has, which the lengths of its lists do not show.
+        #: Number of changes that do not show in the lengths of lists.
         self.changes = 0
         self.gravity = gravity
         self.beams: list[Beam] = Members[Beam]()
@@ -245,8 +245,8 @@ class Scene:
         -------
         list of Beam
             The beams in the order of the cells. Its attribute `nodes` is a list too: ``nodes[i]``
-            is the node at point i, to be supported and loaded. With pins the displacement there is
-            that of all beams, but rotation and moments are those of the first one.
+            is the node at point i, to be supported and loaded. With pins all beams have its
+            displacement, but only the first one has its rotation and moments.
 
         Raises
         ------
@@ -293,7 +293,7 @@ class Scene:
         return beams
 
     def _degree(self, degree: int, what: str) -> int:
-        """The degree of more beams, if it is that of the others."""
+        """The degree of new beams; SceneError if other beams have another degree."""
         require(is_whole(degree, 1, 3), f"{what}: degree", degree, "1, 2 or 3")
         if self.beams and degree != self.beams[0].degree:
             raise SceneError(
@@ -360,8 +360,8 @@ class Scene:
         """
         name = name_of("body", self._names_of_bodies, len(self._names_of_bodies), name)
         x, y = vector(position, 2, f"{name}: position")
-        given = (("mass", mass), ("inertia", inertia))
-        m, J = (loads.not_negative(value, f"{name}: {what}") for what, value in given)
+        numbers = (("mass", mass), ("inertia", inertia))
+        m, J = (loads.not_negative(value, f"{name}: {what}") for what, value in numbers)
         ok = isinstance(points, Mapping | None) and all(map(is_name, points or ()))
         require(ok, f"{name}: points", points, "a dict of positions by their names")
         ends: list[Any] = [(x, y)]
@@ -442,10 +442,10 @@ class Scene:
         """
         loads.check_node(self, node, "prescribed motion")
         motions = zip(COMPONENTS, (x, y, rotation), strict=True)
-        given = {name: value for name, value in motions if value is not None}
-        if not given:
+        components = {name: value for name, value in motions if value is not None}
+        if not components:
             raise SceneError(f"prescribed motion of {node}: give x, y or rotation")
-        for name, value in given.items():
+        for name, value in components.items():
             function = time_function(value, 1, f"prescribed {name} of {node}")
             self.prescribed[self._free_component(node, name)] = function
 
@@ -486,7 +486,7 @@ class Scene:
         else:
             joint = placed(joint, moved_by(at, joint.a), moved_by(at, joint.b), self._size)
         twin = self._couplings.get(joint.coupling)
-        if twin is not None and any(twin is known for known in self.joints):
+        if twin is not None and any(twin is other for other in self.joints):
             raise SceneError(f"{joint}: the scene has it already, as {twin}. Add each joint once")
         for on in joint.coordinates.values():
             self.parameters.add(functions_of(on), str(joint))
@@ -499,7 +499,7 @@ class Scene:
         return joint
 
     def _numbered(self, joint: Joint, **nodes: Any) -> Joint:
-        """A joint that fits, perhaps with other nodes, added with its number."""
+        """A checked joint, with other nodes if given, added with the next number."""
         joint = replace(joint, number=self.joint_count, **nodes)
         self.joint_count += 1
         self._couplings[joint.coupling] = joint
@@ -561,8 +561,8 @@ class Scene:
 
         If a node enters the shape by the depth d, the force k d (1 + r tanh(rate of d / speed))
         pushes it back along the normal; r = (1 - e^2) / (1 + e^2), as for a `Stop`. The energy
-        k d^2 / 2 is stored. The contact of a beam acts at its nodes, also those inside its
-        elements, each with its share of the length; between two nodes a beam may enter the shape.
+        k d^2 / 2 is stored. The contact of a beam acts at its nodes, also inside elements, each
+        with its share of the length; between two nodes a beam may enter the shape.
 
         A circle or line that a node of a beam or body carries gets the opposite force and its
         moment. In schemes that conserve energy the work of both is exactly the change of the stored
@@ -713,7 +713,7 @@ class Scene:
         """
         for node in (a, b) if isinstance(b, Node) else (a,):
             loads.check_node(self, node, "force between points")
-        # A stop may be a triple, of which a coordinate makes one.
+        # A stop may be a triple, from which a coordinate makes a `Stop`.
         on = Coordinate(spring, damper, friction=friction, stop=stop)  # type: ignore[arg-type]
         return self._with_force(checked_force((a, b), on, force, self.force_count, self._size))
 
@@ -942,8 +942,8 @@ class Scene:
             For a negative or non-finite value.
         """
         loads.check_node(self, node, "mass")
-        given = (("mass", mass), ("inertia", inertia))
-        m, J = (loads.not_negative(value, f"{name} of {node}") for name, value in given)
+        numbers = (("mass", mass), ("inertia", inertia))
+        m, J = (loads.not_negative(value, f"{name} of {node}") for name, value in numbers)
         return _added(self.masses, loads.Mass(node.number, m, J))
 
     def add_force(self, node: Node, force, follower: bool = False) -> loads.Load:
@@ -1041,8 +1041,8 @@ class Scene:
     ) -> NaturalStrain:
         """Give a beam strains at which it has no stress: heat, lack of fit, prestress, muscles.
 
-        The stored energy is that of the strains less these. Several natural strains of a beam add
-        up. Over a step they change in proportion to the time; the work of what changes them,
+        The energy of the strains less the natural ones is stored. Several natural strains of a beam
+        add up. Over a step they change in proportion to the time; the work of what changes them,
         -N dE*, is exact, and part of `Energy.work`. `static` multiplies them by the load factor.
 
         Parameters
@@ -1086,8 +1086,8 @@ class Scene:
         >>> strain = scene.change(strain, curvature=lambda f, t: 2.0 * f * math.sin(5.0 * t))
         """
         loads.check_beam(self, beam, "natural strain")
-        given = {"axial": axial, "shear": shear, "curvature": curvature}
-        return _added(self.natural_strains, natural_strain(beam, given))
+        components = {"axial": axial, "shear": shear, "curvature": curvature}
+        return _added(self.natural_strains, natural_strain(beam, components))
 
     def add_drag(self, on: Beam | Node, linear=0.0, quadratic=0.0, rotation=0.0) -> loads.Drag:
         """Add a drag, a force against the velocity, as in a fluid at rest.
@@ -1201,20 +1201,20 @@ class Scene:
             For a load that this scene does not have, or a value that does not fit.
         """
         strains = {"axial": axial, "shear": shear, "curvature": curvature}
-        known: list[Any] = self.loads
+        parts: list[Any] = self.loads
         if isinstance(load, NaturalStrain):
-            known = self.natural_strains
+            parts = self.natural_strains
             require(value is None, f"change: value of a {load}", value, "axial=, shear=, ...")
         else:
-            given = ", ".join(name for name, strain in strains.items() if strain is not None)
-            require(not given, f"change: {given} of a load", None, "those of natural strains")
-        at = position_in(known, load, "change", "a load or a natural strain")
+            names = ", ".join(name for name, strain in strains.items() if strain is not None)
+            require(not names, f"change: {names} of a load", None, "those of natural strains")
+        index = position_in(parts, load, "change", "a load or a natural strain")
         if isinstance(load, NaturalStrain):
-            known[at] = changed_strain(load, strains)
+            parts[index] = changed_strain(load, strains)
         else:
-            known[at] = loads.changed(load, value)
+            parts[index] = loads.changed(load, value)
         self.changes += 1
-        return known[at]
+        return parts[index]
 
     def remove(self, *parts) -> None:
         """Take away joints, members, contacts, loads, masses, drag, forces, natural strains.
@@ -1328,7 +1328,7 @@ class Scene:
         >>> float(latched.energy.impact[0].round(9)), latched.velocity(one)[-1].round(9)
         (0.18, array([0.3, 0. ]))
         """
-        return self._replaced(joint, "lock", lambda known: locked(known, coordinate))
+        return self._replaced(joint, "lock", lambda old: locked(old, coordinate))
 
     def unlock(self, joint: Joint) -> Joint:
         """Unlock a joint that `lock` has locked.
@@ -1352,12 +1352,12 @@ class Scene:
 
     def _replaced(self, joint: Joint, what: str, change: Callable[[Joint], Joint]) -> Joint:
         """A changed joint in the place of the one before."""
-        known = joint_of(self, joint, what)
-        at = self.joints.index(known)
-        self.joints[at] = change(known)
-        self._couplings[known.coupling] = self.joints[at]
+        old = joint_of(self, joint, what)
+        index = self.joints.index(old)
+        self.joints[index] = change(old)
+        self._couplings[old.coupling] = self.joints[index]
         self.changes += 1
-        return self.joints[at]
+        return self.joints[index]
 
     def set_velocity(self, target: Beam | Body | Node, velocity=(0.0, 0.0), spin=0.0) -> None:
         """Set the velocity and spin at t = 0.
@@ -1379,7 +1379,7 @@ class Scene:
         self.velocities.append(loads.initial_velocity(target, velocity, spin))
 
     def _nodes_at(self, ends: list, what: str) -> tuple[Node, ...]:
-        """Nodes at the ends of elements; given nodes belong to other beams."""
+        """Nodes at the ends of elements; an end that is a node belongs to another beam, too."""
         for end in ends:
             if isinstance(end, Node):
                 loads.check_node(self, end, what)
@@ -1396,8 +1396,8 @@ class Scene:
         return tuple(nodes)
 
     def _free_component(self, node: Node, component: str) -> tuple[int, int]:
-        known = is_one_of(component, COMPONENTS)
-        require(known, f"support of {node}", component, f"one of {COMPONENTS}")
+        ok = is_one_of(component, COMPONENTS)
+        require(ok, f"support of {node}", component, f"one of {COMPONENTS}")
         key = (node.number, COMPONENTS.index(component))
         if key in self.fixed or key in self.prescribed:
             raise SceneError(f"{component} of {node} is supported twice; scene.free removes one")
@@ -1405,6 +1405,6 @@ class Scene:
 
 
 def _added(parts: list[_Part], part: _Part) -> _Part:
-    """A part, added to those of a scene."""
+    """The part, added to a list of the scene."""
     parts.append(part)
     return part

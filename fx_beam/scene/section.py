@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.dual import Dual, DualFloat, as_dual_array, scene_number, without_slopes
+from fx_beam.dual import Dual, DualFloat, dual_array, floats, scene_number
 from fx_beam.errors import (
     IS_DATA,
     SceneError,
     as_float,
-    as_real_array,
     is_number,
     is_one_of,
+    real_array,
     refuse_fields_in,
     require,
     shaped,
@@ -39,8 +39,27 @@ DATA = "EA", "GA", "EI", "rhoA", "rhoI", "retardation"
 _MAY_BE_ZERO = "rhoA", "rhoI", "rho", "retardation"
 
 
-def _explained(function: Callable[..., Section]) -> Callable[..., Section]:
-    """Explain arguments that a constructor of sections cannot take."""
+_MATERIAL = """E : float or callable
+    Young's modulus [Pa].
+nu : float
+    Poisson's ratio.
+rho : float or callable
+    Mass density [kg/m^3].
+shear_factor : float or callable
+    Shear area divided by area.
+G : float or callable, optional
+    Shear modulus [Pa]; by default E / (2 (1 + nu)). Timber needs it.
+retardation : float, callable or a triple of them, optional
+    As in `Section` [s].
+
+Returns
+-------
+Section
+    With EA, GA, EI, rhoA and rhoI."""
+
+
+def _constructor(function: Callable[..., Section]) -> Callable[..., Section]:
+    """A constructor that documents the material, and explains arguments that it cannot take."""
 
     @functools.wraps(function)
     def checked(*values: Any, **named: Any) -> Section:
@@ -53,6 +72,7 @@ def _explained(function: Callable[..., Section]) -> Callable[..., Section]:
             ) from None
         return function(*values, **named)
 
+    checked.__doc__ = inspect.cleandoc(function.__doc__ or "").replace("{material}", _MATERIAL)
     return checked
 
 
@@ -161,8 +181,8 @@ class Section:
         Returns
         -------
         float array
-            The values, of the same shape; zero for an omitted stiffness. For "retardation" a
-            last axis has those of axial, shear and bending strains.
+            The values, in the shape of the fractions; zero for an omitted stiffness. For
+            "retardation" a last axis has the times of axial, shear and bending strains.
 
         Raises
         ------
@@ -170,9 +190,9 @@ class Section:
             For a stiffness that is not positive and finite, or a negative or non-finite inertia.
         """
         _check_name(name, "values")
-        at = as_real_array(fractions)
-        require(at.size > 0, "Section.values: fractions", fractions, "an array of numbers")
-        return scene_number(values_along(self, name, at, None))
+        places = real_array(fractions)
+        require(places.size > 0, "Section.values: fractions", fractions, "an array of numbers")
+        return scene_number(values_along(self, name, places, None))
 
     def constants(self, names: tuple[str, ...]) -> Any:
         """Values of data if none varies: of several a list, of one itself; zero if omitted.
@@ -185,13 +205,13 @@ class Section:
         Returns
         -------
         float, list or None
-            The values; for "retardation" those of axial, shear and bending strains. None if one is
-            a function.
+            The values; for "retardation" the times of axial, shear and bending strains. None if a
+            value is a function.
         """
         data = [self._data(name) for name in names]
-        if any(callable(datum) for of_name in data for datum in of_name):
+        if any(callable(datum) for values in data for datum in values):
             return None
-        values = [[as_float(x or 0.0) for x in of] if len(of) > 1 else of[0] or 0.0 for of in data]
+        values = [[as_float(x or 0.0) for x in d] if len(d) > 1 else d[0] or 0.0 for d in data]
         return values if len(names) > 1 else values[0]
 
     def _data(self, name: str) -> tuple[Datum | None, ...]:
@@ -201,12 +221,12 @@ class Section:
     @property
     def _times(self) -> tuple[Datum, ...]:
         """Retardation times of axial, shear and bending strains."""
-        given = self.retardation
-        if not isinstance(given, tuple):
-            return given, given, given
+        times = self.retardation
+        if not isinstance(times, tuple):
+            return times, times, times
         expected = "one time, or three: for axial, shear and bending strains"
-        require(len(given) == 3, "Section: retardation", given, expected)
-        return given
+        require(len(times) == 3, "Section: retardation", times, expected)
+        return times
 
     @property
     def damped(self) -> bool:
@@ -230,7 +250,7 @@ class Section:
         return any(map(callable, self._data(name)))
 
     @classmethod
-    @_explained
+    @_constructor
     def rectangle(
         cls,
         height: Datum,
@@ -251,23 +271,7 @@ class Section:
             Depth in the plane of motion [m].
         width : float or callable
             Depth across the plane [m].
-        E : float or callable
-            Young's modulus [Pa].
-        nu : float
-            Poisson's ratio.
-        rho : float or callable
-            Mass density [kg/m^3].
-        shear_factor : float or callable
-            Shear area divided by area.
-        G : float or callable, optional
-            Shear modulus [Pa]; by default E / (2 (1 + nu)). Timber needs it.
-        retardation : float, callable or a triple of them, optional
-            As in `Section` [s].
-
-        Returns
-        -------
-        Section
-            EA, GA, EI, rhoA and rhoI of the rectangle.
+        {material}
 
         Examples
         --------
@@ -283,7 +287,7 @@ class Section:
         )
 
     @classmethod
-    @_explained
+    @_constructor
     def circle(
         cls,
         diameter: Datum,
@@ -301,23 +305,7 @@ class Section:
         ----------
         diameter : float or callable
             Diameter [m].
-        E : float or callable
-            Young's modulus [Pa].
-        nu : float
-            Poisson's ratio.
-        rho : float or callable
-            Mass density [kg/m^3].
-        shear_factor : float or callable
-            Shear area divided by area.
-        G : float or callable, optional
-            Shear modulus [Pa]; by default E / (2 (1 + nu)). Timber needs it.
-        retardation : float, callable or a triple of them, optional
-            As in `Section` [s].
-
-        Returns
-        -------
-        Section
-            EA, GA, EI, rhoA and rhoI of the circle.
+        {material}
         """
         area = _combined(_area_of_circle, diameter=diameter)
         second_moment = _combined(_second_moment_of_circle, diameter=diameter)
@@ -326,7 +314,7 @@ class Section:
         )
 
     @classmethod
-    @_explained
+    @_constructor
     def tube(
         cls,
         diameter: Datum,
@@ -339,7 +327,7 @@ class Section:
         G: Datum | None = None,
         retardation: Any = 0.0,
     ) -> Section:
-        """Circular hollow section.
+        """Circular hollow section; the default shear factor is that of a thin wall.
 
         Parameters
         ----------
@@ -347,23 +335,7 @@ class Section:
             Outer diameter [m].
         thickness : float or callable
             Thickness of the wall [m]; at most half the diameter.
-        E : float or callable
-            Young's modulus [Pa].
-        nu : float
-            Poisson's ratio.
-        rho : float or callable
-            Mass density [kg/m^3].
-        shear_factor : float or callable
-            Shear area divided by area; that of a thin wall by default.
-        G : float or callable, optional
-            Shear modulus [Pa]; by default E / (2 (1 + nu)). Timber needs it.
-        retardation : float, callable or a triple of them, optional
-            As in `Section` [s].
-
-        Returns
-        -------
-        Section
-            EA, GA, EI, rhoA and rhoI of the ring.
+        {material}
 
         Examples
         --------
@@ -382,7 +354,7 @@ class Section:
         )
 
     @classmethod
-    @_explained
+    @_constructor
     def box(
         cls,
         height: Datum,
@@ -398,6 +370,8 @@ class Section:
     ) -> Section:
         """Rectangular hollow section with sharp corners.
 
+        By default the shear area is that of the two walls along the height.
+
         Parameters
         ----------
         height : float or callable
@@ -406,23 +380,7 @@ class Section:
             Outer depth across the plane [m].
         thickness : float or callable
             Thickness of all four walls [m]; at most half of each depth.
-        E : float or callable
-            Young's modulus [Pa].
-        nu : float
-            Poisson's ratio.
-        rho : float or callable
-            Mass density [kg/m^3].
-        shear_factor : float or callable
-            Shear area divided by area; by default that of the two walls along the height.
-        G : float or callable, optional
-            Shear modulus [Pa]; by default E / (2 (1 + nu)). Timber needs it.
-        retardation : float, callable or a triple of them, optional
-            As in `Section` [s].
-
-        Returns
-        -------
-        Section
-            EA, GA, EI, rhoA and rhoI of the hollow rectangle.
+        {material}
         """
         size = {"height": height, "width": width, "thickness": thickness}
         area = _combined(_area_of_box, **size)
@@ -434,6 +392,7 @@ class Section:
         )
 
     @classmethod
+    @_constructor
     def from_area(
         cls,
         area: Datum,
@@ -454,23 +413,7 @@ class Section:
             Area [m^2].
         second_moment : float or callable
             Second moment of area [m^4].
-        E : float or callable
-            Young's modulus [Pa].
-        nu : float
-            Poisson's ratio.
-        rho : float or callable
-            Mass density [kg/m^3].
-        shear_factor : float or callable
-            Shear area divided by area.
-        G : float or callable, optional
-            Shear modulus [Pa]; by default E / (2 (1 + nu)). Timber needs it.
-        retardation : float, callable or a triple of them, optional
-            As in `Section` [s].
-
-        Returns
-        -------
-        Section
-            EA, GA, EI, rhoA and rhoI.
+        {material}
         """
         require(-1 < as_float(nu) <= 0.5, "Section: nu", nu, "a number in (-1, 0.5]")
         A, J = {"area": area}, {"second_moment": second_moment}
@@ -503,19 +446,19 @@ def _check_name(name, what: str) -> None:
 def _values(
     name: str, datum: Datum | None, fractions: np.ndarray, arrays: ArrayCalls | None
 ) -> Any:
-    """Values at fractions of the arc length, of the same shape; zero for no stiffness."""
+    """Values in the shape of fractions of the arc length; zero for no stiffness."""
     if not callable(datum):
         value = 0.0 if datum is None else _value(name, datum)
-        return np.broadcast_to(as_dual_array(value), fractions.shape)
+        return np.broadcast_to(dual_array(value), fractions.shape)
 
     def each(rows: np.ndarray) -> np.ndarray:
-        return as_dual_array([[_value(name, datum, float(f))] for f in rows[:, 0]])
+        return dual_array([[_value(name, datum, float(f))] for f in rows[:, 0]])
 
     rows = fractions.reshape(-1, 1)
     if arrays is not None:
         is_dual = isinstance(_value(name, datum, float(rows[0, 0])), DualFloat)
         values = values_of(datum, 1, rows, name, each, arrays, is_dual)
-        if (without_slopes(values) > 0).all():  # else the calls below tell what is wrong
+        if (floats(values) > 0).all():  # else the calls below tell what is wrong
             return values.reshape(fractions.shape)
     return each(rows).reshape(fractions.shape)
 

@@ -11,9 +11,9 @@ from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError, as_float, require
 
 from .beam import Beam, Node
+from .beam_axis import BeamAxis
 from .coordinate import Coordinate, Damper, Friction, Spring, Stop, checked_coordinate
 from .joints import GROUND, Joint, JointKinematics, NodalMotion, new_joint
-from .path import Path
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,8 +36,8 @@ class SlidingJoint(Joint):
         return self.kind, self.beam.name, self.b.number
 
     @property
-    def is_index(self) -> bool:
-        """False: the displacement of b depends on those of several nodes."""
+    def is_selection(self) -> bool:
+        """False: the displacement of b depends on several nodes."""
         return False
 
     @property
@@ -57,9 +57,9 @@ class SlidingJoint(Joint):
         return super().lacks(quantity)
 
     @cached_property
-    def path(self) -> Path:
+    def path(self) -> BeamAxis:
         """The axis of the beam."""
-        return Path(self.beam)
+        return BeamAxis(self.beam)
 
     def start(self) -> tuple[float, float]:
         """Arc length at the start, and distance of the node from the beam there [m]."""
@@ -85,7 +85,7 @@ class SlidingJoint(Joint):
         return along / np.hypot(*along)
 
     def turn(self, psi: np.ndarray, s: np.ndarray | float) -> np.ndarray:
-        """Rotation (n,) [rad] of a sleeve at arc lengths s (n,), for those (n, nodes) of a beam."""
+        """Rotation (n,) of a sleeve at arc lengths s (n,), for rotations psi (n, nodes) [rad]."""
         path = self.path
         return path.over(psi + path.angles(), np.atleast_1d(s)) - self.place_at_rest[2]
 
@@ -96,7 +96,7 @@ class SlidingJoint(Joint):
         return np.array([self.b.x, self.b.y, angle[0]])
 
     def place_of_guide(self) -> tuple[float, float]:
-        """Where a guide is: the position of b, or on the ground that of the fraction [m]."""
+        """Position of a guide [m]: of b, or for a guide on the ground at the fraction."""
         if self.b is not GROUND or self.fraction is None:
             return self.b.x, self.b.y
         x, y = self.path.position(self.fraction * self.path.length)
@@ -133,49 +133,49 @@ class SlidingJoint(Joint):
 class SlidingKinematics(JointKinematics):
     """A joint whose node b has a place on a beam."""
 
-    def parting(self, at: NodalMotion, slide: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def parting(self, motion: NodalMotion, slide: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """From b to its place on the beam: components x and y (n,) [m]."""
-        joint, (x, y, _) = self.joint, at.of_node("q", self.joint.b)
-        position = joint.path.over(self._positions(at), slide).T
+        joint, (x, y, _) = self.joint, motion.node("q", self.joint.b)
+        position = joint.path.over(self._positions(motion), slide).T
         return position[0] - joint.b.x - x, position[1] - joint.b.y - y
 
-    def angle(self, at: NodalMotion, slide: np.ndarray) -> np.ndarray:
+    def angle(self, motion: NodalMotion, slide: np.ndarray) -> np.ndarray:
         """Rotation (n,) of the node relative to the beam where it is, since the start [rad]."""
-        of_beam = at.of_beam("q", self.joint.beam)[..., 2]
-        return at.of_node("q", self.joint.b)[2] - self.joint.turn(of_beam, slide)
+        rotations = motion.beam("q", self.joint.beam)[..., 2]
+        return motion.node("q", self.joint.b)[2] - self.joint.turn(rotations, slide)
 
-    def spin(self, at: NodalMotion, slide: np.ndarray) -> np.ndarray:
+    def spin(self, motion: NodalMotion, slide: np.ndarray) -> np.ndarray:
         """Rate (n,) of the angle [rad/s]."""
         path, beam = self.joint.path, self.joint.beam
-        turning = path.over(at.of_beam("v", beam)[..., 2], slide)
-        bend = path.over(at.of_beam("q", beam)[..., 2] + path.angles(), slide, 1)
-        return at.of_node("v", self.joint.b)[2] - turning - bend * self.rate(at, slide)
+        turning = path.over(motion.beam("v", beam)[..., 2], slide)
+        bend = path.over(motion.beam("q", beam)[..., 2] + path.angles(), slide, 1)
+        return motion.node("v", self.joint.b)[2] - turning - bend * self.rate(motion, slide)
 
-    def rate(self, at: NodalMotion, slide: np.ndarray) -> np.ndarray:
+    def rate(self, motion: NodalMotion, slide: np.ndarray) -> np.ndarray:
         """Rate (n,) of the arc length [m/s], from the velocities of node and beam."""
-        apart, along = self._seen(at, slide)
+        apart, along = self._seen(motion, slide)
         return np.sum(apart * along, axis=1) / np.sum(along**2, axis=1)
 
-    def parting_rate(self, at: NodalMotion, slide: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def parting_rate(self, motion: NodalMotion, slide: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Velocity (2, n) of the node as the beam sees it, and the direction (2, n) of the beam."""
-        apart, along = self._seen(at, slide)
+        apart, along = self._seen(motion, slide)
         return apart.T, along.T / np.hypot(*along.T)
 
-    def slide(self, at: NodalMotion, near: np.ndarray) -> np.ndarray:
+    def slide(self, motion: NodalMotion, near: np.ndarray) -> np.ndarray:
         """Arc length (n,) nearest to the node [m], from one near by."""
-        x, y, _ = at.of_node("q", self.joint.b)
+        x, y, _ = motion.node("q", self.joint.b)
         node = np.column_stack([self.joint.b.x + x, self.joint.b.y + y])
-        return self.joint.path.nearest_over(self._positions(at), node, near)
+        return self.joint.path.nearest_over(self._positions(motion), node, near)
 
-    def _positions(self, at: NodalMotion) -> np.ndarray:
-        return at.of_beam("q", self.joint.beam)[..., :2] + self.joint.path.X
+    def _positions(self, motion: NodalMotion) -> np.ndarray:
+        return motion.beam("q", self.joint.beam)[..., :2] + self.joint.path.X
 
-    def _seen(self, at: NodalMotion, slide: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Velocity (n, 2) of the node less that of the beam where it is, and the slope there."""
+    def _seen(self, motion: NodalMotion, slide: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Velocity (n, 2) of the node relative to the beam at its place, and slope phi' there."""
         path = self.joint.path
-        of_beam = path.over(at.of_beam("v", self.joint.beam)[..., :2], slide)
-        apart = np.column_stack([*at.of_node("v", self.joint.b)[:2]]) - of_beam
-        return apart, path.over(self._positions(at), slide, 1)
+        velocities = path.over(motion.beam("v", self.joint.beam)[..., :2], slide)
+        apart = np.column_stack([*motion.node("v", self.joint.b)[:2]]) - velocities
+        return apart, path.over(self._positions(motion), slide, 1)
 
 
 def corner_advice(joints: Iterable[Joint], slides: np.ndarray) -> str:
@@ -333,16 +333,14 @@ def sliding_joints(joints: Iterable[Joint]) -> list[SlidingJoint]:
 def _sliding(kind, beam, node, fraction, parts, rotation) -> SlidingJoint:
     if not isinstance(beam, Beam):
         raise SceneError(f"{kind}: {beam!r} is not a beam; give the beam that guides the node")
-    expected = (
-        "given: a guide on the ground needs its place at the start, as a fraction of the beam"
-    )
+    expected = "given: a guide on the ground needs its place at the start, a fraction of the beam"
     require(node is not GROUND or fraction is not None, f"{kind}: fraction", fraction, expected)
-    if any(node is of_beam for of_beam in beam.nodes):
+    if any(node is own for own in beam.nodes):
         raise SceneError(f"{kind}: {node} belongs to beam {beam.name!r}; take one of another beam")
     if fraction is not None:
         ok = 0 <= as_float(fraction) <= 1
         require(ok, f"{kind}: fraction", fraction, "a number from 0 to 1")
         fraction = as_float(fraction)
     slide = checked_coordinate(f"motor of a {kind.lower()}", *parts)
-    on_beam = {"of": SlidingJoint, "beam": beam, "fraction": fraction}
+    on_beam = {"cls": SlidingJoint, "beam": beam, "fraction": fraction}
     return new_joint(kind, beam.start, node, (0.0, 0.0), None, slide, rotation, **on_beam)

@@ -1,4 +1,4 @@
-"""UFL's symbols in functions of a user: those of a step, and parameters; loaded where such are."""
+"""UFL's symbols in functions of a user: fields of a step, and parameters."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from .inputs import checked_value
 
 
 class _Nowhere(ufl.domain.AbstractDomain):
-    """A domain that is no mesh, as UFL wants one for each symbol, with what its versions ask."""
+    """A domain that is no mesh, as UFL asks for a domain of each symbol."""
 
     def __init__(self) -> None:
         super().__init__(1, 2)
 
     @property
     def meshes(self) -> tuple[Any]:
-        """It is its only part."""
+        """The domain itself."""
         return (self,)
 
     def ufl_cell(self) -> Any:
@@ -33,7 +33,7 @@ class _Nowhere(ufl.domain.AbstractDomain):
         return 1, "nowhere", -1
 
 
-#: Domain of symbols that belong to no mesh; in forms others are in their place.
+#: Domain of symbols that belong to no mesh; a form replaces them by fields.
 NOWHERE = _Nowhere()
 
 
@@ -57,7 +57,7 @@ class Symbol(ufl.Constant):
         raise TypeError("a UFL symbol is not a number")
 
     def is_cellwise_constant(self) -> bool:
-        """It is not."""
+        """False."""
         return False
 
 
@@ -76,12 +76,12 @@ class StepSymbols:
         return ufl.dot(ufl.grad(field), self.__dict__["t0"])
 
 
-#: The symbols, made once: they are the same for all functions, so that these can be compared.
+#: The symbols, made once: with the same symbols functions can be compared.
 STEP: Any = StepSymbols()
 SCALARS = tuple(Symbol() for _ in range(8))
 
 
-# UFL knows constants by their numbers: those of a name have one, whatever the value.
+# Numbers of constants in UFL, by name: all parameters of a name have one number.
 _NUMBERS: dict[str, int] = {}
 
 
@@ -91,8 +91,8 @@ class Parameter(ufl.Constant):
     Numbers that such a function has otherwise are compiled in, and each new one takes a second or
     two. A parameter may stand in the strain energy of a `Section` or `Spring`, in the update of
     `InternalVariables`, in the law of a `Damper`, of `SmoothFriction` or of an obstacle, in a force
-    between points and in a virtual work. `Scene.parameters` has those of a scene by name, and
-    changes them.
+    between points and in a virtual work. `Scene.parameters` has the parameters of a scene by name,
+    and changes them.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ class Parameter(ufl.Constant):
     Notes
     -----
     A stored energy W(strains, p) that changes with p(t) takes work from what changes p. In a step
-    from t0 to t1 the forces are those of p in its middle, p_m, and
+    from t0 to t1 the forces are computed with p_m, the value of p in the middle of the step, and
 
         W(E1, p(t1)) - W(E1, p_m) + W(E0, p_m) - W(E0, p(t0))
 
@@ -119,7 +119,7 @@ class Parameter(ufl.Constant):
 
     Examples
     --------
-    A beam with a stored energy of its own, of which the stiffness is varied. Only the first run
+    A beam with a stored energy of its own, in which the stiffness is varied. Only the first run
     compiles anything.
 
     >>> import fx_beam as fb

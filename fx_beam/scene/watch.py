@@ -12,16 +12,16 @@ class Watch:
 
     def __init__(self, scene: Scene):
         self._scene = scene
-        self._parts = [of for of in vars(scene).values() if isinstance(of, list | dict | set)]
+        self._parts = [part for part in vars(scene).values() if isinstance(part, list | dict | set)]
         self._counts = self._now()
 
     def _now(self) -> tuple[int, ...]:
-        """Numbers of which one changes with what the scene has."""
+        """Lengths of lists and counts of changes: a change of the scene changes one of them."""
         return *map(len, self._parts), self._scene.changes, self._scene.parameters.changes
 
     @property
     def has_changed(self) -> bool:
-        """Whether the scene is another one than at the start."""
+        """Whether the scene has changed since the start."""
         return self._now() != self._counts
 
     def check(self, what: str) -> None:

@@ -27,7 +27,7 @@ def accelerations(model: Model, force: np.ndarray) -> tuple[np.ndarray, np.ndarr
     As `acceleration_of`, in the configuration in which the reduction is.
     """
     reduction, n, a = model.reduction, model.reduction.free, None
-    if reduction.equates:
+    if reduction.couplings.is_selection:
         a = _of_equal(model, force)
     elif not reduction.couplings.sliding and len(reduction.auxiliaries):
         a = _with_auxiliaries(model, force)
@@ -41,8 +41,8 @@ def accelerations(model: Model, force: np.ndarray) -> tuple[np.ndarray, np.ndarr
 def _inertia(model: Model, a: np.ndarray) -> np.ndarray:
     """Generalised forces (free,) of accelerations of the unknowns (free,)."""
     reduction = model.reduction
-    of_nodes = model.mass @ reduction.spread(reduction.in_columns(a))
-    return reduction.gather(of_nodes)[: reduction.free]
+    of_nodes = model.mass @ reduction.to_nodes(reduction.in_columns(a))
+    return reduction.transpose_to_nodes(of_nodes)[: reduction.free]
 
 
 def _of_equal(model: Model, force: np.ndarray) -> np.ndarray | None:
@@ -113,7 +113,7 @@ def _iterated(model: Model, force: np.ndarray) -> np.ndarray | None:
 
     Scaled by its diagonal, the mass of a mesh has a condition number below ten.
     """
-    diagonal = model.reduction.gather(model.mass.diagonal())[: len(force)]
+    diagonal = model.reduction.transpose_to_nodes(model.mass.diagonal())[: len(force)]
     scale = np.zeros(len(force))
     scale[diagonal > 0] = diagonal[diagonal > 0] ** -0.5
     x, r = np.zeros(len(force)), scale * force

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse
 from scipy.sparse.linalg import splu
 
-from fx_beam.dual import without_slopes
+from fx_beam.dual import floats
 from fx_beam.laws.interval import Interval
 from fx_beam.results.state import State
 
@@ -86,7 +86,7 @@ class Equations:
         model.forms.parameters.begin(interval.at(level), start.parameters)
         p.state.t, self._length, self._start = interval.end - length, length, start
         follow = model.points.followers
-        followers = without_slopes(follow.at(interval)) if len(follow) else np.empty(0)
+        followers = floats(follow.at(interval)) if len(follow) else np.empty(0)
         self._library.fx_begin(p, length, self._of(followers))
         self.end_at(end)
 
@@ -107,7 +107,7 @@ class Equations:
         `force` (size,) has the dead loads at the scheme's level. Also finds the tangent.
         """
         reduction = self.model.reduction
-        reduction.expand(y, driven)
+        reduction.increment(y, driven)
         self._z[:], self._force[:] = reduction.in_columns(y, driven), force
         if not self._library.fx_balance(self._c, self._length):
             self._balance.D[:] = np.nan

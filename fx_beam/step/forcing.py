@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fx_beam.dual import without_slopes
+from fx_beam.dual import floats
 from fx_beam.errors import SceneError
 from fx_beam.fem.parameter_values import before
 from fx_beam.laws.interval import Interval, just_inside
 from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
-from fx_beam.scene.coordinate import Held
+from fx_beam.scene.coordinate import Locked
 from fx_beam.scene.functions import Signal, constant, evaluate
 
 from .model import Model
@@ -48,7 +48,7 @@ class Forcing:
         #: Which of them are inputs of a motion (driven,): these go straight in a step.
         self.straight = np.array([function.ramps for function in self.functions], dtype=bool)
         #: Numbers of those that are locked.
-        self._held = [i for i, (of, _) in enumerate(self._driven) if isinstance(of, Held)]
+        self._held = [i for i, (of, _) in enumerate(self._driven) if isinstance(of, Locked)]
 
     @property
     def functions(self) -> list[Signal]:
@@ -78,10 +78,10 @@ class Forcing:
         # Differences to the start have no rounding error if the motion is constant.
         f = self.series(t + h * np.array(_PLACES))
         _, d1, d2, _, e1, e2, e3, far, g2, g3 = differences = f - f[0]
-        noise = abs(_TO_NOISE @ without_slopes(differences)).max(axis=0)
+        noise = abs(_TO_NOISE @ floats(differences)).max(axis=0)
         # Rates below the errors of these differences are set to zero: of these formulas, and of
         # rounding, of which a kink close to the start is not told apart.
-        rates, error = (4 * d1 - d2) / 2, np.maximum(1e-5 * abs(without_slopes(far)), 20 * noise)
+        rates, error = (4 * d1 - d2) / 2, np.maximum(1e-5 * abs(floats(far)), 20 * noise)
         # Second differences use longer steps, since rounding errors are divided by h^2, and still
         # longer ones where both agree but for these errors. Values below them are set to zero.
         near, wide = 4 * e2 - 5 * e1 - e3, 4 * g2 - 5 * far - g3

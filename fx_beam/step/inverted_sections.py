@@ -6,7 +6,7 @@ import logging
 
 import numpy as np
 
-from fx_beam.dual import without_slopes
+from fx_beam.dual import floats
 from fx_beam.results.records import Stats
 from fx_beam.scene.beam import arc_lengths, gauss_rule
 
@@ -67,6 +67,6 @@ def _least_energy(model: Model) -> float:
         EA = section.EA
         if callable(EA):
             gauss, _ = gauss_rule(beam.degree)
-            EA = without_slopes(section.values("EA", arc_lengths(beam, gauss) / beam.length)).min()
+            EA = floats(section.values("EA", arc_lengths(beam, gauss) / beam.length)).min()
         least = min(least, float(EA) * length / 50)
     return least

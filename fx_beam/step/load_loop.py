@@ -8,7 +8,7 @@ import numpy as np
 
 from fx_beam.c_library import array_at
 from fx_beam.content_cache import cached_property
-from fx_beam.dual import without_slopes
+from fx_beam.dual import floats
 from fx_beam.laws.interval import Interval
 from fx_beam.results.records import Stats
 from fx_beam.results.state import State
@@ -147,11 +147,9 @@ class LoadLoop(CompiledLoop):
             interval.end,
         )
         t, followers = np.array([forcing.time]), model.points.followers
-        follower_force = (
-            without_slopes(followers.series(t, t)) if len(followers) else np.empty((1, 0))
-        )
+        follower_force = floats(followers.series(t, t)) if len(followers) else np.empty((1, 0))
         values = np.tile(model.forms.parameters.values, (1, 2, 1))
-        driven, none = without_slopes(forcing.positions(interval.end))[None], np.empty((1, 0))
+        driven, none = floats(forcing.positions(interval.end))[None], np.empty((1, 0))
         return StepInputs(none, driven, follower_force, values, none, 1)
 
     def _taken(self, state: State, interval: Interval) -> State:

@@ -67,7 +67,7 @@ class Model:
         self._set_unit()
         if not sliding_joints(scene.joints):
             begin_to_build(_probable_features(scene, scheme))
-        if not all(joint.is_index for joint in scene.joints):
+        if not all(joint.is_selection for joint in scene.joints):
             begin_to_build_joints()
         self.forms = Forms(scene, scheme, self.mesh, instant)
         #: The forces at points.
@@ -170,7 +170,7 @@ class Model:
         T = reduction.coupling(closed=not reduction.singularity)[:, : couplings.free]
         # Operations on small arrays are quick, those on sparse ones take 0.1 ms.
         T = T.toarray() if self.size <= _SMALL else scipy.sparse.csr_array(T)
-        if not (reduction.only_copies or couplings.sliding):
+        if not (couplings.is_selection or couplings.sliding):
             roots = np.isin(np.arange(couplings.free), couplings.column[self.mesh.dofs[:, :2]])
             T = about_centres(T, roots, mass.diagonal())
         of_unknowns, of_dofs = mobilities(T, mass)
@@ -179,8 +179,8 @@ class Model:
 
     def _refill_reduction(self, last: list[Joint], moved: bool) -> bool:
         """Set the offsets and axes of joints; returns whether these or any nodes are elsewhere."""
-        arms = [joint for joint in self.scene.joints if not joint.is_index]
-        before = [joint for joint in last if not joint.is_index]
+        arms = [joint for joint in self.scene.joints if not joint.is_selection]
+        before = [joint for joint in last if not joint.is_selection]
         if [joint.number for joint in arms] != [joint.number for joint in before]:
             raise OtherStructureError("other joints have offsets")
         names = "arm", "offset", "axis", "apart"
@@ -237,8 +237,9 @@ class Model:
 
         In motions the force of a contact over a step is smooth and convex.
         """
-        overshoots = self.forms.internal_shape[-1] > 0 or self.points.any_have("overshoots")
-        return overshoots or (self.scheme.rates.at_rest and self.has_contact)
+        internal = self.forms.internal_shape[-1] > 0
+        statics_with_contact = self.scheme.rates.at_rest and self.has_contact
+        return internal or self.points.any_have("needs_line_search") or statics_with_contact
 
     @property
     def flows(self) -> bool:
@@ -248,7 +249,7 @@ class Model:
     @cached_property
     def nonsmooth(self) -> bool:
         """Whether the slopes of forces may change at once: flow, contact, functions of a user."""
-        bends = self.bends or self.points.any_have("overshoots")
+        bends = self.bends or self.points.any_have("needs_line_search")
         return bends or self.flows or self.has_contact
 
     @property
@@ -260,7 +261,7 @@ class Model:
     @property
     def has_contact(self) -> bool:
         """Whether there are obstacles or stops."""
-        return self.points.any_have("opens")
+        return self.points.any_have("unilateral")
 
     def switches(self, state: State) -> np.ndarray:
         """Values that change their sign where a contact opens or closes, or a law switches."""
@@ -285,9 +286,10 @@ class Model:
     def has_unseen_kinks(self) -> bool:
         """Whether forces may change quickly where no switch tells: sections' laws, flow, losses."""
         # Friction, contact with a loss, and dampers with laws of a user lose quickly.
-        quick = (law.remembered or (law.loss and law.of_user) for law in self.points.laws)
-        laws = [beam.section.strain_energy for beam in self.scene.beams]
-        in_pieces = (law is not None and has_pieces(law) for law in laws)
+        laws = self.points.laws
+        quick = (law.iteration_memory or (law.loss and law.user_defined) for law in laws)
+        energies = [beam.section.strain_energy for beam in self.scene.beams]
+        in_pieces = (energy is not None and has_pieces(energy) for energy in energies)
         return self.flows or any(quick) or any(in_pieces)
 
     def energy(self, state: State) -> float:
@@ -338,7 +340,7 @@ class Model:
     @property
     def keeps_previous(self) -> bool:
         """Whether a step needs the configuration at the start of the last one."""
-        return self.forms.needs_previous or self.scheme.rates.of_user
+        return self.forms.needs_previous or self.scheme.rates.user_defined
 
     @cached_property
     def factors_of_mass(self) -> LU:
@@ -360,7 +362,7 @@ class Model:
     @cached_property
     def needs_accelerations(self) -> bool:
         """Whether steps, or unknowns without mass, need the accelerations at the start."""
-        by_mean, beams = self.scheme.rates.by_mean, self.forms.beams
+        by_mean, beams = self.scheme.rates.mean_based, self.forms.beams
         read = beams is not None and (beams.facts.needs_rates or beams.facts.resultants_need_rates)
         if read or not by_mean or len(self.scheme.fractions) > 1:
             return True
@@ -370,7 +372,7 @@ class Model:
     def finds_accelerations_later(self) -> bool:
         """Whether those at the start need not be known before the run, and depend on no joints."""
         of_state = self.fits_rates or bool(self.natural)
-        return self.reduction.equates and not (of_state or self.needs_accelerations)
+        return self.couplings.is_selection and not (of_state or self.needs_accelerations)
 
     @cached_property
     def massless(self) -> np.ndarray:
@@ -380,7 +382,7 @@ class Model:
             return ~heavy
         self.reduction.begin(np.zeros(self.size), slides_at_start(self.scene))
         # Those that are equal have equal rates, whatever those of the columns are.
-        rates = self.reduction.spread(np.random.default_rng(0).random(self.reduction.columns))
+        rates = self.reduction.to_nodes(np.random.default_rng(0).random(self.reduction.columns))
         return ~np.isin(rates, rates[heavy])
 
     def little_mass(self) -> np.ndarray:
@@ -425,9 +427,9 @@ class Model:
         scene, matrix = self.scene, self.forms.stiffness
         self.couplings = couple(scene, self.mesh)
         # Couplings that change with the motion.
-        turning = any(not (joint.is_index or joint.a is GROUND) for joint in scene.joints)
+        turning = any(not (joint.is_selection or joint.a is GROUND) for joint in scene.joints)
         #: Whether rates by the mean rule must be fitted to joints and driven motions.
-        self.fits_rates = self.scheme.rates.by_mean and (turning or self.couplings.driven > 0)
+        self.fits_rates = self.scheme.rates.mean_based and (turning or self.couplings.driven > 0)
         #: Joints with a motor, each with the name of its coordinate.
         self.motors = motors(scene)
         keys, driven = [*scene.prescribed, *sorted(scene.fixed)], len(scene.prescribed)
@@ -458,7 +460,7 @@ class Model:
 
             self.reduction.begin(np.zeros(self.size), slides_at_start(scene))
             check_loops(scene, self.reduction, loops)
-        if not self.reduction.equates:
+        if not self.couplings.is_selection:
             self.assembled.append("joints")
 
     def used_entries(self) -> np.ndarray:
@@ -469,7 +471,7 @@ class Model:
         forms, K = self.forms, self.forms.stiffness
         used = np.zeros(K.nnz, dtype=bool)
         used[forms.of_cells] = True
-        if self.scheme.rates.of_user:  # they may couple the components at a node
+        if self.scheme.rates.user_defined:  # they may couple the components at a node
             return np.ones_like(used)
         masses = np.array([(m, m, inertia) for _, m, inertia in self.scene.masses]).ravel()
         used[self.masses.entries_of_nodes[masses != 0]] = True

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fx_beam.content_cache import cached_property
-from fx_beam.dual import without_slopes
+from fx_beam.dual import floats
 from fx_beam.fem.mesh import rotation_of
 from fx_beam.results.records import Energy
 from fx_beam.results.state import ARRAYS, FORCES, HISTORIES, ROWS
@@ -213,7 +213,7 @@ def _fit(
     driven = np.full((len(steps), model.couplings.driven), np.nan)
     straight = np.array([function.ramps for function in forcing.functions], bool)
     if lengths.all() and driven.size:
-        driven[:] = without_slopes(forcing.end_rates(times[steps], lengths))
+        driven[:] = floats(forcing.end_rates(times[steps], lengths))
     driven[:, straight] = np.nan
     if in_turn and straight.any():
         means = driven_increments(model, q, slides) / lengths[1:, None]

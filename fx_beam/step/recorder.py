@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.errors import SceneError, as_real_array, check_fields, flag, require, whole
+from fx_beam.errors import SceneError, check_fields, flag, real_array, require, whole
 from fx_beam.laws.interval import INSTANT, StepBatch
 from fx_beam.results.state import ROWS, State
 
@@ -113,7 +113,7 @@ class Record:
                 raise SceneError("Record: a file needs motion=True, and no times")
         if self.times is None:
             return
-        times = as_real_array(self.times)
+        times = real_array(self.times)
         rising = times.ndim == 1 and times.size > 0 and bool((np.diff(times) > 0).all())
         ok = rising and bool(np.isfinite(times).all())
         require(ok, "Record: times", self.times, "increasing finite times")

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.dual import without_slopes
+from fx_beam.dual import floats
 from fx_beam.laws.interval import divided
 
 from .forcing import Forcing
@@ -77,7 +77,7 @@ def inputs_of(problem: Problem, forcing: Forcing, t: float, times: np.ndarray) -
     def rows(series: Callable[..., Any], constant: bool, *ends: np.ndarray) -> np.ndarray:
         """Rows of all sub-steps; a single row is repeated without copies."""
         values = series(*(end[: 1 if constant else None] for end in ends))
-        values = np.ascontiguousarray(without_slopes(values))
+        values = np.ascontiguousarray(floats(values))
         shape = len(t1), *values.shape[1:]
         return np.broadcast_to(values, shape) if values.size else np.empty(shape)
 
@@ -87,10 +87,10 @@ def inputs_of(problem: Problem, forcing: Forcing, t: float, times: np.ndarray) -
             arrays["follower_force"] = rows(follow.series, follow.constant, t0, t1)
         if parameters.vary:
             level = model.scheme.rates.level
-            arrays["parameters"] = without_slopes(parameters.over_steps(t0, t1, level))
+            arrays["parameters"] = floats(parameters.over_steps(t0, t1, level))
         if strains:
             arrays["natural"] = rows(forcing.naturals, strains.constant, t1)
-        return inputs._replace(driven=without_slopes(forcing.series(t1)), **arrays)
+        return inputs._replace(driven=floats(forcing.series(t1)), **arrays)
     except BaseException as raised:
         before = int(np.searchsorted(times, getattr(raised, "time", t)))
         if before:

@@ -143,7 +143,7 @@ class Problem:
         has = {
             "CHAIN": factors.chain,
             "BAND": factors.band and not factors.chain,
-            "COUPLED": not self.model.reduction.only_copies,
+            "COUPLED": not couplings.is_selection,
             "LOOPS": couplings.closures,
             "SLIDERS": couplings.sliding,
             "MEMBERS": self.model.points.members is not None,

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.dual import without_slopes
+from fx_beam.dual import floats
 from fx_beam.errors import SceneError
 from fx_beam.laws.interval import divided
 from fx_beam.results.state import State
@@ -388,12 +388,9 @@ def static_tape(
     internal variables an equilibrium depends on none before, and is a step from itself.
     """
     model, t = problem.model, np.array([forcing.time])
-    loads, strains = (
-        without_slopes(model.loads.series(t))[0],
-        without_slopes(forcing.naturals(t))[0],
-    )
+    loads, strains = (floats(model.loads.series(t))[0], floats(forcing.naturals(t))[0])
     values, followers = model.forms.parameters.at(forcing.time), model.points.followers
-    follower_force = without_slopes(followers.series(t, t)) if len(followers) else None
+    follower_force = floats(followers.series(t, t)) if len(followers) else None
     rows, apart, last = [], not model.flows, start.t
     for old, new in zip(states if apart else [start, *states], states, strict=False):
         length, last = new.t - last, new.t

@@ -7,15 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fx_beam.errors import (
-    Failure,
-    StepError,
-    as_real_array,
-    check_takes,
-    is_whole,
-    positive,
-    require,
-)
+from fx_beam.errors import Failure, StepError, check_takes, is_whole, positive, real_array, require
 from fx_beam.laws.schemes import Scheme
 from fx_beam.motions.dynamics import simulate
 from fx_beam.results.solution import Solution
@@ -41,7 +33,7 @@ class Converged:
     value : float or array
         The quantity in the finest run.
     error : float
-        Its estimated error, the sum of those of step and mesh; of an array the largest.
+        The estimated error, the sum of `step_error` and `mesh_error`; of an array the largest.
     step_error, mesh_error : float
         The two parts of the error.
     elements : int
@@ -196,8 +188,8 @@ def _refined(runs: _Runs, mesh: int, degree: int, tolerance: float) -> Converged
         if in_mesh + in_step <= tolerance:
             finest = runs.value(2 * mesh, _FACTOR * step)
             errors, used = (in_mesh + in_step, in_step, in_mesh), (len(runs.values), runs.steps)
-            known = finest if finest.ndim else float(finest)
-            return Converged(known, *errors, 2 * mesh, _FACTOR * step, *used, runs.last)
+            result = finest if finest.ndim else float(finest)
+            return Converged(result, *errors, 2 * mesh, _FACTOR * step, *used, runs.last)
         if in_mesh > in_step:
             mesh, mesh_before = 2 * mesh, in_mesh
         else:
@@ -220,13 +212,13 @@ class _Runs:
             if len(self.values) == self._most:
                 raise self._unknown()
             self.last = self._run(elements, tolerance)
-            given = self._quantity(self.last)
-            value = as_real_array(given)
+            result = self._quantity(self.last)
+            value = real_array(result)
             ok = value.size > 0 and {value.shape} >= {v.shape for v in self.values.values()}
             expected = "a number, or an array of numbers, of one shape in all runs"
-            require(ok, "converge: the quantity", given, expected)
+            require(ok, "converge: the quantity", result, expected)
             what = f"converge: the quantity with {elements} elements"
-            require(bool(np.isfinite(value).all()), what, given, "finite")
+            require(bool(np.isfinite(value).all()), what, result, "finite")
             self.values[key], self.steps = value, self.steps + self.last.stats.steps
         return self.values[key]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import functools
 import json
 import logging
 import zlib
@@ -23,7 +24,7 @@ from fx_beam.results.files import of_numpy, writable
 
 from . import workers
 
-# Columns of a row besides those of its case and of what the function gives.
+# Columns of a row besides the case and the results of the function.
 _OWN = "seconds", "error"
 
 
@@ -81,7 +82,7 @@ def sweep(
         If an argument is invalid, or if the worker processes cannot start.
     KeyboardInterrupt
         If interrupted, after all worker processes have ended. Its attribute `rows` has the
-        finished rows, with `chunksize` those of the table that was begun.
+        finished rows, with `chunksize` the finished rows of the table that was begun.
     concurrent.futures.BrokenExecutor
         If an executor of your own breaks. It has the attribute `rows` as well.
 
@@ -130,7 +131,7 @@ def _tables(function, chunks: Iterable[list[dict]], executor, results, timeout) 
 
 
 def _table_of(cases: list[dict], crew: workers.Workers, journal: Journal):
-    """The table of some cases, of which those that are not in the file are run."""
+    """The table of some cases; cases that are not in the file are run."""
     rows: dict[int, dict] = {}
     try:
         for index, case in enumerate(cases):
@@ -238,7 +239,7 @@ class Journal:
                 break
             try:
                 row = _VALUE(line.decode())
-                of = hash(key(row["case"]))
+                case_hash = hash(key(row["case"]))
                 _ = row["result"], row["seconds"], row["error"]
                 text, _, checksum = line.rpartition(_SUM)
                 whole = checksum == b"%d}\n" % zlib.crc32(text)
@@ -248,7 +249,7 @@ class Journal:
                     raise SceneError(what) from error
                 whole = False
             if whole:
-                hashes.append(of)
+                hashes.append(case_hash)
                 offsets.append(end)
             else:
                 damaged.append(number)
@@ -259,18 +260,18 @@ class Journal:
                 *(len(damaged), path, damaged[0]),
             )
         self._file.truncate(end)
-        known = np.frombuffer(hashes, dtype=np.int64)
-        order = np.argsort(known, kind="stable")
-        self._hashes, self._offsets = known[order], np.frombuffer(offsets, dtype=np.int64)[order]
-        self._given = np.zeros(len(known), dtype=bool)
+        stored = np.frombuffer(hashes, dtype=np.int64)
+        order = np.argsort(stored, kind="stable")
+        self._hashes, self._offsets = stored[order], np.frombuffer(offsets, dtype=np.int64)[order]
+        self._given = np.zeros(len(stored), dtype=bool)
 
     def finished(self, case: Mapping[str, Any]) -> dict | None:
         """The row of a case, which is given once; None if the case has not been run."""
         if self._file is None:
             return None
         text = key(case)
-        wanted = hash(text)
-        first, stop = (int(self._hashes.searchsorted(wanted, side)) for side in ("left", "right"))
+        search = functools.partial(self._hashes.searchsorted, hash(text))
+        first, stop = (int(search(side)) for side in ("left", "right"))
         k = first + int(np.count_nonzero(self._given[first:stop]))  # those of one hash in order
         if k == stop:
             return None

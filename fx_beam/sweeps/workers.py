@@ -66,10 +66,10 @@ def call(function: Callable, item: Any) -> Outcome:
     return outcome._replace(seconds=perf_counter() - clock)
 
 
-def _tried(function: Callable[..., Any], *given: Any, errors: Any = (Exception, SystemExit)) -> Any:
-    """What a function gives; if it raises one of the `errors`, the outcome of a failed item."""
+def _tried(function: Callable, *arguments: Any, errors: Any = (Exception, SystemExit)) -> Any:
+    """The result of a call, or the `Outcome` of a failed item if it raises one of the `errors`."""
     try:
-        return function(*given)
+        return function(*arguments)
     except errors as error:
         return Outcome(None, np.nan, _sentence(error))
 
@@ -101,7 +101,7 @@ def run(function: Callable, items: Sequence, executor: Executor | int | None) ->
 
 
 def _series_here() -> MotionSeries:
-    """The motions of this thread's items: a scene is prepared for those of equal structure."""
+    """Motions of the items of this thread; scenes of equal structure share a prepared model."""
     if not hasattr(_THREAD, "series"):
         _THREAD.series = MotionSeries()
     return _THREAD.series
@@ -222,7 +222,7 @@ def _is_finished(future: Future) -> bool:
 
 
 class _OnProcesses(_OnExecutor):
-    """Processes of this machine, each of which a thread gives one item after another.
+    """Processes of this machine; a thread for each process gives it one item after another.
 
     An item whose process dies runs again after all others, alone, as memory may have been short.
     If its process dies again, it is the cause.
@@ -276,7 +276,7 @@ class _OnProcesses(_OnExecutor):
         return outcome
 
     def close(self) -> None:
-        """Let processes end that have nothing to do; end others, whatever they do."""
+        """Let idle processes end, and kill busy ones."""
         atexit.unregister(self.close)
         self._is_closed = True
         self._threads.shutdown(wait=False, cancel_futures=True)

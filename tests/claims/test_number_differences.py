@@ -8,7 +8,7 @@ import pytest
 from derivatives import EXACT, difference
 
 import fx_beam as fb
-from fx_beam.dual import as_dual_array, slopes_by
+from fx_beam.dual import dual_array, slopes_by
 
 STEPS, TIMES = 40, np.linspace(0, 1, 5)
 X = np.array([0.3, -0.2, 0.5, 0.1, -0.4])
@@ -351,7 +351,7 @@ def test_slopes_are_those_of_functions():
         steps = [(h, h * row) for h in (4e-3, 2e-3, 1e-3) for row in np.eye(3)]
         ends = [(of(x + e) - of(x - e)) / (2 * h) for h, e in steps]
         expected = np.tensordot([1 / 45, -20 / 45, 64 / 45], np.reshape(ends, (3, 3, -1)), 1)
-        assert as_dual_array(of(slopes_by(x))).slopes.T == pytest.approx(expected, abs=2e-12)
+        assert dual_array(of(slopes_by(x))).slopes.T == pytest.approx(expected, abs=2e-12)
 
 
 def _pulse(t, x):
@@ -444,9 +444,9 @@ def test_loads_of_place_and_time_have_slopes_and_serve_the_motion_as_well(load, 
         return scene, {"tip": fb.Output("position", beam.end)}
 
     def sum_at(x):
-        return (weights["tip"] * without_slopes(x)[1]["tip"]).sum()
+        return (weights["tip"] * floats(x)[1]["tip"]).sum()
 
-    run, without_slopes = (fb.Response(build, **options) for _ in range(2))
+    run, floats = (fb.Response(build, **options) for _ in range(2))
     x, h = np.array([1.1, 0.9]), 1e-3
     _, y = run(x)
     weights = {"tip": np.arange(y["tip"].size, dtype=float).reshape(y["tip"].shape)}

@@ -123,7 +123,7 @@ HOMES = {
     "pyvista vtk vtkmodules": "plot.shape_pictures",
     "PIL imageio_ffmpeg": "plot.animations",
     "tqdm": "motions.progress",
-    "cloudpickle": "parallel.team",
+    "cloudpickle": "parallel.process_group",
     "pandas xarray": "results.export",
 }
 

@@ -71,7 +71,7 @@ def finished(folder, number, text, code=0):
 
 def test_a_small_scene_is_computed_by_the_first_process_alone(monkeypatch):
     others = SimpleNamespace(size=4)
-    monkeypatch.setattr("fx_beam.parallel.team.Team.leading", others)
+    monkeypatch.setattr("fx_beam.parallel.process_group.ProcessGroup.leading", others)
     scene = process_cases.loaded(lambda t: (0.0, 1.0))
     assert surroundings.waiting_team(scene) is None
     monkeypatch.setattr(surroundings, "SMALLEST", 2)
@@ -377,7 +377,7 @@ def test_a_process_that_is_killed_ends_all_and_the_first_keeps_the_steps(tmp_pat
 ALONE = """
 import fx_beam as fb
 import process_cases as cases
-from fx_beam.parallel import team
+from fx_beam.parallel import process_group
 
 def fails(rank):
     from mpi4py import MPI
@@ -387,11 +387,11 @@ def fails(rank):
     if MPI.COMM_WORLD.rank == rank:
         LinearSystem.solve = solve
 
-team._ALONE = 1.0
+process_group._ALONE = 1.0
 crews = []
 
 def now():
-    crews.append(team.Team.leading.make(fails, [({rank},)] * 2))
+    crews.append(process_group.ProcessGroup.leading.make(fails, [({rank},)] * 2))
 
 try:
     fb.simulate(cases.loaded(cases.Stops(0.055, now)), dt=0.01, t_end=0.1)

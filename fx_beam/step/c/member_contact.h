@@ -15,7 +15,7 @@ enum { SLOTS = 2, IN_SLOT = 3 };
 /* Points, which are nodes, against a member. */
 typedef struct {
   Law *law; Law *energy, *loss;
-  int sums, loaded, remembered; /* twice the sums; the first of them, on which there are forces */
+  int sums, loaded, iteration_memory; /* twice the sums; the first of them, on which there are forces */
   int entries, *entry_row, *entry_column; /* of its tangent */
   int internal, first_slot; /* internal variables; its first slot of memory, in which a point has SLOTS */
   int points, *point_dof;   /* [points][2] */

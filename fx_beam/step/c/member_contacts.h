@@ -149,7 +149,7 @@ static double *number_of(const MemberContact *c, int point) { return c->number +
 /* Where the internal variables, what is of places, and the numbers of a point are among what its law is given. */
 static inline int internal_at(const MemberContact *c) { return 3 * c->sums + 2; }
 static inline int stretch_in_slot(const MemberContacts *m, int slot) { return m->first_internal + IN_SLOT * slot + 1; }
-static inline int places_at(const MemberContact *c) { return internal_at(c) + c->internal + c->remembered; }
+static inline int places_at(const MemberContact *c) { return internal_at(c) + c->internal + c->iteration_memory; }
 static inline int numbers_at(const MemberContact *c) { return places_at(c) + (c->internal ? 5 : 2); }
 
 /* The slot of a contact point: that of a place less than two pieces away, or a free one; -1 if all are taken. */
@@ -223,7 +223,7 @@ static void begin_contact_point(MemberContacts *m, ContactPoint *e, double t, do
   double *to = e->given + 3 * c->sums, *numbers = e->given + numbers_at(c);
   e->slot = c->internal ? slot_of(m, e) : -1;
   to[0] = t, to[1] = dt;
-  memset(to + 2, 0, (c->internal + c->remembered) * sizeof(double));
+  memset(to + 2, 0, (c->internal + c->iteration_memory) * sizeof(double));
   memcpy(numbers, number_of(c, e->point), c->numbers * sizeof(double));
   if (e->slot >= 0) {
     m->has_slot[e->slot] = 1;
@@ -324,7 +324,7 @@ HOT void make_tangent(const MemberContact *c, ContactPoint *e) {
 
 /* Calls the law of a contact point, after `move_contact_point`. */
 static void find_force(const MemberContact *c, ContactPoint *e) {
-  call(c->law, e->given, e->results, c->sums + c->entries + c->internal + c->remembered);
+  call(c->law, e->given, e->results, c->sums + c->entries + c->internal + c->iteration_memory);
 }
 
 void fx_evaluate_members(MemberContacts *m, const double *D) {
@@ -332,8 +332,8 @@ void fx_evaluate_members(MemberContacts *m, const double *D) {
     const MemberContact *c = m->of + e->contact;
     if (!move_contact_point(m, e, D)) continue;
     find_force(c, e);
-    const double *remembered = e->results + c->sums + c->entries + c->internal;
-    memcpy(e->given + internal_at(c) + c->internal, remembered, c->remembered * sizeof(double));
+    const double *iteration_memory = e->results + c->sums + c->entries + c->internal;
+    memcpy(e->given + internal_at(c) + c->internal, iteration_memory, c->iteration_memory * sizeof(double));
     make_tangent(c, e);
   }
 }

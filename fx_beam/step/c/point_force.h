@@ -11,7 +11,7 @@ typedef struct {
   Law *loss;          /* lost in the step */
   Law *switches;      /* values that change their sign where it switches */
   Law *pull;          /* along a line between points */
-  int size, entries, internal, remembered, conditions, overshoots;
+  int size, entries, internal, iteration_memory, conditions, needs_line_search;
   int *dof;           /* [size] degrees of freedom; -1 for the ground */
   int slide, column;  /* joint of a slide and its column, or -1 */
   int joint;          /* to whose moment it belongs, or -1 */
@@ -21,12 +21,12 @@ typedef struct {
   int nodes;          /* of a contact: on which the force on its point acts, the first ones */
   int first_internal, first_entry; /* among those of all forces */
   int *entry_row, *entry_column;   /* [entries] */
-  /* Given: start, increment and rate [size], t, dt, internal variables, remembered, numbers of the law,
+  /* Given: start, increment and rate [size], t, dt, internal variables, iteration memory, numbers of the law,
      values of parameters. */
   double *given, *numbers, *results;
   int parameters, *parameter; /* which ones of the scene it needs */
   double *parameter_values;
-  double *tangent_at; /* increment and results where the tangent is evaluated, if it `overshoots` */
+  double *tangent_at; /* increment and results where the tangent is evaluated, if `needs_line_search` */
 } PointForce;
 
 /* Largest number of secants of a fixed point. */

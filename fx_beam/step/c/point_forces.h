@@ -13,7 +13,7 @@ static inline void coordinates(const PointForce *e, const double *nodes, const d
 /* Place of the force that friction follows among its internal variables. */
 enum { FOLLOWED = 2 };
 
-static int values_of(const PointForce *e) { return e->size + e->entries + e->internal + e->remembered; }
+static int values_of(const PointForce *e) { return e->size + e->entries + e->internal + e->iteration_memory; }
 
 void fx_set_parameters(const PointForces *p, const double *values) {
   for (const PointForce *e = p->of; e < p->of + p->all; ++e)
@@ -29,7 +29,7 @@ void fx_begin_points(const PointForces *p, const double *q, const double *v, con
     coordinates(e, v, slide_rate, e->slide, e->given + 2 * n);
     *to++ = t, *to++ = dt;
     for (int i = 0; i < e->internal; ++i) *to++ = internal[e->first_internal + i];
-    for (int i = 0; i < e->remembered; ++i) *to++ = 0;
+    for (int i = 0; i < e->iteration_memory; ++i) *to++ = 0;
   }
   if (HAS(MEMBERS) && p->members) begin_members(p->members, q, v, t, dt, internal);
 }
@@ -39,7 +39,7 @@ void fx_evaluate_points(const PointForces *p, int first, int end, const double *
     int values = values_of(e);
     coordinates(e, D, z, e->column, e->given + e->size);
     call(e->law, e->given, e->results, values);
-    for (int i = 1; i <= e->remembered; ++i) e->numbers[-i] = e->results[values - i];
+    for (int i = 1; i <= e->iteration_memory; ++i) e->numbers[-i] = e->results[values - i];
   }
 }
 
@@ -135,7 +135,7 @@ void fx_find_switches(const PointForces *p, const double *q, const double *slide
 /* Of forces with functions of a user, and of contact in equilibria: notes the tangent. */
 static void note_tangents(const PointForces *p) {
   for (const PointForce *e = p->of; e < p->of + p->all; ++e) {
-    if (!e->overshoots) continue;
+    if (!e->needs_line_search) continue;
     memcpy(e->tangent_at, e->given + e->size, e->size * sizeof(double));
     memcpy(e->tangent_at + e->size, e->results, (e->size + e->entries) * sizeof(double));
   }
@@ -145,7 +145,7 @@ static void note_tangents(const PointForces *p) {
 static double point_deviation(const PointForces *p, const double *correction, const double *step, double part) {
   double sum = 0;
   for (const PointForce *e = p->of; e < p->of + p->all; ++e) {
-    if (!e->overshoots) continue;
+    if (!e->needs_line_search) continue;
     int n = e->size, values = values_of(e);
     double *D = e->given + n, *results = p->probe, *along = results + values, *last_D = along + n;
     const double *from = e->tangent_at, *force = from + n, *slope = force + n;

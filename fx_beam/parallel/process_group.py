@@ -1,4 +1,4 @@
-"""The processes of mpirun: the first one asks, and all do the same with their parts."""
+"""The processes of mpirun: the first one sends calls, and each does them with its part."""
 
 from __future__ import annotations
 
@@ -20,12 +20,11 @@ from fx_beam.errors import SceneError
 from fx_beam.fem.mpi import world
 from fx_beam.scene.parameters import is_parameter
 
-# Longest time between two looks for a message [s]; the first ones follow each other at once.
+# Longest time between two looks for a message [s], and number of first looks without a pause.
 _PAUSE, _AT_ONCE = 1e-3, 200
 # How long the first process waits for the others when mpirun ends them [s].
 _PATIENCE = 0.2
-# How long after an error of one process the others may take, of which some may wait for it [s]; and
-# the tag of its message.
+# Time [s] for the other processes after an error of one, as some may wait for it; tag of errors.
 _ALONE, _FAILED = 10.0, 1
 _LOST = (
     "fx_beam: mpirun ends all processes, and kills this one soon. The script goes on with a "
@@ -38,11 +37,11 @@ _REFUSED = (
 )
 
 
-class Team:
+class ProcessGroup:
     """What the first process knows of all: it sends calls and waits for what they give."""
 
     #: The team of this process while a script runs on it; None without other processes.
-    leading: ClassVar[Team | None] = None
+    leading: ClassVar[ProcessGroup | None] = None
 
     def __init__(self) -> None:
         self._comm = world()
@@ -52,7 +51,7 @@ class Team:
         #: Numbers of objects that are destroyed before the next call.
         self.left: list[int] = []
         self._busy, self._waiting = False, False
-        #: Whether mpirun ends all, and whether others do not answer.
+        #: Whether mpirun ends all processes, and whether some do not answer.
         self._ending, self.lost = False, False
         self._own_error: Exception | None = None
         # A SimpleQueue that a signal interrupts may wait for ever, whatever the timeout.
@@ -60,12 +59,12 @@ class Team:
         self._thread = threading.Thread(target=self._exchange, daemon=True)
         self._thread.start()
 
-    def make(self, make: Callable, arguments: Sequence[tuple]) -> Crew:
+    def make(self, make: Callable, arguments: Sequence[tuple]) -> RemoteObjects:
         """Make an object on each process, by a function of a module."""
         self._made += 1
         number = self._made
-        self.ask([(("make", number, make), of) for of in arguments])
-        return Crew(self, number)
+        self.ask([(("make", number, make), argument) for argument in arguments])
+        return RemoteObjects(self, number)
 
     def ask(self, messages: Sequence[tuple]) -> list:
         """What each process gives for a message."""
@@ -144,16 +143,16 @@ class Team:
             self._comm.send(None, rank)
 
 
-class Crew:
+class RemoteObjects:
     """Objects of one kind, one on each process."""
 
-    def __init__(self, team: Team, number: int):
+    def __init__(self, team: ProcessGroup, number: int):
         self.team, self._number = team, number
 
     def __call__(self, method: str, arguments: Sequence[tuple] | None = None) -> list:
-        """What a method of each gives."""
-        given = arguments or [()] * self.team.size
-        return self.team.ask([(("call", self._number, method), of) for of in given])
+        """Results of a method, one of each process."""
+        calls = arguments or [()] * self.team.size
+        return self.team.ask([(("call", self._number, method), call) for call in calls])
 
     def __del__(self) -> None:
         self.team.left.append(self._number)
@@ -162,7 +161,7 @@ class Crew:
 @contextmanager
 def led() -> Iterator[None]:
     """On the first process: lead the others while the script runs."""
-    Team.leading = team = Team()
+    ProcessGroup.leading = team = ProcessGroup()
     signal.signal(signal.SIGINT, team.interrupt)
     # mpirun sends it after Ctrl-C, and when a process is lost.
     signal.signal(signal.SIGTERM, team.terminate)
@@ -174,7 +173,7 @@ def led() -> Iterator[None]:
             sys.stderr.flush()
         raise
     finally:
-        Team.leading = None
+        ProcessGroup.leading = None
         team.close()
 
 
@@ -213,7 +212,7 @@ def answer(objects: dict[int, Any], message: Callable[[], tuple]) -> tuple[Excep
 
 
 def _received(comm: Any, rank: int) -> Any:
-    """The next message of a process. Those that wait leave the processor to others."""
+    """The next message of a process; the wait leaves the processor to other work."""
     tries, pause = 0, 2e-5
     while not comm.iprobe(rank):
         tries += 1

@@ -14,7 +14,7 @@ _STRAIGHT = 1e-6
 _SLOPES = np.array([[0.0, 1.0, -2.0, 1.0], [0.0, 0.0, -1.0, 1.0]])
 
 
-class Path:
+class BeamAxis:
     """The axis of a beam, phi(s) = sum N_a(s) phi_a over its nodes, with a continuous tangent.
 
     The position is that of the finite elements at all nodes, and between them if neighbours have
@@ -23,8 +23,8 @@ class Path:
     polyline stay corners.
     """
 
-    #: Elements of a window: a step may begin and end in any two that are 2 apart, and each needs
-    #: its neighbours.
+    #: Elements of a window: a step may go from an element to the second next one, and each of them
+    #: needs its neighbours.
     WINDOW = 5
 
     def __init__(self, beam: Beam):
@@ -61,9 +61,9 @@ class Path:
 
     def angles(self) -> np.ndarray:
         """Angles (nodes,) of the reference tangent at the nodes, without jumps [rad]."""
-        at, p = np.arange(len(self)), self.degree
-        e = np.minimum(at // p, len(self.h) - 1)
-        return np.unwrap(np.angle(_complex(self._over(self.X[None], e, (at - p * e) / p, 1))))
+        nodes, p = np.arange(len(self)), self.degree
+        e = np.minimum(nodes // p, len(self.h) - 1)
+        return np.unwrap(np.angle(_complex(self._over(self.X[None], e, (nodes - p * e) / p, 1))))
 
     @property
     def numbers(self) -> np.ndarray:
@@ -79,7 +79,7 @@ class Path:
         return self.over(self.X[None], np.array([s]), order)[0]
 
     def over(self, values: np.ndarray, s: np.ndarray, order: int = 0) -> np.ndarray:
-        """Values (n, ...), or derivatives, at arc lengths s (n,), from those (n, nodes, ...)."""
+        """Values (n, ...), or derivatives, at arc lengths s (n,), from `values` (n, nodes, ...)."""
         e = self.element(s)
         return self._over(values, e, (s - self.s[e]) / self.h[e], order)
 
@@ -95,8 +95,8 @@ class Path:
 
     def _weights(self, e: np.ndarray, x: np.ndarray, order: int) -> np.ndarray:
         """Weights (n, 3 p + 1) of nodes at coordinates x (n,) in elements, or derivatives by s."""
-        one = np.ones_like(x)
-        powers = (one, x, x * x, x * x * x), (0 * x, one, 2 * x, 3 * x * x)
+        ones = np.ones_like(x)
+        powers = (ones, x, x * x, x * x * x), (0 * x, ones, 2 * x, 3 * x * x)
         weights = np.einsum("nak,nk->na", self.coefficients[e], np.column_stack(powers[order]))
         return weights / self.h[e][:, None] ** order
 
@@ -157,7 +157,7 @@ def _may_be_nearest(c: np.ndarray, length: float) -> np.ndarray:
     """
     powers = np.array([0.0, 0.5, 1.0])[:, None] ** np.arange(4)
     distances = np.linalg.norm(powers @ c, axis=2).min(axis=1)
-    # No point is farther from one of these than a quarter of the largest slope.
+    # The next of these places is at most a quarter of the largest slope away.
     reach = np.linalg.norm(c[:, 1:], axis=2) @ [0.25, 0.5, 0.75]
     most = distances.min() * (1 + 1e-6) + 1e-12 * length
     return np.flatnonzero(distances - reach <= most)

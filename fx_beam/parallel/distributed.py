@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 import weakref
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -33,7 +33,7 @@ from fx_beam.step.tables import Problem
 
 from .linear_system import LinearSystem, Solved
 from .partition import Share, divided
-from .team import Crew, Team
+from .process_group import ProcessGroup, RemoteObjects
 
 # Error of a step's energy, relative to it, that solutions may leave.
 _ENERGY_ERROR = 1e-13
@@ -58,10 +58,10 @@ def _check(model: Model) -> None:
 
 
 @contextmanager
-def shared(team: Team | None, loop: LoadLoop) -> Iterator[None]:
+def shared(team: ProcessGroup | None, loop: LoadLoop) -> Iterator[None]:
     """Let all processes take load steps for a while, if there are any."""
     if team is not None:
-        loop.together = Together(team, loop)
+        loop.together = RemoteStep(team, loop)
     try:
         yield
     finally:
@@ -70,15 +70,15 @@ def shared(team: Team | None, loop: LoadLoop) -> Iterator[None]:
             loop.together = None
 
 
-class Together:
+class RemoteStep:
     """What all processes do in the place of C: ``Team`` of c/problem.h."""
 
-    def __init__(self, team: Team, loop: CompiledLoop):
+    def __init__(self, team: ProcessGroup, loop: CompiledLoop):
         # Nothing here refers to itself or to the loop: with this the parts go at once.
         model, self._loop = loop.model, weakref.proxy(loop)
         #: The equations of steps.
-        given = loop.forcing, loop.failures.options, loop.stats
-        self.equations = DistributedEquations(team, *given)
+        inputs = loop.forcing, loop.failures.options, loop.stats
+        self.equations = DistributedEquations(team, *inputs)
         self._error: BaseException | None = None
         self._at_rest, self._driven = model.scheme.rates.at_rest, model.reduction.driven
         self._size, self._free = model.size, model.reduction.free
@@ -122,34 +122,34 @@ class Together:
         out[1][:] = np.nan
         if self._error is None:
             increments = self._array(z, free + self._driven)
-            given = increments[:free], increments[free:], self._array(loads, size)
-            out[0][:], out[1][:] = self.equations.at(*given)
+            changes = increments[:free], increments[free:], self._array(loads, size)
+            out[0][:], out[1][:] = self.equations.at(*changes)
 
     def change(self, x: Any, to: Any) -> None:
-        """Find the change of forces with one of the nodes."""
+        """Find the change of forces df = K dx (size,) for a change dx of the nodes."""
         out = self._array(to, self._size)
         out[:] = np.nan
         if self._error is None:
             out[:] = self.equations.change(self._array(x, self._size))
 
     def solve(self, b: Any, energy: float, to: Any, error: Any) -> None:
-        """Find the correction for a residual in a step of some energy, and its error."""
+        """Find the correction x and its error for a residual b; `energy` is that of the step."""
         x = self._array(to, self._free)
         x[:] = np.nan
         if self._error is None:
             x[:], error[0] = self.equations.solve(self._array(b, self._free).copy(), energy)
 
 
-def _of(together: Callable[[], Together | None], method: str) -> Callable[..., None]:
+def _of(together: Callable[[], RemoteStep | None], method: str) -> Callable[..., None]:
     return lambda *arguments: getattr(together(), method)(*arguments)
 
 
 class TeamLoop(CompiledLoop):
-    """Takes one time step after the other: each process evaluates its part, and PETSc solves."""
+    """Takes time steps one by one: each process evaluates its part, and PETSc solves."""
 
-    def __init__(self, team: Team, forcing: Forcing, options: NewtonOptions, stats: Stats):
+    def __init__(self, team: ProcessGroup, forcing: Forcing, options: NewtonOptions, stats: Stats):
         super().__init__(forcing, options, stats, alone=False)
-        self.together = Together(team, self)
+        self.together = RemoteStep(team, self)
         stats.solver = f"PETSc on {team.size} processes"
 
     def inputs_ahead(self, t: float, ends: np.ndarray) -> StepInputs:
@@ -161,16 +161,16 @@ class TeamLoop(CompiledLoop):
     ) -> StepsResult:
         """Take the first of some steps or parts, if it succeeds."""
         end = steps.ends[:1]
-        one = steps._replace(ends=end, inputs=super().inputs_ahead(state.t, end))
-        return super().take(state, one, recorder, completed)
+        first_step = steps._replace(ends=end, inputs=super().inputs_ahead(state.t, end))
+        return super().take(state, first_step, recorder, completed)
 
 
 class DistributedEquations:
-    """The equations of a step, of which the parts evaluate all but the forces at points."""
+    """The equations of a step: parts evaluate all but forces at points, which are added here."""
 
-    def __init__(self, team: Team, forcing: Forcing, options: NewtonOptions, stats: Stats):
+    def __init__(self, team: ProcessGroup, forcing: Forcing, options: NewtonOptions, stats: Stats):
         self.model, self._natural = (model := forcing.model), forcing.natural
-        #: Where iterations are counted; root of the work of the last solution, over its size.
+        #: Where iterations are counted; sqrt(b.x) / |x| of the last solution.
         self._stats, self._stiffness = stats, 0.0
         _check(model)
         if forcing.turning is not None:
@@ -187,21 +187,21 @@ class DistributedEquations:
             share.runs.clear()  # the parts have them
         column = np.empty(self._ends[-1], dtype=int)
         column[self._numbers] = np.arange(len(self._numbers))
-        #: Of the whole, degrees of freedom and unknowns of each part.
+        #: Degrees of freedom and unknowns of each part, by their numbers in the whole.
         self._dofs = [model.mesh.dofs[share.rows].ravel() for share in self._shares]
         self._columns = [column[numbers] for numbers in self._crew("unknowns")]
-        #: Whether forces at a degree of freedom are its own.
+        #: Whether a part owns the forces at its degrees of freedom.
         self._owned = [np.repeat(share.owned, 3) for share in self._shares]
         K, points = model.forms.stiffness, model.points
         #: Entries of the tangent of forces at points.
         self._at_points = np.unique(points.value_at[points.value_at >= 0])
         rows = np.searchsorted(K.indptr, self._at_points, side="right") - 1
         self._entries = rows, K.indices[self._at_points]
-        #: Pairs of unknowns between which they have entries, as numbers.
+        #: Pairs of unknowns that these entries couple, row * free + column.
         self._pairs = np.empty(0, dtype=int)
         self._set_pattern()
 
-    def pieces(self) -> tuple[list[np.ndarray], Callable[[Callable, Sequence[tuple]], Crew]]:
+    def pieces(self) -> tuple[list[np.ndarray], Callable[..., RemoteObjects]]:
         """Elements of each process, and what makes objects on all."""
         return [share.elements for share in self._shares], self._team.make
 
@@ -213,47 +213,47 @@ class DistributedEquations:
         end = self._natural(interval.end)
         starts = [self._start_of(i, start) for i in range(self._team.size)]
         pairs, values = zip(self._shares, starts, strict=True), self.model.forms.parameters.values
-        given = [(interval, of, _in_part(share, end), values) for share, of in pairs]
-        self._crew("begin", given)
+        arguments = [(interval, start, _in_part(share, end), values) for share, start in pairs]
+        self._crew("begin", arguments)
 
     def _start_of(self, part: int, start: State) -> dict[str, Any]:
         """What a part needs of the state."""
         dofs, share = self._dofs[part], self._shares[part]
         numbers = [joint.number for joint, *_ in share.joints]
-        of = {"q": start.q[dofs], "v": start.v[dofs], "a": start.a[dofs]}
-        of |= {"slides": start.slides[numbers], "length": start.length}
+        state = {"q": start.q[dofs], "v": start.v[dofs], "a": start.a[dofs]}
+        state |= {"slides": start.slides[numbers], "length": start.length}
         if start.q_previous is not None:
-            of["q_previous"] = start.q_previous[dofs]
+            state["q_previous"] = start.q_previous[dofs]
         for name in ("internal", "natural"):
-            of[name] = _in_part(share, getattr(start, name))
-        return of
+            state[name] = _in_part(share, getattr(start, name))
+        return state
 
     def at(
         self, y: np.ndarray, driven: np.ndarray, force: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Forces and residual (size,) at increments of the unknowns and of driven motion."""
         model = self.model
-        D = model.reduction.expand(y, driven)
+        D = model.reduction.increment(y, driven)
         f, r = np.zeros(model.size), np.zeros(model.size)
         model.points.add_force(D, f)
         model.forms.stiffness.data[self._at_points] = 0.0
         model.points.add_tangent(model.forms.stiffness.data)
         loads = force - f
         parts = zip(self._columns, self._shares, self._owned, self._dofs, strict=True)
-        given = [
+        arguments = [
             (y[columns], driven[share.driven], np.where(owned, loads[dofs], 0.0))
             for columns, share, owned, dofs in parts
         ]
-        balances = self._crew("at", given)
+        balances = self._crew("at", arguments)
         for dofs, (force_of_part, residual) in zip(self._dofs, balances, strict=True):
             f[dofs] += force_of_part
             r[dofs] += residual
         return f, r
 
     def change(self, D: np.ndarray, sizes: bool = False) -> np.ndarray:
-        """As that of `Equations`."""
-        of_points = self._tangent_of_points()
-        out = (abs(of_points) if sizes else of_points) @ D
+        """Change (size,) of the forces with D (size,), as `Equations.change`."""
+        point_tangent = self._tangent_of_points()
+        out = (abs(point_tangent) if sizes else point_tangent) @ D
         changes = self._crew("change", [(D[dofs], sizes) for dofs in self._dofs])
         for dofs, change in zip(self._dofs, changes, strict=True):
             out[dofs] += change
@@ -278,22 +278,22 @@ class DistributedEquations:
             return np.empty(0)
         reduced = self.model.reduction.reduced(self._tangent_of_points()).tocoo()
         columns, slopes = points.columns, points.on_slides(1)
-        known = columns < free
-        rows = np.concatenate([reduced.row, columns[known]]).astype(int)
-        values = np.concatenate([reduced.data, slopes[known]])
-        keys = rows * free + np.concatenate([reduced.col, columns[known]])
+        free_columns = columns < free
+        rows = np.concatenate([reduced.row, columns[free_columns]]).astype(int)
+        values = np.concatenate([reduced.data, slopes[free_columns]])
+        keys = rows * free + np.concatenate([reduced.col, columns[free_columns]])
         if len(np.setdiff1d(keys, self._pairs)):
             self._pairs = np.union1d(self._pairs, keys)
             self._set_pattern()
-        at = np.searchsorted(self._pairs, keys)
-        return np.bincount(at, values, len(self._pairs))
+        position = np.searchsorted(self._pairs, keys)
+        return np.bincount(position, values, len(self._pairs))
 
     # -- The linear system ------------------------------------------------------------------------
 
     def solve(self, b: np.ndarray, energy: float) -> tuple[np.ndarray, float]:
-        """Solution (free,) for the reduced tangent, and its relative error.
+        """Solution x (free,) for the reduced tangent, and its relative error.
 
-        Not finite if it is singular; as exact as matters in a step of some energy.
+        x is not finite if the tangent is singular, and as exact as a step of this energy needs.
         """
         least, more = np.inf, self._of_points()
         if self._stiffness:
@@ -301,8 +301,8 @@ class DistributedEquations:
         right = np.zeros(self._ends[-1])
         right[self._numbers] = b
         parts, none = np.split(right, self._ends[:-1]), np.empty(0)
-        given = [(more if not i else none, of, least) for i, of in enumerate(parts)]
-        solved: list[Solved] = self._crew("solve", given)
+        arguments = [(more if not i else none, part, least) for i, part in enumerate(parts)]
+        solved: list[Solved] = self._crew("solve", arguments)
         x, first = np.concatenate([part.x for part in solved])[self._numbers], solved[0]
         if first.size:
             self._stiffness = math.sqrt(abs(b @ x)) / first.size
@@ -319,24 +319,24 @@ def _in_part(share: Share, values: np.ndarray | None) -> np.ndarray | None:
 class Part:
     """A share of the scene as a model, with its equations."""
 
-    def __init__(self, share: Share, scheme: Scheme, time: float, *of_system: Any):
+    def __init__(self, share: Share, scheme: Scheme, time: float, *numbering: Any):
         self._model = model = Model(share.scene(), scheme, part=True)
         problem = Problem(model, NewtonOptions(), forces_only=True)
         problem.set_given_strains(None)
         self._natural: np.ndarray | None = None
         self._equations = Equations(model, time, None, lambda end: self._natural, problem)
-        column, dof, of_slide, joint = model.couplings.free_columns
-        #: Number in the whole linear system of each of its unknowns.
+        column, dof, slide_column, joint = model.couplings.free_columns
+        #: Numbers (free,) of the unknowns in the whole linear system.
         self._unknowns = np.full(model.reduction.free, -1)
         self._unknowns[column] = share.unknowns.ravel()[dof]
-        self._unknowns[of_slide] = share.slides[joint]
+        self._unknowns[slide_column] = share.slides[joint]
         assert (self._unknowns >= 0).all(), "a part has other unknowns than the whole"
-        #: Indices of its parameters among those of the scene.
+        #: Indices of the part's parameters in the list of the scene.
         self._parameters = [share.parameters.index(name) for name in model.forms.parameters.names]
-        self._system = LinearSystem(*of_system)
+        self._system = LinearSystem(*numbering)
 
     def unknowns(self) -> np.ndarray:
-        """Number in the whole linear system of each of its unknowns."""
+        """Numbers (free,) of the unknowns in the whole linear system."""
         return self._unknowns
 
     def begin(
@@ -346,7 +346,7 @@ class Part:
         natural_end: np.ndarray | None,
         parameters: np.ndarray,
     ) -> None:
-        """Begin a step from a part of the state; natural strains are those at its end."""
+        """Begin a step from a part of the state, with the natural strains at its end."""
         state = State(interval.start, np.empty(0), **start)
         self._model.forms.parameters.keep(parameters[self._parameters])
         self._natural = natural_end
@@ -356,12 +356,12 @@ class Part:
     def at(
         self, y: np.ndarray, driven: np.ndarray, force: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Its share (size,) of the internal forces and of the full residual, for its own loads."""
+        """The part's internal forces and residual (size,), for the loads that it owns."""
         balance = self._equations.at(y, driven, force)
         return balance.f, balance.r
 
     def change(self, D: np.ndarray, sizes: bool) -> np.ndarray:
-        """Its share of the change of forces with small changes; of their sizes if asked."""
+        """The part's change of forces K D; with `sizes` |K| D."""
         return self._equations.change(D, sizes)
 
     def set_pattern(self, more: np.ndarray) -> None:
@@ -371,9 +371,9 @@ class Part:
         self._system.set_pattern(self._unknowns, rows, indices, more)
 
     def solve(self, more: np.ndarray, b: np.ndarray, least: float) -> Solved:
-        """Its own unknowns from its own right-hand side; all processes at once.
+        """Unknowns of this process from its part b of the right-hand side; all at once.
 
-        `more` are the values of the entries that were added, `least` is a negligible error.
+        `more` are the values of the added entries, `least` is a negligible error.
         """
         return self._system.solve(self._equations.values, more, b, least)
 
