@@ -75,7 +75,7 @@ class Entries(NamedTuple):
     def arms(self) -> tuple[np.ndarray, np.ndarray]:
         """Sums and arms of joints in them (n,): 2 m for x and 2 m + 1 for y of joint m."""
         moves = self.value_at > 0
-        joint, part = np.divmod(self.value_at[moves] - 1, 4)  # see `Couplings.moving`
+        joint, part = np.divmod(self.value_at[moves] - 1, 4)  # see `Couplings.arm_joints`
         arm, count = 2 * joint + part % 2, self.value_at.max(initial=1)  # which is larger
         return np.divmod(np.unique(self.row[moves] * count + arm), count)
 
@@ -145,7 +145,7 @@ class Couplings:
     slides: dict[int, int]
     #: Joints whose coupling changes with the motion. Joint m has the values 1 + 4 m to 4 + 4 m: the
     #: derivatives of x and y by the rotation, then by the slide.
-    moving: list[Joint]
+    arm_joints: list[Joint]
     #: For x, y and rotation (3, joints): 1 if b follows a, -1 if a follows b, 0 if neither does.
     sign: np.ndarray
     #: Auxiliaries: of rotations, then of x and y.
@@ -232,11 +232,11 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
     """Couplings of a scene; SceneError for joints that over-constrain, with their names."""
     forests, closing = grown_forests(scene)
     columns = _Columns(scene, mesh, forests)
-    moving = [b.joint for b in forests[0] if not b.joint.is_selection]
-    moving += [joint for joint in closing[0] if not joint.is_selection]
+    arm_joints = [b.joint for b in forests[0] if not b.joint.is_selection]
+    arm_joints += [joint for joint in closing[0] if not joint.is_selection]
     # Auxiliaries depend on no columns of nodes that slide.
     whole = {joint.b.number for joint in sliding_joints(scene.joints)}
-    sums = _Sums(columns, forests, moving, whole)
+    sums = _Sums(columns, forests, arm_joints, whole)
     column = columns.root.flatten()
     summed = {}
     for key, entries in sums.entries.items():
@@ -257,7 +257,7 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
         column=column,
         sums=summed,
         slides=columns.slides,
-        moving=moving,
+        arm_joints=arm_joints,
         sign=sign,
         auxiliaries=sums.auxiliaries,
         forests=forests,
@@ -295,10 +295,14 @@ class _Sums:
     """The sums of entries that the nodes of trees are, and the auxiliaries that keep them short."""
 
     def __init__(
-        self, columns: _Columns, forests: list[list[Branch]], moving: list[Joint], whole: set[int]
+        self,
+        columns: _Columns,
+        forests: list[list[Branch]],
+        arm_joints: list[Joint],
+        whole: set[int],
     ):
         self._columns = columns
-        self._number = {joint.number: m for m, joint in enumerate(moving)}
+        self._number = {joint.number: m for m, joint in enumerate(arm_joints)}
         ground = [(columns.number[_GROUND], 0, 1.0)] if _GROUND in columns.number else []
         #: Entries of the nodes that follow through a joint, by node and component.
         self.entries: dict[tuple[int, int], list[Entry]]

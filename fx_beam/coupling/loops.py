@@ -117,12 +117,14 @@ class Loops:
 
     def members(self) -> dict[str, Any]:
         """``Loops`` of problem.h, without positions in the tangent."""
-        couplings, moving = self._couplings, self._couplings.moving
-        arms = {(joint.number, i): 2 * m + i for m, joint in enumerate(moving) for i in range(2)}
+        couplings, arm_joints = self._couplings, self._couplings.arm_joints
+        arms = {
+            (joint.number, i): 2 * m + i for m, joint in enumerate(arm_joints) for i in range(2)
+        }
         closed = [(closure.joint, closure.component) for closure in self.closures]
         near = np.empty(couplings.columns, dtype=int)
         near[self.columns] = np.arange(len(self.columns))
-        arms_at_rest = [joint.arm if joint.place is None else joint.apart for joint in moving]
+        arms_at_rest = [joint.arm if joint.place is None else joint.apart for joint in arm_joints]
         sizes, widths = map(np.diff, self._block_starts)
         return {
             "closures": len(self),
@@ -180,7 +182,7 @@ def _dependence(
     Random values do not cancel; a node on a beam may be anywhere on it.
     """
     random = np.random.default_rng(0)
-    values = random.uniform(1.0, 2.0, 1 + 4 * len(couplings.moving))
+    values = random.uniform(1.0, 2.0, 1 + 4 * len(couplings.arm_joints))
     values[0] = 1.0
     size = couplings.columns + len(auxiliaries)
     rows, dependent = [auxiliaries.equations(values)], [np.arange(couplings.columns, size)]

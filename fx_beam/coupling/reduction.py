@@ -86,16 +86,16 @@ class Reduction:
         self._size, self._full = matrix.shape[0], (matrix, used)
         self._shape = self._size, self.columns + len(auxiliaries)
         self._entries = couplings.all_entries
-        moving = couplings.moving
-        self._arms = np.zeros((2, len(moving), 2))
-        self.set_arms(moving)
-        self._slide = np.array([couplings.slides.get(j.number, -1) for j in moving], dtype=int)
+        arm_joints = couplings.arm_joints
+        self._arms = np.zeros((2, len(arm_joints), 2))
+        self.set_arms(arm_joints)
+        self._slide = np.array([couplings.slides.get(j.number, -1) for j in arm_joints], dtype=int)
         self._maps: dict[Any, Any] = {}
 
-    def set_arms(self, moving: Sequence[Joint]) -> None:
+    def set_arms(self, arm_joints: Sequence[Joint]) -> None:
         """Set the joints that move, in the same order: their offsets and axes."""
         offset, axis = self._arms
-        for m, joint in enumerate(moving):
+        for m, joint in enumerate(arm_joints):
             offset[m], axis[m] = joint.offset, (0.0, 0.0) if joint.axis is None else joint.axis
 
     # -- The tangent ------------------------------------------------------------------------------
@@ -106,7 +106,7 @@ class Reduction:
         free, couplings, (matrix, used) = self.free, self.couplings, self._full
         row_of, unknown_of = couplings.system
         geometric = []
-        for m, joint in enumerate(couplings.moving):
+        for m, joint in enumerate(couplings.arm_joints):
             turn = [] if joint.a is GROUND else couplings.entries(rotation_of(joint.a))
             turn = [e for e in turn if unknown_of[e[0]] >= 0]
             slide = [(self._slide[m], 0, 1.0)] if 0 <= self._slide[m] < free else []
@@ -168,10 +168,10 @@ class Reduction:
     @cached_property
     def members(self) -> dict[str, Any]:
         """The couplings by the names in c/problem.h, without positions in the tangent."""
-        couplings, moving = self.couplings, self.couplings.moving
+        couplings, arm_joints = self.couplings, self.couplings.arm_joints
         equal = (self._entries.value_at == 0) & (self._entries.sign == 1)
         entries = self._entries.take(np.argsort(~equal, kind="stable"))
-        ends = [[rotation_of(node) for node in (joint.a, joint.b)] for joint in moving]
+        ends = [[rotation_of(node) for node in (joint.a, joint.b)] for joint in arm_joints]
         carrier, carried = np.array(ends, dtype=int).reshape(-1, 2).T
         # Rows that follow through joint m: in x as 2 m, in y as 2 m + 1.
         below, through = self._entries.arms
@@ -187,13 +187,13 @@ class Reduction:
                 **entries.members(),
             },
             "joints": {
-                "count": len(moving),
-                "sign": couplings.sign[:2, [joint.number for joint in moving]].T,
+                "count": len(arm_joints),
+                "sign": couplings.sign[:2, [joint.number for joint in arm_joints]].T,
                 "carrier": carrier,
                 "carried_node": carried,
                 "slide_column": self._slide,
-                "number": np.array([joint.number for joint in moving], dtype=int),
-                "track": np.array([joint.track.number for joint in moving], dtype=int),
+                "number": np.array([joint.number for joint in arm_joints], dtype=int),
+                "track": np.array([joint.track.number for joint in arm_joints], dtype=int),
                 "followers": len(below),
                 "follower": below,
                 "through": through,

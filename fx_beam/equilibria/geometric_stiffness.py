@@ -122,7 +122,7 @@ def _of_joints(about: SmallLoads, model: Model) -> scipy.sparse.csr_matrix:
     independent = reduction.independent
     n = len(independent)
     arms = np.zeros(model.size)
-    for joint in model.couplings.moving:
+    for joint in model.couplings.arm_joints:
         if joint.a is not GROUND:
             arms[rotation_of(joint.a)] = 1.0
     if reduction.couplings.is_selection or not arms.any():

@@ -18,7 +18,7 @@ from fx_beam.motions.evaluation import solution_of
 from fx_beam.motions.initial_state import reference_state
 from fx_beam.motions.options import check_scene
 from fx_beam.motions.prepared import state_of, stats_of
-from fx_beam.motions.progress import attach, failure_of, keeping_steps, progress_bar
+from fx_beam.motions.progress import attach, attach_partial_result, failure_of, progress_bar
 from fx_beam.motions.set_ups import model_for
 from fx_beam.motions.surroundings import waiting_team, warn_of_equal_work
 from fx_beam.parallel.distributed import shared
@@ -366,7 +366,7 @@ class _States(list[State]):
         self.bar.update(state.t - self.bar.n)
 
 
-@keeping_steps
+@attach_partial_result
 def static(
     scene: Scene,
     load_steps: int = 10,

@@ -127,7 +127,7 @@ class BoundForm:
 class RowValues:
     """Values of expressions at Gauss points, or tensors of a form, in several steps.
 
-    Each expression is of some cells. From step to step the fields of `StepBatch.moving` change,
+    Each expression is of some cells. From step to step the fields of `StepBatch.fields` change,
     and the constants of `_CHANGING`.
     """
 
@@ -162,7 +162,7 @@ class RowValues:
 
     def _coefficients(self, of: BoundForm, cells: np.ndarray, parts: StepBatch) -> np.ndarray:
         """Coefficients (n, cells, width) of an expression."""
-        changing = dict(zip(self._moving, parts.moving, strict=True))
+        changing = dict(zip(self._moving, parts.fields, strict=True))
         coefficients = np.empty((len(parts.t), len(cells), of.width))
         for field, start in of.field_starts.items():
             values, dofs = changing.get(field, _NONE), field.space.dofs[cells]

@@ -193,7 +193,7 @@ class JointUnknowns(SharedUnknowns):
         """Unknowns that turn arms of joints, close loops, move beams with sliders, or slide."""
         couplings, mesh = self._reduction.couplings, self._form.model.mesh
         T, loops = self._reduction.coupling(closed=False), self._reduction.loops
-        dofs = [rotation_of(joint.a) for joint in couplings.moving if joint.a is not GROUND]
+        dofs = [rotation_of(joint.a) for joint in couplings.arm_joints if joint.a is not GROUND]
         for joint in couplings.sliding:
             nodes = mesh.nodes_of(self._form.model.scene, joint.beam)
             dofs += mesh.dofs[nodes].ravel().tolist()

@@ -107,6 +107,6 @@ class StepBatch(NamedTuple):
     parameters: np.ndarray = _NONE
 
     @property
-    def moving(self) -> tuple[np.ndarray, ...]:
+    def fields(self) -> tuple[np.ndarray, ...]:
         """Fields, numbered as the kinds of coefficients in problem.h."""
         return self[2:10]

@@ -17,7 +17,7 @@ from fx_beam.step.recorder import Record
 
 from .motion_series import MotionSeries
 from .options import Condition, Options, check_scene
-from .progress import keeping_steps
+from .progress import attach_partial_result
 from .set_ups import RECENT
 from .surroundings import thread_series
 
@@ -107,7 +107,7 @@ class ChangingScene:
         return beyond / (float(abs(run.X - run.X.mean(axis=0)).max()) or 1.0) if slides else beyond
 
 
-@keeping_steps
+@attach_partial_result
 def simulate(
     scene: Scene,
     scheme: Scheme | None = None,

@@ -122,7 +122,7 @@ def _of_model(model: Model) -> dict[str, Any]:
     numbers |= model.masses.numbers()
     if model.forms.beams is not None:
         numbers |= model.forms.beams.numbers
-    if moving := model.moving:
+    if moving := model.arm_joints:
         axes = [(0.0, 0.0) if joint.axis is None else joint.axis for joint in moving]
         numbers["offset"] = dual_array([joint.offset for joint in moving]).reshape(-1, 2)
         numbers["axis"] = dual_array(axes).reshape(-1, 2)

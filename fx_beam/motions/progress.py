@@ -72,7 +72,7 @@ def attach(stop: BaseException, solution: Callable[[], Solution]) -> None:
         stop.add_note(_KEPT)
 
 
-def keeping_steps(function: Callable[_P, Solution]) -> Callable[_P, Solution]:
+def attach_partial_result(function: Callable[_P, Solution]) -> Callable[_P, Solution]:
     """An analysis that says so if Ctrl-C comes before its first step."""
 
     @functools.wraps(function)

@@ -30,7 +30,7 @@ class Past:
     slides: np.ndarray = _kept("past", "joints")
 
 
-class Quantity(NamedTuple):
+class StateArray(NamedTuple):
     """An array of the state."""
 
     #: Its lengths, by their names in `Model.sizes`.
@@ -48,9 +48,9 @@ class Quantity(NamedTuple):
 
 
 def _array(*shape: str | int, **facts: Any) -> Any:
-    """An array of the state: lengths by their names in `Model.sizes`, and facts of `Quantity`."""
+    """An array of the state: lengths by their names in `Model.sizes`, and facts of `StateArray`."""
     default: Any = MISSING if facts.get("required") else None
-    return field(default=default, metadata={"quantity": Quantity(shape, **facts)})
+    return field(default=default, metadata={"quantity": StateArray(shape, **facts)})
 
 
 def _number() -> Any:
@@ -152,7 +152,7 @@ class State:
 
 
 #: The arrays and numbers of the state by name; forces that are means over the step so far.
-ARRAYS: dict[str, Quantity] = {
+ARRAYS: dict[str, StateArray] = {
     part.name: part.metadata["quantity"] for part in fields(State) if "quantity" in part.metadata
 }
 #: Arrays that have an entry for each degree of freedom.
@@ -161,8 +161,8 @@ NUMBERS = "t", *(part.name for part in fields(State) if "number" in part.metadat
 FORCES = tuple(name for name, quantity in ARRAYS.items() if quantity.mean)
 #: What a record has of the state at the end of a step, and of its sums.
 ROWS = {name: quantity for name, quantity in ARRAYS.items() if quantity.record} | {
-    "energies": Quantity((8,), "always"),
-    "momenta": Quantity((3,), "always"),
+    "energies": StateArray((8,), "always"),
+    "momenta": StateArray((3,), "always"),
 }
 #: Members of the state in C, as macros of problem.h.
 MACROS = (

@@ -59,7 +59,7 @@ class FittedRates:
         self._ffi, self._p = problem.ffi, problem.c
         self._structs = Structs(self._ffi)
         self._a = self._ffi.new("Derivatives *")
-        self._structs.set(self._a, slide_at_rest=np.zeros(1 + len(model.couplings.moving)))
+        self._structs.set(self._a, slide_at_rest=np.zeros(1 + len(model.couplings.arm_joints)))
         #: The library, with names of what is asked of it: VALUES, BACKWARDS and FORWARDS.
         self.library = library = problem.derivatives("FIT")
         #: Where the numbers of a fit are in its vector.

@@ -189,7 +189,7 @@ class Model:
             return False
         if self.couplings.closures or self.couplings.sliding:
             raise ElsewhereError("joints that close loops, or slide on beams, lie elsewhere")
-        self.reduction.set_arms(self.moving)
+        self.reduction.set_arms(self.arm_joints)
         return True
 
     def start_of(self, state: State, length: float) -> StepStart:
@@ -307,7 +307,7 @@ class Model:
 
     @cached_property
     def sizes(self) -> dict[str, int]:
-        """Lengths of the arrays of a state, by their names in `Quantity.shape`."""
+        """Lengths of the arrays of a state, by their names in `StateArray.shape`."""
         cells, points, variables = self.forms.internal_shape
         return {
             "dofs": self.size,
@@ -411,10 +411,10 @@ class Model:
         return unit[: couplings.free]
 
     @property
-    def moving(self) -> list[Joint]:
+    def arm_joints(self) -> list[Joint]:
         """Joints with an arm or a slide, in the order of the couplings, as the scene has them."""
         joints = joints_by_number(self.scene)
-        return [joints[joint.number] for joint in self.couplings.moving]
+        return [joints[joint.number] for joint in self.couplings.arm_joints]
 
     @property
     def sliding(self) -> list[SlidingJoint]:

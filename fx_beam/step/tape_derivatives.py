@@ -60,7 +60,7 @@ class TapeDerivatives:
         else:
             self._structs.set(self.c, transposed_at=problem.transposed())
         #: Slides of moving joints in the reference, and `Model.refills` for which they are.
-        self._slide_at_rest = np.zeros(1 + len(self._model.couplings.moving))
+        self._slide_at_rest = np.zeros(1 + len(self._model.couplings.arm_joints))
         self._refills = -1
         self._structs.set(self.c, slide_at_rest=self._slide_at_rest)
 
@@ -334,7 +334,7 @@ class TapeDerivatives:
         """
         if self._refills != self._model.refills:
             self._refills = self._model.refills
-            self._slide_at_rest[:-1] = [joint.start()[0] for joint in self._model.moving]
+            self._slide_at_rest[:-1] = [joint.start()[0] for joint in self._model.arm_joints]
         if self._has_places == by_places:
             return
         self._has_places = by_places
