@@ -72,10 +72,10 @@ __attribute__((externally_visible)) {_MISSING} {{
 _NUMBERS = {"int": np.int32, "double": np.float64}
 
 
-# What this process has compiled or loaded: declarations, libraries, forms and laws; and what has
-# functions of a user, as long as something has it.
+# What this process has compiled or loaded: declarations, libraries, forms and laws. What contains
+# functions of a user is forgotten when nothing refers to it.
 _things: dict[Any, Any] = {}
-_of_users: weakref.WeakValueDictionary[Any, Any] = weakref.WeakValueDictionary()
+_user_things: weakref.WeakValueDictionary[Any, Any] = weakref.WeakValueDictionary()
 
 
 class CannotBuild(RuntimeError):
@@ -84,7 +84,7 @@ class CannotBuild(RuntimeError):
 
 def compiled(key: Any, make: Callable[[], T], user_defined: bool = False) -> T:
     """The result of `make` for a key, made once, also if several threads ask at the same time."""
-    things: MutableMapping[Any, T] = _of_users if user_defined else _things
+    things: MutableMapping[Any, T] = _user_things if user_defined else _things
     if (thing := things.get(key)) is None:
         thing = things.setdefault(key, make())
     return thing
@@ -337,7 +337,7 @@ class Structs:
         self._fresh = bytes(self._ffi.buffer(struct)), len(self._referenced)
 
     def restore(self, struct: Any) -> None:
-        """Set all members of a struct to what they were, and forget the data of later ones."""
+        """Set all members of a struct to the remembered values, and forget arrays set since."""
         values, count = self._fresh
         self._ffi.memmove(struct, values, len(values))
         del self._referenced[count:]

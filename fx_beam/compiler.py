@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
-# What would change what is included, linked or written: it is left out.
+# Environment variables that change what is included, linked or written: they are left out.
 _LEFT_OUT = {
     *("CPATH", "C_INCLUDE_PATH", "GCC_EXEC_PREFIX", "COMPILER_PATH", "LIBRARY_PATH", "LD_RUN_PATH"),
     *("CCC_OVERRIDE_OPTIONS", "QA_OVERRIDE_GCC3_OPTIONS"),  # of clang

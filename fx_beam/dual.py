@@ -80,7 +80,7 @@ class Dual(NDArrayOperatorsMixin):
         return Dual(values, self.slopes[key])
 
     def reshape(self, *shape) -> Dual:
-        """The same of another shape."""
+        """Values and slopes in another shape."""
         values = self.values.reshape(*shape)
         return Dual(values, self.slopes.reshape(*values.shape, self.slopes.shape[-1]))
 

@@ -11,7 +11,7 @@ from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import SlidingJoint, sliding_joints
 
-# Loops are changed only if they have fewer joints in all than this part of theirs.
+# Loops are changed only if the number of joints in all loops falls below this part of it.
 _SHORTER = 0.7
 _PASSES = 3
 # What joints and supports hold.

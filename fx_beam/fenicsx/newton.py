@@ -97,12 +97,12 @@ class Newton:
             self._failure = error.failure
             b.array[:] = np.nan
             return
-        b.array[:] = unknowns.own(unknowns.projected(equations.forces))
+        b.array[:] = unknowns.own(unknowns.reduced_force(equations.forces))
 
     def _shorten(self, x: PETSc.Vec, correction: PETSc.Vec) -> bool:
         """Let a correction turn no node further than `LONGEST_TURN`."""
         unknowns = self._equations.unknowns
-        motion = unknowns.spread(unknowns.all(correction))
+        motion = unknowns.to_nodes(unknowns.all(correction))
         turn = abs(motion[self._equations.model.turns]).max(initial=0.0)
         self._shortened = bool(turn > LONGEST_TURN)
         if self._shortened:
@@ -121,7 +121,7 @@ class Newton:
         reduced[:] = step[:] = 0.0
         reduced[unknowns.independent] = before
         step[unknowns.independent] = change = unknowns.all(snes.getSolutionUpdate())
-        correction[:] = unknowns.spread(change)
+        correction[:] = unknowns.to_nodes(change)
         self._equations.memory[3][:] = self._equations.internal
         judge, convergence = self._judge
         if judge(self._c, convergence, iteration, self._shortened):

@@ -113,18 +113,18 @@ class EqualUnknowns(SharedUnknowns):
         data = np.bincount(self._place, values, count)[:count]
         return scipy.sparse.csr_matrix((data, *self._sparsity), (self.size, self.size))
 
-    def spread(self, y: np.ndarray) -> np.ndarray:
+    def to_nodes(self, y: np.ndarray) -> np.ndarray:
         """Small motion (size,) of all degrees of freedom: T y, with T of the last tangent."""
         return np.append(y, 0.0)[self._unknown]
 
-    def projected(self, r: np.ndarray) -> np.ndarray:
+    def reduced_force(self, r: np.ndarray) -> np.ndarray:
         """Forces on the unknowns: Tv^T r."""
         return np.bincount(self._unknown, r, self.size + 1)[: self.size]
 
     def assemble(self, others: np.ndarray, more: Any, y: Any, driven: Any, r: Any) -> None:
-        """Set the reduced tangent, with that of `others` in the scene's sparsity, and `more` or 0.
+        """Set A = Tv^T K T + (dTv/dy)^T r at increments y and `driven`, where the forces are r.
 
-        For increments y and driven ones, at which the forces are r.
+        K is the tangent of dolfinx, plus values `others` in the scene's sparsity, plus `more`.
         """
         self.A.zeroEntries()
         self._form.add_tangent(self.A, self._glue)
@@ -142,18 +142,18 @@ class JointUnknowns(SharedUnknowns):
         #: The reduced tangent.
         self.A = self.matrix(scipy.sparse.identity(self.size, format="csr"))
 
-    def spread(self, y: np.ndarray) -> np.ndarray:
+    def to_nodes(self, y: np.ndarray) -> np.ndarray:
         """Small motion (size,) of all degrees of freedom: T y, with T of the last tangent."""
         return self._T @ y
 
-    def projected(self, r: np.ndarray) -> np.ndarray:
+    def reduced_force(self, r: np.ndarray) -> np.ndarray:
         """Forces on the unknowns: Tv^T r."""
         return self._reduction.reduced_force(r)[self.independent]
 
     def assemble(self, others: np.ndarray, more: Any, y: Any, driven: Any, r: Any) -> None:
-        """Set the reduced tangent, with that of `others` in the scene's sparsity, and `more` or 0.
+        """Set A = Tv^T K T + (dTv/dy)^T r at increments y and `driven`, where the forces are r.
 
-        For increments y and driven ones, at which the forces are r.
+        K is the tangent of dolfinx, plus values `others` in the scene's sparsity, plus `more`.
         """
         product = self._product(others, more, y, driven, r)
         self.A.setPreallocationCSR(csr_of(self._rows(product)))
@@ -183,7 +183,7 @@ class JointUnknowns(SharedUnknowns):
                 beside = y.copy()
                 beside[unknown] += step
                 reduction.increment(beside, driven)
-                column += self.projected(r) / (2 * step)
+                column += self.reduced_force(r) / (2 * step)
         reduction.increment(y, driven)
         starts = len(moving) * np.arange(self.size + 1)
         entries = columns.ravel(), np.tile(moving, self.size), starts

@@ -19,8 +19,8 @@ from fx_beam.symbolic import ufl
 
 from .point_laws import TINY, CoordinateKind, ForceStep, Slip, StepCoordinate, add, dot
 
-# Least change of a . t, relative to |a|^2, for which forces do work on it: below it what they
-# would add is less than round-off.
+# Least change of a . t, relative to |a|^2, for which forces do work on it; the work on a smaller
+# change is below round-off.
 _SMALL = 1e-12
 # Least change of a . w, relative to |w|^2, from which the direction of friction follows.
 _STILL = 1e-9

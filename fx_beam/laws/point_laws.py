@@ -154,7 +154,7 @@ class PointLaw:
 
 
 def arguments(law: PointLaw) -> int:
-    """Number of values that a law is given: three for each coordinate, t, dt, what it needs."""
+    """Number of arguments of a law: start, increment, rate, t, dt, internal, memory, numbers."""
     return 3 * law.size + 2 + law.internal + law.iteration_memory + law.numbers
 
 

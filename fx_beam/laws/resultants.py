@@ -274,7 +274,7 @@ def at_averages(step: Step, N, Q, M) -> Resultants:
 
 
 def with_exact_work(step: Step, r: Resultants) -> ExactResultants:
-    """The same N, Q and M, such that their work is N.(E1 - E0) + M (K1 - K0) in every step."""
+    """Resultants with N, Q and M of r, and the work N.(E1 - E0) + M (K1 - K0) in every step."""
     return ExactResultants(*r._replace(m=r.M))
 
 

@@ -406,7 +406,7 @@ def _checked(scheme: str, name: str, value, low: float, high: float, low_open=Fa
 
 
 def order_and_constant(scheme: Scheme) -> tuple[int, float]:
-    """Order p of a scheme, and its local error as a fraction of what is not predicted.
+    """Order p of a scheme, and local error by the difference between prediction and step.
 
     SceneError for a scheme of order 1.
     """

@@ -23,8 +23,8 @@ from fx_beam.scene.joints import GROUND
 
 _log = logging.getLogger("fx_beam")
 
-# Fractions of the scene's size: what is drawn beyond the nearest positions, distance and length
-# of the strokes. An obstacle farther away than the size is not drawn.
+# Fractions of the scene's size: how far lines go beyond the nearest positions, distance and length
+# of strokes. An obstacle farther away than the size is not drawn.
 _BEYOND, _APART, _STROKE = 0.1, 0.03, 0.016
 # Lengths of springs from a node and from a bed to the ground; number of the latter.
 _GROUND_SPRING, _BED_SPRING, _OF_BED = 0.15, 0.06, 9

@@ -28,14 +28,14 @@ _SIDES = np.array([(1.0, 0.0), (-1.0, 0.0), (0.0, -1.0), (0.0, 1.0)])
 
 
 class Strokes(NamedTuple):
-    """Lines of a symbol in units of the drawing's size, and what is at its node."""
+    """Lines of a symbol in units of the drawing's size, and the marker at its node."""
 
     thick: list[np.ndarray]
     thin: list[np.ndarray]
     marker: str = ""  # "o" for a pin, "s" where the rotation is held, as in matplotlib
 
     def at(self, position: np.ndarray, unit: float) -> Strokes:
-        """The same lines at a position, in a unit."""
+        """The lines moved to a position, times a unit."""
         thick, thin = ([position + unit * line for line in lines] for lines in self[:2])
         return Strokes(thick, thin, self.marker)
 

@@ -31,7 +31,7 @@ _PARTS = np.linspace(0.0, 1.0, 7)
 
 
 class ArrayCalls:
-    """Whether functions accept arrays, by what they are of and the code that makes them."""
+    """Whether functions accept arrays, by what they describe and their code."""
 
     def __init__(self) -> None:
         self.accepted: dict[Any, bool] = {}
@@ -215,7 +215,7 @@ class SignalAlong(Signal):
         return dual_array([self._checked(position, t) for position in places])
 
     def _checked(self, position: float, t: float) -> np.ndarray:
-        """The value at a place; SceneError, with the place, for what is none."""
+        """The value at a place; SceneError, with the place, for a wrong one."""
         what = f"{self.what} at {self.place} = {position:g}, t = {t:g}"
         function: Any = self.function
         try:
@@ -251,7 +251,7 @@ def checked_function(value: Any, size: int, what: str, *sample: float) -> Signal
 
 
 def function_of_place(value: Any, size: int, what: str, place: str) -> Signal:
-    """The same of a position along a beam, of a name."""
+    """A checked constant, or function of a position along a beam with the name `place`."""
     signal = checked_function(value, size, what, 0.0)
     signal.place = place
     return signal

@@ -144,10 +144,7 @@ def is_open_input(function: Any) -> bool:
 
 
 def input_slots(scene) -> Iterator[tuple[InputSignal, str]]:
-    """All slots of a scene, each with what it is.
-
-    That is a "load", a "motion", a "parameter" or a "natural strain".
-    """
+    """All slots of a scene with a kind: "load", "motion", "parameter" or "natural strain"."""
     motors = (on.motor for joint in scene.joints for on in joint.coordinates.values())
     strains = (part for strain in scene.natural_strains for part in strain.parts.values())
     for kind, functions in (

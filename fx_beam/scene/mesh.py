@@ -149,7 +149,7 @@ def _checked_elements(elements: Any, count: int) -> np.ndarray:
 
 
 def sections_of(section: Any, tags: Any, count: int) -> list[Section]:
-    """Sections of so many cells, by their tags if there are any; SceneError for what has none."""
+    """Sections of `count` cells, by tags if given; SceneError for a cell without a section."""
     if isinstance(section, Mapping) != (tags is not None):
         more = "a dict of sections by tag" if tags is not None else "the tag of each cell as tags"
         raise SceneError(f"add_mesh: tags choose sections from a dict; give {more}, too")

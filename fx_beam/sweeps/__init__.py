@@ -1,1 +1,1 @@
-"""The same for many cases or finer steps: `sweep` and `converge`."""
+"""One function for many cases, or for finer steps: `sweep` and `converge`."""

@@ -196,7 +196,7 @@ def _table(rows: dict[int, dict]):
 # -- The file of results -------------------------------------------------------------------------
 
 _log = logging.getLogger("fx_beam")
-# How each line begins, and the checksum (CRC-32) of what is before it, with which it ends.
+# Start of each line, and name of the checksum (CRC-32) of the line before it, at its end.
 _START, _SUM = b'{"case": ', b', "checksum": '
 
 
