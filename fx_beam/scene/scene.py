@@ -843,12 +843,12 @@ class Scene:
         require(size > 0, "spring: axis", axis, "a direction")
         left = np.array([-along[1], along[0]]) + 0.0  # no -0
         each = ("x", x, along / size), ("y", y, left / size), ("rotation", rotation, None)
-        given = [(name, laws, way) for name, laws, way in each if laws is not None]
+        springs = [(name, laws, way) for name, laws, way in each if laws is not None]
         expected = "an fx_beam.Spring for one of them at least"
-        require(bool(given), "spring: x, y, rotation", None, expected)
+        require(bool(springs), "spring: x, y, rotation", None, expected)
         made = {
             name: ground_spring(node, laws, way, number, f"spring: {name}")
-            for number, (name, laws, way) in enumerate(given, self.force_count)
+            for number, (name, laws, way) in enumerate(springs, self.force_count)
         }
         for spring in made.values():
             self._with_force(spring)
@@ -902,12 +902,12 @@ class Scene:
         True
         """
         loads.check_beam(self, beam, "bed")
-        of_bed = f"bed of beam {beam.name!r}"
-        normal = finite(normal, f"{of_bed}: normal", "not negative")
-        tangential = finite(tangential, f"{of_bed}: tangential", "not negative")
+        name = f"bed of beam {beam.name!r}"
+        normal = finite(normal, f"{name}: normal", "not negative")
+        tangential = finite(tangential, f"{name}: tangential", "not negative")
         some, expected = normal + tangential > 0, "a positive stiffness [N/m^2]"
-        require(some, f"{of_bed}: normal", normal, expected)
-        require(is_flag(pushes_only), f"{of_bed}: pushes_only", pushes_only, "True or False")
+        require(some, f"{name}: normal", normal, expected)
+        require(is_flag(pushes_only), f"{name}: pushes_only", pushes_only, "True or False")
         made = bed_of(beam, normal, tangential, pushes_only, self.force_count)
         for part in made:
             if part is not None:
