@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -16,13 +16,9 @@ from .joint_and_contact_motion import columns_of
 from .records import BeamResultants, Energy, Stats
 from .state import HISTORIES
 
-# Statistics that add up.
-_SUMS = (
-    *("steps", "newton_iterations", "halvings", "substeps", "too_large", "unconverged", "inverted"),
-    *("amplified", "rejected", "seconds", "setup_seconds", "krylov_iterations"),
-)
-# Histories that are NaN where there is nothing.
-_NAN = "slides", "parameters"
+# Statistics that add up: counts of steps and iterations, and times.
+_SUMS = [part.name for part in fields(Stats) if part.type == "int" and part.default == 0]
+_SUMS += ["seconds", "setup_seconds"]
 
 
 def then(solution, second):
@@ -153,9 +149,8 @@ class _Joined:
                 continue
             if history.shape and history.shape[0] in self._columns:
                 of_first, of_second, count = self._columns[history.shape[0]]
-                nothing = np.nan if name in _NAN else 0.0
-                one = _spread(one, of_first, count, nothing)
-                two = _spread(two, of_second, count, nothing)
+                one = _spread(one, of_first, count, history.nothing)
+                two = _spread(two, of_second, count, history.nothing)
             if name == "q":
                 two[:, self._gone] = one[-1, self._gone]
             histories[name] = np.concatenate([one, two[1:]])

@@ -20,7 +20,7 @@ from .export import FORMAT
 from .files import named
 from .records import BeamResultants, Energy, Stats
 from .solution import Solution
-from .state import ARRAYS, AT_NODES, HISTORIES, NUMBERS, Past, State
+from .state import ARRAYS, HISTORIES, NUMBERS, Past, State
 
 # Lengths by name; those of rows that may be missing begin with "n?".
 _SHAPES: dict[str, tuple] = {
@@ -34,12 +34,8 @@ _SHAPES: dict[str, tuple] = {
     **{f"resultants_{part}": ("n", "all points") for part in "NQM"},
     **{f"end_{p.name}": p.metadata["shape"] for p in fields(State) if "shape" in p.metadata},
     **{f"end_past_{part.name}": part.metadata["shape"] for part in fields(Past)},
+    **{f"end_{name}": array.in_files for name, array in ARRAYS.items()},
 }
-for _name, _array in ARRAYS.items():
-    _shape = ("nodes", 3) if _name in AT_NODES else _array.shape
-    # Two motions in one solution may have more contacts and lines than the last state.
-    _shape = tuple("end " + s if s in ("contacts", "lines", "parameters") else s for s in _shape)
-    _SHAPES[f"end_{_name}"] = _shape
 # What numbers are not floats.
 _DTYPES = {"end_owners": "U", "end_input_names": "U", "beams_nodes": "i", "end_past_orders": "i"}
 # A lost motion may have infinite rates, forces and energies, but not these.

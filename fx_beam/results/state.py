@@ -42,6 +42,20 @@ class StateArray(NamedTuple):
     #: Whether every state has it.
     required: bool = False
 
+    @property
+    def in_files(self) -> tuple[str | int, ...]:
+        """The lengths in files, where vectors are by nodes."""
+        if self.at_nodes:
+            return "nodes", 3
+        # Two motions in one solution may have more of these than the last state.
+        more = "contacts", "lines", "parameters"
+        return tuple(f"end {size}" if size in more else size for size in self.shape)
+
+    @property
+    def at_nodes(self) -> bool:
+        """Whether it has an entry for each degree of freedom."""
+        return str(self.shape[0]).endswith("dofs")
+
     def lengths(self, sizes: Mapping[str, int]) -> tuple[int, ...]:
         """The lengths of a model."""
         return tuple(size if isinstance(size, int) else sizes[size] for size in self.shape)
@@ -156,7 +170,7 @@ ARRAYS: dict[str, StateArray] = {
     part.name: part.metadata["quantity"] for part in fields(State) if "quantity" in part.metadata
 }
 #: Arrays that have an entry for each degree of freedom.
-AT_NODES = *(n for n, of in ARRAYS.items() if str(of.shape[0]).endswith("dofs")), "fitted", "loads"
+AT_NODES = *(name for name, array in ARRAYS.items() if array.at_nodes), "fitted", "loads"
 NUMBERS = "t", *(part.name for part in fields(State) if "number" in part.metadata)
 FORCES = tuple(name for name, quantity in ARRAYS.items() if quantity.mean)
 #: What a record has of the state at the end of a step, and of its sums.
@@ -180,6 +194,8 @@ class History(NamedTuple):
     record: str = "always"
     #: Whether it is "linear" between steps, or that of the "step"; "" if neither.
     between: str = ""
+    #: Its value where there is nothing, in one of two motions that are joined.
+    nothing: float = 0.0
 
 
 #: The histories by name.
@@ -193,9 +209,9 @@ HISTORIES: dict[str, History] = {
     "motor_forces": History(("joints",), "forces", "step"),
     "linear_momentum": History((2,), between="linear"),
     "angular_momentum": History((), between="linear"),
-    "slides": History(("joints",), between="linear"),
+    "slides": History(("joints",), between="linear", nothing=np.nan),
     "joint_forces": History(("joints", 3), "forces", "step"),
     "contact_forces": History(("contacts", 2), "forces", "step"),
     "line_forces": History(("lines",), "forces", "step"),
-    "parameters": History(("parameters",), between="linear"),
+    "parameters": History(("parameters",), between="linear", nothing=np.nan),
 }
