@@ -11,6 +11,7 @@ from fx_beam.motions.evaluation import solution_of
 from fx_beam.results.records import BeamResultants, Energy, Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
+from fx_beam.step.row_steps import histories_of
 
 from .load_steps import LoadStepper
 from .small_loads import SmallLoads
@@ -33,7 +34,7 @@ def first_order(
     """
     about = SmallLoads("static: linear", stepper, start)
     close, recorder = about.solution, about.recorder
-    histories = _Histories(recorder.histories())
+    histories = _Histories(histories_of(recorder))
     for name, rows in histories.items():
         if isinstance(rows, np.ndarray) and len(rows) == len(close.t):
             histories[name] = np.stack([rows[0], rows[0] + about.slope(rows)])

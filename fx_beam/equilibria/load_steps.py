@@ -19,6 +19,7 @@ from fx_beam.results.state import State
 from fx_beam.step.forcing import LoadForcing
 from fx_beam.step.load_loop import LoadLoop, StepSolution
 from fx_beam.step.recorder import Record, Recorder
+from fx_beam.step.row_steps import RowSteps
 from fx_beam.step.sparse_lu import pivoted_lu
 from fx_beam.step.step_failures import StepFailed
 from fx_beam.step.substeps import MOST_HALVINGS
@@ -304,7 +305,7 @@ class LoadStepper:
             return 0.0
         self.loop.record(state, recorder)
         with self.model.reading:
-            N, Q, M = np.moveaxis(abs(beams.resultants(recorder.sub_steps())), -1, 0)
+            N, Q, M = np.moveaxis(abs(beams.resultants(RowSteps(recorder).batch())), -1, 0)
         return float(max(self.model.mesh.size * max(N.max(), Q.max()), M.max()))
 
     def size(self, D: np.ndarray) -> float:

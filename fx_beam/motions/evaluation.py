@@ -17,6 +17,7 @@ from fx_beam.scene.loads import NAMES
 from fx_beam.step.model import Model
 from fx_beam.step.recorded_histories import slides_near
 from fx_beam.step.recorder import Recorder
+from fx_beam.step.row_steps import RowSteps, histories_of
 
 
 def solution_of(
@@ -39,7 +40,7 @@ def solution_of(
     model, scene, mesh = recorder.model, recorder.model.scene, recorder.model.mesh
     # Fitted rates depend on the joints of the scene, which may be changed.
     later = ended and (scene_stays or not model.fits_rates)
-    recorded = recorder.histories() if stored is None else stored
+    recorded = histories_of(recorder) if stored is None else stored
     histories: Mapping[str, Any] = recorded
     rows: slice | np.ndarray = slice(None)
     if times is not None:
@@ -58,7 +59,8 @@ def solution_of(
         assert beams is not None
         check_rates(recorder)
         with model.reading:
-            return recorder.means(beams.resultants(recorder.sub_steps()))[rows]
+            steps = RowSteps(recorder)
+            return steps.means(beams.resultants(steps.batch()))[rows]
 
     def resultants_of_beam(name: str) -> BeamResultants:
         beam, cells = of_name[name]
@@ -72,7 +74,7 @@ def solution_of(
     def last() -> State:
         state = end()
         state = state.changed(
-            impact=recorder.impact,
+            impact=recorder.first.impact,
             **recorded.at_end(state.t),
             constraints=constraints_of(scene) if constraints is None else constraints,
             owners=model.points.owners,

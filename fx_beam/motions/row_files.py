@@ -17,6 +17,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.step.interrupts import uninterrupted
 from fx_beam.step.recorded_histories import RecordedHistories
 from fx_beam.step.recorder import Recorder
+from fx_beam.step.row_steps import RowSteps, histories_of
 
 from .evaluation import check_rates, variables_along
 from .prepared import Prepared
@@ -69,7 +70,7 @@ class RowFiles:
         new = min(2, len(self._times))
         if new >= recorder.rows or self._broken:
             return
-        histories = recorder.histories()
+        histories = histories_of(recorder)
         times = histories["t"][new:].tolist()
         try:
             names = self._write(histories, new)
@@ -117,7 +118,8 @@ class RowFiles:
         model, recorder = self._model, self._recorder
         beams = model.forms.beams
         assert beams is not None
-        values = recorder.means(beams.resultants(recorder.sub_steps(new)), new)
+        steps = RowSteps(recorder, new)
+        values = steps.means(beams.resultants(steps.batch()))
         along = dict(zip(RESULTANTS, np.moveaxis(values, -1, 0), strict=True))
         for _, cells, name, history, column in variables_along(model):
             of_cells = along.setdefault(name, np.zeros_like(along["N"]))
@@ -135,7 +137,7 @@ class RowFiles:
         }
         t, levels, rates = np.array(self._times[parts]), small.pop("t_level"), self._fitted
         fitted = None if rates is None else lambda: small | {"v": rates[None]}
-        impact = self._recorder.impact
+        impact = self._recorder.first.impact
         return RecordedHistories(self._model, small, fitted, {}, t, lambda: levels, impact)
 
 

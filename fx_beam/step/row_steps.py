@@ -1,0 +1,141 @@
+"""Recorded rows, read: their histories, and the sub-steps before them, which have the forces."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+
+from fx_beam.laws.interval import INSTANT, StepBatch
+
+from .recorded_histories import RecordedHistories, fitted
+from .recorder import Recorder
+
+
+def histories_of(recorder: Recorder) -> RecordedHistories:
+    """Histories of the rows so far by their names in `Solution`."""
+    model, n, fit = recorder.model, recorder.rows, None
+    rows = {name: array[:n] for name, array in recorder.arrays.items()}
+    times, steps = recorder.times, recorder.steps[:n]
+    if model.fits_rates:
+        first, starts = rows["up_to_row"][:-1], None
+        if recorder.every > 1:
+            starts = tuple(recorder.arrays_of_starts[f"start_{name}"][first] for name in "qv")
+        driven = None if steps[0] else recorder.first.driven_rates
+        fit = functools.partial(fitted, model, rows, starts, (times, steps), driven)
+    t, impact = recorder.t, recorder.first.impact
+    recorded = {name: array for name, array in rows.items() if name not in recorder.serving}
+
+    def t_level() -> np.ndarray:
+        return t - (1 - model.scheme.rates.level) * RowSteps(recorder).lengths()
+
+    late = recorder.late_accelerations
+    return RecordedHistories(model, recorded, fit, recorder.turns, t, t_level, impact, late)
+
+
+class RowSteps:
+    """The sub-steps before each row of a recorder, from a first row on.
+
+    Of each sub-step: the row, the share in its step, and whether the start is stored. If not, it is
+    a whole step, which starts at the row before.
+    """
+
+    def __init__(self, recorder: Recorder, first: int = 0):
+        self._recorder, self._first = recorder, first
+        counts = np.diff(recorder.arrays["up_to_row"][: recorder.rows], prepend=0)[first:]
+        repeats, rows = np.maximum(counts, 1), np.arange(first, recorder.rows)
+        self._row, self._stored = np.repeat(rows, repeats), np.repeat(counts > 0, repeats)
+        #: Rows of starts that are stored.
+        self._starts = slice(recorder.up_to(first - 1), recorder.complete)
+        self._shares = np.ones(len(self._row))
+        self._shares[self._stored] = recorder.arrays_of_starts["share"][self._starts]
+
+    def lengths(self) -> np.ndarray:
+        """Length (n,) of the step or last part that a row's forces belong to; 0 for row 0."""
+        t1, t0 = self._ends(np.arange(self._first, self._recorder.rows))
+        return (t1 - t0) * np.bincount(self._row - self._first, self._shares)
+
+    def means(self, values: np.ndarray) -> np.ndarray:
+        """Forces (n, ...) of rows, from those of the sub-steps: means over the steps."""
+        if len(values) == self._recorder.rows - self._first:  # one sub-step before each row
+            return values
+        row = self._row - self._first
+        weights = self._shares / np.bincount(row, self._shares)[row]
+        begins = np.flatnonzero(np.diff(row, prepend=-1))
+        return np.add.reduceat(weights.reshape(-1, *[1] * (values.ndim - 1)) * values, begins)
+
+    def batch(self) -> StepBatch:
+        """The sub-steps, for which forces of rows are evaluated.
+
+        Row 0 has a single one, so short that its forces depend on the rates, but not on a motion.
+        """
+        recorder, row, stored = self._recorder, self._row, self._stored
+        model, arrays, starts = recorder.model, recorder.arrays, recorder.arrays_of_starts
+        beams, at_start = model.forms.beams, not self._first
+        assert beams is not None
+        before, last = np.maximum(row - 1, 0), np.flatnonzero(np.diff(row, append=recorder.rows))
+        rows, counts, rest = row[last], np.diff(last, prepend=-1), self._shares.copy()
+
+        def begins(name: str) -> np.ndarray:
+            values = arrays[name][before]
+            values[stored] = starts[f"start_{name}"][self._starts]
+            return values
+
+        def ends(begins: np.ndarray, of_rows: np.ndarray) -> np.ndarray:
+            values = np.empty_like(begins)
+            values[:-1], values[last] = begins[1:], of_rows
+            return values
+
+        for end, count in zip(last[counts > 1], counts[counts > 1], strict=True):
+            of_step = slice(end + 1 - count, end + 1)
+            rest[of_step] = np.cumsum(rest[of_step][::-1])[::-1]
+        t1, t0 = self._ends(row)
+        begin = t1 - (t1 - t0) * rest
+        dt, level = ends(begin, t1[last]) - begin, model.scheme.rates.level
+        t = begin + level * dt
+        q = begins("q") + self._missing(np.where(stored, row, before))
+        D = ends(q, arrays["q"][rows] + self._missing(rows)) - q
+        if at_start:
+            dt[0] = INSTANT * np.diff(recorder.times[:2]).sum() or 1.0
+            if beams.facts.resultants_move:
+                D[0] = dt[0] * recorder.first.v
+                q[0] -= level * D[0]
+        parts = StepBatch(t, dt, D, q)
+        names = [*("v", "a")[: 2 * beams.facts.resultants_need_rates]]
+        names += ["internal"] * (beams.internal_shape[-1] > 0)
+        names += ["natural"] * bool(model.natural)
+        more = {name: begins(name) for name in names}
+        if at_start and "a" in more:  # there is no motion in row 0
+            more["a"][0] = 0.0
+        if "natural" in more:
+            more["natural_end"] = ends(more["natural"], arrays["natural"][rows])
+        memory, q_previous = np.zeros(len(row)), q
+        if beams.facts.needs_previous:  # all are stored, but for the start
+            q_previous = q.copy()
+            memory[stored] = starts["memory"][self._starts]
+            q_previous[stored] = starts["start_q_previous"][self._starts]
+            q_previous[stored] += self._missing(row[stored])
+        # Where parameters are inputs of a motion, only the rows know their earlier values.
+        if any(function.ramps for function in model.forms.parameters.functions):
+            more["parameters"] = self._parameters(parts.t)
+        return parts._replace(memory=memory, q_previous=q_previous, **more)
+
+    def _ends(self, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Ends and starts [s] of the steps of rows."""
+        times, steps = self._recorder.times, self._recorder.steps[row]
+        return times[steps], times[np.maximum(steps - 1, 0)]
+
+    def _missing(self, rows: np.ndarray) -> np.ndarray | float:
+        """Full turns (n, size) [rad] that are missing in some rows."""
+        if not (turns := self._recorder.turns):
+            return 0.0
+        each = np.array([np.zeros(self._recorder.model.size), *turns.values()])
+        return each[np.searchsorted([*turns], rows, side="right")]
+
+    def _parameters(self, t: np.ndarray) -> np.ndarray:
+        """Parameters (n, k) at times (n,) before rows: linear between these and those before."""
+        recorder, row = self._recorder, self._row
+        previous, values = np.maximum(row - 1, 0), recorder.arrays["parameters"]
+        t0, t1 = (recorder.times[recorder.steps[rows]] for rows in (previous, row))
+        part = (t - t0) / np.where(row > 0, t1 - t0, 1.0)
+        return values[previous] + part[:, None] * (values[row] - values[previous])
