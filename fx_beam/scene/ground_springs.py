@@ -24,6 +24,16 @@ class GroundSpring(ForceBetween):
 
     Parameters
     ----------
+    points : tuple of Node
+        The node, or the nodes of the beam.
+    on : Coordinate
+        Spring, damper, friction and stops on the displacement or rotation.
+    force : callable, optional
+        None: the laws are those of `on`.
+    number : int
+        Index in the scene's forces between points.
+    own : tuple of str
+        Names of the parameters that it has alone.
     target : Node or Beam
         What is held.
     direction : (2,) float or None
@@ -53,7 +63,18 @@ class GroundSpring(ForceBetween):
         return f"{number}between {self.target} and the ground {way}"
 
     def ways(self, positions: Any) -> Any:
-        """Directions (n, 2) of the displacements of its nodes, at reference positions (n, 2)."""
+        """Directions of the displacements of the nodes.
+
+        Parameters
+        ----------
+        positions : (n, 2) float
+            Reference positions of the nodes [m].
+
+        Returns
+        -------
+        (n, 2) float array
+            Unit vectors.
+        """
         assert self.direction is not None
         if isinstance(self.target, Node):
             return self.direction[None]
