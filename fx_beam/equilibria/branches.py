@@ -253,7 +253,9 @@ def is_equilibrium(arc: ArcLength, state: State) -> bool:
     left = abs(balance.residual[: model.reduction.free] * model.unit_of_unknowns)
     # Springs of slides have no forces at nodes, but those of the joints.
     at_nodes = max(abs(of * model.unit).max() for of in (balance.f, balance.r))
-    return bool(left.max(initial=0.0) <= 1e-5 * max(at_nodes, arc.stepper.in_members(state)))
+    return bool(
+        left.max(initial=0.0) <= 1e-5 * max(at_nodes, arc.stepper.energies.largest_force(state))
+    )
 
 
 def unknowns_of(model: Model, state: State, shape: np.ndarray) -> np.ndarray:

@@ -17,8 +17,9 @@ from fx_beam.scene.scene import Scene
 from fx_beam.step.sparse_lu import LU
 
 from .geometric_stiffness import check_forces, geometric_stiffness
-from .load_steps import LoadStepper, StaticOptions
+from .load_steps import LoadStepper
 from .small_loads import SmallLoads
+from .static_options import StaticOptions
 from .statics import LoadPath
 
 # Number of unknowns up to which matrices are full.

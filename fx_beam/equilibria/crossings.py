@@ -115,7 +115,7 @@ class Crossings:
         loads = loads[self.motions.model.reduction.independent]
         sizes = np.linalg.norm(vectors.T / unit, axis=1)
         least = _OF_PARTS * abs(loads) @ abs(vectors)
-        least += _OF_FORCES * stepper.in_members(state) * sizes
+        least += _OF_FORCES * stepper.energies.largest_force(state) * sizes
         least += _ROUNDING / _PART_OF_LOADS * (abs(K) @ unit) @ abs(vectors)
         return bool((abs(loads @ vectors) > least).any())
 

@@ -69,7 +69,7 @@ class Piece(Stretch[State]):
         if not self.kinked:
             with suppress(StepFailed):  # it is singular: the piece starts at a bifurcation
                 self._tangent = arc.at_start(first, self._tangent)
-        self.length = float(self._tangent.D @ (path.weight * D)) + self._tangent.load * load
+        self.length = path.along(self._tangent, D, load)
         #: Whether something flows in it, and where it begins: at the start itself nothing does.
         self.flows = self.model.flowed(first, second)
         self.first = _FLOWING * self.length if self.flows else 0.0
@@ -79,7 +79,7 @@ class Piece(Stretch[State]):
         with suppress(StepFailed):  # it is singular: the piece ends at a bifurcation
             self.at(self.length)
         gap = self.points.setdefault(self.length, second).q - second.q
-        if not stepper.is_still(gap) and stepper.size(gap) > _AGAIN * stepper.size(D):
+        if not path.is_still(gap) and path.size(gap) > _AGAIN * path.size(D):
             reason = "its end depends on the way, as where materials creep, or others lie beside it"
             raise StepFailed("off the path", reason, D + gap)
 

@@ -26,7 +26,7 @@ from fx_beam.step.sparse_lu import pivoted_lu
 from fx_beam.step.step_failures import StepFailed
 
 from .free_parts import held_for_nothing, left_by_supports, without_balance
-from .load_steps import LoadStepper
+from .load_steps import LoadStepper, check_circles
 
 # Length that a step should have and may have, in units of the scene and radians.
 _WANTED, _LONGEST = 0.2, 0.5
@@ -112,7 +112,7 @@ class Settling:
         if self._loop.drag:
             unit = self.model.unit_of_unknowns[: self.model.reduction.free]
             left = abs(self.stepper.residual(state, state.t) * unit).max(initial=0.0)
-            largest = max(self._load(state, state.t), self.stepper.in_members(state))
+            largest = max(self._load(state, state.t), self.stepper.energies.largest_force(state))
             if left > _CARRIED * largest + 100 * _ROUNDING * self._loop.drag:
                 raise self._error(f"at the load factor {state.t:.4g} they have no balance")
 
@@ -120,7 +120,7 @@ class Settling:
         """Largest load, other force at a node or force without balance, times its unit [J]."""
         balance, unit = self._loop.balance(state, goal), self.model.unit_of_unknowns
         largest = abs(balance.residual[: len(unit)] * unit).max(initial=0.0)
-        forces = self.stepper.forcing.dead(goal), balance.f, balance.r
+        forces = self.stepper.loop.forcing.dead(goal), balance.f, balance.r
         return float(max(largest, *(abs(of * self.model.unit).max() for of in forces)))
 
     def _step(self, state: State, goal: float) -> tuple[State, float]:
@@ -132,8 +132,8 @@ class Settling:
         # Slip and yielding make a step deviate as well, however short it is.
         if (bent and not self.model.flowed(state, new)) or moved > _LONGEST:
             raise StepFailed("off the path", "the step is too long", step.D)
-        self.stepper.check_circles(state, new)
-        work, gained, rounding = self.stepper.work_and_gain(state, new, step.D)
+        check_circles(self.model, state, new)
+        work, gained, rounding = self.stepper.energies.work_and_gain(state, new, step.D)
         by_drag = self._loop.drag * step.D @ (self._loop.drag_weight * step.D)
         self.stepper.motions.note(new, self._loop)
         saddle = new.unstable_modes and moved > _STILL

@@ -18,7 +18,7 @@ from fx_beam.step.load_loop import LoadLoop
 from fx_beam.step.sparse_lu import LU, Pattern, null_vectors, pivoted_lu
 from fx_beam.step.undamped_modes import Symmetry, UndampedModes
 
-from .path_equations import BorderedLU
+from .bordered_lu import BorderedLU
 
 # Number of the lowest modes that may grow where forces follow the motion; with so few unknowns the
 # matrices are full.
