@@ -394,9 +394,10 @@ def forced_response(
     what = "forced_response"
     check_takes(build, "f", f"{what}: build")
     ends = as_real_array(frequencies)
-    ok = ends.shape == (2,) and ends[0] != ends[1]
-    ok = ok and all(1 / LARGEST <= f <= LARGEST for f in ends)
-    require(ok, f"{what}: frequencies", frequencies, "the first and the last one, positive [Hz]")
+    differ = ends.shape == (2,) and ends[0] != ends[1]
+    in_range = differ and all(1 / LARGEST <= f <= LARGEST for f in ends)
+    expected = "the first and the last one, positive [Hz]"
+    require(in_range, f"{what}: frequencies", frequencies, expected)
     require(is_whole(periods, 1), f"{what}: periods", periods, "a whole number from 1 on")
     first, last = map(float, ends)
     shooting = _OverFrequency(build, first, periods, PeriodicOptions.among(locals()))
@@ -416,11 +417,11 @@ def _between(
     column = shooting.by_parameter(begin.period)
     begin = begin._replace(equations=np.column_stack([begin.equations[:, :-1], column]))
     yield begin
-    towards = np.append(np.zeros(len(begin.by.scale)), np.sign(last - first))
+    towards = np.append(np.zeros(len(begin.directions.scale)), np.sign(last - first))
     for closed in path.follow(begin, towards):
-        at = closed.period.parameter
-        if not min(ends) <= at <= max(ends):
-            end = min(max(at, min(ends)), max(ends))
+        frequency = closed.period.parameter
+        if not min(ends) <= frequency <= max(ends):
+            end = min(max(frequency, min(ends)), max(ends))
             yield of_period(shooting, closed.period.start, end, False)
             return
         yield closed

@@ -50,7 +50,7 @@ _OF_TIME = "loads", "driven", "follower force", "parameters", "naturals"
 
 @dataclass(frozen=True, kw_only=True)
 class PeriodicOptions(CommonOptions):
-    """Those of periodic motions and their families."""
+    """Options of periodic motions and their families."""
 
     scheme: Scheme | None = None
     steps: int = whole(9, default=201)
@@ -80,8 +80,8 @@ class Period(NamedTuple):
     length: float
     #: The state at its end, as the start of the next period: without full turns.
     end: State
-    #: How far its rows are from those of the start, the largest distance from there in between, and
-    #: the changes in the first and in the last step; over the scales.
+    #: Rows (rows,) at the end less those at the start, the largest distance of a row from the
+    #: start, and the changes (rows,) in the first and in the last step; over the scales.
     gap: np.ndarray
     size: float
     way: np.ndarray
@@ -114,8 +114,8 @@ class Shooting:
     ):
         check_scene(scene, what := options.what)
         self.options, self.steps, self.what = options, int(options.steps), what
-        given = {"what": what, "scheme": options.scheme, "newton": options.newton}
-        self.prepared = prepare(scene, Options(**given, max_halvings=0))
+        steps = {"scheme": options.scheme, "newton": options.newton, "max_halvings": 0}
+        self.prepared = prepare(scene, Options(what=what, **steps))
         self.model = model = self.prepared.model
         check_unknowns(model, what)
         loop = self.prepared.loop
@@ -133,10 +133,10 @@ class Shooting:
     def check_free(self) -> None:
         """Refuse what takes energy from any motion, if no loads give it back."""
         if self.variables.remembers:
-            by_joints = self.model.points.follow_joints
-            taking = "friction of joints" if by_joints else self.model.scheme.name
+            friction = self.model.points.follow_joints
+            loss = "friction of joints" if friction else self.model.scheme.name
             raise SceneError(
-                f"{self.what}: {taking} takes energy from a free motion, which then does not "
+                f"{self.what}: {loss} takes energy from a free motion, which then does not "
                 "repeat itself. Use EnergyMomentum without friction, or give loads"
             )
 
@@ -167,8 +167,8 @@ class Shooting:
         if self.model.keeps_previous and state.q_previous is not None:
             state = state.changed(length=length / self.steps)
         last = self._advance(state, _times(state, length, self.steps))
-        turns, of = np.zeros(self.model.size), self.model.turns  # full ones of rotations
-        turns[of] = 2 * np.pi * np.round((last.q - state.q)[of] / (2 * np.pi))
+        turns, rotations = np.zeros(self.model.size), self.model.turns  # full turns
+        turns[rotations] = 2 * np.pi * np.round((last.q - state.q)[rotations] / (2 * np.pi))
         end = self._at_start(TurnCounter.without(turns, last).changed(t=state.t))
         variables = self.variables
         scale, first = variables.scales(state, length), variables.rows_of(state)
@@ -206,13 +206,13 @@ class Shooting:
 
         Along changes (n, ...) of the start, or of numbers of the scene; over the scales.
         """
-        at = np.array([len(self.model.scheme.fractions), len(self.tape)])
+        boundaries = np.array([len(self.model.scheme.fractions), len(self.tape)])
         if self.model.keeps_previous:
-            at = np.concatenate([at - 1, at])
+            boundaries = np.concatenate([boundaries - 1, boundaries])
         blocks = list[np.ndarray]()
         for k in range(0, len(changes["q"]), _AT_ONCE):
-            some = {name: rows[k : k + _AT_ONCE] for name, rows in changes.items()}
-            ends = self.derivatives.jvp(self.tape, some, at)
+            part = {name: rows[k : k + _AT_ONCE] for name, rows in changes.items()}
+            ends = self.derivatives.jvp(self.tape, part, boundaries)
             ends = {name: rows[-2:] for name, rows in ends.items()} | {"q previous": ends["q"][:2]}
             blocks.append(self.variables.rows(ends, self.variables.inside))
         scales = self.variables.scales(period.start, period.length)
@@ -299,5 +299,5 @@ def nearest_return(rows: np.ndarray) -> float | None:
         return None
     close = apart[least] <= max(_CLOSE * apart.max(), apart[least].min())
     k = least[close][0]
-    below, at, above = apart[k - 1 : k + 2] ** 2
-    return float(k + (below - above) / (2 * (below - 2 * at + above)))
+    below, least_square, above = apart[k - 1 : k + 2] ** 2
+    return float(k + (below - above) / (2 * (below - 2 * least_square + above)))
