@@ -62,9 +62,9 @@ class LoadStepper:
         self.response: list[float] = []
         #: Small motions about its states.
         self.motions = SmallMotions(self.loop)
-        #: Raises StepFailed for two states between which no step of the path can be. Between them
-        #: a number of critical points is known.
-        self.check: Callable[[State, State, int], None] = lambda old, new, known: None
+        #: Raises StepFailed for two states between which no step of the path can be, beside a
+        #: number of limit points.
+        self.check: Callable[[State, State, int], None] = lambda old, new, limits: None
 
     def residual(self, state: State, factor: float) -> np.ndarray:
         """Forces (free,) that hold a state at a load factor."""

@@ -127,7 +127,7 @@ class SmallMotions:
         return np.sign(roots) * roots**2, vectors
 
     def vanishing(self, K: scipy.sparse.csr_matrix, several: int, unstable: int) -> np.ndarray:
-        """Vectors (unknowns, several) of those next to zero, beside some that are unstable."""
+        """Vectors (unknowns, several) of eigenvalues next to zero, with so many `unstable` ones."""
         values, vectors = self.lowest(K, unstable + 1)
         return vectors[:, np.sort(np.argsort(abs(values))[:several])]
 
@@ -165,11 +165,11 @@ class SmallMotions:
 
 
 def pairs_and_others(squares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Squares of frequencies of vibrations that grow, the nearest to the real axis first; others.
+    """Complex squares of frequencies, one of each pair, and real ones.
 
-    Of each complex pair one, and the others as real numbers.
+    Pairs are vibrations that grow; the nearest to the real axis is first.
     """
-    beside = squares.imag / abs(squares)
-    pairs = np.flatnonzero(beside > _BESIDE)
-    order = pairs[np.argsort(beside[pairs], kind="stable")]
-    return squares[order], squares.real[abs(beside) <= _BESIDE]
+    sines = squares.imag / abs(squares)
+    pairs = np.flatnonzero(sines > _BESIDE)
+    order = pairs[np.argsort(sines[pairs], kind="stable")]
+    return squares[order], squares.real[abs(sines) <= _BESIDE]
