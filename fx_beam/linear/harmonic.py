@@ -235,7 +235,8 @@ def base_motion(about: Linearisation, base, what: str) -> np.ndarray:
 def _amplitudes(components) -> np.ndarray:
     """Complex numbers (n,); an empty array for what is no row of finite ones."""
     row = components if isinstance(components, list | tuple) or np.ndim(components) else ()
-    parts = without_slopes(as_real_array([(x.real, x.imag) if np.iscomplexobj(x) else (x, 0.0) for x in row]))
+    pairs = [(x.real, x.imag) if np.iscomplexobj(x) else (x, 0.0) for x in row]
+    parts = without_slopes(as_real_array(pairs))
     finite = parts.ndim == 2 and bool((abs(parts) <= LARGEST).all())
     return parts @ (1, 1j) if finite else np.empty(0)
 
