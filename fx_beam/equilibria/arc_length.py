@@ -177,7 +177,7 @@ class ArcLength:
         return self._between(state, [new for new, _ in steps], root_near(_SIDES, slopes), ds)
 
     def _between(self, state: State, states: list[State], place: float, ds: float) -> State:
-        """The state at a place among those at _SIDES; StepFailed if they are not on one path."""
+        """The state at a place, from states at _SIDES; StepFailed if they are not on one path."""
         new = between(states, _SIDES, place)
         other = between(states[1:-1], _SIDES[1:-1], place)
         if not self._path.length(new.q - other.q, new.t - other.t) <= _ACROSS * ds:
@@ -244,9 +244,8 @@ class ArcLength:
     def corner(
         self, state: State, tangent: Tangent, ds: float, target: float
     ) -> tuple[float, Advance | None] | None:
-        """Distance of a corner in a step ds, and if it is 0 the step behind it; None without one.
+        """Distance of a corner in a step ds, and at 0 the step behind it; None without one.
 
-        Such a step consists of a part along the tangent and a part along the tangent at its end.
         The tangent behind a corner has the same sense: one leaves by another way than one comes.
         """
         if not self.model.nonsmooth:

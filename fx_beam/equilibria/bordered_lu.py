@@ -19,10 +19,10 @@ from fx_beam.step.sparse_lu import LU, Pattern
 
 
 class BorderedLU:
-    """Factors of bordered matrices of one pattern; `unit` (free,) are the sizes of unit unknowns.
+    """Factors of bordered matrices of one pattern, for unknowns of sizes `unit` (free,).
 
-    The pattern may have more rows, behind those of the unknowns: they are zero on the right side.
-    With auxiliary unknowns, `dependent` is that of `Reduction`.
+    The pattern (n, n) may have auxiliary rows behind the unknowns, where right sides are zero;
+    `dependent` of `Reduction` says what follows from them.
     """
 
     def __init__(self, pattern: Pattern, unit: np.ndarray, dependent: np.ndarray | None = None):
@@ -39,7 +39,7 @@ class BorderedLU:
 
     @property
     def values(self) -> np.ndarray:
-        """Values of the last matrix, without its bordering row."""
+        """Values of the last K, in its pattern."""
         return self._matrix.data
 
     def factorise(
@@ -74,9 +74,9 @@ class BorderedLU:
         self.sign = float(np.sign(np.linalg.det(self._small))) * (1 if negative else -1)
 
     def negative_eigenvalues(self) -> int | None:
-        """Their number, for the last matrix without its bordering row; None if it is singular.
+        """Number of negative eigenvalues of the last K; None if it is singular.
 
-        The matrix must be symmetric. An eigenvalue of K + b e e^T that K has below zero: det K is
+        K must be symmetric. An eigenvalue of K + b e e^T that K has below zero: det K is
         det(K + b e e^T) (1 - e . (K + b e e^T)^-1 b e).
         """
         if not self._free:
@@ -86,7 +86,7 @@ class BorderedLU:
         return self._lu.negative_pivots() + int(self._small[1, 1] > 0)
 
     def solve(self, b: np.ndarray) -> tuple[np.ndarray, float]:
-        """Solution (free,) and that of the bordering row, for a right side (free + 1,).
+        """Solution x (free,) and l for a right side b (free + 1,).
 
         Not finite if the bordered matrix is singular.
         """

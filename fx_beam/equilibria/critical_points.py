@@ -144,7 +144,7 @@ class PathStability:
         self._motions, self._crossings = stepper.motions, crossings
 
     def unstable_modes(self) -> np.ndarray:
-        """Numbers (n,) of modes that grow: those of the steps' factors, else of new ones."""
+        """Numbers (n,) of modes that grow, by the factors of the steps, or by new ones."""
         states = self._states[self._first : len(self._states) - self._last]
         factors = [state.unstable_modes for state in states]
         steps = zip(states, states[1:], factors[1:], strict=False)
@@ -193,7 +193,7 @@ class PathStability:
     def critical_points(self) -> list[CriticalPoint]:
         """The critical points between the states, and at their end; none if modes are unknown.
 
-        Those that are not located are told of by a warning.
+        A warning names points that were not located.
         """
         try:
             counts = self.unstable_modes()
@@ -243,7 +243,7 @@ class PathStability:
             return []
 
     def _in_step(self, row: int, counts: list[int]) -> tuple[list[CriticalPoint], str]:
-        """Those in the step that starts at a row, and why others were not located."""
+        """Critical points in the step after a row, and why others were not located."""
         points: list[CriticalPoint] = []
         old, new = self._states[row : row + 2]
         crossings, reason = self._crossings.between(old, new, *counts)

@@ -71,7 +71,7 @@ class LoadStepper:
         return self.loop.balance(state, factor).residual[: self.model.reduction.free].copy()
 
     def held_at_nodes(self, state: State) -> np.ndarray:
-        """Forces (size,) on nodes that do the work of those that hold the start, in a state."""
+        """Forces on nodes f (size,) with T^T f = (1 - l) `path.held`, in a state."""
         held, model = (1 - state.t) * self.path.held, self.model
         if not held.any():
             return np.zeros(model.size)

@@ -157,7 +157,7 @@ def brackets_of(piece: Piece, before: int, after: int) -> list[Bracket]:
         return piece.motions.growing(piece.at(distance), piece.stiffness(distance))
 
     def intervals(low: float, high: float, exact: float) -> list[tuple[float, float]]:
-        """Those in which the numbers change, by one mode if they are longer than SAME."""
+        """Intervals in which the numbers change, by one mode if longer than SAME."""
         changed = sum(abs(a - b) for a, b in zip(growing(low), growing(high), strict=True))
         if changed == 0:
             return []
@@ -267,9 +267,9 @@ def _jump(
 def _extrapolated(
     piece: Piece, measure: Callable[[float], float], near: float, apart: float, farthest: float
 ) -> Root:
-    """The root near a distance, from states that are so far apart, on one side of it.
+    """The root near a distance, extrapolated from states on one side, some length `apart`.
 
-    StepFailed if it is not as near as that.
+    StepFailed if it is farther away than `farthest`.
     """
     # There sorted eigenvalues are smooth, also if several vanish at once.
     distances = near + apart * np.arange(1, _STATES + 1)

@@ -54,8 +54,8 @@ class PathStates:
     def _raise_load(self, states: list[State], may_settle: bool) -> None:
         """Append the states up to load factor 1.
 
-        Those of a scene of so little stiffness that no step follows a small part of its loads, such
-        as a cable that is not drawn as it hangs, settle as those of a mechanism.
+        A scene of so little stiffness that no step follows a small part of its loads, such as a
+        cable that is not drawn as it hangs, settles like a mechanism.
         """
         slack = False
         while True:

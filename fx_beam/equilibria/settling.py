@@ -52,7 +52,7 @@ _NEUTRAL, _CARRIED = 1e-6, 1e-6
 
 
 class Settling:
-    """Finds the equilibrium of a mechanism at a load factor; errors say `why` it is one."""
+    """Finds the equilibrium of a mechanism at a load factor; errors say `why` it moves freely."""
 
     def __init__(self, stepper: LoadStepper, why: str = ""):
         self._why = why or stepper.model.mechanism
@@ -204,7 +204,7 @@ class Settling:
         return node, COMPONENTS[component]
 
     def _error(self, why: str, free: np.ndarray | None = None) -> SceneError:
-        """What is a mechanism, why its loads do not hold it, and a support against a motion."""
+        """That loads do not hold a mechanism, why, and a support against a motion (size,)."""
         support = "" if free is None else f', such as fix(node, "{self._most(free)[1]}"),'
         return SceneError(
             f"{self._why}. Loads may hold such a part, as gravity holds a pendulum, but "

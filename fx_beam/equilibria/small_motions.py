@@ -59,7 +59,7 @@ class SmallMotions:
         return self._loop.equations.tangent()
 
     def coupling(self) -> scipy.sparse.csr_matrix:
-        """Motions (size, n) of the nodes for those of the unknowns, in the last state."""
+        """T (size, n): motions of all nodes by the unknowns, in the last state."""
         return self.model.reduction.coupling()[:, self.model.reduction.independent]
 
     def symmetric(self, K: scipy.sparse.csr_matrix) -> bool:
@@ -76,7 +76,7 @@ class SmallMotions:
     # -- Forces with a potential ------------------------------------------------------------------
 
     def note(self, state: State, factors: LoadLoop | BorderedLU) -> None:
-        """Let a state know what the factors of its step tell of its stability."""
+        """Set the numbers of negative pivots and unstable modes by the factors of a step."""
         model, reduction = self.model, self.model.reduction
         # Auxiliary unknowns, loops, sliders and members that may touch make them those of another
         # matrix than the tangent.

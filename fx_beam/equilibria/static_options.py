@@ -15,7 +15,7 @@ _MOST_STEPS = 10_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class StaticOptions(CommonOptions):
-    """Those of `static`; SceneError for all that can be refused without a scene."""
+    """Options of `static`; SceneError for all that can be refused without a scene."""
 
     what: str = "static"
     load_steps: int = whole(1, _MOST_STEPS, default=10)

@@ -198,7 +198,7 @@ class LoadPath:
 
 
 def _turned(state: State, forcing: LoadForcing) -> State:
-    """A state in its turn, if it turns, with the work that made it turn."""
+    """A state with the rates of its frame, if that turns, and the work of spinning it up."""
     if (frame := forcing.turning) is None:
         return state
     v = frame.rates(state.q, state.t)
@@ -219,7 +219,7 @@ def _warn_if_unstable(motions: SmallMotions, states: list[State]) -> None:
 
 
 def _loads_on_nodes(scene: Scene, start: Any, t: float) -> tuple[list[Any], dict[int, np.ndarray]]:
-    """The forces on nodes at a time, and those that fade from a start, as numbers alone."""
+    """Forces on nodes at a time, and forces that fade from a start, as numbers."""
     with suppress(Exception):  # the run says which function fails at its time
         forces = (load for load in scene.loads if load.kind == "force")
         loads = [replace(force, value=constant(force.value(t))) for force in forces]

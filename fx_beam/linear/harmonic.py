@@ -133,7 +133,7 @@ class Vibration:
     """K + i w C - w^2 M of small motions about a configuration."""
 
     def __init__(self, about: Linearisation, what: str):
-        self._what, C = what, about.by_rates(what)
+        self._what, C = what, about.damping_matrix(what)
         self._diagonals = about.K.diagonal(), about.M.diagonal()
         # The values of all three in the columns of a common pattern.
         C = 0 * about.K if C is None else C
@@ -176,7 +176,7 @@ class Vibration:
             raise self._unbounded()
         return x
 
-    def by_frequency(self, motion: np.ndarray) -> np.ndarray:
+    def frequency_slope(self, motion: np.ndarray) -> np.ndarray:
         """Derivative of the matrix by the angular frequency w, times a motion (free,)."""
         values = np.array([0, 1j, -4 * np.pi * self._f]) @ self._values
         return scipy.sparse.csc_matrix((values, *self._pattern), self._shape) @ motion

@@ -76,7 +76,7 @@ class Linearisation:
             or (beams is not None and beams.facts.needs_rates)  # in statics: of added virtual works
         )
 
-    def by_rates(self, what: str, damped: bool = True) -> scipy.sparse.csr_matrix | None:
+    def damping_matrix(self, what: str, damped: bool = True) -> scipy.sparse.csr_matrix | None:
         """Derivative (free, free) of all forces by the rates, with damping if that counts.
 
         None without any; errors say `what` asks.
@@ -123,7 +123,7 @@ class Linearisation:
 
     @cached_property
     def undamped_modes(self) -> UndampedModes:
-        """Those of mass and the symmetric part of the stiffness."""
+        """Modes of the mass and the symmetric part of the stiffness."""
         if not self.M.data.any():
             raise SceneError("modes: the scene has no mass. Give a section rhoA or add a mass")
         return UndampedModes(self.symmetric, self.M)
@@ -245,9 +245,9 @@ def turning_frame_of(model: Model, state: Solution, what: str) -> TurningFrame |
 def dead_loads(
     model: Model, state: State, factor: float, frame: TurningFrame | None, added: np.ndarray
 ) -> np.ndarray:
-    """Dead loads (size,) of a state: within a path, which may have begun with others, its own.
+    """Dead loads (size,) of a state at a load factor.
 
-    Forces `added` (size,) are in them there, and those of the frame.
+    Within a path they are the loads that the state has, without `added` (size,) and the frame's.
     """
     if factor == 1 or state.loads is None:
         return factor * Forcing(model).dead(state.t)

@@ -291,7 +291,9 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool
     require(is_whole(n, 1), "modes: n", n, "a whole number from 1 on")
     require(is_flag(damping), "modes: damping", damping, "True or False")
     about = linearised(scene, state, "modes")
-    omega, rigid, ratios, roots, vectors = lowest_modes(about, about.by_rates("modes", damping), n)
+    omega, rigid, ratios, roots, vectors = lowest_modes(
+        about, about.damping_matrix("modes", damping), n
+    )
     return modes_of(about.model, about.start.q, about.T @ vectors, omega, rigid, ratios, roots)
 
 

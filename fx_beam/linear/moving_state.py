@@ -82,7 +82,7 @@ class Deviations:
 
     @cached_property
     def rates_from(self) -> np.ndarray:
-        """The matrix (columns, size) that gives rates of z from those of the nodes."""
+        """R (columns, size): z' = R v for rates v of the nodes."""
         return _rates_from(self.model, self.T.toarray())
 
 
@@ -140,7 +140,7 @@ def deviations(scene: Scene, solution: Solution | None, what: str) -> Deviations
     a = _accelerations(model, forcing, state, T, r, S.T @ pushes, dT @ w)
     r += mass @ (T @ a)
     turning, _ = coupling.parts(coupling.derivatives(a)[0])
-    geometric = coupling.of_forces(np.concatenate([r, pushes]))
+    geometric = coupling.force_slopes(np.concatenate([r, pushes]))
     stiff, viscous = scipy.sparse.diags(stiff), scipy.sparse.diags(viscous)
     K = T.T @ (K @ T + C @ dT + mass @ (turning + ddT)) + S.T @ (stiff @ S + viscous @ dS)
     C = T.T @ (C @ T + 2 * (mass @ dT)) + S.T @ (viscous @ S)
@@ -189,9 +189,9 @@ def _with_fitted_rates(model: Model, state: State, solution: Solution) -> State:
 
 
 def _rates_from(model: Model, T: np.ndarray) -> np.ndarray:
-    """Matrix (columns, size) that gives the rates of z nearest to those of the nodes.
+    """Matrix R (columns, size): z' = R v has T z' nearest to rates v of the nodes.
 
-    Those of nodes without mass count little: they are means over the last step.
+    Rates of nodes without mass count little: they are means over the last step.
     """
     weight = model.mass.diagonal() * model.unit**2
     root = np.sqrt(weight + _LITTLE * (weight.max(initial=0.0) or 1.0)) / model.unit
@@ -247,7 +247,7 @@ class _Coupling:
         self._at(np.zeros(self.count))
         return first, second
 
-    def of_forces(self, r: np.ndarray) -> scipy.sparse.lil_matrix:
+    def force_slopes(self, r: np.ndarray) -> scipy.sparse.lil_matrix:
         """Derivative of X^T r, for constant forces r of nodes and columns."""
         out = scipy.sparse.lil_matrix((self.count, self.count))
         # The second derivatives are symmetric: X depends on the columns that change with it.
@@ -292,7 +292,7 @@ def _forces(model: Model, state: State, strained: np.ndarray | None = None):
     count = model.reduction.columns
 
     def step(dt: float, moving: bool = True):
-        """About the state, half of it before."""
+        """Forces and tangents of a step dt about the state, half of it before."""
         D, slid = moving * dt * state.v, moving * dt * slide_rates
         start = replace(state, q=state.q - D / 2, slides=state.slides - slid / 2)
         inputs = model.start_of(start, dt)

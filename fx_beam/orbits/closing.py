@@ -94,9 +94,9 @@ def plane(
 
 
 def turning_point(shooting: Shooting, like: Period) -> Condition:
-    """That a motion begins where its speed turns, at rest for one that returns on its way.
+    """That a motion begins where its speed turns: at rest, if it returns on its way.
 
-    The accelerations at its start are about those of another motion.
+    The direction of the acceleration there is that of the motion it should be like.
     """
     way = np.where(shooting.variables.are_rates, like.way, 0.0) / np.linalg.norm(like.way)
     return plane(shooting, shooting.variables.scales(like.start, like.length), np.append(way, 0.0))
@@ -113,7 +113,7 @@ def _with_equations(
             f"{shooting.what}: changes of the state grow {growth:.1e} times in a period: the "
             "motion is chaotic, or strikes. Give the scene damping, or take another start"
         )
-    column = shooting.by_parameter(period) if varies else np.zeros(len(period.gap))
+    column = shooting.parameter_slope(period) if varies else np.zeros(len(period.gap))
     matrix = np.column_stack([slopes[0] - directions.matrix, column])
     # What is remembered and does not change, such as plastic strain, is no unknown.
     independent = directions.independent
@@ -251,7 +251,7 @@ def _damped(matrix: np.ndarray, damping: float) -> Callable[[np.ndarray], np.nda
 
 
 def warn_of_round_off(shooting: Shooting, left_over: Sequence[float]) -> None:
-    """Warn, once, of motions of which round-off leaves more than allowed; others have 0."""
+    """Warn once of motions whose gap round-off leaves larger than allowed; others have 0."""
     if count := np.count_nonzero(left_over):
         among = f". So it is in {count} of {len(left_over)} motions" * (len(left_over) > 1)
         _log.warning(

@@ -38,14 +38,14 @@ _AT_REST = 0.01
 class ModeFamily:
     """Free motions that begin with a mode about an equilibrium, by default the reference.
 
-    Up to that of an amplitude [m or rad] or an energy [J].
+    The last one has an amplitude [m or rad] or an energy [J].
     """
 
     def __init__(self, shooting: Shooting, scene: Scene, state: Solution | None, mode: int):
         self._shooting, options = shooting, shooting.options
         self._begin(scene, state, mode)
         if options.energy is not None:
-            self._amplitude, self._end = self._of_energy(options.energy)
+            self._amplitude, self._end = self._small_vibration(options.energy)
         elif options.amplitude is not None:
             self._amplitude, self._end = options.amplitude, self._holds(options.amplitude)
         else:
@@ -102,7 +102,7 @@ class ModeFamily:
 
         return Condition(error, slopes)
 
-    def _of_energy(self, energy: float) -> tuple[float, Condition]:
+    def _small_vibration(self, energy: float) -> tuple[float, Condition]:
         """Amplitude of a small vibration with an energy, and the condition that holds it."""
         shooting, least = self._shooting, self._shooting.variables.energy(self._rest)
         more = energy - least

@@ -33,9 +33,9 @@ _BENT, _STRAIGHT = 0.5, 0.7
 
 
 def multipliers_of(closed: Closed) -> np.ndarray:
-    """Multipliers (n,), largest first, of what steps resolve.
+    """Multipliers (n,), largest first, of changes of the state that steps resolve.
 
-    Without changes that turn by more than a quarter in the first step, as those that alternate.
+    Changes that alternate, or turn by more than a quarter in the first step, are left out.
     """
     independent = closed.directions.independent
     unit = closed.directions.matrix[independent]

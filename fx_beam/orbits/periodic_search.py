@@ -157,7 +157,7 @@ def _from_state(shooting: Shooting, start: Solution | None, period: float | None
             return motion_of(shooting, rest, False)
         if free:
             shooting.check_free()
-        return motion_of(shooting, of_period(shooting, first, period, free), free)
+        return motion_of(shooting, settle_and_close(shooting, first, period, free), free)
     shooting.check_free()
     length = _period_in(start, what)
     conditions = tuple[Condition, ...]()
@@ -168,7 +168,7 @@ def _from_state(shooting: Shooting, start: Solution | None, period: float | None
     return motion_of(shooting, closed, True, "energy" if conditions else "")
 
 
-def of_period(shooting: Shooting, first: State, parameter: float, free: bool) -> Closed:
+def settle_and_close(shooting: Shooting, first: State, parameter: float, free: bool) -> Closed:
     """The motion of a period, or of a frequency of loads.
 
     The search begins again after a motion has settled for some time.
@@ -412,9 +412,9 @@ def _between(
 ) -> Iterator[Closed]:
     """Motions from the first frequency on, until the curve leaves the range."""
     first, last = ends
-    begin = of_period(shooting, state, first, False)
+    begin = settle_and_close(shooting, state, first, False)
     # The derivative by the frequency, which the first motion has been found without.
-    column = shooting.by_parameter(begin.period)
+    column = shooting.parameter_slope(begin.period)
     begin = begin._replace(equations=np.column_stack([begin.equations[:, :-1], column]))
     yield begin
     towards = np.append(np.zeros(len(begin.directions.scale)), np.sign(last - first))
@@ -422,6 +422,6 @@ def _between(
         frequency = closed.period.parameter
         if not min(ends) <= frequency <= max(ends):
             end = min(max(frequency, min(ends)), max(ends))
-            yield of_period(shooting, closed.period.start, end, False)
+            yield settle_and_close(shooting, closed.period.start, end, False)
             return
         yield closed

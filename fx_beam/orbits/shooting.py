@@ -45,7 +45,7 @@ _FINE = 200
 # So many times the steps show whether a motion repeats itself within a period: where it comes back
 # to this part of its size.
 _FINER, _SAME = 4, 0.03
-_OF_TIME = "loads", "driven", "follower force", "parameters", "naturals"
+_TIME_FUNCTIONS = "loads", "driven", "follower force", "parameters", "naturals"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -202,9 +202,9 @@ class Shooting:
     def slopes(
         self, changes: Mapping[str, np.ndarray], period: Period
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives (rows, n) of the states after the last run, and after its first step.
+        """Derivatives (rows, n) of the state after the last run, and after its first step.
 
-        Along changes (n, ...) of the start, or of numbers of the scene; over the scales.
+        Along n changes of the start or of numbers of the scene, by name; over the scales.
         """
         boundaries = np.array([len(self.model.scheme.fractions), len(self.tape)])
         if self.model.keeps_previous:
@@ -219,7 +219,7 @@ class Shooting:
         first_step, last = np.concatenate(blocks, axis=1) / scales
         return last.T, first_step.T
 
-    def by_parameter(self, period: Period) -> np.ndarray:
+    def parameter_slope(self, period: Period) -> np.ndarray:
         """Derivative (rows,) of the gap by the logarithm of the parameter."""
         return slope(lambda x: self.run(period.start, period.parameter * (1 + x)).gap, _CHANGE)
 
@@ -254,13 +254,13 @@ class Shooting:
 
     def depends_on_time(self, state: State, length: float) -> bool:
         """Whether loads, driven motions, parameters or natural strains change in a period."""
-        values = _of_time(self.prepared, self.steps, state, state.t, length)
+        values = _time_functions(self.prepared, self.steps, state, state.t, length)
         return bool((np.ptp(values, axis=0) > _REPEATS * abs(values).max(axis=0)).any())
 
     def check_repeats(self, state: State, length: float) -> None:
         """Refuse functions of time that do not repeat after a period, but for full turns."""
         now, later = (
-            _of_time(self.prepared, self.steps, state, t, length)
+            _time_functions(self.prepared, self.steps, state, t, length)
             for t in (state.t, state.t + length)
         )
         apart, allowed = later - now, _REPEATS * np.maximum(abs(now), abs(later)).max(axis=0)
@@ -276,23 +276,25 @@ def _times(state: State, length: float, steps: int) -> np.ndarray:
     return state.t + length / steps * np.arange(steps + 1)
 
 
-def _of_time(prepared: Prepared, steps: int, state: State, t0: float, length: float) -> np.ndarray:
+def _time_functions(
+    prepared: Prepared, steps: int, state: State, t0: float, length: float
+) -> np.ndarray:
     """Functions of time (steps, n) in a period."""
     times = t0 + length / steps * np.arange(steps + 1)
     values = numbers_of(prepared, state, times[:-1], times[1:])
-    parts = [values[name].reshape(steps, -1) for name in _OF_TIME if name in values]
+    parts = [values[name].reshape(steps, -1) for name in _TIME_FUNCTIONS if name in values]
     return np.hstack(parts)
 
 
 def _minima(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Distances (n,) of rows from the first one, and where they are smallest after its half way."""
+    """Distances (n,) of rows from the first one, and the places of their minima behind half way."""
     apart = np.linalg.norm(rows - rows[0], axis=1)
     k = np.arange(int(np.argmax(2 * apart > apart.max())) + 1, len(apart) - 1)
     return apart, k[(apart[k] <= apart[k - 1]) & (apart[k] < apart[k + 1])]
 
 
 def nearest_return(rows: np.ndarray) -> float | None:
-    """Number of rows, with a fraction, after which they come back near to the first one."""
+    """Number of rows, with a fraction, behind which rows come back near to the first one."""
     apart, least = _minima(rows)
     least = least[2 * apart[least] < apart.max()]
     if not len(least):

@@ -133,7 +133,7 @@ class Variables:
         return state.changed(q=q, slides=slides)
 
     def energy(self, state: State) -> float:
-        """Energy with that of constant loads, zero in the reference configuration [J]."""
+        """Energy of scene and constant loads, zero in the reference configuration [J]."""
         return self.model.energy(state) - float(self._constant_loads @ state.q)
 
     @cached_property
@@ -158,6 +158,6 @@ def slope(function: Callable[[float], Any], h: float) -> Any:
 
 
 def _remembered(state: State, name: str) -> np.ndarray:
-    """What steps remember, by its name in the layout: no step before is one without a motion."""
+    """An array that steps remember, by its name in the layout; before a first step q is at rest."""
     values = getattr(state, name.replace(" ", "_"))
     return state.q if values is None else values
