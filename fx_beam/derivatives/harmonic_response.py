@@ -267,7 +267,7 @@ class HarmonicResponse(TangentResponse):
 
         def slope(frequency: float) -> float:
             motion, adjoints = self._solved(frequency)
-            by_frequency = adjoints[i] @ self._vibration.by_frequency(motion)
+            by_frequency = adjoints[i] @ self._vibration.frequency_slope(motion)
             if self._base is not None:
                 by_frequency -= 4 * np.pi * frequency * (adjoints[i] @ self._sides[:, 0])
             return float((np.conj(row @ motion + of_base) * by_frequency).real)

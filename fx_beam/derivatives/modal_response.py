@@ -149,7 +149,7 @@ class ModalResponse(TangentResponse):
                 "what is round or bends: such modes have no derivatives. fx_beam.modes has them "
                 'without; of loads at flutter the output "critical_load" of StaticResponse has some'
             )
-        self._by_rates = about.by_rates(self._asked, self._damped)
+        self._by_rates = about.damping_matrix(self._asked, self._damped)
         more = 2 if self._damped else 0  # copies above are seen without damping only
         if self._take_modes(self._n + more) < _SAME:
             self._take_modes(2 * self._n + _MORE)

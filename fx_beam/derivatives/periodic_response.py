@@ -324,7 +324,7 @@ class PeriodicResponse(Response):
             return _Slopes(none, self._of_fold(rows[0], right[0], by), by, monodromy)
         of_parameter = np.zeros((len(unit), 0))
         if cycle.free and cycle.chosen_by != "period":
-            of_parameter = shooting.by_parameter(period)[independent, None]
+            of_parameter = shooting.parameter_slope(period)[independent, None]
         rows[0] = np.hstack([rows[0], of_parameter])
         more = of_parameter.shape[1]
         for slopes, by_x in self._conditions(by, changes):

@@ -9,7 +9,7 @@ import numpy as np
 
 from fx_beam.content_cache import cached_property
 from fx_beam.equilibria.critical_points import first_critical_point
-from fx_beam.equilibria.load_steps import StaticOptions
+from fx_beam.equilibria.static_options import StaticOptions
 from fx_beam.equilibria.statics import LoadPath
 from fx_beam.errors import check_takes
 from fx_beam.results.solution import Solution

@@ -26,11 +26,12 @@ from fx_beam.errors import StepError
 from fx_beam.laws.interval import Interval
 from fx_beam.results.state import State
 from fx_beam.step.load_loop import StepSolution
-from fx_beam.step.newton import ENERGY_FLOOR, SEARCHES, newton
 from fx_beam.step.step_failures import StepFailed
 
 from .continuation import Stretch, root_between, root_near
-from .load_steps import LoadStepper
+from .corners import corner_in
+from .corrector import Corrector
+from .load_steps import LoadStepper, check_circles
 from .path_equations import Tangent, between
 
 # Turn, in terms of its target, at which a step is rejected.
@@ -88,7 +89,7 @@ class ArcLength:
         return self._end(state, state.t + load, step)
 
     def stiffness_at(self, state: State, tangent: Tangent, distance: float) -> csr_matrix:
-        """The tangent (free, free) there, in the direction in which one comes."""
+        """The tangent K (n, n) in that state, for motions on along the path."""
         step, load = self._correct(state, tangent, distance, tangent, distance)
         self._path.balance(step.y, load)
         return self.stepper.loop.equations.tangent()
@@ -109,8 +110,8 @@ class ArcLength:
         corrections = self.stepper.iterations
         if turn > _REJECTED * target:
             D = new.q - state.q
-            legs = self._path.legs(D, new.t - state.t, tangent, ahead)
-            if legs is None or legs[1] > _NEAR * ds or ahead.sense != tangent.sense:
+            corner = corner_in(self._path, D, new.t - state.t, tangent, ahead)
+            if corner is None or corner.behind > _NEAR * ds or ahead.sense != tangent.sense:
                 raise StepFailed("off the path", "the path deviates too far from its tangent", D)
             turn = target  # the path has a corner at the end of the step
         if home and (last := self._last_row(home, state, tangent, ds, new)):
@@ -134,9 +135,9 @@ class ArcLength:
 
     def _turn(self, old: State, new: State, tangent: Tangent, ahead: Tangent, ds: float) -> float:
         """Turn of the path in a step, estimated from the tangents at its start and end."""
-        if self.stepper.is_still(D := new.q - old.q):
+        if self._path.is_still(D := new.q - old.q):
             return 0.0
-        gap = self.stepper.size(D - ds / 2 * (tangent.D + ahead.D)) / self.stepper.size(D)
+        gap = self._path.size(D - ds / 2 * (tangent.D + ahead.D)) / self._path.size(D)
         return max(self.stepper.deviation, 2 * gap)
 
     def _limit_point(
@@ -153,10 +154,10 @@ class ArcLength:
         def slope(length: float) -> float:
             return stretch.at(length)[1].load
 
-        low, high, beside = 0.0, ds, _SIDES[3] * ds
-        while high - low > 2.1 * beside:
+        low, high, side = 0.0, ds, _SIDES[3] * ds
+        while high - low > 2.1 * side:
             guess = low + slope(low) / (slope(low) - slope(high)) * (high - low)
-            for place in (guess - beside, guess + beside):
+            for place in (guess - side, guess + side):
                 if low < place < high:
                     low, high = (place, high) if slope(place) * before > 0 else (low, place)
         if stretch.at(low)[1].sense == stretch.at(high)[1].sense:
@@ -176,7 +177,7 @@ class ArcLength:
         return self._between(state, [new for new, _ in steps], root_near(_SIDES, slopes), ds)
 
     def _between(self, state: State, states: list[State], place: float, ds: float) -> State:
-        """The state at a place among those at _SIDES; StepFailed if they are not on one path."""
+        """The state at a place, from states at _SIDES; StepFailed if they are not on one path."""
         new = between(states, _SIDES, place)
         other = between(states[1:-1], _SIDES[1:-1], place)
         if not self._path.length(new.q - other.q, new.t - other.t) <= _ACROSS * ds:
@@ -192,11 +193,11 @@ class ArcLength:
         step, load = new.q - state.q, new.t - state.t
         way, rise = home.q - state.q, home.t - state.t
         length = path.length(step, load)
-        part = float((path.weight * step) @ way + load * rise) / length**2
-        beside = path.length(way - part * step, rise - part * load)
-        if not 0 <= part <= 1 or beside > _BESIDE * length:
+        part = (float(step @ (path.weight * way)) + load * rise) / length**2
+        apart = path.length(way - part * step, rise - part * load)
+        if not 0 <= part <= 1 or apart > _BESIDE * length:
             return None
-        place = float((path.weight * tangent.D) @ way + tangent.load * rise)
+        place = path.along(tangent, way, rise)
         states = [self.state_at(state, tangent, place + ds * side) for side in _SIDES]
         last = self._between(state, states, 0.0, ds)
         if path.length(last.q - home.q, last.t - home.t) > _ACROSS * ds:
@@ -214,7 +215,7 @@ class ArcLength:
         self.stepper.note(step)
         new = self._end(state, t1, step)
         if self.stepper.may_be_cut:
-            self.stepper.check_circles(state, new)
+            check_circles(self.model, state, new)
         return new
 
     def _end(self, state: State, t1: float, step: StepSolution) -> State:
@@ -225,55 +226,13 @@ class ArcLength:
         return new
 
     def _correct(
-        self, state: State, tangent: Tangent, along: float, normal: Tangent, distance: float
+        self, state: State, tangent: Tangent, length: float, normal: Tangent, distance: float
     ) -> tuple[StepSolution, float]:
-        """Corrector: increments to the point where the path meets <normal, increment> = distance.
+        """Increments to where the path meets <normal, increment> = distance.
 
-        The predictor is a length `along` the tangent. StepFailed if it does not converge.
+        The predictor is a length along the tangent. StepFailed if it does not converge.
         """
-        for _ in range(SEARCHES):
-            try:
-                return self._correct_once(state, tangent, along, normal, distance)
-            except StepFailed as failure:
-                last = failure
-                if failure.kind != "members":
-                    raise
-        raise last
-
-    def _correct_once(
-        self, state: State, tangent: Tangent, along: float, normal: Tangent, distance: float
-    ) -> tuple[StepSolution, float]:
-        """The same with the members that points are near, as they are known."""
-        failures, free = self._failures, self.model.reduction.free
-        self._path.begin(state)
-        y, load, predicted = along * tangent.y, along * tangent.load, along * tangent.D
-        D, r, dy, dload, per_load = predicted, predicted, y, 0.0, predicted
-        corrections: list[float] = []
-
-        def correct() -> tuple[float, bool]:
-            nonlocal y, load, D, r, dy, dload, per_load
-            (D, f, r, residual), per_load, column = self._path.balance(y, load)
-            residual = residual[:free]
-            missing = float(normal.D @ (self._path.weight * D)) + normal.load * load - distance
-            dy, dload = self._path.solve(column, normal, -residual, -missing)
-            correction = self._path.spread(dy, dload)
-            factor = failures.shortening(correction)
-            y, load = y + factor * dy, load + factor * dload
-            size = max((abs(correction) / self.model.unit).max(), abs(dload))
-            failures.check_finite(size, corrections)
-            corrections.append(size)
-            D = self._path.expand(y, load)
-            failures.check_turn(D, corrections)
-            work, energy = residual @ dy, abs(f) @ abs(D)
-            return size, abs(work) <= ENERGY_FLOOR * energy
-
-        options = failures.options
-        iterations, ended_by = newton(correct, options.tolerance, options.max_iterations)
-        if not ended_by:
-            raise failures.unconverged(D, corrections)
-        r = r + self.stepper.loop.equations.change(self._path.spread(dy, 0.0)) + dload * per_load
-        failures.check_places(D, corrections)
-        return StepSolution(D, y, r, iterations, ended_by, predicted), load
+        return Corrector(self._path, state, normal, distance).corrected(tangent, length)
 
     def at_start(self, state: State, tangent: Tangent, ds: float = 0.0) -> Tangent:
         """The tangent at the start of a step, or a length ds from it along another one."""
@@ -285,9 +244,8 @@ class ArcLength:
     def corner(
         self, state: State, tangent: Tangent, ds: float, target: float
     ) -> tuple[float, Advance | None] | None:
-        """Distance of a corner in a step ds, and if it is 0 the step behind it; None without one.
+        """Distance of a corner in a step ds, and at 0 the step behind it; None without one.
 
-        Such a step consists of a part along the tangent and a part along the tangent at its end.
         The tangent behind a corner has the same sense: one leaves by another way than one comes.
         """
         if not self.model.nonsmooth:
@@ -299,23 +257,23 @@ class ArcLength:
             return None
         behind = behind if behind.sense == tangent.sense else -behind
         # From beyond the corner, where a contact has closed, or along it from the start.
-        for way, along in ((tangent, 2 * ds), (behind, ds)):
+        for way, length in ((tangent, 2 * ds), (behind, ds)):
             try:
-                step, load = self._correct(state, way, along, behind, ds)
+                step, load = self._correct(state, way, length, behind, ds)
                 ahead = self._path.tangent(step.y, load, behind)
             except StepFailed:
                 continue
-            legs = self._path.legs(step.D, load, tangent, ahead)
-            if legs is not None and legs.sum() <= _LONG * ds and ahead.sense == tangent.sense:
+            corner = corner_in(self._path, step.D, load, tangent, ahead)
+            if corner and sum(corner) <= _LONG * ds and ahead.sense == tangent.sense:
                 break
         else:
             return None
-        if legs[0] > _NEAR * ds:
-            return legs[0], None
+        if corner.before > _NEAR * ds:
+            return corner.before, None
         new = self._finish(state, state.t + load, step)
         if new.t >= 1:
             new = self._last_step(state, behind)
-        if behind.D @ (self._path.weight * tangent.D) + behind.load * tangent.load < 0:
+        if self._path.along(behind, tangent.D, tangent.load) < 0:
             # Back on the way one has come, unless the tangent changes at the start.
             if self.at_start(state, tangent, 2 * _NEAR * ds).sense == tangent.sense:
                 return None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from fx_beam.motions.initial_state import rates_of_columns
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.results.vibrations import Modes
-from fx_beam.scene.beam import Beam, inner_positions, lagrange_and_slopes
+from fx_beam.scene.beam import Beam, Node, inner_positions, lagrange_and_slopes
 from fx_beam.scene.scene import Scene
 from fx_beam.step.model import Model
 from fx_beam.step.step_failures import StepFailed
@@ -65,14 +65,14 @@ class Branch:
     mode: int = 0
 
     def __post_init__(self):
-        ok = is_number(self.direction) and self.direction != 0
-        require(ok, "branch: direction", self.direction, "1 or -1")
+        is_sign = is_number(self.direction) and self.direction != 0
+        require(is_sign, "branch: direction", self.direction, "1 or -1")
         if (kind := getattr(self.point, "kind", shown(self.point))) != "bifurcation":
             path = "the path itself goes on by continuation='arc-length'"
             raise SceneError(f"branch: no path branches off at a {kind}; {path}")
         count = len(self.point.modes)
-        ok = is_whole(self.mode, 0, count - 1)
-        require(ok, "branch: mode", self.mode, f"a number of the {count} modes, from 0")
+        expected = f"a number of the {count} modes, from 0"
+        require(is_whole(self.mode, 0, count - 1), "branch: mode", self.mode, expected)
 
     @property
     def shape(self) -> np.ndarray:
@@ -81,15 +81,15 @@ class Branch:
 
 
 def grow(
-    path: Solution, levels: int, follow: Callable[[Branch], Solution], known: list[Any]
+    path: Solution, levels: int, follow: Callable[[Branch], Solution], seen: list[Any]
 ) -> None:
-    """Compute the branches of a path by `follow`, and of these their own, `levels` deep.
+    """Compute the branches of a path by `follow`, and the branches of these, `levels` deep.
 
-    None starts at points that are `known`; those of the path become known, too.
+    None starts at points that were `seen`, to which the bifurcations of the path are added.
     """
     points = [point for point in path.critical_points if point.kind == "bifurcation"]
-    new = [point for point in points if not any(_same(point, other) for other in known)]
-    known += new
+    new = [point for point in points if not any(_same(point, other) for other in seen)]
+    seen += new
     path.branches = []
     for point in new:
         for mode, direction in itertools.product(range(len(point.modes)), (1, -1)):
@@ -103,14 +103,14 @@ def grow(
                 path.branches.append(branch)
     if levels > 1:
         for branch in path.branches:
-            grow(branch, levels - 1, follow, known)
+            grow(branch, levels - 1, follow, seen)
 
 
-def _same(one: Any, other: Any) -> bool:
-    """Whether two critical points are one."""
-    size = float(np.ptp(one.solution.X, axis=0).max()) or 1.0
-    gap = (one.solution.q[-1] - other.solution.q[-1]) / np.array([size, size, 1.0])
-    return abs(one.load_factor - other.load_factor) <= _SAME and bool(abs(gap).max() <= _SAME)
+def _same(point: Any, other: Any) -> bool:
+    """Whether two critical points are the same."""
+    size = float(np.ptp(point.solution.X, axis=0).max()) or 1.0
+    gap = (point.solution.q[-1] - other.solution.q[-1]) / np.array([size, size, 1.0])
+    return abs(point.load_factor - other.load_factor) <= _SAME and bool(abs(gap).max() <= _SAME)
 
 
 def imperfect(scene: Scene, modes: Modes, size: float, mode: int = 0) -> Scene:
@@ -158,8 +158,8 @@ def imperfect(scene: Scene, modes: Modes, size: float, mode: int = 0) -> Scene:
     """
     require(isinstance(scene, Scene), "imperfect: scene", scene, "an fx_beam.Scene")
     require(is_number(size), "imperfect: size", size, "a finite number [m]")
-    ok = isinstance(modes, Modes) and is_whole(mode, 0, len(modes) - 1)
-    require(ok, "imperfect: mode", mode, "the number of one of the modes")
+    exists = isinstance(modes, Modes) and is_whole(mode, 0, len(modes) - 1)
+    require(exists, "imperfect: mode", mode, "the number of one of the modes")
     nodes = np.array([[node.x, node.y] for node in scene.nodes]).reshape(-1, 2)
     X = np.vstack([nodes, *(floats(inner_positions(beam)) for beam in scene.beams)])
     if len(X) != len(modes.positions) or {*modes.beams} != {beam.name for beam in scene.beams}:
@@ -171,31 +171,30 @@ def imperfect(scene: Scene, modes: Modes, size: float, mode: int = 0) -> Scene:
         )
     moved = modes.shapes[mode, :, :2].real
     X += as_float(size) / np.hypot(*moved.T).max() * moved
-    new = copy.copy(scene)
-    for node, (x, y) in zip(new.nodes, X.tolist(), strict=False):
-        object.__setattr__(node, "x", x)
-        object.__setattr__(node, "y", y)
-    for beam in new.beams:
-        _bend(beam, X[modes.nodes_of_beam[beam.name]])
-    X = X[: len(nodes)]
-    new._corners = X.min(axis=0).tolist(), X.max(axis=0).tolist()
-    return new
+    # Other parts refer to nodes and beams, which a copy takes from here.
+    copies: dict[int, Any] = {}
+    for node, (x, y) in zip(scene.nodes, X.tolist(), strict=False):
+        copies[id(node)] = Node(node.number, x, y)
+    for beam in scene.beams:
+        copies[id(beam)] = _bent(beam, X[modes.nodes_of_beam[beam.name]], copies)
+    return copy.deepcopy(scene, copies)
 
 
-def _bend(beam: Beam, X: np.ndarray) -> None:
-    """Set the positions (elements * degree + 1, 2) of all nodes of a beam in order."""
+def _bent(beam: Beam, X: np.ndarray, copies: dict[int, Any]) -> Beam:
+    """A beam with all its nodes, in order, at positions X (elements * degree + 1, 2)."""
     p = beam.degree
-    of_elements = X[p * np.arange(beam.elements)[:, None] + np.arange(p + 1)]
+    elements = X[p * np.arange(beam.elements)[:, None] + np.arange(p + 1)]
     points, weights = np.polynomial.legendre.leggauss(6)
     slopes = lagrange_and_slopes(np.linspace(-1, 1, p + 1), points)[1]
-    along = np.linalg.norm(np.einsum("gi,eix->egx", slopes, of_elements), axis=2)
-    fractions = beam.s / beam.length if beam.fractions is None else beam.fractions
-    changes = {"s": np.concatenate([[0.0], np.cumsum(along @ weights)]), "fractions": fractions}
-    if p > 1:
-        changes["inner"] = of_elements[:, 1:-1].copy()
-    for name, values in changes.items():
-        values.setflags(write=False)
-        object.__setattr__(beam, name, values)
+    stretches = np.linalg.norm(np.einsum("gi,eix->egx", slopes, elements), axis=2)
+    return replace(
+        beam,
+        nodes=tuple(copies[id(node)] for node in beam.nodes),
+        section=copy.deepcopy(beam.section, copies),
+        s=np.concatenate([[0.0], np.cumsum(stretches @ weights)]),
+        fractions=beam.s / beam.length if beam.fractions is None else beam.fractions,
+        inner=elements[:, 1:-1].copy() if p > 1 else None,
+    )
 
 
 # The first step. Beside the path that is known, a branch leaves along a null vector of the tangent.
@@ -223,12 +222,12 @@ def first_step(arc: ArcLength, state: State, shape: np.ndarray) -> tuple[State, 
     y = unknowns_of(model, state, shape)
     D = path.spread(y, 0.0)
     length = path.length(D, 0.0)
-    across = Tangent(y / length, D / length, 0.0)
+    mode = Tangent(y / length, D / length, 0.0)
     half_way = 2 / (1 - state.t) if state.t < 1 else 0.0
     distance, cuts = _FIRST, 0
     while True:
         try:
-            new, ahead = arc.step(state, across, distance)
+            new, ahead = arc.step(state, mode, distance)
             if arc.stepper.deviation > _NEAR and cuts < options.max_cuts:
                 raise StepFailed("off the path", "the step leaves the mode", new.q - state.q)
         except StepFailed:
@@ -252,11 +251,12 @@ def is_equilibrium(arc: ArcLength, state: State) -> bool:
     balance, _, _ = path.balance(np.zeros(model.reduction.free), 0.0)
     left = abs(balance.residual[: model.reduction.free] * model.unit_of_unknowns)
     # Springs of slides have no forces at nodes, but those of the joints.
-    at_nodes = max(abs(of * model.unit).max() for of in (balance.f, balance.r))
-    return bool(left.max(initial=0.0) <= 1e-5 * max(at_nodes, arc.stepper.in_members(state)))
+    forces = (abs(force * model.unit).max() for force in (balance.f, balance.r))
+    largest = max(*forces, arc.stepper.energies.largest_force(state))
+    return bool(left.max(initial=0.0) <= 1e-5 * largest)
 
 
 def unknowns_of(model: Model, state: State, shape: np.ndarray) -> np.ndarray:
     """Unknowns (free,) of a small motion (size,) of all degrees of freedom from a state."""
-    at_rest = np.zeros(model.couplings.driven)
-    return rates_of_columns(model, state, shape, at_rest)[: model.reduction.free]
+    driven = np.zeros(model.couplings.driven)
+    return rates_of_columns(model, state, shape, driven)[: model.reduction.free]

@@ -17,8 +17,9 @@ from fx_beam.scene.scene import Scene
 from fx_beam.step.sparse_lu import LU
 
 from .geometric_stiffness import check_forces, geometric_stiffness
-from .load_steps import LoadStepper, StaticOptions
+from .load_steps import LoadStepper
 from .small_loads import SmallLoads
+from .static_options import StaticOptions
 from .statics import LoadPath
 
 # Number of unknowns up to which matrices are full.
@@ -86,7 +87,7 @@ def buckling(
     """
     require(is_whole(n, 1), "buckling: n", n, "a whole number from 1 on")
     expected = "a Solution, such as that of fx_beam.static"
-    require(state is None or isinstance(state, Solution), "buckling: state", state, expected)
+    require(isinstance(state, Solution | None), "buckling: state", state, expected)
     path = LoadPath(scene, StaticOptions(what="buckling", t=t), state)
     first = path.first_state()
     path.forcing.keep_start()
@@ -94,10 +95,10 @@ def buckling(
     check_forces(path.model)
     about, motions = SmallLoads("buckling", path.stepper, first), path.stepper.motions
     factors, vectors = _lowest(about, path.stepper, n)
-    none = np.zeros(len(factors))
+    zeros = np.zeros(len(factors))
     motions.stiffness(first)  # the couplings are then those of the state
     shapes = motions.coupling() @ vectors
-    modes = modes_of(path.model, about.state.q, shapes, none, none > 0, none, none * 1j)
+    modes = modes_of(path.model, about.state.q, shapes, zeros, zeros > 0, zeros, zeros * 1j)
     return BucklingModes(factors, modes)
 
 

@@ -105,7 +105,7 @@ class CriticalPoint:
 
 
 def first_critical_point(solution: Solution) -> CriticalPoint:
-    """That of a static solution; SceneError if there is none with a load factor."""
+    """The first critical point of a static solution; SceneError if none was located."""
     if not solution.stats.static:
         raise SceneError("Response: a motion has no critical_load. Take fx_beam.StaticResponse")
     points = solution.critical_points
@@ -144,11 +144,12 @@ class PathStability:
         self._motions, self._crossings = stepper.motions, crossings
 
     def unstable_modes(self) -> np.ndarray:
-        """Numbers (n,) of modes that grow: those of the steps' factors, else of new ones."""
+        """Numbers (n,) of modes that grow, by the factors of the steps, or by new ones."""
         states = self._states[self._first : len(self._states) - self._last]
-        known = [state.unstable_modes for state in states]
-        steps, flowed = zip(states, states[1:], known[1:], strict=False), self._motions.model.flowed
-        if any(count is None and flowed(before, behind) for before, behind, count in steps):
+        factors = [state.unstable_modes for state in states]
+        steps = zip(states, states[1:], factors[1:], strict=False)
+        flowed = self._motions.model.flowed
+        if any(count is None and flowed(old, new) for old, new, count in steps):
             raise ValueError(
                 "unstable_modes: where something slips or flows, they are known of symmetric "
                 "tangents: not where friction slips or forces follow the motion, nor with closed "
@@ -157,24 +158,24 @@ class PathStability:
         counts: list[int] = []
         limits = self._stepper.stats.limit_points
         limit = None
-        for count, state in zip(known, states, strict=True):
-            at_limit = bool(counts) and state.t in limits
-            if at_limit:
+        for count, state in zip(factors, states, strict=True):
+            is_limit = bool(counts) and state.t in limits
+            if is_limit:
                 count = counts[-1]
             elif count is None:
                 count = sum(self._motions.growing(state))
             if limit is not None:
                 counts[-1] = self._at_limit(limit, counts[-1], count)
             counts.append(count)
-            limit = state if at_limit else None
+            limit = state if is_limit else None
         ends = counts[:1] * self._first, counts[-1:] * self._last
         return np.array(ends[0] + counts + ends[1], dtype=int)
 
     def _at_limit(self, state: State, before: int, behind: int) -> int:
-        """The number at a limit point, from those in the rows before and behind it.
+        """Number of unstable modes at a limit point, from the rows before and behind it.
 
         The eigenvalue that is zero there counts as in the row before. Others that change their sign
-        between these rows count as they are there.
+        between both rows count as they are there.
         """
         if abs(behind - before) == 1 or self._motions.model.flows:
             return before
@@ -192,7 +193,7 @@ class PathStability:
     def critical_points(self) -> list[CriticalPoint]:
         """The critical points between the states, and at their end; none if modes are unknown.
 
-        Those that are not located are told of by a warning.
+        A warning names points that were not located.
         """
         try:
             counts = self.unstable_modes()
@@ -242,7 +243,7 @@ class PathStability:
             return []
 
     def _in_step(self, row: int, counts: list[int]) -> tuple[list[CriticalPoint], str]:
-        """Those in the step that starts at a row, and why others were not located."""
+        """Critical points in the step after a row, and why others were not located."""
         points: list[CriticalPoint] = []
         old, new = self._states[row : row + 2]
         crossings, reason = self._crossings.between(old, new, *counts)
@@ -268,7 +269,6 @@ class PathStability:
         motions.stiffness(state)  # the couplings are then those of this state
         omega = np.sign(square) * np.sqrt(abs(square))
         rate, ratio = (-omega, np.nan) if square < 0 else (1j * omega, 0.0)
-        of_modes = (np.full(vectors.shape[1], value) for value in (omega, False, ratio, rate))
-        shapes = motions.coupling() @ vectors
-        modes = modes_of(self._stepper.model, state.q, shapes, *of_modes)
+        values = (np.full(vectors.shape[1], value) for value in (omega, False, ratio, rate))
+        modes = modes_of(self._stepper.model, state.q, motions.coupling() @ vectors, *values)
         return CriticalPoint(kind, state.t, row, modes, self._solved(state))

@@ -35,23 +35,23 @@ class Crossing(NamedTuple):
 
 
 class Crossings:
-    """Finds them in the steps of a path."""
+    """Finds crossings in the steps of a path."""
 
     def __init__(self, stepper: LoadStepper):
         self.motions, self.arc = stepper.motions, ArcLength(stepper)
-        #: Those of steps that were accepted, by the state at their end.
+        #: Crossings in accepted steps, by the state at their end.
         self._seen: dict[int, tuple[State, State, list[Crossing]]] = {}
 
-    def check(self, old: State, new: State, known: int) -> None:
+    def check(self, old: State, new: State, limits: int) -> None:
         """StepFailed if the number of unstable modes changes in a step where no point is found.
 
-        It may change by one at each point that is known.
+        It may change by one at each of so many limit points.
         """
         if None in (old.unstable_modes, new.unstable_modes):
             if old.negative_pivots == new.negative_pivots is not None:
                 return  # at flutter the path itself goes on as before
         before, behind = (self.motions.count(state, old) for state in (old, new))
-        if before is None or behind is None or abs(behind - before) in (0, known):
+        if before is None or behind is None or abs(behind - before) in (0, limits):
             return
         crossings, missing = self._in_step(old, new, before, behind)
         if missing:
@@ -65,7 +65,7 @@ class Crossings:
     def between(
         self, old: State, new: State, before: int, behind: int
     ) -> tuple[list[Crossing], str]:
-        """Those in a step with numbers of unstable modes, and why others were not found."""
+        """Crossings in a step with numbers of unstable modes, and why others were not found."""
         seen = self._seen.get(id(new))
         if seen is not None and seen[0] is old:
             return seen[2], ""
@@ -115,7 +115,7 @@ class Crossings:
         loads = loads[self.motions.model.reduction.independent]
         sizes = np.linalg.norm(vectors.T / unit, axis=1)
         least = _OF_PARTS * abs(loads) @ abs(vectors)
-        least += _OF_FORCES * stepper.in_members(state) * sizes
+        least += _OF_FORCES * stepper.energies.largest_force(state) * sizes
         least += _ROUNDING / _PART_OF_LOADS * (abs(K) @ unit) @ abs(vectors)
         return bool((abs(loads @ vectors) > least).any())
 

@@ -76,10 +76,10 @@ def without_balance(model: Model, forces: np.ndarray) -> str:
             sizes[2] += sizes[:2].sum() * model.mesh.size
             if (abs(sums) > _BALANCED * sizes).any():
                 x, y, moment = np.where(abs(sums) > _BALANCED * sizes, -sums, 0.0) + 0.0
-                at = part.middle(model.mesh.X)
+                middle = part.middle(model.mesh.X)
                 return (
                     f"its loads have no balance: their sum is ({x:.4g}, {y:.4g}) N and, about "
-                    f"({at[0]:.4g}, {at[1]:.4g}), {moment:.4g} N m, and it has no support"
+                    f"({middle[0]:.4g}, {middle[1]:.4g}), {moment:.4g} N m, and it has no support"
                 )
     return ""
 
@@ -87,13 +87,13 @@ def without_balance(model: Model, forces: np.ndarray) -> str:
 def left_by_supports(model: Model, q: np.ndarray) -> np.ndarray:
     """Rigid motions (size, n) of free parts that supports leave, in a configuration (size,)."""
     scene, x = model.scene, model.mesh.X + q.reshape(-1, 3)[:, :2]
-    held = np.array([*scene.fixed, *scene.prescribed], dtype=int).reshape(-1, 2)
+    supports = np.array([*scene.fixed, *scene.prescribed], dtype=int).reshape(-1, 2)
     motions = [np.zeros((model.size, 0))]
     for part in free_parts(model):
         rigid = part.rigid(x) / [1, 1, model.mesh.size]
-        at_supports = rigid[held[:, 0], held[:, 1]]
         # With rows of zeros, as a matrix needs rows where there are no supports.
-        left = scipy.linalg.null_space(np.vstack([at_supports, np.zeros((3, 3))]), rcond=_ROUNDING)
+        rows = np.vstack([rigid[supports[:, 0], supports[:, 1]], np.zeros((3, 3))])
+        left = scipy.linalg.null_space(rows, rcond=_ROUNDING)
         motions.append(rigid.reshape(-1, 3) @ left)
     return np.hstack(motions)
 
@@ -103,8 +103,8 @@ def held_for_nothing(
 ) -> np.ndarray:
     """Degrees of freedom (n,) at which supports hold motions of `left_by_supports` without force.
 
-    In a configuration with the tangent K and the motions T of the unknowns; a stiffness [J] up to
-    `none` is none.
+    K (n, n) is the tangent of the configuration and T (size, n) its coupling; a stiffness [J] up
+    to `none` is none.
     """
     rigid = left_by_supports(model, q) / model.unit[:, None]
     if not rigid.size:

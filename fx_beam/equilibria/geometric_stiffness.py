@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse
 
+from fx_beam.coupling.map_slopes import map_slopes
 from fx_beam.errors import SceneError
 from fx_beam.fem.mesh import rotation_of
 from fx_beam.results.fields import nodes_of_elements
@@ -37,10 +38,10 @@ def check_forces(model: Model) -> None:
 def geometric_stiffness(about: SmallLoads, stepper: LoadStepper) -> scipy.sparse.csr_matrix:
     """dK/dlambda (unknowns, unknowns) by forces alone: displacements stay those of the state."""
     model, motions = stepper.model, stepper.motions
-    K = _of_beams(about, model) + _of_lines(about, model)
+    K = _beam_part(about, model) + _line_part(about, model)
     motions.stiffness(about.state)  # the couplings are then those of this state
     T = motions.coupling()
-    return (T.T @ K @ T + _of_joints(about, model)).tocsr()
+    return (T.T @ K @ T + _joint_part(about, model)).tocsr()
 
 
 def _assembled(dofs: np.ndarray, blocks: np.ndarray, size: int) -> scipy.sparse.csr_matrix:
@@ -50,8 +51,8 @@ def _assembled(dofs: np.ndarray, blocks: np.ndarray, size: int) -> scipy.sparse.
     return scipy.sparse.csr_matrix((blocks.ravel(), (rows, columns)), (size, size))
 
 
-def _of_beams(about: SmallLoads, model: Model) -> scipy.sparse.csr_matrix:
-    """That of N and Q: the second variation of N eps + Q gamma (eqs 9 and 10).
+def _beam_part(about: SmallLoads, model: Model) -> scipy.sparse.csr_matrix:
+    """Part (size, size) of N and Q: the second variation of N eps + Q gamma (eqs 9 and 10).
 
     With t and n along and across the section: N (2 n.du' dpsi - t.phi' dpsi^2) and
     -Q (2 t.du' dpsi + n.phi' dpsi^2).
@@ -65,15 +66,15 @@ def _of_beams(about: SmallLoads, model: Model) -> scipy.sparse.csr_matrix:
     values, slopes = lagrange_and_slopes(np.linspace(0, 1, count), points)
     N, Q = (_slopes_of(about, model, name)[..., None] for name in "NQ")
     X, q = mesh.X[nodes], about.state.q.reshape(-1, 3)[nodes]
-    along = np.einsum("ga,eai->egi", slopes, X)
-    J = np.linalg.norm(along, axis=-1, keepdims=True)
-    x, y = np.moveaxis(along / J, -1, 0)
+    dX = np.einsum("ga,eai->egi", slopes, X)  # J times the tangent
+    J = np.linalg.norm(dX, axis=-1, keepdims=True)
+    x, y = np.moveaxis(dX / J, -1, 0)
     psi = q[..., 2] @ values.T
     c, s = np.cos(psi), np.sin(psi)
     t = np.stack([c * x - s * y, s * x + c * y], axis=-1)
     n = np.stack([-t[..., 1], t[..., 0]], axis=-1)
-    by_J = along + np.einsum("ga,eai->egi", slopes, q[..., :2])  # J phi'
-    turned = -((N * t + Q * n) * by_J).sum(axis=-1)
+    dphi = dX + np.einsum("ga,eai->egi", slopes, q[..., :2])  # J phi'
+    turned = -((N * t + Q * n) * dphi).sum(axis=-1)
     # du' is a slope by J, and the integral has the weight J.
     mixed = np.einsum("g,ga,egi,gb->eaib", weights, slopes, N * n - Q * t, values)
     blocks = np.zeros((len(nodes), count, 3, count, 3))
@@ -86,15 +87,15 @@ def _of_beams(about: SmallLoads, model: Model) -> scipy.sparse.csr_matrix:
 
 def _slopes_of(about: SmallLoads, model: Model, name: str) -> np.ndarray:
     """Resultants (cells, points) by the load factor."""
-    of_beams = []
+    parts = []
     for beam in model.scene.beams:
         rows = getattr(about.solution.resultants(beam), name)
-        of_beams.append(about.slope(rows).reshape(beam.elements, -1))
-    return np.concatenate(of_beams)
+        parts.append(about.slope(rows).reshape(beam.elements, -1))
+    return np.concatenate(parts)
 
 
-def _of_lines(about: SmallLoads, model: Model) -> scipy.sparse.csr_matrix:
-    """That of forces between points and ropes: F / l across each straight part of length l."""
+def _line_part(about: SmallLoads, model: Model) -> scipy.sparse.csr_matrix:
+    """Part (size, size) of lines and ropes: F / l across each straight part of length l."""
     lines, size = model.scene.forces_between, model.size
     if not lines:
         return scipy.sparse.csr_matrix((size, size))
@@ -105,40 +106,34 @@ def _of_lines(about: SmallLoads, model: Model) -> scipy.sparse.csr_matrix:
     dofs, blocks = [], []
     for line in lines:
         places = [positions[p.number] if isinstance(p, Node) else p.position for p in line.points]
-        of_points = [
+        numbers = [
             model.mesh.dofs[p.number][:2] if isinstance(p, Node) else fixed for p in line.points
         ]
         for k, arm in enumerate(np.diff(places, axis=0)):
             length = np.hypot(*arm)
-            across = np.eye(2) - np.outer(arm, arm) / length**2
-            blocks.append(forces[line.number] / length * np.kron([[1, -1], [-1, 1]], across))
-            dofs.append(np.concatenate(of_points[k : k + 2]))
+            normal = np.eye(2) - np.outer(arm, arm) / length**2
+            blocks.append(forces[line.number] / length * np.kron([[1, -1], [-1, 1]], normal))
+            dofs.append(np.concatenate(numbers[k : k + 2]))
     return _assembled(np.array(dofs), np.array(blocks), size + 1)[:size, :size]
 
 
-def _of_joints(about: SmallLoads, model: Model) -> scipy.sparse.csr_matrix:
-    """That of forces in joints with arms: d(Tv(y)^T r)/dy by central differences of Tv."""
+def _joint_part(about: SmallLoads, model: Model) -> scipy.sparse.csr_matrix:
+    """Part of forces r in joints with arms: d(Tv(y)^T r)/dy by central differences of Tv."""
     reduction, state = model.reduction, about.state
     independent = reduction.independent
-    n = len(independent)
     arms = np.zeros(model.size)
     for joint in model.couplings.arm_joints:
         if joint.a is not GROUND:
             arms[rotation_of(joint.a)] = 1.0
     if reduction.couplings.is_selection or not arms.any():
-        return scipy.sparse.csr_matrix((n, n))
-    forces, driven = about.slope(about.forces), np.zeros(reduction.driven)
+        return scipy.sparse.csr_matrix((len(independent),) * 2)
+    r = about.slope(about.forces)
     reduction.begin(state.q, state.slides)
     turning = np.flatnonzero(reduction.moves(arms)[independent])
-    columns = np.zeros((n, len(turning)))
-    for column, unknown in zip(columns.T, independent[turning], strict=True):
-        h = _PART * model.unit_of_unknowns[unknown]
-        for step in (h, -h):
-            y = np.zeros(reduction.free)
-            y[unknown] = step
-            reduction.increment(y, driven)
-            Tv = reduction.coupling(virtual=True)[:, independent]
-            column += Tv.T @ forces / (2 * step)
-    reduction.increment(np.zeros(reduction.free), driven)
-    rows, places = np.divmod(np.arange(columns.size), len(turning))
-    return scipy.sparse.csr_matrix((columns.ravel(), (rows, turning[places])), (n, n))
+
+    def project() -> np.ndarray:
+        return reduction.coupling(virtual=True)[:, independent].T @ r
+
+    y, driven = np.zeros(reduction.free), np.zeros(reduction.driven)
+    steps = _PART * model.unit_of_unknowns[independent]
+    return map_slopes(reduction, project, y, driven, turning, steps)

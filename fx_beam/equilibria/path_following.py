@@ -68,10 +68,9 @@ class PathFollowing:
         else:
             tangent, length = self._start
         self._arc.rising = 1.0 if tangent.load >= 0 else -1.0
-        if not self._ends:
-            for _ in follow(tangent, length, self._advance, self._shorter, (StepFailed, _TooLong)):
-                if self._ends:
-                    return
+        steps = follow(tangent, length, self._advance, self._shorter, (StepFailed, _TooLong))
+        while not self._ends:
+            next(steps)
 
     @property
     def _ends(self) -> bool:

@@ -53,7 +53,7 @@ _FLOWING, _AGAIN = 1e-9, 1e-5
 class Piece(Stretch[State]):
     """The path between two states, by the distance along its tangent at the first one.
 
-    Where the path may have corners or branches, by that along the straight way between them.
+    Where the path may have corners or branches, the straight way between them is the tangent.
     """
 
     def __init__(self, arc: ArcLength, motions: SmallMotions, first: State, second: State):
@@ -69,7 +69,7 @@ class Piece(Stretch[State]):
         if not self.kinked:
             with suppress(StepFailed):  # it is singular: the piece starts at a bifurcation
                 self._tangent = arc.at_start(first, self._tangent)
-        self.length = float(self._tangent.D @ (path.weight * D)) + self._tangent.load * load
+        self.length = path.along(self._tangent, D, load)
         #: Whether something flows in it, and where it begins: at the start itself nothing does.
         self.flows = self.model.flowed(first, second)
         self.first = _FLOWING * self.length if self.flows else 0.0
@@ -79,12 +79,12 @@ class Piece(Stretch[State]):
         with suppress(StepFailed):  # it is singular: the piece ends at a bifurcation
             self.at(self.length)
         gap = self.points.setdefault(self.length, second).q - second.q
-        if not stepper.is_still(gap) and stepper.size(gap) > _AGAIN * stepper.size(D):
+        if not path.is_still(gap) and path.size(gap) > _AGAIN * path.size(D):
             reason = "its end depends on the way, as where materials creep, or others lie beside it"
             raise StepFailed("off the path", reason, D + gap)
 
     def stiffness(self, distance: float) -> csr_matrix:
-        """The tangent at a distance; where something flows, that of going on."""
+        """The tangent K (n, n) at a distance; where something flows, for motions that go on."""
         if distance not in self._tangents:
             if self.flows:
                 K = self._arc.stiffness_at(self._start, self._tangent, distance)
@@ -101,8 +101,8 @@ class Piece(Stretch[State]):
         arc, h = self._arc, _APART * self.length
         start = self._start if low < h else self.at(low)
         tangent = arc.at_start(start, self._tangent)
-        signs, behind = (np.sign(self.model.switches(s)) for s in (start, self.at(high)))
-        changed = signs != behind
+        signs, last = (np.sign(self.model.switches(s)) for s in (start, self.at(high)))
+        changed = signs != last
         for side in (-h, h):
             distances = side * np.arange(_STATES)
             try:
@@ -125,11 +125,11 @@ class Root:
 
     place: float
     state: State
-    #: The tangent there; where it jumps, that of the unstable side.
+    #: The tangent (n, n) there; where it jumps, the tangent of the unstable side.
     stiffness: csr_matrix
     #: The kind of the point.
     kind: str
-    #: Slope of the load factor at it, relative to that of its rise beside it.
+    #: Slope of the load factor there, relative to its mean slope in states before it.
     rise: float = 1.0
 
 
@@ -140,7 +140,7 @@ class Bracket(NamedTuple):
     high: float
     #: How far apart states beside it should be; 0 for a jump at the start of the piece.
     apart: float
-    #: The smaller and the larger number of modes that diverge, or at flutter of those that vibrate.
+    #: The smaller and the larger number of modes that diverge; at flutter, of those that vibrate.
     few: int
     many: int
     flutter: bool = False
@@ -149,7 +149,7 @@ class Bracket(NamedTuple):
 
 
 def brackets_of(piece: Piece, before: int, after: int) -> list[Bracket]:
-    """Where the numbers of modes that grow change, from those in the rows before and after."""
+    """Where the number of modes that grow changes, from its values in the rows before and after."""
     length, low, high, brackets = piece.length, piece.first, piece.length, list[Bracket]()
 
     @functools.cache
@@ -157,7 +157,7 @@ def brackets_of(piece: Piece, before: int, after: int) -> list[Bracket]:
         return piece.motions.growing(piece.at(distance), piece.stiffness(distance))
 
     def intervals(low: float, high: float, exact: float) -> list[tuple[float, float]]:
-        """Those in which the numbers change, by one mode if they are longer than SAME."""
+        """Intervals in which the numbers change, by one mode if longer than SAME."""
         changed = sum(abs(a - b) for a, b in zip(growing(low), growing(high), strict=True))
         if changed == 0:
             return []
@@ -173,19 +173,19 @@ def brackets_of(piece: Piece, before: int, after: int) -> list[Bracket]:
             return [(low, high)]
 
     # A row may lie at a point.
-    beside = _PLACE * _APART * length
-    if (behind := sum(growing(low))) != before:
+    near_end = _PLACE * _APART * length
+    if (count := sum(growing(low))) != before:
         if piece.kinked:
-            few, many = sorted((before, behind))
+            few, many = sorted((before, count))
             brackets.append(Bracket(low, high, 0.0, few, many))
         else:  # and another one just before it
-            near = low - beside
+            near = low - near_end
             low = near if sum(growing(near)) == before else low - _BESIDE_STEP * length
     if abs((ahead := sum(growing(high))) - before) > abs(after - before):
-        high -= beside  # a limit point at its end is one of the next step
+        high -= near_end  # a limit point at its end is one of the next step
     elif ahead != after and not piece.kinked:
         high += _BESIDE_STEP * length
-    places = intervals(low, high, beside)
+    places = intervals(low, high, near_end)
     for place in places:
         gaps = [max(place[0] - b, a - place[1]) for a, b in places]
         apart = _OF_GAP * min([gap for gap in gaps if gap > SAME * length], default=length)
@@ -205,8 +205,8 @@ def root_of(piece: Piece, measure: Callable[[float], float], bracket: Bracket) -
     """Where a measure changes its sign."""
     low, high = bracket.low, bracket.high
     if bracket.flutter:
-        at = bracket.growing
-        return Root(at, piece.at(at), piece.stiffness(at), FLUTTER)
+        place = bracket.growing
+        return Root(place, piece.at(place), piece.stiffness(place), FLUTTER)
     if not bracket.apart:
         if abs(measure(low)) > _LARGE * abs(measure(high)):
             return _jump(piece, measure, 0.0, low, high)
@@ -223,8 +223,8 @@ def root_of(piece: Piece, measure: Callable[[float], float], bracket: Bracket) -
         return _extrapolated(piece, measure, near, apart, _SMOOTH * (high - low))
     except StepFailed:
         near = root_between(measure, low, high, _JUMP * piece.length)
-    beside = _BESIDE * piece.length
-    low, high = max(near - beside, piece.first), min(near + beside, piece.length)
+    side = _BESIDE * piece.length
+    low, high = max(near - side, piece.first), min(near + side, piece.length)
     sizes = [abs(measure(place)) for place in (*ends, low, high)]
     if min(sizes[2:]) > _LARGE * max(sizes[:2]):
         return _jump(piece, measure, near, low, high)
@@ -267,9 +267,9 @@ def _jump(
 def _extrapolated(
     piece: Piece, measure: Callable[[float], float], near: float, apart: float, farthest: float
 ) -> Root:
-    """The root near a distance, from states that are so far apart, on one side of it.
+    """The root near a distance, extrapolated from states on one side, some length `apart`.
 
-    StepFailed if it is not as near as that.
+    StepFailed if it is farther away than `farthest`.
     """
     # There sorted eigenvalues are smooth, also if several vanish at once.
     distances = near + apart * np.arange(1, _STATES + 1)
@@ -286,7 +286,7 @@ def _extrapolated(
     kind = SMOOTH[int(rise > _FLAT * max(1.0, abs(place)))]
     if piece.flows:
         (shares,) = lagrange(scaled, np.array([place]))
-        K = sum(w * piece.stiffness(at) for w, at in zip(shares, distances, strict=True))
+        K = sum(w * piece.stiffness(d) for w, d in zip(shares, distances, strict=True))
     else:
         K = piece.motions.stiffness(state)
     return Root(near + place * apart, state, K, kind, rise)

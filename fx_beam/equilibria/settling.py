@@ -26,10 +26,10 @@ from fx_beam.step.sparse_lu import pivoted_lu
 from fx_beam.step.step_failures import StepFailed
 
 from .free_parts import held_for_nothing, left_by_supports, without_balance
-from .load_steps import LoadStepper
+from .load_steps import LoadStepper, check_circles
 
 # Length that a step should have and may have, in units of the scene and radians.
-_WANTED, _LONGEST = 0.2, 0.5
+_TARGET, _LONGEST = 0.2, 0.5
 # Largest deviation of a step with drag from its predictor, relative to it: it goes straight down.
 _DEVIATION = 1.0
 # Length of a step after which the next one may be without drag; where rigid motions may be left.
@@ -52,7 +52,7 @@ _NEUTRAL, _CARRIED = 1e-6, 1e-6
 
 
 class Settling:
-    """Finds the equilibrium of a mechanism at a load factor; errors say `why` it is one."""
+    """Finds the equilibrium of a mechanism at a load factor; errors say `why` it moves freely."""
 
     def __init__(self, stepper: LoadStepper, why: str = ""):
         self._why = why or stepper.model.mechanism
@@ -69,7 +69,7 @@ class Settling:
             raise self._error(why)
         enough = _SHORTER if largest and left_by_supports(self.model, first).size else _SHORT
         # Where no force moves it, prestress may hold it.
-        drag = (largest or _LITTLE * self._largest(self.stepper.motions.stiffness(state))) / _WANTED
+        drag = (largest or _LITTLE * self._largest(self.stepper.motions.stiffness(state))) / _TARGET
         short, moved = False, np.inf
         for _ in range(_MOST if drag else 0):
             loop.drag_weight[:], loop.drag = self._weights, drag
@@ -89,7 +89,7 @@ class Settling:
             if self._size(state.q - first) > _FAR:
                 raise self._error("under its loads it moves on without an end")
             short = moved <= enough
-            drag *= min(1.0, max(0.1, moved / _WANTED))
+            drag *= min(1.0, max(0.1, moved / _TARGET))
         else:
             lost = "under its loads it finds no equilibrium" + f" ({failed})" * bool(failed)
             raise self._error(lost if drag else _NO_LOAD)
@@ -97,14 +97,14 @@ class Settling:
         return state.changed(work=work)
 
     def hold_rigid_motions(self, state: State, largest: float) -> None:
-        """Drag on those alone that meet no force, beside a load, at as many degrees of freedom."""
+        """Drag on rigid motions without force, beside a load, at as many degrees of freedom."""
         loop, motions = self._loop, self.stepper.motions
         loop.drag = 0.0
         K, T = motions.stiffness(state), motions.coupling()
         none = max(_NEUTRAL * largest, _ROUNDING * self._largest(K))
-        if largest and len(held := held_for_nothing(self.model, state.q, K, T, none)):
+        if largest and len(dofs := held_for_nothing(self.model, state.q, K, T, none)):
             loop.drag_weight[:] = 0.0
-            loop.drag_weight[held] = self._weights[held]
+            loop.drag_weight[dofs] = self._weights[dofs]
             loop.drag = self._largest(K)
 
     def check_balance(self, state: State) -> None:
@@ -112,7 +112,7 @@ class Settling:
         if self._loop.drag:
             unit = self.model.unit_of_unknowns[: self.model.reduction.free]
             left = abs(self.stepper.residual(state, state.t) * unit).max(initial=0.0)
-            largest = max(self._load(state, state.t), self.stepper.in_members(state))
+            largest = max(self._load(state, state.t), self.stepper.energies.largest_force(state))
             if left > _CARRIED * largest + 100 * _ROUNDING * self._loop.drag:
                 raise self._error(f"at the load factor {state.t:.4g} they have no balance")
 
@@ -120,8 +120,8 @@ class Settling:
         """Largest load, other force at a node or force without balance, times its unit [J]."""
         balance, unit = self._loop.balance(state, goal), self.model.unit_of_unknowns
         largest = abs(balance.residual[: len(unit)] * unit).max(initial=0.0)
-        forces = self.stepper.forcing.dead(goal), balance.f, balance.r
-        return float(max(largest, *(abs(of * self.model.unit).max() for of in forces)))
+        forces = self.stepper.loop.forcing.dead(goal), balance.f, balance.r
+        return float(max(largest, *(abs(force * self.model.unit).max() for force in forces)))
 
     def _step(self, state: State, goal: float) -> tuple[State, float]:
         """State after a step, and its length; StepFailed if too long, upwards, or over a circle."""
@@ -132,12 +132,12 @@ class Settling:
         # Slip and yielding make a step deviate as well, however short it is.
         if (bent and not self.model.flowed(state, new)) or moved > _LONGEST:
             raise StepFailed("off the path", "the step is too long", step.D)
-        self.stepper.check_circles(state, new)
-        work, gained, rounding = self.stepper.work_and_gain(state, new, step.D)
-        by_drag = self._loop.drag * step.D @ (self._loop.drag_weight * step.D)
+        check_circles(self.model, state, new)
+        work, gained, rounding = self.stepper.energies.work_and_gain(state, new, step.D)
+        taken = self._loop.drag * step.D @ (self._loop.drag_weight * step.D)
         self.stepper.motions.note(new, self._loop)
         saddle = new.unstable_modes and moved > _STILL
-        if saddle or work - gained + rounding < _LEAST_WORK * by_drag:
+        if saddle or work - gained + rounding < _LEAST_WORK * taken:
             raise StepFailed("off the path", "the step goes up", step.D)
         return new, moved
 
@@ -167,8 +167,8 @@ class Settling:
         """SceneError if on an unknown nothing acts, not even the drag."""
         self.stepper.motions.stiffness(state)
         T = self.stepper.motions.coupling()
-        held = T.T @ scipy.sparse.diags(self._weights) @ T
-        if (alone := np.flatnonzero(held.diagonal() == 0)).size:
+        drag = T.T @ scipy.sparse.diags(self._weights) @ T
+        if (alone := np.flatnonzero(drag.diagonal() == 0)).size:
             free = T[:, alone[:1]].toarray().ravel() / self.model.unit
             raise self._error(f"nothing acts on {self.where(free)}", free)
 
@@ -204,7 +204,7 @@ class Settling:
         return node, COMPONENTS[component]
 
     def _error(self, why: str, free: np.ndarray | None = None) -> SceneError:
-        """What is a mechanism, why its loads do not hold it, and a support against a motion."""
+        """That loads do not hold a mechanism, why, and a support against a motion (size,)."""
         support = "" if free is None else f', such as fix(node, "{self._most(free)[1]}"),'
         return SceneError(
             f"{self._why}. Loads may hold such a part, as gravity holds a pendulum, but "

@@ -30,7 +30,7 @@ class SmallLoads:
         path, y = stepper.path, np.zeros(reduction.free)
         path.begin(state)
         #: Whether anything changes with the load factor.
-        self.acts = bool(stepper.forcing.rise.any() or path.balance(y, 0.0)[2].any())
+        self.acts = bool(stepper.loop.forcing.rise.any() or path.balance(y, 0.0)[2].any())
         tangent = path.with_the_load(y, 0.0)
         if not (tangent.load and np.isfinite(tangent.y).all()):
             raise SceneError(f"{what}: the state is at a critical point already. Reduce its loads")

@@ -18,7 +18,7 @@ from fx_beam.step.load_loop import LoadLoop
 from fx_beam.step.sparse_lu import LU, Pattern, null_vectors, pivoted_lu
 from fx_beam.step.undamped_modes import Symmetry, UndampedModes
 
-from .path_equations import BorderedLU
+from .bordered_lu import BorderedLU
 
 # Number of the lowest modes that may grow where forces follow the motion; with so few unknowns the
 # matrices are full.
@@ -59,7 +59,7 @@ class SmallMotions:
         return self._loop.equations.tangent()
 
     def coupling(self) -> scipy.sparse.csr_matrix:
-        """Motions (size, n) of the nodes for those of the unknowns, in the last state."""
+        """T (size, n): motions of all nodes by the unknowns, in the last state."""
         return self.model.reduction.coupling()[:, self.model.reduction.independent]
 
     def symmetric(self, K: scipy.sparse.csr_matrix) -> bool:
@@ -76,7 +76,7 @@ class SmallMotions:
     # -- Forces with a potential ------------------------------------------------------------------
 
     def note(self, state: State, factors: LoadLoop | BorderedLU) -> None:
-        """Let a state know what the factors of its step tell of its stability."""
+        """Set the numbers of negative pivots and unstable modes by the factors of a step."""
         model, reduction = self.model, self.model.reduction
         # Auxiliary unknowns, loops, sliders and members that may touch make them those of another
         # matrix than the tangent.
@@ -127,7 +127,7 @@ class SmallMotions:
         return np.sign(roots) * roots**2, vectors
 
     def vanishing(self, K: scipy.sparse.csr_matrix, several: int, unstable: int) -> np.ndarray:
-        """Vectors (unknowns, several) of those next to zero, beside some that are unstable."""
+        """Vectors (unknowns, several) of eigenvalues next to zero, with so many `unstable` ones."""
         values, vectors = self.lowest(K, unstable + 1)
         return vectors[:, np.sort(np.argsort(abs(values))[:several])]
 
@@ -165,11 +165,11 @@ class SmallMotions:
 
 
 def pairs_and_others(squares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Squares of frequencies of vibrations that grow, the nearest to the real axis first; others.
+    """Complex squares of frequencies, one of each pair, and real ones.
 
-    Of each complex pair one, and the others as real numbers.
+    Pairs are vibrations that grow; the nearest to the real axis is first.
     """
-    beside = squares.imag / abs(squares)
-    pairs = np.flatnonzero(beside > _BESIDE)
-    order = pairs[np.argsort(beside[pairs], kind="stable")]
-    return squares[order], squares.real[abs(beside) <= _BESIDE]
+    sines = squares.imag / abs(squares)
+    pairs = np.flatnonzero(sines > _BESIDE)
+    order = pairs[np.argsort(sines[pairs], kind="stable")]
+    return squares[order], squares.real[abs(sines) <= _BESIDE]

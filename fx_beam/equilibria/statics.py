@@ -15,9 +15,8 @@ from fx_beam.errors import Failure, SceneError, StepError
 from fx_beam.laws.schemes import Equilibrium
 from fx_beam.motions.contact_check import warn_of_places, warn_of_sharp_bends
 from fx_beam.motions.evaluation import solution_of
-from fx_beam.motions.initial_state import reference_state
 from fx_beam.motions.options import check_scene
-from fx_beam.motions.prepared import state_of, stats_of
+from fx_beam.motions.prepared import stats_of
 from fx_beam.motions.progress import attach, attach_partial_result, failure_of, progress_bar
 from fx_beam.motions.set_ups import model_for
 from fx_beam.motions.surroundings import waiting_team, warn_of_equal_work
@@ -35,18 +34,17 @@ from fx_beam.step.recorder import Record, Recorder
 from fx_beam.step.step_failures import StepFailed
 from fx_beam.step.turning_frame import TurningFrame, check_turns
 
-from .branches import Branch, first_step, grow, is_equilibrium
+from .branches import Branch, grow
 from .critical_points import PathStability
 from .crossings import Crossings
 from .first_order import first_order
-from .load_steps import LoadStepper, StaticOptions
-from .path_following import PathFollowing
-from .settling import Settling
+from .load_steps import LoadStepper
+from .path_states import PathStates
+from .small_motions import SmallMotions
+from .static_options import StaticOptions
 
 _log = logging.getLogger("fx_beam")
 _BAR = "{percentage:3.0f}%|{bar}| load factor {n:.3g} [{elapsed}]"
-# A scene that cannot follow even this part of its loads, one in so many, may settle instead.
-_SHORTEST = 100
 
 
 class LoadPath:
@@ -79,12 +77,11 @@ class LoadPath:
         turning = TurningFrame(model, options.spin, options.pivot) if options.spin else None
         self.forcing = LoadForcing(model, options.t, turning)
         self._team = waiting_team(connected) if options.continuation is None else None
-        alone = self._team is None
-        self.stepper = LoadStepper(self.forcing, options, self.stats, alone)
+        self.stepper = LoadStepper(self.forcing, options, self.stats, self._team is None)
         self._crossings = Crossings(self.stepper)
-        if alone:
+        if self._team is None:
             self.stepper.check = self._crossings.check
-        if self._team is not None:
+        else:
             self.stats.solver = f"PETSc on {self._team.size} processes"
         #: Whether it warns if its last row is unstable.
         self.warns = True
@@ -105,7 +102,7 @@ class LoadPath:
         self.states = states = _States(bar)
         try:
             with bar, shared(self._team, self.stepper.loop):
-                self._follow()
+                self._path_states().follow(states, may_settle=self._team is None)
             stopped = stats.closed or (options.stop_at and stats.limit_points)
             if states[-1].t < 1 and not stopped and stats.steps >= options.max_steps:
                 factor, most = states[-1].t, options.max_steps
@@ -114,7 +111,7 @@ class LoadPath:
                 _log.warning(reason)
             solution = self._solution(states)
             if self.warns:
-                self._warn_if_unstable()
+                _warn_if_unstable(self.stepper.motions, states)
             warn_of_places(solution)
             solution.load_path = self
             self.start = isinstance(self.start, Solution) or self.start
@@ -127,6 +124,13 @@ class LoadPath:
                 warn_of_sharp_bends(error.solution)
             raise
         return solution
+
+    def first_state(self) -> State:
+        """The equilibrium at load factor 0, from which the loads rise."""
+        return self._path_states().first_state()
+
+    def _path_states(self) -> PathStates:
+        return PathStates(self._crossings.arc, self.start)
 
     def first_order(self) -> Solution:
         """The solution by small displacements about the reference."""
@@ -144,149 +148,11 @@ class LoadPath:
         solution.loads_on_nodes = self._loads_on_nodes
         return solution
 
-    def _warn_if_unstable(self) -> None:
-        """Say that the path ends in an equilibrium that is unstable."""
-        last = self.states[-1]
-        if count := self.stepper.motions.count(last, self.states[-2:][0]):
-            _log.warning(
-                "static: the equilibrium at load factor %g, the last row, is unstable: %d of its "
-                "modes %s. See critical_points: a path of stable ones may branch off there "
-                "(branch); or place the parts, or a small load, a little to one side",
-                *(last.t, count, "grows" if count == 1 else "grow"),
-            )
-
-    # -- States -----------------------------------------------------------------------------------
-
-    def _follow(self) -> None:
-        """Append all states."""
-        stepper, states = self.stepper, self.states
-        if isinstance(self.start, Branch):
-            self._branch_off(self.start)
-            return
-        model, works = self.model, self.model.scene.virtual_works
-        if works and model.mechanism and Settling(stepper).freest(reference_state(model)) is None:
-            model.mechanism = ""  # they hold it
-        states.append(self.first_state())
-        self._raise_load()
-        if model.mechanism:
-            Settling(stepper).check_balance(states[-1])
-
-    def first_state(self) -> State:
-        """The equilibrium at load factor 0, from which the loads rise."""
-        if self.model.mechanism:
-            return self._settled()
-        if self.start is None:
-            return self._first_state()
-        return self.stepper.start_from(self._at_rest(self.start))
-
-    def _raise_load(self) -> None:
-        """Append the states up to load factor 1.
-
-        Those of a scene of so little stiffness that no step follows a small part of its loads, such
-        as a cable that is not drawn as it hangs, settle as those of a mechanism.
-        """
-        stepper, states, options, slack = self.stepper, self.states, self.options, False
-        may_settle = self._team is None and self.start is None and not self.model.mechanism
-        may_settle &= options.load_steps * 2**options.max_cuts >= _SHORTEST
-        while True:
-            try:
-                if options.continuation is None:
-                    stepper.raise_load(states)
-                else:
-                    PathFollowing(self._crossings.arc, states).run()
-                return
-            except StepError as error:
-                # What has followed its loads for a while is not slack.
-                if not (may_settle and (slack or len(states) == 1)):
-                    raise
-                settled = self._settled_again(states[-1], error)
-                if not slack:
-                    states.clear()
-                states.append(settled)
-                slack = True
-
-    def _settled_again(self, state: State, error: StepError) -> State:
-        """The state at the end of the load step of an error, if it is stable; else the error."""
-        path, steps = self.stepper.path, self.options.load_steps
-        held, path.held = path.held, 0 * path.held
-        with suppress(SceneError):
-            goal = (np.floor(state.t * steps + 1e-9) + 1) / steps
-            new = Settling(self.stepper, str(error)).settled(state, float(goal))
-            if not self.stepper.motions.count(new, new):
-                return new
-        path.held = held
-        raise error
-
-    def _branch_off(self, start: Branch) -> None:
-        """Append the states of a branch."""
-        stepper, states = self.stepper, self.states
-        arc, point = self._crossings.arc, start.point
-        if not self.model.mechanism:
-            stepper.hold_reference()
-        state = replace(self._at_rest(point.solution), t=point.load_factor)
-        if self.model.mechanism:
-            Settling(stepper).hold_rigid_motions(state, stepper.in_members(state))
-        if not is_equilibrium(arc, state):
-            raise SceneError(
-                "static: start is a branch of another path: the bifurcation is no equilibrium of "
-                "this scene. Give scene, t and inputs of its path, one without a start of its own"
-            )
-        states.append(state)
-        try:
-            new, ahead, distance = first_step(arc, state, start.shape.flatten())
-        except StepFailed as failure:
-            raise arc.error(state, failure) from failure
-        self.stats.steps += 1
-        states.append(new)
-        PathFollowing(arc, states, (ahead, distance)).run()
-
-    def _first_state(self) -> State:
-        """That of a scene that has supports, unless laws of springs leave a part without any."""
-        stepper, settling = self.stepper, Settling(self.stepper)
-        try:
-            return stepper.first_state()
-        except StepError as error:
-            free = settling.freest(reference_state(self.model))
-            if error.failure.kind != "singular" or free is None:
-                raise
-            where = settling.where(free)
-            self.model.mechanism = f"Static analysis is singular: without loads {where} is free"
-        stepper.path.held = 0 * stepper.path.held
-        return self._settled()
-
-    def _settled(self) -> State:
-        """The first state of a mechanism, which its loads hold."""
-        stepper, start, settling = self.stepper, self.start, Settling(self.stepper)
-        state = reference_state(self.model)
-        if isinstance(start, Solution):
-            state = self._at_rest(start)
-            settling.hold_rigid_motions(state, stepper.in_members(state))
-            try:
-                return stepper.start_from(state)
-            except StepError:
-                pass  # the forces that held it do not hold it alone
-        return settling.settled(state, 1 / self.options.load_steps)
-
-    def _at_rest(self, start: Solution) -> State:
-        """The last state of a solution, at rest, at load factor 0."""
-        state, rest = state_of(self.model, start), np.zeros(self.model.size)
-        return replace(state, t=0.0, v=rest, a=rest.copy(), parts=None, past=None, inputs=None)
-
-    def _turning(self, state: State) -> State:
-        """A state in its turn, if it turns, with the work that made it turn."""
-        if (frame := self.forcing.turning) is None:
-            return state
-        v = frame.rates(state.q, state.t)
-        a = -state.t * frame.spin**2 * frame.arms(state.q)
-        return replace(state, v=v, a=a, work=state.work + float(v @ (self.model.mass @ v)) / 2)
-
-    # -- The solution -----------------------------------------------------------------------------
-
     def _solution(self, states: list[State]) -> Solution:
         """The solution of some states."""
         stats, model = self.stats, self.model
         stats.seconds, stats.substeps = time.perf_counter() - self._clock, stats.steps
-        turning = [self._turning(state) for state in states]
+        turning = [_turned(state, self.forcing) for state in states]
         recorder = Recorder(model, np.array([state.t for state in states]), Record())
         for state in turning:
             self.stepper.loop.record(state, recorder)
@@ -331,11 +197,32 @@ class LoadPath:
             error.args = (str(error.failure),)
 
 
+def _turned(state: State, forcing: LoadForcing) -> State:
+    """A state with the rates of its frame, if that turns, and the work of spinning it up."""
+    if (frame := forcing.turning) is None:
+        return state
+    v = frame.rates(state.q, state.t)
+    a = -state.t * frame.spin**2 * frame.arms(state.q)
+    return replace(state, v=v, a=a, work=state.work + float(v @ (forcing.model.mass @ v)) / 2)
+
+
+def _warn_if_unstable(motions: SmallMotions, states: list[State]) -> None:
+    """Say that a path ends in an equilibrium that is unstable."""
+    last = states[-1]
+    if count := motions.count(last, states[-2:][0]):
+        _log.warning(
+            "static: the equilibrium at load factor %g, the last row, is unstable: %d of its "
+            "modes %s. See critical_points: a path of stable ones may branch off there "
+            "(branch); or place the parts, or a small load, a little to one side",
+            *(last.t, count, "grows" if count == 1 else "grow"),
+        )
+
+
 def _loads_on_nodes(scene: Scene, start: Any, t: float) -> tuple[list[Any], dict[int, np.ndarray]]:
-    """The forces on nodes at a time, and those that fade from a start, as numbers alone."""
+    """Forces on nodes at a time, and forces that fade from a start, as numbers."""
     with suppress(Exception):  # the run says which function fails at its time
-        forces = (of for of in scene.loads if of.kind == "force")
-        loads = [replace(of, value=constant(of.value(t))) for of in forces]
+        forces = (load for load in scene.loads if load.kind == "force")
+        loads = [replace(force, value=constant(force.value(t))) for force in forces]
         return loads, forces_on_nodes(start, -1) if isinstance(start, Solution) else {}
     return [], {}
 
@@ -492,6 +379,6 @@ def static(
         return LoadPath(scene, options, start).first_order()
     solution = LoadPath(scene, options, start).followed()
     if branches:
-        along = replace(options, continuation="arc-length", branches=0)
-        grow(solution, branches, lambda origin: LoadPath(scene, along, origin).followed(), [])
+        options = replace(options, continuation="arc-length", branches=0)
+        grow(solution, branches, lambda origin: LoadPath(scene, options, origin).followed(), [])
     return solution

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 from mpi4py import MPI
@@ -10,6 +11,7 @@ from petsc4py import PETSc
 import numpy as np
 import scipy.sparse
 
+from fx_beam.coupling.map_slopes import map_slopes
 from fx_beam.fem.mesh import rotation_of
 from fx_beam.scene.joints import GROUND
 
@@ -174,20 +176,10 @@ class JointUnknowns(SharedUnknowns):
         return (A + self._by_turning(y, driven, r)).tocsr() if len(self._moving) else A.tocsr()
 
     def _by_turning(self, y: np.ndarray, driven: np.ndarray, r: np.ndarray) -> Any:
-        """(dTv/dy)^T r, and slopes of forces on slides, by central differences of the map."""
-        reduction, moving = self._reduction, self._moving
-        columns = np.zeros((self.size, len(moving)))
-        for column, unknown in zip(columns.T, self.independent[moving], strict=True):
-            h = _PART * self._form.model.unit_of_unknowns[unknown]
-            for step in (h, -h):
-                beside = y.copy()
-                beside[unknown] += step
-                reduction.increment(beside, driven)
-                column += self.reduced_force(r) / (2 * step)
-        reduction.increment(y, driven)
-        starts = len(moving) * np.arange(self.size + 1)
-        entries = columns.ravel(), np.tile(moving, self.size), starts
-        return scipy.sparse.csr_matrix(entries, (self.size, self.size))
+        """(dTv/dy)^T r, and slopes of forces on slides."""
+        steps = _PART * self._form.model.unit_of_unknowns[self.independent]
+        project = functools.partial(self.reduced_force, r)
+        return map_slopes(self._reduction, project, y, driven, self._moving, steps)
 
     def _which_turn(self) -> np.ndarray:
         """Unknowns that turn arms of joints, close loops, move beams with sliders, or slide."""

@@ -122,9 +122,10 @@ def frequency_response(
     assert at is not None  # it is refused there
     f = checked_frequencies(frequencies, f"{what}: frequencies")
     vibration, values = Vibration(about, what), np.zeros((len(f), len(measured.names)), complex)
-    for row, of in zip(values, f, strict=True):
-        forces = about.T.T @ (force + (2 * np.pi * of) ** 2 * shaking)
-        row[:] = measured.rows @ vibration.at(of).solved(forces) + measured.of_nodes @ moved
+    for row, frequency in zip(values, f, strict=True):
+        forces = about.T.T @ (force + (2 * np.pi * frequency) ** 2 * shaking)
+        motion = vibration.at(frequency).solved(forces)
+        row[:] = measured.rows @ motion + measured.of_nodes @ moved
     return FrequencyResponse(at, f, measured.names, values)
 
 
@@ -132,27 +133,27 @@ class Vibration:
     """K + i w C - w^2 M of small motions about a configuration."""
 
     def __init__(self, about: Linearisation, what: str):
-        self._what, C = what, about.by_rates(what)
+        self._what, C = what, about.damping_matrix(what)
         self._diagonals = about.K.diagonal(), about.M.diagonal()
         # The values of all three in the columns of a common pattern.
         C = 0 * about.K if C is None else C
-        parts, n = [of.tocoo() for of in (about.K, C, about.M)], about.K.shape[0]
-        places = [of.col.astype(np.int64) * n + of.row for of in parts]
+        parts, n = [matrix.tocoo() for matrix in (about.K, C, about.M)], about.K.shape[0]
+        places = [part.col.astype(np.int64) * n + part.row for part in parts]
         pattern = np.unique(np.concatenate(places))
         self._values = np.zeros((3, len(pattern)))
-        for values, of, at in zip(self._values, parts, places, strict=True):
-            np.add.at(values, np.searchsorted(pattern, at), of.data)
+        for values, part, place in zip(self._values, parts, places, strict=True):
+            np.add.at(values, np.searchsorted(pattern, place), part.data)
         columns = np.searchsorted(pattern // n, np.arange(n + 1))
         self._pattern, self._shape = (pattern % n, columns), about.K.shape
         self._symmetry = Symmetry((columns, pattern % n), about.model, about.unknowns)
 
     @cached_property
     def symmetric(self) -> bool:
-        """Whether it is its own transpose, but for round-off."""
+        """Whether K, C and M are symmetric, but for round-off."""
         return all(map(self._symmetry.holds, self._values))
 
     def at(self, frequency: float) -> Vibration:
-        """The same with the factors at a frequency [Hz]."""
+        """Itself, with factors of the matrix at a frequency [Hz]."""
         self._f, w = frequency, 2 * np.pi * frequency
         stiffness, mass = self._diagonals
         self._scale = np.sqrt(abs(stiffness) + w**2 * mass)
@@ -169,14 +170,14 @@ class Vibration:
         """Motions (free, ...) under forces (free, ...), or with the transposed matrix."""
         x = self._lu.solve(force, "T" if transposed else "N")
         # Sizes of real and imaginary parts, which are side by side.
-        scaled = (of.view(float) for of in (self._scale * x.T, force.T / self._scale))
-        motion, load = (np.einsum("...i,...i", of, of) for of in scaled)  # squares
+        scaled = (part.view(float) for part in (self._scale * x.T, force.T / self._scale))
+        motion, load = (np.einsum("...i,...i", part, part) for part in scaled)  # squares
         if not np.all(motion <= _UNBOUNDED**2 * load):
             raise self._unbounded()
         return x
 
-    def by_frequency(self, motion: np.ndarray) -> np.ndarray:
-        """Its derivative by the angular frequency w, times a motion (free,)."""
+    def frequency_slope(self, motion: np.ndarray) -> np.ndarray:
+        """Derivative of the matrix by the angular frequency w, times a motion (free,)."""
         values = np.array([0, 1j, -4 * np.pi * self._f]) @ self._values
         return scipy.sparse.csc_matrix((values, *self._pattern), self._shape) @ motion
 
@@ -191,21 +192,20 @@ class Vibration:
 def checked_frequencies(frequencies, what: str) -> np.ndarray:
     """Frequencies (n,) [Hz]; SceneError for others."""
     f = real_array(frequencies)
-    ok = f.ndim == 1 and f.size and (f >= 0).all() and (f <= LARGEST).all()
-    require(bool(ok), what, frequencies, "a list of numbers [Hz], zero or positive")
+    in_range = f.ndim == 1 and f.size and (f >= 0).all() and (f <= LARGEST).all()
+    require(bool(in_range), what, frequencies, "a list of numbers [Hz], zero or positive")
     return f
 
 
 def nodal_load(about: Linearisation, load, what: str) -> np.ndarray:
     """Complex amplitudes (size,) of the load at the nodes."""
-    ok = isinstance(load, tuple | list) and len(load) == 2
-    expected = "a node and its amplitudes, such as (beam.end, (0.0, 1.0))"
-    require(ok, what, load, expected)
+    is_pair = isinstance(load, tuple | list) and len(load) == 2
+    require(is_pair, what, load, "a node and its amplitudes, such as (beam.end, (0.0, 1.0))")
     node, components = load
     check_node(about.scene, node, what)
     parts = _amplitudes(components)
-    ok = len(parts) in (2, 3)
-    require(ok, f"{what} on {node}", components, "(fx, fy) or (fx, fy, moment)")
+    expected = "(fx, fy) or (fx, fy, moment)"
+    require(len(parts) in (2, 3), f"{what} on {node}", components, expected)
     full = np.zeros(about.model.size, dtype=complex)
     full[about.model.mesh.dofs[node.number][: len(parts)]] = parts
     if not (about.T.T @ full).any():
@@ -219,8 +219,8 @@ def nodal_load(about: Linearisation, load, what: str) -> np.ndarray:
 def base_motion(about: Linearisation, base, what: str) -> np.ndarray:
     """Complex amplitudes (size,) of the motion of all nodes with the base."""
     parts = _amplitudes(base)
-    ok = len(parts) == 2 and bool(parts.any())
-    require(ok, what, base, "the amplitudes (x, y) of its displacement [m], such as (1.0, 0.0)")
+    expected = "the amplitudes (x, y) of its displacement [m], such as (1.0, 0.0)"
+    require(len(parts) == 2 and bool(parts.any()), what, base, expected)
     if about.frame is not None:
         raise SceneError(
             f"{what}: the state turns, and a base that shakes in one direction of space has two "
@@ -234,11 +234,11 @@ def base_motion(about: Linearisation, base, what: str) -> np.ndarray:
 
 def _amplitudes(components) -> np.ndarray:
     """Complex numbers (n,); an empty array for what is no row of finite ones."""
-    given = components if isinstance(components, list | tuple) or np.ndim(components) else ()
-    pairs = [(x.real, x.imag) if np.iscomplexobj(x) else (x, 0.0) for x in given]
+    row = components if isinstance(components, list | tuple) or np.ndim(components) else ()
+    pairs = [(x.real, x.imag) if np.iscomplexobj(x) else (x, 0.0) for x in row]
     parts = floats(real_array(pairs))
-    fits = parts.ndim == 2 and bool((abs(parts) <= LARGEST).all())
-    return parts @ (1, 1j) if fits else np.empty(0)
+    finite = parts.ndim == 2 and bool((abs(parts) <= LARGEST).all())
+    return parts @ (1, 1j) if finite else np.empty(0)
 
 
 class Measured:
@@ -258,16 +258,16 @@ class Measured:
             if "slide" in free:
                 moves["slide"] = []  # which is an unknown
             if "rotation" in free and not at.on_beam:
-                of = [(node, sign) for node, sign in ends if node is not GROUND]
-                moves["angle"] = [(rotation_of(node), sign) for node, sign in of]
+                turning = [(node, sign) for node, sign in ends if node is not GROUND]
+                moves["angle"] = [(rotation_of(node), sign) for node, sign in turning]
             if not moves:
                 raise SceneError(f"{what}: {at} has no free coordinate. Take one of its nodes")
-        #: Names of the components, and how they follow from the motions of all nodes (m, size).
+        #: Names of the components; matrix (m, size) that gives them from the motion of all nodes.
         self.names, self.of_nodes = tuple(moves), np.zeros((len(moves), model.size))
         for row, parts in zip(self.of_nodes, moves.values(), strict=True):
             for dof, sign in parts:
                 row[dof] = sign
-        #: How they follow from the unknowns (m, free).
+        #: Matrix (m, free) that gives the components from the unknowns.
         self.rows = (about.T.T @ self.of_nodes.T).T
         if "slide" in moves:
             self.rows[0] = about.columns[model.couplings.slides[at.number]].toarray()[0]

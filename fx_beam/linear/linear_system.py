@@ -38,17 +38,16 @@ _DEFINITE = 1e-6
 
 
 class InputColumns:
-    """Forces (columns, m) of the inputs and of their rates; motions of those that drive.
+    """Forces F u + G u' of inputs u (m,) on z: F and G (columns, m); and motions of motors.
 
-    Positions p (k) of driven inputs move the driven columns by `of_positions` (columns, k); their
-    rates are `rates` (k, m) times the inputs.
+    Positions p (k,) of motors move z by P p, P (columns, k); their rates are p' = R u, R (k, m).
     """
 
     def __init__(self, about: Deviations, names: Sequence[str]):
         model, held, free, count = about.model, about.held, len(about.unknowns), about.T.shape[1]
         size = sum(held.widths[name] for name in names)
-        self.forces, self.forces_of_rates = np.zeros((2, count, size))
-        of_driven: list[np.ndarray] = []
+        self.F, self.G = np.zeros((2, count, size))
+        moved: list[np.ndarray] = []
         driven: list[int] = []
         #: Name of each input; with its component where it has two.
         self.labels: list[str] = []
@@ -57,14 +56,14 @@ class InputColumns:
         #: Inputs whose rates have forces: number, place in all inputs, and value in the state.
         self.straining: list[tuple[int, int, float]] = []
         first = dict(zip(held.widths, np.cumsum([0, *held.widths.values()]), strict=False))
-        inside = [*model.forms.parameters.functions, *(of for _, of in model.natural.functions)]
+        strains = (function for _, function in model.natural.functions)
+        inside = [*model.forms.parameters.functions, *strains]
         for name in names:
             parts, width, number = held.parts[name], held.widths[name], len(self.labels)
             self.labels += [name] if width == 1 else [f"{name}.{part}" for part in "xy"]
-            if any(part is of for of in inside for part in parts):
-                self.forces[:, number], of_rate = forces_inside(about, name)
-                self.forces_of_rates[:, number] = of_rate
-                if of_rate.any():
+            if any(part is function for function in inside for part in parts):
+                self.F[:, number], self.G[:, number] = forces_inside(about, name)
+                if self.G[:, number].any():
                     self.straining.append((number, first[name], float(held.values[name][0])))
             elif parts[0].ramps:
                 functions = enumerate(about.forcing.functions)
@@ -78,12 +77,12 @@ class InputColumns:
                     column[free + i] = ramp.scale
                 self.driven.append((ramps[0][0], ramps[0][1].scale))
                 driven.append(number)
-                of_driven.append(column)
+                moved.append(column)
             else:
                 for i, unit in enumerate(np.eye(width), start=number):
-                    self.forces[:, i] = about.T.T @ _force(about, parts, unit)
-        self.of_positions = np.array(of_driven).reshape(-1, count).T
-        self.rates = np.eye(size)[driven]
+                    self.F[:, i] = about.T.T @ _force(about, parts, unit)
+        self.P = np.array(moved).reshape(-1, count).T
+        self.R = np.eye(size)[driven]
 
 
 def _force(about: Deviations, parts: list, unit: np.ndarray) -> np.ndarray:
@@ -105,11 +104,11 @@ def _force(about: Deviations, parts: list, unit: np.ndarray) -> np.ndarray:
 
 
 class FirstOrder:
-    """First-order equations of the deviations, without those of massless unknowns.
+    """x' and the deviations z, as matrices of the states x and the inputs u side by side: (x, u).
 
-    All quantities are rows over the states and the inputs (x, u). Where the rate of an input has a
-    force G u', the rates of masses are v + M^-1 G u and what has damping only is at x + C^-1 G u:
-    so the states v and x have no force of u', and do not jump with u.
+    Unknowns without mass and damping are eliminated. Where the rate of an input has a force G u',
+    the rates of masses are v + M^-1 G u and what has damping only is at x + C^-1 G u: so the states
+    v and x have no force of u', and do not jump with u.
     """
 
     def __init__(self, about: Deviations, inputs: InputColumns, what: str):
@@ -117,78 +116,78 @@ class FirstOrder:
         y, unit = slice(free), about.model.unit_of_unknowns[about.unknowns]
         V, masses, damped = _kinds(about.M[y, y], about.C[y, y], unit, what)
         M, C, K = ((V.T @ part[y, y] @ V).tocsr() for part in (about.M, about.C, about.K))
-        of_positions = inputs.of_positions
-        Mp, Cp, Kp = (V.T @ part[y] @ of_positions for part in (about.M, about.C, about.K))
-        F, G = V.T @ inputs.forces[y], inputs.rates
-        of_rates = V.T @ inputs.forces_of_rates[y]
-        one, a, b = slice(masses), slice(masses, masses + damped), slice(masses + damped, free)
-        k, m = G.shape
+        P, R = inputs.P, inputs.R
+        Mp, Cp, Kp = (V.T @ part[y] @ P for part in (about.M, about.C, about.K))
+        F, G = V.T @ inputs.F[y], V.T @ inputs.G[y]
+        # Unknowns with mass, with damping only, and with neither.
+        h, a, b = slice(masses), slice(masses, masses + damped), slice(masses + damped, free)
+        k, m = R.shape
         counts = np.cumsum([0, masses, damped, k, masses, m])
         eye = np.eye(counts[-1])
-        y1, ya, p, s, u = (eye[i:j] for i, j in zip(counts[:-1], counts[1:], strict=True))
-        by_mass = scipy.sparse.linalg.splu(M[one, one].tocsc()).solve if masses else np.copy
+        yh, ya, p, s, u = (eye[i:j] for i, j in zip(counts[:-1], counts[1:], strict=True))
+        over_mass = scipy.sparse.linalg.splu(M[h, h].tocsc()).solve if masses else np.copy
         solve, C_a, K_b = np.linalg.solve, C[a, a].toarray(), K[b, b].toarray()
-        dp = G @ u
-        self.moved = by_mass(Mp[one])
+        dp = R @ u
+        self.moved = over_mass(Mp[h])
         #: Jumps of what has damping only, and of the rates of masses, with the inputs.
-        self.shifts = solve(C_a, of_rates[a])
-        impulses = of_rates[one] - C[one, a] @ self.shifts
-        self.kicks = by_mass(impulses)
-        dy1 = s + self.kicks @ u - self.moved @ dp
+        self.shifts = solve(C_a, G[a])
+        self.kicks = over_mass(G[h] - C[h, a] @ self.shifts)
+        dyh = s + self.kicks @ u - self.moved @ dp
         ya = ya + self.shifts @ u
         try:
-            held = solve(K_b, np.column_stack([F[b], K[b, : b.start].toarray(), Kp[b]]))
+            answers = solve(K_b, np.column_stack([F[b], K[b, : b.start].toarray(), Kp[b]]))
         except np.linalg.LinAlgError as error:
             raise SceneError(
                 f"{what}: a part without mass and damping moves freely. Give it mass or a support"
             ) from error
-        jump, by_1, by_a, by_p = np.split(held, np.cumsum([m, masses, damped]), axis=1)
-        yb = jump @ u - by_1 @ y1 - by_a @ ya - by_p @ p
+        # K_b yb = F u - K (yh, ya) - Kp p.
+        Bu, Bh, Ba, Bp = np.split(answers, np.cumsum([m, masses, damped]), axis=1)
+        yb = Bu @ u - Bh @ yh - Ba @ ya - Bp @ p
 
         def force(rows: slice) -> np.ndarray:
-            elastic = K[rows, one] @ y1 + K[rows, a] @ ya + K[rows, b] @ yb + Kp[rows] @ p
-            return F[rows] @ u - elastic - C[rows, one] @ dy1 - Cp[rows] @ dp
+            elastic = K[rows, h] @ yh + K[rows, a] @ ya + K[rows, b] @ yb + Kp[rows] @ p
+            return F[rows] @ u - elastic - C[rows, h] @ dyh - Cp[rows] @ dp
 
         dya = solve(C_a, force(a))
-        ds = by_mass(force(one) - C[one, a] @ dya)
-        dyb = -by_1 @ dy1 - by_a @ dya - by_p @ dp
-        self.dx = np.vstack([dy1, dya, dp, ds])
-        moved = np.zeros((len(of_positions), counts[-1]))
-        moved[y] = V @ np.vstack([y1, ya, yb])
-        self.z = moved + of_positions @ p
+        ds = over_mass(force(h) - C[h, a] @ dya)
+        dyb = -Bh @ dyh - Ba @ dya - Bp @ dp
+        self.dx = np.vstack([dyh, dya, dp, ds])
+        moved = np.zeros((len(P), counts[-1]))
+        moved[y] = V @ np.vstack([yh, ya, yb])
+        self.z = moved + P @ p
         rates = np.zeros_like(moved)
-        rates[y] = V @ np.vstack([dy1, dya, dyb])
-        self.dz = rates + of_positions @ dp
+        rates[y] = V @ np.vstack([dyh, dya, dyb])
+        self.dz = rates + P @ dp
         #: Jumps (free, m) of the unknowns with the inputs.
-        self.jumps = V[:, a] @ self.shifts + V[:, b] @ (jump - by_a @ self.shifts)
+        self.jumps = V[:, a] @ self.shifts + V[:, b] @ (Bu - Ba @ self.shifts)
         self._inverse = V if masses == free else np.linalg.inv(V.toarray())
-        self._one, self._a = one, a
+        self._h, self._a = h, a
         self._reading = Reading(about, inputs.driven, inputs.straining, m)
         #: Matrix (n, states) that gives the states of this system.
         self._states = np.eye(len(self.dx))
 
     def projected(self, W: np.ndarray) -> FirstOrder:
-        """With fewer states, W (n, states) times these."""
+        """The system of fewer states W x, W (n, states)."""
         fewer = copy(self)
         fewer._states = W @ self._states
         return fewer
 
     def deviation(self, q: np.ndarray, v: np.ndarray, slides: np.ndarray, end: State) -> np.ndarray:
-        """States of a motion: displacements (nodes, 3), rates, slides (joints,), and time [s].
+        """States x of a motion: displacements (nodes, 3), rates, slides (joints,), and time [s].
 
-        Also the values of all inputs, where the force of a rate of theirs is known.
+        With the inputs at its end, where a force follows from their rates.
         """
         y, dy, p, dp, u = self._reading.read(q, v, slides, end)
         y, dy = self._inverse @ y, self._inverse @ dy
         slow = y[self._a] - self.shifts @ u
-        rates_of_masses = dy[self._one] + self.moved @ dp - self.kicks @ u
-        return self._states @ np.concatenate([y[self._one], slow, p, rates_of_masses])
+        rates = dy[self._h] + self.moved @ dp - self.kicks @ u
+        return self._states @ np.concatenate([y[self._h], slow, p, rates])
 
 
 def _kinds(
     M: scipy.sparse.csr_matrix, C: scipy.sparse.csr_matrix, unit: np.ndarray, what: str
 ) -> tuple[scipy.sparse.csr_matrix, int, int]:
-    """A basis (free, free): unknowns with mass, with damping only, with neither; how many."""
+    """Basis V (free, free) of unknowns with mass, with damping only, with neither; two numbers."""
     heavy, count = have_mass(M.diagonal(), unit), M.shape[0]
     if heavy.all() and _are_definite(M):
         return scipy.sparse.identity(count, format="csr"), count, 0
@@ -208,7 +207,7 @@ def _kinds(
 
 
 def _are_definite(M: scipy.sparse.csr_matrix) -> bool:
-    """Whether no combination of unknowns is without mass, nor nearly so, by factors of the mass."""
+    """Whether each motion has mass, by the factors of a mass matrix."""
     S = scipy.sparse.diags(M.diagonal() ** -0.5)
     options = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0}
     try:
@@ -222,7 +221,8 @@ def _are_definite(M: scipy.sparse.csr_matrix) -> bool:
 
 # Quantities that are linearised: places and rates of nodes and joints.
 _OF_MOTION = "q", "slides", "v"
-_LINEAR = [name for name, of in (OF_NODES | OF_JOINTS).items() if of.of in _OF_MOTION]
+_KINDS = (OF_NODES | OF_JOINTS).items()
+_LINEAR = [name for name, quantity in _KINDS if quantity.of in _OF_MOTION]
 
 
 @dataclass(frozen=True, repr=False)
@@ -333,8 +333,8 @@ class LinearSystem:
         array([3.52, 3.52])
         """
         states = len(self.A)
-        ok = is_whole(n, 1, states - 1)
-        require(ok, "slowest: n", n, f"a whole number below that of the states, {states}")
+        expected = f"a whole number below that of the states, {states}"
+        require(is_whole(n, 1, states - 1), "slowest: n", n, expected)
         # Balanced, so that rounding errors of fast modes do not hide the slow ones.
         A, scale = scipy.linalg.matrix_balance(self.A, permute=False)
         scale = scale.diagonal()
@@ -351,10 +351,9 @@ class LinearSystem:
         V, W = right[:, :count], left[:, :count].T
         W = np.linalg.solve(W @ V, W)
         fast = B - V @ (W @ B)
-        held = np.linalg.solve(A - V @ (W @ A) + bound * V @ W, fast)
-        reduction = self.reduction.projected(W / scale)
-        given = {"A": W @ A @ V, "B": W @ B, "C": C @ V, "D": self.D - C @ held}
-        return replace(self, reduction=reduction, **given)
+        answer = np.linalg.solve(A - V @ (W @ A) + bound * V @ W, fast)
+        matrices = {"A": W @ A @ V, "B": W @ B, "C": C @ V, "D": self.D - C @ answer}
+        return replace(self, reduction=self.reduction.projected(W / scale), **matrices)
 
     def deviation(self, of: Motion | Solution) -> np.ndarray:
         """States x of a motion, for feedback of all states.
@@ -374,11 +373,11 @@ class LinearSystem:
         SceneError
             If it is neither, or of another scene.
         """
-        ok = isinstance(of, Motion | Solution)
-        require(ok, "deviation: of", of, "a Motion or a Solution of the scene")
-        at = of.state if isinstance(of, Motion) else of
-        q, v, end = at.recorded("q")[-1], at.recorded("v")[-1], end_of(at)
-        return self.reduction.deviation(q, v, at.slides[-1], end)
+        expected = "a Motion or a Solution of the scene"
+        require(isinstance(of, Motion | Solution), "deviation: of", of, expected)
+        motion = of.state if isinstance(of, Motion) else of
+        q, v = motion.recorded("q")[-1], motion.recorded("v")[-1]
+        return self.reduction.deviation(q, v, motion.slides[-1], end_of(motion))
 
 
 def linearise(
@@ -452,22 +451,22 @@ def linearise(
     """
     what = "linearise"
     check_scene(scene, what)
-    ok = isinstance(state, Motion | Solution | None)
-    require(ok, f"{what}: state", state, "a Solution or a Motion of the scene")
+    expected = "a Solution or a Motion of the scene"
+    require(isinstance(state, Motion | Solution | None), f"{what}: state", state, expected)
     outputs = {} if outputs is None else outputs
     check_outputs(scene, outputs, f"{what}: outputs")
-    known = widths(scene)
-    names = list(known) if inputs is None else inputs
-    ok = isinstance(names, Sequence) and not isinstance(names, str)
-    ok = ok and all(isinstance(name, str) for name in names)
-    require(ok, f"{what}: inputs", inputs, "a sequence of names")
-    check_names(names, known, f"{what}: inputs")
+    all_names = widths(scene)
+    names = list(all_names) if inputs is None else inputs
+    is_list = isinstance(names, Sequence) and not isinstance(names, str)
+    are_names = is_list and all(isinstance(name, str) for name in names)
+    require(are_names, f"{what}: inputs", inputs, "a sequence of names")
+    check_names(names, all_names, f"{what}: inputs")
     about = deviations(scene, state.state if isinstance(state, Motion) else state, what)
     driving = InputColumns(about, names)
     reduced = FirstOrder(about, driving, what)
-    rows, of_rates, labels = _outputs(about, outputs, what)
-    CD = rows @ reduced.z + of_rates @ reduced.dz
-    improper = abs(of_rates[:, : len(about.unknowns)] @ reduced.jumps)
+    rows, rate_rows, labels = _outputs(about, outputs, what)
+    CD = rows @ reduced.z + rate_rows @ reduced.dz
+    improper = abs(rate_rows[:, : len(about.unknowns)] @ reduced.jumps)
     if improper.size and improper.max() > _NONE * abs(CD).max():
         label = labels[int(improper.max(axis=1).argmax())]
         raise SceneError(
@@ -481,7 +480,7 @@ def linearise(
 
 
 def _outputs(about: Deviations, outputs: Mapping[str, Output], what: str):
-    """Rows (k, columns) over deviations and over their rates, and names."""
+    """Matrices Y, Y' (k, columns) of outputs Y z + Y' z', and the names of the outputs."""
     both, labels = [np.empty((2, 0, about.T.shape[1]))], list[str]()
     for name, output in outputs.items():
         if output.quantity not in _LINEAR:
@@ -502,8 +501,8 @@ def _rows(about: Deviations, output: Output) -> tuple[np.ndarray, np.ndarray]:
         column = about.model.couplings.slides[output.of.number]
         moved, rates = (part[[column]].toarray() for part in (about.S, about.dS))
     else:
-        of = measured(about.model, output)._replace(added=None)
+        reader = measured(about.model, output)._replace(added=None)
         parts = about.T.toarray(), about.dT.toarray()
-        moved, rates = (np.atleast_2d(of.of(part.T).T) for part in parts)
+        moved, rates = (np.atleast_2d(reader.of(part.T).T) for part in parts)
     # The rate of a position T z is T z' + T' z.
     return (rates, moved) if quantity.of == "v" else (moved, 0 * moved)

@@ -48,8 +48,8 @@ class Linearisation:
     M: scipy.sparse.csr_matrix
     #: Coupling (size, free): motions of the nodes are T times the unknowns.
     T: scipy.sparse.csr_matrix
-    #: The unknowns among those of the model, which has also some that follow to close loops, and
-    #: all columns (columns, free) from the unknowns.
+    #: Numbers (free,) of the unknowns in the model, where others follow to close loops; and the
+    #: matrix (columns, free) that gives all columns of the model from the unknowns.
     unknowns: np.ndarray
     columns: scipy.sparse.csr_matrix
     #: The configuration, at rest in its frame.
@@ -76,7 +76,7 @@ class Linearisation:
             or (beams is not None and beams.facts.needs_rates)  # in statics: of added virtual works
         )
 
-    def by_rates(self, what: str, damped: bool = True) -> scipy.sparse.csr_matrix | None:
+    def damping_matrix(self, what: str, damped: bool = True) -> scipy.sparse.csr_matrix | None:
         """Derivative (free, free) of all forces by the rates, with damping if that counts.
 
         None without any; errors say `what` asks.
@@ -123,7 +123,7 @@ class Linearisation:
 
     @cached_property
     def undamped_modes(self) -> UndampedModes:
-        """Those of mass and the symmetric part of the stiffness."""
+        """Modes of the mass and the symmetric part of the stiffness."""
         if not self.M.data.any():
             raise SceneError("modes: the scene has no mass. Give a section rhoA or add a mass")
         return UndampedModes(self.symmetric, self.M)
@@ -131,8 +131,8 @@ class Linearisation:
 
 def _coordinates(scene: Scene) -> list[Coordinate]:
     """All of the joints and between points of a scene."""
-    of_joints = [c for joint in scene.joints for c in joint.coordinates.values()]
-    return of_joints + [force.on for force in scene.forces_between]
+    joints = [c for joint in scene.joints for c in joint.coordinates.values()]
+    return joints + [force.on for force in scene.forces_between]
 
 
 def check_unknowns(model: Model, what: str) -> None:
@@ -159,7 +159,7 @@ def sized(basis: np.ndarray) -> np.ndarray:
 
 
 def split(A: np.ndarray, basis: np.ndarray, least: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """Parts of a basis (n, k) in which a positive semidefinite matrix is positive, and zero.
+    """Bases (n, k) of the parts of a basis in which a semidefinite A is positive, and zero.
 
     The basis itself where it is all of one kind; diagonals up to the `least` value are zero.
     """
@@ -172,8 +172,8 @@ def split(A: np.ndarray, basis: np.ndarray, least: float = 0.0) -> tuple[np.ndar
     if rank == len(a):
         return basis, basis[:, :0]
     positive, rest = np.split((basis * scale)[:, order - 1], [rank], axis=1)
-    factor, by_rest = np.split(R[:rank], [rank], axis=1)
-    zero = rest - positive @ scipy.linalg.solve_triangular(factor, by_rest)
+    factor, right = np.split(R[:rank], [rank], axis=1)
+    zero = rest - positive @ scipy.linalg.solve_triangular(factor, right)
     return sized(positive), sized(zero)
 
 
@@ -191,13 +191,13 @@ def linearised(
     """
     check_scene(scene, what)
     end = state.end if isinstance(state, Solution) else None
-    at_values = with_values(scene, None if end is None else values_of(end, widths(scene)))
+    with_inputs = with_values(scene, None if end is None else values_of(end, widths(scene)))
     models = {} if models is None else models
     # On a yield surface round-off would say whether something flows.
-    springs = [of.spring for of in _coordinates(scene) if of.spring]
-    flows = any(of.internal for of in [*springs, *(beam.section for beam in scene.beams)])
+    springs = [coordinate.spring for coordinate in _coordinates(scene) if coordinate.spring]
+    flows = any(law.internal for law in [*springs, *(beam.section for beam in scene.beams)])
     kind = {"mobile": True} | ({"instant": True} if flows else {})
-    models["plain"] = lease = model_for(at_values, Equilibrium(), models.get("plain"), **kind)
+    models["plain"] = lease = model_for(with_inputs, Equilibrium(), models.get("plain"), **kind)
     model: Model = lease.set_up
     factor, start = 0.0, reference_state(model)  # an equilibrium without loads
     if state is not None:
@@ -221,9 +221,8 @@ def linearised(
         M = (only @ M @ only).tocsr()
     G = None if frame is None else (np.sqrt(factor) * T.T @ frame.gyroscopic @ T).tocsr()
     columns = reduction.dependence_matrix()[:, unknowns]
-    of_rates = 1.0 if state is None else factor
     matrices = scene, model, K, M, T, unknowns, columns, start, frame, G
-    about = Linearisation(*matrices, of_rates, models)
+    about = Linearisation(*matrices, 1.0 if state is None else factor, models)
     # The largest work of a force at a node in a unit motion of the scene [J].
     largest = max(abs(part * model.unit).max() for part in (balance.f, balance.r, force))
     if not held:
@@ -246,9 +245,9 @@ def turning_frame_of(model: Model, state: Solution, what: str) -> TurningFrame |
 def dead_loads(
     model: Model, state: State, factor: float, frame: TurningFrame | None, added: np.ndarray
 ) -> np.ndarray:
-    """Dead loads (size,) of a state: within a path, which may have begun with others, its own.
+    """Dead loads (size,) of a state at a load factor.
 
-    Forces `added` (size,) are in them there, and those of the frame.
+    Within a path they are the loads that the state has, without `added` (size,) and the frame's.
     """
     if factor == 1 or state.loads is None:
         return factor * Forcing(model).dead(state.t)
@@ -311,10 +310,10 @@ def _check_equilibrium(
         moved[:, :2] = 0.0
     node, component = np.unravel_index(moved.argmax(), moved.shape)
     x, y = model.mesh.X[node]
-    force, of = left[worst] / unit[worst], "N m" if component == 2 else "N"
+    force, name = left[worst] / unit[worst], "N m" if component == 2 else "N"
     raise SceneError(
-        f"{what}: the state is no equilibrium: {force:.3g} {of} in {COMPONENTS[component]} of node "
-        f"{node} at ({x:g}, {y:g}) has no balance; the largest force in the state is "
+        f"{what}: the state is no equilibrium: {force:.3g} {name} in {COMPONENTS[component]} of "
+        f"node {node} at ({x:g}, {y:g}) has no balance; the largest force in the state is "
         f"{largest / model.mesh.size:.3g} N. {_ADVICE}"
     )
 
@@ -324,8 +323,8 @@ def _check_rest(about: Linearisation, state: Solution, what: str) -> None:
     if rates is None or not rates.any():
         return
     model, v = about.model, rates.ravel()
-    at_rest = np.zeros(model.couplings.driven)
-    w = rates_of_columns(model, about.start, v, at_rest)[about.unknowns]
+    driven = np.zeros(model.couplings.driven)
+    w = rates_of_columns(model, about.start, v, driven)[about.unknowns]
     # The amplitude of a vibration that passes with these rates, in units of the scene.
     speed = abs(v / model.unit).max()
     stiffness = abs(w @ (about.K @ w))

@@ -39,19 +39,19 @@ class Damped(NamedTuple):
     vectors: np.ndarray
 
     def only(self, chosen: np.ndarray) -> Damped:
-        """Some of them, by their numbers or a mask."""
+        """The modes of some numbers, or of a mask."""
         return Damped(*(part[..., chosen] for part in self))
 
 
 def _not_rigid(K, C, M, n: int, undamped: np.ndarray, rigid: np.ndarray, unit: float) -> Damped:
-    """The n lowest modes, from vectors (size, m) of undamped ones; `rigid` (size, k) are others.
+    """The n lowest damped modes, from undamped ones (size, m), beside rigid ones (size, k).
 
     `unit` [rad/s] has the size of the lowest angular frequency, but is no root. A Rayleigh-Ritz
     method; inverse iteration at the roots extends its subspace.
     """
     shifted = pivoted_lu(K + unit * C + unit**2 * M)
     Z, zeros = _untouched(C, shifted, rigid, unit)
-    held, scale = M @ Z, (abs(K.diagonal()) + unit**2 * M.diagonal()) ** -0.5
+    MZ, scale = M @ Z, (abs(K.diagonal()) + unit**2 * M.diagonal()) ** -0.5
     relaxing = np.flatnonzero((M.diagonal() == 0) & (C.diagonal() != 0))
     start = [undamped, shifted.solve(C @ undamped), rigid]
     apart = relaxing[: len(relaxing) * (len(relaxing) <= _RELAXING)]
@@ -61,10 +61,10 @@ def _not_rigid(K, C, M, n: int, undamped: np.ndarray, rigid: np.ndarray, unit: f
     for _ in range(_ROUNDS):
         k, c, m = (V.T @ (A @ V) for A in (K, C, M))
         # Rigid motions without damping are double roots at zero: moved away, since they are known.
-        k += (1e3 * unit) ** 2 * (V.T @ held) @ (held.T @ V)
+        k += (1e3 * unit) ** 2 * (V.T @ MZ) @ (MZ.T @ V)
         damped = _roots(k, c, m, unit, zeros, len(relaxing))
         damped = damped._replace(vectors=V @ damped.vectors)
-        moved = (abs(held.T @ damped.vectors) ** 2).sum(axis=0) > 0.5
+        moved = (abs(MZ.T @ damped.vectors) ** 2).sum(axis=0) > 0.5
         damped = damped.only(np.flatnonzero(~moved)[:n])
         close = _CLOSE * abs(damped.values) + _rounding(K, C, damped)
         changes = abs(damped.values[:, None] - values).min(axis=1, initial=np.inf)
@@ -90,10 +90,10 @@ def _rounding(K, C, damped: Damped) -> np.ndarray:
 
 
 def _untouched(C, shifted, R: np.ndarray, unit: float) -> tuple[np.ndarray, int]:
-    """Combinations of rigid modes R (size, m) that C leaves alone, and roots at zero of the others.
+    """Combinations Z (size, k) of rigid modes R with C Z = 0, and roots at zero of the others.
 
-    One that is damped has a single root at zero; one that Coriolis forces turn has two, since
-    another spin is another steady turn.
+    A damped one has a single root at zero; one that Coriolis forces turn has two, since another
+    spin is another steady turn.
     """
     if not R.size:
         return R, 0
@@ -107,9 +107,9 @@ def _untouched(C, shifted, R: np.ndarray, unit: float) -> tuple[np.ndarray, int]
 
 
 def _independent(parts: list[np.ndarray], scale: np.ndarray, apart: np.ndarray) -> np.ndarray:
-    """Basis of the span of columns (size, n), without those that depend on others.
+    """Basis (size, k) of the span of columns (size, n).
 
-    Unknowns `apart` have vectors of their own, so that those without mass have none exactly.
+    Unknowns `apart` have unit vectors of their own: without mass they have a modal mass of zero.
     """
     columns = np.column_stack(parts) / scale[:, None]
     columns[apart] = 0.0
@@ -131,9 +131,10 @@ def _nearer(K, C, M, root: complex, x: np.ndarray) -> np.ndarray:
 
 
 def _roots(k, c, m, unit: float, zeros: int, relaxing: int) -> Damped:
-    """All modes of small dense matrices, lowest first.
+    """All modes of small dense matrices, lowest first, without motions that only decay.
 
-    Without so many `zeros`, simple roots at zero, and at most so many of unknowns `relaxing`.
+    There are so many `zeros`, simple roots at zero, and at most so many unknowns `relaxing`, with
+    damping and without mass.
     """
     c, m = unit * c, unit**2 * m
     basis, has_mass = np.eye(len(m)), m.diagonal() > 0
@@ -213,8 +214,8 @@ def rayleigh(frequencies: Sequence[float], ratios: Sequence[float]) -> tuple[flo
     """
     f = vector(frequencies, 2, "rayleigh: frequencies")
     zeta = vector(ratios, 2, "rayleigh: ratios")
-    ok = f.min() > 0 and f[0] != f[1]
-    require(ok, "rayleigh: frequencies", frequencies, "positive and different")
+    usable = f.min() > 0 and f[0] != f[1]
+    require(usable, "rayleigh: frequencies", frequencies, "positive and different")
     require(zeta.min() >= 0, "rayleigh: ratios", ratios, "zero or positive")
     # alpha + tau omega^2 = 2 zeta omega, with the frequencies in order.
     (w1, z1), (w2, z2) = sorted(zip(2 * np.pi * f, zeta, strict=True))
@@ -290,20 +291,23 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool
     require(is_whole(n, 1), "modes: n", n, "a whole number from 1 on")
     require(is_flag(damping), "modes: damping", damping, "True or False")
     about = linearised(scene, state, "modes")
-    omega, rigid, ratios, roots, vectors = lowest_modes(about, about.by_rates("modes", damping), n)
+    omega, rigid, ratios, roots, vectors = lowest_modes(
+        about, about.damping_matrix("modes", damping), n
+    )
     return modes_of(about.model, about.start.q, about.T @ vectors, omega, rigid, ratios, roots)
 
 
 def lowest_modes(about: Linearisation, C: scipy.sparse.csr_matrix | None, n: int):
     """Angular frequencies, rigid modes, damping ratios, roots and vectors of the n lowest modes.
 
-    C is that of the forces by the rates; None for none.
+    C (free, free) is the derivative of the forces by the rates; None for none.
     """
     undamped, M = about.undamped_modes, about.M
+    if C is not None and not abs(C).max():
+        C = None
     if not about.has_potential:
         return _following(about, C, n)
-    K = about.symmetric
-    if C is None or not abs(C).max():
+    if C is None:
         omega, rigid, vectors = undamped.lowest(n)
         return omega, rigid, np.zeros(len(omega)), np.where(omega < 0, -omega, 1j * omega), vectors
     # All rigid and unstable modes, some that are neither, and more in which damping may show:
@@ -318,18 +322,12 @@ def lowest_modes(about: Linearisation, C: scipy.sparse.csr_matrix | None, n: int
     if np.isinf(unit):
         unit = abs(C.diagonal()).max() / M.diagonal().max()
     still = vectors[:, rigid]
-    damped = _not_rigid(K, C, M, n, vectors[:, ~rigid], still, unit)
-    x = _in_phase(damped.vectors, M)
-    none = np.zeros(still.shape[1])
-    parts = damped.frequencies, damped.ratios, damped.values
-    omega, ratios, roots = (np.concatenate([none, part]) for part in parts)
-    order = np.argsort(omega, kind="stable")[:n]
-    vectors = np.column_stack([still, x])[:, order]
-    return omega[order], order < len(none), ratios[order], roots[order], vectors
+    damped = _not_rigid(about.symmetric, C, M, n, vectors[:, ~rigid], still, unit)
+    return _in_order(damped, M, still, n)
 
 
 def _following(about: Linearisation, C: scipy.sparse.csr_matrix | None, n: int):
-    """The same under forces without a potential: two modes may flutter."""
+    """The n lowest modes under forces without a potential: two modes may flutter."""
     K, M, none = about.K, about.M, np.empty((about.K.shape[0], 0))
     if about.model.points.bristles:
         raise SceneError(
@@ -341,17 +339,27 @@ def _following(about: Linearisation, C: scipy.sparse.csr_matrix | None, n: int):
     # The modes of the symmetric part begin the subspace.
     omega, _, start = about.undamped_modes.lowest(2 * n + 10)
     unit = 0.7 * abs(omega[omega != 0]).min()
-    damps = C is not None and bool(abs(C).max())
-    damped = _not_rigid(K, C if damps else 0 * K, M, n, start, none, unit)
-    ratios, roots = damped.ratios, damped.values
-    if not damps:  # what neither grows nor decays but for round-off
+    damped = _not_rigid(K, 0 * K if C is None else C, M, n, start, none, unit)
+    if C is None:  # what neither grows nor decays but for round-off
+        ratios, roots = damped.ratios, damped.values
         noise = _rounding(K, 0 * K, damped) / abs(roots)
         still = (roots.imag != 0) & (abs(ratios) <= noise)
-        ratios = np.where(still, 0.0, ratios)
         roots = np.where(still, 1j * damped.frequencies, roots)
-    order = np.argsort(damped.frequencies, kind="stable")[:n]
-    rigid, vectors = np.zeros(len(order), dtype=bool), _in_phase(damped.vectors, M)[:, order]
-    return damped.frequencies[order], rigid, ratios[order], roots[order], vectors
+        damped = damped._replace(ratios=np.where(still, 0.0, ratios), values=roots)
+    return _in_order(damped, M, none, n)
+
+
+def _in_order(damped: Damped, M: scipy.sparse.csr_matrix, rigid: np.ndarray, n: int):
+    """The n lowest of damped modes and of rigid ones (size, k), as of `lowest_modes`."""
+    # The phase in which the imaginary part of a vector is smallest.
+    vectors = damped.vectors
+    phases = np.angle(np.einsum("ij,ij->j", vectors, M @ vectors))
+    zeros = np.zeros(rigid.shape[1])
+    parts = damped.frequencies, damped.ratios, damped.values
+    omega, ratios, roots = (np.concatenate([zeros, part]) for part in parts)
+    order = np.argsort(omega, kind="stable")[:n]
+    vectors = np.column_stack([rigid, vectors * np.exp(-0.5j * phases)])[:, order]
+    return omega[order], order < len(zeros), ratios[order], roots[order], vectors
 
 
 def _check_held(K: scipy.sparse.csr_matrix) -> None:
@@ -371,8 +379,3 @@ def _check_held(K: scipy.sparse.csr_matrix) -> None:
             "added virtual work depends on the motion and has no potential. "
             "Support the scene, or take the eigenvalues of linearise(scene, state).A"
         )
-
-
-def _in_phase(x: np.ndarray, M: scipy.sparse.csr_matrix) -> np.ndarray:
-    """Vectors (size, n) in the phase in which their imaginary part is smallest."""
-    return x * np.exp(-0.5j * np.angle(np.einsum("ij,ij->j", x, M @ x)))

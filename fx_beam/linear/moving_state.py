@@ -64,7 +64,7 @@ class Deviations:
     #: The state, and the rates (columns,) in it.
     state: State
     rates: np.ndarray
-    #: Unknowns of the model in z; others follow to close loops.
+    #: Numbers (free,) in the model of the unknowns in z; others follow to close loops.
     unknowns: np.ndarray
     #: Mass, damping and stiffness (columns, columns), those of the unknowns first.
     M: scipy.sparse.csr_matrix
@@ -73,7 +73,7 @@ class Deviations:
     #: Coupling (size, columns) of the nodes, and its derivative by time.
     T: scipy.sparse.csr_matrix
     dT: scipy.sparse.csr_matrix
-    #: The same (all, columns) for all columns of the model.
+    #: Matrix (all, columns) of all columns of the model by z, and its derivative by time.
     S: scipy.sparse.csr_matrix
     dS: scipy.sparse.csr_matrix
     #: The frame in which the state is at rest and z is measured, if it turns, and the load factor.
@@ -82,34 +82,34 @@ class Deviations:
 
     @cached_property
     def rates_from(self) -> np.ndarray:
-        """The matrix (columns, size) that gives rates of z from those of the nodes."""
+        """R (columns, size): z' = R v for rates v of the nodes."""
         return _rates_from(self.model, self.T.toarray())
 
 
-def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
+def deviations(scene: Scene, solution: Solution | None, what: str) -> Deviations:
     """Deviations from the last row of a solution, or from the reference without loads.
 
     T^T (M x'' + f(x, x') - F) = 0 with x = g(z) and T = dg/dz; rates and accelerations of the state
     are kept while its equations are differentiated. A static state that turns rests in its frame.
     """
     held, factor = HeldInputs(scene), 1.0
-    if at is None:
+    if solution is None:
         factor = 0.0
         for i, load in enumerate(held.scene.loads):
             if not isinstance(load.value, InputSignal):
                 held.scene.loads[i] = replace(load, value=constant(0 * load.value(0.0)))
-    elif at.stats.static:
-        factor = float(at.t[-1])
+    elif solution.stats.static:
+        factor = float(solution.t[-1])
     lease, frame = model_for(held.scene, EnergyMomentum(), instant=True), None
     model: Model = lease.set_up
     check_unknowns(model, what)
     forcing = Forcing(model)
     state = reference_state(model)
-    if at is not None:
-        state = state_of(model, at)
+    if solution is not None:
+        state = state_of(model, solution)
         held.resume(forcing, state)
-        state = _with_fitted_rates(model, state, at)
-        frame = turning_frame_of(model, at, what)
+        state = _with_fitted_rates(model, state, solution)
+        frame = turning_frame_of(model, solution, what)
     if frame is not None:
         state = replace(state, v=0 * state.v, a=0 * state.a)
     coupling = _Coupling(model, state)
@@ -121,12 +121,14 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
         w = _rates_from(model, T.toarray()) @ state.v
     (dT, dS), (ddT, _) = map(coupling.parts, coupling.derivatives(w))
     _warn_of_turn(model, state, T, dT, what)
-    strained = None if at is None or at.stats.static else _natural_rates(model, at, what)
+    strained = None
+    if solution is not None and not solution.stats.static:
+        strained = _natural_rates(model, solution, what)
     model.forms.set_load(factor, 0.0)
     f, K, C, pushes, stiff, viscous = _forces(model, state, strained)
     added = model.forms.added_force()
     model.forms.set_load(1.0, 0.0)
-    if at is None:  # loads that depend on rates damp, as in `modes`
+    if solution is None:  # loads that depend on rates damp, as in `modes`
         _, _, C, _, _, viscous = _forces(model, state)
     mass = model.mass
     dead = dead_loads(model, state, factor, frame, added)
@@ -138,7 +140,7 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
     a = _accelerations(model, forcing, state, T, r, S.T @ pushes, dT @ w)
     r += mass @ (T @ a)
     turning, _ = coupling.parts(coupling.derivatives(a)[0])
-    geometric = coupling.of_forces(np.concatenate([r, pushes]))
+    geometric = coupling.force_slopes(np.concatenate([r, pushes]))
     stiff, viscous = scipy.sparse.diags(stiff), scipy.sparse.diags(viscous)
     K = T.T @ (K @ T + C @ dT + mass @ (turning + ddT)) + S.T @ (stiff @ S + viscous @ dS)
     C = T.T @ (C @ T + 2 * (mass @ dT)) + S.T @ (viscous @ S)
@@ -175,21 +177,21 @@ def _warn_of_turn(
         )
 
 
-def _with_fitted_rates(model: Model, state: State, at: Solution) -> State:
+def _with_fitted_rates(model: Model, state: State, solution: Solution) -> State:
     """The state with rates that fit the joints: those of the last row, if they were recorded."""
-    if at.has_rates and at.t[-1] == state.t:
-        state = replace(state, v=at.v[-1].flatten())
+    if solution.has_rates and solution.t[-1] == state.t:
+        state = replace(state, v=solution.v[-1].flatten())
     if not model.fits_rates:
         return state
-    given = np.full((1, model.reduction.driven), np.nan)
-    fit = rate_fit(model).fit(state.q[None], state.v[None], state.slides[None], given)
+    driven = np.full((1, model.reduction.driven), np.nan)
+    fit = rate_fit(model).fit(state.q[None], state.v[None], state.slides[None], driven)
     return replace(state, v=fit.rates[0])
 
 
 def _rates_from(model: Model, T: np.ndarray) -> np.ndarray:
-    """Matrix (columns, size) that gives the rates of z nearest to those of the nodes.
+    """Matrix R (columns, size): z' = R v has T z' nearest to rates v of the nodes.
 
-    Those of nodes without mass count little: they are means over the last step.
+    Rates of nodes without mass count little: they are means over the last step.
     """
     weight = model.mass.diagonal() * model.unit**2
     root = np.sqrt(weight + _LITTLE * (weight.max(initial=0.0) or 1.0)) / model.unit
@@ -197,7 +199,7 @@ def _rates_from(model: Model, T: np.ndarray) -> np.ndarray:
 
 
 class _Coupling:
-    """X: T for the nodes, then S for all columns of the model; and its derivatives along z.
+    """X(z) = (T; S), T (size, columns) of the nodes, S of the model's columns; its derivatives.
 
     z has the independent unknowns, then the driven columns.
     """
@@ -245,7 +247,7 @@ class _Coupling:
         self._at(np.zeros(self.count))
         return first, second
 
-    def of_forces(self, r: np.ndarray) -> scipy.sparse.lil_matrix:
+    def force_slopes(self, r: np.ndarray) -> scipy.sparse.lil_matrix:
         """Derivative of X^T r, for constant forces r of nodes and columns."""
         out = scipy.sparse.lil_matrix((self.count, self.count))
         # The second derivatives are symmetric: X depends on the columns that change with it.
@@ -257,12 +259,14 @@ class _Coupling:
         return out
 
 
-def _natural_rates(model: Model, at: Solution, what: str) -> np.ndarray | None:
+def _natural_rates(model: Model, solution: Solution, what: str) -> np.ndarray | None:
     """Rates (cells, degree, 3) of natural strains [1/s], which damp; None without any."""
     if not model.natural:
         return None
-    t, first = float(at.t[-1]), float(at.t[0]) if len(at.t) > 1 else 0.0  # a state has one row
-    h = max(_MOMENT * abs(t - first) / max(at.stats.steps, 1), _OF_TIME * abs(t)) or _AT_ZERO
+    t = float(solution.t[-1])
+    first = float(solution.t[0]) if len(solution.t) > 1 else 0.0  # a state has one row
+    length = abs(t - first) / max(solution.stats.steps, 1)
+    h = max(_MOMENT * length, _OF_TIME * abs(t)) or _AT_ZERO
     values = np.array([model.natural.at(t + k * h) for k in range(-2, 3)])
     # Over twice the time a smooth function bends four times as much, one with a kink twice.
     weights = [[0, -1, 0, 1, 0], [0, 1, -2, 1, 0], [-1, 4, -6, 4, -1]]
@@ -279,7 +283,7 @@ def _natural_rates(model: Model, at: Solution, what: str) -> np.ndarray | None:
 
 
 def _forces(model: Model, state: State, strained: np.ndarray | None = None):
-    """Internal forces (size,), stiffness and damping; the same (columns,) of those on slides.
+    """Internal forces f (size,), K and C; forces (columns,) on slides, their stiffness and damping.
 
     Natural strains may be `strained` at rates (cells, degree, 3).
     """
@@ -288,14 +292,14 @@ def _forces(model: Model, state: State, strained: np.ndarray | None = None):
     count = model.reduction.columns
 
     def step(dt: float, moving: bool = True):
-        """About the state, half of it before."""
+        """Forces and tangents of a step dt about the state, half of it before."""
         D, slid = moving * dt * state.v, moving * dt * slide_rates
         start = replace(state, q=state.q - D / 2, slides=state.slides - slid / 2)
-        given = model.start_of(start, dt)
+        inputs = model.start_of(start, dt)
         if strained is not None and state.natural is not None:
             first = state.natural - dt / 2 * strained
-            given = given._replace(natural=(first, first + dt * strained))
-        forms.begin(instant(state.t, dt), given)
+            inputs = inputs._replace(natural=(first, first + dt * strained))
+        forms.begin(instant(state.t, dt), inputs)
         f = forms.internal_force(D).copy()
         z = np.zeros(count)
         z[points.columns] = slid[points.slides]
@@ -327,23 +331,23 @@ def _forces(model: Model, state: State, strained: np.ndarray | None = None):
 
 
 def forces_inside(about: Deviations, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Forces (columns,) of an input that sets parameters or natural strains: of its unit and rate.
+    """Forces F, G (columns,) of F u + G u', for an input u of parameters or natural strains.
 
-    Its rate has a force where it strains a material that damps.
+    G is not zero where it strains a material that damps.
     """
     held, natural, state, model = about.held, about.model.natural, about.state, about.model
     value, h = held.values[name], _SMALL * (abs(held.values[name][0]) or 1.0)
     forces, strains = [], []
 
-    def strained(by: np.ndarray) -> np.ndarray:
-        held.set({name: by})
+    def strained(values: np.ndarray) -> np.ndarray:
+        held.set({name: values})
         held.arrive()
         return natural.at(state.t) if natural else np.zeros(3)
 
     try:
-        by_one = abs(strained(value + 1.0) - strained(value)) * (1.0, 1.0, model.mesh.size)
-        if by_one.any():
-            h = max(h, _SMALL / by_one.max())
+        change = abs(strained(value + 1.0) - strained(value)) * (1.0, 1.0, model.mesh.size)
+        if change.any():
+            h = max(h, _SMALL / change.max())
         for changed in (value - h, value + h):
             strains.append(strained(changed))
             if natural:
@@ -368,12 +372,12 @@ def _accelerations(
     state: State,
     T: scipy.sparse.csr_matrix,
     r: np.ndarray,
-    of_springs: np.ndarray,
+    pushes: np.ndarray,
     turning: np.ndarray,
 ) -> np.ndarray:
-    """Accelerations of z: of the unknowns by the equations; of driven motions as in the last step.
+    """Accelerations z'': of unknowns by the equations, of driven motions as in the last step.
 
-    Those of inputs are zero: they go straight.
+    Forces are r (size,) at nodes and pushes (columns,) of springs. Inputs have no acceleration.
     """
     free, mass = len(unknowns := model.reduction.independent), model.mass
     a = np.zeros(T.shape[1])
@@ -385,7 +389,7 @@ def _accelerations(
     for i, function in enumerate(forcing.functions):
         if function.ramps:
             a[free + i] = 0.0
-    force = -(T.T @ (r + mass @ (T @ a)) + of_springs)[:free]
+    force = -(T.T @ (r + mass @ (T @ a)) + pushes)[:free]
     M, unit = (T.T @ (mass @ T)).tocsr()[:free, :free], model.unit_of_unknowns[unknowns]
     a[:free] = acceleration_of(M, force, unit)
     return a

@@ -15,10 +15,10 @@ from .moving_state import Deviations
 
 
 class Reading:
-    """Deviations of a motion from a state; it holds arrays alone, and no model.
+    """Reads deviations of a motion from a state; it holds arrays alone, and no model.
 
-    Of driven inputs it takes the number and factor of their first motion, of those that strain a
-    material their number, their place in all inputs, and their value in the state.
+    `driven` inputs are numbers and factors of their first motions; inputs `straining` a material
+    are their numbers, places in all inputs, and values in the state.
     """
 
     def __init__(
@@ -44,10 +44,10 @@ class Reading:
     def read(
         self, q: np.ndarray, v: np.ndarray, slides: np.ndarray, end: State
     ) -> tuple[np.ndarray, ...]:
-        """Unknowns and their rates, positions of driven inputs and their rates; inputs that strain.
+        """Unknowns y, y', positions p, p' of driven inputs, and inputs u that strain.
 
-        Of displacements (nodes, 3), rates, slides (joints,), and a state with its time [s] and
-        inputs.
+        For displacements q (nodes, 3), rates v, slides (joints,), and a state with its time [s]
+        and inputs.
         """
         if q.size != self._q.size or len(slides) != len(self._slides):
             raise SceneError("deviation: the motion is one of another scene")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,14 +12,15 @@ import scipy.linalg
 
 from fx_beam.errors import SceneError, StepError
 from fx_beam.results.state import State
+from fx_beam.step.newton import newton
 
 from .shooting import Period, Shooting
 from .variables import Directions
 
 _log = logging.getLogger("fx_beam")
 
-# The damping at the begin, and its factors after a success and a failure.
-_DAMPED, _LESS, _MORE = 0.1, 0.1, 10.0
+# The damping at the begin, its factors after a success and a failure, and the largest one.
+_DAMPED, _LESS, _MORE, _LARGEST = 0.1, 0.1, 10.0, 1e6
 #: Singular values of the equations that are round-off, relative to the largest.
 ROUNDING = 1e-13
 # Growth of changes in a period above which they say nothing about the next state.
@@ -32,19 +34,19 @@ _FAR = 3.0
 
 
 class Condition(NamedTuple):
-    """An equation besides that of the period: where a motion begins, or which is wanted."""
+    """An equation besides the gap of the period: where a motion begins, or its energy."""
 
-    #: How far a motion is from it.
+    #: What a motion misses.
     error: Callable[[Period], float]
-    #: Its derivatives (n + 1,) by the directions at its start, and by the parameter's logarithm.
+    #: Derivatives (n + 1,) of it by the directions at the start, and by the parameter's logarithm.
     slopes: Callable[[Period, Directions], np.ndarray]
 
 
 class Closed(NamedTuple):
-    """A periodic motion, with the equations that found it."""
+    """A periodic motion, and its equations."""
 
     period: Period
-    by: Directions
+    directions: Directions
     #: Derivatives (rows, n) of the states after a period and after one step.
     monodromy: np.ndarray
     first_step: np.ndarray
@@ -59,39 +61,42 @@ class NotClosed(RuntimeError):
     """No periodic motion was found."""
 
 
-def _along(period: Period, by: Directions) -> np.ndarray:
-    along = np.append(period.way @ by.matrix, 0.0)
-    return along / np.linalg.norm(along)
+def _on_its_way(period: Period, directions: Directions) -> np.ndarray:
+    row = np.append(period.way @ directions.matrix, 0.0)
+    return row / np.linalg.norm(row)
 
 
 #: That the state does not change along the motion, which only shifts a free motion in time.
-NO_SHIFT = Condition(lambda period: 0.0, _along)
+NO_SHIFT = Condition(lambda period: 0.0, _on_its_way)
 
 
 def plane(
-    shooting: Shooting, scale: np.ndarray, along: np.ndarray, at: Any = 0.0, parameter: float = 1.0
+    shooting: Shooting,
+    scale: np.ndarray,
+    normal: np.ndarray,
+    place: Any = 0.0,
+    parameter: float = 1.0,
 ) -> Condition:
-    """That a motion begins in a plane through the rows `at`, over scales, and a parameter.
+    """That a motion begins in a plane through the rows of a place, over scales, and a parameter.
 
-    It lies across the direction `along` (rows + 1,), whose last entry is for the parameter's
-    logarithm.
+    The last entry of its normal (rows + 1,) is for the parameter's logarithm.
     """
 
     def error(period: Period) -> float:
-        rows = (shooting.variables.rows_of(period.start) - at) / scale
-        return float(along @ np.append(rows, np.log(period.parameter / parameter)))
+        rows = (shooting.variables.rows_of(period.start) - place) / scale
+        return float(normal @ np.append(rows, np.log(period.parameter / parameter)))
 
-    def slopes(period: Period, by: Directions) -> np.ndarray:
-        rows = by.matrix * (by.scale / scale)[:, None]
-        return np.append(along[:-1] @ rows, along[-1])
+    def slopes(period: Period, directions: Directions) -> np.ndarray:
+        rows = directions.matrix * (directions.scale / scale)[:, None]
+        return np.append(normal[:-1] @ rows, normal[-1])
 
     return Condition(error, slopes)
 
 
 def turning_point(shooting: Shooting, like: Period) -> Condition:
-    """That a motion begins where its speed turns, at rest for one that returns on its way.
+    """That a motion begins where its speed turns: at rest, if it returns on its way.
 
-    The accelerations at its start are about those of another motion.
+    The direction of the acceleration there is that of the motion it should be like.
     """
     way = np.where(shooting.variables.are_rates, like.way, 0.0) / np.linalg.norm(like.way)
     return plane(shooting, shooting.variables.scales(like.start, like.length), np.append(way, 0.0))
@@ -100,22 +105,23 @@ def turning_point(shooting: Shooting, like: Period) -> Condition:
 def _with_equations(
     shooting: Shooting, period: Period, phase: Condition | None, varies: bool
 ) -> Closed:
-    by = shooting.variables.directions(period.start, period.length)
-    slopes = shooting.slopes(by.changes, period)
+    directions = shooting.variables.directions(period.start, period.length)
+    slopes = shooting.slopes(directions.changes, period)
     growth = abs(slopes[0]).max()
     if growth > _USEFUL:
         raise SceneError(
             f"{shooting.what}: changes of the state grow {growth:.1e} times in a period: the "
             "motion is chaotic, or strikes. Give the scene damping, or take another start"
         )
-    of_parameter = shooting.by_parameter(period) if varies else np.zeros(len(period.gap))
-    matrix = np.column_stack([slopes[0] - by.matrix, of_parameter])
+    column = shooting.parameter_slope(period) if varies else np.zeros(len(period.gap))
+    matrix = np.column_stack([slopes[0] - directions.matrix, column])
     # What is remembered and does not change, such as plastic strain, is no unknown.
-    constant = (by.independent >= shooting.variables.movable) & ~matrix[by.independent].any(axis=1)
+    independent = directions.independent
+    constant = (independent >= shooting.variables.movable) & ~matrix[independent].any(axis=1)
     matrix[:, np.flatnonzero(constant)] = 0.0
     if phase is not None:
-        matrix = np.vstack([matrix, phase.slopes(period, by)])
-    return Closed(period, by, *slopes, matrix)
+        matrix = np.vstack([matrix, phase.slopes(period, directions)])
+    return Closed(period, directions, *slopes, matrix)
 
 
 def at_rest(shooting: Shooting, start: State, parameter: float) -> Closed | None:
@@ -131,7 +137,7 @@ def close(
     phase: Condition | None,
     conditions: tuple[Condition, ...] = (),
     varies: bool = True,
-    most: int = 40,
+    most: int = 39,
     damping: float = _DAMPED,
 ) -> Closed:
     """The periodic motion near a state; free motions need a `phase`, where they begin.
@@ -139,68 +145,96 @@ def close(
     The parameter `varies`, or is held. Near the motion no `damping` is needed. NotClosed if there
     is none, or StepError.
     """
-    period, closed = shooting.run(start, parameter), None
-    held = conditions if phase is None else (phase, *conditions)
+    search = _Search(shooting, phase, conditions, varies, damping)
+    search.take(shooting.run(start, parameter))
+    iterations, ended_by = 0, "increment"
+    if search.error > search.allowed:
+        iterations, ended_by = newton(search.correct, 1.0, most)
+    if not ended_by:
+        raise search.failure()
+    left_over = search.error if search.error > search.allowed else 0.0
+    return search.closed._replace(iterations=iterations, left_over=left_over)
 
-    def errors(of: Period) -> np.ndarray:
-        return np.array([c.error(of) for c in held])
 
-    def cost(of: Period) -> float:
-        missing = float(np.linalg.norm(np.append(of.gap, errors(of))))
-        if not of.moves or not np.isfinite(missing):
+@dataclass
+class _Search:
+    """Newton's method from motion to motion. A damping grows where a correction does not help."""
+
+    shooting: Shooting
+    phase: Condition | None
+    conditions: tuple[Condition, ...]
+    varies: bool
+    damping: float
+    #: Number of corrections, the least error, and corrections since it was last halved.
+    tries: int = 0
+    best: float = np.inf
+    idle: int = 0
+
+    def take(self, period: Period) -> None:
+        """Go on from a motion over a period; NotClosed if it comes to rest."""
+        self._take(period, self._error_of(period))
+        self.best = self.error
+
+    def _take(self, period: Period, error: float) -> None:
+        #: How far the ends of the motion are apart, relative to its size, and what is allowed.
+        self.period, self.error = period, error
+        self.allowed = max(self.shooting.options.tolerance, _LOST / period.size)
+        #: The motion with its equations.
+        self.closed = _with_equations(self.shooting, period, self.phase, self.varies)
+
+    def _missing(self, period: Period) -> np.ndarray:
+        """The gap of a motion, and how far it is from the conditions."""
+        conditions = self.conditions if self.phase is None else (self.phase, *self.conditions)
+        return np.append(period.gap, [condition.error(period) for condition in conditions])
+
+    def _error_of(self, period: Period) -> float:
+        missing = float(np.linalg.norm(self._missing(period)))
+        if not period.moves or not np.isfinite(missing):
             raise NotClosed(
-                f"{shooting.what}: the scene is at rest, or comes to rest. Start from a motion "
-                "that goes on"
+                f"{self.shooting.what}: the scene is at rest, or comes to rest. Start from a "
+                "motion that goes on"
             )
-        return missing / of.size
+        return missing / period.size
 
-    now, best, idle = cost(period), np.inf, 0
-    for iteration in range(most):
-        if closed is None:
-            closed = _with_equations(shooting, period, phase, varies)
-            rows = [c.slopes(period, closed.by) for c in conditions]
-            matrix = np.vstack([closed.equations, *rows])
-            gap = np.append(period.gap, errors(period))
-        best, idle = (now, 0) if now < best / 2 else (best, idle + 1)
-        small = now <= max(shooting.options.tolerance, _LOST / period.size)
-        if small or (idle >= _IDLE and now < ROUND_OFF):
-            return closed._replace(iterations=iteration, left_over=0.0 if small else now)
-        solve = _damped(matrix, damping)
-        step = solve(gap)
+    def correct(self) -> tuple[float, bool]:
+        """The least error so far, over what is allowed, and whether round-off leaves it."""
+        shooting, period, directions = self.shooting, self.period, self.closed.directions
+        self.tries += 1
+        rows = [condition.slopes(period, directions) for condition in self.conditions]
+        solve = _damped(np.vstack([self.closed.equations, *rows]), self.damping)
+        step = solve(self._missing(period))
         try:
             if abs(step[-1]) > _FAR:
                 raise NotClosed("the period changes too much")
-            moved = shooting.variables.moved(period.start, closed.by, step[:-1])
-            after = shooting.run(moved, period.parameter * np.exp(step[-1]))
-            then = cost(after)
-            left = solve(np.append(after.gap, errors(after)))
+            start = shooting.variables.moved(period.start, directions, step[:-1])
+            new = shooting.run(start, period.parameter * np.exp(step[-1]))
+            error, rest = self._error_of(new), solve(self._missing(new))
             # In stiff scenes the gap may grow on the way to a solution, what is left of steps not.
-            better = bool(np.linalg.norm(left) < np.linalg.norm(step))
+            better = bool(np.linalg.norm(rest) < np.linalg.norm(step))
         except (StepError, NotClosed):
             better = False
         if better:
-            period, now, closed, damping = after, then, None, _LESS * damping
+            self._take(new, error)
+            self.damping *= _LESS
         else:
-            damping = _MORE * max(damping, 1e-8)
-        if damping > 1e6:
-            break
-    advice = ""
-    if now < 1e-3:
-        advice = f". If that is near enough, as with round-off, give tolerance = {2 * now:.0e}"
-    raise NotClosed(
-        f"{shooting.what}: no periodic motion was found in {iteration + 1} iterations: the state "
-        f"after a period is still {now:.1e} of the motion away from that before{advice}"
-    )
+            self.damping = _MORE * max(self.damping, 1e-8)
+        if self.damping > _LARGEST:
+            raise self.failure()
+        halved = self.error < self.best / 2
+        self.best, self.idle = (self.error, 0) if halved else (self.best, self.idle + 1)
+        size = self.error if self.error <= self.allowed else self.best
+        return size / self.allowed, self.idle >= _IDLE and self.error < ROUND_OFF
 
-
-def warn_of_round_off(shooting: Shooting, left_over: Sequence[float]) -> None:
-    """Warn, once, of motions of which round-off leaves more than allowed; others have 0."""
-    if count := np.count_nonzero(left_over):
-        among = f". So it is in {count} of {len(left_over)} motions" * (len(left_over) > 1)
-        _log.warning(
-            "%s: round-off leaves the state after a period %.1e of the motion away from that "
-            "before, where tolerance = %g; a larger tolerance says that this will do%s",
-            *(shooting.what, max(left_over), shooting.options.tolerance, among),
+    def failure(self) -> NotClosed:
+        """That no periodic motion was found."""
+        advice = ""
+        if self.error < 1e-3:
+            tolerance = f"{2 * self.error:.0e}"
+            advice = f". If that is near enough, as with round-off, give tolerance = {tolerance}"
+        return NotClosed(
+            f"{self.shooting.what}: no periodic motion was found in {self.tries} iterations: the "
+            f"state after a period is still {self.error:.1e} of the motion away from that "
+            f"before{advice}"
         )
 
 
@@ -214,3 +248,14 @@ def _damped(matrix: np.ndarray, damping: float) -> Callable[[np.ndarray], np.nda
         return scipy.linalg.lstsq(damped, right, ROUNDING, lapack_driver="gelsy")[0]
 
     return solve
+
+
+def warn_of_round_off(shooting: Shooting, left_over: Sequence[float]) -> None:
+    """Warn once of motions whose gap round-off leaves larger than allowed; others have 0."""
+    if count := np.count_nonzero(left_over):
+        among = f". So it is in {count} of {len(left_over)} motions" * (len(left_over) > 1)
+        _log.warning(
+            "%s: round-off leaves the state after a period %.1e of the motion away from that "
+            "before, where tolerance = %g; a larger tolerance says that this will do%s",
+            *(shooting.what, max(left_over), shooting.options.tolerance, among),
+        )

@@ -29,7 +29,7 @@ _MOVES = 1e-6
 _LONGEST = 1.6
 # Iterations before the family is followed, and the largest number of motions on the way; parts of
 # the amplitude with which it may begin.
-_PATIENCE, _FAR = 25, 60
+_PATIENCE, _FAR = 24, 60
 _SMALL = 0.05, 0.005, 0.0005
 # Largest speed at the start, relative to that of a vibration with the amplitude.
 _AT_REST = 0.01
@@ -38,16 +38,16 @@ _AT_REST = 0.01
 class ModeFamily:
     """Free motions that begin with a mode about an equilibrium, by default the reference.
 
-    Up to that of an amplitude [m or rad] or an energy [J].
+    The last one has an amplitude [m or rad] or an energy [J].
     """
 
     def __init__(self, shooting: Shooting, scene: Scene, state: Solution | None, mode: int):
         self._shooting, options = shooting, shooting.options
         self._begin(scene, state, mode)
         if options.energy is not None:
-            self._amplitude, self._wanted = self._of_energy(options.energy)
+            self._amplitude, self._end = self._small_vibration(options.energy)
         elif options.amplitude is not None:
-            self._amplitude, self._wanted = options.amplitude, self._holds(options.amplitude)
+            self._amplitude, self._end = options.amplitude, self._holds(options.amplitude)
         else:
             raise SceneError(
                 f"{shooting.what}: a mode has a family of motions. Give the amplitude or "
@@ -97,25 +97,25 @@ class ModeFamily:
         def error(period: Period) -> float:
             return float(period.start.q[most] - self._rest.q[most] - amplitude) / unit
 
-        def slopes(period: Period, by: Directions) -> np.ndarray:
-            return np.append(by.changes["q"][:, most], 0.0) / unit
+        def slopes(period: Period, directions: Directions) -> np.ndarray:
+            return np.append(directions.changes["q"][:, most], 0.0) / unit
 
         return Condition(error, slopes)
 
-    def _of_energy(self, energy: float) -> tuple[float, Condition]:
+    def _small_vibration(self, energy: float) -> tuple[float, Condition]:
         """Amplitude of a small vibration with an energy, and the condition that holds it."""
-        shooting, at_rest = self._shooting, self._shooting.variables.energy(self._rest)
-        more = energy - at_rest
+        shooting, least = self._shooting, self._shooting.variables.energy(self._rest)
+        more = energy - least
         if more <= 0:
             raise SceneError(
-                f"{shooting.what}: energy = {energy:g} J must be above that at rest, {at_rest:g} J"
+                f"{shooting.what}: energy = {energy:g} J must be above that at rest, {least:g} J"
             )
-        little = 1e-4 * shooting.model.unit[self.most]
-        of_little = shooting.variables.energy(self._start(little)) - at_rest
-        amplitude = little * float(np.sqrt(more / of_little))
+        small = 1e-4 * shooting.model.unit[self.most]
+        energy_of_small = shooting.variables.energy(self._start(small)) - least
+        amplitude = small * float(np.sqrt(more / energy_of_small))
         return amplitude, holds_energy(shooting, energy, more)
 
-    def _at(self, amplitude: float, expected: Condition) -> Closed:
+    def _at(self, amplitude: float, condition: Condition) -> Closed:
         """The motion that meets a condition, from the mode with an amplitude.
 
         NotClosed if it repeats itself within the period, or passes the amplitude at some speed.
@@ -123,7 +123,7 @@ class ModeFamily:
         shooting, state = self._shooting, self._start(amplitude)
         length = shooting.first_return(state, _LONGEST * self._period) or self._period
         phase = turning_point(shooting, shooting.run(state, length))
-        closed = close(shooting, state, length, phase, (expected,), most=_PATIENCE)
+        closed = close(shooting, state, length, phase, (condition,), most=_PATIENCE)
         start, length, most = closed.period.start, closed.period.length, self.most
         amplitude = abs(start.q[most] - self._rest.q[most])
         moves = abs(start.v[most]) * length / (2 * np.pi) > _AT_REST * amplitude
@@ -137,11 +137,11 @@ class ModeFamily:
     def last(self) -> Closed:
         """The motion of the amplitude or energy."""
         try:
-            return self._at(self._amplitude, self._wanted)
+            return self._at(self._amplitude, self._end)
         except (NotClosed, StepError):
             path = Path(self._shooting, True)
             *_, last = itertools.islice(self.followed(path), _FAR)
-            missing = abs(self._wanted.error(last.period))
+            missing = abs(self._end.error(last.period))
             if missing > max(self._shooting.options.tolerance, ROUND_OFF):
                 raise NotClosed(
                     f"{self._shooting.what}: no motion with this amplitude or energy was found, "
@@ -153,9 +153,9 @@ class ModeFamily:
     def _first(self) -> Closed:
         """A motion of a small amplitude."""
         for part in _SMALL:
-            little = part * self._amplitude
+            amplitude = part * self._amplitude
             with contextlib.suppress(NotClosed, StepError):
-                return self._at(little, self._holds(little))
+                return self._at(amplitude, self._holds(amplitude))
         raise NotClosed(
             f"{self._shooting.what}: no motion of the mode with {_SMALL[-1]:g} of the amplitude "
             "was found, with which its family begins: there is none if energy is lost. Else use "
@@ -168,16 +168,17 @@ class ModeFamily:
         variables = shooting.variables
         yield (shown := first)
         rows = variables.rows_of(first.period.start) - variables.rows_of(self._rest)
-        towards = np.append(rows / first.by.scale / first.period.size, 0.0)
+        towards = np.append(rows / first.directions.scale / first.period.size, 0.0)
         for closed in path.follow(first, towards):
-            before, last = shown.period, closed.period
-            if (beyond := self._wanted.error(last)) >= 0:
+            earlier, last = shown.period, closed.period
+            if (beyond := self._end.error(last)) >= 0:
                 # From `last`, the search may find a larger motion that begins on its way.
-                part = 1 / (1 - beyond / self._wanted.error(before))
-                away = part * (variables.rows_of(last.start) - variables.rows_of(before.start))
-                start = variables.shifted(before.start, away[: shooting.model.couplings.free])
-                length = before.length + part * (last.length - before.length)
-                yield close(shooting, start, length, turning_point(shooting, last), (self._wanted,))
+                part = 1 / (1 - beyond / self._end.error(earlier))
+                rows = variables.rows_of(last.start) - variables.rows_of(earlier.start)
+                y = part * rows[: shooting.model.couplings.free]
+                start = variables.shifted(earlier.start, y)
+                length = earlier.length + part * (last.length - earlier.length)
+                yield close(shooting, start, length, turning_point(shooting, last), (self._end,))
                 return
             yield (shown := closed)
 
@@ -188,7 +189,7 @@ def holds_energy(shooting: Shooting, energy: float, unit: float) -> Condition:
     def error(period: Period) -> float:
         return (shooting.variables.energy(period.start) - energy) / unit
 
-    def slopes(period: Period, by: Directions) -> np.ndarray:
-        return np.append(shooting.variables.slope_of_energy(period.start, by), 0.0) / unit
+    def slopes(period: Period, directions: Directions) -> np.ndarray:
+        return np.append(shooting.variables.slope_of_energy(period.start, directions), 0.0) / unit
 
     return Condition(error, slopes)

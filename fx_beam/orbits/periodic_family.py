@@ -23,7 +23,7 @@ _NEUTRAL = 1e-5
 
 # Most iterations after which steps become longer, most of all, and damping in them; factors of
 # longer and shorter steps, and the shortest one.
-_FEW, _MOST, _DAMPED = 5, 12, 1e-6
+_FEW, _MOST, _DAMPED = 5, 11, 1e-6
 _LONGER, _SHORTER, _SHORTEST = 1.5, 0.4, 1e-4
 # Error of the place of a change of stability, relative to the step in which it is.
 _PLACE = 1e-6
@@ -33,16 +33,16 @@ _BENT, _STRAIGHT = 0.5, 0.7
 
 
 def multipliers_of(closed: Closed) -> np.ndarray:
-    """Multipliers (n,), largest first, of what steps resolve.
+    """Multipliers (n,), largest first, of changes of the state that steps resolve.
 
-    Without changes that turn by more than a quarter in the first step, as those that alternate.
+    Changes that alternate, or turn by more than a quarter in the first step, are left out.
     """
-    independent = closed.by.independent
-    unit = closed.by.matrix[independent]
+    independent = closed.directions.independent
+    unit = closed.directions.matrix[independent]
     values, vectors = np.linalg.eig(np.linalg.solve(unit, closed.monodromy[independent]))
-    after = np.linalg.solve(unit, closed.first_step[independent]) @ vectors
-    along = np.real(np.einsum("ij,ij->j", vectors.conj(), after))
-    slow = values[(along > 0) | (abs(values) < _NEUTRAL)]
+    stepped = np.linalg.solve(unit, closed.first_step[independent]) @ vectors
+    cosines = np.real(np.einsum("ij,ij->j", vectors.conj(), stepped))
+    slow = values[(cosines > 0) | (abs(values) < _NEUTRAL)]
     return slow[np.lexsort((-slow.imag, -abs(slow)))]
 
 
@@ -62,7 +62,7 @@ def instability_of(multipliers: np.ndarray, trivial: int) -> str:
 
 
 def without_trivial(multipliers: np.ndarray, trivial: int) -> np.ndarray:
-    """The others, without those that are 1 of any motion of its kind."""
+    """Multipliers (n,) without the trivial ones: those nearest to 1."""
     return np.delete(multipliers, np.argsort(abs(multipliers - 1))[:trivial])
 
 
@@ -80,7 +80,7 @@ class Cycle(NamedTuple):
     #: What chooses it among its neighbours: "period", "frequency", "energy", "amplitude", "" for
     #: nothing, "arc" for its place in a family, or the kind of a change of stability there.
     chosen_by: str
-    #: How many multipliers are 1 of any such motion.
+    #: Number of multipliers that are 1 in each motion of its kind.
     trivial: int
     #: The degree of freedom whose amplitude chooses it, and the state from which it is measured.
     held: int
@@ -146,22 +146,23 @@ class Path:
 
     def _next(self, now: Closed, tangent: np.ndarray, step: float) -> tuple[Closed, np.ndarray]:
         """The motion after a step, and the direction there; NotClosed if the curve bends away."""
-        period, by, shooting = now.period, now.by, self._shooting
+        period, scale, shooting = now.period, now.directions.scale, self._shooting
         variables = shooting.variables
-        along = _in_rows(now, tangent)
-        away = step * tangent * np.append(np.full(len(tangent) - 1, period.size), 1.0)
-        state = variables.moved(period.start, by, away[:-1])
-        parameter = period.parameter * np.exp(away[-1])
-        across = along * np.append(np.ones(len(by.scale)), period.size)
-        arc = plane(shooting, by.scale, across, variables.rows_of(state), parameter)
+        amounts = step * tangent * np.append(np.full(len(tangent) - 1, period.size), 1.0)
+        state = variables.moved(period.start, now.directions, amounts[:-1])
+        parameter = period.parameter * np.exp(amounts[-1])
+        rows = variables.rows_of(state)
+        ahead = _in_rows(now, tangent)
+        normal = ahead * np.append(np.ones(len(scale)), period.size)
+        arc = plane(shooting, scale, normal, rows, parameter)
         phase = turning_point(shooting, period) if self._free else None
         new = close(shooting, state, parameter, phase, (arc,), most=_MOST, damping=_DAMPED)
-        onwards = _tangent(new, along)
-        beside = (variables.rows_of(new.period.start) - variables.rows_of(state)) / by.scale
-        beside = np.append(beside / period.size, np.log(new.period.parameter / parameter))
-        bend = np.linalg.norm(beside) / step
-        turn = _in_rows(new, onwards) @ along / np.linalg.norm(_in_rows(new, onwards))
-        if bend > _BENT or turn < _STRAIGHT:
+        onwards = _tangent(new, ahead)
+        apart = (variables.rows_of(new.period.start) - rows) / scale / period.size
+        apart = np.append(apart, np.log(new.period.parameter / parameter))
+        direction = _in_rows(new, onwards)
+        cosine = direction @ ahead / np.linalg.norm(direction)
+        if np.linalg.norm(apart) / step > _BENT or cosine < _STRAIGHT:
             raise NotClosed("the curve bends more than steps can follow")
         return new, onwards
 
@@ -181,7 +182,7 @@ class Path:
         return PeriodicFamily(members, self._free, critical)
 
     def _critical(
-        self, before: Closed, tangent: np.ndarray, step: float, after: PeriodicMotion
+        self, before: Closed, tangent: np.ndarray, step: float, behind: PeriodicMotion
     ) -> PeriodicMotion:
         """The motion of a step at which the largest multiplier comes to the unit circle.
 
@@ -194,25 +195,25 @@ class Path:
             return float(abs(multipliers_of(stretch.at(part))).max()) - 1
 
         if self._free:
-            return after
+            return behind
         try:
             closed = stretch.at(root_between(beyond, 0.0, 1.0, _PLACE))
         except (NotClosed, StepError, ValueError):  # ValueError: the same sign at both ends
-            return after
-        kind = after.instability or instability_of(multipliers_of(before), 0)
+            return behind
+        kind = behind.instability or instability_of(multipliers_of(before), 0)
         return motion_of(self._shooting, closed, self._free, kind)
 
 
 def _in_rows(closed: Closed, tangent: np.ndarray) -> np.ndarray:
-    """A change of variables as one of rows, over the size of the motion."""
-    return np.append(closed.by.matrix @ tangent[:-1], tangent[-1])
+    """A direction (rows + 1,) over the size of the motion, from one of variables (n + 1,)."""
+    return np.append(closed.directions.matrix @ tangent[:-1], tangent[-1])
 
 
-def _tangent(closed: Closed, before: np.ndarray) -> np.ndarray:
-    """Direction (n + 1,) of the family, over the size of the motion, on from one of rows."""
+def _tangent(closed: Closed, ahead: np.ndarray) -> np.ndarray:
+    """Direction (n + 1,) of the family, over the size of the motion, with one of rows ahead."""
     size, n = closed.period.size, closed.equations.shape[1]
     matrix = closed.equations * np.append(np.full(n - 1, size), 1.0) / size
-    onwards = np.append(before[:-1] @ closed.by.matrix, before[-1])
+    onwards = np.append(ahead[:-1] @ closed.directions.matrix, ahead[-1])
     right = np.append(np.zeros(len(matrix)), 1.0)
     direction = scipy.linalg.lstsq(np.vstack([matrix, onwards]), right, lapack_driver="gelsy")[0]
     return direction / np.linalg.norm(_in_rows(closed, direction))

@@ -149,7 +149,7 @@ def _from_state(shooting: Shooting, start: Solution | None, period: float | None
             return motion_of(shooting, rest, False)
         if free:
             shooting.check_free()
-        return motion_of(shooting, of_period(shooting, first, period, free), free)
+        return motion_of(shooting, settle_and_close(shooting, first, period, free), free)
     shooting.check_free()
     length = _period_in(start, what)
     conditions = tuple[Condition, ...]()
@@ -160,7 +160,7 @@ def _from_state(shooting: Shooting, start: Solution | None, period: float | None
     return motion_of(shooting, closed, True, "energy" if conditions else "")
 
 
-def of_period(shooting: Shooting, first: State, parameter: float, free: bool) -> Closed:
+def settle_and_close(shooting: Shooting, first: State, parameter: float, free: bool) -> Closed:
     """The motion of a period, or of a frequency of loads.
 
     The search begins again after a motion has settled for some time.
@@ -386,9 +386,10 @@ def forced_response(
     what = "forced_response"
     check_takes(build, "f", f"{what}: build")
     ends = real_array(frequencies)
-    ok = ends.shape == (2,) and ends[0] != ends[1]
-    ok = ok and all(1 / LARGEST <= f <= LARGEST for f in ends)
-    require(ok, f"{what}: frequencies", frequencies, "the first and the last one, positive [Hz]")
+    differ = ends.shape == (2,) and ends[0] != ends[1]
+    in_range = differ and all(1 / LARGEST <= f <= LARGEST for f in ends)
+    expected = "the first and the last one, positive [Hz]"
+    require(in_range, f"{what}: frequencies", frequencies, expected)
     require(is_whole(periods, 1), f"{what}: periods", periods, "a whole number from 1 on")
     first, last = map(float, ends)
     shooting = _OverFrequency(build, first, periods, PeriodicOptions.among(locals()))
@@ -403,16 +404,16 @@ def _between(
 ) -> Iterator[Closed]:
     """Motions from the first frequency on, until the curve leaves the range."""
     first, last = ends
-    begin = of_period(shooting, state, first, False)
+    begin = settle_and_close(shooting, state, first, False)
     # The derivative by the frequency, which the first motion has been found without.
-    column = shooting.by_parameter(begin.period)
+    column = shooting.parameter_slope(begin.period)
     begin = begin._replace(equations=np.column_stack([begin.equations[:, :-1], column]))
     yield begin
-    towards = np.append(np.zeros(len(begin.by.scale)), np.sign(last - first))
+    towards = np.append(np.zeros(len(begin.directions.scale)), np.sign(last - first))
     for closed in path.follow(begin, towards):
-        at = closed.period.parameter
-        if not min(ends) <= at <= max(ends):
-            end = min(max(at, min(ends)), max(ends))
-            yield of_period(shooting, closed.period.start, end, False)
+        frequency = closed.period.parameter
+        if not min(ends) <= frequency <= max(ends):
+            end = min(max(frequency, min(ends)), max(ends))
+            yield settle_and_close(shooting, closed.period.start, end, False)
             return
         yield closed

@@ -45,12 +45,12 @@ _FINE = 200
 # So many times the steps show whether a motion repeats itself within a period: where it comes back
 # to this part of its size.
 _FINER, _SAME = 4, 0.03
-_OF_TIME = "loads", "driven", "follower force", "parameters", "naturals"
+_TIME_FUNCTIONS = "loads", "driven", "follower force", "parameters", "naturals"
 
 
 @dataclass(frozen=True, kw_only=True)
 class PeriodicOptions(CommonOptions):
-    """Those of periodic motions and their families."""
+    """Options of periodic motions and their families."""
 
     scheme: Scheme | None = None
     steps: int = whole(9, default=201)
@@ -80,8 +80,8 @@ class Period(NamedTuple):
     length: float
     #: The state at its end, as the start of the next period: without full turns.
     end: State
-    #: How far its rows are from those of the start, the largest distance from there in between, and
-    #: the changes in the first and in the last step; over the scales.
+    #: Rows (rows,) at the end less those at the start, the largest distance of a row from the
+    #: start, and the changes (rows,) in the first and in the last step; over the scales.
     gap: np.ndarray
     size: float
     way: np.ndarray
@@ -114,8 +114,8 @@ class Shooting:
     ):
         check_scene(scene, what := options.what)
         self.options, self.steps, self.what = options, int(options.steps), what
-        given = {"what": what, "scheme": options.scheme, "newton": options.newton}
-        self.prepared = prepare(scene, Options(**given, max_halvings=0))
+        steps = {"scheme": options.scheme, "newton": options.newton, "max_halvings": 0}
+        self.prepared = prepare(scene, Options(what=what, **steps))
         self.model = model = self.prepared.model
         check_unknowns(model, what)
         loop = self.prepared.loop
@@ -133,10 +133,10 @@ class Shooting:
     def check_free(self) -> None:
         """Refuse what takes energy from any motion, if no loads give it back."""
         if self.variables.remembers:
-            by_joints = self.model.points.follow_joints
-            taking = "friction of joints" if by_joints else self.model.scheme.name
+            friction = self.model.points.follow_joints
+            loss = "friction of joints" if friction else self.model.scheme.name
             raise SceneError(
-                f"{self.what}: {taking} takes energy from a free motion, which then does not "
+                f"{self.what}: {loss} takes energy from a free motion, which then does not "
                 "repeat itself. Use EnergyMomentum without friction, or give loads"
             )
 
@@ -167,8 +167,8 @@ class Shooting:
         if self.model.keeps_previous and state.q_previous is not None:
             state = state.changed(length=length / self.steps)
         last = self._advance(state, _times(state, length, self.steps))
-        turns, of = np.zeros(self.model.size), self.model.turns  # full ones of rotations
-        turns[of] = 2 * np.pi * np.round((last.q - state.q)[of] / (2 * np.pi))
+        turns, rotations = np.zeros(self.model.size), self.model.turns  # full turns
+        turns[rotations] = 2 * np.pi * np.round((last.q - state.q)[rotations] / (2 * np.pi))
         end = self._at_start(TurnCounter.without(turns, last).changed(t=state.t))
         variables = self.variables
         scale, first = variables.scales(state, length), variables.rows_of(state)
@@ -202,24 +202,24 @@ class Shooting:
     def slopes(
         self, changes: Mapping[str, np.ndarray], period: Period
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives (rows, n) of the states after the last run, and after its first step.
+        """Derivatives (rows, n) of the state after the last run, and after its first step.
 
-        Along changes (n, ...) of the start, or of numbers of the scene; over the scales.
+        Along n changes of the start or of numbers of the scene, by name; over the scales.
         """
-        at = np.array([len(self.model.scheme.fractions), len(self.tape)])
+        boundaries = np.array([len(self.model.scheme.fractions), len(self.tape)])
         if self.model.keeps_previous:
-            at = np.concatenate([at - 1, at])
+            boundaries = np.concatenate([boundaries - 1, boundaries])
         blocks = list[np.ndarray]()
         for k in range(0, len(changes["q"]), _AT_ONCE):
-            some = {name: rows[k : k + _AT_ONCE] for name, rows in changes.items()}
-            ends = self.derivatives.jvp(self.tape, some, at)
+            part = {name: rows[k : k + _AT_ONCE] for name, rows in changes.items()}
+            ends = self.derivatives.jvp(self.tape, part, boundaries)
             ends = {name: rows[-2:] for name, rows in ends.items()} | {"q previous": ends["q"][:2]}
             blocks.append(self.variables.rows(ends, self.variables.inside))
         scales = self.variables.scales(period.start, period.length)
         first_step, last = np.concatenate(blocks, axis=1) / scales
         return last.T, first_step.T
 
-    def by_parameter(self, period: Period) -> np.ndarray:
+    def parameter_slope(self, period: Period) -> np.ndarray:
         """Derivative (rows,) of the gap by the logarithm of the parameter."""
         return slope(lambda x: self.run(period.start, period.parameter * (1 + x)).gap, _CHANGE)
 
@@ -254,13 +254,13 @@ class Shooting:
 
     def depends_on_time(self, state: State, length: float) -> bool:
         """Whether loads, driven motions, parameters or natural strains change in a period."""
-        values = _of_time(self.prepared, self.steps, state, state.t, length)
+        values = _time_functions(self.prepared, self.steps, state, state.t, length)
         return bool((np.ptp(values, axis=0) > _REPEATS * abs(values).max(axis=0)).any())
 
     def check_repeats(self, state: State, length: float) -> None:
         """Refuse functions of time that do not repeat after a period, but for full turns."""
         now, later = (
-            _of_time(self.prepared, self.steps, state, t, length)
+            _time_functions(self.prepared, self.steps, state, t, length)
             for t in (state.t, state.t + length)
         )
         apart, allowed = later - now, _REPEATS * np.maximum(abs(now), abs(later)).max(axis=0)
@@ -276,28 +276,30 @@ def _times(state: State, length: float, steps: int) -> np.ndarray:
     return state.t + length / steps * np.arange(steps + 1)
 
 
-def _of_time(prepared: Prepared, steps: int, state: State, t0: float, length: float) -> np.ndarray:
+def _time_functions(
+    prepared: Prepared, steps: int, state: State, t0: float, length: float
+) -> np.ndarray:
     """Functions of time (steps, n) in a period."""
     times = t0 + length / steps * np.arange(steps + 1)
     values = numbers_of(prepared, state, times[:-1], times[1:])
-    parts = [values[name].reshape(steps, -1) for name in _OF_TIME if name in values]
+    parts = [values[name].reshape(steps, -1) for name in _TIME_FUNCTIONS if name in values]
     return np.hstack(parts)
 
 
 def _minima(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Distances (n,) of rows from the first one, and where they are smallest after its half way."""
+    """Distances (n,) of rows from the first one, and the places of their minima behind half way."""
     apart = np.linalg.norm(rows - rows[0], axis=1)
     k = np.arange(int(np.argmax(2 * apart > apart.max())) + 1, len(apart) - 1)
     return apart, k[(apart[k] <= apart[k - 1]) & (apart[k] < apart[k + 1])]
 
 
 def nearest_return(rows: np.ndarray) -> float | None:
-    """Number of rows, with a fraction, after which they come back near to the first one."""
+    """Number of rows, with a fraction, behind which rows come back near to the first one."""
     apart, least = _minima(rows)
     least = least[2 * apart[least] < apart.max()]
     if not len(least):
         return None
     close = apart[least] <= max(_CLOSE * apart.max(), apart[least].min())
     k = least[close][0]
-    below, at, above = apart[k - 1 : k + 2] ** 2
-    return float(k + (below - above) / (2 * (below - 2 * at + above)))
+    below, least_square, above = apart[k - 1 : k + 2] ** 2
+    return float(k + (below - above) / (2 * (below - 2 * least_square + above)))

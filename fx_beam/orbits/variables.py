@@ -21,9 +21,9 @@ class Directions(NamedTuple):
 
     #: Changes (n, ...) of what steps read, by name.
     changes: dict[str, np.ndarray]
-    #: The same (rows, n) in the order of `Variables.rows_of`, over the scales.
+    #: Changes (rows, n) in the order of `Variables.rows_of`, over the scales.
     matrix: np.ndarray
-    #: Which rows are variables; others follow to close loops.
+    #: Numbers (n,) of the rows that are variables; others follow to close loops.
     independent: np.ndarray
     scale: np.ndarray
 
@@ -50,8 +50,8 @@ class Variables:
     @property
     def are_rates(self) -> np.ndarray:
         """Which rows of a state are rates."""
-        at = np.arange(self.count)
-        return (at >= self.model.reduction.free) & (at < self.movable)
+        rows = np.arange(self.count)
+        return (rows >= self.model.reduction.free) & (rows < self.movable)
 
     @property
     def movable(self) -> int:
@@ -111,17 +111,17 @@ class Variables:
         Internal variables of members and of springs, and the configuration a step before.
         """
         members, springs = int(np.prod(self.model.forms.internal_shape)), self.model.points.width
-        before = self.model.size * self.model.keeps_previous
-        sizes = {"internal": members, "spring internal": springs, "q previous": before}
+        previous = self.model.size * self.model.keeps_previous
+        sizes = {"internal": members, "spring internal": springs, "q previous": previous}
         return {name: size for name, size in sizes.items() if size}
 
-    def moved(self, state: State, by: Directions, amounts: np.ndarray) -> State:
-        """The state after a change of its variables (n,), in the units of the directions."""
-        y = (by.matrix @ amounts * by.scale)[: self.model.reduction.free]
-        changed = {"v": state.v + amounts @ by.changes["v"]}
+    def moved(self, state: State, directions: Directions, amounts: np.ndarray) -> State:
+        """The state after a change of its variables: amounts (n,) of the directions."""
+        y = (directions.matrix @ amounts * directions.scale)[: self.model.reduction.free]
+        changed = {"v": state.v + amounts @ directions.changes["v"]}
         for name in self.inside:
             values = _remembered(state, name)
-            change = (amounts @ by.changes[name]).reshape(values.shape)
+            change = (amounts @ directions.changes[name]).reshape(values.shape)
             changed[name.replace(" ", "_")] = values + change
         return self.shifted(state, y).changed(**changed)
 
@@ -134,7 +134,7 @@ class Variables:
         return state.changed(q=q, slides=slides)
 
     def energy(self, state: State) -> float:
-        """Energy with that of constant loads, zero in the reference configuration [J]."""
+        """Energy of scene and constant loads, zero in the reference configuration [J]."""
         return self.model.energy(state) - float(self._constant_loads @ state.q)
 
     @cached_property
@@ -143,13 +143,13 @@ class Variables:
             return np.zeros(self.model.size)
         return self.model.loads.at(0.0)
 
-    def slope_of_energy(self, state: State, by: Directions) -> np.ndarray:
-        """Derivatives (n,) of the energy, by differences."""
+    def slope_of_energy(self, state: State, directions: Directions) -> np.ndarray:
+        """Derivatives (n,) of the energy along directions, by differences."""
 
-        def along(unit: np.ndarray) -> float:
-            return slope(lambda x: self.energy(self.moved(state, by, x * unit)), _STEP)
+        def derivative(unit: np.ndarray) -> float:
+            return slope(lambda x: self.energy(self.moved(state, directions, x * unit)), _STEP)
 
-        return np.array([along(unit) for unit in np.eye(by.matrix.shape[1])])
+        return np.array([derivative(unit) for unit in np.eye(directions.matrix.shape[1])])
 
 
 def slope(function: Callable[[float], Any], h: float) -> Any:
@@ -159,6 +159,6 @@ def slope(function: Callable[[float], Any], h: float) -> Any:
 
 
 def _remembered(state: State, name: str) -> np.ndarray:
-    """What steps remember, by its name in the layout: no step before is one without a motion."""
+    """An array that steps remember, by its name in the layout; before a first step q is at rest."""
     values = getattr(state, name.replace(" ", "_"))
     return state.q if values is None else values

@@ -84,7 +84,7 @@ class Scene:
         self._names: set[str] = set()
         self.nodes: list[Node] = []
         #: Smallest and largest coordinates of all nodes.
-        self._corners = [math.inf] * 2, [-math.inf] * 2
+        self._corners = _corners_of(())
         # Fixed components: (node number, component number).
         self.fixed: set[tuple[int, int]] = set()
         # Components prescribed as functions of time.
@@ -124,6 +124,7 @@ class Scene:
         self.__dict__.update(state)
         for node in self.nodes:
             object.__setattr__(node, "scene", self)
+        self._corners = _corners_of(self.nodes)
 
     @property
     def gravity(self) -> Any:
@@ -1389,10 +1390,7 @@ class Scene:
                 end = Node(len(self.nodes), as_float(end[0]), as_float(end[1]), self)
                 self.nodes.append(end)
             nodes.append(end)
-        lowest, highest = self._corners
-        for i, name in enumerate("xy"):
-            values = [getattr(node, name) for node in self.nodes[first:]]
-            lowest[i], highest[i] = min([lowest[i], *values]), max([highest[i], *values])
+        self._corners = _corners_of(self.nodes[first:], *self._corners)
         return tuple(nodes)
 
     def _free_component(self, node: Node, component: str) -> tuple[int, int]:
@@ -1402,6 +1400,17 @@ class Scene:
         if key in self.fixed or key in self.prescribed:
             raise SceneError(f"{component} of {node} is supported twice; scene.free removes one")
         return key
+
+
+def _corners_of(
+    nodes: Sequence[Node],
+    lowest: Sequence[float] = (math.inf, math.inf),
+    highest: Sequence[float] = (-math.inf, -math.inf),
+) -> tuple[list[float], list[float]]:
+    """Corners of the box around nodes, and around one with other corners."""
+    rows = [[node.x for node in nodes], [node.y for node in nodes]]
+    least = [min([low, *values]) for low, values in zip(lowest, rows, strict=True)]
+    return least, [max([high, *values]) for high, values in zip(highest, rows, strict=True)]
 
 
 def _added(parts: list[_Part], part: _Part) -> _Part:

@@ -1,0 +1,192 @@
+"""The states of a path of equilibria: its first one, and those after it under rising loads."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from fx_beam.errors import SceneError, StepError
+from fx_beam.laws.interval import Interval
+from fx_beam.motions.initial_state import reference_state
+from fx_beam.motions.prepared import state_of
+from fx_beam.results.solution import Solution
+from fx_beam.results.state import State
+from fx_beam.step.step_failures import StepFailed
+
+from .arc_length import ArcLength
+from .branches import Branch, first_step, is_equilibrium
+from .load_steps import LoadStepper
+from .path_following import PathFollowing
+from .rising_loads import RisingLoads
+from .settling import Settling
+
+# A scene that cannot follow even this part of its loads, one in so many, may settle instead.
+_SHORTEST = 100
+
+
+class PathStates:
+    """Finds the states of a path, from rest, a solution or a branch."""
+
+    def __init__(self, arc: ArcLength, start: Any):
+        self._arc, self._start = arc, start
+        self._stepper: LoadStepper = arc.stepper
+        self._options, self._model, self._path = arc.stepper.options, arc.model, arc.stepper.path
+
+    def follow(self, states: list[State], may_settle: bool) -> None:
+        """Append all states of a path; a scene without any stiffness `may_settle` on the way."""
+        if isinstance(self._start, Branch):
+            self._branch_off(self._start, states)
+            return
+        model = self._model
+        if model.mechanism and model.scene.virtual_works:
+            if Settling(self._stepper).freest(reference_state(model)) is None:
+                model.mechanism = ""  # they hold it
+        states.append(self.first_state())
+        may_settle &= self._start is None and not model.mechanism
+        may_settle &= self._options.load_steps * 2**self._options.max_cuts >= _SHORTEST
+        self._raise_load(states, may_settle)
+        if model.mechanism:
+            Settling(self._stepper).check_balance(states[-1])
+
+    def _raise_load(self, states: list[State], may_settle: bool) -> None:
+        """Append the states up to load factor 1.
+
+        A scene of so little stiffness that no step follows a small part of its loads, such as a
+        cable that is not drawn as it hangs, settles like a mechanism.
+        """
+        slack = False
+        while True:
+            try:
+                if self._options.continuation is None:
+                    RisingLoads(self._stepper, states).run()
+                else:
+                    PathFollowing(self._arc, states).run()
+                return
+            except StepError as error:
+                # What has followed its loads for a while is not slack.
+                if not (may_settle and (slack or len(states) == 1)):
+                    raise
+                settled = self._settled_again(states[-1], error)
+                if not slack:
+                    states.clear()
+                states.append(settled)
+                slack = True
+
+    def _settled_again(self, state: State, error: StepError) -> State:
+        """The state at the end of the load step of an error, if it is stable; else the error."""
+        path, steps = self._path, self._options.load_steps
+        held, path.held = path.held, 0 * path.held
+        with suppress(SceneError):
+            goal = (np.floor(state.t * steps + 1e-9) + 1) / steps
+            new = Settling(self._stepper, str(error)).settled(state, float(goal))
+            if not self._stepper.motions.count(new, new):
+                return new
+        path.held = held
+        raise error
+
+    def _branch_off(self, start: Branch, states: list[State]) -> None:
+        """Append the states of a branch."""
+        stepper, point = self._stepper, start.point
+        if not self._model.mechanism:
+            self._hold_reference()
+        state = replace(self._at_rest(point.solution), t=point.load_factor)
+        if self._model.mechanism:
+            largest = stepper.energies.largest_force(state)
+            Settling(stepper).hold_rigid_motions(state, largest)
+        if not is_equilibrium(self._arc, state):
+            raise SceneError(
+                "static: start is a branch of another path: the bifurcation is no equilibrium of "
+                "this scene. Give scene, t and inputs of its path, one without a start of its own"
+            )
+        states.append(state)
+        try:
+            new, ahead, distance = first_step(self._arc, state, start.shape.flatten())
+        except StepFailed as failure:
+            raise self._arc.error(state, failure) from failure
+        stepper.stats.steps += 1
+        states.append(new)
+        PathFollowing(self._arc, states, (ahead, distance)).run()
+
+    # -- The first state --------------------------------------------------------------------------
+
+    def first_state(self) -> State:
+        """The equilibrium at load factor 0, from which the loads rise."""
+        if self._model.mechanism:
+            return self._settled()
+        if self._start is not None:
+            return self._from_state(self._at_rest(self._start))
+        try:
+            return self._from_reference()
+        except StepError as error:
+            # Laws of springs may leave a part without any support.
+            settling = Settling(self._stepper)
+            free = settling.freest(reference_state(self._model))
+            if error.failure.kind != "singular" or free is None:
+                raise
+            where = settling.where(free)
+            self._model.mechanism = f"Static analysis is singular: without loads {where} is free"
+        self._path.held = 0 * self._path.held
+        return self._settled()
+
+    def _from_reference(self) -> State:
+        """The reference configuration. Forces that fade hold springs under tension there."""
+        stepper, start = self._stepper, self._hold_reference()
+        stepper.hold_between(0.0, 0.0)
+        try:
+            state = stepper.step(start, 0.0)
+            if stepper.loop.singular:
+                raise StepFailed("singular", "the tangent is singular", state.q - start.q)
+        except StepFailed as failure:
+            what = "without loads there is no equilibrium"
+            advice = "Check for a part without support"
+            raise stepper.loop.failures.error(what, 0, start, failure, advice) from failure
+        state.work = 0.0
+        return state
+
+    def _hold_reference(self) -> State:
+        """The reference, where springs have yielded; forces hold it that fade as the loads rise."""
+        stepper, model = self._stepper, self._model
+        state = reference_state(model)
+        if model.points.width:
+            y, forces = np.zeros(model.reduction.free), np.zeros(model.size)
+            new = stepper.loop.finished(state, Interval(0.0, 0.0), y, forces)
+            new.dissipated += stepper.energies.energy(state) - stepper.energies.energy(new)
+            state = new
+        self._path.held = stepper.residual(state, 0.0)
+        return state
+
+    def _from_state(self, state: State) -> State:
+        """A state as the start: the forces that hold it there fade as the loads rise."""
+        stepper, forcing, model = self._stepper, self._stepper.loop.forcing, self._model
+        loads = state.loads
+        if loads is None:  # those at the end of a motion are not known
+            loads = forcing.dead(1.0) + model.added_force(state, 1.0, forcing.time)
+        # Virtual works may act at load factor 0 already.
+        forcing.start_from(state, loads - model.added_force(state, 0.0, forcing.time))
+        self._path.held = stepper.residual(state, 0.0)
+        stepper.hold_between(0.0, 0.0)
+        try:
+            return replace(stepper.step(state, 0.0), work=state.work)
+        except StepFailed as failure:
+            what = "the state to start from is no equilibrium that the scene can hold"
+            advice = "Check that the scene has the supports and joints of this state"
+            raise stepper.loop.failures.error(what, 0, state, failure, advice) from failure
+
+    def _settled(self) -> State:
+        """The first state of a mechanism, which its loads hold."""
+        stepper, settling = self._stepper, Settling(self._stepper)
+        state = reference_state(self._model)
+        if isinstance(self._start, Solution):
+            state = self._at_rest(self._start)
+            settling.hold_rigid_motions(state, stepper.energies.largest_force(state))
+            with suppress(StepError):  # the forces that held it do not hold it alone
+                return self._from_state(state)
+        return settling.settled(state, 1 / self._options.load_steps)
+
+    def _at_rest(self, start: Solution) -> State:
+        """The last state of a solution, at rest, at load factor 0."""
+        state, rest = state_of(self._model, start), np.zeros(self._model.size)
+        return replace(state, t=0.0, v=rest, a=rest.copy(), parts=None, past=None, inputs=None)
