@@ -331,6 +331,12 @@ class LoadPath:
             error.args = (str(error.failure),)
 
 
+def path_of(solution: Any, scene: Scene) -> LoadPath | None:
+    """The path whose equilibria of the scene a solution has; None for others, and of copies."""
+    path = getattr(solution, "load_path", None)
+    return path if path is not None and path.scene is scene else None
+
+
 def _loads_on_nodes(scene: Scene, start: Any, t: float) -> tuple[list[Any], dict[int, np.ndarray]]:
     """The forces on nodes at a time, and those that fade from a start, as numbers alone."""
     with suppress(Exception):  # the run says which function fails at its time
