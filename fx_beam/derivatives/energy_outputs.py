@@ -84,11 +84,11 @@ def _springs(of: SubSteps, rows: Arrays) -> Derivatives:
 
 
 _PARTS: dict[str, list[Callable[[SubSteps, Arrays], Derivatives]]] = {
-    "kinetic_energy": [_kinetic, _of_fit],
-    "strain_energy": [_strain],
-    "potential_energy": [_potential],
-    "spring_energy": [_springs],
-    "total_energy": [_kinetic, _of_fit, _strain, _potential, _springs],
+    "kinetic": [_kinetic, _of_fit],
+    "strain": [_strain],
+    "potential": [_potential],
+    "springs": [_springs],
+    "total": [_kinetic, _of_fit, _strain, _potential, _springs],
     # That of the steps themselves, and what driven motions do besides.
     "energy of steps": [_kinetic, _strain, _potential, _springs],
     "work of rates that fit": [_of_fit],
@@ -242,7 +242,7 @@ class WorkOutput(RowOutput):
         self._before: EnergyOutput | None = None
         if sign := self._signs.energy:
             # Losses are those of the steps, without rates that fit.
-            name = "total_energy" if quantity == "work" else "energy of steps"
+            name = "total" if quantity == "work" else "energy of steps"
             self._at_rows.append((sign, EnergyOutput(of, name, places)))
         elif quantity == "work" and model.couplings.driven and model.fits_rates:
             self._at_rows.append((1, EnergyOutput(of, "work of rates that fit", places)))

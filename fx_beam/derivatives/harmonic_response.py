@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar, newton
 
 from fx_beam.dual import dual_array
-from fx_beam.errors import array_of, is_one_of, require
+from fx_beam.errors import array_of, check_takes, is_one_of, require
 from fx_beam.linear.harmonic import (
     Measured,
     Vibration,
@@ -18,13 +18,14 @@ from fx_beam.linear.harmonic import (
     nodal_load,
 )
 from fx_beam.linear.linearisation import Linearisation
+from fx_beam.results.records import Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import FrequencyResponse
 from fx_beam.scene.scene import Scene
 
-from .differentiable import one_call
+from .parametrised import Parametrised, made_again, one_call
+from .tangent_analysis import TangentAnalysis
 from .tangent_derivatives import Pairs
-from .tangent_response import TangentResponse
 
 _WHAT = "HarmonicResponse"
 _LOAD = "amplitudes of the load"
@@ -43,7 +44,32 @@ class Peak(NamedTuple):
     gradient: np.ndarray
 
 
-class HarmonicResponse(TangentResponse):
+class _Vibrations(NamedTuple):
+    """Motions under a load, and adjoint ones: right sides (free, 1 + c) of equations.
+
+    Inertia forces of a base `grow` with the square of the frequency.
+    """
+
+    vibration: Vibration
+    sides: np.ndarray
+    grow: bool
+
+    def sides_at(self, frequency: float) -> np.ndarray:
+        """Right sides at a frequency [Hz]."""
+        factors = np.ones(self.sides.shape[1])
+        factors[0] = (2 * np.pi * frequency) ** 2 if self.grow else 1.0
+        return self.sides * factors
+
+    def solved(self, frequency: float) -> tuple[np.ndarray, np.ndarray]:
+        """The motion (free,) at a frequency, and those (c, free) of the adjoint components."""
+        there, sides = self.vibration.at(frequency), self.sides_at(frequency)
+        if there.symmetric:
+            solved = there.solved(sides).T
+            return solved[0], solved[1:]
+        return there.solved(sides[:, 0]), there.solved(sides[:, 1:], transposed=True).T
+
+
+class HarmonicResponse:
     r"""Steady vibrations under a harmonic load as a function of parameters.
 
     ``values = run(x)`` builds the scene of the parameters x and computes complex amplitudes as
@@ -106,26 +132,31 @@ class HarmonicResponse(TangentResponse):
         state: Callable[[Scene], Solution] | None = None,
         base: Sequence[complex] | None = None,
     ):
-        self._base = base
-        self._f = checked_frequencies(frequencies, f"{_WHAT}: frequencies")
-        self._begin_tangent(build, state)
+        check_takes(build, "x", f"{_WHAT}: build")
+        self._base, self._f = base, checked_frequencies(frequencies, f"{_WHAT}: frequencies")
+        given = {"build": build, "frequencies": self._f, "state": state, "base": base}
+        self._arguments, self._parameters = given, Parametrised(build, self._read, "amplitudes")
+        self._tangent = TangentAnalysis(self._parameters, _WHAT, _WHAT, state, damped=True)
+        self._alone = self._parameters.alone
 
-    _gives, _asked, _damped = "amplitudes", _WHAT, True
+    response: FrequencyResponse
 
-    def _begin(self) -> None:
-        super()._begin()
-        # What `build` gives besides a scene.
-        self._given = dict[Scene, tuple]()
-        self.response: FrequencyResponse
+    def __reduce__(self):
+        return made_again, (type(self), self._arguments)
 
-    def _scene_at(self, x: Any) -> Scene:
-        built = self._built(x)
+    @property
+    def stats(self) -> Stats:
+        """Statistics of the last call."""
+        return self._parameters.stats
+
+    def _read(self, built: Any) -> tuple[Scene, tuple]:
+        """The scene, and its load and where the motion is wanted."""
         ok = isinstance(built, tuple) and len(built) == 3 and isinstance(built[0], Scene)
         ok = ok and (built[1] is None) == (self._base is not None)
         expected = "(scene, load, at)" if self._base is None else "(scene, None, at), with a base"
         require(ok, f"{_WHAT}: what build gives", built, expected)
-        self._given[built[0]] = built[1:]
-        return built[0]
+        self._loads[built[0]] = built[1]
+        return built[0], built[1:]
 
     @one_call
     def __call__(self, x: Sequence[float]) -> np.ndarray:
@@ -142,45 +173,32 @@ class HarmonicResponse(TangentResponse):
             Amplitudes [m or rad] of the components, as `FrequencyResponse.values`: their size is
             the amplitude of the motion, their angle its phase.
         """
-        given = self._begin_call(x)
-        self._given.clear()
-        about = self._scenes.serve(given, self._linearised, self._state is None)
-        _, at = self._given[self._scene]
+        values = self._parameters.begin(x)
+        # Loads of scenes, as `build` gave them.
+        self._loads = dict[Scene, Any]()
+
+        def take_load(about: Linearisation) -> None:
+            """Forces (size,) of the load or of a moving base, and the motion of this."""
+            self._moved = np.zeros(about.model.size)
+            if self._base is None:
+                self._force = nodal_load(about, self._parameters.besides[0], f"{_WHAT}: load")
+            else:
+                self._moved = base_motion(about, self._base, f"{_WHAT}: base")
+                self._force = about.model.mass @ self._moved
+
+        about = self._tangent.run(values, take_load)
+        _, at = self._parameters.besides
+        self._load_changes: np.ndarray | None = None
         self._measured = Measured(about, at, f"{_WHAT}: at")
-        # Right sides of the motion and of the adjoint ones.
-        self._sides = np.array([about.T.T @ self._force, *self._measured.rows]).T
-        self._ones = np.ones(len(self._measured.rows))
-        self._vibration = Vibration(about, _WHAT)
-        solved = [self._solved(f) for f in self._f]
+        sides = np.array([about.T.T @ self._force, *self._measured.rows]).T
+        self._vibrations = _Vibrations(Vibration(about, _WHAT), sides, self._base is not None)
+        solved = [self._vibrations.solved(f) for f in self._f]
         motions, adjoints = map(np.array, zip(*solved, strict=True))
         self._solutions = self._f, motions, adjoints
-        values = motions @ self._measured.rows.T + self._measured.of_nodes @ self._moved
-        self.response = FrequencyResponse(at, self._f, self._measured.names, values)
-        self._x = given
-        return values.copy()
-
-    def _linearised(self, x: Any) -> Linearisation:
-        about = super()._linearised(x)
-        self._moved = np.zeros(about.model.size)
-        if self._base is None:
-            self._force = nodal_load(about, self._given[self._scene][0], f"{_WHAT}: load")
-        else:
-            self._moved = base_motion(about, self._base, f"{_WHAT}: base")
-            self._force = about.model.mass @ self._moved
-        return about
-
-    def _sides_at(self, frequency: float) -> np.ndarray:
-        """Right sides: inertia forces of a base grow with the square of the frequency."""
-        grows = self._base is not None
-        return self._sides * [(2 * np.pi * frequency) ** 2 if grows else 1.0, *self._ones]
-
-    def _solved(self, frequency: float) -> tuple[np.ndarray, np.ndarray]:
-        """The motion (free,) at a frequency, and those (c, free) of the adjoint components."""
-        there, sides = self._vibration.at(frequency), self._sides_at(frequency)
-        if there.symmetric:
-            solved = there.solved(sides).T
-            return solved[0], solved[1:]
-        return there.solved(sides[:, 0]), there.solved(sides[:, 1:], transposed=True).T
+        amplitudes = motions @ self._measured.rows.T + self._measured.of_nodes @ self._moved
+        self.response = FrequencyResponse(at, self._f, self._measured.names, amplitudes)
+        self._parameters.x = values
+        return amplitudes.copy()
 
     # -- Derivatives ------------------------------------------------------------------------------
 
@@ -229,7 +247,7 @@ class HarmonicResponse(TangentResponse):
         parts = np.vstack([np.eye(values.size) * part for part in (1, -1j)])
         pairs = self._pairs(self._solutions, np.eye(values.shape[1])[None])
         rows = self._of_sums(pairs, parts)
-        real, imaginary = rows.reshape(2, *values.shape, len(self._x))
+        real, imaginary = rows.reshape(2, *values.shape, len(self._parameters.x))
         return real + 1j * imaginary
 
     @one_call
@@ -257,19 +275,20 @@ class HarmonicResponse(TangentResponse):
         names, what = self.response.names, f"{_WHAT}.peaks: component"
         require(is_one_of(component, names), what, component, f"one of {', '.join(names)}")
         i = names.index(component)
+        vibrations = self._vibrations
         row, order = self._measured.rows[i], np.argsort(self._f)
         of_base = self._measured.of_nodes[i] @ self._moved
         size, f = abs(self.response.values[order, i]), self._f[order]
 
         def minus_amplitude(frequency: float) -> float:
-            side = self._sides_at(frequency)[:, 0]
-            return -float(abs(row @ self._vibration.at(frequency).solved(side) + of_base))
+            side = vibrations.sides_at(frequency)[:, 0]
+            return -float(abs(row @ vibrations.vibration.at(frequency).solved(side) + of_base))
 
         def slope(frequency: float) -> float:
-            motion, adjoints = self._solved(frequency)
-            by_frequency = adjoints[i] @ self._vibration.frequency_slope(motion)
-            if self._base is not None:
-                by_frequency -= 4 * np.pi * frequency * (adjoints[i] @ self._sides[:, 0])
+            motion, adjoints = vibrations.solved(frequency)
+            by_frequency = adjoints[i] @ vibrations.vibration.frequency_slope(motion)
+            if vibrations.grow:
+                by_frequency -= 4 * np.pi * frequency * (adjoints[i] @ vibrations.sides[:, 0])
             return float((np.conj(row @ motion + of_base) * by_frequency).real)
 
         peaks = []
@@ -277,7 +296,7 @@ class HarmonicResponse(TangentResponse):
             where = {"bounds": (f[k - 1], f[k + 1]), "options": {"xatol": _PLACE * f[k]}}
             near = float(minimize_scalar(minus_amplitude, method="bounded", **where).x)
             at = float(newton(slope, near, x1=near * (1 + _PLACE), tol=_EXACT * near, disp=False))
-            motion, adjoints = self._solved(at)
+            motion, adjoints = vibrations.solved(at)
             value = row @ motion + of_base
             weights = np.conj(value) / abs(value) * (np.arange(len(names)) == i)
             there = np.array([at]), motion[None], adjoints[None]
@@ -285,19 +304,12 @@ class HarmonicResponse(TangentResponse):
             peaks.append(Peak(at, float(abs(value)), gradient))
         return peaks
 
-    def _changes_by_x(self) -> dict[str, np.ndarray]:
-        changes = super()._changes_by_x()
-        self._given = {self._scene: self._given[self._scene]}
-        self._load_changes = changes.pop(_LOAD) @ _COMPLEX
-        return changes
-
-    def _numbers_of(self, scene: Scene, change: Any) -> dict[str, Any]:
-        """The numbers of a scene and of its load, whose node is that of the last call."""
-        _, components = self._given[scene][0] or (None, (0.0, 0.0))
+    def _load_numbers(self, scene: Scene) -> dict[str, Any]:
+        """The numbers (6,) of the load of a scene, whose node is that of the last call."""
+        _, components = self._loads[scene] or (None, (0.0, 0.0))
         parts = [(c.real, c.imag) if np.iscomplexobj(c) else (c, 0.0) for c in components]
         flat = np.reshape(dual_array(parts), -1)
-        filled = np.concatenate([flat, np.zeros(6 - len(flat))])
-        return super()._numbers_of(scene, change) | {_LOAD: filled}
+        return {_LOAD: np.concatenate([flat, np.zeros(6 - len(flat))])}
 
     def _pairs(self, solutions: tuple[np.ndarray, ...], weights: np.ndarray) -> Pairs:
         """Pairs with the derivatives of weights (., k, c) times amplitudes, but for the load's.
@@ -316,10 +328,15 @@ class HarmonicResponse(TangentResponse):
         return Pairs(motions, left.reshape(len(of), -1), of, *factors, forces, on_nodes, base)
 
     def _of_sums(self, pairs: Pairs, weights: np.ndarray) -> np.ndarray:
-        by_x = super()._of_sums(pairs, weights)
+        """Derivatives (s, m) of real parts of weights (s, n) times sums, with those by the load."""
+        if self._load_changes is None:
+            changes, scene = self._tangent.changes(self._load_numbers), self._parameters.scene
+            self._loads = {scene: self._loads[scene]}
+            self._load_changes = changes.pop(_LOAD) @ _COMPLEX
+        by_x = self._tangent.of_sums(pairs, weights)
         if not self._load_changes.any():
             return by_x
-        node = self._given[self._scene][0][0]
-        at_node = self._about.T[self._about.model.mesh.dofs[node.number]]
+        node, about = self._parameters.besides[0][0], self._tangent.about
+        at_node = about.T[about.model.mesh.dofs[node.number]]
         by_load = weights @ (pairs.left @ at_node.T @ self._load_changes.T)
         return by_x + by_load.real

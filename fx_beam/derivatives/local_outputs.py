@@ -8,18 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fx_beam.scene.beam import Beam, Node
-from fx_beam.scene.joints import Joint, axial_rate
-from fx_beam.scene.outputs import Output, definition
-from fx_beam.scene.sliders import SlidingJoint
+from fx_beam.scene.joints import Joint
+from fx_beam.scene.outputs import Measured, Output
 from fx_beam.step.layout import Arrays
-from fx_beam.step.measured import measured
-from fx_beam.step.tape import Steps
+from fx_beam.step.sub_step_times import Steps
 
 from .gradient import Block, Gradient, RowOutput, of_entries, vjp
 from .sub_steps import SubSteps
-
-# Step in the imaginary direction.
-_STEP = 1e-100
 
 
 class Places(NamedTuple):
@@ -43,46 +38,51 @@ _FORCES = {
     "joint_forces": ("joints", "forces of joints", "impulses of joints"),
     "constraint_forces": ("constraints", "forces of columns", "impulses of columns"),
 }
-#: Numbers of joints with a slide.
-_OF_JOINTS = "offsets of slides", "axes of slides"
+# Numbers of the scene that outputs read: positions, and those of joints with a slide.
+_NUMBERS = "X", "offsets of slides", "axes of slides"
 
 
 class LocalOutput(RowOutput):
     """An output of a node or a joint; rates that fit the joints are "rates" of the states."""
 
     def __init__(self, sub_steps: SubSteps, output: Output, places: Places):
-        self._model, self._output, self._places = sub_steps.model, output, places
-        self._sub_steps, self._of = sub_steps, (of := definition(output))
-        #: Lengths of a row, and the name of the rates of nodes.
-        self.shape = of.shape
+        self._model, self._places, measured = sub_steps.model, places, Measured(output)
+        # The name of the rates of nodes.
         self._rates = "rates" if self._model.fits_rates else "v"
-        blocks = self._rate_of_slide if of.quantity.is_slide_rate else self._linear
-        at_rest = self._model.scheme.rates.at_rest and of.quantity.of in ("v", "a")
-        self._blocks = [] if at_rest else [block for block in blocks() if len(block.rows)]
+        #: Lengths of a row.
+        self.shape = measured.shape
+
+        def read(array: str, entries: Any) -> np.ndarray:
+            states = sub_steps.states[self._rates if array == "v" else array]
+            return states[places.ends, entries]
+
+        at_rest = self._model.scheme.rates.at_rest and measured.quantity.of in ("v", "a")
+        terms = () if at_rest else measured.slopes(read)
+        blocks = (block for term in terms for block in self._blocks_of(*term))
+        self._blocks = [block for block in blocks if len(block.rows)]
 
     def blocks(self, rows: np.ndarray) -> list[Block]:
         """Its derivatives, in all rows."""
         return self._blocks
 
-    def _linear(self) -> Iterator[Block]:
-        """Those of entries of states and forces."""
-        of, number = measured(self._model, self._output), self._of.number
-        if self._of.quantity.is_place:
-            parts, every = np.arange(np.size(of.plus)), np.arange(len(self._places.ends))
-            yield of_entries("X", 2 * number + self._of.columns, parts, every, 1.0)
-        for parts, entries, sign in of.terms():
-            if of.array == "a":
-                yield from self._change(self._rates, entries, parts)
-                yield self._at_start("a", entries, parts)
-            elif of.array in _FORCES:
-                yield from self._force(*_FORCES[of.array], entries, parts)
-            else:
-                name = self._rates if of.array == "v" else of.array
-                yield self._at_ends(name, entries, parts, sign)
-
-    def _at_ends(self, name: str, entries: Any, parts: Any = 0, factor: Any = 1.0) -> Block:
-        ends = self._places.ends
-        return of_entries(name, self._at(name, entries), parts, np.arange(len(ends)), factor, ends)
+    def _blocks_of(self, array: str, entries: Any, factor: Any) -> Iterator[Block]:
+        """Those by entries of states, forces and numbers, one for each component."""
+        parts = np.arange(np.size(entries))
+        if (columns := self._model.force_columns.get(array)) is not None:
+            columns = np.atleast_1d(columns.reshape(-1)[entries])
+            there = columns >= 0
+            array, entries, parts = "constraint_forces", columns[there], parts[there]
+        if array == "a":
+            yield from self._change(self._rates, entries, parts)
+            yield self._at_start("a", entries, parts)
+        elif array in _FORCES:
+            yield from self._force(*_FORCES[array], entries, parts)
+        elif array in _NUMBERS:
+            yield of_entries(array, entries, parts, np.arange(len(self._places.ends)), factor)
+        else:
+            name, ends = self._rates if array == "v" else array, self._places.ends
+            at = self._at(name, entries)
+            yield of_entries(name, at, parts, np.arange(len(ends)), factor, ends)
 
     def _at(self, name: str, entries: Any) -> Any:
         known = self._places.entries.get(name)
@@ -105,32 +105,6 @@ class LocalOutput(RowOutput):
         yield self._at_start(at_start, entries, parts)
         if self._model.fits_rates:
             yield from self._change(impulse, entries, parts)
-
-    def _rate_of_slide(self) -> Iterator[Block]:
-        """Those of the rate of a slide, by steps in the imaginary direction, exact to round-off."""
-        of, ends, rates, every = self._of, self._places.ends, self._rates, len(self._places.ends)
-        joint, number, states = of.of, of.number, self._sub_steps.states
-        if isinstance(joint, SlidingJoint):
-            yield self._at_ends("rates of slides", number)
-            return
-        nodes = [(sign, self._model.mesh.dofs[node.number].tolist()) for sign, node in of.ends()]
-        # Names, entries and signs of the states in each argument of `axial_rate`, then of numbers.
-        of_states: list[list[tuple[str, int, int]]] = [
-            [("slides", number, 1)],
-            *([(name, at[2], 1) for sign, at in nodes if sign < 0] for name in ("q", rates)),
-            *([(rates, at[i], sign) for sign, at in nodes] for i in (0, 1)),
-        ]
-        of_numbers = [(name, 2 * number + i, 1) for name in _OF_JOINTS for i in (0, 1)]
-        given = [
-            sum((sign * states[name][ends, i] for name, i, sign in terms), np.zeros(every))
-            for terms in of_states
-        ] + [float(one) for one in (*joint.offset, *joint.axis)]  # which may have slopes
-        for k, terms in enumerate([*of_states, *([number] for number in of_numbers)]):
-            x = [one + _STEP * 1j if i == k else one for i, one in enumerate(given)]
-            slopes = np.imag(axial_rate(joint.track, x[5:7], x[7:], *x[:5])) / _STEP
-            for name, entry, sign in terms if slopes.any() else ():
-                places = None if name in _OF_JOINTS else ends
-                yield of_entries(name, entry, 0, np.arange(every), sign * slopes, places)
 
 
 class ResultantOutput(RowOutput):
@@ -187,5 +161,5 @@ class ResultantOutput(RowOutput):
 
 def observes_start(output: Output) -> bool:
     """Whether accelerations or forces at the start are in an output."""
-    of = definition(output).quantity.of if isinstance(output.of, Node | Joint) else ""
+    of = Measured(output).quantity.of if isinstance(output.of, Node | Joint) else ""
     return of in ("a", "reactions", "joint_forces", "motor_forces")

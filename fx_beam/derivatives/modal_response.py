@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+import scipy.sparse
 from scipy.optimize import linear_sum_assignment
 
-from fx_beam.errors import SceneError, array_of, is_flag, is_whole, require
+from fx_beam.errors import SceneError, array_of, check_takes, is_flag, is_whole, require
+from fx_beam.linear.linearisation import Linearisation
 from fx_beam.linear.modal import lowest_modes
+from fx_beam.results.records import Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import Modes, modes_of
 from fx_beam.scene.scene import Scene
 from fx_beam.step.sparse_lu import pivoted_lu
 
-from .differentiable import one_call
+from .parametrised import Parametrised, made_again, one_call
+from .tangent_analysis import TangentAnalysis
 from .tangent_derivatives import Pairs
-from .tangent_response import TangentResponse
 
 _log = logging.getLogger("fx_beam")
 # Squares of angular frequencies that differ by less, relative to them, are repeated.
@@ -37,7 +40,26 @@ _REPEATED = (
 )
 
 
-class ModalResponse(TangentResponse):
+class _Modes(NamedTuple):
+    """Angular frequencies, damping ratios, roots (k,) and vectors (free, k) of modes."""
+
+    omega: np.ndarray
+    ratios: np.ndarray
+    roots: np.ndarray
+    vectors: np.ndarray
+
+    def of(self, places: Any) -> _Modes:
+        """Those of some modes."""
+        return _Modes(*(values[..., places] for values in self))
+
+
+def _read(built: Any) -> tuple[Scene, None]:
+    """The scene that `build` gave."""
+    require(isinstance(built, Scene), "ModalResponse: what build gives", built, "a Scene")
+    return built, None
+
+
+class ModalResponse:
     r"""Natural frequencies of a scene as a function of parameters.
 
     ``w = run(x)`` builds the scene of the parameters x and computes its lowest modes, as `modes`
@@ -108,21 +130,24 @@ class ModalResponse(TangentResponse):
     ):
         require(is_whole(n, 1), "ModalResponse: n", n, "a whole number from 1 on")
         require(is_flag(damped), "ModalResponse: damped", damped, "True or False")
+        check_takes(build, "x", "ModalResponse: build")
         self._n, self._damped = n, damped
-        self._begin_tangent(build, state)
-
-    _gives, _asked = "modes", "modes"
-
-    def _begin(self) -> None:
-        super()._begin()
+        self._arguments = {"build": build, "n": n, "state": state, "damped": damped}
+        self._parameters = Parametrised(build, _read, "modes")
+        self._tangent = TangentAnalysis(self._parameters, "ModalResponse", "modes", state, damped)
+        self._alone = self._parameters.alone
         # Shapes (size, n) of the last modes in their places.
         self._shapes: np.ndarray | None = None
-        self.modes: Modes
 
-    def _scene_at(self, x: Any) -> Scene:
-        scene = self._built(x)
-        require(isinstance(scene, Scene), "ModalResponse: what build gives", scene, "a Scene")
-        return scene
+    modes: Modes
+
+    def __reduce__(self):
+        return made_again, (type(self), self._arguments)
+
+    @property
+    def stats(self) -> Stats:
+        """Statistics of the last call."""
+        return self._parameters.stats
 
     @one_call
     def __call__(self, x: Sequence[float]) -> np.ndarray:
@@ -140,8 +165,8 @@ class ModalResponse(TangentResponse):
             `Modes.angular_frequencies`; fewer than n if the scene has fewer. With `damped` (n, 2),
             in the second column damping ratios.
         """
-        given = self._begin_call(x)
-        about = self._scenes.serve(given, self._linearised, self._state is None)
+        values = self._parameters.begin(x)
+        self._about = about = self._tangent.run(values)
         if not about.has_potential:
             raise SceneError(
                 "ModalResponse: the stiffness is not symmetric, since a load or an added virtual "
@@ -149,23 +174,23 @@ class ModalResponse(TangentResponse):
                 "what is round or bends: such modes have no derivatives. fx_beam.modes has them "
                 'without; of loads at flutter the output "critical_load" of StaticResponse has some'
             )
-        self._by_rates = about.damping_matrix(self._asked, self._damped)
+        self._looked_above = False
+        self._by_rates = about.damping_matrix("modes", self._damped)
         more = 2 if self._damped else 0  # copies above are seen without damping only
         if self._take_modes(self._n + more) < _SAME:
             self._take_modes(2 * self._n + _MORE)
-        omega, ratios, roots = (of[: self._n] for of in (self._omega, self._ratios, self._roots))
-        self._shapes = about.T @ self._vectors[:, : self._n]
+        omega, ratios, roots, vectors = self._modes.of(slice(self._n))
+        self._shapes = about.T @ vectors
         of_state = about.model, about.start.q, self._shapes
         self.modes = modes_of(*of_state, omega, omega == 0, ratios, roots)
-        self._x = given
+        self._parameters.x = values
         return np.column_stack([omega, ratios]) if self._damped else omega.copy()
 
     def _take_modes(self, count: int) -> float:
         """Find the lowest modes, in their places; the least likeness to the last ones there."""
         omega, _, ratios, roots, vectors = lowest_modes(self._about, self._by_rates, count)
         order, alike = self._places(vectors)
-        self._omega, self._ratios, self._roots = omega[order], ratios[order], roots[order]
-        self._vectors = vectors[:, order]
+        self._modes = _Modes(omega, ratios, roots, vectors).of(order)
         return alike
 
     def _places(self, vectors: np.ndarray) -> tuple[np.ndarray, float]:
@@ -203,16 +228,17 @@ class ModalResponse(TangentResponse):
         SceneError
             Before the first call, for scenes without derivatives, and for overdamped modes.
         """
-        self._changes()
-        groups, count = [*self._groups()], len(self._x)
-        jacobian = np.zeros((len(self._omega), 1 + self._damped, count))
+        self._follow()
+        groups, count = [*self._groups()], len(self._parameters.x)
+        jacobian = np.zeros((len(self._modes.omega), 1 + self._damped, count))
         # A mode alone is a group as well; matrices have a lower triangle.
         triangles = [np.tril_indices(len(group)) for group in groups]
         entries = [group[np.array(of)] for group, of in zip(groups, triangles, strict=True)]
         left, right = np.hstack([np.zeros((2, 0), int), *entries])
         by_roots = self._by_roots(right)
         weights = np.vstack([*map(np.diag, by_roots)])
-        rows = self._of_sums(self._pairs(left, right), weights).reshape(*by_roots.shape, count)
+        of_roots = self._tangent.of_sums(self._pairs(left, right), weights)
+        rows = of_roots.reshape(*by_roots.shape, count)
         parts = np.split(rows, np.cumsum([len(i) for i, _ in triangles]), axis=1)
         for group, (i, j), of in zip(groups, triangles, parts, strict=False):
             if len(group) > 1:
@@ -242,13 +268,13 @@ class ModalResponse(TangentResponse):
             As of `jacobian`; for weights of another shape, and for different ones of modes with the
             same frequency, since only their sum has a gradient.
         """
-        self._changes()
+        self._follow()
         what = "ModalResponse.vjp: weights"
         shape = (len(self.modes), 2) if self._damped else (len(self.modes),)
         given = array_of(weights, what)
         ok = given.shape == shape and np.isfinite(given).all()
         require(bool(ok), what, weights, f"{shape} finite numbers")
-        every = np.zeros((len(self._omega), 1 + self._damped))
+        every = np.zeros((len(self._modes.omega), 1 + self._damped))
         every[: len(given)] = given.reshape(len(given), -1)
         modes = list[np.ndarray]()
         for group in self._groups():
@@ -260,37 +286,34 @@ class ModalResponse(TangentResponse):
                 )
             modes.append(group[every[group].any(axis=1)])
         if not sum(map(len, modes)):
-            return np.zeros(len(self._x))
+            return np.zeros(len(self._parameters.x))
         chosen = np.concatenate(modes)
         given = (self._by_roots(chosen) * every[chosen].T).sum(axis=0)
-        return self._of_sums(self._pairs(chosen, chosen), given[None])[0]
+        return self._tangent.of_sums(self._pairs(chosen, chosen), given[None])[0]
 
-    def _changes_by_x(self) -> dict[str, np.ndarray]:
-        changes = super()._changes_by_x()
-        if self._copies_above():
-            self._take_modes(2 * self._n + _MORE)
-        return changes
-
-    def _copies_above(self) -> bool:
-        """Whether modes may have the frequency of the highest one and are not among these."""
-        if self._damped or self._by_rates is not None:
-            return False
-        highest = self._omega.max()
+    def _follow(self) -> None:
+        """Find derivatives of all numbers, and modes above if these have the same frequency."""
+        self._tangent.changes()
+        if self._looked_above or self._damped or self._by_rates is not None:
+            return
+        highest = self._modes.omega.max()
         bound = highest * abs(highest) + 2 * _EQUAL * highest**2
-        return self._about.undamped_modes.count_below(bound) != len(self._omega)
+        if self._about.undamped_modes.count_below(bound) != len(self._modes.omega):
+            self._take_modes(2 * self._n + _MORE)
+        self._looked_above = True
 
     def _groups(self) -> Iterator[np.ndarray]:
         """Modes that are not rigid, those with the same root together."""
-        order = np.lexsort((self._roots.real, self._omega))
-        order = order[self._omega[order] != 0]
-        gaps, sizes = abs(np.diff(self._roots[order])), abs(self._roots[order[1:]])
+        order = np.lexsort((self._modes.roots.real, self._modes.omega))
+        order = order[self._modes.omega[order] != 0]
+        gaps, sizes = abs(np.diff(self._modes.roots[order])), abs(self._modes.roots[order[1:]])
         for group in np.split(order, np.flatnonzero(gaps > _EQUAL * sizes) + 1):
             if len(group) and group.min() < self._n:
                 yield np.sort(group)
 
     def _by_roots(self, modes: np.ndarray) -> np.ndarray:
         """Factors (1 or 2, n) of ds: the real part is the change of a frequency, and of a ratio."""
-        s, w = self._roots[modes], abs(self._omega[modes])
+        s, w = self._modes.roots[modes], abs(self._modes.omega[modes])
         if self._damped and not s.imag.all():
             raise SceneError(
                 f"ModalResponse: mode {modes[int(np.argmin(abs(s.imag)))]} does not vibrate: it is "
@@ -305,26 +328,17 @@ class ModalResponse(TangentResponse):
         With left and right vectors l and x, ds = -l.(s^2 dM + s dC + dK) x / l.(2 s M + C) x.
         """
         modes, of = np.unique(right, return_inverse=True)
-        C, M, x, lefts = self._by_rates, self._about.M, self._vectors.T, self._vectors[:, left].T
-        s, slope = self._roots[right], 2 * self._roots[right]
+        about, C, vectors = self._about, self._by_rates, self._modes.vectors
+        x, lefts = vectors.T, vectors[:, left].T
+        s, slope = self._modes.roots[right], 2 * self._modes.roots[right]
         if C is not None:
             if abs(C - C.T).max() > _SYMMETRIC * abs(C).max():
-                lefts = np.array([*map(self._left, s, x[left])])
-            slope = (lefts * (2 * s * (M @ x[right].T) + C @ x[right].T).T).sum(axis=1)
-        times = 1 / abs(self._omega[modes])
+                lefts = np.array(
+                    [_left_vector(about, C, *mode) for mode in zip(s, lefts, strict=True)]
+                )
+            slope = (lefts * (2 * s * (about.M @ x[right].T) + C @ x[right].T).T).sum(axis=1)
+        times = 1 / abs(self._modes.omega[modes])
         return Pairs(x[modes], lefts, of, -1 / slope, -s / slope, -(s**2) / slope, times)
-
-    def _left(self, root: complex, x: np.ndarray) -> np.ndarray:
-        """The left vector of a mode, by inverse iteration at its root; x is the right one."""
-        K, C, M = self._about.K, self._by_rates, self._about.M
-        s = root * (1 + _BESIDE)
-        assert C is not None  # else it is x
-        factors = pivoted_lu((K + s * C + s**2 * M).astype(complex))
-        left = np.conj(x)
-        for _ in range(_ITERATIONS):
-            left = factors.solve(left, "T")
-            left /= np.linalg.norm(left)
-        return left
 
     def _warn_of(self, group: np.ndarray) -> None:
         """Tell of modes with the same root; SceneError if they have no derivatives."""
@@ -333,4 +347,17 @@ class ModalResponse(TangentResponse):
                 f"ModalResponse: the modes {group.tolist()} have the same root, and no "
                 "derivatives. Let them differ, or leave damping out"
             )
-        _log.warning(_REPEATED, len(group), self._omega[group[0]])
+        _log.warning(_REPEATED, len(group), self._modes.omega[group[0]])
+
+
+def _left_vector(
+    about: Linearisation, C: scipy.sparse.csr_matrix, root: complex, x: np.ndarray
+) -> np.ndarray:
+    """The left vector of a mode, by inverse iteration at its root; x is the right one."""
+    s = root * (1 + _BESIDE)
+    factors = pivoted_lu((about.K + s * C + s**2 * about.M).astype(complex))
+    left = np.conj(x)
+    for _ in range(_ITERATIONS):
+        left = factors.solve(left, "T")
+        left /= np.linalg.norm(left)
+    return left

@@ -10,7 +10,7 @@ import numpy as np
 from fx_beam.errors import SceneError, array_of, check_takes, real_array, require, shown
 from fx_beam.step.interrupts import one_thread
 
-from .differentiable import Differentiable
+from .parametrised import Parametrised
 
 #: ``function(t, y)`` gives a value, and its derivatives by outputs, by name.
 Cost = Callable[[np.ndarray, dict[str, np.ndarray]], tuple[float, Mapping[str, np.ndarray]]]
@@ -19,19 +19,20 @@ Cost = Callable[[np.ndarray, dict[str, np.ndarray]], tuple[float, Mapping[str, n
 class _OfRun:
     """A function that calls a response, one thread at a time."""
 
-    _run: Differentiable
+    #: What the response shares with it; of a copy that of the copied response.
+    _shared: Callable[[], Parametrised]
 
     @property
-    def _alone(self):
-        return self._run._alone
+    def _alone(self) -> Any:
+        return self._shared().alone
 
 
 class Objective(_OfRun):
     """A number of a whole motion, and its derivatives by x."""
 
-    def __init__(self, run: Differentiable, function: Cost):
+    def __init__(self, run: Any, shared: Callable[[], Parametrised], function: Cost):
         check_takes(function, "t, y", "objective: function")
-        self._run, self._function = run, function
+        self._run, self._shared, self._function = run, shared, function
 
     @one_thread
     def __call__(self, x: Any) -> tuple[float, np.ndarray]:
@@ -66,11 +67,17 @@ def _scatter(given: Any, shape: tuple[int, ...], what: str) -> np.ndarray:
 class Misfit(_OfRun):
     """Outputs less what was measured, over the scatter of this, as one vector."""
 
-    def __init__(self, run: Differentiable, measured: Mapping[str, Any], scatter: Any):
+    def __init__(
+        self,
+        run: Any,
+        shared: Callable[[], Parametrised],
+        measured: Mapping[str, Any],
+        scatter: Any,
+    ):
         what = "misfit: measured"
         ok = isinstance(measured, Mapping) and len(measured) > 0
         require(ok, what, measured, "a dict of arrays by names of outputs")
-        self._run = run
+        self._run, self._shared = run, shared
         pairs = measured.items()
         self._measured = {name: _measured(rows, f"{what}[{name!r}]") for name, rows in pairs}
         of_all = scatter if isinstance(scatter, Mapping) else dict.fromkeys(measured, scatter)
@@ -93,13 +100,13 @@ class Misfit(_OfRun):
             require(ok, f"misfit: measured[{name!r}]", rows.shape, f"of shape {y[name].shape}")
             deviations = (y[name] - rows) / self._scatter[name]
             parts.append(np.where(np.isnan(rows), 0.0, deviations).ravel())
-        self._x = self._run._x
+        self._x = self._shared().x
         return np.concatenate(parts)
 
     @one_thread
     def jacobian(self, x: Any) -> np.ndarray:
         """Their derivatives (n, m) by x; without another motion if the last one was that of x."""
-        if self._x is not self._run._x or not np.array_equal(self._x, x):
+        if self._x is not self._shared().x or not np.array_equal(self._x, x):
             self(x)
         J, parts = self._run.jacobian(*self._measured), []
         for name, rows in self._measured.items():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping
 
 import numpy as np
@@ -10,14 +11,14 @@ from fx_beam.dual import floats
 from fx_beam.errors import SceneError
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.joints import Joint
-from fx_beam.scene.outputs import Output, definition
+from fx_beam.scene.outputs import Measured, Output
 from fx_beam.scene.scene import Scene
 from fx_beam.step.fitted_rates import RateDerivatives, rate_fit
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.layout import Arrays
-from fx_beam.step.measured import measured
 from fx_beam.step.model import Model
-from fx_beam.step.tape import Steps, Tape
+from fx_beam.step.sub_step_times import Steps
+from fx_beam.step.tape import Tape
 
 from .energy_outputs import SINCE_START, EnergyOutput, WorkOutput, check_work, sum_of
 from .gradient import Gradient, RowOutput
@@ -51,15 +52,15 @@ def check_outputs(
 
 def read_entries(model: Model, outputs: Mapping[str, Output]) -> dict[str, np.ndarray]:
     """The only entries of states that outputs read, by name; empty if they may read all."""
-    given = outputs.values()
-    slide_rate = any(definition(output).quantity.is_slide_rate for output in given)
-    local = not slide_rate and all(isinstance(output.of, Node | Joint) for output in given)
-    if not local or (model.fits_rates and any(observes_rates(model, output) for output in given)):
+    given, every = outputs.values(), [Measured(output) for output in outputs.values()]
+    linear = all(isinstance(output.of, Node | Joint) for output in given)
+    linear = linear and not any(measured.sliding for measured in every)
+    if not linear or (model.fits_rates and any(observes_rates(model, output) for output in given)):
         return {}
     entries: dict[str, set[int]] = {"q": set(), "v": set(), "slides": set()}
-    for of in (measured(model, output) for output in given):
-        of_array = entries.get("v" if of.array == "a" else of.array, set())
-        of_array.update(*(at.tolist() for _, at, _ in of.terms()))
+    for term in itertools.chain(*(of.terms for of in every)):
+        of_array = entries.get("v" if term.array == "a" else term.array, set())
+        of_array.update(np.atleast_1d(term.entries).tolist())
     return {name: np.array(sorted(of)) for name, of in entries.items() if of}
 
 
@@ -88,7 +89,7 @@ class Observation:
         self._forces, (first, end) = forces, tape.present
         needed = any(observes_rates(model, output) for output in outputs.values())
         of_beams = any(isinstance(output.of, Beam) for output in outputs.values())
-        steps = tape.steps_to(boundaries) if needed or of_beams else _NO_STEPS
+        steps = tape.times.steps_to(boundaries) if needed or of_beams else _NO_STEPS
         moving = needed and not model.scheme.rates.at_rest
         every = [boundaries, *[steps.starts] * moving]
         if of_beams:
@@ -124,7 +125,7 @@ class Observation:
         if output.quantity in SINCE_START:
             return WorkOutput(of, output.quantity, places.ends, self._forces)
         if isinstance(output.of, Scene):
-            return EnergyOutput(of, output.quantity, places.ends)
+            return EnergyOutput(of, Measured(output).quantity.of, places.ends)
         if isinstance(output.of, Beam):
             return ResultantOutput(of, output.of, output.quantity, places)
         return LocalOutput(of, output, places)
@@ -190,6 +191,6 @@ def rates_at(tape: Tape, boundaries: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
     At the start, that of the first step, negative.
     """
-    lengths = tape.steps_to(boundaries).lengths
+    lengths = tape.times.steps_to(boundaries).lengths
     times = np.append(tape.times.starts, tape.times.ends[-1])[boundaries]
-    return times, np.where(boundaries > 0, lengths, -tape.first_length)
+    return times, np.where(boundaries > 0, lengths, -tape.times.first_length)

@@ -13,9 +13,8 @@ from fx_beam.errors import require
 from fx_beam.results.solution import Solution, history
 from fx_beam.results.state import HISTORIES
 from fx_beam.scene.beam import Beam, Node
-from fx_beam.scene.outputs import CRITICAL_LOAD, PERIOD, Output, definition
+from fx_beam.scene.outputs import CRITICAL_LOAD, PERIOD, Measured, Output
 from fx_beam.scene.scene import Scene
-from fx_beam.step.measured import measured
 from fx_beam.step.model import Model
 from fx_beam.step.recorder import Record, Recorder
 
@@ -39,7 +38,7 @@ def recorded(given: Record, last: Record, outputs: Mapping[str, Wanted]) -> Reco
 
 def record_of(output: Output) -> str:
     """What of a `Record` has an output of a node or a joint: "motion", "rates" or "forces"."""
-    history = HISTORIES.get(definition(output).quantity.of)
+    history = HISTORIES.get(Measured(output).quantity.of)
     return "" if history is None else history.record
 
 
@@ -55,8 +54,7 @@ def values_of(solution: Solution, output: Wanted, name: str) -> np.ndarray:
     if output.quantity == CRITICAL_LOAD:
         return np.array(first_critical_point(solution).load_factor)
     if isinstance(output.of, Scene):
-        name = output.quantity.removesuffix("_energy")
-        return getattr(solution.energy, "springs" if name == "spring" else name)
+        return getattr(solution.energy, Measured(output).quantity.of)
     if isinstance(output.of, Beam):
         return getattr(solution.resultants(output.of), output.quantity)
     return history(solution, output)
@@ -66,8 +64,9 @@ def row_values(model: Model, recorder: Recorder, output: Wanted) -> np.ndarray |
     """Values (n, ...) of an output of a node that rows have as it is, else None; a copy of them."""
     if not isinstance(output, Output) or not isinstance(output.of, Node):
         return None
-    of = measured(model, output)
-    if of.array not in ("q", "v") or not recorder.has_as_it_is(of.array):
+    measured = Measured(output)
+    array, X = measured.quantity.of, model.mesh.X.reshape(-1)
+    if array not in ("q", "v") or not recorder.has_as_it_is(array):
         return None
-    values = of.of(recorder.arrays[of.array][: recorder.rows])
-    return values if values.base is None else values.copy()
+    rows = recorder.arrays[array][: recorder.rows]
+    return measured.values(lambda name, at: X[at] if name == "X" else rows[:, at])

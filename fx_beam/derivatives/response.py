@@ -3,46 +3,36 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
-from time import perf_counter
 from typing import Any
 
 import numpy as np
 
-from fx_beam.dual import Dual, floats
-from fx_beam.equilibria.statics import LoadPath
 from fx_beam.errors import SceneError, array_of, check_takes, is_one_of, positive, require, shown
 from fx_beam.laws.schemes import Scheme
-from fx_beam.motions.initial_state import rates_with_slopes
-from fx_beam.motions.motion_series import MotionSeries
-from fx_beam.motions.numbers import numbers_of, numbers_of_state, observed_numbers_of
 from fx_beam.motions.options import Options
-from fx_beam.motions.prepared import Prepared
-from fx_beam.motions.run import Run
-from fx_beam.results.records import stats_unchanged
+from fx_beam.results.records import Stats
 from fx_beam.results.solution import Solution
-from fx_beam.results.state import State
 from fx_beam.scene.forces_between import ForceBetween
-from fx_beam.scene.inputs import with_functions
 from fx_beam.scene.outputs import Output, check_output
 from fx_beam.scene.scene import Scene
-from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record
-from fx_beam.step.tape import LIMIT, Part, Tape
-from fx_beam.step.tape_derivatives import TapeDerivatives, Weights
+from fx_beam.step.tape import LIMIT, Part
+from fx_beam.step.tape_derivatives import Weights
 
+from .analysis import Analysis
 from .built_scenes import refuse_others
-from .differentiable import Differentiable, one_call
 from .gradient import along
-from .local_outputs import observes_start
+from .motion_analysis import MotionAnalysis
 from .objectives import Cost, Misfit, Objective
-from .observation import Observation, check_outputs, observes_rates, rates_at, read_entries, summed
-from .output_values import Wanted, recorded, row_values, values_of
+from .observation import Observation, check_outputs, read_entries, summed
+from .output_values import Wanted
+from .parametrised import Parametrised, one_call
 from .short_reversals import warn_of_short_reversals
-from .static_derivatives import StaticDerivatives, why_no_sums, why_not
+from .static_derivatives import why_no_sums
 
 _log = logging.getLogger("fx_beam")
 # Growth of derivatives towards the start above which they say little about the motion.
@@ -52,14 +42,11 @@ _CHAOTIC = (
     "has vibrations that the step does not resolve. They are exact for these steps, but tell only "
     "of tiny changes. Use a shorter time, or EnergyDecaying"
 )
-# Length of the step that tells the accelerations at the start, relative to the others: its mean
-# loads are those just after the start, which accelerations have.
-_INSTANT = 2e-12
 #: A function of parameters (m,) that gives a scene and its outputs by name.
 Build = Callable[[np.ndarray], tuple[Scene, Mapping[str, Wanted]]]
 
 
-class Response(Differentiable):
+class Response:
     """The motion of a scene as a function of parameters.
 
     ``t, y = run(x)`` builds the scene of the parameters x and simulates it. The first call sets the
@@ -154,37 +141,43 @@ class Response(Differentiable):
         check_takes(build, "x", "Response: build")
         if callable(start):
             check_takes(start, "scene", "Response: start")
-        self._memory = positive(memory, "Response: memory", "a positive number of bytes")
-        self._build, self._start = build, start
-        self._options = Options.among(locals(), what="Response", progress=False)
-        if self._options.record.file is not None:
+        memory = positive(memory, "Response: memory", "a positive number of bytes")
+        options = Options.among(locals(), what="Response", progress=False)
+        if options.record.file is not None:
             raise SceneError("Response: a record to a file is not possible; use simulate")
-        self._begin()
+        self._begin(build, functools.partial(MotionAnalysis, options, start, memory))
 
-    #: Memory for the steps that derivatives follow [bytes].
-    _memory = LIMIT
-    #: What is asked for; a static one asks for nothing.
-    _options = Options()
+    #: What a call gives, for messages.
+    _gives = "motion"
 
-    def _begin(self) -> None:
-        super()._begin()
-        self._record = self._options.record
-        self._outputs: dict[str, Wanted] = {}
+    def _begin(self, build: Callable, analysis: Callable[[Parametrised], Analysis]) -> None:
+        """Know of no call yet; copies and pickles begin with the same arguments."""
+        self._arguments = build, analysis
+        self._parameters = Parametrised(build, self._read, self._gives)
+        self._analysis, self._alone = analysis(self._parameters), self._parameters.alone
         #: Names of the outputs, from the first scene on.
         self._names: list[str] = []
-        # Several processes have no derivatives.
-        self._series = MotionSeries(self._memory)
-        self._of_tape: TapeDerivatives | None = None
+        self._changes: dict[str, np.ndarray] | None = None
         # Whether there was a warning of friction that reverses in too few steps.
         self._warned = False
-        # The last run whose rows only this object has.
-        self._last_run: Run | None = None
-        # The equilibrium from which the last motion started, if it was computed for it.
-        self._path: LoadPath | None = None
 
-    def _at(self, x: Any) -> tuple[Scene, dict[str, Wanted]]:
-        """The scene of parameters, and its outputs; SceneError if `build` gives something else."""
-        built = self._built(x)
+    def __getstate__(self):
+        return self._arguments
+
+    def __setstate__(self, arguments):
+        self._begin(*arguments)
+
+    def _shared(self) -> Parametrised:
+        """What its objectives share with it; copies of them copy it by this method."""
+        return self._parameters
+
+    @property
+    def stats(self) -> Stats:
+        """Statistics of the last run."""
+        return self._parameters.stats
+
+    def _read(self, built: Any) -> tuple[Scene, dict[str, Wanted]]:
+        """The scene and its outputs that `build` gave; SceneError if it gave something else."""
         ok = isinstance(built, tuple) and len(built) == 2
         if not ok or not isinstance(built[0], Scene) or not isinstance(built[1], Mapping):
             raise SceneError(f"Response: build must give a scene and outputs, not {shown(built)}")
@@ -208,12 +201,9 @@ class Response(Differentiable):
         require(list(outputs) == self._names, "Response: outputs", list(outputs), expected)
         return scene, outputs
 
-    def _scene_at(self, x: Any) -> Scene:
-        return self._at(x)[0]
-
     @one_call
     def __call__(self, x: Sequence[float]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Simulate the scene of some parameters.
+        """Run the scene of some parameters.
 
         Parameters
         ----------
@@ -223,69 +213,15 @@ class Response(Differentiable):
         Returns
         -------
         t : (n,) float
-            Times [s].
+            Times [s], or load factors.
         y : dict of (n, ...) float
             The outputs by name.
         """
-        given = self._begin_call(x)
-        t, y = self._run(given)
+        values, self._changes = self._parameters.begin(x), None
+        t, y = self._analysis.run(values)
         self._shapes = {name: rows.shape for name, rows in y.items()}
-        self._x = given
+        self._parameters.x = values
         return t, y
-
-    def _run(self, x: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        # Functions of the user's, which have read a scene before, may take plain floats alone.
-        plain = callable(self._start) or any(map(callable, self._outputs.values()))
-        return self._motion(self._scenes.serve(x, self._begun, not plain))
-
-    def _begun(self, x: Any = None) -> Run:
-        """A run of the scene of x, or of the last one, that is to take its steps."""
-        if x is not None:
-            self._scene, self._outputs = self._at(x)
-        scene, last = self._scene, self._options.record
-        if (record := recorded(self._record, last, self._outputs)) is not last:
-            self._options = replace(self._options, record=record)
-        over, self._last_run = self._last_run, None
-        return self._series.begun(scene, self._options, self._start_of(scene), over)
-
-    def _motion(self, run: Run) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        read = run.take_steps(lambda: self._rows_of(run) or run.solution())
-        self.stats = run.prepared.stats
-        if self._series.tape is not None:
-            self._series.tape.last = run.recorder.end
-        if isinstance(read, Solution):
-            self._t = read.t
-            return self._t, self._read_all(read)
-        run.lease.end()
-        self._last_run, self._t = run, run.recorder.t
-        return self._t.copy(), read
-
-    def _rows_of(self, run: Run) -> dict[str, np.ndarray]:
-        """The outputs from the rows of a run; empty if these are not all, or places need a look."""
-        options, looks = self._options, self._scene.contacts or run.prepared.model.has_contact
-        if looks or options.tolerance is not None or options.record.times is not None:
-            return {}
-        of_run = run.prepared.model, run.recorder
-        every = {name: row_values(*of_run, output) for name, output in self._outputs.items()}
-        y = {name: rows for name, rows in every.items() if rows is not None}
-        return y if len(y) == len(every) else {}
-
-    def _read_all(self, solution: Solution) -> dict[str, np.ndarray]:
-        return {name: self._values_of(solution, of, name) for name, of in self._outputs.items()}
-
-    def _values_of(self, solution: Solution, of: Wanted, name: str) -> np.ndarray:
-        """Values of an output in a solution."""
-        return values_of(solution, of, name)
-
-    def _start_of(self, scene: Scene) -> Solution | None:
-        self._path = None
-        if not callable(self._start):
-            return self._start
-        clock, solution = perf_counter(), self._start(scene)
-        path = getattr(solution, "load_path", None)
-        if path is not None and path.scene is scene and path.began >= clock:
-            self._path = path
-        return solution
 
     @one_call
     def vjp(self, weights: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -294,8 +230,7 @@ class Response(Differentiable):
         They are those of the steps as they were taken, to round-off (adjoint method), times those
         of the scene's data, by dual numbers in `build`, without a motion; see
         `stats.difference_reason`. Where slip with `Coulomb` friction reverses in a few steps, those
-        of the time when it does take their place. The first call of `vjp` repeats the motion; later
-        ones find what motions have left for them.
+        of the time when it does take their place. No motion is repeated.
 
         Parameters
         ----------
@@ -313,29 +248,33 @@ class Response(Differentiable):
             Before the first call of the response; for weights of other names or shapes; for an
             output, a scheme or a part of the scene that has no derivatives.
         """
-        given = self._checked_weights(weights)
-        singles = self._of_singles(given)
-        by_x = sum((given.pop(name) * of for name, of in singles.items()), np.zeros(len(self._x)))
-        if singles and not given:
+        given, analysis = self._checked_weights(weights), self._analysis
+        singles, outputs = self._chosen(given, "Response.vjp: weights")
+        by_x, forwards = (
+            np.zeros(len(self._parameters.x)),
+            [*given] if analysis.forwards else singles,
+        )
+        for name, rows in self.jacobian(*forwards).items() if forwards else ():
+            by_x += np.tensordot(given[name], rows, given[name].ndim)
+        if analysis.forwards or not outputs:
             return by_x
-        outputs = self._differentiable(given, "Response.vjp: weights")
         tape, derivatives, changes, observe, entries = self._begin_derivatives("vjp", outputs)
-        boundaries, changing = self._boundaries(tape), {*self._scenes.changing, "hold"}
-        changing &= changes.keys()
+        boundaries = analysis.boundaries(tape)
+        changing = {*self._parameters.scenes.changing, "hold"} & changes.keys()
         by_numbers = {name: np.zeros(changes[name].shape[1:]) for name in changing}
-        counting = np.zeros(len(self._t), dtype=bool)  # others need no states, nor fitted rates
-        for values in given.values():
-            counting |= values.reshape(len(values), -1).any(axis=1)
+        counting = np.zeros(len(analysis.t), dtype=bool)  # others need no states, nor fitted rates
+        for name in outputs:
+            counting |= given[name].reshape(len(counting), -1).any(axis=1)
 
         def weights_of(part: Part) -> Weights:
             inside, after = part.of_boundaries(boundaries), boundaries > part.end
             inside = inside[counting[inside]]
             later = {name: float(given[name][after].sum()) for name in summed(outputs)}
-            wanted = dict(outputs) if len(inside) else {name: outputs[name] for name in later}
             if not (len(inside) or any(later.values())):
                 return {}, boundaries[:0], boundaries[:0]
-            observed = observe(wanted, boundaries[inside])
-            of_part = {name: given[name][inside] for name in wanted}
+            here = dict(outputs) if len(inside) else {name: outputs[name] for name in later}
+            observed = observe(here, boundaries[inside])
+            of_part = {name: given[name][inside] for name in here}
             of_state = observed.vjp(of_part, later, by_numbers)
             return of_state, observed.boundaries, observed.sub_steps
 
@@ -370,33 +309,31 @@ class Response(Differentiable):
         SceneError
             As of `vjp`.
         """
-        wanted = self._differentiable(names or self._names, "Response.jacobian: names")
-        singles = self._of_singles(wanted)
-        outputs = {name: output for name, output in wanted.items() if name not in singles}
-        if singles and not outputs:
-            return singles
+        names, analysis = names or tuple(self._names), self._analysis
+        singles, outputs = self._chosen(names, "Response.jacobian: names")
+        by_x = dict.fromkeys(singles, analysis.of_single()) if singles else {}
+        if not outputs:
+            return by_x
         tape, derivatives, changes, observe, entries = self._begin_derivatives("jacobian", outputs)
-        boundaries, parts = self._boundaries(tape), list[dict[str, np.ndarray]]()
-        before = {name: np.zeros(len(self._x)) for name in summed(outputs)}
+        boundaries, parts = analysis.boundaries(tape), list[dict[str, np.ndarray]]()
+        before = {name: np.zeros(len(self._parameters.x)) for name in summed(outputs)}
         observed: Observation
 
         def rows_of(part: Part) -> tuple[np.ndarray, np.ndarray]:
             nonlocal observed
             inside = boundaries[part.of_boundaries(boundaries)]
-            wanted = dict(outputs) if len(inside) else {name: outputs[name] for name in before}
-            observed = observe(wanted, inside)
+            here = dict(outputs) if len(inside) else {name: outputs[name] for name in before}
+            observed = observe(here, inside)
             return observed.boundaries, observed.sub_steps
 
         for of_state in derivatives.jvp_parts(tape, changes, rows_of, entries):
             rows = observed.jvp(of_state, changes, before)
             if rows.keys() == outputs.keys():
                 parts.append(rows)
-        of_rows = {name: np.concatenate([rows[name] for rows in parts]) for name in outputs}
-        return {name: (singles | of_rows)[name] for name in wanted}
-
-    def _of_singles(self, names: Iterable[str]) -> dict[str, np.ndarray]:
-        """Derivatives (m,) of those outputs that are a single number of the whole."""
-        return {}
+        by_x |= {name: np.concatenate([rows[name] for rows in parts]) for name in outputs}
+        for name, more in analysis.of_length(outputs).items():
+            by_x[name] += more
+        return {name: by_x[name] for name in names}
 
     def objective(self, function: Cost) -> Objective:
         """A number of the whole motion as a function of x, with its derivatives by x.
@@ -438,7 +375,7 @@ class Response(Differentiable):
         >>> minimize(run.objective(distance), [0.0, 0.0], jac=True).x.round(6)
         array([2., 4.])
         """
-        return Objective(self, function)
+        return Objective(self, self._shared, function)
 
     def misfit(self, measured: Mapping[str, Any], scatter: Any = 1.0) -> Misfit:
         """Outputs less what was measured, as a function of x for least squares.
@@ -479,19 +416,21 @@ class Response(Differentiable):
         >>> least_squares(misfit, [1.0], jac=misfit.jacobian).x.round(6)
         array([2.])
         """
-        return Misfit(self, measured, scatter)
+        return Misfit(self, self._shared, measured, scatter)
 
     def _begin_derivatives(self, what: str, outputs: Mapping[str, Output]) -> tuple[Any, ...]:
         """The tape of the last call, its derivatives, and those of all numbers by x.
 
         And what observes outputs at boundaries, and the only entries of states that these read.
         """
-        model, tape, derivatives = self._followed(what)
-        check_outputs(model, tape, outputs, why_no_sums(self._path))
-        changes, entries = self._changes(), read_entries(model, outputs)
+        model, tape, derivatives = self._analysis.followed(what)
+        check_outputs(model, tape, outputs, why_no_sums(self._analysis.path))
+        if self._changes is None:
+            self._changes = self._analysis.changes()
+        changes, entries = self._changes, read_entries(model, outputs)
         self._warned = self._warned or warn_of_short_reversals(model, tape)
         # Forms are compiled beside the library, for which names wait.
-        by_places = "X" in self._scenes.changing
+        by_places = "X" in self._parameters.scenes.changing
         derivatives.set_slopes(by_places)
         refuse_others(changes, derivatives.names, "Response")
         forces = functools.partial(derivatives.constraint_forces, tape)
@@ -499,151 +438,40 @@ class Response(Differentiable):
         observe = functools.partial(Observation, *given)
         return tape, derivatives, changes, observe, entries
 
-    def _followed(self, what: str) -> tuple[Model, Tape, TapeDerivatives]:
-        """The model of the last call, its tape, and the derivatives of this."""
-        series = self._series
-        if not series.tapes or series.tape is None:
-            series.tapes = True
-            self._motion(self._begun())
-        prepared, tape = series.prepared, series.tape
-        if prepared is None or tape is None:
-            raise SceneError(
-                f"Response.{what}: the steps of this motion were not compiled "
-                f"({self.stats.solver}), and have no derivatives"
-            )
-        loop = prepared.loop
-        assert loop is not None  # only it has a tape
-        if self._of_tape is None or self._of_tape.problem is not loop.problem:
-            way = "JVP" if what == "jacobian" else "VJP"
-            self._of_tape = TapeDerivatives(loop.problem, way)
-        return prepared.model, tape, self._of_tape
-
-    def _boundaries(self, tape: Tape) -> np.ndarray:
-        """Numbers of sub-steps before the rows of the last call."""
-        return tape.boundaries(self._t)
-
     def _checked_weights(self, weights: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         what = "Response.vjp: weights"
         require(isinstance(weights, Mapping), what, weights, "a dict by names of outputs")
         given = {}
-        for name in self._differentiable(weights, what):
+        for name in itertools.chain(*self._chosen(weights, what)):
             of, shape = f"{what}[{name!r}]", self._shapes[name]
             given[name] = values = array_of(weights[name], of)
             require(values.shape == shape, of, values.shape, f"of the shape {shape}")
             if not (is_finite := np.isfinite(values)).all():
                 wrong = np.argwhere(~is_finite)[0]
                 at = "".join(f"[{i}]" for i in wrong)
-                when = f", at t = {self._t[wrong[0]]:.6g}" if shape else ""  # or a single number
+                # A single number has no time.
+                when = f", at t = {self._analysis.t[wrong[0]]:.6g}" if shape else ""
                 raise SceneError(
                     f"{of}{at} is no finite number{when}. Give rows without one, such as those "
                     "that were not measured, the weight 0"
                 )
         return given
 
-    def _differentiable(self, names: Iterable[str], what: str) -> dict[str, Output]:
-        """Outputs by names; SceneError for functions."""
-        given = list(names)
-        ok = all(is_one_of(name, self._outputs) for name in given)
-        require(ok, what, given, f"names of outputs, of {self._names}")
-        outputs: dict[str, Output] = {}
-        for name in given:
-            output = self._outputs[name]
+    def _chosen(self, names: Iterable[str], what: str) -> tuple[list[str], dict[str, Output]]:
+        """Names of single numbers, and the other outputs by names; SceneError for functions."""
+        names, known, analysis = list(names), self._analysis.outputs, self._analysis
+        are_known = all(is_one_of(name, known) for name in names)
+        require(are_known, what, names, f"names of outputs, of {self._names}")
+        singles, outputs = list[str](), dict[str, Output]()
+        for name in names:
+            output = known[name]
             if not isinstance(output, Output):
                 raise SceneError(
                     f"{what}: the output {name!r} is a function of the solution, which has no "
                     "derivatives; take an fx_beam.Output"
                 )
-            outputs[name] = output
-        return outputs
-
-    # -- Differences of the numbers of scenes -----------------------------------------------------
-
-    def _changes_by_x(self) -> dict[str, np.ndarray]:
-        tape, start = self._series.tape, None
-        assert tape is not None  # `_followed` comes first
-        # Without derivatives of the equilibrium before, differences compute it for other x.
-        if self._path is not None and not why_not(self._path):
-            start = StaticDerivatives(self._path).change_of_end(self._derivatives, "Response")
-        first = self._options.dt if self._options.tolerance is None else tape.first_length
-        given = tape, first, start, self._accelerations_by_x(first)
-        return self._derivatives(functools.partial(self._numbers_of, *given))
-
-    def _accelerations_by_x(self, first: float) -> np.ndarray | None:
-        """Changes (m, size) of those at the start, by a very short step; None if not from rest."""
-        (model, _, derivatives), prepared = self._followed("vjp"), self._series.prepared
-        moving = model.scene.velocities, model.couplings.driven, self._start is not None
-        other_steps = self._options.tolerance is not None or len(model.scheme.fractions) > 1
-        of = [output for output in self._outputs.values() if isinstance(output, Output)]
-        # Round-off of the rates of natural strains would be large in such a step.
-        unfit = any(moving) or other_steps or model.natural
-        if unfit or not any(map(observes_start, of)):
-            return None
-        assert prepared is not None  # it has the model
-        tape, short = Tape(derivatives.problem), _INSTANT * first
-        with stats_unchanged(prepared.stats):
-            state = prepared.first_state(short, None, accelerations=False)
-            if prepared.stepper.trial(state, state.t + short, tape=tape).state is None:
-                return None  # such a step may fail with unknowns that have no mass
-        of_step = functools.partial(self._numbers_of_steps, tape, short, None, False)
-        changes = self._derivatives(lambda *given: of_step(*given)[2])
-        rates = derivatives.jvp(tape, changes, np.ones(1, int))["v"][0]
-        return np.where(model.massless, 2, 1) * rates / short  # those are means
-
-    def _numbers_of_steps(
-        self, tape: Tape, first: float, start: Any, at_start: bool, given: Scene, change: Any
-    ) -> tuple[Prepared, State, dict[str, Any]]:
-        """Another scene, prepared, with its first state; numbers of the steps and of this state."""
-        other, t0 = self._prepared(given, change), tape.times.starts
-        model, t1 = other.model, tape.times.ends
-        if start is None:
-            before = self._start_of(given)
-            if isinstance(change, Dual) and other.smooths_start(before):
-                raise TypeError("a start that is found by a step has no slopes")
-            state = other.first_state(first, before, at_start)
-        else:
-            state = other.state_from(start.at(model, floats(change)), first, at_start)
-        numbers: dict[str, Any] = numbers_of(other, state, t0, t1)
-        if self._start is None and isinstance(change, Dual):
-            if model.natural:
-                numbers["natural"] = model.natural.numbers_at(state.t)
-            numbers["v"] = rates_with_slopes(
-                model, other.forcing, state, first, numbers, change.count
-            )
-        if start is not None and isinstance(change, Dual):
-            for name, values in numbers_of_state(model, start.at(model, change)).items():
-                if isinstance(values, Dual):
-                    numbers[name] = Dual(floats(numbers[name]), values.slopes)
-        return other, state, numbers
-
-    def _numbers_of(
-        self, tape: Tape, first: float, start: Any, a_by_x: Any, given: Scene, change: Any
-    ) -> dict[str, Any]:
-        """Numbers of steps and state for another scene, and of outputs that have rates.
-
-        Accelerations have the changes `a_by_x` (m, size) as their slopes.
-        """
-        of = [output for output in self._outputs.values() if isinstance(output, Output)]
-        at_start = any(map(observes_start, of))
-        other, state, numbers = self._numbers_of_steps(tape, first, start, at_start, given, change)
-        if not any(observes_rates(other.model, output) for output in of):
-            return numbers
-        rates = rates_at(tape, np.arange(len(tape) + 1))
-        numbers |= observed_numbers_of(other, state, *rates, at_start)
-        if a_by_x is not None and isinstance(change, Dual):
-            # Nodes without mass have none by definition, but those that others carry.
-            has = ~other.model.massless | (state.a != 0)
-            numbers["a"] = Dual(state.a, a_by_x.T * has[:, None])
-        return numbers
-
-    def _prepared(self, given: Scene, change: Any) -> Prepared:
-        """What is prepared as the motion is, with the numbers of another scene, but no loop.
-
-        Of the last scene it is that of the motion, if it has slopes.
-        """
-        # Without slopes it may be a scene that all calls share, with other numbers since.
-        same = given is self._scene and isinstance(change, Dual)
-        if same and (last := self._series.prepared):
-            return last
-        inputs = self._options.inputs, "Response: inputs"
-        scene, base = (with_functions(of, *inputs) for of in (given, self._scene))
-        return self._series.alike(scene, base, self._options)
+            if output.quantity == analysis.single:
+                singles.append(name)
+            else:
+                outputs[name] = output
+        return singles, outputs

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import functools
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from fx_beam.content_cache import cached_property
 from fx_beam.equilibria.critical_points import first_critical_point
 from fx_beam.equilibria.static_options import StaticOptions
 from fx_beam.equilibria.statics import LoadPath
 from fx_beam.errors import check_takes
-from fx_beam.results.solution import Solution
 from fx_beam.scene.outputs import CRITICAL_LOAD
 from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.tape import Tape
 from fx_beam.step.tape_derivatives import TapeDerivatives
 
+from .analysis import Analysis
 from .critical_load import CriticalLoad, Sensitivity
-from .differentiable import one_call
+from .parametrised import Parametrised, one_call
 from .response import Build, Response
 from .static_derivatives import StaticDerivatives
 
@@ -105,6 +105,8 @@ class StaticResponse(Response):
     (0.05, array([1.]))
     """
 
+    _analysis: StaticAnalysis
+
     def __init__(
         self,
         build: Build,
@@ -118,44 +120,8 @@ class StaticResponse(Response):
         inputs: Mapping[str, Any] | None = None,
     ):
         check_takes(build, "x", "StaticResponse: build")
-        self._build = build
-        self._static = StaticOptions.among(locals(), progress=False)
-        self._begin()
-
-    def _begin(self) -> None:
-        super()._begin()
-        self._critical_point = CriticalLoad()
-        self._solution: Solution
-
-    def __call__(self, x: Sequence[float]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Compute the equilibria of the scene of some numbers.
-
-        Parameters
-        ----------
-        x : (m,) float
-            The parameters that `build` takes.
-
-        Returns
-        -------
-        factors : (n,) float
-            Load factors.
-        y : dict of (n, ...) float
-            The outputs by name.
-        """
-        return super().__call__(x)
-
-    def _run(self, x: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        self._scene, self._outputs = self._at(x)
-        self._static_path = path = LoadPath(self._scene, self._static, None)
-        quantities = (getattr(of, "quantity", "") for of in self._outputs.values())
-        path.warns = CRITICAL_LOAD not in quantities  # beyond it a path is unstable
-        self._solution = solution = path.followed()
-        self.stats, self._t = solution.stats, solution.t
-        for name in ("_load_steps", "_critical_load"):
-            vars(self).pop(name, None)
-        return solution.load_factor, self._read_all(solution)
-
-    # -- Derivatives ------------------------------------------------------------------------------
+        options = StaticOptions.among(locals(), progress=False)
+        self._begin(build, functools.partial(StaticAnalysis, options))
 
     @one_call
     def imperfection_sensitivity(self) -> Sensitivity:
@@ -179,31 +145,58 @@ class StaticResponse(Response):
             Before the first call, if the first critical point is no bifurcation, and as of
             `jacobian`.
         """
-        return self._critical_load.sensitivity()
+        return self._analysis.critical_load.sensitivity()
 
-    def _of_singles(self, names: Iterable[str]) -> dict[str, np.ndarray]:
-        kinds = {name: getattr(self._outputs[name], "quantity", "") for name in names}
-        loads = [name for name, kind in kinds.items() if kind == CRITICAL_LOAD]
-        return dict.fromkeys(loads, self._critical_load.derivatives()) if loads else {}
 
-    @cached_property
-    def _critical_load(self) -> CriticalLoad:
+class StaticAnalysis(Analysis):
+    """Load paths one after the other, and the steps of the last one on a tape."""
+
+    single = CRITICAL_LOAD
+
+    def __init__(self, options: StaticOptions, parameters: Parametrised):
+        super().__init__(parameters)
+        self._options, self._point = options, CriticalLoad()
+        # Load steps and critical point of the last path, once they are asked for.
+        self._load_steps: StaticDerivatives | None = None
+        self._critical: CriticalLoad | None = None
+
+    def run(self, x: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Load factors and outputs for parameters."""
+        scene = self.parameters.take(x)
+        self._path = LoadPath(scene, self._options, None)
+        self._load_steps = self._critical = None
+        # Beyond a critical point a path is unstable.
+        self._path.warns = all(output.quantity != CRITICAL_LOAD for output in self.measured)
+        self._solution = solution = self._path.followed()
+        self.parameters.stats, self.t = solution.stats, solution.t
+        return solution.load_factor, self.read(solution)
+
+    def of_single(self) -> np.ndarray:
+        """As of `Analysis`, of the load factor of the first critical point."""
+        return self.critical_load.derivatives()
+
+    @property
+    def critical_load(self) -> CriticalLoad:
         """The first critical point of the last call."""
-        point = first_critical_point(self._solution)
-        held = self._static_path.held
-        self._critical_point.take(point, self._scene, self._derivatives, held)
-        return self._critical_point
+        if self._critical is None:
+            point, parameters = first_critical_point(self._solution), self.parameters
+            self._point.take(point, parameters.scene, parameters.derivatives, self._path.held)
+            self._critical = self._point
+        return self._critical
 
-    @cached_property
-    def _load_steps(self) -> StaticDerivatives:
-        return StaticDerivatives(self._static_path)
+    def _steps(self) -> StaticDerivatives:
+        self._load_steps = self._load_steps or StaticDerivatives(self._path)
+        return self._load_steps
 
-    def _followed(self, what: str) -> tuple[Model, Tape, TapeDerivatives]:
-        of = self._load_steps
-        return of.model, of.tape, of.derivatives
+    def followed(self, what: str) -> tuple[Model, Tape, TapeDerivatives]:
+        """As of `Analysis`."""
+        steps = self._steps()
+        return steps.model, steps.tape, steps.derivatives
 
-    def _boundaries(self, tape: Tape) -> np.ndarray:
+    def boundaries(self, tape: Tape) -> np.ndarray:
+        """As of `Analysis`."""
         return np.arange(1, len(tape) + 1)
 
-    def _changes_by_x(self) -> dict[str, np.ndarray]:
-        return self._load_steps.changes(self._derivatives)
+    def changes(self) -> dict[str, np.ndarray]:
+        """As of `Analysis`."""
+        return self._steps().changes(self.parameters.derivatives)

@@ -52,7 +52,7 @@ class SubSteps:
             self._at_start = of_scene.at(float(times.starts[0]))[None]
         # Length of the short step for the resultants at the start [s], and 1 if these depend on
         # rates, else 0.
-        self._short, beams = INSTANT * tape.first_length, model.forms.beams
+        self._short, beams = INSTANT * tape.times.first_length, model.forms.beams
         self._moves = float(beams is not None and beams.facts.resultants_move)
 
     @cached_property

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Set
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,39 +15,18 @@ from fx_beam.linear.linearisation import Linearisation
 from fx_beam.motions.numbers import numbers_of_state, static_numbers_of
 from fx_beam.results.solution import Solution
 from fx_beam.scene.inputs import with_values
-from fx_beam.scene.law import switches
 from fx_beam.scene.scene import Scene
-from fx_beam.scene.structure import expressions_of
 from fx_beam.step.forcing import LoadForcing
-from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.sparse_lu import pivoted_lu
 from fx_beam.step.tables import Problem
-from fx_beam.step.tape import Tape, static_tape
 from fx_beam.step.tape_derivatives import TapeDerivatives
 
 from .built_scenes import refuse_others
 from .energy_outputs import by_mass_entries
 from .gradient import along
 from .static_derivatives import OtherScenes, StateChange
+from .tangent_steps import Steps, TangentSteps
 
-# Differences of order six along a direction, and second ones: points, and weights over the distance
-# or its square. The distance is relative to a motion of the size of the scene, or of a radian, and
-# less than a short spring or a small circle. Round-off of second ones needs a longer one.
-_FIRST = np.array([-3, -2, -1, 1, 2, 3]), np.array([-1, 9, -45, 45, -9, 1]) / 60
-# The same for damping that is nonlinear in the rate: they leave out |v| v, the quadratic drag at
-# rest, and steps take so many times longer that their rates are near zero. Forces of damping then
-# have so many times the round-off: drag, of which little is left, takes fewer.
-_NONLINEAR = (
-    np.array([-4, -3, -2, -1, 1, 2, 3, 4]),
-    np.array([9, -56, 144, -216, 216, -144, 56, -9]) / 120,
-)
-_SLOW, _SLOW_DRAG = 1e4, 1e2
-_SECOND = np.arange(-3, 4), np.array([2, -27, 270, -490, 270, -27, 2]) / 180
-_DISTANCE, _OF_SECOND = 1e-3, 4e-3
-# The same where functions of the user have pieces, which may meet near the state, and their names.
-_IN_PIECES, _FUNCTIONS = 1e-6, {"strain_energy", "force", "virtual work"}
-# The least one where a contact opens or closes on the way, and where a node slides off its element.
-_NEAREST, _ON_ELEMENT = 1e-8, 1e-5
 # Numbers of a state that follow from the load steps before, where something flows.
 _OF_STATE = {"q", "slides", "internal", "spring internal"}
 # What is left of a direction of length 1 that is a sum of others.
@@ -100,19 +78,6 @@ class _Along(NamedTuple):
     base: tuple[np.ndarray, np.ndarray] | None
 
 
-class _Steps(NamedTuple):
-    """Steps from the state: increments (k, free), lengths (k,) [s] and load factors (k,).
-
-    And the number (k,) of the row [length][direction] of each, and its share of that.
-    """
-
-    moves: np.ndarray
-    lengths: np.ndarray
-    factors: np.ndarray
-    rows: np.ndarray
-    shares: np.ndarray
-
-
 class TangentDerivatives:
     """The equilibria of linearised scenes, beside which forces are followed backwards or forwards.
 
@@ -122,8 +87,8 @@ class TangentDerivatives:
 
     def __init__(self, what: str):
         self._what = what
-        # The problem of the steps, their derivatives, and other scenes with their numbers.
-        self._problem: Any = None
+        # The last problem of steps, their derivatives, and other scenes with their numbers.
+        self._problem: Problem | None = None
         self._derivatives: TapeDerivatives
         self._others: OtherScenes
         #: Changes (m, ...) of the numbers by x.
@@ -133,39 +98,18 @@ class TangentDerivatives:
         """Take the tangent about a state, or about the reference."""
         if about.model.points.friction_sticks(about.start.q, about.start.slides):
             raise SceneError(f"{self._what}: no derivatives: friction that sticks has none")
-        self._about, self._unit = about, about.model.unit_of_unknowns[about.unknowns]
+        end = None if state is None else state.end
+        self._factor = 0.0 if state is None or end is None else float(state.t[-1])
+        self._inputs = None if end is None else end.inputs
         # Where something flows, the state follows from all load steps before.
-        flows, self._start = about.model.flows, about.start
-        self._follows = state is not None and not flows
-        # Steps that tell damping hold what flows, too.
-        self._damped = (damped and about.may_be_damped) or flows
-        self._factor, self._inputs = 0.0, None
-        if state is not None and state.end is not None:
-            self._factor, self._inputs = float(state.t[-1]), state.end.inputs
-        model = about.damped_model if self._damped else about.model
-        # Internal variables are held in these steps.
-        losing = (law for law in model.points.laws if law.loss and not law.internal)
-        nonlinear = any(law.iteration_memory or law.user_defined for law in losing)
-        quadratic = any(drag.quadratic.any() for drag in model.scene.drags)
-        self._first, self._slow = _FIRST, 1.0
-        functions = (of for name, of in expressions_of(model.scene) if name in _FUNCTIONS)
-        self._distance_at_most = _IN_PIECES if any(map(switches, functions)) else _DISTANCE
-        if self._damped and (nonlinear or quadratic):
-            self._first, self._slow = _NONLINEAR, _SLOW if nonlinear else _SLOW_DRAG
-        # At the reference forces that depend on the motion count for damping, not for stiffness.
-        unloaded = self._damped and self._factor == 0.0 and model.points.has_external
-        self._factors = [0.0, 1.0] if unloaded else [self._factor]
-        # Forces that depend on rates, without inertia.
-        given = NewtonOptions(), about.frame is not None, True, False, False, 1.0, False
-        problem = Problem.of(model, *given)
-        problem.set_frame(about.frame)
+        self._follows = state is not None and not about.model.flows
+        self._about, self._steps = about, TangentSteps(about, self._factor, damped)
+        problem = self._steps.problem
         if problem is not self._problem:
+            model, kind = problem.model, "instant" if self._steps.damped else "mobile"
             self._derivatives = TapeDerivatives(problem)
-            kind = {"instant" if self._damped else "mobile": True}
-            self._others = OtherScenes(model.scene, model.scheme, **kind)
+            self._others = OtherScenes(model.scene, model.scheme, **{kind: True})
         self._problem = problem
-        self._forcing = LoadForcing(model, about.start.t)
-        self._unknowns = about.unknowns
 
     def take(self, changes: Mapping[str, np.ndarray], changing: Set[str]) -> None:
         """Take changes (m, ...) of the numbers by x; those not `changing` are zero."""
@@ -181,11 +125,12 @@ class TangentDerivatives:
         With those of its state if this has a start, which changes with x.
         """
         # Without slopes it may be a scene that all calls share, with other numbers since.
-        known = self._problem.model if isinstance(change, Dual) else None
+        known = self._steps.problem.model if isinstance(change, Dual) else None
         model = self._others.model_of(with_values(scene, self._inputs), known)
-        forcing = LoadForcing(model, self._forcing.time)
+        forcing = LoadForcing(model, self._steps.forcing.time)
         numbers = static_numbers_of(model, forcing, np.array([self._factor]))
-        if self._damped and model.natural:  # a step that tells damping also begins in the state
+        # A step that tells damping also begins in the state.
+        if self._steps.damped and model.natural:
             numbers["natural"] = self._factor * model.natural.numbers_at(forcing.time)
         if start is not None:
             of_state = numbers_of_state(model, start.at(model, change))
@@ -194,7 +139,7 @@ class TangentDerivatives:
 
     def by_factor(self) -> dict[str, np.ndarray]:
         """Derivatives of the numbers by the load factor, of the names that depend on it."""
-        forcing, model, factor = self._forcing, self._forcing.model, self._factor
+        forcing, model, factor = self._steps.forcing, self._steps.forcing.model, self._factor
         rows = static_numbers_of(model, forcing, np.array([factor - 1, factor + 1]))
         names = {"loads", "driven", "naturals"} & rows.keys()
         numbers = {name: (rows[name][1:] - rows[name][:1]) / 2 for name in names}
@@ -208,7 +153,7 @@ class TangentDerivatives:
         Several are followed forwards, where this can be.
         """
         motions = self.along_motions(pairs)
-        if len(weights) > 1 and not self._problem.c.loops.closures:
+        if len(weights) > 1 and not self._steps.problem.c.loops.closures:
             return (weights @ self._forwards(motions)).real
         sums = np.zeros((len(weights), len(self.changes["X"])))
         for row, of_sum in zip(sums, weights, strict=True):
@@ -253,52 +198,48 @@ class TangentDerivatives:
         """
         numbers = [of[weights != 0] for of in (along.of, *(of for of, _ in along.ends))]
         used = np.unique(np.concatenate(numbers[: 1 if curved else None]))
-        basis, of_used = _basis(along.directions[used], self._unit)
+        basis, of_used = _basis(along.directions[used], self._steps.unit)
         parts = np.zeros((len(along.directions), len(basis)), complex)
         parts[used] = of_used ** (1 + curved)
-        time = self._slow * _mean(along.times[used])
+        time = self._steps.slow * _mean(along.times[used])
 
         def weighted(of: np.ndarray, by: np.ndarray) -> np.ndarray:
             """Weights (r, ...) along the basis."""
             return ((weights[:, None] * parts[of]).T @ by).real
 
-        on_forces = np.vstack([weighted(along.of, by) for by in self._of_lengths(along, time)])
-        on_ends = np.zeros((len(on_forces), len(self._start.q)))
+        on_forces = np.vstack(
+            [
+                weighted(along.of, by)
+                for by in self._steps.of_lengths(along.stiffness, along.damping, time)
+            ]
+        )
+        on_ends = np.zeros((len(on_forces), len(self._about.start.q)))
         on_ends[: len(basis)] = sum(weighted(*of) for of in along.ends)
-        by, by_state = self._backwards(self._steps(basis, time, curved), on_forces, on_ends)
+        by, by_state = self._backwards(self._steps.along(basis, time, curved), on_forces, on_ends)
         for A, of_mass in along.by_mass if "mass" in by else []:
             pairs = zip(weighted(along.of, of_mass), _times(A, basis), strict=True)
-            of_pairs = (by_mass_entries(self._problem.model, *pair) for pair in pairs)
+            of_pairs = (by_mass_entries(self._steps.problem.model, *pair) for pair in pairs)
             by["mass"] = sum(of_pairs, by["mass"])
         if along.base is not None and "mass" in by:
             motion, of_motion = along.base
             on_base = weights @ of_motion
             for pair in ((on_base.real, motion.real), (-on_base.imag, motion.imag)):
-                by["mass"] = by["mass"] + by_mass_entries(self._problem.model, *pair)
+                by["mass"] = by["mass"] + by_mass_entries(self._steps.problem.model, *pair)
         return by, by_state
-
-    def _of_lengths(self, along: _Along, time: float) -> list[np.ndarray]:
-        """Weights (n, free) of residuals of steps of each length, that tell stiffness and damping.
-
-        The force of a step with an increment D is K D / 2 + C D / length, that of a length less
-        that of its double C D / (2 length). Of steps without loads and with them, if these count
-        for damping only, the first tell K and the others C.
-        """
-        K, C = along.stiffness, 2 * time * along.damping
-        if len(self._factors) > 1:
-            return [-2 * K, 4 * K, C, -C]
-        return [C - 2 * K, 4 * K - C] if self._damped else [K]
 
     def _forwards(self, along: _Along) -> np.ndarray:
         """Derivatives (n, m) of sums by changes of K, C, M and T along a basis."""
-        changes, mass = self.changes, self._problem.model.mass
-        basis, parts = _basis(along.directions, self._unit)
-        time, by_state = self._slow * _mean(along.times), None
+        changes, mass = self.changes, self._steps.problem.model.mass
+        basis, parts = _basis(along.directions, self._steps.unit)
+        time, by_state = self._steps.slow * _mean(along.times), None
         count, free = len(changes["X"]), basis.shape[1]
         if self._follows:
-            forces, _ = self._pushed(self._one_step(free), np.zeros((count, free)))
+            forces, _ = self._pushed(self._steps.one_step(free), np.zeros((count, free)))
             by_state = -self._solved(self._about.K, forces[0])
-        sums, on_forces = np.zeros((len(along.of), count), complex), self._of_lengths(along, time)
+        sums, on_forces = (
+            np.zeros((len(along.of), count), complex),
+            self._steps.of_lengths(along.stiffness, along.damping, time),
+        )
 
         def add(rows: np.ndarray, of: np.ndarray, by: np.ndarray, x: Any = slice(None)) -> None:
             """Add weights (n, size) times rows (r, m, size) along some of the basis."""
@@ -315,7 +256,7 @@ class TangentDerivatives:
                 sums[:, i] += of_motion @ (changed @ motion)
         most = max(1, int(_MEMORY / (8 * len(on_forces) * free * count)))
         for some in (slice(k, k + most) for k in range(0, len(basis), most)):
-            forces, ends = self._pushed(self._steps(basis[some], time), by_state)
+            forces, ends = self._pushed(self._steps.along(basis[some], time), by_state)
             for rows, by in zip(np.split(forces, len(on_forces)), on_forces, strict=True):
                 add(rows, along.of, by)
             for of, by in along.ends:
@@ -329,89 +270,34 @@ class TangentDerivatives:
 
     def forces(self, weights: np.ndarray) -> dict[str, np.ndarray]:
         """Derivatives of weights (free,) times the residual by numbers in the state."""
-        step, none = self._one_step(len(weights)), 0 * self._start.q[None]
+        step, none = self._steps.one_step(len(weights)), 0 * self._about.start.q[None]
         return self._backwards(step, weights[None], none)[0]
 
-    def _one_step(self, free: int) -> _Steps:
-        """A step that remains in the state."""
-        one, factor = np.ones(1), np.array([self._factor])
-        return _Steps(np.zeros((1, free)), one, factor, np.zeros(1, int), one)
-
-    def _steps(self, directions: np.ndarray, time: float, curved: bool = False) -> _Steps:
-        """Steps along directions (r, free), also of twice the time if they tell damping.
-
-        And both with loads, if these count for damping only.
-        """
-        points, weights = _SECOND if curved else self._first
-        largest = abs(directions / self._unit).max(axis=1)
-        most = _OF_SECOND if curved else self._distance_at_most
-        distances = [self._distance(of, most) for of in directions / largest[:, None]]
-        sizes = (distances / largest)[:, None]
-        moves = ((sizes * points)[..., None] * directions[:, None]).reshape(-1, directions.shape[1])
-        times = [time, 2 * time] if self._damped else [0.0]
-        kinds = [(length, factor) for factor in self._factors for length in times]
-        lengths, factors = np.repeat(kinds, len(moves), axis=0).T
-        rows = np.arange(len(kinds) * len(sizes)).repeat(len(points))
-        moves, shares = np.tile(moves, (len(kinds), 1)), weights / sizes ** (1 + curved)
-        return _Steps(moves, lengths, factors, rows, np.tile(shares.ravel(), len(kinds)))
-
-    def _distance(self, direction: np.ndarray, most: float) -> float:
-        """Distance of steps along a direction (free,), within which no contact opens or closes.
-
-        And no node slides off its element, or along a member that it touches to another piece.
-        """
-        about, model, start = self._about, self._about.model, self._start
-        if not (model.points.conditions or model.couplings.sliding):
-            return most
-        reduction, points = model.reduction, self._first[0]
-        columns, driven = about.columns @ direction, np.zeros(reduction.driven)
-        reach = reduction.sliders.reach(start.slides, points[-1] * columns)
-        distance = max(min(most, 0.9 * reach), _ON_ELEMENT)
-        at_start, members = model.switches(start), model.points.members
-        touched = members and members.touched
-        reduction.begin(start.q, start.slides)
-
-        def switched(by: float) -> bool:
-            y = by * columns[: reduction.free]
-            q = start.q + reduction.increment(y, driven)
-            slides = start.slides + model.couplings.free_slides(y, len(start.slides))
-            passed = (model.points.switches(q, slides) * at_start < 0).any()
-            return bool(passed) or (members and members.touched) != touched
-
-        while distance > _NEAREST and any(map(switched, distance * points)):
-            distance /= 2
-        return distance
-
-    def _pushed(self, steps: _Steps, by_state: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    def _pushed(self, steps: Steps, by_state: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """Changes (rows, m, ...) of residuals and ends of steps, with all numbers and the state."""
-        given = self._tape(steps), self.changes, by_state, steps.rows, steps.shares
+        given = self._steps.tape(steps), self.changes, by_state, steps.rows, steps.shares
         return self._derivatives.jvp_of_equations(*given)
 
     def _backwards(
-        self, steps: _Steps, weights: np.ndarray, of_ends: np.ndarray
+        self, steps: Steps, weights: np.ndarray, of_ends: np.ndarray
     ) -> tuple[dict[str, np.ndarray], np.ndarray]:
         """Derivatives of weighted residuals and ends of steps, by numbers and by the state.
 
         Those by numbers hold the state, if this follows from other numbers.
         """
-        given = self._tape(steps), steps.rows, steps.shares, self._spread(weights), of_ends
-        of_state, names = self._unknowns[: 0 if self._follows else None], self._changing.keys()
+        given = (
+            self._steps.tape(steps),
+            steps.rows,
+            steps.shares,
+            self._steps.spread(weights),
+            of_ends,
+        )
+        of_state, names = (
+            self._about.unknowns[: 0 if self._follows else None],
+            self._changing.keys(),
+        )
         by, by_unknowns = self._derivatives.vjp_of_equations(*given, of_state, names)
-        return by, by_unknowns[self._unknowns]
-
-    def _spread(self, rows: np.ndarray) -> np.ndarray:
-        """Rows (n, free) of the model from those of the unknowns, with zeros for the others."""
-        wide = np.zeros((len(rows), self._problem.c.free))
-        wide[:, self._unknowns] = rows
-        return wide
-
-    def _tape(self, steps: _Steps) -> Tape:
-        """Steps from the state."""
-        state = replace(self._start, t=self._factor)
-        tape = static_tape(self._problem, state, [state], self._forcing)
-        tape.c.apart = True
-        tape.repeat(self._spread(steps.moves), steps.lengths, steps.factors)
-        return tape
+        return by, by_unknowns[self._about.unknowns]
 
     def _solved(self, K: scipy.sparse.csr_matrix, by_state: np.ndarray) -> np.ndarray:
         """Solutions (n, free) of the tangent K, or of its transpose, for right sides."""

@@ -218,6 +218,12 @@ def _warn_if_unstable(motions: SmallMotions, states: list[State]) -> None:
         )
 
 
+def path_of(solution: Any, scene: Scene) -> LoadPath | None:
+    """The path whose equilibria of the scene a solution has; None for others, and of copies."""
+    path = getattr(solution, "load_path", None)
+    return path if path is not None and path.scene is scene else None
+
+
 def _loads_on_nodes(scene: Scene, start: Any, t: float) -> tuple[list[Any], dict[int, np.ndarray]]:
     """Forces on nodes at a time, and forces that fade from a start, as numbers."""
     with suppress(Exception):  # the run says which function fails at its time

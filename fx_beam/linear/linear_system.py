@@ -20,10 +20,9 @@ from fx_beam.results.state import State
 from fx_beam.scene.beam import Node
 from fx_beam.scene.inputs import InputSignal, check_names, widths
 from fx_beam.scene.joints import Joint
-from fx_beam.scene.outputs import OF_JOINTS, OF_NODES, Output, check_outputs, definition
+from fx_beam.scene.outputs import OF_JOINTS, OF_NODES, Measured, Output, check_outputs
 from fx_beam.scene.scene import Scene
 from fx_beam.step.accelerations import have_mass
-from fx_beam.step.measured import measured
 
 from .linearisation import sized, split
 from .moving_state import Deviations, deviations, forces_inside
@@ -495,14 +494,18 @@ def _outputs(about: Deviations, outputs: Mapping[str, Output], what: str):
 
 
 def _rows(about: Deviations, output: Output) -> tuple[np.ndarray, np.ndarray]:
-    quantity = definition(output).quantity
-    if quantity.is_slide_rate or quantity.of == "slides":
+    measured = Measured(output)
+    if measured.sliding or measured.quantity.of == "slides":
         assert isinstance(output.of, Joint)
         column = about.model.couplings.slides[output.of.number]
         moved, rates = (part[[column]].toarray() for part in (about.S, about.dS))
     else:
-        reader = measured(about.model, output)._replace(added=None)
-        parts = about.T.toarray(), about.dT.toarray()
-        moved, rates = (np.atleast_2d(reader.of(part.T).T) for part in parts)
+        nothing = np.zeros(about.T.shape[1])
+
+        def deviation(part: np.ndarray) -> np.ndarray:
+            read = measured.values(lambda name, at: nothing if name == "X" else part[at])
+            return np.atleast_2d(read)
+
+        moved, rates = deviation(about.T.toarray()), deviation(about.dT.toarray())
     # The rate of a position T z is T z' + T' z.
-    return (rates, moved) if quantity.of == "v" else (moved, 0 * moved)
+    return (rates, moved) if measured.quantity.of == "v" else (moved, 0 * moved)

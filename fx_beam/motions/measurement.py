@@ -11,10 +11,9 @@ import numpy as np
 from fx_beam.content_cache import cached_property
 from fx_beam.dual import floats
 from fx_beam.results.state import State
-from fx_beam.scene.joints import Joint, NodalMotion
-from fx_beam.scene.outputs import Output, definition
+from fx_beam.scene.joints import NodalMotion
+from fx_beam.scene.outputs import Measured, Output
 from fx_beam.step.forcing import Forcing
-from fx_beam.step.measured import measured
 from fx_beam.step.model import Model
 from fx_beam.step.recorded_histories import driven_increments
 
@@ -30,6 +29,8 @@ Arrays = Callable[[str], Any]
 _PLACES = "q", "slides"
 #: Means over a step, by the parts of a fit that change in it.
 _MEANS = {"a": "corrections", "joint_forces": "joints", "constraint_forces": "constraints"}
+# Forces that steps compute only for records that have them, and for outputs.
+_NOT_ALWAYS = "joint_forces", "line_forces"
 
 
 class Instant:
@@ -101,42 +102,32 @@ def fitted_state(state: State, start: Instant | None, end: Instant | None) -> St
 
 def readings(prepared: Prepared, now: Arrays, outputs: Mapping[str, Output]) -> dict[str, Reading]:
     """Functions that read outputs from arrays, with full turns that are missing in rotations."""
-    if any(output.quantity == "force" for output in outputs.values()):
+    every = {name: Measured(output) for name, output in outputs.items()}
+    if any(measured.quantity.of in _NOT_ALWAYS for measured in every.values()):
         prepared.stepper.integrator.problem.keep_joint_forces()
     model, turns = prepared.model, prepared.turn_counter.removed
-    return {name: _reading(model, now, turns, output) for name, output in outputs.items()}
+    return {name: _reading(model, now, turns, measured) for name, measured in every.items()}
 
 
-def _reading(model: Model, now: Arrays, turns: np.ndarray, output: Output) -> Reading:
-    defined = definition(output)
-    if defined.quantity.is_slide_rate:
-        return _rate_of_slide(model, now, defined.of)
-    of = measured(model, output)
-    array, plus, minus, added = of.array, of.plus, of.minus, of.added
-    turning = array == "q" and defined.quantity.column == 2
-
-    def force() -> Any:
-        forces = now(array)
-        return np.zeros(defined.shape) if forces is None else of.of(forces.reshape(-1))
-
-    def between(values: np.ndarray) -> Any:
-        value = 0.0 if plus is None else values[plus]
-        return value if minus is None else value - values[minus]
-
-    def motion() -> Any:
-        value = between(now(array))
-        if turning:
-            value = value + between(turns)
-        return value if added is None else added + value
-
-    read = force if array.endswith("forces") else motion
-    return read if defined.shape else lambda: float(read())
-
-
-def _rate_of_slide(model: Model, now: Arrays, joint: Joint) -> Reading:
-    dofs, number = model.mesh.dofs, joint.number
-    at = NodalMotion(
+def _reading(model: Model, now: Arrays, turns: np.ndarray, measured: Measured) -> Reading:
+    dofs, X = model.mesh.dofs, model.mesh.X.reshape(-1)
+    motion = NodalMotion(
         lambda name, node: now(name)[dofs[node.number]].tolist(),
         lambda name, beam: now(name)[dofs[model.mesh.nodes_of(model.scene, beam)]][None],
     )
-    return lambda: joint.kinematics.rate(at, now("slides")[number : number + 1]).item()
+    turning = measured.quantity.of == "q" and measured.quantity.column == 2
+
+    def read_now(array: str, entries: Any) -> Any:
+        if array == "X":
+            return X[entries]
+        if (columns := model.force_columns.get(array)) is None:
+            values = now(array)
+        elif (values := now("constraint_forces")) is not None:
+            values = np.append(values, 0.0)[columns]
+        return 0.0 * entries if values is None else values.reshape(-1)[entries]
+
+    def read() -> Any:
+        value = measured.values(read_now, motion)
+        return value + measured.values(lambda _, entries: turns[entries]) if turning else value
+
+    return read if measured.shape else lambda: float(np.asarray(read()).item())

@@ -17,7 +17,7 @@ from fx_beam.scene.contacts import Contact
 from fx_beam.scene.forces_between import ForceBetween
 from fx_beam.scene.joints import GROUND, Joint, key_of
 from fx_beam.scene.loads import NAMES
-from fx_beam.scene.outputs import Output, definition
+from fx_beam.scene.outputs import Measured, Output
 
 from .joint_and_contact_motion import (
     ContactMotion,
@@ -286,9 +286,8 @@ class Solution:
         """Whether velocities and accelerations were recorded."""
         return len(self.v) == len(self.t)
 
-    def _of_node(self, name: str, node: Node) -> np.ndarray:
+    def _of_node(self, name: str, number: int) -> np.ndarray:
         """A history (n, 3) of a node; of a record alone, if the history has not been read."""
-        number = _node_number(self, node)
         if name not in self.__dict__ and hasattr(self._histories, "of_node"):
             if (rows := self._histories.of_node(name, number)) is not None:
                 return read_only(rows)
@@ -324,7 +323,7 @@ class Solution:
         (n, 2) float
             Displacement from the reference position [m].
         """
-        return self._of_node("q", node)[:, :2]
+        return self._of_node("q", _node_number(self, node))[:, :2]
 
     def rotation(self, node: Node) -> np.ndarray:
         """Rotation of a node over time.
@@ -339,7 +338,7 @@ class Solution:
         (n,) float
             Section rotation from the reference configuration, not wrapped [rad].
         """
-        return self._of_node("q", node)[:, 2]
+        return self._of_node("q", _node_number(self, node))[:, 2]
 
     def velocity(self, node: Node) -> np.ndarray:
         """Velocity of a node over time.
@@ -354,7 +353,7 @@ class Solution:
         (n, 2) float
             Velocity at t[k] [m/s].
         """
-        return self._of_node("v", node)[:, :2]
+        return self._of_node("v", _node_number(self, node))[:, :2]
 
     def spin(self, node: Node) -> np.ndarray:
         """Spin of a node over time.
@@ -369,7 +368,7 @@ class Solution:
         (n,) float
             Rate of the section rotation at t[k] [rad/s].
         """
-        return self._of_node("v", node)[:, 2]
+        return self._of_node("v", _node_number(self, node))[:, 2]
 
     def acceleration(self, node: Node) -> np.ndarray:
         """Acceleration of a node over time.
@@ -386,7 +385,7 @@ class Solution:
             `t_level[k]`; for `Newmark` the value at t[k], for `HHT` and `GeneralizedAlpha` that at
             t[k] + (alpha_m - alpha_f) dt, after their start. Row 0 is the start.
         """
-        return self._of_node("a", node)[:, :2]
+        return self._of_node("a", _node_number(self, node))[:, :2]
 
     def reaction(self, node: Node) -> np.ndarray:
         """Force and moment of the supports on a node over time.
@@ -616,16 +615,17 @@ class Solution:
 
 def history(solution: Solution, output: Output) -> np.ndarray:
     """Values (n, ...) of an output of a node or a joint."""
-    of = definition(output)
-    quantity, number, columns = of.quantity, of.number, of.columns
-    if quantity.is_slide_rate:
-        return of.of.kinematics.rate(motion_of(solution), solution.slides[:, number])
-    if quantity.of in ("slides", "joint_forces", "motor_forces", "line_forces"):
-        rows = solution.recorded(quantity.of)[:, number]
-        return rows[:, columns] if rows.ndim > 1 else rows
-    ends = (sign * solution._of_node(quantity.of, node)[:, columns] for sign, node in of.ends())
-    total: Any = sum(ends)
-    return total + solution.X[number, columns] if quantity.is_place else total
+
+    def read(array: str, entries: Any) -> np.ndarray:
+        if array == "X":
+            return solution.X.reshape(-1)[entries]
+        if array not in ("q", "v", "a"):
+            rows = solution.recorded(array)
+            return rows.reshape(len(rows), -1)[:, entries]
+        number = np.ravel(entries)[0] // 3
+        return solution._of_node(array, number)[:, entries - 3 * number]
+
+    return Measured(output).values(read, motion_of(solution))
 
 
 def _node_number(solution: Any, node: Node) -> int:

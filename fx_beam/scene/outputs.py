@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -12,10 +12,11 @@ from fx_beam.errors import is_one_of, require
 
 from .beam import Beam, Node
 from .forces_between import ForceBetween
-from .joints import GROUND, Joint
+from .joints import GROUND, Joint, axial_rate
 from .loads import check_node
 from .removal import own_joint
 from .scene import Scene
+from .sliders import SlidingJoint
 
 
 class Quantity(NamedTuple):
@@ -25,12 +26,14 @@ class Quantity(NamedTuple):
     """
 
     components: tuple[str, ...] = ()
-    #: The history that has it, of a joint's nodes that of b less that of a; the column there.
+    #: The history or part of the energy that has it, of a joint's nodes that of b less that of a;
+    #: the column there.
     of: str = ""
     column: int = 0
     #: Whether it is a place, to which that in the reference configuration is added.
     is_place: bool = False
-    is_slide_rate: bool = False
+    #: Whether it is that of a slide, if the joint has one, which is not linear.
+    is_rate: bool = False
 
 
 _PLANE, _FORCE = ("x", "y"), ("x", "y", "moment")
@@ -49,14 +52,22 @@ OF_JOINTS: dict[str, Quantity] = {
     "angle": Quantity(of="q", column=2),
     "slide": Quantity(of="slides"),
     "spin": Quantity(of="v", column=2),
-    "rate": Quantity(of="v", column=2, is_slide_rate=True),
+    "rate": Quantity(of="v", column=2, is_rate=True),
     "force": Quantity(_FORCE, "joint_forces"),
     "motor_force": Quantity(of="motor_forces"),
 }
 OF_LINES: dict[str, Quantity] = {"force": Quantity(of="line_forces")}
-_ENERGIES = """kinetic_energy strain_energy potential_energy spring_energy total_energy
-    dissipated_energy work""".split()
-OF_SCENES = dict.fromkeys([*_ENERGIES, CRITICAL_LOAD, PERIOD], Quantity())
+OF_SCENES = {
+    "kinetic_energy": Quantity(of="kinetic"),
+    "strain_energy": Quantity(of="strain"),
+    "potential_energy": Quantity(of="potential"),
+    "spring_energy": Quantity(of="springs"),
+    "total_energy": Quantity(of="total"),
+    "dissipated_energy": Quantity(of="dissipated"),
+    "work": Quantity(of="work"),
+    CRITICAL_LOAD: Quantity(),
+    PERIOD: Quantity(),
+}
 OF_BEAMS = dict.fromkeys("NQM", Quantity(of="resultants"))
 _OF_CLASSES: dict[type, dict[str, Quantity]] = {
     Scene: OF_SCENES,
@@ -65,40 +76,6 @@ _OF_CLASSES: dict[type, dict[str, Quantity]] = {
     ForceBetween: OF_LINES,
     Node: OF_NODES,
 }
-
-
-@dataclass(frozen=True)
-class Defined:
-    """A quantity of a node, a joint, a beam or the scene, or one of its components."""
-
-    quantity: Quantity
-    of: Any
-    #: Number of its component; None for all.
-    index: int | None
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Lengths of a value; none of a single number."""
-        count = len(self.quantity.components)
-        return (count,) if count and self.index is None else ()
-
-    @property
-    def number(self) -> int:
-        """Number of its node or joint."""
-        return self.of.number
-
-    @property
-    def columns(self) -> Any:
-        """Columns of its components in the history of its quantity; a number for a single one."""
-        first, count = self.quantity.column, len(self.quantity.components)
-        return first + (np.arange(count) if self.shape else self.index or 0)
-
-    def ends(self) -> Iterator[tuple[int, Node]]:
-        """Its nodes, with their signs: 1, and -1 of a joint's node a; without the ground."""
-        both = [self.of] if isinstance(self.of, Node) else [self.of.b, self.of.a]
-        for sign, node in zip((1, -1), both, strict=False):
-            if node is not GROUND:
-                yield sign, node
 
 
 @dataclass(frozen=True)
@@ -189,12 +166,89 @@ class Output:
         return None if self.component is None else parts.index(self.component)
 
 
-def definition(output: Output) -> Defined:
-    """What is measured of a node or a joint, or of a beam or scene."""
-    quantity = output._known[output.quantity]
-    if isinstance(output.of, Joint) and output.of.slide is None and output.quantity == "rate":
-        quantity = quantity._replace(is_slide_rate=False)  # its spin
-    return Defined(quantity, output.of, output.index)
+class Term(NamedTuple):
+    """What an output reads: entries of an array, one for each component, times a factor.
+
+    Arrays are those of the state, and numbers of the scene, such as the positions "X" of nodes.
+    """
+
+    array: str
+    entries: Any
+    #: A number; of an output that is not linear (n,) of n states.
+    factor: Any = 1.0
+
+
+# Arrays with one entry for each joint or rope; others have three for each node or joint.
+_ONE_EACH = "slides", "motor_forces", "line_forces"
+#: Entries (..., e) of an array by its name.
+Read = Callable[[str, Any], Any]
+_STEP = 1e-100  # in the imaginary direction
+
+
+class Measured:
+    """An output y = h(state, numbers): a sum of entries of arrays, or the rate of a slide.
+
+    This is all that solutions, motions, linear systems and derivatives know of it.
+    """
+
+    def __init__(self, output: Output):
+        place: Any = output.of
+        self.quantity = quantity = output._known[output.quantity]
+        count, index = len(quantity.components), output.index
+        #: Lengths of a value; none of a single number.
+        self.shape = (count,) if count and index is None else ()
+        #: The joint, if it is the rate of its slide, which is not linear; else None.
+        self.sliding: Joint | None = place if quantity.is_rate and place.slide is not None else None
+        columns = quantity.column + (np.arange(count) if self.shape else index or 0)
+        self.terms: list[Term] = []
+        if quantity.is_place:
+            self.terms.append(Term("X", 2 * place.number + columns))
+        if quantity.of in ("q", "v", "a"):
+            self.terms += [Term(quantity.of, at + columns, sign) for at, sign in _ends(place)]
+        elif isinstance(place, Node | Joint | ForceBetween):
+            first = place.number if quantity.of in _ONE_EACH else 3 * place.number
+            self.terms.append(Term(quantity.of, first + columns))
+
+    def values(self, read: Read, motion: Any = None) -> Any:
+        """Values (..., components) or (...); the rate of a slide also needs the `NodalMotion`."""
+        if joint := self.sliding:
+            return joint.kinematics.rate(motion, np.atleast_1d(read("slides", joint.number)))
+        return sum(factor * read(array, entries) for array, entries, factor in self.terms)
+
+    def slopes(self, read: Read) -> Iterator[Term]:
+        """Its derivatives by all that it reads, in n states; of a rate by imaginary steps."""
+        if (joint := self.sliding) is None:
+            yield from self.terms
+            return
+        ends, number = [*_ends(joint)], joint.number
+        if isinstance(joint, SlidingJoint):
+            yield Term("rates of slides", number)
+            return
+        assert joint.axis is not None  # as only nodes that slide on beams have none
+        # Arguments of `axial_rate`: those of the state are sums.
+        arguments = [
+            [Term("slides", number)],
+            *([Term(name, at + 2) for at, sign in ends if sign < 0] for name in ("q", "v")),
+            *([Term("v", at + i, sign) for at, sign in ends] for i in (0, 1)),
+        ]
+        none = 0.0 * read("slides", number)
+        values = [sum((by * read(name, at) for name, at, by in of), none) for of in arguments]
+        values += [float(value) for value in (*joint.offset, *joint.axis)]  # which may have slopes
+        names = "offsets of slides", "axes of slides"
+        arguments += ([Term(name, 2 * number + i)] for name in names for i in (0, 1))
+        for k, terms in enumerate(arguments):
+            x = [value + _STEP * 1j if i == k else value for i, value in enumerate(values)]
+            slopes = np.imag(axial_rate(joint.track, x[5:7], x[7:], *x[:5])) / _STEP
+            for array, at, factor in terms if slopes.any() else ():
+                yield Term(array, at, factor * slopes)
+
+
+def _ends(place: Node | Joint) -> Iterator[tuple[int, float]]:
+    """Entries of x of its nodes, with their signs: -1 of a joint's node a; without the ground."""
+    nodes = [place] if isinstance(place, Node) else [place.b, place.a]
+    for node, sign in zip(nodes, (1.0, -1.0), strict=False):
+        if node is not GROUND:
+            yield 3 * node.number, sign
 
 
 def check_outputs(scene, outputs, what: str) -> None:

@@ -146,7 +146,7 @@ class CompiledLoop:
 
     def _run_taped(self, tape: Tape, steps: Steps, t: float, to: Any) -> int:
         """The same on a tape, which keeps the state before every so many steps."""
-        from .tape import TakenSteps
+        from .checkpoints import TakenSteps
 
         taken, inputs, times = 0, steps.inputs, np.append(t, steps.ends)
         while taken < inputs.steps:

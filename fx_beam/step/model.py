@@ -437,8 +437,11 @@ class Model:
         columns = np.arange(len(keys))
         columns[driven:] += len(self.motors)  # which are between
         self.prescribed = (3 * nodes + components)[:driven]
-        #: Supported nodes, their components, and their indices among driven and fixed columns.
-        self.supports = nodes, components, columns
+        of_nodes, of_motors = np.full(self.mesh.dofs.shape, -1), np.full(scene.joint_count, -1)
+        of_nodes[nodes, components] = columns
+        of_motors[[joint.number for joint, _ in self.motors]] = driven + np.arange(len(self.motors))
+        #: Columns, driven or fixed, whose forces histories have; -1 where there is none.
+        self.force_columns = {"reactions": of_nodes, "motor_forces": of_motors}
         self.points.set_columns(self.couplings.slides)
         if self.flows and min(self.scheme.fractions) < 0:
             raise SceneError(

@@ -124,8 +124,8 @@ class RecordedHistories(Mapping):
             return Energy(**parts, impact=np.full(len(energies), self._impact))
         if name in ("linear_momentum", "angular_momentum"):
             return self._fitted["momenta"][:, 2 if name == "angular_momentum" else slice(2)]
-        if name in ("reactions", "motor_forces"):
-            return self._by_supports[name == "motor_forces"]
+        if name in self._model.force_columns:
+            return self._by_columns(name)
         model, quantity = self._model, ROWS[name]
         at_nodes = quantity.shape == ("dofs",)
         lengths = (len(model.mesh.X), 3) if at_nodes else quantity.lengths(model.sizes)
@@ -143,19 +143,12 @@ class RecordedHistories(Mapping):
             return None
         return values
 
-    @cached_property
-    def _by_supports(self) -> tuple[np.ndarray, np.ndarray]:
-        """Forces of the supports on nodes, and those of motors, from rows of all of them."""
+    def _by_columns(self, name: str) -> np.ndarray:
+        """Forces of the supports on nodes, or those of motors, from rows of all of them."""
         model, forces = self._model, self._recorded("constraint_forces")
         if forces is None:
             forces = np.empty((0, *ROWS["constraint_forces"].lengths(model.sizes)))
-        reactions = np.zeros((len(forces), len(model.mesh.X), 3))
-        supported, components, columns = model.supports
-        reactions[:, supported, components] = forces[:, columns]
-        motors = np.zeros((len(forces), model.sizes["joints"]))
-        first, numbers = len(model.prescribed), [joint.number for joint, _ in model.motors]
-        motors[:, numbers] = forces[:, first : first + len(numbers)]
-        return reactions, motors
+        return np.pad(forces, ((0, 0), (0, 1)))[:, model.force_columns[name]]
 
 
 # -- Rates that fit the joints, with the accelerations and forces that belong to them --------------

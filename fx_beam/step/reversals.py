@@ -9,6 +9,9 @@ import numpy as np
 
 from fx_beam.fem.frictions import Bristle
 
+from .tables import Problem
+from .tape import Tape
+
 #: Sub-steps of a run that may have one.
 LEAST_STEPS = 3
 # Sub-steps from slip to one side to slip to the other one, above which their derivatives are right.
@@ -65,6 +68,19 @@ class Reversal(NamedTuple):
 def all_places(bristles: Sequence[Bristle]) -> np.ndarray:
     """Places (3 n,) of stretch, slip and the force that is followed, or the stretch again."""
     return np.ravel([(b.place, b.place + 1, b.place + 2 * b.follows) for b in bristles])
+
+
+def histories_of(tape: Tape, problem: Problem, places: np.ndarray) -> np.ndarray:
+    """Internal variables (n + 1, places) of forces at points at all ends of sub-steps.
+
+    If not all rows are kept the run is repeated for them.
+    """
+    values = np.empty((len(tape) + 1, len(places)))
+    for part in tape.parts(problem):
+        boundaries = np.arange(part.first, part.end + 1)
+        states = tape.states(boundaries, "spring internal")
+        values[boundaries] = states["spring internal"][:, places]
+    return values
 
 
 def reversal_rows(

@@ -15,7 +15,7 @@ from fx_beam.errors import SceneError, any_of
 from .form_tables import aligned_zeros
 from .layout import Layout, Numbers, all_of, never_empty, put_columns
 from .model import Model
-from .reversals import LEAST_STEPS, all_places, reversal_rows
+from .reversals import LEAST_STEPS, all_places, histories_of, reversal_rows
 from .tables import Problem
 from .tape import Part, Tape
 from .vjp_work import VjpWork
@@ -33,26 +33,26 @@ class TapeDerivatives:
 
     def __init__(self, problem: Problem, way: str = "VJP"):
         _check(problem.model)
-        self.problem, self._model = problem, problem.model
+        self.problem = problem
         problem.begin_derivatives(way)  # beside slopes of forms
         self._way = way
-        self._ffi, self._p = problem.ffi, problem.c
-        self._structs = Structs(self._ffi)
+        self._structs = Structs(problem.ffi)
         #: The C struct Derivatives.
-        self.c = self._ffi.new("Derivatives *")
+        self.c = problem.ffi.new("Derivatives *")
         #: Whether slopes of elements are those by places too; None for no slopes.
         self._has_places: bool | None = None
         self._works: list[VjpWork] = []
-        if (beams := self._model.forms.beams) is not None:
+        if (beams := problem.model.forms.beams) is not None:
             # How many numbers elements have; derivatives are compiled when they are needed.
             for name in ["internal_forces"] + ["drag"] * beams.have_drag:
                 self._works.append(work := VjpWork(name, beams, problem))
                 self._structs.set(self.c, **{name: work.first_members()})
-        addresses, numbers, sizes = zip(*(self._model.points.slopes or [(0, 0, 0)]), strict=True)
+        of_points = problem.model.points.slopes or [(0, 0, 0)]
+        addresses, numbers, sizes = zip(*of_points, strict=True)
         slopes = np.array(addresses, np.uintp)
         self._structs.set(self.c, slopes=slopes, numbers=numbers, of_point=np.zeros(max(sizes) + 1))
         self._structs.set(self.c, point_numbers=sum(numbers))
-        members = self._model.points.members
+        members = problem.model.points.members
         if members is not None:
             counts = {"member_numbers": len(members.numbers), "member_arcs": len(members.arcs)}
             members.follow()
@@ -60,37 +60,31 @@ class TapeDerivatives:
         else:
             self._structs.set(self.c, transposed_at=problem.transposed())
         #: Slides of moving joints in the reference, and `Model.refills` for which they are.
-        self._slide_at_rest = np.zeros(1 + len(self._model.couplings.arm_joints))
+        self._slide_at_rest = np.zeros(1 + len(problem.model.couplings.arm_joints))
         self._refills = -1
         self._structs.set(self.c, slide_at_rest=self._slide_at_rest)
 
     @cached_property
     def layout(self) -> Layout:
         """Where the arrays of the derivatives are in their vector."""
-        starts = self.problem.derivatives(self._way).fx_layout(self._p, self.c)
+        starts = self.problem.derivatives(self._way).fx_layout(self.problem.c, self.c)
         layout = Layout(self.problem, starts)
-        followed = layout.at["spring internal"][self._model.points.followed]
+        followed = layout.at["spring internal"][self.problem.model.points.followed]
         self._structs.set(self.c, followed=followed)
-        self._make_room()
         return layout
-
-    def _make_room(self) -> None:
-        room = self.problem.derivatives(self._way).fx_linear_scratch(self._p, self.c)
-        self._structs.set(self.c, scratch=aligned_zeros(room))
 
     @property
     def places_depend(self) -> bool:
         """Whether motions of nodes for those of the unknowns depend on the state."""
-        return bool(
-            self._p.map.count > self._p.map.equal or self._p.loops.closures or self._p.sliders.count
-        )
+        p = self.problem.c
+        return bool(p.map.count > p.map.equal or p.loops.closures or p.sliders.count)
 
     def constraint_forces(self, tape: Tape) -> np.ndarray:
         """Forces (n, columns) of driven and fixed columns in the n sub-steps on the tape now."""
-        first, end = tape.present
-        forces = np.zeros((end - first, self._p.columns - self._p.free))
-        to = self._ffi.from_buffer("double[]", forces if forces.size else np.zeros(1))
-        left = self.problem.derivatives(self._way).fx_taped_forces(self._p, tape.c, self.c, to)
+        (first, end), problem, p = tape.present, self.problem, self.problem.c
+        forces = np.zeros((end - first, p.columns - p.free))
+        to = problem.ffi.from_buffer("double[]", forces if forces.size else np.zeros(1))
+        left = problem.derivatives(self._way).fx_taped_forces(p, tape.c, self.c, to)
         _check_followed(left, tape, end - left)
         return forces
 
@@ -112,9 +106,9 @@ class TapeDerivatives:
         """
         self.set_slopes("X" in names)
         count, every, layout = len(tape), np.arange(len(tape) + 1), self.layout
-        x, by_unknowns = aligned_zeros(layout.size), np.zeros(self._p.free)
+        x, by_unknowns = aligned_zeros(layout.size), np.zeros(self.problem.c.free)
         of_steps, ends = np.zeros((count + 1, layout.step_size)), layout.states.only({"q": ...})
-        structs = Structs(self._ffi)
+        structs = Structs(self.problem.ffi)
         arrays = {"x": x, "sizes": np.zeros(count), "of_steps": never_empty(of_steps)}
         structs.set(self.c, **arrays, by_unknowns=by_unknowns, share=shares)
         at_ends = ends.members(every[1:], count + 1, of_ends, rows)
@@ -146,12 +140,12 @@ class TapeDerivatives:
         every, forces = len(tape), self.layout.forces
         states, x = self.layout.states.only(entries), aligned_zeros(self.layout.size)
         of_steps = np.zeros((every + 1, self.layout.step_size))
-        structs = Structs(self._ffi)
-        #: Sizes of the derivatives by the rates at the starts of all sub-steps.
-        self.sizes = np.zeros(every)
-        arrays = {"x": x, "sizes": self.sizes, "of_steps": never_empty(of_steps)}
+        structs = Structs(self.problem.ffi)
+        # Sizes of the derivatives by the rates at the starts of all sub-steps.
+        sizes = np.zeros(every)
+        arrays = {"x": x, "sizes": sizes, "of_steps": never_empty(of_steps)}
         structs.set(self.c, **arrays, by_unknowns=0)
-        self._find_reversals(tape)
+        _reversals = self._with_reversals(tape)
         left_over: np.ndarray | None = None
         for part in tape.parts(self.problem, backwards=True):
             weights, rows, sub_steps = weights_of(part)
@@ -167,13 +161,18 @@ class TapeDerivatives:
             of_forces = forces.filled(weights, len(sub_steps))
             at_rows = states.members(rows, every + 1, of_states)
             self._follow("VJP", tape, at_rows, forces.members(sub_steps, every, of_forces))
+        late = sizes[every // 2 :].max(initial=0.0)
+        #: Largest derivative by rates in the first half of the run relative to that in the second:
+        #: about 2 where later states depend on earlier ones as in a vibration. In chaotic motions
+        #: it has no bound, and the derivatives tell nothing about larger changes.
+        self.growth = float(sizes[: every // 2].max(initial=0.0) / late) if late else 0.0
         by = {name: of_steps[:-1, at] for name, at in self.layout.steps.items() if name in names}
         return by | {name: self.numbers[name].sums(x) for name in self.numbers.keys() & names}
 
     @cached_property
     def numbers(self) -> dict[str, Numbers]:
         """The numbers of the scene by name."""
-        model, p, at = self._model, self._p, self.layout.at
+        model, p, at = self.problem.model, self.problem.c, self.layout.at
         others = {"Y", "member places", *(work.array for work in self._works)}
         numbers = {name: all_of(at[name]) for name in self.layout.numbers if name not in others}
         columns, dofs, of_slides, joints = model.couplings.free_columns
@@ -231,9 +230,9 @@ class TapeDerivatives:
         """
         count = len(next(iter(changes.values())))
         x = self.layout.vector(changes, self.numbers, count)
-        of_steps = self._of_steps(changes, count, len(tape))
+        of_steps = _changes_of_steps(self.layout, changes, count, len(tape))
         _kept = self._begin_jvp(changes, x, of_steps, directions=count, by_unknowns=0)
-        self._find_reversals(tape)
+        _reversals = self._with_reversals(tape)
         states, forces = self.layout.states.only(entries), self.layout.forces
         for part in tape.parts(self.problem):
             at, of = rows_of(part)
@@ -259,12 +258,12 @@ class TapeDerivatives:
         Sums of those of load steps, with shares (k,), in n `rows` (k,). Both ends of steps have the
         changes of the unknowns (m, free), if these are given.
         """
-        p, count, every = self._p, len(changes["X"]), np.arange(len(tape) + 1)
+        p, count, every = self.problem.c, len(changes["X"]), np.arange(len(tape) + 1)
         x, columns = self.layout.vector(changes, self.numbers, count), self.layout.at["Y"]
         put_columns(x, columns[p.free : p.free + p.driven], changes["driven"].reshape(count, -1).T)
         if by_unknowns is not None:
             put_columns(x, columns[: p.free], by_unknowns.T)
-        of_steps = np.tile(self._of_steps(changes, count, 1), (1, len(tape), 1))
+        of_steps = np.tile(_changes_of_steps(self.layout, changes, count, 1), (1, len(tape), 1))
         of_forces, of_ends = (np.zeros((rows.max() + 1, count, n)) for n in (p.free, p.dofs))
         forces = self.layout.equations.members(every[:-1], len(tape), of_forces, rows)
         of = rows if self.places_depend else np.full(len(rows), -1)
@@ -278,7 +277,7 @@ class TapeDerivatives:
         self, changes: Mapping[str, np.ndarray], x: np.ndarray, of_steps: np.ndarray, **more: Any
     ) -> Structs:
         """Hand over changes of all numbers, in groups; returns what keeps them."""
-        structs = Structs(self._ffi)
+        structs = Structs(self.problem.ffi)
         self.set_slopes("X" in changes and any_of(changes["X"]))
         masses = np.zeros(len(x), int)
         for name in changes.keys() & {"mass", "weight"}:
@@ -288,53 +287,35 @@ class TapeDerivatives:
 
     def _follow(self, way: str, tape: Tape, states: dict[str, Any], forces: dict[str, Any]) -> None:
         """Follow the sub-steps on the tape, with members for rows of states and of forces."""
-        structs = Structs(self._ffi)
+        structs = Structs(self.problem.ffi)
         structs.set(self.c, states=states, forces=forces)
         library, (first, end), backwards = self.problem.derivatives(way), tape.present, way == "VJP"
-        left = (library.fx_vjp if backwards else library.fx_jvp)(self._p, tape.c, self.c)
+        left = (library.fx_vjp if backwards else library.fx_jvp)(self.problem.c, tape.c, self.c)
         _check_followed(left, tape, first + left - 1 if backwards else end - left)
 
-    def _find_reversals(self, tape: Tape) -> None:
-        """Hand over where slip reverses in few steps, whose time has a derivative of its own."""
-        moves = len(tape) >= LEAST_STEPS and not (tape.c.apart or self._p.scheme.at_rest)
-        bristles = self._model.points.bristles if moves else []
-        histories = tape.histories(self.problem, all_places(bristles)) if bristles else _NONE
+    def _with_reversals(self, tape: Tape) -> Structs:
+        """Hand over where slip reverses in few steps; returns what keeps it."""
+        moves = len(tape) >= LEAST_STEPS and not (tape.c.apart or self.problem.c.scheme.at_rest)
+        bristles = self.problem.model.points.bristles if moves else []
+        histories = histories_of(tape, self.problem, all_places(bristles)) if bristles else _NONE
         rows = reversal_rows(bristles, histories, tape.times.lengths)
-        self._reversals = Structs(self._ffi)
-        self._reversals.set(self.c, **rows)
-
-    def _of_steps(self, changes: Mapping[str, np.ndarray], count: int, rows: int) -> np.ndarray:
-        """Changes of the numbers of sub-steps in groups (groups, rows * step_size, group size)."""
-        steps = self.layout.groups(count, rows * self.layout.step_size)
-        for name in changes.keys() & self.layout.steps.keys():
-            at = self.layout.step_size * np.arange(rows)[:, None] + self.layout.steps[name]
-            put_columns(steps, at.ravel(), changes[name].reshape(count, -1).T)
-        return steps
+        structs = Structs(self.problem.ffi)
+        structs.set(self.c, **rows)
+        return structs
 
     @property
     def names(self) -> set[str]:
         """Names of the numbers of which there are derivatives."""
         return {*self.numbers, *self.layout.steps}
 
-    @property
-    def growth(self) -> float:
-        """Largest derivative by rates in the first half of the run relative to that in the second.
-
-        About 2 where later states depend on earlier ones as in a vibration; in chaotic motions it
-        grows without bound, and the derivatives tell nothing about larger changes.
-        """
-        half = len(self.sizes) // 2
-        late = self.sizes[half:].max(initial=0.0)
-        return float(self.sizes[:half].max(initial=0.0) / late) if late else 0.0
-
     def set_slopes(self, by_places: bool) -> None:
         """Derivatives of forces of elements, by places of nodes if these are wanted.
 
         And the slides of joints in the reference of the present scene.
         """
-        if self._refills != self._model.refills:
-            self._refills = self._model.refills
-            self._slide_at_rest[:-1] = [joint.start()[0] for joint in self._model.arm_joints]
+        if self._refills != self.problem.model.refills:
+            self._refills = self.problem.model.refills
+            self._slide_at_rest[:-1] = [joint.start()[0] for joint in self.problem.model.arm_joints]
         if self._has_places == by_places:
             return
         self._has_places = by_places
@@ -342,7 +323,20 @@ class TapeDerivatives:
             work.compiled(by_places)  # before the library is waited for
         for work in self._works:
             self._structs.set(self.c, **{work.name: work.members(self.layout, by_places)})
-        self._make_room()
+        _, library = self.layout, self.problem.derivatives(self._way)  # which has sizes for C
+        room = library.fx_linear_scratch(self.problem.c, self.c)
+        self._structs.set(self.c, scratch=aligned_zeros(room))
+
+
+def _changes_of_steps(
+    layout: Layout, changes: Mapping[str, np.ndarray], count: int, rows: int
+) -> np.ndarray:
+    """Changes of the numbers of sub-steps in groups (groups, rows * step_size, group size)."""
+    steps = layout.groups(count, rows * layout.step_size)
+    for name in changes.keys() & layout.steps.keys():
+        at = layout.step_size * np.arange(rows)[:, None] + layout.steps[name]
+        put_columns(steps, at.ravel(), changes[name].reshape(count, -1).T)
+    return steps
 
 
 def _check_followed(left: int, tape: Tape, sub_step: int) -> None:

@@ -1,0 +1,75 @@
+"""What a response has: an analysis, whose rows, tape and numbers give outputs and derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from fx_beam.equilibria.statics import LoadPath
+from fx_beam.results.solution import Solution
+from fx_beam.scene.outputs import Output
+from fx_beam.step.model import Model
+from fx_beam.step.tape import Tape
+from fx_beam.step.tape_derivatives import TapeDerivatives
+
+from .output_values import Wanted, values_of
+from .parametrised import Parametrised
+
+
+class Analysis:
+    """Runs scenes of parameters; derivatives of its rows follow a tape of its steps."""
+
+    #: The quantity of the whole run that an output may be, a single number; empty for none.
+    single = ""
+    #: Whether derivatives of a sum of outputs are taken from those of all rows.
+    forwards = False
+    #: The equilibrium from which the last run started, if it was computed for it.
+    path: LoadPath | None = None
+    #: Times or load factors (n,) of the rows of the last run.
+    t: np.ndarray
+
+    def __init__(self, parameters: Parametrised):
+        self.parameters = parameters
+
+    @property
+    def outputs(self) -> dict[str, Wanted]:
+        """Outputs of the last scene by name."""
+        return self.parameters.besides or {}
+
+    @property
+    def measured(self) -> list[Output]:
+        """Outputs of the last scene that are no functions."""
+        return [output for output in self.outputs.values() if isinstance(output, Output)]
+
+    def run(self, x: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Times or load factors (n,) and outputs for parameters."""
+        raise NotImplementedError
+
+    def followed(self, what: str) -> tuple[Model, Tape, TapeDerivatives]:
+        """The model of the last run, the tape of its steps, and their derivatives."""
+        raise NotImplementedError
+
+    def boundaries(self, tape: Tape) -> np.ndarray:
+        """Numbers (n,) of the sub-steps after the rows of the last run."""
+        return tape.times.boundaries(self.t)
+
+    def value(self, solution: Solution, name: str) -> np.ndarray:
+        """Values (n, ...) of an output in a solution, or its only value."""
+        return values_of(solution, self.outputs[name], name)
+
+    def read(self, solution: Solution) -> dict[str, np.ndarray]:
+        """The outputs (n, ...) of a solution."""
+        return {name: self.value(solution, name) for name in self.outputs}
+
+    def changes(self) -> dict[str, np.ndarray]:
+        """Derivatives (m, ...) by x of all numbers of the last run."""
+        raise NotImplementedError
+
+    def of_single(self) -> np.ndarray:
+        """Derivatives (m,) by x of the single quantity."""
+        raise NotImplementedError
+
+    def of_length(self, names: Iterable[str]) -> dict[str, np.ndarray]:
+        """Derivatives (n, ..., m) of outputs by a length of steps that depends on x."""
+        return {}

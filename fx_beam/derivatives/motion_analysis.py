@@ -1,0 +1,215 @@
+"""Motions of scenes of parameters: their outputs, and derivatives of their numbers."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import replace
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from fx_beam.dual import Dual, floats
+from fx_beam.equilibria.statics import path_of
+from fx_beam.errors import SceneError
+from fx_beam.motions.initial_state import rates_with_slopes
+from fx_beam.motions.motion_series import MotionSeries
+from fx_beam.motions.numbers import numbers_of, numbers_of_state, observed_numbers_of
+from fx_beam.motions.options import Options
+from fx_beam.motions.prepared import Prepared
+from fx_beam.motions.run import Run
+from fx_beam.results.records import stats_unchanged
+from fx_beam.results.solution import Solution
+from fx_beam.results.state import State
+from fx_beam.scene.inputs import with_functions
+from fx_beam.scene.scene import Scene
+from fx_beam.step.model import Model
+from fx_beam.step.tape import Tape
+from fx_beam.step.tape_derivatives import TapeDerivatives
+
+from .analysis import Analysis
+from .local_outputs import observes_start
+from .observation import observes_rates, rates_at
+from .output_values import recorded, row_values
+from .parametrised import Parametrised
+from .static_derivatives import StaticDerivatives, why_not
+
+# Length of the step that tells the accelerations at the start, relative to the others: its mean
+# loads are those just after the start, which accelerations have.
+_INSTANT = 2e-12
+
+
+class MotionAnalysis(Analysis):
+    """Motions one after the other, the last of which is on a tape if outputs have derivatives."""
+
+    def __init__(
+        self,
+        options: Options,
+        start: Solution | Callable[[Scene], Solution] | None,
+        memory: float,
+        parameters: Parametrised,
+    ):
+        super().__init__(parameters)
+        self._options, self._record, self._start = options, options.record, start
+        # Several processes have no derivatives.
+        self._series = MotionSeries(memory)
+        self._of_tape: TapeDerivatives | None = None
+        # The last run whose rows only this object has.
+        self._last_run: Run | None = None
+
+    def run(self, x: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Times and outputs for parameters."""
+        # Functions of the user's, which have read a scene before, may take plain floats alone.
+        plain = callable(self._start) or any(map(callable, self.outputs.values()))
+        run: Run = self.parameters.scenes.serve(x, self._begun, not plain)
+        read = run.take_steps(lambda: self._rows_of(run) or run.solution())
+        self.parameters.stats = run.prepared.stats
+        if self._series.tape is not None:
+            self._series.tape.last = run.recorder.end
+        if isinstance(read, Solution):
+            self.t = read.t
+            return self.t, self.read(read)
+        run.lease.end()
+        self._last_run, self.t = run, run.recorder.t
+        return self.t.copy(), read
+
+    def _begun(self, x: Any) -> Run:
+        """A run of the scene of x that is to take its steps."""
+        scene, last = self.parameters.take(x), self._options.record
+        if (record := recorded(self._record, last, self.outputs)) is not last:
+            self._options = replace(self._options, record=record)
+        self._series.tapes = bool(self.measured)
+        start, over, self._last_run = self._start_of(scene), self._last_run, None
+        return self._series.begun(scene, self._options, start, over)
+
+    def _rows_of(self, run: Run) -> dict[str, np.ndarray]:
+        """The outputs from the rows of a run; empty if these are not all, or places need a look."""
+        options, model = self._options, run.prepared.model
+        looks = self.parameters.scene.contacts or model.has_contact
+        if looks or options.tolerance is not None or options.record.times is not None:
+            return {}
+        y = {}
+        for name, output in self.outputs.items():
+            if (rows := row_values(model, run.recorder, output)) is None:
+                return {}
+            y[name] = rows
+        return y
+
+    def _start_of(self, scene: Scene) -> Solution | None:
+        self.path = None
+        if not callable(self._start):
+            return self._start
+        clock, solution = perf_counter(), self._start(scene)
+        path = path_of(solution, scene)
+        if path is not None and path.began >= clock:
+            self.path = path
+        return solution
+
+    def followed(self, what: str) -> tuple[Model, Tape, TapeDerivatives]:
+        """As of `Analysis`."""
+        series = self._series
+        prepared, tape = series.prepared, series.tape
+        if prepared is None or tape is None:
+            raise SceneError(
+                f"Response.{what}: the steps of this motion were not compiled "
+                f"({self.parameters.stats.solver}), and have no derivatives"
+            )
+        loop = prepared.loop
+        assert loop is not None  # only it has a tape
+        if self._of_tape is None or self._of_tape.problem is not loop.problem:
+            way = "JVP" if what == "jacobian" else "VJP"
+            self._of_tape = TapeDerivatives(loop.problem, way)
+        return prepared.model, tape, self._of_tape
+
+    def changes(self) -> dict[str, np.ndarray]:
+        """As of `Analysis`."""
+        tape, start = self._series.tape, None
+        assert tape is not None  # `followed` comes first
+        # Without derivatives of the equilibrium before, differences compute it for other x.
+        if self.path is not None and not why_not(self.path):
+            derivatives = self.parameters.derivatives
+            start = StaticDerivatives(self.path).change_of_end(derivatives, "Response")
+        first = self._options.dt if self._options.tolerance is None else tape.times.first_length
+        given = tape, first, start, self._accelerations_by_x(first)
+        return self.parameters.derivatives(functools.partial(self._numbers_of, *given))
+
+    def _accelerations_by_x(self, first: float) -> np.ndarray | None:
+        """Changes (m, size) of those at the start, by a very short step; None if not from rest."""
+        (model, _, derivatives), prepared = self.followed("vjp"), self._series.prepared
+        moving = model.scene.velocities, model.couplings.driven, self._start is not None
+        other_steps = self._options.tolerance is not None or len(model.scheme.fractions) > 1
+        # Round-off of the rates of natural strains would be large in such a step.
+        unfit = any(moving) or other_steps or model.natural
+        if unfit or not any(map(observes_start, self.measured)):
+            return None
+        assert prepared is not None  # it has the model
+        tape, short = Tape(derivatives.problem), _INSTANT * first
+        with stats_unchanged(prepared.stats):
+            state = prepared.first_state(short, None, accelerations=False)
+            if prepared.stepper.trial(state, state.t + short, tape=tape).state is None:
+                return None  # such a step may fail with unknowns that have no mass
+        of_step = functools.partial(self._numbers_of_steps, tape, short, None, False)
+        changes = self.parameters.derivatives(lambda *given: of_step(*given)[2])
+        rates = derivatives.jvp(tape, changes, np.ones(1, int))["v"][0]
+        return np.where(model.massless, 2, 1) * rates / short  # those are means
+
+    def _numbers_of_steps(
+        self, tape: Tape, first: float, start: Any, at_start: bool, given: Scene, change: Any
+    ) -> tuple[Prepared, State, dict[str, Any]]:
+        """Another scene, prepared, with its first state; numbers of the steps and of this state."""
+        base, t0 = self.parameters.scene, tape.times.starts
+        other = prepared_for(self._series, self._options, base, given, change)
+        model, t1 = other.model, tape.times.ends
+        if start is None:
+            before = self._start_of(given)
+            if isinstance(change, Dual) and other.smooths_start(before):
+                raise TypeError("a start that is found by a step has no slopes")
+            state = other.first_state(first, before, at_start)
+        else:
+            state = other.state_from(start.at(model, floats(change)), first, at_start)
+        numbers: dict[str, Any] = numbers_of(other, state, t0, t1)
+        if self._start is None and isinstance(change, Dual):
+            if model.natural:
+                numbers["natural"] = model.natural.numbers_at(state.t)
+            numbers["v"] = rates_with_slopes(
+                model, other.forcing, state, first, numbers, change.count
+            )
+        if start is not None and isinstance(change, Dual):
+            for name, values in numbers_of_state(model, start.at(model, change)).items():
+                if isinstance(values, Dual):
+                    numbers[name] = Dual(floats(numbers[name]), values.slopes)
+        return other, state, numbers
+
+    def _numbers_of(
+        self, tape: Tape, first: float, start: Any, a_by_x: Any, given: Scene, change: Any
+    ) -> dict[str, Any]:
+        """Numbers of steps and state for another scene, and of outputs that have rates.
+
+        Accelerations have the changes `a_by_x` (m, size) as their slopes.
+        """
+        at_start = any(map(observes_start, self.measured))
+        other, state, numbers = self._numbers_of_steps(tape, first, start, at_start, given, change)
+        if not any(observes_rates(other.model, output) for output in self.measured):
+            return numbers
+        rates = rates_at(tape, np.arange(len(tape) + 1))
+        numbers |= observed_numbers_of(other, state, *rates, at_start)
+        if a_by_x is not None and isinstance(change, Dual):
+            # Nodes without mass have none by definition, but those that others carry.
+            has = ~other.model.massless | (state.a != 0)
+            numbers["a"] = Dual(state.a, a_by_x.T * has[:, None])
+        return numbers
+
+
+def prepared_for(
+    series: MotionSeries, options: Options, base: Scene, scene: Scene, change: Any
+) -> Prepared:
+    """What is prepared as the motion of a base is, with the numbers of another scene, but no loop.
+
+    Of the base it is that of the motion, if it has slopes.
+    """
+    # Without slopes it may be a scene that all calls share, with other numbers since.
+    if scene is base and isinstance(change, Dual) and (last := series.prepared):
+        return last
+    inputs = options.inputs, "Response: inputs"
+    return series.alike(with_functions(scene, *inputs), with_functions(base, *inputs), options)

@@ -1,0 +1,91 @@
+"""Scenes as a function of parameters: what all responses have, and one call of them at a time."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from threading import RLock
+from typing import Any, TypeVar
+
+import numpy as np
+
+from fx_beam.dual import Dual
+from fx_beam.errors import all_of, real_array, require
+from fx_beam.results.records import Stats
+from fx_beam.scene.functions import ArrayCalls
+from fx_beam.scene.scene import Scene
+from fx_beam.step.interrupts import one_thread
+
+from .built_scenes import BuiltScenes, NumbersOf
+
+_Method = TypeVar("_Method", bound=Callable)
+
+
+def one_call(method: _Method) -> _Method:
+    """A method for one thread; all but `__call__` need a call before."""
+    name = method.__name__
+
+    @functools.wraps(method)
+    def call(self, *arguments, **named):
+        if name != "__call__":
+            parameters, what = self._parameters, f"{type(self).__name__}.{name}"
+            expected = "called after run(x) without an error"
+            require(parameters.x is not None, what, f"no {parameters.gives} yet", expected)
+        return method(self, *arguments, **named)
+
+    return one_thread(call)  # type: ignore[return-value]
+
+
+def made_again(kind: type, arguments: dict[str, Any]) -> Any:
+    """A response of the same arguments, which knows of no call: a copy, or one of a pickle."""
+    return kind(**arguments)
+
+
+class Parametrised:
+    """Scenes that `build` gives for parameters x, and derivatives of their numbers by x.
+
+    `read` takes the scene, and all else, from what `build` gives; SceneError if this is wrong.
+    """
+
+    def __init__(
+        self, build: Callable[..., Any], read: Callable[[Any], tuple[Scene, Any]], gives: str
+    ):
+        self._build, self._read = build, read
+        #: What a call gives, for messages.
+        self.gives = gives
+        self.alone, self._array_calls = RLock(), ArrayCalls()
+        #: Arguments of `build` after x.
+        self.more: tuple[Any, ...] = ()
+        #: The parameters of the last call; None until it succeeds.
+        self.x: Any = None
+        #: Its scene, what `build` gave besides, and its statistics.
+        self.scene: Scene
+        self.besides: Any = None
+        self.stats: Stats
+        self.scenes = BuiltScenes(lambda x: self.at(x)[0])
+
+    def begin(self, x: Any) -> np.ndarray:
+        """The parameters of a call, which are checked; there are none until it succeeds."""
+        self.x = None
+        values = real_array(x)
+        is_right = values.ndim == 1 and values.size > 0 and all_of(np.isfinite(values))
+        require(is_right, "Response: x", x, "a sequence of finite numbers")
+        return values
+
+    def at(self, x: Any, *more: Any) -> tuple[Scene, Any]:
+        """The scene of x, and what `build` gives besides; `build` may change its copy of x."""
+        built = self._build(x if isinstance(x, Dual) else x.copy(), *(more or self.more))
+        scene, besides = self._read(built)
+        scene.array_calls = self._array_calls
+        return scene, besides
+
+    def take(self, x: Any) -> Scene:
+        """Take the scene of x as that of this call."""
+        self.scene, self.besides = self.at(x)
+        return self.scene
+
+    def derivatives(self, numbers_of: NumbersOf) -> dict[str, np.ndarray]:
+        """Derivatives (m, ...) by x of the numbers of scenes at the last x."""
+        changes = self.scenes.derivatives(self.x, self.scene, numbers_of)
+        self.stats.difference_reason = self.scenes.reason
+        return changes

@@ -1,0 +1,278 @@
+"""Derivatives of a periodic motion: its start and period follow from the equations of a period."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import scipy.linalg
+
+from fx_beam.dual import floats
+from fx_beam.equilibria.statics import path_of
+from fx_beam.errors import SceneError, is_whole, require
+from fx_beam.motions.numbers import OF_STEPS
+from fx_beam.orbits.closing import NO_SHIFT, ROUND_OFF, ROUNDING, turning_point
+from fx_beam.orbits.periodic_family import without_trivial
+from fx_beam.orbits.shooting import Period, Shooting
+from fx_beam.orbits.variables import Directions, slope
+from fx_beam.results.vibrations import PeriodicMotion
+from fx_beam.scene.scene import Scene
+
+from .built_scenes import NumbersOf, refuse_others
+from .energy_outputs import EnergyOutput
+from .gradient import jvp
+from .parametrised import Parametrised
+from .static_derivatives import StaticDerivatives
+from .sub_steps import SubSteps
+
+WHAT = "PeriodicResponse"
+#: Relative change of the period for central differences,
+# and of a state along a deviation.
+CHANGE, _DEVIATION = 1e-5, 1e-4
+# Singular values of the equations that are zero, relative to the largest.
+_SINGULAR = 1e-9
+# Multipliers that differ by less, relative to them, are equal.
+_TWICE = 1e-6
+# Changes of functions of time that differ by less after a period, relative to the largest, repeat.
+_REPEATS = 1e-6
+LATER = " a period later"
+AT_START = "driven at the start"
+
+
+class PeriodDerivatives:
+    """Derivatives by the parameters x of the start of a periodic motion, and of its period.
+
+    `numbers_of` gives the numbers of the steps for other scenes, with those of functions of time
+    `LATER`, and what is driven `AT_START`; `scene_of` the scene of a frequency of the loads.
+    """
+
+    def __init__(
+        self,
+        parameters: Parametrised,
+        motion: PeriodicMotion,
+        shooting: Shooting,
+        numbers_of: NumbersOf,
+        scene_of: Callable[[float], Scene],
+    ):
+        self._parameters, self._motion, self._shooting = parameters, motion, shooting
+        self._cycle, self._scene_of = motion.cycle, scene_of
+        #: The motion; its parameter is its length here.
+        self._period = self._cycle.period._replace(parameter=self._cycle.period.length)
+        error = self.lay().error
+        if error > max(10 * motion.error, ROUND_OFF):
+            raise SceneError(
+                f"{WHAT}: the motion does not repeat itself in the scene that build gives: the "
+                f"states before and after the period are {error:.1e} of it apart. motion(scene) "
+                "must find the motion of this scene"
+            )
+        #: Derivatives (m, ...) of all numbers; independent variables of the start are held.
+        self._of_scene = _held(parameters.derivatives(numbers_of), shooting.model.prescribed)
+        refuse_others(self._of_scene, shooting.derivatives.names, WHAT)
+        #: Directions of the start, and its derivatives (m, n) in these.
+        self._by = shooting.variables.directions(self._period.start, self._period.length)
+        self._start = np.zeros((len(parameters.x), self._by.matrix.shape[1]))
+        #: Derivatives (m,) of the logarithm of the period.
+        self.period = np.zeros(len(parameters.x))
+        self._solve()
+
+    @property
+    def changes(self) -> dict[str, np.ndarray]:
+        """Derivatives (m, ...) of all numbers, those of the start among them."""
+        return _added(self._of_scene, self._by, self._start)
+
+    def _solve(self) -> None:
+        """Find those of the start and of the period, from the equations of the motion."""
+        shooting, period, cycle, by = self._shooting, self._period, self._cycle, self._by
+        independent, n = by.independent, by.matrix.shape[1]
+        unit = by.matrix[independent]
+        after, _ = shooting.slopes(by.changes, period)
+        #: The monodromy matrix in these directions.
+        self._monodromy = np.linalg.solve(unit, after[independent])
+        rows = [after[independent] - unit]
+        right = [shooting.slopes(self._of_scene, period)[0][independent]]
+        if cycle.chosen_by == "fold":
+            self.period = self._of_fold(rows[0], right[0])
+            return
+        of_parameter = np.zeros((len(unit), 0))
+        if cycle.free and cycle.chosen_by != "period":
+            of_parameter = shooting.parameter_slope(period)[independent, None]
+        rows[0] = np.hstack([rows[0], of_parameter])
+        more = of_parameter.shape[1]
+        for slopes, by_x in self._conditions():
+            rows.append(slopes[None, : n + more])
+            right.append(by_x[None])
+        matrix, sides = np.vstack(rows), np.vstack(right)
+        sizes = np.linalg.svd(matrix, compute_uv=False)
+        if cycle.free and sizes[n + more - 1] < _SINGULAR * sizes[0]:
+            raise SceneError(
+                f"{WHAT}: the motion is one of a family of the same scene, and nothing chooses "
+                "it. Give periodic the energy or the amplitude"
+            )
+        solved = -scipy.linalg.lstsq(matrix, sides, ROUNDING, lapack_driver="gelsy")[0].T
+        self.lay()
+        self._start = solved[:, :n]
+        if more:
+            self.period = solved[:, n]
+
+    def _conditions(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """What chooses the motion: derivatives by its start and period, and by x."""
+        cycle, shooting, period, by = self._cycle, self._shooting, self._period, self._by
+        if cycle.chosen_by not in ("", "period", "frequency", "energy", "amplitude"):
+            raise SceneError(
+                f"{WHAT}: this motion of a family has no derivatives. Find it by periodic, with "
+                "an energy, an amplitude or a period"
+            )
+        nothing = np.zeros(len(self._parameters.x))
+        held = list[tuple[np.ndarray, np.ndarray]]()
+        if cycle.free:
+            phase = NO_SHIFT
+            if cycle.chosen_by in ("energy", "amplitude"):
+                phase = turning_point(shooting, period)
+            held.append((phase.slopes(period, by), nothing))
+        if cycle.chosen_by == "energy":
+            slopes = np.append(shooting.variables.slope_of_energy(period.start, by), 0.0)
+            size = np.linalg.norm(slopes)
+            held.append((slopes / size, self._energy_by_x() / size))
+        elif cycle.chosen_by == "amplitude":
+            unit = shooting.model.unit[cycle.held]
+            slopes = np.append(by.changes["q"][:, cycle.held], 0.0)
+            place = self._start_by_x()["q"][0, :, cycle.held]
+            held.append((slopes / unit, (place - self._rest_by_x()) / unit))
+        return held
+
+    def _start_by_x(self) -> dict[str, np.ndarray]:
+        """Derivatives (1, m, ...) of the start, of which the independent variables are held.
+
+        Others follow them by joints, whose shape depends on x.
+        """
+        self.lay()
+        none = np.zeros(1, dtype=int)
+        return self._shooting.derivatives.jvp(self._shooting.tape, self._of_scene, none)
+
+    def _rest_by_x(self) -> np.ndarray:
+        """Derivatives (m,) of what the amplitude is measured from."""
+        cycle = self._cycle
+        if cycle.state is None:
+            return np.zeros(len(self._parameters.x))
+        if (path := path_of(cycle.state, self._parameters.scene)) is None:
+            raise SceneError(
+                f"{WHAT}: an amplitude about a state has derivatives if motion(scene) computes "
+                "this by static(scene). Or give the energy"
+            )
+        at_rest = StaticDerivatives(path).change_of_end(self._parameters.derivatives, WHAT).of_nodes
+        return at_rest[:, cycle.held]
+
+    def _energy_by_x(self) -> np.ndarray:
+        """Derivatives (m,) of the energy of the start, of which the variables are held."""
+        model, tape, none = self._shooting.model, self._shooting.tape, np.zeros(1, dtype=int)
+        changes, held, of = self._of_scene, self._start_by_x(), SubSteps(model, tape, none)
+        output = EnergyOutput(of, "energy of steps", none)
+        by_x = jvp(output.blocks(none), (1,), held, changes)[0]
+        if model.loads.constant and model.loads.functions:
+            loads, q = model.loads.unit_loads, self._period.start.q
+            factors = floats(model.loads.series(np.zeros(1)))[0]
+            columns = np.repeat(np.arange(loads.shape[1]), np.diff(loads.indptr))
+            by_x = by_x - changes["columns"] @ (q[loads.indices] * factors[columns])
+            of_factors = changes["loads"].reshape(len(self._parameters.x), -1, loads.shape[1])[:, 0]
+            by_x = by_x - of_factors @ (loads.T @ q) - held["q"][0] @ (loads @ factors)
+        return by_x
+
+    def _of_fold(self, matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+        """Those (m,) of the period: the left vector of S_y - 1 leaves the frequency alone."""
+        period, frequency = self._period, self._cycle.period.parameter
+        vector = np.linalg.svd(matrix)[0][:, -1]
+
+        def gap(change: float) -> np.ndarray:
+            other = Shooting(self._scene_of(frequency * (1 + change)), self._cycle.options)
+            return other.run(period.start, period.length / (1 + change)).gap
+
+        of_frequency = slope(gap, CHANGE)[self._by.independent]
+        self.lay()
+        return (vector @ right) / (vector @ of_frequency)  # of the period, the inverse
+
+    def multipliers(self, n: int) -> tuple[np.ndarray, np.ndarray]:
+        """The n largest multipliers (n,), and their derivatives (n, m)."""
+        known = without_trivial(self._motion.multipliers, self._cycle.trivial)
+        known = known[known.imag >= 0]
+        if not len(known):
+            raise SceneError(f"{WHAT}.multipliers: all are 1, for shifts in time and the energy")
+        ok = is_whole(n, 1, len(known))
+        require(ok, f"{WHAT}.multipliers: n", n, f"a whole number from 1 to {len(known)}")
+        values, left, right = scipy.linalg.eig(self._monodromy, left=True, right=True)
+        derivatives = np.zeros((n, len(self._parameters.x)), dtype=complex)
+        for i, value in enumerate(known[:n]):
+            k = int(np.argmin(abs(values - value)))
+            apart = np.delete(abs(values - values[k]), k).min(initial=np.inf)
+            if apart < _TWICE * abs(value):
+                raise SceneError(f"{WHAT}: the double multiplier {value:.4g} has no derivatives")
+            to = left[:, k].conj() / (left[:, k].conj() @ right[:, k])
+            for factor, along in ((1.0, right[:, k].real), (1j, right[:, k].imag)):
+                if along.any():
+                    derivatives[i] += factor * (to @ self._of_deviation(along))
+        self.lay()
+        return known[:n].astype(complex), derivatives
+
+    def _of_deviation(self, deviation: np.ndarray) -> np.ndarray:
+        """Derivatives (n, m) by x of what becomes of a deviation (n,) of the start in a period."""
+        shooting, period, by = self._shooting, self._period, self._by
+        unit = by.matrix[by.independent]
+
+        def beside(change: float) -> np.ndarray:
+            start = shooting.variables.moved(period.start, by, change * deviation)
+            shooting.run(start, period.parameter)
+            # The same change of independent variables, whose others follow from another state.
+            there = shooting.variables.directions(start, period.length)
+            amounts = np.linalg.solve(there.matrix[by.independent], unit @ self._start.T).T
+            changes = _added(self._of_scene, there, amounts)
+            return shooting.slopes(changes, period)[0][by.independent]
+
+        def longer(change: float) -> np.ndarray:
+            shooting.run(period.start, period.parameter * (1 + change))
+            return shooting.slopes(along, period)[0][by.independent]
+
+        size = period.size if period.moves else 1.0
+        rows = slope(beside, _DEVIATION * size / abs(deviation).max())
+        if self.period.any():
+            along = {name: np.tensordot(deviation[None], of, 1) for name, of in by.changes.items()}
+            rows += slope(longer, CHANGE) * self.period
+        return np.linalg.solve(unit, rows)
+
+    def lay(self) -> Period:
+        """Have the steps of the motion on the tape."""
+        return self._shooting.run(self._period.start, self._period.parameter)
+
+
+def _held(changes: dict[str, np.ndarray], prescribed: np.ndarray) -> dict[str, np.ndarray]:
+    """Changes of numbers of steps, with those of what is driven in the start.
+
+    SceneError if functions of time do not repeat themselves after a period for other x.
+    """
+    at_start, changes["q"] = changes.pop(AT_START), changes["q"].copy()
+    changes["q"][:, prescribed], changes["motors"] = np.split(at_start, [len(prescribed)], axis=1)
+    for name in OF_STEPS & changes.keys():
+        if (later := changes.pop(name + LATER, None)) is not None:
+            _check_repeats(changes[name], later)
+    return changes
+
+
+def _check_repeats(changes: np.ndarray, later: np.ndarray) -> None:
+    """Refuse numbers that change functions of time (m, ...) in another way after a period."""
+    wrong = abs(later - changes) > _REPEATS * abs(changes).max(initial=0.0)
+    if wrong.any():
+        number = np.flatnonzero(wrong.reshape(len(wrong), -1).any(axis=1))[0]
+        raise SceneError(
+            f"{WHAT}: x[{number}] changes the period of loads, or of driven motions, which must "
+            "be the same for all x. A frequency is found by build(x, f)"
+        )
+
+
+def _added(
+    changes: dict[str, np.ndarray], by: Directions, amounts: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Changes of numbers with those of the start, amounts (m, n) of its directions."""
+    total = dict(changes)
+    for name, of in by.changes.items():
+        more = amounts @ of.reshape(len(of), -1)
+        known = total.get(name)
+        total[name] = more if known is None else known + more.reshape(known.shape)
+    return total

@@ -1,0 +1,93 @@
+"""Small motions about the reference or a static state, of scenes of parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from fx_beam.equilibria.statics import path_of
+from fx_beam.errors import check_takes, require
+from fx_beam.linear.linearisation import Linearisation, linearised
+from fx_beam.motions.set_ups import Lease
+from fx_beam.results.records import Stats
+from fx_beam.results.solution import Solution
+from fx_beam.scene.scene import Scene
+
+from .parametrised import Parametrised
+from .static_derivatives import StateChange, StaticDerivatives
+from .tangent_derivatives import Pairs, TangentDerivatives
+
+
+class TangentAnalysis:
+    """Stiffness, damping and mass about equilibria of scenes of parameters, for a response `what`.
+
+    `asked` is the function that is asked for, in messages of calls. Damping counts if `damped`.
+    """
+
+    def __init__(
+        self,
+        parameters: Parametrised,
+        what: str,
+        asked: str,
+        state: Callable[[Scene], Solution] | None,
+        damped: bool,
+    ):
+        if state is not None:
+            check_takes(state, "scene", f"{what}: state")
+        self.parameters, self._what, self._asked = parameters, what, asked
+        self._state, self._damped = state, damped
+        #: The linearised scene of the last call.
+        self.about: Linearisation
+        self._models: dict[str, Lease] = {}
+        self._tangent = TangentDerivatives(what)
+        self._changes: dict[str, np.ndarray] | None = None
+
+    def run(
+        self, x: np.ndarray, then: Callable[[Linearisation], None] = lambda about: None
+    ) -> Linearisation:
+        """Linearise about the equilibrium of the scene of parameters, and do what comes `then`."""
+
+        def linearise(x: Any) -> Linearisation:
+            then(about := self._linearised(x))
+            return about
+
+        self._changes = None
+        self.about = self.parameters.scenes.serve(x, linearise, self._state is None)
+        return self.about
+
+    def _linearised(self, x: Any) -> Linearisation:
+        scene = self.parameters.take(x)
+        self._end = self._state and self._state(scene)
+        self._path = path_of(self._end, scene)
+        is_static = self._state is None or self._path is not None
+        expected = "a solution of fx_beam.static(scene)"
+        require(is_static, f"{self._what}: state(scene)", self._end, expected)
+        about = linearised(scene, self._end, self._asked, self._models)
+        scheme, unknowns = about.model.scheme, len(about.unknowns)
+        self.parameters.stats = Stats(scheme.name, scheme.rates.level, "", unknowns, static=True)
+        if self._damped and about.may_be_damped:
+            _ = about.damped_model  # which has the slopes of the scene as well
+        return about
+
+    def changes(
+        self, more: Callable[[Scene], dict[str, Any]] = lambda scene: {}
+    ) -> dict[str, np.ndarray]:
+        """Derivatives (m, ...) by x of all numbers of the last call, and of `more` of scenes."""
+        if self._changes is None:
+            self._tangent.begin(self.about, self._end, self._damped)
+            start: StateChange | None = None
+            derivatives = self.parameters.derivatives
+            if self._path is not None and self.about.model.flows:
+                start = StaticDerivatives(self._path).change_of_end(derivatives, self._what)
+            self._changes = derivatives(
+                lambda scene, change: self._tangent.numbers_of(scene, change, start) | more(scene)
+            )
+        return self._changes
+
+    def of_sums(self, pairs: Pairs, weights: np.ndarray) -> np.ndarray:
+        """Derivatives (s, m) of real parts of weights (s, n) times sums; `changes` comes before."""
+        assert self._changes is not None
+        self._tangent.take(self._changes, self.parameters.scenes.changing)
+        return self._tangent.of_sums(pairs, weights)
