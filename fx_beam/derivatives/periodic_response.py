@@ -13,7 +13,7 @@ from fx_beam.content_cache import cached_property
 from fx_beam.dual import dual_array, floats
 from fx_beam.errors import SceneError, check_takes, is_whole, require
 from fx_beam.fem.parameter_values import before
-from fx_beam.motions.numbers import OF_STEPS, numbers_of, observed_numbers_of
+from fx_beam.motions.numbers import OF_STEPS, numbers_in_steps, observed_numbers_of
 from fx_beam.motions.options import Options
 from fx_beam.motions.prepared import Prepared
 from fx_beam.motions.set_ups import Lease
@@ -470,8 +470,9 @@ class PeriodicResponse(Response):
         tape, start, period = self._shooting.tape, self._period.start, self._period.length
         other = self._prepared(scene, change)
         t0, t1 = tape.times.starts, tape.times.ends
-        numbers: dict[str, Any] = numbers_of(other, start, t0, t1)
-        later = numbers_of(other, start, t0 + period, t1 + period)
+        of_scene = other.model, other.model.data, start
+        numbers: dict[str, Any] = numbers_in_steps(*of_scene, t0, t1)
+        later = numbers_in_steps(*of_scene, t0 + period, t1 + period)
         numbers |= {name + _LATER: later[name] for name in OF_STEPS & later.keys()}
         numbers[_AT_START] = dual_array(other.forcing.series(t0[:1])[0])
         if natural := other.model.natural:
@@ -479,7 +480,7 @@ class PeriodicResponse(Response):
         of = [output for output in self._outputs.values() if isinstance(output, Output)]
         if any(observes_rates(other.model, output) for output in of):
             rates = rates_at(tape, np.arange(len(tape) + 1))
-            numbers |= observed_numbers_of(other, start, *rates, False)
+            numbers |= observed_numbers_of(*of_scene, *rates, False)
         return numbers
 
 

@@ -17,7 +17,7 @@ from fx_beam.errors import SceneError, array_of, check_takes, is_one_of, positiv
 from fx_beam.laws.schemes import Scheme
 from fx_beam.motions.initial_state import rates_with_slopes
 from fx_beam.motions.motion_series import MotionSeries
-from fx_beam.motions.numbers import numbers_of, numbers_of_state, observed_numbers_of
+from fx_beam.motions.numbers import numbers_in_steps, numbers_of_state, observed_numbers_of
 from fx_beam.motions.options import Options
 from fx_beam.motions.prepared import Prepared
 from fx_beam.motions.run import Run
@@ -601,8 +601,8 @@ class Response(Differentiable):
                 raise TypeError("a start that is found by a step has no slopes")
             state = other.first_state(first, before, at_start)
         else:
-            state = other.state_from(start.at(model, floats(change)), first, at_start)
-        numbers: dict[str, Any] = numbers_of(other, state, t0, t1)
+            state = other.state_from(start.at(model.data, floats(change)), first, at_start)
+        numbers: dict[str, Any] = numbers_in_steps(model, model.data, state, t0, t1)
         if self._start is None and isinstance(change, Dual):
             if model.natural:
                 numbers["natural"] = model.natural.numbers_at(state.t)
@@ -610,7 +610,8 @@ class Response(Differentiable):
                 model, other.forcing, state, first, numbers, change.count
             )
         if start is not None and isinstance(change, Dual):
-            for name, values in numbers_of_state(model, start.at(model, change)).items():
+            changed = numbers_of_state(model.data, start.at(model.data, change))
+            for name, values in changed.items():
                 if isinstance(values, Dual):
                     numbers[name] = Dual(floats(numbers[name]), values.slopes)
         return other, state, numbers
@@ -628,7 +629,7 @@ class Response(Differentiable):
         if not any(observes_rates(other.model, output) for output in of):
             return numbers
         rates = rates_at(tape, np.arange(len(tape) + 1))
-        numbers |= observed_numbers_of(other, state, *rates, at_start)
+        numbers |= observed_numbers_of(other.model, other.model.data, state, *rates, at_start)
         if a_by_x is not None and isinstance(change, Dual):
             # Nodes without mass have none by definition, but those that others carry.
             has = ~other.model.massless | (state.a != 0)
@@ -644,6 +645,5 @@ class Response(Differentiable):
         same = given is self._scene and isinstance(change, Dual)
         if same and (last := self._series.prepared):
             return last
-        inputs = self._options.inputs, "Response: inputs"
-        scene, base = (with_functions(of, *inputs) for of in (given, self._scene))
-        return self._series.alike(scene, base, self._options)
+        scene = with_functions(given, self._options.inputs, "Response: inputs")
+        return self._series.alike(scene, self._options)

@@ -21,6 +21,7 @@ from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import expressions_of
 from fx_beam.step.forcing import LoadForcing
 from fx_beam.step.newton import NewtonOptions
+from fx_beam.step.numbers import data_of
 from fx_beam.step.sparse_lu import pivoted_lu
 from fx_beam.step.tables import Problem
 from fx_beam.step.tape import Tape, static_tape
@@ -29,7 +30,7 @@ from fx_beam.step.tape_derivatives import TapeDerivatives
 from .built_scenes import refuse_others
 from .energy_outputs import by_mass_entries
 from .gradient import along
-from .static_derivatives import OtherScenes, StateChange
+from .static_derivatives import StateChange
 
 # Differences of order six along a direction, and second ones: points, and weights over the distance
 # or its square. The distance is relative to a motion of the size of the scene, or of a radian, and
@@ -122,10 +123,9 @@ class TangentDerivatives:
 
     def __init__(self, what: str):
         self._what = what
-        # The problem of the steps, their derivatives, and other scenes with their numbers.
+        # The problem of the steps, and their derivatives.
         self._problem: Any = None
         self._derivatives: TapeDerivatives
-        self._others: OtherScenes
         #: Changes (m, ...) of the numbers by x.
         self.changes: Mapping[str, np.ndarray]
 
@@ -161,8 +161,6 @@ class TangentDerivatives:
         problem.set_frame(about.frame)
         if problem is not self._problem:
             self._derivatives = TapeDerivatives(problem)
-            kind = {"instant" if self._damped else "mobile": True}
-            self._others = OtherScenes(model.scene, model.scheme, **kind)
         self._problem = problem
         self._forcing = LoadForcing(model, about.start.t)
         self._unknowns = about.unknowns
@@ -180,22 +178,23 @@ class TangentDerivatives:
 
         With those of its state if this has a start, which changes with x.
         """
+        model, time = self._problem.model, self._forcing.time
+        scene = with_values(scene, self._inputs)
         # Without slopes it may be a scene that all calls share, with other numbers since.
-        known = self._problem.model if isinstance(change, Dual) else None
-        model = self._others.model_of(with_values(scene, self._inputs), known)
-        forcing = LoadForcing(model, self._forcing.time)
-        numbers = static_numbers_of(model, forcing, np.array([self._factor]))
-        if self._damped and model.natural:  # a step that tells damping also begins in the state
-            numbers["natural"] = self._factor * model.natural.numbers_at(forcing.time)
+        same = scene is model.scene and isinstance(change, Dual)
+        data = model.data if same else data_of(model, scene)
+        numbers = static_numbers_of(model, data, time, np.array([self._factor]))
+        if self._damped and data.natural:  # a step that tells damping also begins in the state
+            numbers["natural"] = self._factor * data.natural.numbers_at(time)
         if start is not None:
-            of_state = numbers_of_state(model, start.at(model, change))
+            of_state = numbers_of_state(data, start.at(data, change))
             numbers |= {name: of_state[name] for name in _OF_STATE & of_state.keys()}
         return numbers
 
     def by_factor(self) -> dict[str, np.ndarray]:
         """Derivatives of the numbers by the load factor, of the names that depend on it."""
-        forcing, model, factor = self._forcing, self._forcing.model, self._factor
-        rows = static_numbers_of(model, forcing, np.array([factor - 1, factor + 1]))
+        model, factor, time = self._problem.model, self._factor, self._forcing.time
+        rows = static_numbers_of(model, model.data, time, np.array([factor - 1, factor + 1]))
         names = {"loads", "driven", "naturals"} & rows.keys()
         numbers = {name: (rows[name][1:] - rows[name][:1]) / 2 for name in names}
         if model.weight is not None:  # the factor multiplies it
