@@ -87,14 +87,15 @@ class Reduction:
         self._shape = self._size, self.columns + len(auxiliaries)
         self._entries = couplings.all_entries
         arm_joints = couplings.arm_joints
-        self._arms = np.zeros((2, len(arm_joints), 2))
+        #: Offsets and axes (2, joints, 2) of `arm_joints`.
+        self.arms = np.zeros((2, len(arm_joints), 2))
         self.set_arms(arm_joints)
         self._slide = np.array([couplings.slides.get(j.number, -1) for j in arm_joints], dtype=int)
         self._maps: dict[Any, Any] = {}
 
     def set_arms(self, arm_joints: Sequence[Joint]) -> None:
         """Set the joints that move, in the same order: their offsets and axes."""
-        offset, axis = self._arms
+        offset, axis = self.arms
         for m, joint in enumerate(arm_joints):
             offset[m], axis[m] = joint.offset, (0.0, 0.0) if joint.axis is None else joint.axis
 
@@ -163,7 +164,7 @@ class Reduction:
     @property
     def offsets_and_axes(self) -> dict[str, np.ndarray]:
         """Offsets and axes of joints that move, by the names in c/problem.h."""
-        return dict(zip(("offset", "axis"), self._arms, strict=True))
+        return dict(zip(("offset", "axis"), self.arms, strict=True))
 
     @cached_property
     def members(self) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from fx_beam.equilibria.statics import path_of
 from fx_beam.errors import SceneError
 from fx_beam.motions.initial_state import rates_with_slopes
 from fx_beam.motions.motion_series import MotionSeries
-from fx_beam.motions.numbers import numbers_of, numbers_of_state, observed_numbers_of
+from fx_beam.motions.numbers import numbers_in_steps, numbers_of_state, observed_numbers_of
 from fx_beam.motions.options import Options
 from fx_beam.motions.prepared import Prepared
 from fx_beam.motions.run import Run
@@ -161,14 +161,15 @@ class MotionAnalysis(Analysis):
         base, t0 = self.parameters.scene, tape.times.starts
         other = prepared_for(self._series, self._options, base, given, change)
         model, t1 = other.model, tape.times.ends
+        data = model.data
         if start is None:
             before = self._start_of(given)
             if isinstance(change, Dual) and other.smooths_start(before):
                 raise TypeError("a start that is found by a step has no slopes")
             state = other.first_state(first, before, at_start)
         else:
-            state = other.state_from(start.at(model, floats(change)), first, at_start)
-        numbers: dict[str, Any] = numbers_of(other, state, t0, t1)
+            state = other.state_from(start.at(data, floats(change)), first, at_start)
+        numbers: dict[str, Any] = numbers_in_steps(model, data, state, t0, t1)
         if self._start is None and isinstance(change, Dual):
             if model.natural:
                 numbers["natural"] = model.natural.numbers_at(state.t)
@@ -176,7 +177,7 @@ class MotionAnalysis(Analysis):
                 model, other.forcing, state, first, numbers, change.count
             )
         if start is not None and isinstance(change, Dual):
-            for name, values in numbers_of_state(model, start.at(model, change)).items():
+            for name, values in numbers_of_state(data, start.at(data, change)).items():
                 if isinstance(values, Dual):
                     numbers[name] = Dual(floats(numbers[name]), values.slopes)
         return other, state, numbers
@@ -193,7 +194,7 @@ class MotionAnalysis(Analysis):
         if not any(observes_rates(other.model, output) for output in self.measured):
             return numbers
         rates = rates_at(tape, np.arange(len(tape) + 1))
-        numbers |= observed_numbers_of(other, state, *rates, at_start)
+        numbers |= observed_numbers_of(other.model, other.model.data, state, *rates, at_start)
         if a_by_x is not None and isinstance(change, Dual):
             # Nodes without mass have none by definition, but those that others carry.
             has = ~other.model.massless | (state.a != 0)
@@ -211,5 +212,4 @@ def prepared_for(
     # Without slopes it may be a scene that all calls share, with other numbers since.
     if scene is base and isinstance(change, Dual) and (last := series.prepared):
         return last
-    inputs = options.inputs, "Response: inputs"
-    return series.alike(with_functions(scene, *inputs), with_functions(base, *inputs), options)
+    return series.alike(with_functions(scene, options.inputs, "Response: inputs"), options)

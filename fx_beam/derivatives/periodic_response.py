@@ -13,7 +13,7 @@ from fx_beam.dual import dual_array
 from fx_beam.errors import SceneError, check_takes, require
 from fx_beam.fem.parameter_values import before
 from fx_beam.motions.motion_series import MotionSeries
-from fx_beam.motions.numbers import OF_STEPS, numbers_of, observed_numbers_of
+from fx_beam.motions.numbers import OF_STEPS, numbers_in_steps, observed_numbers_of
 from fx_beam.motions.options import Options
 from fx_beam.motions.prepared import Prepared
 from fx_beam.motions.set_ups import Lease
@@ -253,13 +253,14 @@ class PeriodicAnalysis(Analysis):
         options = self._shooting.prepared.options
         other = prepared_for(self._series, options, self.parameters.scene, scene, change)
         t0, t1 = tape.times.starts, tape.times.ends
-        numbers: dict[str, Any] = numbers_of(other, start, t0, t1)
-        later = numbers_of(other, start, t0 + period, t1 + period)
+        of_scene = other.model, other.model.data, start
+        numbers: dict[str, Any] = numbers_in_steps(*of_scene, t0, t1)
+        later = numbers_in_steps(*of_scene, t0 + period, t1 + period)
         numbers |= {name + LATER: later[name] for name in OF_STEPS & later.keys()}
         numbers[AT_START] = dual_array(other.forcing.series(t0[:1])[0])
         if natural := other.model.natural:
             numbers["natural"] = natural.numbers_at(float(before(start.t)))
         if any(observes_rates(other.model, output) for output in self.measured):
             rates = rates_at(tape, np.arange(len(tape) + 1))
-            numbers |= observed_numbers_of(other, start, *rates, False)
+            numbers |= observed_numbers_of(*of_scene, *rates, False)
         return numbers

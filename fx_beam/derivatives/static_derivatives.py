@@ -12,16 +12,14 @@ import numpy as np
 from fx_beam.dual import Dual, floats
 from fx_beam.equilibria.statics import LoadPath
 from fx_beam.errors import SceneError
-from fx_beam.laws.schemes import Equilibrium, Scheme
 from fx_beam.motions.initial_state import reference_state
 from fx_beam.motions.numbers import static_numbers_of
 from fx_beam.results.state import State
 from fx_beam.scene.inputs import with_functions
 from fx_beam.scene.scene import Scene
-from fx_beam.scene.structure import ElsewhereError
-from fx_beam.step.forcing import LoadForcing
-from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
+from fx_beam.step.numbers import data_of
+from fx_beam.step.scene_data import Data
 from fx_beam.step.tables import Problem
 from fx_beam.step.tape import static_tape
 from fx_beam.step.tape_derivatives import TapeDerivatives
@@ -71,29 +69,6 @@ def why_no_sums(path: LoadPath | None) -> dict[str, str]:
     return {quantity: f"{before} {reason}" for quantity, reason in reasons.items() if reason}
 
 
-class OtherScenes:
-    """The models of scenes that have the structure of one, of a scheme and a kind: mostly one."""
-
-    def __init__(self, scene: Scene, scheme: Scheme, **kind: bool):
-        self._model: Model | None = None
-        self._scene, self._made_of = scene, lambda of: Model(of, scheme, **kind)
-
-    def model_of(self, scene: Scene, known: Model | None = None) -> Model:
-        """The model of a scene; OtherStructureError if it differs.
-
-        It is the `known` one, which has the slopes of its scene, if it is that of the scene.
-        """
-        if known is not None and known.scene is scene:
-            return known
-        model = self._model or self._made_of(self._scene)
-        try:
-            model.refill(scene)
-        except ElsewhereError:  # of joints that close loops, for example
-            model = self._made_of(scene)
-        self._model = model
-        return model
-
-
 class StaticDerivatives:
     """The load steps of a path on a tape, and their derivatives."""
 
@@ -115,7 +90,6 @@ class StaticDerivatives:
         self.tape = static_tape(problem, start, self.states, path.forcing)
         if held.any():
             self.tape.hold = (1 - self.factors)[:, None] * held
-        self._others = OtherScenes(model.scene, Equilibrium(), settles=bool(model.mechanism))
 
     def numbers_of(self, scene: Scene, change: Any = None) -> dict[str, np.ndarray]:
         """The numbers of these load steps for another scene; OtherStructureError if it differs."""
@@ -123,8 +97,8 @@ class StaticDerivatives:
 
     def _numbers_at(self, factors: np.ndarray, scene: Scene, _: Any = None) -> dict[str, Any]:
         scene = with_functions(scene, self.path.options.inputs, "static: inputs")
-        model = self._others.model_of(scene)
-        return static_numbers_of(model, LoadForcing(model, self.path.forcing.time), factors)
+        data = data_of(self.model, scene)
+        return static_numbers_of(self.model, data, self.path.forcing.time, factors)
 
     def changes(self, derivatives: DerivativesOf) -> dict[str, np.ndarray]:
         """Those of all numbers with x, by `derivatives` of the numbers of scenes."""
@@ -175,8 +149,8 @@ class StateChange:
         #: Those of the configuration (m, size).
         self.of_nodes = changes["q"]
 
-    def at(self, model: Model, by: Any) -> State:
-        """The equilibrium with a change of the numbers (m,), for a model.
+    def at(self, data: Data, by: Any) -> State:
+        """The equilibrium with a change of the numbers (m,), for those of a scene.
 
         It has slopes if the change has.
         """
@@ -186,5 +160,5 @@ class StateChange:
             if (values := getattr(self._state, name)) is not None
         }
         state = replace(self._state, t=self._path.forcing.time, parameters=None, **moved)
-        natural = model.natural.numbers_at(state.t) if model.natural else None
+        natural = data.natural.numbers_at(state.t) if data.natural else None
         return replace(state, natural=natural if isinstance(by, Dual) else floats(natural))

@@ -48,7 +48,8 @@ class SubSteps:
         self._parameters = None
         if len(of_scene):
             times = tape.times
-            self._parameters = floats(of_scene.over_steps(times.starts, times.ends, self._level))
+            given = times.starts, times.ends, self._level
+            self._parameters = floats(of_scene.of_time.over_steps(*given))
             self._at_start = of_scene.at(float(times.starts[0]))[None]
         # Length of the short step for the resultants at the start [s], and 1 if these depend on
         # rates, else 0.

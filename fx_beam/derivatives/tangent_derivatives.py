@@ -16,7 +16,7 @@ from fx_beam.motions.numbers import numbers_of_state, static_numbers_of
 from fx_beam.results.solution import Solution
 from fx_beam.scene.inputs import with_values
 from fx_beam.scene.scene import Scene
-from fx_beam.step.forcing import LoadForcing
+from fx_beam.step.numbers import data_of
 from fx_beam.step.sparse_lu import pivoted_lu
 from fx_beam.step.tables import Problem
 from fx_beam.step.tape_derivatives import TapeDerivatives
@@ -24,7 +24,7 @@ from fx_beam.step.tape_derivatives import TapeDerivatives
 from .built_scenes import refuse_others
 from .energy_outputs import by_mass_entries
 from .gradient import along
-from .static_derivatives import OtherScenes, StateChange
+from .static_derivatives import StateChange
 from .tangent_steps import Steps, TangentSteps
 
 # Numbers of a state that follow from the load steps before, where something flows.
@@ -87,10 +87,9 @@ class TangentDerivatives:
 
     def __init__(self, what: str):
         self._what = what
-        # The last problem of steps, their derivatives, and other scenes with their numbers.
+        # The last problem of steps, and their derivatives.
         self._problem: Problem | None = None
         self._derivatives: TapeDerivatives
-        self._others: OtherScenes
         #: Changes (m, ...) of the numbers by x.
         self.changes: Mapping[str, np.ndarray]
 
@@ -106,9 +105,7 @@ class TangentDerivatives:
         self._about, self._steps = about, TangentSteps(about, self._factor, damped)
         problem = self._steps.problem
         if problem is not self._problem:
-            model, kind = problem.model, "instant" if self._steps.damped else "mobile"
             self._derivatives = TapeDerivatives(problem)
-            self._others = OtherScenes(model.scene, model.scheme, **{kind: True})
         self._problem = problem
 
     def take(self, changes: Mapping[str, np.ndarray], changing: Set[str]) -> None:
@@ -124,23 +121,26 @@ class TangentDerivatives:
 
         With those of its state if this has a start, which changes with x.
         """
+        scene = with_values(scene, self._inputs)
+        model, forcing = self._steps.problem.model, self._steps.forcing
         # Without slopes it may be a scene that all calls share, with other numbers since.
-        known = self._steps.problem.model if isinstance(change, Dual) else None
-        model = self._others.model_of(with_values(scene, self._inputs), known)
-        forcing = LoadForcing(model, self._steps.forcing.time)
-        numbers = static_numbers_of(model, forcing, np.array([self._factor]))
+        same = scene is model.scene and isinstance(change, Dual)
+        data = model.data if same else data_of(model, scene)
+        numbers = static_numbers_of(model, data, forcing.time, np.array([self._factor]))
         # A step that tells damping also begins in the state.
-        if self._steps.damped and model.natural:
-            numbers["natural"] = self._factor * model.natural.numbers_at(forcing.time)
+        if self._steps.damped and data.natural:
+            numbers["natural"] = self._factor * data.natural.numbers_at(forcing.time)
         if start is not None:
-            of_state = numbers_of_state(model, start.at(model, change))
+            of_state = numbers_of_state(data, start.at(data, change))
             numbers |= {name: of_state[name] for name in _OF_STATE & of_state.keys()}
         return numbers
 
     def by_factor(self) -> dict[str, np.ndarray]:
         """Derivatives of the numbers by the load factor, of the names that depend on it."""
         forcing, model, factor = self._steps.forcing, self._steps.forcing.model, self._factor
-        rows = static_numbers_of(model, forcing, np.array([factor - 1, factor + 1]))
+        rows = static_numbers_of(
+            model, model.data, forcing.time, np.array([factor - 1, factor + 1])
+        )
         names = {"loads", "driven", "naturals"} & rows.keys()
         numbers = {name: (rows[name][1:] - rows[name][:1]) / 2 for name in names}
         if model.weight is not None:  # the factor multiplies it

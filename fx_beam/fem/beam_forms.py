@@ -19,7 +19,7 @@ from fx_beam.scene.section import Section
 from fx_beam.scene.structure import OtherStructureError
 
 from .assembly import BoundForm, Field, RowValues, Space
-from .fields import CONSTANTS, NATURAL, NODAL, data_field, distinct, drag_data, section_data
+from .fields import CONSTANTS, NATURAL, NODAL, data_field, distinct
 from .form_library import CompiledForm, FormModule, FormSource
 from .mesh import Mesh
 from .parameter_values import ParameterValues
@@ -44,6 +44,7 @@ class BeamForms:
         scheme: Scheme,
         mesh: Mesh,
         parameters: ParameterValues,
+        numbers: Mapping[str, Any],
         holds: bool = False,
     ):
         self._scheme, self._mesh, self._parameters = scheme, mesh, parameters
@@ -58,8 +59,8 @@ class BeamForms:
         self.bound: dict[str, BoundForm] = {}
         #: Polynomial degree of the elements.
         self.degree = scene.beams[0].degree
-        #: Data (cells, points, ...) of sections and of drag by name, with slopes of the scene.
-        self.numbers = self._data_of_beams(scene)
+        # Shapes of the data of sections and of drag by name.
+        self._shapes = {name: values.shape for name, values in numbers.items()}
         self._read(scene)
         #: Whether there are virtual works of a user.
         self.has_external = bool(scene.virtual_works)
@@ -72,7 +73,7 @@ class BeamForms:
                 "have sub-steps. Use fractions=(1.0,)"
             )
         #: Fields and arrays on this mesh by their names in forms.
-        self._data = self._fields()
+        self._data = self._fields(numbers)
         for i, work in enumerate(scene.virtual_works):
             inside = np.ones(len(mesh.beam_of_cell), dtype=bool)
             if work.beam is not None:
@@ -101,13 +102,13 @@ class BeamForms:
         #: Shape (cells, degree, width) of the internal variables; the width is zero without any.
         self.internal_shape = len(self.tags), self.degree, facts.width
 
-    def _fields(self) -> dict[str, Any]:
+    def _fields(self, numbers: Mapping[str, Any]) -> dict[str, Any]:
         """Constants and functions."""
         mesh, degree, width = self._mesh, self.degree, self.facts.width
         self._values = {name: np.zeros(()) for name in CONSTANTS}
         self._reset_constants()
         data: dict[str, Any] = dict(self._values)
-        data |= {name: data_field(values, mesh) for name, values in self.numbers.items()}
+        data |= {name: data_field(values, mesh) for name, values in numbers.items()}
         if width:
             data["internal"] = Field(mesh.space(degree, width))
         if self.kind.natural:
@@ -120,7 +121,7 @@ class BeamForms:
     @property
     def data(self) -> dict[str, np.ndarray]:
         """Values (cells, width) of what is constant over steps, by name in forms."""
-        names = (name for name in self._data if name in self.numbers or name == "coordinate")
+        names = (name for name in self._data if name in self._shapes or name == "coordinate")
         named = [*names, *(name for name in self._data if name.startswith("indicator "))]
         return {name: self._data[name].array.reshape(len(self.tags), -1) for name in named}
 
@@ -141,8 +142,7 @@ class BeamForms:
         #: Subdomain of each cell, the number of its material.
         self.tags = np.array([numbers[key] for key in keys])[mesh.beam_of_cell]
         works, natural = tuple(scene.virtual_works), bool(scene.natural_strains)
-        arrays = self.numbers.items()
-        shapes = tuple((name, (data.shape[1], data.shape[2:])) for name, data in arrays)
+        shapes = tuple((name, (shape[1], shape[2:])) for name, shape in self._shapes.items())
         self.kind = Kind(
             *(self.degree, mesh.curved, self._scheme, tuple(materials.values())),
             *(works, natural, shapes, bool(works) and self._holds),
@@ -173,30 +173,20 @@ class BeamForms:
 
         self._parameters.add_reader(read, self.facts.names_in_energies)
 
-    def _data_of_beams(self, scene: Scene) -> dict[str, Any]:
-        """Stiffnesses of the quadratic law, retardation times and drag, if there are any."""
-        mesh, degree, data = self._mesh, scene.beams[0].degree, {}
-        sections = distinct(beam.section for beam in scene.beams)
-        if any(section.strain_energy is None for section in sections):
-            data["stiffness"] = section_data(mesh, scene, ("EA", "GA", "EI"), degree)
-        if self.at_rest:
-            return data
-        if any(section.damped for section in sections):
-            data["retardation"] = section_data(mesh, scene, ("retardation",), degree)
-        return data | drag_data(mesh, scene)
+    def check(self, numbers: Mapping[str, Any]) -> None:
+        """OtherStructureError if data are of another kind."""
+        if list(self._shapes) != list(numbers):
+            raise OtherStructureError("beams have other kinds of data")
+        if any(shape != numbers[name].shape for name, shape in self._shapes.items()):
+            raise OtherStructureError("data of beams that were constant vary, or conversely")
 
-    def refill(self, scene: Scene) -> None:
-        """Set all numbers to those of a scene of the same structure, whose mesh is set."""
+    def bind(self, numbers: Mapping[str, Any]) -> None:
+        """Set the data (cells, points, ...) of sections and of drag, and begin anew."""
         for field in filter(None, self.moving):
             field.array[:] = 0.0
         self._reset_constants()
-        last, self.numbers = self.numbers, self._data_of_beams(scene)
-        if list(last) != list(self.numbers):
-            raise OtherStructureError("beams have other kinds of data")
-        for name, data in self.numbers.items():
-            if data.shape != last[name].shape:
-                raise OtherStructureError("data of beams that were constant vary, or conversely")
-            self._data[name].array[:] = floats(data).ravel()
+        for name, values in numbers.items():
+            self._data[name].array[:] = floats(values).ravel()
 
     # -- Derivatives ----------------------------------------------------------------------------
 

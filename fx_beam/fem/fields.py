@@ -65,6 +65,24 @@ def section_data(mesh: Mesh, scene: Scene, names: tuple[str, ...], points: int) 
     return np.concatenate(values)
 
 
+def data_of_beams(scene: Scene, mesh: Mesh, at_rest: bool) -> dict[str, Any]:
+    """Stiffnesses of the quadratic law, retardation times and drag, if there are any.
+
+    Data (cells, points, ...) by name, with slopes of the scene.
+    """
+    data: dict[str, Any] = {}
+    if not scene.beams:
+        return data
+    degree, sections = scene.beams[0].degree, distinct(beam.section for beam in scene.beams)
+    if any(section.strain_energy is None for section in sections):
+        data["stiffness"] = section_data(mesh, scene, ("EA", "GA", "EI"), degree)
+    if at_rest:
+        return data
+    if any(section.damped for section in sections):
+        data["retardation"] = section_data(mesh, scene, ("retardation",), degree)
+    return data | drag_data(mesh, scene)
+
+
 def distinct(sections: Iterable[Section]) -> list[Section]:
     """Each section once: beams of a frame share a few."""
     return list({id(section): section for section in sections}.values())

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import scipy.sparse
 
@@ -11,18 +9,14 @@ from fx_beam.errors import SceneError
 from fx_beam.laws.interval import Interval, StepStart
 from fx_beam.laws.point_laws import StepRule
 from fx_beam.laws.schemes import Scheme
-from fx_beam.scene.beam import Beam
 from fx_beam.scene.scene import Scene
 
 from .beam_forms import BeamForms
-from .loads import Followers
+from .form_data import FormData
 from .mesh import Mesh
 from .parameter_values import ParameterValues
-from .point_forces import PointForce, PointForces
+from .point_forces import PointForces
 from .sparsity import matrix_between, places_of_cells, with_pairs
-
-if TYPE_CHECKING:
-    from .member_contacts import MemberContacts
 
 
 class Forms:
@@ -31,21 +25,25 @@ class Forms:
     Vectors contain all degrees of freedom; `Mesh.dofs` gives those of a node.
     """
 
-    def __init__(self, scene: Scene, scheme: Scheme, mesh: Mesh, instant: bool = False):
+    def __init__(
+        self, scene: Scene, scheme: Scheme, mesh: Mesh, data: FormData, instant: bool = False
+    ):
         if scene.virtual_works and not scene.beams:
             raise SceneError("add_virtual_work acts on beams, but the scene has none. Add a beam")
         self.size = mesh.dofs.size
-        self._mesh, self._rates = mesh, scheme.rates
+        self._rates, rule, members = scheme.rates, StepRule.of(scheme.rates, instant), None
         #: Parameters of the user's functions.
-        self.parameters = parameters = ParameterValues(scene)
-        #: Those of contact, drag of nodes, followers, and the coordinates of joints.
-        self._rule = StepRule.of(scheme.rates, instant)
-        forces, followers, members = self._at_points(scene)
-        self.points = PointForces(forces, followers, self._rule, parameters, members)
+        self.parameters = parameters = ParameterValues(data.parameters)
+        if data.pairs:
+            from .member_contacts import MemberContacts
+
+            members = MemberContacts(data.pairs, rule, mesh)
+        #: Forces of contact, drag of nodes, followers, and the coordinates of joints.
+        self.points = PointForces(data.forces, data.followers, rule, parameters, members)
         #: Those of beams, None without any.
         self.beams = None
         if scene.beams:
-            self.beams = BeamForms(scene, scheme, mesh, parameters, holds=instant)
+            self.beams = BeamForms(scene, scheme, mesh, parameters, data.beams, holds=instant)
         self._parts = [part for part in (self.beams, self.points) if part is not None]
         #: Shape (cells, degree, width) of the internal variables; the width is zero without any.
         self.internal_shape = (0, 1, 0) if self.beams is None else self.beams.internal_shape
@@ -64,45 +62,25 @@ class Forms:
         self.of_cells = places_of_cells(mesh.unknowns.dofs, K.indptr, K.indices)
         self.points.locate_in(K)
         self._force = np.zeros(self.size)
-        #: Least and largest damping [s] of each friction that sticks, by what it belongs to.
-        self.friction_damping: dict[str, list[float]] = {}
 
-    def refill(self, scene: Scene) -> None:
-        """Set all numbers to those of a scene of the same structure, whose mesh is set."""
-        self.parameters.refill(scene)
-        if may_have_forces(scene):
-            self.points.refill(*self._at_points(scene))
+    def check(self, data: FormData) -> None:
+        """OtherStructureError if data are of other kinds."""
+        self.parameters.of_time.check(data.parameters)
+        self.points.check(data.forces)
+        if self.points.members is not None:
+            self.points.members.check_pairs(data.pairs)
         if self.beams is not None:
-            self.beams.refill(scene)
+            self.beams.check(data.beams)
+
+    def bind(self, data: FormData) -> None:
+        """Set all numbers, with the mesh, and begin anew."""
+        self.parameters.bind(data.parameters)
+        self.points.bind(data.forces, data.followers)
+        if self.points.members is not None:
+            self.points.members.bind(data.pairs)
+        if self.beams is not None:
+            self.beams.bind(data.beams)
         self.set_load(1.0, 0.0)
-
-    def damp_friction(self, scene: Scene, mobility: np.ndarray) -> None:
-        """Give friction its critical damping, by 1 / mass of degrees of freedom, then of slides."""
-        forces, followers, members = self._at_points(scene, mobility)
-        self.points.refill(forces, followers, members)
-        times: dict[str, list[float]] = {}
-        for force in forces:
-            if force.law.has_stick_state:
-                times.setdefault(force.belongs_to, []).append(float(force.numbers[-3]))
-        times |= {} if members is None else members.friction_damping
-        self.friction_damping = {name: [min(of), max(of)] for name, of in times.items()}
-
-    def _at_points(
-        self, scene: Scene, mobility: np.ndarray | None = None
-    ) -> tuple[list[PointForce], Followers, MemberContacts | None]:
-        """The forces at points, the values over time of those that follow nodes, and members."""
-        if mobility is None:
-            mobility = np.zeros(self.size + scene.joint_count)
-        forces, members = [], None
-        if may_have_forces(scene):
-            from .scene_forces import point_forces
-
-            forces = point_forces(scene, self._mesh, mobility, self._rates.at_rest)
-        if any(isinstance(obstacle.shape, Beam) for obstacle in scene.contacts):
-            from .member_contacts import MemberContacts
-
-            members = MemberContacts(scene, self._rule, self._mesh, mobility)
-        return forces, Followers(scene, self._rates.level), members
 
     # -- A step ---------------------------------------------------------------------------------
 
@@ -148,9 +126,3 @@ class Forms:
     ) -> float:
         """Stored energy [J] of q (size,), internal variables and natural strains of beams."""
         return 0.0 if self.beams is None else self.beams.strain_energy(q, internal, natural)
-
-
-def may_have_forces(scene: Scene) -> bool:
-    """Whether a scene has anything that may exert forces at points; some numbers may be zero."""
-    parts = scene.joints, scene.forces_between, scene.loads, scene.contacts, scene.drags
-    return any(parts)

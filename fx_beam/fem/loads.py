@@ -10,11 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.sparse
 
+from fx_beam.content_cache import cached_property
 from fx_beam.dual import Dual, dual_array, floats
-from fx_beam.errors import any_of
+from fx_beam.errors import all_of
 from fx_beam.laws.interval import Interval, just_inside
 from fx_beam.scene.beam import Beam, Node, gauss_rule, lagrange_and_slopes
-from fx_beam.scene.functions import Signal, SignalAlong, constant, evaluate
+from fx_beam.scene.functions import ArrayCalls, Signal, SignalAlong, constant, evaluate
 from fx_beam.scene.loads import NAMES, Load, values_along
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
@@ -25,7 +26,7 @@ from .mesh import Mesh
 _ONE = constant(np.ones(1))
 
 
-def line_forces(mesh: Mesh, number: int, rule: int) -> scipy.sparse.csc_matrix:
+def line_forces(mesh: Mesh, X: np.ndarray, number: int, rule: int) -> scipy.sparse.csc_matrix:
     """Forces (size, 2 n) at the nodes of a beam of unit loads along x and y at its n Gauss points.
 
     They are the weights of a Gauss rule times the Lagrange polynomials of the nodes.
@@ -33,7 +34,7 @@ def line_forces(mesh: Mesh, number: int, rule: int) -> scipy.sparse.csc_matrix:
     of_elements = mesh.elements[mesh.cells[number]]
     degree = of_elements.shape[1] - 1
     weights, shape, slope = element_rule(degree, rule)
-    stretch = np.linalg.norm(slope @ mesh.X[of_elements], axis=-1)  # (elements, rule)
+    stretch = np.linalg.norm(slope @ X[of_elements], axis=-1)  # (elements, rule)
     forces = (weights * stretch)[..., None] * shape  # (elements, rule, degree + 1)
     forces = np.repeat(forces[:, :, None], 2, axis=2)
     rows = mesh.dofs[of_elements, :2].swapaxes(1, 2)  # (elements, 2, degree + 1)
@@ -62,49 +63,33 @@ class UnitLoad(NamedTuple):
 
 
 class SumOfLoads:
-    """A sum of unit loads, which are constant columns, each times a function of time."""
+    """A sum of unit loads of a scene, which are constant columns, each times a function of time."""
 
-    def __init__(self, scene: Scene, mesh: Mesh, shape: tuple[int, ...]):
-        self._mesh, self._scene = mesh, scene
+    def __init__(self, loads: list[UnitLoad], shape: tuple[int, ...], arrays: ArrayCalls | None):
+        self._loads, self._arrays = loads, arrays
         #: Shape of the sum, and the number of all values in it.
         self.shape, self.size = shape, math.prod(shape)
-        values, rows, starts = self._read(self._unit_loads(scene))
-        of_unit_loads = self.size, len(starts) - 1
-        #: Unit loads, as a matrix (size, n).
-        self.unit_loads = scipy.sparse.csc_matrix((floats(values), rows, starts), of_unit_loads)
-        #: The entries of these, with slopes that the scene has.
-        self.entries = values
-
-    def _unit_loads(self, scene: Scene) -> list[UnitLoad]:
-        """Those of a scene."""
-        raise NotImplementedError
-
-    def _read(self, loads: list[UnitLoad]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Values, rows and starts of the columns."""
         ends = np.cumsum([0, *(len(load.counts) for load in loads)]).tolist()
         columns = itertools.starmap(slice, itertools.pairwise(ends))
-        #: Columns of unit loads with their functions of time, and what they are of.
+        #: Columns of unit loads with their functions of time.
         self.functions = list(zip(columns, (load.function for load in loads), strict=True))
-        self._loads = loads
-        values = np.concatenate([np.empty(0), *(load.values for load in loads)])
-        rows = np.concatenate([np.empty(0, dtype=int), *(load.rows for load in loads)])
         counts = np.concatenate([np.zeros(1, dtype=int), *(load.counts for load in loads)])
-        return values, rows, np.cumsum(counts)
+        #: Entries of the columns, with slopes that the scene has; their rows; starts of columns.
+        self.entries: Any = np.concatenate([np.empty(0), *(load.values for load in loads)])
+        self.rows = np.concatenate([np.empty(0, dtype=int), *(load.rows for load in loads)])
+        self.starts = np.cumsum(counts)
 
-    def refill(self, scene: Scene) -> None:
-        """Set the loads to those of a scene of the same structure, whose mesh is set.
+    @cached_property
+    def unit_loads(self) -> scipy.sparse.csc_matrix:
+        """Unit loads, as a matrix (size, n)."""
+        parts = floats(self.entries), self.rows, self.starts
+        return scipy.sparse.csc_matrix(parts, (self.size, len(self.starts) - 1))
 
-        OtherStructureError if they act on other degrees of freedom.
-        """
-        self._scene = scene
-        if not ((loads := self._unit_loads(scene)) or self.functions):
-            return
-        values, rows, starts = self._read(loads)
-        known = self.unit_loads
-        same = len(rows) == len(known.indices) and len(starts) == len(known.indptr)
-        if not same or any_of(rows != known.indices) or any_of(starts != known.indptr):
+    def check(self, others: SumOfLoads) -> None:
+        """OtherStructureError if others act on other degrees of freedom."""
+        pairs = (self.rows, others.rows), (self.starts, others.starts)
+        if not all(len(a) == len(b) and all_of(a == b) for a, b in pairs):
             raise OtherStructureError("loads act on other degrees of freedom")
-        known.data, self.entries = floats(values), values
 
     @property
     def constant(self) -> bool:
@@ -120,90 +105,83 @@ class SumOfLoads:
 
     def numbers_at(self, t: float) -> Any:
         """The same with slopes that the scene has."""
-        columns = self.unit_loads
-        of = np.repeat(np.arange(columns.shape[1]), np.diff(columns.indptr))
-        values = self.entries * np.concatenate([*map(dual_array, self._factors(t))])[of]
-        return np.bincount(columns.indices, values, self.size).reshape(self.shape)
+        columns = np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts))
+        values = self.entries * np.concatenate([*map(dual_array, self._factors(t))])[columns]
+        return np.bincount(self.rows, values, self.size).reshape(self.shape)
 
     def _factors(self, t: float) -> list[np.ndarray]:
         return [evaluate(load.function, t, load.what) for load in self._loads]
 
     def series(self, times: np.ndarray) -> Any:
         """Factors (m, n) of the columns at m times [s]; StepError if a function fails."""
-        arrays = self._scene.array_calls
-        values = [load.function.series(times, load.what, arrays) for load in self._loads]
+        values = [load.function.series(times, load.what, self._arrays) for load in self._loads]
         if len(values) == 1 and isinstance(values[0], Dual):
             return values[0]
         return np.concatenate([np.empty((len(times), 0)), *values], axis=1)
 
-
-class Loads(SumOfLoads):
-    """All dead loads as a nodal vector."""
-
-    def __init__(self, scene: Scene, mesh: Mesh):
-        super().__init__(scene, mesh, (mesh.dofs.size,))
-
-    def _unit_loads(self, scene: Scene) -> list[UnitLoad]:
-        return [self._unit_load(scene, load) for load in scene.loads if not load.follower]
-
-    def _unit_load(self, scene: Scene, load: Load) -> UnitLoad:
-        """At a node, or at the Gauss points that integrate the interpolation of a beam exactly."""
-        function, target = load.value, load.target
-        if isinstance(target, Node):
-            dofs = self._mesh.dofs[target.number]
-            dofs = dofs[:2] if load.kind == "force" else dofs[2:]
-            ones = np.ones(len(dofs))
-            return UnitLoad(function, str(load), ones, dofs, ones.astype(int))
-        from .nearest_values import NearestValues, ValuesOverTime
-
-        beam, rule = target, target.degree + 1
-        unit = line_forces(self._mesh, scene.beams.index(beam), rule)
-        nearest = NearestValues(beam.s, rule)
-        if isinstance(function, SignalAlong):
-            function = ValuesOverTime(function, nearest)
-        elif function.place:
-            rows, arrays = np.unique(unit.indices), scene.array_calls
-            each = nearest.of(lambda s: values_along(function, s, arrays)).reshape(-1)
-            values: Any = (unit @ floats(each))[rows]
-            if isinstance(each, Dual):
-                values = Dual(values, (unit @ each.slopes)[rows])
-            return UnitLoad(_ONE, str(load), values, rows, np.array([len(rows)]))
-        else:
-            unit = scipy.sparse.csc_matrix(unit @ np.tile(np.eye(2), (unit.shape[1] // 2, 1)))
-        return UnitLoad(function, str(load), unit.data, unit.indices, np.diff(unit.indptr))
-
-
-class NaturalStrains(SumOfLoads):
-    """Natural strains (cells, degree, 3) at all Gauss points."""
-
-    def __init__(self, scene: Scene, mesh: Mesh):
-        degree = scene.beams[0].degree if scene.beams else 1
-        super().__init__(scene, mesh, (len(mesh.beam_of_cell), degree, 3))
-
-    def _unit_loads(self, scene: Scene) -> list[UnitLoad]:
-        parts = [(of.beam, *part) for of in scene.natural_strains for part in of.parts.items()]
-        return [self._strain(scene, *part) for part in parts]
-
-    def _strain(self, scene: Scene, beam: Beam, name: str, function: Signal) -> UnitLoad:
-        from .nearest_values import NearestValues, ValuesOverTime
-
-        degree = self.shape[1]
-        cells = self._mesh.cells[scene.beams.index(beam)]
-        points = degree * cells[:, None] + np.arange(degree)
-        rows = 3 * points.ravel() + [*NAMES].index(name)
-        nearest = NearestValues(beam.s / beam.length, degree)
-        values, counts = np.ones(len(rows)), np.array([len(rows)])
-        what = f"{NAMES[name]} of beam {beam.name!r}"
-        if isinstance(function, SignalAlong):
-            function, counts = ValuesOverTime(function, nearest), np.ones(len(rows), dtype=int)
-        elif function.place:
-            along, arrays = function, scene.array_calls
-            values = nearest.of(lambda f: values_along(along, f, arrays)).reshape(-1)
-            function = _ONE
-        return UnitLoad(function, what, values, rows, counts)
-
     def __bool__(self):
         return bool(self.functions)
+
+
+def dead_loads(scene: Scene, mesh: Mesh, X: np.ndarray) -> SumOfLoads:
+    """All dead loads as a nodal vector, with nodes at X (n, 2)."""
+    loads = [_unit_load(scene, mesh, X, load) for load in scene.loads if not load.follower]
+    return SumOfLoads(loads, (mesh.dofs.size,), scene.array_calls)
+
+
+def _unit_load(scene: Scene, mesh: Mesh, X: np.ndarray, load: Load) -> UnitLoad:
+    """At a node, or at the Gauss points that integrate the interpolation of a beam exactly."""
+    function, target = load.value, load.target
+    if isinstance(target, Node):
+        dofs = mesh.dofs[target.number]
+        dofs = dofs[:2] if load.kind == "force" else dofs[2:]
+        ones = np.ones(len(dofs))
+        return UnitLoad(function, str(load), ones, dofs, ones.astype(int))
+    from .nearest_values import NearestValues, ValuesOverTime
+
+    beam, rule = target, target.degree + 1
+    unit = line_forces(mesh, X, scene.beams.index(beam), rule)
+    nearest = NearestValues(beam.s, rule)
+    if isinstance(function, SignalAlong):
+        function = ValuesOverTime(function, nearest)
+    elif function.place:
+        rows, arrays = np.unique(unit.indices), scene.array_calls
+        each = nearest.of(lambda s: values_along(function, s, arrays)).reshape(-1)
+        values: Any = (unit @ floats(each))[rows]
+        if isinstance(each, Dual):
+            values = Dual(values, (unit @ each.slopes)[rows])
+        return UnitLoad(_ONE, str(load), values, rows, np.array([len(rows)]))
+    else:
+        unit = scipy.sparse.csc_matrix(unit @ np.tile(np.eye(2), (unit.shape[1] // 2, 1)))
+    return UnitLoad(function, str(load), unit.data, unit.indices, np.diff(unit.indptr))
+
+
+def natural_strains(scene: Scene, mesh: Mesh) -> SumOfLoads:
+    """Natural strains (cells, degree, 3) at all Gauss points."""
+    degree = scene.beams[0].degree if scene.beams else 1
+    parts = [(of.beam, *part) for of in scene.natural_strains for part in of.parts.items()]
+    strains = [_strain(scene, mesh, degree, *part) for part in parts]
+    return SumOfLoads(strains, (len(mesh.beam_of_cell), degree, 3), scene.array_calls)
+
+
+def _strain(
+    scene: Scene, mesh: Mesh, degree: int, beam: Beam, name: str, function: Signal
+) -> UnitLoad:
+    from .nearest_values import NearestValues, ValuesOverTime
+
+    cells = mesh.cells[scene.beams.index(beam)]
+    points = degree * cells[:, None] + np.arange(degree)
+    rows = 3 * points.ravel() + [*NAMES].index(name)
+    nearest = NearestValues(beam.s / beam.length, degree)
+    values, counts = np.ones(len(rows)), np.array([len(rows)])
+    what = f"{NAMES[name]} of beam {beam.name!r}"
+    if isinstance(function, SignalAlong):
+        function, counts = ValuesOverTime(function, nearest), np.ones(len(rows), dtype=int)
+    elif function.place:
+        along, arrays = function, scene.array_calls
+        values = nearest.of(lambda f: values_along(along, f, arrays)).reshape(-1)
+        function = _ONE
+    return UnitLoad(function, what, values, rows, counts)
 
 
 class Followers:

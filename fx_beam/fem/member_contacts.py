@@ -68,8 +68,29 @@ def _is_closed(scene: Scene, beam: Beam) -> bool:
     return bool(part[start.number + 1] == part[end.number + 1])
 
 
+def member_pairs(
+    scene: Scene, mesh: Mesh, X: np.ndarray, mobility: np.ndarray, at_rest: bool
+) -> list[MemberPair]:
+    """All contact with members, with nodes at X (n, 2).
+
+    By the `mobility` of degrees of freedom, 1 / mass, the friction on nodes has critical damping.
+    """
+    pairs, first = list[MemberPair](), 0
+    for contact in scene.contacts:
+        if isinstance(contact.shape, Beam):
+            pairs += _both_directions(contact, scene, mesh, X, mobility, first, at_rest)
+            first += len(contact.points.lengths)
+    return pairs
+
+
 def _both_directions(
-    contact: Contact, scene: Scene, mesh: Mesh, mobility: np.ndarray, first: int, at_rest: bool
+    contact: Contact,
+    scene: Scene,
+    mesh: Mesh,
+    X: np.ndarray,
+    mobility: np.ndarray,
+    first: int,
+    at_rest: bool,
 ) -> list[MemberPair]:
     a, b = contact.target, contact.shape
     assert isinstance(b, Beam)
@@ -95,32 +116,22 @@ def _both_directions(
         if turn:
             around = np.arange(-_AROUND, turn + _AROUND) % turn
             nodes, slots = nodes[around], slots[around]
-        given = points, point_slots, nodes, slots, numbers, arc_of(mesh.X[nodes])
+        given = points, point_slots, nodes, slots, numbers, arc_of(X[nodes])
         apart = contact.apart if a is b else 0.0
         pairs.append(MemberPair(law, followed, *given, apart, None if pairs else contact, turn))
     return pairs
 
 
 class MemberContacts:
-    """All contact with members of a scene. Its data lie in C, for both kinds of steps.
-
-    By the `mobility` of degrees of freedom, 1 / mass, the friction on nodes has critical damping.
-    """
+    """All contact with members of a scene. Its data lie in C, for both kinds of steps."""
 
     #: What `check` finds.
     FINE, MOVED, PASSED, SLID = range(4)
 
-    def __init__(self, scene: Scene, rule: StepRule, mesh: Mesh, mobility: np.ndarray):
-        self._mesh, self._rule = mesh, rule
+    def __init__(self, pairs: list[MemberPair], rule: StepRule, mesh: Mesh):
+        self._pairs, self._mesh, self._rule = pairs, mesh, rule
         #: Number of points whose forces are recorded.
-        self.slots = 0
-        self._pairs: list[MemberPair] = []
-        for contact in scene.contacts:
-            if isinstance(contact.shape, Beam):
-                given = contact, scene, mesh, mobility, self.slots, rule.at_rest
-                self._pairs += _both_directions(*given)
-                self.slots += len(contact.points.lengths)
-        pairs = self._pairs
+        self.slots = sum(len(one.points) for one in pairs if one.contact)
         self.laws = compiled_laws([one.law for one in pairs], rule)
         if named := [law for law in self.laws if law.parameters]:
             raise SceneError(
@@ -129,6 +140,8 @@ class MemberContacts:
             )
         #: Number of points of each that may touch.
         self.switch_counts = [len(one.points) for one in pairs]
+        #: Number of numbers of all points, and of arc lengths of the nodes of all members.
+        self.counts = sum(one.numbers.size for one in pairs), sum(one.arc.size for one in pairs)
         counts = [_SLOTS * len(one.points) * bool(one.law.internal) for one in pairs]
         #: First slot of memory of each; all their internal variables.
         self._first_slots, self.width = np.cumsum([0, *counts]), _IN_SLOT * sum(counts)
@@ -200,16 +213,19 @@ class MemberContacts:
             "first_arc": arc,
         }
 
-    def refill(self, other: MemberContacts) -> None:
-        """Set the numbers of a scene of the same structure, and forget the last run."""
-        known, kinds = (
-            [(one.law.kind, one.numbers.shape, one.turn) for one in contacts._pairs]
-            for contacts in (self, other)
+    def check_pairs(self, pairs: list[MemberPair]) -> None:
+        """OtherStructureError if other members touch."""
+        kinds, known = (
+            [(one.law.kind, one.numbers.shape, one.turn) for one in of]
+            for of in (pairs, self._pairs)
         )
         if kinds != known:
             raise OtherStructureError("other members touch")
-        self._pairs = other._pairs
-        for i, one in enumerate(self._pairs):
+
+    def bind(self, pairs: list[MemberPair]) -> None:
+        """Set the numbers of pairs of the same kinds, with the mesh; forget the last run."""
+        self._pairs = pairs
+        for i, one in enumerate(pairs):
             self._numbers[i][...] = one.numbers
             row = self._all.of[i]
             self._ffi.memmove(row.arc, np.ascontiguousarray(one.arc), one.arc.nbytes)
@@ -237,12 +253,6 @@ class MemberContacts:
             known = np.take_along_axis(points, most[..., None, None], axis=2)
             of_contacts[one.contact.number] = known[:, :, 0, 1:]
         return of_contacts
-
-    @property
-    def friction_damping(self) -> dict[str, list[float]]:
-        """Damping of the friction on the points of first members [s], by the contact as text."""
-        sticking = [one for one in self._pairs if one.law.has_stick_state and one.contact]
-        return {str(one.contact): one.numbers[:, -3].tolist() for one in sticking}
 
     @property
     def bristles(self) -> list[tuple[int, float]]:
@@ -274,16 +284,6 @@ class MemberContacts:
 
     # -- Derivatives ------------------------------------------------------------------------------
 
-    @property
-    def numbers(self) -> np.ndarray:
-        """Numbers of all points, one contact after the other."""
-        return np.concatenate([np.ravel(one.numbers) for one in self._pairs])
-
-    @property
-    def arcs(self) -> np.ndarray:
-        """Arc lengths of the nodes along all members."""
-        return np.concatenate([one.arc for one in self._pairs])
-
     def energy_by(
         self, q: np.ndarray, internal: np.ndarray, others: dict[str, np.ndarray]
     ) -> dict[str, np.ndarray]:
@@ -292,7 +292,7 @@ class MemberContacts:
         With those of the `others` by the first two. `internal` has all variables at points.
         """
         of_q, of_internal = np.zeros(q.shape), others["spring internal"].copy()
-        sums = of_q, of_internal, np.zeros((len(q), len(self.numbers)))
+        sums = of_q, of_internal, np.zeros((len(q), self.counts[0]))
         at = [0 if of.law.energy is None else of.derivatives("energy").address for of in self.laws]
         functions = self._ffi.new("Law *[]", [self._ffi.cast("Law *", address) for address in at])
         for given, *by in zip(zip(q, internal, strict=True), *sums, strict=True):

@@ -70,23 +70,19 @@ class Mesh:
         x, y = self.X[node]
         return f"the node at ({x:g}, {y:g})"
 
-    def refill(self, scene: Scene) -> bool:
-        """Move the nodes to those of a scene with the same structure; whether any moves.
+    def bind(self, X: np.ndarray) -> None:
+        """Move the nodes to X (n, 2); arrays that were read from here keep their values."""
+        if not all_of(X == self.X):
+            self._set_positions(X)
 
-        Arrays that were read from here keep their values.
-        """
-        X = _positions(scene)
-        if all_of(X == self.X):
-            return False
-        self._set_positions(X)
-        return True
-
-    def nodal_positions(self, scene: Scene) -> Any:
-        """`X`, with slopes if positions of a scene with these nodes have some."""
-        have = (type(at.x) is DualFloat or type(at.y) is DualFloat for at in scene.nodes)
-        if self.curved or not any(have):
-            return self.X
-        points = [dual_array([(node.x, node.y) for node in scene.nodes])]
+    def positions_of(self, scene: Scene) -> Any:
+        """X (n, 2) [m] of a scene with these nodes; of straight elements with slopes."""
+        nodes = scene.nodes
+        if self.curved or not any(
+            type(of.x) is DualFloat or type(of.y) is DualFloat for of in nodes
+        ):
+            return _positions(scene)
+        points = [dual_array([(node.x, node.y) for node in nodes])]
         points += [inner_positions(beam) for beam in scene.beams if beam.degree > 1]
         return np.concatenate(points)
 

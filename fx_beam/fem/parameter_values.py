@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -12,33 +13,60 @@ from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 
 
-class ParameterValues:
-    """Values of all parameters of a scene, in its order; forms and laws are told of changes."""
+class ParameterFunctions:
+    """The parameters of a scene as functions of time, in its order."""
 
     def __init__(self, scene: Scene):
         self.names = list(scene.parameters)
         self.functions: list[Signal] = list(scene.parameters.functions.values())
+        self._arrays = scene.array_calls
+
+    def check(self, others: ParameterFunctions) -> None:
+        """OtherStructureError if others vary that do not here, or conversely."""
+        pairs = zip(self.functions, others.functions, strict=True)
+        if any(one.is_constant != two.is_constant for one, two in pairs):
+            raise OtherStructureError("parameters that were constant vary in time, or conversely")
+
+    def at(self, t: float) -> np.ndarray:
+        """The values (n,) at a time [s]; StepError if a function fails."""
+        pairs = zip(self.functions, self.names, strict=True)
+        return np.array([evaluate(of, t, f"parameter {name!r}")[0] for of, name in pairs])
+
+    def series(self, times: np.ndarray) -> Any:
+        """Values (times, n) at some times [s]."""
+        pairs = zip(self.functions, self.names, strict=True)
+        rows = [of.series(times, f"parameter {name!r}", self._arrays) for of, name in pairs]
+        return np.hstack(rows) if rows else np.empty((len(times), 0))
+
+    def over_steps(self, t0: np.ndarray, t1: np.ndarray, level: float) -> Any:
+        """Values (steps, 2, n) at the level of steps and at their ends."""
+        return np.stack([self.series(t0 + level * (t1 - t0)), self.series(before(t1))], axis=1)
+
+
+class ParameterValues:
+    """Present values of all parameters of a scene; forms and laws are told of changes."""
+
+    def __init__(self, of_time: ParameterFunctions):
+        self.of_time, self.names = of_time, of_time.names
         #: Present values (n,).
         self.values = np.zeros(len(self.names))
         self._readers: list[Callable[[np.ndarray], None]] = []
         #: Whether stored energies depend on values that vary.
         self.in_energies = False
-        self._held, self._arrays = False, scene.array_calls
-        self.use(self.at(0.0))
+        self.bind(of_time)
 
-    def refill(self, scene: Scene) -> None:
-        """Have the values of another scene with the same parameters."""
-        if not self.names:
-            return
-        new = list(scene.parameters.functions.values())
-        pairs = zip(self.functions, new, strict=True)
-        if any(one.is_constant != two.is_constant for one, two in pairs):
-            raise OtherStructureError("parameters that were constant vary in time, or conversely")
-        self.functions, self._held, self._arrays = new, False, scene.array_calls
+    def bind(self, of_time: ParameterFunctions) -> None:
+        """Have the values of the same parameters of another scene."""
+        self.of_time, self._held = of_time, False
         self.use(self.at(0.0))
 
     def __len__(self):
         return len(self.names)
+
+    @property
+    def functions(self) -> list[Signal]:
+        """Their functions of time."""
+        return self.of_time.functions
 
     @property
     def vary(self) -> bool:
@@ -94,26 +122,13 @@ class ParameterValues:
 
     def at(self, t: float) -> np.ndarray:
         """The values (n,) at a time [s]; StepError if a function fails."""
-        if self._held:
-            return self.values.copy()
-        pairs = zip(self.functions, self.names, strict=True)
-        return np.array([evaluate(of, t, f"parameter {name!r}")[0] for of, name in pairs])
+        return self.values.copy() if self._held else self.of_time.at(t)
 
     def at_times(self, times: np.ndarray) -> np.ndarray:
         """The values (times, n) at some times [s]."""
         if self._held or not self.names:
             return np.tile(self.values, (len(times), 1))
-        return self._series(times)
-
-    def over_steps(self, t0: np.ndarray, t1: np.ndarray, level: float) -> np.ndarray:
-        """Values (steps, 2, n) at the level of steps and at their ends."""
-        return np.stack([self._series(t0 + level * (t1 - t0)), self._series(before(t1))], axis=1)
-
-    def _series(self, times: np.ndarray) -> np.ndarray:
-        pairs = zip(self.functions, self.names, strict=True)
-        return np.hstack(
-            [of.series(times, f"parameter {name!r}", self._arrays) for of, name in pairs]
-        )
+        return self.of_time.series(times)
 
 
 def before(t):

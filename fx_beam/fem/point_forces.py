@@ -12,7 +12,7 @@ import scipy.sparse
 
 from fx_beam import c_library
 from fx_beam.c_library import Structs
-from fx_beam.dual import dual_array, floats
+from fx_beam.dual import floats
 from fx_beam.laws.interval import Interval, StepStart
 from fx_beam.laws.point_laws import PointLaw, StepRule, arguments
 from fx_beam.scene.structure import OtherStructureError
@@ -72,6 +72,11 @@ class PointForce(NamedTuple):
         """What of the scene it belongs to, as text; a joint by its number."""
         joint, name = (self.slide, "slide") if self.slide >= 0 else (self.joint, "rotation")
         return self.owner or f"joint {joint} {name}"
+
+
+def by_role(forces: Sequence[PointForce]) -> list[PointForce]:
+    """Forces in the order in which they are evaluated."""
+    return sorted(forces, key=lambda force: force.role)
 
 
 def _without_numbers(force: PointForce) -> tuple:
@@ -201,30 +206,18 @@ class PointForces:
         #: Address of the C struct PointForces.
         self.address = int(ffi.cast("uintptr_t", self._all))
 
-    def refill(
-        self,
-        forces: Sequence[PointForce],
-        followers: Followers,
-        members: MemberContacts | None = None,
-    ) -> None:
-        """Set the numbers of all forces; OtherStructureError if these are of other kinds."""
-        forces = sorted(forces, key=lambda force: force.role)
-        if list(map(_without_numbers, forces)) != list(map(_without_numbers, self._forces)):
+    def check(self, forces: Sequence[PointForce]) -> None:
+        """OtherStructureError if forces are of other kinds."""
+        if [*map(_without_numbers, by_role(forces))] != [*map(_without_numbers, self._forces)]:
             raise OtherStructureError("forces at points are of other kinds")
-        self._forces, self.followers = forces, followers
-        for i, (force, numbers) in enumerate(zip(forces, self._numbers, strict=True)):
+
+    def bind(self, forces: Sequence[PointForce], followers: Followers) -> None:
+        """Set the numbers of all forces."""
+        self._forces, self.followers = by_role(forces), followers
+        for i, (force, numbers) in enumerate(zip(self._forces, self._numbers, strict=True)):
             numbers[:] = force.numbers
             if force.load.joint >= 0:
                 self._all.of[i].load_axis = force.load.axis
-        if (members is None) != (self.members is None):
-            raise OtherStructureError("other members touch")
-        if members is not None and self.members is not None:
-            self.members.refill(members)
-
-    @property
-    def numbers(self) -> np.ndarray:
-        """Numbers of all forces, one force after the other."""
-        return dual_array([number for force in self._forces for number in force.numbers])
 
     def _row(self, i: int, first_entry: int) -> dict[str, Any]:
         """A force as ``PointForce`` of c/point_force.h."""
@@ -279,7 +272,7 @@ class PointForces:
     @property
     def by_load_factor(self) -> np.ndarray:
         """Derivatives (numbers,) of the numbers of all forces by the load factor."""
-        ends = np.cumsum([len(force.numbers) for force in self._forces], dtype=int)
+        ends = np.cumsum([*map(len, self._numbers)], dtype=int)
         by_factor = np.zeros(ends[-1] if len(ends) else 0)
         by_factor[ends[self.external] - 1] = 1.0
         return by_factor
@@ -394,7 +387,7 @@ class PointForces:
         """Derivatives (k, ...) of the sum of an energy of all forces by what they are given."""
         motions = [("slides", "q"), ("slide increment", "increment")][: 1 + (of == "loss")]
         sizes = {name: n for pair in motions for name, n in zip(pair, (joints, size), strict=True)}
-        sizes |= {"spring internal": self.width, "points": len(self.numbers)}
+        sizes |= {"spring internal": self.width, "points": sum(map(len, self._numbers))}
         sizes["parameters"] = len(self._names)
         sums = {name: np.zeros((len(given), size)) for name, size in sizes.items()}
         first = begin = 0

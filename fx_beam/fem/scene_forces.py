@@ -43,19 +43,22 @@ from .point_forces import Load, PointForce, Role
 _Known = dict[tuple, PointLaw]
 
 
-def point_forces(scene: Scene, mesh: Mesh, mobility: np.ndarray, at_rest: bool) -> list[PointForce]:
+def point_forces(
+    scene: Scene, mesh: Mesh, X: Any, mobility: np.ndarray, at_rest: bool
+) -> list[PointForce]:
     """All forces at points; without those of rates alone if the scene is `at_rest`.
 
-    By the `mobility`, 1 / mass of degrees of freedom, then slides, friction has critical damping.
+    Nodes are at X (n, 2). By the `mobility`, 1 / mass of degrees of freedom, then slides, friction
+    has critical damping.
     """
     shapes = [contact for contact in scene.contacts if not isinstance(contact.shape, Beam)]
     known: _Known = {}
     return [  # first those of joints, whose internal variables have their places from them
         *_of_joints(scene, known, at_rest),
         *_followers(scene, mesh),
-        *_between(scene, mesh, known, at_rest),
+        *_between(scene, mesh, X, known, at_rest),
         *_frictions(scene, mesh, mobility),
-        *(of for one in shapes for of in _contacts(one, scene, mesh, mobility, known, at_rest)),
+        *(of for one in shapes for of in _contacts(one, scene, mesh, X, mobility, known, at_rest)),
         *([] if at_rest else _drags(scene, mesh)),
     ]
 
@@ -71,7 +74,13 @@ def _shared(
 
 
 def _contacts(
-    obstacle: Contact, scene: Scene, mesh: Mesh, mobility: np.ndarray, known: _Known, at_rest: bool
+    obstacle: Contact,
+    scene: Scene,
+    mesh: Mesh,
+    X: Any,
+    mobility: np.ndarray,
+    known: _Known,
+    at_rest: bool,
 ) -> Iterator[PointForce]:
     of_loss, friction = numbers_of_loss(obstacle, at_rest), obstacle.friction
     points, nodes = obstacle.points, mesh.nodes_of(scene, obstacle.target)
@@ -84,7 +93,7 @@ def _contacts(
     carrier = carrier[: kind.size - count * (3 if thick else 2)]
     expressions = [bool(of_loss), *functions_of_energy(obstacle.energy, None, 1)]
     law = _shared(known, laws.contact, kind, expressions, bool(of_loss), obstacle.energy)
-    relative = points.of(mesh.nodal_positions(scene)[nodes]) - dual_array(shape.origin)
+    relative = points.of(X[nodes]) - dual_array(shape.origin)
     for i, of_point in enumerate(nodes[points.nodes]):
         length, weights = points.lengths[i], points.weights[i] if count > 1 else ()
         law_numbers = obstacle.stiffness * length, *of_loss
@@ -150,10 +159,12 @@ def _frictions(scene: Scene, mesh: Mesh, mobility: np.ndarray) -> Iterator[Point
             yield PointForce(laws.joint_friction(kind), numbers, load=load, **where)
 
 
-def _between(scene: Scene, mesh: Mesh, known: _Known, at_rest: bool) -> Iterator[PointForce]:
+def _between(
+    scene: Scene, mesh: Mesh, X: Any, known: _Known, at_rest: bool
+) -> Iterator[PointForce]:
     for force in scene.forces_between:
         if isinstance(force, GroundSpring):
-            yield from _to_ground(force, scene, mesh, known, at_rest)
+            yield from _to_ground(force, scene, mesh, X, known, at_rest)
             continue
         kind = length_over(tuple(node >= 0 for node in force.nodes))
         apart = [component for vector in force.apart for component in vector]  # with slopes
@@ -168,7 +179,7 @@ def _between(scene: Scene, mesh: Mesh, known: _Known, at_rest: bool) -> Iterator
 
 
 def _to_ground(
-    force: GroundSpring, scene: Scene, mesh: Mesh, known: _Known, at_rest: bool
+    force: GroundSpring, scene: Scene, mesh: Mesh, X: Any, known: _Known, at_rest: bool
 ) -> Iterator[PointForce]:
     """Springs from a node, or from each node of a beam, to the ground."""
     if force.direction is None:
@@ -177,7 +188,7 @@ def _to_ground(
             yield PointForce(law, numbers, dofs, owner=str(force), line=force.number)
         return
     nodes = mesh.nodes_of(scene, force.target)
-    ways = force.ways(mesh.nodal_positions(scene)[nodes])
+    ways = force.ways(X[nodes])
     for node, way, length in zip(nodes, ways, force.lengths, strict=True):
         for law, (stiffness, *numbers) in _of_coordinate(force.on, DISPLACEMENT, known, at_rest):
             given = law, [*way, stiffness * length, *numbers], mesh.dofs[node, :2].tolist()

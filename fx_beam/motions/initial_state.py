@@ -19,6 +19,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.results.state import NUMBERS, Past, State
 from fx_beam.scene.beam import COMPONENTS
 from fx_beam.scene.joints import slides_at_start
+from fx_beam.scene.scene import Scene
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.model import Model
 from fx_beam.step.newton import newton
@@ -270,9 +271,9 @@ def end_of(start: Solution) -> State:
     return end
 
 
-def reference_state(model: Model) -> State:
-    """The reference configuration at t = 0, without natural strains."""
-    slides = slides_at_start(model.scene)
+def reference_state(model: Model, scene: Scene | None = None) -> State:
+    """The reference configuration at t = 0, without natural strains; that of another scene."""
+    slides = slides_at_start(scene or model.scene)
     q, v, a = (np.zeros(model.size) for _ in range(3))
     state = State(0.0, np.zeros(len(model.motors)), q, v, a, slides)
     if len(model.forms.parameters):
@@ -389,7 +390,7 @@ def given_velocity(model: Model) -> Any:
     mesh, scene = model.mesh, model.scene
     if not scene.velocities:
         return np.zeros(model.size)
-    X = mesh.nodal_positions(scene)
+    X = model.data.X
     values, known = np.zeros((len(X), 3)), np.zeros(len(X), dtype=bool)
     slopes: Any = 0.0
     for item in scene.velocities:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from fx_beam.results.solution import Solution
@@ -10,7 +11,8 @@ from fx_beam.scene.functions import ArrayCalls
 from fx_beam.scene.inputs import with_functions
 from fx_beam.scene.outputs import check_outputs
 from fx_beam.scene.scene import Scene
-from fx_beam.scene.structure import ElsewhereError
+from fx_beam.scene.structure import OtherStructureError
+from fx_beam.step.numbers import data_of
 
 from .initial_state import end_of
 from .options import Options
@@ -78,7 +80,7 @@ class MotionSeries:
 
         lease = self._cache.lease(
             kind_of(scene, "motion") if self._shares else "motion",
-            lambda last: last.refill(scene, options),
+            lambda last: last.bind(scene, options),
             prepared,
         )
         if lease.reason:
@@ -86,13 +88,15 @@ class MotionSeries:
         self.prepared = lease.set_up
         return lease
 
-    def alike(self, scene: Scene, base: Scene, options: Options) -> Prepared:
-        """The prepared `base` with the numbers of another scene; those of its loop stay."""
-        self._alike = self._alike or Prepared(base, options)
-        try:
-            self._alike.refill_model(scene)
-        except ElsewhereError:
-            self._alike = Prepared(scene, options)
+    def alike(self, scene: Scene, options: Options) -> Prepared:
+        """What is prepared for another scene of the structure of the last one, beside it."""
+        with suppress(OtherStructureError):  # its joints may lie elsewhere
+            if self._alike is not None:
+                self._alike.bind(scene)
+                return self._alike
+        assert self.prepared is not None
+        data_of(self.prepared.model, scene)  # which says how the structure differs
+        self._alike = Prepared(scene, options)
         return self._alike
 
     def _begin_tape(self, prepared: Prepared) -> None:

@@ -20,6 +20,7 @@ from fx_beam.step.forcing import Forcing
 from fx_beam.step.full_turns import TurnCounter
 from fx_beam.step.loop import CompiledLoop
 from fx_beam.step.model import Model
+from fx_beam.step.numbers import data_of
 from fx_beam.step.recorder import Recorder
 from fx_beam.step.stepper import Stepper
 from fx_beam.step.substeps import Halving
@@ -50,11 +51,11 @@ class Prepared:
     def _begin(self, loop: CompiledLoop | None) -> None:
         """Begin a run: a loop that there is already serves it as well."""
         model, options = self.model, self.options
-        self.stats = stats_of(model, solver="", friction_damping=model.forms.friction_damping)
+        self.stats = stats_of(model, solver="", friction_damping=model.data.forms.friction_damping)
         self.forcing = Forcing(model)
         given = self.forcing, options.newton, self.stats
         if loop is not None:
-            loop.refill(self.forcing, self.stats)
+            loop.bind(self.forcing, self.stats)
         elif self._team is None:
             loop = CompiledLoop(*given)
         else:
@@ -69,11 +70,10 @@ class Prepared:
         """Number of degrees of freedom; infinite where a team has a part of it."""
         return self.model.size if self._team is None else math.inf
 
-    def refill(self, scene: Scene, options: Options | None = None) -> None:
+    def bind(self, scene: Scene, options: Options | None = None) -> None:
         """Set all numbers to those of another scene, as if it were prepared anew.
 
-        OtherStructureError if the scene, or what is asked for, differs in more; this is useless
-        then.
+        OtherStructureError if it, or what is asked for, differs in more; nothing is set then.
         """
         if options is not None:
             if not options.scheme.built_in:
@@ -82,8 +82,8 @@ class Prepared:
             last = self.options
             if (options.scheme, options.newton) != (last.scheme, last.newton):
                 raise OtherStructureError("another scheme, or other options")
-            self.options = options
-        self.model.refill(scene)
+        self.model.bind(data_of(self.model, scene))
+        self.options = options or self.options
         self.turn_counter.removed[:] = 0.0
         self._begin(self.loop)
 
@@ -91,13 +91,6 @@ class Prepared:
     def loop(self) -> CompiledLoop | None:
         """The compiled loop; None if a team takes the steps."""
         return self.stepper.integrator if self._team is None else None
-
-    def refill_model(self, scene: Scene) -> None:
-        """Set all numbers but those of the compiled loop: to read them, not for a run."""
-        self.model.refill(scene)
-        self.forcing = Forcing(self.model)
-        if len(self.model.scheme.fractions) > 1:  # a step of the loop smooths the start
-            self._begin(self.loop)
 
     def first_state(self, dt: float, start: Solution | None, accelerations: bool = True) -> State:
         """Initial state of a motion by steps of the length dt [s].

@@ -13,6 +13,7 @@ from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 from fx_beam.step.model import Model
+from fx_beam.step.numbers import data_of
 
 from .surroundings import call_with_arrays
 
@@ -30,15 +31,13 @@ class SetUps:
         #: Number of set-ups in use by kind.
         self.in_use: Counter[Hashable] = Counter()
 
-    def lease(
-        self, kind: Hashable, refill: Callable[[Any], None], make: Callable[[], Any]
-    ) -> Lease:
-        """The last set-up of a kind after `refill`, or a new one if there is none that fits."""
+    def lease(self, kind: Hashable, bind: Callable[[Any], None], make: Callable[[], Any]) -> Lease:
+        """The last set-up of a kind after `bind`, or a new one if there is none that fits."""
         reason = "the last solution is still in use" if self.in_use[kind] else "the first scene"
         entry = next((entry for entry in self._waiting[::-1] if entry[0] == kind), None)
         if entry is not None and self._take(entry):
             try:
-                refill(entry[1])
+                bind(entry[1])
                 return Lease(self, *entry)
             except OtherStructureError as other:
                 reason = str(other)
@@ -106,11 +105,13 @@ def model_for(scene: Scene, scheme: Scheme, last: Lease | None = None, **kind: b
     call_with_arrays(scene)
     if last is not None:
         try:
-            last.set_up.refill(scene)
+            last.set_up.bind(data_of(last.set_up, scene))
             return last
-        except OtherStructureError:  # some of its numbers may be those of this scene
-            last.end(serves=False)
+        except OtherStructureError:
+            last.end()
     of_kind = kind_of(scene, type(scheme), *kind)
     return RECENT.lease(
-        of_kind, lambda model: model.refill(scene), lambda: Model(scene, scheme, **kind)
+        of_kind,
+        lambda model: model.bind(data_of(model, scene)),
+        lambda: Model(scene, scheme, **kind),
     )

@@ -286,7 +286,7 @@ class _OverFrequency(Shooting):
     def run(self, state: State, parameter: float) -> Period:
         if parameter != self._now:
             try:
-                self.prepared.refill(_scene(self._build, parameter))
+                self.prepared.bind(_scene(self._build, parameter))
             except OtherStructureError as other:
                 raise SceneError(
                     f"{self.what}: the scene at {parameter:.6g} Hz has another structure than at "

@@ -12,13 +12,14 @@ from fx_beam.errors import SceneError, as_float, between, real, whole
 from fx_beam.laws.schemes import Scheme
 from fx_beam.linear.linearisation import check_unknowns
 from fx_beam.motions.evaluation import solution_of
-from fx_beam.motions.numbers import numbers_of
+from fx_beam.motions.numbers import numbers_in_steps
 from fx_beam.motions.options import CommonOptions, Options, check_scene
 from fx_beam.motions.prepared import Prepared
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.scene import Scene
 from fx_beam.step.full_turns import TurnCounter
+from fx_beam.step.model import Model
 from fx_beam.step.recorder import Record, Recorder
 from fx_beam.step.tape import Tape
 from fx_beam.step.tape_derivatives import TapeDerivatives
@@ -254,13 +255,13 @@ class Shooting:
 
     def depends_on_time(self, state: State, length: float) -> bool:
         """Whether loads, driven motions, parameters or natural strains change in a period."""
-        values = _time_functions(self.prepared, self.steps, state, state.t, length)
+        values = _time_functions(self.prepared.model, self.steps, state, state.t, length)
         return bool((np.ptp(values, axis=0) > _REPEATS * abs(values).max(axis=0)).any())
 
     def check_repeats(self, state: State, length: float) -> None:
         """Refuse functions of time that do not repeat after a period, but for full turns."""
         now, later = (
-            _time_functions(self.prepared, self.steps, state, t, length)
+            _time_functions(self.prepared.model, self.steps, state, t, length)
             for t in (state.t, state.t + length)
         )
         apart, allowed = later - now, _REPEATS * np.maximum(abs(now), abs(later)).max(axis=0)
@@ -276,12 +277,10 @@ def _times(state: State, length: float, steps: int) -> np.ndarray:
     return state.t + length / steps * np.arange(steps + 1)
 
 
-def _time_functions(
-    prepared: Prepared, steps: int, state: State, t0: float, length: float
-) -> np.ndarray:
+def _time_functions(model: Model, steps: int, state: State, t0: float, length: float) -> np.ndarray:
     """Functions of time (steps, n) in a period."""
     times = t0 + length / steps * np.arange(steps + 1)
-    values = numbers_of(prepared, state, times[:-1], times[1:])
+    values = numbers_in_steps(model, model.data, state, times[:-1], times[1:])
     parts = [values[name].reshape(steps, -1) for name in _TIME_FUNCTIONS if name in values]
     return np.hstack(parts)
 

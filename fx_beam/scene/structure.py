@@ -58,10 +58,6 @@ class OtherStructureError(Exception):
     """A scene cannot use what was set up for another one; the message says why."""
 
 
-class ElsewhereError(OtherStructureError):
-    """Only positions differ, but for these a scene must be set up anew."""
-
-
 class _Form(NamedTuple):
     """The structure of a part of a scene: its kind, and the forms of its attributes."""
 

@@ -89,8 +89,8 @@ class FittedRates:
     def followed(self, way: int, *given: np.ndarray, **derivatives: Any) -> Fit:
         """As `fit`, and derivatives in one `way`, by members of ``Derivatives`` in C."""
         model, n, p = self._model, len(given[0]), self._p
-        if self._problem.refills != model.refills:
-            self._problem.refill()
+        if self._problem.data is not model.data:
+            self._problem.bind()
         q, v, slides, driven = (np.ascontiguousarray(x, dtype=float) for x in given)
         shapes = q.shape, (n, 0), (n, p.passes.joints, 3), (n, p.columns - p.free)
         # What is not a number stays so where it is singular.

@@ -16,6 +16,7 @@ from fx_beam.scene.coordinate import Locked
 from fx_beam.scene.functions import Signal, constant, evaluate
 
 from .model import Model
+from .scene_data import Data
 
 if TYPE_CHECKING:
     from .turning_frame import TurningFrame
@@ -38,13 +39,14 @@ class Forcing:
     time = 0.0
     turning: TurningFrame | None = None
 
-    def __init__(self, model: Model):
-        self.model, scene = model, model.scene
+    def __init__(self, model: Model, data: Data | None = None):
+        self.model, self.data = model, (data := data or model.data)
+        scene = data.scene
         self._driven = [
             (function, f"prescribed {COMPONENTS[component]} of {scene.nodes[node]}")
             for (node, component), function in scene.prescribed.items()
         ]
-        self._driven += [(getattr(j, name).motor, f"motor of {j}") for j, name in model.motors]
+        self._driven += [(getattr(j, name).motor, f"motor of {j}") for j, name in data.motors]
         #: Which of them are inputs of a motion (driven,): these go straight in a step.
         self.straight = np.array([function.ramps for function in self.functions], dtype=bool)
         #: Numbers of those that are locked.
@@ -59,7 +61,7 @@ class Forcing:
         """Dead forces (size,) at the start and at the end of a step, weight included [N, N m]."""
         start, end = just_inside(step.start, step.end)
         before = self.dead(start)
-        return before, before if self.model.loads.constant else self.dead(end)
+        return before, before if self.data.loads.constant else self.dead(end)
 
     def positions(self, t: float) -> np.ndarray:
         """Prescribed motions and positions of motors (driven,) at a time [m, rad]."""
@@ -67,7 +69,7 @@ class Forcing:
 
     def natural(self, t: float) -> np.ndarray | None:
         """Natural strains (cells, degree, 3) at the end of a step [s]; None without any."""
-        natural = self.model.natural
+        natural = self.data.natural
         return natural.at(float(before(t))) if natural else None
 
     def derivatives(self, t: float, h: float) -> tuple[np.ndarray, np.ndarray]:
@@ -100,16 +102,16 @@ class Forcing:
 
     def naturals(self, ends: np.ndarray) -> np.ndarray:
         """Factors (steps, n) of the unit natural strains at the ends of steps."""
-        return self.model.natural.series(before(ends))
+        return self.data.natural.series(before(ends))
 
     def loads(self, t0: np.ndarray, t1: np.ndarray) -> np.ndarray:
         """Factors (steps, 2, loads) of the unit loads at the starts and ends of steps."""
-        loads, both_ends = self.model.loads, np.stack(just_inside(t0, t1), axis=1)
-        return loads.series(both_ends.ravel()).reshape(len(t0), 2, loads.unit_loads.shape[1])
+        loads, both_ends = self.data.loads, np.stack(just_inside(t0, t1), axis=1)
+        return loads.series(both_ends.ravel()).reshape(len(t0), 2, len(loads.starts) - 1)
 
     def series(self, times: np.ndarray) -> np.ndarray:
         """Prescribed motions and positions of motors (n, driven) at several times [m, rad]."""
-        arrays = self.model.scene.array_calls
+        arrays = self.data.scene.array_calls
         positions = [signal.series(times, what, arrays) for signal, what in self._driven]
         return np.concatenate([np.empty((len(times), 0)), *positions], axis=1)
 
@@ -145,7 +147,7 @@ class Forcing:
 
     def dead(self, t: float) -> np.ndarray:
         """Dead forces (size,) at a time, weight included [N, N m]."""
-        force = self.model.loads.at(t)
+        force = self.data.loads.at(t)
         return force if self.model.weight is None else force + self.model.weight
 
 

@@ -111,13 +111,11 @@ class FormTables:
         self._data: list[tuple[np.ndarray, Field, np.ndarray]] = []
         self._constants: list[tuple[BoundForm, np.ndarray]] = []
 
-    def move(self, coordinates: np.ndarray) -> None:
-        """Set the coordinates of the cells."""
-        for cells, blocks in self._coordinates:
-            blocks[...] = self._blocks(coordinates[cells])
-
-    def refill(self) -> None:
-        """Set the numbers to those that the forms have now."""
+    def bind(self, coordinates: np.ndarray | None) -> None:
+        """Set the numbers to those that the forms have now, and coordinates of cells if given."""
+        if coordinates is not None:
+            for cells, blocks in self._coordinates:
+                blocks[...] = self._blocks(coordinates[cells])
         for blocks, field, at in self._data:
             blocks[...] = field.array[at]
         for form, constants in self._constants:

@@ -57,9 +57,9 @@ class CompiledLoop:
         self.problem.c.inverted.least_energy = self.inversion.least_energy
         stats.solver = stats.solver or f"compiled, {self.problem.factors}"
 
-    def refill(self, forcing: Forcing, stats: Stats) -> None:
+    def bind(self, forcing: Forcing, stats: Stats) -> None:
         """Begin another run, with the numbers that the model has now."""
-        self.problem.refill()
+        self.problem.bind()
         self._begin(forcing, self.failures.options, stats)
 
     def take(

@@ -10,13 +10,15 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.content_cache import cached_property
-from fx_beam.coupling.graph import Auxiliaries, couple, motors
+from fx_beam.coupling.graph import Auxiliaries, Couplings, couple, motors
 from fx_beam.coupling.reduction import Reduction, begin_to_build_joints
 from fx_beam.coupling.sliders import Sliders
-from fx_beam.errors import SceneError
+from fx_beam.dual import floats
+from fx_beam.errors import SceneError, all_of
 from fx_beam.fem.compiled_laws import PointFunction, compiled_rule
+from fx_beam.fem.form_data import form_data
 from fx_beam.fem.forms import Forms
-from fx_beam.fem.loads import Loads, NaturalStrains
+from fx_beam.fem.loads import dead_loads, natural_strains
 from fx_beam.fem.mass import Mass, about_centres, mobilities
 from fx_beam.fem.mesh import build_mesh
 from fx_beam.laws.interval import Interval, StepStart
@@ -28,11 +30,12 @@ from fx_beam.scene.coordinate import Coulomb
 from fx_beam.scene.joints import GROUND, Joint, NodalMotion, joints_by_number, slides_at_start
 from fx_beam.scene.law import has_pieces
 from fx_beam.scene.scene import Scene
-from fx_beam.scene.sliders import SlidingJoint, sliding_joints
-from fx_beam.scene.structure import ElsewhereError, OtherStructureError, Structure
+from fx_beam.scene.sliders import sliding_joints
+from fx_beam.scene.structure import OtherStructureError, Structure
 
 from .build import begin_to_build
 from .flywheels import only_turn
+from .scene_data import Arms, Data
 
 if TYPE_CHECKING:
     from .sparse_lu import LU
@@ -61,21 +64,20 @@ class Model:
         part: bool = False,
         settles: bool = False,
     ):
-        self.scene = scene
-        self.scheme = scheme
-        self.mesh = build_mesh(scene)
-        self._set_unit()
+        self.scheme, self.mesh = scheme, build_mesh(scene)
         if not sliding_joints(scene.joints):
             begin_to_build(_probable_features(scene, scheme))
         if not all(joint.is_selection for joint in scene.joints):
             begin_to_build_joints()
-        self.forms = Forms(scene, scheme, self.mesh, instant)
+        X = self.mesh.positions_of(scene)
+        of_forms = form_data(scene, self.mesh, X, scheme.rates)
+        self.forms = forms = Forms(scene, scheme, self.mesh, of_forms, instant)
         #: The forces at points.
         self.points = self.forms.points
         #: Number of degrees of freedom, and those that are rotations.
-        self.size, self.turns = self.forms.size, self.mesh.dofs[:, 2]
+        self.size, self.turns = forms.size, self.mesh.dofs[:, 2]
         #: The mass of beams and lumped ones.
-        self.masses = Mass(scene, self.mesh, self.forms)
+        self.masses = Mass(scene, self.mesh, forms.stiffness, forms.of_cells)
         #: Numbers of joints that were removed, or are not there yet.
         self.removed_joints = sorted({*range(scene.joint_count)} - joints_by_number(scene).keys())
         #: Held by the thread that makes what solutions have only when it is read.
@@ -83,26 +85,25 @@ class Model:
         #: Names of the compiled forms and of the assembled matrices and vectors.
         self.compiled = [] if self.forms.beams is None else [*self.forms.beams.bound]
         self.assembled = self.masses.assembled
-        self.loads = Loads(scene, self.mesh)
-        self.natural = NaturalStrains(scene, self.mesh)
+        others = dead_loads(scene, self.mesh, self.mesh.X), natural_strains(scene, self.mesh)
+        masses, arms = self.masses.numbers_of(scene, X), Arms.of(scene)
+        data = Data(scene, X, of_forms, masses, *others, arms, motors(scene))
+        self._set(data)
         self.assembled += [str(load) for load in scene.loads]
-        #: Weight (size,) [N] of all masses; None without gravity.
-        self.weight = self.masses.weight
+        self.masses.name(scene)
         self._build_reduction()
-        self._damp_friction()
-        self._structure, self._joints = Structure(scene), scene.joints[:]
+        if sticks(scene) and not scheme.rates.at_rest:
+            damped = form_data(scene, self.mesh, X, scheme.rates, self.mobility(data))
+            self.data = data._replace(forms=damped)
+            forms.bind(damped)
+        #: The structure of the scene.
+        self.structure = Structure(scene)
         self._weightless = scheme.rates.at_rest and not mobile
         self._settles = settles
-        #: What C has of it, by what it is for, and how often the numbers were set.
+        #: What C has of it, by what it is for.
         self.problems: dict[Any, Any] = {}
-        self.refills = 0
         if not part:
             self._check_mechanism()
-
-    def _set_unit(self) -> None:
-        size = self.mesh.size
-        #: Size (size,) of unit increments: that of the scene for displacements, 1 for rotations.
-        self.unit = np.tile([size, size, 1.0], len(self.mesh.X))
 
     def _check_mechanism(self) -> None:
         #: Why the scene without loads is a mechanism; empty if it is none.
@@ -120,29 +121,45 @@ class Model:
                 raise
             self.mechanism = str(error).removesuffix(". Add a support")
 
-    def refill(self, scene: Scene) -> None:
-        """Set all numbers to those of another scene; OtherStructureError if it differs in more.
+    def check(self, data: Data) -> None:
+        """OtherStructureError if data are of other kinds than the numbers that this has."""
+        self.forms.check(data.forms)
+        self.masses.check(data.masses)
+        for own, others in ((self.loads, data.loads), (self.natural, data.natural)):
+            if others is not own:
+                own.check(others)
+
+    def lies_at(self, data: Data) -> bool:
+        """Whether nodes and joints are where data have them, or nothing depends on it."""
+        return all_of(floats(data.X) == self.mesh.X) and data.arms.are_at(self.data.arms)
+
+    def bind(self, data: Data) -> None:
+        """Set all numbers, as if this were set up anew; OtherStructureError, then nothing is set.
 
         What was assembled for the last scene changes in place.
         """
-        self._structure.check(scene)
-        self.refills += 1
-        moved = self.mesh.refill(scene)
-        last, self.scene = self._joints, scene
-        self._set_unit()
-        self.forms.refill(scene)
-        self.masses.refill(scene, moved)
-        self.weight = self.masses.weight
-        self.loads.refill(scene)
-        self.natural.refill(scene)
-        self.motors = motors(scene)
-        elsewhere = self._refill_reduction(last, moved)
-        self._joints = scene.joints[:]
-        self._damp_friction()
+        elsewhere = not self.lies_at(data)
+        if elsewhere and self.needs_places:
+            raise OtherStructureError("joints that close loops, or slide on beams, lie elsewhere")
+        self._set(data)
+        self.reduction.set_arms(self.arm_joints)
+        self.forms.bind(data.forms)
         # In statics without joints and forces between nodes places alone tell mechanisms.
+        scene = data.scene
         by_places = self._weightless and not (scene.joints or scene.forces_between)
         if elsewhere or scene.drags or (self.scheme.rates.at_rest and not by_places):
             self._check_mechanism()
+
+    def _set(self, data: Data) -> None:
+        #: The numbers that it has now, and their scene.
+        self.data, self.scene = data, data.scene
+        self.mesh.bind(floats(data.X))
+        size = self.mesh.size
+        #: Size (size,) of unit increments: that of the scene for displacements, 1 for rotations.
+        self.unit = np.tile([size, size, 1.0], len(self.mesh.X))
+        self.masses.bind(data.masses)
+        #: Dead loads and natural strains.
+        self.loads, self.natural = data.loads, data.natural
 
     def remembers(self, state: State, moved: np.ndarray, slid: np.ndarray) -> bool:
         """Whether what may flow at once depends on degrees of freedom or slides that have moved."""
@@ -151,46 +168,28 @@ class Model:
         by_points = self.points.remember(state.spring_internal, moved, slid)
         return by_points or any(moved[of].any() for of in dofs)
 
-    def _damp_friction(self) -> None:
-        """Give friction that sticks its damping, by the masses that it holds."""
-        coordinates = [c for joint in self.scene.joints for c in joint.coordinates.values()]
-        frictions = [getattr(of, "friction", None) for of in (*self.scene.contacts, *coordinates)]
-        if any(isinstance(of, Coulomb) for of in frictions) and not self.scheme.rates.at_rest:
-            self.forms.damp_friction(self.scene, self.mobility())
-
-    def mobility(self) -> np.ndarray:
+    def mobility(self, data: Data) -> np.ndarray:
         """1 / mass that moves with each degree of freedom, then with each slide; 0 without mass.
 
         Of displacements that in the direction in which the node moves most easily. By the diagonal
         of the reduced mass in the reference; what is free moves about its centre of mass, unless
         nodes slide on beams.
         """
-        reduction, couplings, mass = self.reduction, self.couplings, self.mass
-        reduction.begin(np.zeros(self.size), slides_at_start(self.scene))
+        scene, couplings, reduction = data.scene, self.couplings, self.reduction
+        own = reduction.arms.copy()
+        reduction.set_arms(moving_in(scene, couplings))
+        reduction.begin(np.zeros(self.size), slides_at_start(scene))
         T = reduction.coupling(closed=not reduction.singularity)[:, : couplings.free]
+        reduction.arms[...] = own
         # Operations on small arrays are quick, those on sparse ones take 0.1 ms.
         T = T.toarray() if self.size <= _SMALL else scipy.sparse.csr_array(T)
+        mass = self.masses.of(floats(data.masses["mass"]))
         if not (couplings.is_selection or couplings.sliding):
             roots = np.isin(np.arange(couplings.free), couplings.column[self.mesh.dofs[:, :2]])
             T = about_centres(T, roots, mass.diagonal())
         of_unknowns, of_dofs = mobilities(T, mass)
-        of_slides = couplings.free_slides(of_unknowns, self.scene.joint_count)
+        of_slides = couplings.free_slides(of_unknowns, scene.joint_count)
         return np.concatenate([of_dofs, of_slides])
-
-    def _refill_reduction(self, last: list[Joint], moved: bool) -> bool:
-        """Set the offsets and axes of joints; returns whether these or any nodes are elsewhere."""
-        arms = [joint for joint in self.scene.joints if not joint.is_selection]
-        before = [joint for joint in last if not joint.is_selection]
-        if [joint.number for joint in arms] != [joint.number for joint in before]:
-            raise OtherStructureError("other joints have offsets")
-        names = "arm", "offset", "axis", "apart"
-        now, then = ([getattr(j, name) for j in of for name in names] for of in (arms, before))
-        if not moved and all(map(np.array_equal, now, then)):
-            return False
-        if self.couplings.closures or self.couplings.sliding:
-            raise ElsewhereError("joints that close loops, or slide on beams, lie elsewhere")
-        self.reduction.set_arms(self.arm_joints)
-        return True
 
     def start_of(self, state: State, length: float) -> StepStart:
         """The start of a step of some length [s] from a state, for the forces.
@@ -413,14 +412,22 @@ class Model:
     @property
     def arm_joints(self) -> list[Joint]:
         """Joints with an arm or a slide, in the order of the couplings, as the scene has them."""
-        joints = joints_by_number(self.scene)
-        return [joints[joint.number] for joint in self.couplings.arm_joints]
+        return moving_in(self.scene, self.couplings)
 
     @property
-    def sliding(self) -> list[SlidingJoint]:
-        """Joints of nodes on beams, as they are eliminated."""
-        joints = {joint.number: joint for joint in sliding_joints(self.scene.joints)}
-        return [joints[joint.number] for joint in self.couplings.sliding]
+    def motors(self) -> list[tuple[Joint, str]]:
+        """Joints with a motor, each with the name of its coordinate."""
+        return self.data.motors
+
+    @property
+    def needs_places(self) -> bool:
+        """Whether joints close loops, or slide on beams: these are set up for their places."""
+        return bool(self.couplings.closures or self.couplings.sliding)
+
+    @property
+    def weight(self) -> np.ndarray | None:
+        """Weight (size,) [N] of all masses; None without gravity."""
+        return self.masses.weight
 
     def _build_reduction(self) -> None:
         """Build the unknowns and the reduction to them, by supports and joints."""
@@ -430,8 +437,6 @@ class Model:
         turning = any(not (joint.is_selection or joint.a is GROUND) for joint in scene.joints)
         #: Whether rates by the mean rule must be fitted to joints and driven motions.
         self.fits_rates = self.scheme.rates.mean_based and (turning or self.couplings.driven > 0)
-        #: Joints with a motor, each with the name of its coordinate.
-        self.motors = motors(scene)
         keys, driven = [*scene.prescribed, *sorted(scene.fixed)], len(scene.prescribed)
         nodes, components = np.reshape(np.array(keys, dtype=int), (-1, 2)).T
         columns = np.arange(len(keys))
@@ -492,6 +497,19 @@ class Model:
             lambda name, node: at_nodes[name][:, node.number].T,
             lambda name, beam: at_nodes[name][:, self.mesh.nodes_of(self.scene, beam)],
         )
+
+
+def sticks(scene: Scene) -> bool:
+    """Whether a scene has friction that sticks, which is damped by the masses that it holds."""
+    coordinates = [c for joint in scene.joints for c in joint.coordinates.values()]
+    frictions = [getattr(part, "friction", None) for part in (*scene.contacts, *coordinates)]
+    return any(isinstance(friction, Coulomb) for friction in frictions)
+
+
+def moving_in(scene: Scene, couplings: Couplings) -> list[Joint]:
+    """Joints of a scene with an arm or a slide, in the order of the couplings."""
+    joints = joints_by_number(scene)
+    return [joints[joint.number] for joint in couplings.arm_joints]
 
 
 def _probable_features(scene: Scene, scheme: Scheme) -> str:

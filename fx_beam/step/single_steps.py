@@ -38,7 +38,7 @@ class CompiledSingleSteps:
         model, p = self._loop.model, self._p
         forcing, steps = self._loop.forcing, p.scheme.sub_steps
         shapes = [(2, p.loads.count), (p.driven,), (len(model.points.followers), 2)]
-        shapes += [(2, len(model.forms.parameters)), (model.natural.unit_loads.shape[1],)]
+        shapes += [(2, len(model.forms.parameters)), (len(model.natural.starts) - 1,)]
         arrays = [np.zeros((steps, *shape)) for shape in shapes]
         loads, driven, follower_force, parameters, natural = arrays
         self._inputs = StepInputs(loads, driven, follower_force, parameters, natural, steps)

@@ -15,6 +15,7 @@ import scipy.sparse
 
 from fx_beam.c_library import Structs, array_at, declared
 from fx_beam.content_cache import cached_property
+from fx_beam.dual import floats
 from fx_beam.fem.mesh import rotation_of
 from fx_beam.fem.sparsity import blocks_with
 from fx_beam.laws.schemes import MOST_SUB_STEPS
@@ -114,10 +115,8 @@ class Problem:
 
             self._set(parts=part_tables(model))
         numbers = self._numbers(masses=True) | self._positions()
-        #: What some were made of: positions of nodes, and how often masses had changed.
-        self._X, self._mass_changes = model.mesh.X, model.masses.changes
-        #: `Model.refills` at the last one.
-        self.refills = model.refills
+        #: The numbers of the model, and positions of nodes, that this has.
+        self.data, self._X = model.data, model.mesh.X
         #: Members that are numbers of the scene, which C reads here.
         self._own = {name: np.array(values, float) for name, values in numbers.items()}
         for name, values in self._own.items():
@@ -131,10 +130,10 @@ class Problem:
     def of(cls, model: Model, *given: Any) -> Problem:
         """A problem with the numbers that a model has now; one of earlier numbers serves again."""
         problem = model.problems.get(given)
-        if problem is None or problem.refills == model.refills:  # that serves others now
+        if problem is None or problem.data is model.data:  # that serves others now
             problem = model.problems[given] = cls(model, *given)
         else:
-            problem.refill()
+            problem.bind()
         return problem
 
     def _features_of_scene(self) -> str:
@@ -173,17 +172,16 @@ class Problem:
         at_rest = model.scheme.rates.at_rest
         massless = np.empty(0, int) if at_rest else np.flatnonzero(model.massless)
         if natural := model.natural:
-            strains = natural.unit_loads
             self._set(
                 natural={
                     "per_cell": int(np.prod(natural.shape[1:])),
-                    "count": strains.shape[1],
-                    "start": strains.indptr,
-                    "at": strains.indices,
+                    "count": len(natural.starts) - 1,
+                    "start": natural.starts,
+                    "at": natural.rows,
                 }
             )
         starts, nodes, _ = self._mass_blocks
-        columns = model.loads.unit_loads
+        loads = model.loads
         per_cell = 0 if self._rates else int(np.prod(model.forms.internal_shape[1:]))
         self._set(
             cells=cells,
@@ -198,9 +196,9 @@ class Problem:
             tangent={"row_start": K.indptr, "column_of": K.indices, "stored_at": stored_at},
             mass={"start": starts, "dof": 3 * nodes, "stored_at": stored_at[self.mass_entries]},
             loads={
-                "count": columns.shape[1],
-                "start": columns.indptr,
-                "dof": columns.indices,
+                "count": len(loads.starts) - 1,
+                "start": loads.starts,
+                "dof": loads.rows,
                 "follower_forces": 0 if self._rates else len(model.points.followers),
             },
         )
@@ -237,39 +235,33 @@ class Problem:
 
     def _numbers(self, masses: bool) -> dict[str, np.ndarray]:
         """The other numbers of the scene, besides those of forms and points."""
-        model, loads = self.model, self.model.loads.unit_loads
+        model = self.model
         of_joints = model.reduction.offsets_and_axes
         numbers = {f"joints.{name}": values for name, values in of_joints.items()}
-        numbers["loads.force"] = loads.data
+        numbers["loads.force"] = floats(model.loads.entries)
         if masses:
-            turning = 0 if self._frame_turns else 1  # centrifugal forces have no moments
-            values = (
-                model.mass.data[self.mass_entries] * [1, 1, turning]
-                if len(self.mass_entries)
-                else 0
-            )
-            numbers |= {"mass.value": np.append(self._inertia * values, 0.0)}
+            values, turning = 0, 0 if self._frame_turns else 1  # centrifugal forces have no moments
+            if len(self.mass_entries):
+                values = model.masses.values[self.mass_entries] * [1, 1, turning]
+            numbers["mass.value"] = np.append(self._inertia * values, 0.0)
         if self._rates:
             numbers["statics.viscous_weight"] = model.little_mass()
         if model.weight is not None:
             numbers["loads.weight"] = model.weight
         if model.natural:
-            numbers["natural.value"] = model.natural.unit_loads.data
+            numbers["natural.value"] = floats(model.natural.entries)
         return numbers
 
-    def refill(self) -> None:
+    def bind(self) -> None:
         """Set all numbers to those that the model has now, and all else to that before a run."""
-        model = self.model
-        moved, heavier = model.mesh.X is not self._X, model.masses.changes != self._mass_changes
+        mesh, moved = self.model.mesh, self.model.mesh.X is not self._X
+        heavier = self.data.masses is not self.model.data.masses
         numbers = self._numbers(heavier) | (self._positions() if moved else {})
         for name, values in numbers.items():
             self._own[name][...] = values
-        self._X, self._mass_changes = model.mesh.X, model.masses.changes
-        self.refills = model.refills
+        self.data, self._X = self.model.data, mesh.X
         if self.tables is not None:
-            if moved:
-                self.tables.move(model.mesh.coordinates)
-            self.tables.refill()
+            self.tables.bind(mesh.coordinates if moved else None)
         self._structs.restore(self.c)
         self.state.clear()
 

@@ -16,6 +16,7 @@ from .form_tables import aligned_zeros
 from .layout import Layout, Numbers, all_of, never_empty, put_columns
 from .model import Model
 from .reversals import LEAST_STEPS, all_places, histories_of, reversal_rows
+from .scene_data import Data
 from .tables import Problem
 from .tape import Part, Tape
 from .vjp_work import VjpWork
@@ -54,14 +55,14 @@ class TapeDerivatives:
         self._structs.set(self.c, point_numbers=sum(numbers))
         members = problem.model.points.members
         if members is not None:
-            counts = {"member_numbers": len(members.numbers), "member_arcs": len(members.arcs)}
+            counts = dict(zip(("member_numbers", "member_arcs"), members.counts, strict=True))
             members.follow()
             self._structs.set(self.c, **counts)
         else:
             self._structs.set(self.c, transposed_at=problem.transposed())
-        #: Slides of moving joints in the reference, and `Model.refills` for which they are.
+        #: Slides of moving joints in the reference, and the data of which they are.
         self._slide_at_rest = np.zeros(1 + len(problem.model.couplings.arm_joints))
-        self._refills = -1
+        self._data: Data | None = None
         self._structs.set(self.c, slide_at_rest=self._slide_at_rest)
 
     @cached_property
@@ -313,9 +314,9 @@ class TapeDerivatives:
 
         And the slides of joints in the reference of the present scene.
         """
-        if self._refills != self.problem.model.refills:
-            self._refills = self.problem.model.refills
-            self._slide_at_rest[:-1] = [joint.start()[0] for joint in self.problem.model.arm_joints]
+        if self._data is not (model := self.problem.model).data:
+            self._data = model.data
+            self._slide_at_rest[:-1] = [joint.start()[0] for joint in model.arm_joints]
         if self._has_places == by_places:
             return
         self._has_places = by_places

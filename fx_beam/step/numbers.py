@@ -1,0 +1,54 @@
+"""The numbers of a scene by the indices of a model: the one path on which steps get them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from fx_beam.coupling.graph import motors
+from fx_beam.dual import dual_array, floats
+from fx_beam.fem.form_data import form_data
+from fx_beam.fem.loads import dead_loads, natural_strains
+from fx_beam.scene.scene import Scene
+from fx_beam.scene.sliders import sliding_joints
+
+from .model import Model, moving_in, sticks
+from .scene_data import Arms, Data
+
+
+def data_of(model: Model, scene: Scene) -> Data:
+    """The numbers of a scene; OtherStructureError if it differs in more from that of the model."""
+    model.structure.check(scene)
+    mesh, rates = model.mesh, model.scheme.rates
+    X = mesh.positions_of(scene)
+    masses, arms = model.masses.numbers_of(scene, X), Arms.of(scene)
+    loads = dead_loads(scene, mesh, floats(X)) if scene.loads else model.loads
+    natural = natural_strains(scene, mesh) if scene.natural_strains else model.natural
+    forms = form_data(scene, mesh, X, rates)
+    data = Data(scene, X, forms, masses, loads, natural, arms, motors(scene))
+    if sticks(scene) and not rates.at_rest:
+        fits = not model.needs_places or model.lies_at(data)
+        fitting = model if fits else Model(scene, model.scheme, part=True)
+        data = data._replace(forms=form_data(scene, mesh, X, rates, fitting.mobility(data)))
+    model.check(data)
+    return data
+
+
+def numbers_of(model: Model, data: Data) -> dict[str, Any]:
+    """All numbers by name as flat arrays, with slopes that the scene has."""
+    scene, couplings = data.scene, model.couplings
+    numbers = {"X": data.X, "columns": data.loads.entries} | data.forms.numbers | data.masses
+    if data.natural:
+        numbers["natural columns"] = data.natural.entries
+    if moving := moving_in(scene, couplings):
+        axes = [(0.0, 0.0) if joint.axis is None else joint.axis for joint in moving]
+        numbers["offset"] = dual_array([joint.offset for joint in moving]).reshape(-1, 2)
+        numbers["axis"] = dual_array(axes).reshape(-1, 2)
+        numbers["rest"] = [joint.start()[0] for joint in moving]
+    if couplings.sliding:
+        joints = {joint.number: joint for joint in sliding_joints(scene.joints)}
+        sliding = [joints[joint.number] for joint in couplings.sliding]
+        numbers["places"] = [joint.place_at_rest for joint in sliding]
+        numbers["paths"] = np.concatenate([joint.path.numbers for joint in sliding])
+    return {name: dual_array(values) for name, values in numbers.items()}
