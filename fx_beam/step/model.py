@@ -16,11 +16,11 @@ from fx_beam.coupling.sliders import Sliders
 from fx_beam.dual import floats
 from fx_beam.errors import SceneError, all_of
 from fx_beam.fem.compiled_laws import PointFunction, compiled_rule
-from fx_beam.fem.form_data import form_data
 from fx_beam.fem.forms import Forms
 from fx_beam.fem.loads import dead_loads, natural_strains
 from fx_beam.fem.mass import Mass, about_centres, mobilities
 from fx_beam.fem.mesh import build_mesh
+from fx_beam.fem.scene_data import Arms, Data, form_data
 from fx_beam.laws.interval import Interval, StepStart
 from fx_beam.laws.rates import NodalRates
 from fx_beam.laws.schemes import Scheme
@@ -35,7 +35,6 @@ from fx_beam.scene.structure import OtherStructureError, Structure
 
 from .build import begin_to_build
 from .flywheels import only_turn
-from .scene_data import Arms, Data
 
 if TYPE_CHECKING:
     from .sparse_lu import LU
@@ -125,13 +124,15 @@ class Model:
         """OtherStructureError if data are of other kinds than the numbers that this has."""
         self.forms.check(data.forms)
         self.masses.check(data.masses)
+        data.arms.are_at(self.data.arms)
         for own, others in ((self.loads, data.loads), (self.natural, data.natural)):
             if others is not own:
                 own.check(others)
 
     def lies_at(self, data: Data) -> bool:
         """Whether nodes and joints are where data have them, or nothing depends on it."""
-        return all_of(floats(data.X) == self.mesh.X) and data.arms.are_at(self.data.arms)
+        # Joints first: they also say whether others have offsets.
+        return data.arms.are_at(self.data.arms) and all_of(floats(data.X) == self.mesh.X)
 
     def bind(self, data: Data) -> None:
         """Set all numbers, as if this were set up anew; OtherStructureError, then nothing is set.

@@ -184,3 +184,22 @@ def test_laws_with_other_parameters_have_the_same_code(monkeypatch):
     assert len({*signed}) == 1
     heights = solution.q[-1, 1::2, 1]
     assert len({*heights.tolist()}) == 3
+
+
+def test_a_joint_with_an_offset_does_not_take_the_set_up_of_one_without():
+    """Nodes that lie elsewhere do not hide that the joint moves in another way."""
+
+    def motion(offset):
+        scene = fb.Scene()
+        section = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.1)
+        first = scene.add_beam([(-1, 0), (0, 0)], section)
+        second = scene.add_beam([(offset, 0), (offset + 1, 0)], section)
+        scene.add_joint(fb.Rigid(first.end, second.start, offset=(offset, 0)))
+        for beam in (first, second):
+            scene.set_velocity(beam, lambda x, y: (-2 * y, 2 * x), spin=2.0)
+        stats = fb.simulate(scene, dt=0.01, t_end=0.02).stats
+        return stats.setup_reason
+
+    motion(0.0)
+    assert motion(0.2) == "other joints have offsets"
+    assert motion(0.3) == ""
