@@ -17,6 +17,7 @@ from time import process_time
 import numpy as np
 
 import fx_beam as fb
+from fx_beam.dual import floats
 from fx_beam.motions.options import Options
 from fx_beam.motions.prepared import Prepared
 from fx_beam.step.recorder import Record, Recorder
@@ -110,14 +111,14 @@ def measured(build, dt, steps, tries):
     case = Case(build(), dt, steps)
     tape, problem, model = case.tape, case.loop.problem, case.prepared.model
     case.run(tape)
-    derivatives, ends = TapeDerivatives(problem), tape.boundaries(case.times)
+    derivatives, ends = TapeDerivatives(problem), tape.times.boundaries(case.times)
     none, names = np.empty(0, dtype=int), derivatives.names - {"X"}
 
     def weights_of(part):
         rows = ends[part.of_boundaries(ends)]
         return {"q": np.ones((len(rows), model.size))}, rows, none
 
-    values = model.forms.beams.numbers["stiffness"]
+    values = floats(model.data.forms.beams["stiffness"])
     rng = np.random.default_rng(0)
     changes = [{"stiffness": values * rng.random((count, *values.shape))} for count in NUMBERS]
     size = 8 * len(tape) * tape.c.size

@@ -21,7 +21,7 @@ from unittest import mock
 import numpy as np
 
 import fx_beam as fb
-from fx_beam.parallel import team
+from fx_beam.parallel.process_group import ProcessGroup
 from fx_beam.step import stepper, tables
 from fx_beam.step.lu_layout import COSTS
 
@@ -193,7 +193,7 @@ def on_processes(cells=200, steps=10, dt=0.01):
     print(f"  set-up {setup:.1f}, a step {sum(seconds) / steps:.3f}")
     print(f"  {stats.newton_iterations} Newton iterations")
     print(f"  relative error of the energy balance {error:.1e}", flush=True)
-    if (processes := team.present()) is not None:
+    if (processes := ProcessGroup.leading) is not None:
         used = processes.make(Memory, [()] * processes.size)("largest")
         memory = ", ".join(f"{gigabytes:.2f}" for gigabytes in used)
         iterations = stats.krylov_iterations / stats.newton_iterations

@@ -34,7 +34,7 @@ def cache(monkeypatch, tmp_path):
 
 def forget(monkeypatch):
     """As in a process that has loaded nothing."""
-    for name in ("_things", "_of_users"):
+    for name in ("_things", "_user_things"):
         monkeypatch.setattr(c_library, name, {})
     compiler._identity.cache_clear()
 
