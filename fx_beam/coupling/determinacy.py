@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import scipy.sparse
@@ -15,7 +15,6 @@ from fx_beam.content_cache import cached_by_content
 from fx_beam.errors import SceneError
 from fx_beam.fem.mesh import Mesh
 from fx_beam.scene.coordinate import Coordinate
-from fx_beam.scene.ground_springs import GroundSpring
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.scene import Scene
 
@@ -138,10 +137,11 @@ def _rows(scene: Scene, mesh: Mesh, parts: _Parts, static: bool):
         if joint.turns_together or _is_held(joint.rotation, static):
             turning.append(nodes)
     row_of = [*range(len(together))]
+    force: Any
     for force in scene.forces_between:
         if not _is_held(force.on, static):
             continue
-        if isinstance(force, GroundSpring):
+        if force.to_ground:
             if force.direction is None:
                 turning.append((-1, force.target.number))
                 continue

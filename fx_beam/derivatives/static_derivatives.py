@@ -12,6 +12,7 @@ import numpy as np
 from fx_beam.dual import Dual, floats
 from fx_beam.equilibria.statics import LoadPath
 from fx_beam.errors import SceneError
+from fx_beam.fem.scene_data import Data
 from fx_beam.motions.initial_state import reference_state
 from fx_beam.motions.numbers import static_numbers_of
 from fx_beam.results.state import State
@@ -19,7 +20,6 @@ from fx_beam.scene.inputs import with_functions
 from fx_beam.scene.scene import Scene
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.numbers import data_of
-from fx_beam.step.scene_data import Data
 from fx_beam.step.tables import Problem
 from fx_beam.step.tape import static_tape
 from fx_beam.step.tape_derivatives import TapeDerivatives

@@ -7,7 +7,7 @@ degrees of freedom holds it, as a statically determinate support does: it carrie
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -15,7 +15,6 @@ import scipy.sparse
 from scipy.sparse.csgraph import connected_components
 
 from fx_beam.scene.beam import Beam
-from fx_beam.scene.ground_springs import GroundSpring
 from fx_beam.step.model import Model
 from fx_beam.step.sparse_lu import pivoted_lu
 
@@ -48,8 +47,9 @@ def free_parts(model: Model) -> list[FreePart]:
     ground = len(mesh.X)
     pairs = [(nodes[0], node) for nodes in mesh.nodes for node in nodes[1:]]
     pairs += [(joint.a.number, joint.b.number) for joint in scene.joints]
+    force: Any
     for force in scene.forces_between:
-        if isinstance(force, GroundSpring):
+        if force.to_ground:
             pairs.append((mesh.nodes_of(scene, force.target)[0], -1))
         else:
             pairs += pairwise(force.nodes)

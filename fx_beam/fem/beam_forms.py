@@ -23,7 +23,6 @@ from .fields import CONSTANTS, NATURAL, NODAL, data_field, distinct
 from .form_library import CompiledForm, FormModule, FormSource
 from .mesh import Mesh
 from .parameter_values import ParameterValues
-from .vjp_form import DerivedForm
 from .weak_form import LOSSES, Kind, StepFacts, WeakForm
 
 Given = np.ndarray | None
@@ -202,6 +201,8 @@ class BeamForms:
         if facts.names:
             data["more"] = Field(mesh.space(1, len(facts.names)))
             spaces["parameters"] = data["more"].space
+        from .vjp_form import DerivedForm
+
         return FormSource(DerivedForm, self.kind), data, spaces
 
     def sizes_of_slopes(self, of: str) -> dict[str, int]:

@@ -12,10 +12,10 @@ from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.scene import Scene
 
 from .beam_forms import BeamForms
-from .form_data import FormData
 from .mesh import Mesh
 from .parameter_values import ParameterValues
 from .point_forces import PointForces
+from .scene_data import FormData
 from .sparsity import matrix_between, places_of_cells, with_pairs
 
 

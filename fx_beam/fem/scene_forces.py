@@ -31,7 +31,6 @@ from fx_beam.scene.coordinate import (
     functions_of,
     numbers_of_loss,
 )
-from fx_beam.scene.ground_springs import GroundSpring
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.law import functions_of_energy
 from fx_beam.scene.scene import Scene
@@ -163,7 +162,7 @@ def _between(
     scene: Scene, mesh: Mesh, X: Any, known: _Known, at_rest: bool
 ) -> Iterator[PointForce]:
     for force in scene.forces_between:
-        if isinstance(force, GroundSpring):
+        if force.to_ground:
             yield from _to_ground(force, scene, mesh, X, known, at_rest)
             continue
         kind = length_over(tuple(node >= 0 for node in force.nodes))
@@ -179,7 +178,7 @@ def _between(
 
 
 def _to_ground(
-    force: GroundSpring, scene: Scene, mesh: Mesh, X: Any, known: _Known, at_rest: bool
+    force: Any, scene: Scene, mesh: Mesh, X: Any, known: _Known, at_rest: bool
 ) -> Iterator[PointForce]:
     """Springs from a node, or from each node of a beam, to the ground."""
     if force.direction is None:

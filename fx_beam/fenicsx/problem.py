@@ -13,9 +13,8 @@ from fx_beam.errors import SceneError, positive
 from fx_beam.laws.interval import INSTANT, Interval
 from fx_beam.laws.schemes import Scheme
 from fx_beam.motions.evaluation import solution_of
-from fx_beam.motions.grid import grid_from
 from fx_beam.motions.initial_state import Starts
-from fx_beam.motions.options import Options, check_scene
+from fx_beam.motions.options import Options, check_scene, grid_from
 from fx_beam.motions.prepared import Prepared
 from fx_beam.motions.progress import attach, failure_of
 from fx_beam.motions.run import warn_of_parts, warn_of_rounding

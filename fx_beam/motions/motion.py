@@ -28,9 +28,8 @@ from fx_beam.step.single_steps import CompiledSingleSteps
 from fx_beam.step.state_vector import StateCopy
 
 from .evaluation import solution_of
-from .grid import Grid, grid_from
 from .measurement import Instant, fitted_state, fitted_value, readings
-from .options import MOST_STEPS, Options, check_scene
+from .options import MOST_STEPS, Grid, Options, check_scene, grid_from
 from .prepared import Prepared, state_of
 from .surroundings import waiting_team
 

@@ -12,7 +12,6 @@ from fx_beam.scene.inputs import with_functions
 from fx_beam.scene.outputs import check_outputs
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
-from fx_beam.step.numbers import data_of
 
 from .initial_state import end_of
 from .options import Options
@@ -94,6 +93,8 @@ class MotionSeries:
             if self._alike is not None:
                 self._alike.bind(scene)
                 return self._alike
+        from fx_beam.step.numbers import data_of
+
         assert self.prepared is not None
         data_of(self.prepared.model, scene)  # which says how the structure differs
         self._alike = Prepared(scene, options)

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from fx_beam.dual import dual_array
+from fx_beam.fem.scene_data import Data
 from fx_beam.results.state import State
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.model import Model
 from fx_beam.step.numbers import numbers_of
-from fx_beam.step.scene_data import Data
 
 from .initial_state import reference_state
 

@@ -29,8 +29,6 @@ from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record
 from fx_beam.step.substeps import MOST_HALVINGS
 
-from .grid import grid_from, rounding_of
-
 # Limits of the tolerance. Newton's method and rounding disturb smaller errors.
 _LEAST, _MOST = 1e-9, 0.1
 # Shortest first or largest step that may be given, relative to the whole time.
@@ -198,3 +196,34 @@ def check_scene(scene: Any, what: str) -> None:
     """Refuse what is no scene."""
     if not isinstance(scene, Scene):
         raise SceneError(f"{what} needs an fx_beam.Scene, not {shown(scene)}")
+
+
+# -- Times at which equal steps end --------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Ends of steps of the length dt [s], counted from a state; number `first` is its own."""
+
+    origin: float
+    first: int
+    dt: float
+
+    def __call__(self, number):
+        """Time at the end of a step [s]; step 0 is the start."""
+        return self.origin + (self.first + number) * self.dt
+
+
+def rounding_of(*times: float) -> float:
+    """Largest rounding error of the difference of two times [s]."""
+    return 4 * math.ulp(max(map(abs, times)))
+
+
+def grid_from(t: float, dt: float) -> Grid:
+    """Ends of steps from t [s] on: where a motion from zero has them, if t is one of them.
+
+    So a motion in parts has the times of a motion as a whole, to the last digit.
+    """
+    number = round(t / dt)
+    on_grid = abs(number * dt - t) <= rounding_of(t)
+    return Grid(0.0, number, dt) if on_grid else Grid(t, 0, dt)

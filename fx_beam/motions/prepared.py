@@ -20,13 +20,13 @@ from fx_beam.step.forcing import Forcing
 from fx_beam.step.full_turns import TurnCounter
 from fx_beam.step.loop import CompiledLoop
 from fx_beam.step.model import Model
-from fx_beam.step.numbers import data_of
 from fx_beam.step.recorder import Recorder
 from fx_beam.step.stepper import Stepper
 from fx_beam.step.substeps import Halving
 
 from .initial_state import Starts, check_joints, end_of
 from .options import Options
+from .set_ups import bind
 
 if TYPE_CHECKING:
     from fx_beam.parallel.process_group import ProcessGroup
@@ -82,7 +82,7 @@ class Prepared:
             last = self.options
             if (options.scheme, options.newton) != (last.scheme, last.newton):
                 raise OtherStructureError("another scheme, or other options")
-        self.model.bind(data_of(self.model, scene))
+        bind(self.model, scene)
         self.options = options or self.options
         self.turn_counter.removed[:] = 0.0
         self._begin(self.loop)

@@ -13,7 +13,6 @@ from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 from fx_beam.step.model import Model
-from fx_beam.step.numbers import data_of
 
 from .surroundings import call_with_arrays
 
@@ -100,18 +99,25 @@ def kind_of(scene: Scene, *kind: Any) -> Hashable:
     return *kind, len(scene.nodes), len(scene.beams), len(scene.joints), len(scene.bodies)
 
 
+def bind(model: Model, scene: Scene) -> None:
+    """Set all numbers of a model to those of another scene; OtherStructureError if it differs."""
+    from fx_beam.step.numbers import data_of
+
+    model.bind(data_of(model, scene))
+
+
 def model_for(scene: Scene, scheme: Scheme, last: Lease | None = None, **kind: bool) -> Lease:
     """The lease of a model for a scene: the `last` one if its owner has it for this structure."""
     call_with_arrays(scene)
     if last is not None:
         try:
-            last.set_up.bind(data_of(last.set_up, scene))
+            bind(last.set_up, scene)
             return last
         except OtherStructureError:
             last.end()
     of_kind = kind_of(scene, type(scheme), *kind)
     return RECENT.lease(
         of_kind,
-        lambda model: model.bind(data_of(model, scene)),
+        lambda model: bind(model, scene),
         lambda: Model(scene, scheme, **kind),
     )

@@ -13,7 +13,6 @@ from fx_beam.errors import is_one_of, shown
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.contacts import Contact, arc_of, nearest
 from fx_beam.scene.forces_between import ForceBetween
-from fx_beam.scene.ground_springs import GroundSpring
 from fx_beam.scene.joints import Joint, NodalMotion
 
 # Distances of points and nodes, in all rows, that are looked at together.
@@ -229,13 +228,14 @@ class PullMotion:
         of a bed those (n, nodes) at the nodes of the beam.
         """
         of, count = self.solution, len(self.solution.t)
-        if isinstance(self.line, GroundSpring):
-            nodes = nodes_of(of, self.line.target)
+        if self.line.to_ground:
+            line: Any = self.line
+            nodes = nodes_of(of, line.target)
             q = of.recorded("q").reshape(count, -1, 3)[:, nodes]
-            if self.line.direction is None:
+            if line.direction is None:
                 return q[:, 0, 2]
-            along = np.sum(q[..., :2] * self.line.ways(of.X[nodes]), axis=-1)
-            return along if isinstance(self.line.target, Beam) else along[:, 0]
+            along = np.sum(q[..., :2] * line.ways(of.X[nodes]), axis=-1)
+            return along if isinstance(line.target, Beam) else along[:, 0]
         at = [
             of.position(point) if isinstance(point, Node) else np.tile(point.position, (count, 1))
             for point in self.line.points

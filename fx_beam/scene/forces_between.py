@@ -6,7 +6,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -78,6 +78,8 @@ class ForceBetween:
     force: Pull | None = field(default=None, metadata=IS_DATA)
     number: int = -1
     own: tuple[str, ...] = ()
+    #: Whether it acts between its target and the ground, along a direction.
+    to_ground: ClassVar[bool] = False
 
     def __repr__(self):
         return f"<{self}>"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -49,6 +49,7 @@ class GroundSpring(ForceBetween):
     force 0, between node 0 at (0, 0) and the ground along (0, 1)
     """
 
+    to_ground: ClassVar[bool] = True
     target: Any = None
     direction: np.ndarray | None = field(default=None, metadata=IS_DATA)
 

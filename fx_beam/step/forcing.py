@@ -9,6 +9,7 @@ import numpy as np
 from fx_beam.dual import floats
 from fx_beam.errors import SceneError
 from fx_beam.fem.parameter_values import before
+from fx_beam.fem.scene_data import Data
 from fx_beam.laws.interval import Interval, just_inside
 from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
@@ -16,7 +17,6 @@ from fx_beam.scene.coordinate import Locked
 from fx_beam.scene.functions import Signal, constant, evaluate
 
 from .model import Model
-from .scene_data import Data
 
 if TYPE_CHECKING:
     from .turning_frame import TurningFrame

@@ -15,8 +15,7 @@ from .forcing import Forcing
 from .interrupts import uninterrupted
 from .inverted_sections import InversionCheck
 from .newton import NewtonOptions
-from .recorder import NullRecorder, Recorder, Rows
-from .records_in_c import RecordsInC
+from .recorder import NullRecorder, Recorder, RecordsInC, Rows
 from .step_failures import StepFailed, StepFailures
 from .step_inputs import StepInputs, inputs_of
 from .tables import Problem

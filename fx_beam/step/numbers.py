@@ -8,13 +8,12 @@ import numpy as np
 
 from fx_beam.coupling.graph import motors
 from fx_beam.dual import dual_array, floats
-from fx_beam.fem.form_data import form_data
 from fx_beam.fem.loads import dead_loads, natural_strains
+from fx_beam.fem.scene_data import Arms, Data, form_data
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import sliding_joints
 
 from .model import Model, moving_in, sticks
-from .scene_data import Arms, Data
 
 
 def data_of(model: Model, scene: Scene) -> Data:

@@ -11,12 +11,12 @@ from fx_beam.c_library import Structs
 from fx_beam.content_cache import cached_property
 from fx_beam.dual import nonzero_rows
 from fx_beam.errors import SceneError, any_of
+from fx_beam.fem.scene_data import Data
 
 from .form_tables import aligned_zeros
 from .layout import Layout, Numbers, all_of, never_empty, put_columns
 from .model import Model
 from .reversals import LEAST_STEPS, all_places, histories_of, reversal_rows
-from .scene_data import Data
 from .tables import Problem
 from .tape import Part, Tape
 from .vjp_work import VjpWork

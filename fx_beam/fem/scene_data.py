@@ -1,0 +1,132 @@
+"""All numbers of a scene by the indices of a set-up: the one path from a scene to its numbers."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from fx_beam.dual import dual_array, floats
+from fx_beam.laws.rates import UpdateRule
+from fx_beam.scene.beam import Beam
+from fx_beam.scene.joints import Joint
+from fx_beam.scene.scene import Scene
+from fx_beam.scene.structure import OtherStructureError
+
+from .fields import data_of_beams
+from .loads import Followers, SumOfLoads
+from .mesh import Mesh
+from .parameter_values import ParameterFunctions
+from .point_forces import PointForce, by_role
+
+if TYPE_CHECKING:
+    from .member_contacts import MemberPair
+
+
+class FormData(NamedTuple):
+    """The numbers of forms and of forces at points, with slopes that the scene has."""
+
+    parameters: ParameterFunctions
+    #: Data (cells, points, ...) of sections and of drag by name.
+    beams: dict[str, Any]
+    #: Forces at points: of contact, drag of nodes, followers, and the coordinates of joints.
+    forces: list[PointForce]
+    #: Values over time of those that follow nodes.
+    followers: Followers
+    #: Contact of nodes with members.
+    pairs: list[MemberPair]
+
+    @property
+    def numbers(self) -> dict[str, Any]:
+        """Flat arrays by name."""
+        every = [number for force in by_role(self.forces) for number in force.numbers]
+        numbers = self.beams | {"points": dual_array(every)}
+        if pairs := self.pairs:
+            numbers["members"] = np.concatenate([np.ravel(one.numbers) for one in pairs])
+            numbers["arcs"] = np.concatenate([one.arc for one in pairs])
+        return numbers
+
+    @property
+    def friction_damping(self) -> dict[str, list[float]]:
+        """Least and largest damping [s] of each friction that sticks, by what it belongs to."""
+        times: dict[str, list[float]] = {}
+        for force in self.forces:
+            if force.law.has_stick_state:
+                times.setdefault(force.belongs_to, []).append(float(force.numbers[-3]))
+        sticking = [one for one in self.pairs if one.law.has_stick_state and one.contact]
+        times |= {str(one.contact): one.numbers[:, -3].tolist() for one in sticking}
+        return {name: [min(of), max(of)] for name, of in times.items()}
+
+
+class Arms(NamedTuple):
+    """Where joints that move lie, by their numbers; some of their axes are None."""
+
+    numbers: list[int]
+    vectors: list[Any]
+
+    @classmethod
+    def of(cls, scene: Scene) -> Arms:
+        """Those of a scene."""
+        joints = [joint for joint in scene.joints if not joint.is_selection]
+        names = "arm", "offset", "axis", "apart"
+        return cls([j.number for j in joints], [getattr(j, of) for j in joints for of in names])
+
+    def are_at(self, others: Arms) -> bool:
+        """Whether they lie where others do; OtherStructureError if these are not the same."""
+        if self.numbers != others.numbers:
+            raise OtherStructureError("other joints have offsets")
+        return all(map(np.array_equal, self.vectors, others.vectors))
+
+
+class Data(NamedTuple):
+    """The numbers of a scene, with slopes that it has."""
+
+    scene: Scene
+    #: Positions (n, 2) of nodes [m].
+    X: Any
+    #: Of forms and of forces at points.
+    forms: FormData
+    #: Entries of the "mass", and the "weight" (size,) if there is gravity.
+    masses: dict[str, Any]
+    loads: SumOfLoads
+    natural: SumOfLoads
+    arms: Arms
+    #: Joints with a motor, each with the name of its coordinate.
+    motors: list[tuple[Joint, str]]
+
+    @property
+    def before_motors(self) -> Any:
+        """Slides (driven,) in the reference, from which motors go on; 0 for other motions."""
+        of_motors = [joint.start()[0] if name == "slide" else 0.0 for joint, name in self.motors]
+        return np.append(np.zeros(len(self.scene.prescribed)), of_motors)
+
+
+def form_data(
+    scene: Scene, mesh: Mesh, X: Any, rates: UpdateRule, mobility: np.ndarray | None = None
+) -> FormData:
+    """The numbers of a scene with nodes at X (n, 2).
+
+    By the `mobility`, 1 / mass of degrees of freedom, then slides, friction has critical damping.
+    """
+    if mobility is None:
+        mobility = np.zeros(mesh.dofs.size + scene.joint_count)
+    forces, pairs = at_points(scene, mesh, X, mobility, rates.at_rest)
+    data, followers = data_of_beams(scene, mesh, rates.at_rest), Followers(scene, rates.level)
+    return FormData(ParameterFunctions(scene), data, forces, followers, pairs)
+
+
+def at_points(
+    scene: Scene, mesh: Mesh, X: Any, mobility: np.ndarray, at_rest: bool
+) -> tuple[list[PointForce], list[MemberPair]]:
+    """Forces at points, and contact with members."""
+    forces, pairs = list[PointForce](), list[Any]()
+    parts = scene.joints, scene.forces_between, scene.loads, scene.contacts, scene.drags
+    if any(parts):
+        from .scene_forces import point_forces
+
+        forces = point_forces(scene, mesh, X, mobility, at_rest)
+    if any(isinstance(obstacle.shape, Beam) for obstacle in scene.contacts):
+        from .member_contacts import member_pairs
+
+        pairs = member_pairs(scene, mesh, floats(X), mobility, at_rest)
+    return forces, pairs
