@@ -56,7 +56,7 @@ from .results.vibrations import (
     PeriodicFamily as PeriodicFamily,
     PeriodicMotion as PeriodicMotion,
 )
-from .scene.beam import Beam as Beam, Node as Node
+from .scene.beam import Beam as Beam, BeamPlace as BeamPlace, Node as Node
 from .scene.body import Body as Body
 from .scene.changes import Fuse as Fuse, Latch as Latch
 from .scene.contacts import Circle as Circle, Contact as Contact, Line as Line

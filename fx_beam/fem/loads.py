@@ -14,7 +14,7 @@ from fx_beam.content_cache import cached_property
 from fx_beam.dual import Dual, dual_array, floats
 from fx_beam.errors import all_of
 from fx_beam.laws.interval import Interval, just_inside
-from fx_beam.scene.beam import Beam, Node, gauss_rule, lagrange_and_slopes
+from fx_beam.scene.beam import Beam, BeamPlace, Node, gauss_rule, lagrange_and_slopes
 from fx_beam.scene.functions import ArrayCalls, Signal, SignalAlong, constant, evaluate
 from fx_beam.scene.loads import NAMES, Load, values_along
 from fx_beam.scene.scene import Scene
@@ -42,6 +42,14 @@ def line_forces(mesh: Mesh, X: np.ndarray, number: int, rule: int) -> scipy.spar
     starts = np.arange(0, forces.size + 1, degree + 1)
     parts = forces.ravel(), rows.ravel(), starts
     return scipy.sparse.csc_matrix(parts, (mesh.dofs.size, len(starts) - 1))
+
+
+def _projections(mesh: Mesh, X: np.ndarray, number: int, rule: int) -> np.ndarray:
+    """Lengths (2 n,) seen along x and along y, by arc length, at the n Gauss points of a beam."""
+    of_elements = mesh.elements[mesh.cells[number]]
+    slope = element_rule(of_elements.shape[1] - 1, rule)[2]
+    tangent = slope @ X[of_elements]
+    return abs(tangent / np.linalg.norm(tangent, axis=-1, keepdims=True))[..., ::-1].ravel()
 
 
 @functools.cache
@@ -137,23 +145,39 @@ def _unit_load(scene: Scene, mesh: Mesh, X: np.ndarray, load: Load) -> UnitLoad:
         dofs = dofs[:2] if load.kind == "force" else dofs[2:]
         ones = np.ones(len(dofs))
         return UnitLoad(function, str(load), ones, dofs, ones.astype(int))
+    if isinstance(target, BeamPlace):
+        return _at_place(scene, mesh, load, target)
     from .nearest_values import NearestValues, ValuesOverTime
 
     beam, rule = target, target.degree + 1
     unit = line_forces(mesh, X, scene.beams.index(beam), rule)
+    if load.projected:
+        unit = unit @ scipy.sparse.diags(_projections(mesh, X, scene.beams.index(beam), rule))
     nearest = NearestValues(beam.s, rule)
     if isinstance(function, SignalAlong):
         function = ValuesOverTime(function, nearest)
     elif function.place:
         rows, arrays = np.unique(unit.indices), scene.array_calls
-        each = nearest.of(lambda s: values_along(function, s, arrays)).reshape(-1)
+        each = nearest.of(lambda s: values_along(function, s, arrays), load.between).reshape(-1)
         values: Any = (unit @ floats(each))[rows]
         if isinstance(each, Dual):
             values = Dual(values, (unit @ each.slopes)[rows])
         return UnitLoad(_ONE, str(load), values, rows, np.array([len(rows)]))
     else:
-        unit = scipy.sparse.csc_matrix(unit @ np.tile(np.eye(2), (unit.shape[1] // 2, 1)))
+        share = np.ones((len(nearest.points), 1))
+        if load.between is not None:
+            share = nearest.of(lambda s: np.ones((len(s), 1)), load.between)
+        unit = scipy.sparse.csc_matrix(unit @ np.kron(share, np.eye(2)))
     return UnitLoad(function, str(load), unit.data, unit.indices, np.diff(unit.indptr))
+
+
+def _at_place(scene: Scene, mesh: Mesh, load: Load, place: BeamPlace) -> UnitLoad:
+    """At the nodes of an element, by their polynomials there."""
+    nodes, shares = place.shares
+    columns = [0, 1] if load.kind == "force" else [2]
+    rows = mesh.dofs[mesh.nodes_of(scene, place.beam)[nodes]][:, columns].T.ravel()
+    values, counts = np.tile(shares, len(columns)), np.full(len(columns), len(shares))
+    return UnitLoad(load.value, str(load), values, rows, counts)
 
 
 def natural_strains(scene: Scene, mesh: Mesh) -> SumOfLoads:

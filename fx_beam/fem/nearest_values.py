@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -50,10 +50,10 @@ class NearestValues:
         count = max(_LOOKS[0] * len(self._lengths), _LOOKS[1])
         return self._ends[0] + (np.arange(count) + 0.5) / count * (self._ends[-1] - self._ends[0])
 
-    def of(self, function: _Values) -> np.ndarray:
-        """Those of a function."""
-        if self.is_rough(function):
-            return self.divided(function)
+    def of(self, function: _Values, part: Sequence[float] | None = None) -> np.ndarray:
+        """Values of a function, which is zero outside a part between two places."""
+        if part is not None or self.is_rough(function):
+            return self.divided(function, part)
         return function(self.points)
 
     def is_rough(self, function: _Values) -> bool:
@@ -70,11 +70,16 @@ class NearestValues:
         difference = v[:, 2 * size :] - 2 * v[:, size:-size] + v[:, : -2 * size]
         return abs(difference).max(axis=1) > _SUSPECT * abs(v).max(axis=1)
 
-    def divided(self, function: _Values) -> np.ndarray:
-        """Those of a function that jumps: elements are divided until they meet the jumps."""
+    def divided(self, function: _Values, part: Sequence[float] | None = None) -> np.ndarray:
+        """Values of a function that jumps: elements are divided until they meet the jumps."""
         count = len(self._lengths)
         parts = max(_PARTS[0], -(-_PARTS[1] // count))
-        cells, start, width = np.arange(count), np.zeros(count), np.ones(count)
+        first, last = (self._ends[0], self._ends[-1]) if part is None else part
+        start, end = (
+            np.clip((place - self._ends[:-1]) / self._lengths, 0.0, 1.0) for place in (first, last)
+        )
+        cells = np.flatnonzero(end > start)
+        start, width = start[cells], (end - start)[cells]
         total: Any = 0.0
         largest = 0.0
         while len(cells):

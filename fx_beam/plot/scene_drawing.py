@@ -89,7 +89,8 @@ def _moment(sheet: Sheet, load: Load, si: bool) -> None:
 
 def _line_load(sheet: Sheet, load: Load, si: bool) -> None:
     beam: Any = load.target
-    arc, points = np.linspace(0, beam.length, _ARROWS + 1), _axis(beam)
+    first, last = load.between or (0.0, beam.length)
+    arc, points = np.linspace(first, last, _ARROWS + 1), _axis(beam)
     s = arc_of(points)
     tips = interpolated(arc, s * beam.length / s[-1], points)
     if isinstance(load.value, SignalAlong):

@@ -658,7 +658,9 @@ def forces_on_nodes(solution: Solution, k: int, magnify: float = 1.0) -> dict[in
     loads, fading = solution.loads_on_nodes or (getattr(scene_of(solution), "loads", ()), {})
     t, static = solution.t[k], solution.stats.static
     forces = {node: (1 - t) * force for node, force in fading.items()}
-    for load in (load for load in loads if load.kind == "force"):
+    for load in loads:
+        if load.kind != "force" or not isinstance(load.target, Node):
+            continue
         node, z = load.target.number, (t if static else 1.0) * complex(*load.value(t))
         z *= np.exp(1j * magnify * solution.recorded("q")[k, node, 2]) if load.follower else 1.0
         forces[node] = forces.get(node, 0.0) + np.array([z.real, z.imag])

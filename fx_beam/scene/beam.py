@@ -15,6 +15,7 @@ from fx_beam.errors import (
     LARGEST,
     SceneError,
     as_float,
+    is_number,
     is_whole,
     real_array,
     require,
@@ -134,6 +135,30 @@ class Beam:
         """Arc length [m]."""
         return float(self.s[-1])
 
+    def at(self, s: float) -> BeamPlace:
+        """Place at an arc length, for `Scene.add_force` and `Scene.add_moment`.
+
+        Parameters
+        ----------
+        s : float
+            Arc length from the start [m], anywhere in the elements.
+
+        Returns
+        -------
+        BeamPlace
+            The place.
+
+        Raises
+        ------
+        SceneError
+            For a place beyond the ends.
+        """
+        place, what = as_float(s), f"beam {self.name!r}: at"
+        ok, tolerance = is_number(s), 1e-9 * self.length
+        ok = ok and -tolerance <= place <= self.length + tolerance
+        require(ok, what, s, f"an arc length from 0 to the length of the beam, {self.length:g}")
+        return BeamPlace(self, min(max(place, 0.0), self.length))
+
     def node(self, fraction: float) -> Node:
         """Node at a fraction of the arc length; in an `imperfect` scene, of that before.
 
@@ -167,6 +192,47 @@ class Beam:
         return self.nodes[nearest]
 
 
+@dataclass(frozen=True)
+class BeamPlace:
+    """A place on the axis of a beam, also inside an element; made by `Beam.at`.
+
+    Parameters
+    ----------
+    beam : Beam
+        The beam.
+    s : float
+        Arc length from its start [m].
+
+    Examples
+    --------
+    >>> import fx_beam as fb
+    >>> section = fb.Section(EA=1.0, GA=1.0, EI=1.0)
+    >>> beam = fb.Scene().add_beam([(0, 0), (4, 0)], section, elements=4, name="rail")
+    >>> print(beam.at(2.5))
+    beam 'rail' at 2.5
+    """
+
+    beam: Beam
+    s: float = field(metadata=IS_DATA)
+
+    def __str__(self):
+        return f"beam {self.beam.name!r} at {self.s:g}"
+
+    @property
+    def element(self) -> tuple[int, float]:
+        """Number of its element, and the place in it from 0 to 1."""
+        ends = self.beam.s
+        number = int(np.clip(np.searchsorted(ends, self.s, "right") - 1, 0, len(ends) - 2))
+        return number, (self.s - ends[number]) / (ends[number + 1] - ends[number])
+
+    @property
+    def shares(self) -> tuple[slice, np.ndarray]:
+        """Nodes of its element among all of the beam, and their polynomials (degree + 1,) there."""
+        (element, x), degree = self.element, self.beam.degree
+        nodes = slice(degree * element, degree * (element + 1) + 1)
+        return nodes, lagrange(np.linspace(0.0, 1.0, degree + 1), np.array([x]))[0]
+
+
 class Layout(NamedTuple):
     """Positions of the nodes of a beam."""
 
@@ -179,7 +245,10 @@ class Layout(NamedTuple):
 
 
 def position_of(point):
-    """Position (x, y) of a node; a point is returned as it is."""
+    """Position (x, y) of a node or a place; a point is returned as it is."""
+    if isinstance(point, BeamPlace):
+        nodes, shares = point.shares
+        return tuple(shares @ floats(reference_positions(point.beam))[nodes])
     return (point.x, point.y) if isinstance(point, Node) else point
 
 

@@ -23,7 +23,7 @@ from fx_beam.errors import (
 )
 from fx_beam.symbolic import ufl
 
-from .beam import Beam, Node
+from .beam import Beam, BeamPlace, Node
 from .functions import (
     ArrayCalls,
     Signal,
@@ -39,7 +39,7 @@ from .parameters import refused
 #: Names of the coefficients of drag.
 PARTS_OF_DRAG = "linear", "quadratic", "rotation"
 # What the function of a line load may be of.
-_OF = "time", "arc length", "arc length and time"
+_OF = "time", "arc length", "arc length and time", "projected length"
 
 #: Names of the components in results.
 NAMES = {
@@ -72,25 +72,40 @@ class Load:
 
     #: "force", "moment" or "line load".
     kind: str
-    target: Node | Beam
+    target: Node | Beam | BeamPlace
     #: ``value(t)``: [fx, fy] in N, [moment] in N m, or [qx, qy] in N per metre of reference length;
     #: a `SignalAlong` of arc length and time.
     value: Signal = field(metadata=IS_DATA)
     #: Whether a force turns with the section of its node.
     follower: bool = False
+    #: Arc lengths [m] between which a line load acts; None for all of the beam.
+    between: tuple[float, float] | None = None
+    #: Whether a line load is per length seen along it.
+    projected: bool = False
 
     def __str__(self):
         return f"{'follower ' if self.follower else ''}{self.kind} on {label(self.target)}"
 
 
-def line_load(beam: Beam, load, arguments: str) -> Load:
-    """Line load on a beam: a constant, or a function of time, of the arc length, or of both."""
+def line_load(beam: Beam, load, arguments: str, between: Any = None) -> Load:
+    """Line load on a beam, or on a part of it.
+
+    A constant, its values at both ends, or a function of time, of the arc length, or of both.
+    """
     what = f"line load on {label(beam)}"
     expected = "'time' or 'arc length', or 'arc length and time' for a function of both"
+    expected += ", or 'projected length' for a load by this"
     require(is_one_of(arguments, _OF), f"{what}: of", arguments, expected)
-    if arguments == "time":
+    options: dict[str, Any] = {"projected": arguments == "projected length"}
+    if between is not None:
+        options["between"] = _part_of(beam, between, arguments, what)
+    rows = list, tuple, np.ndarray
+    if isinstance(load, rows) and all(isinstance(value, rows) for value in load):
+        ends = options.get("between", (0.0, beam.length))
+        return Load("line load", beam, _between_ends(load, ends, what), **options)
+    if arguments in ("time", "projected length"):
         check_takes_time(load, what)
-        return Load("line load", beam, time_function(load, 2, what))
+        return Load("line load", beam, time_function(load, 2, what), **options)
     names, called = argument_names(load), "s, t" if arguments.endswith("time") else "s"
     if names and names[0].lower() in ("t", "time"):
         raise SceneError(
@@ -100,7 +115,35 @@ def line_load(beam: Beam, load, arguments: str) -> Load:
     if arguments == "arc length and time":
         value = SignalAlong(load, 2, what, beam.length, "s")
         return Load("line load", beam, value)
-    return Load("line load", beam, function_of_place(load, 2, what, "s"))
+    return Load("line load", beam, function_of_place(load, 2, what, "s"), **options)
+
+
+def _part_of(beam: Beam, between: Any, arguments: str, what: str) -> tuple[float, float]:
+    """Both ends of a part of a beam; SceneError if there is no such part."""
+    first, last = vector(between, 2, f"{what}: between").tolist()
+    tolerance = 1e-9 * beam.length
+    ok = -tolerance <= first < last <= beam.length + tolerance
+    expected = f"two arc lengths in order, from 0 to the length of the beam, {beam.length:g}"
+    require(ok, f"{what}: between", between, expected)
+    if arguments == "arc length and time":
+        raise SceneError(
+            f"{what}: between is for loads that are constant, functions of time or of the arc "
+            "length. Let the function of both be zero where nothing acts"
+        )
+    return max(first, 0.0), min(last, beam.length)
+
+
+def _between_ends(load: Any, part: tuple[float, float], what: str) -> Signal:
+    """The signal of a load that changes in proportion to the arc length, by its end values."""
+    require(len(load) == 2, what, load, "a load (qx, qy), or those at both ends")
+    first, last = (vector(value, 2, f"{what}: an end") for value in load)
+    start, length = part[0], part[1] - part[0]
+
+    def along(s):
+        x = (s - start) / length
+        return tuple(a + (b - a) * x for a, b in zip(first, last, strict=True))
+
+    return function_of_place(along, 2, what, "s")
 
 
 def changed(load: Load, value) -> Load:
@@ -108,7 +151,8 @@ def changed(load: Load, value) -> Load:
     if isinstance(load.target, Beam):
         arguments = "arc length" if load.value.place else "time"
         arguments += " and time" * isinstance(load.value, SignalAlong)
-        return line_load(load.target, value, arguments)
+        arguments = "projected length" if load.projected else arguments
+        return line_load(load.target, value, arguments, load.between)
     size = 1 if load.kind == "moment" else 2
     return replace(load, value=time_function(value, size, str(load)))
 
@@ -196,8 +240,8 @@ class VirtualWork:
             return ufl.as_ufl(self.term(step))
 
 
-def label(target: Node | Beam) -> str:
-    """Name of a node or beam in messages."""
+def label(target: Node | Beam | BeamPlace) -> str:
+    """Name of a node, beam or place in messages."""
     return f"beam {target.name!r}" if isinstance(target, Beam) else str(target)
 
 
@@ -213,6 +257,14 @@ def check_node(scene, node, what: str) -> None:
         raise SceneError(f"{what}: {node} belongs to another scene; take a node of this one")
     if node.number in node_scene.gone:
         raise SceneError(f"{what}: {node} was taken away with its member; take another node")
+
+
+def check_place(scene, place, what: str) -> None:
+    """Refuse a value that is neither a node of the scene nor a place on one of its beams."""
+    if isinstance(place, BeamPlace):
+        check_beam(scene, place.beam, what)
+    else:
+        check_node(scene, place, what)
 
 
 def check_beam(scene, beam, what: str) -> None:

@@ -124,6 +124,7 @@ def _remove_what_is_on(scene: Any, target: Beam | Node) -> None:
         shape = getattr(part, "shape", None)
         ends = [getattr(part, name, None) for name in ("target", "beam", "a", "b")]
         ends += part.points if isinstance(part, ForceBetween) else ()
+        ends.append(getattr(getattr(part, "target", None), "beam", None))  # of a place
         return any(end is target for end in (*ends, shape, getattr(shape, "carrier", None)))
 
     for name in _WITH_ENDS:

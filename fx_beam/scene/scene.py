@@ -23,25 +23,25 @@ from fx_beam.errors import (
 )
 
 from . import loads
-from .beam import COMPONENTS, Beam, Node, position_of
+from .beam import COMPONENTS, Beam, BeamPlace, Node, position_of
 from .body import Body, Members, check_body, name_of, velocities_of
 from .contacts import Contact, Shape, check_members, check_start
 from .coordinate import Coordinate, Coulomb, Damper, SmoothFriction, Spring, Stop, functions_of
 from .curve import Curve, layout
 from .forces_between import ForceBetween, Pull, checked_force, rope_spring
 from .functions import ArrayCalls, Signal
-from .ground_springs import Bed, GroundSprings, bed_of, ground_spring
 from .inputs import Input, time_function
 from .joints import GROUND, Joint, Revolute, Rigid, moved_by, placed
 from .law import functions_of_energy
 from .loads import NaturalStrain, changed_strain, natural_strain
-from .mesh import MeshBeams, mesh_layout, sections_of
 from .parameters import Parameters, is_parameter
 from .removal import joint_of, locked, position_in, remove_part, unlocked
 from .section import Section
 from .sliders import SlidingJoint
 
 if TYPE_CHECKING:
+    from .ground_springs import Bed, GroundSprings
+    from .mesh import MeshBeams
     from .symbols import Parameter
 
 _Part = TypeVar("_Part")
@@ -274,6 +274,8 @@ class Scene:
         kinds = ("rigid", "pin")
         require(is_one_of(joints, kinds), "add_mesh: joints", joints, f"one of {kinds}")
         degree = self._degree(degree, "add_mesh")
+        from .mesh import MeshBeams, mesh_layout, sections_of
+
         mesh = mesh_layout(points, cells, elements, joints == "pin")
         sections = sections_of(section, tags, len(mesh.starts) - 1)
         for part in {id(part): part for part in sections}.values():
@@ -838,6 +840,8 @@ class Scene:
         >>> float(rest.joint(held.y).force[-1].round(2)), float(rest.position(mass)[-1, 1].round(6))
         (-19.62, -0.024525)
         """
+        from .ground_springs import GroundSprings, ground_spring
+
         loads.check_node(self, node, "spring")
         along = vector(axis, 2, "spring: axis")
         size = np.hypot(*along)
@@ -902,6 +906,8 @@ class Scene:
         >>> bool(abs(sunk * 2 * 6400.0 / 2.0 + 1) < 1e-4)
         True
         """
+        from .ground_springs import bed_of
+
         loads.check_beam(self, beam, "bed")
         name = f"bed of beam {beam.name!r}"
         normal = finite(normal, f"{name}: normal", "not negative")
@@ -947,13 +953,14 @@ class Scene:
         m, J = (loads.not_negative(value, f"{name} of {node}") for name, value in numbers)
         return _added(self.masses, loads.Mass(node.number, m, J))
 
-    def add_force(self, node: Node, force, follower: bool = False) -> loads.Load:
+    def add_force(self, node: Node | BeamPlace, force, follower: bool = False) -> loads.Load:
         """Add a force.
 
         Parameters
         ----------
-        node : Node
-            A node of this scene.
+        node : Node or BeamPlace
+            A node of this scene, or a place on a beam, ``beam.at(s)``: the forces at the nodes of
+            its element have the same sum and moment.
         force : (fx, fy), callable or Input
             Force, or ``force(t)`` [N].
         follower : bool
@@ -965,21 +972,23 @@ class Scene:
         Load
             The load, which `change` and `remove` know.
         """
-        loads.check_node(self, node, "force")
+        loads.check_place(self, node, "force")
         what = f"force on {node}"
         require(is_flag(follower), f"{what}: follower", follower, "True or False")
+        ok = isinstance(node, Node) or not follower
+        require(ok, f"{what}: follower", follower, "False inside an element; take a node")
         value = time_function(force, 2, what)
         return _added(self.loads, loads.Load("force", node, value, bool(follower)))
 
-    def add_moment(self, node: Node, moment) -> loads.Load:
+    def add_moment(self, node: Node | BeamPlace, moment) -> loads.Load:
         """Add a moment.
 
         In the plane its axis does not rotate: dead and follower moments are the same.
 
         Parameters
         ----------
-        node : Node
-            A node of this scene.
+        node : Node or BeamPlace
+            A node of this scene, or a place on a beam, ``beam.at(s)``.
         moment : float, callable or Input
             Moment, or ``moment(t)`` [N m].
 
@@ -988,25 +997,33 @@ class Scene:
         Load
             The load, which `change` and `remove` know.
         """
-        loads.check_node(self, node, "moment")
+        loads.check_place(self, node, "moment")
         value = time_function(moment, 1, f"moment on {node}")
         return _added(self.loads, loads.Load("moment", node, value))
 
-    def add_line_load(self, beam: Beam, load, of: str = "time") -> loads.Load:
-        """Add a dead load along a beam.
+    def add_line_load(
+        self, beam: Beam, load, of: str = "time", between: Sequence[float] | None = None
+    ) -> loads.Load:
+        """Add a dead load along a beam or a part of it.
 
         Parameters
         ----------
         beam : Beam
             A beam of this scene.
         load : (qx, qy), callable or Input
-            Force per reference length [N/m]: a constant, or a function ``load(t)`` of time,
+            Force per reference length [N/m]: a constant; a pair of them, at both ends, with a line
+            between; or a function ``load(t)`` of time,
             ``load(s)`` of the arc length from the beam's start [m], or ``load(s, t)`` of both. The
             last is called with all arc lengths at once, at both ends of each step, if it takes
             arrays, else with one after the other. Functions of the arc length may jump inside
             elements: their integrals are right.
-        of : {"time", "arc length", "arc length and time"}
-            The arguments of the function.
+        of : {"time", "arc length", "arc length and time", "projected length"}
+            The arguments of the function. With "projected length" a constant, a pair or a function
+            of time is a force per length seen along it, as of snow: qy by that along x, qx by that
+            along y.
+        between : (2,) float, optional
+            Arc lengths from the beam's start between which the load acts [m], anywhere in its
+            elements; by default from end to end. The sum of the nodal forces is exact.
 
         Returns
         -------
@@ -1016,10 +1033,22 @@ class Scene:
         Raises
         ------
         SceneError
-            For a function that does not take the arguments named in `of`.
+            For a function that does not take the arguments named in `of`, or for a part that the
+            beam has not.
 
         Examples
         --------
+        A load on a third of a beam, which its supports carry as 5/6 and 1/6.
+
+        >>> import fx_beam as fb
+        >>> scene = fb.Scene()
+        >>> beam = scene.add_beam([(0, 0), (3, 0)], fb.Section(EA=1e7, GA=1e7, EI=1e5), elements=4)
+        >>> scene.pin(beam.start)
+        >>> scene.fix(beam.end, "y")
+        >>> load = scene.add_line_load(beam, (0, -60), between=(0, 1))
+        >>> print(fb.static(scene, linear=True).reaction(beam.end)[-1].round(6))
+        [ 0. 10.  0.]
+
         A load of 100 N over a length of 0.1 m that moves along a beam at 3 m/s. In statics it is
         where it is at the time `t`; here at three quarters of the length.
 
@@ -1035,7 +1064,7 @@ class Scene:
         [ 0. 75.  0.]
         """
         loads.check_beam(self, beam, "line load")
-        return _added(self.loads, loads.line_load(beam, load, of))
+        return _added(self.loads, loads.line_load(beam, load, of, between))
 
     def add_natural_strain(
         self, beam: Beam, *, axial=None, shear=None, curvature=None

@@ -442,6 +442,18 @@ def curved_beam_on_a_bed(x):
 
 
 @case()
+def loads_inside_elements(x):
+    scene, beam = swing(x)
+    place = beam.at(0.3)
+    assert isinstance(place, fb.BeamPlace)
+    scene.add_force(place, lambda t: (3 * x[7] * t, -2.0))
+    scene.add_moment(beam.at(0.7), x[8])
+    scene.add_line_load(beam, lambda t: (0, -10 * x[7] * t), between=(0.2, 0.65))
+    scene.add_line_load(beam, [(0, -5 * x[8]), (3, 2)], of="projected length", between=(0.1, 0.9))
+    return scene
+
+
+@case()
 def winch_on_a_rope_over_pulleys(x):
     scene, beam = swing(x)
     points = [(2, 0.5), beam.end, (1.7 * x[8], 0.9), (1.2, 1.1), beam.node(0.5)]
