@@ -29,6 +29,9 @@ class SetUps:
         self._waiting: list[tuple[Hashable, Any]] = []
         #: Number of set-ups in use by kind.
         self.in_use: Counter[Hashable] = Counter()
+        # Set-ups in use by id. A lease whose owner is garbage in a cycle would revive its set-up,
+        # when libraries that only this had are closed already.
+        self._leased: dict[int, Any] = {}
 
     def lease(self, kind: Hashable, bind: Callable[[Any], None], make: Callable[[], Any]) -> Lease:
         """The last set-up of a kind after `bind`, or a new one if there is none that fits."""
@@ -49,8 +52,14 @@ class SetUps:
             return True
         return False
 
+    def begin(self, kind: Hashable, set_up: Any) -> None:
+        """Have a set-up in use."""
+        self.in_use[kind] += 1
+        self._leased[id(set_up)] = set_up
+
     def end(self, kind: Hashable, set_up: Any, serves: bool) -> None:
         """Let a set-up wait for the next scene, if it `serves` and is not too large."""
+        self._leased.pop(id(set_up), None)
         self.in_use[kind] -= 1
         if not self.in_use[kind]:
             self.in_use.pop(kind, None)
@@ -72,7 +81,7 @@ class Lease:
         #: What is leased, and why it was set up anew; empty if it was not.
         self.set_up, self.reason = set_up, reason
         self._active = True
-        cache.in_use[kind] += 1
+        cache.begin(kind, set_up)
 
     def end(self, serves: bool = True) -> None:
         """Return the set-up to the cache, once; drop one that `serves` no other scene."""

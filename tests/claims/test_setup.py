@@ -203,3 +203,32 @@ def test_a_joint_with_an_offset_does_not_take_the_set_up_of_one_without():
     motion(0.0)
     assert motion(0.2) == "other joints have offsets"
     assert motion(0.3) == ""
+
+
+CYCLE = """
+import gc
+import fx_beam as fb
+
+def motion():
+    scene = fb.Scene()
+    energy = lambda eps, gamma, kappa: 5e3 * (eps**2 + gamma**2) + 50 * kappa**2 + 3 * kappa**4
+    beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(strain_energy=energy, rhoA=1.0, rhoI=0.1))
+    scene.clamp(beam.start)
+    scene.add_force(beam.end, (0.0, 1.0))
+    end = fb.static(scene, load_steps=1).position(beam.end)
+    return end, [fb.simulate(scene, dt=0.1, t_end=0.2)]
+
+gc.disable()
+for _ in range(2):
+    end, cycle = motion()
+    cycle.append(cycle)  # only the garbage collection ends it
+    del cycle
+    gc.collect()
+print(end[-1, 1] > 0)
+"""
+
+
+def test_a_set_up_serves_again_after_a_solution_in_a_cycle_was_collected():
+    """With the code of a user's functions, which leaves the process with the last set-up."""
+    done = subprocess.run([sys.executable, "-c", CYCLE], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (0, "True\n"), done.stderr
