@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import math
-from collections import Counter
 from collections.abc import Callable, Hashable
 from contextlib import suppress
 from typing import Any
@@ -27,15 +26,14 @@ class SetUps:
         self.size, self._most = size, most
         # Kinds and set-ups that wait, the earliest first.
         self._waiting: list[tuple[Hashable, Any]] = []
-        #: Number of set-ups in use by kind.
-        self.in_use: Counter[Hashable] = Counter()
-        # Set-ups in use by id. A lease whose owner is garbage in a cycle would revive its set-up,
-        # when libraries that only this had are closed already.
-        self._leased: dict[int, Any] = {}
+        # Kinds and set-ups in use, by ids of set-ups. They are referenced here, or else garbage
+        # collection could close the libraries of a set-up that a lease returns a moment later.
+        self._in_use: dict[int, tuple[Hashable, Any]] = {}
 
     def lease(self, kind: Hashable, bind: Callable[[Any], None], make: Callable[[], Any]) -> Lease:
         """The last set-up of a kind after `bind`, or a new one if there is none that fits."""
-        reason = "the last solution is still in use" if self.in_use[kind] else "the first scene"
+        in_use = any(each == kind for each, _ in [*self._in_use.values()])
+        reason = "the last solution is still in use" if in_use else "the first scene"
         entry = next((entry for entry in self._waiting[::-1] if entry[0] == kind), None)
         if entry is not None and self._take(entry):
             try:
@@ -54,15 +52,11 @@ class SetUps:
 
     def begin(self, kind: Hashable, set_up: Any) -> None:
         """Have a set-up in use."""
-        self.in_use[kind] += 1
-        self._leased[id(set_up)] = set_up
+        self._in_use[id(set_up)] = kind, set_up
 
     def end(self, kind: Hashable, set_up: Any, serves: bool) -> None:
         """Let a set-up wait for the next scene, if it `serves` and is not too large."""
-        self._leased.pop(id(set_up), None)
-        self.in_use[kind] -= 1
-        if not self.in_use[kind]:
-            self.in_use.pop(kind, None)
+        del self._in_use[id(set_up)]
         if serves and set_up.size <= self.size:
             self._waiting.append((kind, set_up))
         while len(waiting := self._waiting) > self._most or _size(waiting) > self.size:
