@@ -26,30 +26,26 @@ from .mesh import Mesh
 _ONE = constant(np.ones(1))
 
 
-def line_forces(mesh: Mesh, X: np.ndarray, number: int, rule: int) -> scipy.sparse.csc_matrix:
+def line_forces(
+    mesh: Mesh, X: np.ndarray, number: int, rule: int, projected: bool = False
+) -> scipy.sparse.csc_matrix:
     """Forces (size, 2 n) at the nodes of a beam of unit loads along x and y at its n Gauss points.
 
-    They are the weights of a Gauss rule times the Lagrange polynomials of the nodes.
+    They are the weights of a Gauss rule times the Lagrange polynomials of the nodes. Loads are per
+    arc length, or per length `projected` across each.
     """
     of_elements = mesh.elements[mesh.cells[number]]
     degree = of_elements.shape[1] - 1
     weights, shape, slope = element_rule(degree, rule)
-    stretch = np.linalg.norm(slope @ X[of_elements], axis=-1)  # (elements, rule)
-    forces = (weights * stretch)[..., None] * shape  # (elements, rule, degree + 1)
-    forces = np.repeat(forces[:, :, None], 2, axis=2)
+    tangent = slope @ X[of_elements]  # (elements, rule, 2)
+    stretch = np.repeat(np.linalg.norm(tangent, axis=-1, keepdims=True), 2, axis=-1)
+    lengths = abs(tangent[..., ::-1]) if projected else stretch
+    forces = (weights[:, None] * lengths)[..., None] * shape[:, None]  # (..., 2, degree + 1)
     rows = mesh.dofs[of_elements, :2].swapaxes(1, 2)  # (elements, 2, degree + 1)
     rows = np.broadcast_to(rows[:, None], forces.shape)
     starts = np.arange(0, forces.size + 1, degree + 1)
     parts = forces.ravel(), rows.ravel(), starts
     return scipy.sparse.csc_matrix(parts, (mesh.dofs.size, len(starts) - 1))
-
-
-def _projections(mesh: Mesh, X: np.ndarray, number: int, rule: int) -> np.ndarray:
-    """Lengths (2 n,) seen along x and along y, by arc length, at the n Gauss points of a beam."""
-    of_elements = mesh.elements[mesh.cells[number]]
-    slope = element_rule(of_elements.shape[1] - 1, rule)[2]
-    tangent = slope @ X[of_elements]
-    return abs(tangent / np.linalg.norm(tangent, axis=-1, keepdims=True))[..., ::-1].ravel()
 
 
 @functools.cache
@@ -150,9 +146,7 @@ def _unit_load(scene: Scene, mesh: Mesh, X: np.ndarray, load: Load) -> UnitLoad:
     from .nearest_values import NearestValues, ValuesOverTime
 
     beam, rule = target, target.degree + 1
-    unit = line_forces(mesh, X, scene.beams.index(beam), rule)
-    if load.projected:
-        unit = unit @ scipy.sparse.diags(_projections(mesh, X, scene.beams.index(beam), rule))
+    unit = line_forces(mesh, X, scene.beams.index(beam), rule, load.projected)
     nearest = NearestValues(beam.s, rule)
     if isinstance(function, SignalAlong):
         function = ValuesOverTime(function, nearest)

@@ -165,17 +165,13 @@ def ground_spring(
 
 def bed_of(beam: Beam, normal: float, tangential: float, pushes_only: bool, number: int) -> Bed:
     """The bed of a beam; its parts get numbers from `number` on."""
-    across: Any = Coordinate(spring=Spring(normal))
-    if pushes_only:
-        across = Coordinate(stop=Stop(0.0, None, normal))
-    laws = {
-        "normal": (normal, across, (0.0, 1.0)),
-        "tangential": (tangential, Coordinate(spring=Spring(tangential)), (1.0, 0.0)),
-    }
-    parts = [(name, on, way) for name, (stiffness, on, way) in laws.items() if stiffness]
-    return Bed(
-        **{
-            name: GroundSpring(beam.nodes, on, number=k, target=beam, direction=np.array(way))
-            for k, (name, on, way) in enumerate(parts, number)
-        }
-    )
+    parts: dict[str, GroundSpring] = {}
+    each = ("normal", normal, (0.0, 1.0)), ("tangential", tangential, (1.0, 0.0))
+    for name, stiffness, way in each:
+        if stiffness:
+            on = Coordinate(spring=Spring(stiffness))
+            if pushes_only and name == "normal":
+                on = Coordinate(stop=Stop(0.0, None, stiffness))
+            given: dict[str, Any] = {"number": number + len(parts), "direction": np.array(way)}
+            parts[name] = GroundSpring(beam.nodes, on, target=beam, **given)
+    return Bed(**parts)

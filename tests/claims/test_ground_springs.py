@@ -111,6 +111,12 @@ def test_a_bed_that_only_pushes_lets_the_ends_lift():
     assert 6400 * lengths @ np.minimum(sunk, 0) == pytest.approx(-1.0)
 
 
+def test_a_bed_that_only_holds_along_the_beam_may_be_said_to_push_only():
+    scene = fb.Scene()
+    bed = scene.add_bed(scene.add_beam([(0, 0), (1, 0)], SECTION), tangential=5.0, pushes_only=True)
+    assert bed.normal is None and bed.tangential.on.spring.stiffness == 5.0
+
+
 def test_the_derivative_of_the_displacement_by_the_stiffness():
     """Of two springs side by side."""
 
