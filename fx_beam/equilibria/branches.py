@@ -16,7 +16,7 @@ from fx_beam.motions.initial_state import rates_of_columns
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.results.vibrations import Modes
-from fx_beam.scene.beam import Beam, Node, inner_positions, lagrange_and_slopes
+from fx_beam.scene.beam import Beam, Node, inner_positions, lengths_to_ends
 from fx_beam.scene.scene import Scene
 from fx_beam.step.model import Model
 from fx_beam.step.step_failures import StepFailed
@@ -184,14 +184,11 @@ def _bent(beam: Beam, X: np.ndarray, copies: dict[int, Any]) -> Beam:
     """A beam with all its nodes, in order, at positions X (elements * degree + 1, 2)."""
     p = beam.degree
     elements = X[p * np.arange(beam.elements)[:, None] + np.arange(p + 1)]
-    points, weights = np.polynomial.legendre.leggauss(6)
-    slopes = lagrange_and_slopes(np.linspace(-1, 1, p + 1), points)[1]
-    stretches = np.linalg.norm(np.einsum("gi,eix->egx", slopes, elements), axis=2)
     return replace(
         beam,
         nodes=tuple(copies[id(node)] for node in beam.nodes),
         section=copy.deepcopy(beam.section, copies),
-        s=np.concatenate([[0.0], np.cumsum(stretches @ weights)]),
+        s=lengths_to_ends(elements),
         fractions=beam.s / beam.length if beam.fractions is None else beam.fractions,
         inner=elements[:, 1:-1].copy() if p > 1 else None,
     )

@@ -57,7 +57,7 @@ class MemberPair(NamedTuple):
 
 def _is_closed(scene: Scene, beam: Beam) -> bool:
     """Whether a member ends where it begins, and supports or rigid joints hold both together."""
-    start, end = beam.start, beam.end
+    start, end = beam.nodes[0], beam.nodes[-1]
     if np.hypot(end.x - start.x, end.y - start.y) > _SAME_PLACE * beam.length:
         return False
     fixed_x, fixed_y = ({number for number, c in scene.fixed if c == i} for i in range(2))

@@ -64,6 +64,7 @@ def _parts(solution) -> dict[str, Any]:
             "degree": beam.degree,
             "s": beam.s.tolist(),
             "fractions": None if beam.fractions is None else beam.fractions.tolist(),
+            "carriers": [node.number for node in beam.carriers],
         }
         for beam in beams
     ]

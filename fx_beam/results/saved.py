@@ -170,10 +170,18 @@ def _read(raw: BinaryIO) -> Solution:
         nodes = parts.read(meta.pop("beams_nodes"))
         pieces = np.split(nodes, ends + np.arange(1, len(members)))
         for member, of_beam in zip(members, pieces, strict=True):
-            name, degree, s, fractions = member.values()
+            # Files of the first version have no carriers.
+            name, degree, s, fractions, *carriers = member.values()
             at = None if fractions is None else np.array(fractions)
             corners = tuple(map(parts.node, of_beam))[::degree]
-            parts.beams[name] = Beam(name, corners, degree, np.array(s), fractions=at)
+            parts.beams[name] = Beam(
+                name,
+                corners,
+                degree,
+                np.array(s),
+                fractions=at,
+                carriers=tuple(parts.node(number) for line in carriers for number in line),
+            )
             nodes_of_beam[name] = of_beam
     resultants = dict[str, BeamResultants]()
     known = {name: parts.read(part) for name, part in meta.items()}

@@ -89,6 +89,9 @@ class Beam:
         With degree 3 they lie near the curve, not on it.
     fractions : (elements + 1,) float, optional
         Fractions by which `node` knows the nodes; by default of the arc length.
+    carriers : tuple of Node
+        With an offset of the axis: the nodes on the line of the points that `add_beam` got, which
+        carry those of the axis by rigid arms. `start`, `end` and `node` are among them.
 
     Examples
     --------
@@ -106,6 +109,7 @@ class Beam:
     section: Any = None
     inner: np.ndarray | None = field(compare=False, default=None, metadata=IS_DATA)
     fractions: np.ndarray | None = field(compare=False, default=None)
+    carriers: tuple[Node, ...] = ()
 
     def __repr__(self):
         return f"<Beam {self.name!r}: {self.elements} elements from {self.start} to {self.end}>"
@@ -117,13 +121,13 @@ class Beam:
 
     @property
     def start(self) -> Node:
-        """First node."""
-        return self.nodes[0]
+        """First node; with an offset of the axis, the one that carries it."""
+        return (self.carriers or self.nodes)[0]
 
     @property
     def end(self) -> Node:
-        """Last node."""
-        return self.nodes[-1]
+        """Last node; with an offset of the axis, the one that carries it."""
+        return (self.carriers or self.nodes)[-1]
 
     @property
     def elements(self) -> int:
@@ -162,6 +166,8 @@ class Beam:
     def node(self, fraction: float) -> Node:
         """Node at a fraction of the arc length; in an `imperfect` scene, of that before.
 
+        With an offset of the axis, the node that carries it.
+
         Parameters
         ----------
         fraction : float
@@ -189,7 +195,7 @@ class Beam:
                 f"elements that are near end at {ends}. Use one of these, or change the number of "
                 "elements"
             )
-        return self.nodes[nearest]
+        return (self.carriers or self.nodes)[nearest]
 
 
 @dataclass(frozen=True)
@@ -276,6 +282,14 @@ def reference_positions(target: Node | Beam) -> np.ndarray:
     inner = inner_positions(target).reshape(target.elements, -1, 2)
     element_points = np.concatenate([ends[:-1, None], inner], axis=1)
     return np.concatenate([element_points.reshape(-1, 2), ends[-1:]])
+
+
+def lengths_to_ends(elements: np.ndarray) -> np.ndarray:
+    """Arc length (n + 1,) at the ends of elements with nodes (n, degree + 1, 2) [m]."""
+    points, weights = gauss_rule(6)
+    along = np.linspace(0.0, 1.0, elements.shape[1])
+    stretches = lagrange_and_slopes(along, points)[1] @ elements
+    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.moveaxis(stretches, -1, 0)) @ weights)])
 
 
 @functools.cache

@@ -63,7 +63,7 @@ def remove_part(scene: Any, part: Any) -> None:
     _forget(scene, part)
     if isinstance(part, Beam):
         _remove_what_is_on(scene, part)
-        _remove_nodes(scene, part.nodes)
+        _remove_nodes(scene, (*part.nodes, *part.carriers))
     elif isinstance(part, Body):  # nodes of beams that followed it are free
         points = {node.number for node in part.points.values()}
         scene.joints[:] = [
@@ -108,6 +108,7 @@ def unlocked(joint: Joint) -> Joint:
 def _remove_nodes(scene: Any, nodes: Any) -> None:
     """Take all away that is on nodes which belong to no member, and hold them."""
     used = {node.number for member in (*scene.beams, *scene.bodies) for node in member.nodes}
+    used |= {node.number for beam in scene.beams for node in beam.carriers}
     for node in nodes:
         if node.number not in used and node.number not in scene.gone:
             _remove_what_is_on(scene, node)

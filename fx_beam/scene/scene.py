@@ -162,6 +162,7 @@ class Scene:
         elements: int | Sequence[int] = 1,
         degree: int = 1,
         name: str | None = None,
+        offset: float | None = None,
     ) -> Beam:
         """Add a beam along a polyline or a curve; it is free of stress in that shape.
 
@@ -181,6 +182,10 @@ class Scene:
             Polynomial degree 1, 2 or 3, the same for all beams of a scene.
         name : str, optional
             Name in messages and pictures.
+        offset : float, optional
+            Distance of the axis from the points, to the left as one goes from start to end [m]: of
+            a rib below a plate, or a rail that is held at its foot. Rigid arms hold the axis at the
+            ends of the elements.
 
         Returns
         -------
@@ -205,10 +210,21 @@ class Scene:
             raise SceneError(f"beam {name!r}: section must be an fx_beam.Section, not {section!r}")
         degree = self._degree(degree, f"beam {name!r}")
         self._add_parameters(section, "add_beam")
-        ends, s, inner = layout(points, elements, degree, name)
-        nodes = self._nodes_at(ends, f"beam {name!r}")
+        line = layout(points, elements, degree, name)
+        nodes = self._nodes_at(line.ends, f"beam {name!r}")
+        if offset is None:
+            beam = Beam(name, nodes, degree, line.s, section, line.inner)
+        else:
+            from .eccentric import shifted
+
+            axis, carriers = shifted(line, offset, name), nodes
+            nodes = self._nodes_at(axis.ends, f"beam {name!r}")
+            for a, b in zip(carriers, nodes, strict=True):
+                self._numbered(Rigid(a, b, offset=(b.x - a.x, b.y - a.y)))
+            fractions = line.s / line.s[-1]
+            beam = Beam(name, nodes, degree, axis.s, section, axis.inner, fractions, carriers)
         self._names.add(name)
-        return _added(self.beams, Beam(name, nodes, degree, s, section, inner))
+        return _added(self.beams, beam)
 
     def add_mesh(
         self,
@@ -1406,7 +1422,10 @@ class Scene:
             self.velocities += velocities_of(target, velocity, spin)
             return
         loads.check_target(self, target, "velocity")
-        self.velocities.append(loads.initial_velocity(target, velocity, spin))
+        carriers = target.carriers if isinstance(target, Beam) else ()
+        self.velocities += [
+            loads.initial_velocity(part, velocity, spin) for part in (target, *carriers)
+        ]
 
     def _nodes_at(self, ends: list, what: str) -> tuple[Node, ...]:
         """Nodes at the ends of elements; an end that is a node belongs to another beam, too."""

@@ -335,7 +335,7 @@ def _sliding(kind, beam, node, fraction, parts, rotation) -> SlidingJoint:
         raise SceneError(f"{kind}: {beam!r} is not a beam; give the beam that guides the node")
     expected = "given: a guide on the ground needs its place at the start, a fraction of the beam"
     require(node is not GROUND or fraction is not None, f"{kind}: fraction", fraction, expected)
-    if any(node is own for own in beam.nodes):
+    if any(node is own for own in (*beam.nodes, *beam.carriers)):
         raise SceneError(f"{kind}: {node} belongs to beam {beam.name!r}; take one of another beam")
     if fraction is not None:
         ok = 0 <= as_float(fraction) <= 1
@@ -343,4 +343,4 @@ def _sliding(kind, beam, node, fraction, parts, rotation) -> SlidingJoint:
         fraction = as_float(fraction)
     slide = checked_coordinate(f"motor of a {kind.lower()}", *parts)
     on_beam = {"cls": SlidingJoint, "beam": beam, "fraction": fraction}
-    return new_joint(kind, beam.start, node, (0.0, 0.0), None, slide, rotation, **on_beam)
+    return new_joint(kind, beam.nodes[0], node, (0.0, 0.0), None, slide, rotation, **on_beam)

@@ -106,6 +106,18 @@ def spline_of_degree_three(x):
 
 
 @case()
+def beams_with_an_offset(x):
+    scene, deck = swing(x)
+    rib = scene.add_beam(deck.nodes, section(x), elements=2, offset=-0.2 * x[7])
+    curve = fb.arc((1, 0.3 * x[5]), (1.2, 0.5), (1.5, 0.6))
+    edge = scene.add_beam(curve, section(x), elements=2, offset=0.1 * x[8])
+    scene.add_joint(fb.Rigid(deck.end, edge.start))
+    for beam in (rib, edge):
+        scene.set_velocity(beam, lambda X, Y: (-2 * x[6] * Y, 2 * x[6] * X), spin=2.0 * x[6])
+    return scene
+
+
+@case()
 def mesh_of_pinned_bars(x):
     scene = fb.Scene(gravity=GRAVITY)
     points = [(0, 0), (1, 0), (0.5, 0.8 * x[5]), (1.5, 0.8)]

@@ -1,0 +1,60 @@
+"""Beams with their axis at a distance from the line of their points."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from fx_beam.dual import dual_array, floats
+from fx_beam.errors import SceneError, finite
+
+from .beam import Layout, lagrange_and_slopes, lengths_to_ends, position_of
+
+#: Lines turn by at most 150 degrees in a corner; 1 + cos of that.
+_SHARPEST = 1 - np.cos(np.radians(30.0))
+
+
+def shifted(line: Layout, offset: Any, name: str) -> Layout:
+    """The axis at a distance `offset` to the left of a line, mitred in corners."""
+    offset = finite(offset, f"beam {name!r}: offset")
+    ends = dual_array([position_of(end) for end in line.ends])
+    inner = [] if line.inner is None else [*np.moveaxis(dual_array(line.inner), 1, 0)]
+    points = [ends[:-1], *inner, ends[1:]]
+    normals = _left_of(points)
+    before, after = normals[-1][:-1], normals[0][1:]
+    mitre = 1 + np.sum(before * after, axis=1)
+    for i in np.flatnonzero(floats(mitre) < _SHARPEST):
+        raise SceneError(
+            f"beam {name!r}: the corner {_place(ends[i + 1])} is too sharp for an axis with an "
+            "offset. Make two beams of it"
+        )
+    in_corners = (before + after) / mitre[:, None]
+    if line.inner is not None and len(points) == 2 and len(ends) > 2:
+        # At the ends of a curve chords have an error of first order; parabolas have not.
+        normals[0][:1] = _left_of([ends[i : i + 1] for i in range(3)])[0]
+        normals[1][-1:] = _left_of([ends[i : i + 1] for i in (-3, -2)] + [ends[-1:]])[-1]
+    axis = ends + offset * np.concatenate([normals[0][:1], in_corners, normals[-1][-1:]])
+    inner = [point + offset * n for point, n in zip(inner, normals[1:-1], strict=True)]
+    forward = np.sum(np.diff(axis, axis=0) * np.diff(ends, axis=0), axis=1)
+    for i in np.flatnonzero(floats(forward) <= 0):
+        raise SceneError(
+            f"beam {name!r}: with the offset {offset:g} the axis goes back {_place(ends[i])}, as the "
+            "line is curved more. Take a smaller offset, or the other side"
+        )
+    nodes = [floats(point) for point in (axis[:-1], *inner, axis[1:])]
+    within = np.stack(inner, axis=1) if inner else None
+    return Layout([*axis], lengths_to_ends(np.stack(nodes, axis=1)), within)
+
+
+def _left_of(points: list) -> list:
+    """Unit vectors (n, 2) to the left of n elements at each of their nodes."""
+    along, normals = np.linspace(0.0, 1.0, len(points)), []
+    for slopes in lagrange_and_slopes(along, along)[1]:
+        x, y = sum(slope * point for slope, point in zip(slopes, points, strict=True)).T
+        normals.append(np.stack([-y, x], axis=1) / np.hypot(x, y)[:, None])
+    return normals
+
+
+def _place(point: Any) -> str:
+    return "at ({:g}, {:g})".format(*floats(point))
