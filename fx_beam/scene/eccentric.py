@@ -39,8 +39,8 @@ def shifted(line: Layout, offset: Any, name: str) -> Layout:
     forward = np.sum(np.diff(axis, axis=0) * np.diff(ends, axis=0), axis=1)
     for i in np.flatnonzero(floats(forward) <= 0):
         raise SceneError(
-            f"beam {name!r}: with the offset {offset:g} the axis goes back {_place(ends[i])}, as the "
-            "line is curved more. Take a smaller offset, or the other side"
+            f"beam {name!r}: with the offset {offset:g} the axis goes back {_place(ends[i])}, "
+            "as the line is curved more. Take a smaller offset, or the other side"
         )
     nodes = [floats(point) for point in (axis[:-1], *inner, axis[1:])]
     within = np.stack(inner, axis=1) if inner else None
