@@ -383,10 +383,11 @@ def checked_drawing(
         ok = times.ndim == 1 and len(times) > 0 and low <= times.min() and times.max() <= high
         require(ok, "times", times, f"times of the solution, from {low:g} to {high:g}")
         rows = [int(abs(t - time).argmin()) for time in times]
-    ok = real_array(rows).ndim == 1 and all(is_whole(k, 0, last) for k in rows)
+    ok = real_array(rows).ndim == 1 and all(is_whole(k, -last - 1, last) for k in rows)
     expected = f"rows of the solution, such as range(0, {last + 1}, {max(1, last // 10)})"
     require(ok and len(rows) > 0, "rows", rows, expected)
-    return Drawing(solution, list(rows), positive(magnify, "magnify"), unit)
+    rows = [range(last + 1)[k] for k in rows]  # -1 is the last one
+    return Drawing(solution, rows, positive(magnify, "magnify"), unit)
 
 
 def say_if_too_small(drawing: Drawing) -> None:

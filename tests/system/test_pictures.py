@@ -703,6 +703,15 @@ def test_titles_of_damped_modes_do_not_overlap():
     assert figure.axes[2].get_title().count("ratio") == 1
 
 
+def test_rows_count_from_the_end_as_in_python(swing, tmp_path):
+    *_, solution = swing
+    files = {row: tmp_path / f"{row}.png" for row in (-1, len(solution.t) - 1, 0)}
+    for row, file in files.items():
+        plot.shapes(solution, file, rows=[row])
+    end, same, start = (file.read_bytes() for file in files.values())
+    assert end == same != start
+
+
 def test_numbers_of_the_axes_of_diagrams_do_not_overlap_in_micrometres():
     scene = fb.Scene()
     section = fb.Section.rectangle(1e-6, 10e-6, *fb.materials.glass)
