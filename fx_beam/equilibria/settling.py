@@ -195,8 +195,7 @@ class Settling:
     def where(self, free: np.ndarray) -> str:
         """What moves most in a small motion (size,)."""
         node, component = self._most(free)
-        x, y = self.model.mesh.X[node]
-        return f"{component} of node {node} at ({x:g}, {y:g})"
+        return f"{component} of {self.model.mesh.named(node, self.model.scene)}"
 
     def _most(self, free: np.ndarray) -> tuple[int, str]:
         """Node and component that move most in a small motion (size,)."""

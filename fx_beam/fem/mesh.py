@@ -70,6 +70,13 @@ class Mesh:
         x, y = self.X[node]
         return f"the node at ({x:g}, {y:g})"
 
+    def named(self, node: int, scene: Scene) -> str:
+        """Number, position and beam of a node, in words."""
+        x, y = self.X[node]
+        own = (b.name for b, nodes in zip(scene.beams, self.nodes, strict=True) if node in nodes)
+        beams = " and ".join(map(repr, own))
+        return f"node {node} at ({x:g}, {y:g})" + (beams and f" of {beams}")
+
     def bind(self, X: np.ndarray) -> None:
         """Move the nodes to X (n, 2); arrays that were read from here keep their values."""
         if not all_of(X == self.X):

@@ -309,11 +309,10 @@ def _check_equilibrium(
     if moved[:, 2].any():  # a rotation, which may move other nodes
         moved[:, :2] = 0.0
     node, component = np.unravel_index(moved.argmax(), moved.shape)
-    x, y = model.mesh.X[node]
     force, name = left[worst] / unit[worst], "N m" if component == 2 else "N"
     raise SceneError(
         f"{what}: the state is no equilibrium: {force:.3g} {name} in {COMPONENTS[component]} of "
-        f"node {node} at ({x:g}, {y:g}) has no balance; the largest force in the state is "
+        f"{model.mesh.named(node, model.scene)} has no balance; the largest force in the state is "
         f"{largest / model.mesh.size:.3g} N. {_ADVICE}"
     )
 

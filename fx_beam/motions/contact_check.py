@@ -1,4 +1,4 @@
-"""Warnings of contacts: points deep in a circle, impacts in few steps, bends that are too sharp."""
+"""Warnings: points deep in a circle, impacts in few steps, sharp bends, too few elements."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from fx_beam.errors import warn_once
 from fx_beam.results.joint_and_contact_motion import nodes_of
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Beam, Node
@@ -29,14 +30,42 @@ _STEPS, _OF_LOSS, _FAST = 10, 6.0, 10.0
 _SHARP = 0.95
 # Nodes of all rows that are looked at together.
 _NODES_AT_ONCE = 200_000
+# Angle by which a straight element may bend between its ends [rad], and rows that are looked at.
+# One that is bent to an arc by 0.5 rad misplaces its end by 0.8 % of its length, as the square.
+_BENT, _ROWS = 0.5, 16
 
 
 def warn_of_places(solution: Solution, joints: Sequence[Joint] = ()) -> None:
-    """Warn of contact where its forces say little."""
+    """Warn of contact where its forces say little, and of elements that are too long."""
+    _warn_of_long_elements(solution)
     _warn_of_depth(solution)
     if not solution.stats.static:
         _warn_of_short_impacts(solution, joints)
     warn_of_sharp_bends(solution)
+
+
+def _warn_of_long_elements(solution: Solution) -> None:
+    """Warn of the straight element that bends most, if that is much."""
+    beams = [beam for beam in solution.beams.values() if beam.degree == 1]
+    if not beams:
+        return
+    q = solution.recorded("q")
+    rows = np.unique(np.linspace(0, len(q) - 1, _ROWS).round().astype(int))
+    nodes = [solution.nodes_of_beam[beam.name] for beam in beams]
+    bends = abs(np.diff(q[rows][:, np.concatenate(nodes), 2], axis=1))
+    ends = np.cumsum([len(of_beam) for of_beam in nodes])
+    bends[:, ends[:-1] - 1] = 0.0  # from one beam to the next
+    k, i = np.unravel_index(np.argmax(bends), bends.shape)
+    if bends[k, i] <= _BENT:
+        return
+    beam = beams[int(np.searchsorted(ends, i, "right"))]
+    static = solution.stats.static
+    warn_once(
+        f"{'static' if static else 'simulate'}: an element of {label(beam)} bends by "
+        f"{bends[k, i]:.2g} rad at {'load factor' if static else 't ='} {solution.t[rows[k]]:.4g}, "
+        f"which costs about {100 * bends[k, i] ** 2 / 30:.2g} % of its length. The beam has "
+        f"{beam.elements} of degree 1: take more elements, or degree=2"
+    )
 
 
 def _warn_of_depth(solution: Solution) -> None:

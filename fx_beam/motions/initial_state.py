@@ -498,8 +498,7 @@ def _message(
     """What to say of a rate (node, component) that cannot be."""
     node, component = key
     given, needed = (rates.reshape(-1, 3)[key] for rates in (v, compatible))
-    x, y = model.mesh.X[node]
-    where, what = f"node {node} at ({x:g}, {y:g})", COMPONENTS[component]
+    where, what = model.mesh.named(node, model.scene), COMPONENTS[component]
     for kind, keys in (("supported", model.scene.fixed), ("moved", model.scene.prescribed)):
         if key in keys:
             return (

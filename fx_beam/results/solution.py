@@ -193,7 +193,9 @@ class Solution:
     def __getattr__(self, name: str) -> Any:
         """What is set when it is first read."""
         if name not in _LATER or "_histories" not in self.__dict__:
-            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+            from fx_beam.other_names import no_attribute
+
+            raise no_attribute(self, name, dir(type(self)))
         value: Any = self._end if name == "end" else self._histories[name]
         if name in HISTORIES:
             value = read_only(value)

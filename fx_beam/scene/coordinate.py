@@ -84,7 +84,7 @@ class Stop:
             expected = f"below upper = {self.upper!r}; the order is (lower, upper, stiffness)"
             require(self.lower < self.upper, "Stop: lower", self.lower, expected)
 
-    def check_start(self, place: float, tolerance: float, what: str) -> None:
+    def check_start(self, place: float, tolerance: float, what: str, more: str = "") -> None:
         """Refuse a start of the coordinate beyond a limit.
 
         Parameters
@@ -95,6 +95,8 @@ class Stop:
             How far it may be beyond [m or rad].
         what : str
             Name of the coordinate in the message.
+        more : str
+            What else to try.
 
         Raises
         ------
@@ -105,7 +107,7 @@ class Stop:
             if limit is not None and beyond * (place - limit) > tolerance:
                 raise SceneError(
                     f"{what} starts at {place:.6g}, beyond the {name} limit {limit:.6g} of its "
-                    "stop. Move the limit"
+                    f"stop. Move the limit{more}"
                 )
 
     @property

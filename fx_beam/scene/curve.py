@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.polynomial.chebyshev import Chebyshev, chebder, chebint, chebpts1, chebpts2, chebvander
 
-from fx_beam.errors import SceneError, is_whole, real_array, require, vector
+from fx_beam.errors import SceneError, is_flag, is_whole, real_array, require, vector
 
 from .beam import MOST_ELEMENTS, Layout, Node, lagrange, listed_points, polyline, position_of
 from .functions import checked_function
@@ -155,16 +155,22 @@ def _on_arc(a: np.ndarray, to_centre: np.ndarray, sweep: float, fraction: float)
     return a + 2 * s * np.array([s * x + c * y, s * y - c * x])
 
 
-def spline(points: Sequence) -> Curve:
+def spline(points: Sequence, monotone: bool = False) -> Curve:
     """Smooth curve through points: a cubic spline, parametrised by the length of their polygon.
 
-    Its curvature has kinks at the points; there elements converge with order 4 at most.
+    Its curvature has kinks at the points; there elements converge with order 4 at most. Where
+    distances between points change much it swings out beyond them: draw it, add points there, or
+    take a `monotone` one. A polyline is a list of points without `spline`.
 
     Parameters
     ----------
     points : sequence of (x, y) or Node
         Two or more points [m]; the first and the last may be nodes of other beams, which are
         shared rigidly. If these two coincide, the curve closes smoothly.
+    monotone : bool
+        Whether x and y rise or fall between two points only as these do (Fritsch and Carlson): the
+        curve stays in the box of both. Its curvature jumps at points, and it does not close
+        smoothly.
 
     Returns
     -------
@@ -190,6 +196,7 @@ def spline(points: Sequence) -> Curve:
         raise SceneError(
             "spline: only its ends can be nodes of other beams. Make two splines that meet there"
         )
+    require(is_flag(monotone), "spline: monotone", monotone, "True or False")
     chords = np.hypot(*np.diff(xy, axis=0).T)
     for i in np.flatnonzero(chords <= 1e-12 * abs(xy).max()):
         raise SceneError(f"spline: points {i} and {i + 1} coincide at {xy[i]}. Remove one")
@@ -199,9 +206,12 @@ def spline(points: Sequence) -> Curve:
     if closed:
         xy[-1] = xy[0]
     # Imported here: most scenes need no curve, and the import takes time.
-    from scipy.interpolate import CubicSpline
+    from scipy.interpolate import CubicSpline, PchipInterpolator
 
-    function = CubicSpline(breaks, xy, bc_type="periodic" if closed else "not-a-knot")
+    if monotone:
+        function = PchipInterpolator(breaks, xy)
+    else:
+        function = CubicSpline(breaks, xy, bc_type="periodic" if closed else "not-a-knot")
     return Curve(function, _node(points[0]), _node(points[-1]), tuple(breaks))
 
 

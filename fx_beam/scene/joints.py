@@ -18,6 +18,7 @@ from .inputs import time_function
 
 # Largest gap of a joint that is made at a solution, relative to the size of the scene.
 _FITS = 1e-6
+_MOVE_ZERO = ", or give the joint an offset=: its slide counts from there along the axis"
 
 
 class _Ground(Node):
@@ -263,7 +264,8 @@ class Joint:
                     )
             if coordinate.stop is not None:
                 start = slide if name == "slide" else 0.0
-                coordinate.stop.check_start(start, 1e-9 * unit, f"{self}: its {name}")
+                more = _MOVE_ZERO if start and self.a is not GROUND else ""
+                coordinate.stop.check_start(start, 1e-9 * unit, f"{self}: its {name}", more)
 
     def _misplaced(self, gap: float) -> str:
         """What is wrong with nodes that do not fit."""
@@ -520,7 +522,8 @@ def Prismatic(
     axis : (x, y)
         Direction of the guide in the reference configuration, of any length.
     offset : (x, y)
-        From a to a point of the guide in the reference configuration [m].
+        From a to a point of the guide in the reference configuration [m], from which the slide
+        counts along the axis. From the ground it counts from the start of b.
     spring, damper : Spring, Damper, optional
         On the slide.
     motor : callable or Input, optional
@@ -572,7 +575,8 @@ def PinInSlot(
     axis : (x, y)
         Direction of the slot in the reference configuration, of any length.
     offset : (x, y)
-        From a to a point of the slot in the reference configuration [m].
+        From a to a point of the slot in the reference configuration [m], from which the slide
+        counts along the axis. From the ground it counts from the start of b.
     spring, damper : Spring, Damper, optional
         On the slide.
     motor : callable or Input, optional

@@ -126,6 +126,11 @@ class Scene:
             object.__setattr__(node, "scene", self)
         self._corners = _corners_of(self.nodes)
 
+    def __getattr__(self, name: str) -> Any:
+        from fx_beam.other_names import no_attribute
+
+        raise no_attribute(self, name, dir(type(self)))
+
     @property
     def gravity(self) -> Any:
         """Acceleration (2,) of every mass [m/s^2], or None. It may be set."""

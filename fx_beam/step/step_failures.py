@@ -116,11 +116,11 @@ class StepFailures:
         model = self.model
         D = abs(failed.D / model.unit).reshape(-1, 3)
         node, component = np.unravel_index(np.argmax(np.nan_to_num(D, nan=np.inf)), D.shape)
-        x, y = model.mesh.X[node]
         history = ", ".join(f"{r:.1e}" for r in failed.corrections[-8:])
+        named = model.mesh.named(int(node), model.scene)
         where = (
-            f"Largest increment: {COMPONENTS[component]} of node {node} at ({x:g}, {y:g}). Last "
-            f"corrections, in sizes of the scene or rad: {history or 'none'}"
+            f"Largest increment: {COMPONENTS[component]} of {named}. Last corrections, in sizes of "
+            f"the scene or rad: {history or 'none'}"
         )
         who, cuts = ("static", "cuts") if self._stats.static else (model.scheme.name, "halvings")
         after = f" after {tries} {cuts}" if tries else ""

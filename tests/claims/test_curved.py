@@ -284,3 +284,18 @@ def test_resultants_of_a_curve_stand_at_its_arc_length():
     assert r.M[-1] == pytest.approx(1e-3 * (1 - np.sin(angle)), abs=2e-5)
     assert r.N[-1] == pytest.approx(1e-3 * np.sin(angle), abs=2e-5)
     assert r.Q[-1] == pytest.approx(1e-3 * np.cos(angle), abs=2e-5)
+
+
+def test_a_monotone_spline_stays_between_its_points():
+    """A plain one swings out by a quarter of a metre, as points are at very different distances."""
+    points = [(0, 0), (1, 0), (1.1, 1), (3, 1), (3.2, 0.2)]
+    lows = []
+    for monotone in (False, True):
+        curve = fb.spline(points, monotone=monotone)
+        beam = fb.Scene().add_beam(curve, fb.Section(EA=1.0, GA=1.0, EI=1.0), elements=64)
+        X = np.array([(node.x, node.y) for node in beam.nodes])
+        assert abs(X[None] - np.array(points)[:, None]).max(axis=2).min(axis=1).max() < 0.05
+        lows.append(X[:, 1].min())
+    assert lows[0] < -0.2
+    assert lows[1] == 0.0
+    assert X.max(axis=0) == pytest.approx([3.2, 1.0])

@@ -193,3 +193,24 @@ def test_a_function_of_time_that_fails_later_ends_the_run_there(kind):
     for name in ("q", "v", "a", "reactions", "linear_momentum", "angular_momentum"):
         np.testing.assert_array_equal(getattr(error.solution, name), getattr(whole, name)[:4])
     np.testing.assert_array_equal(error.solution.energy.total, whole.energy.total[:4])
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "real"),
+    [
+        ("scene", "add_torque", "add_moment"),
+        ("scene", "add_bodys", "'add_body'"),
+        ("scene", "solve", r"fb\.static"),
+        ("solution", "plot", r"fb\.plot\.shapes"),
+        ("solution", "time", r"solution\.t$"),
+        ("solution", "rotations", "'rotation'"),
+    ],
+)
+def test_names_of_other_programs_are_answered_by_ours(kind, name, real):
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1.0, GA=1.0, EI=1.0), elements=1)
+    scene.clamp(beam.start)
+    thing = scene if kind == "scene" else fb.static(scene)
+    with pytest.raises(AttributeError, match=f"no attribute '{name}'.*{real}"):
+        getattr(thing, name)
+    assert not hasattr(thing, name)
