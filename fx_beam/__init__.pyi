@@ -89,6 +89,7 @@ from .scene.loads import thermal as thermal
 from .scene.outputs import Output as Output
 from .scene.scene import Scene as Scene
 from .scene.section import Section as Section
+from .scene.shaking import Shaking as Shaking
 from .scene.sliders import Sleeve as Sleeve, Slider as Slider
 from .scene.symbols import Parameter as Parameter
 from .step.newton import NewtonOptions as NewtonOptions

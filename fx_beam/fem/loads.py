@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,11 +13,11 @@ import scipy.sparse
 
 from fx_beam.content_cache import cached_property
 from fx_beam.dual import Dual, dual_array, floats
-from fx_beam.errors import all_of
+from fx_beam.errors import all_of, any_of, warn_once
 from fx_beam.laws.interval import Interval, just_inside
 from fx_beam.scene.beam import Beam, BeamPlace, Node, gauss_rule, lagrange_and_slopes
 from fx_beam.scene.functions import ArrayCalls, Signal, SignalAlong, constant, evaluate
-from fx_beam.scene.loads import NAMES, Load, values_along
+from fx_beam.scene.loads import NAMES, ON_MASSES, Load, values_along
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 
@@ -127,15 +128,32 @@ class SumOfLoads:
         return bool(self.functions)
 
 
-def dead_loads(scene: Scene, mesh: Mesh, X: np.ndarray) -> SumOfLoads:
-    """All dead loads as a nodal vector, with nodes at X (n, 2)."""
-    loads = [_unit_load(scene, mesh, X, load) for load in scene.loads if not load.follower]
+def dead_loads(
+    scene: Scene, mesh: Mesh, X: np.ndarray, weights: Callable[[tuple[float, float]], Any]
+) -> SumOfLoads:
+    """All dead loads as a nodal vector, with nodes at X (n, 2), and weights by accelerations."""
+    loads = [
+        _unit_load(scene, mesh, X, load) if load.target else _on_masses(mesh, load, weights)
+        for load in scene.loads
+        if not load.follower
+    ]
     return SumOfLoads(loads, (mesh.dofs.size,), scene.array_calls)
+
+
+def _on_masses(mesh: Mesh, load: Load, weights: Callable[[tuple[float, float]], Any]) -> UnitLoad:
+    """By the weights of unit accelerations; those of a base act the other way."""
+    directions, sign = ON_MASSES[load.kind]
+    columns, rows = mesh.dofs[:, directions], mesh.dofs[:, directions].T.ravel()
+    values = sign * weights((1.0, 1.0))[rows]
+    if not any_of(floats(values)):
+        warn_once(f"{load} acts on no mass. Give sections rho or rhoA, or add masses")
+    return UnitLoad(load.value, str(load), values, rows, np.full(columns.shape[1], len(columns)))
 
 
 def _unit_load(scene: Scene, mesh: Mesh, X: np.ndarray, load: Load) -> UnitLoad:
     """At a node, or at the Gauss points that integrate the interpolation of a beam exactly."""
     function, target = load.value, load.target
+    assert target is not None
     if isinstance(target, Node):
         dofs = mesh.dofs[target.number]
         dofs = dofs[:2] if load.kind == "force" else dofs[2:]

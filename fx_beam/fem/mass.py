@@ -87,7 +87,7 @@ class Mass:
             mass = LinearDual(entries, self._entries, masses, self._by_masses)
         if (gravity := scene.gravity) is None:
             return {"mass": mass}
-        weights = functools.partial(self._weights, gravity)
+        weights = functools.partial(self.weights, gravity)
         if dual_of(gravity) is not None:
             return {"mass": mass, "weight": weights(mass)}
         weight = weights(entries)
@@ -147,8 +147,8 @@ class Mass:
         by_cells = by[lumped:].reshape(len(self._elements), -1) @ self._unit.T
         return np.concatenate([by[:lumped], by_cells.ravel()])
 
-    def _weights(self, gravity: Any, entries: Any) -> Any:
-        """Weight (size,) by entries of the mass: it resists the acceleration of a free fall."""
+    def weights(self, gravity: Any, entries: Any) -> Any:
+        """Weight (size,) of an acceleration (2,), by entries of the mass."""
         at, rows = self._of_translations
         pull = dual_array(gravity)[rows % 3]
         return np.bincount(rows, entries[at] * pull, len(self.diagonal))

@@ -35,15 +35,25 @@ _ARROWS = 12  # largest number of arrows of a line load or of initial velocities
 
 def draw_actions(sheet: Sheet, scene: Scene, si: bool) -> None:
     """Draw all actions, with values in SI units or without units."""
+    drawn = {"force": _force, "moment": _moment, "line load": _line_load}
     for load in scene.loads:
-        {"force": _force, "moment": _moment, "line load": _line_load}[load.kind](sheet, load, si)
+        if load.target is not None:
+            drawn[load.kind](sheet, load, si)
     _drags(sheet, scene)
     _natural_strains(sheet, scene, si)
     _velocities(sheet, scene)
     _prescribed(sheet, scene)
     _motors(sheet, scene)
     if scene.gravity is not None and np.any(scene.gravity):
-        _weight(sheet, scene.gravity, si)
+        size = np.hypot(*scene.gravity)
+        _weight(sheet, scene.gravity, f"g = {three_digits(size)}{' m/s$^2$' if si else ''}")
+    for load in scene.loads:
+        if load.kind == "gravity" and np.any(gravity := _shown(load)):
+            _weight(sheet, gravity, _words("g", load, np.hypot(*gravity), "m/s$^2$", si))
+        elif load.target is None:
+            way = load.kind[-1]
+            words = _words(f"base: $a_{way}$", load, float(_shown(load)[0]), "m/s$^2$", si)
+            _driven(sheet, sheet.corner(), words, np.eye(2)["xy".index(way)])
 
 
 def _shown(load: Load) -> np.ndarray:
@@ -193,13 +203,13 @@ def _velocities(sheet: Sheet, scene: Scene) -> None:
         sheet.label("v(0)", tips, _INITIAL)
 
 
-def _weight(sheet: Sheet, gravity, si: bool) -> None:
+def _weight(sheet: Sheet, gravity, words: str) -> None:
     """The acceleration of gravity, beside everything drawn so far."""
     size = np.hypot(*gravity)
     tip = sheet.corner() + 0.5 * _FORCE * sheet.size * np.asarray(gravity) / size
     tail = tip - _FORCE * sheet.size * np.asarray(gravity) / size
     sheet.arrow([tail, tip], color="0.4")
-    sheet.label(f"g = {three_digits(size)}{' m/s$^2$' if si else ''}", [(tail + tip) / 2], "0.4")
+    sheet.label(words, [(tail + tip) / 2], "0.4")
 
 
 def _turn(position, size: float, sense: float) -> np.ndarray:
@@ -233,8 +243,9 @@ def scene(
     an arc with two ends its stops. Grey hatched lines and circles are obstacles. Beams and nodes
     with drag have the word "drag".
     Arrows of forces end at their nodes, arrows of initial velocities start there.
-    Prescribed motions and motors have arrows with two heads. Loads that are functions of time are
-    drawn with their largest value. Added virtual works are not drawn.
+    Prescribed motions, motors and the acceleration of the base have arrows with two heads. Loads
+    that are functions of time are drawn with their largest value. Added virtual works are not
+    drawn.
 
     Parameters
     ----------

@@ -38,6 +38,12 @@ from .parameters import refused
 
 #: Names of the coefficients of drag.
 PARTS_OF_DRAG = "linear", "quadratic", "rotation"
+#: Kinds of loads on all masses, by accelerations [m/s^2]: their directions, and their sign.
+ON_MASSES = {
+    "gravity": ([0, 1], 1.0),
+    "shaking along x": ([0], -1.0),
+    "shaking along y": ([1], -1.0),
+}
 # What the function of a line load may be of.
 _OF = "time", "arc length", "arc length and time", "projected length"
 
@@ -68,13 +74,14 @@ class Mass(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """A load on a node or along a beam."""
+    """A load on a node, along a beam, or on all masses."""
 
-    #: "force", "moment" or "line load".
+    #: "force", "moment", "line load", or one of `ON_MASSES`.
     kind: str
-    target: Node | Beam | BeamPlace
+    #: What it acts on; None for all masses.
+    target: Node | Beam | BeamPlace | None
     #: ``value(t)``: [fx, fy] in N, [moment] in N m, or [qx, qy] in N per metre of reference length;
-    #: a `SignalAlong` of arc length and time.
+    #: a `SignalAlong` of arc length and time; of all masses accelerations in m/s^2.
     value: Signal = field(metadata=IS_DATA)
     #: Whether a force turns with the section of its node.
     follower: bool = False
@@ -84,6 +91,8 @@ class Load:
     projected: bool = False
 
     def __str__(self):
+        if self.target is None:
+            return self.kind
         return f"{'follower ' if self.follower else ''}{self.kind} on {label(self.target)}"
 
 

@@ -42,6 +42,7 @@ from .sliders import SlidingJoint
 if TYPE_CHECKING:
     from .ground_springs import Bed, GroundSprings
     from .mesh import MeshBeams
+    from .shaking import Shaking
     from .symbols import Parameter
 
 _Part = TypeVar("_Part")
@@ -59,8 +60,9 @@ class Scene:
 
     Parameters
     ----------
-    gravity : (gx, gy), optional
-        Acceleration [m/s^2] of every mass, lumped masses included; none by default.
+    gravity : (gx, gy), callable or Input, optional
+        Acceleration [m/s^2] of every mass, lumped masses included, or a function ``gravity(t)`` of
+        time [s]; none by default. The work of one that is no constant is part of `Energy.work`.
 
     Examples
     --------
@@ -76,9 +78,10 @@ class Scene:
     (-0.0008, -0.0008)
     """
 
-    def __init__(self, gravity: Sequence[float] | None = None):
+    def __init__(self, gravity: Sequence[float] | Callable | Input | None = None):
         #: Number of changes that do not show in the lengths of lists.
         self.changes = 0
+        self.loads: list[loads.Load] = []
         self.gravity = gravity
         self.beams: list[Beam] = Members[Beam]()
         self._names: set[str] = set()
@@ -90,7 +93,6 @@ class Scene:
         # Components prescribed as functions of time.
         self.prescribed: dict[tuple[int, int], Signal] = {}
         self.masses: list[loads.Mass] = []
-        self.loads: list[loads.Load] = []
         self.drags: list[loads.Drag] = []
         self.velocities: list[loads.Velocity] = []
         self.virtual_works: list[loads.VirtualWork] = []
@@ -133,12 +135,21 @@ class Scene:
 
     @property
     def gravity(self) -> Any:
-        """Acceleration (2,) of every mass [m/s^2], or None. It may be set."""
+        """Acceleration (2,) of every mass [m/s^2], or None. It may be set.
+
+        None as well for a function of time, which is one of the scene's `loads`.
+        """
         return self._gravity
 
     @gravity.setter
-    def gravity(self, gravity: Sequence[float] | None) -> None:
-        self._gravity = None if gravity is None else vector(gravity, 2, "gravity")
+    def gravity(self, gravity: Sequence[float] | Callable | Input | None) -> None:
+        varies = callable(gravity) or isinstance(gravity, Input)
+        steady = None if varies or gravity is None else vector(gravity, 2, "gravity")
+        others = [load for load in self.loads if load.kind != "gravity"]
+        if varies:
+            value = time_function(gravity, 2, "gravity")
+            others.insert(0, loads.Load("gravity", None, value))
+        self._gravity, self.loads[:] = steady, others
         self.changes += 1
 
     @property
@@ -1087,6 +1098,59 @@ class Scene:
         loads.check_beam(self, beam, "line load")
         return _added(self.loads, loads.line_load(beam, load, of, between))
 
+    def shake(self, x=None, y=None) -> Shaking:
+        r"""Shake the base: the ground of all supports, with all that stands on it.
+
+        The scene is seen from the base: displacements and velocities are relative to it, supports
+        are at rest, and each mass has the force :math:`-m a(t)`, also in statics. What belongs to
+        the ground moves with the base: supports, fixed points, obstacles, springs to the ground,
+        and the air of a drag. The work of these forces, relative to the base, is part of
+        `Energy.work`. Several shakings add up.
+
+        Parameters
+        ----------
+        x, y : callable, Input, float or (times, accelerations), optional
+            Acceleration a of the base along each direction: ``a(t)`` [m/s^2]; or a record, two
+            lists of the same length: times [s] in order, and accelerations [m/s^2], with straight
+            lines between. It jumps where a time is there twice, and is zero before and after; the
+            base then goes on at the velocity that it has.
+
+        Returns
+        -------
+        Shaking
+            With `x` and `y`, which `change` and `remove` know.
+
+        Raises
+        ------
+        SceneError
+            Without any acceleration, or for a record that is none.
+
+        Examples
+        --------
+        A mass on a spring, on a base that starts at 2 m/s^2: it swings up to 2 a / omega^2 behind.
+
+        >>> import numpy as np, fx_beam as fb
+        >>> scene = fb.Scene()
+        >>> mass = scene.add_body((0, 0), mass=3.0).centre
+        >>> scene.fix(mass, "y", "rotation")
+        >>> springs = scene.add_spring(mass, x=fb.Spring(3.0 * (2 * np.pi) ** 2))
+        >>> shaking = scene.shake(x=([0, 10], [2.0, 2.0]))
+        >>> relative = fb.simulate(scene, dt=1e-3, t_end=0.5).displacement(mass)[-1, 0]
+        >>> print(round(float(relative * (2 * np.pi) ** 2), 3))
+        -4.0
+        """
+        from .shaking import Shaking, acceleration
+
+        accelerations = {"x": x, "y": y}
+        made = {
+            name: loads.Load(kind := f"shaking along {name}", None, acceleration(value, kind))
+            for name, value in accelerations.items()
+            if value is not None
+        }
+        require(bool(made), "shake: x, y", None, "an acceleration [m/s^2] for one of them at least")
+        self.loads += made.values()
+        return Shaking(**made)
+
     def add_natural_strain(
         self, beam: Beam, *, axial=None, shear=None, curvature=None
     ) -> NaturalStrain:
@@ -1235,7 +1299,8 @@ class Scene:
         Parameters
         ----------
         load : Load or NaturalStrain
-            What `add_force`, `add_moment`, `add_line_load` or `add_natural_strain` returned.
+            What `add_force`, `add_moment`, `add_line_load` or `add_natural_strain` returned, or the
+            x or y of what `shake` returned.
         value : float, (x, y), callable or Input
             New value of a load, as there.
         axial, shear, curvature : float, callable or Input, optional
@@ -1262,6 +1327,10 @@ class Scene:
         index = position_in(parts, load, "change", "a load or a natural strain")
         if isinstance(load, NaturalStrain):
             parts[index] = changed_strain(load, strains)
+        elif load.kind.startswith("shaking"):
+            from .shaking import acceleration
+
+            parts[index] = replace(load, value=acceleration(value, load.kind))
         else:
             parts[index] = loads.changed(load, value)
         self.changes += 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from threading import RLock
 from typing import TYPE_CHECKING, Any
 
@@ -84,9 +85,10 @@ class Model:
         #: Names of the compiled forms and of the assembled matrices and vectors.
         self.compiled = [] if self.forms.beams is None else [*self.forms.beams.bound]
         self.assembled = self.masses.assembled
-        others = dead_loads(scene, self.mesh, self.mesh.X), natural_strains(scene, self.mesh)
         masses, arms = self.masses.numbers_of(scene, X), Arms.of(scene)
-        data = Data(scene, X, of_forms, masses, *others, arms, motors(scene))
+        loads = dead_loads(scene, self.mesh, self.mesh.X, self.weights(masses))
+        natural = natural_strains(scene, self.mesh)
+        data = Data(scene, X, of_forms, masses, loads, natural, arms, motors(scene))
         self._set(data)
         self.assembled += [str(load) for load in scene.loads]
         self.masses.name(scene)
@@ -168,6 +170,10 @@ class Model:
         dofs = (self.mesh.dofs[self.mesh.nodes_of(self.scene, beam)] for beam in beams)
         by_points = self.points.remember(state.spring_internal, moved, slid)
         return by_points or any(moved[of].any() for of in dofs)
+
+    def weights(self, masses: dict[str, Any]) -> Callable[[Any], Any]:
+        """Weights (size,) of all masses by an acceleration (2,), as a function."""
+        return lambda acceleration: self.masses.weights(acceleration, masses["mass"])
 
     def mobility(self, data: Data) -> np.ndarray:
         """1 / mass that moves with each degree of freedom, then with each slide; 0 without mass.

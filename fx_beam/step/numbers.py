@@ -22,7 +22,9 @@ def data_of(model: Model, scene: Scene) -> Data:
     mesh, rates = model.mesh, model.scheme.rates
     X = mesh.positions_of(scene)
     masses, arms = model.masses.numbers_of(scene, X), Arms.of(scene)
-    loads = dead_loads(scene, mesh, floats(X)) if scene.loads else model.loads
+    loads = model.loads
+    if scene.loads:
+        loads = dead_loads(scene, mesh, floats(X), model.weights(masses))
     natural = natural_strains(scene, mesh) if scene.natural_strains else model.natural
     forms = form_data(scene, mesh, X, rates)
     data = Data(scene, X, forms, masses, loads, natural, arms, motors(scene))

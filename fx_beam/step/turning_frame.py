@@ -18,6 +18,7 @@ def check_turns(scene: Scene, what: str) -> None:
     """Refuse a scene with forces that do not turn with it; errors say `what` asks."""
     for there, of in (
         (scene.gravity is not None and any(scene.gravity), "gravity"),
+        (any(load.target is None for load in scene.loads), "an acceleration of all masses"),
         (bool(scene.drags), "drag in air at rest"),
     ):
         if there:

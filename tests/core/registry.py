@@ -466,6 +466,16 @@ def loads_inside_elements(x):
 
 
 @case()
+def shaken_base_in_gravity_that_changes(x):
+    scene, beam = swing(x, scene=fb.Scene(gravity=lambda t: (x[7] * np.sin(5 * t), -9.81)))
+    scene.add_mass(beam.end, 0.5 * x[8], 0.01)
+    record = [0.0, 0.05, 0.12, 0.12, 0.3], [30.0 * x[7], 10 * x[8], -50.0, 20.0, 2.0]
+    shaking = scene.shake(x=record, y=lambda t: 4 * x[8] * np.cos(20 * t))
+    assert isinstance(shaking, fb.Shaking)
+    return scene
+
+
+@case()
 def winch_on_a_rope_over_pulleys(x):
     scene, beam = swing(x)
     points = [(2, 0.5), beam.end, (1.7 * x[8], 0.9), (1.2, 1.1), beam.node(0.5)]
