@@ -54,3 +54,9 @@ def test_a_robot_on_two_cables(job):
     # What is left is a vibration on the cables, which nothing damps.
     error = tensions[:, 1:-1] - exact
     assert np.sqrt((error**2).mean()) < 0.05 * exact.max()
+
+
+def test_a_floor_on_a_shaking_table(job):
+    """The oscillator has no dead weight and no small angles: 1 %, by twice as many steps as well."""
+    names = job("floor")
+    assert abs(names["sway"] - names["exact"]).max() < 0.02 * abs(names["exact"]).max()
