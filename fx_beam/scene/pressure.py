@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fx_beam.errors import require
-from fx_beam.laws.kinematics import perp
 from fx_beam.symbolic import ufl
 
 from .beam import Beam
@@ -29,7 +28,8 @@ class PressureTerm:
 
     def __call__(self, step):
         """The term in UFL."""
-        normal = perp(step.t0 + step.prime(step.u))
+        x, y = step.t0 + step.prime(step.u)
+        normal = ufl.as_vector((-y, x))
         return step.load_factor * self.pressure * ufl.dot(normal, step.virtual_u)
 
 
