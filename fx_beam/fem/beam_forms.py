@@ -74,9 +74,10 @@ class BeamForms:
         #: Fields and arrays on this mesh by their names in forms.
         self._data = self._fields(numbers)
         for i, work in enumerate(scene.virtual_works):
-            inside = np.ones(len(mesh.beam_of_cell), dtype=bool)
+            inside = np.full(len(mesh.beam_of_cell), work.beam is None)
             if work.beam is not None:
-                inside = mesh.beam_of_cell == scene.beams.index(work.beam)
+                cells = mesh.cells[scene.beams.index(work.beam)]
+                inside[cells[slice(*work.elements)]] = True
             self._data[f"indicator {i}"] = data_field(inside[:, None], mesh)
         if facts.names:
             self._read_parameters()

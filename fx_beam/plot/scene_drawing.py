@@ -16,7 +16,8 @@ from fx_beam.scene.contacts import arc_of
 from fx_beam.scene.coordinate import Locked
 from fx_beam.scene.functions import Signal, SignalAlong
 from fx_beam.scene.inputs import InputSignal
-from fx_beam.scene.loads import Load, label
+from fx_beam.scene.loads import Load, VirtualWork, label
+from fx_beam.scene.pressure import PressureTerm
 from fx_beam.scene.scene import Scene
 
 from .drawing import Drawing, apart, axis, interpolated, three_digits
@@ -39,6 +40,8 @@ def draw_actions(sheet: Sheet, scene: Scene, si: bool) -> None:
     for load in scene.loads:
         if load.target is not None:
             drawn[load.kind](sheet, load, si)
+    for work in scene.virtual_works:
+        _pressure(sheet, scene, work, si)
     _drags(sheet, scene)
     _natural_strains(sheet, scene, si)
     _velocities(sheet, scene)
@@ -109,6 +112,26 @@ def _line_load(sheet: Sheet, load: Load, si: bool) -> None:
         loads = np.array([load.value(s) for s in arc])
     else:
         loads = np.tile(_shown(load), (len(arc), 1))
+    _arrows_along(sheet, tips, loads, load, si)
+
+
+def _pressure(sheet: Sheet, scene: Scene, work: VirtualWork, si: bool) -> None:
+    """Arrows across a beam, on the side from which the pressure pushes."""
+    if not isinstance(work.term, PressureTerm):
+        return
+    beam: Any = work.beam
+    start, *_, end = beam.s[slice(work.elements[0], (work.elements[1] or beam.elements) + 1)]
+    load = Load("line load", beam, scene.parameters.functions[work.term.pressure.name])
+    points = _axis(beam)
+    s = arc_of(points)
+    arc = np.linspace(start, end, _ARROWS + 1) * s[-1] / beam.length
+    along = interpolated(arc, s, np.gradient(points, s, axis=0))
+    left = np.column_stack([-along[:, 1], along[:, 0]])
+    _arrows_along(sheet, interpolated(arc, s, points), _shown(load) * left, load, si)
+
+
+def _arrows_along(sheet: Sheet, tips: np.ndarray, loads: np.ndarray, load: Load, si: bool) -> None:
+    """Arrows of loads (n, 2) that end at points (n, 2), and a line along their tails."""
     sizes = np.hypot(*loads.T)
     if not sizes.max() > 0:
         return
@@ -117,7 +140,8 @@ def _line_load(sheet: Sheet, load: Load, si: bool) -> None:
     seen = sizes > 0.05 * sizes.max()
     for tail, tip in zip(tails[seen], tips[seen], strict=True):
         sheet.arrow([tail, tip], color=_LOAD, linewidth=0.8)
-    sheet.label(_words("q", load, sizes.max(), "N/m", si), tails[1:-1], _LOAD)
+    symbol = "p" if load.value.size == 1 else "q"
+    sheet.label(_words(symbol, load, sizes.max(), "N/m", si), tails[1:-1], _LOAD)
 
 
 def _axis(beam: Beam) -> np.ndarray:
@@ -244,8 +268,8 @@ def scene(
     with drag have the word "drag".
     Arrows of forces end at their nodes, arrows of initial velocities start there.
     Prescribed motions, motors and the acceleration of the base have arrows with two heads. Loads
-    that are functions of time are drawn with their largest value. Added virtual works are not
-    drawn.
+    that are functions of time are drawn with their largest value. Other virtual works
+    than pressures are not drawn.
 
     Parameters
     ----------

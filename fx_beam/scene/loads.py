@@ -107,7 +107,7 @@ def line_load(beam: Beam, load, arguments: str, between: Any = None) -> Load:
     require(is_one_of(arguments, _OF), f"{what}: of", arguments, expected)
     options: dict[str, Any] = {"projected": arguments == "projected length"}
     if between is not None:
-        options["between"] = _part_of(beam, between, arguments, what)
+        options["between"] = part_of(beam, between, arguments, what)
     rows = list, tuple, np.ndarray
     if isinstance(load, rows) and all(isinstance(value, rows) for value in load):
         ends = options.get("between", (0.0, beam.length))
@@ -127,7 +127,7 @@ def line_load(beam: Beam, load, arguments: str, between: Any = None) -> Load:
     return Load("line load", beam, function_of_place(load, 2, what, "s"), **options)
 
 
-def _part_of(beam: Beam, between: Any, arguments: str, what: str) -> tuple[float, float]:
+def part_of(beam: Beam, between: Any, arguments: str, what: str) -> tuple[float, float]:
     """Both ends of a part of a beam; SceneError if there is no such part."""
     first, last = vector(between, 2, f"{what}: between").tolist()
     tolerance = 1e-9 * beam.length
@@ -229,10 +229,14 @@ def initial_velocity(target: Node | Beam, velocity, spin) -> Velocity:
 
 @dataclass(frozen=True, eq=False)
 class VirtualWork:
-    """Virtual work per length of a user's force, on one beam or on all."""
+    """Virtual work per length of a user's force or a pressure, on one beam or on all."""
 
     term: Callable[[Any], Any] = field(metadata=IS_DATA)
     beam: Beam | None
+    #: The first and the last but one of the elements of the beam in which it acts.
+    elements: tuple[int, int | None] = (0, None)
+    #: Names of the parameters that it has alone: of a pressure its value.
+    own: tuple[str, ...] = ()
 
     def __post_init__(self):
         if not callable(self.term):

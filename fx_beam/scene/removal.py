@@ -75,8 +75,8 @@ def remove_part(scene: Any, part: Any) -> None:
 
 
 def _forget(scene: Any, part: Any) -> None:
-    """Take the parameters of a force between points away."""
-    for name in part.own if isinstance(part, ForceBetween) else ():
+    """Take the parameters of a force between points, or of a pressure, away."""
+    for name in getattr(part, "own", ()):
         scene.parameters.forget(name)
 
 

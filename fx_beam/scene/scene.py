@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from .symbols import Parameter
 
 _Part = TypeVar("_Part")
-_Load = TypeVar("_Load", loads.Load, NaturalStrain)
+_Load = TypeVar("_Load", loads.Load, loads.VirtualWork, NaturalStrain)
 
 
 class Scene:
@@ -1034,9 +1034,19 @@ class Scene:
         return _added(self.loads, loads.Load("moment", node, value))
 
     def add_line_load(
-        self, beam: Beam, load, of: str = "time", between: Sequence[float] | None = None
-    ) -> loads.Load:
-        """Add a dead load along a beam or a part of it.
+        self,
+        beam: Beam,
+        load,
+        of: str = "time",
+        between: Sequence[float] | None = None,
+        follower: bool = False,
+    ) -> loads.Load | loads.VirtualWork:
+        r"""Add a dead load along a beam or a part of it, or a pressure on it.
+
+        A pressure, with ``follower=True``, is a force per present length of the axis along its
+        normal, :math:`p W \varphi'` per reference length. In schemes that conserve energy its work
+        in a step is exactly the pressure in the middle of the step times the area over which the
+        axis sweeps, on a closed curve times the change of the area within.
 
         Parameters
         ----------
@@ -1055,12 +1065,16 @@ class Scene:
             along y.
         between : (2,) float, optional
             Arc lengths from the beam's start between which the load acts [m], anywhere in its
-            elements; by default from end to end. The sum of the nodal forces is exact.
+            elements; by default from end to end. The sum of the nodal forces is exact. A pressure
+            acts on whole elements.
+        follower : bool
+            Whether the load is a pressure p [N/m], positive if it pushes to the left, seen from the
+            start of the beam: a number, a function ``p(t)`` of time, a `Parameter` or an `Input`.
 
         Returns
         -------
-        Load
-            The load, which `change` and `remove` know.
+        Load or VirtualWork
+            The load, or the virtual work of a pressure, which `change` and `remove` know.
 
         Raises
         ------
@@ -1094,9 +1108,32 @@ class Scene:
         >>> load = scene.add_line_load(beam, moving, of="arc length and time")
         >>> print(fb.static(scene, t=0.5).reaction(beam.end)[-1].round(1))
         [ 0. 75.  0.]
+
+        A pressure on a half ring: its supports carry p times its width, whatever its shape.
+
+        >>> scene = fb.Scene()
+        >>> section = fb.Section(EA=1e5, GA=1e5, EI=50.0)
+        >>> arch = scene.add_beam(fb.arc((-1, 0), (0, 1), (1, 0)), section, elements=8, degree=2)
+        >>> scene.clamp(arch.start)
+        >>> scene.clamp(arch.end)
+        >>> inside = scene.add_line_load(arch, 30.0, follower=True)  # outwards: to the left
+        >>> held = fb.static(scene)
+        >>> feet = held.reaction(arch.start) + held.reaction(arch.end)
+        >>> print(round(float(feet[-1, 1]), 9))
+        -60.0
         """
         loads.check_beam(self, beam, "line load")
-        return _added(self.loads, loads.line_load(beam, load, of, between))
+        require(is_flag(follower), "line load: follower", follower, "True or False")
+        if not follower:
+            return _added(self.loads, loads.line_load(beam, load, of, between))
+        from .pressure import pressure_on
+
+        number = 1
+        while f"pressure {number}" in self.parameters:
+            number += 1
+        pressure, value = pressure_on(beam, load, of, between, number)
+        self.parameters.add([("pressure", value)], f"pressure on {loads.label(beam)}")
+        return _added(self.virtual_works, pressure)
 
     def shake(self, x=None, y=None) -> Shaking:
         r"""Shake the base: the ground of all supports, with all that stands on it.
@@ -1298,7 +1335,7 @@ class Scene:
 
         Parameters
         ----------
-        load : Load or NaturalStrain
+        load : Load, VirtualWork of a pressure, or NaturalStrain
             What `add_force`, `add_moment`, `add_line_load` or `add_natural_strain` returned, or the
             x or y of what `shake` returned.
         value : float, (x, y), callable or Input
@@ -1308,7 +1345,7 @@ class Scene:
 
         Returns
         -------
-        Load or NaturalStrain
+        Load, VirtualWork or NaturalStrain
             That with the new value, in the place of the other one.
 
         Raises
@@ -1324,6 +1361,11 @@ class Scene:
         else:
             names = ", ".join(name for name, strain in strains.items() if strain is not None)
             require(not names, f"change: {names} of a load", None, "those of natural strains")
+        if isinstance(load, loads.VirtualWork):
+            position_in(self.virtual_works, load, "change", "a pressure")
+            require(bool(load.own), "change", load, "a pressure; others change by a Parameter")
+            self.parameters[load.own[0]] = value
+            return load
         index = position_in(parts, load, "change", "a load or a natural strain")
         if isinstance(load, NaturalStrain):
             parts[index] = changed_strain(load, strains)

@@ -476,6 +476,15 @@ def shaken_base_in_gravity_that_changes(x):
 
 
 @case()
+def pressure_on_a_part(x):
+    scene, beam = swing(x, elements=3)
+    scene.add_line_load(beam, lambda t: 20 * x[7] * (1 - 3 * t), follower=True)
+    part = beam.s[1:3].tolist()
+    scene.add_line_load(beam, -10.0 * x[8], between=part, follower=True)
+    return scene
+
+
+@case()
 def winch_on_a_rope_over_pulleys(x):
     scene, beam = swing(x)
     points = [(2, 0.5), beam.end, (1.7 * x[8], 0.9), (1.2, 1.1), beam.node(0.5)]

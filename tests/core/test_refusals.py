@@ -39,6 +39,9 @@ class Parts:
     def beam_of(self, points=((0, 1), (1, 1)), section=SECTION, **options):
         return self.scene.add_beam(points, section, **options)
 
+    def pressed(self, pressure, **options):
+        return self.scene.add_line_load(self.beam, pressure, follower=True, **options)
+
     def observed(self):
         return self.scene, {"tip": fb.Output("position", self.end)}
 
@@ -257,6 +260,15 @@ REFUSED = {
         (in_parts("add_drag", quadratic=True), "quadratic"),
         (lambda p: fb.Scene(gravity=9.81), "gravity: .*wrong type or shape"),
         (lambda p: fb.Scene(gravity=lambda t: -9.81), "gravity: .*wrong type or shape"),
+        (lambda p: p.pressed((1.0, 0.0)), "pressure 1.*wrong type or shape"),
+        (lambda p: p.pressed(1.0, of="arc length"), "pressure on beam 'arm': of"),
+        (lambda p: p.pressed(1.0, between=(0.1, 0.5)), "ends of elements.*: 0 and 0.5 are"),
+        (lambda p: p.pressed(lambda s: s), "pressure on beam 'arm': the function takes .s., but"),
+        (in_parts("add_line_load", 1.0, follower=2), "line load: .* is not a beam"),
+        (
+            lambda p: p.scene.change(p.scene.add_virtual_work(lambda step: step.virtual_u[0]), 1.0),
+            "change = .* must be a pressure",
+        ),
         (lambda p: p.scene.shake(), "shake: x, y = None must be an acceleration"),
         (lambda p: p.scene.shake(x=([0, 1], [1])), "shaking along x: a record has two lists of"),
         (lambda p: p.scene.shake(x=np.ones((5, 2))), "shaking along x: a record has two lists of"),
