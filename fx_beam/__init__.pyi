@@ -44,6 +44,7 @@ from .orbits.periodic_search import (
 from .results.buckling_modes import BucklingModes as BucklingModes
 from .results.joint_and_contact_motion import (
     ContactMotion as ContactMotion,
+    GearMotion as GearMotion,
     JointMotion as JointMotion,
     PullMotion as PullMotion,
 )
@@ -70,6 +71,7 @@ from .scene.coordinate import (
 )
 from .scene.curve import Curve as Curve, arc as arc, spline as spline
 from .scene.forces_between import ForceBetween as ForceBetween
+from .scene.gears import Gear as Gear, Rack as Rack
 from .scene.ground_springs import (
     Bed as Bed,
     GroundSpring as GroundSpring,

@@ -108,7 +108,28 @@ class PlainStep:
                     column[self.dofs(joint.b)[i]] += 1.0
                 column[size + joint.number] = along
                 columns.append(column)
+        for gear in model.scene.gears:
+            if gear.is_ideal:
+                gap, column = self.of_gear(gear)
+                gaps.append([gap])
+                columns.append(column)
         return np.concatenate(gaps), np.array(columns).reshape(-1, size + len(self.Dd)).T
+
+    def of_gear(self, gear):
+        """The gap that opens in a gear, and its forces on all for a unit one on b of `joint_b`."""
+        gap, column = 0.0, np.zeros(self.model.size + len(self.Dd))
+        for joint, name, weight in gear.terms:
+            if name == "slide":
+                gap += weight * self.Dd[joint.number]
+                column[self.model.size + joint.number] += weight
+                continue
+            a, b = (self.of(self.D, node)[2] for node in (joint.a, joint.b))
+            gap += weight * (b - a)
+            ratio = 1.0 if a == b else (b - a) / (2 * np.tan(b / 2) - 2 * np.tan(a / 2))
+            for node, sign in ((joint.a, -1.0), (joint.b, 1.0)):
+                if node is not GROUND:
+                    column[self.dofs(node)[2]] += weight * sign * ratio
+        return gap, column
 
     def on_node(self, joint):
         """Gap that opens, and the forces on a for unit forces on b, with what acts on the slide."""

@@ -153,9 +153,22 @@ def _rows(scene: Scene, mesh: Mesh, parts: _Parts, static: bool):
             row_of += [len(together)] * len(force.apart)
             ways = zip(force.nodes, force.nodes[1:], force.apart, strict=False)
             together += [(a, b, *(way / np.hypot(*way)), 0.0, 0.0) for a, b, way in ways]
+    weights, turn_of = [1.0] * len(turning), [*range(len(together), len(together) + len(turning))]
+    for gear in scene.gears:
+        number, acts = len(together) + len(turning), gear.is_ideal or _is_held(gear.on, static)
+        for joint, name, weight in gear.terms if acts else ():
+            ends = joint.a.number, joint.b.number
+            if name == "slide":
+                direction = joint.kinematics.tangent(joint.start()[0])
+                together.append((*ends, *direction, *joint.arm))
+                row_of.append(number)
+            else:
+                turning.append(ends)
+                turn_of.append(number)
+                weights.append(weight / (1.0 if gear.column else mesh.size))
     table, rows_of = np.array(together).reshape(-1, 6), np.array(row_of, dtype=int)
     pairs, along, arm = table[:, :2].astype(int), table[:, 2:4], table[:, 4:] / mesh.size
-    turned = np.array(turning, dtype=int).reshape(-1, 2)
+    turned, of_turns = np.array(turning, dtype=int).reshape(-1, 2), np.array(turn_of, dtype=int)
     entries = []
     for end, sign in ((0, -1.0), (1, 1.0)):
         row = np.flatnonzero(pairs[:, end] >= 0)
@@ -167,7 +180,7 @@ def _rows(scene: Scene, mesh: Mesh, parts: _Parts, static: bool):
         entries.append((row, 3 * part + 2, direction[:, 1] * x - direction[:, 0] * y))
         row = np.flatnonzero(turned[:, end] >= 0)
         part = parts.part_of_node[turned[row, end]]
-        entries.append((len(pairs) + row, 3 * part + 2, np.full(len(part), sign)))
+        entries.append((of_turns[row], 3 * part + 2, sign * np.array(weights)[row]))
     i, j, values = map(np.concatenate, zip(*entries, strict=True))
     shape, free = (len(pairs) + len(turned), parts.free.size), parts.free.ravel()
     if free.sum() > _FEW:
@@ -292,15 +305,19 @@ def check_loops(scene: Scene, reduction: Reduction, loops: Loops) -> None:
         raise SceneError(f"start: {loops.singularity}. Start from a position beside it")
     forces = _self_stress(scene, couplings, loops, left)
     sizes = np.linalg.norm(forces, axis=(1, 2))
-    carrying = [joint for joint in scene.joints if sizes[joint.number] > _DEPENDENT * sizes.max()]
+    every: list[Any] = [*scene.joints, *scene.gears]
+    carrying = [joint for joint in every if sizes[joint.number] > _DEPENDENT * sizes.max()]
     centres = {body.centre.number for body in scene.bodies}
-    inside = [j for j in carrying if j.is_rigid and j.a.number in centres]
+    inside = [j for j in carrying if isinstance(j, Joint) and j.is_rigid and j.a.number in centres]
     joints = [joint for joint in carrying if joint not in inside] or carrying
+    yields = "a spring of a gear"
+    if isinstance(joints[-1], Joint):
+        slide = _slide(joints[-1], forces[joints[-1].number])
+        yields = f"{slide}, or a beam in place of a body"
     raise SceneError(
         f"over-constrained: {'; '.join(map(str, joints))}: they close loops, and {redundant} of "
         f"them {'is' if redundant == 1 else 'are'} redundant: the motion is the same without, but "
-        "the forces cannot be computed. Remove one of them, or let it yield: use "
-        f"{_slide(joints[-1], forces[joints[-1].number])}, or a beam in place of a body"
+        f"the forces cannot be computed. Remove one of them, or let it yield: use {yields}"
     )
 
 
@@ -335,6 +352,8 @@ def _self_stress(scene: Scene, couplings: Couplings, loops: Loops, left: np.ndar
     for force, closure in zip(left.T, loops.closures, strict=True):
         joint, i = closure.joint, closure.component
         forces[joint.number, i] += force
+        if not isinstance(joint, Joint):
+            continue
         on_nodes[joint.b.number, i] -= force
         on_nodes[joint.a.number, i] += force  # the last row is the ground
     for i in (0, 1):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from graphlib import CycleError, TopologicalSorter
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import scipy.sparse
@@ -19,6 +19,9 @@ from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import SlidingJoint, sliding_joints
 
 from .forest import Branch, grown_forests
+
+if TYPE_CHECKING:
+    from fx_beam.scene.gears import Gear
 
 #: An entry of a coupling: column, position of its value (0 is the constant 1), and sign.
 Entry = tuple[int, int, float]
@@ -105,8 +108,8 @@ class SystemEntries(NamedTuple):
 class Closure:
     """A joint that closes a loop in a component: an equation between columns, closure = 0."""
 
-    joint: Joint
-    #: 0 for x, 1 for y; 2 for the rotation, only in loops with a sleeve.
+    joint: Joint | Gear
+    #: 0 for x or a rack, 1 for y; 2 for the rotation, only in loops with a sleeve, or a gear.
     component: int
     #: Entries of closure = u_b - u_p, with the point p of a at which b is.
     entries: list[Entry]
@@ -156,8 +159,10 @@ class Couplings:
     sliding: list[SlidingJoint]
     #: Columns of the nodes that slide, by the number of the joint.
     carried: dict[int, list[int]]
-    #: Joints that close loops.
+    #: Joints that close loops, and gears.
     closures: list[Closure]
+    #: Gears that are relations. Number g has the values 2 g and 2 g + 1 after those of arms.
+    gears: list[Gear]
 
     @property
     def is_selection(self) -> bool:
@@ -247,6 +252,9 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
             column[dof] = entries[0][0]
         else:
             column[dof], summed[dof] = -1, entries
+    gears = [gear for gear in scene.gears if gear.is_ideal]
+    closures = [sums.closure(joint, i) for i in range(3) for joint in closing[i]]
+    closures += [sums.gear(gear, 2 * g) for g, gear in enumerate(gears)]
     sign = np.zeros((3, scene.joint_count))
     for i, branch in ((i, branch) for i, forest in enumerate(forests) for branch in forest):
         sign[i, branch.joint.number] = branch.sign
@@ -263,7 +271,8 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
         forests=forests,
         sliding=sliding_joints(scene.joints),
         carried=columns.carried,
-        closures=[sums.closure(joint, i) for i in range(3) for joint in closing[i]],
+        closures=closures,
+        gears=gears,
     )
     return replace(couplings, sliding=_sliding_in_order(scene, mesh, couplings))
 
@@ -351,12 +360,33 @@ class _Sums:
 
     def closure(self, joint: Joint, i: int) -> Closure:
         """The equation by which a joint closes a loop in a component."""
-        total: dict[tuple[int, int], float] = {}
         a, b = (self._at(node.number, i) for node in (joint.a, joint.b))
-        for side, entries in ((1.0, b), (-1.0, a), (1.0, self._of_joint(joint, i, -1.0))):
-            for *key, sign in entries:
-                total[key[0], key[1]] = total.get((key[0], key[1]), 0.0) + side * sign
-        return Closure(joint, i, [(*key, sign) for key, sign in total.items() if sign])
+        return Closure(joint, i, _difference([*b, *self._of_joint(joint, i, -1.0)], a))
+
+    def gear(self, gear: Gear, number: int) -> Closure:
+        """The equation of a gear, whose first term has a number."""
+        entries, first = list[Entry](), 1 + 4 * len(self._number) + number
+        for value, (joint, name, _) in enumerate(gear.terms, start=first):
+            if name == "slide":
+                entries.append((self._columns.slides[joint.number], value, 1.0))
+                continue
+            turns = _difference(*(self._at(node.number, 2) for node in (joint.b, joint.a)))
+            entries += [(column, value, sign) for column, _, sign in turns]
+        if all(column >= self._columns.free for column, _, _ in entries):
+            raise SceneError(
+                f"over-constrained: {gear}: both of its joints are held. Remove it, or a support "
+                "or motor of one of them"
+            )
+        return Closure(gear, gear.column, entries)
+
+
+def _difference(b: list[Entry], a: list[Entry]) -> list[Entry]:
+    """Entries of a sum less those of another one."""
+    total: dict[tuple[int, int], float] = {}
+    for side, entries in ((1.0, b), (-1.0, a)):
+        for *key, sign in entries:
+            total[key[0], key[1]] = total.get((key[0], key[1]), 0.0) + side * sign
+    return [(*key, sign) for key, sign in total.items() if sign]
 
 
 def _connected(forests: list[list[Branch]], nodes: set[int]) -> set[int]:

@@ -25,9 +25,10 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.fem.sparsity import Pattern, positions_in, starts_of
+from fx_beam.scene.joints import Joint
 
 from .column_map import ColumnMap
-from .graph import Auxiliaries, Couplings, Entries, SystemEntries
+from .graph import Auxiliaries, Closure, Couplings, Entries, SystemEntries
 from .sliders import Slide, Sliders
 
 # Closure that is left, relative to the size of the scene.
@@ -122,6 +123,7 @@ class Loops:
             (joint.number, i): 2 * m + i for m, joint in enumerate(arm_joints) for i in range(2)
         }
         closed = [(closure.joint, closure.component) for closure in self.closures]
+        ends = [_ends(closure) for closure in self.closures]
         near = np.empty(couplings.columns, dtype=int)
         near[self.columns] = np.arange(len(self.columns))
         arms_at_rest = [joint.arm if joint.place is None else joint.apart for joint in arm_joints]
@@ -134,9 +136,8 @@ class Loops:
             "column": self.columns,
             "unit": self.unit[self.unknowns],
             "following": np.zeros(len(self), dtype=int),
-            # -1 for the ground, whose number is -1.
-            "b": [max(-1, 3 * joint.b.number + i) for joint, i in closed],
-            "a": [max(-1, 3 * joint.a.number + i) for joint, i in closed],
+            "b": [b for _, b in ends],
+            "a": [a for a, _ in ends],
             "arm": [arms.get((joint.number, i), -1) for joint, i in closed],
             "force": [3 * joint.number + i for joint, i in closed],
             "entry_start": self._entries.starts(len(self)),
@@ -153,6 +154,22 @@ class Loops:
             "closed": _CLOSED * self.size,
             "carried": len(self._carried),
             "carried_closure": self._carried,
+        }
+
+    def gear_members(self, numbers: np.ndarray) -> dict[str, Any]:
+        """``Gears`` of problem.h."""
+        gears = self._couplings.gears
+        arms = {joint.number: m for m, joint in enumerate(self._couplings.arm_joints)}
+        terms = [(term.joint, term.name == "slide") for gear in gears for term in gear.terms]
+        turns = [(-1, -1) if slides else (j.a.number, j.b.number) for j, slides in terms]
+        at = {id(closure.joint): k for k, closure in enumerate(self.closures)}
+        return {
+            "count": len(terms),
+            "closure": [at[id(gear)] for gear in gears for _ in gear.terms],
+            "joint": [arms[joint.number] if slides else -1 for joint, slides in terms],
+            "a": [max(-1, 3 * a + 2) for a, _ in turns],
+            "b": [max(-1, 3 * b + 2) for _, b in turns],
+            "numbers": numbers,
         }
 
     def stiffened(self) -> tuple[Entries, Entries]:
@@ -174,6 +191,14 @@ class Loops:
         return positions_in(*pattern, inside, inside), self.unit[inside] / self.size
 
 
+def _ends(closure: Closure) -> tuple[int, int]:
+    """Degrees of freedom of a and b; -1 for the ground, whose number is -1, and for gears."""
+    joint, i = closure.joint, closure.component
+    if not isinstance(joint, Joint):
+        return -1, -1
+    return max(-1, 3 * joint.a.number + i), max(-1, 3 * joint.b.number + i)
+
+
 def _dependence(
     couplings: Couplings, auxiliaries: Auxiliaries, slides: list[Slide]
 ) -> tuple[np.ndarray, scipy.sparse.csr_matrix, np.ndarray]:
@@ -182,7 +207,7 @@ def _dependence(
     Random values do not cancel; a node on a beam may be anywhere on it.
     """
     random = np.random.default_rng(0)
-    values = random.uniform(1.0, 2.0, 1 + 4 * len(couplings.arm_joints))
+    values = random.uniform(1.0, 2.0, 1 + 4 * len(couplings.arm_joints) + 2 * len(couplings.gears))
     values[0] = 1.0
     size = couplings.columns + len(auxiliaries)
     rows, dependent = [auxiliaries.equations(values)], [np.arange(couplings.columns, size)]

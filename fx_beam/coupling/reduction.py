@@ -8,6 +8,7 @@ tangent is Tv^T K T + (dTv/dz)^T r.
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -23,6 +24,7 @@ from fx_beam.fem.sparsity import Pattern, sparsity
 from fx_beam.laws.rates import UpdateRule
 from fx_beam.results.state import MACROS
 from fx_beam.scene.joints import GROUND, Joint
+from fx_beam.scene.scene import Scene
 
 from .column_map import ColumnMap
 from .graph import Auxiliaries, Couplings, Entries, joined
@@ -90,6 +92,8 @@ class Reduction:
         #: Offsets and axes (2, joints, 2) of `arm_joints`.
         self.arms = np.zeros((2, len(arm_joints), 2))
         self.set_arms(arm_joints)
+        #: Weights of both terms of gears, and their sums at rest (gears, 3).
+        self.gears = np.zeros((len(couplings.gears), 3))
         self._slide = np.array([couplings.slides.get(j.number, -1) for j in arm_joints], dtype=int)
         self._maps: dict[Any, Any] = {}
 
@@ -98,6 +102,11 @@ class Reduction:
         offset, axis = self.arms
         for m, joint in enumerate(arm_joints):
             offset[m], axis[m] = joint.offset, (0.0, 0.0) if joint.axis is None else joint.axis
+
+    def set_gears(self, scene: Scene) -> None:
+        """Set the numbers of the gears of a scene."""
+        for of, numbers in zip(self.gears, numbers_of_gears(scene), strict=True):
+            of[:] = numbers
 
     # -- The tangent ------------------------------------------------------------------------------
 
@@ -114,6 +123,20 @@ class Reduction:
             pairs_of_kinds = (turn, turn), (turn, slide), (slide, turn), (slide, slide)
             for kind, (maps, values) in enumerate(pairs_of_kinds[: 4 if joint.track.number else 3]):
                 geometric += [(a, b, m, kind, s * o) for a, _, s in maps for b, _, o in values]
+        terms = [term for gear in couplings.gears for term in gear.terms]
+        for m, term in enumerate(terms, start=len(couplings.arm_joints)):
+            ends = enumerate((term.joint.b, term.joint.a) if term.name == "rotation" else ())
+            turns = [
+                (column, end, sign)
+                for end, node in ends
+                if node is not GROUND
+                for column, _, sign in couplings.entries(rotation_of(node))
+                if unknown_of[column] >= 0
+            ]
+            geometric += [
+                (a, b, m, end, (2 * e - 1) * s * o)
+                for (a, e, s), (b, end, o) in itertools.product(turns, turns)
+            ]
         #: Slides with forces that are unknowns, among all with forces.
         sprung = np.flatnonzero(unknown_of[self._points.columns] >= 0)
         restoring = [(c, c) for c in self._points.columns[sprung].tolist()]
@@ -202,6 +225,7 @@ class Reduction:
             },
             "auxiliary": self.auxiliaries.members(),
             "loops": {} if self.loops is None else self.loops.members(),
+            "gears": {} if self.loops is None else self.loops.gear_members(self.gears),
         }
 
     # -- A step -----------------------------------------------------------------------------------
@@ -377,6 +401,12 @@ class Reduction:
         return scipy.sparse.csr_matrix((A.data[on], (row[on], column[on])), (n, n))
 
 
+def numbers_of_gears(scene: Scene) -> list[list[Any]]:
+    """Weights and sum at rest of each gear that is a relation, with slopes."""
+    ideal = [gear for gear in scene.gears if gear.is_ideal]
+    return [[*(term.weight for term in gear.terms), gear.rest] for gear in ideal]
+
+
 @cached_by_content
 def _products(
     row: np.ndarray, moves: np.ndarray, used: np.ndarray, indptr: np.ndarray, indices: np.ndarray
@@ -425,7 +455,8 @@ class Configuration:
         scratch = np.zeros(self._library.fx_scratch(self._c))
         self._structs.set(self._c, run={"scratch": scratch})
         results, array = self._library.fx_results(self._c), functools.partial(array_at, ffi)
-        values, closures = 1 + 4 * members["joints"]["count"], members["loops"].get("closures", 0)
+        values = 1 + 4 * members["joints"]["count"] + members["gears"].get("count", 0)
+        closures = members["loops"].get("closures", 0)
         #: Increments of nodes and columns; the values of T and Tv; closures.
         self.D, self.z = array(results.D, size), array(results.z, columns)
         self.values = array(results.values, values), array(results.virtual_map, values)

@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.scene.beam import Beam, Node
-from fx_beam.scene.joints import Joint
+from fx_beam.scene.beam import Beam
 from fx_beam.scene.outputs import Measured, Output
 from fx_beam.step.layout import Arrays
 from fx_beam.step.sub_step_times import Steps
@@ -161,5 +160,5 @@ class ResultantOutput(RowOutput):
 
 def observes_start(output: Output) -> bool:
     """Whether accelerations or forces at the start are in an output."""
-    of = Measured(output).quantity.of if isinstance(output.of, Node | Joint) else ""
+    of = Measured(output).quantity.of
     return of in ("a", "reactions", "joint_forces", "motor_forces")

@@ -47,6 +47,8 @@ def free_parts(model: Model) -> list[FreePart]:
     ground = len(mesh.X)
     pairs = [(nodes[0], node) for nodes in mesh.nodes for node in nodes[1:]]
     pairs += [(joint.a.number, joint.b.number) for joint in scene.joints]
+    for gear in scene.gears:
+        pairs += pairwise(node.number for node in gear.nodes)
     force: Any
     for force in scene.forces_between:
         if force.to_ground:

@@ -15,6 +15,7 @@ from fx_beam.laws.point_laws import (
     ANGLE,
     DISPLACEMENT,
     FOLLOWER,
+    GEAR,
     ROTATION,
     SLIDE,
     CoordinateKind,
@@ -54,6 +55,7 @@ def point_forces(
     known: _Known = {}
     return [  # first those of joints, whose internal variables have their places from them
         *_of_joints(scene, known, at_rest),
+        *_of_gears(scene, known, at_rest),
         *_followers(scene, mesh),
         *_between(scene, mesh, X, known, at_rest),
         *_frictions(scene, mesh, mobility),
@@ -131,6 +133,14 @@ def _of_joints(scene: Scene, known: _Known, at_rest: bool) -> Iterator[PointForc
             kind, where = _place_on(joint, name)
             for law, numbers in _of_coordinate(on, kind, known, at_rest):
                 yield PointForce(law, numbers, **where)
+
+
+def _of_gears(scene: Scene, known: _Known, at_rest: bool) -> Iterator[PointForce]:
+    """Stiffness, losses and play of gears."""
+    for gear in scene.gears:
+        for law, numbers in _of_coordinate(gear.on, GEAR, known, at_rest):
+            dofs = [rotation_of(node) for node in gear.nodes]
+            yield PointForce(law, [gear.ratio, gear.value, *numbers], dofs, joint=gear.number)
 
 
 def _place_on(joint: Joint, coordinate: str) -> tuple[CoordinateKind, dict[str, Any]]:

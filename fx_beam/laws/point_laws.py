@@ -308,7 +308,12 @@ def _angle(motion: ForceStep, D: Sequence[Any], numbers: Sequence[Any]) -> StepC
     A moment with a potential is multiplied by (Dpsi_b - Dpsi_a) / (Dtheta_b - Dtheta_a), so that
     its work on Dtheta is the increment of the potential.
     """
-    (a, b), (Da, Db) = motion.start, D
+    return _turn(motion, motion.start, D, motion.rates)
+
+
+def _turn(motion: ForceStep, start: Any, D: Any, rates: Any) -> StepCoordinate:
+    """That of two rotations among more."""
+    (a, b), (Da, Db) = start, D
     start, path, ratio = b - a, Db - Da, ufl.as_ufl(1.0)
     if motion.rule.turning:
         Dtheta_a, Dtheta_b = motion.path(Da), motion.path(Db)
@@ -320,8 +325,24 @@ def _angle(motion: ForceStep, D: Sequence[Any], numbers: Sequence[Any]) -> StepC
         above = ufl.conditional(near, _x_over_sin(x), 2 * x)
         ratio = above / ufl.conditional(near, secants, path)
     sides = [ufl.as_ufl(-1.0), ufl.as_ufl(1.0)]
-    rate = motion.rates[1] - motion.rates[0]
+    rate = rates[1] - rates[0]
     return StepCoordinate(start, start + (Db - Da), [-ratio, ratio], sides, path, rate)
+
+
+def _gear(motion: ForceStep, D: Sequence[Any], numbers: Sequence[Any]) -> StepCoordinate:
+    """The angle of the first two nodes less a ratio times that of the others, and a value."""
+    ratio, value = numbers
+    driven, driver = (
+        _turn(motion, *(values[first : first + 2] for values in (motion.start, D, motion.rates)))
+        for first in (0, 2)
+    )
+    along, across = (
+        [*x, *(-ratio * y for y in z)]
+        for x, z in ((driven.along, driver.along), (driven.across, driver.across))
+    )
+    start, end = (x - ratio * y - value for x, y in zip(driven[:2], driver[:2], strict=True))
+    path, rate = driven.path - ratio * driver.path, driven.rate - ratio * driver.rate
+    return StepCoordinate(start, end, along, across, path, rate)
 
 
 def _x_over_sin(x: Any) -> Any:
@@ -412,6 +433,8 @@ def _displacement(motion: ForceStep, D: Sequence[Any], numbers: Sequence[Any]) -
 
 SLIDE = CoordinateKind("a slide", 1, 0, _slide, starts_at_zero=True)
 ANGLE = CoordinateKind("an angle", 2, 0, _angle, starts_at_zero=True)
+#: Between two joints, a and b of one and of the other; numbers: ratio, value.
+GEAR = CoordinateKind("a gear", 4, 2, _gear, starts_at_zero=True)
 #: Of a node to the ground, with recorded forces.
 DISPLACEMENT = CoordinateKind("a displacement", 2, 2, _displacement, True, is_line=True)
 ROTATION = ANGLE._replace(name="a rotation", is_line=True)

@@ -310,6 +310,13 @@ def check_joints(model: Model, state: State) -> None:
                     f"start: the solution violates {joint}: {what}. Start from a solution that has "
                     "this joint, or make it there: scene.add_joint(joint, at=solution)"
                 )
+    for gear in model.scene.gears:
+        apart = float(gear.difference(at, state.slides[None])[0])
+        if gear.is_ideal and abs(apart) > 1e-8 * (1.0 if gear.column else model.mesh.size):
+            raise SceneError(
+                f"start: the solution violates {gear}: its joints deviate by {apart:.3g}. Start "
+                "from a solution that has it, or make it there: scene.add_joint(gear, at=solution)"
+            )
 
 
 def _second_difference(model: Model, w: np.ndarray, k: float) -> np.ndarray:
@@ -467,6 +474,7 @@ def _check_joints(
     rates = driven[len(model.prescribed) :]
     motors = {(j.number, name): r for (j, name), r in zip(model.motors, rates, strict=True)}
     worst, text = tolerance, ""
+    of: Any
     for joint in scene.joints:
         slide = state.slides[joint.number : joint.number + 1]
         gap, axis = (part[:, 0] for part in joint.kinematics.parting_rate(at, slide))
@@ -481,6 +489,11 @@ def _check_joints(
         for what, size in faults.items():
             if size > worst:
                 worst, text, of = size, f"{joint}: {what}", joint
+    for gear in filter(lambda gear: gear.is_ideal, scene.gears):
+        rate = float(gear.rate(at, state.slides[None])[0])
+        size = abs(rate) * (model.mesh.size if gear.column else 1.0)
+        if size > worst:
+            worst, text, of = size, f"{gear}: its joints deviate by the rate {rate:.3g}", gear
     for (number, part), rate in motors.items():
         if text and number == of.number and rate:
             raise SceneError(

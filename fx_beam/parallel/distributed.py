@@ -46,6 +46,7 @@ def _check(model: Model) -> None:
     for what, there in (
         ("a node that slides on a beam", sliding_joints(scene.joints)),
         ("contact between members", any(isinstance(o.shape, Beam) for o in scene.contacts)),
+        ("a gear", scene.gears),
         ("virtual works of your own", scene.virtual_works),
         ("a closed loop of joints", couplings.closures),
         ("a long tree of joints", couplings.auxiliaries),

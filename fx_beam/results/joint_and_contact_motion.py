@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.contacts import Contact, arc_of, nearest
 from fx_beam.scene.forces_between import ForceBetween
 from fx_beam.scene.joints import Joint, NodalMotion
+
+if TYPE_CHECKING:
+    from fx_beam.scene.gears import Gear
 
 # Distances of points and nodes, in all rows, that are looked at together.
 _AT_ONCE = 100_000
@@ -241,6 +244,56 @@ class PullMotion:
             for point in self.line.points
         ]
         return np.hypot(*np.moveaxis(np.diff(at, axis=0), -1, 0)).sum(axis=0)
+
+
+@dataclass(frozen=True, repr=False)
+class GearMotion:
+    """Force of a gear or rack over time; created by `Solution.joint`.
+
+    Parameters
+    ----------
+    solution : Solution
+        The solution.
+    gear : Gear
+        One of its gears.
+
+    Examples
+    --------
+    Half of the load on the driven wheel, of the double radius, holds the other one.
+
+    >>> import fx_beam as fb
+    >>> scene = fb.Scene()
+    >>> wheels = [scene.add_body((x, 0), mass=1.0, inertia=0.1).centre for x in (0, 1)]
+    >>> shafts = [scene.add_joint(fb.Revolute(fb.GROUND, wheel)) for wheel in wheels]
+    >>> gear = scene.add_joint(fb.Gear(*shafts, ratio=-0.5))
+    >>> scene.fix(wheels[0], "rotation")
+    >>> load = scene.add_moment(wheels[1], 3.0)
+    >>> held = fb.static(scene)
+    >>> round(float(held.joint(gear).force[-1]), 6), held.reaction(wheels[0])[-1].round(6)
+    (-3.0, array([0. , 0. , 1.5]))
+    """
+
+    solution: Any
+    gear: Gear
+
+    def __repr__(self):
+        return f"<{self.gear} over {len(self.solution.t)} rows>"
+
+    @property
+    def force(self) -> np.ndarray:
+        """Moment (n,) of a gear on b of `joint_b` [N m], at `Solution.t_level`.
+
+        On b of `joint_a` it is that times -ratio. Of a rack the force [N] on b along the slide.
+        """
+        return self.solution.recorded("joint_forces")[:, self.gear.number, self.gear.column]
+
+    @property
+    def difference(self) -> np.ndarray:
+        """Angle of `joint_b` less ratio times that of `joint_a` (n,) [rad]: play and twist.
+
+        Of a rack the slide less radius times angle [m]. Zero to round-off without laws.
+        """
+        return self.gear.difference(motion_of(self.solution), self.solution.slides)
 
 
 def columns_of(contacts: Iterable[Contact]) -> dict[int, slice]:

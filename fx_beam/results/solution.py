@@ -17,10 +17,11 @@ from fx_beam.scene.contacts import Contact
 from fx_beam.scene.forces_between import ForceBetween
 from fx_beam.scene.joints import GROUND, Joint, key_of
 from fx_beam.scene.loads import NAMES
-from fx_beam.scene.outputs import Measured, Output
+from fx_beam.scene.outputs import Measured, Output, is_gear
 
 from .joint_and_contact_motion import (
     ContactMotion,
+    GearMotion,
     JointMotion,
     PullMotion,
     internal_variable,
@@ -30,6 +31,8 @@ from .records import BeamResultants, Energy, Stats, facts, known_resultants, rea
 from .state import HISTORIES, State
 
 if TYPE_CHECKING:
+    from fx_beam.scene.gears import Gear
+
     from . import export, joined, paraview
 
 # What is set when it is first read.
@@ -412,23 +415,29 @@ class Solution:
     @overload
     def joint(self, joint: ForceBetween) -> PullMotion: ...
 
-    def joint(self, joint: Joint | ForceBetween) -> JointMotion | PullMotion:
+    @overload
+    def joint(self, joint: Gear) -> GearMotion: ...
+
+    def joint(self, joint: Joint | ForceBetween | Gear) -> JointMotion | PullMotion | GearMotion:
         """Angle, slide, their rates, force and motor of a joint over time; the pull of a rope.
 
         Parameters
         ----------
-        joint : Joint or ForceBetween
-            The joint that `Scene.add_joint` returned; or what `Scene.add_rope` or
+        joint : Joint, Gear or ForceBetween
+            The joint, gear or rack that `Scene.add_joint` returned; or what `Scene.add_rope` or
             `Scene.add_force_between` returned.
 
         Returns
         -------
-        JointMotion or PullMotion
+        JointMotion, PullMotion or GearMotion
             With `angle`, `slide`, `spin`, `rate`, `force`, `motor_force`, `motor_power`, `gap`; of
-            a rope with `force` and `length`.
+            a rope with `force` and `length`, of a gear with `force` and `difference`.
         """
         if isinstance(joint, ForceBetween):
             return self._line(joint)
+        if is_gear(joint):
+            gear: Any = joint
+            return self._gear(gear)
         if not isinstance(joint, Joint) or not 0 <= joint.number < self.slides.shape[1]:
             raise ValueError(
                 f"{shown(joint)} is not a joint of this solution; take the one that add_joint "
@@ -447,6 +456,12 @@ class Solution:
                 f"of the nodes {ours.a} and {ours.b}"
             )
         return JointMotion(self, joint)
+
+    def _gear(self, gear: Gear) -> GearMotion:
+        self.joint(gear.joint_a), self.joint(gear.joint_b)  # are they of this solution?
+        if not 0 <= gear.number < self.slides.shape[1]:
+            raise ValueError(f"{gear} is not in this solution; take what add_joint returned")
+        return GearMotion(self, gear)
 
     def _line(self, line: ForceBetween) -> PullMotion:
         if not 0 <= line.number < self.line_forces.shape[1]:

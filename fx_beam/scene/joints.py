@@ -695,7 +695,8 @@ def slides_at_start(scene: Any) -> np.ndarray:
 
 def constraints_of(scene: Any) -> Constraints:
     """The joints and supports of a scene, in order."""
-    joints = tuple(map(key_of, scene.joints))
+    keys = [*map(key_of, scene.joints), *(gear.key for gear in scene.gears)]
+    joints = tuple(sorted(keys, key=lambda key: key.number))
     return Constraints(joints, tuple(sorted(scene.fixed)), tuple(sorted(scene.prescribed)))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from .loads import check_node
 from .removal import own_joint
 from .scene import Scene
 from .sliders import SlidingJoint
+
+if TYPE_CHECKING:
+    from .gears import Gear
 
 
 class Quantity(NamedTuple):
@@ -57,6 +60,7 @@ OF_JOINTS: dict[str, Quantity] = {
     "motor_force": Quantity(of="motor_forces"),
 }
 OF_LINES: dict[str, Quantity] = {"force": Quantity(of="line_forces")}
+OF_GEARS: dict[str, Quantity] = {"force": Quantity(of="joint_forces")}
 OF_SCENES = {
     "kinetic_energy": Quantity(of="kinetic"),
     "strain_energy": Quantity(of="strain"),
@@ -90,6 +94,7 @@ class Output:
     - of a joint: "angle" [rad], "slide" [m], "spin" [rad/s], "rate" [m/s or rad/s], "force" [N, N
       m], "motor_force" [N or N m]
     - of a rope or force between points, for `Motion`: "force" [N], its pull
+    - of a gear or rack: "force" [N m or N]
     - of a scene: "kinetic_energy" [J], "strain_energy" [J], "potential_energy" [J], "spring_energy"
       [J], "total_energy" [J], "dissipated_energy" [J], "work" [J], "critical_load" [1], "period"
       [s]
@@ -106,7 +111,7 @@ class Output:
     ----------
     quantity : str
         Name of the quantity.
-    of : Node, Joint, ForceBetween, Scene or Beam
+    of : Node, Joint, ForceBetween, Gear, Scene or Beam
         Where it is measured.
     component : {"x", "y", "moment"}, optional
         One component of a quantity that has several; by default all of them.
@@ -126,11 +131,11 @@ class Output:
     """
 
     quantity: str
-    of: Node | Joint | ForceBetween | Scene | Beam
+    of: Node | Joint | ForceBetween | Gear | Scene | Beam
     component: str | None = None
 
     def __post_init__(self):
-        ok = isinstance(self.of, Node | Joint | ForceBetween | Scene | Beam)
+        ok = isinstance(self.of, Node | Joint | ForceBetween | Scene | Beam) or is_gear(self.of)
         require(ok, "Output: of", self.of, "a node, a joint, a rope, a scene or a beam")
         known = self._known
         expected = f"one of {list(known)} for {self._place}"
@@ -151,6 +156,8 @@ class Output:
 
     @property
     def _known(self) -> dict[str, Quantity]:
+        if is_gear(self.of):
+            return OF_GEARS
         classes = type(self.of).__mro__
         return next(_OF_CLASSES[each] for each in classes if each in _OF_CLASSES)
 
@@ -208,6 +215,8 @@ class Measured:
         elif isinstance(place, Node | Joint | ForceBetween):
             first = place.number if quantity.of in _ONE_EACH else 3 * place.number
             self.terms.append(Term(quantity.of, first + columns))
+        elif is_gear(place):
+            self.terms.append(Term(quantity.of, 3 * place.number + place.column))
 
     def values(self, read: Read, motion: Any = None) -> Any:
         """Values (..., components) or (...); the rate of a slide also needs the `NodalMotion`."""
@@ -243,6 +252,11 @@ class Measured:
                 yield Term(array, at, factor * slopes)
 
 
+def is_gear(place: Any) -> bool:
+    """Whether it is a gear; its class is not loaded for scenes without any."""
+    return hasattr(place, "terms")
+
+
 def _ends(place: Node | Joint) -> Iterator[tuple[int, float]]:
     """Entries of x of its nodes, with their signs: -1 of a joint's node a; without the ground."""
     nodes = [place] if isinstance(place, Node) else [place.b, place.a]
@@ -257,13 +271,14 @@ def check_outputs(scene, outputs, what: str) -> None:
     require(ok, what, outputs, "a dictionary of fx_beam.Output by names")
     for name, output in outputs.items():
         label = f"{what}[{name!r}]"
-        ok = isinstance(output, Output) and isinstance(output.of, Node | Joint | ForceBetween)
-        require(ok, label, output, "an fx_beam.Output of a node, a joint or a rope")
+        ok = isinstance(output, Output) and not isinstance(output.of, Beam | Scene)
+        require(ok, label, output, "an fx_beam.Output of a node, a joint, a gear or a rope")
         check_output(scene, output, label)
 
 
 def check_output(scene, output: Output, what: str) -> None:
     """Refuse an output of another scene or of its nodes and joints, or one that its joint lacks."""
+    of: Any
     of, expected = output.of, ""
     if isinstance(of, Scene):
         expected = "" if of is scene else "of the scene of the motion"
@@ -271,6 +286,9 @@ def check_output(scene, output: Output, what: str) -> None:
         expected = "" if any(of is one for one in scene.beams) else "of a beam of this scene"
     elif isinstance(of, Node):
         check_node(scene, of, what)
+    elif is_gear(of):
+        ours = {str(one) for one in scene.gears}
+        expected = "" if str(of) in ours else "of a gear that add_joint of this scene returned"
     elif isinstance(of, ForceBetween):
         ours = {str(one) for one in scene.forces_between}  # also of a copy
         expected = "" if str(of) in ours else "of a rope that add_rope of this scene returned"

@@ -20,7 +20,7 @@ from .joints import Joint, joints_by_number
 # Lists of parts, each with the node or beam on which it is, or with both ends.
 _WITH_ENDS = (
     *("loads", "natural_strains", "drags", "velocities", "virtual_works", "contacts", "joints"),
-    "forces_between",
+    *("forces_between", "gears"),
 )
 # Lists of parts that can be taken away.
 _REMOVABLE = {*_WITH_ENDS, "beams", "bodies", "masses"} - {"velocities"}
@@ -61,6 +61,7 @@ def remove_part(scene: Any, part: Any) -> None:
     parts: list[Any] = next((own for own in lists if any(part is other for other in own)), [])
     del parts[position_in(parts, part, "remove", "a part")]
     _forget(scene, part)
+    _remove_gears(scene)
     if isinstance(part, Beam):
         _remove_what_is_on(scene, part)
         _remove_nodes(scene, (*part.nodes, *part.carriers))
@@ -72,6 +73,12 @@ def remove_part(scene: Any, part: Any) -> None:
             if not (joint.is_rigid and joint.a is part.centre and joint.b.number in points)
         ]
         _remove_nodes(scene, part.nodes)
+
+
+def _remove_gears(scene: Any) -> None:
+    """Take gears away whose joints are gone."""
+    numbers = joints_by_number(scene)
+    scene.gears[:] = [g for g in scene.gears if {t.joint.number for t in g.terms} <= {*numbers}]
 
 
 def _forget(scene: Any, part: Any) -> None:
@@ -125,6 +132,7 @@ def _remove_what_is_on(scene: Any, target: Beam | Node) -> None:
         shape = getattr(part, "shape", None)
         ends = [getattr(part, name, None) for name in ("target", "beam", "a", "b")]
         ends += part.points if isinstance(part, ForceBetween) else ()
+        ends += part.nodes if name == "gears" else ()
         ends.append(getattr(getattr(part, "target", None), "beam", None))  # of a place
         return any(end is target for end in (*ends, shape, getattr(shape, "carrier", None)))
 

@@ -6,7 +6,7 @@ import copy
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 import numpy as np
 
@@ -40,6 +40,7 @@ from .section import Section
 from .sliders import SlidingJoint
 
 if TYPE_CHECKING:
+    from .gears import Gear
     from .ground_springs import Bed, GroundSprings
     from .mesh import MeshBeams
     from .shaking import Shaking
@@ -104,6 +105,8 @@ class Scene:
         #: Numbers of nodes whose members were taken away. They are held where they are.
         self.gone: set[int] = set()
         self.joints: list[Joint] = []
+        #: Gears and racks between joints, with numbers of their own among those of joints.
+        self.gears: list[Gear] = []
         #: Joints that were ever added: as their numbers stay, so do rows of solutions.
         self.joint_count = 0
         self._couplings: dict[tuple, Joint] = {}
@@ -484,22 +487,30 @@ class Scene:
             function = time_function(value, 1, f"prescribed {name} of {node}")
             self.prescribed[self._free_component(node, name)] = function
 
-    def add_joint(self, joint: Joint, at: Any = None) -> Joint:
-        """Add a joint.
+    @overload
+    def add_joint(self, joint: Joint, at: Any = None) -> Joint: ...
+
+    @overload
+    def add_joint(self, joint: Gear, at: Any = None) -> Gear: ...
+
+    def add_joint(self, joint: Joint | Gear, at: Any = None) -> Joint | Gear:
+        """Add a joint, or a gear or rack between two joints.
 
         Parameters
         ----------
-        joint : Joint
-            Created by `Rigid`, `Revolute`, `Prismatic`, `PinInSlot`, `Slider` or `Sleeve`.
+        joint : Joint or Gear
+            Created by `Rigid`, `Revolute`, `Prismatic`, `PinInSlot`, `Slider` or `Sleeve`; or by
+            `Gear` or `Rack`, between joints of this scene.
         at : Solution, optional
             A motion or equilibrium at whose end the joint is made, in place of the reference
             configuration: its nodes must meet there, its point on the ground is there, and a joint
-            that does not turn keeps the relative rotation. For motions that start from there.
+            that does not turn keeps the relative rotation. A gear engages there. For motions that
+            start from there.
 
         Returns
         -------
-        Joint
-            The numbered joint of the scene, for `Solution.joint`.
+        Joint or Gear
+            The numbered joint or gear of the scene, for `Solution.joint`.
 
         Raises
         ------
@@ -508,7 +519,9 @@ class Scene:
             they are apart), or a motor that does not start from zero.
         """
         if not isinstance(joint, Joint):
-            raise SceneError(f"add_joint needs a joint such as fx_beam.Revolute, not {joint!r}")
+            from .gears import added_gear
+
+            return added_gear(self, joint, at)
         for node in (joint.a, joint.b):
             if node is not GROUND:
                 loads.check_node(self, node, joint.kind)

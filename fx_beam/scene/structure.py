@@ -34,6 +34,8 @@ def expressions_of(scene: Scene) -> Iterator[tuple[str, Any]]:
     for joint in scene.joints:
         for on in joint.coordinates.values():
             yield from functions_of(on)
+    for gear in scene.gears:
+        yield from functions_of(gear.on)
     for obstacle in scene.contacts:
         yield from functions_of_energy(obstacle.energy, None, 1)
     for force in scene.forces_between:

@@ -27,7 +27,7 @@ from .newton import NewtonOptions
 from .tables import Problem
 
 # Numbers of a scene on which T depends, besides the masses.
-_OF_SHAPE = "offset", "axis", "paths"
+_OF_SHAPE = "gears", "offset", "axis", "paths"
 
 
 class Fit(NamedTuple):

@@ -75,6 +75,7 @@ def _members(model: Model) -> list[np.ndarray]:
             counted |= {*ends}
         if rotation is not None and (rotation.acts or rotation.motor):
             counted |= {*ends}
+    counted |= {node.number for gear in scene.gears for node in gear.nodes} - {GROUND.number}
     free = _turning(len(mesh.X), np.concatenate(one), np.concatenate(other), tuple(sorted(counted)))
     return [3 * nodes + _ROTATION for nodes in free]
 

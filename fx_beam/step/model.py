@@ -79,7 +79,8 @@ class Model:
         #: The mass of beams and lumped ones.
         self.masses = Mass(scene, self.mesh, forms.stiffness, forms.of_cells)
         #: Numbers of joints that were removed, or are not there yet.
-        self.removed_joints = sorted({*range(scene.joint_count)} - joints_by_number(scene).keys())
+        present = {*joints_by_number(scene), *(gear.number for gear in scene.gears)}
+        self.removed_joints = sorted({*range(scene.joint_count)} - present)
         #: Held by the thread that makes what solutions have only when it is read.
         self.reading = RLock()
         #: Names of the compiled forms and of the assembled matrices and vectors.
@@ -146,6 +147,7 @@ class Model:
             raise OtherStructureError("joints that close loops, or slide on beams, lie elsewhere")
         self._set(data)
         self.reduction.set_arms(self.arm_joints)
+        self.reduction.set_gears(data.scene)
         self.forms.bind(data.forms)
         # In statics without joints and forces between nodes places alone tell mechanisms.
         scene = data.scene
@@ -442,6 +444,7 @@ class Model:
         self.couplings = couple(scene, self.mesh)
         # Couplings that change with the motion.
         turning = any(not (joint.is_selection or joint.a is GROUND) for joint in scene.joints)
+        turning |= bool(self.couplings.gears)  # as rates are 4 / dt tan(Dpsi / 2)
         #: Whether rates by the mean rule must be fitted to joints and driven motions.
         self.fits_rates = self.scheme.rates.mean_based and (turning or self.couplings.driven > 0)
         keys, driven = [*scene.prescribed, *sorted(scene.fixed)], len(scene.prescribed)
@@ -470,7 +473,9 @@ class Model:
 
             loops = Loops(self.couplings, auxiliaries, self.unit_of_unknowns, sliders)
         self.reduction = Reduction(*parts, sliders, loops)
-        if loops is not None and all(joint.place is None for joint in scene.joints):
+        self.reduction.set_gears(scene)
+        made_later = any(joint.place for joint in scene.joints) or any(g.value for g in scene.gears)
+        if loops is not None and not made_later:
             from fx_beam.coupling.determinacy import check_loops
 
             self.reduction.begin(np.zeros(self.size), slides_at_start(scene))

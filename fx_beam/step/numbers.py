@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.coupling.graph import motors
+from fx_beam.coupling.reduction import numbers_of_gears
 from fx_beam.dual import dual_array, floats
 from fx_beam.fem.loads import dead_loads, natural_strains
 from fx_beam.fem.scene_data import Arms, Data, form_data
@@ -47,6 +48,8 @@ def numbers_of(model: Model, data: Data) -> dict[str, Any]:
         numbers["offset"] = dual_array([joint.offset for joint in moving]).reshape(-1, 2)
         numbers["axis"] = dual_array(axes).reshape(-1, 2)
         numbers["rest"] = [joint.start()[0] for joint in moving]
+    if couplings.gears:
+        numbers["gears"] = dual_array(numbers_of_gears(scene))
     if couplings.sliding:
         joints = {joint.number: joint for joint in sliding_joints(scene.joints)}
         sliding = [joints[joint.number] for joint in couplings.sliding]

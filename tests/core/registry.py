@@ -424,6 +424,50 @@ def sleeve_beside_a_hinge_with_a_motor(x):
     return scene
 
 
+def wheels_on_a_carrier(x, **laws):
+    """A sun and a planet on a free carrier, which a flexible arm has; ratios follow x[8]."""
+    scene, beam = arm(x, fb.Scene())
+    end = np.array([beam.end.x, beam.end.y])
+    points = {"sun": (0, 0), "planet": end}
+    carrier = scene.add_body(0.5 * end, 2.0 * x[7], 0.3, points | {"arm": beam.start})
+    wheels = [scene.add_body(at, 0.5, 0.05 * x[3]).centre for at in points.values()]
+    names = zip(points, wheels, strict=True)
+    joints = [scene.add_joint(fb.Revolute(carrier[name], wheel)) for name, wheel in names]
+    gear = scene.add_joint(fb.Gear(*joints, ratio=-1.5 * x[8], **laws))
+    assert isinstance(gear, fb.Gear)
+    scene.set_velocity(wheels[0], spin=9.0)
+    scene.make_velocities_compatible()
+    return scene
+
+
+@case(free=True, dt=0.05)
+def planetary_gear(x):
+    return wheels_on_a_carrier(x)
+
+
+@case(free=True)
+def gear_with_play_and_losses(x):
+    stop = fb.Stop(-0.02, 0.02 * x[6], 300.0 * x[7], restitution=0.5, speed=0.1)
+    laws = {"spring": fb.Spring(20.0 * x[5]), "damper": fb.Damper(0.01)}
+    return wheels_on_a_carrier(x, stop=stop, friction=fb.SmoothFriction(0.1, 0.5), **laws)
+
+
+@case(dt=0.02)
+def rack_and_gears_that_a_motor_drives(x):
+    """A pinion on a cart, on a rack along the ground, behind two gears; a pole stands on it."""
+    scene = fb.Scene(gravity=GRAVITY)
+    cart = scene.add_body((0, 0), 3.0 * x[3], 0.4, {"axle": (0.1, 0), "motor": (-0.1, 0.1)})
+    rail = scene.add_joint(fb.Prismatic(fb.GROUND, cart.centre, axis=(1, 0.1 * x[5])))
+    pinion, rotor = (scene.add_body(of, 0.2, 0.01 * x[4]).centre for of in ((0.1, 0), (-0.1, 0.1)))
+    axle = scene.add_joint(fb.Revolute(cart["axle"], pinion))
+    shaft = scene.add_joint(fb.Revolute(cart["motor"], rotor, motor=lambda t: 4 * x[6] * t * t))
+    scene.add_joint(fb.Rack(axle, rail, radius=-0.2 * x[8]))
+    scene.add_joint(fb.Gear(shaft, axle, ratio=-0.5 * x[7]))
+    pole = scene.add_beam([(0, 0), (0.1, 1)], section(x), 2)
+    scene.add_joint(fb.Revolute(cart.centre, pole.start))
+    return scene
+
+
 @case()
 def force_between_points(x):
     scene, beam = swing(x)

@@ -391,6 +391,22 @@ def test_every_output_of_a_response_and_a_motion_is_what_a_solution_says():
         assert value == pytest.approx(expected[name][-1], rel=1e-9, abs=1e-9 * size), name
 
 
+def test_a_gear_hands_a_moment_on_by_its_ratio():
+    scene = fb.Scene()
+    wheels = [scene.add_body((x, 0), mass=1.0, inertia=0.1).centre for x in (0, 1)]
+    gear = scene.add_joint(
+        fb.Gear(*(scene.add_joint(fb.Revolute(fb.GROUND, of)) for of in wheels), ratio=-0.5)
+    )
+    scene.fix(wheels[0], "rotation")
+    scene.add_moment(wheels[1], 3.0)
+    held = fb.static(scene)
+    teeth = held.joint(gear)
+    assert isinstance(teeth, fb.GearMotion)
+    assert teeth.force[-1] == pytest.approx(-3.0, rel=1e-12)
+    assert held.reaction(wheels[0])[-1, 2] == pytest.approx(1.5, rel=1e-12)
+    assert not teeth.difference.any()
+
+
 def test_a_contact_pushes_back_what_falls_on_it():
     scene = fb.Scene()
     body = scene.add_body((0, 1e-3), mass=1.0, inertia=1.0)

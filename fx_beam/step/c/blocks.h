@@ -69,7 +69,7 @@ KEPT Layout fx_layout(const Problem *p, const Derivatives *a) {
   ARRAY(mass, 3 * p->mass.start[p->mesh.nodes]), ARRAY(weight, n), ARRAY(columns, p->loads.start[p->loads.count]),
       ARRAY(points, a->point_numbers);
   ARRAY(natural_columns, p->natural.count ? p->natural.start[p->natural.count] : 0), ARRAY(offset, 2 * joints);
-  ARRAY(axis, 2 * joints), ARRAY(rest, joints), ARRAY(places, 3 * p->sliders.count), ARRAY(paths, p->sliders.path_numbers);
+  ARRAY(axis, 2 * joints), ARRAY(rest, joints), ARRAY(gears, p->gears.count / 2 * 3), ARRAY(places, 3 * p->sliders.count), ARRAY(paths, p->sliders.path_numbers);
   ARRAY(members, a->member_numbers), ARRAY(arcs, a->member_arcs), ARRAY(member_places, n);
   ARRAY(internal_forces, p->cells * a->internal_forces.of_element), ARRAY(drag, p->cells * a->drag.of_element);
   ARRAY(Y, columns), ARRAY(q, n), ARRAY(v, n), ARRAY(q_previous, n);
@@ -77,7 +77,7 @@ KEPT Layout fx_layout(const Problem *p, const Derivatives *a) {
   ARRAY(loads, 2 * p->loads.count), ARRAY(driven, p->driven), ARRAY(follower_force, 2 * p->loads.follower_forces);
   ARRAY(parameters, 2 * p->parameters.count), ARRAY(naturals, p->natural.count), ARRAY(hold, p->statics.holds);
   ARRAY(Y1, columns + SPACING), ARRAY(q1, n), ARRAY(arms, 2 * joints), ARRAY(slides, SLIDE_NUMBERS * p->sliders.count);
-  ARRAY(natural1, natural), ARRAY(internal1, internal), ARRAY(springs1, p->at_points.spring_width), ARRAY(map, 1 + 4 * joints);
+  ARRAY(natural1, natural), ARRAY(internal1, internal), ARRAY(springs1, p->at_points.spring_width), ARRAY(map, values_of_joints(p));
   ARRAY(held, 3 * p->sliders.count), next += SPACING, ARRAY(r, n), next += SPACING, ARRAY(R, columns > n ? columns : n);
   ARRAY(closures, p->loops.closures), ARRAY(closing, p->loops.closures);
   ARRAY(pushed, p->loops.carried ? columns : 0), ARRAY(carried, p->loops.carried ? n : 0);

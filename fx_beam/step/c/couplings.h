@@ -55,6 +55,7 @@ static int begin_couplings(const Problem *p, const Work *w) {
     double d = at(p->state.slides, p->joints.number[j]);
     set_arm(p, j, w->frame + 4 * j, at(p->state.q, p->joints.carrier[j]), d, w->values0 + 1 + 4 * j);
   }
+  for (int t = 0; HAS(LOOPS) && t < p->gears.count; ++t) w->values0[value_of_term(p, t)] = weight_of_term(p, t);
   begin_points(p, w);
   return begin_loops(p, w);
 }
@@ -93,6 +94,7 @@ HOT void expand_columns(const Problem *p, const Work *w) {
   if (p->auxiliary.count) spread_columns(p, w, 0, w->z, D);
   for (int k = 0; k < p->joints.followers; ++k)
     D[p->joints.follower[k]] += p->joints.sign[p->joints.through[k]] * w->arm_change[p->joints.through[k]];
+  if (HAS(LOOPS)) turn_gears(p, w);
 }
 
 /* The same with the columns of the nodes that slide on beams. */
@@ -189,6 +191,11 @@ static void pass_through_joints(const Problem *p, const Work *w) {
     if (p->loops.a[k] >= 0) on_nodes[p->loops.a[k]] += w->closing[k];
     w->joint_forces[p->loops.force[k]] += w->closing[k];
   }
+  for (int t = 0; HAS(LOOPS) && t < p->gears.count; ++t) {
+    double moment = w->virtual_map[value_of_term(p, t)] * w->closing[p->gears.closure[t]];
+    if (p->gears.b[t] >= 0) on_nodes[p->gears.b[t]] -= moment;
+    if (p->gears.a[t] >= 0) on_nodes[p->gears.a[t]] += moment;
+  }
   pass_forces(p, 0, p->passes.of_forces, on_nodes, w->joint_forces);
 }
 
@@ -200,7 +207,9 @@ HOT void reduce_tangent(const Problem *p, const Work *w) {
   if (!HAS(COUPLED)) return;
   if (p->geometric.count) pass_through_joints(p, w);
   for (int k = 0; k < p->geometric.count; ++k) {
-    int j = p->geometric.joint[k], kind = p->geometric.kind[k];
+    int j = p->geometric.joint[k], kind = p->geometric.kind[k], t = j - p->joints.count;
+    if (HAS(LOOPS) && t >= 0) K[p->geometric.to[k]] += p->geometric.sign[k] * w->closing[p->gears.closure[t]] * slope_of_term(p, w, t, kind);
+    if (t >= 0) continue;
     double *F = w->joint_forces + 3 * p->joints.number[j], *by = slopes[kind % 2] + kind / 2 * 2;
     if (!k || j != p->geometric.joint[k - 1]) slopes_of_joint(p, w, j, 1, slopes);
     K[p->geometric.to[k]] += p->geometric.sign[k] * (F[0] * by[0] + F[1] * by[1]);

@@ -157,6 +157,11 @@ static void put_moved(const Problem *p, const Work *w, Fit *f, const double *u) 
     put(to, map, l->at.closures + k, -at(u, p->joints.carrier[i / 2]));
     put(to, map + 2, l->at.closures + k, -at(w->z, p->joints.slide_column[i / 2]));
   }
+  for (int t = 0; t < p->gears.count; ++t) {
+    int j = p->gears.joint[t];
+    double rate = in_term(p, t, u, j < 0 ? 0 : at(w->z, p->joints.slide_column[j]));
+    put(to, l->at.map + value_of_term(p, t), l->at.closures + p->gears.closure[t], rate);
+  }
   for (int i = 0; i < p->sliders.count; ++i) {
     const Slider *a = p->sliders.slider + i;
     int first = f->shape.at.slides + i * SLIDE_NUMBERS;
@@ -234,6 +239,7 @@ KEPT int fx_fit(Problem *p, const Fits *of, const Derivatives *a, int way) {
     int same = begin_fit(p, w, of, row);
     for (int i = 0; i < BLOCKS; ++i) f.shape.of[i].count = 0;
     for (int j = 0; way && j < p->joints.count; ++j) put_joint(p, w, a, &f.shape, 0, j); /* T without the increments to be found */
+    if (way) put_gears(p, w, &f.shape);
     const double *v = of->v + row * p->dofs;
     double *u = of->rates + row * p->dofs;
     if (!find_fit(p, w, &f.of, f.solutions, way, same, v, of->driven + row * p->driven, u)) continue;

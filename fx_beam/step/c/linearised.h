@@ -140,6 +140,19 @@ static void put_joint(const Problem *p, const Work *w, const Derivatives *a, Lin
   }
 }
 
+/* Values of Tv of gears, by all that they depend on. */
+static void put_gears(const Problem *p, const Work *w, Linear *l) {
+  for (int t = 0; t < p->gears.count; ++t) {
+    int value = value_of_term(p, t), weight = l->at.gears + t / 2 * 3 + t % 2;
+    put(l->of + LEVERS, weight, l->at.map + value, w->virtual_map[value] / w->values[value]);
+    for (int of_a = 0; of_a < 2; ++of_a) {
+      int turn = of_a ? p->gears.a[t] : p->gears.b[t];
+      double slope = slope_of_term(p, w, t, of_a);
+      put(l->of + CARRIED, in(l->at.q1, turn), l->at.map + value, slope), put(l->of + CARRIED, in(l->at.q, turn), l->at.map + value, -slope);
+    }
+  }
+}
+
 /* Columns of auxiliary unknowns, from arms and other columns. */
 static void put_auxiliaries(const Problem *p, const Linear *l, const double *values, int Y, Block *to) {
   for (int k = 0; k < p->auxiliary.arms; ++k)
@@ -273,6 +286,22 @@ static void put_closures(const Problem *p, const Work *w, const Linear *l, int e
     put(to, in(q, p->joints.carrier[j]), closure, -values[1 + 4 * j + i % 2]);
     put(to, in(Y, p->joints.slide_column[j]), closure, -values[3 + 4 * j + i % 2]);
   }
+  for (int t = 0; t < p->gears.count; ++t) {
+    int j = p->gears.joint[t], closure = l->at.closures + p->gears.closure[t];
+    double weight = weight_of_term(p, t);
+    put(to, in(q, p->gears.b[t]), closure, weight), put(to, in(q, p->gears.a[t]), closure, -weight);
+    if (j >= 0) put(to, in(Y, p->joints.slide_column[j]), closure, weight);
+  }
+}
+
+/* Closures of gears by their numbers. */
+static void put_numbers_of_gears(const Problem *p, const Work *w, const Linear *l, int end, Block *to) {
+  for (int t = 0; t < p->gears.count; ++t) {
+    int j = p->gears.joint[t], closure = l->at.closures + p->gears.closure[t], numbers = l->at.gears + t / 2 * 3;
+    double start = in_term(p, t, p->state.q, j < 0 ? 0 : p->state.slides[p->joints.number[j]]);
+    put(to, numbers + t % 2, closure, start + end * in_term(p, t, w->D, j < 0 ? 0 : at(w->z, p->joints.slide_column[j])));
+    put(to, numbers + 2, closure, t % 2 - 1);
+  }
 }
 
 /* The forces that close loops on columns and nodes, and on the beams of nodes that slide there. */
@@ -285,6 +314,13 @@ static void put_closing(const Problem *p, const Work *w, Linear *l) {
     put(to, closing, in(l->at.r, p->loops.b[i]), -1), put(to, closing, in(l->at.r, p->loops.a[i]), 1);
     for (int k = p->loops.entry_start[i]; p->loops.carried && k < p->loops.entry_start[i + 1]; ++k)
       put(to, closing, l->at.pushed + p->loops.entry_column[k], -p->loops.entry_sign[k] * w->virtual_map[p->loops.entry_value[k]]);
+  }
+  for (int t = 0; t < p->gears.count; ++t) {
+    int value = value_of_term(p, t), i = p->gears.closure[t];
+    for (int of_a = 0; of_a < 2; ++of_a) {
+      int moment = in(l->at.r, of_a ? p->gears.a[t] : p->gears.b[t]), sign = of_a ? 1 : -1;
+      put(to, l->at.closing + i, moment, sign * w->virtual_map[value]), put(to, l->at.map + value, moment, sign * w->closing[i]);
+    }
   }
   for (const Slider *a = p->sliders.slider + p->sliders.count - 1; p->loops.carried && a >= p->sliders.slider; --a) {
     int held[3];
@@ -349,6 +385,7 @@ static void linearise(const Problem *p, const Work *w, const Derivatives *a, Lin
   for (int i = 0; i < p->driven; ++i) put(l->of + DRIVEN, l->at.driven + i, l->at.Y1 + p->free + i, 1);
   put_strains(p, w, l);
   for (int j = 0; j < p->joints.count; ++j) put_joint(p, w, a, l, first, j);
+  put_gears(p, w, l);
   for (int i = 0; HAS(SLIDERS) && i < p->sliders.count; ++i) {
     for (int end = 0; end < 2; ++end) put_weights_at(l->of + WEIGHED, p, &l->at, i, end);
     if (first) put_weights_at(l->of + BEGUN, p, &l->at, i, 0);
@@ -356,10 +393,10 @@ static void linearise(const Problem *p, const Work *w, const Derivatives *a, Lin
   }
   put_auxiliaries(p, l, w->values, l->at.Y1, l->of + TIED), put_places(p, l, w->values, 1, l->of + PLACED);
   put_loads(p, w, l), put_points(p, a, l), put_rows(p, w, l), put_forces_on_auxiliaries(p, w, l);
-  put_closures(p, w, l, 1, l->of + MAPPED);
+  put_closures(p, w, l, 1, l->of + MAPPED), put_numbers_of_gears(p, w, l, 1, l->of + MAPPED);
   if (first) {
     put_auxiliaries(p, l, w->values0, l->at.Y, l->of + BEGUN), put_places(p, l, w->values0, 0, l->of + BEGUN);
-    if (a->by_unknowns) put_closures(p, w, l, 0, l->of + BEGUN);
+    if (a->by_unknowns) put_closures(p, w, l, 0, l->of + BEGUN), put_numbers_of_gears(p, w, l, 0, l->of + BEGUN);
   }
   forces |= p->at_points.friction_follows;
   if (forces || a->by_unknowns) put_closing(p, w, l);

@@ -181,11 +181,49 @@ HOT void solve_closures(const Problem *p, const Work *w, int sides, int transpos
 /* The arm of a joint, by the values of T, which are its derivatives. */
 static inline Two arm_of(const double *values, int j) { return (Two){values[4 * j + 2], -values[4 * j + 1]}; }
 
-/* Closures of displacements, less the changes of the joints' arms, with those before if there are any. */
+/* Of term t of gears the number of its value, its weight, and the rotation or slide for nodal values u and a slide of its joint. */
+static inline int value_of_term(const Problem *p, int t) { return 1 + 4 * p->joints.count + t; }
+static inline double weight_of_term(const Problem *p, int t) { return p->gears.numbers[t / 2 * 3 + t % 2]; }
+static inline double in_term(const Problem *p, int t, const double *u, double slide) {
+  return p->gears.joint[t] < 0 ? at(u, p->gears.b[t]) - at(u, p->gears.a[t]) : slide;
+}
+
+/* x = Dpsi_b / 2 - Dpsi_a / 2 of a term in a step, and both halves. */
+static inline double half_turns_of_term(const Problem *p, const Work *w, int t, double half[2]) {
+  half[0] = at(w->D, p->gears.b[t]) / 2, half[1] = at(w->D, p->gears.a[t]) / 2;
+  return half[0] - half[1];
+}
+
+/* Whether couples of a term do work on 2 tan(Dpsi / 2). */
+static inline int bends(const Problem *p, int t) { return p->scheme.rule == 0 && p->gears.joint[t] < 0; }
+
+/* Values of T and Tv of gears: virtual rotations are those of couples times (Dpsi_b - Dpsi_a) / (Dtheta_b - Dtheta_a), which is
+   x / sin(x) cos(Dpsi_a / 2) cos(Dpsi_b / 2), so that gears do no work. */
+static void turn_gears(const Problem *p, const Work *w) {
+  double half[2];
+  for (int t = 0; t < p->gears.count; ++t) {
+    double x = half_turns_of_term(p, w, t, half), weight = weight_of_term(p, t);
+    w->values[value_of_term(p, t)] = weight;
+    w->virtual_map[value_of_term(p, t)] = weight * (bends(p, t) ? over_sine(x) * cos(half[0]) * cos(half[1]) : 1);
+  }
+}
+
+/* Derivative of a value of Tv by the increment of the rotation of b (0) or a (1). */
+static double slope_of_term(const Problem *p, const Work *w, int t, int of_a) {
+  double half[2], x = half_turns_of_term(p, w, t, half), along = over_sine_slope(x) / over_sine(x);
+  return bends(p, t) ? w->virtual_map[value_of_term(p, t)] * ((of_a ? -along : along) - tan(half[of_a])) / 2 : 0;
+}
+
+/* Closures of displacements, less the changes of the joints' arms, with those before if there are any, and of gears. */
 static void find_closures(const Problem *p, const Work *w, const double *u, const double *before, double *closure) {
   for (int k = 0; k < p->loops.closures; ++k) {
     closure[k] = at(u, p->loops.b[k]) - at(u, p->loops.a[k]) - at(w->arm_change, p->loops.arm[k]);
     if (before) closure[k] += before[k];
+  }
+  for (int t = 0; t < p->gears.count; ++t) {
+    int j = p->gears.joint[t], k = p->gears.closure[t];
+    double slide = j < 0 ? 0 : before ? at(w->z, p->joints.slide_column[j]) : p->state.slides[p->joints.number[j]];
+    closure[k] += weight_of_term(p, t) * in_term(p, t, u, slide) - (before || t % 2 ? 0 : p->gears.numbers[t / 2 * 3 + 2]);
   }
 }
 

@@ -213,6 +213,10 @@ typedef struct {
   int carried, *carried_closure, scales, *scale_at; double *scale_unit;
 } Loops;
 
+/* Gears: terms, two of each, which are a weight times the rotation of b less that of a (-1: ground), or times the slide of a moving
+   joint (-1: none), and whose sum is a closure. [gear][weight, weight, sum at rest]. Term t has the value behind those of joints. */
+typedef struct { int count, *closure, *joint, *a, *b; double *numbers; } Gears;
+
 /* Forces at points in the scene: number of their internal variables; lines between points, whose pulls are recorded; whether
    friction follows forces of joints; where the tangent has the entries of theirs, -1 for none; rates of the slides of all joints,
    if forces act on some. */
@@ -315,7 +319,7 @@ typedef struct {
 typedef struct {
   int dofs, cells, columns, free, driven; /* of the columns the free ones are the unknowns, driven ones follow */
   Mesh mesh; Forms forms; Internal internal; Natural natural; Loads loads; Tangent tangent; Mass mass;
-  Map map; Joints joints; Auxiliary auxiliary; Sliders sliders; Loops loops;
+  Map map; Joints joints; Auxiliary auxiliary; Sliders sliders; Loops loops; Gears gears;
   System system; Border border; Direct direct; Coupled coupled; Geometric geometric; PointForces *points;
   AtPoints at_points; Parameters parameters; Motors motors; Passes passes; Parts parts;
   Scheme scheme; Statics statics; Frame frame; Newton newton; Team team;
@@ -368,7 +372,7 @@ typedef struct {
    nodes that slide, on nodes and on columns, closures of loops and the forces that close them, what these push on beams;
    moments of springs at joints, forces of joints, axes of beams, and sizes of forces that friction follows. */
 typedef struct {
-  int mass, weight, columns, points, natural_columns, offset, axis, rest, places, paths, members, arcs, member_places, internal_forces, drag;
+  int mass, weight, columns, points, natural_columns, offset, axis, rest, gears, places, paths, members, arcs, member_places, internal_forces, drag;
   int Y, q, v, q_previous, natural, internal, spring_internal; /* the last three as behind the slides at the end */
   int loads, driven, follower_force, parameters, naturals, hold;
   int Y1, q1, arms, slides, natural1, internal1, springs1, map, held, r, R, closures, closing, pushed, carried, moments;

@@ -16,7 +16,7 @@
   OF(natural_end, (long)p->cells * p->natural.per_cell)                                                          \
   OF(saved, p->state.size)                                                                                       \
   OF(reduced, c) OF(step, c) OF(z, c) OF(columns, c) OF(start, c)                                                \
-  OF(values0, 1 + 4 * j) OF(values, 1 + 4 * j) OF(virtual_map, 1 + 4 * j) OF(frame, 4 * j)                       \
+  OF(values0, t) OF(values, t) OF(virtual_map, t) OF(frame, 4 * j)                                               \
   OF(arm_change, 2 * j) OF(half_turn, j) OF(joint_forces, 3 * p->passes.joints) OF(y, p->system.positions)       \
   OF(row, p->system.rows ? 3 * u : 0) OF(tangent, p->tangent.stored + 4 * LANES) OF(residual, k) OF(proposed, k) \
   OF(factorised, p->system.reused.worth && b ? p->system.tangent_start[p->free] : 0) OF(G, g) OF(G_virtual, g)   \
@@ -25,6 +25,9 @@
   OF(block, (long)p->system.positions * p->border.block) OF(border, b * p->system.positions)                     \
   OF(bordering_right, b)                                                                                         \
   OF(corner, b * b) OF(corner_units, 2 * b)
+/* Number of the values of T or Tv of joints and gears, with the constant 1. */
+static inline int values_of_joints(const Problem *p) { return 1 + 4 * p->joints.count + p->gears.count; }
+
 /* Integers: among them the bands [blocks, 2] of factors. */
 #define INTEGERS(OF)                                                                                             \
   OF(follows, p->loops.columns) OF(low, 2 * m) OF(band, 2 * p->loops.blocks) OF(part_order, 2 * m)               \
@@ -51,7 +54,7 @@ static double *allocate(double **at, long n) {
 static long lay_out(const Problem *p, Work *w, double *at) {
   double *begin = at;
   long n = p->dofs, c = p->columns + p->auxiliary.count, j = p->joints.count, u = p->system.unknowns,
-      m = p->loops.closures, b = p->border.rows;
+      m = p->loops.closures, b = p->border.rows, t = values_of_joints(p);
   long k = p->system.rows ? p->free : 0, g = m ? p->loops.start[m] : 0;
 #define ALLOCATE(name, size) w->name = (void *)allocate(&at, size);
   ARRAYS(ALLOCATE)
