@@ -60,3 +60,11 @@ def test_a_floor_on_a_shaking_table(job):
     """The oscillator has no dead weight and no small angles: 1 %, by twice as many steps as well."""
     names = job("floor")
     assert abs(names["sway"] - names["exact"]).max() < 0.02 * abs(names["exact"]).max()
+
+
+def test_an_arm_behind_a_gearbox(job):
+    names = job("fb.Gear")
+    turned, gone, n = names["turned"], names["gone"], names["n"]
+    assert turned == pytest.approx(-gone[-1] / n, rel=1e-3)
+    least = names["stall"] * (1 - names["J"] / names["felt"]) * n
+    assert names["couple"] == pytest.approx(least, rel=2e-3)
