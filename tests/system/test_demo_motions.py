@@ -56,6 +56,17 @@ def test_gears_keep_their_ratio_within_errors_that_go_down_with_their_points(gea
     assert all(gears[points]["energy balance"] < 1e-11 for points in ("4", "8", "16"))
 
 
+# -- geared_arm
+
+
+def test_a_geared_arm_has_the_ratios_the_rate_and_the_frequencies_of_the_closed_forms(geared_arm):
+    speeds = geared_arm["speed of the sun"], geared_arm["of the planet"]
+    assert speeds == approx(geared_arm["by Willis"], rel=1e-12)
+    assert geared_arm["rate of a rigid arm"] == approx(geared_arm["exact rate"], rel=5e-4)
+    assert geared_arm["frequencies"] == approx(geared_arm["exact frequencies"], rel=5e-4)
+    assert geared_arm["energy balance"] < 1e-12
+
+
 # -- belt_drive
 
 
