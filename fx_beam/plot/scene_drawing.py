@@ -264,8 +264,8 @@ def scene(
     lines are the ground. A pin is a triangle, a roller a triangle with a gap, a clamp a wall. Rings
     are hinges, squares on dotted lines are slides, discs are lumped masses. A zigzag or a spiral is
     the spring of a joint, a cup its damper, two thick strokes its friction, bars across a slide or
-    an arc with two ends its stops. Grey hatched lines and circles are obstacles. Beams and nodes
-    with drag have the word "drag".
+    an arc with two ends its stops. A dotted line between two joints is a gear. Grey hatched lines
+    and circles are obstacles. Beams and nodes with drag have the word "drag".
     Arrows of forces end at their nodes, arrows of initial velocities start there.
     Prescribed motions, motors and the acceleration of the base have arrows with two heads. Loads
     that are functions of time are drawn with their largest value. Other virtual works

@@ -306,7 +306,7 @@ def draw_bodies(ax, drawing: Drawing, k: int, colour: Any, small: bool) -> None:
 
 
 def draw_joints(ax, drawing: Drawing, k: int) -> None:
-    """Draw joints, springs, dampers, stops, forces between points of row k."""
+    """Draw joints, gears, springs, dampers, stops, forces between points of row k."""
     lines: dict[str, list[np.ndarray]] = {"guide": [], "fine": [], "friction": [], "stop": []}
     for joint in drawing.scene_parts("joints"):
         position = drawing.positions(node_of(joint).number, k)
@@ -319,6 +319,9 @@ def draw_joints(ax, drawing: Drawing, k: int) -> None:
                 else:
                     symbol = position + _SPRING_WIDTH * drawing.size * _AROUND[part]
                 lines[_LOOK_OF.get(part, part)].append(symbol)
+    for gear in drawing.scene_parts("gears"):
+        nodes = [node_of(term.joint).number for term in gear.terms]
+        lines["guide"].append(drawing.positions(nodes, k))
     _draw_by_looks(ax, lines)
     draw_between(ax, drawing, k)
     draw_hinges(ax, drawing, k)
