@@ -9,6 +9,7 @@ import numpy as np
 
 from fx_beam.motions.evaluation import solution_of
 from fx_beam.results.records import BeamResultants, Energy, Stats
+from fx_beam.results.section_forces import Balance
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.step.row_steps import histories_of
@@ -50,10 +51,18 @@ def first_order(
 
     def resultants_of_beam(name: str) -> BeamResultants:
         beam = close.resultants_of_beam(name)
-        parts: Any = (
+        N, Q, M = (
             np.stack([rows[0], rows[0] + about.slope(rows)]) for rows in (beam.N, beam.Q, beam.M)
         )
-        return BeamResultants(beam.s, *parts)
+        return BeamResultants(beam.s, N, Q, M, lambda: balance_of(beam))
+
+    def balance_of(beam: BeamResultants) -> Balance:
+        balance = beam.balanced()
+        ends, jumps = (
+            np.stack([rows[0], rows[0] + about.slope(rows)])
+            for rows in (balance.ends, balance.jumps)
+        )
+        return Balance(balance.s, ends, balance.places, jumps)
 
     solution.resultants_of_beam = resultants_of_beam
     return solution

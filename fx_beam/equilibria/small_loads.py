@@ -6,7 +6,7 @@ import numpy as np
 
 from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError
-from fx_beam.laws.interval import Interval
+from fx_beam.laws.interval import Interval, Rest
 from fx_beam.motions.evaluation import solution_of
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
@@ -103,7 +103,9 @@ class SmallLoads:
     @cached_property
     def solution(self) -> Solution:
         """All states as the rows of a solution."""
-        return solution_of(self.recorder, self._stepper.stats, lambda: self.state)
+        factors = self.state.t + np.append(0.0, self.loads)
+        rest = Rest(self._stepper.loop.forcing.time, factors)
+        return solution_of(self.recorder, self._stepper.stats, lambda: self.state, rest=rest)
 
     def slope(self, rows: np.ndarray) -> np.ndarray:
         """Derivative by the load factor of values (n + 1, ...) in all states."""

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.errors import Failure, SceneError, StepError
+from fx_beam.laws.interval import Rest
 from fx_beam.laws.schemes import Equilibrium
 from fx_beam.motions.contact_check import warn_of_places, warn_of_sharp_bends
 from fx_beam.motions.evaluation import solution_of
@@ -167,7 +168,9 @@ class LoadPath:
         end = replace(last, t=self.forcing.time, loads=loads).changed(**self._inputs)
         path = self._stability(states, lambda state: self._solution([state]))
         later = {name: getattr(path, name) for name in ("unstable_modes", "critical_points")}
-        solution = solution_of(recorder, stats, lambda: end, ended=True, stability=later)
+        rest = Rest(self.forcing.time, recorder.t)
+        kept: dict[str, Any] = {"ended": True, "stability": later, "rest": rest}
+        solution = solution_of(recorder, stats, lambda: end, **kept)
         solution.loads_on_nodes = self._loads_on_nodes
         solution.resultants_of_beam = self._lease.reads(solution.resultants_of_beam)
         return solution

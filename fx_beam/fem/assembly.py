@@ -17,7 +17,7 @@ from .form_library import CompiledForm
 
 _LIBRARY = "forms on elements", "expression_rows.c", "expression_rows.h"
 # Constants that change in the rows of `RowValues`.
-_CHANGING = "time", "dt", "load_increment", "memory", "parameters"
+_CHANGING = "time", "dt", "load_increment", "memory", "load_factor", "parameters"
 # Values that are found at once, each by a few coefficients.
 _MOST = 2**17
 _NONE = np.empty(0)
@@ -172,7 +172,8 @@ class RowValues:
 
     def _constants(self, of: BoundForm, parts: StepBatch, parameters: np.ndarray) -> np.ndarray:
         """Constants (n, m) of an expression."""
-        columns = (of[:, None] for of in (parts.t, parts.dt, parts.dt, parts.memory))
+        factors = parts.load_factor if len(parts.load_factor) else np.ones(len(parts.t))
+        columns = (of[:, None] for of in (parts.t, parts.dt, parts.dt, parts.memory, factors))
         changing = dict(zip(_CHANGING, (*columns, parameters), strict=True))
         constants = [np.empty((len(parts.t), 0))]
         for name, array in of.constants.items():

@@ -410,6 +410,21 @@ class BeamForms:
         """N, Q and M (n, cells, degree, 3) at the Gauss points, for n steps or parts."""
         return self._resultants(parts, self._parameters_in(parts), (self.degree, 3))
 
+    @cached_property
+    def _forces(self) -> list[RowValues]:
+        names = ["internal forces"] + ["drag"] * self.have_drag
+        return [self._in_rows(self.bound[name]) for name in names]
+
+    def forces_of_cells(self, parts: StepBatch) -> np.ndarray:
+        """Forces (n, cells, width) of elements on their own nodes, minus added virtual works.
+
+        Entries are those of `Mesh.unknowns`, for n steps or parts.
+        """
+        shape = (self._mesh.unknowns.width,)
+        parameters = self._parameters_in(parts)
+        values = [of_rows(parts, parameters, shape) for of_rows in self._forces]
+        return values[0] if len(values) == 1 else values[0] + values[1]
+
     def _parameters_in(self, parts: StepBatch) -> np.ndarray:
         """Values (n, k) of the parameters of the forms."""
         of_all = parts.parameters

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -129,12 +129,16 @@ class SumOfLoads:
 
 
 def dead_loads(
-    scene: Scene, mesh: Mesh, X: np.ndarray, weights: Callable[[tuple[float, float]], Any]
+    scene: Scene,
+    mesh: Mesh,
+    X: np.ndarray,
+    weights: Callable[[tuple[float, float]], Any],
+    chosen: Sequence[Load] | None = None,
 ) -> SumOfLoads:
-    """All dead loads as a nodal vector, with nodes at X (n, 2), and weights by accelerations."""
+    """Dead loads, all or those chosen, at nodes X (n, 2), with weights by accelerations."""
     loads = [
         _unit_load(scene, mesh, X, load) if load.target else _on_masses(mesh, load, weights)
-        for load in scene.loads
+        for load in (scene.loads if chosen is None else chosen)
         if not load.follower
     ]
     return SumOfLoads(loads, (mesh.dofs.size,), scene.array_calls)
@@ -185,9 +189,10 @@ def _unit_load(scene: Scene, mesh: Mesh, X: np.ndarray, load: Load) -> UnitLoad:
 
 def _at_place(scene: Scene, mesh: Mesh, load: Load, place: BeamPlace) -> UnitLoad:
     """At the nodes of an element, by their polynomials there."""
-    nodes, shares = place.shares
+    _, shares = place.shares
+    nodes = mesh.elements[mesh.cells[scene.beams.index(place.beam)][place.element[0]]]
     columns = [0, 1] if load.kind == "force" else [2]
-    rows = mesh.dofs[mesh.nodes_of(scene, place.beam)[nodes]][:, columns].T.ravel()
+    rows = mesh.dofs[nodes][:, columns].T.ravel()
     values, counts = np.tile(shares, len(columns)), np.full(len(columns), len(shares))
     return UnitLoad(load.value, str(load), values, rows, counts)
 

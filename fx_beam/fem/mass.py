@@ -139,6 +139,16 @@ class Mass:
             np.bincount(self._at, masses, self._K.nnz) if self._at.size else np.zeros(self._K.nnz)
         )
 
+    def of_cells(self, scene: Scene) -> np.ndarray:
+        """Mass matrices (cells, width, width) of elements, in the order of `Mesh.unknowns`."""
+        degree = scene.beams[0].degree
+        rows, columns, unit = _unit_masses(degree)
+        masses = floats(self._masses(scene, self._mesh.X))[len(self.entries_of_nodes) :]
+        width = 3 * (degree + 1)
+        matrices = np.zeros((len(self._elements), width, width))
+        matrices[:, rows, columns] = masses.reshape(len(matrices), -1) @ unit
+        return matrices
+
     def _by_masses(self, by_entries: np.ndarray) -> np.ndarray:
         """Derivatives by masses from those by entries."""
         by, lumped = by_entries[self._at], len(self.entries_of_nodes)

@@ -62,6 +62,13 @@ def just_inside(t0, t1):
     return t0 + inset, t1 - inset
 
 
+class Rest(NamedTuple):
+    """Of equilibria: the time [s] of their loads, and the load factors (n,) of rows."""
+
+    time: float
+    factors: np.ndarray
+
+
 class StepStart(NamedTuple):
     """Configuration, rates and memory at the start of a step."""
 
@@ -105,6 +112,8 @@ class StepBatch(NamedTuple):
     memory: np.ndarray = _NONE
     #: Parameters (n, k) at the scheme's level, where they are not functions of time.
     parameters: np.ndarray = _NONE
+    #: Load factors (n,) in statics.
+    load_factor: np.ndarray = _NONE
 
     @property
     def fields(self) -> tuple[np.ndarray, ...]:

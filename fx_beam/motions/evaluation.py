@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fx_beam.laws.interval import Rest
 from fx_beam.results.records import BeamResultants, Energy, Stats
+from fx_beam.results.section_forces import Balance
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import HISTORIES, State
 from fx_beam.scene.beam import Beam, arc_lengths, gauss_rule, lagrange_and_slopes
@@ -18,6 +20,9 @@ from fx_beam.step.model import Model
 from fx_beam.step.recorded_histories import slides_near
 from fx_beam.step.recorder import Recorder
 from fx_beam.step.row_steps import RowSteps, histories_of
+
+if TYPE_CHECKING:
+    from .element_balance import ElementBalance
 
 
 def solution_of(
@@ -30,6 +35,7 @@ def solution_of(
     scene_stays: bool = False,
     stability: Mapping[str, Any] | None = None,
     stored: Any = None,
+    rest: Rest | None = None,
 ) -> Solution:
     """Solution from a record, or from what is `stored` of it; `end` gives the last state.
 
@@ -49,6 +55,7 @@ def solution_of(
         histories, rows = at_times(model, recorded, times, breaks)
     elif not later:
         histories = dict(recorded)
+    loads = tuple(scene.loads)
     of_springs = histories["spring_internal"] if model.points.width else None
     beams = zip(scene.beams, mesh.cells, strict=True)
     of_name = {beam.name: (beam, cells) for beam, cells in beams}
@@ -67,7 +74,25 @@ def solution_of(
         values = resultants()[:, cells]
         s = arc_lengths(beam, gauss_rule(beam.degree)[0])
         N, Q, M = np.moveaxis(values.reshape(len(values), -1, 3), -1, 0)
-        return BeamResultants(s.ravel(), N, Q, M)
+        return BeamResultants(s.ravel(), N, Q, M, lambda: balance_of(beam))
+
+    @functools.cache
+    def balance() -> ElementBalance:
+        from .element_balance import ElementBalance
+
+        if len(a := histories_of(recorder)["a"]) < recorder.rows:
+            raise ValueError(
+                "section forces from the balance of elements need accelerations, which were not "
+                "recorded; simulate with record=Record(rates=True)"
+            )
+        with model.reading:
+            return ElementBalance(recorder, loads, a.reshape(len(a), -1).copy(), rest)
+
+    @functools.cache
+    def balance_of(beam: Beam) -> Balance:
+        number = scene.beams.index(beam)
+        places, jumps = balance().jumps(number)
+        return Balance(beam.s, balance().ends()[rows][:, mesh.cells[number]], places, jumps[rows])
 
     constraints = None if scene_stays else constraints_of(scene)
 

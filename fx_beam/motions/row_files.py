@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.results.fields import RESULTANTS
+from fx_beam.results.fields import RESULTANTS, at_ends
 from fx_beam.results.files import replacing, writable
 from fx_beam.results.paraview import Grid, write_collection
 from fx_beam.results.solution import Solution
@@ -124,7 +124,7 @@ class RowFiles:
         for _, cells, name, history, column in variables_along(model):
             of_cells = along.setdefault(name, np.zeros_like(along["N"]))
             of_cells[:, cells] = histories[history][new:, cells][..., column]
-        return along
+        return {name: at_ends(values) for name, values in along.items()}
 
     # -- What stays ---------------------------------------------------------------------------
 

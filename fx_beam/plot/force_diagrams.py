@@ -42,9 +42,8 @@ def diagrams(
     A value is drawn normal to the axis: N and Q to the left of the beam's direction if they are
     positive, M on the side that is in tension. Positive areas are red, negative ones blue and
     hatched. The extreme value of each member is written beside it; in frames of more than 12
-    members only the extreme values of the frame. M follows from the balance of each element, at its
-    ends: at a clamp it is the reaction, at a free end zero. M of a motion from a file, N and Q are
-    values at the Gauss points.
+    members only the extreme values of the frame. Values follow from the balance of each element, as
+    `BeamResultants.at` has them: at a clamp they are the reaction, at a free end zero.
 
     Parameters
     ----------

@@ -19,6 +19,7 @@ from fx_beam.scene.beam import COMPONENTS, Beam, Node
 
 from .files import in_table, of_numpy, replacing
 from .records import BeamResultants, known_resultants
+from .section_forces import Balance
 from .state import HISTORIES
 
 #: Format of saved files.
@@ -72,12 +73,24 @@ def _parts(solution) -> dict[str, Any]:
         nodes = [solution.nodes_of_beam[name] for name in solution.beams]
         parts["beams_nodes"] = np.concatenate(nodes)
     if known := known_resultants(solution):
-        of_beams = [vars(of_beam).values() for of_beam in known.values()]
+        of_beams = [(of.s, of.N, of.Q, of.M) for of in known.values()]
         along = (np.concatenate(rows, axis=-1) for rows in zip(*of_beams, strict=True))
         parts["resultants"] = BeamResultants(*along)
+        with suppress(ValueError):
+            parts |= _balances([of.balanced() for of in known.values()])
     with suppress(ValueError):  # none are known, or they are not those of equilibria
         parts["unstable_modes"] = solution.unstable_modes
     return parts
+
+
+def _balances(of_beams: list[Balance]) -> dict[str, np.ndarray]:
+    """Section forces of all beams at the ends of elements, and at loads inside these."""
+    places = [np.column_stack([0 * of.places + k, of.places]) for k, of in enumerate(of_beams)]
+    return {
+        "section_forces": np.concatenate([of.ends for of in of_beams], axis=1),
+        "section_places": np.concatenate(places),
+        "section_jumps": np.concatenate([of.jumps for of in of_beams], axis=1),
+    }
 
 
 def _packed(value: Any, name: str, arrays: dict[str, np.ndarray]) -> Any:

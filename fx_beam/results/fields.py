@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -26,10 +27,15 @@ def at_ends(values: np.ndarray) -> np.ndarray:
 def along_all(solution: Any, quantity: str, rows, points: np.ndarray) -> np.ndarray:
     """Values (rows, elements, points) of a quantity or internal variable, at points in [0, 1].
 
-    But for the speed, they are polynomials through the values at the Gauss points, and may jump;
-    those of M also go through the values at the ends of elements, where these are known.
+    N, Q and M follow from the balance of elements, where that is known. Others, but for the speed,
+    are polynomials through the values at the Gauss points, and may jump.
     """
     rows = list(rows)
+    if quantity in RESULTANTS:
+        with suppress(ValueError):  # the balance is not known
+            of_beams = (solution.resultants(name) for name in solution.beams)
+            along = [of_beam.in_elements(quantity, points)[rows] for of_beam in of_beams]
+            return np.concatenate(along, axis=1)
     if quantity == "speed":
         nodes = nodes_of_elements(solution)
         values = lagrange(np.linspace(0, 1, nodes.shape[1]), points)
@@ -37,61 +43,7 @@ def along_all(solution: Any, quantity: str, rows, points: np.ndarray) -> np.ndar
         return np.hypot(v[..., 0], v[..., 1])
     energies = quantity == "strain energy"
     values = energy_density(solution, rows) if energies else _at_points(solution, quantity, rows)
-    places = gauss_rule(values.shape[-1])[0]
-    if quantity == "M" and (ends := moments_at_ends(solution, rows, values)) is not None:
-        values, places = np.concatenate([values, ends], axis=-1), np.append(places, [0.0, 1.0])
-    return values @ lagrange(places, points).T
-
-
-def moments_at_ends(solution: Any, rows: list[int], M: np.ndarray) -> np.ndarray | None:
-    """Bending moments (rows, elements, 2) [N m] at the ends of elements, by those at Gauss points.
-
-    They are what the balance of each element gives: at a clamp its reaction, at a free end zero; a
-    couple on a node is the jump there. None where it needs what the solution does not have.
-    """
-    sections = [beam.section for beam in solution.beams.values()]
-    is_static = solution.stats.static
-    if not (solution.has_motion and (is_static or solution.has_rates and None not in sections)):
-        return None
-    nodes = nodes_of_elements(solution)
-    places, ends = np.linspace(0, 1, nodes.shape[1]), [0, -1]
-    points, weights = gauss_rule(len(places) - 1)
-    shape, slopes = lagrange_and_slopes(places, points)
-    lengths = np.linalg.norm(slopes @ solution.X[nodes], axis=-1)
-    N, Q = (_at_points(solution, name, rows) for name in "NQ")
-    lever = Q  # of n about the axis, W phi'.n
-    if not solution.stats.linear:
-        axial, shear, _ = _strains(solution, nodes, _q_of_forces(solution, rows))
-        lever = (1 + axial) * Q - shear * N
-    forces = np.einsum("g,ga,reg->rea", weights, slopes[:, ends], M)
-    forces -= np.einsum("g,ga,eg,reg->rea", weights, shape[:, ends], lengths, lever)
-    if not is_static:
-        forces += _rotary_inertia(solution, nodes, rows)[..., ends]
-    return forces * [-1, 1]
-
-
-def _q_of_forces(solution: Any, rows: list[int]) -> np.ndarray:
-    """Displacements and rotations (rows, nodes, 3) to which the resultants belong."""
-    q, t, k = solution.recorded("q"), solution.t, np.array(rows)
-    if solution.stats.static:
-        return q[k]
-    before = np.maximum(k - 1, 0)
-    step, back = t[k] - t[before], (t - solution.t_level)[k]
-    part = np.divide(back, step, out=np.zeros(len(k)), where=step > 0)[:, None, None]
-    return (1 - part) * q[k] + part * q[before]
-
-
-def _rotary_inertia(solution: Any, nodes: np.ndarray, rows: list[int]) -> np.ndarray:
-    """Couples (rows, elements, degree + 1) of the rotary inertia of elements at their nodes."""
-    places, inertias = np.linspace(0, 1, nodes.shape[1]), []
-    points, weights = gauss_rule(len(places))
-    shape, slopes = lagrange_and_slopes(places, points)
-    lengths = np.linalg.norm(slopes @ solution.X[nodes], axis=-1)
-    for beam in solution.beams.values():
-        inertias.append(beam.section.values("rhoI", arc_lengths(beam, points) / beam.length))
-    weighted = weights * lengths * np.concatenate(inertias)
-    turns = solution.recorded("a")[rows][:, nodes, 2]
-    return np.einsum("eg,ga,gb,reb->rea", weighted, shape, shape, turns)
+    return values @ lagrange(gauss_rule(values.shape[-1])[0], points).T
 
 
 def _at_points(solution: Any, quantity: str, rows: list[int]) -> np.ndarray:

@@ -14,6 +14,7 @@ from fx_beam.scene.contacts import Contact
 
 from .joint_and_contact_motion import columns_of
 from .records import BeamResultants, Energy, Stats
+from .section_forces import Balance
 from .state import HISTORIES
 
 # Statistics that add up: counts of steps and iterations, and times.
@@ -179,9 +180,23 @@ class _Joined:
 
     def _resultants(self, name: str) -> BeamResultants:
         both = self._first, self._second
-        parts = [{**vars(of.resultants(name))} if name in of.beams else {} for of in both]
-        s = [part.pop("s") for part in parts if part][0]
-        return BeamResultants(s, **self._rows(*parts))
+        known = [of.resultants(name) if name in of.beams else None for of in both]
+        parts = [{} if of is None else {part: getattr(of, part) for part in "NQM"} for of in known]
+        (s, *_) = (of.s for of in known if of is not None)
+        return BeamResultants(s, **self._rows(*parts), balance=lambda: self._balance(*known))
+
+    def _balance(self, *known: BeamResultants | None) -> Balance:
+        """Of a beam of both motions, or of one; loads inside elements of both."""
+        one, two = (None if of is None else of.balanced() for of in known)
+        parts = [{} if of is None else {"ends": of.ends} for of in (one, two)]
+        places, jumps, rows = [], [], (len(self._first.t), len(self._second.t) - 1)
+        for of, first, (before, after) in ((one, 0, (0, rows[1])), (two, 1, (rows[0], 0))):
+            if of is not None:
+                places.append(of.places)
+                jumps.append(np.pad(of.jumps[first:], [(before, after), (0, 0), (0, 0)]))
+        s = (two or one).s  # type: ignore[union-attr]
+        every = np.concatenate(places), np.concatenate(jumps, axis=1)
+        return Balance(s, self._rows(*parts)["ends"], *every)
 
     def _variables(self, name: str) -> dict[Any, dict[str, np.ndarray]]:
         one, two = getattr(self._first, name), getattr(self._second, name)

@@ -10,9 +10,7 @@ from xml.etree import ElementTree as xml
 
 import numpy as np
 
-from fx_beam.scene.beam import gauss_rule
-
-from .fields import RESULTANTS, along_all, at_ends, nodes_of_elements
+from .fields import RESULTANTS, along_all, nodes_of_elements
 from .files import replacing, writable
 
 #: VTK's numbers of the line, and of the curves of degree 2 and 3.
@@ -46,7 +44,7 @@ class Grid:
     def write(
         self, path: Path, q: np.ndarray, v: np.ndarray | None, along: Mapping[str, np.ndarray]
     ) -> None:
-        """Write a row: q and v (n, 3) of nodes, others (elements, degree) at Gauss points.
+        """Write a row: q and v (n, 3) of nodes, others (elements, degree + 1) at those of elements.
 
         Arrays follow each other as they are in memory, behind the text that says where each begins.
         """
@@ -55,7 +53,7 @@ class Grid:
             if rows is not None:
                 rows = rows[self._nodes]
                 fields |= {of_place: _in_space(rows[:, :2]), of_turn: rows[:, 2]}
-        fields |= {name: at_ends(values).ravel() for name, values in along.items()}
+        fields |= {name: values.ravel() for name, values in along.items()}
         root = xml.Element("VTKFile", _GRID)
         sizes = {"NumberOfPoints": str(len(self._points)), "NumberOfCells": str(self._count)}
         piece = xml.SubElement(xml.SubElement(root, "UnstructuredGrid"), "Piece", sizes)
@@ -107,9 +105,9 @@ def to_paraview(solution, path) -> None:
     The grids are those of the reference configuration; ParaView's filter "Warp By Vector" shows
     the deformed one. The elements of a beam have nodes of their own, so that resultants may jump
     between them. With the points go displacement [m], rotation [rad], velocity [m/s] and spin
-    [rad/s], where they were recorded, the resultants N [N], Q [N] and M [N m], as
-    `Solution.resultants` has them, and internal variables by their names, zero on beams without;
-    with the cells goes the number of their beam.
+    [rad/s], where they were recorded, the resultants N [N], Q [N] and M [N m] from
+    the balance of elements, as `BeamResultants.at` has them, and internal variables by
+    their names, zero on beams without; with the cells goes the number of their beam.
 
     Parameters
     ----------
@@ -132,7 +130,7 @@ def to_paraview(solution, path) -> None:
     grid = Grid(solution.X, nodes, np.repeat(np.arange(len(count)), count))
     # Internal variables that a beam lacks are zero there.
     internal = (name for variables in solution.variables_of_beam.values() for name in variables)
-    rows, points = range(len(solution.t)), gauss_rule(nodes.shape[1] - 1)[0]
+    rows, points = range(len(solution.t)), np.linspace(0.0, 1.0, nodes.shape[1])
     kinds = dict.fromkeys([*RESULTANTS, *internal])
     fields = {kind: along_all(solution, kind, rows, points) for kind in kinds}
     # A static path may come to a load factor again: its rows are counted.

@@ -11,6 +11,8 @@ import numpy as np
 
 from fx_beam.errors import Failure
 
+from .section_forces import SectionForces
+
 
 @contextmanager
 def stats_unchanged(stats: Stats) -> Iterator[None]:
@@ -354,6 +356,8 @@ class BeamResultants:
     N: np.ndarray
     Q: np.ndarray
     M: np.ndarray
+    #: The `Balance` of its elements, or a function that gives it; None where it is not known.
+    balance: Any = field(default=None, repr=False)
 
     def __repr__(self):
         rows, points = self.N.shape
@@ -361,7 +365,70 @@ class BeamResultants:
         return f"<BeamResultants: {rows} rows, {points} points, {', '.join(peaks)}>"
 
     def __post_init__(self):
-        lock(self)
+        balance = self.balance
+        object.__setattr__(self, "balance", None)
+        lock(self, **{name: getattr(self, name) for name in "sNQM"})
+        object.__setattr__(self, "balance", balance)
+
+    def __getstate__(self):
+        with suppress(ValueError):
+            self.balanced()
+        return self.__dict__ | {"balance": None if callable(self.balance) else self.balance}
+
+    def balanced(self) -> Any:
+        """The `Balance` of its elements; ValueError if it is not known."""
+        if callable(self.balance):
+            object.__setattr__(self, "balance", self.balance())
+        if self.balance is None:
+            raise ValueError(
+                "the balance of elements is not known: of a file of an older version, replaced "
+                "resultants, or a motion without rates. N, Q and M at the Gauss points are"
+            )
+        return self.balance
+
+    def at(self, s, side: str = "after") -> SectionForces:
+        """Section forces at any places, from the balance of each element.
+
+        Internal forces plus inertia minus loads of an element are the section forces at its ends:
+        exact there, at a clamp the reaction, at a free end zero. Between them N and Q go straight
+        and M is a parabola, exact for uniform line loads; they jump at forces and couples inside
+        elements. With degree 2 and 3 they also go through the values at the Gauss points.
+
+        Parameters
+        ----------
+        s : float or (places,) array of float
+            Arc lengths from the start of the beam [m].
+        side : {"after", "before"}
+            The side of a node or place at which they jump.
+
+        Returns
+        -------
+        SectionForces
+            With N, Q and M (rows, places).
+
+        Raises
+        ------
+        SceneError
+            For places beyond the ends.
+        ValueError
+            If the accelerations were not recorded, or loads of elements are not known.
+        """
+        return self.balanced().at(self._points, s, side)
+
+    @property
+    def ends(self) -> SectionForces:
+        """Section forces (rows, 2) at the start and at the end of the beam, as of `at`."""
+        return self.at(self.balanced().s[[0, -1]])
+
+    @property
+    def _points(self) -> np.ndarray:
+        """N, Q and M (rows, points, 3) at the Gauss points."""
+        return np.stack([self.N, self.Q, self.M], axis=-1)
+
+    def in_elements(self, quantity: str, points: np.ndarray) -> np.ndarray:
+        """N, Q or M (rows, elements, points) at points (points,) of elements, from 0 to 1."""
+        values = self.balanced().in_elements(self._points, points)
+        return values["NQM".index(quantity)]
 
 
 def facts(solution: Any) -> dict[str, str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -19,6 +19,7 @@ from fx_beam.scene.joints import Constraints, JointKey
 from .export import FORMAT
 from .files import named
 from .records import BeamResultants, Energy, Stats
+from .section_forces import Balance
 from .solution import Solution
 from .state import ARRAYS, HISTORIES, NUMBERS, Past, State
 
@@ -32,6 +33,8 @@ _SHAPES: dict[str, tuple] = {
     **{f"energy_{part.name}": ("n",) for part in fields(Energy)},
     **{"beams_nodes": ("beam nodes",), "resultants_s": ("all points",)},
     **{f"resultants_{part}": ("n", "all points") for part in "NQM"},
+    "section_forces": ("n", "elements", 2, 3),
+    **{"section_places": ("places", 2), "section_jumps": ("n", "places", 3)},
     **{f"end_{p.name}": p.metadata["shape"] for p in fields(State) if "shape" in p.metadata},
     **{f"end_past_{part.name}": part.metadata["shape"] for part in fields(Past)},
     **{f"end_{name}": array.in_files for name, array in ARRAYS.items()},
@@ -73,10 +76,11 @@ def _check_end(end: State) -> None:
             raise ValueError(f"{part.name} of the last state is {value!r:.80}")
 
 
-def _check_arrays(data: Mapping[str, np.ndarray], points: list[int]) -> None:
+def _check_arrays(data: Mapping[str, np.ndarray], points: list[int], elements: int) -> None:
     """Refuse arrays that do not fit together, or to beams with these numbers of Gauss points."""
     sizes = {"n": len(data["t"]), "nodes": len(data["X"])}
     sizes |= {"all points": sum(points), "beam nodes": sum(points) + len(points)}
+    sizes["elements"] = elements
     shapes = {name: shape for name, shape in _SHAPES.items() if name in data}
     if not data.get("end_past_ages", np.ones(1)).size:
         del shapes["end_past_differences"]  # of no steps, in another form
@@ -164,7 +168,7 @@ def _read(raw: BinaryIO) -> Solution:
     parts = _Parts(arrays)
     members = parts.read(meta.pop("beams"))
     counts = [_points(member) for member in members]
-    _check_arrays(arrays, counts)
+    _check_arrays(arrays, counts, sum(len(member["s"]) - 1 for member in members))
     ends, nodes_of_beam = np.cumsum(counts)[:-1], dict[str, np.ndarray]()
     if members:
         nodes = parts.read(meta.pop("beams_nodes"))
@@ -186,8 +190,11 @@ def _read(raw: BinaryIO) -> Solution:
     resultants = dict[str, BeamResultants]()
     known = {name: parts.read(part) for name, part in meta.items()}
     if (along := known.pop("resultants", None)) is not None:
-        rows = zip(*(np.split(of, ends, axis=-1) for of in vars(along).values()), strict=True)
-        resultants = {n: BeamResultants(*of) for n, of in zip(nodes_of_beam, rows, strict=True)}
+        each = along.s, along.N, along.Q, along.M
+        rows = zip(*(np.split(of, ends, axis=-1) for of in each), strict=True)
+        balances = _balances(known, list(parts.beams.values()))
+        beams = zip(nodes_of_beam, rows, balances, strict=True)
+        resultants = {name: replace(BeamResultants(*of), balance=own) for name, of, own in beams}
     stability = {name: known.pop(name) for name in ("unstable_modes",) if name in known}
     end = known["end"]
     if end is not None:
@@ -203,6 +210,20 @@ def _read(raw: BinaryIO) -> Solution:
         stability=stability,
         **known,
     )
+
+
+def _balances(known: dict[str, Any], beams: list[Beam]) -> list[Balance | None]:
+    """Section forces of each beam, taken from what is known; None in files of the first version."""
+    names = "section_forces", "section_places", "section_jumps"
+    forces, places, jumps = (known.pop(name, None) for name in names)
+    if forces is None:
+        return [None] * len(beams)
+    of_beams = np.split(forces, np.cumsum([beam.elements for beam in beams])[:-1], axis=1)
+    own = [places[:, 0] == k for k in range(len(beams))]
+    return [
+        Balance(beam.s, ends, places[of, 1], jumps[:, of])
+        for beam, ends, of in zip(beams, of_beams, own, strict=True)
+    ]
 
 
 class _Parts:

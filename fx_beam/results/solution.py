@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 import importlib
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
@@ -564,6 +566,9 @@ class Solution:
         resultants = self.resultants_of_beam(_beam_name(self, beam))
         if resultants is None:  # of a copy or a file without the rates that they need
             self.recorded("v")
+        elif callable(resultants.balance):  # which reads what this solution has in use
+            later = functools.partial(_balance, self, resultants.balance)
+            return replace(resultants, balance=later)
         return resultants
 
     def internal(self, beam: Beam | str, variable: str | None = None) -> np.ndarray:
@@ -628,6 +633,11 @@ class Solution:
                 )
             raise ValueError(f"{kind} not recorded; simulate with record=Record({kind}=True)")
         return rows
+
+
+def _balance(solution: Solution, balance: Callable[[], Any]) -> Any:
+    """The balance of a beam, with the solution as long as it is not known."""
+    return balance()
 
 
 def history(solution: Solution, output: Output) -> np.ndarray:

@@ -64,10 +64,11 @@ class RowSteps:
         begins = np.flatnonzero(np.diff(row, prepend=-1))
         return np.add.reduceat(weights.reshape(-1, *[1] * (values.ndim - 1)) * values, begins)
 
-    def batch(self) -> StepBatch:
+    def batch(self, moves: bool = False) -> StepBatch:
         """The sub-steps, for which forces of rows are evaluated.
 
-        Row 0 has a single one, so short that its forces depend on the rates, but not on a motion.
+        Row 0 has a single one, so short that its forces depend on the rates, but not on a motion;
+        with its rates if resultants have some, or if it `moves`.
         """
         recorder, row, stored = self._recorder, self._row, self._stored
         model, arrays, starts = recorder.model, recorder.arrays, recorder.arrays_of_starts
@@ -97,7 +98,7 @@ class RowSteps:
         D = ends(q, arrays["q"][rows] + self._missing(rows)) - q
         if at_start:
             dt[0] = INSTANT * np.diff(recorder.times[:2]).sum() or 1.0
-            if beams.facts.resultants_move:
+            if moves or beams.facts.resultants_move:
                 D[0] = dt[0] * recorder.first.v
                 q[0] -= level * D[0]
         parts = StepBatch(t, dt, D, q)

@@ -1,0 +1,148 @@
+"""Section forces at the ends of elements, from the balance of each with its inertia and loads."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fx_beam.content_cache import cached_property
+from fx_beam.fem.loads import dead_loads
+from fx_beam.fem.mesh import Mesh
+from fx_beam.laws.interval import Rest, StepBatch, just_inside
+from fx_beam.laws.rates import NewmarkRates
+from fx_beam.scene.beam import Beam, BeamPlace, lagrange_and_slopes
+from fx_beam.scene.inputs import InputSignal
+from fx_beam.scene.loads import Load
+from fx_beam.step.recorder import Recorder
+from fx_beam.step.row_steps import RowSteps
+
+
+class ElementBalance:
+    """Forces f = internal + inertia - loads (8.3) of elements on their own nodes, in rows.
+
+    `loads` are those of the scene, `a` (n, size) accelerations of the rows, `rest` that of
+    equilibria. Loads of the state from which equilibria start act at nodes.
+    """
+
+    def __init__(
+        self, recorder: Recorder, loads: Sequence[Load], a: np.ndarray, rest: Rest | None = None
+    ):
+        self.model, self._rest = (model := recorder.model), rest
+        self._steps, beams = RowSteps(recorder), model.forms.beams
+        assert beams is not None
+        self._loads = [of for of in loads if isinstance(of.target, Beam | BeamPlace | None)]
+        for load in self._loads:
+            if isinstance(load.value, InputSignal) and not load.value.is_open:
+                raise ValueError(
+                    f"section forces from the balance of elements need the history of {load}, "
+                    "which an Input of a Motion does not keep; give simulate(inputs=...) "
+                    "functions, or take N, Q and M at the Gauss points"
+                )
+        level = model.scheme.rates.level
+        self._parts = parts = self._batch(recorder, a, beams.depend_on_rates)
+        self._masses = model.masses.of_cells(model.scene)
+        in_forms = model.mesh.unknowns.dofs
+        at_nodes = beams.forces_of_cells(parts)
+        forces = np.zeros((len(parts.t), self._torn.dofs.size))
+        forces[:, self._torn.unknowns.dofs] = at_nodes
+        forces -= self._dead()
+        forces = self._steps.means(forces)
+        if a.any():
+            inertia = np.einsum("cab,ncb->nca", self._masses, a[:, in_forms])
+            forces[:, self._torn.unknowns.dofs] += inertia
+        #: Forces (n, cells, degree + 1, 3) on the nodes of elements, in order along them.
+        self.forces = forces.reshape(len(a), *model.mesh.elements.shape, 3)
+        turns = self._steps.means(parts.q + level * parts.D)[:, model.mesh.dofs[:, 2]]
+        #: Rotations (n, cells, 2) at the ends of elements, to which components belong.
+        self.turns = turns[:, model.mesh.elements[:, [0, -1]]]
+
+    def _batch(self, recorder: Recorder, a: np.ndarray, moves: bool) -> StepBatch:
+        """The sub-steps, with rates at their starts, which Newmark's rule needs."""
+        parts, rest = self._steps.batch(moves), self._rest
+        if rest is not None:
+            return parts._replace(t=np.full(len(parts.t), rest.time), load_factor=rest.factors)
+        rates = self.model.scheme.rates
+        if not isinstance(rates, NewmarkRates) or not (moves or rates.alpha_m):
+            return parts
+        dt, v = parts.dt[:, None], recorder.arrays["v"][: len(a)]
+        # Of q1 = q0 + dt v0 + ... and v1 = v0 + ..., without the rates at the start.
+        by_start = dt**2 * (rates.gamma - 0.5 - rates.beta)
+        a0 = (parts.D - dt * v - dt**2 * (rates.beta - rates.gamma) * a) / by_start
+        a0[0] = a[0]
+        v0 = v - dt * ((1 - rates.gamma) * a0 + rates.gamma * a)
+        a += rates.alpha_m * (a0 - a)
+        return parts._replace(v=v0, a=np.vstack([0 * a0[:1], a0[1:]]))
+
+    @cached_property
+    def _torn(self) -> Mesh:
+        """The mesh with own nodes of each element."""
+        mesh = self.model.mesh
+        numbers = np.arange(mesh.elements.size).reshape(mesh.elements.shape)
+        return Mesh(mesh.X[mesh.elements].reshape(-1, 2), numbers, mesh.cells, mesh.curved)
+
+    def _weights(self, acceleration) -> np.ndarray:
+        """Weights of elements by an acceleration (2,)."""
+        count = self.model.mesh.elements.shape[1]
+        pull = np.concatenate([np.tile(acceleration, count), np.zeros(count)])
+        weights = np.zeros(self._torn.dofs.size)
+        weights[self._torn.unknowns.dofs] = self._masses @ pull
+        return weights
+
+    def _dead(self) -> np.ndarray:
+        """Dead loads (n, size) of elements in the sub-steps."""
+        scene, torn = self.model.scene, self._torn
+        chosen = [of for of in self._loads if of.target is not None or self._masses.any()]
+        loads = dead_loads(scene, torn, torn.X, self._weights, chosen)
+        dead = self._in_steps(lambda t: loads.series(t) @ loads.unit_loads.T)
+        if scene.gravity is not None:
+            weight = self._weights(np.asarray(scene.gravity, dtype=float))
+            dead = dead + (1.0 if self._rest is None else self._rest.factors[:, None]) * weight
+        return dead
+
+    def _in_steps(self, values) -> np.ndarray:
+        """Values (n, ...) at the scheme's level of a function of times, or by the load factors."""
+        parts, level = self._parts, self.model.scheme.rates.level
+        if self._rest is not None:
+            return self._rest.factors[:, None] * values(np.array([self._rest.time]))
+        t0, t1 = just_inside(parts.t - level * parts.dt, parts.t + (1 - level) * parts.dt)
+        t0[0] = t1[0] = parts.t[0]  # of the start, before which nothing need be known
+        return (1 - level) * values(t0) + level * values(t1)
+
+    def ends(self) -> np.ndarray:
+        """N, Q and M (n, cells, 2, 3) at both ends of elements."""
+        ends = self.forces[:, :, [0, -1]] * np.array([-1.0, 1.0])[:, None]
+        return _components(ends, self._angles())
+
+    def _angles(self) -> np.ndarray:
+        """Directions (n, cells, 2) of the sections' normals at the ends [rad]."""
+        mesh = self.model.mesh
+        nodes = np.linspace(0.0, 1.0, mesh.elements.shape[1])
+        along = lagrange_and_slopes(nodes, np.array([0.0, 1.0]))[1] @ mesh.X[mesh.elements]
+        return np.arctan2(along[..., 1], along[..., 0]) + self.turns
+
+    def jumps(self, number: int) -> tuple[np.ndarray, np.ndarray]:
+        """Arc lengths (m,) of loads inside elements of a beam, and jumps (n, m, 3) there."""
+        scene, mesh, places, jumps = self.model.scene, self.model.mesh, [], []
+        beam = scene.beams[number]
+        for load in self._loads:
+            if not isinstance(load.target, BeamPlace) or load.target.beam.name != beam.name:
+                continue
+            values = self._in_steps(
+                lambda t, load=load: load.value.series(t, str(load), scene.array_calls)
+            )
+            values = self._steps.means(np.asarray(values, dtype=float))
+            force = np.zeros((len(values), 3))
+            force[:, [0, 1] if load.kind == "force" else [2]] = values
+            element, x = load.target.element
+            angles = self._angles()[:, mesh.cells[number][element]] @ [1 - x, x]
+            places.append(load.target.s)
+            jumps.append(-_components(force, angles))
+        shape = len(places), len(self.forces), 3
+        return np.array(places), np.reshape(jumps, shape).swapaxes(0, 1)
+
+
+def _components(forces: np.ndarray, angles: np.ndarray) -> np.ndarray:
+    """N, Q and M (..., 3) of forces and moments (..., 3), by directions of the normal [rad]."""
+    (x, y, m), c, s = np.moveaxis(forces, -1, 0), np.cos(angles), np.sin(angles)
+    return np.stack([c * x + s * y, c * y - s * x, m], axis=-1)

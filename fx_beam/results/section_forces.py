@@ -1,0 +1,97 @@
+"""Section forces N, Q and M at any place of a beam, from the balance of its elements."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from fx_beam.errors import is_one_of, real_array, require
+from fx_beam.scene.beam import gauss_rule, lagrange
+
+
+class SectionForces(NamedTuple):
+    """Section forces (rows, places) of a beam at some places.
+
+    Parameters
+    ----------
+    s : (places,) float
+        Arc lengths from the start [m].
+    N, Q, M : (rows, places) float
+        Axial force [N], shear force [N], bending moment [N m].
+    """
+
+    s: np.ndarray
+    N: np.ndarray
+    Q: np.ndarray
+    M: np.ndarray
+
+
+@dataclass(frozen=True)
+class Balance:
+    """Section forces that follow from the balance of the elements of a beam.
+
+    M' = -Q joins them: where N and Q go straight, M is a parabola. Elements of degree 2 and 3
+    without loads at places have polynomials that also go through the values at the Gauss points.
+    """
+
+    #: Arc lengths (elements + 1,) of the ends of elements [m].
+    s: np.ndarray
+    #: N, Q and M (rows, elements, 2, 3) at both ends of elements.
+    ends: np.ndarray
+    #: Arc lengths (m,) of forces and couples inside elements, and jumps (rows, m, 3) there.
+    places: np.ndarray
+    jumps: np.ndarray
+
+    def at(self, gauss: np.ndarray, s, side: str) -> SectionForces:
+        """Those at arc lengths, by values (rows, points, 3) at the Gauss points."""
+        wanted, length = np.atleast_1d(real_array(s)), self.s[-1]
+        tolerance = 1e-9 * length
+        inside = (wanted > -tolerance) & (wanted < length + tolerance)
+        require(
+            wanted.ndim == 1 and bool(inside.all()),
+            "at: s",
+            s,
+            f"arc lengths from 0 to the length of the beam, {length:g}",
+        )
+        require(is_one_of(side, ("before", "after")), "at: side", side, "'before' or 'after'")
+        shift = tolerance if side == "after" else -tolerance
+        element = np.clip(np.searchsorted(self.s, wanted + shift) - 1, 0, len(self.s) - 2)
+        x = (wanted - self.s[element]) / np.diff(self.s)[element]
+        return SectionForces(wanted, *self._values(gauss, element, x, shift))
+
+    def in_elements(self, gauss: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """N, Q and M (3, rows, elements, points) at points x (points,) of each element."""
+        count = len(self.s) - 1
+        elements, points = np.repeat(np.arange(count), len(x)), np.tile(x, count)
+        values = self._values(gauss, elements, points, 0.0)
+        return values.reshape(3, len(gauss), count, len(x))
+
+    def _values(self, gauss, element: np.ndarray, x: np.ndarray, shift: float) -> np.ndarray:
+        """N, Q and M (3, rows, n) in elements (n,) at x (n,) from 0 to 1."""
+        h, count = np.diff(self.s), len(self.s) - 1
+        degree = gauss.shape[1] // count
+        of_elements = gauss.reshape(len(gauss), count, degree, 3)
+        change = self.ends[:, :, 1, 1] - self.ends[:, :, 0, 1]
+        owners = np.clip(np.searchsorted(self.s, self.places, "right") - 1, 0, count - 1)
+        for owner, jump in zip(owners, self.jumps[..., 1].T, strict=True):
+            change[:, owner] -= jump
+        start, end = self.ends[:, element].swapaxes(0, 2)  # (n, rows, 3) each
+        values = np.moveaxis(start + (end - start) * x[:, None, None], -1, 0).swapaxes(1, 2)
+        bend = change[:, element] * (h[element] * x * (1 - x) / 2)
+        values[2] += bend
+        smooth = np.isin(element, owners, invert=True)
+        if degree > 1 and smooth.any():
+            nodes = np.array([0.0, 1.0, *gauss_rule(degree)[0]])
+            through = np.concatenate([self.ends, of_elements], axis=2)[:, element[smooth]]
+            weights = lagrange(nodes, x[smooth])
+            values[..., smooth] = np.einsum("np,rnpc->crn", weights, through)
+        for place, owner, jump in zip(self.places, owners, self.jumps.swapaxes(0, 1), strict=True):
+            (here,) = np.nonzero(element == owner)
+            at, part = (place - self.s[owner]) / h[owner], x[here]
+            beyond = part > at - shift / h[owner]
+            values[..., here] += jump.T[..., None] * (beyond - part)
+            hat = np.where(part < at, part * (1 - at), at * (1 - part))
+            values[2][:, here] += h[owner] * jump[:, 1, None] * hat
+        return values

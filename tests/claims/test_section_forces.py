@@ -1,0 +1,191 @@
+"""Section forces at any place, from the balance of elements, against closed forms and reactions."""
+
+import pickle
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+import fx_beam as fb
+
+SECTION = fb.Section(EA=1e6, GA=1e6, EI=1e3, rhoA=2.0, rhoI=0.01)
+SCHEMES = [
+    fb.EnergyMomentum(),
+    fb.EnergyMomentum(order=4),
+    fb.EnergyDecaying(),
+    fb.MidPoint(),
+    fb.Newmark(),
+    fb.HHT(),
+    fb.GeneralizedAlpha(0.6),
+]
+
+
+def cantilever(degree=1, elements=4, **data):
+    scene = fb.Scene()
+    values = {"EA": 1e6, "GA": 1e6, "EI": 1e3} | data
+    beam = scene.add_beam([(0, 0), (2, 0)], fb.Section(**values), elements, degree=degree)
+    scene.clamp(beam.start)
+    return scene, beam
+
+
+def simply_supported(degree=1, elements=4):
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (2, 0)], SECTION, elements=elements, degree=degree)
+    scene.pin(beam.start)
+    scene.fix(beam.end, "y")
+    return scene, beam
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+@pytest.mark.parametrize("elements", [1, 4])
+def test_the_moment_at_a_clamp_is_the_load_times_its_arm(degree, elements):
+    scene, beam = cantilever(degree, elements)
+    scene.add_force(beam.end, (3.0, 10.0))
+    forces = fb.static(scene, linear=True).resultants(beam)
+    assert forces.ends.M[-1] == pytest.approx([20.0, 0.0], abs=1e-9)
+    assert forces.ends.Q[-1] == pytest.approx([10.0, 10.0], abs=1e-9)
+    assert forces.ends.N[-1] == pytest.approx([3.0, 3.0], abs=1e-9)
+    s = np.linspace(0.0, 2.0, 7)
+    assert forces.at(s).M[-1] == pytest.approx(10.0 * (2.0 - s), abs=1e-9)
+
+
+def test_section_forces_are_right_where_shear_is_a_constraint():
+    scene, beam = cantilever(EA=1e4, GA=1e13)
+    scene.add_force(beam.end, (0.0, 10.0))
+    solution = fb.static(scene, linear=True)
+    ends = solution.resultants(beam).ends
+    assert ends.M[-1] == pytest.approx([20.0, 0.0], abs=1e-3)
+    assert ends.Q[-1] == pytest.approx([10.0, 10.0], rel=1e-3)
+    assert ends.N[-1] == pytest.approx([0.0, 0.0], abs=1e-3)
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+@pytest.mark.parametrize("elements", [1, 3])
+def test_moments_under_a_uniform_load_are_the_parabola(degree, elements):
+    scene, beam = simply_supported(degree, elements)
+    scene.add_line_load(beam, (0.0, -8.0))
+    s = np.linspace(0.0, 2.0, 11)
+    forces = fb.static(scene, linear=True).resultants(beam).at(s)
+    assert forces.M[-1] == pytest.approx(4.0 * s * (2.0 - s), abs=1e-8)
+    assert forces.Q[-1] == pytest.approx(8.0 * (s - 1.0), abs=1e-8)
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+@pytest.mark.parametrize("elements", [1, 3])
+def test_a_force_and_a_couple_inside_an_element_have_their_kink_and_jump(degree, elements):
+    scene, beam = simply_supported(degree, elements)
+    scene.add_force(beam.at(0.9), (5.0, -10.0))
+    scene.add_moment(beam.at(1.1), 4.0)
+    s = np.linspace(0.0, 2.0, 9)
+    left = 10.0 * 1.1 / 2 + 4.0 / 2  # force of the left support
+    M = left * s - 10.0 * np.maximum(s - 0.9, 0.0) - 4.0 * (s > 1.1)
+    forces = fb.static(scene, linear=True).resultants(beam)
+    assert forces.at(s).M[-1] == pytest.approx(M, abs=1e-8)
+    assert forces.at(s).Q[-1] == pytest.approx(-left + 10.0 * (s > 0.9), abs=1e-8)
+    assert forces.at(s).N[-1] == pytest.approx(5.0 * (s < 0.9), abs=1e-8)
+    before, after = (forces.at(1.1, side).M[-1, 0] for side in ("before", "after"))
+    assert after - before == pytest.approx(-4.0, abs=1e-8)
+
+
+def test_a_couple_on_a_node_is_the_jump_of_the_moment_there():
+    scene, beam = simply_supported()
+    scene.add_moment(beam.node(0.5), 6.0)
+    forces = fb.static(scene).resultants(beam)
+    before, after = (forces.at(1.0, side).M[-1, 0] for side in ("before", "after"))
+    assert after - before == pytest.approx(-6.0, abs=1e-7)
+
+
+def moved(scheme, record=None, **options):
+    """A clamped frame of two beams with gravity, drag, loads, damping and a mass at a corner."""
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    section = fb.Section(EA=1e5, GA=1e5, EI=500.0, rhoA=2.0, rhoI=0.05, retardation=1e-3)
+    arm = scene.add_beam([(0, 0), (1, 0.4)], section, elements=3, name="arm", **options)
+    leg = scene.add_beam([arm.end, (1.5, -0.2)], section, elements=2, name="leg", **options)
+    scene.clamp(arm.start)
+    scene.add_mass(arm.end, 1.0, 0.02)
+    scene.add_line_load(arm, lambda t: (0.0, 30 * np.sin(9 * t)), between=(0.2, 0.8))
+    scene.add_force(leg.at(0.3), (5.0, 2.0))
+    scene.add_drag(leg, linear=0.4, quadratic=0.2)
+    scene.add_natural_strain(arm, curvature=lambda t: 0.2 * np.sin(5 * t))
+    return scene, arm, fb.simulate(scene, scheme, dt=0.01, t_end=0.3, record=record or fb.Record())
+
+
+@pytest.mark.parametrize("scheme", SCHEMES, ids=lambda scheme: scheme.name)
+@pytest.mark.parametrize("degree", [1, 2])
+def test_section_forces_of_motions_are_reactions_and_balance_at_nodes(scheme, degree):
+    """At its clamp, its free end, and between elements, in every row and by every scheme."""
+    _, arm, solution = moved(scheme, degree=degree)
+    forces, reaction = solution.resultants("arm"), solution.reaction(arm.start)[1:]
+    ends, most = forces.ends, abs(reaction).max()
+    assert ends.M[1:, 0] == pytest.approx(-reaction[:, 2], abs=1e-9 * most)
+    size = np.hypot(ends.N[1:, 0], ends.Q[1:, 0])
+    assert size == pytest.approx(np.hypot(*reaction[:, :2].T), abs=1e-9 * most)
+    tip = solution.resultants("leg").ends
+    for name in "NQM":
+        free = abs(getattr(tip, name)[:, 1])
+        # Accelerations of the start are found by differences of forces that depend on rates.
+        assert free[0] < 1e-5 * most and free[1:].max() < 1e-9 * most
+        inner = arm.s[1:-1]
+        before, after = (getattr(forces.at(inner, side), name) for side in ("before", "after"))
+        assert before[0] == pytest.approx(after[0], abs=1e-5 * most)
+        assert before[1:] == pytest.approx(after[1:], abs=1e-8 * most)
+
+
+@pytest.mark.parametrize("every", [1, 3])
+def test_section_forces_of_rows_do_not_depend_on_which_are_recorded(every):
+    _, _, solution = moved(fb.GeneralizedAlpha(0.6), fb.Record(every=every))
+    _, _, whole = moved(fb.GeneralizedAlpha(0.6))
+    rows = np.searchsorted(whole.t, solution.t - 1e-9)
+    found, known = (of.resultants("leg").at([0.1, 0.5]).M for of in (solution, whole))
+    assert found[1:] == pytest.approx(known[rows][1:], abs=1e-7 * abs(known).max())
+
+
+def test_a_bar_that_turns_has_the_centrifugal_force_at_every_place():
+    """N = rho A w^2 (L^2 - s^2) / 2, and of a hanging bar the weight below."""
+    spin, s = 3.0, np.linspace(0.0, 1.0, 5)
+    scene = fb.Scene()
+    bar = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e8, GA=1e8, EI=1e5, rhoA=2.0), 8)
+    scene.pin(bar.start)
+    scene.set_velocity(bar, lambda x, y: (-spin * y, spin * x), spin=spin)
+    scheme = fb.EnergyDecaying(1.0)
+    solution = fb.simulate(scene, scheme, dt=1e-3, t_end=0.2)
+    closed = [quad(lambda r: 2.0 * spin**2 * r, place, 1.0)[0] for place in s]
+    found = solution.resultants(bar).at(s)
+    assert found.N[-1] == pytest.approx(closed, abs=0.01 * closed[0])
+    assert abs(found.M[-1]).max() < 0.01 * closed[0]
+
+
+def test_files_copies_and_joined_motions_have_section_forces(tmp_path):
+    scene, _, solution = moved(fb.EnergyMomentum())
+    solution.save(tmp_path / "run.npz")
+    known = solution.resultants("leg").at([0.0, 0.1, 0.3, 0.7])
+    for same in (fb.load(tmp_path / "run.npz"), pickle.loads(pickle.dumps(solution))):
+        found = same.resultants("leg").at([0.0, 0.1, 0.3, 0.7])
+        for one, other in zip(known, found, strict=True):
+            np.testing.assert_array_equal(one, other)
+    more = fb.simulate(scene, dt=0.01, t_end=0.4, start=solution)
+    whole = solution.then(more).resultants("leg").at(0.4).M
+    parts = [of.resultants("leg").at(0.4).M for of in (solution, more)]
+    np.testing.assert_array_equal(whole, np.concatenate([parts[0], parts[1][1:]]))
+
+
+def test_section_forces_outlive_the_solution_and_other_runs_of_the_same_structure():
+    scene, beam = cantilever()
+    load = scene.add_force(beam.end, (0.0, 10.0))
+    forces = fb.static(scene, linear=True).resultants(beam)
+    scene.change(load, (0.0, 50.0))
+    fb.static(scene)
+    assert forces.ends.M[-1, 0] == pytest.approx(20.0, abs=1e-9)
+
+
+def test_bad_places_and_missing_rates_are_refused():
+    _, _, solution = moved(fb.EnergyMomentum(), fb.Record(rates=False))
+    with pytest.raises(ValueError, match="need accelerations, which were not recorded"):
+        _ = solution.resultants("arm").ends
+    _, _, solution = moved(fb.EnergyMomentum())
+    forces = solution.resultants("arm")
+    for bad in ([5.0], [-0.1], [np.nan]):
+        with pytest.raises(fb.SceneError, match="arc lengths from 0 to the length of the beam"):
+            forces.at(bad)
+    with pytest.raises(fb.SceneError, match="'before' or 'after'"):
+        forces.at(0.5, "left")
