@@ -52,6 +52,8 @@ class LocalOutput(RowOutput):
         self.shape = measured.shape
 
         def read(array: str, entries: Any) -> np.ndarray:
+            if array == "X":
+                return self._model.mesh.X.reshape(-1)[entries]
             states = sub_steps.states[self._rates if array == "v" else array]
             return states[places.ends, entries]
 

@@ -187,11 +187,11 @@ class Response:
             what = f"Response: the output {name!r}"
             if isinstance(output, Output):
                 check_output(scene, output, what)
-                if isinstance(output.of, ForceBetween):
-                    raise SceneError(
-                        f"{what}, {output}, has no derivatives: take positions of its points, of "
-                        "which its force is a function, or the spring_energy of the scene"
-                    )
+                if isinstance(line := output.of, ForceBetween):
+                    ok = output.quantity != "force" and all(n >= 0 for n in line.nodes)
+                    expected = "length or rate between nodes, of which the force is a function; "
+                    expected += "or the spring_energy of the scene: others have no derivatives"
+                    require(ok, what, str(output), expected)
             else:
                 expected = "an fx_beam.Output, or a function of the solution"
                 require(callable(output), what, output, expected)

@@ -20,7 +20,7 @@ from fx_beam.results.state import State
 from fx_beam.scene.beam import Node
 from fx_beam.scene.inputs import InputSignal, check_names, widths
 from fx_beam.scene.joints import Joint
-from fx_beam.scene.outputs import OF_JOINTS, OF_NODES, Measured, Output, check_outputs
+from fx_beam.scene.outputs import OF_JOINTS, OF_LINES, OF_NODES, Measured, Output, check_outputs
 from fx_beam.scene.scene import Scene
 from fx_beam.step.accelerations import have_mass
 
@@ -220,7 +220,7 @@ def _are_definite(M: scipy.sparse.csr_matrix) -> bool:
 
 # Quantities that are linearised: places and rates of nodes and joints.
 _OF_MOTION = "q", "slides", "v"
-_KINDS = (OF_NODES | OF_JOINTS).items()
+_KINDS = (OF_NODES | OF_JOINTS | OF_LINES).items()
 _LINEAR = [name for name, quantity in _KINDS if quantity.of in _OF_MOTION]
 
 
@@ -495,6 +495,8 @@ def _outputs(about: Deviations, outputs: Mapping[str, Output], what: str):
 
 def _rows(about: Deviations, output: Output) -> tuple[np.ndarray, np.ndarray]:
     measured = Measured(output)
+    if measured.line is not None:
+        return _rows_of_line(about, measured)
     if measured.sliding or measured.quantity.of == "slides":
         assert isinstance(output.of, Joint)
         column = about.model.couplings.slides[output.of.number]
@@ -509,3 +511,18 @@ def _rows(about: Deviations, output: Output) -> tuple[np.ndarray, np.ndarray]:
         moved, rates = deviation(about.T.toarray()), deviation(about.dT.toarray())
     # The rate of a position T z is T z' + T' z.
     return (rates, moved) if measured.quantity.of == "v" else (moved, 0 * moved)
+
+
+def _rows_of_line(about: Deviations, measured: Measured) -> tuple[np.ndarray, np.ndarray]:
+    """Rows by z and z' of the length of a line or its rate, by its slopes in the state."""
+    T, dT = about.T.toarray(), about.dT.toarray()
+    X, q, v = about.model.mesh.X.ravel(), about.state.q, T @ about.rates
+    read = {"X": X, "q": q.ravel(), "v": v}
+    by_place, by_rate = (np.zeros((1, T.shape[1])) for _ in range(2))
+    for name, entry, slope in measured.slopes(lambda name, at: read[name][at]):
+        if name == "q":
+            by_place += slope * T[entry]
+        elif name == "v":
+            by_place += slope * dT[entry]
+            by_rate += slope * T[entry]
+    return by_place, by_rate

@@ -115,7 +115,9 @@ def _reading(model: Model, now: Arrays, turns: np.ndarray, measured: Measured) -
         lambda name, node: now(name)[dofs[node.number]].tolist(),
         lambda name, beam: now(name)[dofs[model.mesh.nodes_of(model.scene, beam)]][None],
     )
-    turning = measured.quantity.of == "q" and measured.quantity.column == 2
+    turns_of = measured.terms if measured.quantity.of == "q" else []
+    turning = any(np.all(np.asarray(term.entries) % 3 == 2) for term in turns_of)
+    turning = turning and not measured.quantity.is_place
 
     def read_now(array: str, entries: Any) -> Any:
         if array == "X":

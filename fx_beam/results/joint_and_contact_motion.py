@@ -14,6 +14,9 @@ from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.contacts import Contact, arc_of, nearest
 from fx_beam.scene.forces_between import ForceBetween
 from fx_beam.scene.joints import Joint, NodalMotion
+from fx_beam.scene.outputs import Output
+from fx_beam.scene.parameters import replaced
+from fx_beam.symbolic import ufl
 
 if TYPE_CHECKING:
     from fx_beam.scene.gears import Gear
@@ -182,7 +185,7 @@ def nodes_of(solution: Any, target: Node | Beam) -> np.ndarray:
 
 @dataclass(frozen=True, repr=False)
 class PullMotion:
-    """Length and tension of a force between points, a rope or a spring to the ground.
+    """Length, tension, energy and power of a force between points, rope or spring to the ground.
 
     Created by `Solution.joint`.
 
@@ -244,6 +247,62 @@ class PullMotion:
             for point in self.line.points
         ]
         return np.hypot(*np.moveaxis(np.diff(at, axis=0), -1, 0)).sum(axis=0)
+
+    @property
+    def rate(self) -> np.ndarray:
+        """Rate (n,) of the length [m/s or rad/s] at t[k]; of a bed take those of its nodes."""
+        from .solution import history
+
+        return history(self.solution, Output("rate", self.line))
+
+    @property
+    def power(self) -> np.ndarray:
+        """Mean power (n,) [W] that the line takes over the step that ends at t[k]; 0 in row 0.
+
+        The pull times the change of the length: what its springs store and its dampers, friction
+        and stops lose, less what an additional force gives. Their sum over the steps is exact by
+        `EnergyMomentum`, else to second order. A row for every step is required; not of a bed.
+        """
+        solution, length = self.solution, self.length
+        if length.ndim > 1 or len(solution.t) != solution.stats.steps + 1:
+            raise ValueError(
+                "power needs every step, and no bed: simulate with record=Record(every=1)"
+            )
+        power = np.zeros(len(length))
+        power[1:] = self.force[1:] * np.diff(length) / np.diff(solution.t)
+        return power
+
+    @property
+    def energy(self) -> np.ndarray:
+        """Energy (n,) [J] that its spring and stops store.
+
+        Springs with internal variables are refused: theirs is in `Solution.energy`.
+        """
+        x, line = self.length, self.line
+        spring, stop = line.on.spring, line.on.stop
+        stored = np.zeros(x.shape)
+        if spring is not None:
+            if spring.internal:
+                raise ValueError(f"{line}: a spring with internal variables; see Solution.energy")
+            stretch = x - spring.rest
+            stored += spring.stiffness / 2 * stretch**2
+            if spring.strain_energy is not None:
+                stored[...] = self._of_law(spring.strain_energy, stretch)
+        for name, side in (("lower", -1), ("upper", 1)):
+            if (limit := getattr(stop, name, None)) is not None:
+                beyond = np.maximum(side * (x - limit), 0.0)
+                stored += getattr(stop, "stiffness", 0.0) / 2 * beyond**2
+        return stored @ getattr(line, "lengths", 1.0) if x.ndim > 1 else stored
+
+    def _of_law(self, law: Any, stretch: np.ndarray) -> np.ndarray:
+        """Stored energy (n,) by a law of a user, with the parameters of the rows."""
+        names, rows = self.solution.names_of_parameters, self.solution.parameters
+        pairs = zip(stretch.tolist(), rows.tolist(), strict=True)
+        energies = [
+            float(replaced(law(ufl.as_ufl(x)), dict(zip(names, row, strict=True)))(()))
+            for x, row in pairs
+        ]
+        return np.array(energies)
 
 
 @dataclass(frozen=True, repr=False)

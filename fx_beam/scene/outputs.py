@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -59,7 +60,11 @@ OF_JOINTS: dict[str, Quantity] = {
     "force": Quantity(_FORCE, "joint_forces"),
     "motor_force": Quantity(of="motor_forces"),
 }
-OF_LINES: dict[str, Quantity] = {"force": Quantity(of="line_forces")}
+OF_LINES: dict[str, Quantity] = {
+    "force": Quantity(of="line_forces"),
+    "length": Quantity(of="q"),
+    "rate": Quantity(of="v"),
+}
 OF_GEARS: dict[str, Quantity] = {"force": Quantity(of="joint_forces")}
 OF_SCENES = {
     "kinetic_energy": Quantity(of="kinetic"),
@@ -93,7 +98,8 @@ class Output:
       [rad/s], "acceleration" [m/s^2], "reaction" [N, N m]
     - of a joint: "angle" [rad], "slide" [m], "spin" [rad/s], "rate" [m/s or rad/s], "force" [N, N
       m], "motor_force" [N or N m]
-    - of a rope or force between points, for `Motion`: "force" [N], its pull
+    - of a rope, a force between points or a spring to the ground: "length" [m or rad] and its
+      "rate" [m/s or rad/s], and for `Motion` its "force" [N or N m], a pull; of a bed only "force"
     - of a gear or rack: "force" [N m or N]
     - of a scene: "kinetic_energy" [J], "strain_energy" [J], "potential_energy" [J], "spring_energy"
       [J], "total_energy" [J], "dissipated_energy" [J], "work" [J], "critical_load" [1], "period"
@@ -210,9 +216,17 @@ class Measured:
         self.terms: list[Term] = []
         if quantity.is_place:
             self.terms.append(Term("X", 2 * place.number + columns))
-        if quantity.of in ("q", "v", "a"):
+        moves = quantity.of in ("q", "v", "a")
+        #: The line, if it is its length or the rate of that, which are not linear; else None.
+        self.line: ForceBetween | None = None
+        if moves and isinstance(place, ForceBetween):
+            if place.to_ground:
+                self.terms += _along(place, quantity.of)
+            else:
+                self.line = place
+        elif moves:
             self.terms += [Term(quantity.of, at + columns, sign) for at, sign in _ends(place)]
-        elif isinstance(place, Node | Joint | ForceBetween):
+        elif isinstance(place, Node | Joint | ForceBetween):  # of a recorded history
             first = place.number if quantity.of in _ONE_EACH else 3 * place.number
             self.terms.append(Term(quantity.of, first + columns))
         elif is_gear(place):
@@ -220,12 +234,17 @@ class Measured:
 
     def values(self, read: Read, motion: Any = None) -> Any:
         """Values (..., components) or (...); the rate of a slide also needs the `NodalMotion`."""
+        if self.line is not None:
+            return self._of_line(*self._points(read))
         if joint := self.sliding:
             return joint.kinematics.rate(motion, np.atleast_1d(read("slides", joint.number)))
         return sum(factor * read(array, entries) for array, entries, factor in self.terms)
 
     def slopes(self, read: Read) -> Iterator[Term]:
         """Its derivatives by all that it reads, in n states; of a rate by imaginary steps."""
+        if self.line is not None:
+            yield from self._slopes_of_line(read)
+            return
         if (joint := self.sliding) is None:
             yield from self.terms
             return
@@ -251,10 +270,59 @@ class Measured:
             for array, at, factor in terms if slopes.any() else ():
                 yield Term(array, at, factor * slopes)
 
+    def _points(self, read: Read) -> tuple[list[list[Any]], list[list[Any]]]:
+        """Positions and rates of the points of a line, each by x and y."""
+        places, rates, moves = [], [], self.quantity.of == "v"
+        for point in self.line.points if self.line else ():
+            if not isinstance(point, Node):
+                places.append([*point.position])
+                rates.append([0.0, 0.0])
+                continue
+            at, X = 3 * point.number, 2 * point.number
+            places.append([read("X", X + i) + read("q", at + i) for i in (0, 1)])
+            rates.append([read("v", at + i) if moves else 0.0 for i in (0, 1)])
+        return places, rates
+
+    def _of_line(self, places: list[list[Any]], rates: list[list[Any]]) -> Any:
+        """Length of a line, or its rate."""
+        total: Any = 0.0
+        pairs = zip(itertools.pairwise(places), itertools.pairwise(rates), strict=True)
+        for ((x0, y0), (x1, y1)), ((u0, v0), (u1, v1)) in pairs:
+            x, y = x1 - x0, y1 - y0
+            length = (x * x + y * y) ** 0.5
+            along = x * (u1 - u0) + y * (v1 - v0)
+            total = total + (along / length if self.quantity.of == "v" else length)
+        return total
+
+    def _slopes_of_line(self, read: Read) -> Iterator[Term]:
+        places, rates = self._points(read)
+        for k, point in enumerate(self.line.points if self.line else ()):
+            if not isinstance(point, Node):
+                continue
+            for i in (0, 1):
+                for values, names in ((places, ("q", "X")), (rates, ("v",))):
+                    before = values[k][i]
+                    values[k][i] = before + _STEP * 1j
+                    slopes = np.imag(self._of_line(places, rates)) / _STEP
+                    values[k][i] = before
+                    for name in names if np.any(slopes) else ():
+                        yield Term(name, (2 if name == "X" else 3) * point.number + i, slopes)
+
 
 def is_gear(place: Any) -> bool:
     """Whether it is a gear; its class is not loaded for scenes without any."""
     return hasattr(place, "terms")
+
+
+def _along(line: Any, array: str) -> list[Term]:
+    """Displacement or rotation of what a spring to the ground holds, or its rate."""
+    require(
+        isinstance(line.target, Node), "Output: of", str(line), "no bed: take those of its nodes"
+    )
+    at = 3 * line.target.number
+    if line.direction is None:
+        return [Term(array, at + 2)]
+    return [Term(array, at + i, float(way)) for i, way in enumerate(line.direction) if way]
 
 
 def _ends(place: Node | Joint) -> Iterator[tuple[int, float]]:
