@@ -89,6 +89,7 @@ from .scene.joints import (
 from .scene.law import InternalVariables as InternalVariables, Law as Law
 from .scene.loads import thermal as thermal
 from .scene.outputs import Output as Output
+from .scene.pulleys import Pulley as Pulley
 from .scene.scene import Scene as Scene
 from .scene.section import Section as Section
 from .scene.shaking import Shaking as Shaking

@@ -137,6 +137,7 @@ def _rows(scene: Scene, mesh: Mesh, parts: _Parts, static: bool):
         if joint.turns_together or _is_held(joint.rotation, static):
             turning.append(nodes)
     row_of = [*range(len(together))]
+    wound: list[tuple] = []
     force: Any
     for force in scene.forces_between:
         if not _is_held(force.on, static):
@@ -150,10 +151,16 @@ def _rows(scene: Scene, mesh: Mesh, parts: _Parts, static: bool):
             ways = force.ways(mesh.X[held])
             together += [(-1, node, *way, 0.0, 0.0) for node, way in zip(held, ways, strict=True)]
         else:  # the length over all of its points
+            wound += [(len(together), node, by) for node, by in getattr(force, "drums", ())]
             row_of += [len(together)] * len(force.apart)
-            ways = zip(force.nodes, force.nodes[1:], force.apart, strict=False)
+            straight = np.array(force.straight(force.apart), dtype=float)
+            ways = zip(force.nodes, force.nodes[1:], straight, strict=False)
             together += [(a, b, *(way / np.hypot(*way)), 0.0, 0.0) for a, b, way in ways]
     weights, turn_of = [1.0] * len(turning), [*range(len(together), len(together) + len(turning))]
+    for number, node, by in wound:
+        turning.append((-1, node))
+        turn_of.append(number)
+        weights.append(by / mesh.size)
     for gear in scene.gears:
         number, acts = len(together) + len(turning), gear.is_ideal or _is_held(gear.on, static)
         for joint, name, weight in gear.terms if acts else ():

@@ -109,7 +109,7 @@ def _line_part(about: SmallLoads, model: Model) -> scipy.sparse.csr_matrix:
         numbers = [
             model.mesh.dofs[p.number][:2] if isinstance(p, Node) else fixed for p in line.points
         ]
-        for k, arm in enumerate(np.diff(places, axis=0)):
+        for k, arm in enumerate(line.straight(np.diff(places, axis=0))):
             length = np.hypot(*arm)
             normal = np.eye(2) - np.outer(arm, arm) / length**2
             blocks.append(forces[line.number] / length * np.kron([[1, -1], [-1, 1]], normal))

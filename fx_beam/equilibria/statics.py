@@ -113,7 +113,7 @@ class LoadPath:
             solution = self._solution(states)
             if self.warns:
                 _warn_if_unstable(self.stepper.motions, states)
-            warn_of_places(solution)
+            warn_of_places(solution, lines=self.scene.forces_between)
             solution.load_path = self
             self.start = isinstance(self.start, Solution) or self.start
         except BaseException as error:

@@ -175,9 +175,7 @@ def _between(
         if force.to_ground:
             yield from _to_ground(force, scene, mesh, X, known, at_rest)
             continue
-        kind = length_over(tuple(node >= 0 for node in force.nodes))
-        apart = [component for vector in force.apart for component in vector]  # with slopes
-        dofs = mesh.dofs[[node for node in force.nodes if node >= 0], :2].ravel().tolist()
+        kind, apart, dofs = _along(force, mesh)
         for law, numbers in _of_coordinate(force.on, kind, known, at_rest):
             given = law, [*apart, *numbers], dofs
             yield PointForce(*given, owner=str(force), line=force.number)
@@ -185,6 +183,19 @@ def _between(
             numbers = [*apart, 1.0]
             law = _shared(known, laws.pull, kind, force.functions, force.force)
             yield PointForce(law, numbers, dofs, role=Role.EXTERNAL, line=force.number)
+
+
+def _along(force: Any, mesh: Mesh) -> tuple[CoordinateKind, list[Any], list[int]]:
+    """Kind of the length of a line, with its numbers and degrees of freedom."""
+    if kinds := getattr(force, "kinds", ""):
+        from fx_beam.laws.rope_laws import rope_over
+
+        ends = zip(force.nodes, kinds, strict=True)
+        dofs = [mesh.dofs[node, : 3 if kind == "D" else 2] for node, kind in ends if node >= 0]
+        return rope_over(kinds), force.numbers, np.concatenate(dofs).tolist()
+    apart = [component for vector in force.apart for component in vector]  # with slopes
+    dofs = mesh.dofs[[node for node in force.nodes if node >= 0], :2].ravel().tolist()
+    return length_over(tuple(node >= 0 for node in force.nodes)), apart, dofs
 
 
 def _to_ground(

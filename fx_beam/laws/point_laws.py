@@ -322,7 +322,7 @@ def _turn(motion: ForceStep, start: Any, D: Any, rates: Any) -> StepCoordinate:
         x = (Db - Da) / 2
         near = ufl.lt(x * x, 4e-4)
         secants = ufl.sqrt((1 + 0.25 * Dtheta_a * Dtheta_a) * (1 + 0.25 * Dtheta_b * Dtheta_b))
-        above = ufl.conditional(near, _x_over_sin(x), 2 * x)
+        above = ufl.conditional(near, x_over_sin(x), 2 * x)
         ratio = above / ufl.conditional(near, secants, path)
     sides = [ufl.as_ufl(-1.0), ufl.as_ufl(1.0)]
     rate = rates[1] - rates[0]
@@ -345,7 +345,7 @@ def _gear(motion: ForceStep, D: Sequence[Any], numbers: Sequence[Any]) -> StepCo
     return StepCoordinate(start, end, along, across, path, rate)
 
 
-def _x_over_sin(x: Any) -> Any:
+def x_over_sin(x: Any) -> Any:
     """x / sin(x) for x below 0.02, by a series that is exact to round-off."""
     x2 = x * x
     return 1 + (1 / 6) * x2 * (1 + (7 / 60) * x2 * (1 + (31 / 294) * x2))
@@ -374,12 +374,12 @@ def length_over(moves: tuple[bool, ...]) -> CoordinateKind:
         """From each point to the next one, of displacements, increments or rates."""
         pairs = zip(values[::2], values[1::2], strict=True)
         vectors = [list(next(pairs)) if moves_ else None for moves_ in moves]
-        return [_way(*ends) for ends in itertools.pairwise(vectors)]
+        return [way(*ends) for ends in itertools.pairwise(vectors)]
 
     def length(motion: ForceStep, D: Sequence[Any], numbers: Sequence[Any]) -> StepCoordinate:
         parts = [
-            arm_length(motion, add(apart, 1.0, way), way_D, way_rates, 0.0, 1.0)
-            for apart, way, way_D, way_rates in zip(
+            arm_length(motion, add(apart, 1.0, moved), way_D, way_rates, 0.0, 1.0)
+            for apart, moved, way_D, way_rates in zip(
                 zip(numbers[::2], numbers[1::2], strict=True),
                 *map(ways, (motion.start, D, motion.rates)),
                 strict=True,
@@ -390,9 +390,9 @@ def length_over(moves: tuple[bool, ...]) -> CoordinateKind:
             if moves_:
                 before = [part.along for part in parts[max(i - 1, 0) : i]]
                 behind = [[-x for x in part.along] for part in parts[i : i + 1]]
-                along += [_total(xs) for xs in zip(*before, *behind, strict=True)]
+                along += [total(xs) for xs in zip(*before, *behind, strict=True)]
         start, end, path, rate = (
-            _total([getattr(part, name) for part in parts])
+            total([getattr(part, name) for part in parts])
             for name in ("start", "end", "path", "rate")
         )
         return StepCoordinate(start, end, along, along, path, rate)
@@ -403,14 +403,14 @@ def length_over(moves: tuple[bool, ...]) -> CoordinateKind:
     )
 
 
-def _way(a: list[Any] | None, b: list[Any] | None) -> list[Any]:
+def way(a: list[Any] | None, b: list[Any] | None) -> list[Any]:
     """From one point to another; None for one that does not move."""
     if a is None or b is None:
         return b or ([-x for x in a] if a else [ufl.as_ufl(0.0)] * 2)
     return add(b, -1.0, a)
 
 
-def _total(parts: Sequence[Any]) -> Any:
+def total(parts: Sequence[Any]) -> Any:
     """The sum of UFL scalars, without a zero to begin with."""
     return functools.reduce(lambda a, b: a + b, parts)
 

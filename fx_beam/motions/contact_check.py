@@ -13,6 +13,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.contacts import Circle, Contact, arc_of, nearest
 from fx_beam.scene.coordinate import Stop
+from fx_beam.scene.forces_between import ForceBetween
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.loads import label
 
@@ -35,13 +36,31 @@ _NODES_AT_ONCE = 200_000
 _BENT, _ROWS = 0.5, 16
 
 
-def warn_of_places(solution: Solution, joints: Sequence[Joint] = ()) -> None:
+def warn_of_places(
+    solution: Solution, joints: Sequence[Joint] = (), lines: Sequence[ForceBetween] = ()
+) -> None:
     """Warn of contact where its forces say little, and of elements that are too long."""
     _warn_of_long_elements(solution)
     _warn_of_depth(solution)
     if not solution.stats.static:
         _warn_of_short_impacts(solution, joints)
     warn_of_sharp_bends(solution)
+    for line in lines:
+        if hasattr(line, "kinds"):
+            _warn_of_lifted(solution, line)
+
+
+def _warn_of_lifted(solution: Solution, rope: ForceBetween) -> None:
+    """Warn of a rope that leaves a pulley."""
+    wrap = solution.joint(rope).wrap[:, 1:-1]
+    if wrap.size and wrap.min() < -1e-6:
+        k, i = np.unravel_index(np.argmax(wrap < -1e-6), wrap.shape)
+        when = f"{'load factor' if solution.stats.static else 't ='} {solution.t[k]:.4g}"
+        warn_once(
+            f"{rope}: the rope leaves the pulley at point {i + 1} at {when}, where it would run "
+            "straight on: from there on its length is not right. End the motion there by `until`, "
+            "and go on with a rope without this pulley"
+        )
 
 
 def _warn_of_long_elements(solution: Solution) -> None:

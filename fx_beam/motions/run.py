@@ -243,7 +243,7 @@ class Run:
         """The solution of all steps, with warnings of contact where its forces say little."""
         solution = self._solution()
         if self._knows_places:
-            warn_of_places(solution, self._scene.joints)
+            warn_of_places(solution, self._scene.joints, self._scene.forces_between)
         return solution
 
     @property

@@ -337,7 +337,8 @@ def line_between(drawing: Drawing, force: ForceBetween, rows) -> np.ndarray:
         else np.broadcast_to(point.position, shape)
         for point in force.points
     ]
-    return np.stack(lines, axis=-2)
+    over_circles = getattr(force, "outline", None)
+    return np.stack(lines, axis=-2) if over_circles is None else over_circles(np.stack(lines))
 
 
 def feet(drawing: Drawing, force: GroundSpring) -> list[tuple[int, np.ndarray, np.ndarray]]:

@@ -230,8 +230,9 @@ class PullMotion:
     def length(self) -> np.ndarray:
         """Distance (n,) of the points, or the sum of those along a rope [m].
 
-        Of a spring to the ground the displacement along its direction [m], or the rotation [rad];
-        of a bed those (n, nodes) at the nodes of the beam.
+        Over pulleys with arcs; what is wound on drums since the start is part of it. Of a spring to
+        the ground the displacement along its direction [m], or the rotation [rad]; of a bed those
+        (n, nodes) at the nodes of the beam.
         """
         of, count = self.solution, len(self.solution.t)
         if self.line.to_ground:
@@ -242,11 +243,42 @@ class PullMotion:
                 return q[:, 0, 2]
             along = np.sum(q[..., :2] * line.ways(of.X[nodes]), axis=-1)
             return along if isinstance(line.target, Beam) else along[:, 0]
-        at = [
-            of.position(point) if isinstance(point, Node) else np.tile(point.position, (count, 1))
-            for point in self.line.points
-        ]
-        return np.hypot(*np.moveaxis(np.diff(at, axis=0), -1, 0)).sum(axis=0)
+        if hasattr(self.line, "kinds"):
+            return self._over_circles()[0]
+        return np.hypot(*np.moveaxis(np.diff(self._places, axis=0), -1, 0)).sum(axis=0)
+
+    @property
+    def wrap(self) -> np.ndarray:
+        """Angles (n, points) over which a rope lies on its pulleys [rad]; 0 at points.
+
+        Negative where the rope has left a pulley, which the model does not know: its length is then
+        that of a rope that is held there. Of a drum the angle since the start.
+        """
+        if not hasattr(self.line, "kinds"):
+            return np.zeros((len(self.solution.t), len(self.line.points)))
+        return self._over_circles()[1].T
+
+    @property
+    def _places(self) -> np.ndarray:
+        """Positions (points, n, 2) of its points."""
+        of, count = self.solution, len(self.solution.t)
+        return np.array(
+            [
+                of.position(point)
+                if isinstance(point, Node)
+                else np.tile(point.position, (count, 1))
+                for point in self.line.points
+            ]
+        )
+
+    def _over_circles(self) -> tuple[np.ndarray, np.ndarray]:
+        """Length (n,) of a rope over pulleys, and its arcs (points, n)."""
+        rope: Any = self.line
+        ends = zip((rope.a, rope.b), (rope.kinds[0], rope.kinds[-1]), strict=True)
+        none = np.zeros(len(self.solution.t))
+        turned = [self.solution.rotation(at) if kind == "D" else none for at, kind in ends]
+        ways = np.moveaxis(np.diff(self._places, axis=0), -1, 1)
+        return rope.state(ways, np.array(turned))
 
     @property
     def rate(self) -> np.ndarray:

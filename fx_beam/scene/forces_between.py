@@ -119,6 +119,26 @@ class ForceBetween:
         positions = [position_of(_node_or_position(point)) for point in self.points]
         return real_array([[y[0] - x[0], y[1] - x[1]] for x, y in itertools.pairwise(positions)])
 
+    def straight(self, ways: Any) -> Any:
+        """Its straight parts.
+
+        Parameters
+        ----------
+        ways : (n - 1, 2) float
+            Vectors from each point to the next one [m].
+
+        Returns
+        -------
+        (n - 1, 2) float
+            Vectors of the straight parts [m].
+        """
+        return ways
+
+    @property
+    def length_at_start(self) -> float:
+        """Distance of the points, or the sum of those along a rope, at the start [m]."""
+        return math.fsum(math.hypot(*way) for way in self.apart)
+
     @property
     def functions(self) -> list[tuple[str, Any]]:
         """Expressions of the user's functions, by kind."""
@@ -164,6 +184,7 @@ def checked_force(
     number: int,
     size: float,
     own: tuple[str, ...] = (),
+    make: Callable[..., ForceBetween] | None = None,
 ) -> ForceBetween:
     """A force of a scene of a size [m]; SceneError if a law is not finite at the start."""
     if force is not None and not callable(force):
@@ -171,12 +192,10 @@ def checked_force(
 
         name = f"force {number} between points"
         force, own = GivenPull(Parameter(name, force)), (*own, name)
-    made = ForceBetween(_points(points), on, force, number, own)
-    apart = made.apart
-    distances = [math.hypot(*way) for way in apart]
-    if min(distances) <= 1e-12 * size:
+    made = (make or ForceBetween)(_points(points), on, force, number, own)
+    if min(math.hypot(*way) for way in made.apart) <= 1e-12 * size:
         raise SceneError(f"{made}: the points are at the same place, so that no direction is known")
-    distance = sum(distances)
+    distance = made.length_at_start
     if not (on.acts or force is not None):
         raise SceneError(f"{made}: give a spring, damper, friction, stop or force")
     if isinstance(on.friction, Coulomb):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -779,15 +780,16 @@ class Scene:
 
         :math:`l = \sum_k |x_{k+1} - x_k|`. The rope slides over the points between without
         friction, so that its tension is the same everywhere: a pulley block, a tendon, a
-        bowstring. A pulley is a point, without a radius. The laws are those of
+        bowstring. With a `Pulley` l has arcs, and spans that touch circles. The laws are those of
         `add_force_between`, with l in place of the distance: in schemes that conserve energy the
         work is exactly the change of the stored energy, and momenta are conserved.
 
         Parameters
         ----------
-        points : sequence of Node or (x, y)
+        points : sequence of Node, (x, y) or Pulley
             Two or more points in order: nodes of this scene, which move, and fixed places [m]. A
-            node may be there several times, as that of a block with two sheaves.
+            node may be there several times, as that of a block with two sheaves. A `Pulley` is a
+            circle; at an end it is a drum, on which the rope is wound and that turns with its node.
         spring : Spring, optional
             Spring on l, which pulls and pushes; with a `length` the stiffness of a rope that only
             pulls.
@@ -832,6 +834,12 @@ class Scene:
         what, number = "rope: points", self.force_count
         ok = isinstance(points, list | tuple) and len(points) > 1
         require(ok, what, points, "a sequence of two or more nodes and positions (x, y)")
+        make = None
+        if any(hasattr(point, "side") for point in points):
+            from .pulleys import RopeOverPulleys, rope_parts
+
+            points, parts = rope_parts(points)
+            make = functools.partial(RopeOverPulleys, **parts)
         nodes = [point for point in points if isinstance(point, Node)]
         require(bool(nodes), what, points, "with a node among them: nothing else can move")
         for node in nodes:
@@ -840,7 +848,7 @@ class Scene:
         if length is not None:
             spring, own = rope_spring(spring, length, number)
         on = Coordinate(spring, damper, friction=friction, stop=stop)  # type: ignore[arg-type]
-        return self._with_force(checked_force(points, on, force, number, self._size, own))
+        return self._with_force(checked_force(points, on, force, number, self._size, own, make))
 
     def add_spring(
         self, node: Node, x=None, y=None, rotation=None, axis: Sequence[float] = (1.0, 0.0)

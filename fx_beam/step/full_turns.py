@@ -76,6 +76,7 @@ def _members(model: Model) -> list[np.ndarray]:
         if rotation is not None and (rotation.acts or rotation.motor):
             counted |= {*ends}
     counted |= {node.number for gear in scene.gears for node in gear.nodes} - {GROUND.number}
+    counted |= {node for of in scene.forces_between for node, _ in getattr(of, "drums", ())}
     free = _turning(len(mesh.X), np.concatenate(one), np.concatenate(other), tuple(sorted(counted)))
     return [3 * nodes + _ROTATION for nodes in free]
 

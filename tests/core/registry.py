@@ -543,6 +543,24 @@ def free_pair_on_a_guide(x):
 
 
 @case()
+def winch_on_a_rope_over_circles(x):
+    """A drum with a motor, a fixed pulley, and a loose one at a beam."""
+    scene, beam = swing(x)
+    drum = scene.add_body((-1.0, 0.5), 1.0, 0.05 * x[3], {"axle": (-1.0, 0.5)})
+    motor = {"motor": lambda t: -2 * x[6] * t * t}
+    scene.add_joint(fb.Revolute(fb.GROUND, drum["axle"], **motor))
+    points = [
+        fb.Pulley(drum.centre, 0.2 * x[7], "right"),
+        fb.Pulley((0.2, 1.5 * x[5]), 0.15 * x[8], side="right"),
+        fb.Pulley(beam.end, 0.1 * x[8]),
+        (1.6, 1.5),
+    ]
+    laws = {"damper": fb.Damper(0.3 * x[7]), "stop": (None, 5.0, 300.0)}
+    scene.add_rope(points, fb.Spring(60.0 * x[6], rest=3.5), **laws)
+    return scene
+
+
+@case()
 def hinge_that_relaxes(x):
     def update(old, angle0, angle, dt):
         return [(old[0] + dt / 0.5 * angle[0]) / (1 + dt / 0.5)]
@@ -628,6 +646,19 @@ def force_between_free_bodies(x):
     scene, one, other = free_bodies(x)
     spring = fb.Spring(30.0 * x[7], 0.8, lambda d: 5 * d**4)
     scene.add_force_between(one.centre, other.centre, spring, stop=(0.9, 1.02, 1e4 * x[8]))
+    return scene
+
+
+@case(free=True, dt=0.05)
+def rope_over_circles_of_free_bodies(x):
+    scene, one, other = free_bodies(x)
+    third = scene.add_body((2.2, -0.5), 1.5, 0.1).centre
+    scene.set_velocity(third, (0.2, 0.3), spin=-2.0)
+    ends = fb.Pulley(one.centre, 0.2 * x[8], side="right"), fb.Pulley(third, 0.3, side="right")
+    points = [ends[0], fb.Pulley(other.centre, 0.1 * x[7], side="right"), ends[1]]
+    scene.add_rope(points, fb.Spring(20.0 * x[3], rest=1.5))
+    energy = fb.Spring(strain_energy=lambda length: 5 * (length - 2.0) ** 4)
+    scene.add_rope([fb.Pulley(one.centre, 0.15), fb.Pulley(third, 0.25, side="right")], energy)
     return scene
 
 

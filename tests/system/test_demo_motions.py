@@ -67,6 +67,21 @@ def test_a_geared_arm_has_the_ratios_the_rate_and_the_frequencies_of_the_closed_
     assert geared_arm["energy balance"] < 1e-12
 
 
+# -- pulley_block
+
+
+def test_a_pulley_block_lifts_its_load_as_the_equation_says(pulley_block):
+    coarse, fine = pulley_block["errors"].values()
+    assert fine < 2e-6 and 3.5 < coarse / fine < 4.5
+    assert pulley_block["rise"] == approx(pulley_block["turns of the drum times R / n"], abs=1e-4)
+    assert pulley_block["largest error of the tension"] < 2e-3 * pulley_block["weight by parts"]
+    assert pulley_block["frequency"] == approx(pulley_block["exact frequency"], rel=2e-3)
+    assert pulley_block["arcs"] == approx([np.pi] * 4, rel=1e-9)
+    assert max(pulley_block["sideways"], pulley_block["turned"]) < 1e-6
+    assert pulley_block["work of the motor"] == approx(pulley_block["work of the load"], rel=1e-3)
+    assert pulley_block["energy balance"] < 1e-12
+
+
 # -- belt_drive
 
 

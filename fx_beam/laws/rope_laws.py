@@ -1,0 +1,164 @@
+"""The length of a rope over circles in a step, with exact work and both momenta, in UFL."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from fx_beam.symbolic import ufl
+
+from .kinematics import tan
+from .point_laws import (
+    TINY,
+    CoordinateKind,
+    ForceStep,
+    StepCoordinate,
+    add,
+    dot,
+    total,
+    way,
+    x_over_sin,
+)
+
+
+class _Span(NamedTuple):
+    """A free span between circles over a step, by the vector d between its centres.
+
+    Its part of the length is F(|d|) + q times the angle of d, with the difference q of radii, F' =
+    t / |d| and t^2 = |d|^2 - q^2.
+    """
+
+    #: F at the start [m], and its increment.
+    start: Any
+    path: Any
+    #: Vectors whose products with the increment of d are exactly that of F, and 2 `turn`.
+    along: list[Any]
+    turning: list[Any]
+    #: Tan of half the increment of the angle, and the angle since the reference.
+    turn: Any
+    angle: Any
+    #: Unit vectors along the span at both ends of the step.
+    ends: tuple[list[Any], list[Any]]
+
+
+def _across(a: Sequence[Any], b: Sequence[Any]) -> Any:
+    return a[0] * b[1] - a[1] * b[0]
+
+
+def _half(a: Sequence[Any], b: Sequence[Any], size: Any) -> Any:
+    """Tan of half the angle from a to b, for the product of their lengths."""
+    return _across(a, b) / (size + dot(a, b))
+
+
+def _span(apart: list[Any], moved: list[Any], D: list[Any], q: Any) -> _Span:
+    d0 = add(apart, 1.0, moved)
+    d1 = add(d0, 1.0, D)
+    size0, size1, at_rest = (ufl.sqrt(dot(d, d) + TINY) for d in (d0, d1, apart))
+    t0, t1 = (ufl.sqrt(size * size - q * q) for size in (size0, size1))
+    both, mean = add(d0, 1.0, d1), [x / 2 for x in add(d0, 1.0, d1)]
+    sum_of_sizes, square = size0 + size1, dot(mean, mean)
+    longer = dot(both, D) / sum_of_sizes
+    # The quotient of both increments: that of asin(q / |d|) is one of a small angle.
+    y = q * longer * sum_of_sizes / ((t0 + t1) * size0 * size1)
+    near = ufl.lt(y * y, 1e-6)
+    y2 = y * y
+    bent = ufl.conditional(near, 0.0, y)
+    far = ufl.asin(bent) / ufl.conditional(near, 1.0, y)
+    ratio = ufl.conditional(near, 1 + y2 / 6 * (1 + 9 / 20 * y2), far)
+    quotient = sum_of_sizes / (t0 + t1) * (1 - q * q / (size0 * size1) * ratio)
+    turn = _across(d0, D) / (size0 * size1 + dot(d0, d1))
+    lean = turn * longer / sum_of_sizes
+    return _Span(
+        t0 + q * ufl.asin(q / size0),
+        quotient * longer,
+        [quotient / sum_of_sizes * x for x in both],
+        [(lean * mean[0] - mean[1]) / square, (lean * mean[1] + mean[0]) / square],
+        turn,
+        2 * ufl.atan(_half(apart, d0, at_rest * size0)),
+        (_along(d0, size0, t0, q), _along(d1, size1, t1, q)),
+    )
+
+
+def _along(d: list[Any], size: Any, t: Any, q: Any) -> list[Any]:
+    """The unit vector of a span: the derivative of the length by d."""
+    square = size * size
+    return [(t * d[0] - q * d[1]) / square, (t * d[1] + q * d[0]) / square]
+
+
+def _ratio(a: Any, b: Any, x: Any) -> Any:
+    """x / (b - a) for the tangents a and b of two angles, and x their difference."""
+    near = ufl.lt(x * x, 4e-4)
+    secants = ufl.sqrt((1 + a * a) * (1 + b * b))
+    above = ufl.conditional(near, x_over_sin(x), x)
+    return above / ufl.conditional(near, secants, b - a)
+
+
+@functools.cache
+def rope_over(kinds: str) -> CoordinateKind:
+    """Length of a rope over points and circles, by their kinds (`RopeOverPulleys.kinds`).
+
+    Numbers: ways between the centres in the reference; radius and arc at the start of each circle.
+    """
+    count = len(kinds)
+    sizes = [{"n": 2, "N": 2, "D": 3}.get(kind, 0) for kind in kinds]
+    circles = [i for i, kind in enumerate(kinds) if kind in "NFD"]
+
+    def parts(values: Sequence[Any]) -> tuple[list[list[Any]], list[Any]]:
+        """Ways between centres, and rotations of all points, of displacements or rates."""
+        numbers, vectors, turns = iter(values), list[Any](), list[Any]()
+        for size in sizes:
+            vectors.append([next(numbers), next(numbers)] if size else None)
+            turns.append(next(numbers) if size == 3 else ufl.as_ufl(0.0))
+        return [way(*vectors[i : i + 2]) for i in range(count - 1)], turns
+
+    def length(motion: ForceStep, D: Sequence[Any], numbers: Sequence[Any]) -> StepCoordinate:
+        radii, arcs = ([ufl.as_ufl(0.0)] * count for _ in range(2))
+        for i, number in zip(circles, range(2 * count - 2, len(numbers), 2), strict=True):
+            radii[i], arcs[i] = numbers[number], numbers[number + 1]
+        (moved, turned), (ways, turns), (rates, spins) = map(parts, (motion.start, D, motion.rates))
+        apart = [[*numbers[2 * i : 2 * i + 2]] for i in range(count - 1)]
+        steps = [radii[i] - radii[i + 1] for i in range(count - 1)]
+        spans = [_span(*of) for of in zip(apart, moved, ways, steps, strict=True)]
+        start, path = (total([getattr(of, name) for of in spans]) for name in ("start", "path"))
+        pulls = [of.along for of in spans]
+        moments = [ufl.as_ufl(0.0)] * count
+        for i in circles:
+            r, before, behind = radii[i], i > 0, i < count - 1
+            body, psi = tan(turns[i] / 2), turned[i]
+            # Of the rope behind less that before; a drum is in the place of one of them.
+            a, angle_a = (spans[i - 1].turn, spans[i - 1].angle) if before else (body, psi)
+            b, angle_b = (spans[i].turn, spans[i].angle) if behind else (body, psi)
+            half_a = ufl.atan(a) if before else turns[i] / 2
+            half_b = ufl.atan(b) if behind else turns[i] / 2
+            x = half_b - half_a
+            bent = angle_b - angle_a
+            if before and behind:  # it is within half a turn of that at the start
+                bent = 2 * ufl.atan(tan(bent / 2))
+            start, path = start + r * (arcs[i] + bent), path + 2 * r * x
+            share = r * _ratio(a, b, x)
+            for k, side in ((i, share), (i - 1, -share)):
+                if 0 <= k < count - 1:
+                    pulls[k] = add(pulls[k], side, spans[k].turning)
+                elif kinds[i] == "D":
+                    moments[i] += side
+        if not motion.rule.turning:
+            level = motion.rule.level
+            pulls = [
+                [(1 - level) * x + level * y for x, y in zip(*of.ends, strict=True)] for of in spans
+            ]
+            moments = [ufl.as_ufl(0.0)] * count
+            moments[0], moments[-1] = moments[0] - radii[0], moments[-1] + radii[-1]
+        along = list[Any]()
+        for i, size in enumerate(sizes):
+            if size:
+                arriving = pulls[max(i - 1, 0) : i]
+                leaving = [[-x for x in of] for of in pulls[i : i + 1]]
+                along += [total(xs) for xs in zip(*arriving, *leaving, strict=True)]
+            along += [moments[i]] * (size == 3)
+        rate = total([dot(of.ends[0], v) for of, v in zip(spans, rates, strict=True)])
+        rate = rate - radii[0] * spins[0] + radii[-1] * spins[-1]
+        return StepCoordinate(start, start + path, along, along, path, rate)
+
+    size, more = sum(sizes), 2 * count - 2 + 2 * len(circles)
+    return CoordinateKind(f"a rope over {kinds}", size, more, length, is_line=True)

@@ -1,0 +1,207 @@
+"""Pulleys with a radius, and ropes over them, as plain data."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from fx_beam.errors import IS_DATA, SceneError, check_fields, is_one_of, real, real_array, require
+
+from .beam import Node
+from .forces_between import ForceBetween
+
+# Points on an arc of a picture.
+_DRAWN = 17
+
+
+@dataclass(frozen=True, eq=False)
+class Pulley:
+    r"""A circle on which a rope lies: a pulley, or at an end of the rope a drum.
+
+    For `Scene.add_rope`. Between two points of the rope a pulley turns freely and has no friction,
+    so that the tension is the same on both sides. At an end it is a drum: the rope is wound on it,
+    does not slip, and turns with its node. With ropes to both of its sides a drum is a pulley with
+    inertia on which the rope does not slip.
+
+    Parameters
+    ----------
+    at : Node or (x, y)
+        The centre: a node of a body or beam, which moves, or a fixed place [m].
+    radius : float
+        Radius R to the middle of the rope [m].
+    side : {"left", "right"}
+        On which side of the rope the centre is, seen along the rope from its first point: a rope
+        turns to the left about a pulley on its left.
+
+    Raises
+    ------
+    SceneError
+        For a radius that is not positive, or an unknown side.
+
+    Examples
+    --------
+    Atwood's machine with a pulley of 0.2 m radius, that turns freely.
+
+    >>> import fx_beam as fb
+    >>> scene = fb.Scene(gravity=(0, -9.81))
+    >>> loads = [scene.add_body((x, -1), mass=m).centre for x, m in ((-0.2, 1.0), (0.2, 1.5))]
+    >>> for load in loads:
+    ...     scene.fix(load, "x", "rotation")
+    >>> points = [loads[0], fb.Pulley((0, 0), 0.2, side="right"), loads[1]]
+    >>> rope = scene.add_rope(points, spring=fb.Spring(1e6))
+    >>> print(f"{rope.length_at_start:.4f} m")  # 2 + 0.2 pi
+    2.6283 m
+    """
+
+    at: Any
+    radius: float = real("positive")
+    side: str = "left"
+
+    def __post_init__(self):
+        check_fields(self)
+        require(is_one_of(self.side, ("left", "right")), "Pulley: side", self.side, "left or right")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RopeOverPulleys(ForceBetween):
+    """A rope over points of which some are circles; created by `Scene.add_rope`.
+
+    The points are the centres.
+    """
+
+    #: Of each point: n for a node, f for a fixed one, N and F for pulleys there, D for a drum.
+    kinds: str = ""
+    #: Radii (n,), positive for a centre on the left of the rope, 0 for points [m].
+    radii: np.ndarray = field(default_factory=lambda: np.zeros(0), metadata=IS_DATA)
+
+    def __post_init__(self):
+        for i, (way, step) in enumerate(zip(self.apart, self.steps, strict=True)):
+            if not math.hypot(*way) > abs(step):
+                raise SceneError(
+                    f"{self}: points {i} and {i + 1} are {math.hypot(*way):.4g} apart, and the "
+                    f"rope has no tangent to both circles. Move them more than {abs(step):.4g} "
+                    "apart, or give the other side"
+                )
+        _ = self.turns  # which says what the rope does not touch
+
+    @property
+    def steps(self) -> Any:
+        """Differences (n - 1,) of the radii of neighbours [m]."""
+        return self.radii[:-1] - self.radii[1:]
+
+    def spans(self, ways: Any) -> tuple[Any, Any]:
+        """Lengths (n - 1, ...) of the free spans [m], and angles from the centres' lines to them.
+
+        `ways` (n - 1, 2, ...) are the vectors from each centre to the next one [m].
+        """
+        far = np.hypot(ways[:, 0], ways[:, 1])
+        steps = self.steps.reshape(-1, *[1] * (far.ndim - 1))
+        return np.sqrt(far * far - steps * steps), np.arcsin(steps / far)
+
+    def straight(self, ways: Any) -> Any:
+        """Vectors (n - 1, 2) of the free spans for those between centres [m]."""
+        spans, leans = self.spans(ways)
+        ratio, c, s = spans / np.hypot(*ways.T), np.cos(leans), np.sin(leans)
+        x, y = ways.T
+        return np.stack([ratio * (c * x - s * y), ratio * (s * x + c * y)], axis=1)
+
+    @property
+    def turns(self) -> Any:
+        """Angles (n,) of the arcs where the length has no part of drums; less those of `spans`."""
+        ways = self.apart
+        _, leans = self.spans(ways)
+        turns = list(leans[:1] * 0.0 - leans[:1])
+        for i, (one, other) in enumerate(itertools.pairwise(ways), start=1):
+            across = one[0] * other[1] - one[1] * other[0]
+            turn = np.arctan2(across, one[0] * other[0] + one[1] * other[1])
+            turns.append(turn + self._full_turns(i, turn + leans[i] - leans[i - 1]))
+        return real_array([*turns, leans[-1]])
+
+    def _full_turns(self, i: int, turn: Any) -> float:
+        """What makes an arc positive on the side of its pulley; SceneError if none touches."""
+        radius = float(self.radii[i])
+        if not radius:
+            return 0.0
+        arc = float(turn) * math.copysign(1.0, radius)
+        wrap = arc % (2 * math.pi)
+        if wrap > 1.5 * math.pi:
+            side = "left" if radius > 0 else "right"
+            raise SceneError(
+                f"{self}: the rope passes the pulley at point {i} on its other side, or does not "
+                f"touch it: with side={side!r} its arc would be {arc - 2 * math.pi * (arc > 0):.3g}"
+                " rad. Give the other side, or move the pulley"
+            )
+        return math.copysign(wrap - arc, radius) if abs(wrap - arc) > 1e-9 else 0.0
+
+    @property
+    def numbers(self) -> list[Any]:
+        """Ways between centres, and of each circle the radius and the arc at the start."""
+        circles = [i for i, kind in enumerate(self.kinds) if kind in "NFD"]
+        of_circles = [x for i in circles for x in (self.radii[i], self.turns[i])]
+        return [*(x for way in self.apart for x in way), *of_circles]
+
+    @property
+    def length_at_start(self) -> float:
+        """Free spans and arcs at the start, without what is wound on drums [m]."""
+        spans, leans = self.spans(self.apart)
+        bent = (self.turns * self.radii).sum() + (self.steps * leans).sum()
+        return float(spans.sum() + bent)
+
+    @property
+    def drums(self) -> list[tuple[int, float]]:
+        """Numbers of the nodes of drums, and how much rope their rotations let in [m/rad]."""
+        ends = (0, -self.radii[0]), (-1, self.radii[-1])
+        return [(self.nodes[i], float(r)) for i, r in ends if self.kinds[i] == "D"]
+
+    def state(self, ways: Any, turned: Any) -> tuple[Any, Any]:
+        """Length (rows,) [m] and arcs (n, rows) on circles [rad], of drums since the start.
+
+        `ways` (n - 1, 2, rows) are those between the centres, `turned` (2, rows) the rotations at
+        both ends.
+        """
+        spans, leans = self.spans(ways)
+        z, Z = ways[:, 0] + 1j * ways[:, 1], self.apart[:, 0] + 1j * self.apart[:, 1]
+        since = z * np.conj(Z)[:, None]
+        arcs = np.zeros((len(self.points), ways.shape[2]))
+        arcs[1:-1] = np.angle(since[1:] * np.conj(since[:-1])) + leans[1:] - leans[:-1]
+        arcs[0] = np.angle(since[0]) + leans[0] - turned[0]
+        arcs[-1] = turned[1] - np.angle(since[-1]) - leans[-1]
+        arcs += np.asarray(self.turns, dtype=float)[:, None]
+        return spans.sum(axis=0) + self.radii @ arcs, arcs * np.sign(self.radii)[:, None]
+
+    def outline(self, centres: Any) -> np.ndarray:
+        """Points (..., m, 2) along the rope for centres (n, ..., 2)."""
+        ways = np.moveaxis(np.diff(centres, axis=0), -1, 1)
+        _, leans = self.spans(ways)
+        angles = np.arctan2(ways[:, 1], ways[:, 0]) + leans
+        out = []
+        for i, radius in enumerate(self.radii.tolist()):
+            before, behind = angles[max(i - 1, 0)], angles[min(i, len(angles) - 1)]
+            arc = np.copysign((behind - before) * np.sign(radius) % (2 * np.pi), radius)
+            if i in (0, len(angles)):
+                arc = 2 * np.pi  # a drum is a circle
+            for share in np.linspace(0, 1, _DRAWN if radius else 1):
+                at = before + share * arc
+                out.append(centres[i] + radius * np.stack([np.sin(at), -np.cos(at)], axis=-1))
+        return np.stack(out, axis=-2)
+
+
+def rope_parts(points: Sequence[Any]) -> tuple[list[Any], dict[str, Any]]:
+    """Centres of points and pulleys of a rope, and the rest of a `RopeOverPulleys`."""
+    centres, kinds, radii = list[Any](), "", list[Any]()
+    for i, point in enumerate(points):
+        circle = isinstance(point, Pulley)
+        centre = point.at if circle else point
+        kind = "n" if isinstance(centre, Node) else "f"
+        if circle:
+            at_end = i in (0, len(points) - 1) and kind == "n"
+            kind = "D" if at_end else kind.upper()
+        centres.append(centre)
+        kinds += kind
+        radii.append((point.radius if point.side == "left" else -point.radius) if circle else 0.0)
+    return centres, {"kinds": kinds, "radii": real_array(radii)}

@@ -1,0 +1,252 @@
+"""Ropes over pulleys with a radius, and on drums: closed forms, and lengths by taut polygons."""
+
+import logging
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import fx_beam as fb
+
+G = 9.81
+
+
+def taut(a, b, centre, radius, left):
+    """Length of a rope from a to b about a circle on its left or right, and its arc [rad].
+
+    By complex numbers: tangents from both points, and the angle between the points of contact.
+    """
+    turn = 1 if left else -1
+    to_a, to_b = complex(*a) - complex(*centre), complex(*b) - complex(*centre)
+    lean_a, lean_b = (np.arccos(radius / abs(to)) for to in (to_a, to_b))
+    touch_a = to_a / abs(to_a) * np.exp(1j * turn * lean_a)
+    touch_b = to_b / abs(to_b) * np.exp(-1j * turn * lean_b)
+    arc = turn * np.angle(touch_b / touch_a) % (2 * np.pi)
+    free = sum(np.sqrt(abs(to) ** 2 - radius**2) for to in (to_a, to_b))
+    return free + radius * arc, arc
+
+
+def atwood(spring, radius=0.2, inertia=None, masses=(1.0, 1.5)):
+    """Two loads over a pulley that turns freely, or with an inertia under two ropes."""
+    scene = fb.Scene(gravity=(0, -G))
+    sides = zip((-radius, radius), masses, strict=True)
+    loads = [scene.add_body((x, -1), mass=of).centre for x, of in sides]
+    for load in loads:
+        scene.fix(load, "x", "rotation")
+    if inertia is None:
+        pulley = fb.Pulley((0, 0), radius, side="right")
+        return scene, loads, None, [scene.add_rope([loads[0], pulley, loads[1]], spring)]
+    wheel = scene.add_body((0, 0), 1.0, inertia).centre
+    scene.pin(wheel)
+    drum = fb.Pulley(wheel, radius, side="right")
+    ropes = [scene.add_rope([loads[0], drum], spring), scene.add_rope([drum, loads[1]], spring)]
+    return scene, loads, wheel, ropes
+
+
+# -- Lengths ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+@pytest.mark.parametrize("height", [0.7, -0.4])
+def test_a_rope_over_a_circle_is_as_long_as_its_tangents_and_its_arc(side, height):
+    scene = fb.Scene()
+    ball = scene.add_body((2, 0.3), mass=1.0).centre
+    pulley = fb.Pulley((1, height), 0.2, side=side)
+    exact, arc = taut((0, 0), (2, 0.3), (1, height), 0.2, side == "left")
+    if arc > 1.5 * np.pi:  # it would have to push the rope
+        with pytest.raises(fb.SceneError, match="on its other side, or does not touch"):
+            scene.add_rope([(0, 0), pulley, ball], fb.Spring(1.0))
+        return
+    rope = scene.add_rope([(0, 0), pulley, ball], fb.Spring(1.0))
+    assert rope.length_at_start == pytest.approx(exact, rel=1e-12)
+
+
+def test_a_crossed_belt_has_the_length_of_the_textbook():
+    scene = fb.Scene()
+    wheels = [scene.add_body((x, 0), 1.0, 0.1).centre for x in (0, 2.0)]
+    # Around the second pulley from the top of the first one to its bottom.
+    (R, r), c = (0.3, 0.2), 2.0
+    for side, sum_or_difference in (("right", R - r), ("left", R + r)):
+        points = [fb.Pulley(wheels[0], R, "right"), fb.Pulley(wheels[1], r, side)]
+        rope = scene.add_rope([*points, fb.Pulley(wheels[0], R, "right")], fb.Spring(1.0))
+        lean = np.arcsin(sum_or_difference / c)
+        arc = np.pi - 2 * lean if side == "right" else np.pi + 2 * lean
+        exact = 2 * np.sqrt(c**2 - sum_or_difference**2) + r * arc
+        assert rope.length_at_start == pytest.approx(exact, rel=1e-12)
+
+
+# -- Motions ---------------------------------------------------------------------------------------
+
+
+def test_a_pulley_without_friction_lets_loads_fall_as_atwood_says():
+    tension = 2 * 1.0 * 1.5 * G / 2.5
+    scene, loads, _, ropes = atwood(fb.Spring(1e5, rest=2 + 0.2 * np.pi - tension / 1e5))
+    fall = fb.simulate(scene, dt=1e-3, t_end=0.4)
+    assert fall.position(loads[0])[:, 1] == pytest.approx(-1 + 0.2 * G * fall.t**2 / 2, abs=1e-11)
+    assert fall.joint(ropes[0]).force[1:] == pytest.approx(tension, rel=1e-9)
+    assert fall.joint(ropes[0]).wrap[:, 1] == pytest.approx(np.pi, rel=1e-12)
+
+
+def test_a_pulley_with_inertia_on_which_the_rope_sticks_has_two_tensions():
+    inertia, k = 0.03, 1e6
+    a = 0.5 * G / (2.5 + inertia / 0.2**2)
+    pulls = np.array([1.0 * (G + a), 1.5 * (G - a)])
+    scene, loads, wheel, ropes = atwood(fb.Spring(k, rest=1 - pulls.mean() / k), inertia=inertia)
+    fall = fb.simulate(scene, dt=1e-3, t_end=0.5)
+    rise = a * fall.t**2 / 2
+    assert fall.position(loads[0])[:, 1] == pytest.approx(-1 + rise, abs=2e-6)
+    assert fall.rotation(wheel) == pytest.approx(-rise / 0.2, abs=2e-5)
+    for rope, pull in zip(ropes, pulls, strict=True):
+        assert fall.joint(rope).force[1:].mean() == pytest.approx(pull, rel=2e-3)
+    assert abs(fall.energy.balance_error).max() < 1e-12
+
+
+def test_a_winch_winds_many_turns_and_does_the_work_of_its_load():
+    scene = fb.Scene(gravity=(0, -G))
+    load = scene.add_body((0.2, -10), mass=5.0).centre
+    scene.fix(load, "x", "rotation")
+    drum = scene.add_body((0, 0), 1.0, 0.03).centre
+    motor = fb.Revolute(fb.GROUND, drum, motor=lambda t: 5 * t**2)
+    motor = scene.add_joint(motor)
+    rope = scene.add_rope([fb.Pulley(drum, 0.2, "right"), load], fb.Spring(1e6, 10 - 59.05 / 1e6))
+    lift = fb.simulate(scene, fb.EnergyDecaying(), dt=1e-3, t_end=2.0)
+    assert lift.rotation(drum)[-1] == pytest.approx(20.0, rel=1e-12)
+    assert lift.position(load)[-1, 1] == pytest.approx(-10 + 0.2 * 20, abs=1e-4)
+    late = lift.t > 1.0
+    assert lift.joint(rope).force[late].mean() == pytest.approx(5 * (G + 2), rel=1e-2)
+    moment = lift.joint(motor).motor_force[late].mean()
+    assert moment == pytest.approx(0.2 * 5 * (G + 2) + 0.3, rel=1e-2)
+    energy = lift.energy
+    assert abs(energy.balance_error).max() < 1e-11 * energy.work.max()
+
+
+def test_a_string_that_winds_up_on_a_post_moves_as_lagrange_says_to_second_order():
+    """A ball on a string that lies on a circle: a pendulum of the length L + R a."""
+    R, L, k = 0.3, 1.5, 1e8
+    errors = []
+    for dt in (0.02, 0.01):
+        scene = fb.Scene(gravity=(0, -G))
+        ball = scene.add_body((R, -L), 1.0).centre
+        scene.fix(ball, "rotation")
+        string = fb.Spring(k, rest=1 + R * np.pi / 2 + L)
+        scene.add_rope([(-1, R), fb.Pulley((0, 0), R, "right"), ball], string)
+        scene.set_velocity(ball, (-3.0, 0.0))
+        motion = fb.simulate(scene, dt=dt, t_end=0.8)
+
+        # T = (L + R a)^2 a'^2 / 2 for the angle a of the string from the vertical.
+        def rates(_, y):
+            a, w = y
+            return w, -(R * w * w + G * np.sin(a)) / (L + R * a)
+
+        given = {"t_eval": motion.t, "rtol": 1e-11, "atol": 1e-12}
+        a = solve_ivp(rates, (0, motion.t[-1]), (0, -3.0 / L), **given).y[0]
+        c, s, free = np.cos(a), np.sin(a), L + R * a
+        exact = np.stack([R * c + free * s, R * s - free * c], axis=1)
+        errors.append(abs(motion.position(ball) - exact).max())
+        assert abs(motion.energy.balance_error).max() < 1e-8
+    assert errors[1] < 2e-3
+    assert 3.3 < errors[0] / errors[1] < 4.6
+
+
+@pytest.mark.parametrize("scheme", [fb.EnergyMomentum, fb.MidPoint])
+def test_free_circles_keep_energy_and_both_momenta_in_large_steps(scheme):
+    scene = fb.Scene()
+    places = ((0, 0), (1, 0.5), (2, -0.2), (3, 0.3))
+    wheels = [scene.add_body(at, 1.0, 0.1).centre for at in places]
+    points = [
+        fb.Pulley(wheels[0], 0.2, "right"),
+        fb.Pulley(wheels[1], 0.15, "right"),
+        fb.Pulley(wheels[2], 0.25, "left"),
+        wheels[3],
+    ]
+    scene.add_rope(points, fb.Spring(5.0, rest=3.0))
+    rates = ((0.3, 1), 2.0), ((0, 0), 1.0), ((0.5, 0.3), -1.0), ((0.5, -2), 3.0)
+    for wheel, (velocity, spin) in zip(wheels, rates, strict=True):
+        scene.set_velocity(wheel, velocity, spin=spin)
+    motion = fb.simulate(scene, scheme(), dt=0.1, t_end=0.6)
+    assert np.ptp(motion.energy.total) < 1e-12 * motion.energy.total[0]
+    assert np.ptp(motion.energy.springs) > 1e-2
+    assert np.ptp(motion.linear_momentum, axis=0).max() < 1e-13
+    assert np.ptp(motion.angular_momentum) < 1e-12
+
+
+# -- Statics, vibrations, derivatives --------------------------------------------------------------
+
+
+def test_a_block_with_sheaves_hangs_and_vibrates_as_its_parts_say():
+    """Two parts of the rope, vertical on both sides of the sheave: stiffness 4 k."""
+
+    def build(x):
+        scene = fb.Scene(gravity=(0, -G))
+        radius = 0.1 * x[3]
+        load = scene.add_body((radius, -2), mass=20 * x[1]).centre
+        scene.fix(load, "x", "rotation")
+        points = [(0, 0), fb.Pulley(load, radius), (2 * radius, 0)]
+        length = 4.0 * x[2] + 0.1 * np.pi
+        rope = scene.add_rope(points, fb.Spring(1e4 * x[0]), length=length)
+        return scene, {"y": fb.Output("position", load, "y")}, load, rope
+
+    scene, _, load, rope = build(np.ones(4))
+    hanging = fb.static(scene)
+    tension = 20 * G / 2
+    assert hanging.joint(rope).force[-1] == pytest.approx(tension, rel=1e-9)
+    assert hanging.position(load)[-1, 1] == pytest.approx(-2 - tension / 2e4, rel=1e-10)
+    w = fb.modes(scene, hanging, n=1).angular_frequencies[0]
+    assert w == pytest.approx(np.sqrt(4e4 / 20), rel=1e-8)
+    run = fb.StaticResponse(lambda x: build(x)[:2])
+    run(np.ones(4))
+    exact = [tension / 2e4, -tension / 2e4, -2.0, 0.1 * np.pi / 2]
+    assert run.jacobian()["y"][-1] == pytest.approx(exact, rel=1e-6)
+
+
+def test_a_drum_on_a_rope_is_a_torsion_spring_in_every_analysis():
+    k, R, J = 500.0, 0.2, 0.03
+    scene = fb.Scene()
+    drum = scene.add_body((0, 0), 1.0, J).centre
+    scene.pin(drum)
+    rope = scene.add_rope([fb.Pulley(drum, R, "right"), (R, -1)], fb.Spring(k, rest=1.0))
+    w = fb.modes(scene, n=1).angular_frequencies[0]
+    assert w == pytest.approx(np.sqrt(k * R**2 / J), rel=1e-9)
+    scene.add_moment(drum, 0.3)
+    held = fb.static(scene)
+    assert held.rotation(drum)[-1] == pytest.approx(0.3 / (k * R**2), rel=1e-9)
+    assert held.joint(rope).force[-1] == pytest.approx(0.3 / R, rel=1e-9)
+    assert held.joint(rope).length[-1] == pytest.approx(1 + 0.3 / R / k, rel=1e-12)
+
+
+# -- What a rope cannot do -------------------------------------------------------------------------
+
+
+def test_a_rope_that_leaves_its_pulley_is_named(caplog):
+    scene = fb.Scene()
+    ball = scene.add_body((2, 0.0), mass=1.0).centre
+    scene.fix(ball, "rotation")
+    scene.add_rope([(0, 0), fb.Pulley((1, -0.1), 0.2, "right"), ball], fb.Spring(1.0, rest=2.0))
+    scene.set_velocity(ball, (0.0, 1.0))
+    with caplog.at_level(logging.WARNING):
+        fb.simulate(scene, dt=0.01, t_end=1.0)
+    assert "leaves the pulley at point 1 at t = 0.2" in caplog.text
+
+
+def test_what_is_no_pulley_is_refused():
+    scene = fb.Scene()
+    ball = scene.add_body((1, 0), mass=1.0).centre
+    spring = fb.Spring(1.0)
+    for words, call in (
+        ("finite and positive", lambda: fb.Pulley(ball, 0.0)),
+        ("left or right", lambda: fb.Pulley(ball, 0.1, side="top")),
+        (
+            "no tangent",
+            lambda: scene.add_rope([fb.Pulley((0, 0), 0.5), fb.Pulley(ball, 0.7, "right")], spring),
+        ),
+        (
+            "on its other side",
+            lambda: scene.add_rope([(0, 0), fb.Pulley((0.5, 0.5), 0.1), ball], spring),
+        ),
+        ("2 numbers", lambda: scene.add_rope([(0, 0), fb.Pulley("here", 0.1), ball], spring)),
+        ("another scene", lambda: fb.Scene().add_rope([fb.Pulley(ball, 0.1), (3, 0)], spring)),
+        ("a node among them", lambda: scene.add_rope([(0, 0), fb.Pulley((1, 0), 0.1)], spring)),
+    ):
+        with pytest.raises(fb.SceneError, match=words):
+            call()
+    assert not scene.forces_between
