@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from fx_beam.dual import dual_array, floats
-from fx_beam.errors import SceneError, refuse_fields_in
+from fx_beam.errors import SceneError, any_of, refuse_fields_in
 from fx_beam.laws.kinematics import Step
 from fx_beam.laws.rates import UpdateRule
 from fx_beam.laws.resultants import Nodes, lagrange
 from fx_beam.scene.beam import Beam, arc_lengths, gauss_rule
-from fx_beam.scene.loads import PARTS_OF_DRAG
+from fx_beam.scene.loads import PARTS_OF_DRAG, damping_of
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.section import Section, values_along
 from fx_beam.symbolic import ufl
@@ -78,9 +78,16 @@ def data_of_beams(scene: Scene, mesh: Mesh, at_rest: bool) -> dict[str, Any]:
         data["stiffness"] = section_data(mesh, scene, ("EA", "GA", "EI"), degree)
     if at_rest:
         return data
-    if any(section.damped for section in sections):
-        data["retardation"] = section_data(mesh, scene, ("retardation",), degree)
-    return data | drag_data(mesh, scene)
+    alpha, tau = damping_of(scene)
+    if tau > 0 or any(section.damped for section in sections):
+        data["retardation"] = section_data(mesh, scene, ("retardation",), degree) + tau
+    data |= drag_data(mesh, scene)
+    if alpha > 0:
+        density = section_data(mesh, scene, ("rhoA", "rhoI"), degree + 1)
+        for i, name in enumerate(("drag linear", "drag rotation")):
+            if any_of(floats(density[..., i])):
+                data[name] = alpha * density[..., i] + data.get(name, 0.0)
+    return data
 
 
 def distinct(sections: Iterable[Section]) -> list[Section]:

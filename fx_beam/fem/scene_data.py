@@ -121,7 +121,7 @@ def at_points(
     """Forces at points, and contact with members."""
     forces, pairs = list[PointForce](), list[Any]()
     parts = scene.joints, scene.forces_between, scene.loads, scene.contacts, scene.drags
-    if any(parts):
+    if any(parts) or scene.dampings:
         from .scene_forces import point_forces
 
         forces = point_forces(scene, mesh, X, mobility, at_rest)

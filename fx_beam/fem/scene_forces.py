@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.dual import dual_array
+from fx_beam.dual import dual_array, scene_number
 from fx_beam.errors import as_float
 from fx_beam.laws import scalar_laws as laws
 from fx_beam.laws.gaps import gap_of
@@ -34,6 +34,7 @@ from fx_beam.scene.coordinate import (
 )
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.law import functions_of_energy
+from fx_beam.scene.loads import damping_of
 from fx_beam.scene.scene import Scene
 
 from .mesh import Mesh, rotation_of
@@ -117,6 +118,13 @@ def _followers(scene: Scene, mesh: Mesh) -> Iterator[PointForce]:
 
 
 def _drags(scene: Scene, mesh: Mesh) -> Iterator[PointForce]:
+    alpha: Any = scene_number(damping_of(scene)[0])
+    for node, mass, inertia in scene.masses if alpha > 0 else ():
+        first, end = 0 if mass else 2, 3 if inertia else 2
+        if first < end:
+            of_masses = [alpha * number for number in (mass, inertia) if number]
+            dofs = mesh.dofs[node, first:end].tolist()
+            yield PointForce(drag(bool(mass), False, bool(inertia)), of_masses, dofs)
     for given in scene.drags:
         if isinstance(given.target, Node):
             numbers = [*given.linear, *given.quadratic, *given.rotation]

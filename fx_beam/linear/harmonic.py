@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse
@@ -34,6 +35,7 @@ def frequency_response(
     state: Solution | None = None,
     *,
     base: Sequence[complex] | None = None,
+    damping_ratio: float | Sequence[float] | None = None,
 ) -> FrequencyResponse:
     r"""Compute steady vibrations under a harmonic load or on a shaken base, for small amplitudes.
 
@@ -66,6 +68,10 @@ def frequency_response(
     base : (2,) complex, optional
         In place of a load, the amplitudes of the displacement of the base [m] in x and y. Of an
         acceleration a [m/s^2] at a frequency f it is ``-a / (2 pi f)**2``.
+    damping_ratio : float or (n,) float, optional
+        Modal damping beside that of the scene: damping ratios of the n lowest modes; or one for all
+        modes up to three times the largest of the `frequencies`. Each mode of them has exactly its
+        ratio. Higher modes have that of the last one in proportion to their frequencies.
 
     Returns
     -------
@@ -103,6 +109,19 @@ def frequency_response(
     >>> shaken = fb.frequency_response(scene, at=beam.end, frequencies=[0.0, f], base=(0.0, 1.0))
     >>> shaken.amplitude[:, 1].round(1)
     array([ 1. , 44.5])
+
+    Two per cent for each mode, in place of a retardation: 1/(2 zeta) = 25 times the static one.
+
+    >>> import dataclasses
+    >>> scene = fb.Scene()
+    >>> elastic = dataclasses.replace(section, retardation=0.0)
+    >>> beam = scene.add_beam([(0, 0), (1, 0)], elastic, elements=8, degree=2)
+    >>> scene.clamp(beam.start)
+    >>> load = beam.end, (0.0, 0.01)
+    >>> damped = fb.frequency_response(scene, load, beam.end, [0.0, f], damping_ratio=0.02)
+    >>> static, resonant = damped.component("y")
+    >>> round(float(abs(resonant / static)), 1)
+    24.3
     """
     what = "frequency_response"
     if (load is None) == (base is None):
@@ -121,7 +140,9 @@ def frequency_response(
     measured = Measured(about, at, f"{what}: at")
     assert at is not None  # it is refused there
     f = checked_frequencies(frequencies, f"{what}: frequencies")
-    vibration, values = Vibration(about, what), np.zeros((len(f), len(measured.names)), complex)
+    modal = None if damping_ratio is None else modal_damping(about, damping_ratio, f.max(), what)
+    vibration = Vibration(about, what, modal)
+    values = np.zeros((len(f), len(measured.names)), complex)
     for row, frequency in zip(values, f, strict=True):
         forces = about.T.T @ (force + (2 * np.pi * frequency) ** 2 * shaking)
         motion = vibration.at(frequency).solved(forces)
@@ -129,14 +150,43 @@ def frequency_response(
     return FrequencyResponse(at, f, measured.names, values)
 
 
+class ModalDamping(NamedTuple):
+    """The damping matrix tau K + B diag(c) B^T, which gives some modes their ratios."""
+
+    #: M times the modes (free, n); what they have beside the part of the stiffness [1/s].
+    B: np.ndarray
+    c: np.ndarray
+    #: Retardation time of all modes [s].
+    tau: float
+
+
+def modal_damping(about: Linearisation, ratios: Any, f: float, what: str) -> ModalDamping:
+    """The damping of ratios of the lowest modes, or of one for those up to three times f [Hz]."""
+    zeta = np.atleast_1d(floats(real_array(ratios)))
+    ok = zeta.ndim == 1 and zeta.size > 0 and bool((zeta >= 0).all() and (zeta <= LARGEST).all())
+    require(ok, f"{what}: damping_ratio", ratios, "a ratio such as 0.02, or a list of them")
+    count, modes = len(zeta), about.undamped_modes
+    if not np.ndim(ratios):
+        count = max(1, *(modes.count_below(k * (6 * np.pi * f) ** 2) for k in (1.0, 1.01)))
+    omega, _, vectors = modes.lowest(count)
+    expected = f"at most {len(omega)} ratios, as there are no more modes"
+    require(len(omega) >= len(zeta), f"{what}: damping_ratio", ratios, expected)
+    zeta, w = np.broadcast_to(zeta, omega.shape), omega.clip(0.0)
+    tau = 2 * zeta[-1] / w[-1] if w[-1] else 0.0
+    return ModalDamping(about.M @ vectors, 2 * zeta * w - tau * w**2, tau)
+
+
 class Vibration:
     """K + i w C - w^2 M of small motions about a configuration."""
 
-    def __init__(self, about: Linearisation, what: str):
+    def __init__(self, about: Linearisation, what: str, modal: ModalDamping | None = None):
         self._what, C = what, about.damping_matrix(what)
         self._diagonals = about.K.diagonal(), about.M.diagonal()
         # The values of all three in the columns of a common pattern.
         C = 0 * about.K if C is None else C
+        self._modal = modal
+        if modal is not None:
+            C = C + modal.tau * about.symmetric
         parts, n = [matrix.tocoo() for matrix in (about.K, C, about.M)], about.K.shape[0]
         places = [part.col.astype(np.int64) * n + part.row for part in parts]
         pattern = np.unique(np.concatenate(places))
@@ -169,6 +219,11 @@ class Vibration:
     def solved(self, force: np.ndarray, transposed: bool = False) -> np.ndarray:
         """Motions (free, ...) under forces (free, ...), or with the transposed matrix."""
         x = self._lu.solve(force, "T" if transposed else "N")
+        if self._modal is not None:  # a matrix of low rank beside it (Woodbury)
+            B, weights = self._modal.B, 2j * np.pi * self._f * self._modal.c[:, None]
+            of_modes = self._lu.solve(B.astype(complex))
+            small = np.eye(B.shape[1]) + weights * (B.T @ of_modes)
+            x = x - of_modes @ np.linalg.solve(small, weights[:, 0] * (B.T @ x))
         # Sizes of real and imaginary parts, which are side by side.
         scaled = (part.view(float) for part in (self._scale * x.T, force.T / self._scale))
         motion, load = (np.einsum("...i,...i", part, part) for part in scaled)  # squares

@@ -71,7 +71,7 @@ class Linearisation:
             any(beam.section.damped for beam in scene.beams)
             or any(c.damper or c.friction or (c.stop and c.stop.loss) for c in coordinates)
             or any(obstacle.loss or obstacle.friction for obstacle in scene.contacts)
-            or bool(scene.drags)
+            or bool(scene.drags or scene.dampings)
             or any(force.force for force in scene.forces_between)
             or (beams is not None and beams.facts.needs_rates)  # in statics: of added virtual works
         )

@@ -194,9 +194,9 @@ def rayleigh(frequencies: Sequence[float], ratios: Sequence[float]) -> tuple[flo
     Returns
     -------
     alpha : float
-        Mass factor [1/s] for ``add_drag(beam, linear=alpha * rhoA, rotation=alpha * rhoI)``.
+        Mass factor [1/s] for ``scene.add_damping(alpha, tau)``.
     tau : float
-        Retardation time [s] for ``Section(..., retardation=tau)``.
+        Retardation time [s], for the same, or for ``Section(..., retardation=tau)``.
 
     Raises
     ------

@@ -19,6 +19,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.functions import constant
 from fx_beam.scene.inputs import InputSignal
+from fx_beam.scene.loads import damping_of
 from fx_beam.scene.scene import Scene
 from fx_beam.step.accelerations import acceleration_of
 from fx_beam.step.fitted_rates import rate_fit
@@ -272,9 +273,10 @@ def _natural_rates(model: Model, solution: Solution, what: str) -> np.ndarray | 
     weights = [[0, -1, 0, 1, 0], [0, 1, -2, 1, 0], [-1, 4, -6, 4, -1]]
     differences = np.tensordot(weights, values, 1)
     sizes = abs(differences) * (1.0, 1.0, model.mesh.size)
+    damped = damping_of(model.scene)[1] > 0
     for beam, cells in zip(model.scene.beams, model.mesh.cells, strict=True):
         change, bend, jump = sizes[:, cells].max(axis=(1, 2, 3))
-        if beam.section.damped and jump > _KINK * change + bend + _ROUNDING:
+        if (beam.section.damped or damped) and jump > _KINK * change + bend + _ROUNDING:
             raise SceneError(
                 f"{what}: beam {beam.name!r} has retardation, and a natural strain whose rate "
                 f"jumps at t = {t:g}, and with it a force. Take a state before or behind it"

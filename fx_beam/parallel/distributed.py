@@ -48,6 +48,7 @@ def _check(model: Model) -> None:
         ("contact between members", any(isinstance(o.shape, Beam) for o in scene.contacts)),
         ("a gear", scene.gears),
         ("virtual works of your own", scene.virtual_works),
+        ("damping of a scene", scene.dampings),
         ("a closed loop of joints", couplings.closures),
         ("a long tree of joints", couplings.auxiliaries),
         ("a scheme of your own", not model.scheme.built_in),

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.dual import floats
+from fx_beam.dual import dual_array, floats
 from fx_beam.errors import (
     IS_DATA,
     LARGEST,
@@ -205,6 +205,20 @@ class Drag:
             object.__setattr__(self, name, coefficients)
         if not any(getattr(self, name).any() for name in PARTS_OF_DRAG):
             raise SceneError(f"{on}: give linear, quadratic or rotation, not all zero")
+
+
+@dataclass(frozen=True, eq=False)
+class Damping:
+    """Damping in proportion to all masses [1/s] and to the stiffness of all beams [s]."""
+
+    mass: float = field(metadata=IS_DATA)
+    stiffness: float = field(metadata=IS_DATA)
+
+
+def damping_of(scene) -> list[Any]:
+    """Factors of the mass [1/s] and of the stiffness of beams [s] in all damping of a scene."""
+    parts = [(part.mass, part.stiffness) for part in scene.dampings]
+    return dual_array([(0.0, 0.0), *parts]).sum(axis=0).tolist()
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ _WITH_ENDS = (
     *("forces_between", "gears"),
 )
 # Lists of parts that can be taken away.
-_REMOVABLE = {*_WITH_ENDS, "beams", "bodies", "masses"} - {"velocities"}
+_REMOVABLE = {*_WITH_ENDS, "beams", "bodies", "masses", "dampings"} - {"velocities"}
 
 
 def own_joint(scene: Any, joint: Joint) -> Joint | None:

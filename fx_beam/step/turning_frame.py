@@ -9,6 +9,7 @@ import scipy.sparse
 
 from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError
+from fx_beam.scene.loads import damping_of
 from fx_beam.scene.scene import Scene
 
 from .model import Model
@@ -20,6 +21,7 @@ def check_turns(scene: Scene, what: str) -> None:
         (scene.gravity is not None and any(scene.gravity), "gravity"),
         (any(load.target is None for load in scene.loads), "an acceleration of all masses"),
         (bool(scene.drags), "drag in air at rest"),
+        (damping_of(scene)[0] > 0, "damping in proportion to the mass"),
     ):
         if there:
             raise SceneError(

@@ -199,6 +199,17 @@ def drag(x):
 
 
 @case()
+def rayleigh_damping(x):
+    taper = fb.Section(**DATA | {"rhoA": lambda f: x[3] * (1 - 0.3 * f)})
+    scene, beam = swing(x, material=taper)
+    scene.add_mass(beam.end, 0.5, 0.03 * x[6])
+    scene.add_drag(beam, linear=0.1)
+    scene.add_damping(0.4 * x[7], 1e-3 * x[8])
+    scene.add_damping(mass=0.2)
+    return scene
+
+
+@case()
 def line_load_that_travels(x):
     scene, beam = swing(x)
     wave = lambda s, t: (0.0, 5 * x[7] * np.sin(4 * s - 30 * x[8] * t))  # noqa: E731

@@ -42,6 +42,10 @@ class Parts:
     def pressed(self, pressure, **options):
         return self.scene.add_line_load(self.beam, pressure, follower=True, **options)
 
+    def damped_by(self, ratio):
+        load = self.end, (1.0, 0.0)
+        return fb.frequency_response(self.scene, load, self.end, [1.0], damping_ratio=ratio)
+
     def observed(self):
         return self.scene, {"tip": fb.Output("position", self.end)}
 
@@ -269,6 +273,12 @@ REFUSED = {
             lambda p: p.scene.change(p.scene.add_virtual_work(lambda step: step.virtual_u[0]), 1.0),
             "change = .* must be a pressure",
         ),
+        (lambda p: p.scene.add_damping(), "damping: mass, stiffness = 0.0 must be positive"),
+        (lambda p: p.scene.add_damping(-1.0, 1e-3), "damping: mass = -1.0 must be zero or"),
+        (lambda p: (p.scene.add_damping(1.0), fb.static(p.scene, spin=1.0)), "mass does not turn"),
+        (lambda p: p.damped_by(-0.02), "damping_ratio = -0.02 must be a ratio such as"),
+        (lambda p: p.damped_by([]), "damping_ratio = .* must be a ratio such as"),
+        (lambda p: p.damped_by([0.02] * 1000), "at most .* ratios, as there are no more modes"),
         (lambda p: p.scene.shake(), "shake: x, y = None must be an acceleration"),
         (lambda p: p.scene.shake(x=([0, 1], [1])), "shaking along x: a record has two lists of"),
         (lambda p: p.scene.shake(x=np.ones((5, 2))), "shaking along x: a record has two lists of"),
