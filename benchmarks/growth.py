@@ -182,12 +182,12 @@ def files(solution):
 def costs(make, n):
     """Functions by the names of the costs; each may be refused by a scene."""
     scene, _ = make(n)
-    solutions = []
+    solutions, states = [], [None]
     yield "build", lambda: make(n)
     yield "set-up", lambda: solutions.append(moved(scene, 1))
     yield "10 steps", lambda: solutions.append(moved(scene))
-    yield "static", lambda: fb.static(scene, load_steps=1)
-    yield "modes", lambda: fb.modes(scene, n=4)
+    yield "static", lambda: states.append(fb.static(scene, load_steps=1))
+    yield "modes", lambda: fb.modes(scene, states[-1], n=4)
     yield "gradient", lambda: gradient(make, n)
     yield "files", lambda: files(solutions[-1])
     yield "picture", lambda: fb.plot.shapes(solutions[-1], rows=[0, -1 % len(solutions[-1].t)])

@@ -25,7 +25,7 @@ class ColumnMap:
         C: scipy.sparse.csr_matrix | np.ndarray,
         dependent: np.ndarray,
     ):
-        self._weights, self._shape, self._dependent = weights, shape, dependent
+        self._weights, self.shape, self._dependent = weights, shape, dependent
         #: C without the dependent columns.
         self._C: Any = None
         if not len(dependent):
@@ -54,12 +54,12 @@ class ColumnMap:
     def __matmul__(self, z: np.ndarray) -> np.ndarray:
         """x = A z, for the independent entries of z."""
         row, column, values = self._weights
-        return np.bincount(row, values * self.with_dependent(z)[column], self._shape[0])
+        return np.bincount(row, values * self.with_dependent(z)[column], self.shape[0])
 
     def transposed(self, r: np.ndarray, on_columns: np.ndarray) -> np.ndarray:
         """A^T r + forces `on_columns`; forces on dependent columns are passed on to the others."""
         row, column, values = self._weights
-        out = np.bincount(column, values * r[row], self._shape[1]) + on_columns
+        out = np.bincount(column, values * r[row], self.shape[1]) + on_columns
         if len(self._dependent):
             out -= self._C.T @ self._solve(out[self._dependent], "T")
             out[self._dependent] = 0.0
@@ -68,7 +68,7 @@ class ColumnMap:
     @cached_property
     def dependence_matrix(self) -> scipy.sparse.csr_matrix:
         """Matrix (columns, columns) of `with_dependent`."""
-        others = np.setdiff1d(np.arange(self._shape[1]), self._dependent)
+        others = np.setdiff1d(np.arange(self.shape[1]), self._dependent)
         entries = np.ones(len(others)), (others, others)
         if len(self._dependent):
             C = self._C if isinstance(self._C, np.ndarray) else self._C.toarray()
@@ -76,12 +76,12 @@ class ColumnMap:
             k, column = np.nonzero(ratios)
             places = np.append(others, self._dependent[k]), np.append(others, column)
             entries = np.append(entries[0], ratios[k, column]), places
-        return scipy.sparse.csr_matrix(entries, (self._shape[1],) * 2)
+        return scipy.sparse.csr_matrix(entries, (self.shape[1],) * 2)
 
     @cached_property
     def _A(self) -> scipy.sparse.csr_matrix:
         row, column, values = self._weights
-        return scipy.sparse.csr_matrix((values, (row, column)), self._shape)
+        return scipy.sparse.csr_matrix((values, (row, column)), self.shape)
 
     @cached_property
     def matrix(self) -> scipy.sparse.csr_matrix:
@@ -91,5 +91,5 @@ class ColumnMap:
     def derivatives_by_dependent(self) -> np.ndarray:
         """dx/d(C z) (n, dependent): A_d C_d^-1 with the dependent columns of A and C."""
         if not len(self._dependent):
-            return np.zeros((self._shape[0], 0))
+            return np.zeros((self.shape[0], 0))
         return self._solve(self._A[:, self._dependent].T.toarray(), "T").T

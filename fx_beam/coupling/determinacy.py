@@ -330,13 +330,36 @@ def check_loops(scene: Scene, reduction: Reduction, loops: Loops) -> None:
 
 def _rank(reduction: Reduction, loops: Loops) -> tuple[int, np.ndarray, np.ndarray]:
     """Rank of the closures, combinations (n, closures) that vanish, and motions (n, unknowns)."""
-    G = reduction.closure_derivatives()
+    sparse = reduction.closure_derivatives()
+    if len(loops) > _FEW and _are_independent(sparse):
+        return len(loops), np.empty((0, len(loops))), np.empty((0, sparse.shape[1]))
+    G = sparse.toarray()
     parts = [np.linalg.svd(G[block]) for block in loops.blocks]
     largest = max([1e-300, *(values.max(initial=0.0) for _, values, _ in parts)])
     ranks = [int(np.count_nonzero(values > _DEPENDENT * largest)) for _, values, _ in parts]
     left = block_diag(*(part[0][:, rank:] for part, rank in zip(parts, ranks, strict=True)))
     right = block_diag(*(part[2][rank:] for part, rank in zip(parts, ranks, strict=True)))
     return sum(ranks), left.T * loops.lengths, right
+
+
+def _are_independent(G: scipy.sparse.csr_matrix) -> bool:
+    """Whether the least singular value of many rows is surely above what counts as zero."""
+    n, columns = G.shape
+    G = G / np.sqrt(abs(G).sum(axis=0).max() * abs(G).sum(axis=1).max())  # at most 1
+    # Inverse iteration with G G^T, without its squares; the rows themselves decide.
+    system = scipy.sparse.bmat([[scipy.sparse.identity(columns), G.T], [G, None]], "csc")
+    x = np.random.default_rng(0).standard_normal((n, _SOUGHT))
+    try:
+        factors = splu(system)
+    except RuntimeError:  # it is singular
+        return False
+    for _ in range(_CORRECTIONS):
+        sides = np.vstack([np.zeros((columns, _SOUGHT)), x])
+        x = factors.solve(sides)[columns:]
+        if not np.isfinite(x).all():
+            return False
+        x = np.linalg.qr(x)[0]
+    return bool(np.linalg.svd(G.T @ x, compute_uv=False).min() > 10 * _DEPENDENT)
 
 
 def _rank_near_by(reduction: Reduction, loops: Loops, motions: np.ndarray) -> int:
@@ -348,7 +371,8 @@ def _rank_near_by(reduction: Reduction, loops: Loops, motions: np.ndarray) -> in
         closure = loops.lengths * reduction.closures_at(y, np.zeros(reduction.driven))
         if abs(closure).max() < 1e-13 * loops.size:
             return _rank(reduction, loops)[0]
-        change = -np.linalg.lstsq(reduction.closure_derivatives(), closure, rcond=_DEPENDENT)[0]
+        G = reduction.closure_derivatives().toarray()
+        change = -np.linalg.lstsq(G, closure, rcond=_DEPENDENT)[0]
     return 0
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from fx_beam.errors import SceneError
 from fx_beam.scene.beam import COMPONENTS
 from fx_beam.scene.joints import GROUND, Joint
@@ -88,27 +90,40 @@ def _forest(
         neighbours.setdefault(b, []).append((a, joint))
 
     above: dict[int, Branch] = {}
+    depth: dict[int, int] = {}
     nodes = sorted(neighbours)
     reached: set[int] = set()
     for root in (n for part in (supported, preferred, neighbours) for n in nodes if n in part):
         queue = [] if root in reached else [root]
         for parent in queue:
             reached.add(parent)
+            depth.setdefault(parent, 0)
             grown = [Branch(n, parent, j) for n, j in neighbours[parent] if n not in reached]
             above |= {branch.node: branch for branch in grown}
+            depth |= dict.fromkeys((branch.node for branch in grown), depth[parent] + 1)
             queue += [branch.node for branch in grown]
-    loops = [_loop(scene, joint, component, above, on_beams[component]) for joint in closing]
+    loops = [_loop(scene, joint, component, above, depth, on_beams[component]) for joint in closing]
     return [*above.values()], loops
 
 
 def _loop(
-    scene: Scene, joint: Joint, component: int, above: dict[int, Branch], on_beams: set[int]
+    scene: Scene,
+    joint: Joint,
+    component: int,
+    above: dict[int, Branch],
+    depth: dict[int, int],
+    on_beams: set[int],
 ) -> list[Joint]:
     """The loop that a joint closes, with this joint last; SceneError if it over-constrains."""
-    (way_a, first), (way_b, last) = (_way_up(above, node.number) for node in (joint.a, joint.b))
-    while way_a and way_b and way_a[-1] is way_b[-1]:
-        way_a.pop()
-        way_b.pop()
+    way_a, way_b = list[Joint](), list[Joint]()
+    first, last = joint.a.number, joint.b.number
+    while first != last and (first in above or last in above):  # up from the deeper one
+        if depth.get(first, 0) >= depth.get(last, 0):
+            way_a.append(above[first].joint)
+            first = above[first].parent
+        else:
+            way_b.append(above[last].joint)
+            last = above[last].parent
     loop = [*way_b, *reversed(way_a), joint]
     turning, what = component == 2, _COMPONENTS[component]
     on_beam = first != last and not on_beams.isdisjoint({first, last})
@@ -128,15 +143,6 @@ def _loop(
     )
 
 
-def _way_up(above: dict[int, Branch], node: int) -> tuple[list[Joint], int]:
-    """Joints from a node to the root of its tree, and the number of the root."""
-    joints: list[Joint] = []
-    while node in above:
-        joints.append(above[node].joint)
-        node = above[node].parent
-    return joints, node
-
-
 def order_for_short_loops(joints: Sequence[Joint], loops: Sequence[Sequence[Joint]]) -> list[Joint]:
     """Joints in the order in which trees grow; joints that close loops are last.
 
@@ -146,10 +152,9 @@ def order_for_short_loops(joints: Sequence[Joint], loops: Sequence[Sequence[Join
     """
     number = {id(joint): k for k, joint in enumerate(joints)}
     closing = [number[id(loop[-1])] for loop in loops]
-    # One bit for each joint.
-    basis = [sum(1 << number[id(joint)] for joint in loop) for loop in loops]
+    basis = [_bits([number[id(joint)] for joint in loop]) for loop in loops]
     plain = [joint.is_selection and not joint.turns_together for joint in joints]
-    hinges = sum(1 << k for k, is_hinge in enumerate(plain) if is_hinge)
+    hinges = _bits([k for k, is_hinge in enumerate(plain) if is_hinge])
     before = sum(map(int.bit_count, basis))
     changed, passes = len(basis) > 1, 0
     while changed and passes < _PASSES:
@@ -166,12 +171,20 @@ def order_for_short_loops(joints: Sequence[Joint], loops: Sequence[Sequence[Join
     return [joints[k] for k in sorted(range(len(joints)), key=set(closing).__contains__)]
 
 
+def _bits(numbers: list[int]) -> int:
+    """A number with one bit for each of some numbers."""
+    is_set = np.zeros(max(numbers, default=0) + 1, dtype=bool)
+    is_set[numbers] = True
+    return int.from_bytes(np.packbits(is_set, bitorder="little").tobytes(), "little")
+
+
 def _better(k: int, basis: list[int], hinges: int) -> int | None:
     """The hinge of loop k that shortens other loops most if it closes loop k; None if none does."""
     loop, gains = basis[k], dict[int, int]()
+    shared = loop & hinges
     for g, other in enumerate(basis):
-        common = other & loop & hinges
-        if g == k or not common:
+        common = other & shared
+        if not common or g == k:
             continue
         gain = other.bit_count() - (other ^ loop).bit_count()
         while common:

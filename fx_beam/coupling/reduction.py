@@ -323,12 +323,18 @@ class Reduction:
         C = scipy.sparse.vstack([scipy.sparse.csr_matrix(block) for block in rows], "csr")
         return C, np.concatenate(dependent)
 
-    def closure_derivatives(self) -> np.ndarray:
+    @property
+    def column_map(self) -> ColumnMap:
+        """T, with auxiliary unknowns, at this configuration."""
+        return self._map(False)
+
+    def closure_derivatives(self) -> scipy.sparse.csr_matrix:
         """Derivatives (closures, unknowns) of closures [m] by units of the loops' unknowns."""
         assert (loops := self.loops) is not None
         all_columns = self._map(False, closed=False).dependence_matrix
-        G = (loops.derivatives(self._values(False)) @ all_columns)[:, loops.unknowns].toarray()
-        return loops.lengths[:, None] * G * loops.unit[loops.unknowns]
+        G = (loops.derivatives(self._values(False)) @ all_columns)[:, loops.unknowns]
+        unit = scipy.sparse.diags(loops.unit[loops.unknowns])
+        return (scipy.sparse.diags(loops.lengths) @ G @ unit).tocsr()
 
     def dependence_matrix(self) -> scipy.sparse.csr_matrix:
         """Matrix (columns, columns) from rates of independent columns to rates of all."""
@@ -344,6 +350,12 @@ class Reduction:
     def to_nodes(self, z: np.ndarray) -> np.ndarray:
         """dq = T dz (size,), the small change of all degrees of freedom by all columns."""
         return self._map(False) @ self._with_auxiliaries(z)
+
+    def motion(self, x: np.ndarray) -> np.ndarray:
+        """Small change (size,) of all degrees of freedom by `independent` unknowns."""
+        z = np.zeros(self.columns)
+        z[self.independent] = x
+        return self.to_nodes(z)
 
     def coupling(self, closed: bool = True, virtual: bool = False) -> scipy.sparse.csr_matrix:
         """T (size, columns), or with `virtual` Tv; loops follow the unknowns if `closed`."""

@@ -15,8 +15,8 @@ import scipy.sparse
 from scipy.sparse.csgraph import connected_components
 
 from fx_beam.scene.beam import Beam
+from fx_beam.step.extended import Extended
 from fx_beam.step.model import Model
-from fx_beam.step.sparse_lu import pivoted_lu
 
 # Forces without balance that are round-off, relative to the sum of all; motions of supports.
 _BALANCED, _ROUNDING = 1e-9, 1e-9
@@ -100,23 +100,21 @@ def left_by_supports(model: Model, q: np.ndarray) -> np.ndarray:
     return np.hstack(motions)
 
 
-def held_for_nothing(
-    model: Model, q: np.ndarray, K: scipy.sparse.csr_matrix, T: scipy.sparse.csr_matrix, none: float
-) -> np.ndarray:
+def held_for_nothing(model: Model, q: np.ndarray, K: Extended, none: float) -> np.ndarray:
     """Degrees of freedom (n,) at which supports hold motions of `left_by_supports` without force.
 
-    K (n, n) is the tangent of the configuration and T (size, n) its coupling; a stiffness [J] up
-    to `none` is none.
+    K is the tangent of the configuration; a stiffness [J] up to `none` is none.
     """
     rigid = left_by_supports(model, q) / model.unit[:, None]
     if not rigid.size:
         return np.empty(0, int)
-    T = (scipy.sparse.diags(1 / model.unit) @ T).tocsr()
-    unit = scipy.sparse.diags(1 / np.sqrt(T.multiply(T).sum(axis=0)).A1)
-    T, K = T @ unit, unit @ K @ unit
+    reduction, unit = model.reduction, model.unit
     rigid = scipy.linalg.orth(rigid)
-    moved = pivoted_lu(T.T @ T).solve(T.T @ rigid)
-    _, apart, parts = np.linalg.svd(T @ moved - rigid, full_matrices=False)
+    on_unknowns = [reduction.transpose_to_nodes(r / unit) for r in rigid.T]
+    sides = np.array(on_unknowns)[:, reduction.independent].T
+    moved = K.weighted(scipy.sparse.diags(unit**-2.0), reduction).solve(sides)
+    at_nodes = np.array([reduction.motion(x) / unit for x in moved.T]).T
+    _, apart, parts = np.linalg.svd(at_nodes - rigid, full_matrices=False)
     together = parts[apart <= _ROUNDING**0.5].T  # joints leave them as well
     k = together.T @ moved.T @ (K @ (moved @ together))
     stiffness, parts = np.linalg.eigh((k + k.T) / 2)

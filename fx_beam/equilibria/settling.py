@@ -22,7 +22,7 @@ from fx_beam.errors import SceneError
 from fx_beam.laws.interval import Interval
 from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
-from fx_beam.step.sparse_lu import pivoted_lu
+from fx_beam.step.extended import Extended
 from fx_beam.step.step_failures import StepFailed
 
 from .free_parts import held_for_nothing, left_by_supports, without_balance
@@ -69,7 +69,7 @@ class Settling:
             raise self._error(why)
         enough = _SHORTER if largest and left_by_supports(self.model, first).size else _SHORT
         # Where no force moves it, prestress may hold it.
-        drag = (largest or _LITTLE * self._largest(self.stepper.motions.stiffness(state))) / _TARGET
+        drag = (largest or _LITTLE * self._largest(self.stepper.motions.extended(state))) / _TARGET
         short, moved = False, np.inf
         for _ in range(_MOST if drag else 0):
             loop.drag_weight[:], loop.drag = self._weights, drag
@@ -100,9 +100,9 @@ class Settling:
         """Drag on rigid motions without force, beside a load, at as many degrees of freedom."""
         loop, motions = self._loop, self.stepper.motions
         loop.drag = 0.0
-        K, T = motions.stiffness(state), motions.coupling()
+        K = motions.extended(state)
         none = max(_NEUTRAL * largest, _ROUNDING * self._largest(K))
-        if largest and len(dofs := held_for_nothing(self.model, state.q, K, T, none)):
+        if largest and len(dofs := held_for_nothing(self.model, state.q, K, none)):
             loop.drag_weight[:] = 0.0
             loop.drag_weight[dofs] = self._weights[dofs]
             loop.drag = self._largest(K)
@@ -144,32 +144,33 @@ class Settling:
     def _size(self, D: np.ndarray) -> float:
         return float(abs(D / self.model.unit).max(initial=0.0))
 
-    def _largest(self, K: scipy.sparse.csr_matrix) -> float:
+    def _largest(self, K: Extended) -> float:
         """The largest stiffness of a tangent, times its units [J]."""
-        return float(abs(K.diagonal() * self.stepper.motions.unit**2).max(initial=0.0))
+        return float(abs(K.alone.diagonal() * K.units(self.model) ** 2).max(initial=0.0))
 
     def freest(self, state: State, largest: float = 0.0) -> np.ndarray | None:
         """A small motion (size,) against which a state has no stiffness, beside a load; or None."""
         model, motions = self.model, self.stepper.motions
-        K, T, unit = motions.stiffness(state), motions.coupling(), motions.unit
+        K, unit = motions.extended(state), motions.unit
         none = max(_OF_LOADS * largest, _ROUNDING * self._largest(K)) or 1.0
         # With so little drag the tangent is never singular.
-        drag = T.T @ scipy.sparse.diags(0.1 * none * self.model.unit**-2.0) @ T
-        factors = pivoted_lu(K + drag)
+        drag = scipy.sparse.diags(0.1 * none * model.unit**-2.0)
+        held = K + K.weighted(drag, model.reduction)
         least, x = 0.0, np.random.default_rng(0).standard_normal(len(unit)) * unit
         for _ in range(4):  # inverse iteration
-            x = factors.solve(x / unit**2)
+            x = held.solve(x / unit**2)
             size = float(np.linalg.norm(x / unit))
             least, x = 1 / size, x / size
-        return None if least > none else T @ x / model.unit
+        return None if least > none else model.reduction.motion(x) / model.unit
 
     def _check_forces(self, state: State) -> None:
         """SceneError if on an unknown nothing acts, not even the drag."""
-        self.stepper.motions.stiffness(state)
-        T = self.stepper.motions.coupling()
-        drag = T.T @ scipy.sparse.diags(self._weights) @ T
-        if (alone := np.flatnonzero(drag.diagonal() == 0)).size:
-            free = T[:, alone[:1]].toarray().ravel() / self.model.unit
+        self._loop.balance(state, state.t)  # the couplings are then those of this state
+        reduction = self.model.reduction
+        some = np.random.default_rng(0).random(len(self._weights)) * self._weights
+        drag = reduction.transpose_to_nodes(some)[reduction.independent]
+        if (drag == 0).any():
+            free = reduction.motion(np.arange(len(drag)) == np.argmax(drag == 0)) / self.model.unit
             raise self._error(f"nothing acts on {self.where(free)}", free)
 
     def _check(self, largest: float, state: State) -> None:
@@ -182,7 +183,7 @@ class Settling:
         if not self._bends(free):
             lost = f"in their equilibrium they leave {self.where(free)} free"
             raise self._error(lost if largest else _NO_LOAD, free)
-        loop, most = self._loop, self._largest(self.stepper.motions.stiffness(state))
+        loop, most = self._loop, self._largest(self.stepper.motions.extended(state))
         loop.drag_weight[:] = loop.drag_weight * bool(loop.drag) + 10 * _ROUNDING * self._weights
         loop.drag = loop.drag or most
 

@@ -14,6 +14,7 @@ import scipy.sparse
 from scipy.sparse.linalg import LinearOperator, eigs
 
 from fx_beam.results.state import State
+from fx_beam.step.extended import Extended
 from fx_beam.step.load_loop import LoadLoop
 from fx_beam.step.sparse_lu import LU, Pattern, null_vectors, pivoted_lu
 from fx_beam.step.undamped_modes import Symmetry, UndampedModes
@@ -55,8 +56,12 @@ class SmallMotions:
 
     def stiffness(self, state: State) -> scipy.sparse.csr_matrix:
         """The tangent (n, n) of an equilibrium without flow."""
+        return self.extended(state).matrix
+
+    def extended(self, state: State) -> Extended:
+        """The same, in long trees with auxiliary unknowns."""
         self._loop.balance(state, state.t)
-        return self._loop.equations.tangent()
+        return self._loop.equations.extended()
 
     def coupling(self) -> scipy.sparse.csr_matrix:
         """T (size, n): motions of all nodes by the unknowns, in the last state."""
@@ -69,8 +74,8 @@ class SmallMotions:
     def _symmetric(self, pattern: Pattern, values: np.ndarray) -> bool:
         if not all(map(np.array_equal, self._pattern, pattern)):
             indptr, indices = self._pattern = pattern[0].copy(), pattern[1].copy()
-            unknowns = self.model.reduction.independent
-            self._symmetry = Symmetry(self._pattern, self.model, unknowns)
+            sliding = bool(self.model.couplings.sliding)
+            self._symmetry = Symmetry(self._pattern, self.unit, sliding)
         return self._symmetry.holds(values)
 
     # -- Forces with a potential ------------------------------------------------------------------
@@ -105,19 +110,24 @@ class SmallMotions:
 
     def growing(self, state: State, K: scipy.sparse.csr_matrix | None = None) -> Growing:
         """Modes that grow about a state; an eigenvalue of the tangent that is zero does not."""
-        K = self.stiffness(state) if K is None else K
-        if not K.shape[0]:
+        extended = self.extended(state) if K is None else Extended(K, K.shape[0])
+        if not (free := extended.free):
             return Growing(0, 0)
-        if not self.symmetric(K):
-            pairs, others = pairs_and_others(self.squares(state, K))
-            return Growing(len(pairs), int((others < 0).sum()))
-        most = abs(K.diagonal() * self.unit**2).max() or 1.0
+        A, sliding = extended.alone, bool(self.model.couplings.sliding)
+        if extended.dependent is None or not Symmetry.of(A, extended.units(self.model), sliding):
+            if not self.symmetric(K := extended.matrix):
+                pairs, others = pairs_and_others(self.squares(state, K))
+                return Growing(len(pairs), int((others < 0).sum()))
+            extended = Extended(K, free)
+        system, metric = extended.system, self.unit**-2.0
+        metric = scipy.sparse.diags(np.append(metric, np.zeros(system.shape[0] - free)))
+        most = abs(system.diagonal()[:free] * self.unit**2).max() or 1.0
         for shift in (0.0, _SHIFT * most):  # if a pivot, or an eigenvalue, is zero
-            shifted = (K + shift * self.metric).tocsr() if shift else K
+            shifted = (system + shift * metric).tocsr() if shift else system
             shifted.sort_indices()
-            lu = LU((shifted.indptr, shifted.indices))
+            lu = LU((shifted.indptr, shifted.indices), extended.dependent)
             if lu.factorise(shifted.data):
-                return Growing(0, lu.negative_pivots() or 0)
+                return Growing(0, lu.negative_pivots(free))
         raise ValueError(f"unstable_modes: the tangent at load factor {state.t:g} is singular")
 
     def lowest(self, K: scipy.sparse.csr_matrix, n: int) -> tuple[np.ndarray, np.ndarray]:

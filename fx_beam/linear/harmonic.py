@@ -195,7 +195,9 @@ class Vibration:
             np.add.at(values, np.searchsorted(pattern, place), part.data)
         columns = np.searchsorted(pattern // n, np.arange(n + 1))
         self._pattern, self._shape = (pattern % n, columns), about.K.shape
-        self._symmetry = Symmetry((columns, pattern % n), about.model, about.unknowns)
+        self._symmetry = Symmetry(
+            (columns, pattern % n), about.unit, bool(about.model.couplings.sliding)
+        )
 
     @cached_property
     def symmetric(self) -> bool:

@@ -9,6 +9,7 @@ import scipy.linalg
 import scipy.sparse
 
 from fx_beam.content_cache import cached_property
+from fx_beam.coupling.column_map import ColumnMap
 from fx_beam.errors import SceneError, require, warn_once
 from fx_beam.laws.interval import Interval, instant
 from fx_beam.laws.schemes import Equilibrium, MidPoint
@@ -24,6 +25,7 @@ from fx_beam.scene.inputs import values_of, widths, with_values
 from fx_beam.scene.scene import Scene
 from fx_beam.step.accelerations import have_mass
 from fx_beam.step.equations import Equations
+from fx_beam.step.extended import Extended
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.model import Model
 from fx_beam.step.turning_frame import TurningFrame, check_turns
@@ -43,15 +45,13 @@ class Linearisation:
     #: The scene, and its model with the values of its inputs in the state.
     scene: Scene
     model: Model
-    #: Stiffness and mass (free, free).
-    K: scipy.sparse.csr_matrix
-    M: scipy.sparse.csr_matrix
-    #: Coupling (size, free): motions of the nodes are T times the unknowns.
-    T: scipy.sparse.csr_matrix
-    #: Numbers (free,) of the unknowns in the model, where others follow to close loops; and the
-    #: matrix (columns, free) that gives all columns of the model from the unknowns.
+    #: Stiffness K and mass M (free, free), in long trees with auxiliary unknowns.
+    stiffness: Extended
+    inertia: Extended
+    #: How all columns and the nodes follow the unknowns.
+    coupling: ColumnMap
+    #: Numbers (free,) of the unknowns in the model, where others follow to close loops.
     unknowns: np.ndarray
-    columns: scipy.sparse.csr_matrix
     #: The configuration, at rest in its frame.
     start: State
     #: A frame that turns, and Coriolis forces by rates in it (free, free); None for one at rest.
@@ -61,6 +61,57 @@ class Linearisation:
     factor: float
     #: Models of an earlier scene by kind, which serve again.
     models: dict[str, Lease]
+
+    @cached_property
+    def T(self) -> scipy.sparse.csr_matrix:
+        """Coupling (size, free): motions of the nodes are T times the unknowns."""
+        return self.coupling.matrix[:, self.unknowns]
+
+    @cached_property
+    def columns(self) -> scipy.sparse.csr_matrix:
+        """Matrix (columns, free) that gives all columns of the model from the unknowns."""
+        count = self.model.reduction.columns
+        return self.coupling.dependence_matrix[:count, self.unknowns]
+
+    @cached_property
+    def K(self) -> scipy.sparse.csr_matrix:
+        """Stiffness (free, free)."""
+        return self.stiffness.matrix
+
+    @cached_property
+    def M(self) -> scipy.sparse.csr_matrix:
+        """Mass (free, free)."""
+        if (M := self.inertia).dependent is None:
+            return M.system
+        followed = self.coupling.dependence_matrix[self._extended][:, self.unknowns]
+        return (followed.T @ M.alone @ followed).tocsr()
+
+    @property
+    def _count(self) -> int:
+        return self.coupling.shape[1]
+
+    @property
+    def _extended(self) -> np.ndarray:
+        """Columns of the unknowns, and of auxiliary ones."""
+        return np.append(self.unknowns, np.arange(self.model.reduction.columns, self._count))
+
+    @cached_property
+    def unit(self) -> np.ndarray:
+        """Sizes (n,) of unit unknowns of `stiffness`."""
+        return self.stiffness.units(self.model)
+
+    def at_nodes(self, x: np.ndarray) -> np.ndarray:
+        """Motions (size, n) of the nodes by unknowns (free, n)."""
+        if self.stiffness.dependent is None:
+            return self.T @ x
+        columns = np.zeros((x.shape[1], self._count), x.dtype)
+        columns[:, self.unknowns] = x.T
+        moved = np.zeros((self.model.size, len(columns)), x.dtype)
+        for k, z in enumerate(columns):
+            moved[:, k] = self.coupling @ z.real
+            if z.imag.any():
+                moved[:, k] += 1j * (self.coupling @ z.imag)
+        return moved
 
     @property
     def may_be_damped(self) -> bool:
@@ -109,24 +160,29 @@ class Linearisation:
     @cached_property
     def has_potential(self) -> bool:
         """Whether the stiffness is symmetric but for round-off."""
-        K = self.K
-        return Symmetry((K.indptr, K.indices), self.model, self.unknowns).holds(K.data)
+        K, sliding = self.stiffness, bool(self.model.couplings.sliding)
+        return Symmetry.of(K.alone, self.unit, sliding) or (
+            K.dependent is not None and Symmetry.of(self.K, self.unit[: K.free], sliding)
+        )
 
     @cached_property
     def symmetric(self) -> scipy.sparse.csr_matrix:
         """The symmetric part of the stiffness."""
-        K, other = self.K, self.K.T.tocsr()
-        if np.array_equal(K.indptr, other.indptr) and np.array_equal(K.indices, other.indices):
-            other.data = (K.data + other.data) / 2  # entries that are zero stay
-            return other
-        return (K + other) / 2
+        return Extended(self.K, len(self.unknowns)).symmetric.system
 
     @cached_property
     def undamped_modes(self) -> UndampedModes:
         """Modes of the mass and the symmetric part of the stiffness."""
-        if not self.M.data.any():
+        K, M = self.stiffness.symmetric, self.inertia
+        if not M.system.data.any():
             raise SceneError("modes: the scene has no mass. Give a section rhoA or add a mass")
-        return UndampedModes(self.symmetric, self.M)
+        if K.dependent is None:
+            return UndampedModes(K, M)
+        # Sums over masses that do not cancel.
+        some, sums = np.random.default_rng(0).random(len(self._extended)), np.zeros(self._count)
+        sums[self._extended] = some * M.alone.diagonal()
+        moves = self.coupling.transposed(np.zeros(self.model.size), sums) != 0
+        return UndampedModes(K, M, moves[self.unknowns])
 
 
 def _coordinates(scene: Scene) -> list[Coordinate]:
@@ -211,23 +267,25 @@ def linearised(
     balance = equations.at_start(force)
     if reduction.singularity:
         raise SceneError(f"{what}: {reduction.singularity}. Take a state beside it")
-    K, unknowns = equations.tangent(), reduction.independent
-    T = reduction.coupling()[:, unknowns]
-    M = (T.T @ model.mass @ T).tocsr()
-    masses = M.diagonal()
-    heavy = have_mass(masses, model.unit_of_unknowns[unknowns])
-    if masses[~heavy].any():
-        only = scipy.sparse.diags(heavy.astype(float))
-        M = (only @ M @ only).tocsr()
-    G = None if frame is None else (np.sqrt(factor) * T.T @ frame.gyroscopic @ T).tocsr()
-    columns = reduction.dependence_matrix()[:, unknowns]
-    matrices = scene, model, K, M, T, unknowns, columns, start, frame, G
-    about = Linearisation(*matrices, 1.0 if state is None else factor, models)
+    K, unknowns, G = equations.extended(), reduction.independent, None
+    if frame is not None:
+        T = reduction.coupling()[:, unknowns]
+        G = (np.sqrt(factor) * T.T @ frame.gyroscopic @ T).tocsr()
+    M = _without_round_off(K.weighted(model.mass, reduction), K.units(model))
+    matrices = K, M, reduction.column_map, unknowns, start, frame, G
+    about = Linearisation(scene, model, *matrices, 1.0 if state is None else factor, models)
     # The largest work of a force at a node in a unit motion of the scene [J].
     largest = max(abs(part * model.unit).max() for part in (balance.f, balance.r, force))
     if not held:
         _check_equilibrium(about, state, balance.residual[unknowns], largest, what)
     return about
+
+
+def _without_round_off(M: Extended, unit: np.ndarray) -> Extended:
+    """A mass without equations, and those of unknowns (n,) that are round-off."""
+    masses = M.alone.diagonal()
+    heavy = have_mass(masses, unit)
+    return M.only(heavy) if M.dependent is not None or masses[~heavy].any() else M
 
 
 def turning_frame_of(model: Model, state: Solution, what: str) -> TurningFrame | None:
@@ -291,9 +349,9 @@ def _check_equilibrium(
     round-off.
     """
     model = about.model
-    unit = model.unit_of_unknowns[about.unknowns]
-    left = abs(unbalanced) * unit
-    rounding = _ROUNDING * (unit * (abs(about.K) @ unit)).max()
+    unit = about.unit
+    left = abs(unbalanced) * unit[: len(unbalanced)]
+    rounding = _ROUNDING * (unit * (abs(about.stiffness.alone) @ unit)).max()
     if left.max() <= _BALANCED * largest + rounding:
         if state is not None and not state.stats.static:
             _check_rest(about, state, what)

@@ -294,7 +294,8 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool
     omega, rigid, ratios, roots, vectors = lowest_modes(
         about, about.damping_matrix("modes", damping), n
     )
-    return modes_of(about.model, about.start.q, about.T @ vectors, omega, rigid, ratios, roots)
+    shapes = about.at_nodes(vectors)
+    return modes_of(about.model, about.start.q, shapes, omega, rigid, ratios, roots)
 
 
 def lowest_modes(about: Linearisation, C: scipy.sparse.csr_matrix | None, n: int):
@@ -302,7 +303,7 @@ def lowest_modes(about: Linearisation, C: scipy.sparse.csr_matrix | None, n: int
 
     C (free, free) is the derivative of the forces by the rates; None for none.
     """
-    undamped, M = about.undamped_modes, about.M
+    undamped = about.undamped_modes
     if C is not None and not abs(C).max():
         C = None
     if not about.has_potential:
@@ -312,7 +313,7 @@ def lowest_modes(about: Linearisation, C: scipy.sparse.csr_matrix | None, n: int
         return omega, rigid, np.zeros(len(omega)), np.where(omega < 0, -omega, 1j * omega), vectors
     # All rigid and unstable modes, some that are neither, and more in which damping may show:
     # Coriolis forces may carry what is unstable without them.
-    count = 2 * n + 10
+    M, count = about.M, 2 * n + 10
     while True:
         omega, rigid, vectors = undamped.lowest(count)
         if (omega > 0).sum() > n // 2 or len(omega) < count:

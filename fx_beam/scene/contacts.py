@@ -40,6 +40,8 @@ _Two = tuple[np.ndarray, np.ndarray]
 
 # Iterations for the nearest point of a piece; pieces that may have it, from the nearest node.
 _ITERATIONS, _ABOUT = 26, np.arange(-1, 2)
+# Up to so many pairs of points and nodes the distances of all are computed.
+_PAIRS = 100_000
 
 
 def _place(place: Any, what: str) -> Any:
@@ -455,8 +457,53 @@ def may_be_nearer(points: np.ndarray, nodes: np.ndarray, distance: float) -> np.
     A piece lies within half an arm of its node.
     """
     arm = np.hypot(*np.diff(nodes, axis=0).T).max()
-    square = ((points[:, None] - nodes) ** 2).sum(axis=-1).min(axis=1)
+    square = ((points - nodes[_nearest_node(points, nodes)]) ** 2).sum(axis=-1)
     return square < (distance + arm / 2) ** 2
+
+
+def _nearest_node(
+    points: np.ndarray, nodes: np.ndarray, apart: float = 0.0, arc: np.ndarray | None = None
+) -> np.ndarray:
+    """Numbers (..., m) of the nodes that are nearest to points, as `nearest` has them."""
+    if points.shape[-2] * nodes.shape[-2] <= _PAIRS:
+        square = ((points[..., None, :] - nodes[..., None, :, :]) ** 2).sum(axis=-1)
+        if arc is not None:
+            square[..., abs(arc[:, None] - arc) < apart] = np.inf
+        return np.argmin(square, axis=-1)
+    if nodes.ndim > 2:
+        rows = zip(points, nodes, strict=True)
+        return np.array([_nearest_node(*row, apart, arc) for row in rows])
+    # Boxes of consecutive nodes, halved as long as they may have the nearest one.
+    count, last = 1 << (len(nodes) - 1).bit_length(), len(nodes) - 1
+    low = high = nodes[np.minimum(np.arange(count), last)]
+    boxes = [(low, high)]
+    while len(low) > 1:
+        low, high = low.reshape(-1, 2, 2).min(axis=1), high.reshape(-1, 2, 2).max(axis=1)
+        boxes.append((low, high))
+    point, box = np.arange(len(points)), np.zeros(len(points), int)
+    least = np.full(len(points), np.inf)
+    for low, high in boxes[-2::-1]:
+        point, box = np.repeat(point, 2), (2 * box[:, None] + np.arange(2)).ravel()
+        width, at = count // len(low), points[point]
+        middle = np.minimum(box * width + width // 2, last)
+        square = ((at - nodes[middle]) ** 2).sum(axis=-1)
+        left_out = np.zeros(len(box), dtype=bool)
+        if arc is not None:
+            ends = arc[np.minimum(box * width, last)], arc[np.minimum((box + 1) * width - 1, last)]
+            left_out = (arc[point] - ends[0] < apart) & (ends[1] - arc[point] < apart)
+            square[abs(arc[point] - arc[middle]) < apart] = np.inf
+        starts = np.flatnonzero(np.diff(point, prepend=-1))
+        least[point[starts]] = np.minimum(least[point[starts]], np.minimum.reduceat(square, starts))
+        way = np.maximum(np.maximum(low[box] - at, at - high[box]), 0.0)
+        kept = ((way**2).sum(axis=-1) <= least[point]) & ~left_out
+        point, box, square = point[kept], box[kept], square[kept]
+        if not len(point):
+            break
+    node = np.zeros(len(points), dtype=int)
+    order = np.lexsort((box, square, point))
+    first = order[np.diff(point[order], prepend=-1) > 0]
+    node[point[first]] = np.minimum(box[first], last)
+    return node
 
 
 def nearest(
@@ -472,10 +519,7 @@ def nearest(
     away along the member are left out. The last node of a `closed` member is its first.
     """
     nodes, count = (nodes[..., :-1, :] if closed else nodes), nodes.shape[-2] - 1
-    square = ((points[..., None, :] - nodes[..., None, :, :]) ** 2).sum(axis=-1)
-    if arc is not None:
-        square[..., abs(arc[:, None] - arc) < apart] = np.inf
-    node = np.argmin(square, axis=-1)[..., None] + _ABOUT
+    node = _nearest_node(points, nodes, apart, arc)[..., None] + _ABOUT
     node = node % count if closed else np.clip(node, 0, count)
     on_pieces = _on_pieces(points[..., None, :], nodes[..., None, :, :], node, closed)
     distance = np.hypot(*np.moveaxis(on_pieces - points[..., None, :], -1, 0))

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy.sparse
-from scipy.sparse.linalg import splu
 
 from fx_beam.dual import floats
 from fx_beam.laws.interval import Interval
 from fx_beam.results.state import State
 
+from .extended import Extended
 from .model import Model
 from .newton import NewtonOptions
 from .tables import Problem
@@ -163,14 +163,8 @@ class Equations:
 
         Not finite where those that follow are not determined.
         """
-        A, independent = self.system(), self.model.reduction.independent
-        rest = np.setdiff1d(np.arange(A.shape[0]), independent)
-        if not len(rest):
-            return A
-        rows, columns = A[independent], A[:, independent]
-        try:
-            others = splu(A[rest][:, rest].tocsc()).solve(columns[rest].toarray())
-        except RuntimeError:  # it is singular
-            others = np.full((len(rest), len(independent)), np.nan)
-        reduced = rows[:, independent] - rows[:, rest] @ scipy.sparse.csr_matrix(others)
-        return reduced.tocsc().tocsr()  # whose columns are in order
+        return self.extended().matrix
+
+    def extended(self) -> Extended:
+        """The same, in long trees with their auxiliary unknowns."""
+        return Extended.of(self.system(), self.model.reduction)

@@ -57,7 +57,8 @@ class LU:
         ffi, self._library = c_library.open_library("factors of sparse matrices", *files)
         self._ffi, layout = ffi, factors_of(*pattern, dependent)
         self._rows = ffi.new("SparseRows *")
-        self._diagonals = layout.rows.get("diagonal", layout.order)  # none without unknowns
+        # Of each unknown; none without unknowns.
+        self._diagonals = layout.rows.get("diagonal", layout.order)[layout.order]
         self._structs = Structs(ffi)
         self._factors = np.empty(layout.size)
         self._structs.set(self._rows, **layout.rows, factors=self._factors)
@@ -83,6 +84,9 @@ class LU:
         self._library.fx_solve(self._rows, self._order, self._doubles(b), self._doubles(x))
         return x
 
-    def negative_pivots(self) -> int:
-        """Their number: of a symmetric matrix, that of its negative eigenvalues."""
-        return int((self._factors[self._diagonals] < 0).sum())
+    def negative_pivots(self, free: int | None = None) -> int:
+        """Their number: of a symmetric matrix, that of its negative eigenvalues.
+
+        Of the first unknowns only, which auxiliary ones follow.
+        """
+        return int((self._factors[self._diagonals[:free]] < 0).sum())

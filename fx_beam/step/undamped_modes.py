@@ -13,7 +13,7 @@ import scipy.sparse
 
 from fx_beam.errors import SceneError
 
-from .model import Model
+from .extended import Extended
 from .sparse_lu import LU, Pattern
 
 # Largest error of a vector in its iteration.
@@ -29,10 +29,9 @@ _ACROSS = 1e-12
 
 
 class Symmetry:
-    """Whether sparse matrices of one pattern, for `unknowns` (n,) of a model, are symmetric."""
+    """Whether sparse matrices of one pattern are symmetric, by sizes of unit unknowns (n,)."""
 
-    def __init__(self, pattern: Pattern, model: Model, unknowns: np.ndarray):
-        unit = model.unit_of_unknowns[unknowns]
+    def __init__(self, pattern: Pattern, unit: np.ndarray, sliding: bool):
         indptr, columns = pattern
         n = len(indptr) - 1
         rows = np.repeat(np.arange(n), np.diff(indptr))
@@ -44,7 +43,12 @@ class Symmetry:
         self._rows, self._columns, self._starts = rows, columns, indptr[:-1]
         self._units = unit[rows] * unit[columns]
         # With nodes that slide on beams entries are differences of others that may be far larger.
-        self._sliding = bool(model.couplings.sliding)
+        self._sliding = sliding
+
+    @classmethod
+    def of(cls, matrix: scipy.sparse.csr_matrix, unit: np.ndarray, sliding: bool) -> bool:
+        """Whether one matrix is symmetric."""
+        return cls((matrix.indptr, matrix.indices), unit, sliding).holds(matrix.data)
 
     def holds(self, values: np.ndarray) -> bool:
         """Whether the matrix with these values is symmetric up to rounding errors."""
@@ -59,36 +63,48 @@ class Symmetry:
 
 
 class UndampedModes:
-    """Modes of stiffness K and mass M in compressed rows.
+    """Modes of stiffness K and mass M, in compressed rows or as `Extended` matrices.
 
-    Factors of K - x M have one sparsity, whatever x: they count eigenvalues and give vectors.
+    Factors of K - x M have one sparsity, whatever x: they count eigenvalues and give vectors. With
+    auxiliary unknowns these have vectors as well; `massive` are the unknowns (free,) with mass.
     """
 
-    def __init__(self, K: Any, M: Any):
-        self._massive = massive = M.diagonal() > 0
-        K = _with(K, K.data * (abs(K.data) > _TINY))
-        ratios = abs(K.diagonal()[massive]) / M.diagonal()[massive]
+    def __init__(self, K: Any, M: Any, massive: np.ndarray | None = None):
+        if not isinstance(K, Extended):
+            K, M = (Extended(matrix, matrix.shape[0]) for matrix in (K, M))
+        K = K.with_data(K.system.data * (abs(K.system.data) > _TINY))
+        k, m, free = abs(K.alone.diagonal()), M.alone.diagonal(), K.free
+        self._free, heavy = free, m > 0
+        self._massive = heavy if massive is None else np.append(massive, m[free:] >= 0)
+        ratios = k[heavy] / m[heavy]
         # Scaled so that stiffnesses are of order 1 and eigenvalues below 1.
         self._unit = unit = ratios.max() or 1.0
-        self._scale = (abs(K.diagonal()) + unit * M.diagonal()) ** -0.5
-        self._K, self._M = K, M = _scaled(K, self._scale), unit * _scaled(M, self._scale)
+        sizes = k + unit * m
+        sizes[free:][sizes[free:] == 0] = sizes.max()  # what nothing but others follows
+        self._scale = sizes**-0.5
+        K, M = K.scaled(self._scale), M.scaled(self._scale)
+        M = M.with_data(unit * M.system.data)
+        self._K, self._M = K.alone, M.alone
         # Smaller eigenvalues are rounding errors, even in the softest direction.
         soft = ratios.min(where=ratios > 1e-20 * unit, initial=unit)
         self._least = 1e4 * np.finfo(float).eps * (soft / unit)
         # Also entries that are zero belong to it: whole nodes are factorised faster.
-        numbered = _with(K, np.arange(1, K.nnz + 1)) + 1j * _with(M, np.arange(1, M.nnz + 1))
+        counted = [A.with_data(np.arange(1, A.system.nnz + 1)).system for A in (K, M)]
+        numbered = counted[0] + 1j * counted[1]
         numbered.sort_indices()
         numbers = (part.astype(int) - 1 for part in (numbered.data.real, numbered.data.imag))
-        self._values = [np.append(A.data, 0.0)[k] for A, k in zip((K, M), numbers, strict=True)]
-        self._lu = LU((numbered.indptr, numbered.indices))
+        both = zip((K.system, M.system), numbers, strict=True)
+        self._values = [np.append(A.data, 0.0)[k] for A, k in both]
+        self._rows, self._columns = K.rows, K.columns
+        self._lu = LU((numbered.indptr, numbered.indices), K.dependent)
 
     def lowest(self, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Lowest angular frequencies (n,), which are rigid (n,), and vectors (size, n).
+        """Lowest angular frequencies (n,), which are rigid (n,), and vectors (free, n).
 
         Frequencies are zero for rigid modes and negative for unstable ones. Modal masses are 1.
         """
         values, rounding, vectors = self._in_slices(n)
-        vectors = np.sqrt(self._unit) * self._scale[:, None] * vectors
+        vectors = np.sqrt(self._unit) * (self._scale[:, None] * vectors)[: self._free]
         values, rigid = self._unit * values, abs(values) <= rounding
         return np.where(rigid, 0.0, np.sign(values) * np.sqrt(abs(values))), rigid, vectors
 
@@ -105,7 +121,7 @@ class UndampedModes:
 
         -1 if a pivot is zero: x is an eigenvalue.
         """
-        return self._lu.negative_pivots() if self._factorise(x) else -1
+        return self._lu.negative_pivots(self._free) if self._factorise(x) else -1
 
     def _in_slices(self, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The lowest eigenvalues, their rounding errors, and vectors, by slices of four decades."""
@@ -159,12 +175,13 @@ class UndampedModes:
 
     def _motions_without_mass(self, finite: int) -> np.ndarray:
         """Orthonormal motions (size, few) of unknowns that have mass, such as turns in a sleeve."""
-        size = max(0, self._massive.sum() - finite), len(self._scale)
+        massive = int(self._massive[: self._free].sum())
+        size = max(0, massive - finite), len(self._scale)
         if size[0] and not self._factorise(-_FAR):
             raise _failure()
         x = np.random.default_rng(0).standard_normal(size)
         for _ in range(2):  # each makes other motions smaller by 1 / _FAR
-            x = np.array([self._lu.solve(self._K @ vector) for vector in x]).reshape(size)
+            x = np.array([self._solved(self._K @ vector) for vector in x]).reshape(size)
         return np.linalg.qr((self._massive * x).T)[0]
 
     def _nearest(self, n: int, shift: float, deflated: np.ndarray) -> np.ndarray:
@@ -216,21 +233,15 @@ class UndampedModes:
         return x - self._massless @ (self._massless.T @ x) if self._massless.size else x
 
     def _inverse(self, x: np.ndarray) -> np.ndarray:
-        return self._lu.solve(self._M @ x)
+        return self._solved(self._M @ x)
+
+    def _solved(self, forces: np.ndarray) -> np.ndarray:
+        sides = np.zeros(len(self._rows) * 2 - self._free)
+        sides[self._rows] = forces
+        return self._lu.solve(sides)[self._columns]
 
     def _length(self, x: np.ndarray) -> float:
         return float(np.sqrt(abs(x @ (self._M @ x))))
-
-
-def _scaled(matrix, scale: np.ndarray):
-    """A matrix in compressed rows with scaled rows and columns; entries that are zero stay."""
-    rows = np.repeat(np.arange(len(scale)), np.diff(matrix.indptr))
-    return _with(matrix, matrix.data * scale[rows] * scale[matrix.indices])
-
-
-def _with(matrix, data: np.ndarray) -> scipy.sparse.csr_matrix:
-    """A matrix with other data; SciPy may sort its entries."""
-    return scipy.sparse.csr_matrix((data, matrix.indices, matrix.indptr), matrix.shape, copy=True)
 
 
 def _levels(below: Callable[[float], int], sizes: np.ndarray) -> np.ndarray:

@@ -260,3 +260,29 @@ def test_rings_of_any_number_of_links_move_wherever_they_are_cut(n):
     found, expected = (fb.simulate(scene, dt=0.005, t_end=0.05) for scene in (cut, ring(n)))
     assert abs(found.q - expected.q).max() < 1e-9
     assert abs(found.energy.balance_error).max() < 1e-11
+
+
+@pytest.mark.parametrize("lightest", [1.0, 1e-6])
+@pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3])
+def test_small_vibrations_of_a_long_hanging_chain(unit, lightest):
+    # T = sum m |v|^2 / 2 + J w^2 / 2 and V = sum m g L (1 - cos) in the angles from the vertical.
+    n, g, length = 40, 9.81, unit
+    masses = np.where(np.arange(n) % 2, lightest, 1.0)
+    inertia = 0.1 * masses * length**2
+    scene, last = fb.Scene(gravity=(0, -g)), None
+    for k, (mass, J) in enumerate(zip(masses, inertia, strict=True)):
+        y = -k * length
+        points = {"top": (0, y), "end": (0, y - length)}
+        link = scene.add_body((0, y - length / 2), mass, J, points=points)
+        if last is None:
+            scene.pin(link["top"])
+        else:
+            scene.add_joint(fb.Revolute(last["end"], link["top"]))
+        last = link
+    # Of the centre of each link by the angles of the links above it.
+    arms = length * (np.tri(n) - np.eye(n) / 2)
+    M = arms.T @ (masses[:, None] * arms) + np.diag(inertia)
+    K = g * np.diag(masses @ arms)
+    lowest = fb.modes(scene, fb.static(scene, load_steps=1), n=5)
+    squares = scipy.linalg.eigh(K, M, eigvals_only=True)[:5]
+    assert lowest.angular_frequencies == pytest.approx(np.sqrt(squares), rel=1e-9)
