@@ -336,7 +336,9 @@ def draw_between(ax, drawing: Drawing, k: int) -> None:
             _draw_to_ground(lines, drawing, force, k)
             continue
         points, on = line_between(drawing, force, k), force.on
-        is_rope, (a, b) = len(points) > 2, points[-2:]
+        # One with a length only pulls.
+        is_rope = len(points) > 2 or any("of rope" in name for name in force.own)
+        a, b = points[-2:]
         along = (b - a) / max(np.hypot(*(b - a)), 1e-9 * size)
         for part in () if is_rope else ("spring", "damper", "friction"):
             if getattr(on, part) is not None:
