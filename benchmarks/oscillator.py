@@ -31,7 +31,7 @@ SCHEMES = {
 def vibration(scheme, w, steps):
     """Motion of the mass for the angular frequency times the step, and its rod."""
     scene = fb.Scene()
-    rod = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=w**2, GA=w**2, EI=w**2))
+    rod = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=w**2, GA=w**2, EI=w**2), elements=1)
     scene.clamp(rod.start)
     scene.fix(rod.end, "y", "rotation")
     scene.add_mass(rod.end, 1.0)

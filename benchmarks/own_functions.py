@@ -43,7 +43,7 @@ def row(count, add, number):
             k = number(i)
             data = {"strain_energy": lambda e, g, c, k=k: 1e3 * k * (e**2 + g**2) + k * c**2}
         section = fb.Section(**data, rhoA=1.0, rhoI=0.01)
-        beam = scene.add_beam([(2 * i, 0), (2 * i + 1, 0)], section)
+        beam = scene.add_beam([(2 * i, 0), (2 * i + 1, 0)], section, elements=1)
         scene.clamp(beam.start)
         if add is not None:
             add(scene, beam, number(i))

@@ -29,7 +29,7 @@ def chain(fb, links):
     """Links of length 1 in a row, hinged to one another and to the ground."""
     link = fb.Section(EA=1e6, GA=1e6, EI=1e3, rhoA=1.0, rhoI=0.01)
     scene = fb.Scene(gravity=(0.0, -9.81))
-    beams = [scene.add_beam([(k, 0), (k + 1, 0)], link) for k in range(links)]
+    beams = [scene.add_beam([(k, 0), (k + 1, 0)], link, elements=1) for k in range(links)]
     scene.pin(beams[0].start)
     for first, second in zip(beams[:-1], beams[1:], strict=True):
         scene.add_joint(fb.Revolute(first.end, second.start))

@@ -30,7 +30,7 @@ def guide(elements, degree):
 
 def mass(elements, degree, slides):
     scene, beam = guide(elements, degree)
-    small = scene.add_beam([(0.5, 0), (0.5, 0.3)], SECTION, degree=degree)
+    small = scene.add_beam([(0.5, 0), (0.5, 0.3)], SECTION, degree=degree, elements=1)
     scene.add_mass(small.start, 0.8, inertia=0.05)
     if slides:
         scene.add_joint(fb.Slider(beam, small.start))
@@ -44,7 +44,7 @@ def carriages(elements, degree, number, make=fb.Slider):
     scene, beam = guide(elements, degree)
     between = min(1.2, 5.0 / number)
     for at in 0.5 + between * np.arange(number):
-        axle = scene.add_beam([(at, 0), (at + between / 2, 0)], SECTION, degree=degree)
+        axle = scene.add_beam([(at, 0), (at + between / 2, 0)], SECTION, degree=degree, elements=1)
         for wheel in (axle.start, axle.end):
             scene.add_mass(wheel, 0.4, inertia=0.05)
             scene.add_joint(make(beam, wheel))

@@ -358,7 +358,7 @@ def bead(factor=1.0, mass=1.0, passed=0.1):
     scene, length = fb.Scene(), BEAD_ELEMENTS * BEAD_LENGTH
     rod = scene.add_beam([(0, 0), (length, 0)], section, BEAD_ELEMENTS)
     start = rod.nodes[1]
-    post = scene.add_beam([(start.x, 0), (start.x, 0.3)], section)
+    post = scene.add_beam([(start.x, 0), (start.x, 0.3)], section, elements=1)
     scene.add_mass(post.start, mass * length, inertia=0.01 * mass * length)
     scene.add_joint(fb.Slider(rod, post.start))
     scene.set_velocity(rod, lambda x, y: (-0.3 * y, 0.3 * (x - length / 2)), spin=0.3)

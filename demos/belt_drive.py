@@ -105,7 +105,7 @@ def drive():
     loop = np.concatenate([top, SPAN + half[:-1], SPAN - top, -half[:-1]])
     points = [(z.real, z.imag) for z in loop]
     belt = scene.add_beam(points, BELT, elements=len(points) - 1, name="belt")
-    scene.add_beam([belt.end, belt.start], BELT, name="end of the belt")
+    scene.add_beam([belt.end, belt.start], BELT, name="end of the belt", elements=1)
     ends = (("driver", 0.0), ("driven", SPAN))
     pulleys = [scene.add_body((x, 0), MASS, INERTIA, name=name).centre for name, x in ends]
     scene.pin(pulleys[0])

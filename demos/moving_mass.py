@@ -62,7 +62,7 @@ def scene(speed, degree=SHOWN[0], elements=SHOWN[1], section=BEAM, height=0.5):
     beam = bridge.add_beam([(0, 0), (LENGTH, 0)], section, elements, degree, name="beam")
     bridge.pin(beam.start)
     bridge.fix(beam.end, "y")
-    post = bridge.add_beam([(0, 0), (0, height)], POST, degree=degree, name="post")
+    post = bridge.add_beam([(0, 0), (0, height)], POST, degree=degree, name="post", elements=1)
     bridge.fix(post.end, "rotation")
     bridge.add_mass(post.start, MASS)
     bridge.add_force(post.start, (0.0, -MASS * GRAVITY))

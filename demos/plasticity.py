@@ -109,7 +109,9 @@ def bend(material):
     """Curvatures and bending moments of a bar that is bent to and fro."""
     scene = fb.Scene()
     bar = scene.add_beam(
-        [(0, 0), (1, 0)], material(**BAR, moment=BAR_YIELD, hardening=BAR_HARDENING)
+        [(0, 0), (1, 0)],
+        material(**BAR, moment=BAR_YIELD, hardening=BAR_HARDENING),
+        elements=1,
     )
     scene.clamp(bar.start)
     corners = range(len(CURVATURES))

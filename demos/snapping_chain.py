@@ -49,7 +49,9 @@ def scene(by_displacement=False):
     chain = fb.Scene()
     height, middle, middles = 0.0, None, []
     for number, stiffness in enumerate(EA):
-        frame = chain.add_beam([(0, height), (WIDTH, height)], FRAME, name=f"frame {number}")
+        frame = chain.add_beam(
+            [(0, height), (WIDTH, height)], FRAME, name=f"frame {number}", elements=1
+        )
         chain.fix(frame.start, "x", "rotation")
         if middle is None:
             chain.fix(frame.start, "y")
@@ -57,7 +59,9 @@ def scene(by_displacement=False):
             chain.add_joint(fb.Revolute(frame.start, middle))
         top = height + RISE
         bar_section = fb.Section(EA=stiffness, GA=1e7, EI=1e4, rhoA=0.1, rhoI=1e-6)
-        bar = chain.add_beam([(WIDTH, height), (0, top)], bar_section, name=f"bar {number}")
+        bar = chain.add_beam(
+            [(WIDTH, height), (0, top)], bar_section, name=f"bar {number}", elements=1
+        )
         chain.add_joint(fb.Revolute(frame.end, bar.start))
         middles.append(frame.start)
         middle, height = bar.end, top

@@ -93,8 +93,8 @@ def scene(elements=ELEMENTS, degree=1, link=None):
     swing = fb.Scene()
     beam = swing.add_beam([A, C], SECTION, elements=elements, degree=degree, name="beam")
     link = link or LINK
-    left = swing.add_beam([LEFT, A], link, degree=degree, name="left")
-    right = swing.add_beam([RIGHT, C], link, degree=degree, name="right")
+    left = swing.add_beam([LEFT, A], link, degree=degree, name="left", elements=1)
+    right = swing.add_beam([RIGHT, C], link, degree=degree, name="right", elements=1)
     swing.pin(left.start)
     swing.pin(right.start)
     swing.add_joint(fb.Revolute(left.end, beam.start))

@@ -56,7 +56,7 @@ def pendulum(EA=1e10, EI=1e3):
     """Massless beam of length 0.5 hanging at rest, mass 1 at its end, an exact 45 degree swing."""
     scene = fb.Scene(gravity=(0, -9.81))
     section = fb.Section(EA=EA, GA=EA, EI=EI)
-    beam = scene.add_beam([(0, 0), (0, -0.5)], section)
+    beam = scene.add_beam([(0, 0), (0, -0.5)], section, elements=1)
     scene.pin(beam.start)
     scene.add_mass(beam.end, 1.0)
     scene.set_velocity(beam.end, (1.695, 0))

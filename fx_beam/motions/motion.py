@@ -329,7 +329,7 @@ class Motion:
     >>> import fx_beam as fb
     >>> scene = fb.Scene()
     >>> section = fb.Section(EA=1e4, GA=1e4, EI=1e3, rhoA=1.0, rhoI=0.1)
-    >>> cart = scene.add_beam([(0, 0), (1, 0)], section)
+    >>> cart = scene.add_beam([(0, 0), (1, 0)], section, elements=1)
     >>> rail = scene.add_joint(fb.Prismatic(fb.GROUND, cart.start, axis=(1, 0)))
     >>> load = scene.add_force(cart.start, fb.Input("push", factor=(1, 0)))
     >>> outputs = {"x": fb.Output("slide", rail), "v": fb.Output("rate", rail)}

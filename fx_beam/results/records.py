@@ -245,7 +245,7 @@ class Stats:
     >>> import fx_beam as fb
     >>> scene = fb.Scene()
     >>> section = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.1)
-    >>> scene.clamp(scene.add_beam([(0, 0), (1, 0)], section).start)
+    >>> scene.clamp(scene.add_beam([(0, 0), (1, 0)], section, elements=1).start)
     >>> stats = fb.simulate(scene, dt=0.1, t_end=0.5).stats
     >>> stats.scheme, stats.steps, stats.unknowns, stats.halvings
     ('EnergyMomentum', 5, 3, 0)

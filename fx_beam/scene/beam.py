@@ -26,6 +26,8 @@ from fx_beam.errors import (
 COMPONENTS = ("x", "y", "rotation")
 #: Largest number of elements of a beam.
 MOST_ELEMENTS = 1_000_000
+#: Number of elements of a beam by default, by their degree.
+USUAL_ELEMENTS = {1: 16, 2: 4, 3: 2}
 
 
 @dataclass(frozen=True)
@@ -47,9 +49,9 @@ class Node:
     Examples
     --------
     >>> import fx_beam as fb
-    >>> beam = fb.Scene().add_beam([(0, 0), (2, 0)], fb.Section(EA=1.0, GA=1.0, EI=1.0))
+    >>> beam = fb.Scene().add_beam([(0, 0), (2, 0)], fb.Section(EA=1.0, GA=1.0, EI=1.0), 4)
     >>> print(beam.end)
-    node 1 at (2, 0)
+    node 4 at (2, 0)
     """
 
     number: int

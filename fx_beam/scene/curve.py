@@ -23,7 +23,16 @@ from numpy.polynomial.chebyshev import Chebyshev, chebder, chebint, chebpts1, ch
 
 from fx_beam.errors import SceneError, is_flag, is_whole, real_array, require, vector
 
-from .beam import MOST_ELEMENTS, Layout, Node, lagrange, listed_points, polyline, position_of
+from .beam import (
+    MOST_ELEMENTS,
+    USUAL_ELEMENTS,
+    Layout,
+    Node,
+    lagrange,
+    listed_points,
+    polyline,
+    position_of,
+)
 from .functions import checked_function
 
 # Degrees of the interpolating polynomials of a piece of a curve, and of its speed.
@@ -223,8 +232,12 @@ def layout(points, elements, degree: int, name: str) -> Layout:
     """Nodes of a beam along a polyline, a `Curve`, or a function of the fraction."""
     if callable(points):
         points = Curve(points)
+    usual = USUAL_ELEMENTS[degree]
     if isinstance(points, Curve):
-        return along_curve(points, elements, degree, name)
+        return along_curve(points, usual if elements is None else elements, degree, name)
+    if elements is None:
+        points, _ = listed_points(points, f"beam {name!r}")
+        elements = max(usual, len(points) - 1)
     return polyline(points, elements, name)
 
 

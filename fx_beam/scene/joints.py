@@ -101,7 +101,7 @@ class Joint:
     >>> import fx_beam as fb
     >>> scene = fb.Scene()
     >>> section = fb.Section(EA=1.0, GA=1.0, EI=1.0)
-    >>> beams = [scene.add_beam([(1, 0), end], section) for end in [(0, 0), (2, 0)]]
+    >>> beams = [scene.add_beam([(1, 0), end], section, 1) for end in [(0, 0), (2, 0)]]
     >>> print(scene.add_joint(fb.Revolute(beams[0].start, beams[1].start)))
     joint 0, Revolute of node 0 at (1, 0) and node 2 at (1, 0)
     """

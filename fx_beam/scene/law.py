@@ -312,7 +312,7 @@ class InternalVariables:
     A beam that is bent and then held. Its moment falls from 6 to 4 times the curvature.
 
     >>> scene = fb.Scene()
-    >>> beam = scene.add_beam([(0, 0), (1, 0)], section)
+    >>> beam = scene.add_beam([(0, 0), (1, 0)], section, elements=1)
     >>> scene.clamp(beam.start)
     >>> scene.prescribe(beam.end, rotation=lambda t: min(t / 0.1, 1.0) * 0.1)
     >>> solution = fb.simulate(scene, dt=0.05, t_end=5.0)

@@ -131,7 +131,7 @@ class Output:
     --------
     >>> import fx_beam as fb
     >>> scene = fb.Scene()
-    >>> arm = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=10.0))
+    >>> arm = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=10.0), elements=1)
     >>> print(fb.Output("velocity", arm.end, "y"))
     velocity.y of node 1 at (1, 0)
     """

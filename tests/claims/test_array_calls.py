@@ -18,7 +18,7 @@ def response(kind, function):
 
         scene = fb.Scene()
         section = fb.Section(EA=1e3, GA=1e3, EI=1.0, rhoA=1.0, rhoI=1e-3)
-        bar = scene.add_beam([(0, 0), (1, 0)], section)
+        bar = scene.add_beam([(0, 0), (1, 0)], section, elements=1)
         if kind == "force":
             scene.pin(bar.start)
             scene.add_force(bar.end, lambda t: (x[1] * t, driven(t)))

@@ -70,7 +70,7 @@ def axial_force(scheme):
     length, mass, speed, EA = 3.0443, 10.0, 7.72, 1e10
     force = mass * speed**2 / length
     scene = fb.Scene()
-    bar = scene.add_beam([(0, 0), (length, 0)], fb.Section(EA=EA, GA=EA, EI=1e3))
+    bar = scene.add_beam([(0, 0), (length, 0)], fb.Section(EA=EA, GA=EA, EI=1e3), elements=1)
     scene.pin(bar.start)
     scene.add_mass(bar.end, mass)
     scene.add_natural_strain(bar, axial=-force / EA)

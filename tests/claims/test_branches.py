@@ -203,7 +203,7 @@ def asymmetric():
     c, b = 10.0, 6.0
     stiff = fb.Section(EA=1e6, GA=1e6, EI=1e6)
     scene = fb.Scene()
-    bar = scene.add_beam([(0, 0), (0, 1)], stiff)
+    bar = scene.add_beam([(0, 0), (0, 1)], stiff, elements=1)
     spring = fb.Spring(stiffness=c, strain_energy=lambda x: b * x**3 / 6)
     scene.add_joint(fb.Revolute(fb.GROUND, bar.start, spring=spring))
     scene.add_force(bar.end, (0, -15.0))
@@ -233,7 +233,7 @@ def hinged_columns(stiffness, load):
     stiff = fb.Section(EA=1e6, GA=1e6, EI=1e6)
     scene, tops = fb.Scene(), []
     for x, c in enumerate(stiffness):
-        bar = scene.add_beam([(x, 0), (x, 1)], stiff)
+        bar = scene.add_beam([(x, 0), (x, 1)], stiff, elements=1)
         hinge = fb.Revolute(fb.GROUND, bar.start, spring=fb.Spring(stiffness=c))
         scene.add_joint(hinge)
         scene.add_force(bar.end, (0, -load))

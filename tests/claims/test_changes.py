@@ -200,7 +200,7 @@ def test_a_new_member_begins_with_its_velocity():
 def test_a_new_beam_at_a_node_that_has_moved_is_refused():
     scene, first, _, _ = chain()
     whole = fb.simulate(scene, dt=0.01, t_end=0.3)
-    scene.add_beam([first.end, (1, 1)], MEMBER)
+    scene.add_beam([first.end, (1, 1)], MEMBER, elements=1)
     with pytest.raises(fb.SceneError, match="is new, but its node .* has moved by"):
         fb.simulate(scene, dt=0.01, t_end=0.4, start=whole)
 
@@ -321,7 +321,7 @@ def test_all_that_was_added_is_taken_away_again():
     assert not any((scene.loads, scene.masses, scene.drags, scene.virtual_works))
     assert (fb.simulate(scene, dt=0.01, t_end=0.1).q == reference.q).all()
     scene.add_force_between(beam.end, (0, 3), force=7.0)
-    lane = scene.add_beam([(0, -1), (2, -1)], SECTION, degree=2)
+    lane = scene.add_beam([(0, -1), (2, -1)], SECTION, degree=2, elements=1)
     scene.add_contact(beam, lane, stiffness=1e3, radius=0.1)
     scene.remove(lane)
     assert not scene.contacts

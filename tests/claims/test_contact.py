@@ -37,7 +37,7 @@ def ball(kind="floor", height=0.05, k=1e6, v=0.0, gravity=10.0, e=1.0, speed=Non
 def hinged_arm(stop, axis_spring=1.0, moment=5.0):
     """An arm with the inertia 0.1 kg m^2 on a hinge of the ground."""
     scene = fb.Scene()
-    arm = scene.add_beam([(0, 0), (1, 0)], STIFF)
+    arm = scene.add_beam([(0, 0), (1, 0)], STIFF, elements=1)
     scene.add_mass(arm.start, 0.0, inertia=0.1)
     hinge = fb.Revolute(fb.GROUND, arm.start, spring=fb.Spring(axis_spring), stop=stop)
     scene.add_moment(arm.end, moment)
@@ -517,7 +517,7 @@ def test_a_pendulum_hangs_on_the_stop_that_it_meets_first():
     The stop's moment k d is that of the weight at the angle where it rests.
     """
     scene = fb.Scene(gravity=(0, -9.81))
-    rod = scene.add_beam([(0, 0), (0.5, -(0.75**0.5))], STIFF)
+    rod = scene.add_beam([(0, 0), (0.5, -(0.75**0.5))], STIFF, elements=1)
     scene.add_mass(rod.end, 1.0)
     hinge = scene.add_joint(fb.Revolute(fb.GROUND, rod.start, stop=(-0.1, 0.1, 1e4)))
     turned = -fb.static(scene, load_steps=2).joint(hinge).angle[-1]

@@ -279,7 +279,7 @@ def test_a_path_may_end_behind_its_first_limit_point():
     c = (a**2 * L) ** (1 / 3)
     limit = EA * (1 / c - 1 / L) * np.sqrt(c**2 - a**2)
     scene = fb.Scene()
-    bar = scene.add_beam([(0, 0), (a, h)], fb.Section(EA, EA, 1e9))
+    bar = scene.add_beam([(0, 0), (a, h)], fb.Section(EA, EA, 1e9), elements=1)
     scene.pin(bar.start)
     scene.fix(bar.end, "x")
     scene.add_force(bar.end, (0.0, -k * limit))

@@ -133,7 +133,7 @@ def test_a_copied_scene_is_one_of_its_own(copied):
     other.fix(bar.end, "rotation")
     other.add_force(bar.end, (1.0, 0.0))
     other.add_line_load(bar, (0.0, 1.0))
-    other.add_beam([bar.end, (2, 2)], MEMBER)
+    other.add_beam([bar.end, (2, 2)], MEMBER, elements=1)
     other.add_joint(fb.Revolute(bar.end, other.beams[-1].end, offset=(2, 2)))
     assert (len(scene.beams), len(scene.nodes), len(scene.joints)) == (2, 6, 2)
     assert not scene.fixed and len(scene.loads) == 1
@@ -189,7 +189,7 @@ def test_a_solution_without_motion_and_one_of_statics_can_be_copied(copied):
     with pytest.raises(ValueError, match="motion not recorded"):
         other.resultants(scene.beams[0])
     scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], MEMBER)
+    beam = scene.add_beam([(0, 0), (1, 0)], MEMBER, elements=1)
     scene.clamp(beam.start)
     scene.add_force(beam.end, (0.0, 1.0))
     solution, modes = fb.static(scene, load_steps=2), fb.modes(scene, n=1)

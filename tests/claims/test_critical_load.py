@@ -75,7 +75,7 @@ def test_loads_of_columns_depend_on_their_data_as_in_the_closed_forms(loaded, fa
 def hinged(x, c=10.0, square=0.0, cube=1.0):
     """A rigid column that leans by x[0], on a hinge with the moment c psi + ...; 15 N on it."""
     scene, stiff = fb.Scene(), fb.Section(EA=STIFF, GA=STIFF, EI=STIFF)
-    bar = scene.add_beam([(0, 0), (np.sin(x[0]), np.cos(x[0]))], stiff)
+    bar = scene.add_beam([(0, 0), (np.sin(x[0]), np.cos(x[0]))], stiff, elements=1)
 
     def energy(psi):
         return square * psi**3 / 6 + cube * psi**4 / 4
@@ -247,7 +247,7 @@ def test_a_load_at_which_material_has_flowed_has_no_derivatives():
 def test_two_modes_at_once_have_no_derivatives():
     def build(x):
         scene, _ = hinged([0.0, x[0]])
-        bar = scene.add_beam([(1, 0), (1, 1)], scene.beams[0].section)
+        bar = scene.add_beam([(1, 0), (1, 1)], scene.beams[0].section, elements=1)
         joint = fb.Revolute(fb.GROUND, bar.start, spring=fb.Spring(stiffness=10.0))
         scene.add_joint(joint)
         scene.add_force(bar.end, (0, -15.0))

@@ -61,8 +61,8 @@ def truss(height, load):
     """Two bars between hinges, each one element: by EA alone, since no moment bends them."""
     section = fb.Section(EA=1e3, GA=1e5, EI=1e4)
     scene = fb.Scene()
-    left = scene.add_beam([(-1, 0), (0, height)], section)
-    right = scene.add_beam([(0, height), (1, 0)], section)
+    left = scene.add_beam([(-1, 0), (0, height)], section, elements=1)
+    right = scene.add_beam([(0, height), (1, 0)], section, elements=1)
     scene.add_joint(fb.Revolute(left.end, right.start))
     scene.pin(left.start)
     scene.pin(right.end)

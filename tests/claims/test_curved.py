@@ -62,7 +62,7 @@ def test_elements_of_an_arc_divide_its_circle_and_meet_it_at_their_lobatto_point
 @pytest.mark.parametrize("rise", [1e-3, 1e-6, 3e-9])
 def test_an_arc_goes_through_its_points_however_flat_it_is(rise):
     scene = fb.Scene()
-    post = scene.add_beam([(5, -1), (5, 0)], FLYING)
+    post = scene.add_beam([(5, -1), (5, 0)], FLYING, elements=1)
     arc = scene.add_beam(fb.arc((0, 0), (2.5, 5 * rise), post.end), FLYING, elements=4)
     middle = arc.node(0.5)
     assert (middle.x, middle.y) == pytest.approx((2.5, 5 * rise), rel=1e-14)
@@ -172,7 +172,7 @@ def test_a_curve_shares_the_nodes_it_is_given(kind):
 def test_a_curve_with_too_many_corners_is_refused(monkeypatch):
     monkeypatch.setattr("fx_beam.scene.curve._MOST_PIECES", 1000)  # ten times sooner
     with pytest.raises(fb.SceneError, match="too many corners"):
-        fb.Scene().add_beam(lambda f: (f, f * math.sin(1 / f) if f else 0.0), FLYING)
+        fb.Scene().add_beam(lambda f: (f, f * math.sin(1 / f) if f else 0.0), FLYING, elements=1)
 
 
 # -- Statics -----------------------------------------------------------------------------------

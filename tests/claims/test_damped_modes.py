@@ -13,7 +13,7 @@ import fx_beam as fb
 def oscillator(c, k=100.0, m=1.0):
     """A mass on a guide of the ground; natural frequency 10 rad/s."""
     scene = fb.Scene()
-    rod = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=1e4))
+    rod = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=1e4), elements=1)
     spring = fb.Spring(k) if k else None
     guide = fb.Prismatic(fb.GROUND, rod.start, axis=(1, 0), spring=spring, damper=fb.Damper(c))
     scene.add_joint(guide)
@@ -145,7 +145,7 @@ def standard_solid(m, k, series, c, c_of_mass=0.0, elements=1):
     """
     scene = fb.Scene()
     rod = fb.Section(EA=1e4, GA=1e4, EI=1e4)
-    mass, between = (scene.add_beam([(x, 0), (x, 1)], rod) for x in (0, 1))
+    mass, between = (scene.add_beam([(x, 0), (x, 1)], rod, elements=1) for x in (0, 1))
     of_mass = fb.Damper(c_of_mass) if c_of_mass else None
     ends = (mass.start, fb.Spring(k), of_mass), (between.start, None, fb.Damper(c))
     for node, spring, damper in ends:

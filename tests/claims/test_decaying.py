@@ -111,7 +111,7 @@ def test_an_oscillator_follows_the_amplification_matrix(w, order):
     # A massless rod of stiffness w^2 with a unit mass at its end, dt = 1.
     scene = fb.Scene()
     section = fb.Section(EA=w**2, GA=w**2, EI=w**2)
-    rod = scene.add_beam([(0, 0), (1, 0)], section)
+    rod = scene.add_beam([(0, 0), (1, 0)], section, elements=1)
     scene.clamp(rod.start)
     scene.fix(rod.end, "y", "rotation")
     scene.add_mass(rod.end, 1.0)

@@ -183,7 +183,7 @@ def passing(x, make):
     """A bead, a small beam, that passes elements of a rod."""
     scene = fb.Scene()
     rod = scene.add_beam([(0, 0), (6, 0)], MEMBER, elements=12)
-    bead = scene.add_beam([(0, 0), (0, 0.3)], MEMBER)
+    bead = scene.add_beam([(0, 0), (0, 0.3)], MEMBER, elements=1)
     joint = scene.add_joint(make(rod, bead.start))
     scene.set_velocity(rod, lambda X, Y: (0.2 - 0.3 * Y, 0.5 + 0.3 * (X - 3)), spin=0.3 * x[1])
     scene.set_velocity(bead, (8 * x[0], 1.0), spin=1.0)

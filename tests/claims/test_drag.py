@@ -13,7 +13,7 @@ def bar_at(velocity, on, angle=0.0, gravity=None, **drag):
     """A straight bar of 3 kg that moves without turning, with drag on it or halved on its ends."""
     scene = fb.Scene(gravity=gravity)
     end = 2 * np.array([np.cos(angle), np.sin(angle)])
-    bar = scene.add_beam([(0, 0), end], SECTION)
+    bar = scene.add_beam([(0, 0), end], SECTION, elements=1)
     scene.set_velocity(bar, velocity)
     if on == "beam":
         scene.add_drag(bar, **{name: np.divide(value, 2).tolist() for name, value in drag.items()})
@@ -61,7 +61,9 @@ def test_a_bar_glides_along_itself(angle=0.7):
 def test_a_rotation_is_stopped_by_drag_on_the_spin_and_on_the_speed(on, resistance):
     # J = rhoA L^3 / 12 + rhoI L = 1.2 kg m^2; c L^3 / 12 + c L, or twice c L^2 / 4 + c.
     scene = fb.Scene()
-    bar = scene.add_beam([(-1, 0), (1, 0)], fb.Section(EA=1e6, GA=1e6, EI=1e6, rhoA=1.5, rhoI=0.1))
+    bar = scene.add_beam(
+        [(-1, 0), (1, 0)], fb.Section(EA=1e6, GA=1e6, EI=1e6, rhoA=1.5, rhoI=0.1), elements=1
+    )
     for part in (bar,) if on == "beam" else (bar.start, bar.end):
         scene.add_drag(part, linear=0.6, rotation=0.6)
     scene.set_velocity(bar, lambda x, y: (-y, x), spin=1.0)
@@ -147,7 +149,7 @@ def test_a_step_is_halved_where_drag_would_give_energy_in_a_sub_step_that_goes_b
 
 def test_a_massless_bar_may_sink_against_drag():
     scene = fb.Scene()
-    bar = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=100.0))
+    bar = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=100.0), elements=1)
     scene.add_line_load(bar, (0.0, -3.0))
     with pytest.raises(fb.SceneError, match="without mass"):
         fb.simulate(scene, dt=0.1, t_end=1.0)
@@ -160,7 +162,7 @@ def test_statics_knows_nothing_of_drag():
     tips = []
     for drag in (0.0, 10.0):
         scene = fb.Scene(gravity=(0, -9.81))
-        bar = scene.add_beam([(0, 0), (1, 0)], SECTION)
+        bar = scene.add_beam([(0, 0), (1, 0)], SECTION, elements=1)
         scene.clamp(bar.start)
         if drag:
             scene.add_drag(bar, linear=drag)

@@ -70,7 +70,9 @@ def rod(k):
         return short + 5e5 * gamma**2 + 5e3 * kappa**2
 
     scene = fb.Scene(gravity=(0, -GRAVITY))
-    beam = scene.add_beam([(0, -HEIGHT), (0, 1 - HEIGHT)], fb.Section(strain_energy=energy))
+    beam = scene.add_beam(
+        [(0, -HEIGHT), (0, 1 - HEIGHT)], fb.Section(strain_energy=energy), elements=1
+    )
     scene.clamp(beam.start)
     scene.add_mass(beam.end, MASS)
     return scene, beam.end
@@ -78,7 +80,9 @@ def rod(k):
 
 def ball():
     scene = fb.Scene(gravity=(0, -GRAVITY))
-    measure = scene.add_beam([(2, 0), (3, 0)], fb.Section(EA=1e6, GA=1e6, EI=1e4))  # size 1 m
+    measure = scene.add_beam(
+        [(2, 0), (3, 0)], fb.Section(EA=1e6, GA=1e6, EI=1e4), elements=1
+    )  # size 1 m
     scene.clamp(measure.start)
     return scene, scene.add_body((0, HEIGHT), mass=MASS, inertia=1.0).centre
 

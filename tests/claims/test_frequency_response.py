@@ -152,7 +152,7 @@ def test_a_motion_without_bound_is_refused():
     with pytest.raises(fb.SceneError, match="at 0 Hz the motion has no bound"):
         fb.frequency_response(scene, load, free.end, [0.1, 0.0])
     guided = fb.Scene()
-    rod = guided.add_beam([(0, 0), (1, 0)], fb.Section(EA=1.0, GA=1.0, EI=1.0))
+    rod = guided.add_beam([(0, 0), (1, 0)], fb.Section(EA=1.0, GA=1.0, EI=1.0), elements=1)
     guide = fb.Prismatic(fb.GROUND, rod.start, axis=(1, 0), spring=fb.Spring(4.0))
     guide = guided.add_joint(guide)
     guided.add_mass(rod.start, 1.0)

@@ -131,7 +131,7 @@ def test_no_step_fails_where_a_joint_stops(scheme):
 def test_statics_knows_no_friction_and_a_massless_arm_may_hang_on_it():
     def arm(**parts):
         scene = fb.Scene()
-        bar = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=100.0))
+        bar = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=100.0), elements=1)
         scene.add_joint(fb.Revolute(fb.GROUND, bar.start, **parts))
         scene.add_force(bar.end, (0.0, 0.5))
         return scene, bar
@@ -460,7 +460,9 @@ REFUSED = [
     (lambda n: fb.Revolute(fb.GROUND, n, friction=fb.Coulomb(0.3, 1e4)), "needs the radius of the"),
     (lambda n: block(friction=PINNED), "friction of a slide has no radius"),
     (
-        lambda n: fb.Slider(fb.Scene().add_beam([(0, 0), (1, 0)], BEAM), n, friction=PINNED),
+        lambda n: fb.Slider(
+            fb.Scene().add_beam([(0, 0), (1, 0)], BEAM, elements=1), n, friction=PINNED
+        ),
         "Slider: friction of a slide has no radius",
     ),
     (

@@ -113,7 +113,9 @@ def test_a_bed_that_only_pushes_lets_the_ends_lift():
 
 def test_a_bed_that_only_holds_along_the_beam_may_be_said_to_push_only():
     scene = fb.Scene()
-    bed = scene.add_bed(scene.add_beam([(0, 0), (1, 0)], SECTION), tangential=5.0, pushes_only=True)
+    bed = scene.add_bed(
+        scene.add_beam([(0, 0), (1, 0)], SECTION, elements=1), tangential=5.0, pushes_only=True
+    )
     assert bed.normal is None and bed.tangential.on.spring.stiffness == 5.0
 
 
@@ -136,7 +138,7 @@ def test_springs_are_removed_alone_and_with_what_they_hold():
     scene, body, held = held_body(x=fb.Spring(50.0), y=fb.Spring(200.0), rotation=fb.Spring(8.0))
     scene.remove(held.x)
     assert fb.modes(scene).frequencies[0] == 0
-    beam = scene.add_beam([(0, 0), (1, 0)], SECTION)
+    beam = scene.add_beam([(0, 0), (1, 0)], SECTION, elements=1)
     scene.add_bed(beam, normal=1.0)
     scene.remove(beam)
     assert len(scene.forces_between) == 2
@@ -182,7 +184,7 @@ def test_a_changed_scene_goes_on_with_its_springs():
 )
 def test_what_holds_nothing_is_refused(call, message):
     scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], SECTION)
+    beam = scene.add_beam([(0, 0), (1, 0)], SECTION, elements=1)
     with pytest.raises(fb.SceneError, match=message):
         call(scene, beam.end, beam)
     assert not scene.forces_between

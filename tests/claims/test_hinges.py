@@ -47,7 +47,7 @@ STIFFENING = fb.Spring(strain_energy=stiffening)
 def driven(spring, path, slides=False):
     """An arm on the ground with a coordinate that is prescribed over time."""
     scene = fb.Scene()
-    arm = scene.add_beam([(0, 0), (1, 0)], LIGHT)
+    arm = scene.add_beam([(0, 0), (1, 0)], LIGHT, elements=1)
     if slides:
         joint = fb.Prismatic(fb.GROUND, arm.start, axis=(1, 0), spring=spring, motor=path)
     else:
@@ -146,7 +146,7 @@ def test_a_zener_hinge_relaxes_with_second_order(scheme):
 
 def test_load_steps_follow_the_flow_exactly_and_stiff_members_may_turn_about_a_hinge():
     scene = fb.Scene()
-    arm = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e9, GA=1e9, EI=1e9))
+    arm = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e9, GA=1e9, EI=1e9), elements=1)
     joint = scene.add_joint(fb.Revolute(fb.GROUND, arm.start, spring=PLASTIC))
     scene.add_moment(arm.end, 6.0)
     solution = fb.static(scene, load_steps=6)
@@ -177,7 +177,10 @@ def test_no_step_fails_where_hinges_unload_that_have_flowed():
     spring = fb.Spring(strain_energy=energy, internal=fb.InternalVariables(("a",), yields))
     scene, section = fb.Scene(), fb.Section(EA=6e9, GA=2e9, EI=2e8)
     corners = [(0, 0), (0, 3), (3, 3), (6, 3), (6, 0)]
-    beams = [scene.add_beam(ends, section) for ends in zip(corners[:-1], corners[1:], strict=True)]
+    beams = [
+        scene.add_beam(ends, section, elements=1)
+        for ends in zip(corners[:-1], corners[1:], strict=True)
+    ]
     ends = [fb.GROUND, *(beam.end for beam in beams)]
     starts = [*(beam.start for beam in beams), fb.GROUND]
     for a, b in zip(ends, starts, strict=True):

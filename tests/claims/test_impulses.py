@@ -18,11 +18,13 @@ SCHEMES = {
 def workshop():
     """Masses of 2 kg on springs, a floor and a rail; a rotor that is at first too fast."""
     scene, mass = fb.Scene(), {"mass": 2.0, "inertia": 1.0}
-    rotor = scene.add_beam([(5, 0), (6, 0)], fb.Section(EA=1e6, GA=1e6, EI=1e4, rhoA=1, rhoI=0.1))
+    rotor = scene.add_beam(
+        [(5, 0), (6, 0)], fb.Section(EA=1e6, GA=1e6, EI=1e4, rhoA=1, rhoI=0.1), elements=1
+    )
     scene.set_velocity(rotor, lambda x, y: (-50 * y, 50 * (x - 5.5)), spin=50.0)
     scene.add_moment(rotor.start, -3.0)
-    rod = scene.add_beam([(0, 0), (0, 1)], fb.Section(EA=200.0, GA=200.0, EI=50.0))
-    strip = scene.add_beam([(0, 2), (1, 2)], fb.Section(EA=1e6, GA=1e6, EI=50.0))
+    rod = scene.add_beam([(0, 0), (0, 1)], fb.Section(EA=200.0, GA=200.0, EI=50.0), elements=1)
+    strip = scene.add_beam([(0, 2), (1, 2)], fb.Section(EA=1e6, GA=1e6, EI=50.0), elements=1)
     for beam in (rod, strip):
         scene.clamp(beam.start)
         scene.add_mass(beam.end, 2.0)

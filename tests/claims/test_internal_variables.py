@@ -196,7 +196,7 @@ def test_what_damage_dissipates_in_load_steps_is_of_second_order(part):
             scene, bar = cantilever(with_variables(energy, damage, ("damage",)), elements=1)
         else:
             scene = fb.Scene()
-            bar = scene.add_beam([(0, 0), (1, 0)], ELASTIC)
+            bar = scene.add_beam([(0, 0), (1, 0)], ELASTIC, elements=1)
             variables = fb.InternalVariables(("damage",), damage)
             spring = fb.Spring(strain_energy=damaged, internal=variables)
             scene.add_joint(fb.Prismatic(fb.GROUND, bar.start, axis=(1, 0), spring=spring))
@@ -326,7 +326,7 @@ def test_rows_are_those_of_the_steps_that_are_recorded():
 def test_pictures_and_files_for_paraview_show_the_variables(tmp_path):
     pv = pytest.importorskip("pyvista")
     scene, beam = swung()
-    other = scene.add_beam([beam.end, (2, 0)], ELASTIC)
+    other = scene.add_beam([beam.end, (2, 0)], ELASTIC, elements=1)
     solution = fb.simulate(scene, dt=0.02, t_end=0.6)
     solution.to_paraview(tmp_path / "run.pvd")
     reader = pv.get_reader(str(tmp_path / "run.pvd"))

@@ -35,7 +35,7 @@ def half(t):
     return t + 0.5
 
 
-GROUND, OTHER = fb.GROUND, fb.Scene().add_beam([(0, 0), (1, 0)], MEMBER)
+GROUND, OTHER = fb.GROUND, fb.Scene().add_beam([(0, 0), (1, 0)], MEMBER, elements=1)
 
 
 @pytest.mark.parametrize(
@@ -85,8 +85,8 @@ def test_rounding_at_the_start_of_a_motion_is_none_in_any_unit(size):
     def of(start):
         scene = fb.Scene()
         section = fb.Section(EA=1e4, GA=1e4, EI=100.0 * size**2, rhoA=1.0, rhoI=0.1 * size**2)
-        beam = scene.add_beam([(0, 0), (size, 0)], section)
-        other = scene.add_beam([(0, 0), (0, size)], section)
+        beam = scene.add_beam([(0, 0), (size, 0)], section, elements=1)
+        other = scene.add_beam([(0, 0), (0, size)], section, elements=1)
         scene.add_joint(
             fb.Prismatic(fb.GROUND, beam.start, (1, 0), motor=lambda t: size * (start + t**2))
         )
@@ -198,8 +198,8 @@ def test_histories_of_joints_are_refused_for_what_is_no_joint_of_the_solution():
 def test_a_massless_mechanism_is_refused_but_may_carry_a_mass():
     # Massless bars from (0, 0) over (1, 1) to a slider on the x axis.
     scene = fb.Scene(gravity=(0, -9.81))
-    first = scene.add_beam([(0, 0), (1, 1)], MASSLESS)
-    second = scene.add_beam([(1, 1), (2, 0)], MASSLESS)
+    first = scene.add_beam([(0, 0), (1, 1)], MASSLESS, elements=1)
+    second = scene.add_beam([(1, 1), (2, 0)], MASSLESS, elements=1)
     scene.pin(first.start)
     scene.add_joint(fb.Revolute(first.end, second.start))
     scene.add_joint(fb.PinInSlot(fb.GROUND, second.end, axis=(1, 0)))
@@ -213,7 +213,7 @@ def test_a_massless_mechanism_is_refused_but_may_carry_a_mass():
 def test_an_arm_without_mass_on_a_slide_is_refused_and_on_a_motor_accepted():
     def moved(motor):
         scene = fb.Scene()
-        arm = scene.add_beam([(0, 0), (0, 1)], MASSLESS)
+        arm = scene.add_beam([(0, 0), (0, 1)], MASSLESS, elements=1)
         scene.add_joint(fb.Prismatic(fb.GROUND, arm.start, axis=(1, 0), motor=motor))
         return run(scene).displacement(arm.end)[-1]
 

@@ -119,7 +119,9 @@ def test_a_rigid_joint_with_offset_and_a_body_are_a_stiff_short_beam():
         first = scene.add_beam([(0, 0), (1, 0)], MEMBER, elements=2)
         start = 1, 0.3
         if how == "beam":
-            start = scene.add_beam([first.end, start], fb.Section(EA=1e9, GA=1e9, EI=1e9)).end
+            start = scene.add_beam(
+                [first.end, start], fb.Section(EA=1e9, GA=1e9, EI=1e9), elements=1
+            ).end
         if how == "body":
             start = scene.add_body((1, 0.3), 0.0, points={"a": first.end}).centre
         second = scene.add_beam([start, (2, 0.3)], MEMBER, elements=2)
@@ -161,7 +163,7 @@ def projected(kind, massless, field):
     if massless:
         bar = fb.Section(EA=1e4, GA=1e4, EI=100.0)
         third = scene.add_beam([beams[1].end, (2, 0)], bar, elements=2)
-        beams.append(scene.add_beam([(2, 0), (3, 0)], MEMBER))
+        beams.append(scene.add_beam([(2, 0), (3, 0)], MEMBER, elements=1))
         joints.append(scene.add_joint(fb.Revolute(third.end, beams[2].start)))
     given = np.zeros((1, len(scene.nodes), 3))
     for node in beams[1].nodes:
@@ -204,8 +206,8 @@ def test_compatible_velocities_are_not_changed_by_the_projection():
 def test_a_mass_on_a_massless_arm_falls_freely_at_the_start():
     # The arm's end moves the mass by x, y, rotation and slide: more unknowns than it has inertia.
     scene = fb.Scene(gravity=(0, -9.81))
-    arm = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=100.0))
-    bob = scene.add_beam([(1, 0.2), (2, 0.2)], MEMBER)
+    arm = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=100.0), elements=1)
+    bob = scene.add_beam([(1, 0.2), (2, 0.2)], MEMBER, elements=1)
     scene.pin(arm.start)
     scene.add_joint(fb.Prismatic(arm.end, bob.start, axis=(1, 0), offset=(0, 0.2)))
     solution = fb.simulate(scene, fb.Newmark(), dt=0.001, t_end=0.01)
@@ -222,7 +224,7 @@ def test_a_massless_node_has_the_rates_of_the_node_that_holds_it(scheme):
     stiffness = {"EA": 1e4, "GA": 1e4, "EI": 10.0}
     heavy = scene.add_beam([(0, 0), (1, 0)], fb.Section(**stiffness, rhoA=1.0, rhoI=0.1), 2)
     thin = scene.add_beam([(0, 0), (0, 1)], fb.Section(**stiffness, rhoA=1.0), 2)
-    massless = scene.add_beam([(1, 0), (2, 0)], fb.Section(**stiffness))
+    massless = scene.add_beam([(1, 0), (2, 0)], fb.Section(**stiffness), elements=1)
     scene.pin(massless.end)
     rigid = scene.add_joint(fb.Rigid(thin.start, heavy.start))
     hinge = scene.add_joint(fb.Revolute(massless.start, heavy.end))

@@ -97,7 +97,7 @@ def held(place, kind):
 def row(*kinds, first=(), last=()):
     """Beams of one element, each joined to the start of the one before, some of them supported."""
     scene = fb.Scene(gravity=(3, -9.81))
-    beam = scene.add_beam([(0, 0), (1, 0)], MEMBER)
+    beam = scene.add_beam([(0, 0), (1, 0)], MEMBER, elements=1)
     if first == "slot":
         scene.add_joint(fb.PinInSlot(beam.start, fb.GROUND, axis=(1, 2), offset=(0.1, 0.3)))
     elif first:
@@ -105,7 +105,7 @@ def row(*kinds, first=(), last=()):
     for kind in kinds:
         make, place, given = KINDS[kind]
         start = np.array([beam.start.x, beam.start.y]) + place
-        other = scene.add_beam([start, start + (1, 0.5)], MEMBER)
+        other = scene.add_beam([start, start + (1, 0.5)], MEMBER, elements=1)
         scene.add_joint(make(beam.start, other.start, **given))
         beam = other
     if last:
@@ -116,7 +116,7 @@ def row(*kinds, first=(), last=()):
 def motors():
     """A turning motor that carries a guide with a driven slide, and a free slot on that."""
     scene = fb.Scene()
-    a, b, c, d = (scene.add_beam([(0, i), (1, i)], MEMBER).start for i in range(4))
+    a, b, c, d = (scene.add_beam([(0, i), (1, i)], MEMBER, elements=1).start for i in range(4))
     scene.add_joint(fb.Revolute(a, b, offset=(0, 1), motor=lambda t: 2 * t**2))
     scene.add_joint(fb.Prismatic(b, c, axis=(0, 1), motor=lambda t: 3 * t**2))
     hinge = fb.Coordinate(motor=lambda t: -(t**2))
@@ -274,7 +274,7 @@ def test_schemes_are_of_second_order_with_joints_springs_and_dampers(scheme):
         )
         scene.add_joint(fb.Revolute(fb.GROUND, first.start, **laws))
         tip = second.end.x, second.end.y
-        bob = scene.add_beam([tip, (tip[0] + 0.3, tip[1] + 0.5)], stout)
+        bob = scene.add_beam([tip, (tip[0] + 0.3, tip[1] + 0.5)], stout, elements=1)
         scene.add_joint(fb.Revolute(second.end, bob.start))
         for beam in (first, second, bob):
             scene.set_velocity(beam, lambda x, y: 1.5 * (W @ (x + 1, y)), spin=1.5)

@@ -80,7 +80,7 @@ def test_a_constant_moment_gives_angular_momentum_in_proportion_to_time():
 
 def test_a_line_load_acts_on_the_whole_length_of_its_beam_only():
     scene, beam = free_beam()
-    other = scene.add_beam([(0, 0), (1, 0)], SECTION)
+    other = scene.add_beam([(0, 0), (1, 0)], SECTION, elements=1)
     scene.add_line_load(beam, (2.0, 1.0))
     solution = fb.simulate(scene, dt=0.1, t_end=0.5)
     expected = np.outer(solution.t, (6.0, 3.0))
@@ -146,7 +146,7 @@ def test_a_minute_prescribed_motion_has_the_reaction_of_its_stiffness():
     """A stretch by less than Newton's tolerance still costs EA times the strain."""
     stiff = fb.Section(EA=1e10, GA=1e10, EI=1e3)
     scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], stiff)
+    beam = scene.add_beam([(0, 0), (1, 0)], stiff, elements=1)
     scene.clamp(beam.start)
     scene.fix(beam.end, "y", "rotation")
     scene.prescribe(beam.end, x=lambda t: 1e-11 * t)
@@ -537,7 +537,7 @@ def test_the_work_counted_is_the_force_along_the_mean_section_times_the_path(sch
 
 def test_a_follower_force_that_jumps_belongs_to_the_step_in_which_it_acts():
     scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], FLYING)
+    beam = scene.add_beam([(0, 0), (1, 0)], FLYING, elements=1)
     for node in (beam.start, beam.end):
         scene.add_force(node, lambda t: (1.0 if t < 0.1 else 0.0, 0.0), follower=True)
     solution = fb.simulate(scene, dt=0.05, t_end=0.2)

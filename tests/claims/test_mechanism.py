@@ -24,7 +24,10 @@ def check_moving(scene):
 def chain(places, section=LIGHT, ends=(True, True), spring=lambda k: None):
     """Links from place to place, hinged to one another and, at held ends, to the ground."""
     scene = fb.Scene()
-    links = [scene.add_beam([a, b], section) for a, b in zip(places[:-1], places[1:], strict=True)]
+    links = [
+        scene.add_beam([a, b], section, elements=1)
+        for a, b in zip(places[:-1], places[1:], strict=True)
+    ]
     for k, (first, second) in enumerate(zip(links[:-1], links[1:], strict=True), start=1):
         scene.add_joint(fb.Revolute(first.end, second.start, spring=spring(k)))
     if ends[0]:
@@ -83,9 +86,9 @@ def test_a_parallelogram_in_line_has_one_motion_more(angle):
     # In line the second crank may turn the other way.
     crank = np.array([np.cos(angle), np.sin(angle)])
     scene = fb.Scene()
-    first = scene.add_beam([(0, 0), crank], LIGHT)
-    coupler = scene.add_beam([crank, crank + (3, 0)], LIGHT)
-    second = scene.add_beam([(3, 0), crank + (3, 0)], LIGHT)
+    first = scene.add_beam([(0, 0), crank], LIGHT, elements=1)
+    coupler = scene.add_beam([crank, crank + (3, 0)], LIGHT, elements=1)
+    second = scene.add_beam([(3, 0), crank + (3, 0)], LIGHT, elements=1)
     scene.add_joint(fb.Revolute(fb.GROUND, first.start, spring=fb.Spring(stiffness=1.0)))
     scene.add_joint(fb.Revolute(fb.GROUND, second.start))
     scene.add_joint(fb.Revolute(first.end, coupler.start))
@@ -104,9 +107,9 @@ def test_a_parallelogram_in_line_has_one_motion_more(angle):
 def test_a_mass_counts_whatever_its_unit(mass, size):
     # One that is light beside another one, and inertia on an arm that turns about its pin.
     scene = fb.Scene()
-    arm = scene.add_beam([(0, 0), (size, 0)], LIGHT)
+    arm = scene.add_beam([(0, 0), (size, 0)], LIGHT, elements=1)
     scene.pin(arm.start)
-    other = scene.add_beam([(0, size), (size, size)], LIGHT)
+    other = scene.add_beam([(0, size), (size, size)], LIGHT, elements=1)
     scene.add_mass(other.start, 1.0, size**2)
     with pytest.raises(fb.SceneError, match=r"can rotate about \(0, 0\) .*without mass"):
         check_moving(scene)
@@ -127,10 +130,10 @@ def test_masses_in_one_place_let_a_part_turn_about_it_and_in_two_do_not():
 
 def test_the_beams_of_the_body_that_moves_are_named():
     scene = fb.Scene()
-    hub = scene.add_beam([(0, 0), (1, 0)], LIGHT, name="spoke 0")
+    hub = scene.add_beam([(0, 0), (1, 0)], LIGHT, name="spoke 0", elements=1)
     for k in (1, 2, 3, 4):
-        scene.add_beam([hub.start, (np.cos(k), np.sin(k))], LIGHT, name=f"spoke {k}")
-    scene.clamp(scene.add_beam([(5, 0), (6, 0)], LIGHT, name="post").start)
+        scene.add_beam([hub.start, (np.cos(k), np.sin(k))], LIGHT, name=f"spoke {k}", elements=1)
+    scene.clamp(scene.add_beam([(5, 0), (6, 0)], LIGHT, name="post", elements=1).start)
     scene.pin(hub.start)
     named = r"beams 'spoke 0', 'spoke 1', 'spoke 2' and 2 more can rotate about \(0, 0\) as a rigid"
     with pytest.raises(fb.SceneError, match=named):
@@ -155,7 +158,7 @@ def random_mechanism(rng):
     grid = [(x, y) for x in range(3) for y in range(3)]
     for _ in range(rng.integers(2, 7)):
         ends = [grid[k] for k in rng.choice(9, 2, replace=False)]
-        beam = scene.add_beam(ends, LIGHT if rng.random() < 0.7 else HEAVY)
+        beam = scene.add_beam(ends, LIGHT if rng.random() < 0.7 else HEAVY, elements=1)
         for place, node in zip(ends, (beam.start, beam.end), strict=True):
             if place in at and rng.random() < 0.9:
                 kind = rng.integers(4)

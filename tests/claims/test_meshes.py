@@ -98,7 +98,7 @@ def test_a_mesh_moves_as_beams_that_are_added_one_by_one(joints):
 def test_beams_are_those_of_the_cells_and_nodes_those_of_the_points():
     thin = fb.Section(EA=1e5, GA=1e5, EI=1.0)
     scene = fb.Scene()
-    before = scene.add_beam([(5, 5), (6, 5)], SECTION)
+    before = scene.add_beam([(5, 5), (6, 5)], SECTION, elements=1)
     tags = np.array(["thick", "thin", "thin", "thin", "thick", "thick"])
     of = {"thick": SECTION, "thin": thin}
     beams = scene.add_mesh(POINTS, CELLS, of, [1, 2, 3, 1, 2, 3], joints="pin", tags=tags)

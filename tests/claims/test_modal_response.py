@@ -315,7 +315,7 @@ def test_a_mass_on_a_cable_that_is_soft_in_compression_has_derivatives_of_its_te
         if kind == "force":
             scene.add_force_between(weight, (0, 0), force=pull)
             return scene
-        cable = scene.add_beam([(0, 0), (0, -1)], fb.Section(strain_energy=energy))
+        cable = scene.add_beam([(0, 0), (0, -1)], fb.Section(strain_energy=energy), elements=1)
         scene.clamp(cable.start)
         scene.add_joint(fb.Rigid(weight, cable.end))
         return scene
@@ -522,7 +522,9 @@ def test_where_all_modes_are_rigid_nothing_changes(damped):
 
     def build(x):
         scene = fb.Scene()
-        scene.add_beam([(0, 0), (x[2], 0)], fb.Section(EA=1e4, GA=1e4, EI=x[0], rhoA=x[1]))
+        scene.add_beam(
+            [(0, 0), (x[2], 0)], fb.Section(EA=1e4, GA=1e4, EI=x[0], rhoA=x[1]), elements=1
+        )
         return scene
 
     run = fb.ModalResponse(build, n=3, damped=damped)

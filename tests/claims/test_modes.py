@@ -401,7 +401,7 @@ def test_a_force_that_follows_the_motion_has_other_modes_than_a_bed_of_springs()
 
 def test_a_free_part_without_mass_is_refused():
     scene = simply_supported(1, 2, FLYING)
-    beam = scene.add_beam([(0, 1), (1, 1)], fb.Section(EA=1, GA=1, EI=1))
+    beam = scene.add_beam([(0, 1), (1, 1)], fb.Section(EA=1, GA=1, EI=1), elements=1)
     with pytest.raises(fb.SceneError, match="without mass"):
         fb.modes(scene)
     # Added virtual works might hold it, which only the numbers tell.

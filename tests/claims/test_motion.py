@@ -157,7 +157,7 @@ def test_a_motion_goes_on_from_snapshots_copies_files_and_solutions(tmp_path):
 
 def test_full_turns_are_counted_and_kept():
     scene = fb.Scene()
-    bar = scene.add_beam([(0, 0), (1, 0)], SECTION)
+    bar = scene.add_beam([(0, 0), (1, 0)], SECTION, elements=1)
     scene.pin(bar.start)
     scene.set_velocity(bar, lambda x, y: (0.0, 40 * x), spin=40.0)
     outputs = {"angle": fb.Output("rotation", bar.end)}
@@ -308,7 +308,7 @@ def test_a_snapshot_of_another_scene_is_refused():
 
 def test_a_scene_without_supports_has_no_reactions():
     scene = fb.Scene(gravity=(0.0, -9.81))
-    beam = scene.add_beam([(0, 0), (1, 0)], SECTION)
+    beam = scene.add_beam([(0, 0), (1, 0)], SECTION, elements=1)
     outputs = {"all": fb.Output("reaction", beam.end), "x": fb.Output("reaction", beam.end, "x")}
     motion = fb.Motion(scene, dt=DT, outputs=outputs)
     for seen in (motion.outputs, motion.step()):

@@ -18,14 +18,14 @@ def push(t):
 def member():
     """A member from (0, 0) to (1, 0) whose end is held by its start."""
     scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], MEMBER)
+    beam = scene.add_beam([(0, 0), (1, 0)], MEMBER, elements=1)
     scene.add_joint(fb.Rigid(beam.start, beam.end, offset=(1, 0)))
     return scene, beam
 
 
 def clamped_at_both_ends():
     scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], MEMBER)
+    beam = scene.add_beam([(0, 0), (1, 0)], MEMBER, elements=1)
     scene.clamp(beam.start)
     scene.clamp(beam.end)
     return scene
@@ -40,7 +40,7 @@ def with_a_spring_and_a_damper():
 
 def motor_between_held_members():
     scene = clamped_at_both_ends()
-    other = scene.add_beam([(1, 0), (2, 0)], MEMBER)
+    other = scene.add_beam([(1, 0), (2, 0)], MEMBER, elements=1)
     scene.add_joint(fb.Revolute(scene.beams[0].end, other.start, motor=push))
     scene.clamp(other.end)
     return scene

@@ -115,7 +115,7 @@ def test_the_damped_velocities_lose_what_their_formula_says():
     # A force along a straight flight: the velocity part takes m/2 chi (|v1| - |v0|)^2 of its work.
     chi, m, dt = 0.3, 2.0, 0.1
     scene = fb.Scene()
-    rod = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e3, GA=1e3, EI=1e3))
+    rod = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e3, GA=1e3, EI=1e3), elements=1)
     for node in (rod.start, rod.end):
         scene.add_mass(node, m / 2, 1e-3)
     scene.set_velocity(rod, (1.0, 2.0))

@@ -22,7 +22,7 @@ def _response(force, *, motor=lambda t: 0.0):
         calls.append(x)
         scene = fb.Scene()
         section = fb.Section(EA=1e3, GA=1e3, EI=1.0, rhoA=1.0, rhoI=1e-3)
-        bar = scene.add_beam([(0, 0), (1, 0)], section)
+        bar = scene.add_beam([(0, 0), (1, 0)], section, elements=1)
         scene.add_joint(fb.Revolute(fb.GROUND, bar.start, motor=motor))
         scene.add_force(bar.end, lambda t: force(t, x))
         return scene, {"end": fb.Output("position", bar.end)}
@@ -63,7 +63,7 @@ def test_a_scene_with_slopes_serves_its_analysis():
         calls.append(x)
         scene = fb.Scene()
         section = fb.Section(EA=lambda f: 1e3 * (1 + f * x[0]), GA=1e3, EI=1.0, rhoA=1.0, rhoI=1e-3)
-        bar = scene.add_beam([(0, 0), (1, 0)], section)
+        bar = scene.add_beam([(0, 0), (1, 0)], section, elements=1)
         scene.clamp(bar.start)
         scene.add_force(bar.end, lambda t: (x[1] * t, x[2]), follower=True)
         return scene, {"end": fb.Output("position", bar.end)}
@@ -200,7 +200,7 @@ def test_places_of_obstacles_and_springs_have_slopes(place):
         scene = fb.Scene(gravity=(0, -9.81))
         section = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0, rhoI=0.01)
         beam = scene.add_beam([(0, 0), (1, 0)], section, elements=3)
-        post = scene.add_beam([(1, -1), (1, -0.2 * x[0])], section)
+        post = scene.add_beam([(1, -1), (1, -0.2 * x[0])], section, elements=1)
         scene.clamp(beam.start)
         scene.clamp(post.start)
         place(x, scene, beam, post)
@@ -244,7 +244,7 @@ def test_slopes_of_the_weight_are_those_of_the_scene_beside_differences(make):
     def build(x, taken):
         scene = fb.Scene(gravity=(0, -taken(x[0])))
         section = fb.Section(EA=1e3, GA=1e3, EI=1.0, rhoA=x[1], rhoI=1e-3)
-        bar = scene.add_beam([(0, 0), (1, 0)], section)
+        bar = scene.add_beam([(0, 0), (1, 0)], section, elements=1)
         scene.clamp(bar.start)
         scene.add_mass(bar.end, x[2])
         return scene, {"end": fb.Output("position", bar.end)}
@@ -323,7 +323,7 @@ def test_velocities_that_are_projected_beside_a_driven_node_have_slopes():
     def build(x):
         scene = fb.Scene()
         section = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=x[0], rhoI=0.1)
-        bar = scene.add_beam([(0, 0), (1, 0)], section)
+        bar = scene.add_beam([(0, 0), (1, 0)], section, elements=1)
         scene.prescribe(bar.start, x=lambda t: x[1] * t, y=0.0)
         scene.set_velocity(bar, (x[2], 0.0))
         scene.make_velocities_compatible()

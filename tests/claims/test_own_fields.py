@@ -27,7 +27,7 @@ every_field = pytest.mark.parametrize("kind", FIELDS)
 
 def run(scheme=None, term=None, section=MEMBER):
     scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], section)
+    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=1)
     scene.clamp(beam.start)
     if term is not None:
         scene.add_virtual_work(term)

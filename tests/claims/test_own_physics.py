@@ -56,7 +56,9 @@ def test_energies_that_are_quadratic_piece_by_piece_are_kept():
     scene = fb.Scene(gravity=(0, -10))
     rope = fb.Section(strain_energy=slack, rhoA=1.0, rhoI=0.01)
     scene.pin(scene.add_beam([(0, 0), (1, 0)], rope, elements=6).start)
-    rod = scene.add_beam([(0, 1), (1, 1)], fb.Section(EA=1e4, GA=1e4, EI=1e3, rhoA=1.0, rhoI=0.1))
+    rod = scene.add_beam(
+        [(0, 1), (1, 1)], fb.Section(EA=1e4, GA=1e4, EI=1e3, rhoA=1.0, rhoI=0.1), elements=1
+    )
     spring = fb.Spring(strain_energy=two_stiffnesses)
     guide = scene.add_joint(fb.Prismatic(fb.GROUND, rod.start, axis=(1, 0), spring=spring))
     scene.set_velocity(rod, (3.0, 0.0))
@@ -113,7 +115,9 @@ def test_beams_of_different_laws_live_in_one_scene():
 def test_sections_of_equal_energies_have_the_resultants_of_one_that_is_shared():
     def run(sections):
         scene = fb.Scene(gravity=(0, -9.81))
-        beams = [scene.add_beam([(k, 0), (k + 1, 0)], of) for k, of in enumerate(sections)]
+        beams = [
+            scene.add_beam([(k, 0), (k + 1, 0)], of, elements=1) for k, of in enumerate(sections)
+        ]
         for a, b in itertools.pairwise(beams):
             scene.add_joint(fb.Rigid(a.end, b.start))
         scene.clamp(beams[0].start)
@@ -218,7 +222,7 @@ def test_a_scheme_of_ones_own_damps_stretching_and_keeps_momentum():
 )
 def test_what_needs_numbers_is_refused_at_once(factor):
     scene = fb.Scene()
-    scene.clamp(scene.add_beam([(0, 0), (1, 0)], FLYING).start)
+    scene.clamp(scene.add_beam([(0, 0), (1, 0)], FLYING, elements=1).start)
     with pytest.raises(fb.SceneError, match="use ufl.sin, ufl.conditional"):
         scene.add_virtual_work(lambda step: factor(step.t) * step.virtual_u[1])
     assert float(ufl.as_ufl(2.0)) == 2.0  # UFL is as before
@@ -233,7 +237,7 @@ def test_what_needs_numbers_is_refused_at_once(factor):
 @pytest.mark.parametrize("number", [math.nan, math.inf])
 def test_numbers_that_are_not_finite_are_refused_by_the_name_of_the_function(number):
     scene = fb.Scene()
-    arm = scene.add_beam([(0, 0), (1, 0)], FLYING)
+    arm = scene.add_beam([(0, 0), (1, 0)], FLYING, elements=1)
     scene.clamp(arm.start)
     for name, give in (
         ("strain_energy", lambda f: fb.Section(strain_energy=lambda e, g, k: f(e) + g**2 + k**2)),

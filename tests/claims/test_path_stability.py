@@ -71,8 +71,8 @@ def test_a_closed_loop_of_joints_counts_as_its_modes():
     """A parallelogram of stiff bars with springs, loaded from above, tips over at 2 c / (P L)."""
     stiff = fb.Section(EA=1e6, GA=1e6, EI=1e4, rhoA=1.0, rhoI=0.01)
     scene = fb.Scene()
-    left = scene.add_beam([(0, 0), (0, 1)], stiff)
-    right = scene.add_beam([(1, 0), (1, 1)], stiff)
+    left = scene.add_beam([(0, 0), (0, 1)], stiff, elements=1)
+    right = scene.add_beam([(1, 0), (1, 1)], stiff, elements=1)
     top = scene.add_beam([(0, 1), (1, 1)], stiff, elements=2)
     turning = fb.Spring(stiffness=10.0)
     scene.add_joint(fb.Revolute(fb.GROUND, left.start, spring=turning))

@@ -77,7 +77,7 @@ def pinned(slenderness, elements):
 def pendulum():
     """A mass on a bar that is nearly rigid, released at 90 degrees."""
     scene = fb.Scene(gravity=(0, -9.81))
-    bar = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e7, GA=1e7, EI=1e7))
+    bar = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e7, GA=1e7, EI=1e7), elements=1)
     scene.pin(bar.start)
     scene.add_mass(bar.end, 1.0)
     return scene, bar
@@ -351,7 +351,7 @@ def test_a_quick_return_mechanism_whose_pin_slides_on_a_beam_repeats_itself():
     section = fb.Section(EA=2e5, GA=8e4, EI=20.0, rhoA=0.3, rhoI=1e-5, retardation=1e-3)
     stiff = fb.Section(EA=2e6, GA=8e5, EI=2e3, rhoA=1.0, rhoI=1e-3, retardation=1e-3)
     rocker = scene.add_beam([(0, 0), (0, 1)], section, elements=4)
-    crank = scene.add_beam([(0, 0.45), (0, 0.65)], stiff)
+    crank = scene.add_beam([(0, 0.45), (0, 0.65)], stiff, elements=1)
     scene.pin(rocker.start)
     motor = scene.add_joint(fb.Revolute(fb.GROUND, crank.start, motor=lambda t: SPEED * t))
     pin = scene.add_joint(fb.Slider(rocker, crank.end))

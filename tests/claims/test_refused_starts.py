@@ -8,7 +8,7 @@ import fx_beam as fb
 def arm(motor):
     scene = fb.Scene()
     section = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.1)
-    beam = scene.add_beam([(0, 0), (1, 0)], section)
+    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=1)
     scene.add_joint(fb.Revolute(fb.GROUND, beam.start, motor=motor))
     return scene
 
@@ -38,7 +38,9 @@ def test_speeds_at_which_no_step_turns_little_enough_end_the_run(speed):
 
 def test_a_moment_on_a_node_with_almost_no_inertia_is_said():
     scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=1e-3, rhoA=1.0))
+    beam = scene.add_beam(
+        [(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=1e-3, rhoA=1.0), elements=1
+    )
     scene.pin(beam.start)
     scene.add_moment(beam.start, fb.Input("torque"))
     motion = fb.Motion(scene, dt=0.01, outputs={"angle": fb.Output("rotation", beam.start)})

@@ -24,7 +24,7 @@ def oscillator(tau, component=0, speed=1e-3):
     # A rotation of the end shears the element as well.
     data = {name: 1e-9 for name in stiffnesses} | {stiffnesses[component]: 100.0}
     scene = fb.Scene()
-    rod = scene.add_beam([(0, 0), (1, 0)], fb.Section(**data, retardation=tau))
+    rod = scene.add_beam([(0, 0), (1, 0)], fb.Section(**data, retardation=tau), elements=1)
     scene.clamp(rod.start)
     names = "x", "y", "rotation"
     scene.fix(rod.end, *(name for i, name in enumerate(names) if i != component))

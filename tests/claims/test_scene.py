@@ -96,7 +96,7 @@ def test_beams_share_the_nodes_that_they_are_given_and_no_others():
     assert left.end is top.start and closing.end is left.start
     assert len(scene.nodes) == 10
     assert [node.number for node in scene.nodes] == list(range(10))
-    apart = scene.add_beam([(4, 3), (5, 3)], SECTION)  # at the place of a node
+    apart = scene.add_beam([(4, 3), (5, 3)], SECTION, elements=1)  # at the place of a node
     assert position(apart.start) == position(top.end) and apart.start != top.end
     names = [beam.name for beam in scene.beams]
     assert len(set(names)) == 4 and all(name.startswith("beam ") for name in names)
@@ -170,7 +170,7 @@ def test_masses_and_inertias_at_inner_nodes_count_where_they_are():
     scene = fb.Scene()
     beam = scene.add_beam([(1, 0), (5, 0)], SECTION, elements=4)
     # Another beam shares the node of the masses: they belong to both, once.
-    scene.add_beam([beam.node(0.25), (2, 1)], fb.Section(EA=1e4, GA=1e4, EI=100.0))
+    scene.add_beam([beam.node(0.25), (2, 1)], fb.Section(EA=1e4, GA=1e4, EI=100.0), elements=1)
     scene.add_mass(beam.node(0.25), 2.0)
     scene.add_mass(beam.node(0.25), 1.0, inertia=0.3)
     scene.add_mass(beam.node(0.75), 0.0, inertia=0.5)

@@ -62,7 +62,7 @@ def test_what_fits_up_to_rounding_is_accepted():
 
 def test_initial_velocities_agree_at_a_shared_node_or_are_refused():
     scene, beam = small_scene()
-    leg = scene.add_beam([beam.end, (2, 3)], SECTION)
+    leg = scene.add_beam([beam.end, (2, 3)], SECTION, elements=1)
     scene.set_velocity(beam, lambda x, y: (-y, x), spin=1.0)
     scene.set_velocity(leg, lambda x, y: (-y, x), spin=1.0)
     assert run(scene).velocity(leg.end)[0] == pytest.approx([-3, 2], abs=1e-15)
@@ -117,7 +117,7 @@ def test_a_refused_beam_leaves_the_scene_as_it_was():
 
 def test_a_joint_is_added_once_also_to_a_copy():
     scene, beam = small_scene()
-    other = scene.add_beam([(2, 0), (3, 0)], SECTION)
+    other = scene.add_beam([(2, 0), (3, 0)], SECTION, elements=1)
     scene.add_joint(fb.Revolute(beam.end, other.start))
     copied = copy.copy(scene)
     with refused("Add each joint once"):

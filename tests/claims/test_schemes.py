@@ -182,7 +182,7 @@ def test_frequency_of_axial_vibration_is_exact_for_one_degree_of_freedom():
     # Massless bar with a mass at its end: omega = sqrt(EA / (L m)); the mid-point rule has
     # tan(omega_h dt / 2) = omega dt / 2.
     scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (2, 0)], fb.Section(EA=200.0, GA=1e3, EI=1.0))
+    beam = scene.add_beam([(0, 0), (2, 0)], fb.Section(EA=200.0, GA=1e3, EI=1.0), elements=1)
     scene.clamp(beam.start)
     scene.fix(beam.end, "y", "rotation")
     scene.add_mass(beam.end, 4.0)

@@ -49,7 +49,10 @@ def test_a_chain_of_bars_hangs_as_a_funicular_polygon(side):
     scene, n = fb.Scene(gravity=(0, -G)), 7
     angles = np.linspace(0, np.pi, n + 1)
     places = np.column_stack([-np.cos(angles), side * np.sin(angles)])
-    bars = [scene.add_beam(ends, STIFF) for ends in zip(places[:-1], places[1:], strict=True)]
+    bars = [
+        scene.add_beam(ends, STIFF, elements=1)
+        for ends in zip(places[:-1], places[1:], strict=True)
+    ]
     for first, second in zip(bars[:-1], bars[1:], strict=True):
         scene.add_joint(fb.Revolute(first.end, second.start))
     scene.pin(bars[0].start)
@@ -182,14 +185,14 @@ def test_what_no_load_holds_is_refused():
         with pytest.raises(fb.SceneError, match=message):
             fb.static(carried)
     loose = fb.Scene()
-    loose.pin(loose.add_beam([(0, 0), (1, 0)], STIFF).start)
+    loose.pin(loose.add_beam([(0, 0), (1, 0)], STIFF, elements=1).start)
     with pytest.raises(fb.SceneError, match=r"can rotate about \(0, 0\) .* it has no load"):
         fb.static(loose)
 
 
 def taut_bars(scene, stretched):
     """Two hinged bars that are too short for their supports, or are stretched by one of them."""
-    bars = [scene.add_beam([(x, 0), (x + 1, 0)], STIFF) for x in (0, 1)]
+    bars = [scene.add_beam([(x, 0), (x + 1, 0)], STIFF, elements=1) for x in (0, 1)]
     scene.add_joint(fb.Revolute(bars[0].end, bars[1].start))
     scene.pin(bars[0].start)
     scene.fix(bars[1].end, "y")

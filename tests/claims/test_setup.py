@@ -136,7 +136,9 @@ def row_of(count, kind, made):
     scene = fb.Scene(gravity=(0.0, -9.81))
     for i in range(count):
         data = {"strain_energy": made()} if kind == "section" else {"EA": 1e4, "GA": 1e4, "EI": 9.0}
-        beam = scene.add_beam([(2 * i, 0), (2 * i + 1, 0)], fb.Section(**data, rhoA=1.0, rhoI=0.01))
+        beam = scene.add_beam(
+            [(2 * i, 0), (2 * i + 1, 0)], fb.Section(**data, rhoA=1.0, rhoI=0.01), elements=1
+        )
         scene.clamp(beam.start)
         if kind == "contact":
             scene.add_contact(beam.end, fb.Line((0, -0.001), (0, 1)), energy=made())
@@ -192,8 +194,8 @@ def test_a_joint_with_an_offset_does_not_take_the_set_up_of_one_without():
     def motion(offset):
         scene = fb.Scene()
         section = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.1)
-        first = scene.add_beam([(-1, 0), (0, 0)], section)
-        second = scene.add_beam([(offset, 0), (offset + 1, 0)], section)
+        first = scene.add_beam([(-1, 0), (0, 0)], section, elements=1)
+        second = scene.add_beam([(offset, 0), (offset + 1, 0)], section, elements=1)
         scene.add_joint(fb.Rigid(first.end, second.start, offset=(offset, 0)))
         for beam in (first, second):
             scene.set_velocity(beam, lambda x, y: (-2 * y, 2 * x), spin=2.0)

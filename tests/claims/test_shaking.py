@@ -229,7 +229,7 @@ def test_a_large_structure_in_any_units(unit):
 
 def test_a_base_without_masses_on_it_is_warned_of(caplog):
     scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=1.0))
+    beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=1.0), elements=1)
     scene.clamp(beam.start)
     scene.shake(x=3.0)
     fb.static(scene)

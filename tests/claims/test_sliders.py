@@ -27,7 +27,7 @@ SHAPES = {
 def bead_on(scene, beam, node, make=fb.Slider, mass=0.8, section=SOFT, **options):
     """A short beam with a lumped mass, which slides on a beam from one of its nodes on."""
     at = np.array([node.x, node.y])
-    bead = scene.add_beam([at, at + (0, 0.3)], section, degree=beam.degree, name="bead")
+    bead = scene.add_beam([at, at + (0, 0.3)], section, degree=beam.degree, name="bead", elements=1)
     scene.add_mass(bead.start, mass, inertia=0.05)
     return bead.start, scene.add_joint(make(beam, bead.start, **options))
 
@@ -107,7 +107,7 @@ def carriage(wheels=(fb.Slider, fb.Slider), degree=1, section=SOFT):
     beam = scene.add_beam([(0, 0), (6, 0)], section, elements=24 // degree, degree=degree)
     scene.pin(beam.start)
     scene.fix(beam.end, "y")
-    axle = scene.add_beam([(0.5, 0), (1.1, 0)], section, degree=degree)
+    axle = scene.add_beam([(0.5, 0), (1.1, 0)], section, degree=degree, elements=1)
     for node, make in zip((axle.start, axle.end), wheels, strict=True):
         scene.add_mass(node, 0.4, inertia=0.05)
         scene.add_joint(make(beam, node))
@@ -270,7 +270,7 @@ def test_a_weight_between_two_nodes_bends_a_beam_as_the_formula_says():
     beam = scene.add_beam(SHAPES["straight"], section, elements=24)
     scene.pin(beam.start)
     scene.fix(beam.end, "y")
-    post = scene.add_beam([(place, 0), (place, 0.3)], section)
+    post = scene.add_beam([(place, 0), (place, 0.3)], section, elements=1)
     scene.add_force(post.start, (0.0, -10.0))
     scene.fix(post.end, "x", "rotation")
     joint = scene.add_joint(fb.Slider(beam, post.start))
@@ -287,7 +287,7 @@ def test_a_sleeve_carries_the_moment_of_its_load():
     scene = fb.Scene()
     beam = scene.add_beam(SHAPES["straight"], STIFF, elements=12)
     scene.clamp(beam.start)
-    post = scene.add_beam([(2.3, 0), (2.3, 0.5)], STIFF)
+    post = scene.add_beam([(2.3, 0), (2.3, 0.5)], STIFF, elements=1)
     scene.add_force(post.end, (3.0, -10.0))
     joint = scene.add_joint(fb.Sleeve(beam, post.start, spring=fb.Spring(1e6, rest=2.3)))
     solution = fb.static(scene, load_steps=1)
@@ -510,13 +510,13 @@ def crossed():
     """A rod, a post on it, a post beside it, and a beam on the post's start."""
     scene = fb.Scene()
     rod = scene.add_beam(SHAPES["straight"], SOFT, elements=8)
-    post = scene.add_beam([(1.5, 0), (1.5, 1)], LIGHT)
-    away = scene.add_beam([(2, 0.25), (2, 1)], SOFT)
+    post = scene.add_beam([(1.5, 0), (1.5, 1)], LIGHT, elements=1)
+    away = scene.add_beam([(2, 0.25), (2, 1)], SOFT, elements=1)
     across = scene.add_beam([(0, 1), (1.5, 0), (3, -1)], SOFT, elements=2)
     return scene, rod, post, away, across
 
 
-OTHER = fb.Scene().add_beam(SHAPES["straight"], SOFT)
+OTHER = fb.Scene().add_beam(SHAPES["straight"], SOFT, elements=1)
 JUMP = {"motor": lambda t: 1 + t}
 
 
@@ -562,7 +562,7 @@ def test_a_sleeve_on_the_ground_that_is_refused_leaves_nothing_in_the_scene():
 def test_only_a_pin_slides_round_corners():
     scene = fb.Scene()
     bent = scene.add_beam(SHAPES["cornered"], SOFT, elements=6)
-    top = scene.add_beam([(1, 0), (1, 1)], SOFT)
+    top = scene.add_beam([(1, 0), (1, 1)], SOFT, elements=1)
     with pytest.raises(fb.SceneError, match="the beam has corners"):
         scene.add_joint(fb.Sleeve(bent, top.start))
     scene.add_joint(fb.Slider(bent, top.start))
@@ -714,7 +714,7 @@ def test_the_first_acceleration_of_a_node_that_slides_over_a_node_is_that_of_the
     rod = scene.add_beam([(0, 0), (3, 0.2)], section, elements=6)
     scene.pin(rod.start)
     x, y = rod.nodes[2].x, rod.nodes[2].y
-    post = scene.add_beam([(x, y), (x + 0.1, y + 0.3)], section)
+    post = scene.add_beam([(x, y), (x + 0.1, y + 0.3)], section, elements=1)
     scene.add_mass(post.end, 0.5, inertia=0.01)
     scene.add_joint(joint(rod, post.start))
     scene.set_velocity(rod, lambda x, y: (0.3 * y - 0.8, -0.3 * x - 0.9), spin=-0.3)

@@ -248,7 +248,7 @@ def write(path, content, framed):
 def test_a_joint_of_a_scene_with_the_same_joints_in_another_order_is_refused(tmp_path):
     def built(places):
         scene = fb.Scene(gravity=(0.0, -9.81))
-        beams = [scene.add_beam([(x, 0), (x + 1, 0)], SECTION) for x in range(3)]
+        beams = [scene.add_beam([(x, 0), (x + 1, 0)], SECTION, elements=1) for x in range(3)]
         scene.clamp(beams[0].start)
         pins = {x: fb.Revolute(beams[x].end, beams[x + 1].start) for x in places}
         return scene, {x: scene.add_joint(pin) for x, pin in pins.items()}
@@ -300,7 +300,7 @@ def test_a_table_holds_the_named_columns_to_the_last_bit(framed, tmp_path):
 def test_resultants_that_need_rates_may_be_missing_in_files_and_copies(tmp_path):
     scene = fb.Scene(gravity=(0.0, -9.81))
     damped = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.1, retardation=1e-3)
-    arm = scene.add_beam([(0, 0), (1, 0)], damped)
+    arm = scene.add_beam([(0, 0), (1, 0)], damped, elements=1)
     scene.clamp(arm.start)
     options = {"dt": 0.02, "record": fb.Record(rates=False)}
     solution = fb.simulate(scene, fb.Newmark(), t_end=0.1, **options)

@@ -124,7 +124,7 @@ def test_a_motor_that_stops_where_a_motion_goes_on_takes_the_momentum(order, fil
     cart = scene.add_body((0, 0), mass=2.0, inertia=0.1).centre
     slide = lambda t: min(t, 0.5) ** 2  # noqa: E731
     guide = scene.add_joint(fb.Prismatic(fb.GROUND, cart, (1, 0), motor=slide))
-    scene.clamp(scene.add_beam([(0, 1), (1, 1)], MEMBER).start)  # for a file
+    scene.clamp(scene.add_beam([(0, 1), (1, 1)], MEMBER, elements=1).start)  # for a file
     record = fb.Record(file=file and tmp_path / file)
     first = fb.simulate(scene, scheme, dt=1 / 16, t_end=0.5, record=record)
     rest = fb.simulate(scene, scheme, dt=1 / 16, t_end=0.75, start=first)
@@ -312,7 +312,7 @@ def bent(**section):
     scene = fb.Scene()
     section = fb.Section(LIGHT.EA, LIGHT.GA, LIGHT.EI, **section)
     beam = scene.add_beam([(0, 0), (1, 0)], section, elements=4)
-    other = scene.add_beam([(0, 1), (1, 1)], fb.Section(1e4, 1e4, 10.0, 1.0, 0.01))
+    other = scene.add_beam([(0, 1), (1, 1)], fb.Section(1e4, 1e4, 10.0, 1.0, 0.01), elements=1)
     scene.clamp(beam.start)
     scene.clamp(other.start)
     scene.add_moment(beam.end, 20.0)
@@ -424,13 +424,13 @@ def ball_over_a_rough_floor(scene):
 
 
 def members_on_a_rough_hinge(scene):
-    bars = [scene.add_beam([(5, 0), (5 + x, 0)], MEMBER) for x in (-1, 1)]
+    bars = [scene.add_beam([(5, 0), (5 + x, 0)], MEMBER, elements=1) for x in (-1, 1)]
     friction = fb.Coulomb(0.3, 1e4, radius=0.1)
     scene.add_joint(fb.Revolute(bars[0].start, bars[1].start, friction=friction))
 
 
 def member_that_yields(scene):
-    scene.add_beam([(5, 0), (6, 0)], PLASTIC)
+    scene.add_beam([(5, 0), (6, 0)], PLASTIC, elements=1)
 
 
 @pytest.mark.parametrize(
@@ -510,7 +510,9 @@ def test_a_load_without_equilibrium_is_named_before_the_step_fails(caplog):
 @pytest.mark.parametrize("run", [fb.static, lambda scene: fb.simulate(scene, dt=0.1, t_end=0.1)])
 def test_gravity_that_acts_on_no_mass_is_named(run, rho, caplog):
     scene = fb.Scene(gravity=(0, -9.81))
-    beam = scene.add_beam([(0, 0), (1, 0)], fb.Section.rectangle(0.1, 0.1, E=1e9, rho=rho))
+    beam = scene.add_beam(
+        [(0, 0), (1, 0)], fb.Section.rectangle(0.1, 0.1, E=1e9, rho=rho), elements=1
+    )
     scene.clamp(beam.start)
     with caplog.at_level(logging.WARNING):
         run(scene)

@@ -298,7 +298,7 @@ def chain(x):
     places = [(0, 0), (x[0], -0.3), (2 * x[0], -0.2), (2.6, 0.1 * x[1])]
     for ends in zip(places[:-1], places[1:], strict=True):
         section = fb.Section(**DATA | {"EA": 1e3 * x[2], "rhoA": x[1]})
-        bar = scene.add_beam(ends, section)
+        bar = scene.add_beam(ends, section, elements=1)
         if last is None:
             scene.pin(bar.start)
         else:

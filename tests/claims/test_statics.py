@@ -119,7 +119,7 @@ def test_a_slide_on_a_bent_beam_stays_on_it_and_does_no_work():
 
 def test_a_motor_turns_a_crank_against_a_load():
     scene = fb.Scene()
-    crank = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e6, GA=1e6, EI=1e6))
+    crank = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e6, GA=1e6, EI=1e6), elements=1)
     joint = scene.add_joint(fb.Revolute(fb.GROUND, crank.start, motor=lambda t: t))
     scene.add_force(crank.end, (0.0, -3.0))
     solution = fb.static(scene, load_steps=20, t=np.pi / 2)
@@ -181,7 +181,7 @@ def test_a_stiff_spring_is_let_go_in_steps_and_balances_the_beams(way):
 def test_a_force_of_ones_own_is_a_load_by_the_load_factor_and_else_a_spring():
     section = fb.Section(EA=1e6, GA=1e6, EI=1e6)
     scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], section)
+    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=1)
     scene.fix(beam.start, "x", "rotation")
     scene.fix(beam.end, "rotation")
     scene.add_virtual_work(lambda step: -50.0 * step.u[1] * step.virtual_u[1])
@@ -198,7 +198,7 @@ def test_a_force_of_ones_own_is_a_load_by_the_load_factor_and_else_a_spring():
 def test_dampers_hold_nothing():
     def hinged(**acting):
         scene, beam = cantilever(ROLLED, 1)
-        arm = scene.add_beam([(1, 0), (2, 0)], ROLLED, degree=2)
+        arm = scene.add_beam([(1, 0), (2, 0)], ROLLED, degree=2, elements=1)
         scene.add_joint(fb.Revolute(beam.end, arm.start, **acting))
         scene.add_moment(arm.end, 1.0)
         return fb.static(scene, load_steps=1).rotation(arm.end)[-1]
@@ -315,7 +315,7 @@ def test_a_load_that_fails_at_its_time_is_named():
 
 def test_without_equilibrium_at_the_start_the_error_says_so():
     scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], ROLLED)
+    beam = scene.add_beam([(0, 0), (1, 0)], ROLLED, elements=1)
     scene.add_virtual_work(lambda step: step.load_factor * step.virtual_u[1])
     scene.fix(beam.start, "x")
     with pytest.raises(fb.SceneError, match="can move along .* under its loads it finds no"):

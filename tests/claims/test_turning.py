@@ -334,7 +334,7 @@ def test_what_does_not_turn_with_the_scene_is_refused():
         with pytest.raises(fb.SceneError, match="drag in air at rest does not turn with"):
             ask()
     heavy = fb.Scene(gravity=(0, -9.81))
-    heavy.clamp(heavy.add_beam([(0, 0), (1, 0)], BLADE).start)
+    heavy.clamp(heavy.add_beam([(0, 0), (1, 0)], BLADE, elements=1).start)
     with pytest.raises(fb.SceneError, match="gravity does not turn with the scene"):
         fb.static(heavy, spin=1.0)
     # A clamp of the turning frame stands still in space.

@@ -390,7 +390,7 @@ def refusal(run, scene):
 @SOME_UNITS
 def test_a_scene_that_can_move_is_refused_in_all_units(u):
     scene = fb.Scene()
-    beam = scene.add_beam(u.points((1, 1), (3, 1)), u.section(1e6, 4e5, 80.0))
+    beam = scene.add_beam(u.points((1, 1), (3, 1)), u.section(1e6, 4e5, 80.0), elements=1)
     scene.fix(beam.start, "x", "y")
     pin = f"{1 / u.length:.4g}"
     wanted = f"beam 'beam 1' can rotate about ({pin}, {pin}) as a rigid body"
@@ -402,7 +402,7 @@ def test_a_scene_that_can_move_is_refused_in_all_units(u):
 def test_a_tangent_that_is_singular_is_told_so_in_all_units(u):
     # Statics settles what virtual works do not hold; motions leave scenes with them alone.
     scene = fb.Scene()
-    scene.add_beam(u.points((1, 1), (3, 1)), u.section(1e6, 4e5, 80.0))
+    scene.add_beam(u.points((1, 1), (3, 1)), u.section(1e6, 4e5, 80.0), elements=1)
     push = 2.0 / u.force
     scene.add_virtual_work(lambda step: push * step.virtual_psi)
     assert "can move along (1, 0) as a rigid body" in refusal(fb.static, scene)
@@ -414,8 +414,8 @@ def test_a_tangent_that_is_singular_is_told_so_in_all_units(u):
 def test_velocities_that_differ_at_a_node_are_refused_in_all_units(u):
     scene = fb.Scene()
     section = u.section(1e6, 4e5, 80.0, 1.0, 1e-2)
-    first = scene.add_beam(u.points((0, 0), (1, 0)), section)
-    second = scene.add_beam([first.end, *u.points((2, 0))], section)
+    first = scene.add_beam(u.points((0, 0), (1, 0)), section, elements=1)
+    second = scene.add_beam([first.end, *u.points((2, 0))], section, elements=1)
     for beam, speed in ((first, 1.0), (second, 1.001)):
         scene.set_velocity(beam, (0.0, speed * u.time / u.length), spin=1.0 * u.time)
     assert "two initial velocities" in refusal(

@@ -165,7 +165,7 @@ def rigid_bodies(x):
 def lumped_mass_on_massless_beam(x):
     scene = fb.Scene(gravity=GRAVITY)
     material = fb.Section(EA=1e4 * x[0], GA=1e4, EI=100.0 * x[2])
-    beam = scene.add_beam([(0, 0), (1, 0.3 * x[5])], material)
+    beam = scene.add_beam([(0, 0), (1, 0.3 * x[5])], material, elements=1)
     scene.pin(beam.start)
     scene.add_mass(beam.end, 2.0 * x[3], inertia=0.1 * x[4])
     return scene
@@ -426,7 +426,7 @@ def sleeve_beside_a_hinge_with_a_motor(x):
     scene.add_joint(fb.Revolute(fb.GROUND, hub.centre))
     rod = scene.add_beam([(0, 0), (3, 0)], section(x), elements=6)
     scene.add_joint(fb.Revolute(hub.centre, rod.start, motor=lambda t: x[8] * t * t))
-    bead = scene.add_beam([(0.2, 0), (0.2, 0.3)], section(x))
+    bead = scene.add_beam([(0.2, 0), (0.2, 0.3)], section(x), elements=1)
     scene.add_joint(fb.Sleeve(rod, bead.start))
     for turning in (rod, bead):
         scene.set_velocity(turning, lambda X, Y: (-2 * Y, 2 * X), spin=2.0)

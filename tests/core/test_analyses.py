@@ -171,7 +171,7 @@ def test_an_imperfect_column_deflects_as_southwell_says():
 
 def test_modes_are_those_of_the_textbook():
     scene, *_ = guided()
-    rod = scene.add_beam([(0, 1), (2, 1)], fb.Section(EA=1e9, GA=1e9, EI=1e9))
+    rod = scene.add_beam([(0, 1), (2, 1)], fb.Section(EA=1e9, GA=1e9, EI=1e9), elements=1)
     hinge = {"spring": fb.Spring(50.0), "damper": fb.Damper(3.0)}
     scene.add_joint(fb.Revolute(fb.GROUND, rod.start, **hinge))
     scene.add_mass(rod.end, 0.5)

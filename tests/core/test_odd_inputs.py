@@ -14,7 +14,7 @@ STEPS = {"dt": 0.1, "t_end": 0.3}
 def bar(length=1.0):
     scene = fb.Scene(gravity=(0, -9.81))
     section = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0, rhoI=1e-3)
-    beam = scene.add_beam([(0, 0), (length, 0)], section)
+    beam = scene.add_beam([(0, 0), (length, 0)], section, elements=1)
     scene.pin(beam.start)
     return scene, beam
 
@@ -162,7 +162,9 @@ def test_decimals_are_numbers_of_periodic_motions():
 @pytest.mark.parametrize("what", ["add_beam", "add_mass", "add_joint", "add_force"])
 def test_a_load_that_changes_its_scene_is_refused(what):
     changes = {
-        "add_beam": lambda scene, beam: scene.add_beam([beam.end, (5, 5)], beam.section),
+        "add_beam": lambda scene, beam: scene.add_beam(
+            [beam.end, (5, 5)], beam.section, elements=1
+        ),
         "add_mass": lambda scene, beam: scene.add_mass(beam.end, 1.0),
         "add_joint": lambda scene, beam: scene.add_joint(fb.Revolute(fb.GROUND, beam.end)),
         "add_force": lambda scene, beam: scene.add_force(beam.end, (1.0, 0.0)),

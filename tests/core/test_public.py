@@ -26,7 +26,7 @@ def test_every_public_name_is_used():
 
 def test_every_quantity_is_measured():
     scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1.0, GA=1.0, EI=1.0))
+    beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1.0, GA=1.0, EI=1.0), elements=1)
     texts = {node.value for node in NODES if isinstance(node, ast.Constant)}
     for of in (scene, beam, beam.end, fb.Revolute(fb.GROUND, beam.end)):
         with pytest.raises(fb.SceneError) as refused:

@@ -14,7 +14,7 @@ from registry import DATA
 import fx_beam as fb
 
 SECTION = fb.Section(**DATA)
-ELSEWHERE = fb.Scene().add_beam([(0, 1), (0, 9)], SECTION, name="arm")
+ELSEWHERE = fb.Scene().add_beam([(0, 1), (0, 9)], SECTION, name="arm", elements=1)
 SQUARE = [(1, 0), (0, 1), (-1, 0), (0, -1), (1, 0)]
 MASSLESS = fb.Section(EA=1e4, GA=1e4, EI=100.0)
 

@@ -23,7 +23,7 @@ def whirling():
     """Two arms that turn fast: a motor between them; loads that are held, of time, and follow."""
     scene = fb.Scene(gravity=(0.0, -9.81))
     arm = scene.add_beam([(0, 0), (1, 0)], SECTION, elements=2)
-    tip = scene.add_beam([(1, 0), (1.5, 0.2)], SECTION)
+    tip = scene.add_beam([(1, 0), (1.5, 0.2)], SECTION, elements=1)
     hinge = scene.add_joint(fb.Revolute(fb.GROUND, arm.start))
     scene.add_joint(fb.Revolute(arm.end, tip.start, motor=fb.Input("place")))
     scene.set_velocity(arm, lambda x, y: (-20 * y, 20 * x), spin=20)
@@ -237,7 +237,7 @@ def test_interrupts_leave_the_steps_before_or_say_there_are_none(name, kind, ctr
 @pytest.mark.parametrize("raised", [MemoryError, TimeoutError, SystemExit, KeyboardInterrupt])
 def test_what_a_function_of_time_raises_once_ends_the_run_with_the_steps_before(raised):
     scene, late = fb.Scene(), []
-    bar = scene.add_beam([(0, 0), (1, 0)], SECTION)
+    bar = scene.add_beam([(0, 0), (1, 0)], SECTION, elements=1)
 
     def push(t):
         if t > 6 * DT and not late:  # at the start of the seventh step

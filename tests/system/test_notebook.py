@@ -82,7 +82,7 @@ def test_tables_name_what_acts_and_nothing_else(objects):
 def test_an_empty_scene_and_a_solution_without_motion_are_shown_too():
     assert "<svg" not in fb.Scene()._repr_html_()
     scene = fb.Scene()
-    scene.clamp(scene.add_beam([(0, 0), (1, 0)], SECTION).start)
+    scene.clamp(scene.add_beam([(0, 0), (1, 0)], SECTION, elements=1).start)
     solution = fb.simulate(scene, dt=0.1, t_end=0.2, record=fb.Record(motion=False))
     assert "<table>" in solution._repr_html_()
     every_second = fb.simulate(scene, dt=0.1, t_end=0.4, record=fb.Record(every=2))

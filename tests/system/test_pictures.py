@@ -36,7 +36,7 @@ def swing():
     """A bar on a pin, a mass on a spring that slides along it, and a follower force; its motion."""
     scene = fb.Scene(gravity=(0.0, -9.81))
     bar = scene.add_beam([(0, 0), (1, 0)], FLYING, elements=4, name="bar")
-    bead = scene.add_beam([(0.5, 0), (0.6, 0)], FLYING, name="bead")
+    bead = scene.add_beam([(0.5, 0), (0.6, 0)], FLYING, name="bead", elements=1)
     scene.pin(bar.start)
     spring = fb.Spring(50.0, rest=0.0)
     scene.add_joint(fb.Prismatic(bar.node(0.5), bead.start, axis=(1, 0), spring=spring))
@@ -69,7 +69,7 @@ def crane():
     girder = scene.add_beam([(0, 0), (4, 0)], FLYING, 8, name="girder")
     strut = scene.add_beam([(1, 0), (1, 1.5)], FLYING, 4, name="strut")
     boom = scene.add_beam([(4, 0), (6, 1)], FLYING, 4, name="boom")
-    finger = scene.add_beam([(6, 1), (6.1, 1)], FLYING, name="finger")
+    finger = scene.add_beam([(6, 1), (6.1, 1)], FLYING, name="finger", elements=1)
     roof = scene.add_beam([(4.5, 2), (7, 2)], FLYING, 4, name="roof")
     scene.pin(girder.start)
     scene.fix(girder.end, "y")
@@ -201,7 +201,7 @@ def test_members_are_as_thick_as_their_sections_and_turn_with_them(degree, facto
 def test_deep_members_and_paths_between_frames_are_in_the_frame(tmp_path):
     deep = fb.Section.rectangle(height=1.0, width=0.1, E=1e6, rho=10.0)
     scene = fb.Scene(gravity=(0, -9.81))
-    bar = scene.add_beam([(0, 0), (2, 0)], deep)
+    bar = scene.add_beam([(0, 0), (2, 0)], deep, elements=1)
     scene.pin(bar.start)
     solution, axes = fb.simulate(scene, dt=0.05, t_end=1.0), []
     (bands,) = painted(plot.shapes(solution, rows=[0], colour="N", thickness=1.0))
@@ -238,7 +238,7 @@ def test_supports_are_where_their_nodes_are_in_each_row():
 def test_a_clamp_is_across_a_single_member_and_along_an_axis_under_several(ends, wall):
     scene, start = fb.Scene(), (0, 0)
     for end in ends:
-        start = scene.add_beam([start, end], FLYING).start
+        start = scene.add_beam([start, end], FLYING, elements=1).start
     scene.clamp(start)
     (stroke,) = (line for line in plot.scene(scene).axes[0].lines if len(line.get_xydata()) == 3)
     one, other, _ = stroke.get_xydata()
@@ -258,7 +258,7 @@ def test_a_clamp_is_across_a_single_member_and_along_an_axis_under_several(ends,
 )
 def test_a_force_between_points_is_drawn_between_them_before_and_in_the_motion(law, fixed):
     scene = fb.Scene()
-    left, right = (scene.add_beam([(x, 0), (x, 1)], FLYING) for x in (0.0, 2.0))
+    left, right = (scene.add_beam([(x, 0), (x, 1)], FLYING, elements=1) for x in (0.0, 2.0))
     for beam in (left, right):
         scene.pin(beam.end)
     other = (1.0, -1.0) if fixed else right.start
@@ -450,7 +450,7 @@ def test_labels_lie_in_the_frame_and_apart_from_each_other_and_nothing_is_cut_of
 def test_a_scene_of_many_members_is_drawn_without_names_and_says_once_what_is_equal():
     scene = fb.Scene()
     for k in range(600):
-        beam = scene.add_beam([(0.0, 0.1 * k), (1.0, 0.1 * k)], FLYING)
+        beam = scene.add_beam([(0.0, 0.1 * k), (1.0, 0.1 * k)], FLYING, elements=1)
         if k % 20 == 0:
             scene.add_force(beam.end, (3.0, 0.0))
     texts = [text.get_text() for text in plot.scene(scene).axes[0].texts]
@@ -726,7 +726,7 @@ def test_numbers_of_the_axes_of_diagrams_do_not_overlap_in_micrometres():
 
 def test_a_motion_too_small_to_be_seen_is_said_with_a_factor(caplog):
     scene, section = fb.Scene(), fb.Section(EA=1e9, GA=1e9, EI=1e6)
-    beam = scene.add_beam([(0, 0), (1, 0)], section)
+    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=1)
     scene.clamp(beam.start)
     scene.add_force(beam.end, (0.0, 1.0))
     plot.shapes(fb.static(scene, load_steps=1))
@@ -789,7 +789,9 @@ def test_scenes_that_cannot_be_drawn_are_refused():
         plot.scene(scene, marks={"A": crane()[1].end})
     energy = lambda eps, gamma, kappa: eps**2 + gamma**2 + kappa**2  # noqa: E731
     scene = fb.Scene()
-    scene.clamp(scene.add_beam([(0, 0), (2, 0)], fb.Section(strain_energy=energy, rhoA=1)).start)
+    scene.clamp(
+        scene.add_beam([(0, 0), (2, 0)], fb.Section(strain_energy=energy, rhoA=1), elements=1).start
+    )
     solution = fb.simulate(scene, dt=0.05, t_end=0.05)
     with pytest.raises(ValueError, match="needs EA and EI, or rhoA and rhoI, in the section of 'b"):
         plot.shapes(solution, rows=[0], thickness=1.0)

@@ -87,7 +87,9 @@ def softening(stiffness):
 def beams_of_many_laws(laws=4):
     """A chain of beams with stored energies of their own, in a wind that follows the motion."""
     scene = fb.Scene(gravity=(0.0, -9.81))
-    first = end = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=5e3, GA=5e3, EI=20.0, rhoA=1.0))
+    first = end = scene.add_beam(
+        [(0, 0), (1, 0)], fb.Section(EA=5e3, GA=5e3, EI=20.0, rhoA=1.0), elements=1
+    )
     for number in range(1, laws):
         section = fb.Section(strain_energy=softening(3e3 * number), rhoA=0.5 * number, rhoI=0.01)
         # Not in the order of their cells, and of several sizes.
