@@ -340,7 +340,7 @@ def check_outputs(scene, outputs, what: str) -> None:
     for name, output in outputs.items():
         label = f"{what}[{name!r}]"
         ok = isinstance(output, Output) and not isinstance(output.of, Beam | Scene)
-        require(ok, label, output, "an fx_beam.Output of a node, a joint, a gear or a rope")
+        require(ok, label, output, "an fx_beam.Output of a node, a joint or a rope")
         check_output(scene, output, label)
 
 
