@@ -96,7 +96,8 @@ def _slopes_of(about: SmallLoads, model: Model, name: str) -> np.ndarray:
 
 def _line_part(about: SmallLoads, model: Model) -> scipy.sparse.csr_matrix:
     """Part (size, size) of lines and ropes: F / l across each straight part of length l."""
-    lines, size = model.scene.forces_between, model.size
+    # What holds nodes to the ground has a fixed direction.
+    lines, size = [of for of in model.scene.forces_between if not of.to_ground], model.size
     if not lines:
         return scipy.sparse.csr_matrix((size, size))
     forces = about.slope(about.solution.recorded("line_forces"))

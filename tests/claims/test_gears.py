@@ -308,6 +308,27 @@ def test_statics_modes_and_linear_systems_have_the_ratio():
     assert held.joint(gear).force[-1] == pytest.approx(-2.0 / 3.0, rel=1e-12)
 
 
+def test_geared_columns_tip_over_together_under_the_load_of_the_closed_form():
+    """k psi^2 / 2 against both weights, of which one turns twice as far: P = k / (1 + 4)."""
+    scene = fb.Scene()
+    columns = [scene.add_body((i, 1.0), 1.0, 0.1, {"foot": (i, 0)}) for i in range(2)]
+    feet = [scene.add_joint(fb.Revolute(fb.GROUND, column["foot"])) for column in columns]
+    scene.add_joint(fb.Gear(*feet, -2.0))
+    scene.add_spring(columns[0].centre, rotation=fb.Spring(50.0))
+    for column in columns:
+        scene.add_force(column.centre, (0, -1.0))
+    assert fb.buckling(scene, n=1).load_factors[0] == pytest.approx(10.0, rel=1e-9)
+
+
+def test_a_frequency_response_sees_the_spring_and_damper_of_the_other_wheel():
+    scene, nodes, joints = wheels(0.1, 0.1)
+    scene.add_joint(fb.Gear(*joints, -2.0))
+    scene.add_spring(nodes[0], rotation=[fb.Spring(5.0), fb.Damper(0.1)])
+    response = fb.frequency_response(scene, (nodes[1], (0, 0, 1.0)), nodes[0], [0.2, 0.5])
+    w = 2 * np.pi * response.frequencies
+    assert response.values[:, 2] == pytest.approx(-2 / (5 + 0.1j * w - 0.5 * w**2), rel=1e-9)
+
+
 def test_derivatives_by_the_ratio_are_those_of_the_closed_forms():
     def build(x):
         scene, nodes, joints = wheels(0.3 * x[1], 0.2)
