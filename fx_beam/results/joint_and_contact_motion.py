@@ -14,7 +14,7 @@ from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.contacts import Contact, arc_of, nearest
 from fx_beam.scene.forces_between import ForceBetween
 from fx_beam.scene.joints import Joint, NodalMotion
-from fx_beam.scene.outputs import Output
+from fx_beam.scene.outputs import Measured, Output
 from fx_beam.scene.parameters import replaced
 from fx_beam.symbolic import ufl
 
@@ -283,9 +283,13 @@ class PullMotion:
     @property
     def rate(self) -> np.ndarray:
         """Rate (n,) of the length [m/s or rad/s] at t[k]; of a bed take those of its nodes."""
-        from .solution import history
+        of, count = self.solution, len(self.solution.t)
 
-        return history(self.solution, Output("rate", self.line))
+        def read(array: str, entries: Any) -> np.ndarray:
+            known = of.X.reshape(-1) if array == "X" else of.recorded(array).reshape(count, -1)
+            return known[..., entries]
+
+        return Measured(Output("rate", self.line)).values(read)
 
     @property
     def power(self) -> np.ndarray:

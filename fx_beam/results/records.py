@@ -339,6 +339,8 @@ class BeamResultants:
         Shear force along the rotated section [N].
     M : (n, elements * degree) float
         Bending moment [N m].
+    balance : Balance, callable or None
+        What `at` and `ends` read, or a function that gives it; None where it is not known.
 
     Examples
     --------
@@ -356,7 +358,6 @@ class BeamResultants:
     N: np.ndarray
     Q: np.ndarray
     M: np.ndarray
-    #: The `Balance` of its elements, or a function that gives it; None where it is not known.
     balance: Any = field(default=None, repr=False)
 
     def __repr__(self):
@@ -376,7 +377,18 @@ class BeamResultants:
         return self.__dict__ | {"balance": None if callable(self.balance) else self.balance}
 
     def balanced(self) -> Any:
-        """The `Balance` of its elements; ValueError if it is not known."""
+        """The balance of its elements.
+
+        Returns
+        -------
+        Balance
+            Section forces at the ends of elements.
+
+        Raises
+        ------
+        ValueError
+            If it is not known.
+        """
         if callable(self.balance):
             object.__setattr__(self, "balance", self.balance())
         if self.balance is None:
@@ -426,7 +438,20 @@ class BeamResultants:
         return np.stack([self.N, self.Q, self.M], axis=-1)
 
     def in_elements(self, quantity: str, points: np.ndarray) -> np.ndarray:
-        """N, Q or M (rows, elements, points) at points (points,) of elements, from 0 to 1."""
+        """Values at the same points of each element.
+
+        Parameters
+        ----------
+        quantity : {"N", "Q", "M"}
+            Which.
+        points : (points,) float
+            Places in elements, from 0 to 1.
+
+        Returns
+        -------
+        (rows, elements, points) float
+            The values.
+        """
         values = self.balanced().in_elements(self._points, points)
         return values["NQM".index(quantity)]
 

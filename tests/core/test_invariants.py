@@ -98,3 +98,57 @@ def test_nodes_are_in_balance_with_supports_and_closed_joints(case):
     if len((scheme := case.scheme()).fractions) > 1:
         pytest.skip("sub-steps, of which those without have all parts")
     assert_balanced(case.build(ONES), scheme, dt=case.dt, t_end=case.steps * case.dt)
+
+
+def untouched(scene):
+    """Arc lengths of inner nodes on which nothing acts, by beam; none beside contact and slides."""
+    if scene.contacts or any(type(joint) is not fb.Joint for joint in scene.joints):
+        return {}
+    touched = {number for line in scene.forces_between for number in line.nodes}
+    touched |= {row.node for row in scene.masses}
+    ends = [node for joint in scene.joints for node in (joint.a, joint.b)]
+    touched |= {node.number for node in ends if node is not fb.GROUND}
+    touched |= {n for n, _ in scene.fixed} | {n for n, _ in scene.prescribed}
+    acting = [of.target for of in (*scene.loads, *scene.drags) if isinstance(of.target, fb.Node)]
+    touched |= {node.number for node in acting}
+    return {
+        beam.name: [
+            s
+            for s, node in zip(beam.s[1:-1], beam.nodes[1:-1], strict=True)
+            if node.number not in touched
+        ]
+        for beam in scene.beams
+        if not beam.carriers
+    }
+
+
+@every_scene
+def test_section_forces_go_on_through_nodes_on_which_nothing_acts(case, motion):
+    """The forces of both elements are one and the other, at a corner in other directions."""
+    for name, s in untouched(case.build(ONES)).items():
+        forces = motion.resultants(name)
+        before, after = (forces.at(s, side) for side in ("before", "after"))
+        most = max(abs(rows).max(initial=1e-3) for rows in (forces.N, forces.Q, forces.M))
+        for one, other in (
+            (np.hypot(before.N, before.Q), np.hypot(after.N, after.Q)),
+            (before.M, after.M),
+        ):
+            assert one == pytest.approx(other, abs=1e-8 * most)
+
+
+def test_section_forces_of_a_cantilever_and_the_energy_of_what_holds_it():
+    """M is P L at the clamp; a spring at the tip takes k w of P and stores k w^2 / 2."""
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (2, 0)], fb.Section(EA=1e6, GA=1e6, EI=1e3))
+    scene.clamp(beam.start)
+    held = scene.add_spring(beam.end, y=fb.Spring(300.0))
+    scene.add_force(beam.end, (0.0, 10.0))
+    solution = fb.static(scene, linear=True)
+    of_spring, ends = solution.joint(held.y), solution.resultants(beam).ends
+    w = of_spring.length[-1]
+    assert of_spring.force[-1] == pytest.approx(300.0 * w)
+    assert of_spring.energy[-1] == pytest.approx(150.0 * w**2)
+    assert ends.Q[-1] == pytest.approx([10.0 - 300.0 * w] * 2)
+    assert ends.M[-1] == pytest.approx([2 * (10.0 - 300.0 * w), 0.0], abs=1e-9)
+    measured = {name: fb.Output(name, held.y) for name in ("length", "rate", "force")}
+    assert all("force 0" in str(output) for output in measured.values())
