@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.errors import is_one_of, require
+from fx_beam.errors import SceneError, is_one_of, require
 
 from .beam import Beam, Node
 from .forces_between import ForceBetween
@@ -206,7 +206,7 @@ class Measured:
 
     def __init__(self, output: Output):
         place: Any = output.of
-        self.quantity = quantity = output._known[output.quantity]
+        self.name, self.quantity = output.quantity, (quantity := output._known[output.quantity])
         count, index = len(quantity.components), output.index
         #: Lengths of a value; none of a single number.
         self.shape = (count,) if count and index is None else ()
@@ -235,7 +235,8 @@ class Measured:
     def values(self, read: Read, motion: Any = None) -> Any:
         """Values (..., components) or (...); the rate of a slide also needs the `NodalMotion`."""
         if self.line is not None:
-            return self._of_line(*self._points(read))
+            points = self._points(read)
+            return self._over_circles(read, *points) if self._bends else self._of_line(*points)
         if joint := self.sliding:
             return joint.kinematics.rate(motion, np.atleast_1d(read("slides", joint.number)))
         return sum(factor * read(array, entries) for array, entries, factor in self.terms)
@@ -243,6 +244,11 @@ class Measured:
     def slopes(self, read: Read) -> Iterator[Term]:
         """Its derivatives by all that it reads, in n states; of a rate by imaginary steps."""
         if self.line is not None:
+            if self._bends:
+                raise SceneError(
+                    f"{self.line}: the {self.name} of a rope over pulleys has no derivatives. Take "
+                    "those of the positions of its nodes"
+                )
             yield from self._slopes_of_line(read)
             return
         if (joint := self.sliding) is None:
@@ -282,6 +288,26 @@ class Measured:
             places.append([read("X", X + i) + read("q", at + i) for i in (0, 1)])
             rates.append([read("v", at + i) if moves else 0.0 for i in (0, 1)])
         return places, rates
+
+    @property
+    def _bends(self) -> bool:
+        """Whether its line is a rope over pulleys, whose class is not loaded without any."""
+        return hasattr(self.line, "kinds")
+
+    def _over_circles(self, read: Read, places: list[list[Any]], rates: list[list[Any]]) -> Any:
+        """Length of a rope over pulleys, or its rate."""
+        rope: Any = self.line
+        ends = (rope.nodes[0], rope.kinds[0]), (rope.nodes[-1], rope.kinds[-1])
+        turns = [read(self.quantity.of, 3 * n + 2) if k == "D" else 0.0 for n, k in ends]
+        rows = np.shape(read("q", 3 * max(rope.nodes)))
+        place, rate = (
+            np.diff([[np.broadcast_to(x, rows or 1) for x in point] for point in of], axis=0)
+            for of in (places, rates)
+        )
+        turned = np.array([np.broadcast_to(turn, rows or 1) for turn in turns])
+        moves = self.quantity.of == "v"
+        value = rope.rate(place, rate, turned) if moves else rope.state(place, turned)[0]
+        return value if rows else value[0]
 
     def _of_line(self, places: list[list[Any]], rates: list[list[Any]]) -> Any:
         """Length of a line, or its rate."""

@@ -174,6 +174,14 @@ class RopeOverPulleys(ForceBetween):
         arcs += np.asarray(self.turns, dtype=float)[:, None]
         return spans.sum(axis=0) + self.radii @ arcs, arcs * np.sign(self.radii)[:, None]
 
+    def rate(self, ways: Any, rates: Any, spins: Any) -> Any:
+        """Rate (rows,) of the length, by rates (n - 1, 2, rows) of `ways` and spins (2, rows)."""
+        _, leans = self.spans(ways)
+        far, c, s = np.hypot(ways[:, 0], ways[:, 1]), np.cos(leans), np.sin(leans)
+        x, y = ways[:, 0] / far, ways[:, 1] / far
+        along = (c * x - s * y) * rates[:, 0] + (s * x + c * y) * rates[:, 1]
+        return along.sum(axis=0) - self.radii[0] * spins[0] + self.radii[-1] * spins[1]
+
     def outline(self, centres: Any) -> np.ndarray:
         """Points (..., m, 2) along the rope for centres (n, ..., 2)."""
         ways = np.moveaxis(np.diff(centres, axis=0), -1, 1)

@@ -250,3 +250,35 @@ def test_what_is_no_pulley_is_refused():
         with pytest.raises(fb.SceneError, match=words):
             call()
     assert not scene.forces_between
+
+
+def test_the_length_and_its_rate_are_outputs_over_pulleys_and_drums():
+    """The rate is the slope of the length, of second order; in a `Motion` as in a solution."""
+    scene = fb.Scene(gravity=(0, -9.81))
+    drum, wheel, load = (
+        scene.add_body(at, mass=1.0, inertia=0.05).centre
+        for at in [(0, 0.1), (1.0, 0.3), (2.2, -0.8)]
+    )
+    scene.fix(load, "rotation")
+    scene.pin(drum)
+    points = [fb.Pulley(drum, 0.3, side="right"), fb.Pulley(wheel, 0.2, side="right"), load]
+    rope = scene.add_rope(points, spring=fb.Spring(50.0))
+    scene.set_velocity(drum, spin=-1.0)
+    scene.set_velocity(wheel, (0.3, 0.5), 2.0)
+    errors = []
+    for dt in (2e-3, 1e-3):
+        solution = fb.simulate(scene, dt=dt, t_end=0.1)
+        length, rate = solution.joint(rope).length, solution.joint(rope).rate
+        slope = (length[2:] - length[:-2]) / (2 * dt)
+        errors.append(abs(slope - rate[1:-1]).max() / abs(rate).max())
+    assert errors[1] < 1e-3
+    assert errors[1] < 0.3 * errors[0]
+    outputs = {name: fb.Output(name, rope) for name in ("length", "rate")}
+    motion = fb.Motion(scene, dt=1e-3, outputs=outputs)
+    for _ in range(100):
+        last = motion.step()
+    assert last["length"] == pytest.approx(length[-1], rel=1e-9)
+    assert last["rate"] == pytest.approx(rate[-1], rel=1e-9)
+
+    with pytest.raises(fb.SceneError, match="length of a rope over pulleys has no derivatives"):
+        fb.linearise(scene, outputs={"l": fb.Output("length", rope)})
