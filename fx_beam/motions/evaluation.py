@@ -74,7 +74,7 @@ def solution_of(
         values = resultants()[:, cells]
         s = arc_lengths(beam, gauss_rule(beam.degree)[0])
         N, Q, M = np.moveaxis(values.reshape(len(values), -1, 3), -1, 0)
-        return BeamResultants(s.ravel(), N, Q, M, lambda: balance_of(beam))
+        return BeamResultants(s.ravel(), N, Q, M, lambda: balance_of(name))
 
     @functools.cache
     def balance() -> ElementBalance:
@@ -88,11 +88,10 @@ def solution_of(
         with model.reading:
             return ElementBalance(recorder, loads, a.reshape(len(a), -1).copy(), rest)
 
-    @functools.cache
-    def balance_of(beam: Beam) -> Balance:
-        number = scene.beams.index(beam)
+    def balance_of(name: str) -> Balance:
+        (beam, cells), number = of_name[name], [*of_name].index(name)
         places, jumps = balance().jumps(number)
-        return Balance(beam.s, balance().ends()[rows][:, mesh.cells[number]], places, jumps[rows])
+        return Balance(beam.s, balance().ends[rows][:, cells], places, jumps[rows])
 
     constraints = None if scene_stays else constraints_of(scene)
 
