@@ -10,7 +10,6 @@ import numpy as np
 
 from fx_beam.laws.interval import Rest
 from fx_beam.results.records import BeamResultants, Energy, Stats
-from fx_beam.results.section_forces import Balance
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import HISTORIES, State
 from fx_beam.scene.beam import Beam, arc_lengths, gauss_rule, lagrange_and_slopes
@@ -22,6 +21,8 @@ from fx_beam.step.recorder import Recorder
 from fx_beam.step.row_steps import RowSteps, histories_of
 
 if TYPE_CHECKING:
+    from fx_beam.results.section_forces import Balance
+
     from .element_balance import ElementBalance
 
 
@@ -89,6 +90,8 @@ def solution_of(
             return ElementBalance(recorder, loads, a.reshape(len(a), -1).copy(), rest)
 
     def balance_of(name: str) -> Balance:
+        from fx_beam.results.section_forces import Balance
+
         (beam, cells), number = of_name[name], [*of_name].index(name)
         places, jumps = balance().jumps(number)
         return Balance(beam.s, balance().ends[rows][:, cells], places, jumps[rows])
