@@ -109,6 +109,7 @@ class ElementBalance:
         t0[0] = t1[0] = parts.t[0]  # of the start, before which nothing need be known
         return (1 - level) * values(t0) + level * values(t1)
 
+    @cached_property
     def ends(self) -> np.ndarray:
         """N, Q and M (n, cells, 2, 3) at both ends of elements."""
         ends = self.forces[:, :, [0, -1]] * np.array([-1.0, 1.0])[:, None]

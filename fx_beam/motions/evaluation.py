@@ -10,7 +10,6 @@ import numpy as np
 
 from fx_beam.laws.interval import Rest
 from fx_beam.results.records import BeamResultants, Energy, Stats
-from fx_beam.results.section_forces import Balance
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import HISTORIES, State
 from fx_beam.scene.beam import Beam, arc_lengths, gauss_rule, lagrange_and_slopes
@@ -22,6 +21,8 @@ from fx_beam.step.recorder import Recorder
 from fx_beam.step.row_steps import RowSteps, histories_of
 
 if TYPE_CHECKING:
+    from fx_beam.results.section_forces import Balance
+
     from .element_balance import ElementBalance
 
 
@@ -74,7 +75,7 @@ def solution_of(
         values = resultants()[:, cells]
         s = arc_lengths(beam, gauss_rule(beam.degree)[0])
         N, Q, M = np.moveaxis(values.reshape(len(values), -1, 3), -1, 0)
-        return BeamResultants(s.ravel(), N, Q, M, lambda: balance_of(beam))
+        return BeamResultants(s.ravel(), N, Q, M, lambda: balance_of(name))
 
     @functools.cache
     def balance() -> ElementBalance:
@@ -88,11 +89,12 @@ def solution_of(
         with model.reading:
             return ElementBalance(recorder, loads, a.reshape(len(a), -1).copy(), rest)
 
-    @functools.cache
-    def balance_of(beam: Beam) -> Balance:
-        number = scene.beams.index(beam)
+    def balance_of(name: str) -> Balance:
+        from fx_beam.results.section_forces import Balance
+
+        (beam, cells), number = of_name[name], [*of_name].index(name)
         places, jumps = balance().jumps(number)
-        return Balance(beam.s, balance().ends()[rows][:, mesh.cells[number]], places, jumps[rows])
+        return Balance(beam.s, balance().ends[rows][:, cells], places, jumps[rows])
 
     constraints = None if scene_stays else constraints_of(scene)
 

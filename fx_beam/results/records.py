@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fx_beam.errors import Failure
 
-from .section_forces import SectionForces
+if TYPE_CHECKING:
+    from .section_forces import SectionForces
 
 
 @contextmanager

@@ -178,6 +178,22 @@ def test_section_forces_outlive_the_solution_and_other_runs_of_the_same_structur
     assert forces.ends.M[-1, 0] == pytest.approx(20.0, abs=1e-9)
 
 
+def test_copies_of_sections_with_functions_of_ones_own_have_section_forces():
+    class Cubic:
+        __hash__ = None
+
+        def __call__(self, eps, gamma, kappa):
+            return 5e3 * (eps**2 + gamma**2) + 40.0 * kappa**2 + kappa**4
+
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(strain_energy=Cubic()), elements=3)
+    scene.clamp(beam.start)
+    scene.add_force(beam.end, (0.0, 10.0))
+    solution = fb.static(scene)
+    ends = solution.resultants(beam).ends
+    assert ends.M[-1, 0] == pytest.approx(-solution.reaction(beam.start)[-1, 2], rel=1e-9)
+
+
 def test_bad_places_and_missing_rates_are_refused():
     _, _, solution = moved(fb.EnergyMomentum(), fb.Record(rates=False))
     with pytest.raises(ValueError, match="need accelerations, which were not recorded"):
