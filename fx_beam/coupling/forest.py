@@ -152,47 +152,42 @@ def order_for_short_loops(joints: Sequence[Joint], loops: Sequence[Sequence[Join
     """
     number = {id(joint): k for k, joint in enumerate(joints)}
     closing = [number[id(loop[-1])] for loop in loops]
-    basis = [_bits([number[id(joint)] for joint in loop]) for loop in loops]
-    plain = [joint.is_selection and not joint.turns_together for joint in joints]
-    hinges = _bits([k for k, is_hinge in enumerate(plain) if is_hinge])
-    before = sum(map(int.bit_count, basis))
+    # Which joints each loop has; a joint is in one column.
+    basis = np.zeros((len(loops), len(joints)), dtype=bool, order="F")
+    for has, loop in zip(basis, loops, strict=True):
+        has[[number[id(joint)] for joint in loop]] = True
+    hinges = np.array([joint.is_selection and not joint.turns_together for joint in joints], bool)
+    before = np.count_nonzero(basis)
     changed, passes = len(basis) > 1, 0
     while changed and passes < _PASSES:
         changed, passes = False, passes + 1
-        for k in sorted(range(len(basis)), key=lambda k: basis[k].bit_count()):
-            new = _better(k, basis, hinges)
-            if new is not None and hinges >> closing[k] & 1:
-                for g, loop in enumerate(basis):
-                    if g != k and loop >> new & 1:
-                        basis[g] = loop ^ basis[k]
-                closing[k], changed = new, True
-    if sum(map(int.bit_count, basis)) > _SHORTER * before:
+        for k in np.argsort(np.count_nonzero(basis, axis=1), kind="stable").tolist():
+            members = np.flatnonzero(basis[k])
+            new = _better(k, basis[:, members], hinges[members])
+            if new is not None and hinges[closing[k]]:
+                others = np.flatnonzero(basis[:, members[new]])
+                others = others[others != k]
+                basis[np.ix_(others, members)] ^= True
+                closing[k], changed = int(members[new]), True
+    if np.count_nonzero(basis) > _SHORTER * before:
         return list(joints)
     return [joints[k] for k in sorted(range(len(joints)), key=set(closing).__contains__)]
 
 
-def _bits(numbers: list[int]) -> int:
-    """A number with one bit for each of some numbers."""
-    is_set = np.zeros(max(numbers, default=0) + 1, dtype=bool)
-    is_set[numbers] = True
-    return int.from_bytes(np.packbits(is_set, bitorder="little").tobytes(), "little")
+def _better(k: int, basis: np.ndarray, hinges: np.ndarray) -> int | None:
+    """The hinge of loop k that shortens other loops most if it closes loop k; None if none does.
 
-
-def _better(k: int, basis: list[int], hinges: int) -> int | None:
-    """The hinge of loop k that shortens other loops most if it closes loop k; None if none does."""
-    loop, gains = basis[k], dict[int, int]()
-    shared = loop & hinges
-    for g, other in enumerate(basis):
-        common = other & shared
-        if not common or g == k:
-            continue
-        gain = other.bit_count() - (other ^ loop).bit_count()
-        while common:
-            bit = common & -common
-            gains[bit] = gains.get(bit, 0) + gain
-            common ^= bit
-    best = max(gains, key=lambda bit: gains[bit], default=0)
-    return best.bit_length() - 1 if best and gains[best] > 0 else None
+    By which joints (loops, n) of loop k each loop has, and which of them are hinges.
+    """
+    gains = 2 * np.count_nonzero(basis, axis=1) - basis.shape[1]
+    gains[k] = 0
+    of_hinges = np.where(hinges, gains @ basis, 0)
+    if not (most := of_hinges.max(initial=0)):
+        return None
+    # Of equal ones that of the first other loop.
+    best = np.flatnonzero(of_hinges == most)
+    first = np.argmax(basis[:, best] & (np.arange(len(basis)) != k)[:, None], axis=0)
+    return int(best[np.argmin(first)])
 
 
 def _check_sliding_nodes(sliding: list[SlidingJoint], held: list[set[int]]) -> None:
