@@ -231,54 +231,6 @@ def test_a_force_along_a_beam_changes_its_frequencies_as_a_strings(ratio):
     assert ("unstable" in str(found)) == (ratio < -1)
 
 
-def test_the_two_small_frequencies_of_a_stiff_double_pendulum_are_those_of_the_rigid_one():
-    def pendulum(EA, held=False):
-        section = fb.Section(EA=EA, GA=EA, EI=EA)
-        scene = fb.Scene(gravity=(0, -GRAVITY))
-        upper = scene.add_beam([(0, 0), (0, -1)], section, elements=2)
-        lower = scene.add_beam([(0, -1), (0, -2)], section, elements=2)
-        # Held by a clamp and a rigid joint it hangs as it does on hinges.
-        (scene.clamp if held else scene.pin)(upper.start)
-        scene.add_joint((fb.Rigid if held else fb.Revolute)(upper.end, lower.start))
-        scene.add_mass(upper.end, 3.0)
-        scene.add_mass(lower.end, 3.0)
-        return scene
-
-    exact = np.sqrt(GRAVITY * (2 + np.array([-1, 1]) * math.sqrt(2)))
-    errors = []
-    for EA in (1e5, 1e7):
-        found = fb.modes(pendulum(EA), fb.static(pendulum(EA, held=True)), n=4)
-        assert not found.rigid.any() and found.angular_frequencies[2] > 100
-        errors.append(abs(found.angular_frequencies[:2] / exact - 1).max())
-    assert errors[0] < 1e-3
-    assert errors[1] == pytest.approx(errors[0] / 100, rel=0.05)  # the stretch of the rods
-    # Without the force of gravity in the rods nothing turns them back.
-    assert fb.modes(pendulum(1e7), n=4).rigid.tolist() == [True, True, False, False]
-
-
-def test_an_arch_is_unstable_in_one_more_mode_behind_a_limit_point():
-    section = fb.Section(EA=2e5, GA=1e5, EI=lambda s: 10 + 40 * (s - 0.5) ** 2, rhoA=1.0, rhoI=1e-3)
-    scene = fb.Scene()
-    arch = scene.add_beam(fb.arc((-1, 0), (0, 0.1), (1, 0)), section, elements=12, degree=2)
-    scene.pin(arch.start)
-    scene.pin(arch.end)
-    scene.add_force(arch.node(0.5), (0, -600.0))
-
-    def after(steps):
-        return fb.static(scene, continuation="arc-length", max_steps=steps)
-
-    limit = after(9).stats.limit_points[0]
-    stable, near, behind = after(2), after(5), after(9)
-    assert 0.95 * limit < near.load_factor[-1] < limit > behind.load_factor[-1]
-    found = [fb.modes(scene, state, n=3) for state in (stable, near, behind)]
-    # Sideways it buckles first, off the symmetric path that is followed here.
-    assert [int(modes.unstable.sum()) for modes in found] == [0, 1, 2]
-    start = fb.modes(scene, n=3).angular_frequencies
-    assert (found[0].angular_frequencies[:2] < start[:2]).all()
-    # The mode that vanishes at the limit point is nearly gone before it.
-    assert found[1].angular_frequencies[1] < 0.2 * start[1]
-
-
 # -- Joints, springs, lumped masses ------------------------------------------------------------
 
 

@@ -33,7 +33,8 @@ def scene_of(x, seed):
     rng, scene = np.random.default_rng(seed), fb.Scene(gravity=(0, -9.81 * x[2]))
     joint = rng.choice(["hinge", "slot", "slider", "sleeve"])
     at, degree, elements = 1.0 if joint in ("hinge", "slot") else 0.61, *rng.integers(1, [4, 3])
-    size = {"degree": int(degree), "elements": int(2 + 2 * elements)}
+    # Two degrees only: most of these tests is the compilation of their forms.
+    size = {"degree": 1 + int(degree) % 2, "elements": int(2 + 2 * elements)}
     rail = scene.add_beam([(0, 0), (1, 0)], section_of(x, rng), **size)
     mast = scene.add_beam([(at, 0), (at + 0.2, 1)], section_of(x, rng), **size)
     scene.clamp(rail.start)
