@@ -58,6 +58,12 @@ def test_both_directions_of_a_pitchfork_are_mirror_images_and_stable(bent):
     assert right.load_factor[0] == point.load_factor
 
 
+def test_near_the_bifurcation_the_load_rises_with_the_square_of_the_deflection(bent):
+    point, (right, _), middle, _ = bent
+    rises = right.load_factor[1] / point.load_factor - 1
+    assert rises == pytest.approx(np.pi**2 / 8 * right.displacement(middle)[1, 0] ** 2, rel=0.01)
+
+
 def shallow_arch(rise, load, elements=8, radius=1e-3):
     """A pinned arch H sin(pi x), H = 2 r e, under q sin(pi x), in units of EI pi^4 2 r."""
     section = fb.Section(EA=1 / radius**2, GA=1 / radius**2, EI=1.0)
@@ -137,6 +143,16 @@ def test_a_sway_branch_leads_from_one_bifurcation_to_the_other_and_returns(tree)
         assert one.displacement(top)[:, 0] == pytest.approx(mirrored, abs=1e-7)
     assert all(not branch.branches for branch in path.branches)  # they meet nothing new
     assert [b.origin.direction for b in path.branches] == [1, -1, 1, -1]
+
+
+def test_an_imperfect_path_nears_the_branch():
+    scene, middle, _ = column(20.0)
+    (point,) = fb.static(scene, load_steps=4).critical_points
+    crooked = fb.imperfect(scene, point.modes, 1e-3)
+    path = fb.static(crooked, load_steps=20)
+    across, _ = elastica(20.0)
+    assert abs(path.displacement(crooked.beams[0].node(0.5))[-1, 0]) == pytest.approx(across, 0.01)
+    assert path.stable.all() and scene.beams[0].node(0.5).x == 0
 
 
 def test_a_motion_snaps_from_a_limit_point():

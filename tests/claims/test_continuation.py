@@ -57,6 +57,28 @@ def test_a_load_below_the_limit_ends_before_it():
     assert solution.position(bar.end)[-1, 1] > top
 
 
+def test_a_deep_arch_meets_the_limit_load_of_the_literature():
+    # DaDeppo & Schmidt (1975), J. Appl. Mech. 42: 8.97 EI/R^2 for a circular arch of 215 degrees,
+    # hinged at one end and clamped at the other, inextensible, under a load at its top.
+    half = np.radians(215 / 2)
+
+    def limit(elements):
+        at = np.linspace(-half, half, elements + 1)
+        scene = fb.Scene()
+        section = fb.Section(EA=1e8, GA=1e8, EI=1.0)
+        around = np.column_stack([np.sin(at), np.cos(at)])
+        arch = scene.add_beam(around, section, elements)
+        scene.clamp(arch.start)
+        scene.pin(arch.end)
+        scene.add_force(arch.node(0.5), (0.0, -10.0))
+        path = fb.static(scene, 20, continuation="arc-length", max_steps=40)
+        return 10 * path.stats.limit_points[0]
+
+    coarse, fine = limit(40), limit(80)
+    assert coarse == pytest.approx(8.97, rel=0.01)
+    assert fine + (fine - coarse) / 3 == pytest.approx(8.97, rel=1e-3)
+
+
 def test_every_row_is_in_equilibrium_and_the_balance_of_energy_closes_to_second_order():
     lee = demo("lee_frame")
     gaps = []

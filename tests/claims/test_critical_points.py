@@ -7,6 +7,7 @@ import ufl
 
 import numpy as np
 import pytest
+import scipy.optimize
 
 import fx_beam as fb
 
@@ -73,6 +74,20 @@ def force_on_truss(y, height):
     """Load at the height y of the top: the strain of a bar is its relative elongation."""
     length, now = np.hypot(1, height), np.hypot(1, y)
     return 2e3 * (length - now) / length * y / now
+
+
+def test_limit_points_of_a_truss_are_exact():
+    path = fb.static(truss(0.2, 20.0), load_steps=10, continuation="arc-length")
+    first, second = path.critical_points
+    top = scipy.optimize.minimize_scalar(
+        lambda y: -force_on_truss(y, 0.2), bounds=(0, 0.2), options={"xatol": 1e-9}
+    )
+    exact = -top.fun / 20
+    assert [first.kind, second.kind] == ["limit point"] * 2
+    assert [first.load_factor, second.load_factor] == pytest.approx([exact, -exact], rel=1e-8)
+    assert path.stats.limit_points == pytest.approx([exact, -exact], rel=1e-8)
+    rows = [abs(path.load_factor[point.row]) <= exact * (1 + 1e-9) for point in (first, second)]
+    assert all(rows)
 
 
 def test_a_toggle_on_a_sprung_slide_snaps_at_its_limit_points():
@@ -147,6 +162,18 @@ def test_columns_that_differ_and_buckle_at_once_are_one_point():
     across = point.modes.shapes[:, [beam.node(0.5).number for beam in scene.beams], 0]
     assert abs(np.linalg.det(across / abs(across).max())) > 0.1  # one mode for each column
     assert point.load_factor == pytest.approx(alone.load_factor, rel=1e-8)
+
+
+def test_becks_column_flutters_at_its_load():
+    section = fb.Section(EA=1e8, GA=1e8, EI=EI, rhoA=1.0, rhoI=1e-9)
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (0, 1)], section, 8, 3)
+    scene.clamp(beam.start)
+    scene.add_force(beam.end, (0, -22.0), follower=True)
+    (point,) = fb.static(scene, load_steps=11).critical_points
+    assert point.kind == "flutter"
+    assert 22 * point.load_factor == pytest.approx(20.05095, rel=2e-6)
+    assert point.modes.angular_frequencies[0] == pytest.approx(11.0157, rel=1e-4)
 
 
 # -- Where steps meet a point ----------------------------------------------------------------------
@@ -235,6 +262,26 @@ def test_a_closed_loop_buckles_where_nothing_flows(spring):
     assert 20 * point.load_factor == pytest.approx(2 * 3.0, rel=1e-9)
 
 
+def test_a_ring_under_pressure_buckles_in_two_modes_at_once():
+    """Pressure across the wall, as a virtual work of one's own: 3 EI / R^3 (Levy 1884)."""
+    turn = ufl.as_matrix([[0, -1], [1, 0]])
+
+    def pressure(step):
+        tangent = step.prime(step.X + step.u)
+        return 4.3 * step.load_factor * ufl.dot(turn * tangent, step.virtual_u)
+
+    scene = fb.Scene()
+    circle = fb.Curve(lambda f: (np.cos(2 * np.pi * f), np.sin(2 * np.pi * f)))
+    ring = scene.add_beam(circle, fb.Section(1e5, 1e5, EI, rhoA=1.0), elements=24, degree=2)
+    scene.add_joint(fb.Rigid(ring.end, ring.start))
+    for fraction, component in ((0, "y"), (0.25, "x"), (0.5, "y")):
+        scene.fix(ring.node(fraction), component)
+    scene.add_virtual_work(pressure)
+    (point,) = fb.static(scene, load_steps=16).critical_points
+    assert (point.kind, len(point.modes)) == ("bifurcation", 2)
+    assert 4.3 * point.load_factor == pytest.approx(3.0, rel=2e-4)
+
+
 def test_an_error_names_the_bifurcation_at_which_steps_fail():
     """A push of 1e-9 of the load leads a column to one side, but not to a load above buckling."""
     straight, _ = column(14.0, 4, 2, np.pi)
@@ -253,6 +300,11 @@ def test_an_error_names_the_bifurcation_at_which_steps_fail():
     scene.add_force(scene.beams[0].end, (0, -14.0 * factor))
     with pytest.raises(fb.StepError, match=r"a bifurcation near load factor 1\. If the path"):
         fb.static(scene, load_steps=4, start=pushed)
+
+
+def test_an_error_names_the_limit_point_at_which_steps_fail():
+    with pytest.raises(fb.StepError, match=r"limit point near load factor 0\.148\. .*arc-length"):
+        fb.static(truss(0.2, 20.0), load_steps=17)
 
 
 # -- Contact and materials that flow ---------------------------------------------------------------
