@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.errors import is_name, require
-from fx_beam.scene.beam import COMPONENTS, Beam, Node
+from fx_beam.scene.beam import COMPONENTS, Beam, BeamPlace, Node
 
 from .files import in_table, of_numpy, replacing
 from .records import BeamResultants, known_resultants
@@ -114,7 +114,7 @@ def _packed(value: Any, name: str, arrays: dict[str, np.ndarray]) -> Any:
     return None if callable(value) else value
 
 
-def to_csv(solution, path, nodes: dict[str, Node] | None = None) -> None:
+def to_csv(solution, path, nodes: dict[str, Node | BeamPlace] | None = None) -> None:
     """Write energies, momenta and the motion of some nodes as comma-separated columns.
 
     What was not recorded is left out. Before names that a spreadsheet would run as formulas (with
@@ -127,7 +127,8 @@ def to_csv(solution, path, nodes: dict[str, Node] | None = None) -> None:
     path : str or path
         File to write; its first row names the columns.
     nodes : dict, optional
-        Nodes by the names that their columns shall have.
+        Nodes, and places such as ``beam.at(0.5)`` with their section forces N, Q, M, by the names
+        that their columns shall have.
     """
     write_csv(_columns(solution, {} if nodes is None else nodes), path)
 
@@ -140,7 +141,7 @@ def write_csv(columns: dict[str, np.ndarray], path) -> None:
         writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
 
 
-def to_pandas(solution, nodes: dict[str, Node] | None = None):
+def to_pandas(solution, nodes: dict[str, Node | BeamPlace] | None = None):
     """Table of energies, momenta and the motion of some nodes, with the columns of `to_csv`.
 
     Parameters
@@ -148,7 +149,8 @@ def to_pandas(solution, nodes: dict[str, Node] | None = None):
     solution : Solution
         What is shown.
     nodes : dict, optional
-        Nodes by the names that their columns shall have.
+        Nodes, and places such as ``beam.at(0.5)`` with their section forces N, Q, M, by the names
+        that their columns shall have.
 
     Returns
     -------
@@ -223,7 +225,7 @@ def _require(package: str, what: str, instead: str) -> None:
         raise RuntimeError(f"{what} needs {package}: pip install {package}. Without it: {instead}")
 
 
-def _columns(solution, nodes: dict[str, Node]) -> dict[str, np.ndarray]:
+def _columns(solution, nodes: dict[str, Node | BeamPlace]) -> dict[str, np.ndarray]:
     """Columns (n,) by their names, times or load factors first."""
     expected = "a dict of nodes by the names of their columns, such as {'tip': beam.end}"
     require(isinstance(nodes, dict) and all(map(is_name, nodes)), "nodes", nodes, expected)
@@ -233,13 +235,30 @@ def _columns(solution, nodes: dict[str, Node]) -> dict[str, np.ndarray]:
     columns["energy balance error"] = solution.energy.balance_error
     columns["linear momentum x"], columns["linear momentum y"] = solution.linear_momentum.T
     columns["angular momentum"] = solution.angular_momentum
-    for label, node in nodes.items():
+    for label, place in nodes.items():
         parts: dict = {}
         if solution.has_motion:
-            parts[""] = *solution.position(node).T, solution.rotation(node)
+            parts[""] = _at(solution, place, "q")
         if solution.has_rates:
-            parts[" rate"] = *solution.velocity(node).T, solution.spin(node)
+            parts[" rate"] = _at(solution, place, "v")
         for i, component in enumerate(COMPONENTS):
             for kind, values in parts.items():
                 columns[f"{label} {component}{kind}"] = values[i]
+        if isinstance(place, BeamPlace):
+            forces = solution.resultants(place.beam).at(place.s)
+            columns |= {f"{label} {name}": getattr(forces, name)[:, 0] for name in "NQM"}
     return columns
+
+
+def _at(solution, place: Node | BeamPlace, history: str) -> np.ndarray:
+    """Position and rotation (3, n) of a node or a place, or rates of both."""
+    if not isinstance(place, BeamPlace):
+        if history == "v":
+            return np.vstack([solution.velocity(place).T, solution.spin(place)])
+        return np.vstack([solution.position(place).T, solution.rotation(place)])
+    nodes, shares = place.shares
+    rows = solution.nodes_of_beam[place.beam.name][nodes]
+    values = np.einsum("k,nki->in", shares, getattr(solution, history)[:, rows])
+    if history == "q":
+        values[:2] += (shares @ solution.X[rows])[:, None]
+    return values

@@ -241,6 +241,16 @@ class BeamPlace:
         return nodes, lagrange(np.linspace(0.0, 1.0, degree + 1), np.array([x]))[0]
 
 
+def numbers_of_nodes(place: BeamPlace) -> list[int]:
+    """Numbers (degree + 1,) of the nodes of a place's element; inner ones are behind all others."""
+    beam, (element, _), inner = place.beam, place.element, place.beam.degree - 1
+    scene: Any = beam.nodes[0].scene
+    before = sum(other.elements for other in scene.beams[: scene.beams.index(beam)])
+    first = len(scene.nodes) + (before + element) * inner
+    start, end = (node.number for node in beam.nodes[element : element + 2])
+    return [start, *range(first, first + inner), end]
+
+
 class Layout(NamedTuple):
     """Positions of the nodes of a beam."""
 

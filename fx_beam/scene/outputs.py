@@ -11,7 +11,7 @@ import numpy as np
 
 from fx_beam.errors import SceneError, is_one_of, require
 
-from .beam import Beam, Node
+from .beam import Beam, BeamPlace, Node, numbers_of_nodes
 from .forces_between import ForceBetween
 from .joints import GROUND, Joint, axial_rate
 from .loads import check_node
@@ -52,6 +52,9 @@ OF_NODES: dict[str, Quantity] = {
     "acceleration": Quantity(_PLANE, "a"),
     "reaction": Quantity(_FORCE, "reactions"),
 }
+OF_PLACES = {
+    name: OF_NODES[name] for name in ("position", "displacement", "rotation", "velocity", "spin")
+}
 OF_JOINTS: dict[str, Quantity] = {
     "angle": Quantity(of="q", column=2),
     "slide": Quantity(of="slides"),
@@ -84,6 +87,7 @@ _OF_CLASSES: dict[type, dict[str, Quantity]] = {
     Joint: OF_JOINTS,
     ForceBetween: OF_LINES,
     Node: OF_NODES,
+    BeamPlace: OF_PLACES,
 }
 
 
@@ -96,6 +100,7 @@ class Output:
 
     - of a node: "position" [m], "displacement" [m], "rotation" [rad], "velocity" [m/s], "spin"
       [rad/s], "acceleration" [m/s^2], "reaction" [N, N m]
+    - of a place inside an element, ``beam.at(s)``: the first five of a node
     - of a joint: "angle" [rad], "slide" [m], "spin" [rad/s], "rate" [m/s or rad/s], "force" [N, N
       m], "motor_force" [N or N m]
     - of a rope, a force between points or a spring to the ground: "length" [m or rad] and its
@@ -117,7 +122,7 @@ class Output:
     ----------
     quantity : str
         Name of the quantity.
-    of : Node, Joint, ForceBetween, Gear, Scene or Beam
+    of : Node, BeamPlace, Joint, ForceBetween, Gear, Scene or Beam
         Where it is measured.
     component : {"x", "y", "moment"}, optional
         One component of a quantity that has several; by default all of them.
@@ -137,12 +142,13 @@ class Output:
     """
 
     quantity: str
-    of: Node | Joint | ForceBetween | Gear | Scene | Beam
+    of: Node | BeamPlace | Joint | ForceBetween | Gear | Scene | Beam
     component: str | None = None
 
     def __post_init__(self):
-        ok = isinstance(self.of, Node | Joint | ForceBetween | Scene | Beam) or is_gear(self.of)
-        require(ok, "Output: of", self.of, "a node, a joint, a rope, a scene or a beam")
+        kinds = Node | BeamPlace | Joint | ForceBetween | Scene | Beam
+        ok = isinstance(self.of, kinds) or is_gear(self.of)
+        require(ok, "Output: of", self.of, "a node, a place, a joint, a rope, a scene or a beam")
         known = self._known
         expected = f"one of {list(known)} for {self._place}"
         require(is_one_of(self.quantity, known), "Output: quantity", self.quantity, expected)
@@ -215,7 +221,7 @@ class Measured:
         columns = quantity.column + (np.arange(count) if self.shape else index or 0)
         self.terms: list[Term] = []
         if quantity.is_place:
-            self.terms.append(Term("X", 2 * place.number + columns))
+            self.terms += [Term("X", at // 3 * 2 + columns, of) for at, of in _ends(place)]
         moves = quantity.of in ("q", "v", "a")
         #: The line, if it is its length or the rate of that, which are not linear; else None.
         self.line: ForceBetween | None = None
@@ -351,8 +357,13 @@ def _along(line: Any, array: str) -> list[Term]:
     return [Term(array, at + i, float(way)) for i, way in enumerate(line.direction) if way]
 
 
-def _ends(place: Node | Joint) -> Iterator[tuple[int, float]]:
-    """Entries of x of its nodes, with their signs: -1 of a joint's node a; without the ground."""
+def _ends(place: Node | BeamPlace | Joint) -> Iterator[tuple[int, float]]:
+    """Entries of x of nodes, with factors: -1 of a joint's node a, shares of a place's nodes."""
+    if isinstance(place, BeamPlace):
+        shares = place.shares[1].tolist()
+        for number, share in zip(numbers_of_nodes(place), shares, strict=True):
+            yield 3 * number, share
+        return
     nodes = [place] if isinstance(place, Node) else [place.b, place.a]
     for node, sign in zip(nodes, (1.0, -1.0), strict=False):
         if node is not GROUND:
@@ -378,6 +389,8 @@ def check_output(scene, output: Output, what: str) -> None:
         expected = "" if of is scene else "of the scene of the motion"
     elif isinstance(of, Beam):
         expected = "" if any(of is one for one in scene.beams) else "of a beam of this scene"
+    elif isinstance(of, BeamPlace):
+        expected = "" if any(of.beam is one for one in scene.beams) else "of a beam of this scene"
     elif isinstance(of, Node):
         check_node(scene, of, what)
     elif is_gear(of):
