@@ -11,6 +11,7 @@ from fx_beam.fem.loads import dead_loads
 from fx_beam.fem.mesh import Mesh
 from fx_beam.laws.interval import Rest, StepBatch, just_inside
 from fx_beam.laws.rates import NewmarkRates
+from fx_beam.results.section_forces import Balance
 from fx_beam.scene.beam import Beam, BeamPlace, lagrange_and_slopes
 from fx_beam.scene.inputs import InputSignal
 from fx_beam.scene.loads import Load
@@ -21,15 +22,20 @@ from fx_beam.step.row_steps import RowSteps
 class ElementBalance:
     """Forces f = internal + inertia - loads (8.3) of elements on their own nodes, in rows.
 
-    `loads` are those of the scene, `a` (n, size) accelerations of the rows, `rest` that of
-    equilibria. Loads of the state from which equilibria start act at nodes.
+    `loads` are those of the scene, `a` (n, size) accelerations of the rows from a `first` one on,
+    `rest` that of equilibria. Loads of the state from which equilibria start act at nodes.
     """
 
     def __init__(
-        self, recorder: Recorder, loads: Sequence[Load], a: np.ndarray, rest: Rest | None = None
+        self,
+        recorder: Recorder,
+        loads: Sequence[Load],
+        a: np.ndarray,
+        rest: Rest | None = None,
+        first: int = 0,
     ):
-        self.model, self._rest = (model := recorder.model), rest
-        self._steps, beams = RowSteps(recorder), model.forms.beams
+        self.model, self._rest, self._first = (model := recorder.model), rest, first
+        self._steps, beams = RowSteps(recorder, first), model.forms.beams
         assert beams is not None
         self._loads = [of for of in loads if isinstance(of.target, Beam | BeamPlace | None)]
         for load in self._loads:
@@ -49,7 +55,9 @@ class ElementBalance:
         forces -= self._dead()
         forces = self._steps.means(forces)
         if a.any():
-            inertia = np.einsum("cab,ncb->nca", self._masses, a[:, in_forms])
+            # The same sums to the last digit in any number of rows.
+            columns = zip(np.moveaxis(self._masses, -1, 0), a[:, in_forms].T, strict=True)
+            inertia = sum(column * part.T[..., None] for column, part in columns)
             forces[:, self._torn.unknowns.dofs] += inertia
         #: Forces (n, cells, degree + 1, 3) on the nodes of elements, in order along them.
         self.forces = forces.reshape(len(a), *model.mesh.elements.shape, 3)
@@ -65,14 +73,17 @@ class ElementBalance:
         rates = self.model.scheme.rates
         if not isinstance(rates, NewmarkRates) or not (moves or rates.alpha_m):
             return parts
-        dt, v = parts.dt[:, None], recorder.arrays["v"][: len(a)]
+        dt, v = parts.dt[:, None], recorder.arrays["v"][self._first :][: len(a)]
         # Of q1 = q0 + dt v0 + ... and v1 = v0 + ..., without the rates at the start.
         by_start = dt**2 * (rates.gamma - 0.5 - rates.beta)
         a0 = (parts.D - dt * v - dt**2 * (rates.beta - rates.gamma) * a) / by_start
-        a0[0] = a[0]
+        if not self._first:
+            a0[0] = a[0]
         v0 = v - dt * ((1 - rates.gamma) * a0 + rates.gamma * a)
         a += rates.alpha_m * (a0 - a)
-        return parts._replace(v=v0, a=np.vstack([0 * a0[:1], a0[1:]]))
+        if not self._first:
+            a0[0] = 0.0
+        return parts._replace(v=v0, a=a0)
 
     @cached_property
     def _torn(self) -> Mesh:
@@ -106,8 +117,15 @@ class ElementBalance:
         if self._rest is not None:
             return self._rest.factors[:, None] * values(np.array([self._rest.time]))
         t0, t1 = just_inside(parts.t - level * parts.dt, parts.t + (1 - level) * parts.dt)
-        t0[0] = t1[0] = parts.t[0]  # of the start, before which nothing need be known
+        if not self._first:
+            t0[0] = t1[0] = parts.t[0]  # of the start, before which nothing need be known
         return (1 - level) * values(t0) + level * values(t1)
+
+    def of_beam(self, number: int, rows: slice | np.ndarray = slice(None)) -> Balance:
+        """Section forces of a beam of the scene in some rows."""
+        places, jumps = self.jumps(number)
+        s, cells = self.model.scene.beams[number].s, self.model.mesh.cells[number]
+        return Balance(s, self.ends[rows][:, cells], places, jumps[rows])
 
     @cached_property
     def ends(self) -> np.ndarray:

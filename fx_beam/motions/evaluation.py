@@ -90,11 +90,7 @@ def solution_of(
             return ElementBalance(recorder, loads, a.reshape(len(a), -1).copy(), rest)
 
     def balance_of(name: str) -> Balance:
-        from fx_beam.results.section_forces import Balance
-
-        (beam, cells), number = of_name[name], [*of_name].index(name)
-        places, jumps = balance().jumps(number)
-        return Balance(beam.s, balance().ends[rows][:, cells], places, jumps[rows])
+        return balance().of_beam([*of_name].index(name), rows)
 
     constraints = None if scene_stays else constraints_of(scene)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -121,10 +122,29 @@ class RowFiles:
         steps = RowSteps(recorder, new)
         values = steps.means(beams.resultants(steps.batch()))
         along = dict(zip(RESULTANTS, np.moveaxis(values, -1, 0), strict=True))
+        forces = self._section_forces(histories["a"], new, values)
         for _, cells, name, history, column in variables_along(model):
             of_cells = along.setdefault(name, np.zeros_like(along["N"]))
             of_cells[:, cells] = histories[history][new:, cells][..., column]
-        return {name: at_ends(values) for name, values in along.items()}
+        return {name: at_ends(values) for name, values in along.items()} | forces
+
+    def _section_forces(self, a: np.ndarray, new: int, gauss: np.ndarray) -> dict[str, np.ndarray]:
+        """N, Q and M (rows, elements, points) by the balance of elements, where that is known."""
+        from .element_balance import ElementBalance
+
+        scene, recorder, mesh = self._model.scene, self._recorder, self._model.mesh
+        if len(a) < recorder.rows:
+            return {}
+        points = np.linspace(0.0, 1.0, mesh.elements.shape[1])
+        values = np.empty((3, *gauss.shape[:2], len(points)))
+        accelerations = a[new:].reshape(len(gauss), -1).copy()
+        with suppress(ValueError):
+            balance = ElementBalance(recorder, scene.loads, accelerations, first=new)
+            for number, cells in enumerate(mesh.cells):
+                of_beam = gauss[:, cells].reshape(len(gauss), -1, 3)
+                values[:, :, cells] = balance.of_beam(number).in_elements(of_beam, points)
+            return dict(zip(RESULTANTS, values, strict=True))
+        return {}
 
     # -- What stays ---------------------------------------------------------------------------
 

@@ -20,8 +20,16 @@ QUANTITIES = {"N": "N", "Q": "N", "M": "N m", "strain energy": "J/m", "speed": "
 
 def at_ends(values: np.ndarray) -> np.ndarray:
     """Values (..., degree + 1) at the nodes of elements of those (..., degree) at Gauss points."""
-    degree = values.shape[-1]
-    return values @ lagrange(gauss_rule(degree)[0], np.linspace(0, 1, degree + 1)).T
+    return _through(values, np.linspace(0, 1, values.shape[-1] + 1))
+
+
+def _through(values: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Values (..., points) of polynomials through those (..., degree) at Gauss points.
+
+    The same to the last digit however the values lie in memory.
+    """
+    weights = lagrange(gauss_rule(values.shape[-1])[0], points).T
+    return sum(values[..., k, None] * weight for k, weight in enumerate(weights))
 
 
 def along_all(solution: Any, quantity: str, rows, points: np.ndarray) -> np.ndarray:
@@ -43,7 +51,7 @@ def along_all(solution: Any, quantity: str, rows, points: np.ndarray) -> np.ndar
         return np.hypot(v[..., 0], v[..., 1])
     energies = quantity == "strain energy"
     values = energy_density(solution, rows) if energies else _at_points(solution, quantity, rows)
-    return values @ lagrange(gauss_rule(values.shape[-1])[0], points).T
+    return _through(values, points)
 
 
 def _at_points(solution: Any, quantity: str, rows: list[int]) -> np.ndarray:

@@ -222,7 +222,8 @@ def check_pieces(file, alone, number, folder):
             one, other = (grid[name][order] for grid, order in grids)
             assert abs(one - other).max() < 1e-7 * scale(other), name
         one, other = (grid.points[order] for grid, order in grids)
-        np.testing.assert_array_equal(one, other)
+        # Under mpirun sums in curves lie elsewhere in memory: their last digits differ.
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-14 * scale(other))
 
 
 # -- How two processes end -------------------------------------------------------------------
