@@ -41,7 +41,7 @@ def data_field(data: Any, mesh: Mesh) -> Field:
     return field
 
 
-def section_data(mesh: Mesh, scene: Scene, names: tuple[str, ...], points: int) -> Any:
+def section_data(mesh: Mesh, scene: Any, names: tuple[str, ...], points: int) -> Any:
     """Section data (cells, n, ...), vectors or scalars: n is 1 if they are constant on each beam.
 
     Data that vary are evaluated at so many Gauss points. The SceneError for an invalid value names

@@ -128,8 +128,17 @@ class SumOfLoads:
         return bool(self.functions)
 
 
+class OnBeams(NamedTuple):
+    """Beams of a scene and what acts on them, as they are when its numbers are set."""
+
+    beams: tuple[Beam, ...]
+    loads: tuple[Load, ...]
+    gravity: Any
+    array_calls: ArrayCalls | None
+
+
 def dead_loads(
-    scene: Scene,
+    scene: Scene | OnBeams,
     mesh: Mesh,
     X: np.ndarray,
     weights: Callable[[tuple[float, float]], Any],
@@ -154,7 +163,7 @@ def _on_masses(mesh: Mesh, load: Load, weights: Callable[[tuple[float, float]], 
     return UnitLoad(load.value, str(load), values, rows, np.full(columns.shape[1], len(columns)))
 
 
-def _unit_load(scene: Scene, mesh: Mesh, X: np.ndarray, load: Load) -> UnitLoad:
+def _unit_load(scene: Scene | OnBeams, mesh: Mesh, X: np.ndarray, load: Load) -> UnitLoad:
     """At a node, or at the Gauss points that integrate the interpolation of a beam exactly."""
     function, target = load.value, load.target
     assert target is not None
@@ -187,7 +196,7 @@ def _unit_load(scene: Scene, mesh: Mesh, X: np.ndarray, load: Load) -> UnitLoad:
     return UnitLoad(function, str(load), unit.data, unit.indices, np.diff(unit.indptr))
 
 
-def _at_place(scene: Scene, mesh: Mesh, load: Load, place: BeamPlace) -> UnitLoad:
+def _at_place(scene: Scene | OnBeams, mesh: Mesh, load: Load, place: BeamPlace) -> UnitLoad:
     """At the nodes of an element, by their polynomials there."""
     _, shares = place.shares
     nodes = mesh.elements[mesh.cells[scene.beams.index(place.beam)][place.element[0]]]

@@ -16,7 +16,7 @@ from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 
 from .fields import distinct, section_data
-from .loads import element_rule
+from .loads import OnBeams, element_rule
 from .mesh import Mesh
 from .sparsity import positions_in
 
@@ -123,11 +123,14 @@ class Mass:
         masses = dual_array([(m, m, inertia) for _, m, inertia in scene.masses]).reshape(-1)
         if not scene.beams:
             return masses
+        return np.concatenate([masses, self._of_beams(scene, X)])
+
+    def _of_beams(self, scene: Scene | OnBeams, X: Any) -> Any:
         degree = scene.beams[0].degree
         along = element_rule(degree, degree + 1)[2] @ X[self._elements]
         lengths = np.hypot(along[..., 0], along[..., 1])
         density = section_data(self._mesh, scene, ("rhoA", "rhoI"), degree + 1)
-        return np.concatenate([masses, (lengths[..., None] * density).reshape(-1)])
+        return (lengths[..., None] * density).reshape(-1)
 
     def _entries(self, masses: Any) -> Any:
         """Entries of the mass matrix by masses."""
@@ -139,11 +142,11 @@ class Mass:
             np.bincount(self._at, masses, self._K.nnz) if self._at.size else np.zeros(self._K.nnz)
         )
 
-    def of_cells(self, scene: Scene) -> np.ndarray:
+    def of_cells(self, scene: OnBeams) -> np.ndarray:
         """Mass matrices (cells, width, width) of elements, in the order of `Mesh.unknowns`."""
         degree = scene.beams[0].degree
         rows, columns, unit = _unit_masses(degree)
-        masses = floats(self._masses(scene, self._mesh.X))[len(self.entries_of_nodes) :]
+        masses = floats(self._of_beams(scene, self._mesh.X))
         width = 3 * (degree + 1)
         matrices = np.zeros((len(self._elements), width, width))
         matrices[:, rows, columns] = masses.reshape(len(matrices), -1) @ unit

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from fx_beam.content_cache import cached_property
-from fx_beam.fem.loads import dead_loads
+from fx_beam.fem.loads import OnBeams, dead_loads
 from fx_beam.fem.mesh import Mesh
 from fx_beam.laws.interval import Rest, StepBatch, just_inside
 from fx_beam.laws.rates import NewmarkRates
 from fx_beam.results.section_forces import Balance
 from fx_beam.scene.beam import Beam, BeamPlace, lagrange_and_slopes
 from fx_beam.scene.inputs import InputSignal
-from fx_beam.scene.loads import Load
 from fx_beam.step.recorder import Recorder
 from fx_beam.step.row_steps import RowSteps
 
@@ -22,14 +19,14 @@ from fx_beam.step.row_steps import RowSteps
 class ElementBalance:
     """Forces f = internal + inertia - loads (8.3) of elements on their own nodes, in rows.
 
-    `loads` are those of the scene, `a` (n, size) accelerations of the rows from a `first` one on,
+    `on_beams` are beams and loads, `a` (n, size) accelerations of the rows from a `first` one on,
     `rest` that of equilibria. Loads of the state from which equilibria start act at nodes.
     """
 
     def __init__(
         self,
         recorder: Recorder,
-        loads: Sequence[Load],
+        on_beams: OnBeams,
         a: np.ndarray,
         rest: Rest | None = None,
         first: int = 0,
@@ -37,6 +34,7 @@ class ElementBalance:
         self.model, self._rest, self._first = (model := recorder.model), rest, first
         self._steps, beams = RowSteps(recorder, first), model.forms.beams
         assert beams is not None
+        self._on, loads = on_beams, on_beams.loads
         self._loads = [of for of in loads if isinstance(of.target, Beam | BeamPlace | None)]
         for load in self._loads:
             if isinstance(load.value, InputSignal) and not load.value.is_open:
@@ -47,7 +45,7 @@ class ElementBalance:
                 )
         level = model.scheme.rates.level
         self._parts = parts = self._batch(recorder, a, beams.depend_on_rates)
-        self._masses = model.masses.of_cells(model.scene)
+        self._masses = model.masses.of_cells(on_beams)
         in_forms = model.mesh.unknowns.dofs
         at_nodes = beams.forces_of_cells(parts)
         forces = np.zeros((len(parts.t), self._torn.dofs.size))
@@ -102,7 +100,7 @@ class ElementBalance:
 
     def _dead(self) -> np.ndarray:
         """Dead loads (n, size) of elements in the sub-steps."""
-        scene, torn = self.model.scene, self._torn
+        scene, torn = self._on, self._torn
         chosen = [of for of in self._loads if of.target is not None or self._masses.any()]
         loads = dead_loads(scene, torn, torn.X, self._weights, chosen)
         dead = self._in_steps(lambda t: loads.series(t) @ loads.unit_loads.T)
@@ -124,7 +122,7 @@ class ElementBalance:
     def of_beam(self, number: int, rows: slice | np.ndarray = slice(None)) -> Balance:
         """Section forces of a beam of the scene in some rows."""
         places, jumps = self.jumps(number)
-        s, cells = self.model.scene.beams[number].s, self.model.mesh.cells[number]
+        s, cells = self._on.beams[number].s, self.model.mesh.cells[number]
         return Balance(s, self.ends[rows][:, cells], places, jumps[rows])
 
     @cached_property
@@ -142,7 +140,7 @@ class ElementBalance:
 
     def jumps(self, number: int) -> tuple[np.ndarray, np.ndarray]:
         """Arc lengths (m,) of loads inside elements of a beam, and jumps (n, m, 3) there."""
-        scene, mesh, places, jumps = self.model.scene, self.model.mesh, [], []
+        scene, mesh, places, jumps = self._on, self.model.mesh, [], []
         beam = scene.beams[number]
         for load in self._loads:
             if not isinstance(load.target, BeamPlace) or load.target.beam.name != beam.name:

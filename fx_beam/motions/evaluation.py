@@ -56,7 +56,7 @@ def solution_of(
         histories, rows = at_times(model, recorded, times, breaks)
     elif not later:
         histories = dict(recorded)
-    loads = tuple(scene.loads)
+    on_beams = model.on_beams
     of_springs = histories["spring_internal"] if model.points.width else None
     beams = zip(scene.beams, mesh.cells, strict=True)
     of_name = {beam.name: (beam, cells) for beam, cells in beams}
@@ -87,7 +87,7 @@ def solution_of(
                 "recorded; simulate with record=Record(rates=True)"
             )
         with model.reading:
-            return ElementBalance(recorder, loads, a.reshape(len(a), -1).copy(), rest)
+            return ElementBalance(recorder, on_beams, a.reshape(len(a), -1).copy(), rest)
 
     def balance_of(name: str) -> Balance:
         return balance().of_beam([*of_name].index(name), rows)

@@ -132,14 +132,14 @@ class RowFiles:
         """N, Q and M (rows, elements, points) by the balance of elements, where that is known."""
         from .element_balance import ElementBalance
 
-        scene, recorder, mesh = self._model.scene, self._recorder, self._model.mesh
+        recorder, mesh = self._recorder, self._model.mesh
         if len(a) < recorder.rows:
             return {}
         points = np.linspace(0.0, 1.0, mesh.elements.shape[1])
         values = np.empty((3, *gauss.shape[:2], len(points)))
         accelerations = a[new:].reshape(len(gauss), -1).copy()
         with suppress(ValueError):
-            balance = ElementBalance(recorder, scene.loads, accelerations, first=new)
+            balance = ElementBalance(recorder, self._model.on_beams, accelerations, first=new)
             for number, cells in enumerate(mesh.cells):
                 of_beam = gauss[:, cells].reshape(len(gauss), -1, 3)
                 values[:, :, cells] = balance.of_beam(number).in_elements(of_beam, points)

@@ -18,7 +18,7 @@ from fx_beam.dual import floats
 from fx_beam.errors import SceneError, all_of
 from fx_beam.fem.compiled_laws import PointFunction, compiled_rule
 from fx_beam.fem.forms import Forms
-from fx_beam.fem.loads import dead_loads, natural_strains
+from fx_beam.fem.loads import OnBeams, dead_loads, natural_strains
 from fx_beam.fem.mass import Mass, about_centres, mobilities
 from fx_beam.fem.mesh import build_mesh
 from fx_beam.fem.scene_data import Arms, Data, form_data
@@ -157,7 +157,10 @@ class Model:
 
     def _set(self, data: Data) -> None:
         #: The numbers that it has now, and their scene.
-        self.data, self.scene = data, data.scene
+        self.data, self.scene = data, (scene := data.scene)
+        acting = tuple(scene.beams), tuple(scene.loads), scene.gravity, scene.array_calls
+        #: What section forces need, whatever becomes of the scene.
+        self.on_beams = OnBeams(*acting)
         self.mesh.bind(floats(data.X))
         size = self.mesh.size
         #: Size (size,) of unit increments: that of the scene for displacements, 1 for rotations.

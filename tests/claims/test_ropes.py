@@ -230,7 +230,7 @@ def test_what_is_no_rope_is_refused():
         scene, _, rope = block(k=x[0])
         return scene, {"T": fb.Output("force", rope)}
 
-    with pytest.raises(fb.SceneError, match="has no derivatives"):
+    with pytest.raises(fb.SceneError, match="have no derivatives"):
         fb.StaticResponse(build)([1e4])
 
 
