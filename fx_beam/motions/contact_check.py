@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import logging
 from collections.abc import Iterator, Sequence
 
@@ -69,14 +70,15 @@ def _warn_of_long_elements(solution: Solution) -> None:
     if not beams:
         return
     q = solution.recorded("q")
-    rows = np.unique(np.linspace(0, len(q) - 1, _ROWS).round().astype(int))
+    rows = range(len(q))[:: -max(1, len(q) // _ROWS)]  # the last one is among them
     nodes = [solution.nodes_of_beam[beam.name] for beam in beams]
-    bends = abs(np.diff(q[rows][:, np.concatenate(nodes), 2], axis=1))
-    ends = np.cumsum([len(of_beam) for of_beam in nodes])
-    bends[:, ends[:-1] - 1] = 0.0  # from one beam to the next
-    k, i = np.unravel_index(np.argmax(bends), bends.shape)
-    if bends[k, i] <= _BENT:
+    turns = q[:: rows.step, :, 2][:, nodes[0] if len(nodes) == 1 else np.concatenate(nodes)]
+    bends = abs(turns[:, 1:] - turns[:, :-1])
+    ends = list(itertools.accumulate(map(len, nodes)))
+    bends[:, np.array(ends[:-1], int) - 1] = 0.0  # from one beam to the next
+    if bends.max() <= _BENT:
         return
+    k, i = np.unravel_index(np.argmax(bends), bends.shape)
     beam = beams[int(np.searchsorted(ends, i, "right"))]
     static = solution.stats.static
     warn_once(
