@@ -14,7 +14,7 @@ import numpy as np
 from fx_beam.errors import Failure, SceneError, StepError
 from fx_beam.laws.interval import Rest
 from fx_beam.laws.schemes import Equilibrium
-from fx_beam.motions.contact_check import warn_of_places, warn_of_sharp_bends
+from fx_beam.motions.contact_check import warn_of_long_elements, warn_of_places, warn_of_sharp_bends
 from fx_beam.motions.evaluation import solution_of
 from fx_beam.motions.options import check_scene
 from fx_beam.motions.prepared import stats_of
@@ -114,6 +114,7 @@ class LoadPath:
             if self.warns:
                 _warn_if_unstable(self.stepper.motions, states)
             warn_of_places(solution, lines=self.scene.forces_between)
+            warn_of_long_elements(solution, solution.t, solution.recorded("q"))
             solution.load_path = self
             self.start = isinstance(self.start, Solution) or self.start
         except BaseException as error:

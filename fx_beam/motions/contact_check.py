@@ -40,8 +40,7 @@ _BENT, _ROWS = 0.5, 16
 def warn_of_places(
     solution: Solution, joints: Sequence[Joint] = (), lines: Sequence[ForceBetween] = ()
 ) -> None:
-    """Warn of contact where its forces say little, and of elements that are too long."""
-    _warn_of_long_elements(solution)
+    """Warn of contact where its forces say little."""
     _warn_of_depth(solution)
     if not solution.stats.static:
         _warn_of_short_impacts(solution, joints)
@@ -64,12 +63,11 @@ def _warn_of_lifted(solution: Solution, rope: ForceBetween) -> None:
         )
 
 
-def _warn_of_long_elements(solution: Solution) -> None:
-    """Warn of the straight element that bends most, if that is much."""
+def warn_of_long_elements(solution: Solution, t: np.ndarray, q: np.ndarray) -> None:
+    """Warn of the straight element that bends most in rows q (n, nodes, 3), if that is much."""
     beams = [beam for beam in solution.beams.values() if beam.degree == 1]
     if not beams:
         return
-    q = solution.recorded("q")
     rows = range(len(q))[:: -max(1, len(q) // _ROWS)]  # the last one is among them
     nodes = [solution.nodes_of_beam[beam.name] for beam in beams]
     turns = q[:: rows.step, :, 2][:, nodes[0] if len(nodes) == 1 else np.concatenate(nodes)]
@@ -83,7 +81,7 @@ def _warn_of_long_elements(solution: Solution) -> None:
     static = solution.stats.static
     warn_once(
         f"{'static' if static else 'simulate'}: an element of {label(beam)} bends by "
-        f"{bends[k, i]:.2g} rad at {'load factor' if static else 't ='} {solution.t[rows[k]]:.4g}, "
+        f"{bends[k, i]:.2g} rad at {'load factor' if static else 't ='} {t[rows[k]]:.4g}, "
         f"which costs about {100 * bends[k, i] ** 2 / 30:.2g} % of its length. The beam has "
         f"{beam.elements} of degree 1: take more elements, or degree=2"
     )

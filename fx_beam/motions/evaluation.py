@@ -77,8 +77,11 @@ def solution_of(
         N, Q, M = np.moveaxis(values.reshape(len(values), -1, 3), -1, 0)
         return BeamResultants(s.ravel(), N, Q, M, lambda: balance_of(name))
 
-    @functools.cache
+    balances: list[ElementBalance] = []
+
     def balance() -> ElementBalance:
+        if balances:
+            return balances[0]
         from .element_balance import ElementBalance
 
         if len(a := histories_of(recorder)["a"]) < recorder.rows:
@@ -87,7 +90,9 @@ def solution_of(
                 "recorded; simulate with record=Record(rates=True)"
             )
         with model.reading:
-            return ElementBalance(recorder, on_beams, a.reshape(len(a), -1).copy(), rest)
+            made = ElementBalance(recorder, on_beams, a.reshape(len(a), -1).copy(), rest)
+        balances.append(made)
+        return made
 
     def balance_of(name: str) -> Balance:
         return balance().of_beam([*of_name].index(name), rows)

@@ -25,7 +25,7 @@ from fx_beam.step.recorded_histories import RecordedHistories
 from fx_beam.step.recorder import Recorder
 from fx_beam.step.substeps import LARGE_TURN
 
-from .contact_check import warn_of_places, warn_of_sharp_bends
+from .contact_check import warn_of_long_elements, warn_of_places, warn_of_sharp_bends
 from .evaluation import solution_of
 from .options import Tolerance
 from .prepared import Prepared
@@ -244,6 +244,9 @@ class Run:
         solution = self._solution()
         if self._knows_places:
             warn_of_places(solution, self._scene.joints, self._scene.forces_between)
+            rows, t = self.recorder.rows, solution.t
+            q = self.recorder.arrays["q"][:rows].reshape(rows, -1, 3)  # without a copy
+            warn_of_long_elements(solution, t if len(t) == rows else self.recorder.t, q)
         return solution
 
     @property

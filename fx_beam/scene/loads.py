@@ -217,8 +217,9 @@ class Damping:
 
 def damping_of(scene) -> list[Any]:
     """Factors of the mass [1/s] and of the stiffness of beams [s] in all damping of a scene."""
-    parts = [(part.mass, part.stiffness) for part in scene.dampings]
-    return dual_array([(0.0, 0.0), *parts]).sum(axis=0).tolist()
+    if not scene.dampings:
+        return [0.0, 0.0]
+    return dual_array([(part.mass, part.stiffness) for part in scene.dampings]).sum(axis=0).tolist()
 
 
 @dataclass(frozen=True)
