@@ -195,9 +195,10 @@ def _between(
 
 def _along(force: Any, mesh: Mesh) -> tuple[CoordinateKind, list[Any], list[int]]:
     """Kind of the length of a line, with its numbers and degrees of freedom."""
-    if kinds := getattr(force, "kinds", ""):
+    if force.over_pulleys:
         from fx_beam.laws.rope_laws import rope_over
 
+        kinds = force.kinds
         ends = zip(force.nodes, kinds, strict=True)
         dofs = [mesh.dofs[node, : 3 if kind == "D" else 2] for node, kind in ends if node >= 0]
         return rope_over(kinds), force.numbers, np.concatenate(dofs).tolist()

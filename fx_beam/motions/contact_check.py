@@ -46,7 +46,7 @@ def warn_of_places(
         _warn_of_short_impacts(solution, joints)
     warn_of_sharp_bends(solution)
     for line in lines:
-        if hasattr(line, "kinds"):
+        if line.over_pulleys:
             _warn_of_lifted(solution, line)
 
 

@@ -129,8 +129,9 @@ class ElementBalance:
     def ends(self) -> np.ndarray:
         """N, Q and M (n, cells, 2, 3) at both ends of elements."""
         ends = self.forces[:, :, [0, -1]] * np.array([-1.0, 1.0])[:, None]
-        return _components(ends, self._angles())
+        return _components(ends, self._angles)
 
+    @cached_property
     def _angles(self) -> np.ndarray:
         """Directions (n, cells, 2) of the sections' normals at the ends [rad]."""
         mesh = self.model.mesh
@@ -152,7 +153,7 @@ class ElementBalance:
             force = np.zeros((len(values), 3))
             force[:, [0, 1] if load.kind == "force" else [2]] = values
             element, x = load.target.element
-            angles = self._angles()[:, mesh.cells[number][element]] @ [1 - x, x]
+            angles = self._angles[:, mesh.cells[number][element]] @ [1 - x, x]
             places.append(load.target.s)
             jumps.append(-_components(force, angles))
         shape = len(places), len(self.forces), 3

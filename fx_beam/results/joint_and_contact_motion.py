@@ -243,7 +243,7 @@ class PullMotion:
                 return q[:, 0, 2]
             along = np.sum(q[..., :2] * line.ways(of.X[nodes]), axis=-1)
             return along if isinstance(line.target, Beam) else along[:, 0]
-        if hasattr(self.line, "kinds"):
+        if self.line.over_pulleys:
             return self._over_circles()[0]
         return np.hypot(*np.moveaxis(np.diff(self._places, axis=0), -1, 0)).sum(axis=0)
 
@@ -254,7 +254,7 @@ class PullMotion:
         Negative where the rope has left a pulley, which the model does not know: its length is then
         that of a rope that is held there. Of a drum the angle since the start.
         """
-        if not hasattr(self.line, "kinds"):
+        if not self.line.over_pulleys:
             return np.zeros((len(self.solution.t), len(self.line.points)))
         return self._over_circles()[1].T
 

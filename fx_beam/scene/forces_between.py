@@ -80,6 +80,8 @@ class ForceBetween:
     own: tuple[str, ...] = ()
     #: Whether it acts between its target and the ground, along a direction.
     to_ground: ClassVar[bool] = False
+    #: Whether it is a rope of which some points are circles.
+    over_pulleys: ClassVar[bool] = False
 
     def __repr__(self):
         return f"<{self}>"

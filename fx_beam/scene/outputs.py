@@ -297,8 +297,8 @@ class Measured:
 
     @property
     def _bends(self) -> bool:
-        """Whether its line is a rope over pulleys, whose class is not loaded without any."""
-        return hasattr(self.line, "kinds")
+        """Whether its line is a rope over pulleys."""
+        return self.line is not None and self.line.over_pulleys
 
     def _over_circles(self, read: Read, places: list[list[Any]], rates: list[list[Any]]) -> Any:
         """Length of a rope over pulleys, or its rate."""

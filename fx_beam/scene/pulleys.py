@@ -6,7 +6,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -74,6 +74,7 @@ class RopeOverPulleys(ForceBetween):
     The points are the centres.
     """
 
+    over_pulleys: ClassVar[bool] = True
     #: Of each point: n for a node, f for a fixed one, N and F for pulleys there, D for a drum.
     kinds: str = ""
     #: Radii (n,), positive for a centre on the left of the rope, 0 for points [m].
