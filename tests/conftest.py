@@ -19,6 +19,7 @@ if _cache.name != "fx_beam_tests":  # not yet, as in the processes of pytest-xdi
     os.environ["XDG_CACHE_HOME"] = str(_cache / "fx_beam_tests")
 
 from fx_beam import c_library, errors, library_cache  # noqa: E402
+from fx_beam.motions import set_ups  # noqa: E402
 from fx_beam.step.loop import CompiledLoop  # noqa: E402
 from fx_beam.step.single_steps import CompiledSingleSteps  # noqa: E402
 
@@ -79,6 +80,10 @@ def no_libraries(monkeypatch, tmp_path):
     # Structs of models that are kept have the types of these declarations.
     types = {key: ffi for key, ffi in c_library._things.items() if key[0] is c_library.declared}
     monkeypatch.setattr(c_library, "_things", types)
+    # A set-up that waits for the next scene has its libraries: what is compiled would depend on the
+    # tests before, also where their garbage is collected late.
+    gc.collect()
+    monkeypatch.setattr(set_ups.RECENT, "_waiting", [])
     yield
 
 
