@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import itertools
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.scene.beam import Beam
+from fx_beam.scene.beam import Beam, BeamPlace
 from fx_beam.scene.outputs import Measured, Output
 from fx_beam.step.layout import Arrays
 from fx_beam.step.sub_step_times import Steps
 
 from .gradient import Block, Gradient, RowOutput, of_entries, vjp
+from .output_values import OF_PLACES
 from .sub_steps import SubSteps
 
 
@@ -42,9 +44,14 @@ _NUMBERS = "X", "offsets of slides", "axes of slides"
 
 
 class LocalOutput(RowOutput):
-    """An output of a node or a joint; rates that fit the joints are "rates" of the states."""
+    """An output of a node or a joint; rates that fit the joints are "rates" of the states.
 
-    def __init__(self, sub_steps: SubSteps, output: Output, places: Places):
+    Or of a place, of which numbers `OF_PLACES` have a row.
+    """
+
+    def __init__(
+        self, sub_steps: SubSteps, output: Output, places: Places, row_of_place: int | None
+    ):
         self._model, self._places, measured = sub_steps.model, places, Measured(output)
         # The name of the rates of nodes.
         self._rates = "rates" if self._model.fits_rates else "v"
@@ -61,10 +68,26 @@ class LocalOutput(RowOutput):
         terms = () if at_rest else measured.slopes(read)
         blocks = (block for term in terms for block in self._blocks_of(*term))
         self._blocks = [block for block in blocks if len(block.rows)]
+        if isinstance(output.of, BeamPlace) and not at_rest and len(places.ends):
+            self._blocks += self._by_place(output.of, measured, read, row_of_place)
 
     def blocks(self, rows: np.ndarray) -> list[Block]:
         """Its derivatives, in all rows."""
         return self._blocks
+
+    def _by_place(
+        self, place: BeamPlace, measured: Measured, read: Callable, row: int | None
+    ) -> Iterator[Block]:
+        """Derivatives by where the place is in its element."""
+        assert row is not None  # as it is a place
+        slopes = itertools.cycle(place.shares_and_slopes[1])
+        terms = [*zip(measured.terms, slopes, strict=False)]
+        entry, rows = slice(2 * row, 2 * row + 1), np.arange(len(self._places.ends))
+        for part in range(np.size(measured.terms[0].entries)):
+            along = sum(
+                slope * read(term.array, np.ravel(term.entries)[part]) for term, slope in terms
+            )
+            yield Block(OF_PLACES, entry, rows, along[:, None], part=part)
 
     def _blocks_of(self, array: str, entries: Any, factor: Any) -> Iterator[Block]:
         """Those by entries of states, forces and numbers, one for each component."""

@@ -82,6 +82,7 @@ class Observation:
         forces: Callable[[], np.ndarray],
         entries: Arrays,
         by_places: bool,
+        rows_of_places: Mapping[str, int],
         outputs: Mapping[str, Output],
         boundaries: np.ndarray,
     ):
@@ -118,9 +119,12 @@ class Observation:
             q, v, slides = (of.states[name] for name in ("q", "v", "slides"))
             self._fit = RateDerivatives(rate_fit(model), q, v, slides, driven)
             of.states["rates"] = self._fit.rates
-        self._outputs = {name: self._observed(output) for name, output in outputs.items()}
+        self._outputs = {
+            name: self._observed(output, rows_of_places.get(name))
+            for name, output in outputs.items()
+        }
 
-    def _observed(self, output: Output) -> RowOutput:
+    def _observed(self, output: Output, row_of_place: int | None) -> RowOutput:
         places, of = self._places, self._of
         if output.quantity in SINCE_START:
             return WorkOutput(of, output.quantity, places.ends, self._forces)
@@ -128,7 +132,7 @@ class Observation:
             return EnergyOutput(of, Measured(output).quantity.of, places.ends)
         if isinstance(output.of, Beam):
             return ResultantOutput(of, output.of, output.quantity, places)
-        return LocalOutput(of, output, places)
+        return LocalOutput(of, output, places, row_of_place)
 
     @property
     def _sizes(self) -> Mapping[str, tuple[int, int]]:

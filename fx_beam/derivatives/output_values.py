@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.dual import dual_array
 from fx_beam.equilibria.critical_points import first_critical_point
 from fx_beam.errors import require
 from fx_beam.results.solution import Solution, history
 from fx_beam.results.state import HISTORIES
-from fx_beam.scene.beam import Beam, Node
+from fx_beam.scene.beam import Beam, BeamPlace, Node
 from fx_beam.scene.outputs import CRITICAL_LOAD, PERIOD, Measured, Output
 from fx_beam.scene.scene import Scene
 from fx_beam.step.model import Model
@@ -20,6 +21,30 @@ from fx_beam.step.recorder import Record, Recorder
 
 #: An output: a quantity of a node, joint, beam or scene, or a function of the solution.
 Wanted = Output | Callable[[Solution], Any]
+
+
+#: Numbers (n, 2) of outputs at places: the part of the element before them, and its length.
+OF_PLACES = "places of outputs"
+
+
+def rows_of_places(outputs: Mapping[str, Wanted]) -> dict[str, int]:
+    """Rows of numbers `OF_PLACES` by the names of outputs."""
+    names = (key for key, output in outputs.items() if isinstance(_place(output), BeamPlace))
+    return {key: row for row, key in enumerate(names)}
+
+
+def numbers_of_places(outputs: Mapping[str, Wanted], known: Mapping[str, Wanted]) -> dict[str, Any]:
+    """Numbers `OF_PLACES`, if there are any, in the elements of outputs that are known."""
+    numbers = []
+    for name in rows_of_places(known):
+        place, (element, _) = _place(outputs[name]), _place(known[name]).element
+        start, end = place.beam.s[element : element + 2]
+        numbers.append(((place.s - start) / (end - start), end - start))
+    return {OF_PLACES: dual_array(numbers)} if numbers else {}
+
+
+def _place(output: Wanted) -> Any:
+    return output.of if isinstance(output, Output) else None
 
 
 def recorded(given: Record, last: Record, outputs: Mapping[str, Wanted]) -> Record:

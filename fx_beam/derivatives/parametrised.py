@@ -45,12 +45,19 @@ class Parametrised:
     """Scenes that `build` gives for parameters x, and derivatives of their numbers by x.
 
     `read` takes the scene, and all else, from what `build` gives; SceneError if this is wrong.
+    `numbers_of` gives numbers of all else, by that of the last call.
     """
 
     def __init__(
-        self, build: Callable[..., Any], read: Callable[[Any], tuple[Scene, Any]], gives: str
+        self,
+        build: Callable[..., Any],
+        read: Callable[[Any], tuple[Scene, Any]],
+        gives: str,
+        numbers_of: Callable[[Any, Any], dict[str, Any]] = lambda _, known: {},
     ):
-        self._build, self._read = build, read
+        self._build, self._read, self._numbers_of = build, read, numbers_of
+        # The scene that `build` gave last, and what it gave besides.
+        self._last: tuple[Any, Any] = None, None
         #: What a call gives, for messages.
         self.gives = gives
         self.alone, self._array_calls = RLock(), ArrayCalls()
@@ -76,7 +83,7 @@ class Parametrised:
         """The scene of x, and what `build` gives besides; `build` may change its copy of x."""
         built = self._build(x if isinstance(x, Dual) else x.copy(), *(more or self.more))
         scene, besides = self._read(built)
-        scene.array_calls = self._array_calls
+        scene.array_calls, self._last = self._array_calls, (scene, besides)
         return scene, besides
 
     def take(self, x: Any) -> Scene:
@@ -86,6 +93,12 @@ class Parametrised:
 
     def derivatives(self, numbers_of: NumbersOf) -> dict[str, np.ndarray]:
         """Derivatives (m, ...) by x of the numbers of scenes at the last x."""
-        changes = self.scenes.derivatives(self.x, self.scene, numbers_of)
+
+        def every(scene: Scene, change: Any) -> dict[str, Any]:
+            last, besides = self._last
+            more = self._numbers_of(besides if scene is last else self.besides, self.besides)
+            return numbers_of(scene, change) | more
+
+        changes = self.scenes.derivatives(self.x, self.scene, every)
         self.stats.difference_reason = self.scenes.reason
         return changes

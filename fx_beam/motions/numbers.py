@@ -25,6 +25,7 @@ OF_OUTPUTS = {
     "offsets of slides",
     "driven rates",
     "parameters at the start",
+    "places of outputs",
     "work at the start",
     "dissipated_energy at the start",
 }

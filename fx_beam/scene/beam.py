@@ -110,7 +110,7 @@ class Beam:
     s: np.ndarray = field(compare=False, metadata=IS_DATA)
     section: Any = None
     inner: np.ndarray | None = field(compare=False, default=None, metadata=IS_DATA)
-    fractions: np.ndarray | None = field(compare=False, default=None)
+    fractions: np.ndarray | None = field(compare=False, default=None, metadata=IS_DATA)
     carriers: tuple[Node, ...] = ()
 
     def __repr__(self):
@@ -236,9 +236,15 @@ class BeamPlace:
     @property
     def shares(self) -> tuple[slice, np.ndarray]:
         """Nodes of its element among all of the beam, and their polynomials (degree + 1,) there."""
-        (element, x), degree = self.element, self.beam.degree
-        nodes = slice(degree * element, degree * (element + 1) + 1)
-        return nodes, lagrange(np.linspace(0.0, 1.0, degree + 1), np.array([x]))[0]
+        (element, _), degree = self.element, self.beam.degree
+        return slice(degree * element, degree * (element + 1) + 1), self.shares_and_slopes[0]
+
+    @property
+    def shares_and_slopes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Polynomials (degree + 1,) of the nodes there, and their slopes along the element."""
+        nodes = np.linspace(0.0, 1.0, self.beam.degree + 1)
+        shares, slopes = lagrange_and_slopes(nodes, np.array([self.element[1]]))
+        return shares[0], slopes[0]
 
 
 def numbers_of_nodes(place: BeamPlace) -> list[int]:

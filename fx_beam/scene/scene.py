@@ -235,14 +235,16 @@ class Scene:
             raise SceneError(f"beam {name!r}: section must be an fx_beam.Section, not {section!r}")
         degree = self._degree(degree, f"beam {name!r}")
         self._add_parameters(section, "add_beam")
-        line = layout(points, elements, degree, name)
-        nodes = self._nodes_at(line.ends, f"beam {name!r}")
-        if offset is None:
-            beam = Beam(name, nodes, degree, line.s, section, line.inner)
-        else:
+        line, axis = layout(points, elements, degree, name), None
+        if offset is not None:
             from .eccentric import shifted
 
-            axis, carriers = shifted(line, offset, name), nodes
+            axis = shifted(line, offset, name)
+        nodes = self._nodes_at(line.ends, f"beam {name!r}")
+        if axis is None:
+            beam = Beam(name, nodes, degree, line.s, section, line.inner)
+        else:
+            carriers = nodes
             nodes = self._nodes_at(axis.ends, f"beam {name!r}")
             for a, b in zip(carriers, nodes, strict=True):
                 self._numbered(Rigid(a, b, offset=(b.x - a.x, b.y - a.y)))

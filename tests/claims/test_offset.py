@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from derivatives import assert_derivatives
 
 import fx_beam as fb
 
@@ -126,5 +127,32 @@ def test_a_removed_rib_leaves_the_deck_alone():
     ],
 )
 def test_what_cannot_be_is_refused(points, offset, message):
+    scene = fb.Scene()
     with pytest.raises(fb.SceneError, match=message):
-        fb.Scene().add_beam(points, DECK, elements=8, offset=offset)
+        scene.add_beam(points, DECK, elements=8, offset=offset)
+    assert not (scene.nodes or scene.joints or scene.beams)
+
+
+LOADS = {
+    "a part": {"between": (0.2, 0.7)},
+    "pressure": {"follower": True},
+    "all": {},
+}
+
+
+@pytest.mark.parametrize("load", LOADS)
+def test_loaded_beams_with_an_offset_have_derivatives(load):
+    """Where their lengths, and so the fractions of their nodes, depend on numbers."""
+
+    def build(x):
+        section = fb.Section(EA=1e4 * x[0], GA=1e4, EI=10.0, rhoA=1.0, rhoI=0.01)
+        scene = fb.Scene(gravity=(0, -9.81))
+        points = [(0, 0), (x[2] / 2, 0.1), (x[2], 0.3 * x[1])]
+        beam = scene.add_beam(points, section, elements=4, offset=0.1 * x[1])
+        scene.clamp(beam.start)
+        value = 3.0 * x[1] if load == "pressure" else (1.0, -3.0 * x[1])
+        scene.add_line_load(beam, value, **LOADS[load])
+        return scene, {"end": fb.Output("position", beam.end), "M": fb.Output("M", beam)}
+
+    assert_derivatives(fb.Response(build, dt=0.01, t_end=0.1), np.ones(3))
+    assert_derivatives(fb.StaticResponse(build, 3), np.ones(3))

@@ -4,7 +4,12 @@ import csv
 
 import numpy as np
 import pytest
-from derivatives import assert_both_ways_agree, assert_they_are_those_of_the_motion
+from derivatives import (
+    assert_both_ways_agree,
+    assert_derivatives,
+    assert_they_are_those_of_the_motion,
+    size_of,
+)
 
 import fx_beam as fb
 
@@ -70,6 +75,55 @@ def test_places_have_derivatives(degree):
     J = run.jacobian()
     assert_both_ways_agree(run, y, J)
     assert_they_are_those_of_the_motion(run, x, J)
+
+
+def stretched(x, degree=2, elements=3):
+    """Beams whose lengths depend on x, with places at arc lengths, and at fractions."""
+    section = fb.Section(EA=1e4, GA=1e4, EI=10.0 * x[1], rhoA=1.0, rhoI=0.01)
+    scene = fb.Scene(gravity=(0, -9.81))
+    bar = scene.add_beam([(0, 1), (x[0], 0.8)], section, elements, degree)
+    bow = scene.add_beam(fb.arc((0, 0), (0.5, 0.1 * x[1]), (x[2], 0)), section, elements, degree)
+    places = {"bar": bar.at(0.5), "part of bar": bar.at(0.4 * float(bar.length))}
+    places |= {"bow": bow.at(0.35 * x[2]), "part of bow": bow.at(0.8 * float(bow.length))}
+    for beam in (bar, bow):
+        scene.clamp(beam.start)
+        scene.add_line_load(beam, lambda t: (0.0, 3 * np.sin(5 * t)))
+    return scene, {
+        f"{kind} of {name}": fb.Output(kind, place)
+        for kind in KINDS
+        for name, place in places.items()
+    }
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_places_have_derivatives_where_lengths_depend_on_numbers(degree):
+    x = np.array([1.1, 0.9, 1.0])
+    assert_derivatives(fb.Response(lambda x: stretched(x, degree), dt=0.01, t_end=0.1), x)
+    assert_derivatives(fb.StaticResponse(lambda x: stretched(x, degree), 4, t=0.1), x)
+
+
+def test_places_of_periodic_motions_have_derivatives_where_lengths_depend_on_numbers():
+    def build(x):
+        section = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0, rhoI=0.01, retardation=5e-3)
+        scene = fb.Scene()
+        beam = scene.add_beam([(0, 0), (x[0], 0)], section, 2, 2)
+        scene.clamp(beam.start)
+        scene.add_force(beam.end, lambda t: (0.0, x[1] * np.cos(2 * np.pi * t)))
+        place = beam.at(0.6)
+        return scene, {kind: fb.Output(kind, place) for kind in KINDS}
+
+    def motion(scene):
+        return fb.periodic(scene, period=1.0, steps=41, tolerance=1e-12)
+
+    run = fb.PeriodicResponse(build, motion)
+    x = np.array([1.0, 0.7])
+    run(x)
+    J = run.jacobian()
+    for i, unit in enumerate(np.eye(2)):
+        above, below = (run(x + h * unit)[1] for h in (1e-5, -1e-5))
+        for kind in KINDS:
+            expected = (above[kind] - below[kind]) / 2e-5
+            assert J[kind][..., i] == pytest.approx(expected, abs=1e-6 * size_of(expected)), kind
 
 
 def test_a_linear_system_sees_the_share_of_each_node():
