@@ -186,4 +186,4 @@ class ResultantOutput(RowOutput):
 def observes_start(output: Output) -> bool:
     """Whether accelerations or forces at the start are in an output."""
     of = Measured(output).quantity.of
-    return of in ("a", "reactions", "joint_forces", "motor_forces")
+    return of in ("a", "reactions", "joint_forces", "motor_forces", "line_forces")

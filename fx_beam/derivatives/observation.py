@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -90,10 +91,11 @@ class Observation:
         self._forces, (first, end) = forces, tape.present
         needed = any(observes_rates(model, output) for output in outputs.values())
         of_beams = any(isinstance(output.of, Beam) for output in outputs.values())
+        of_lines = any(Measured(output).by_law == "pull" for output in outputs.values())
         steps = tape.times.steps_to(boundaries) if needed or of_beams else _NO_STEPS
         moving = needed and not model.scheme.rates.at_rest
         every = [boundaries, *[steps.starts] * moving]
-        if of_beams:
+        if of_beams or of_lines:
             within = steps.sub_steps if boundaries.all() else np.append(steps.sub_steps, 0)
             every += [within, within + 1, np.maximum(within - 1, 0)]
         self.sub_steps = steps.sub_steps if needed else steps.sub_steps[:0]
@@ -132,6 +134,13 @@ class Observation:
             return EnergyOutput(of, Measured(output).quantity.of, places.ends)
         if isinstance(output.of, Beam):
             return ResultantOutput(of, output.of, output.quantity, places)
+        if law := Measured(output).by_law:
+            from .line_outputs import PullOutput, StateOutput
+
+            line: Any = output.of
+            if law == "pull":
+                return PullOutput(of, line, places)
+            return StateOutput(of, line, law, places)
         return LocalOutput(of, output, places, row_of_place)
 
     @property

@@ -15,7 +15,6 @@ from fx_beam.laws.schemes import Scheme
 from fx_beam.motions.options import Options
 from fx_beam.results.records import Stats
 from fx_beam.results.solution import Solution
-from fx_beam.scene.forces_between import ForceBetween
 from fx_beam.scene.outputs import Output, check_output
 from fx_beam.scene.scene import Scene
 from fx_beam.step.newton import NewtonOptions
@@ -187,11 +186,6 @@ class Response:
             what = f"Response: the output {name!r}"
             if isinstance(output, Output):
                 check_output(scene, output, what)
-                if isinstance(line := output.of, ForceBetween):
-                    ok = output.quantity != "force" and all(n >= 0 for n in line.nodes)
-                    expected = "length or rate between nodes, of which the force is a function; "
-                    expected += "or the spring_energy of the scene: others have no derivatives"
-                    require(ok, what, str(output), expected)
             else:
                 expected = "an fx_beam.Output, or a function of the solution"
                 require(callable(output), what, output, expected)

@@ -126,6 +126,10 @@ class CompiledLaw:
         #: Number of forces, entries of the tangent, internal variables and what is remembered.
         self.values = law.size + len(self.entries) + law.internal + law.iteration_memory
 
+    def function(self, name: str) -> PointFunction:
+        """One of `_OTHERS` that the law has."""
+        return self._functions[name]
+
     def address(self, name: str) -> int:
         """Address of a function: of the "law" or one of `_OTHERS`; 0 for none."""
         return self._functions[name].address if name in self._functions else 0
@@ -159,13 +163,13 @@ class CompiledLaw:
         return slopes_of(self.law, self._rule, tuple(self.parameters))
 
     def derivatives(self, of: str) -> PointFunction:
-        """Derivatives of its "energy" or "loss" by all given."""
+        """Derivatives of one of its functions, such as the "energy", by all given."""
         if of not in self._derivatives:
-            energy = self._function(_listed(getattr(self.law, of)))
+            value = self._function(_listed(getattr(self.law, of)))
 
             def values(numbers: Any) -> Any:
                 given = ufl.variable(ufl.as_vector([numbers[i] for i in range(self.given)]))
-                return ufl.diff(energy(given)[0], given)
+                return ufl.diff(value(given)[0], given)
 
             name = f"derivatives of the {of} of {self.law.name}"
             key = self._key and (*self._key, name)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -17,7 +17,7 @@ from fx_beam.laws.interval import Interval, StepStart
 from fx_beam.laws.point_laws import PointLaw, StepRule, arguments
 from fx_beam.scene.structure import OtherStructureError
 
-from .compiled_laws import compiled_laws
+from .compiled_laws import CompiledLaw, compiled_laws
 from .loads import Followers
 from .parameter_values import ParameterValues
 from .sparsity import positions_in
@@ -72,6 +72,21 @@ class PointForce(NamedTuple):
         """What of the scene it belongs to, as text; a joint by its number."""
         joint, name = (self.slide, "slide") if self.slide >= 0 else (self.joint, "rotation")
         return self.owner or f"joint {joint} {name}"
+
+
+class PlacedForce(NamedTuple):
+    """A force, its law, and where its internal variables and numbers are among those of all."""
+
+    force: PointForce
+    law: CompiledLaw
+    numbers: np.ndarray
+    first_internal: int
+    first_number: int
+
+    @property
+    def variables(self) -> np.ndarray:
+        """Places of its internal variables."""
+        return self.first_internal + np.arange(self.law.law.internal)
 
 
 def by_role(forces: Sequence[PointForce]) -> list[PointForce]:
@@ -411,6 +426,16 @@ class PointForces:
                     sums["parameters"][:, self._names.index(name)] += by[:, last + i]
             first, begin = first + numbers, end
         return sums
+
+    def along(self, line: int) -> Iterator[PlacedForce]:
+        """The forces of a line between points."""
+        ends = np.cumsum([0, *map(len, self._numbers)], dtype=int).tolist()
+        every = self._forces, self._laws, self._numbers, self._first_internal, ends
+        return (of for of in map(PlacedForce, *every) if of.force.line == line)
+
+    def parameters_of(self, law: CompiledLaw) -> np.ndarray:
+        """Numbers of the parameters of a law among those of the scene."""
+        return np.array([self._names.index(name) for name in law.parameters], dtype=int)
 
     @property
     def follow_joints(self) -> bool:

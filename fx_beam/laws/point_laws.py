@@ -113,8 +113,10 @@ class PointLaw:
     loss: Callable[[ForceStep], Any] | None = None
     #: Values at the start of a step that change their sign where the force switches.
     switches: Callable[[ForceStep], list] | None = None
-    #: Its pull along a line between points, if this is recorded.
+    #: Its pull along a line between points, if this is recorded; length and rate at the start.
     pull: Callable[[ForceStep], Any] | None = None
+    length: Callable[[ForceStep], Any] | None = None
+    rate: Callable[[ForceStep], Any] | None = None
     #: Number of internal variables, and of what iterations remember.
     internal: int = 0
     iteration_memory: int = 0

@@ -108,6 +108,11 @@ def _on(
         )
         return moving._replace(still=still)
 
+    of_line: dict[str, Any] = {
+        "pull": on_step(lambda step: side * forces(step).pull),
+        "length": on_step(lambda step: step.x.start),
+        "rate": on_step(lambda step: step.x.rate),
+    }
     return PointLaw(
         f"{name} on {kind.name}",
         kind.size,
@@ -116,7 +121,7 @@ def _on(
         energy and on_step(energy),
         loss and on_step(loss),
         switches and on_step(switches),
-        on_step(lambda step: side * forces(step).pull) if kind.is_line else None,
+        **(of_line if kind.is_line else {}),
         **options,
     )
 

@@ -414,7 +414,8 @@ def linearise(
         Names of inputs of the scene; by default all.
     outputs : dict, optional
         `Output` by names: positions, displacements, rotations, velocities and spins of nodes,
-        angles, slides and their rates ("spin", "rate") of joints.
+        angles, slides and their rates ("spin", "rate") of joints; length, rate, force and energy of
+        ropes, forces between points and springs to the ground.
 
     Returns
     -------
@@ -463,8 +464,9 @@ def linearise(
     about = deviations(scene, state.state if isinstance(state, Motion) else state, what)
     driving = InputColumns(about, names)
     reduced = FirstOrder(about, driving, what)
-    rows, rate_rows, labels = _outputs(about, outputs, what)
+    rows, rate_rows, direct, labels = _outputs(about, outputs, names, what)
     CD = rows @ reduced.z + rate_rows @ reduced.dz
+    CD[:, len(reduced.dx) :] += direct
     improper = abs(rate_rows[:, : len(about.unknowns)] @ reduced.jumps)
     if improper.size and improper.max() > _NONE * abs(CD).max():
         label = labels[int(improper.max(axis=1).argmax())]
@@ -478,25 +480,34 @@ def linearise(
     return LinearSystem(A, B, C, D, tuple(driving.labels), tuple(labels), reduced)
 
 
-def _outputs(about: Deviations, outputs: Mapping[str, Output], what: str):
-    """Matrices Y, Y' (k, columns) of outputs Y z + Y' z', and the names of the outputs."""
+def _outputs(about: Deviations, outputs: Mapping[str, Output], inputs: Sequence[str], what: str):
+    """Matrices Y, Y' (k, columns), E (k, m) of outputs Y z + Y' z' + E u, and their names."""
     both, labels = [np.empty((2, 0, about.T.shape[1]))], list[str]()
+    direct = [np.empty((0, sum(about.held.widths[name] for name in inputs)))]
     for name, output in outputs.items():
-        if output.quantity not in _LINEAR:
+        law = Measured(output).by_law
+        if not law and output.quantity not in _LINEAR:
             raise SceneError(
                 f"{what}: output {name!r} is a {output.quantity}; only {', '.join(_LINEAR)} are "
                 "linearised"
             )
-        both.append(np.array(_rows(about, output)))
+        line: Any = output.of
+        if law:
+            from .line_rows import line_rows
+
+            *of_motion, of_inputs = line_rows(about, line.number, law, inputs)
+            both.append(np.array(of_motion)[:, None])
+            direct.append(of_inputs[None])
+        else:
+            both.append(np.array(_rows(about, output)))
+            direct.append(np.zeros((both[-1].shape[1], direct[0].shape[1])))
         components = output.components
         labels += [f"{name}.{part}" for part in components] if components else [name]
-    return *np.concatenate(both, axis=1), labels
+    return *np.concatenate(both, axis=1), np.concatenate(direct), labels
 
 
 def _rows(about: Deviations, output: Output) -> tuple[np.ndarray, np.ndarray]:
     measured = Measured(output)
-    if measured.line is not None:
-        return _rows_of_line(about, measured)
     if measured.sliding or measured.quantity.of == "slides":
         assert isinstance(output.of, Joint)
         column = about.model.couplings.slides[output.of.number]
@@ -511,18 +522,3 @@ def _rows(about: Deviations, output: Output) -> tuple[np.ndarray, np.ndarray]:
         moved, rates = deviation(about.T.toarray()), deviation(about.dT.toarray())
     # The rate of a position T z is T z' + T' z.
     return (rates, moved) if measured.quantity.of == "v" else (moved, 0 * moved)
-
-
-def _rows_of_line(about: Deviations, measured: Measured) -> tuple[np.ndarray, np.ndarray]:
-    """Rows by z and z' of the length of a line or its rate, by its slopes in the state."""
-    T, dT = about.T.toarray(), about.dT.toarray()
-    X, q, v = about.model.mesh.X.ravel(), about.state.q, T @ about.rates
-    read = {"X": X, "q": q.ravel(), "v": v}
-    by_place, by_rate = (np.zeros((1, T.shape[1])) for _ in range(2))
-    for name, entry, slope in measured.slopes(lambda name, at: read[name][at]):
-        if name == "q":
-            by_place += slope * T[entry]
-        elif name == "v":
-            by_place += slope * dT[entry]
-            by_rate += slope * T[entry]
-    return by_place, by_rate

@@ -110,6 +110,8 @@ def readings(prepared: Prepared, now: Arrays, outputs: Mapping[str, Output]) -> 
 
 
 def _reading(model: Model, now: Arrays, turns: np.ndarray, measured: Measured) -> Reading:
+    if measured.by_law == "energy":
+        return _energy_reading(model, now, measured)
     dofs, X = model.mesh.dofs, model.mesh.X.reshape(-1)
     motion = NodalMotion(
         lambda name, node: now(name)[dofs[node.number]].tolist(),
@@ -133,3 +135,17 @@ def _reading(model: Model, now: Arrays, turns: np.ndarray, measured: Measured) -
         return value + measured.values(lambda _, entries: turns[entries]) if turning else value
 
     return read if measured.shape else lambda: float(np.asarray(read()).item())
+
+
+def _energy_reading(model: Model, now: Arrays, measured: Measured) -> Reading:
+    """The energy that a line stores, by its own laws."""
+    from fx_beam.fem.line_values import LineSteps, LineValues
+
+    values = LineValues(model.points, measured.terms[0].entries, measured.by_law)
+
+    def read() -> float:
+        state = (now(name) for name in ("q", "spring_internal", "parameters"))
+        given = LineSteps.of_states(*(of if of is None else of[None] for of in state))
+        return float(values.values(given)[0])
+
+    return read

@@ -21,6 +21,7 @@ OF_OUTPUTS = {
     "a",
     "forces of columns",
     "forces of joints",
+    "forces of lines",
     "axes of slides",
     "offsets of slides",
     "driven rates",
@@ -69,6 +70,7 @@ def observed_numbers_of(
         observed["a"] = state.a
         observed["forces of columns"] = _or_zeros(state.constraint_forces, (columns,))
         observed["forces of joints"] = _or_zeros(state.joint_forces, (joints, 3))
+        observed["forces of lines"] = _or_zeros(state.line_forces, (model.sizes["lines"],))
     axes: list[Any] = [(0.0, 0.0)] * joints
     offsets = axes[:]
     for joint in data.scene.joints:

@@ -641,7 +641,9 @@ def _balance(solution: Solution, balance: Callable[[], Any]) -> Any:
 
 
 def history(solution: Solution, output: Output) -> np.ndarray:
-    """Values (n, ...) of an output of a node or a joint."""
+    """Values (n, ...) of an output of a node, a joint or a line."""
+    if Measured(output).by_law == "energy":
+        return solution.joint(output.of).energy
 
     def read(array: str, entries: Any) -> np.ndarray:
         if array == "X":

@@ -67,6 +67,7 @@ OF_LINES: dict[str, Quantity] = {
     "force": Quantity(of="line_forces"),
     "length": Quantity(of="q"),
     "rate": Quantity(of="v"),
+    "energy": Quantity(of="line_energies"),
 }
 OF_GEARS: dict[str, Quantity] = {"force": Quantity(of="joint_forces")}
 OF_SCENES = {
@@ -104,7 +105,8 @@ class Output:
     - of a joint: "angle" [rad], "slide" [m], "spin" [rad/s], "rate" [m/s or rad/s], "force" [N, N
       m], "motor_force" [N or N m]
     - of a rope, a force between points or a spring to the ground: "length" [m or rad] and its
-      "rate" [m/s or rad/s], and for `Motion` its "force" [N or N m], a pull; of a bed only "force"
+      "rate" [m/s or rad/s], its "force" [N or N m], a pull, and the "energy" [J] of its spring and
+      stops; of a bed only the last two
     - of a gear or rack: "force" [N m or N]
     - of a scene: "kinetic_energy" [J], "strain_energy" [J], "potential_energy" [J], "spring_energy"
       [J], "total_energy" [J], "dissipated_energy" [J], "work" [J], "critical_load" [1], "period"
@@ -198,7 +200,9 @@ class Term(NamedTuple):
 
 
 # Arrays with one entry for each joint or rope; others have three for each node or joint.
-_ONE_EACH = "slides", "motor_forces", "line_forces"
+_ONE_EACH = "slides", "motor_forces", "line_forces", "line_energies"
+# What forces along lines have by their laws, by the names of arrays.
+_BY_LAW = {"line_forces": "pull", "line_energies": "energy"}
 #: Entries (..., e) of an array by its name.
 Read = Callable[[str, Any], Any]
 _STEP = 1e-100  # in the imaginary direction
@@ -223,13 +227,15 @@ class Measured:
         if quantity.is_place:
             self.terms += [Term("X", at // 3 * 2 + columns, of) for at, of in _ends(place)]
         moves = quantity.of in ("q", "v", "a")
+        #: Of a line what its laws have: "pull", "energy", "length" or "rate"; else empty.
+        self.by_law = _BY_LAW.get(quantity.of, "")
         #: The line, if it is its length or the rate of that, which are not linear; else None.
         self.line: ForceBetween | None = None
         if moves and isinstance(place, ForceBetween):
             if place.to_ground:
                 self.terms += _along(place, quantity.of)
             else:
-                self.line = place
+                self.line, self.by_law = place, self.name
         elif moves:
             self.terms += [Term(quantity.of, at + columns, sign) for at, sign in _ends(place)]
         elif isinstance(place, Node | Joint | ForceBetween):  # of a recorded history
@@ -249,14 +255,6 @@ class Measured:
 
     def slopes(self, read: Read) -> Iterator[Term]:
         """Its derivatives by all that it reads, in n states; of a rate by imaginary steps."""
-        if self.line is not None:
-            if self._bends:
-                raise SceneError(
-                    f"{self.line}: the {self.name} of a rope over pulleys has no derivatives. Take "
-                    "those of the positions of its nodes"
-                )
-            yield from self._slopes_of_line(read)
-            return
         if (joint := self.sliding) is None:
             yield from self.terms
             return
@@ -325,20 +323,6 @@ class Measured:
             along = x * (u1 - u0) + y * (v1 - v0)
             total = total + (along / length if self.quantity.of == "v" else length)
         return total
-
-    def _slopes_of_line(self, read: Read) -> Iterator[Term]:
-        places, rates = self._points(read)
-        for k, point in enumerate(self.line.points if self.line else ()):
-            if not isinstance(point, Node):
-                continue
-            for i in (0, 1):
-                for values, names in ((places, ("q", "X")), (rates, ("v",))):
-                    before = values[k][i]
-                    values[k][i] = before + _STEP * 1j
-                    slopes = np.imag(self._of_line(places, rates)) / _STEP
-                    values[k][i] = before
-                    for name in names if np.any(slopes) else ():
-                        yield Term(name, (2 if name == "X" else 3) * point.number + i, slopes)
 
 
 def is_gear(place: Any) -> bool:

@@ -1,0 +1,106 @@
+"""Forces along one line between points: values of their laws at given states, and derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from fx_beam.laws.point_laws import StepRule, arguments
+
+from .compiled_laws import CompiledLaw, compiled_laws
+from .point_forces import PlacedForce, PointForces, Role
+
+#: Forces at an instant, from places and rates at the start of a step.
+AN_INSTANT = StepRule(0.0, turning=False, at_rest=False, instant=True)
+_MOTION = "q", "increment", "v"
+
+
+class LineSteps(NamedTuple):
+    """What forces along a line read of k steps, or of k states if nothing moves."""
+
+    #: Displacements (k, size) at the start, increments, and rates at the start.
+    q: np.ndarray
+    D: np.ndarray
+    v: np.ndarray
+    #: Times (k,) at the scheme's level, lengths, and load factors.
+    t: np.ndarray
+    dt: np.ndarray
+    factor: np.ndarray
+    #: Internal variables (k, width) of springs at the start, and parameters (k, n).
+    internal: np.ndarray
+    parameters: np.ndarray
+
+    @staticmethod
+    def of_states(
+        q: np.ndarray, internal: np.ndarray | None, parameters: np.ndarray | None
+    ) -> LineSteps:
+        """States (k, ...)."""
+        count, none = len(q), np.zeros_like(q)
+        few = [np.zeros((count, 0)) if of is None else of for of in (internal, parameters)]
+        return LineSteps(q, none, none, np.zeros(count), np.ones(count), np.ones(count), *few)
+
+
+class LineSlopes(NamedTuple):
+    """Derivatives (k, e) of a value of a force by entries of what it reads, by its name there."""
+
+    name: str
+    entries: np.ndarray
+    by: np.ndarray
+
+
+class LineValues:
+    """The "pull" or stored "energy" of all forces along a line, or its "length" or "rate".
+
+    The pull is that in steps, or by a `rule` of its own.
+    """
+
+    def __init__(self, points: PointForces, line: int, of: str, rule: StepRule | None = None):
+        self._of, self._points = of, points
+        forces = [each for each in points.along(line) if getattr(each.law.law, of) is not None]
+        if of in ("length", "rate"):
+            forces = forces[:1]  # all have them
+        laws = [each.law for each in forces]
+        if rule is not None and laws:
+            laws = compiled_laws([law.law for law in laws], rule)
+        self._forces = [*zip(forces, laws, strict=True)]
+
+    def values(self, steps: LineSteps) -> np.ndarray:
+        """The values (k,)."""
+        total = np.zeros(len(steps.q))
+        for each, law in self._forces:
+            total += law.function(self._of).in_rows(self._given(each, law, steps))[:, 0]
+        return total
+
+    def slopes(self, steps: LineSteps) -> Iterator[LineSlopes]:
+        """Their derivatives by "q", "increment", "v", "spring internal", "points", "parameters"."""
+        for each, law in self._forces:
+            by = law.derivatives(self._of).in_rows(self._given(each, law, steps))
+            size, first = law.law.size, 3 * law.law.size + 2
+            inside, last = law.law.internal, arguments(law.law)
+            numbers = last - law.law.numbers
+            # A node may be there twice.
+            dofs = np.array(each.force.dofs)
+            entries = np.unique(dofs[dofs >= 0])
+            places = (dofs == entries[:, None]).T.astype(float)
+            motion = (by[:, i : i + size] @ places for i in (0, size, 2 * size))
+            parts = [
+                *((name, entries, of) for name, of in zip(_MOTION, motion, strict=True)),
+                ("spring internal", each.variables, by[:, first : first + inside]),
+                ("points", each.first_number + np.arange(last - numbers), by[:, numbers:last]),
+                ("parameters", self._points.parameters_of(law), by[:, last:]),
+            ]
+            yield from (LineSlopes(*part) for part in parts if part[2].any())
+
+    def _given(self, each: PlacedForce, law: CompiledLaw, steps: LineSteps) -> np.ndarray:
+        """What a law is given (k, given); nothing of an iteration before."""
+        force, numbers = each.force, np.tile(each.numbers, (len(steps.q), 1))
+        if force.role == Role.EXTERNAL:
+            numbers[:, -1] = steps.factor
+        dofs = np.array(force.dofs)
+        motion = (np.where(dofs < 0, 0.0, of[:, dofs]) for of in (steps.q, steps.D, steps.v))
+        remembered = np.zeros((len(steps.q), law.law.iteration_memory))
+        of_time = np.column_stack([steps.t, steps.dt])
+        given = [*motion, of_time, steps.internal[:, each.variables], remembered, numbers]
+        return np.hstack([*given, steps.parameters[:, self._points.parameters_of(law)]])

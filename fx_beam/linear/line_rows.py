@@ -1,0 +1,52 @@
+"""Forces and energies of lines between points as outputs of a linear system, by their own laws."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fx_beam.fem.line_values import AN_INSTANT, LineSteps, LineValues
+
+from .moving_state import Deviations
+
+
+def line_rows(
+    about: Deviations, line: int, of: str, inputs: Sequence[str]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows by z and z' (columns,) and by inputs (m,) of the "pull" or "energy" of a line."""
+    model, state = about.model, about.state
+    T, dT = about.T.toarray(), about.dT.toarray()
+    parameters = model.forms.parameters
+    variables = np.zeros(model.points.width)
+    if state.spring_internal is not None:
+        variables = state.spring_internal
+    given = LineSteps.of_states(state.q[None], variables[None], parameters.at(state.t)[None])
+    rates, t, factor = (T @ about.rates)[None], np.array([state.t]), np.array([about.factor])
+    given = given._replace(v=rates, t=t, factor=factor)
+    moved, rate_row, direct = np.zeros(T.shape[1]), np.zeros(T.shape[1]), list[float]()
+    by_parameters = np.zeros(len(parameters))
+    rule = AN_INSTANT if of == "pull" else None
+    for name, entries, by in LineValues(model.points, line, of, rule).slopes(given):
+        if name == "q":
+            moved += by[0] @ T[entries]
+        elif name == "v":
+            moved += by[0] @ dT[entries]
+            rate_row += by[0] @ T[entries]
+        elif name == "parameters":
+            by_parameters[entries] += by[0]
+    for name in inputs:
+        for unit in np.eye(about.held.widths[name]):
+            direct.append(float(by_parameters @ _by_input(about, name, unit)))
+    return moved, rate_row, np.array(direct)
+
+
+def _by_input(about: Deviations, name: str, unit: np.ndarray) -> np.ndarray:
+    """Change of all parameters with a unit of an input, in which they are linear."""
+    held, parameters, value = about.held, about.model.forms.parameters, about.held.values[name]
+    ends = list[np.ndarray]()
+    for end in (value + unit, value):
+        held.set({name: end})
+        held.arrive()
+        ends.append(parameters.at(about.state.t))
+    return ends[0] - ends[1]
