@@ -33,7 +33,7 @@ _ZERO = 1e-100
 # is about the square. How often it is shortened, and by which power of two at most.
 _BENT, _TRIES, _SHORTER = 1e-5, 8, 6
 # Outputs at the start, which have slopes or differences by all of x.
-_AT_START = {"a", "forces of columns", "forces of joints"}
+_AT_START = {"a", "forces of columns", "forces of joints", "forces of lines"}
 # Round-off of numbers, relative to them. Those that are themselves solutions or differences have
 # more of it: for these the step is shortened only if the difference is larger.
 _NOISE, _COMPUTED = 1e-12, _AT_START | {"v", "driven rates"}

@@ -35,7 +35,8 @@ class PullOutput(RowOutput):
             of_rows, shares = steps.of[which], steps.shares[which, None]
             for block in pull_blocks(of, self._values, of_rows, steps.sub_steps[which]):
                 yield block._replace(derivatives=shares * block.derivatives)
-        yield of_entries(_AT_START, self._line.number, 0, places.at_start, 1.0)
+        if len(places.at_start):
+            yield of_entries(_AT_START, self._line.number, 0, places.at_start, 1.0)
 
 
 def pull_blocks(
@@ -108,4 +109,5 @@ class StateOutput(RowOutput):
             # Those at the ends of sub-steps are behind those at their levels.
             ends = entries + len(self._of.model.forms.parameters)
             yield Block(name, ends, rows[moved], by[moved], at[moved] - 1)
-            yield Block("parameters at the start", entries, rows[start], by[start])
+            if len(start):
+                yield Block("parameters at the start", entries, rows[start], by[start])

@@ -22,7 +22,9 @@ from fx_beam.motions.run import Run
 from fx_beam.results.records import stats_unchanged
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
+from fx_beam.scene.forces_between import ForceBetween
 from fx_beam.scene.inputs import with_functions
+from fx_beam.scene.outputs import Measured
 from fx_beam.scene.scene import Scene
 from fx_beam.step.model import Model
 from fx_beam.step.tape import Tape
@@ -129,7 +131,9 @@ class MotionAnalysis(Analysis):
         # Without derivatives of the equilibrium before, differences compute it for other x.
         if self.path is not None and not why_not(self.path):
             derivatives = self.parameters.derivatives
-            start = StaticDerivatives(self.path).change_of_end(derivatives, "Response")
+            pulls = (output.of for output in self.measured if Measured(output).by_law == "pull")
+            lines = [place.number for place in pulls if isinstance(place, ForceBetween)]
+            start = StaticDerivatives(self.path).change_of_end(derivatives, "Response", lines)
         first = self._options.dt if self._options.tolerance is None else tape.times.first_length
         given = tape, first, start, self._accelerations_by_x(first)
         return self.parameters.derivatives(functools.partial(self._numbers_of, *given))

@@ -12,6 +12,7 @@ import numpy as np
 from fx_beam.dual import Dual, floats
 from fx_beam.equilibria.statics import LoadPath
 from fx_beam.errors import SceneError
+from fx_beam.fem.line_values import LineValues
 from fx_beam.fem.scene_data import Data
 from fx_beam.motions.initial_state import reference_state
 from fx_beam.motions.numbers import static_numbers_of
@@ -27,6 +28,7 @@ from fx_beam.step.tape_derivatives import TapeDerivatives
 from .built_scenes import NumbersOf, refuse_others
 from .energy_outputs import losses_in_steps, why_no_losses, why_no_work, work_in_steps
 from .gradient import Block, jvp
+from .line_outputs import pull_blocks
 from .sub_steps import SubSteps
 
 #: Derivatives (m, ...) by x of numbers of scenes.
@@ -113,8 +115,13 @@ class StaticDerivatives:
         hold = (1 - self.factors)[None, :, None] * of_held[0][:, None]
         return derivatives(self.numbers_of) | {"hold": hold}
 
-    def change_of_end(self, derivatives: DerivativesOf, what: str) -> StateChange:
-        """Changes of the last state with x, by `derivatives` of the numbers of scenes."""
+    def change_of_end(
+        self, derivatives: DerivativesOf, what: str, lines: Iterable[int] = ()
+    ) -> StateChange:
+        """Changes of the last state with x, by `derivatives` of the numbers of scenes.
+
+        With those of the pulls of some `lines`.
+        """
         changes = self.changes(derivatives)
         refuse_others(changes, self.derivatives.names, what)
         every = np.arange(len(self.tape) + 1)
@@ -122,10 +129,20 @@ class StaticDerivatives:
         forces = {"constraint_forces": "constraints", "joint_forces": "joints"}
         of_state = {"q": "q", "slides": "slides"} | forces
         at_end = {name: changed_rows[rows][-1] for name, rows in of_state.items()}
+        pulls = np.zeros((len(changes["X"]), self.model.sizes["lines"]))
+        for line in lines:
+            pulls[:, line] = jvp(self._pull(line), (1,), changed_rows, changes)[0]
+        at_end["line_forces"] = pulls
         for quantity, blocks in self._sums().items():
             of_steps = jvp(blocks, every.shape, changed_rows, changes)
             at_end[quantity] = of_steps.sum(axis=0)
         return StateChange(self, at_end | self.derivatives.at_end)
+
+    def _pull(self, line: int) -> Iterable[Block]:
+        """Derivatives of the pull of a line in the last load step."""
+        every, values = np.arange(len(self.tape) + 1), LineValues(self.model.points, line, "pull")
+        of = SubSteps(self.model, self.tape, every)
+        return pull_blocks(of, values, np.zeros(1, dtype=int), every[-2:-1])
 
     def _sums(self) -> dict[str, Iterable[Block]]:
         """Derivatives of work and losses in all load steps, if there are, by names of `State`."""

@@ -70,7 +70,8 @@ def observed_numbers_of(
         observed["a"] = state.a
         observed["forces of columns"] = _or_zeros(state.constraint_forces, (columns,))
         observed["forces of joints"] = _or_zeros(state.joint_forces, (joints, 3))
-        observed["forces of lines"] = _or_zeros(state.line_forces, (model.sizes["lines"],))
+        if state.line_forces is None:
+            observed["forces of lines"] = np.zeros(model.sizes["lines"])
     axes: list[Any] = [(0.0, 0.0)] * joints
     offsets = axes[:]
     for joint in data.scene.joints:
@@ -118,7 +119,8 @@ def numbers_of_state(data: Data, state: State) -> dict[str, Any]:
     of_state["work at the start"] = state.work
     of_state["motors"] = state.motors + data.before_motors[len(data.scene.prescribed) :]
     named = {name.replace("_", " "): values for name, values in of_state.items()}
-    return _arrays(named | {"dissipated_energy at the start": state.dissipated})
+    named |= {"dissipated_energy at the start": state.dissipated}
+    return _arrays(named | {"forces of lines": state.line_forces})
 
 
 def _arrays(numbers: dict[str, Any]) -> dict[str, np.ndarray]:

@@ -323,7 +323,7 @@ class PullMotion:
             stretch = x - spring.rest
             stored += spring.stiffness / 2 * stretch**2
             if spring.strain_energy is not None:
-                stored[...] = self._of_law(spring.strain_energy, stretch)
+                stored += self._of_law(spring.strain_energy, stretch)
         for name, side in (("lower", -1), ("upper", 1)):
             if (limit := getattr(stop, name, None)) is not None:
                 beyond = np.maximum(side * (x - limit), 0.0)

@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+import ufl
 
 import fx_beam as fb
+
 
 
 def pair(x=(1.0, 1.0), law=None, middle=False):
@@ -122,3 +124,162 @@ def test_lengths_are_linearised():
     way = apart / np.hypot(*apart)
     known = way @ (of_nodes.C[2:] - of_nodes.C[:2])
     assert system.C[0] == pytest.approx(known, abs=1e-12)
+
+
+KINDS = {
+    "points": lambda a, b: [(0.0, 0.5), a, (0.4, 0.3), b],
+    "pulleys": lambda a, b: [a, fb.Pulley((0.4, 0.3), 0.1, side="right"), b],
+    "drum": lambda a, b: [fb.Pulley(a, 0.1), b],
+}
+
+
+def roped(x, kind, laws=None):
+    """Two bodies on springs, and a rope over them; x scales a mass, a place and the stiffness."""
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    a = scene.add_body((0.0, 0.0), mass=2.0 * x[0], inertia=0.1, name="a").centre
+    b = scene.add_body((0.8, -0.1 * x[1]), mass=1.0, inertia=0.1, name="b").centre
+    points = KINDS[kind](a, b)
+    if laws is None:
+        rope = scene.add_rope(points, spring=fb.Spring(200.0 * x[2]), length=0.95)
+    else:
+        k = fb.Parameter("k", 100.0 * x[2])
+        scene.add_parameter(k)
+        rope = scene.add_force_between(a, b, **laws(k))
+    for node in (a, b):
+        each = fb.Spring(90.0)
+        scene.add_spring(node, x=each, y=[each, fb.Damper(0.5)], rotation=fb.Spring(5.0))
+    held = scene.add_spring(b, y=fb.Spring(30.0 * x[2], rest=0.02))
+    names = "force", "energy", "length", "rate"
+    outputs = {name: fb.Output(name, rope) for name in names}
+    outputs |= {f"{name} of y": fb.Output(name, held.y) for name in names}
+    return scene, outputs
+
+
+def own_laws(k):
+    """A force between points of all kinds, by functions, too."""
+    return {
+        "spring": fb.Spring(strain_energy=lambda d: k * (d - 0.7) ** 4, stiffness=3.0),
+        "damper": fb.Damper(0.3),
+        "friction": fb.SmoothFriction(0.4, speed=0.2),
+        "stop": fb.Stop(None, 0.81, 4e3),
+        "force": lambda d, rate, t: 2.0 * d + 0.1 * rate + ufl.sin(t),
+    }
+
+
+def check(run, x, tolerance=2e-6, names=None):
+    """Derivatives of outputs forwards and backwards, against differences."""
+    step = 1e-5
+    ways = step * np.eye(len(x))
+    moved = [(run(x + way)[1], run(x - way)[1]) for way in ways]
+    _, y = run(x)
+    jacobian = run.jacobian()
+    for name in y:
+        known = np.stack([(a[name] - b[name]) / (2 * step) for a, b in moved], axis=-1)
+        size = abs(known).max() + 1e-3 * abs(y[name]).max()
+        assert jacobian[name] == pytest.approx(known, abs=tolerance * size + 1e-9), name
+    gradient = run.vjp({name: np.cos(np.arange(len(of))) for name, of in y.items()})
+    total = sum(np.cos(np.arange(len(of))) @ jacobian[name] for name, of in y.items())
+    assert gradient == pytest.approx(total, rel=1e-8)
+
+
+X = np.array([1.0, 1.0, 1.0])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_ropes_have_derivatives_in_motion_and_at_rest(kind):
+    check(fb.Response(lambda x: roped(x, kind), dt=0.01, t_end=0.15), X)
+    check(fb.StaticResponse(lambda x: roped(x, kind), load_steps=3), X)
+
+
+@pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.EnergyDecaying(), fb.MidPoint()])
+def test_all_laws_of_a_line_have_derivatives(scheme):
+    """Springs, dampers, friction, stops and functions, also by schemes that damp."""
+    build = lambda x: roped(x, "points", own_laws)  # noqa: E731
+    check(fb.Response(build, scheme, dt=0.01, t_end=0.15), X)
+
+
+def test_a_motion_from_an_equilibrium_starts_with_its_pull():
+    """Of one that is the same for all x, and of one that depends on them."""
+
+    def build(x):
+        return roped((x[0], 1.0, x[1]), "points")
+
+    for start in (fb.static(build(X)[0]), fb.static):
+        check(fb.Response(build, dt=0.01, t_end=0.05, start=start), X[:2])
+
+
+def test_a_periodic_motion_has_derivatives_of_its_lines():
+    """A weight on a spring, shaken: against differences."""
+
+    def build(x):
+        scene = fb.Scene()
+        mass = scene.add_body((0.3, 0.0), mass=x[0]).centre
+        scene.fix(mass, "rotation")
+        laws = {"spring": fb.Spring(40.0 * x[1], rest=0.4), "damper": fb.Damper(0.4)}
+        line = scene.add_force_between(mass, (0.0, 0.4), **laws)
+        held = scene.add_spring(mass, x=[fb.Spring(30.0), fb.Damper(0.3)])
+        scene.add_force(mass, lambda t: (0.0, 0.5 * np.cos(3.0 * t)))
+        names = "force", "energy", "length", "rate"
+        outputs = {name: fb.Output(name, line) for name in names}
+        return scene, outputs | {"push": fb.Output("force", held.x)}
+
+    run = fb.PeriodicResponse(build, 2 * np.pi / 3.0, steps=40)
+    check(run, np.array([1.0, 1.0]), 1e-5)
+
+
+def test_forces_of_lines_are_linearised():
+    """Against motions that begin beside the state, and against a pull that is an input."""
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    mass = scene.add_body((0.3, 0.0), mass=2.0).centre
+    scene.fix(mass, "rotation")
+    laws = {"spring": fb.Spring(400.0, rest=0.4), "damper": fb.Damper(7.0)}
+    line = scene.add_force_between(mass, (0.0, 0.4), **laws)
+    scene.add_spring(mass, x=fb.Spring(300.0))
+    winch = scene.add_force_between(mass, (1.0, 0.5), force=fb.Input("winch"))
+    rest = fb.static(scene)
+    outputs = {name: fb.Output(name, line) for name in ("force", "energy", "length", "rate")}
+    outputs |= {"winch": fb.Output("force", winch), "x": fb.Output("position", mass)}
+    outputs |= {"v": fb.Output("velocity", mass)}
+    system = fb.linearise(scene, rest, outputs=outputs)
+    place = rest.position(mass)[-1] - (0.0, 0.4)
+    length = np.hypot(*place)
+    way = place / length
+    x, v = system.C[5:7], system.C[7:9]
+    pull = 400.0 * (length - 0.4)
+    assert system.C[0] == pytest.approx(way @ (400.0 * x + 7.0 * v), abs=1e-9)
+    assert system.C[1] == pytest.approx(pull * way @ x, abs=1e-9)
+    assert system.C[2] == pytest.approx(way @ x, abs=1e-12)
+    assert system.C[3] == pytest.approx(way @ v, abs=1e-12)
+    assert system.C[4] == pytest.approx(0.0, abs=1e-12) and system.D[4, 0] == pytest.approx(1.0)
+    assert system.D[:4, 0] == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("memory", [1e9, 2e4])
+def test_derivatives_of_pulls_do_not_depend_on_memory(memory):
+    run = fb.Response(lambda x: roped(x, "points"), dt=0.01, t_end=0.5, memory=memory)
+    run(X)
+    gradient = run.vjp({"force": np.ones(51), "energy": np.ones(51)})
+    known = fb.Response(lambda x: roped(x, "points"), dt=0.01, t_end=0.5)
+    known(X)
+    assert gradient == pytest.approx(known.vjp({"force": np.ones(51), "energy": np.ones(51)}))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_energies_of_all_lines_are_that_of_springs(kind):
+    scene, _ = roped(X, kind)
+    lines = scene.forces_between
+    outputs = {str(i): fb.Output("energy", line) for i, line in enumerate(lines)}
+    motion = fb.Motion(scene, dt=0.01, outputs=outputs, record=fb.Record())
+    rows = [sum(motion.step().values()) for _ in range(20)]
+    solution = motion.solution()
+    springs = solution.energy.springs
+    assert rows == pytest.approx(springs[1:], abs=1e-13) and springs.max() > 0.01
+    total = sum(solution.joint(line).energy for line in lines)
+    assert total == pytest.approx(springs, abs=1e-13)
+
+
+def test_springs_by_stiffness_and_by_energy_add_up():
+    scene, _ = roped(X, "points", own_laws)
+    solution = fb.simulate(scene, dt=0.01, t_end=0.1)
+    total = sum(solution.joint(line).energy for line in scene.forces_between)
+    assert total == pytest.approx(solution.energy.springs, abs=1e-13)
