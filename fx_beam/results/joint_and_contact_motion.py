@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -234,15 +234,8 @@ class PullMotion:
         the ground the displacement along its direction [m], or the rotation [rad]; of a bed those
         (n, nodes) at the nodes of the beam.
         """
-        of, count = self.solution, len(self.solution.t)
         if self.line.to_ground:
-            line: Any = self.line
-            nodes = nodes_of(of, line.target)
-            q = of.recorded("q").reshape(count, -1, 3)[:, nodes]
-            if line.direction is None:
-                return q[:, 0, 2]
-            along = np.sum(q[..., :2] * line.ways(of.X[nodes]), axis=-1)
-            return along if isinstance(line.target, Beam) else along[:, 0]
+            return self._to_ground("q")
         if self.line.over_pulleys:
             return self._over_circles()[0]
         return np.hypot(*np.moveaxis(np.diff(self._places, axis=0), -1, 0)).sum(axis=0)
@@ -257,6 +250,16 @@ class PullMotion:
         if not self.line.over_pulleys:
             return np.zeros((len(self.solution.t), len(self.line.points)))
         return self._over_circles()[1].T
+
+    def _to_ground(self, name: str) -> np.ndarray:
+        """Displacements ("q") or rates ("v") along a spring to the ground; (n, nodes) of a bed."""
+        of, line = self.solution, cast(Any, self.line)
+        nodes = nodes_of(of, line.target)
+        moved = of.recorded(name).reshape(len(of.t), -1, 3)[:, nodes]
+        if line.direction is None:
+            return moved[:, 0, 2]
+        along = np.sum(moved[..., :2] * line.ways(of.X[nodes]), axis=-1)
+        return along if isinstance(line.target, Beam) else along[:, 0]
 
     @property
     def _places(self) -> np.ndarray:
@@ -282,8 +285,10 @@ class PullMotion:
 
     @property
     def rate(self) -> np.ndarray:
-        """Rate (n,) of the length [m/s or rad/s] at t[k]; of a bed take those of its nodes."""
+        """Rate (n,) of the length [m/s or rad/s] at t[k]; of a bed (n, nodes)."""
         of, count = self.solution, len(self.solution.t)
+        if self.line.to_ground:
+            return self._to_ground("v")
 
         def read(array: str, entries: Any) -> np.ndarray:
             known = of.X.reshape(-1) if array == "X" else of.recorded(array).reshape(count, -1)
@@ -297,16 +302,14 @@ class PullMotion:
 
         The pull times the change of the length: what its springs store and its dampers, friction
         and stops lose, less what an additional force gives. Their sum over the steps is exact by
-        `EnergyMomentum`, else to second order. A row for every step is required; not of a bed.
+        `EnergyMomentum`, else to second order. Of a bed it is that of all nodes, which is stored. A
+        row for every step is required.
         """
         solution, length = self.solution, self.length
-        if length.ndim > 1 or len(solution.t) != solution.stats.steps + 1:
-            raise ValueError(
-                "power needs every step, and no bed: simulate with record=Record(every=1)"
-            )
-        power = np.zeros(len(length))
-        power[1:] = self.force[1:] * np.diff(length) / np.diff(solution.t)
-        return power
+        if len(solution.t) != solution.stats.steps + 1:
+            raise ValueError("power needs every step; simulate with record=Record(every=1)")
+        taken = np.diff(self.energy) if length.ndim > 1 else self.force[1:] * np.diff(length)
+        return np.append(0.0, taken / np.diff(solution.t))
 
     @property
     def energy(self) -> np.ndarray:

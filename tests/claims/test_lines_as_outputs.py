@@ -78,10 +78,30 @@ def test_the_energy_of_a_bed_and_of_a_stop_is_that_of_springs():
     solution = fb.static(scene)
     found = solution.joint(bed.normal).energy
     assert found[-1] > 0 and found == pytest.approx(solution.energy.springs, rel=1e-12)
-    with pytest.raises(ValueError, match="no bed"):
-        solution.joint(bed.normal).power  # noqa: B018
-    with pytest.raises(fb.SceneError, match="no bed"):
-        solution.joint(bed.normal).rate  # noqa: B018
+
+
+def test_beds_have_rates_and_power():
+    """What a bed takes while its beam falls on it is stored; rates are those of its nodes."""
+    scene = fb.Scene(gravity=(0, -9.81))
+    section = fb.Section(EA=1e5, GA=1e5, EI=20.0, rhoA=2.0, rhoI=1e-4)
+    beam = scene.add_beam([(0, 0), (1.6, 1.2)], section, elements=6)
+    bed = scene.add_bed(beam, normal=500.0, tangential=80.0)
+    for node in beam.nodes:
+        scene.set_velocity(node, (0.3, 0.0))
+    solution = fb.simulate(scene, dt=0.005, t_end=0.2)
+    across, along = (solution.joint(one) for one in bed)
+    v = np.array([solution.velocity(node) for node in beam.nodes])
+    assert across.rate == pytest.approx((v @ (-0.6, 0.8)).T, abs=1e-13)
+    assert along.rate == pytest.approx((v @ (0.8, 0.6)).T, abs=1e-13)
+    taken = 0.005 * np.cumsum(across.power + along.power)
+    energy = solution.energy
+    assert energy.springs.max() > 0.1
+    assert taken == pytest.approx(energy.springs - energy.springs[0], abs=1e-12)
+    # The work of the mean forces of all nodes, which share the length.
+    path = np.diff(across.length, axis=0)
+    middle = (across.length[1:] + across.length[:-1]) / 2
+    work = 500 * (middle * path) @ bed.normal.lengths
+    assert 0.005 * across.power[1:] == pytest.approx(work, abs=1e-12)
 
 
 def test_lengths_and_rates_have_derivatives():
@@ -223,8 +243,10 @@ def test_a_periodic_motion_has_derivatives_of_its_lines():
         outputs = {name: fb.Output(name, line) for name in names}
         return scene, outputs | {"push": fb.Output("force", held.x)}
 
-    run = fb.PeriodicResponse(build, 2 * np.pi / 3.0, steps=40)
-    check(run, np.array([1.0, 1.0]), 1e-5)
+    def motion(scene):
+        return fb.periodic(scene, period=2 * np.pi / 3.0, steps=41, tolerance=1e-12)
+
+    check(fb.PeriodicResponse(build, motion), np.array([1.0, 1.0]), 1e-5)
 
 
 def test_forces_of_lines_are_linearised():
