@@ -15,7 +15,7 @@ from fx_beam.laws.schemes import Scheme
 from fx_beam.motions.options import Options
 from fx_beam.results.records import Stats
 from fx_beam.results.solution import Solution
-from fx_beam.scene.outputs import Output, check_output
+from fx_beam.scene.outputs import Output, check_differentiable, check_output
 from fx_beam.scene.scene import Scene
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record
@@ -186,6 +186,7 @@ class Response:
             what = f"Response: the output {name!r}"
             if isinstance(output, Output):
                 check_output(scene, output, what)
+                check_differentiable(output, what)
             else:
                 expected = "an fx_beam.Output, or a function of the solution"
                 require(callable(output), what, output, expected)

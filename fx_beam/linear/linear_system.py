@@ -20,7 +20,15 @@ from fx_beam.results.state import State
 from fx_beam.scene.beam import Node
 from fx_beam.scene.inputs import InputSignal, check_names, widths
 from fx_beam.scene.joints import Joint
-from fx_beam.scene.outputs import OF_JOINTS, OF_LINES, OF_NODES, Measured, Output, check_outputs
+from fx_beam.scene.outputs import (
+    OF_JOINTS,
+    OF_LINES,
+    OF_NODES,
+    Measured,
+    Output,
+    check_differentiable,
+    check_outputs,
+)
 from fx_beam.scene.scene import Scene
 from fx_beam.step.accelerations import have_mass
 
@@ -485,6 +493,7 @@ def _outputs(about: Deviations, outputs: Mapping[str, Output], inputs: Sequence[
     both, labels = [np.empty((2, 0, about.T.shape[1]))], list[str]()
     direct = [np.empty((0, sum(about.held.widths[name] for name in inputs)))]
     for name, output in outputs.items():
+        check_differentiable(output, f"{what}: output {name!r}")
         law = Measured(output).by_law
         if not law and output.quantity not in _LINEAR:
             raise SceneError(

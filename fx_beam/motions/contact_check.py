@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from fx_beam.errors import warn_once
-from fx_beam.results.joint_and_contact_motion import nodes_of
+from fx_beam.results.contact_gaps import nodes_of
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.contacts import Circle, Contact, arc_of, nearest
@@ -279,7 +279,7 @@ def _first_inside(
     """Row, place and radius of curvature of the first such touch of a member."""
     X, q = solution.X[:, :2], solution.recorded("q")
     of_member = solution.nodes_of_beam[member.name]
-    points = nodes_of(solution, touching)
+    points = nodes_of(solution.nodes_of_beam, touching)
     arc = arc_of(X[of_member]) if touching is member else None
     rows = max(1, _NODES_AT_ONCE // len(of_member))
     for first in range(0, len(q), rows):

@@ -30,7 +30,7 @@ _PLACES = "q", "slides"
 #: Means over a step, by the parts of a fit that change in it.
 _MEANS = {"a": "corrections", "joint_forces": "joints", "constraint_forces": "constraints"}
 # Forces that steps compute only for records that have them, and for outputs.
-_NOT_ALWAYS = "joint_forces", "line_forces"
+_NOT_ALWAYS = "joint_forces", "line_forces", "contact_forces"
 
 
 class Instant:
@@ -112,6 +112,8 @@ def readings(prepared: Prepared, now: Arrays, outputs: Mapping[str, Output]) -> 
 def _reading(model: Model, now: Arrays, turns: np.ndarray, measured: Measured) -> Reading:
     if measured.by_law == "energy":
         return _energy_reading(model, now, measured)
+    if measured.contact is not None:
+        return _contact_reading(model, now, measured)
     dofs, X = model.mesh.dofs, model.mesh.X.reshape(-1)
     motion = NodalMotion(
         lambda name, node: now(name)[dofs[node.number]].tolist(),
@@ -149,3 +151,26 @@ def _energy_reading(model: Model, now: Arrays, measured: Measured) -> Reading:
         return float(values.values(given)[0])
 
     return read
+
+
+def _contact_reading(model: Model, now: Arrays, measured: Measured) -> Reading:
+    """The least gap of a contact, or the sum of its forces."""
+    from fx_beam.results.contact_gaps import columns_of, gaps_and_normals
+
+    scene, mesh, contact = model.scene, model.mesh, measured.contact
+    assert contact is not None
+    columns, component = columns_of(scene.contacts)[contact.number], measured.component
+    nodes_of_beam = {beam.name: mesh.nodes_of(scene, beam) for beam in scene.beams}
+
+    def gap() -> float:
+        q = now("q")
+        found = gaps_and_normals(contact, mesh.X, nodes_of_beam, lambda at: q[mesh.dofs[at]][None])
+        return float(found[0].min())
+
+    def force() -> Any:
+        if (values := now("contact_forces")) is None:
+            return np.zeros(2)[component]
+        total = values.reshape(-1, 2)[columns].sum(axis=0)[component]
+        return total if measured.shape else float(total)
+
+    return gap if measured.name == "gap" else force

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
 
@@ -11,20 +11,17 @@ import numpy as np
 from fx_beam.content_cache import cached_property
 from fx_beam.errors import is_one_of, shown
 from fx_beam.scene.beam import Beam, Node
-from fx_beam.scene.contacts import Contact, arc_of, nearest
+from fx_beam.scene.contacts import Contact
 from fx_beam.scene.forces_between import ForceBetween
 from fx_beam.scene.joints import Joint, NodalMotion
 from fx_beam.scene.outputs import Measured, Output
 from fx_beam.scene.parameters import replaced
 from fx_beam.symbolic import ufl
 
+from .contact_gaps import GapsAndNormals, Moved, columns_of, gaps_and_normals, nodes_of
+
 if TYPE_CHECKING:
     from fx_beam.scene.gears import Gear
-
-# Distances of points and nodes, in all rows, that are looked at together.
-_AT_ONCE = 100_000
-# Distance of the ends of a member, relative to its size, at which it is closed.
-_CLOSED = 1e-9
 
 
 @dataclass(frozen=True, repr=False)
@@ -176,13 +173,6 @@ def motion_of(solution: Any) -> NodalMotion:
     )
 
 
-def nodes_of(solution: Any, target: Node | Beam) -> np.ndarray:
-    """Numbers (m,) of a node, or of all nodes of a beam, along it; rows of `Solution.X`."""
-    if isinstance(target, Beam):
-        return solution.nodes_of_beam[target.name]
-    return np.array([target.number])
-
-
 @dataclass(frozen=True, repr=False)
 class PullMotion:
     """Length, tension, energy and power of a force between points, rope or spring to the ground.
@@ -254,7 +244,7 @@ class PullMotion:
     def _to_ground(self, name: str) -> np.ndarray:
         """Displacements ("q") or rates ("v") along a spring to the ground; (n, nodes) of a bed."""
         of, line = self.solution, cast(Any, self.line)
-        nodes = nodes_of(of, line.target)
+        nodes = nodes_of(of.nodes_of_beam, line.target)
         moved = of.recorded(name).reshape(len(of.t), -1, 3)[:, nodes]
         if line.direction is None:
             return moved[:, 0, 2]
@@ -394,14 +384,6 @@ class GearMotion:
         return self.gear.difference(motion_of(self.solution), self.solution.slides)
 
 
-def columns_of(contacts: Iterable[Contact]) -> dict[int, slice]:
-    """Columns of recorded forces by the number of a contact: those of members are behind others."""
-    columns, end = dict[int, slice](), 0
-    for contact in sorted(contacts, key=lambda contact: isinstance(contact.shape, Beam)):
-        columns[contact.number] = slice(end, end := end + len(contact.points.lengths))
-    return columns
-
-
 @dataclass(frozen=True, repr=False)
 class ContactMotion:
     """Gaps, forces and slip of a contact over time; created by `Solution.contact`.
@@ -437,7 +419,7 @@ class ContactMotion:
     @property
     def nodes(self) -> np.ndarray:
         """Numbers (m,) of the nodes, along the beam; rows of `Solution.X`."""
-        return nodes_of(self.solution, self.contact.target)
+        return nodes_of(self.solution.nodes_of_beam, self.contact.target)
 
     @property
     def points(self) -> np.ndarray:
@@ -492,7 +474,7 @@ class ContactMotion:
 
     # Nearest points take time: they are found once for each `ContactMotion`.
     @cached_property
-    def _now(self) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    def _now(self) -> GapsAndNormals:
         """Gaps (n, m), directions (n, m, 2) to the free side, and nearest nodes at the times t."""
         q = self.solution.recorded("q")
         return self._gaps_and_normals(lambda nodes: q[:, nodes])
@@ -511,42 +493,9 @@ class ContactMotion:
 
         return self._gaps_and_normals(between)[1]
 
-    def _gaps_and_normals(
-        self, of: Callable[[np.ndarray], np.ndarray]
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-        """Gaps (n, m) and directions (n, m, 2) to the free side.
-
-        ``of(nodes)`` gives displacements (n, nodes, 3). Of a member also the nodes (n, m) near
-        which its nearest points are.
-        """
-        X, contact = self.solution.X, self.contact
-        shape, points = contact.shape, X[self.nodes] + of(self.nodes)[..., :2]
-        if isinstance(shape, Beam):
-            return self._from_member(points, of, shape)
-        arms = contact.points.of(points) - shape.origin
-        psi = np.zeros(len(arms))
-        if shape.carrier is not None:
-            x, y, psi = of(np.array([shape.carrier.number]))[:, 0].T
-            arms = arms - np.column_stack([x, y])[:, None]
-        distances, directions = shape.seen(arms, psi[:, None])
-        return distances - contact.radius, directions, None
-
-    def _from_member(
-        self, points: np.ndarray, of: Callable[[np.ndarray], np.ndarray], member: Beam
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The same of a member, for the positions (n, m, 2) of what touches it."""
-        nodes, contact = self.solution.nodes_of_beam[member.name], self.contact
-        X = self.solution.X[nodes]
-        positions, arc = X + of(nodes)[..., :2], arc_of(X) if member is contact.target else None
-        closed = bool(abs(positions[:, 0] - positions[:, -1]).max() <= _CLOSED * np.ptp(X))
-        rows = max(1, _AT_ONCE // (points.shape[1] * len(nodes)))
-        parts = [
-            nearest(points[k : k + rows], positions[k : k + rows], contact.apart, arc, closed)
-            for k in range(0, len(points), rows)
-        ]
-        distance, node, point = (np.concatenate(part) for part in zip(*parts, strict=True))
-        directions = (points - point) / np.maximum(distance, 1e-300)[..., None]
-        return distance - contact.radii, directions, node
+    def _gaps_and_normals(self, of: Moved) -> GapsAndNormals:
+        solution = self.solution
+        return gaps_and_normals(self.contact, solution.X, solution.nodes_of_beam, of)
 
     def _sides(self, member: Beam) -> np.ndarray:
         """1 for the nodes (n, m) to the right of a member, for who looks along it, else -1."""

@@ -642,6 +642,11 @@ def _balance(solution: Solution, balance: Callable[[], Any]) -> Any:
 
 def history(solution: Solution, output: Output) -> np.ndarray:
     """Values (n, ...) of an output of a node, a joint or a line."""
+    if contact := Measured(output).contact:
+        motion = solution.contact(contact)
+        if output.quantity == "gap":
+            return motion.gap.min(axis=1)
+        return motion.force.sum(axis=1)[..., Measured(output).component]
     if Measured(output).by_law == "energy":
         return solution.joint(output.of).energy
 

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.errors import SceneError, is_one_of, require
+from fx_beam.errors import is_one_of, require
 
 from .beam import Beam, BeamPlace, Node, numbers_of_nodes
+from .contacts import Contact
 from .forces_between import ForceBetween
 from .joints import GROUND, Joint, axial_rate
 from .loads import check_node
@@ -69,6 +70,10 @@ OF_LINES: dict[str, Quantity] = {
     "rate": Quantity(of="v"),
     "energy": Quantity(of="line_energies"),
 }
+OF_CONTACTS: dict[str, Quantity] = {
+    "force": Quantity(_PLANE, "contact_forces"),
+    "gap": Quantity(of="gaps"),
+}
 OF_GEARS: dict[str, Quantity] = {"force": Quantity(of="joint_forces")}
 OF_SCENES = {
     "kinetic_energy": Quantity(of="kinetic"),
@@ -87,6 +92,7 @@ _OF_CLASSES: dict[type, dict[str, Quantity]] = {
     Beam: OF_BEAMS,
     Joint: OF_JOINTS,
     ForceBetween: OF_LINES,
+    Contact: OF_CONTACTS,
     Node: OF_NODES,
     BeamPlace: OF_PLACES,
 }
@@ -107,6 +113,8 @@ class Output:
     - of a rope, a force between points or a spring to the ground: "length" [m or rad] and its
       "rate" [m/s or rad/s], its "force" [N or N m], a pull, and the "energy" [J] of its spring and
       stops; of a bed only the last two
+    - of a contact, for `Motion` alone: "gap" [m], the least one of all its points, and "force" [N],
+      the sum of those on them
     - of a gear or rack: "force" [N m or N]
     - of a scene: "kinetic_energy" [J], "strain_energy" [J], "potential_energy" [J], "spring_energy"
       [J], "total_energy" [J], "dissipated_energy" [J], "work" [J], "critical_load" [1], "period"
@@ -124,7 +132,7 @@ class Output:
     ----------
     quantity : str
         Name of the quantity.
-    of : Node, BeamPlace, Joint, ForceBetween, Gear, Scene or Beam
+    of : Node, BeamPlace, Joint, ForceBetween, Contact, Gear, Scene or Beam
         Where it is measured.
     component : {"x", "y", "moment"}, optional
         One component of a quantity that has several; by default all of them.
@@ -144,13 +152,18 @@ class Output:
     """
 
     quantity: str
-    of: Node | BeamPlace | Joint | ForceBetween | Gear | Scene | Beam
+    of: Node | BeamPlace | Joint | ForceBetween | Contact | Gear | Scene | Beam
     component: str | None = None
 
     def __post_init__(self):
-        kinds = Node | BeamPlace | Joint | ForceBetween | Scene | Beam
+        kinds = Node | BeamPlace | Joint | ForceBetween | Contact | Scene | Beam
         ok = isinstance(self.of, kinds) or is_gear(self.of)
-        require(ok, "Output: of", self.of, "a node, a place, a joint, a rope, a scene or a beam")
+        require(
+            ok,
+            "Output: of",
+            self.of,
+            "a node, a place, a joint, a rope, a contact, a scene or a beam",
+        )
         known = self._known
         expected = f"one of {list(known)} for {self._place}"
         require(is_one_of(self.quantity, known), "Output: quantity", self.quantity, expected)
@@ -218,6 +231,8 @@ class Measured:
         place: Any = output.of
         self.name, self.quantity = output.quantity, (quantity := output._known[output.quantity])
         count, index = len(quantity.components), output.index
+        #: The component, or all of them.
+        self.component = slice(None) if index is None else index
         #: Lengths of a value; none of a single number.
         self.shape = (count,) if count and index is None else ()
         #: The joint, if it is the rate of its slide, which is not linear; else None.
@@ -226,6 +241,8 @@ class Measured:
         self.terms: list[Term] = []
         if quantity.is_place:
             self.terms += [Term("X", at // 3 * 2 + columns, of) for at, of in _ends(place)]
+        #: The contact whose gap or force it is; else None.
+        self.contact: Contact | None = place if isinstance(place, Contact) else None
         moves = quantity.of in ("q", "v", "a")
         #: Of a line what its laws have: "pull", "energy", "length" or "rate"; else empty.
         self.by_law = _BY_LAW.get(quantity.of, "")
@@ -354,6 +371,15 @@ def _ends(place: Node | BeamPlace | Joint) -> Iterator[tuple[int, float]]:
             yield 3 * node.number, sign
 
 
+def check_differentiable(output: Output, what: str) -> None:
+    """Refuse outputs without derivatives by their kind: what touches jumps where it does so."""
+    expected = (
+        "of a node, a joint, a rope, a beam or the scene: those of contacts have no derivatives. "
+        "The gap is a function of positions of nodes, which have"
+    )
+    require(not isinstance(output.of, Contact), what, str(output), expected)
+
+
 def check_outputs(scene, outputs, what: str) -> None:
     """Refuse outputs that are no dictionary of outputs of the scene."""
     ok = isinstance(outputs, Mapping) and all(isinstance(name, str) for name in outputs)
@@ -361,7 +387,7 @@ def check_outputs(scene, outputs, what: str) -> None:
     for name, output in outputs.items():
         label = f"{what}[{name!r}]"
         ok = isinstance(output, Output) and not isinstance(output.of, Beam | Scene)
-        require(ok, label, output, "an fx_beam.Output of a node, a joint or a rope")
+        require(ok, label, output, "an fx_beam.Output of a node, a joint, a rope or a contact")
         check_output(scene, output, label)
 
 
@@ -380,6 +406,9 @@ def check_output(scene, output: Output, what: str) -> None:
     elif is_gear(of):
         ours = {str(one) for one in scene.gears}
         expected = "" if str(of) in ours else "of a gear that add_joint of this scene returned"
+    elif isinstance(of, Contact):
+        ours = {str(one) for one in scene.contacts}
+        expected = "" if str(of) in ours else "of a contact that add_contact of this scene returned"
     elif isinstance(of, ForceBetween):
         ours = {str(one) for one in scene.forces_between}  # also of a copy
         expected = "" if str(of) in ours else "of a rope that add_rope of this scene returned"

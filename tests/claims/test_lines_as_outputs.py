@@ -1,11 +1,11 @@
 """Length, rate, energy and power of forces between points and of springs to the ground."""
 
-import numpy as np
-import pytest
 import ufl
 
-import fx_beam as fb
+import numpy as np
+import pytest
 
+import fx_beam as fb
 
 
 def pair(x=(1.0, 1.0), law=None, middle=False):

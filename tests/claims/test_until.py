@@ -216,3 +216,63 @@ def test_a_condition_within_halved_steps():
     )
     assert run.stats.halvings > 0
     assert run.rotation(arm.centre)[-1] == pytest.approx(11.0, abs=1e-10)
+
+
+def every_kind():
+    """A pendulum on a motor, with a rope, springs, an obstacle, and a beam that bends."""
+    scene = fb.Scene(gravity=(0, -9.81))
+    section = fb.Section(EA=1e4, GA=1e4, EI=20.0, rhoA=1.0, rhoI=1e-3)
+    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=4, name="arm")
+    laws = {"spring": fb.Spring(2.0), "damper": fb.Damper(0.05)}
+    pin = scene.add_joint(fb.Revolute(fb.GROUND, beam.start, **laws))
+    load = scene.add_body((1.3, 0.2), mass=0.5, inertia=0.02, name="load").centre
+    rope = scene.add_rope([beam.end, load, (1.4, 1.0)], spring=fb.Spring(60.0), length=0.9)
+    spring = scene.add_force_between(load, beam.end, spring=fb.Spring(30.0, rest=0.3))
+    ground = scene.add_spring(load, y=fb.Spring(8.0), rotation=fb.Spring(1.0))
+    crank = scene.add_body((3, 0), mass=1.0, inertia=0.1, points={"pin": (0, 0)}).centre
+    drive = fb.Revolute(fb.GROUND, crank, motor=lambda t: 2.0 * t**2 + t**3)
+    motor = scene.add_joint(drive)
+    contact = scene.add_contact(load, fb.Line((0, 0.15), normal=(0, 1)), stiffness=2e3)
+    scene.set_velocity(load, (0, 0), spin=1.0)
+    outputs = {
+        "joint angle": fb.Output("angle", pin),
+        "joint force": fb.Output("force", pin, "y"),
+        "motor moment": fb.Output("motor_force", motor),
+        "rope force": fb.Output("force", rope),
+        "rope length": fb.Output("length", rope),
+        "rope rate": fb.Output("rate", rope),
+        "rope energy": fb.Output("energy", rope),
+        "force between points": fb.Output("force", spring),
+        "ground spring": fb.Output("force", ground.y),
+        "ground rotation": fb.Output("length", ground.rotation),
+        "gap": fb.Output("gap", contact),
+        "contact force": fb.Output("force", contact, "y"),
+        "place": fb.Output("position", beam.at(0.6), "y"),
+        "tip": fb.Output("velocity", beam.end, "y"),
+    }
+    return scene, outputs
+
+
+@pytest.mark.parametrize("name", every_kind()[1])
+def test_every_kind_of_output_ends_a_motion_where_it_passes_a_value(name):
+    """The value is that in the middle of its change in a motion without an end."""
+    scene, outputs = every_kind()
+    motion = fb.Motion(scene, dt=2e-3, outputs=outputs)
+    rows = [float(motion.step()[name]) for _ in range(500)]
+    target = (min(rows) + max(rows)) / 2
+    assert np.ptp(rows) > 1e-3
+    first = next(i for i, y in enumerate(rows) if (y < target) != (rows[0] < target))
+    seen = {}
+
+    def passed(t, y):
+        # Before the first step there are no forces yet.
+        seen[t] = float(y[name]) if t > 0 else rows[0]
+        return seen[t] - target
+
+    until = {"outputs": outputs, "until": passed}
+    run = fb.simulate(scene, dt=2e-3, t_end=2.0, **until)
+    # Forces are means over steps, and a short last step joins the one before.
+    assert run.t[-1] == pytest.approx(2e-3 * (first + 1), abs=3e-3)
+    assert run.stats.until == "until"
+    last = seen[min(seen, key=lambda t: abs(t - run.t[-1]))]
+    assert last == pytest.approx(target, abs=1e-9 * np.ptp(rows))

@@ -298,8 +298,8 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, cons
       /* Another run may start from the last step, and then has its forces in row 0. */
       int forces = of_row && (to->forces || step == to->last);
       int joints = p->passes.joints && !p->run.repeats && (p->run.keeps_joint_forces || forces);
-      int contacts = forces && p->points->recorded, found = forces || p->run.keeps_joint_forces;
-      int lines = p->at_points.lines && !p->run.repeats && found;
+      int found = forces || p->run.keeps_joint_forces, again = p->run.repeats;
+      int contacts = (again ? forces : found) && p->points->recorded, lines = p->at_points.lines && !again && found;
       p->state.forces_found = found;
       if (joints || contacts) evaluate_nodes(p, w);
       if (joints) add_joint_forces(p, w);
