@@ -306,7 +306,9 @@ def _forces(model: Model, state: State, strained: np.ndarray | None = None):
         z = np.zeros(count)
         z[points.columns] = slid[points.slides]
         points.evaluate_slides(z)
-        on_slides = (np.bincount(points.columns, points.on_slides(k), count) for k in (0, 1))
+        on_slides = np.zeros((2, count))
+        for k in (0, 1):
+            np.add.at(on_slides[k], points.columns, points.on_slides(k))
         return f, forms.tangent(), *on_slides
 
     if not forms.depend_on_rates:
