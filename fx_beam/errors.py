@@ -169,6 +169,8 @@ def _is_real(value) -> bool:
 
 def is_whole(value, least: int, most: float = 1e9) -> bool:
     """Whether a value is an integer in a range. Booleans are not."""
+    if type(value) is int:
+        return least <= value <= most
     scalar = _scalar(value)
     return isinstance(scalar, Integral) and _is_real(scalar) and least <= int(scalar) <= most
 
@@ -341,7 +343,8 @@ def vector(value, size: int, name: str) -> np.ndarray:
 
 def shaped(value, size: int, name: str) -> np.ndarray:
     """New array of `size` numbers, finite or not."""
-    array = np.atleast_1d(real_array(value))
+    array = real_array(value)
+    array = array if array.ndim else array.reshape(1)
     if array.shape != (size,):
         expected = "a number" if size == 1 else f"{size} numbers"
         raise SceneError(
@@ -357,7 +360,8 @@ def real_array(value) -> np.ndarray:
     """
     if type(value) is np.ndarray and value.dtype.kind in "iuf":
         return np.array(value, dtype=float)
-    if type(value) in (list, tuple) and {*map(type, value)} <= _SCALARS:
+    kinds = {*map(type, value)} if type(value) in (list, tuple) else {type(value)}
+    if kinds <= _SCALARS:
         with suppress(OverflowError):  # an integer too large for a float
             return np.array(value, dtype=float)
     if (dual := dual_of(value)) is not None:

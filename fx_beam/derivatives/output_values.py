@@ -14,7 +14,7 @@ from fx_beam.errors import require
 from fx_beam.results.solution import Solution, history
 from fx_beam.results.state import HISTORIES
 from fx_beam.scene.beam import Beam, BeamPlace, Node
-from fx_beam.scene.outputs import CRITICAL_LOAD, PERIOD, Measured, Output
+from fx_beam.scene.outputs import CRITICAL_LOAD, PERIOD, Measured, Output, quantity_of
 from fx_beam.scene.scene import Scene
 from fx_beam.step.model import Model
 from fx_beam.step.recorder import Record, Recorder
@@ -63,7 +63,7 @@ def recorded(given: Record, last: Record, outputs: Mapping[str, Wanted]) -> Reco
 
 def record_of(output: Output) -> str:
     """What of a `Record` has an output of a node or a joint: "motion", "rates" or "forces"."""
-    history = HISTORIES.get(Measured(output).quantity.of)
+    history = HISTORIES.get(quantity_of(output).of)
     return "" if history is None else history.record
 
 
@@ -79,7 +79,7 @@ def values_of(solution: Solution, output: Wanted, name: str) -> np.ndarray:
     if output.quantity == CRITICAL_LOAD:
         return np.array(first_critical_point(solution).load_factor)
     if isinstance(output.of, Scene):
-        return getattr(solution.energy, Measured(output).quantity.of)
+        return getattr(solution.energy, quantity_of(output).of)
     if isinstance(output.of, Beam):
         return getattr(solution.resultants(output.of), output.quantity)
     return history(solution, output)

@@ -73,7 +73,8 @@ def warn_of_long_elements(solution: Solution, t: np.ndarray, q: np.ndarray) -> N
     turns = q[:: rows.step, :, 2][:, nodes[0] if len(nodes) == 1 else np.concatenate(nodes)]
     bends = abs(turns[:, 1:] - turns[:, :-1])
     ends = list(itertools.accumulate(map(len, nodes)))
-    bends[:, np.array(ends[:-1], int) - 1] = 0.0  # from one beam to the next
+    if ends[:-1]:
+        bends[:, np.array(ends[:-1]) - 1] = 0.0  # from one beam to the next
     if bends.max() <= _BENT:
         return
     k, i = np.unravel_index(np.argmax(bends), bends.shape)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -61,14 +60,17 @@ def solution_of(
     beams = zip(scene.beams, mesh.cells, strict=True)
     of_name = {beam.name: (beam, cells) for beam, cells in beams}
 
-    @functools.cache
+    means: list[np.ndarray] = []
+
     def resultants() -> np.ndarray:
-        beams = model.forms.beams
-        assert beams is not None
-        check_rates(recorder)
-        with model.reading:
-            steps = RowSteps(recorder)
-            return steps.means(beams.resultants(steps.batch()))[rows]
+        if not means:
+            beams = model.forms.beams
+            assert beams is not None
+            check_rates(recorder)
+            with model.reading:
+                steps = RowSteps(recorder)
+                means.append(steps.means(beams.resultants(steps.batch()))[rows])
+        return means[0]
 
     def resultants_of_beam(name: str) -> BeamResultants:
         beam, cells = of_name[name]

@@ -375,9 +375,8 @@ def rates_of_columns(model: Model, state: State, v: np.ndarray, driven: np.ndarr
     v, slides = v.copy(), np.zeros(len(state.slides))
     v[model.prescribed] = driven[: len(model.prescribed)]
     joints = [j for j in model.scene.joints if j.axis is not None or j.slide is not None]
-    at = model.motion(q=state.q[None], v=v[None])
     for joint in joints:
-        number = [joint.number]
+        number, at = [joint.number], model.motion(q=state.q[None], v=v[None])
         slides[number] = joint.kinematics.rate(at, state.slides[number])
     w = _driven_rates(model, driven)
     w[: model.reduction.free] = model.couplings.unknowns(v, slides)
@@ -414,7 +413,7 @@ def given_velocity(model: Model) -> Any:
             slopes[nodes] = 0.0
         if any_of(twice) or not all_of(np.isfinite(given)):
             _check_velocities(model, mesh.X[nodes], given, before, twice)
-    return (Dual(values, slopes) if np.any(slopes) else values).reshape(-1)
+    return (Dual(values, slopes) if any_of(slopes) else values).reshape(-1)
 
 
 def rates_with_slopes(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
@@ -42,6 +42,7 @@ Condition = Callable[[float, dict[str, Any]], Any]
 MOST_STEPS = 1e8
 # In the place of None.
 _DEFAULTS = {"scheme": EnergyMomentum(), "record": Record()}
+_NEWTON = NewtonOptions()
 _CONDITIONS = "a function of time and outputs, or a dictionary of such functions by names"
 
 
@@ -93,12 +94,12 @@ class CommonOptions:
     @classmethod
     def among(cls, arguments: Mapping[str, Any], **others: Any) -> Self:
         """Those among the arguments of a function, its `locals()`, but for others."""
-        names = {field.name for field in fields(cls)}
-        return cls(**{name: arguments[name] for name in names & arguments.keys()} | others)
+        names = cls.__dataclass_fields__.keys() & arguments.keys()
+        return cls(**{name: arguments[name] for name in names} | others)
 
     def __post_init__(self):
         if self.newton is None:
-            self.__dict__["newton"] = NewtonOptions()
+            self.__dict__["newton"] = _NEWTON
         check_fields(self, self.what)
         self._require("newton", isinstance(self.newton, NewtonOptions), "an fx_beam.NewtonOptions")
         ok = self.progress is None or is_flag(self.progress)

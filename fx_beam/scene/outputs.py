@@ -191,13 +191,18 @@ class Output:
     @property
     def components(self) -> tuple[str, ...]:
         """Names of its components; empty for a single number."""
-        return () if self.component else self._known[self.quantity].components
+        return () if self.component else quantity_of(self).components
 
     @property
     def index(self) -> int | None:
         """Number of its component; None for all."""
-        parts = self._known[self.quantity].components
+        parts = quantity_of(self).components
         return None if self.component is None else parts.index(self.component)
+
+
+def quantity_of(output: Output) -> Quantity:
+    """Where the values of an output come from."""
+    return output._known[output.quantity]
 
 
 class Term(NamedTuple):
@@ -229,7 +234,7 @@ class Measured:
 
     def __init__(self, output: Output):
         place: Any = output.of
-        self.name, self.quantity = output.quantity, (quantity := output._known[output.quantity])
+        self.name, self.quantity = output.quantity, (quantity := quantity_of(output))
         count, index = len(quantity.components), output.index
         #: The component, or all of them.
         self.component = slice(None) if index is None else index

@@ -98,7 +98,7 @@ def _difference(one: Any, two: Any) -> str:
             return " has another length"
         names = [f"[{i}]" for i in range(len(one))]
     elif isinstance(one, _Form) and isinstance(two, _Form) and one.kind is two.kind:
-        names = [f".{name}" for name, _ in _fields(one.kind)]
+        names = [f".{name}" for name, _ in _fields(one.kind) or ()]
         one, two = one.parts, two.parts
     else:
         return " differs"
@@ -118,13 +118,15 @@ def _form(value: Any, is_number: bool, of_parts: dict[int, Any]) -> Any:
     kind: Any = type(value)
     if kind in _PLAIN:
         return () if is_number and value is not None else value
+    if kind in (list, tuple) and not is_number:
+        return [_form(part, False, of_parts) for part in value]
     if isinstance(value, Node):
         return value.number
     if is_number:
         return _form_of_number(value)
-    if is_dataclass(value):
+    if (attributes := _fields(kind)) is not None:
         if id(value) not in of_parts:
-            forms = [_form(getattr(value, name), of, of_parts) for name, of in _fields(kind)]
+            forms = [_form(getattr(value, name), of, of_parts) for name, of in attributes]
             of_parts[id(value)] = _Form(kind, forms)
         return of_parts[id(value)]
     if isinstance(value, dict):
@@ -138,8 +140,10 @@ def _form(value: Any, is_number: bool, of_parts: dict[int, Any]) -> Any:
 
 
 @functools.cache
-def _fields(kind: type) -> list[tuple[str, bool]]:
-    """Names of the attributes of a kind of parts, and whether they are numbers."""
+def _fields(kind: type) -> list[tuple[str, bool]] | None:
+    """Names of the attributes of a dataclass, and whether they are numbers; None for others."""
+    if not is_dataclass(kind):
+        return None
     return [(field.name, "number" in field.metadata) for field in fields(kind)]
 
 

@@ -147,9 +147,10 @@ class CompiledLoop:
         """The same on a tape, which keeps the state before every so many steps."""
         from .checkpoints import TakenSteps
 
-        taken, inputs, times = 0, steps.inputs, np.append(t, steps.ends)
+        taken, inputs, times = 0, steps.inputs, np.concatenate([[t], steps.ends])
         while taken < inputs.steps:
-            rest, count = inputs.after(taken), min(tape.most_steps, inputs.steps - taken)
+            rest = inputs.after(taken) if taken else inputs
+            count = min(tape.most_steps, inputs.steps - taken)
             count -= (to.part + count) % to.parts if count > to.parts else 0  # whole steps
             c_inputs = rest.in_c(self.problem.ffi)
             now = TakenSteps(count, steps.dt, to.parts, to.part, c_inputs, rest, times[taken:])

@@ -126,7 +126,8 @@ class Model:
     def check(self, data: Data) -> None:
         """OtherStructureError if data are of other kinds than the numbers that this has."""
         self.forms.check(data.forms)
-        self.masses.check(data.masses)
+        if data.masses is not self.data.masses:
+            self.masses.check(data.masses)
         data.arms.are_at(self.data.arms)
         for own, others in ((self.loads, data.loads), (self.natural, data.natural)):
             if others is not own:
@@ -164,7 +165,8 @@ class Model:
         self.mesh.bind(floats(data.X))
         size = self.mesh.size
         #: Size (size,) of unit increments: that of the scene for displacements, 1 for rotations.
-        self.unit = np.tile([size, size, 1.0], len(self.mesh.X))
+        self.unit = np.full(self.mesh.dofs.size, size)
+        self.unit[2::3] = 1.0
         self.masses.bind(data.masses)
         #: Dead loads and natural strains.
         self.loads, self.natural = data.loads, data.natural

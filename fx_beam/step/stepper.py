@@ -184,8 +184,9 @@ def equal_steps(t: float, times: np.ndarray, dt: float | None = None) -> tuple[i
 
     It is dt where they differ by the rounding of times only: so it is the same in all blocks.
     """
-    lengths = np.diff(times, prepend=t)
-    first = float(lengths[0])
+    lengths = times.copy()
+    lengths[1:] -= times[:-1]
+    lengths[0] = first = float(times[0] - t)
     rounding = 4 * math.ulp(max(abs(t), abs(times[-1]))) + _SAME * first
     known = dt is not None and abs(first - dt) <= rounding
     different = abs(lengths - (dt if known else first)) > rounding
