@@ -1,6 +1,6 @@
 """Scenes a second of a parameter sweep, on processes and under mpirun.
 
-    .venv/bin/python benchmarks/sweep.py [number of scenes]
+    .venv/bin/python benchmarks/sweep.py [number of scenes] [parts]
 
 Pinned beams as in the demo, 8 elements, with other stiffnesses and initial speeds: 2 s each with
 dt = 0.01 s. They run on one and two processes, and in pools of mpi4py with one and two workers,
@@ -8,6 +8,13 @@ which are two and three ranks. Of each sweep: its whole time; the time until the
 done, in which the workers start and load the forms; scenes a second after that; and the processor
 time of a scene, median and lowest, on which other programs have less effect. Forms are in the cache
 already.
+
+With `parts`, in one process: the processor time of a scene by what it is spent on; and the most
+that lanes could gain, eight scenes in a vector that take their steps together. What goes by blocks
+of eight elements, their functions above all, fills the vectors already. So an iteration with 1, 8
+and 32 elements takes a + e + c, a + e + 8c and a + 4e + 32c: e for a block, c for each element, a
+for all else. Of eight scenes in lanes only a + 8c could be divided, by eight at the most, and each
+of them waits for the one with most iterations.
 """
 
 import json
@@ -21,29 +28,38 @@ from time import monotonic, thread_time
 import numpy as np
 
 import fx_beam as fb
+from fx_beam.motions.motion_series import MotionSeries
+from fx_beam.step.loop import CompiledLoop
 
 LENGTH, SPEED = 100.0, 600.0
 T_END, DT, ELEMENTS = 2.0, 0.01, 8
+LANES = 8
 
 
-def swing(case):
-    """A pinned beam; its end, when it ended and the processor time that it took."""
-    clock = thread_time()
+def built(case, elements=ELEMENTS):
+    """The scene of a case, a pinned beam."""
     factor, middle = case["stiffness"], LENGTH / 2
     section = fb.Section(
         EA=4e7 * factor, GA=1e7 * factor, EI=1.3e7 * factor, rhoA=0.05, rhoI=1 / 60
     )
     scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (LENGTH, 0)], section, elements=ELEMENTS)
+    beam = scene.add_beam([(0, 0), (LENGTH, 0)], section, elements=elements)
     scene.pin(beam.start)
     scene.set_velocity(
         beam,
         lambda x, y: (0.0, case["speed"] * (1 - abs(x / middle - 1))),
         spin=lambda x, y: case["speed"] / middle * np.sign(middle - x),
     )
+    return scene
+
+
+def swing(case):
+    """The end of a pinned beam, when it ended and the processor time that it took."""
+    clock = thread_time()
+    scene = built(case)
     solution = fb.simulate(scene, dt=DT, t_end=T_END)
     return {
-        "x": float(solution.position(beam.end)[-1, 0]),
+        "x": float(solution.position(scene.beams[0].end)[-1, 0]),
         "call": thread_time() - clock,
         "ended": monotonic(),
     }
@@ -83,6 +99,87 @@ def under_mpirun(number, ranks):
     return json.loads(done.stdout)
 
 
+def timed(kind, name, times):
+    """A method that adds its processor time to `times`; the original one."""
+    method = getattr(kind, name)
+
+    def call(*arguments):
+        clock = thread_time()
+        result = method(*arguments)
+        times[name] += thread_time() - clock
+        return result
+
+    setattr(kind, name, call)
+    return method
+
+
+def times_by_part(number, elements):
+    """Processor times [s] to build, set numbers, take steps, of all else; and iterations."""
+    times = {"lease": 0.0, "_steps": 0.0}
+    methods = [(kind, name, timed(kind, name, times)) for kind, name in TIMED]
+    rows = []
+    try:
+        for case in cases(number):
+            times |= dict.fromkeys(times, 0.0)
+            clock = thread_time()
+            scene = built(case, elements)
+            begun = thread_time()
+            solution = fb.simulate(scene, dt=DT, t_end=T_END)
+            float(solution.position(scene.beams[0].end)[-1, 0])
+            whole = thread_time() - begun
+            rest = whole - sum(times.values())
+            rows.append([begun - clock, *times.values(), rest, solution.stats.newton_iterations])
+            del solution  # which would hold what the next scene needs
+    finally:
+        for kind, name, method in methods:
+            setattr(kind, name, method)
+    return np.array(rows[1:])
+
+
+TIMED = (MotionSeries, "lease"), (CompiledLoop, "_steps")
+
+
+def held_iterations(number):
+    """Iterations of a step: the mean, and the mean of the most among as many scenes as lanes."""
+    counts = []
+    for case in cases(number):
+        motion, before = fb.Motion(built(case), dt=DT), 0
+        for _ in range(round(T_END / DT)):
+            motion.step()
+            now = motion.stats.newton_iterations
+            counts.append(now - before)
+            before = now
+    of_steps = np.array(counts).reshape(number, -1)
+    return of_steps.mean(), of_steps.reshape(-1, LANES, of_steps.shape[1]).max(axis=1).mean()
+
+
+def parts(number):
+    """Print what a scene of a sweep costs by part, and what lanes could change."""
+    found = {}
+    for elements in (1, ELEMENTS, 4 * ELEMENTS):
+        times_by_part(10, elements)  # compiles
+        found[elements] = times_by_part(number, elements)
+    rows = found[ELEMENTS][:, :-1]
+    row = "{:36} {:>10} {:>10}".format
+    print(f"a scene of {T_END / DT:.0f} steps, processor time [ms], of {number} scenes")
+    print(row("", "median", "lowest"))
+    names = "build", "set its numbers", "the steps in C", "all else around them"
+    for name, times in zip((*names, "all"), (*rows.T, rows.sum(axis=1)), strict=True):
+        print(row(name, f"{1e3 * np.median(times):.3f}", f"{1e3 * times.min():.3f}"))
+    one, many, most = (1e6 * (times[:, 2] / times[:, -1]).min() for times in found.values())
+    print("an iteration [us]: " + ", ".join(f"{time:.3f}" for time in (one, many, most)))
+    other = (many - one) / (ELEMENTS - 1)
+    block = (most - many) / 3 - ELEMENTS * other
+    mean, held = held_iterations(10 * LANES)
+    print(f"a block of elements {block:.3f} with 8; all else {many - block:.3f}")
+    print(f"iterations of a step: {mean:.2f}; of the slowest of {LANES} scenes: {held:.2f}")
+    lanes = (block + (many - block) / LANES) * held / mean
+    steps, whole = rows[:, 2].min(), rows.sum(axis=1).min()
+    print(f"at most in lanes: steps {many / lanes:.1f} times as fast, ", end="")
+    print(f"a scene {whole / (whole - steps * (1 - lanes / many)):.1f} times, ", end="")
+    print(f"with steps that take no time {whole / (whole - steps):.1f} times")
+
+
 def main(number=1000):
     measured(4, 1)  # compiles
     print(
@@ -109,5 +206,7 @@ if __name__ == "__main__":
 
         with MPIPoolExecutor() as pool:
             print(json.dumps(measured(int(sys.argv[1]), pool)))
+    elif sys.argv[2:] == ["parts"]:
+        parts(int(sys.argv[1]))
     else:
         main(*map(int, sys.argv[1:2]))

@@ -16,3 +16,9 @@ def test_derivatives_of_a_run_are_measured():
     times = script.measured(lambda: script.pinned(8), 1e-3, 20, 1)
     assert len(times) == len(script.NUMBERS) + 4
     assert min(times) > 0
+
+
+def test_the_parts_of_a_scene_of_a_sweep_are_measured():
+    rows = benchmark("sweep").times_by_part(3, 2)
+    assert rows.shape == (2, 5)
+    assert rows.min() > 0
