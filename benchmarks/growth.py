@@ -131,6 +131,21 @@ def motors(n):
     return scene, body
 
 
+def gears(n):
+    """n wheels in a row, each of which drives the next one."""
+    scene, shafts = fb.Scene(gravity=(0, -9.81)), []
+    for k in range(n):
+        points = {"weight": (k + 0.5, 0)} if k == 0 else {}
+        wheel = scene.add_body((k, 0), 1.0, 0.1, points=points)
+        shafts.append(scene.add_joint(fb.Revolute(fb.GROUND, wheel.centre)))
+        if k == 0:
+            node = wheel["weight"]
+            scene.add_mass(node, 1.0)
+        else:
+            scene.add_joint(fb.Gear(shafts[-2], shafts[-1], ratio=-1.001))
+    return scene, node
+
+
 def springs(n):
     """n bodies in a row, with springs between them and to the ground."""
     scene, last = fb.Scene(gravity=(0, -9.81)), None
@@ -145,7 +160,7 @@ def springs(n):
 
 
 KINDS = {f.__name__: f for f in (elements, chain, ladder, lattice)}
-KINDS |= {f.__name__: f for f in (sliders, contacts, members, motors, springs)}
+KINDS |= {f.__name__: f for f in (sliders, contacts, members, motors, gears, springs)}
 SIZES = {name: (64, 256, 1024, 4096) for name in KINDS}
 SIZES |= {"sliders": (8, 32, 128, 512), "elements": (256, 1024, 4096, 16384)}
 QUICK = {name: (32, 128, 512) for name in KINDS} | {"sliders": (8, 32, 128)}

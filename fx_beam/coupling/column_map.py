@@ -71,10 +71,12 @@ class ColumnMap:
         others = np.setdiff1d(np.arange(self.shape[1]), self._dependent)
         entries = np.ones(len(others)), (others, others)
         if len(self._dependent):
-            C = self._C if isinstance(self._C, np.ndarray) else self._C.toarray()
-            ratios = -self._solve(C)
+            # Of the independent columns few are in long loops.
+            used = np.flatnonzero(abs(self._C).sum(axis=0))
+            C = self._C[:, used]
+            ratios = -self._solve(C if isinstance(C, np.ndarray) else C.toarray())
             k, column = np.nonzero(ratios)
-            places = np.append(others, self._dependent[k]), np.append(others, column)
+            places = np.append(others, self._dependent[k]), np.append(others, used[column])
             entries = np.append(entries[0], ratios[k, column]), places
         return scipy.sparse.csr_matrix(entries, (self.shape[1],) * 2)
 

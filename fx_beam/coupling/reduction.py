@@ -314,12 +314,13 @@ class Reduction:
             rows.append(slide.equations(relation, first, values, columns))
         dependent = [np.empty(0, int), *(slide.columns for slide in slides)]
         if closed and self.loops is not None:
-            rows.append(self.loops.derivatives(values).toarray())
+            rows.append(self.loops.derivatives(values))
             dependent.append(self._following(self.loops))
-        if not auxiliaries or not len(self.auxiliaries):
+        if auxiliaries and len(self.auxiliaries):
+            rows.append(self.auxiliaries.equations(values))
+            dependent.append(np.arange(self.columns, columns))
+        if all(isinstance(block, np.ndarray) for block in rows):
             return np.concatenate(rows), np.concatenate(dependent)
-        rows.append(self.auxiliaries.equations(values))
-        dependent.append(np.arange(self.columns, columns))
         C = scipy.sparse.vstack([scipy.sparse.csr_matrix(block) for block in rows], "csr")
         return C, np.concatenate(dependent)
 
