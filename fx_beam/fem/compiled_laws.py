@@ -144,6 +144,16 @@ class CompiledLaw:
             **{"entries": len(self.entries), "entry_row": row, "entry_column": column},
         }
 
+    @property
+    def slopes_address(self) -> int:
+        """Address of its `slopes`."""
+        return self.slopes.address
+
+    @property
+    def slopes_size(self) -> int:
+        """Number of its `slopes`."""
+        return self.slopes.size
+
     def check_at_zero(self, parameters: np.ndarray) -> None:
         """Refuse a law that is not finite at zero with these values of its parameters."""
         given = np.zeros(self.given)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from fx_beam.laws.point_laws import StepRule, arguments
 
-from .compiled_laws import CompiledLaw, compiled_laws
+from .line_laws import laws_of_forces
 from .point_forces import PlacedForce, PointForces, Role
 
 #: Forces at an instant, from places and rates at the start of a step.
@@ -63,7 +63,7 @@ class LineValues:
             forces = forces[:1]  # all have them
         laws = [each.law for each in forces]
         if rule is not None and laws:
-            laws = compiled_laws([law.law for law in laws], rule)
+            laws = laws_of_forces([law.law for law in laws], rule)
         self._forces = [*zip(forces, laws, strict=True)]
 
     def values(self, steps: LineSteps) -> np.ndarray:
@@ -93,7 +93,7 @@ class LineValues:
             ]
             yield from (LineSlopes(*part) for part in parts if part[2].any())
 
-    def _given(self, each: PlacedForce, law: CompiledLaw, steps: LineSteps) -> np.ndarray:
+    def _given(self, each: PlacedForce, law: Any, steps: LineSteps) -> np.ndarray:
         """What a law is given (k, given); nothing of an iteration before."""
         force, numbers = each.force, np.tile(each.numbers, (len(steps.q), 1))
         if force.role == Role.EXTERNAL:

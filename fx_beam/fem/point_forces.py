@@ -17,7 +17,7 @@ from fx_beam.laws.interval import Interval, StepStart
 from fx_beam.laws.point_laws import PointLaw, StepRule, arguments
 from fx_beam.scene.structure import OtherStructureError
 
-from .compiled_laws import CompiledLaw, compiled_laws
+from .line_laws import laws_of_forces
 from .loads import Followers
 from .parameter_values import ParameterValues
 from .sparsity import positions_in
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from .member_contacts import MemberContacts
 
 _NONE = np.empty(0)
+_NO_LINE = {"pieces": 0, "moves": [-1], "length_entries": 0, "others": 0, "level": 0.0}
 _HEADER = "point_force.h"
 _LIBRARY = "forces at points", "point_forces.h", _HEADER
 
@@ -78,7 +79,7 @@ class PlacedForce(NamedTuple):
     """A force, its law, and where its internal variables and numbers are among those of all."""
 
     force: PointForce
-    law: CompiledLaw
+    law: Any  # compiled
     numbers: np.ndarray
     first_internal: int
     first_number: int
@@ -125,7 +126,7 @@ class PointForces:
         #: Place of the internal variables of each force among all.
         self._first_internal = [firsts[i] for i in order]
         self._forces = forces = [forces[i] for i in order]
-        self._laws = compiled_laws([force.law for force in forces], rule)
+        self._laws = laws_of_forces([force.law for force in forces], rule)
         for law in dict.fromkeys(self._laws):
             law.check_at_zero(parameters.values[parameters.indices(law.parameters)])
         roles = np.array([force.role for force in forces], dtype=int)
@@ -240,6 +241,7 @@ class PointForces:
         of = law.law
         self._numbers[i][:] = force.numbers
         return {
+            **_NO_LINE,
             **law.members,
             "switches": law.address("switches"),
             "pull": law.address("pull"),
@@ -269,7 +271,7 @@ class PointForces:
     @property
     def slopes(self) -> list[tuple[int, int, int]]:
         """Of each force the address of its `CompiledLaw.slopes`, its numbers, and all slopes."""
-        return [(law.slopes.address, law.law.numbers, law.slopes.size) for law in self._laws]
+        return [(law.slopes_address, law.law.numbers, law.slopes_size) for law in self._laws]
 
     def set_columns(self, of_joints: Mapping[int, int]) -> None:
         """Set the columns of the slides, by the number of the joint."""
@@ -433,7 +435,7 @@ class PointForces:
         every = self._forces, self._laws, self._numbers, self._first_internal, ends
         return (of for of in map(PlacedForce, *every) if of.force.line == line)
 
-    def parameters_of(self, law: CompiledLaw) -> np.ndarray:
+    def parameters_of(self, law: Any) -> np.ndarray:
         """Numbers of the parameters of a law among those of the scene."""
         return np.array([self._names.index(name) for name in law.parameters], dtype=int)
 

@@ -16,12 +16,12 @@ from fx_beam.laws.point_laws import (
     DISPLACEMENT,
     FOLLOWER,
     GEAR,
+    LENGTH,
     ROTATION,
     SLIDE,
     CoordinateKind,
     PointLaw,
     drag,
-    length_over,
 )
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.contacts import Contact
@@ -184,12 +184,14 @@ def _between(
             yield from _to_ground(force, scene, mesh, X, known, at_rest)
             continue
         kind, apart, dofs = _along(force, mesh)
+        moves = () if force.over_pulleys else tuple(node >= 0 for node in force.nodes)
         for law, numbers in _of_coordinate(force.on, kind, known, at_rest):
-            given = law, [*apart, *numbers], dofs
+            given = law.over(moves) if moves else law, [*apart, *numbers], dofs
             yield PointForce(*given, owner=str(force), line=force.number)
         if force.force is not None:
             numbers = [*apart, 1.0]
             law = _shared(known, laws.pull, kind, force.functions, force.force)
+            law = law.over(moves) if moves else law
             yield PointForce(law, numbers, dofs, role=Role.EXTERNAL, line=force.number)
 
 
@@ -204,7 +206,7 @@ def _along(force: Any, mesh: Mesh) -> tuple[CoordinateKind, list[Any], list[int]
         return rope_over(kinds), force.numbers, np.concatenate(dofs).tolist()
     apart = [component for vector in force.apart for component in vector]  # with slopes
     dofs = mesh.dofs[[node for node in force.nodes if node >= 0], :2].ravel().tolist()
-    return length_over(tuple(node >= 0 for node in force.nodes)), apart, dofs
+    return LENGTH, apart, dofs
 
 
 def _to_ground(

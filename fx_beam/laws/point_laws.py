@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from fx_beam.scene.loads import PARTS_OF_DRAG
@@ -131,6 +131,10 @@ class PointLaw:
     smooth: bool = False
     #: Whether Newton's method may go far too far with it, and is shortened.
     needs_line_search: bool = False
+    #: Of a line over points the law of its length, by which its pieces have their forces, and which
+    #: points move.
+    of_length: PointLaw | None = None
+    moves: tuple[bool, ...] = ()
     #: What to say if it is not finite where all coordinates are zero; empty if that may be.
     zero_advice: str = ""
 
@@ -152,7 +156,16 @@ class PointLaw:
         """Identifier of a law of this package: what it consists of, without its functions."""
         has = [bool(part) for part in (self.energy, self.loss, self.switches, self.pull)]
         sizes = self.size, self.numbers, self.internal, self.iteration_memory
-        return self.name, *sizes, self.unilateral, self.has_stick_state, *has
+        return self.name, *sizes, self.unilateral, self.has_stick_state, *has, self.moves
+
+    def over(self, moves: tuple[bool, ...]) -> PointLaw:
+        """A law of a length as that of a line over points, of which some move.
+
+        Its numbers begin with the vectors from each point to the next one in the reference. Each
+        piece of the line has its own forces along itself, so that momenta are kept.
+        """
+        sizes = {"size": 2 * sum(moves), "numbers": self.numbers + 2 * len(moves) - 2}
+        return replace(self, of_length=self, moves=moves, **sizes)
 
 
 def arguments(law: PointLaw) -> int:
@@ -364,47 +377,6 @@ def arm_length(motion: ForceStep, r0, Dr, rates, rest: Any, side: Any) -> StepCo
     return StepCoordinate(start, end, along, along, end - start, rate)
 
 
-@functools.cache
-def length_over(moves: tuple[bool, ...]) -> CoordinateKind:
-    """Length of a line over points in order; a point moves, or is fixed.
-
-    Numbers: the vectors from each point to the next one in the reference. Each piece of the line
-    has its own forces along itself, so that momenta are kept.
-    """
-
-    def ways(values: Sequence[Any]) -> list[list[Any]]:
-        """From each point to the next one, of displacements, increments or rates."""
-        pairs = zip(values[::2], values[1::2], strict=True)
-        vectors = [list(next(pairs)) if moves_ else None for moves_ in moves]
-        return [way(*ends) for ends in itertools.pairwise(vectors)]
-
-    def length(motion: ForceStep, D: Sequence[Any], numbers: Sequence[Any]) -> StepCoordinate:
-        parts = [
-            arm_length(motion, add(apart, 1.0, moved), way_D, way_rates, 0.0, 1.0)
-            for apart, moved, way_D, way_rates in zip(
-                zip(numbers[::2], numbers[1::2], strict=True),
-                *map(ways, (motion.start, D, motion.rates)),
-                strict=True,
-            )
-        ]
-        along = list[Any]()
-        for i, moves_ in enumerate(moves):
-            if moves_:
-                before = [part.along for part in parts[max(i - 1, 0) : i]]
-                behind = [[-x for x in part.along] for part in parts[i : i + 1]]
-                along += [total(xs) for xs in zip(*before, *behind, strict=True)]
-        start, end, path, rate = (
-            total([getattr(part, name) for part in parts])
-            for name in ("start", "end", "path", "rate")
-        )
-        return StepCoordinate(start, end, along, along, path, rate)
-
-    which = "".join("fn"[moving] for moving in moves)
-    return CoordinateKind(
-        f"a length over {which}", 2 * sum(moves), 2 * len(moves) - 2, length, is_line=True
-    )
-
-
 def way(a: list[Any] | None, b: list[Any] | None) -> list[Any]:
     """From one point to another; None for one that does not move."""
     if a is None or b is None:
@@ -435,6 +407,8 @@ def _displacement(motion: ForceStep, D: Sequence[Any], numbers: Sequence[Any]) -
 
 SLIDE = CoordinateKind("a slide", 1, 0, _slide, starts_at_zero=True)
 ANGLE = CoordinateKind("an angle", 2, 0, _angle, starts_at_zero=True)
+#: Of a line over points (`PointLaw.over`), with recorded forces.
+LENGTH = CoordinateKind("a length", 1, 0, _slide, is_line=True)
 #: Between two joints, a and b of one and of the other; numbers: ratio, value.
 GEAR = CoordinateKind("a gear", 4, 2, _gear, starts_at_zero=True)
 #: Of a node to the ground, with recorded forces.

@@ -219,7 +219,7 @@ static void put_points(const Problem *p, const Derivatives *a, Linear *l) {
     const double *slopes = a->of_point;
     int wide = 2 * n + e->internal + numbers + e->parameters;
     const Reversal *reversal = e->internal ? reversal_at(a, l->step, e->first_internal) : 0;
-    call(a->slopes[k], e->given, a->of_point, all * wide);
+    call_slopes(e, a->slopes[k], a->of_point, wide);
     if (reversal) reverse(reversal, n, wide, 2 * n + e->internal + numbers - 2, e->load >= 0, a->of_point);
     for (int i = 0; i < all; ++i) {
       int row = i >= n ? l->at.springs1 + e->first_internal + i - n : e->slide >= 0 ? l->at.R + e->column : in(l->at.r, e->dof[i]);

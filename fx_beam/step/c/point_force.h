@@ -26,6 +26,10 @@ typedef struct {
   double *given, *numbers, *results;
   int parameters, *parameter; /* which ones of the scene it needs */
   double *parameter_values;
+  /* Of a line over points, whose law is one of its length: its pieces, or 0; where the coordinates of each point begin, or
+     -1; entries of the tangent of that law, and its numbers and parameters; the scheme's level. */
+  int pieces, *moves, length_entries, others;
+  double level;
   double *tangent_at; /* increment and results where the tangent is evaluated, if `needs_line_search` */
 } PointForce;
 

@@ -3,7 +3,7 @@
 #pragma once
 
 #include "fixed_point.h"
-#include "member_contacts.h"
+#include "line_law.h"
 
 /* Numbers of the nodes of a force, or number `at` of slides. */
 static inline void coordinates(const PointForce *e, const double *nodes, const double *slides, int at, double *to) {
@@ -38,7 +38,7 @@ void fx_evaluate_points(const PointForces *p, int first, int end, const double *
   for (PointForce *e = p->of + first; e < p->of + end; ++e) {
     int values = values_of(e);
     coordinates(e, D, z, e->column, e->given + e->size);
-    call(e->law, e->given, e->results, values);
+    call_law(e, e->results);
     for (int i = 1; i <= e->iteration_memory; ++i) e->numbers[-i] = e->results[values - i];
   }
 }
@@ -62,7 +62,7 @@ double fx_lost_at_points(const PointForces *p, const double *D, const double *z)
   for (const PointForce *e = p->of; e < p->of + p->all; ++e) {
     if (!e->loss) continue;
     coordinates(e, D, z, e->column, e->given + e->size);
-    call(e->loss, e->given, p->probe, 1);
+    call_value(e, e->loss, p->probe, 1);
     sum += *p->probe;
   }
   return sum;
@@ -74,7 +74,7 @@ double fx_stored_at_points(const PointForces *p, const double *q, const double *
     if (!e->energy) continue;
     coordinates(e, q, slide, e->slide, e->given);
     for (int i = 0; i < e->internal; ++i) e->given[3 * e->size + 2 + i] = internal[e->first_internal + i];
-    call(e->energy, e->given, p->probe, 1);
+    call_value(e, e->energy, p->probe, 1);
     sum += *p->probe;
   }
   return sum;
@@ -84,7 +84,7 @@ static void evolve_points(const PointForces *p, const double *D, const double *z
   for (const PointForce *e = p->of; e < p->of + p->all; ++e) {
     if (!e->internal) continue;
     coordinates(e, D, z, e->column, e->given + e->size);
-    call(e->law, e->given, e->results, values_of(e));
+    call_law(e, e->results);
     memcpy(internal + e->first_internal, e->results + e->size + e->entries, e->internal * sizeof(double));
   }
   if (HAS(MEMBERS) && p->members) evolve_members(p->members, D, internal);
@@ -127,7 +127,7 @@ void fx_find_switches(const PointForces *p, const double *q, const double *slide
   for (const PointForce *e = p->of; e < p->of + p->all; out += e++->conditions) {
     if (!e->conditions) continue;
     coordinates(e, q, slide, e->slide, e->given);
-    call(e->switches, e->given, out, e->conditions);
+    call_value(e, e->switches, out, e->conditions);
   }
   if (HAS(MEMBERS) && p->members) member_gaps(p->members, q, out);
 }
@@ -152,7 +152,7 @@ static double point_deviation(const PointForces *p, const double *correction, co
     memcpy(last_D, D, n * sizeof(double));
     coordinates(e, correction, step, e->column, along);
     for (int k = 0; k < n; ++k) D[k] += (1 - part) * along[k];
-    call(e->law, e->given, results, values);
+    call_law(e, results);
     for (int k = 0; k < n; ++k) sum += along[k] * (results[k] - force[k]);
     for (int i = 0; i < e->entries; ++i) {
       int column = e->entry_column[i];

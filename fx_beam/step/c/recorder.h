@@ -44,7 +44,7 @@ static void add_line_forces(const Problem *p, const Work *w) {
   for (const PointForce *e = p->points->of; e < p->points->of + p->points->nodal; ++e) {
     if (!e->pull) continue;
     coordinates(e, w->D, w->z, e->column, e->given + e->size);
-    call(e->pull, e->given, p->points->probe, 1);
+    call_value(e, e->pull, p->points->probe, 1);
     p->state.line_forces[e->line] += p->state.share * *p->points->probe;
   }
 }
