@@ -305,3 +305,57 @@ def test_springs_by_stiffness_and_by_energy_add_up():
     solution = fb.simulate(scene, dt=0.01, t_end=0.1)
     total = sum(solution.joint(line).energy for line in scene.forces_between)
     assert total == pytest.approx(solution.energy.springs, abs=1e-13)
+
+
+@pytest.mark.parametrize(
+    "start", [[(-1, 0), (0, 0)], [(-1, 0.2), fb.Pulley((-0.2, 0), 0.2, "right")]]
+)
+def test_a_weight_on_a_rope_has_the_derivatives_of_closed_forms(start):
+    """A spring beside the rope has a part of the weight; over a point and over a pulley.
+
+    The stretch is s = m g / (k + c), T = k s, E = k s^2 / 2.
+    """
+    g, m, k, c = 9.81, 20.0, 3e4, 500.0
+
+    def build(x):
+        scene = fb.Scene(gravity=(0, -g))
+        load = scene.add_body((0, -3), mass=x[0]).centre
+        scene.fix(load, "x", "rotation")
+        scene.add_spring(load, y=fb.Spring(c))
+        rope = scene.add_rope([*start, load], spring=fb.Spring(x[1]))
+        return scene, {name: fb.Output(name, rope) for name in ("force", "energy", "length")}
+
+    run = fb.StaticResponse(build, load_steps=1)
+    _, y = run([m, k])
+    s = m * g / (k + c)
+    by_m, by_k = s / m, -s / (k + c)
+    assert y["force"][-1] == pytest.approx(k * s, rel=1e-9)
+    assert y["energy"][-1] == pytest.approx(k * s * s / 2, rel=1e-9)
+    jacobian = {name: rows[-1] for name, rows in run.jacobian().items()}
+    assert jacobian["force"] == pytest.approx([k * by_m, s + k * by_k], rel=1e-8)
+    assert jacobian["energy"] == pytest.approx([k * s * by_m, s * s / 2 + k * s * by_k], rel=1e-8)
+    assert jacobian["length"] == pytest.approx([by_m, by_k], rel=1e-8)
+
+
+@pytest.mark.parametrize("n", [3, 12])
+def test_a_rope_over_many_points_pulls_each_along_both_of_its_pieces(n):
+    """Against the sum of its pieces, with the tension of the length."""
+    scene = fb.Scene()
+    places = [(0.5 * i, -0.4 * (i % 3)) for i in range(n)]
+    nodes = [scene.add_body(place, mass=1.0).centre for place in places]
+    scene.clamp(nodes[0])
+    for node in nodes[1:]:
+        scene.fix(node, "rotation")
+        scene.add_spring(node, x=fb.Spring(80.0), y=fb.Spring(50.0))
+    rope = scene.add_rope(nodes, spring=fb.Spring(100.0), length=0.4 * n)
+    solution = fb.static(scene)
+    at = np.array([solution.position(node)[-1] for node in nodes])
+    ways = np.diff(at, axis=0)
+    sizes = np.hypot(*ways.T)
+    tension = 100.0 * (sizes.sum() - 0.4 * n)
+    assert tension > 1.0
+    assert solution.joint(rope).force[-1] == pytest.approx(tension, rel=1e-9)
+    pulls = tension * ways / sizes[:, None]
+    on_nodes = np.append(pulls[1:], [[0.0, 0.0]], axis=0) - pulls
+    held = np.array([80.0, 50.0]) * (at - np.array(places))[1:]
+    assert on_nodes == pytest.approx(held, abs=1e-7 * tension)

@@ -223,15 +223,6 @@ def test_what_is_no_rope_is_refused():
         no_line.add_body((0, 0), mass=1.0, inertia=1.0)
         fb.simulate(no_line, dt=0.1, t_end=0.1).joint(rope)
     assert solution.joint(rope).force.shape == (2,)
-    with pytest.raises(fb.SceneError, match="only position"):
-        fb.linearise(scene, outputs={"T": fb.Output("force", rope)})
-
-    def build(x):
-        scene, _, rope = block(k=x[0])
-        return scene, {"T": fb.Output("force", rope)}
-
-    with pytest.raises(fb.SceneError, match="have no derivatives"):
-        fb.StaticResponse(build)([1e4])
 
 
 @pytest.mark.parametrize(
