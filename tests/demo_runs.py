@@ -1,10 +1,11 @@
-"""Each demo, run once in the process that tests it, with its pictures."""
+"""Each demo, run once in the process that tests it; its pictures where a test looks at them."""
 
 import functools
 import re
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
 from unittest import mock
 
 from matplotlib.figure import Figure
@@ -41,16 +42,30 @@ def _coarse(figure, path, **look):
     _SAVE(figure, path, **look | {"dpi": 150})
 
 
+#: What demos have returned to draw.
+_DRAWN = {}
+
+
 @functools.cache
 def numbers(name):
-    """What a demo returns, which draws its pictures as well, once; films with few frames."""
+    """What a demo returns, once."""
+    found, _DRAWN[name] = demo(name).compute(**SMALL.get(name, {}))
+    return found
+
+
+@functools.cache
+def drawn(name):
+    """The folder of what a demo writes, its pictures too, drawn once; films with few frames."""
 
     def animate(solution, path, rows, fps=20, **options):
-        few = rows[:: max(1, len(rows) // 10)]
+        few = rows[:: max(1, len(rows) // 7)]
         FILMS[name] = len(rows), len(few), fps
         whole(solution, path, few, fps=fps, **options)
 
-    whole = fb.plot.animate
+    whole, folder = fb.plot.animate, Path(RESULTS.name) / name
+    results = numbers(name), _DRAWN.pop(name)
+    parts = SimpleNamespace(compute=lambda: results, report=demo(name).report, draw=demo(name).draw)
     films = mock.patch.object(fb.plot, "animate", animate)
     with films, mock.patch.object(Figure, "savefig", _coarse):
-        return script.main(demo(name), Path(RESULTS.name) / name, **SMALL.get(name, {}))
+        script.main(parts, folder)
+    return folder

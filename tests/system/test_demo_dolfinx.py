@@ -1,11 +1,10 @@
 """The numbers of the demos whose steps dolfinx and PETSc take."""
 
 import xml.etree.ElementTree as ET
-from pathlib import Path
 
 import numpy as np
 import pytest
-from demo_runs import RESULTS
+from demo_runs import drawn
 from pytest import approx
 from scenes import demo
 
@@ -40,8 +39,9 @@ def test_the_divisor_of_the_paper_takes_most_of_the_drift_of_the_energy(in_dolfi
     assert exact < 1e-11 < published < 0.2 * without < 1e-3
 
 
-def test_the_motion_is_a_file_with_a_grid_for_each_step(in_dolfinx):
-    file = Path(RESULTS.name) / "in_dolfinx" / "motion.xdmf"
+@pytest.mark.usefixtures("in_dolfinx")
+def test_the_motion_is_a_file_with_a_grid_for_each_step():
+    file = drawn("in_dolfinx") / "motion.xdmf"
     times = [float(time.get("Value")) for time in ET.parse(file).iter("Time")]
     assert times == approx(np.linspace(0, 1.4, 141))
 

@@ -5,11 +5,10 @@ import json
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
-from demo_runs import FILMS, PICTURES, RESULTS, numbers
+from demo_runs import FILMS, PICTURES, drawn, numbers
 from scenes import DEMOS, demo
 
 pytestmark = pytest.mark.slow
@@ -36,7 +35,7 @@ def test_demos_of_the_paper_say_what_is_not_in_it(name, capsys):
 def test_demo_draws_its_pictures(name):
     from PIL import Image
 
-    found, directory = numbers(name), Path(RESULTS.name) / name
+    found, directory = numbers(name), drawn(name)
     assert json.loads((directory / "summary.json").read_text()).keys() == found.keys()
     for file in PICTURES[name]:
         with Image.open(directory / file) as picture:
@@ -45,9 +44,9 @@ def test_demo_draws_its_pictures(name):
             # 2 inches less some pixels, on which fonts decide, at 150 dots per inch.
             assert file == "thumbnail.gif" or min(first.shape) > 1.9 * 150
             if file.endswith(".gif"):
-                frames, drawn, fps = FILMS[name] if file == "motion.gif" else (1, 1, 20)
-                assert (directory / file).stat().st_size * frames / drawn < 2e6
-                assert frames / fps < 10 and picture.n_frames <= max(drawn, 80)
+                frames, few, fps = FILMS[name] if file == "motion.gif" else (1, 1, 20)
+                assert (directory / file).stat().st_size * frames / few < 2e6
+                assert frames / fps < 10 and picture.n_frames <= max(few, 80)
                 picture.seek(picture.n_frames // 2)
                 assert (np.asarray(picture.convert("L")) != first).any(), f"{file} stands still"
 
