@@ -80,7 +80,7 @@ class LineLaw:
         of_length = [sizes[0], sizes[1] - sizes[0], rate]
         sums = np.stack([values.sum(axis=1) for values in of_length], axis=1)
         rest = [given[:, 3 * n : first], given[:, first + 2 * count :]]
-        return _Pieces(*units, of_rate, np.hstack([sums, *rest]))
+        return _Pieces(units[0], units[1], of_rate, np.hstack([sums, *rest]))
 
     def _ways(self, values: np.ndarray) -> np.ndarray:
         """Vectors (k, pieces, 2) between points, of coordinates (k, n)."""

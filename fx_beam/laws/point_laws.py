@@ -164,8 +164,8 @@ class PointLaw:
         Its numbers begin with the vectors from each point to the next one in the reference. Each
         piece of the line has its own forces along itself, so that momenta are kept.
         """
-        sizes = {"size": 2 * sum(moves), "numbers": self.numbers + 2 * len(moves) - 2}
-        return replace(self, of_length=self, moves=moves, **sizes)
+        numbers = self.numbers + 2 * len(moves) - 2
+        return replace(self, size=2 * sum(moves), numbers=numbers, of_length=self, moves=moves)
 
 
 def arguments(law: PointLaw) -> int:

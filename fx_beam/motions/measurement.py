@@ -146,8 +146,11 @@ def _energy_reading(model: Model, now: Arrays, measured: Measured) -> Reading:
     values = LineValues(model.points, measured.terms[0].entries, measured.by_law)
 
     def read() -> float:
-        state = (now(name) for name in ("q", "spring_internal", "parameters"))
-        given = LineSteps.of_states(*(of if of is None else of[None] for of in state))
+        internal, parameters = (
+            None if (of_state := now(name)) is None else of_state[None]
+            for name in ("spring_internal", "parameters")
+        )
+        given = LineSteps.of_states(now("q")[None], internal, parameters)
         return float(values.values(given)[0])
 
     return read

@@ -648,7 +648,8 @@ def history(solution: Solution, output: Output) -> np.ndarray:
             return motion.gap.min(axis=1)
         return motion.force.sum(axis=1)[..., Measured(output).component]
     if Measured(output).by_law == "energy":
-        return solution.joint(output.of).energy
+        line: Any = output.of
+        return solution.joint(line).energy
 
     def read(array: str, entries: Any) -> np.ndarray:
         if array == "X":
