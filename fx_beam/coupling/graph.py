@@ -14,6 +14,7 @@ from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError
 from fx_beam.fem.mesh import Mesh
 from fx_beam.fem.sparsity import connected_parts, starts_of
+from fx_beam.scene.beam import Beam
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import SlidingJoint, sliding_joints
@@ -49,7 +50,7 @@ class Entries(NamedTuple):
         row, column, value_at, sign = np.array(entries, dtype=float).reshape(-1, 4).T
         return cls(row.astype(int), column.astype(int), value_at.astype(int), sign)
 
-    def take(self, chosen: np.ndarray) -> Entries:
+    def take(self, chosen: np.ndarray | slice) -> Entries:
         """The chosen entries."""
         return Entries(*(part[chosen] for part in self))
 
@@ -281,15 +282,14 @@ def _sliding_in_order(scene: Scene, mesh: Mesh, couplings: Couplings) -> list[Sl
     """Sliding joints in order: a beam depends on earlier sliding nodes only."""
     owner = {c: number for number, columns in couplings.carried.items() for c in columns}
     joints = {joint.number: joint for joint in couplings.sliding}
-    needs = {
-        number: {
-            owner[column]
-            for dof in mesh.dofs[mesh.nodes_of(scene, joint.beam)].ravel().tolist()
-            for column, _, _ in couplings.entries(dof)
-            if column in owner
-        }
-        for number, joint in joints.items()
-    }
+
+    def owners(beam: Beam) -> set[int]:
+        dofs = mesh.dofs[mesh.nodes_of(scene, beam)].ravel().tolist()
+        return {owner[c] for dof in dofs for c, _, _ in couplings.entries(dof) if c in owner}
+
+    of_beams = {id(joint.beam): joint.beam for joint in joints.values()}
+    needed = {key: owners(beam) for key, beam in of_beams.items()}
+    needs = {number: needed[id(joint.beam)] for number, joint in joints.items()}
     try:
         return [joints[number] for number in TopologicalSorter(needs).static_order()]
     except CycleError as error:

@@ -20,7 +20,7 @@ from fx_beam.c_library import Structs, array_at
 from fx_beam.content_cache import cached_by_content, cached_property
 from fx_beam.fem.mesh import rotation_of
 from fx_beam.fem.point_forces import PointForces
-from fx_beam.fem.sparsity import Pattern, sparsity
+from fx_beam.fem.sparsity import Pattern, sparsity, starts_of
 from fx_beam.laws.rates import UpdateRule
 from fx_beam.results.state import MACROS
 from fx_beam.scene.joints import GROUND, Joint
@@ -32,6 +32,9 @@ from .graph import Auxiliaries, Couplings, Entries, joined
 if TYPE_CHECKING:
     from .loops import Loops
     from .sliders import Slide, Sliders
+
+# Up to so many columns of nodes on beams, what they depend on is an array: it takes less time.
+_FEW = 100
 
 
 class ReducedTangent(NamedTuple):
@@ -309,14 +312,23 @@ class Reduction:
         """C (dependent, columns) with C z = 0, and the numbers of the dependent columns."""
         columns, slides = self._shape[1], self.sliders.all
         relations = self._configuration.relations(virtual) if slides else []
-        rows: list[Any] = [np.empty((0, columns))]
-        for slide, (relation, first) in zip(slides, relations, strict=True):
-            rows.append(slide.equations(relation, first, values, columns))
         dependent = [np.empty(0, int), *(slide.columns for slide in slides)]
+        starts = starts_of([*map(len, dependent[1:])])
+        parts = [(np.empty(0, int), np.empty(0, int), np.empty(0))]
+        for slide, first_row, (relation, first) in zip(slides, starts, relations, strict=False):
+            row, column, weights = slide.equations(relation, first, values)
+            parts.append((first_row + row, column, weights))
+        row, column, weights = map(np.concatenate, zip(*parts, strict=True))
+        with_auxiliaries = auxiliaries and len(self.auxiliaries)
+        if not with_auxiliaries and starts[-1] <= _FEW:
+            of_slides = np.bincount(row * columns + column, weights, starts[-1] * columns)
+            rows: list[Any] = [of_slides.reshape(starts[-1], columns)]
+        else:
+            rows = [scipy.sparse.csr_matrix((weights, (row, column)), (starts[-1], columns))]
         if closed and self.loops is not None:
             rows.append(self.loops.derivatives(values))
             dependent.append(self._following(self.loops))
-        if auxiliaries and len(self.auxiliaries):
+        if with_auxiliaries:
             rows.append(self.auxiliaries.equations(values))
             dependent.append(np.arange(self.columns, columns))
         if all(isinstance(block, np.ndarray) for block in rows):

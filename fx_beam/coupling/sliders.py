@@ -55,50 +55,16 @@ class Bordered(NamedTuple):
     columns: np.ndarray
 
 
-class Slide:
-    """One sliding node: the degrees of freedom of its beam, and its columns."""
+class Guide:
+    """A beam on which nodes slide: its degrees of freedom (nodes, 3), as ``Slider`` of c/slider.h."""
 
-    def __init__(self, joint: SlidingJoint, couplings: Couplings, mesh: Mesh, nodes: np.ndarray):
-        self.joint, self.path = joint, joint.path
-        self.columns = np.array(couplings.carried[joint.number])
-        self.column = couplings.slides[joint.number]
-        #: Degrees of freedom of the beam (nodes, 3) and of the node (3,).
-        self.dofs, self.node_dofs = mesh.dofs[nodes], mesh.dofs[joint.b.number]
-        #: Entries of the degrees of freedom of the beam, then entries in the columns of the node.
-        dofs = enumerate(self.dofs.ravel().tolist())
-        self._parts = Entries.of((k, couplings.entries(dof)) for k, dof in dofs)
-        every = couplings.all_entries
-        on = [np.flatnonzero(every.column == column) for column in self.columns]
-        self._entries = every.take(np.concatenate(on))
-        self._entry_start = starts_of([*map(len, on)])
-
-    def equations(
-        self, relation: np.ndarray, first: int, values: np.ndarray, count: int
-    ) -> np.ndarray:
-        """Rows C (components, columns) with C z = 0, by values of T or Tv.
-
-        `relation`: derivatives of the node by a window of the beam that begins with node `first`
-        (c/slider.h).
-        """
-        dof_weights = np.zeros((len(relation), *self.dofs.shape))
-        window = relation[:, :-1].reshape(len(relation), len(relation), self.path.width)
-        dof_weights[:, first : first + self.path.width, : len(relation)] = window.swapaxes(1, 2)
-        row, column, weights = self._parts.weights(values)
-        part_weights = dof_weights.reshape(len(relation), -1)[:, row] * weights
-        rows = np.array([np.bincount(column, row_weights, count) for row_weights in part_weights])
-        rows[:, self.column] += relation[:, -1]
-        rows[:, self.columns] -= np.eye(len(rows))
-        return rows
-
-    @property
-    def near(self) -> np.ndarray:
-        """Columns on which the beam depends."""
-        return np.unique(self._parts.column)
-
-    def members(self) -> dict[str, Any]:
-        """As ``Slider`` of c/slider.h."""
-        path = self.path
-        return {
+    def __init__(self, joint: SlidingJoint, couplings: Couplings, dofs: np.ndarray):
+        path, self.dofs = joint.path, dofs
+        #: Entries of the degrees of freedom.
+        self.parts = Entries.of((k, couplings.entries(dof)) for k, dof in enumerate(dofs.ravel()))
+        #: Columns on which the beam depends.
+        self.near = np.unique(self.parts.column)
+        self.members: dict[str, Any] = {
             "degree": path.degree,
             "elements": len(path.h),
             "most": path.most,
@@ -107,16 +73,64 @@ class Slide:
             "coefficients": path.coefficients,
             # Only differences count, which have few digits far from the origin.
             "position": path.X - path.X[0],
-            "angle": path.angles(),
+            "angle": path.angles,
+            "dofs": dofs.astype(np.int32),
+            "part_start": self.parts.starts(dofs.size).astype(np.int32),
+            "part_column": self.parts.column.astype(np.int32),
+            "part_value": self.parts.value_at.astype(np.int32),
+            "part_sign": self.parts.sign,
+        }
+
+
+class Slide:
+    """One sliding node: the beam on which it slides, and its columns."""
+
+    def __init__(self, joint: SlidingJoint, guide: Guide, couplings: Couplings, mesh: Mesh):
+        self.joint, self.guide, self.path = joint, guide, joint.path
+        #: Whether the next one needs the motion of all nodes with this one and those before.
+        self.carries = True
+        self.columns = np.array(couplings.carried[joint.number])
+        self.column = couplings.slides[joint.number]
+        #: Degrees of freedom of the beam (nodes, 3) and of the node (3,).
+        self.dofs, self.node_dofs = guide.dofs, mesh.dofs[joint.b.number]
+        #: Entries in the columns of the node.
+        every = couplings.all_entries
+        on = [np.flatnonzero(every.column == column) for column in self.columns]
+        self._entries = every.take(np.concatenate(on))
+        self._entry_start = starts_of([*map(len, on)])
+
+    def equations(
+        self, relation: np.ndarray, first: int, values: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Rows C (components, columns) with C z = 0: rows, columns and values of their entries.
+
+        By values of T or Tv. `relation`: derivatives of the node by a window of the beam that
+        begins with node `first` (c/slider.h).
+        """
+        count, width = len(relation), self.path.width
+        begin, end = 3 * first, 3 * (first + width)
+        parts = self.guide.parts.take(slice(*np.searchsorted(self.guide.parts.row, (begin, end))))
+        dof_weights = np.zeros((count, width, 3))
+        dof_weights[:, :, :count] = relation[:, :-1].reshape(count, count, width).swapaxes(1, 2)
+        row, column, weights = parts.weights(values)
+        part_weights = dof_weights.reshape(count, -1)[:, row - begin] * weights
+        every = np.arange(count)
+        return (
+            np.concatenate([np.repeat(every, len(column)), every, every]),
+            np.concatenate([np.tile(column, count), np.full(count, self.column), self.columns]),
+            np.concatenate([part_weights.ravel(), relation[:, -1], np.full(count, -1.0)]),
+        )
+
+    def members(self) -> dict[str, Any]:
+        """As ``Slider`` of c/slider.h."""
+        return self.guide.members | {
             "joint": self.joint.number,
+            "carries": self.carries,
             "column": self.column,
             "components": len(self.columns),
             "carried": self.columns,
             "node": self.node_dofs,
-            "dofs": self.dofs,
             "turn_stored_at": None,
-            "part_start": self._parts.starts(self.dofs.size),
-            **self._parts.members("part_"),
             "entry_start": self._entry_start,
             "entry_row": self._entries.row,
             "entry_value": self._entries.value_at,
@@ -129,8 +143,19 @@ class Sliders:
 
     def __init__(self, scene: Scene, couplings: Couplings, mesh: Mesh):
         self._couplings, self.scene_size = couplings, mesh.size
-        pairs = [(joint, mesh.nodes_of(scene, joint.beam)) for joint in couplings.sliding]
-        self.all = [Slide(joint, couplings, mesh, nodes) for joint, nodes in pairs]
+        guides: dict[int, Guide] = {}
+        for joint in couplings.sliding:
+            if id(joint.beam) not in guides:
+                dofs = mesh.dofs[mesh.nodes_of(scene, joint.beam)]
+                guides[id(joint.beam)] = Guide(joint, couplings, dofs)
+        joints = ((joint, guides[id(joint.beam)]) for joint in couplings.sliding)
+        self.all = [Slide(joint, guide, couplings, mesh) for joint, guide in joints]
+        moved: set[int] = set()
+        for last, slide in zip(self.all, self.all[1:], strict=False):
+            moved.update(last.columns.tolist())
+            last.carries = bool(couplings.auxiliaries) or not moved.isdisjoint(slide.guide.near.tolist())
+            if last.carries:
+                moved.clear()
         self._unknowns = couplings.unknown_count
         self._size = self._unknowns + couplings.columns - couplings.independent
         slides = np.array([slide.column for slide in self.all], dtype=int)

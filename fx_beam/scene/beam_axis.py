@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from typing import Any
+from weakref import WeakValueDictionary
 
 import numpy as np
+
+from fx_beam.content_cache import cached_property
 
 from .beam import Beam, reference_positions
 
@@ -12,6 +15,16 @@ from .beam import Beam, reference_positions
 _STRAIGHT = 1e-6
 # Cubic functions on [0, 1] with slope 1 at one end, and zero value and slope otherwise.
 _SLOPES = np.array([[0.0, 1.0, -2.0, 1.0], [0.0, 0.0, -1.0, 1.0]])
+
+
+# Axes in use, by ids of their beams, to which they refer.
+_axes: WeakValueDictionary[int, BeamAxis] = WeakValueDictionary()
+
+
+def axis_of(beam: Beam) -> BeamAxis:
+    """The axis of a beam, made once for all that slides on it."""
+    axis = _axes.get(id(beam))
+    return _axes.setdefault(id(beam), BeamAxis(beam)) if axis is None else axis
 
 
 class BeamAxis:
@@ -59,6 +72,7 @@ class BeamAxis:
         near = np.flatnonzero(self.corners() & (abs(inner - s) <= 0.01 * h))
         return self.X[self.degree * (near[0] + 1)] if near.size else None
 
+    @cached_property
     def angles(self) -> np.ndarray:
         """Angles (nodes,) of the reference tangent at the nodes, without jumps [rad]."""
         nodes, p = np.arange(len(self)), self.degree
@@ -68,7 +82,7 @@ class BeamAxis:
     @property
     def numbers(self) -> np.ndarray:
         """All numbers on which it depends."""
-        return np.concatenate([self.s, self.X.ravel(), self.coefficients.ravel(), self.angles()])
+        return np.concatenate([self.s, self.X.ravel(), self.coefficients.ravel(), self.angles])
 
     def element(self, s):
         """Element at an arc length, or several; the first or last one beyond the ends."""

@@ -11,7 +11,7 @@ from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError, as_float, require
 
 from .beam import Beam, Node
-from .beam_axis import BeamAxis
+from .beam_axis import BeamAxis, axis_of
 from .coordinate import Coordinate, Damper, Friction, Spring, Stop, checked_coordinate
 from .joints import GROUND, Joint, JointKinematics, NodalMotion, new_joint
 
@@ -59,7 +59,7 @@ class SlidingJoint(Joint):
     @cached_property
     def path(self) -> BeamAxis:
         """The axis of the beam."""
-        return BeamAxis(self.beam)
+        return axis_of(self.beam)
 
     def start(self) -> tuple[float, float]:
         """Arc length at the start, and distance of the node from the beam there [m]."""
@@ -87,12 +87,12 @@ class SlidingJoint(Joint):
     def turn(self, psi: np.ndarray, s: np.ndarray | float) -> np.ndarray:
         """Rotation (n,) of a sleeve at arc lengths s (n,), for rotations psi (n, nodes) [rad]."""
         path = self.path
-        return path.over(psi + path.angles(), np.atleast_1d(s)) - self.place_at_rest[2]
+        return path.over(psi + path.angles, np.atleast_1d(s)) - self.place_at_rest[2]
 
     @property
     def place_at_rest(self) -> np.ndarray:
         """Reference position of the node [m], and angle of the beam there (3,)."""
-        angle = self.path.over(self.path.angles()[None], np.array([self.start()[0]]))
+        angle = self.path.over(self.path.angles[None], np.array([self.start()[0]]))
         return np.array([self.b.x, self.b.y, angle[0]])
 
     def place_of_guide(self) -> tuple[float, float]:
@@ -148,7 +148,7 @@ class SlidingKinematics(JointKinematics):
         """Rate (n,) of the angle [rad/s]."""
         path, beam = self.joint.path, self.joint.beam
         turning = path.over(motion.beam("v", beam)[..., 2], slide)
-        bend = path.over(motion.beam("q", beam)[..., 2] + path.angles(), slide, 1)
+        bend = path.over(motion.beam("q", beam)[..., 2] + path.angles, slide, 1)
         return motion.node("v", self.joint.b)[2] - turning - bend * self.rate(motion, slide)
 
     def rate(self, motion: NodalMotion, slide: np.ndarray) -> np.ndarray:

@@ -14,8 +14,8 @@ from fx_beam.c_library import Structs, array_at
 from fx_beam.content_cache import cached_by_content
 from fx_beam.fem.sparsity import starts_of
 
-# Rows in a group: the degrees of freedom of a node.
-_GROUP = 3
+#: Rows in a group: the degrees of freedom of a node.
+GROUP = 3
 # Values of a row of a chain, and position of its couplings with its own group (chain.h).
 _ROW, _OWN = 12, 4
 _NONE = np.empty(0, dtype=int)
@@ -123,7 +123,7 @@ def _in_band(graph: scipy.sparse.csr_matrix, rows: np.ndarray, columns: np.ndarr
     order[reverse_cuthill_mckee(graph, symmetric_mode=True)] = np.arange(n)
     i, j = order[rows], order[columns]
     band = max(1, int(abs(i - j).max(initial=0)))
-    if band < 2 * _GROUP and (chained := _chained(graph, order, rows, columns)) is not None:
+    if band < 2 * GROUP and (chained := _chained(graph, order, rows, columns)) is not None:
         return _in_chain(chained, rows, columns)
     width = 2 * band + 1
     return Factors(order, i * width + band + j - i, n * width, band)
@@ -137,16 +137,16 @@ def _chained(
     for part in (np.zeros_like(parts), parts):  # first without gaps, then each part for itself
         _, first = np.unique(part[np.argsort(order)], return_index=True)
         i, j = (order[k] - first[part[k]] for k in (rows, columns))
-        apart = np.zeros((_GROUP, len(first)), dtype=bool)
-        for before in range(_GROUP):
-            distance = abs((i + before) // _GROUP - (j + before) // _GROUP)
+        apart = np.zeros((GROUP, len(first)), dtype=bool)
+        for before in range(GROUP):
+            distance = abs((i + before) // GROUP - (j + before) // GROUP)
             apart[before, part[rows[distance > 1]]] = True
         if apart.all(axis=0).any():
             continue
         before = np.argmin(apart, axis=0)
-        groups = -(-(np.bincount(part) + before) // _GROUP)
+        groups = -(-(np.bincount(part) + before) // GROUP)
         by_first, start = np.argsort(first), np.empty_like(first)
-        start[by_first] = _GROUP * (np.cumsum(groups[by_first]) - groups[by_first])
+        start[by_first] = GROUP * (np.cumsum(groups[by_first]) - groups[by_first])
         return order + (start + before - first)[part]
     return None
 
@@ -154,13 +154,13 @@ def _chained(
 def _in_chain(order: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> Factors:
     """Storage of groups of three positions, each coupled with the next group only (chain.h)."""
     # In each group in the order of unknowns, as in the element tangents.
-    order[np.argsort(order // _GROUP, kind="stable")] = np.sort(order)
-    chain = int(order.max()) // _GROUP + 1
+    order[np.argsort(order // GROUP, kind="stable")] = np.sort(order)
+    chain = int(order.max()) // GROUP + 1
     i, j = order[rows], order[columns]
-    at = i * _ROW + _OWN * (1 + j // _GROUP - i // _GROUP) + j % _GROUP
-    unused = np.flatnonzero(np.bincount(order, minlength=_GROUP * chain) == 0)
-    padding, size = unused * _ROW + _OWN + unused % _GROUP, _GROUP * chain * _ROW
-    return Factors(order, at, size, 2 * _GROUP - 1, chain=chain, padding=padding)
+    at = i * _ROW + _OWN * (1 + j // GROUP - i // GROUP) + j % GROUP
+    unused = np.flatnonzero(np.bincount(order, minlength=GROUP * chain) == 0)
+    padding, size = unused * _ROW + _OWN + unused % GROUP, GROUP * chain * _ROW
+    return Factors(order, at, size, 2 * GROUP - 1, chain=chain, padding=padding)
 
 
 def groups_of(
@@ -258,7 +258,7 @@ def _alike(graph: scipy.sparse.csr_matrix, dependent: np.ndarray | None, forces:
     by_sum = np.argsort(sums, kind="stable")
     new = np.diff(sums[by_sum], prepend=sums[by_sum[0]] - 1) != 0
     since = np.arange(n) - np.maximum.accumulate(np.where(new, np.arange(n), 0))
-    first = np.flatnonzero(since % _GROUP == 0)
+    first = np.flatnonzero(since % GROUP == 0)
     # Numbered as their first unknowns: minimum degree with auxiliary unknowns leaves less fill-in
     # than otherwise.
     number = np.empty(len(first), dtype=np.int32)

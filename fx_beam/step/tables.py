@@ -34,6 +34,7 @@ from .tangent_storage import (
     on_bordering_rows,
     storage_of,
     storage_of_entries,
+    with_bordering_rows,
 )
 
 if TYPE_CHECKING:
@@ -41,6 +42,8 @@ if TYPE_CHECKING:
 
 # Forms of the equations.
 _OF_EQUATIONS = "internal_forces", "drag"
+# From so many nodes on beams, what slides is in the sparse rows, not beside them.
+_MANY_SLIDES = 8
 # Pointers of structs in Problem that not every scene and run needs.
 _NOT_ALWAYS = {
     "internal": ("per_weight",),
@@ -49,6 +52,7 @@ _NOT_ALWAYS = {
         *("rows", "tangent_start", "tangent_column", "factor_at", "changing"),
         *("row_of", "unknown_of"),
     ),
+    "border": ("pivot",),
     "at_points": ("stored_at", "slide_rate"),
     "scheme": ("rule_stored_at", "nodal_rule"),
     "statics": ("hold", "hold_dof", "viscous_weight", "diagonal_at"),
@@ -77,7 +81,16 @@ class Problem:
         self.model, self._frame_turns = model, turns
         self._owns_factors, self._forces_only = owns_factors, forces_only
         self._rates, self._inertia, self._inert = rates, inertia, inert
-        self.factors = self._factors_of(*model.reduction.tangent.pattern)
+        pattern = model.reduction.tangent.pattern
+        #: Whether bordering rows are among the sparse rows (c/bordering_rows.h).
+        self._inside = (
+            len(model.couplings.sliding) >= _MANY_SLIDES
+            and not (forces_only or model.scheme.rates.at_rest)
+            and owns_factors
+            and model.points.members is None
+            and not len(model.reduction.sliders.forces)
+        )
+        self.factors = self._factors_of(*pattern)
         self._features = self._features_of_scene()
         begin_to_build(self._features)  # beside what is compiled for the elements
         self.ffi = declared("problem.h", MACROS)
@@ -334,7 +347,7 @@ class Problem:
         self.tangent_at = at
         if self.model.points.members is not None and not self._rates:
             self._set_changing_rows()
-        elif factors.rows:
+        elif factors.rows and not self._inside:
             self._sparse_factors = np.zeros(factors.size)
             self._set(system={"rows": [factors.rows | {"factors": self._sparse_factors}]})
         if (loops := reduction.loops) is not None:
@@ -349,14 +362,20 @@ class Problem:
         p.coupled.stiffened = tangent.stiffened
         if reduction.couplings.sliding:
             diagonal_at = stored_at[self.model.masses.diagonal]
-            self._set(**bordering_tables(self.model, at, diagonal_at, on_border))
+            tables = bordering_tables(self.model, at, diagonal_at, on_border, self._inside)
+            self._set(**tables)
+            if self._inside:
+                self._set_changing_rows(tables)
+        order = factors.order
+        if self._inside:
+            order = np.arange(len(order) + p.border.rows)
         padding = np.concatenate([factors.padding, ones, at[tangent.ones], [one]])
         self._set(
             system={
                 "band": factors.band,
                 "chain": factors.chain,
-                "positions": 3 * factors.chain or len(factors.order),
-                "order": factors.order.astype(np.int32),
+                "positions": 3 * factors.chain or len(order),
+                "order": order.astype(np.int32),
                 "unknowns": len(factors.order),
                 "paddings": len(padding),
                 "padding": padding,
@@ -375,23 +394,31 @@ class Problem:
         self._on_slides = at[tangent.restoring["to"]], tangent.restoring["of"]
         return stored_at
 
-    def _set_changing_rows(self) -> None:
-        """Hand over what a pattern that changes with contact points is found from."""
+    def _set_changing_rows(self, bordering: dict[str, Any] | None = None) -> None:
+        """Hand over what a pattern that changes with contact points is found from.
+
+        With tables of `bordering` rows it changes with what slides.
+        """
         reduction, couplings = self.model.reduction, self.model.couplings
         graph = graph_of(*reduction.tangent.pattern)
         groups = groups_of(graph, reduction.dependent, reduction.forces)
+        if bordering is not None:
+            groups = with_bordering_rows(groups, bordering)
         system = *couplings.system, self.constants.ON_BORDER
         row_of, unknown_of = on_bordering_rows(reduction, *system)
         found_in_c = dict.fromkeys(("near_to", "order", "work", "position"))
         row = {
             "elimination": groups | found_in_c,
             "pair": None,
+            "window": np.full(len(couplings.sliding), -1),
             "dof_start": couplings.all_entries.starts(self.model.size),
             **couplings.all_entries.members("dof_"),
             "keep": not couplings.closures and not couplings.auxiliaries and not couplings.sliding,
             **{name: getattr(COSTS, name) for name in ("row_entry", "substitution", "least_worth")},
         }
-        self._set(system={"row_of": row_of, "unknown_of": unknown_of, "changing": [row]})
+        if bordering is None:
+            self._set(system={"row_of": row_of, "unknown_of": unknown_of})
+        self._set(system={"changing": [row]})
         self.c.system.rows = self.ffi.addressof(self.c.system.changing[0], "elimination", "rows")
         # Freed with this object, before what it points to: C allocates as much as the rows need.
         free, owner = self.library.fx_free_rows, self._structs
@@ -406,8 +433,9 @@ class Problem:
         couplings, members = self.model.couplings, self.model.points.members is not None
         # Rows of unknowns that close loops are no forces, by which errors are judged.
         keep = not (couplings.closures or couplings.auxiliaries or (members and couplings.sliding))
+        keep = keep and not self._inside
         # In statics the signs of pivots tell modes.
-        sparse = members or self.model.scheme.rates.at_rest
+        sparse = members or self._inside or self.model.scheme.rates.at_rest
         behind = reduction.dependent, reduction.forces
         return factors_of(indptr, indices, *behind, keep, sparse, COSTS)
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fx_beam.coupling.reduction import ReducedTangent, Reduction
+from fx_beam.fem.sparsity import starts_of
 
+from .lu_layout import GROUP
 from .model import Model
 
 if TYPE_CHECKING:
@@ -79,12 +82,13 @@ def on_bordering_rows(
 
 
 def bordering_tables(
-    model: Model, at: np.ndarray, diagonal_at: np.ndarray, first: int
+    model: Model, at: np.ndarray, diagonal_at: np.ndarray, first: int, inside: bool
 ) -> dict[str, Any]:
     """Columns of what slides, and what belongs to them, by the names in c/problem.h.
 
     `at` are the storage indices of `storage_of`, `diagonal_at` (size,) those of the diagonal of the
-    full tangent. Bordering rows are numbered downwards from `first`.
+    full tangent. Bordering rows are numbered downwards from `first`; they may be `inside` of the
+    sparse rows.
     """
     reduction, sliders = model.reduction, model.reduction.sliders
     rows, columns = on_bordering_rows(reduction, *reduction.couplings.system, first)
@@ -94,6 +98,11 @@ def bordering_tables(
     carriers = len(outside) + sum(sizes) + sum(table.get("anchors", 0) for table in tables)
     alone, slides = len(sliders.forces), outside[outside < reduction.free]
     rows, columns = (np.append(of, first - carriers - np.arange(alone)) for of in (rows, columns))
+    pivot = np.arange(carriers + alone)
+    for table in tables:  # a column of a node and the force on it are pivots of each other's rows
+        of_columns = first - columns[table["carried"]]
+        of_forces = table["bordering_row"] + np.arange(table["components"])
+        pivot[of_columns], pivot[of_forces] = of_forces, of_columns
     return {
         "system": {"row_of": rows, "unknown_of": columns},
         "sliders": {
@@ -104,7 +113,9 @@ def bordering_tables(
         "border": {
             "rows": carriers + alone,
             "carriers": carriers,
-            "block": -(-(carriers + alone) // _LANES) * _LANES,
+            "block": 0 if inside else -(-(carriers + alone) // _LANES) * _LANES,
+            "inside": inside,
+            "pivot": pivot,
             "beside": len(bordered.beside),
             "beside_row": bordered.rows,
             "beside_column": bordered.columns,
@@ -116,23 +127,60 @@ def bordering_tables(
     }
 
 
+def with_bordering_rows(groups: dict[str, Any], tables: dict[str, Any]) -> dict[str, Any]:
+    """Groups of `groups_of` with those of bordering rows, of which the `tables` are.
+
+    Slides wait with all others for what holds the nodes on their beams.
+    """
+    count, slides = groups["groups"], tables["border"]["bordered"]
+    number, before = np.full(tables["border"]["rows"], -1), count + slides
+    number[:slides] = count + np.arange(slides)
+    for table in tables["sliders"]["slider"]:
+        sizes = [table["components"], table["products"], table.get("anchors", 0)]
+        of_columns = tables["border"]["pivot"][table["bordering_row"] :][: sizes[0]]
+        behind = table["bordering_row"] + np.cumsum([0, *sizes])
+        parts = [of_columns, *(np.arange(*ends) for ends in pairwise(behind))]
+        for part in parts:
+            for first in range(0, len(part), GROUP):
+                number[part[first : first + GROUP]], before = before, before + 1
+    group_of = np.append(groups["group_of"], number)
+    waiting = groups["waiting"], np.arange(count + slides + 1, before), np.arange(count + slides)
+    waits = np.append(groups["waits"], np.zeros(before - count, int))
+    waits[: count + slides] += 1
+    waits[count + slides + 1 :] = 1
+    starts, sums = groups["waiting_start"], np.cumsum([len(part) for part in waiting])
+    chain = sums[0] + np.arange(before - count - slides)
+    return {
+        "groups": before,
+        "group_of": group_of,
+        "first_unknown": starts_of(np.bincount(group_of)),
+        "unknown": np.argsort(group_of, kind="stable"),
+        "graph_start": np.append(groups["graph_start"], [len(groups["graph"])] * (before - count)),
+        "graph": groups["graph"],
+        "waits": waits,
+        "waiting_start": np.concatenate([starts, [sums[0]] * (slides - 1), chain, sums[-1:]]),
+        "waiting": np.concatenate(waiting),
+    }
+
+
 def _sliders(
     model: Model, sliders: Sliders, at: np.ndarray, diagonal_at: np.ndarray
 ) -> list[dict[str, Any]]:
     """Sliding nodes as ``Slider``."""
     tables, anchored, bordering_row, path = [], set(), len(sliders.outside), 0
+    turns = {id(of): diagonal_at[of.dofs[:, 2]] for of in {slide.guide for slide in sliders.all}}
     rates = model.scheme.rates
     for slide in sliders.all:
         beam, components = slide.joint.beam, len(slide.columns)
-        table = slide.members() | {"turn_stored_at": diagonal_at[slide.dofs[:, 2]]}
+        table = slide.members() | {"turn_stored_at": turns[id(slide.guide)]}
         # Products of the derivatives of the virtual displacement and rotation (sliders.py).
         table["products"] = 0 if rates.level != 0.5 else 2 if components == 2 else 4
         table["bordering_row"], table["path"] = bordering_row, path
         path += slide.path.numbers.size
-        light = rates.at_rest or model.massless[slide.dofs[:, :2]].any()
-        if beam not in anchored and light:
+        if beam not in anchored:
             anchored.add(beam)
-            table |= _anchor_of(slide, sliders, at)
+            if rates.at_rest or model.massless[slide.dofs[:, :2]].any():
+                table |= _anchor_of(slide, sliders, at)
         bordering_row += components + table["products"] + table.get("anchors", 0)
         tables.append(table)
     return tables

@@ -58,7 +58,7 @@ class TapeDerivatives:
             counts = dict(zip(("member_numbers", "member_arcs"), members.counts, strict=True))
             members.follow()
             self._structs.set(self.c, **counts)
-        else:
+        elif not problem.c.system.changing:
             self._structs.set(self.c, transposed_at=problem.transposed())
         #: Slides of moving joints in the reference, and the data of which they are.
         self._slide_at_rest = np.zeros(1 + len(problem.model.couplings.arm_joints))

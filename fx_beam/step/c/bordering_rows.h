@@ -5,19 +5,34 @@
        [C  D] [y] = [g],    (D - C A^-1 B) y = g - C A^-1 b,    A x = b - B y.
 
    A stays what it is without them: what slides changes no order of elimination. Of A^-1 B only the part is
-   computed that C and B reach on the way of the elimination. */
+   computed that C and B reach on the way of the elimination.
+
+   Where many nodes slide, the border is as large as A. Then all are sparse rows with a pattern that changes with the elements on
+   which the nodes are (changing_rows.h). A node's columns and the forces that hold it come first, each with its pivot in a row of
+   the other, which is 1 until then: what is left couples its slide with the nodes of the beam. */
 
 #pragma once
 
 #include "band.h"
 #include "chain.h"
+#include "changing_rows.h"
 #include "loops.h"
+
+/* Adds a number among the sparse rows, or finds its place in their pattern. */
+static void add_inside(const Problem *p, int i, int j, double x) {
+  ChangingRows *c = p->system.changing;
+  int n = p->system.unknowns, row = i < 0 ? n + p->border.pivot[ON_BORDER - i] : i, column = j < 0 ? n + ON_BORDER - j : j;
+  if (c->finds) add_pair(c, (ContactPair){.row = row, .column = column});
+  else p->system.rows->factors[c->pair[c->next++].at] += x;
+}
 
 /* Adds a number in a row and a column of the system, or of its transpose: unknowns, or ON_BORDER less the number of a bordering
    row. Nothing for -1, and nothing is added to A. */
 INLINED void add_at(const Problem *p, const Work *w, int i, int j, double x) {
   int row = w->transposed ? j : i, column = w->transposed ? i : j;
-  if (x == 0 || row == -1 || column == -1) return;
+  if (row == -1 || column == -1) return;
+  if (!HAS(CHAIN | BAND) && p->border.inside) return add_inside(p, i, j, x);
+  if (x == 0) return;
   if (row >= 0) {
     int at = p->system.order[row];
     reach(p, w, at);
@@ -94,16 +109,35 @@ static void anchor_beam(const Problem *p, const Work *w, const Slider *a) {
   }
 }
 
-/* The bordering rows for the tangent of a step. */
-HOT void fill_bordering_rows(const Problem *p, const Work *w) {
-  memset(w->reached, 0, p->system.positions * sizeof *w->reached);
-  for (int i = 0; i < p->border.rows; ++i) w->crossed[2 * i] = p->system.positions, w->crossed[2 * i + 1] = -1;
-  memset(w->corner, 0, (long)p->border.rows * p->border.rows * sizeof(double));
+HOT void add_bordering_rows(const Problem *p, const Work *w) {
   for (int i = 0; i < p->sliders.count; ++i)
     bordering_slider(p, w, p->sliders.slider + i), anchor_beam(p, w, p->sliders.slider + i);
   for (int k = 0; k < p->border.beside; ++k)
     add_at(p, w, p->system.row_of[p->border.beside_row[k]], p->system.unknown_of[p->border.beside_column[k]],
         w->tangent[p->border.beside_at[k]]);
+}
+
+/* The bordering rows for the tangent of a step. */
+static void fill_bordering_rows(const Problem *p, const Work *w) {
+  if (p->border.inside) return;
+  memset(w->reached, 0, p->system.positions * sizeof *w->reached);
+  for (int i = 0; i < p->border.rows; ++i) w->crossed[2 * i] = p->system.positions, w->crossed[2 * i + 1] = -1;
+  memset(w->corner, 0, (long)p->border.rows * p->border.rows * sizeof(double));
+  add_bordering_rows(p, w);
+}
+
+/* Finds the pattern for the elements on which nodes slide, if it is that of others. */
+static void change_windows(const Problem *p, const Work *w) {
+  ChangingRows *c = p->system.changing;
+  int same = 1;
+  for (int i = 0; i < p->sliders.count; ++i)
+    same &= c->window[i] == p->sliders.slider[i].first, c->window[i] = p->sliders.slider[i].first;
+  if (same) return;
+  begin_elimination(&c->elimination);
+  c->pairs = 0, c->finds = 1;
+  add_bordering_rows(p, w);
+  c->finds = 0;
+  settle_rows(p, c);
 }
 
 /* The block of n times four columns from its right sides and sparse factors. */

@@ -1,5 +1,5 @@
-/* Sparse rows whose pattern changes with the points in contact with members: an order of minimum degree, and the
-   fill-in, found anew when there are others. */
+/* Sparse rows whose pattern changes with the points in contact with members, or with what slides: an order of minimum degree, and
+   the fill-in, found anew when there are others. */
 
 #pragma once
 
@@ -84,17 +84,23 @@ static void place_entries(const Problem *p, ChangingRows *c, int transposed) {
   c->placed = transposed;
 }
 
+/* The rows for the graph with all pairs. */
+static void settle_rows(const Problem *p, ChangingRows *c) {
+  find_rows(&c->elimination);
+  memcpy(p->system.order, c->elimination.order, p->system.rows->unknowns * sizeof(int));
+  ROOM(p->system.rows->factors, p->system.rows->start[p->system.rows->unknowns]);
+  c->placed = -1;
+}
+
 /* Finds the pattern for the present contact points, if it lacks one. */
 static void change_rows(Problem *p) {
   ChangingRows *c = p->system.changing;
   MemberContacts *m = p->points->members;
   if (has_contact_points(c, m)) return;
-  c->searches = m->searches, c->placed = -1;
+  c->searches = m->searches;
   count_contact_points(m);
   begin_elimination(&c->elimination), find_pairs(p, c, m);
-  find_rows(&c->elimination);
-  memcpy(p->system.order, c->elimination.order, p->system.unknowns * sizeof(int));
-  ROOM(p->system.rows->factors, p->system.rows->start[p->system.unknowns]);
+  settle_rows(p, c);
   p->system.reused.present = 0;
   if (c->keep) p->system.reused.worth = worth_of(p, c);
 }

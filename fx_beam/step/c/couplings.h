@@ -105,7 +105,7 @@ static void expand_trees(const Problem *p, const Work *w) {
     a->s0 = p->state.slides[a->joint], a->slide = w->z[a->column], a->s1 = a->s0 + a->slide;
     slide_on(p, a, w->D);
     for (int c = 0; c < a->components; ++c) w->z[a->carried[c]] = a->increment[c];
-    expand_columns(p, w);
+    if (a->carries) expand_columns(p, w);
   }
 }
 
@@ -137,7 +137,7 @@ HOT void spread_open(const Problem *p, const Work *w, double *z, double *out) {
   for (const Slider *a = p->sliders.slider; HAS(SLIDERS) && a < p->sliders.slider + p->sliders.count; ++a) {
     for (int c = 0; c < a->components; ++c)
       z[a->carried[c]] = a->T[c][ARC] * z[a->column] + moved_by_beam(a, c, out);
-    spread_columns(p, w, w->values, z, out);
+    if (a->carries) spread_columns(p, w, w->values, z, out);
   }
 }
 

@@ -415,11 +415,15 @@ static int factorise_for_directions(Problem *p, const Work *w) {
 static void solve_right_sides(const Problem *p, const Work *w, const Linear *l) {
   Work of_block = *w;
   double *x = of_block.block = (double *)l->block, *g = (double *)l->on_bordering_rows;
+  int inside = HAS(SLIDERS) && p->border.inside;
+  if (inside) pass_on(p, GROUP_SIZE, 0, x, g);
   if (p->newton.raised) solve_raised(p, w, GROUP_SIZE, x); else solve_columns(p, &of_block, 1);
   if (!HAS(SLIDERS) || !p->border.rows) return;
-  memset(g, 0, p->border.rows * sizeof(Changes));
-  pass_on(p, GROUP_SIZE, 0, x, g);
-  solve_bordering_rows(p, w, GROUP_SIZE, g, x);
+  if (!inside) {
+    memset(g, 0, p->border.rows * sizeof(Changes));
+    pass_on(p, GROUP_SIZE, 0, x, g);
+    solve_bordering_rows(p, w, GROUP_SIZE, g, x);
+  }
   pass_on(p, GROUP_SIZE, 1, x, g);
 }
 

@@ -93,13 +93,14 @@ typedef struct { short entry, sign; int contact_point, row, column, virtual_valu
 
 /* Sparse rows whose pattern changes with the points that are near members (changing_rows.h): the elimination from which they are
    found; entries of T and Tv of each degree of freedom; whether factors may be kept, and the costs of lu_layout.py; number of the
-   search for contact points for which the rows are; whether positions among the factors are those of the transposed tangent, -1
-   before there are any; pairs of all contact points. */
+   search for contact points for which the rows are, and first nodes of the windows of what slides; whether positions among the
+   factors are those of the transposed tangent, -1 before there are any; pairs of all contact points, or of what slides: whether
+   they are being found, and the next one. */
 typedef struct {
   Elimination elimination;
   int *dof_start, *dof_column, *dof_value; double *dof_sign;
   int keep; double row_entry, substitution, least_worth;
-  long searches; int placed, pairs, room; ContactPair *pair;
+  long searches; int *window, placed, pairs, room, finds, next; ContactPair *pair;
 } ChangingRows;
 
 /* Nodes and elements of the beams: positions [node][x, y]; 1 / size of a unit correction of each degree of freedom, and the same
@@ -176,9 +177,9 @@ typedef struct {
 } System;
 
 /* Bordering rows (bordering_rows.h): their number, the first of forces that close loops on beams, columns of a block of right
-   sides. */
+   sides; whether they are among the sparse rows, and which column is the pivot of each there. */
 typedef struct {
-  int rows, carriers, block;
+  int rows, carriers, block, inside, *pivot;
   int bordered, *bordered_unknown, *bordered_row; /* unknowns of them that stand alone among the others */
   int beside, *beside_row, *beside_column, *beside_at; /* entries of the tangent in them, and where these are stored */
 } Border;

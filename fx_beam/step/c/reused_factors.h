@@ -51,7 +51,9 @@ static void subtract_product(const Problem *p, const Work *w, const double *x, d
    these, solutions. */
 INLINED void pass_on(const Problem *p, int sides, int solutions, double *x, double *g) {
   for (int i = 0; i < p->border.bordered; ++i) {
-    double *of = x + p->system.order[p->border.bordered_unknown[i]] * sides, *on = g + p->border.bordered_row[i] * sides;
+    int row = p->border.bordered_row[i];
+    double *of = x + p->system.order[p->border.bordered_unknown[i]] * sides;
+    double *on = p->border.inside ? x + p->system.order[p->system.unknowns + row] * sides : g + row * sides;
     memcpy(solutions ? of : on, solutions ? on : of, sides * sizeof(double));
   }
 }
@@ -96,17 +98,19 @@ HOT void add_contact_points(const Problem *p, const Work *w, int bordering) {
 HOT void fill_factors(const Problem *p, const Work *w) {
   double *restrict A = p->system.rows->factors;
   const double *restrict K = w->tangent;
-  int members = HAS(MEMBERS) && p->system.changing, entries = p->system.tangent_start[p->system.unknowns];
-  if (members && p->system.changing->placed != w->transposed) place_entries(p, p->system.changing, w->transposed);
-  memset(A, 0, p->system.rows->start[p->system.unknowns] * sizeof(double));
+  int changing = HAS(MEMBERS | SLIDERS) && p->system.changing, entries = p->system.tangent_start[p->system.unknowns];
+  if (changing && p->system.changing->placed != w->transposed) place_entries(p, p->system.changing, w->transposed);
+  memset(A, 0, p->system.rows->start[p->system.rows->unknowns] * sizeof(double));
   for (int k = 0; k < entries; ++k) A[p->system.factor_at[k]] = K[k];
-  if (members) add_contact_points(p, w, 0);
+  if (HAS(MEMBERS) && changing && !p->border.inside) add_contact_points(p, w, 0);
+  if (HAS(SLIDERS) && p->border.inside) p->system.changing->next = 0, add_bordering_rows(p, w);
   for (int i = 0, first = p->system.unknowns - p->loops.closures; p->statics.yielding > 0 && i < p->loops.closures; ++i)
     A[p->system.rows->diagonal[p->system.order[first + i]]] -= p->statics.yielding / (p->loops.length[i] * p->loops.length[i]);
 }
 
 static int factorise(Problem *p, const Work *w) {
   p->system.reused.steps = p->system.reused.all = p->system.reused.now = 0, ++p->system.reused.made;
+  if (HAS(SLIDERS) && p->border.inside) change_windows(p, w);
   fill_factors(p, w);
   if (p->system.reused.worth && p->border.rows)
     memcpy(w->factorised, w->tangent, p->system.tangent_start[p->free] * sizeof(double));
@@ -118,7 +122,7 @@ INLINED int factorise_tangent(Problem *p, const Work *w, int keep) {
   int regular = HAS(CHAIN)  ? eliminate_chain(p, w, middle_of_elimination(p) / 3, keep)
                 : HAS(BAND) ? eliminate_tangent(p, w, p->system.unknowns, ends_of_elimination(p))
                             : factorise(p, w);
-  if (!regular || !HAS(SLIDERS) || !p->border.rows) return regular;
+  if (!regular || !HAS(SLIDERS) || !p->border.rows || p->border.inside) return regular;
   if (HAS(MEMBERS) && p->system.changing) add_contact_points(p, w, 1);
   eliminate_bordering_rows(p, w);
   return 1;
@@ -134,19 +138,19 @@ INLINED void substitute_back(const Problem *p, const Work *w, const int *reached
 /* Solution x for the right side b, with bordering rows or without: by sparse factors, or by those of a chain or a band that
    are made here; returns 0 if it is singular. */
 HOT int solve_bordered(Problem *p, const Work *w, const double *b, double *x) {
-  int bordered = HAS(SLIDERS) && p->border.rows;
+  int inside = HAS(SLIDERS) && p->border.inside, bordered = HAS(SLIDERS) && p->border.rows && !inside;
   const int *reached = bordered ? w->reached : 0;
   memset(w->y, 0, p->system.positions * sizeof(double)); /* also between groups of unknowns: an earlier one may not be finite */
 #pragma GCC unroll 4
   for (int i = 0; i < p->free; ++i) w->y[p->system.order[i]] = b[i];
   if (bordered) memset(w->bordering_right, 0, p->border.rows * sizeof(double));
-  if (bordered) pass_on(p, 1, 0, w->y, w->bordering_right);
+  if (bordered || inside) pass_on(p, 1, 0, w->y, w->bordering_right);
   if (!HAS(CHAIN | BAND)) substitute_forward(p->system.rows, w->y);
   else if (!factorise_tangent(p, w, bordered)) return 0;
   if (bordered) substitute_back(p, w, reached, 1);
   if (bordered) solve_bordering_rows(p, w, 1, w->bordering_right, w->y);
   substitute_back(p, w, reached, 0);
-  if (bordered) pass_on(p, 1, 1, w->y, w->bordering_right);
+  if (bordered || inside) pass_on(p, 1, 1, w->y, w->bordering_right);
   gather(p->free, w->y, p->system.order, x);
   return 1;
 }

@@ -40,6 +40,7 @@ typedef struct {
 typedef struct {
   int joint, column, path; /* number of the joint, column of the arc length, where its path begins among numbers of paths */
   int components, carried[3], node[3]; /* columns of the node, and its degrees of freedom */
+  int carries; /* whether the next one needs the motion of all nodes with this one and those before */
   /* The path: degree, elements, those that a step may pass, and nodes of a window. */
   int degree, elements, most, width;
   double *ends, *coefficients; /* arc lengths (elements + 1); [element][3 degree + 1][4] */

@@ -6,7 +6,7 @@
 #include "problem.h"
 
 /* Its arrays and their sizes, by numbers of `lay_out`: of degrees of freedom and of nodes; of columns; of joints, at both
-   ends and over the step; of unknowns, which factors are made of; of loops, where `follows` has the closure that each of their
+   ends and over the step; of loops, where `follows` has the closure that each of their
    columns follows, or -1; by position bordering columns, and where these are `reached`, and bordering rows, with the first and
    the last position of each. */
 #define ARRAYS(OF)                                                                                               \
@@ -18,7 +18,7 @@
   OF(reduced, c) OF(step, c) OF(z, c) OF(columns, c) OF(start, c)                                                \
   OF(values0, t) OF(values, t) OF(virtual_map, t) OF(frame, 4 * j)                                               \
   OF(arm_change, 2 * j) OF(half_turn, j) OF(joint_forces, 3 * p->passes.joints) OF(y, p->system.positions)       \
-  OF(row, p->system.rows ? 3 * u : 0) OF(tangent, p->tangent.stored + 4 * LANES) OF(residual, k) OF(proposed, k) \
+  OF(row, p->system.rows ? 3 * p->system.positions : 0) OF(tangent, p->tangent.stored + 4 * LANES) OF(residual, k) OF(proposed, k) \
   OF(factorised, p->system.reused.worth && b ? p->system.tangent_start[p->free] : 0) OF(G, g) OF(G_virtual, g)   \
   OF(part, m ? 2 * p->loops.block_part[p->loops.blocks] : 0) OF(closure, m) OF(closure0, m)                      \
   OF(closure_row, m ? c : 0) OF(pivoting, p->loops.pivoting_size) OF(closing, m)                                 \
@@ -53,8 +53,8 @@ static double *allocate(double **at, long n) {
 
 static long lay_out(const Problem *p, Work *w, double *at) {
   double *begin = at;
-  long n = p->dofs, c = p->columns + p->auxiliary.count, j = p->joints.count, u = p->system.unknowns,
-      m = p->loops.closures, b = p->border.rows, t = values_of_joints(p);
+  long n = p->dofs, c = p->columns + p->auxiliary.count, j = p->joints.count,
+      m = p->loops.closures, b = p->border.inside ? 0 : p->border.rows, t = values_of_joints(p);
   long k = p->system.rows ? p->free : 0, g = m ? p->loops.start[m] : 0;
 #define ALLOCATE(name, size) w->name = (void *)allocate(&at, size);
   ARRAYS(ALLOCATE)
