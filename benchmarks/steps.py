@@ -1,6 +1,6 @@
-"""Time per step of several scenes, of this version alone or against another one.
+"""Time per step of several scenes, of this version alone, against another one or another compiler.
 
-    .venv/bin/python benchmarks/steps.py [folder of the other version] [runs]
+    .venv/bin/python benchmarks/steps.py [folder of the other version | CC=compiler] [runs]
 
 Each version runs in a process of its own. Both take turns, run by run. The processor time of the
 compiled loop is measured, which other programs affect less; its least value is the most reliable.
@@ -61,11 +61,13 @@ def serve():
         print(1e6 * sum(seconds) / steps, stats.newton_iterations / steps, flush=True)
 
 
-def start(folder):
+def start(other):
+    name, _, compiler = str(other).partition("=")
+    folder, variables = (ROOT, {name: compiler}) if compiler else (other, {})
     path = os.pathsep.join([str(folder), str(Path(folder) / "benchmarks")])
     command = [sys.executable, __file__, "--serve"]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
-    return subprocess.Popen(command, env=os.environ | {"PYTHONPATH": path}, **pipes)
+    return subprocess.Popen(command, env=os.environ | {"PYTHONPATH": path} | variables, **pipes)
 
 
 def ask(process, case):

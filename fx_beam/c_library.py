@@ -33,11 +33,22 @@ _FLAGS = [
     *("-O3", "-fno-math-errno", "-fno-trapping-math", "-shared", "-fPIC"),
     # Functions of one file may be inlined, though a library exports them.
     "-fno-semantic-interposition",
+]
+_ON_X86 = platform.machine() == "x86_64"
+_OF_GCC = [
     # The full vector width: by default, compilers use half of it on some processors.
-    *(["-mprefer-vector-width=512"] if platform.machine() == "x86_64" else []),
+    *(["-mprefer-vector-width=512"] if _ON_X86 else []),
     # GCC would merge sin and cos of one angle into a complex function, which it cannot vectorise.
     *("-fno-builtin-sin", "-fno-builtin-cos"),
 ]
+_HAS_GLIBC = "CS_GNU_LIBC_VERSION" in os.confstr_names and bool(os.confstr("CS_GNU_LIBC_VERSION"))
+_OF_CLANG = [
+    "-ffp-contract=fast",  # as GCC does
+    # It knows the vector functions of glibc for four numbers, not for eight.
+    *(["-mprefer-vector-width=256", "-fveclib=libmvec"] if _ON_X86 and _HAS_GLIBC else []),
+]
+#: What nothing needs of a library's code is dropped; clang does so only in a link.
+WHOLE_PROGRAM = "-fwhole-program"
 # Compiler option for the processor, on architectures where it accepts "native".
 _OPTION = {"x86_64": "-march", "aarch64": "-mcpu"}.get(platform.machine())
 
@@ -64,7 +75,10 @@ _ASKS = f"""
 #ifdef __x86_64__
 __attribute__((target("arch=x86-64")))
 #endif
-__attribute__((externally_visible)) {_MISSING} {{
+#if __has_attribute(externally_visible)
+__attribute__((externally_visible))
+#endif
+{_MISSING} {{
 {"".join(_QUESTIONS)}  return "";
 }}
 """
@@ -198,7 +212,7 @@ def load(
     CannotBuild, with the reason, if it cannot be compiled or loaded.
     """
     target, flags = target_flags()
-    flags = [*flags, *more]
+    flags = [*flags, *_known(more)]
     # Libraries for "native" are valid only for processors with the same features.
     machine = [_processor()] if target == "native" else []
     parts = [key, _headers(), *flags, *machine, compiler.identity()]
@@ -250,7 +264,15 @@ def functions_of(
 def target_flags() -> tuple[str, list[str]]:
     """Target processor, empty for the compiler's default, and all compiler flags."""
     target = os.environ.get("FX_BEAM_MARCH") or ("native" if _OPTION else "")
-    return target, [*_FLAGS, f"{_OPTION or '-march'}={target}"] if target else _FLAGS
+    flags = [*_FLAGS, *(_OF_CLANG if compiler.is_clang() else _OF_GCC)]
+    return target, [*flags, f"{_OPTION or '-march'}={target}"] if target else flags
+
+
+def _known(flags: Sequence[str]) -> Sequence[str]:
+    """The flags that the compiler knows. Clang optimises no single functions: it does all."""
+    if not compiler.is_clang():
+        return flags
+    return ["-O2" if flag == "-O1" else flag for flag in flags if flag != WHOLE_PROGRAM]
 
 
 def _check_target(target: str, flags: list[str]) -> None:

@@ -76,6 +76,16 @@ def _identity(words: tuple[str, ...], folders: tuple[str, ...]) -> str:
     return repr((words, [(file, now.st_size, now.st_mtime_ns) for file, now in status]))
 
 
+def is_clang() -> bool:
+    """Whether it is clang, by its name or that of its file, without a start."""
+    return sys.platform == "darwin" or _is_clang(tuple(command()))
+
+
+@functools.cache
+def _is_clang(words: tuple[str, ...]) -> bool:
+    return any("clang" in os.path.basename(path) for path in (*words, os.path.realpath(words[0])))
+
+
 def run(arguments: Sequence[str], source: str, folder: Path) -> None:
     """Compile a source in a folder, where it also has its temporary files.
 

@@ -161,7 +161,7 @@ class PlainStep:
         N = np.array([path.over(every, end)[0] for end in s[:, None]])
         slopes = np.array([path.over(every, end, 1)[0] for end in s[:, None]])
         element = path.element(s[0])
-        rest = np.column_stack([path.X, path.angles()])
+        rest = np.column_stack([path.X, path.angles])
         x = rest + np.array([self.state.q[nodes], self.state.q[nodes] + self.D[nodes]])
         gap = self.of(self.D, joint.b) - (N[1] @ x[1] - N[0] @ x[0])
         mean, Dx = self.mean(N), self.D[nodes]

@@ -212,7 +212,7 @@ def _dependence(
     size = couplings.columns + len(auxiliaries)
     rows, dependent = [auxiliaries.equations(values)], [np.arange(couplings.columns, size)]
     for slide in slides:
-        near = np.append(slide.near, slide.column)
+        near = np.append(slide.guide.near, slide.column)
         weights = scipy.sparse.csr_matrix(random.uniform(1.0, 2.0, (len(slide.columns), len(near))))
         every = scipy.sparse.identity(size, format="csr")
         rows.append(weights @ every[near] - every[slide.columns])

@@ -455,7 +455,7 @@ def _products(
 
 # What evaluates joints, and the flags of its compiler.
 _LIBRARY = "joints", "joints.c"
-_FLAGS = "-O1", "-fwhole-program"
+_FLAGS = "-O1", c_library.WHOLE_PROGRAM
 
 
 def begin_to_build_joints() -> None:

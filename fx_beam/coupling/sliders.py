@@ -56,7 +56,7 @@ class Bordered(NamedTuple):
 
 
 class Guide:
-    """A beam on which nodes slide: its degrees of freedom (nodes, 3), as ``Slider`` of c/slider.h."""
+    """A beam on which nodes slide: its dofs (nodes, 3), and members of ``Slider`` of c/slider.h."""
 
     def __init__(self, joint: SlidingJoint, couplings: Couplings, dofs: np.ndarray):
         path, self.dofs = joint.path, dofs
@@ -153,7 +153,9 @@ class Sliders:
         moved: set[int] = set()
         for last, slide in zip(self.all, self.all[1:], strict=False):
             moved.update(last.columns.tolist())
-            last.carries = bool(couplings.auxiliaries) or not moved.isdisjoint(slide.guide.near.tolist())
+            last.carries = bool(couplings.auxiliaries) or not moved.isdisjoint(
+                slide.guide.near.tolist()
+            )
             if last.carries:
                 moved.clear()
         self._unknowns = couplings.unknown_count

@@ -9,8 +9,8 @@ from typing import Any
 from fx_beam import c_library
 from fx_beam.results.state import MACROS
 
-#: What nothing needs of a library's code is dropped: of FFCx, and of features that scenes lack.
-_FLAGS = ["-fwhole-program"]
+# Of what FFCx writes, and of features that scenes lack.
+_FLAGS = [c_library.WHOLE_PROGRAM]
 # Half the time of compilation, and the same speed: functions marked as HOT are optimised in full.
 # Not for derivatives forwards, whose time is spent in many places.
 _QUICKLY = ["-O1", "-fstrict-aliasing"]

@@ -52,7 +52,6 @@ _NOT_ALWAYS = {
         *("rows", "tangent_start", "tangent_column", "factor_at", "changing"),
         *("row_of", "unknown_of"),
     ),
-    "border": ("pivot",),
     "at_points": ("stored_at", "slide_rate"),
     "scheme": ("rule_stored_at", "nodal_rule"),
     "statics": ("hold", "hold_dof", "viscous_weight", "diagonal_at"),

@@ -158,7 +158,7 @@ def with_bordering_rows(groups: dict[str, Any], tables: dict[str, Any]) -> dict[
         "graph_start": np.append(groups["graph_start"], [len(groups["graph"])] * (before - count)),
         "graph": groups["graph"],
         "waits": waits,
-        "waiting_start": np.concatenate([starts, [sums[0]] * (slides - 1), chain, sums[-1:]]),
+        "waiting_start": np.concatenate([starts[:-1], np.full(slides, sums[0]), chain, sums[-1:]]),
         "waiting": np.concatenate(waiting),
     }
 

@@ -349,6 +349,19 @@ def sleeve_on_a_beam(x):
 
 
 @case()
+def many_bodies_that_slide_on_a_beam(x):
+    """So many that what slides is among the unknowns of the beam."""
+    scene, rod = swing(x, elements=8)
+    for k in range(8):
+        at = rod.node(k / 8 + 0.125)
+        body = scene.add_body((at.x, at.y), 0.1 * x[6], 0.02 * x[8]).centre
+        make = fb.Sleeve if k % 3 == 1 else fb.Slider
+        spring = fb.Spring(50.0 * x[7], rest=rod.length * (k + 0.9) / 8)
+        scene.add_joint(make(rod, body, spring=spring))
+    return scene
+
+
+@case()
 def sleeve_on_the_ground(x):
     scene = fb.Scene(gravity=(0.5, -9.81 * x[5]))
     rod = scene.add_beam([(0, 0), (1, 0.3)], section(x), 4)

@@ -3,7 +3,10 @@
 import math
 import tracemalloc
 
+import pytest
+
 import fx_beam as fb
+from fx_beam.step.loop import CompiledLoop
 
 SECTION = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.1)
 LARGEST = 1.3  # exponent p of memory ~ n^p
@@ -33,6 +36,19 @@ def members(n, height=0.2):
         scene.clamp(end)
     contact = scene.add_contact(above, below, stiffness=1e5, radius=0.05)
     return scene, contact
+
+
+def sliders(n):
+    """n bodies that slide on a beam of 2 n elements."""
+    scene = fb.Scene(gravity=(0, -9.81))
+    beam = scene.add_beam([(0, 0), (n, 0)], SECTION, elements=2 * n)
+    scene.clamp(beam.start)
+    scene.clamp(beam.end)
+    for k in range(n):
+        body = scene.add_body((k + 0.25, 0), 0.1, 0.01).centre
+        scene.fix(body, "rotation")
+        scene.add_joint(fb.Slider(beam, body, spring=fb.Spring(100.0, rest=k + 0.25)))
+    return scene
 
 
 def memory(run):
@@ -69,3 +85,23 @@ def test_memory_of_modes_of_a_long_chain_is_linear():
 
 def test_memory_of_members_that_may_touch_is_linear():
     assert exponent(touch, (400, 1600)) < LARGEST
+
+
+def test_factors_and_work_space_of_many_bodies_on_a_beam_are_linear(monkeypatch):
+    loops, take = [], CompiledLoop.take
+
+    def noted(loop, *arguments):
+        loops.append(loop)
+        return take(loop, *arguments)
+
+    monkeypatch.setattr(CompiledLoop, "take", noted)
+
+    def sizes(n):
+        fb.simulate(sliders(n), dt=1e-3, t_end=2e-3)
+        rows = loops[-1].problem.c.system.rows
+        return [rows.start[rows.unknowns], len(loops[-1].problem.scratch)]
+
+    small, large = sizes(16), sizes(64)
+    assert [after / before for before, after in zip(small, large, strict=True)] == pytest.approx(
+        [4.0, 4.0], rel=0.1
+    )

@@ -18,6 +18,7 @@ from fx_beam.fem import elements, ffcx_api
 from fx_beam.fem.assembly import BoundForm, Field
 from fx_beam.fem.form_library import form_module
 from fx_beam.fem.mesh import Mesh
+from fx_beam.motions import set_ups
 from fx_beam.scene.beam import gauss_rule
 from fx_beam.step import build
 from fx_beam.symbolic import Written
@@ -147,6 +148,26 @@ def test_all_c_compiles_for_aarch64_as_well(monkeypatch, tmp_path, no_libraries)
         general += ["-mcpu=neoverse-n1", "-O1"]
         general[general.index("-o") + 1] = str(tmp_path / "other.so")
         run(["aarch64-linux-gnu-gcc", "-Werror", *general], check=True, input=source, text=True)
+
+
+@pytest.mark.skipif(not shutil.which("clang"), reason="no clang")
+def test_all_c_compiles_with_clang_as_well(monkeypatch, no_libraries):
+    """Without a warning; the steps are those of the other compiler."""
+    run = {"dt": 0.01, "t_end": 0.1}
+    expected = fb.simulate(pinned_beam()[0], **run).q
+    commands, start = [], subprocess.run
+
+    def noted(command, **options):
+        commands.append(command)
+        return start([*command, "-Werror", "-O1"], **options)
+
+    monkeypatch.setattr(c_library.subprocess, "run", noted)
+    monkeypatch.setenv("CC", "clang")
+    monkeypatch.setattr(c_library, "_things", {})
+    monkeypatch.setattr(set_ups.RECENT, "_waiting", [])
+    solution = fb.simulate(pinned_beam()[0], **run)
+    assert len(commands) == 4
+    assert solution.q == pytest.approx(expected, abs=1e-9 * abs(expected).max())
 
 
 def test_the_options_of_ffcx_are_its_own_defaults_and_complete():

@@ -12,7 +12,11 @@ enum { CHAIN = 1, BAND = 2, COUPLED = 4, LOOPS = 8, SLIDERS = 16, MEMBERS = 32 }
 
 /* Functions that Python calls, in four libraries: of steps, of their derivatives backwards (VJP) and forwards (JVP), and of
    rates that FIT joints. */
+#if __has_attribute(externally_visible)
 #define KEPT __attribute__((externally_visible))
+#else
+#define KEPT
+#endif
 #if defined FIT || defined VJP || defined JVP
 #define OF_STEPS
 #else

@@ -36,7 +36,11 @@ INLINED void transpose(Four a, Four b, Four c, Four d, Four *columns) {
 INLINED void put_three(Four v, double *x) { x[0] = v[0], x[1] = v[1], x[2] = v[2]; }
 
 /* For what takes the time of steps: all else is compiled in half the time, and as fast (build.py). */
+#if __has_attribute(optimize)
 #define HOT static __attribute__((optimize("O3")))
+#else
+#define HOT static
+#endif
 /* For large functions with several callers, each copy of which would take its time to compile. */
 #define COMPILED_ONCE HOT __attribute__((noinline))
 
