@@ -358,6 +358,7 @@ def many_bodies_that_slide_on_a_beam(x):
         make = fb.Sleeve if k % 3 == 1 else fb.Slider
         spring = fb.Spring(50.0 * x[7], rest=rod.length * (k + 0.9) / 8)
         scene.add_joint(make(rod, body, spring=spring))
+    scene.make_velocities_compatible()
     return scene
 
 
