@@ -8,8 +8,8 @@ from pathlib import Path
 
 if importlib.util.find_spec("ffcx") is None:
     raise ImportError(
-        "fx_beam needs FEniCSx, of which FFCx 0.5, 0.9, 0.10 or 0.11 is enough: pip install fenics-ffcx, "
-        "or Debian's python3-ffcx with its /usr/bin/python3, or see "
+        "fx_beam needs FEniCSx, of which FFCx 0.5, 0.9, 0.10 or 0.11 is enough: "
+        "pip install fenics-ffcx, or Debian's python3-ffcx with its /usr/bin/python3, or see "
         "https://fenicsproject.org/download",
         name="ffcx",
     )

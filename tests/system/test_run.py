@@ -74,7 +74,9 @@ def test_a_version_that_is_not_served_is_named_and_nothing_is_installed(call, of
     assert done.returncode == 1
     assert calls == ""
     assert f"has FFCx {version}. " in done.stderr
-    assert "Supported systems are Debian 12, 13 and sid, with FFCx 0.5, 0.9, 0.10, 0.11" in done.stderr
+    assert (
+        "Supported systems are Debian 12, 13 and sid, with FFCx 0.5, 0.9, 0.10, 0.11" in done.stderr
+    )
 
 
 def test_a_system_without_ffcx_is_asked_for_its_list_and_no_more(call):
