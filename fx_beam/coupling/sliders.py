@@ -59,7 +59,8 @@ class Guide:
     """A beam on which nodes slide: its dofs (nodes, 3), and members of ``Slider`` of c/slider.h."""
 
     def __init__(self, joint: SlidingJoint, couplings: Couplings, dofs: np.ndarray):
-        path, self.dofs = joint.path, dofs
+        self.path = path = joint.path
+        self.dofs = dofs
         #: Entries of the degrees of freedom.
         self.parts = Entries.of((k, couplings.entries(dof)) for k, dof in enumerate(dofs.ravel()))
         #: Columns on which the beam depends.
@@ -148,6 +149,8 @@ class Sliders:
             if id(joint.beam) not in guides:
                 dofs = mesh.dofs[mesh.nodes_of(scene, joint.beam)]
                 guides[id(joint.beam)] = Guide(joint, couplings, dofs)
+        #: Beams on which nodes slide, in the order of their first ones.
+        self.guides = [*guides.values()]
         joints = ((joint, guides[id(joint.beam)]) for joint in couplings.sliding)
         self.all = [Slide(joint, guide, couplings, mesh) for joint, guide in joints]
         moved: set[int] = set()

@@ -54,5 +54,6 @@ def numbers_of(model: Model, data: Data) -> dict[str, Any]:
         joints = {joint.number: joint for joint in sliding_joints(scene.joints)}
         sliding = [joints[joint.number] for joint in couplings.sliding]
         numbers["places"] = [joint.place_at_rest for joint in sliding]
-        numbers["paths"] = np.concatenate([joint.path.numbers for joint in sliding])
+        paths = {id(joint.beam): joint.path for joint in sliding}
+        numbers["paths"] = np.concatenate([path.numbers for path in paths.values()])
     return {name: dual_array(values) for name, values in numbers.items()}

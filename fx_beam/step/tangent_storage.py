@@ -107,7 +107,7 @@ def bordering_tables(
         "system": {"row_of": rows, "unknown_of": columns},
         "sliders": {
             "count": len(tables),
-            "path_numbers": sum(slide.path.numbers.size for slide in sliders.all),
+            "path_numbers": sum(guide.path.numbers.size for guide in sliders.guides),
             "slider": tables,
         },
         "border": {
@@ -167,18 +167,21 @@ def _sliders(
     model: Model, sliders: Sliders, at: np.ndarray, diagonal_at: np.ndarray
 ) -> list[dict[str, Any]]:
     """Sliding nodes as ``Slider``."""
-    tables, anchored, bordering_row, path = [], set(), len(sliders.outside), 0
-    turns = {id(of): diagonal_at[of.dofs[:, 2]] for of in {slide.guide for slide in sliders.all}}
+    tables, anchored, bordering_row = [], set(), len(sliders.outside)
+    starts = starts_of([guide.path.numbers.size for guide in sliders.guides])
+    of_guides = {
+        guide: {"turn_stored_at": diagonal_at[guide.dofs[:, 2]], "path": start}
+        for guide, start in zip(sliders.guides, starts, strict=False)
+    }
     rates = model.scheme.rates
     for slide in sliders.all:
-        beam, components = slide.joint.beam, len(slide.columns)
-        table = slide.members() | {"turn_stored_at": turns[id(slide.guide)]}
+        components, guide = len(slide.columns), slide.guide
+        table = slide.members() | of_guides[guide]
         # Products of the derivatives of the virtual displacement and rotation (sliders.py).
         table["products"] = 0 if rates.level != 0.5 else 2 if components == 2 else 4
-        table["bordering_row"], table["path"] = bordering_row, path
-        path += slide.path.numbers.size
-        if beam not in anchored:
-            anchored.add(beam)
+        table["bordering_row"] = bordering_row
+        if guide not in anchored:
+            anchored.add(guide)
             if rates.at_rest or model.massless[slide.dofs[:, :2]].any():
                 table |= _anchor_of(slide, sliders, at)
         bordering_row += components + table["products"] + table.get("anchors", 0)
