@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 
+from fx_beam.dual import floats
 from fx_beam.equilibria.statics import LoadPath
 from fx_beam.results.solution import Solution
-from fx_beam.scene.outputs import Output
+from fx_beam.scene.inputs import with_functions
+from fx_beam.scene.outputs import Output, is_section_force
+from fx_beam.scene.scene import Scene
 from fx_beam.step.model import Model
 from fx_beam.step.tape import Tape
 from fx_beam.step.tape_derivatives import TapeDerivatives
 
-from .output_values import Wanted, values_of
+from .output_values import KnownNumbers, Wanted, is_at_place, numbers_of_places, values_of
 from .parametrised import Parametrised
 
 
@@ -28,6 +32,11 @@ class Analysis:
     path: LoadPath | None = None
     #: Times or load factors (n,) of the rows of the last run.
     t: np.ndarray
+    #: The time of the loads of equilibria [s]; functions of time of the inputs of the scene.
+    rest_time: float | None = None
+    inputs: Mapping[str, Any] | None = None
+    #: Accelerations (size,) at the start, if an output has them.
+    start_accelerations: np.ndarray | None = None
 
     def __init__(self, parameters: Parametrised):
         self.parameters = parameters
@@ -65,6 +74,30 @@ class Analysis:
     def changes(self) -> dict[str, np.ndarray]:
         """Derivatives (m, ...) by x of all numbers of the last run."""
         raise NotImplementedError
+
+    def numbers_of_outputs(
+        self, scene: Scene, outputs: Mapping[str, Wanted], known: Mapping[str, Wanted]
+    ) -> dict[str, Any]:
+        """Numbers of a scene that its outputs read; those `known` are of the last scene."""
+        numbers = numbers_of_places(outputs, known)
+        if any(map(is_section_force, known.values())):
+            from .section_outputs import numbers_of_sections
+
+            model, tape, _ = self.followed("derivatives")
+            scene = with_functions(scene, self.inputs, "Response: inputs")
+            numbers |= numbers_of_sections(model, tape, self.rest_time, scene, known)
+        return numbers
+
+    def known_numbers(self) -> KnownNumbers:
+        """The same numbers of the last scene."""
+        outputs = self.outputs
+        numbers = self.numbers_of_outputs(self.parameters.scene, outputs, outputs)
+        if self.start_accelerations is not None:
+            numbers["a"] = self.start_accelerations
+        places = [key for key, output in outputs.items() if is_at_place(output)]
+        sections = [key for key in places if is_section_force(outputs[key])]
+        rows = ({key: row for row, key in enumerate(of)} for of in (places, sections))
+        return KnownNumbers({key: floats(of) for key, of in numbers.items()}, *rows)
 
     def of_single(self) -> np.ndarray:
         """Derivatives (m,) by x of the single quantity."""

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fx_beam.scene.beam import Beam, BeamPlace
-from fx_beam.scene.outputs import Measured, Output
+from fx_beam.scene.outputs import SECTION_FORCES, Measured, Output
 from fx_beam.step.layout import Arrays
 from fx_beam.step.sub_step_times import Steps
 
@@ -186,4 +186,5 @@ class ResultantOutput(RowOutput):
 def observes_start(output: Output) -> bool:
     """Whether accelerations or forces at the start are in an output."""
     of = Measured(output).quantity.of
-    return of in ("a", "reactions", "joint_forces", "motor_forces", "line_forces")
+    forces = "reactions", "joint_forces", "motor_forces", "line_forces", SECTION_FORCES
+    return of == "a" or of in forces

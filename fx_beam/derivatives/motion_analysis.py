@@ -12,7 +12,7 @@ import numpy as np
 
 from fx_beam.dual import Dual, floats
 from fx_beam.equilibria.statics import path_of
-from fx_beam.errors import SceneError
+from fx_beam.errors import SceneError, any_of
 from fx_beam.motions.initial_state import rates_with_slopes
 from fx_beam.motions.motion_series import MotionSeries
 from fx_beam.motions.numbers import numbers_in_steps, numbers_of_state, observed_numbers_of
@@ -54,6 +54,7 @@ class MotionAnalysis(Analysis):
     ):
         super().__init__(parameters)
         self._options, self._record, self._start = options, options.record, start
+        self.inputs = options.inputs
         # Several processes have no derivatives.
         self._series = MotionSeries(memory)
         self._of_tape: TapeDerivatives | None = None
@@ -197,6 +198,8 @@ class MotionAnalysis(Analysis):
         other, state, numbers = self._numbers_of_steps(tape, first, start, at_start, given, change)
         if not any(observes_rates(other.model, output) for output in self.measured):
             return numbers
+        if not any_of(floats(change)):
+            self.start_accelerations = floats(state.a)
         rates = rates_at(tape, np.arange(len(tape) + 1))
         numbers |= observed_numbers_of(other.model, other.model.data, state, *rates, at_start)
         if a_by_x is not None and isinstance(change, Dual):

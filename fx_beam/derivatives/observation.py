@@ -12,7 +12,7 @@ from fx_beam.dual import floats
 from fx_beam.errors import SceneError
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.joints import Joint
-from fx_beam.scene.outputs import Measured, Output
+from fx_beam.scene.outputs import Measured, Output, is_section_force
 from fx_beam.scene.scene import Scene
 from fx_beam.step.fitted_rates import RateDerivatives, rate_fit
 from fx_beam.step.forcing import Forcing
@@ -24,7 +24,7 @@ from fx_beam.step.tape import Tape
 from .energy_outputs import SINCE_START, EnergyOutput, WorkOutput, check_work, sum_of
 from .gradient import Gradient, RowOutput
 from .local_outputs import LocalOutput, Places, ResultantOutput
-from .output_values import record_of
+from .output_values import KnownNumbers, record_of
 from .sub_steps import SubSteps
 
 # Rates that fit the joints, and the impulses that make them fit, by their names as states.
@@ -44,11 +44,16 @@ def check_outputs(
         if output.quantity in SINCE_START:
             check_work(model, output, name, start.get(output.quantity, ""))
         parted = model.forms.needs_previous and sum_of(model, output.quantity).losses
-        if (isinstance(output.of, Beam) or parted) and not tape.is_whole:
+        if (_reads_steps(output) or parted) and not tape.is_whole:
             raise SceneError(
                 f"the output {name!r}, {output}, has derivatives only if all steps are in memory. "
                 "Give Response more memory"
             )
+
+
+def _reads_steps(output: Output) -> bool:
+    """Whether it follows from forces of beams in steps."""
+    return isinstance(output.of, Beam) or is_section_force(output)
 
 
 def read_entries(model: Model, outputs: Mapping[str, Output]) -> dict[str, np.ndarray]:
@@ -83,14 +88,14 @@ class Observation:
         forces: Callable[[], np.ndarray],
         entries: Arrays,
         by_places: bool,
-        rows_of_places: Mapping[str, int],
+        numbers: KnownNumbers,
         outputs: Mapping[str, Output],
         boundaries: np.ndarray,
     ):
         self._model, self._tape, self._rows = model, tape, len(boundaries)
         self._forces, (first, end) = forces, tape.present
         needed = any(observes_rates(model, output) for output in outputs.values())
-        of_beams = any(isinstance(output.of, Beam) for output in outputs.values())
+        of_beams = any(map(_reads_steps, outputs.values()))
         of_lines = any(Measured(output).by_law == "pull" for output in outputs.values())
         steps = tape.times.steps_to(boundaries) if needed or of_beams else _NO_STEPS
         moving = needed and not model.scheme.rates.at_rest
@@ -122,11 +127,10 @@ class Observation:
             self._fit = RateDerivatives(rate_fit(model), q, v, slides, driven)
             of.states["rates"] = self._fit.rates
         self._outputs = {
-            name: self._observed(output, rows_of_places.get(name))
-            for name, output in outputs.items()
+            name: self._observed(output, numbers, name) for name, output in outputs.items()
         }
 
-    def _observed(self, output: Output, row_of_place: int | None) -> RowOutput:
+    def _observed(self, output: Output, numbers: KnownNumbers, name: str) -> RowOutput:
         places, of = self._places, self._of
         if output.quantity in SINCE_START:
             return WorkOutput(of, output.quantity, places.ends, self._forces)
@@ -141,7 +145,13 @@ class Observation:
             if law == "pull":
                 return PullOutput(of, line, places)
             return StateOutput(of, line, law, places)
-        return LocalOutput(of, output, places, row_of_place)
+        row = numbers.places.get(name)
+        if is_section_force(output):
+            from .section_outputs import SectionOutput
+
+            rows = row, numbers.sections[name]
+            return SectionOutput(of, output, places, numbers.values, rows)
+        return LocalOutput(of, output, places, row)
 
     @property
     def _sizes(self) -> Mapping[str, tuple[int, int]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,7 +14,14 @@ from fx_beam.errors import require
 from fx_beam.results.solution import Solution, history
 from fx_beam.results.state import HISTORIES
 from fx_beam.scene.beam import Beam, BeamPlace, Node
-from fx_beam.scene.outputs import CRITICAL_LOAD, PERIOD, Measured, Output, quantity_of
+from fx_beam.scene.outputs import (
+    CRITICAL_LOAD,
+    PERIOD,
+    Measured,
+    Output,
+    is_section_force,
+    quantity_of,
+)
 from fx_beam.scene.scene import Scene
 from fx_beam.step.model import Model
 from fx_beam.step.recorder import Record, Recorder
@@ -27,24 +34,27 @@ Wanted = Output | Callable[[Solution], Any]
 OF_PLACES = "places of outputs"
 
 
-def rows_of_places(outputs: Mapping[str, Wanted]) -> dict[str, int]:
-    """Rows of numbers `OF_PLACES` by the names of outputs."""
-    names = (key for key, output in outputs.items() if isinstance(_place(output), BeamPlace))
-    return {key: row for row, key in enumerate(names)}
-
-
-def numbers_of_places(outputs: Mapping[str, Wanted], known: Mapping[str, Wanted]) -> dict[str, Any]:
+def numbers_of_places(outputs: Mapping[str, Any], known: Mapping[str, Any]) -> dict[str, Any]:
     """Numbers `OF_PLACES`, if there are any, in the elements of outputs that are known."""
     numbers = []
-    for name in rows_of_places(known):
-        place, (element, _) = _place(outputs[name]), _place(known[name]).element
+    for name in filter(lambda key: is_at_place(known[key]), known):
+        place, (element, _) = outputs[name].of, known[name].of.element
         start, end = place.beam.s[element : element + 2]
         numbers.append(((place.s - start) / (end - start), end - start))
     return {OF_PLACES: dual_array(numbers)} if numbers else {}
 
 
-def _place(output: Wanted) -> Any:
-    return output.of if isinstance(output, Output) else None
+def is_at_place(output: Wanted) -> bool:
+    """Whether it is an output at a place of a beam."""
+    return isinstance(output, Output) and isinstance(output.of, BeamPlace)
+
+
+class KnownNumbers(NamedTuple):
+    """Numbers of outputs of a scene without slopes, and their rows by names of outputs."""
+
+    values: dict[str, Any]
+    places: dict[str, int]
+    sections: dict[str, int]
 
 
 def recorded(given: Record, last: Record, outputs: Mapping[str, Wanted]) -> Record:
@@ -63,6 +73,8 @@ def recorded(given: Record, last: Record, outputs: Mapping[str, Wanted]) -> Reco
 
 def record_of(output: Output) -> str:
     """What of a `Record` has an output of a node or a joint: "motion", "rates" or "forces"."""
+    if is_section_force(output):
+        return "rates"
     history = HISTORIES.get(quantity_of(output).of)
     return "" if history is None else history.record
 
@@ -82,6 +94,10 @@ def values_of(solution: Solution, output: Wanted, name: str) -> np.ndarray:
         return getattr(solution.energy, quantity_of(output).of)
     if isinstance(output.of, Beam):
         return getattr(solution.resultants(output.of), output.quantity)
+    if is_section_force(output):
+        place: Any = output.of
+        forces = solution.resultants(place.beam).at(place.s)
+        return getattr(forces, output.quantity)[:, 0]
     return history(solution, output)
 
 

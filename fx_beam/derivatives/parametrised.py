@@ -45,7 +45,7 @@ class Parametrised:
     """Scenes that `build` gives for parameters x, and derivatives of their numbers by x.
 
     `read` takes the scene, and all else, from what `build` gives; SceneError if this is wrong.
-    `numbers_of` gives numbers of all else, by that of the last call.
+    `numbers_of` gives numbers of all else in a scene, by that of the last call.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class Parametrised:
         build: Callable[..., Any],
         read: Callable[[Any], tuple[Scene, Any]],
         gives: str,
-        numbers_of: Callable[[Any, Any], dict[str, Any]] = lambda _, known: {},
+        numbers_of: Callable[[Scene, Any, Any], dict[str, Any]] = lambda *_: {},
     ):
         self._build, self._read, self._numbers_of = build, read, numbers_of
         # The scene that `build` gave last, and what it gave besides.
@@ -96,7 +96,8 @@ class Parametrised:
 
         def every(scene: Scene, change: Any) -> dict[str, Any]:
             last, besides = self._last
-            more = self._numbers_of(besides if scene is last else self.besides, self.besides)
+            besides = besides if scene is last else self.besides
+            more = self._numbers_of(scene, besides, self.besides)
             return numbers_of(scene, change) | more
 
         changes = self.scenes.derivatives(self.x, self.scene, every)

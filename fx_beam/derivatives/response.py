@@ -28,7 +28,7 @@ from .gradient import along
 from .motion_analysis import MotionAnalysis
 from .objectives import Cost, Misfit, Objective
 from .observation import Observation, check_outputs, read_entries, summed
-from .output_values import Wanted, numbers_of_places, rows_of_places
+from .output_values import Wanted
 from .parametrised import Parametrised, one_call
 from .short_reversals import warn_of_short_reversals
 from .static_derivatives import why_no_sums
@@ -152,7 +152,9 @@ class Response:
     def _begin(self, build: Callable, analysis: Callable[[Parametrised], Analysis]) -> None:
         """Know of no call yet; copies and pickles begin with the same arguments."""
         self._arguments = build, analysis
-        self._parameters = Parametrised(build, self._read, self._gives, numbers_of_places)
+        self._parameters = Parametrised(
+            build, self._read, self._gives, lambda *given: self._analysis.numbers_of_outputs(*given)
+        )
         self._analysis, self._alone = analysis(self._parameters), self._parameters.alone
         #: Names of the outputs, from the first scene on.
         self._names: list[str] = []
@@ -429,7 +431,7 @@ class Response:
         derivatives.set_slopes(by_places)
         refuse_others(changes, derivatives.names, "Response")
         forces = functools.partial(derivatives.constraint_forces, tape)
-        given = model, tape, forces, entries, by_places, rows_of_places(self._analysis.outputs)
+        given = model, tape, forces, entries, by_places, self._analysis.known_numbers()
         observe = functools.partial(Observation, *given)
         return tape, derivatives, changes, observe, entries
 

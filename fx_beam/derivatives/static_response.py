@@ -156,6 +156,7 @@ class StaticAnalysis(Analysis):
     def __init__(self, options: StaticOptions, parameters: Parametrised):
         super().__init__(parameters)
         self._options, self._point = options, CriticalLoad()
+        self.rest_time, self.inputs = options.t, options.inputs
         # Load steps and critical point of the last path, once they are asked for.
         self._load_steps: StaticDerivatives | None = None
         self._critical: CriticalLoad | None = None

@@ -128,7 +128,7 @@ class RowValues:
     """Values of expressions at Gauss points, or tensors of a form, in several steps.
 
     Each expression is of some cells. From step to step the fields of `StepBatch.fields` change,
-    and the constants of `_CHANGING`.
+    and the constants of `_CHANGING`. Values may be those of `one_cell`, all expressions are of it.
     """
 
     def __init__(
@@ -136,8 +136,9 @@ class RowValues:
         expressions: Iterable[tuple[BoundForm, int, np.ndarray]],
         mesh: Any,
         moving: Sequence[Field | None],
+        one_cell: bool = False,
     ):
-        self._mesh, self._moving = mesh, moving
+        self._mesh, self._moving, self._one_cell = mesh, moving, one_cell
         #: With the addresses of their functions, and their cells.
         self._expressions = [*expressions]
 
@@ -146,7 +147,8 @@ class RowValues:
     ) -> np.ndarray:
         """Values (n, cells, ...) of a shape in n steps, whose parameters (n, k) are given."""
         coordinates = self._mesh.coordinates  # scenes move nodes
-        values = np.zeros((len(parts.t), len(coordinates), *shape))
+        count = 1 if self._one_cell else len(coordinates)
+        values = np.zeros((len(parts.t), count, *shape))
         most = max(1, _MOST // values[0].size)
         for first in range(0, len(values), most):
             rows = slice(first, first + most)
@@ -156,7 +158,7 @@ class RowValues:
                 numbers = fields, self._constants(of, given, parameters[rows]), coordinates[cells]
                 out = tabulated(address, *numbers, math.prod(shape))
                 # An array of all cells would copy the values.
-                which = slice(None) if len(cells) == len(coordinates) else cells
+                which = slice(None) if len(cells) == count else cells
                 values[rows, which] += out.reshape(*out.shape[:2], *shape)
         return values
 

@@ -54,6 +54,8 @@ class BeamForms:
         self.parameters: list[int] = []
         #: Derivatives of energies and resultants on the mesh, by what they are of and by.
         self._derivatives_of: dict[str, list[tuple[str, Space, RowValues]]] = {}
+        # Jacobians of forces, by these and whether by places as well.
+        self._slopes_of: dict[tuple[str, bool], dict[tuple[str, int], BoundForm]] = {}
         #: Forms on the mesh by name.
         self.bound: dict[str, BoundForm] = {}
         #: Polynomial degree of the elements.
@@ -255,19 +257,22 @@ class BeamForms:
         derivatives["q"] = derivatives.pop("start")
         return derivatives
 
-    def _summed(self, of_cells: Iterable[tuple[str, Space, np.ndarray]]) -> dict[str, np.ndarray]:
+    def _summed(
+        self, of_cells: Iterable[tuple[str, Space, np.ndarray]], cells: Any = slice(None)
+    ) -> dict[str, np.ndarray]:
         """Derivatives (k, numbers), by name, by nodal fields, positions "X" and all "parameters".
 
         Others are by numbers at Gauss points or of cells.
         """
         derivatives: dict[str, np.ndarray] = {}
         for name, space, values in of_cells:
-            at, size = space.dofs, space.size
+            at, size = space.dofs[cells], space.size
             if name == "parameters":
                 at, size = np.array(self.parameters), len(self._parameters)
             at = np.broadcast_to(at + size * np.arange(len(values))[:, None, None], values.shape)
             sums = np.bincount(at.ravel(), values.ravel(), len(values) * size)
-            derivatives["X" if name == "coordinates" else name] = sums.reshape(-1, size)
+            name = "X" if name == "coordinates" else name
+            derivatives[name] = derivatives.get(name, 0.0) + sums.reshape(-1, size)
         return derivatives
 
     def losses_by(self, parts: StepBatch, by_places: bool) -> list[dict[str, np.ndarray]]:
@@ -279,6 +284,40 @@ class BeamForms:
         """
         names = (name for name in LOSSES if name in self.bound)
         return [self._summed(self._derivatives(name, parts, by_places)) for name in names]
+
+    def forces_by(
+        self, parts: StepBatch, by_places: bool, weights: np.ndarray, cell: int
+    ) -> dict[str, np.ndarray]:
+        """Derivatives of sums of weights (k, width) times forces of a cell in k steps.
+
+        These are `forces_of_cells`; the derivatives as of `resultants_by`.
+        """
+        parameters, (_, _, spaces) = self._parameters_in(parts), self._derived
+
+        def of_cell() -> Iterator[tuple[str, Space, np.ndarray]]:
+            for (name, _), values in self._slopes_of_cell(by_places, cell):
+                shape = spaces[name].width, weights.shape[1]
+                slopes = values(parts, parameters, shape)
+                yield name, spaces[name], np.einsum("kcnw,kw->kcn", slopes, weights)
+
+        return self._summed(of_cell(), [cell])
+
+    def _slopes_of_cell(
+        self, by_places: bool, cell: int
+    ) -> Iterator[tuple[tuple[str, int], RowValues]]:
+        """Jacobians of forces of a cell by name."""
+        for of in ["internal forces"] + ["drag"] * self.have_drag:
+            if (of, by_places) not in self._slopes_of:
+                names = [
+                    key for key in self.sizes_of_slopes(of) if by_places or key != "coordinates"
+                ]
+                self._slopes_of[of, by_places] = self.slopes(of, names)
+            for key, form in self._slopes_of[of, by_places].items():
+                if key[0] == "work" or key[1]:
+                    continue
+                pairs = zip(form.compiled.addresses, form.cells.values(), strict=True)
+                own = [(form, at, np.array([cell])) for at, cells in pairs if cell in cells]
+                yield key, RowValues(own, self._mesh, self.moving, one_cell=True)
 
     def resultants_by(
         self, parts: StepBatch, by_places: bool, weights: np.ndarray, component: int

@@ -142,15 +142,9 @@ class Mass:
             np.bincount(self._at, masses, self._K.nnz) if self._at.size else np.zeros(self._K.nnz)
         )
 
-    def of_cells(self, scene: OnBeams) -> np.ndarray:
-        """Mass matrices (cells, width, width) of elements, in the order of `Mesh.unknowns`."""
-        degree = scene.beams[0].degree
-        rows, columns, unit = _unit_masses(degree)
-        masses = floats(self._of_beams(scene, self._mesh.X))
-        width = 3 * (degree + 1)
-        matrices = np.zeros((len(self._elements), width, width))
-        matrices[:, rows, columns] = masses.reshape(len(matrices), -1) @ unit
-        return matrices
+    def at_points(self, scene: OnBeams, X: Any) -> Any:
+        """Masses (cells, n) of elements, those of translations and rotations at Gauss points."""
+        return self._of_beams(scene, X).reshape(len(self._elements), -1)
 
     def _by_masses(self, by_entries: np.ndarray) -> np.ndarray:
         """Derivatives by masses from those by entries."""
@@ -197,6 +191,17 @@ def _unit_masses(degree: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     masses = masses.reshape(2 * n, 3 * n, 3 * n)
     rows, columns = np.nonzero(masses.any(axis=0))
     return rows, columns, masses[:, rows, columns]
+
+
+def masses_of_points(degree: int) -> np.ndarray:
+    """Mass matrices (n, width, width) of an element by the masses (n,) at its Gauss points.
+
+    In the order of `Mesh.unknowns`.
+    """
+    rows, columns, unit = _unit_masses(degree)
+    matrices = np.zeros((len(unit), 3 * (degree + 1), 3 * (degree + 1)))
+    matrices[:, rows, columns] = unit
+    return matrices
 
 
 def about_centres(T: Any, roots: np.ndarray, masses: np.ndarray) -> Any:

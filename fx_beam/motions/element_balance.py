@@ -2,18 +2,66 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from fx_beam.content_cache import cached_property
+from fx_beam.dual import dual_array, floats
+from fx_beam.errors import any_of
 from fx_beam.fem.loads import OnBeams, dead_loads
+from fx_beam.fem.mass import masses_of_points
 from fx_beam.fem.mesh import Mesh
 from fx_beam.laws.interval import Rest, StepBatch, just_inside
 from fx_beam.laws.rates import NewmarkRates
 from fx_beam.results.section_forces import Balance
 from fx_beam.scene.beam import Beam, BeamPlace, lagrange_and_slopes
 from fx_beam.scene.inputs import InputSignal
+from fx_beam.step.model import Model
 from fx_beam.step.recorder import Recorder
 from fx_beam.step.row_steps import RowSteps
+
+
+class ElementLoads:
+    """Masses of elements and dead loads on their own nodes, with slopes that the scene has.
+
+    Of beams and loads, and nodes at X (n, 2). Loads at nodes are none of elements.
+    """
+
+    def __init__(self, model: Model, on_beams: OnBeams, X: Any):
+        mesh, loads = model.mesh, on_beams.loads
+        numbers = np.arange(mesh.elements.size).reshape(mesh.elements.shape)
+        own = floats(X)[mesh.elements].reshape(-1, 2)
+        #: The mesh with own nodes of each element.
+        self.torn = Mesh(own, numbers, mesh.cells, mesh.curved)
+        #: Masses (cells, n) of the Gauss points of elements.
+        self.masses = model.masses.at_points(on_beams, X)
+        self._loads = [of for of in loads if isinstance(of.target, Beam | BeamPlace | None)]
+        for load in self._loads:
+            if isinstance(load.value, InputSignal) and not load.value.is_open:
+                raise ValueError(
+                    f"section forces from the balance of elements need the history of {load}, "
+                    "which an Input of a Motion does not keep; give simulate(inputs=...) "
+                    "functions, or take N, Q and M at the Gauss points"
+                )
+        moves = any_of(floats(self.masses))
+        chosen = [of for of in self._loads if of.target is not None or moves]
+        #: Loads on the own nodes, and their weight (size,) by constant gravity, if there is any.
+        self.dead = dead_loads(on_beams, self.torn, own, self._weights, chosen)
+        gravity = on_beams.gravity
+        self.weight = None if gravity is None else self._weights(dual_array(gravity))
+
+    def _weights(self, acceleration: Any) -> Any:
+        """Weights of elements by an acceleration (2,)."""
+        dofs, count = self.torn.unknowns.dofs, self.torn.elements.shape[1]
+        pull = np.concatenate([np.tile(acceleration, count), np.zeros(count)])
+        of_elements = self.masses @ (masses_of_points(count - 1) @ pull)
+        return of_elements.reshape(-1)[np.argsort(dofs.ravel())]
+
+    def inside(self, beam: str) -> list[Any]:
+        """Loads inside elements of a beam."""
+        at_places: list[Any] = [of for of in self._loads if isinstance(of.target, BeamPlace)]
+        return [of for of in at_places if of.target.beam.name == beam]
 
 
 class ElementBalance:
@@ -34,29 +82,22 @@ class ElementBalance:
         self.model, self._rest, self._first = (model := recorder.model), rest, first
         self._steps, beams = RowSteps(recorder, first), model.forms.beams
         assert beams is not None
-        self._on, loads = on_beams, on_beams.loads
-        self._loads = [of for of in loads if isinstance(of.target, Beam | BeamPlace | None)]
-        for load in self._loads:
-            if isinstance(load.value, InputSignal) and not load.value.is_open:
-                raise ValueError(
-                    f"section forces from the balance of elements need the history of {load}, "
-                    "which an Input of a Motion does not keep; give simulate(inputs=...) "
-                    "functions, or take N, Q and M at the Gauss points"
-                )
+        self._on, self._loads = on_beams, ElementLoads(model, on_beams, model.mesh.X)
         level = model.scheme.rates.level
         self._parts = parts = self._batch(recorder, a, beams.depend_on_rates)
-        self._masses = model.masses.of_cells(on_beams)
+        unit_masses = masses_of_points(beams.degree)
+        self._masses = np.tensordot(self._loads.masses, unit_masses, 1)
         in_forms = model.mesh.unknowns.dofs
         at_nodes = beams.forces_of_cells(parts)
-        forces = np.zeros((len(parts.t), self._torn.dofs.size))
-        forces[:, self._torn.unknowns.dofs] = at_nodes
+        forces = np.zeros((len(parts.t), self._loads.torn.dofs.size))
+        forces[:, self._loads.torn.unknowns.dofs] = at_nodes
         forces -= self._dead()
         forces = self._steps.means(forces)
         if a.any():
             # The same sums to the last digit in any number of rows.
             columns = zip(np.moveaxis(self._masses, -1, 0), a[:, in_forms].T, strict=True)
             inertia = sum(column * part.T[..., None] for column, part in columns)
-            forces[:, self._torn.unknowns.dofs] += inertia
+            forces[:, self._loads.torn.unknowns.dofs] += inertia
         #: Forces (n, cells, degree + 1, 3) on the nodes of elements, in order along them.
         self.forces = forces.reshape(len(a), *model.mesh.elements.shape, 3)
         turns = self._steps.means(parts.q + level * parts.D)[:, model.mesh.dofs[:, 2]]
@@ -83,29 +124,11 @@ class ElementBalance:
             a0[0] = 0.0
         return parts._replace(v=v0, a=a0)
 
-    @cached_property
-    def _torn(self) -> Mesh:
-        """The mesh with own nodes of each element."""
-        mesh = self.model.mesh
-        numbers = np.arange(mesh.elements.size).reshape(mesh.elements.shape)
-        return Mesh(mesh.X[mesh.elements].reshape(-1, 2), numbers, mesh.cells, mesh.curved)
-
-    def _weights(self, acceleration) -> np.ndarray:
-        """Weights of elements by an acceleration (2,)."""
-        count = self.model.mesh.elements.shape[1]
-        pull = np.concatenate([np.tile(acceleration, count), np.zeros(count)])
-        weights = np.zeros(self._torn.dofs.size)
-        weights[self._torn.unknowns.dofs] = self._masses @ pull
-        return weights
-
     def _dead(self) -> np.ndarray:
         """Dead loads (n, size) of elements in the sub-steps."""
-        scene, torn = self._on, self._torn
-        chosen = [of for of in self._loads if of.target is not None or self._masses.any()]
-        loads = dead_loads(scene, torn, torn.X, self._weights, chosen)
+        loads = self._loads.dead
         dead = self._in_steps(lambda t: loads.series(t) @ loads.unit_loads.T)
-        if scene.gravity is not None:
-            weight = self._weights(np.asarray(scene.gravity, dtype=float))
+        if (weight := self._loads.weight) is not None:
             dead = dead + (1.0 if self._rest is None else self._rest.factors[:, None]) * weight
         return dead
 
@@ -129,23 +152,19 @@ class ElementBalance:
     def ends(self) -> np.ndarray:
         """N, Q and M (n, cells, 2, 3) at both ends of elements."""
         ends = self.forces[:, :, [0, -1]] * np.array([-1.0, 1.0])[:, None]
-        return _components(ends, self._angles)
+        return components(ends, self._angles)
 
     @cached_property
     def _angles(self) -> np.ndarray:
         """Directions (n, cells, 2) of the sections' normals at the ends [rad]."""
         mesh = self.model.mesh
-        nodes = np.linspace(0.0, 1.0, mesh.elements.shape[1])
-        along = lagrange_and_slopes(nodes, np.array([0.0, 1.0]))[1] @ mesh.X[mesh.elements]
-        return np.arctan2(along[..., 1], along[..., 0]) + self.turns
+        return directions_at_ends(mesh.X[mesh.elements]) + self.turns
 
     def jumps(self, number: int) -> tuple[np.ndarray, np.ndarray]:
         """Arc lengths (m,) of loads inside elements of a beam, and jumps (n, m, 3) there."""
         scene, mesh, places, jumps = self._on, self.model.mesh, [], []
         beam = scene.beams[number]
-        for load in self._loads:
-            if not isinstance(load.target, BeamPlace) or load.target.beam.name != beam.name:
-                continue
+        for load in self._loads.inside(beam.name):
             values = self._in_steps(
                 lambda t, load=load: load.value.series(t, str(load), scene.array_calls)
             )
@@ -155,12 +174,19 @@ class ElementBalance:
             element, x = load.target.element
             angles = self._angles[:, mesh.cells[number][element]] @ [1 - x, x]
             places.append(load.target.s)
-            jumps.append(-_components(force, angles))
+            jumps.append(-components(force, angles))
         shape = len(places), len(self.forces), 3
         return np.array(places), np.reshape(jumps, shape).swapaxes(0, 1)
 
 
-def _components(forces: np.ndarray, angles: np.ndarray) -> np.ndarray:
+def directions_at_ends(X: Any) -> Any:
+    """Directions (..., 2) of the normals [rad] at both ends of elements with nodes (..., n, 2)."""
+    nodes = np.linspace(0.0, 1.0, X.shape[-2])
+    along = lagrange_and_slopes(nodes, np.array([0.0, 1.0]))[1] @ X
+    return np.arctan2(along[..., 1], along[..., 0])
+
+
+def components(forces: np.ndarray, angles: np.ndarray) -> np.ndarray:
     """N, Q and M (..., 3) of forces and moments (..., 3), by directions of the normal [rad]."""
     (x, y, m), c, s = np.moveaxis(forces, -1, 0), np.cos(angles), np.sin(angles)
     return np.stack([c * x + s * y, c * y - s * x, m], axis=-1)

@@ -27,6 +27,9 @@ OF_OUTPUTS = {
     "driven rates",
     "parameters at the start",
     "places of outputs",
+    "masses of outputs",
+    "directions of outputs",
+    "dead loads of outputs",
     "work at the start",
     "dissipated_energy at the start",
 }

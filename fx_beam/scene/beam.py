@@ -230,7 +230,8 @@ class BeamPlace:
     def element(self) -> tuple[int, float]:
         """Number of its element, and the place in it from 0 to 1."""
         ends = self.beam.s
-        number = int(np.clip(np.searchsorted(ends, self.s, "right") - 1, 0, len(ends) - 2))
+        beyond = self.s + 1e-9 * ends[-1]  # as of section forces: at a node that behind it
+        number = int(np.clip(np.searchsorted(ends, beyond, "right") - 1, 0, len(ends) - 2))
         return number, (self.s - ends[number]) / (ends[number + 1] - ends[number])
 
     @property

@@ -53,9 +53,10 @@ OF_NODES: dict[str, Quantity] = {
     "acceleration": Quantity(_PLANE, "a"),
     "reaction": Quantity(_FORCE, "reactions"),
 }
+SECTION_FORCES = "section_forces"
 OF_PLACES = {
     name: OF_NODES[name] for name in ("position", "displacement", "rotation", "velocity", "spin")
-}
+} | dict.fromkeys("NQM", Quantity(of=SECTION_FORCES))
 OF_JOINTS: dict[str, Quantity] = {
     "angle": Quantity(of="q", column=2),
     "slide": Quantity(of="slides"),
@@ -107,7 +108,8 @@ class Output:
 
     - of a node: "position" [m], "displacement" [m], "rotation" [rad], "velocity" [m/s], "spin"
       [rad/s], "acceleration" [m/s^2], "reaction" [N, N m]
-    - of a place inside an element, ``beam.at(s)``: the first five of a node
+    - of any place of a beam, ``beam.at(s)``: the first five of a node, and section forces "N" [N],
+      "Q" [N], "M" [N m] from the balance of its element, as `BeamResultants.at`
     - of a joint: "angle" [rad], "slide" [m], "spin" [rad/s], "rate" [m/s or rad/s], "force" [N, N
       m], "motor_force" [N or N m]
     - of a rope, a force between points or a spring to the ground: "length" [m or rad] and its
@@ -345,6 +347,12 @@ class Measured:
             along = x * (u1 - u0) + y * (v1 - v0)
             total = total + (along / length if self.quantity.of == "v" else length)
         return total
+
+
+def is_section_force(output: Any) -> bool:
+    """Whether it is an output that follows from the balance of an element."""
+    there = isinstance(output, Output) and isinstance(output.of, BeamPlace)
+    return there and output._known[output.quantity].of == SECTION_FORCES
 
 
 def is_gear(place: Any) -> bool:
