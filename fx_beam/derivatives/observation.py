@@ -118,7 +118,8 @@ class Observation:
         forces_at = np.searchsorted(self.sub_steps, steps.sub_steps)
         rows = np.flatnonzero(boundaries), np.flatnonzero(boundaries == 0)
         self._places = Places(ends, starts, *rows, steps, forces_at, entries)
-        self._of = of = SubSteps(model, tape, self.boundaries, by_places)
+        of_forces = any(map(is_section_force, outputs.values()))
+        self._of = of = SubSteps(model, tape, self.boundaries, by_places, of_forces)
         #: Rates that fit the joints, and their derivatives.
         self._fit = None
         if model.fits_rates and needed:

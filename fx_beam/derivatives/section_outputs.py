@@ -219,4 +219,5 @@ class SectionOutput(RowOutput):
         per_time = by_a[moved] / places.steps.lengths[moved, None]
         for at, sign in ((places.ends, 1.0), (places.starts, -1.0)):
             yield Block(self._rates, self._dofs, moved, sign * per_time, at[moved])
-        yield Block("a", self._dofs, places.at_start, by_a[places.at_start])
+        if len(places.at_start):
+            yield Block("a", self._dofs, places.at_start, by_a[places.at_start])

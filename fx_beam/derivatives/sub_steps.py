@@ -39,7 +39,14 @@ class SubSteps:
     Rows, and sub-steps or boundaries of each, are one of `groups`.
     """
 
-    def __init__(self, model: Model, tape: Tape, boundaries: np.ndarray, by_places: bool = True):
+    def __init__(
+        self,
+        model: Model,
+        tape: Tape,
+        boundaries: np.ndarray,
+        by_places: bool = True,
+        of_forces: bool = False,
+    ):
         self.model, self.tape, self.boundaries = model, tape, boundaries
         #: Whether derivatives by the positions of nodes are wanted.
         self.by_places = by_places
@@ -51,10 +58,13 @@ class SubSteps:
             given = times.starts, times.ends, self._level
             self._parameters = floats(of_scene.of_time.over_steps(*given))
             self._at_start = of_scene.at(float(times.starts[0]))[None]
-        # Length of the short step for the resultants at the start [s], and 1 if these depend on
-        # rates, else 0.
+        # Length of the short step for the resultants at the start [s], and 1 if these, or all
+        # forces of elements that are wanted, depend on rates, else 0.
         self._short, beams = INSTANT * tape.times.first_length, model.forms.beams
-        self._moves = float(beams is not None and beams.facts.resultants_move)
+        moves = beams is not None and (
+            beams.depend_on_rates if of_forces else beams.facts.resultants_move
+        )
+        self._moves = float(moves)
 
     @cached_property
     def states(self) -> dict[str, np.ndarray]:

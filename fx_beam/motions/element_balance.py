@@ -68,7 +68,8 @@ class ElementBalance:
     """Forces f = internal + inertia - loads (8.3) of elements on their own nodes, in rows.
 
     `on_beams` are beams and loads, `a` (n, size) accelerations of the rows from a `first` one on,
-    `rest` that of equilibria. Loads of the state from which equilibria start act at nodes.
+    `rest` that of equilibria; loads of elements may be known as `own_loads`. Loads of the state
+    from which equilibria start act at nodes.
     """
 
     def __init__(
@@ -78,11 +79,13 @@ class ElementBalance:
         a: np.ndarray,
         rest: Rest | None = None,
         first: int = 0,
+        own_loads: ElementLoads | None = None,
     ):
         self.model, self._rest, self._first = (model := recorder.model), rest, first
         self._steps, beams = RowSteps(recorder, first), model.forms.beams
         assert beams is not None
-        self._on, self._loads = on_beams, ElementLoads(model, on_beams, model.mesh.X)
+        self._on = on_beams
+        self._loads = own_loads or ElementLoads(model, on_beams, model.mesh.X)
         level = model.scheme.rates.level
         self._parts = parts = self._batch(recorder, a, beams.depend_on_rates)
         unit_masses = masses_of_points(beams.degree)

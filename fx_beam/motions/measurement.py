@@ -10,9 +10,10 @@ import numpy as np
 
 from fx_beam.content_cache import cached_property
 from fx_beam.dual import floats
+from fx_beam.errors import SceneError
 from fx_beam.results.state import State
 from fx_beam.scene.joints import NodalMotion
-from fx_beam.scene.outputs import Measured, Output
+from fx_beam.scene.outputs import Measured, Output, is_section_force
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.model import Model
 from fx_beam.step.recorded_histories import driven_increments
@@ -100,13 +101,36 @@ def fitted_state(state: State, start: Instant | None, end: Instant | None) -> St
     return state.changed(**means, driven_rates=end.driven)
 
 
-def readings(prepared: Prepared, now: Arrays, outputs: Mapping[str, Output]) -> dict[str, Reading]:
-    """Functions that read outputs from arrays, with full turns that are missing in rotations."""
-    every = {name: Measured(output) for name, output in outputs.items()}
+def readings(
+    prepared: Prepared,
+    now: Arrays,
+    outputs: Mapping[str, Output],
+    last_row: Callable[[], Any] | None = None,
+) -> dict[str, Reading]:
+    """Functions that read outputs from arrays, with full turns that are missing in rotations.
+
+    Section forces are read from the `last_row` of a record, as `RowBalance` has it.
+    """
+    sections = {name: output for name, output in outputs.items() if is_section_force(output)}
+    for name, output in sections.items():
+        if last_row is None:
+            raise SceneError(
+                f"the output {name!r}, {output}, is a section force, which follows from a step "
+                "that is recorded, not from a state: give Motion record=fb.Record(). Conditions of "
+                "`until` may take reactions, or forces of joints"
+            )
+    of_sections: dict[str, Reading] = {}
+    if sections and last_row is not None:
+        from .row_balance import RowBalance
+
+        balance = RowBalance(prepared.model, last_row)
+        of_sections = {name: balance.reading(output) for name, output in sections.items()}
+    every = {name: Measured(of) for name, of in outputs.items() if name not in sections}
     if any(measured.quantity.of in _NOT_ALWAYS for measured in every.values()):
         prepared.stepper.integrator.problem.keep_joint_forces()
     model, turns = prepared.model, prepared.turn_counter.removed
-    return {name: _reading(model, now, turns, measured) for name, measured in every.items()}
+    read = {name: _reading(model, now, turns, measured) for name, measured in every.items()}
+    return {name: of_sections.get(name) or read[name] for name in outputs}
 
 
 def _reading(model: Model, now: Arrays, turns: np.ndarray, measured: Measured) -> Reading:

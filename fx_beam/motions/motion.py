@@ -152,6 +152,7 @@ class OpenMotion:
             recorder = Recorder(model, np.array([state.t]), self._record)
             recorder.miss(turns)
             loop.record(state, recorder)
+            recorder.plan(1, grid(np.arange(1, 1 + _ROWS)), last=False)
         course = _Course(state, grid, recorder, self._prepared.stats.steps)
         copy, parts = loop.state.copy(), self._prepared.stepper.halving.state
         now = _Present(course, 0, grid(0), copy, parts, self.held.values, turns)
@@ -237,6 +238,10 @@ class OpenMotion:
     def value(self, name: str) -> Any:
         """An array of `State` as it is shown, with rates that fit the joints."""
         return fitted_value(name, self.arrays, self.now.start, self.now.end)
+
+    def last_row(self) -> tuple[_Present, Rows, np.ndarray]:
+        """What identifies the state, its record, and its accelerations (size,)."""
+        return self.now, self.now.course.recorder, self.value("a")
 
     def state(self) -> State:
         """The state in C, with all on which the next step depends."""
@@ -378,7 +383,9 @@ class Motion:
             state = state_of(prepared.model, start)
             held.resume(prepared.forcing, state)
         self._open = OpenMotion(prepared, held, self._dt, record)
-        self._readings = readings(prepared, self._open.value, outputs)
+        every = record is not None and record.rates and record.every == 1
+        last_row = self._open.last_row if every else None
+        self._readings = readings(prepared, self._open.value, outputs, last_row)
         state = prepared.first_state(self._dt, start)
         self._open.begin(state, np.zeros(prepared.model.size), grid_from(state.t, self._dt))
         prepared.stats.setup_seconds = perf_counter() - clock

@@ -97,7 +97,7 @@ class RowSteps:
         q = begins("q") + self._missing(np.where(stored, row, before))
         D = ends(q, arrays["q"][rows] + self._missing(rows)) - q
         if at_start:
-            dt[0] = INSTANT * np.diff(recorder.times[:2]).sum() or 1.0
+            dt[0] = INSTANT * (np.diff(recorder.times[:2]).sum() or 1.0)
             if moves or beams.facts.resultants_move:
                 D[0] = dt[0] * recorder.first.v
                 q[0] -= level * D[0]
