@@ -109,7 +109,8 @@ class Output:
     - of a node: "position" [m], "displacement" [m], "rotation" [rad], "velocity" [m/s], "spin"
       [rad/s], "acceleration" [m/s^2], "reaction" [N, N m]
     - of any place of a beam, ``beam.at(s)``: the first five of a node, and section forces "N" [N],
-      "Q" [N], "M" [N m] from the balance of its element, as `BeamResultants.at`
+      "Q" [N], "M" [N m] from the balance of its element, as `BeamResultants.at` has them: for
+      responses, and for a `Motion` that records each step
     - of a joint: "angle" [rad], "slide" [m], "spin" [rad/s], "rate" [m/s or rad/s], "force" [N, N
       m], "motor_force" [N or N m]
     - of a rope, a force between points or a spring to the ground: "length" [m or rad] and its
