@@ -89,7 +89,7 @@ class ElementBalance:
         level = model.scheme.rates.level
         self._parts = parts = self._batch(recorder, a, beams.depend_on_rates)
         unit_masses = masses_of_points(beams.degree)
-        self._masses = np.tensordot(self._loads.masses, unit_masses, 1)
+        self._masses = np.tensordot(floats(self._loads.masses), unit_masses, 1)
         in_forms = model.mesh.unknowns.dofs
         at_nodes = beams.forces_of_cells(parts)
         forces = np.zeros((len(parts.t), self._loads.torn.dofs.size))
@@ -130,8 +130,8 @@ class ElementBalance:
     def _dead(self) -> np.ndarray:
         """Dead loads (n, size) of elements in the sub-steps."""
         loads = self._loads.dead
-        dead = self._in_steps(lambda t: loads.series(t) @ loads.unit_loads.T)
-        if (weight := self._loads.weight) is not None:
+        dead = self._in_steps(lambda t: floats(loads.series(t)) @ loads.unit_loads.T)
+        if (weight := floats(self._loads.weight)) is not None:
             dead = dead + (1.0 if self._rest is None else self._rest.factors[:, None]) * weight
         return dead
 
@@ -169,7 +169,7 @@ class ElementBalance:
         beam = scene.beams[number]
         for load in self._loads.inside(beam.name):
             values = self._in_steps(
-                lambda t, load=load: load.value.series(t, str(load), scene.array_calls)
+                lambda t, load=load: floats(load.value.series(t, str(load), scene.array_calls))
             )
             values = self._steps.means(np.asarray(values, dtype=float))
             force = np.zeros((len(values), 3))

@@ -149,6 +149,30 @@ def test_derivatives_are_those_of_the_motion(name):
     assert_they_are_those_of_the_motion(run, ONES, J)
 
 
+@pytest.mark.parametrize("kind", [fb.Response, fb.StaticResponse])
+def test_calls_after_derivatives_give_the_same(kind):
+    """Then scenes have slopes, with which solutions are none the less computed."""
+
+    def build(x):
+        scene = fb.Scene(gravity=(0, -9.81 * x[0]))
+        section = fb.Section(EA=1e4, GA=1e4, EI=10.0 * x[1], rhoA=x[2], rhoI=0.01)
+        beam = scene.add_beam([(0, 0), (1, 0)], section, 2)
+        scene.clamp(beam.start)
+        scene.add_line_load(beam, lambda t: (0.0, x[0] * np.sin(t)))
+        scene.add_force(beam.at(0.7), lambda t: (0.0, x[0] * t))
+        return scene, {"M": fb.Output("M", beam.at(0.0)), "inside": fb.Output("M", beam.at(0.2))}
+
+    run = kind(build, **({"dt": 0.01, "t_end": 0.1} if kind is fb.Response else {"t": 1.0}))
+    x = np.array([1.0, 1.1, 0.9])
+    _, first = run(x)
+    J = run.jacobian()
+    assert run.stats.difference_reason == ""
+    _, again = run(x)
+    for name, values in first.items():
+        assert again[name] == pytest.approx(values, rel=1e-9, abs=1e-9)
+        assert run.jacobian()[name] == pytest.approx(J[name], rel=1e-9, abs=1e-9)
+
+
 def frame(x, degree):
     """A bent arm and a leg, lengths, places and data of which depend on x."""
     scene = fb.Scene(gravity=(0, -9.81 * x[1]))
