@@ -3,6 +3,7 @@
     .venv/bin/python benchmarks/frames.py [cells ...]   (200: 80 400 struts, 2 minutes)
     .venv/bin/python benchmarks/frames.py turning       steps with kept factors and with new ones
     .venv/bin/python benchmarks/frames.py storage       steps with a band and with sparse rows
+    .venv/bin/python benchmarks/frames.py threads       steps by one, two and four threads
     mpirun -n 2 .venv/bin/python -m fx_beam benchmarks/frames.py processes [cells [steps [auto]]]
 
 Each strut is one element; the struts are rigidly joined. The lattice is clamped at one side and
@@ -10,6 +11,7 @@ loaded at the other, or free and turning. Times are those of the processor in se
 mean of the first twenty; the memory is the largest of the process so far.
 """
 
+import os
 import resource
 import sys
 import tempfile
@@ -163,6 +165,24 @@ def compare_storage(runs=5, steps=20, dt=0.01):
     print(f"worst choice: {worst:.2f} of the better")
 
 
+def compare_threads(sizes=(100, 200), runs=3, steps=30, dt=0.01):
+    """Real time of a step, and of a load step, by the number of threads, in turns."""
+    record = fb.Record(every=steps)
+    for cells in sizes:
+        found = {}
+        for threads in ("1", "2", "4") * runs:
+            os.environ["FX_BEAM_THREADS"] = threads
+            scene = lattice(cells)
+            moving = fb.simulate(scene, dt=dt, t_end=steps * dt, record=record).stats
+            resting = fb.static(scene, load_steps=3).stats
+            each = found.setdefault(threads, ([], []))
+            for times, stats in zip(each, (moving, resting), strict=True):
+                times.append(1e3 * stats.seconds / stats.steps)
+        for threads, (moving, resting) in found.items():
+            times = f"a step {min(moving):.0f} ms, a load step {min(resting):.0f} ms"
+            print(f"{len(scene.beams)} struts, {threads} threads: {times}", flush=True)
+
+
 class Memory:
     """What a process has used."""
 
@@ -206,6 +226,8 @@ if __name__ == "__main__":
         on_processes(*map(int, sys.argv[2:4]))
     elif sys.argv[1:] == ["turning"]:
         compare_turning()
+    elif sys.argv[1:] == ["threads"]:
+        compare_threads()
     elif sys.argv[1:] == ["storage"]:
         compare_storage()
     else:

@@ -8,6 +8,7 @@ from functools import partial
 import scenes
 
 import fx_beam as fb
+from fx_beam.step.threads import thread_count
 
 
 def fate(case):
@@ -27,6 +28,7 @@ def fate(case):
         "ended": time.monotonic(),
         "worker": os.getpid(),
         "threads": threads,
+        "own_threads": thread_count(),
         "cpus": sorted(os.sched_getaffinity(0)),
     }
 

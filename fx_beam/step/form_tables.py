@@ -7,10 +7,12 @@ from collections.abc import Container
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy.sparse
 
 from fx_beam.content_cache import cached_by_content
 from fx_beam.fem.assembly import BoundForm, Field
 from fx_beam.fem.beam_forms import BeamForms
+from fx_beam.fem.sparsity import starts_of
 
 from .build import load_batches
 
@@ -85,16 +87,20 @@ class Kernel(NamedTuple):
 
 # Data of cells that not all scenes have: a tangent in rows or in a chain, and fields of beams.
 _NOT_ALWAYS = "stored_at", "run", "single_start", "single_from", "single_to", "internal", "natural"
+_OF_THREADS = "colour_start", "piece"
 
 
 class FormTables:
     """Forms as ``Form`` of c/problem.h.
 
-    Given are the `Problem` of tables.py, and the storage indices of the tangent of each cell.
+    Given are the `Problem` of tables.py, the storage indices of the tangent of each cell, and
+    whether threads may share cells.
     """
 
-    def __init__(self, problem: Any, stored_at: np.ndarray):
+    def __init__(self, problem: Any, stored_at: np.ndarray, shares: bool):
         self._problem, self._lanes = (p := problem.c), problem.constants.LANES
+        # Cells that threads take at once.
+        self._piece = problem.constants.PIECE * self._lanes if shares else 0
         self._forms: BeamForms = problem.model.forms.beams
         self._stored_at, mesh = stored_at, problem.model.mesh
         #: Degrees of freedom, internal variables and natural strains (cells, n) of each cell.
@@ -174,10 +180,12 @@ class FormTables:
         if (key := cells.tobytes()) in self._shared:
             return self._shared[key]
         stored_at, behind = self._stored_at[cells], self._problem.tangent.stored
-        data: dict[str, Any] = dict.fromkeys(_NOT_ALWAYS)
+        data: dict[str, Any] = dict.fromkeys(_NOT_ALWAYS + _OF_THREADS)
         data |= {n: self._blocks(rows[cells]) for n, rows in self.rows.items() if n != "dofs"}
         nodes = self.rows["dofs"][cells, 2 * self.rows["dofs"].shape[1] // 3 :] - 2
         data |= {"dofs": self._blocks(nodes), "to": self._blocks(nodes, self._problem.dofs)}
+        if self._piece:
+            data |= in_colours(nodes, self._piece)
         data["coordinates"] = self._blocks(self._places[cells])
         self._coordinates.append((cells, data["coordinates"]))
         if self._problem.system.chain:
@@ -217,6 +225,27 @@ def in_lanes(rows: np.ndarray, lanes: int, behind: int | None = None) -> np.ndar
     placed = aligned_zeros(*blocks.shape, dtype=kind)
     placed[...] = blocks
     return placed
+
+
+def in_colours(nodes: np.ndarray, size: int) -> dict[str, Any]:
+    """Pieces of so many cells with `nodes` (cells, n), by colours, and their names in C.
+
+    Pieces of a colour have no node in common.
+    """
+    piece = np.repeat(np.arange(len(nodes)) // size, nodes.shape[1])
+    pieces = int(piece[-1]) + 1
+    touched = scipy.sparse.csr_matrix((np.ones(piece.size), (piece, nodes.ravel())))
+    near = (touched @ touched.T).tocsr()
+    colour = np.full(pieces, -1)
+    for k in range(pieces):
+        taken = set(colour[near.indices[near.indptr[k] : near.indptr[k + 1]]].tolist())
+        colour[k] = next(c for c in range(len(taken) + 1) if c not in taken)
+    start = starts_of(np.bincount(colour))
+    return {
+        "colours": len(start) - 1,
+        "colour_start": start,
+        "piece": np.argsort(colour, kind="stable"),
+    }
 
 
 @cached_by_content

@@ -78,6 +78,7 @@ def factors_of(
     keep: bool = True,
     sparse: bool = True,
     costs: Costs = COSTS,
+    parts: bool = False,
 ) -> Factors:
     """Storage in sparse rows, to keep if it pays; or in a band if it is narrow.
 
@@ -85,7 +86,7 @@ def factors_of(
     roots. The last unknowns may be `forces` without a stiffness, given by an unknown on which each
     acts, a different one for each (-1: none). A force comes after this unknown and after all with
     which it is coupled: then a pivot vanishes only by chance. With forces, with auxiliary unknowns,
-    or if rows shall be `sparse`, there is no band.
+    or if rows shall be `sparse`, there is no band. Sparse rows may be in `parts` for threads.
     """
     if len(indptr) == 1:  # nothing is unknown
         return Factors(_NONE, _NONE, 0, 1)
@@ -97,7 +98,7 @@ def factors_of(
     groups = groups_of(graph, dependent, forces)
     if dependent is None and not len(forces):
         groups |= _one_by_one(_minimum_degree(groups["graph_start"], groups["graph"]))
-    in_rows = _eliminated(groups, rows, indices)
+    in_rows = _eliminated(groups, rows, indices, parts)
     return in_rows._replace(worth=_worth(in_rows, len(indices), costs)) if keep else in_rows
 
 
@@ -220,14 +221,16 @@ def _one_by_one(order: np.ndarray) -> dict[str, np.ndarray]:
     return {"waits": waits, "waiting_start": starts, "waiting": waiting}
 
 
-def _eliminated(groups: dict[str, Any], rows: np.ndarray, columns: np.ndarray) -> Factors:
+def _eliminated(
+    groups: dict[str, Any], rows: np.ndarray, columns: np.ndarray, parts: bool
+) -> Factors:
     """Sparse rows in minimum-degree order, and where entries in rows and columns are in them."""
     ffi, library = c_library.open_library(
         "order of elimination", "elimination.h", "sparse_rows.h", (), (), ("-O1",)
     )
     structs = Structs(ffi)
     of = ffi.gc(ffi.new("Elimination *"), library.fx_free_elimination)
-    structs.set(of, **groups)
+    structs.set(of, **groups, rows={"parts": parts})
     at = np.empty(len(rows), np.int32)
     given = (ffi.from_buffer("int[]", np.asarray(x, np.int32, "C")) for x in (rows, columns, at))
     library.fx_find_rows(of, len(rows), *given)
@@ -240,9 +243,12 @@ def _eliminated(groups: dict[str, Any], rows: np.ndarray, columns: np.ndarray) -
     sizes |= dict.fromkeys(("first", "source_start", "run_start"), count + 1)
     sizes["source"] = r.source_start[count]
     sizes |= dict.fromkeys(("run_column", "run_length"), r.run_start[count])
+    if parts:
+        sizes["part_start"] = library.SUBTREES + 1
     layout = {name: taken(getattr(r, name), size) for name, size in sizes.items()}
     stored = int(layout["start"][-1])
-    return Factors(taken(of.order, n), at, stored, 0, {"unknowns": n, "groups": count} | layout)
+    counts = {"unknowns": n, "groups": count, "parts": parts, "part_start": None}
+    return Factors(taken(of.order, n), at, stored, 0, counts | layout)
 
 
 def _alike(graph: scipy.sparse.csr_matrix, dependent: np.ndarray | None, forces: int) -> np.ndarray:

@@ -40,6 +40,8 @@ from .tangent_storage import (
 if TYPE_CHECKING:
     from .turning_frame import TurningFrame
 
+#: From so many elements on, threads share the work: they gain more than they cost.
+LARGE = 20_000
 # Forms of the equations.
 _OF_EQUATIONS = "internal_forces", "drag"
 # From so many nodes on beams, what slides is in the sparse rows, not beside them.
@@ -80,6 +82,13 @@ class Problem:
         self.model, self._frame_turns = model, turns
         self._owns_factors, self._forces_only = owns_factors, forces_only
         self._rates, self._inertia, self._inert = rates, inertia, inert
+        #: Threads share the work of a large scene.
+        self._is_large = len(model.mesh.unknowns.dofs) >= LARGE
+        self._threads = 1
+        if self._is_large:
+            from .threads import thread_count
+
+            self._threads = thread_count()
         pattern = model.reduction.tangent.pattern
         #: Whether bordering rows are among the sparse rows (c/bordering_rows.h).
         self._inside = (
@@ -203,6 +212,7 @@ class Problem:
                 "cell_coordinates": mesh.coordinates.shape[1],
                 "massless_count": len(massless),
                 "massless": massless,
+                "threads": self._threads,
             },
             internal={"per_cell": per_cell},
             tangent={"row_start": K.indptr, "column_of": K.indices, "stored_at": stored_at},
@@ -218,7 +228,7 @@ class Problem:
         self.tables: FormTables | None = None
         if (beams := model.forms.beams) is not None and not self._rates:
             stored = stored_at[model.forms.of_cells]
-            self.tables = FormTables(self, stored)
+            self.tables = FormTables(self, stored, self._is_large)
             forms = self.tables.all(_OF_EQUATIONS if self._forces_only else FORMS)
             self._set(forms=forms)
             if per_cell:
@@ -348,7 +358,8 @@ class Problem:
             self._set_changing_rows()
         elif factors.rows and not self._inside:
             self._sparse_factors = np.zeros(factors.size)
-            self._set(system={"rows": [factors.rows | {"factors": self._sparse_factors}]})
+            own = {"factors": self._sparse_factors, "threads": self._threads}
+            self._set(system={"rows": [factors.rows | own]})
         if (loops := reduction.loops) is not None:
             diagonal, unit = loops.scales(reduction.tangent.pattern)
             table = {"scales": len(unit), "scale_at": at[diagonal], "scale_unit": unit}
@@ -436,7 +447,8 @@ class Problem:
         # In statics the signs of pivots tell modes.
         sparse = members or self._inside or self.model.scheme.rates.at_rest
         behind = reduction.dependent, reduction.forces
-        return factors_of(indptr, indices, *behind, keep, sparse, COSTS)
+        parts = self._is_large and not self._inside
+        return factors_of(indptr, indices, *behind, keep, sparse, COSTS, parts)
 
     def keep_joint_forces(self) -> None:
         """Find forces of joints in each step, whether it is recorded or not."""

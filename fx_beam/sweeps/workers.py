@@ -36,7 +36,9 @@ _THREAD = threading.local()
 # Largest number of processes.
 _MOST = 10_000
 # One thread a worker, whatever BLAS there is; read when numpy is imported.
-_ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+_ONE_THREAD = dict.fromkeys(
+    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "FX_BEAM_THREADS"), "1"
+)
 # Longest time that can be waited for, and time for processes to end by themselves [s].
 _LONGEST_WAIT, _GRACE = 1e6, 2.0
 _DIED = "its worker process died: it was killed, ran out of memory or crashed"

@@ -86,6 +86,7 @@ def test_processes_have_one_thread_and_a_killed_one_costs_its_case(lists):
     assert "its worker process died" in rows[3]["error"]
     fine = [row for row in rows if not row["error"]]
     assert {row["threads"] for row in fine} == {"1"}
+    assert {row["own_threads"] for row in fine} == {1}
     assert all(row["seconds"] >= 0.1 for row in fine if row["fate"] == "slow")
     # The first one compiles what the others need.
     assert rows[0]["ended"] < min(row["began"] for row in fine[1:])

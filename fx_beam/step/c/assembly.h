@@ -3,6 +3,7 @@
 #pragma once
 
 #include "algebra.h"
+#include "threads.h"
 
 /* A number of each of LANES elements, stored at once: the functions of elements load them at once, and would
    wait for numbers that are stored one by one. */
@@ -120,19 +121,39 @@ INLINED void add_tangents(int n, const Integral *of, long block, const double *t
   else add(n * n, of->stored_at + block * n * n * LANES, tensors, K);
 }
 
-/* Adds forces of elements with n degrees of freedom to f and, unless K is 0, their tangent to matrix entries. */
-INLINED void assemble_elements(const Problem *p, const Work *w, int n, const Form *form, double *K) {
+/* Adds forces of some blocks of elements with n degrees of freedom to f and, unless K is 0, their tangent to matrix entries. */
+INLINED void assemble_elements(const Problem *p, const Work *w, int n, const Form *form, const Integral *of, long first, long last,
+                               double *K) {
   double A[(12 + 12 * 12) * LANES];
-  EACH_BLOCK(of, block, form) {
+  for (long block = first; block < last && block * LANES < of->cells; ++block) {
     evaluate(p, w, form, of, block, A);
     add_forces(n / 3, of->to + block * n / 3 * LANES, A, w->f);
     if (K) add_tangents(n, of, block, A + n * LANES, K);
   }
 }
 
-HOT void assemble_forces(const Problem *p, const Work *w, const Form *form, double *K) {
-  if (p->mesh.cell_dofs == 6) assemble_elements(p, w, 6, form, K); /* whose loops are unrolled */
-  else assemble_elements(p, w, p->mesh.cell_dofs, form, K);
+HOT void assemble_blocks(const Problem *p, const Work *w, const Form *form, const Integral *of, long first, long last, double *K) {
+  if (p->mesh.cell_dofs == 6) assemble_elements(p, w, 6, form, of, first, last, K); /* whose loops are unrolled */
+  else assemble_elements(p, w, p->mesh.cell_dofs, form, of, first, last, K);
+}
+
+/* Pieces of an integral that have no node in common. */
+typedef struct { const Problem *p; const Work *w; const Form *form; const Integral *of; const int *piece; double *K; } Assembly;
+
+static void assemble_piece(const void *task, int part, int thread) {
+  const Assembly *t = task;
+  long first = (long)PIECE * t->piece[part];
+  assemble_blocks(t->p, t->w, t->form, t->of, first, first + PIECE, t->K);
+}
+
+static void assemble_forces(const Problem *p, const Work *w, const Form *form, double *K) {
+  for (const Integral *of = form->of; of < form->of + form->integrals; ++of) {
+    if (!of->colours) assemble_blocks(p, w, form, of, 0, of->cells, K);
+    for (int k = 0; k < of->colours; ++k) {
+      Assembly task = {p, w, form, of, of->piece + of->colour_start[k], K};
+      share(p->mesh.threads, of->colour_start[k + 1] - of->colour_start[k], assemble_piece, &task);
+    }
+  }
 }
 
 /* An energy of the step, or another sum over elements; zero without a form for it. */

@@ -22,7 +22,7 @@ void fx_free_elimination(Elimination *e) {
   for (int g = 0; e->near_to && g < e->groups; ++g) free(e->near_to[g].of);
   free(e->near_to), free(e->order), free(e->work), free(e->position);
   free(r->start), free(r->diagonal), free(r->first), free(r->source_start), free(r->source);
-  free(r->run_start), free(r->run_column), free(r->run_length), free(r->factors);
+  free(r->run_start), free(r->run_column), free(r->run_length), free(r->factors), free(r->part_start);
 }
 
 /* The lists of a scene's graph, to which others may be added. */
@@ -94,6 +94,43 @@ static void eliminate_groups(const Elimination *e) {
   }
 }
 
+/* Orders the groups once more, by the same tree of elimination: first parts that do not need each other, then what all have in
+   common. A part is made of subtrees, each with at most a quarter of all entries. */
+static void find_parts(Elimination *e) {
+  SparseRows *r = &e->rows;
+  int n = e->groups, *group_at = e->work, *parent = group_at + n, *part = parent + n, *count;
+  double *weight = calloc(n + 1, sizeof(double)), all = 0, of_part[SUBTREES] = {0};
+  ROOM(r->part_start, SUBTREES), count = memset(r->part_start, 0, (SUBTREES + 1) * sizeof(int));
+  for (int g = 0; g < n; ++g) group_at[e->position[g]] = g;
+  for (int k = 0; k < n; ++k) {
+    const IntList *list = e->near_to + group_at[k];
+    int size = e->first_unknown[group_at[k] + 1] - e->first_unknown[group_at[k]], behind = 0;
+    parent[k] = n;
+    for (int i = 0; i < list->count; ++i) {
+      int h = list->of[i];
+      if (e->position[h] < parent[k]) parent[k] = e->position[h];
+      behind += e->first_unknown[h + 1] - e->first_unknown[h];
+    }
+    double entries = size * (size + 2.0 * behind);
+    all += entries, weight[k] += entries, weight[parent[k]] += weight[k];
+  }
+  for (int k = n - 1; k >= 0; --k) {
+    part[k] = parent[k] < n ? part[parent[k]] : SUBTREES;
+    if (part[k] == SUBTREES && weight[k] <= all / 4) {
+      part[k] = 0;
+      for (int i = 1; i < SUBTREES; ++i)
+        if (of_part[i] < of_part[part[k]]) part[k] = i;
+      of_part[part[k]] += weight[k];
+    }
+    if (part[k] < SUBTREES) ++count[part[k] + 1];
+  }
+  for (int i = 1; i <= SUBTREES; ++i) count[i] += count[i - 1];
+  int next[SUBTREES + 1];
+  memcpy(next, count, sizeof next);
+  for (int k = 0; k < n; ++k) e->position[group_at[k]] = next[part[k]]++;
+  free(weight);
+}
+
 static int by_value(const void *a, const void *b) { return *(const int *)a - *(const int *)b; }
 
 static int size_at(const SparseRows *r, int group) { return r->first[group + 1] - r->first[group]; }
@@ -104,6 +141,7 @@ static void find_rows(Elimination *e) {
   long couplings = 0, at = 0;
   SparseRows *r = &e->rows;
   eliminate_groups(e);
+  if (r->parts) find_parts(e);
   r->groups = n, r->unknowns = e->first_unknown[n];
   ROOM(r->first, n), ROOM(r->source_start, n), ROOM(r->run_start, n);
   ROOM(r->start, r->unknowns), ROOM(r->diagonal, r->unknowns), ROOM(e->order, r->unknowns);

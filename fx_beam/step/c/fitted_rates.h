@@ -105,7 +105,7 @@ static int find_fit(Problem *p, const Work *w, const Linear *l, int solutions, i
   if (once) {
     find_impulses(p, w, v, u);
     memcpy(w->reduced, w->columns, p->free * sizeof(double));
-    if (!(same ? solve_bordered(p, w, w->reduced, w->step) : solve_reduced(p, w, 0, rest))) return 0;
+    if (!(same ? solve_bordered(p, w, 0, w->reduced, w->step) : solve_reduced(p, w, 0, rest))) return 0;
     add_times(p->free, -1, w->step, z);
   } else if (!factorise_for_directions(p, w)) return 0;
   for (int k = 0; !once && k < solutions; ++k) {

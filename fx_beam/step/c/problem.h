@@ -67,7 +67,11 @@ typedef struct {
      of the first. Entries that do not lie in a row: where those of each block begin, their indices
      among the element tensors, and in the tangent. */
   int *run, *single_start, *single_from, *single_to;
+  /* Of a large scene colours, with the pieces of so many blocks that each has, which have no node in common: threads share them. */
+  int colours, *colour_start, *piece;
 } Integral;
+
+enum { PIECE = 16 };
 
 /* Compiled forms that are evaluated together: one integral for each law. Of `moving` coefficients the first, `changing` ones change
    in every iteration, the others in every step; which field each of them is, and where it begins among those of an element.
@@ -83,6 +87,7 @@ typedef struct {
   int worth;           /* substitutions that cost as much as a factorisation; 0: factors serve one iteration */
   int present, made;   /* whether there are factors; how many have been made */
   int exact;           /* whether to make new ones in each iteration, after a failure */
+  int narrow;          /* whether their narrow copy serves (narrow_factors.h) */
   int steps, all, now; /* since they were made: steps, and substitutions in these; substitutions in this step */
   double slowest_size, slowest_error; /* of Newton's quadratic convergence in the last step */
 } ReusedFactors;
@@ -104,9 +109,9 @@ typedef struct {
 } ChangingRows;
 
 /* Nodes and elements of the beams: positions [node][x, y]; 1 / size of a unit correction of each degree of freedom, and the same
-   for errors of steps; degrees of freedom without mass. */
+   for errors of steps; degrees of freedom without mass; how many threads share the elements. */
 typedef struct {
-  int nodes, cell_dofs, cell_coordinates, massless_count, *massless;
+  int nodes, cell_dofs, cell_coordinates, massless_count, *massless, threads;
   double *position, *per_unit, *per_error;
 } Mesh;
 

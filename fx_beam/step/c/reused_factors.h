@@ -7,6 +7,7 @@
 
 #include "changing_rows.h"
 #include "couplings.h"
+#include "narrow_factors.h"
 
 /* Error of a correction by kept factors, relative to what Newton's method leaves by being quadratic; slowest convergence at
    which factors are good enough to judge an error by them, and bounds of the wanted error of a solution, relative to it. */
@@ -114,7 +115,10 @@ static int factorise(Problem *p, const Work *w) {
   fill_factors(p, w);
   if (p->system.reused.worth && p->border.rows)
     memcpy(w->factorised, w->tangent, p->system.tangent_start[p->free] * sizeof(double));
-  return p->system.reused.present = factorise_sparse(p->system.rows, w->row);
+  p->system.reused.present = factorise_sparse(p->system.rows, w->row);
+  p->system.reused.narrow = p->system.reused.present && has_narrow(p);
+  if (p->system.reused.narrow) narrow_factors(p->system.rows, &w->narrow);
+  return p->system.reused.present;
 }
 
 /* Factors of the tangent with its bordering rows; returns 0 if it is singular. With `keep` for further right sides. */
@@ -136,13 +140,18 @@ INLINED void substitute_back(const Problem *p, const Work *w, const int *reached
 }
 
 /* Solution x for the right side b, with bordering rows or without: by sparse factors, or by those of a chain or a band that
-   are made here; returns 0 if it is singular. */
-HOT int solve_bordered(Problem *p, const Work *w, const double *b, double *x) {
+   are made here; returns 0 if it is singular. Or by the `narrow` copy of sparse factors. */
+HOT int solve_bordered(Problem *p, const Work *w, int narrow, const double *b, double *x) {
   int inside = HAS(SLIDERS) && p->border.inside, bordered = HAS(SLIDERS) && p->border.rows && !inside;
   const int *reached = bordered ? w->reached : 0;
   memset(w->y, 0, p->system.positions * sizeof(double)); /* also between groups of unknowns: an earlier one may not be finite */
 #pragma GCC unroll 4
   for (int i = 0; i < p->free; ++i) w->y[p->system.order[i]] = b[i];
+  if (narrow) {
+    substitute_narrow(p->system.rows, &w->narrow, w->y);
+    gather(p->free, w->y, p->system.order, x);
+    return 1;
+  }
   if (bordered) memset(w->bordering_right, 0, p->border.rows * sizeof(double));
   if (bordered || inside) pass_on(p, 1, 0, w->y, w->bordering_right);
   if (!HAS(CHAIN | BAND)) substitute_forward(p->system.rows, w->y);
@@ -171,7 +180,7 @@ static int refine(Problem *p, const Work *w, const Convergence *c, double *rest)
   memset(x, 0, n * sizeof(double));
   memcpy(r, w->reduced, n * sizeof(double));
   for (int k = 0; k <= p->system.reused.worth; ++k) {
-    solve_bordered(p, w, r, proposed);
+    solve_bordered(p, w, p->system.reused.narrow, r, proposed);
     ++p->system.reused.now;
     double size = size_of(p, w, proposed), error = sqrt(fabs(dot(n, r, proposed))), length = sqrt(dot(n, r, r));
     if (!isfinite(size)) return 0;
@@ -248,12 +257,23 @@ static int solve_raised(const Problem *p, const Work *w, int sides, double *x) {
   return least > NO_PIVOT * fmax(most, 1);
 }
 
+/* Largest error of a solution by the narrow copy with which this serves. */
+static const double NARROW_ERROR = 1e-2;
+
+/* Forgets the narrow copy of new factors if its solution is not nearly theirs: of a matrix that is nearly singular. */
+static void judge_narrow(Problem *p, const Work *w) {
+  solve_bordered(p, w, 1, w->reduced, w->proposed);
+  add_times(p->free, -1, w->step, w->proposed);
+  double error = dot(p->free, w->proposed, w->proposed), all = dot(p->free, w->step, w->step);
+  p->system.reused.narrow = error <= NARROW_ERROR * NARROW_ERROR * all;
+}
+
 /* The correction `step` of the unknowns for the residual `reduced`; returns 0 if the tangent is
    singular. `rest` is as in `refine`. */
 static int solve_reduced(Problem *p, const Work *w, const Convergence *c, double *rest) {
   rest[0] = rest[1] = 0;
   if (!p->free) return 1;
-  if (HAS(CHAIN | BAND)) return solve_bordered(p, w, w->reduced, w->step);
+  if (HAS(CHAIN | BAND)) return solve_bordered(p, w, 0, w->reduced, w->step);
   p->newton.old_factors = p->newton.raised = 0;
   if (p->system.reused.worth && p->system.reused.present && !p->system.reused.exact) {
     if (HAS(SLIDERS) && p->border.rows) eliminate_bordering_rows(p, w);
@@ -269,5 +289,7 @@ static int solve_reduced(Problem *p, const Work *w, const Convergence *c, double
     memset(w->step, 0, p->free * sizeof(double)); /* a straight path that bifurcates needs no correction */
     return 1;
   }
-  return solve_bordered(p, w, w->reduced, w->step);
+  if (!solve_bordered(p, w, 0, w->reduced, w->step)) return 0;
+  if (p->system.reused.narrow) judge_narrow(p, w);
+  return 1;
 }

@@ -4,6 +4,7 @@
 
 #include <string.h>
 #include "sparse_rows.h"
+#include "threads.h"
 #include "vectors.h"
 
 static inline int is_pivot(double x) { return fabs(x) > 1e-300; }
@@ -106,30 +107,92 @@ COMPILED_ONCE void eliminate_others(const SparseRows *p, double *A, int g, int h
   eliminate_source(p, A, g, h, size, many, lower, row);
 }
 
-/* Elimination of the rows of a group; returns 0 if a pivot is zero. */
-INLINED int factorise_group(const SparseRows *p, double *A, int g, int size, double *const *row) {
+/* Stores rows that `unpack` filled, from the source number s on, which has this place among the lower factors. */
+INLINED void store_rows(const SparseRows *p, double *A, int g, int size, int s, int lower, double *const *row) {
   const int *first = p->first;
-  int lower = 0;
+  for (int x = 0; x < size; ++x) {
+    double *to = A + p->start[first[g] + x] + lower;
+    for (int k = s, many; k < p->source_start[g + 1]; ++k, to += many) {
+      many = first[p->source[k] + 1] - first[p->source[k]];
+      copy_run(many, row[x] + first[p->source[k]], to);
+    }
+    for (int y = 0; y < size; ++y) *to++ = row[x][first[g] + y];
+    for (int k = p->run_start[g]; k < p->run_start[g + 1]; to += p->run_length[k++])
+      copy_run(p->run_length[k], row[x] + p->run_column[k], to);
+  }
+}
+
+/* Elimination of the rows of a group, by the groups before `end`, after those before `begin`: then, unless more are to come, in
+   itself; returns 0 if a pivot is zero. */
+INLINED int factorise_group(const SparseRows *p, double *A, int g, int size, int begin, int end, double *const *row) {
+  const int *first = p->first, *source = p->source;
+  int lower = 0, s = p->source_start[g], last = p->source_start[g + 1];
+  for (; s < last && source[s] < begin; ++s) lower += first[source[s] + 1] - first[source[s]];
+  if (g >= end && (s == last || source[s] >= end)) return 1;
   unpack(p, A, g, size, row);
-  for (int s = p->source_start[g]; s < p->source_start[g + 1]; ++s) {
-    int h = p->source[s], many = first[h + 1] - first[h];
+  for (; s < last && source[s] < end; ++s) {
+    int h = source[s], many = first[h + 1] - first[h];
     if (size == 3 && many == 3) eliminate_source(p, A, g, h, 3, 3, lower, row);
     else eliminate_others(p, A, g, h, size, many, lower, row);
     lower += many;
   }
-  return finish(p, A, g, size, row);
+  if (g < end) return finish(p, A, g, size, row);
+  store_rows(p, A, g, size, s, lower, row);
+  return 1;
 }
 
-/* LU factorisation of sparse rows in place, in groups of up to three with equal columns, usually those
-   of a node; returns 0 if a pivot is zero. `rows` is the work space (3, unknowns) for the current group. */
-HOT int factorise_sparse(const SparseRows *p, double *rows) {
-  double *A = p->factors;
+/* The groups from `first` on to `last`; returns 0 if a pivot is zero. */
+HOT int factorise_groups(const SparseRows *p, int first, int last, int begin, int end, double *rows) {
   double *row[3] = {rows, rows + p->unknowns, rows + 2 * p->unknowns};
-  for (int g = 0; g < p->groups; ++g) {
+  for (int g = first; g < last; ++g) {
     int size = p->first[g + 1] - p->first[g];
-    if (!(size == 3 ? factorise_group(p, A, g, 3, row) : factorise_group(p, A, g, size, row))) return 0;
+    int regular = size == 3 ? factorise_group(p, p->factors, g, 3, begin, end, row)
+                            : factorise_group(p, p->factors, g, size, begin, end, row);
+    if (!regular) return 0;
   }
   return 1;
+}
+
+/* Rows that threads factorise together, with space for each: by the groups from `begin` to `end`. The row of each part that lacks
+   a pivot, or -1. */
+typedef struct { const SparseRows *rows; double *space; int begin, end, *singular; } Shared;
+
+/* Groups behind all parts that are taken at once. */
+enum { PANEL = 8 };
+
+static void factorise_part(const void *task, int part, int thread) {
+  const Shared *t = task;
+  const SparseRows *p = t->rows;
+  double *space = t->space + 3L * thread * p->unknowns;
+  int regular = factorise_groups(p, p->part_start[part], p->part_start[part + 1], 0, p->groups, space);
+  t->singular[part] = regular ? -1 : space[0];
+}
+
+/* Subtracts rows from those of some of the groups behind them. */
+static void subtract_part(const void *task, int part, int thread) {
+  const Shared *t = task;
+  const SparseRows *p = t->rows;
+  int first = t->end + PANEL * part, last = first + PANEL < p->groups ? first + PANEL : p->groups;
+  factorise_groups(p, first, last, t->begin, t->end, t->space + 3L * thread * p->unknowns);
+}
+
+static int panels_behind(const SparseRows *p, int group) { return (p->groups - group + PANEL - 1) / PANEL; }
+
+/* LU factorisation of sparse rows in place, in groups of up to three with equal columns, usually those
+   of a node; returns 0 if a pivot is zero. `rows` is the work space (3, unknowns) for the current group of each thread. */
+static int factorise_sparse(const SparseRows *p, double *rows) {
+  int singular[SUBTREES], top = p->parts ? p->part_start[SUBTREES] : 0;
+  if (!p->parts) return factorise_groups(p, 0, p->groups, 0, p->groups, rows);
+  Shared task = {.rows = p, .space = rows, .singular = singular};
+  share(p->threads, SUBTREES, factorise_part, &task);
+  for (int k = 0; k < SUBTREES; ++k)
+    if (singular[k] >= 0) return rows[0] = singular[k], 0;
+  for (task.end = top;; task.begin = task.end, task.end += PANEL) {
+    share(p->threads, panels_behind(p, task.end), subtract_part, &task);
+    if (task.end >= p->groups) return 1;
+    int last = task.end + PANEL < p->groups ? task.end + PANEL : p->groups;
+    if (!factorise_groups(p, task.end, last, task.end, last, rows)) return 0;
+  }
 }
 
 /* Subtracts the known unknowns from `size` right sides, by the lower factors of a group. */
@@ -204,7 +267,7 @@ static void substitute_sparse(const SparseRows *p, double *b) {
 }
 
 int fx_factorise(const SparseRows *rows, int entries, const int *at, const double *values) {
-  double *space = malloc(3 * sizeof(double) * rows->unknowns);
+  double *space = malloc(3 * sizeof(double) * rows->unknowns * (rows->threads > 1 ? rows->threads : 1));
   memset(rows->factors, 0, rows->start[rows->unknowns] * sizeof(double));
   for (int k = 0; k < entries; ++k) rows->factors[at[k]] = values[k];
   int regular = space && factorise_sparse(rows, space);

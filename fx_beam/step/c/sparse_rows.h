@@ -3,11 +3,16 @@
 #pragma once
 
 /* Factors, and where each row of them and its diagonal begin; groups of up to three successive rows with equal columns:
-   their first rows, the groups that are subtracted from them, and the columns behind them in runs of successive ones. */
+   their first rows, the groups that are subtracted from them, and the columns behind them in runs of successive ones. Of large
+   systems parts of the groups, with where each begins: none needs another one, and the groups behind all need them. How many
+   threads share them. */
 typedef struct {
   int unknowns, *start, *diagonal; int groups, *first, *source_start, *source, *run_start, *run_column, *run_length;
-  double *factors;
+  int parts, *part_start, threads; double *factors;
 } SparseRows;
+
+/* Number of the parts, of which some may be empty. */
+enum { SUBTREES = 8 };
 
 typedef struct { int *of, count, room; } IntList;
 

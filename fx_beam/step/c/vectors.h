@@ -12,6 +12,9 @@
 /* Four numbers side by side. */
 typedef double Four __attribute__((vector_size(32), aligned(8)));
 
+/* Four numbers of single precision. */
+typedef float Floats __attribute__((vector_size(16), aligned(4)));
+
 typedef double Two __attribute__((vector_size(16), aligned(8)));
 
 /* Numbers with these places in a and b behind it. */

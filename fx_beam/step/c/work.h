@@ -3,6 +3,7 @@
 #pragma once
 
 #include <string.h>
+#include "narrow_factors.h"
 #include "problem.h"
 
 /* Its arrays and their sizes, by numbers of `lay_out`: of degrees of freedom and of nodes; of columns; of joints, at both
@@ -18,7 +19,8 @@
   OF(reduced, c) OF(step, c) OF(z, c) OF(columns, c) OF(start, c)                                                \
   OF(values0, t) OF(values, t) OF(virtual_map, t) OF(frame, 4 * j)                                               \
   OF(arm_change, 2 * j) OF(half_turn, j) OF(joint_forces, 3 * p->passes.joints) OF(y, p->system.positions)       \
-  OF(row, p->system.rows ? 3 * p->system.positions : 0) OF(tangent, p->tangent.stored + 4 * LANES) OF(residual, k) OF(proposed, k) \
+  OF(row, p->system.rows ? 3 * p->system.positions * larger(p->system.rows->threads, 1) : 0)                      \
+  OF(tangent, p->tangent.stored + 4 * LANES) OF(residual, k) OF(proposed, k)                                     \
   OF(factorised, p->system.reused.worth && b ? p->system.tangent_start[p->free] : 0) OF(G, g) OF(G_virtual, g)   \
   OF(part, m ? 2 * p->loops.block_part[p->loops.blocks] : 0) OF(closure, m) OF(closure0, m)                      \
   OF(closure_row, m ? c : 0) OF(pivoting, p->loops.pivoting_size) OF(closing, m)                                 \
@@ -38,12 +40,18 @@ static inline int values_of_joints(const Problem *p) { return 1 + 4 * p->joints.
 typedef struct {
   ARRAYS(NUMBERS)
   INTEGERS(NUMBERED)
+  Narrow narrow;
   const double *fields[FIELDS]; /* by the kinds of Form */
   double dt;
   double *loads, *follower_force, *naturals; /* inputs of a sub-step */
   int transposed; /* whether bordering rows are those of the transposed tangent */
   int by_slopes;  /* whether elements give no tangent: it comes from their slopes (element_derivatives.h), or none is needed */
 } Work;
+
+/* Whether factors that serve several steps have a narrow copy: those of large systems. */
+static int has_narrow(const Problem *p) {
+  return p->system.rows && p->system.rows->parts && p->system.reused.worth && !p->border.rows;
+}
 
 static double *allocate(double **at, long n) {
   double *p = *at;
@@ -59,6 +67,12 @@ static long lay_out(const Problem *p, Work *w, double *at) {
 #define ALLOCATE(name, size) w->name = (void *)allocate(&at, size);
   ARRAYS(ALLOCATE)
   INTEGERS(ALLOCATE)
+  if (has_narrow(p)) { /* lower columns are less than half of all entries, and so are upper ones: there is room for one more */
+    const SparseRows *rows = p->system.rows;
+    w->narrow.lower = (float *)allocate(&at, rows->start[u] / 4 + 2), w->narrow.upper = (float *)allocate(&at, rows->start[u] / 4 + 2);
+    w->narrow.lower_at = (int *)allocate(&at, rows->groups), w->narrow.upper_at = (int *)allocate(&at, rows->groups);
+    w->narrow.own = allocate(&at, 9L * rows->groups);
+  }
   const double *fields[] = {w->D, p->state.q, p->state.v, p->state.a, p->state.q_previous, p->state.internal,
       p->state.natural, w->natural_end};
   memcpy(w->fields, fields, sizeof fields);

@@ -1,0 +1,141 @@
+"""Threads of large scenes: they change no number, and a process has them where they help."""
+
+import subprocess
+import sys
+import threading
+
+import numpy as np
+import pytest
+
+import fx_beam as fb
+from fx_beam.motions import dynamics, set_ups
+from fx_beam.step import tables, threads
+from fx_beam.step.tables import Problem
+
+SIDE = 16
+# Run first with threads, then in a fork, which has none of them.
+FORKED = """
+import os, sys
+import test_threads
+from fx_beam.step import tables
+tables.LARGE = 100
+before = test_threads.moved().tobytes()
+child = os.fork()
+if not child:
+    os._exit(test_threads.moved().tobytes() != before)
+sys.exit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+"""
+
+
+def lattice(EI=10.0):
+    """A square of struts with hinged ends at one side, which falls from a wall."""
+    section = fb.Section(EA=1e4, GA=1e4, EI=EI, rhoA=1.0, rhoI=0.1)
+    number = np.arange((SIDE + 1) ** 2).reshape(SIDE + 1, SIDE + 1)
+    pairs = (number[:, :-1], number[:, 1:]), (number[:-1], number[1:])
+    cells = np.concatenate([np.stack([a.ravel(), b.ravel()], 1) for a, b in pairs])
+    scene = fb.Scene(gravity=(0, -9.81))
+    struts = scene.add_mesh(np.argwhere(number >= 0), cells, section)
+    for node in struts.nodes[: SIDE + 1]:
+        scene.pin(node)
+    return scene
+
+
+def moved():
+    """The last row of a motion, of which the energy is conserved."""
+    motion = fb.simulate(lattice(), dt=5e-3, t_end=0.1)
+    assert "kept over several steps" in motion.stats.solver
+    assert abs(motion.energy.balance_error).max() <= 1e-12 * motion.energy.kinetic.max()
+    return motion.q[-1]
+
+
+def bent():
+    return fb.static(lattice(), load_steps=3).q[-1]
+
+
+@pytest.fixture
+def large(monkeypatch):
+    """Scenes of these tests are large ones, each of which is set up anew."""
+    monkeypatch.setattr(set_ups, "RECENT", set_ups.SetUps(size=0))
+    monkeypatch.setattr(dynamics, "RECENT", set_ups.RECENT)
+    monkeypatch.setattr(tables, "LARGE", 100)
+    monkeypatch.setenv("FX_BEAM_THREADS", "2")
+
+
+@pytest.mark.parametrize("run", [moved, bent])
+def test_any_number_of_threads_gives_the_same_digits(run, large, monkeypatch):
+    found = set()
+    for number in ("1", "2", "4", "2"):
+        monkeypatch.setenv("FX_BEAM_THREADS", number)
+        found.add(run().tobytes())
+    assert len(found) == 1
+
+
+@pytest.mark.parametrize("run", [moved, bent])
+def test_large_scenes_move_as_small_ones(run, large, monkeypatch):
+    shared = run()
+    monkeypatch.setattr(tables, "LARGE", 10**9)
+    alone = run()
+    assert abs(shared - alone).max() <= 1e-8 * abs(alone).max()
+
+
+@pytest.mark.parametrize(("EI", "serves"), [(10.0, 1), (1e-7, 0)])
+def test_a_narrow_copy_of_factors_serves_where_it_resolves_the_matrix(
+    EI, serves, large, monkeypatch
+):
+    """Where it does not, factors are kept as without a copy."""
+    problems, begin = [], Problem.__init__
+
+    def begun(self, *given):
+        begin(self, *given)
+        problems.append(self)
+
+    monkeypatch.setattr(Problem, "__init__", begun)
+    shared = fb.static(lattice(EI), load_steps=1).q[-1]
+    monkeypatch.setattr(tables, "LARGE", 10**9)
+    alone = fb.static(lattice(EI), load_steps=1).q[-1]
+    with_copy, without = (problem.c.system.reused for problem in problems)
+    assert (with_copy.narrow, without.narrow) == (serves, 0)
+    assert with_copy.made <= 2 * without.made
+    assert abs(shared - alone).max() <= 1e-6 * abs(alone).max()
+
+
+def test_several_threads_of_python_share_those_of_a_process(large):
+    found = []
+    runs = [threading.Thread(target=lambda: found.append(moved().tobytes())) for _ in range(3)]
+    for run in runs:
+        run.start()
+    for run in runs:
+        run.join()
+    assert len(found) == 3
+    assert len(set(found)) == 1
+
+
+def test_a_fork_starts_threads_of_its_own(large):
+    folder = str(__file__).rpartition("/")[0]
+    code = f"import sys; sys.path.insert(0, {folder!r})\n{FORKED}"
+    assert subprocess.run([sys.executable, "-c", code], timeout=300).returncode == 0
+
+
+def test_pieces_of_a_colour_have_no_node_in_common():
+    from fx_beam.step.form_tables import in_colours
+
+    ends = np.random.default_rng(1).integers(0, 500, 400)
+    nodes = np.stack([ends, ends + 1], axis=1)
+    table, size = in_colours(nodes, 8), 8
+    assert sorted(table["piece"]) == list(range(50))
+    for begin, end in zip(table["colour_start"], table["colour_start"][1:], strict=False):
+        pieces = [set(nodes[size * k : size * (k + 1)].ravel()) for k in table["piece"][begin:end]]
+        assert len(set.union(*pieces)) == sum(map(len, pieces))
+
+
+def test_processes_of_mpirun_have_one_thread_each(monkeypatch):
+    monkeypatch.delenv("FX_BEAM_THREADS", raising=False)
+    monkeypatch.setattr(threads, "under_mpirun", lambda: True)
+    assert threads.thread_count() == 1
+
+
+@pytest.mark.parametrize("given", ["0", "two", "-1", "100"])
+def test_a_wrong_number_of_threads_is_refused(given, large, monkeypatch):
+    monkeypatch.setenv("FX_BEAM_THREADS", given)
+    with pytest.raises(fb.SceneError, match="must be a number of threads"):
+        moved()
