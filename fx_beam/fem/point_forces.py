@@ -17,7 +17,7 @@ from fx_beam.laws.interval import Interval, StepStart
 from fx_beam.laws.point_laws import PointLaw, StepRule, arguments
 from fx_beam.scene.structure import OtherStructureError
 
-from .line_laws import laws_of_forces
+from .compiled_laws import compiled_laws
 from .loads import Followers
 from .parameter_values import ParameterValues
 from .sparsity import positions_in
@@ -126,7 +126,10 @@ class PointForces:
         #: Place of the internal variables of each force among all.
         self._first_internal = [firsts[i] for i in order]
         self._forces = forces = [forces[i] for i in order]
-        self._laws = laws_of_forces([force.law for force in forces], rule)
+        laws, compiled = [force.law for force in forces], compiled_laws
+        if any(law.of_length for law in laws):
+            from .line_laws import laws_of_forces as compiled
+        self._laws = compiled(laws, rule)
         for law in dict.fromkeys(self._laws):
             law.check_at_zero(parameters.values[parameters.indices(law.parameters)])
         roles = np.array([force.role for force in forces], dtype=int)

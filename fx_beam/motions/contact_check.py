@@ -9,7 +9,6 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from fx_beam.errors import warn_once
-from fx_beam.results.contact_gaps import nodes_of
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.contacts import Circle, Contact, arc_of, nearest
@@ -278,6 +277,8 @@ def _first_inside(
     solution: Solution, obstacle: Contact, touching: Beam | Node, member: Beam
 ) -> tuple[int, np.ndarray, float, Beam] | None:
     """Row, place and radius of curvature of the first such touch of a member."""
+    from fx_beam.results.contact_gaps import nodes_of
+
     X, q = solution.X[:, :2], solution.recorded("q")
     of_member = solution.nodes_of_beam[member.name]
     points = nodes_of(solution.nodes_of_beam, touching)

@@ -12,8 +12,8 @@ import numpy as np
 
 from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError, is_name, is_whole, positive, real_array, require
+from fx_beam.results.contact_gaps import nodes_of
 from fx_beam.results.fields import nodes_of_elements
-from fx_beam.results.joint_and_contact_motion import nodes_of
 from fx_beam.results.solution import Solution, forces_on_nodes, scene_of
 from fx_beam.scene.beam import Beam, Node, lagrange, lagrange_and_slopes
 from fx_beam.scene.contacts import Shape, arc_of

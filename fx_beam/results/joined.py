@@ -12,7 +12,7 @@ import numpy as np
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.contacts import Contact
 
-from .joint_and_contact_motion import columns_of
+from .contact_gaps import columns_of
 from .records import BeamResultants, Energy, Stats
 from .section_forces import Balance
 from .state import HISTORIES

@@ -21,14 +21,6 @@ from fx_beam.scene.joints import GROUND, Joint, key_of
 from fx_beam.scene.loads import NAMES
 from fx_beam.scene.outputs import Measured, Output, is_gear
 
-from .joint_and_contact_motion import (
-    ContactMotion,
-    GearMotion,
-    JointMotion,
-    PullMotion,
-    internal_variable,
-    motion_of,
-)
 from .records import BeamResultants, Energy, Stats, facts, known_resultants, read_only
 from .state import HISTORIES, State
 
@@ -36,6 +28,7 @@ if TYPE_CHECKING:
     from fx_beam.scene.gears import Gear
 
     from . import export, joined, paraview
+    from .joint_and_contact_motion import ContactMotion, GearMotion, JointMotion, PullMotion
 
 # What is set when it is first read.
 _LATER = {*HISTORIES, "energy", "end"}
@@ -457,12 +450,16 @@ class Solution:
                 f"{joint} belongs to another scene; the joint of this number is here a {ours.kind} "
                 f"of the nodes {ours.a} and {ours.b}"
             )
+        from .joint_and_contact_motion import JointMotion
+
         return JointMotion(self, joint)
 
     def _gear(self, gear: Gear) -> GearMotion:
         self.joint(gear.joint_a), self.joint(gear.joint_b)  # are they of this solution?
         if not 0 <= gear.number < self.slides.shape[1]:
             raise ValueError(f"{gear} is not in this solution; take what add_joint returned")
+        from .joint_and_contact_motion import GearMotion
+
         return GearMotion(self, gear)
 
     def _line(self, line: ForceBetween) -> PullMotion:
@@ -474,6 +471,8 @@ class Solution:
         for point in line.points:
             if isinstance(point, Node):
                 _node_number(self, point)
+        from .joint_and_contact_motion import PullMotion
+
         return PullMotion(self, line)
 
     # -- Parameters -----------------------------------------------------------------------------
@@ -522,6 +521,8 @@ class Solution:
         other = ours.shape != contact.shape and not isinstance(ours.shape, Beam)
         if str(ours) != str(contact) or other:
             raise ValueError(f"{contact} belongs to another scene; this solution has {ours}")
+        from .joint_and_contact_motion import ContactMotion
+
         return ContactMotion(self, ours)
 
     # -- Beams ----------------------------------------------------------------------------------
@@ -596,6 +597,8 @@ class Solution:
         internal_names = [name for name in known if name not in NAMES.values()]
         if variable is None and len(internal_names) == 1:
             (variable,) = internal_names
+        from .joint_and_contact_motion import internal_variable
+
         return internal_variable(self, known, variable, f"beam {name!r}")
 
     # -- Files and tables -----------------------------------------------------------------------
@@ -659,6 +662,8 @@ def history(solution: Solution, output: Output) -> np.ndarray:
             return rows.reshape(len(rows), -1)[:, entries]
         number = np.ravel(entries)[0] // 3
         return solution._of_node(array, number)[:, entries - 3 * number]
+
+    from .joint_and_contact_motion import motion_of
 
     return Measured(output).values(read, motion_of(solution))
 
