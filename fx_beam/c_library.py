@@ -98,10 +98,10 @@ class CannotBuild(RuntimeError):
 
 def compiled(key: Any, make: Callable[[], T], user_defined: bool = False) -> T:
     """The result of `make` for a key, made once, also if several threads ask at the same time."""
-    things: MutableMapping[Any, T] = _user_things if user_defined else _things
-    if (thing := things.get(key)) is None:
-        thing = things.setdefault(key, make())
-    return thing
+    results: MutableMapping[Any, T] = _user_things if user_defined else _things
+    if (result := results.get(key)) is None:
+        result = results.setdefault(key, make())
+    return result
 
 
 def declared(header: str, definitions: tuple[str, ...]) -> Any:
@@ -137,37 +137,37 @@ def _declared(header: str, definitions: tuple[str, ...]) -> Any:
 
 def _ffi_of(code: bytes) -> Any:
     """The cffi.FFI that a module of declarations makes."""
-    made: dict[str, Any] = {}
-    exec(code, made)
-    return made["ffi"]
+    namespace: dict[str, Any] = {}
+    exec(code, namespace)
+    return namespace["ffi"]
 
 
 def open_library(
-    what: str,
+    title: str,
     file: str,
     header: str,
     definitions: tuple[str, ...] = (),
-    more: tuple[str, ...] = (),
+    library_macros: tuple[str, ...] = (),
     flags: tuple[str, ...] = (),
 ) -> tuple[Any, Any]:
     """The cffi.FFI with the declarations of a header, and the library of a C file; see `load`.
 
-    `definitions` are macros of both, `more` of the library alone: several libraries may share their
+    `definitions` are macros of both, `library_macros` of the library alone: several may share their
     structs. The library says by `fx_missing` what the processor lacks.
     """
-    asked = what, file, header, definitions, more, flags
-    return compiled((open_library, *asked), lambda: _opened(*asked))
+    arguments = title, file, header, definitions, library_macros, flags
+    return compiled((open_library, *arguments), lambda: _opened(*arguments))
 
 
-def _opened(what, file, header, definitions, more, flags) -> tuple[Any, Any]:
-    ffi, source = declared(header, definitions), with_macros(file, *definitions, *more)
+def _opened(title, file, header, definitions, library_macros, flags) -> tuple[Any, Any]:
+    ffi, source = declared(header, definitions), with_macros(file, *definitions, *library_macros)
 
     def loader(path: Path) -> Any:
         # cffi itself takes no path that the locale cannot write.
         library = ctypes.CDLL(str(path))
         return ffi.dlopen(ffi.cast("void *", library._handle))
 
-    library = load(what, source, lambda: source, loader, flags)
+    library = load(title, source, lambda: source, loader, flags)
     if missing := ffi.string(library.fx_missing()).decode():
         raise SceneError(
             f"FX_BEAM_MARCH = {target_flags()[0]!r} is for processors with {missing}, which this "
@@ -177,14 +177,14 @@ def _opened(what, file, header, definitions, more, flags) -> tuple[Any, Any]:
 
 
 def begin_to_build(
-    what: str, file: str, macros: tuple[str, ...], flags: tuple[str, ...] = ()
+    title: str, file: str, macros: tuple[str, ...], flags: tuple[str, ...] = ()
 ) -> None:
     """Compile a library beside all else, if the cache lacks it."""
 
     def build() -> None:
         source = with_macros(file, *macros)
         with suppress(RuntimeError, SceneError):  # who loads it is told why
-            load(what, source, lambda: source, lambda _: True, flags)
+            load(title, source, lambda: source, lambda _: True, flags)
 
     def start() -> threading.Thread:
         thread = threading.Thread(target=build)
@@ -201,18 +201,18 @@ def with_macros(file: str, *macros: str) -> str:
 
 
 def load(
-    what: str,
+    title: str,
     key: str,
     source: Callable[[], str],
     loader: Callable[[Path], T],
-    more: Sequence[str] = (),
+    extra_flags: Sequence[str] = (),
 ) -> T:
     """What the loader makes of a compiled library; `source` is called only to compile it.
 
     CannotBuild, with the reason, if it cannot be compiled or loaded.
     """
     target, flags = target_flags()
-    flags = [*flags, *_known(more)]
+    flags = [*flags, *_known(extra_flags)]
     # Libraries for "native" are valid only for processors with the same features.
     machine = [_processor()] if target == "native" else []
     parts = [key, _headers(), *flags, *machine, compiler.identity()]
@@ -220,7 +220,7 @@ def load(
     name = f"{digest.hexdigest()[:32]}.so"
 
     def builder(folder: Path) -> T:
-        _log.info("compiling %s, once", what)
+        _log.info("compiling %s, once", title)
         headers = "-iquote", str(SOURCES)
         arguments = [*flags, *headers, "-x", "c", "-", "-o", str(folder / name), "-lm"]
         compiler.run(arguments, source(), folder)
@@ -232,12 +232,12 @@ def load(
     except (OSError, LookupError, AttributeError, subprocess.CalledProcessError) as error:
         if isinstance(error, subprocess.CalledProcessError):
             _check_target(target, flags)
-        said = str(getattr(error, "stderr", None) or error)
-        said = said.encode(errors="surrogateescape").decode(errors="replace")  # in any encoding
-        reason = next((line for line in said.splitlines() if "error:" in line), said)
+        text = str(getattr(error, "stderr", None) or error)
+        text = text.encode(errors="surrogateescape").decode(errors="replace")  # in any encoding
+        reason = next((line for line in text.splitlines() if "error:" in line), text)
         raise CannotBuild(
-            f"{what} cannot be built: {reason}. Check the C compiler (environment variable CC) and "
-            f"the cache folder {library_cache.folder()}"
+            f"{title} cannot be built: {reason}. Check the C compiler (environment variable CC) "
+            f"and the cache folder {library_cache.folder()}"
         ) from error
 
 
@@ -246,7 +246,7 @@ class Functions(list[int]):
 
 
 def functions_of(
-    what: str, key: str, source: Callable[[], str], names: Sequence[str], flags: Sequence[str]
+    title: str, key: str, source: Callable[[], str], names: Sequence[str], flags: Sequence[str]
 ) -> Functions:
     """Some functions of a compiled library; see `load`."""
 
@@ -258,7 +258,7 @@ def functions_of(
         weakref.finalize(functions, close, handle).atexit = False  # others may run until the end
         return functions
 
-    return load(what, key, source, loader, flags)
+    return load(title, key, source, loader, flags)
 
 
 def target_flags() -> tuple[str, list[str]]:
@@ -403,8 +403,8 @@ class Structs:
         A struct without any numbers and pointers is not needed, in another one, too.
         """
         if missing := list(self._missing(struct)):
-            what = self._type(struct).cname
-            raise ValueError(f"C struct {what}: not set: {', '.join(missing)}")
+            type_name = self._type(struct).cname
+            raise ValueError(f"C struct {type_name}: not set: {', '.join(missing)}")
 
     def _missing(self, struct: Any, path: str = "") -> Iterator[str]:
         """Paths of the pointers that are not set."""

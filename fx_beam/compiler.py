@@ -27,12 +27,12 @@ def command() -> list[str]:
 
     RuntimeError if the environment variable CC is no command.
     """
-    said = os.environ.get("CC", "")
+    text = os.environ.get("CC", "")
     try:
-        program, *arguments = shlex.split(said) or [_DEFAULT]
+        program, *arguments = shlex.split(text) or [_DEFAULT]
     except ValueError as error:
         raise RuntimeError(
-            f"the environment variable CC = {said!r} is no command: {error}. Give the C compiler "
+            f"the environment variable CC = {text!r} is no command: {error}. Give the C compiler "
             "and its options, such as CC='gcc -B/opt/tools'"
         ) from None
     with suppress(LookupError):
@@ -73,7 +73,7 @@ def _identity(words: tuple[str, ...], folders: tuple[str, ...]) -> str:
     names = {*words, os.path.basename(words[0]), _DEFAULT}
     files = {os.path.realpath(os.path.join(f, name)) for f in folders for name in names}
     status = [(file, os.stat(file)) for file in sorted(files) if os.path.isfile(file)]
-    return repr((words, [(file, now.st_size, now.st_mtime_ns) for file, now in status]))
+    return repr((words, [(file, stat.st_size, stat.st_mtime_ns) for file, stat in status]))
 
 
 def is_clang() -> bool:

@@ -20,8 +20,8 @@ _STEP = 1e-100
 class LostSlopesError(TypeError):
     """Something takes plain floats alone; slopes by the `numbers` would be lost in it."""
 
-    def __init__(self, what: str, arguments: Iterable):
-        super().__init__(f"{what} takes no number that has slopes; a function of NumPy may")
+    def __init__(self, name: str, arguments: Iterable):
+        super().__init__(f"{name} takes no number that has slopes; a function of NumPy may")
         lists = (part if type(part) is list else [part] for part in arguments)
         duals = [dual for dual in itertools.chain(*lists) if isinstance(dual, Dual)]
         changes = [dual.slopes.reshape(-1, dual.count).any(axis=0) for dual in duals]
@@ -90,10 +90,10 @@ class Dual(NDArrayOperatorsMixin):
 
     # -- What plain numbers have ------------------------------------------------------------------
 
-    def plain(self, what: str) -> np.ndarray:
+    def plain(self, name: str) -> np.ndarray:
         """The values, if there is no slope; LostSlopesError otherwise."""
         if self.slopes.any():
-            raise LostSlopesError(what, [self])
+            raise LostSlopesError(name, [self])
         return self.values
 
     def __float__(self):
@@ -131,8 +131,8 @@ class Dual(NDArrayOperatorsMixin):
         if ufunc is np.add and method == "reduce":
             return _sum(*inputs, **{"axis": 0} | options)
         if method != "__call__" or options:
-            what = f"numpy.{ufunc.__name__}.{method}"
-            return _call_without_slopes(what, getattr(ufunc, method), inputs, options)
+            name = f"numpy.{ufunc.__name__}.{method}"
+            return _call_without_slopes(name, getattr(ufunc, method), inputs, options)
         parts = [_parts(part) for part in inputs]
         if None in parts:
             return _call_without_slopes(type(inputs[parts.index(None)]).__name__, ufunc, inputs, {})
@@ -340,9 +340,9 @@ def floats(values: Any) -> Any:
     return values.values if isinstance(values, Dual) else values
 
 
-def _call_without_slopes(what: str, function: Callable, inputs: Any, options: dict) -> Any:
+def _call_without_slopes(name: str, function: Callable, inputs: Any, options: dict) -> Any:
     """What a function of plain numbers gives; LostSlopesError if an argument has slopes."""
-    if (error := LostSlopesError(what, inputs)).numbers:
+    if (error := LostSlopesError(name, inputs)).numbers:
         raise error
     plain = ([*map(floats, x)] if type(x) is list else floats(x) for x in inputs)
     return function(*plain, **options)
@@ -463,10 +463,10 @@ def _interp(x, xp, fp) -> Any:
     w = _clip((x - xp[i]) / (xp[i + 1] - xp[i]), 0.0, 1.0)
     if isinstance(w, Dual) or not isinstance(fp, Dual):
         return fp[i] + w * (fp[1:] - fp[:-1])[i]
-    before, slopes = fp.slopes.take(i, 0), fp.slopes.take(i + 1, 0)
-    slopes -= before  # in place, as there may be many
+    low_slopes, slopes = fp.slopes.take(i, 0), fp.slopes.take(i + 1, 0)
+    slopes -= low_slopes  # in place, as there may be many
     slopes *= w[..., None]
-    slopes += before
+    slopes += low_slopes
     return Dual(np.interp(places, points, fp.values), slopes)
 
 

@@ -238,11 +238,11 @@ def positive(value, name: str, expected: str = "a positive number") -> float:
     return number
 
 
-def finite(value, name: str, sign: str = "", more: str = "") -> float:
+def finite(value, name: str, sign: str = "", alternative: str = "") -> float:
     """A number of a size with which one can compute, and "positive" or "not negative"."""
     number = as_float(value)
     ok = is_number(value) and (number > 0 or not sign or (number == 0 and sign != "positive"))
-    require(ok, name, value, f"finite{sign and f' and {sign}'}{more}")
+    require(ok, name, value, f"finite{sign and f' and {sign}'}{alternative}")
     return number
 
 
@@ -257,8 +257,8 @@ def real(sign: str = "", optional: bool = False, **default: Any) -> Any:
     """A field that is a number, with a sign as of `finite`; or None, if it is optional."""
 
     def check(value: Any, name: str) -> float | None:
-        more = ", or None" if optional else ""
-        return None if value is None and optional else finite(value, name, sign, more)
+        alternative = ", or None" if optional else ""
+        return None if value is None and optional else finite(value, name, sign, alternative)
 
     return field(metadata={**IS_DATA, "check": check}, **default)
 
@@ -391,9 +391,9 @@ def refuse_fields(symbols: Iterable, name: str, allowed: Iterable = ()) -> None:
 
     They would be read once, before the run; later changes would be ignored.
     """
-    ours = {id(symbol) for symbol in allowed}
+    allowed_ids = {id(symbol) for symbol in allowed}
     for symbol in symbols:
-        if id(symbol) not in ours:
+        if id(symbol) not in allowed_ids:
             raise SceneError(
                 f"{name}: it contains {symbol}, a {type(symbol).__name__} of your own. It would be "
                 "read only once; later changes would be ignored. Use numbers and UFL expressions "

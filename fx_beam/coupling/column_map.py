@@ -30,16 +30,16 @@ class ColumnMap:
         self._C: Any = None
         if not len(dependent):
             return
-        others = np.ones(shape[1])
-        others[dependent] = 0.0
+        independent = np.ones(shape[1])
+        independent[dependent] = 0.0
         try:
             if isinstance(C, np.ndarray):
                 inverse = np.linalg.inv(C[:, dependent])
                 self._solve = lambda x, side="N": (inverse if side == "N" else inverse.T) @ x
-                self._C = C * others
+                self._C = C * independent
             else:
                 self._solve = splu(C[:, dependent].tocsc()).solve
-                self._C = C @ scipy.sparse.diags(others)
+                self._C = C @ scipy.sparse.diags(independent)
         except (np.linalg.LinAlgError, RuntimeError):  # it is singular
             self._C = np.full(C.shape, np.nan)
             self._solve = lambda x, side="N": np.full_like(x, np.nan)
@@ -68,15 +68,18 @@ class ColumnMap:
     @cached_property
     def dependence_matrix(self) -> scipy.sparse.csr_matrix:
         """Matrix (columns, columns) of `with_dependent`."""
-        others = np.setdiff1d(np.arange(self.shape[1]), self._dependent)
-        entries = np.ones(len(others)), (others, others)
+        independent = np.setdiff1d(np.arange(self.shape[1]), self._dependent)
+        entries = np.ones(len(independent)), (independent, independent)
         if len(self._dependent):
             # Of the independent columns few are in long loops.
             used = np.flatnonzero(abs(self._C).sum(axis=0))
             C = self._C[:, used]
             ratios = -self._solve(C if isinstance(C, np.ndarray) else C.toarray())
             k, column = np.nonzero(ratios)
-            places = np.append(others, self._dependent[k]), np.append(others, used[column])
+            places = (
+                np.append(independent, self._dependent[k]),
+                np.append(independent, used[column]),
+            )
             entries = np.append(entries[0], ratios[k, column]), places
         return scipy.sparse.csr_matrix(entries, (self.shape[1],) * 2)
 

@@ -146,21 +146,21 @@ def _rows(scene: Scene, mesh: Mesh, parts: _Parts, static: bool):
             if force.direction is None:
                 turning.append((-1, force.target.number))
                 continue
-            held = mesh.nodes_of(scene, force.target)
-            row_of += range(len(together), len(together) + len(held))
-            ways = force.ways(mesh.X[held])
-            together += [(-1, node, *way, 0.0, 0.0) for node, way in zip(held, ways, strict=True)]
+            tied = mesh.nodes_of(scene, force.target)
+            row_of += range(len(together), len(together) + len(tied))
+            ways = force.ways(mesh.X[tied])
+            together += [(-1, node, *way, 0.0, 0.0) for node, way in zip(tied, ways, strict=True)]
         else:  # the length over all of its points
-            wound += [(len(together), node, by) for node, by in getattr(force, "drums", ())]
+            wound += [(len(together), node, radius) for node, radius in getattr(force, "drums", ())]
             row_of += [len(together)] * len(force.apart)
             straight = np.array(force.straight(force.apart), dtype=float)
             ways = zip(force.nodes, force.nodes[1:], straight, strict=False)
             together += [(a, b, *(way / np.hypot(*way)), 0.0, 0.0) for a, b, way in ways]
     weights, turn_of = [1.0] * len(turning), [*range(len(together), len(together) + len(turning))]
-    for number, node, by in wound:
+    for number, node, radius in wound:
         turning.append((-1, node))
         turn_of.append(number)
-        weights.append(by / mesh.size)
+        weights.append(radius / mesh.size)
     for gear in scene.gears:
         number, acts = len(together) + len(turning), gear.is_ideal or _is_held(gear.on, static)
         for joint, name, weight in gear.terms if acts else ():
@@ -201,10 +201,10 @@ def _is_held(coordinate: Coordinate | None, static: bool) -> bool:
     if coordinate is None:
         return False
     spring, damper, friction = coordinate.spring, coordinate.damper, coordinate.friction
-    held = coordinate.motor or (spring and (spring.stiffness or spring.strain_energy))
+    restraint = coordinate.motor or (spring and (spring.stiffness or spring.strain_energy))
     resists = getattr(friction, "force", False)  # that of Coulomb may be zero
     damped = (damper and (damper.viscosity or damper.law)) or resists
-    return bool(held or (damped and not static))
+    return bool(restraint or (damped and not static))
 
 
 def _motion(rows) -> np.ndarray | None:
@@ -272,10 +272,10 @@ def _description(scene: Scene, mesh: Mesh, parts: _Parts, rates: np.ndarray) -> 
         # Velocity (mode0 - w y, mode1 + w x) vanishes at the pole.
         pole = middle[part] + mesh.size * np.array([-mode[1], mode[0]]) / mode[2]
         pole = np.round(pole / mesh.size, 9) * mesh.size + 0.0  # zero instead of round-off
-        how = f"can rotate about ({pole[0]:.4g}, {pole[1]:.4g})"
+        motion = f"can rotate about ({pole[0]:.4g}, {pole[1]:.4g})"
     else:
         along = np.round(mode[:2] / abs(mode[:2]).max(), 6) + 0.0  # no -0
-        how = f"can move along ({along[0]:.3g}, {along[1]:.3g})"
+        motion = f"can move along ({along[0]:.3g}, {along[1]:.3g})"
     nodes_of = zip(scene.beams, mesh.nodes, strict=True)
     names = [repr(beam.name) for beam, nodes in nodes_of if parts.part_of_node[nodes[0]] == part]
     if not names:  # a part without elements is one node
@@ -284,9 +284,9 @@ def _description(scene: Scene, mesh: Mesh, parts: _Parts, rates: np.ndarray) -> 
         advice = _OF_NODE
         if not parts.free[part, :2].any():  # it has a mass at this place
             advice = _OF_ROTATION.format("add_body" if owners else "add_mass")
-        return f"{scene.nodes[number]}{f' of {owners[0]}' if owners else ''} {how}", advice
-    more = f" and {len(names) - 3} more" if len(names) > 3 else ""
-    return f"beam{'s' * (len(names) > 1)} {', '.join(names[:3])}{more} {how}", _OF_BEAMS
+        return f"{scene.nodes[number]}{f' of {owners[0]}' if owners else ''} {motion}", advice
+    ending = f" and {len(names) - 3} more" if len(names) > 3 else ""
+    return f"beam{'s' * (len(names) > 1)} {', '.join(names[:3])}{ending} {motion}", _OF_BEAMS
 
 
 # Below this ratio of singular values closures depend on each other; forces below this ratio are
@@ -312,11 +312,11 @@ def check_loops(scene: Scene, reduction: Reduction, loops: Loops) -> None:
         raise SceneError(f"start: {loops.singularity}. Start from a position beside it")
     forces = _self_stress(scene, couplings, loops, left)
     sizes = np.linalg.norm(forces, axis=(1, 2))
-    every: list[Any] = [*scene.joints, *scene.gears]
-    carrying = [joint for joint in every if sizes[joint.number] > _DEPENDENT * sizes.max()]
+    connections: list[Any] = [*scene.joints, *scene.gears]
+    carrying = [joint for joint in connections if sizes[joint.number] > _DEPENDENT * sizes.max()]
     centres = {body.centre.number for body in scene.bodies}
-    inside = [j for j in carrying if isinstance(j, Joint) and j.is_rigid and j.a.number in centres]
-    joints = [joint for joint in carrying if joint not in inside] or carrying
+    inner = [j for j in carrying if isinstance(j, Joint) and j.is_rigid and j.a.number in centres]
+    joints = [joint for joint in carrying if joint not in inner] or carrying
     yields = "a spring of a gear"
     if isinstance(joints[-1], Joint):
         slide = _slide(joints[-1], forces[joints[-1].number])

@@ -40,17 +40,17 @@ def grown_forests(scene: Scene) -> tuple[list[list[Branch]], list[list[Joint]]]:
     Of two joined nodes, one may be fixed in x and the other in y. If only one component of a tree
     is fixed, the other component has the same root.
     """
-    held = [{n for n, part in {*scene.fixed, *scene.prescribed} if part == i} for i in range(3)]
+    supports = [{n for n, part in {*scene.fixed, *scene.prescribed} if part == i} for i in range(3)]
     sliding = sliding_joints(scene.joints)
-    _check_sliding_nodes(sliding, held)
+    _check_sliding_nodes(sliding, supports)
     carried = [key for joint in sliding for key in joint.carried]
     on_beams = [{node for _, node, part in carried if part == i} for i in range(3)]
-    held = [supported | on for supported, on in zip(held, on_beams, strict=True)]
+    supports = [supported | on_beam for supported, on_beam in zip(supports, on_beams, strict=True)]
     joints = [joint for joint in scene.joints if joint not in sliding]
     turning = [joint for joint in joints if joint.turns_together]
-    joints = order_for_short_loops(joints, _forest(scene, joints, 0, held, on_beams)[1])
+    joints = order_for_short_loops(joints, _forest(scene, joints, 0, supports, on_beams)[1])
     joints_of = joints, joints, turning
-    grown = [_forest(scene, members, i, held, on_beams) for i, members in enumerate(joints_of)]
+    grown = [_forest(scene, members, i, supports, on_beams) for i, members in enumerate(joints_of)]
     forests, closed = zip(*grown, strict=True)
     return list(forests), [[loop[-1] for loop in loops] for loops in closed]
 
@@ -59,7 +59,7 @@ def _forest(
     scene: Scene,
     joints: Iterable[Joint],
     component: int,
-    held: list[set[int]],
+    supports: list[set[int]],
     on_beams: list[set[int]],
 ) -> tuple[list[Branch], list[list[Joint]]]:
     """Joints as branches of trees, parents first, and loops with the closing joint behind.
@@ -67,8 +67,8 @@ def _forest(
     Roots: supported nodes and the ground; else a node that is supported in the other displacement,
     or the one with the smallest number. Loops without an arm or a node on a beam over-constrain.
     """
-    supported = {*held[component], GROUND.number}
-    preferred = held[1 - component] if component < 2 else set()
+    supported = {*supports[component], GROUND.number}
+    preferred = supports[1 - component] if component < 2 else set()
     # Supported nodes hang together.
     trees = dict.fromkeys(supported, GROUND.number)
     neighbours: dict[int, list[tuple[int, Joint]]] = {}
@@ -125,17 +125,17 @@ def _loop(
             way_b.append(above[last].joint)
             last = above[last].parent
     loop = [*way_b, *reversed(way_a), joint]
-    turning, what = component == 2, _COMPONENTS[component]
+    turning, kind = component == 2, _COMPONENTS[component]
     on_beam = first != last and not on_beams.isdisjoint({first, last})
     yields = on_beam and not (turning and joint.rotation is not None)
     if yields or not (turning or all(other.is_selection for other in loop)):
         return loop
-    reason = f"they close a loop in which each joint couples the {what}"
+    reason = f"they close a loop in which each joint couples the {kind}"
     if first != last:
         loop = [*reversed(way_b), joint, *way_a][:: 1 if first < last else -1]
         ends = sorted((first, last))
         names = [str(GROUND if n == GROUND.number else scene.nodes[n]) for n in ends]
-        reason = f"the {what} of {names[0]} and of {names[1]} are both supported; support one of "
+        reason = f"the {kind} of {names[0]} and of {names[1]} are both supported; support one of "
         reason += "them only"
     raise SceneError(
         f"over-constrained: {'; '.join(map(str, loop))}: {reason}. Remove one of them, or release "
@@ -157,7 +157,7 @@ def order_for_short_loops(joints: Sequence[Joint], loops: Sequence[Sequence[Join
     for has, loop in zip(basis, loops, strict=True):
         has[[number[id(joint)] for joint in loop]] = True
     hinges = np.array([joint.is_selection and not joint.turns_together for joint in joints], bool)
-    before = np.count_nonzero(basis)
+    entry_count = np.count_nonzero(basis)
     changed, passes = len(basis) > 1, 0
     while changed and passes < _PASSES:
         changed, passes = False, passes + 1
@@ -165,11 +165,11 @@ def order_for_short_loops(joints: Sequence[Joint], loops: Sequence[Sequence[Join
             members = np.flatnonzero(basis[k])
             new = _better(k, basis[:, members], hinges[members])
             if new is not None and hinges[closing[k]]:
-                others = np.flatnonzero(basis[:, members[new]])
-                others = others[others != k]
-                basis[np.ix_(others, members)] ^= True
+                other_loops = np.flatnonzero(basis[:, members[new]])
+                other_loops = other_loops[other_loops != k]
+                basis[np.ix_(other_loops, members)] ^= True
                 closing[k], changed = int(members[new]), True
-    if np.count_nonzero(basis) > _SHORTER * before:
+    if np.count_nonzero(basis) > _SHORTER * entry_count:
         return list(joints)
     return [joints[k] for k in sorted(range(len(joints)), key=set(closing).__contains__)]
 
@@ -190,18 +190,18 @@ def _better(k: int, basis: np.ndarray, hinges: np.ndarray) -> int | None:
     return int(best[np.argmin(first)])
 
 
-def _check_sliding_nodes(sliding: list[SlidingJoint], held: list[set[int]]) -> None:
+def _check_sliding_nodes(sliding: list[SlidingJoint], supports: list[set[int]]) -> None:
     """Refuse a sliding node that is held in x, y or rotation, or that slides on two beams."""
     for joint in sliding:
-        others = [other for other in sliding if other.b is joint.b]
-        if len(others) > 1:
-            names = "; ".join(map(str, others))
+        joints_of_node = [other for other in sliding if other.b is joint.b]
+        if len(joints_of_node) > 1:
+            names = "; ".join(map(str, joints_of_node))
             raise SceneError(
                 f"over-constrained: {names}: {joint.b} slides on two beams. Let two nodes slide, "
                 "and join them by a beam"
             )
         for _, node, i in joint.carried:
-            if node in held[i]:
+            if node in supports[i]:
                 raise SceneError(
                     f"over-constrained: {joint}: {COMPONENTS[i]} of the node is supported, but the "
                     "beam moves it. Support the node before this joint is added: then it is a guide"

@@ -207,8 +207,8 @@ class Couplings:
         alone, summed = np.flatnonzero(self.column >= 0), Entries.of(self.sums.items())
         none = np.zeros(len(alone), dtype=int)
         single = alone, self.column[alone], none, 1.0 + none
-        every = (np.concatenate(parts) for parts in zip(single, summed, strict=True))
-        entries = Entries(*every)
+        arrays = (np.concatenate(parts) for parts in zip(single, summed, strict=True))
+        entries = Entries(*arrays)
         return entries.take(np.argsort(entries.row, kind="stable"))
 
     @cached_property
@@ -405,11 +405,11 @@ class _Columns:
 
     def __init__(self, scene: Scene, mesh: Mesh, forests: list[list[Branch]]):
         follow = {(branch.node, i) for i, forest in enumerate(forests) for branch in forest}
-        held = [*scene.prescribed, *sorted(scene.fixed)]
+        supported = [*scene.prescribed, *sorted(scene.fixed)]
         sliding = sliding_joints(scene.joints)
         carried = [key for joint in sliding for key in joint.carried]
         free_root = np.ones((len(mesh.X), 3), dtype=bool)
-        for node, component in (*follow, *held, *(key[1:] for key in carried)):
+        for node, component in (*follow, *supported, *(key[1:] for key in carried)):
             free_root[node, component] = False
         motored = motors(scene)
         moved = {joint.number for joint, name in motored if name == "slide"}
@@ -426,7 +426,7 @@ class _Columns:
         #: Column (nodes, 3) of each component of a node that follows no joint; -1 for the others.
         self.root = np.full(free_root.shape, -1)
         self.root[free_root] = np.arange(alone)
-        for key in held:
+        for key in supported:
             if key not in follow:
                 self.root[key] = self.number[key]
         for sliding_key in carried:
@@ -468,13 +468,13 @@ class Auxiliaries:
         self._entries = entries = Entries.of(enumerate(a.entries for a in auxiliaries))
         moving = entries.take(unknown_of[entries.column] >= 0)
         numbers = unknown_of[couplings.columns :]
-        own, needed = numbers[moving.row], unknown_of[moving.column]
-        rows = np.concatenate([own, row_of[moving.column], numbers, numbers + 1])
-        columns = np.concatenate([needed, own + 1, numbers, numbers + 1])
+        auxiliary, needed = numbers[moving.row], unknown_of[moving.column]
+        rows = np.concatenate([auxiliary, row_of[moving.column], numbers, numbers + 1])
+        columns = np.concatenate([needed, auxiliary + 1, numbers, numbers + 1])
         #: What auxiliary unknowns add to the linear system: equations, forces, diagonals.
         self.in_system = SystemEntries(rows, columns, moving._replace(sign=-moving.sign).factors)
         #: Unknowns (2, m) in the linear system: the auxiliary, and the one on which it depends.
-        self.dependent = np.array([np.append(own, own + 1), np.tile(needed, 2)])
+        self.dependent = np.array([np.append(auxiliary, auxiliary + 1), np.tile(needed, 2)])
 
     def __len__(self):
         return self._count

@@ -162,10 +162,10 @@ class Loops:
         arms = {joint.number: m for m, joint in enumerate(self._couplings.arm_joints)}
         terms = [(term.joint, term.name == "slide") for gear in gears for term in gear.terms]
         turns = [(-1, -1) if slides else (j.a.number, j.b.number) for j, slides in terms]
-        at = {id(closure.joint): k for k, closure in enumerate(self.closures)}
+        closure_number = {id(closure.joint): k for k, closure in enumerate(self.closures)}
         return {
             "count": len(terms),
-            "closure": [at[id(gear)] for gear in gears for _ in gear.terms],
+            "closure": [closure_number[id(gear)] for gear in gears for _ in gear.terms],
             "joint": [arms[joint.number] if slides else -1 for joint, slides in terms],
             "a": [max(-1, 3 * a + 2) for a, _ in turns],
             "b": [max(-1, 3 * b + 2) for _, b in turns],
@@ -175,9 +175,9 @@ class Loops:
     def stiffened(self) -> tuple[Entries, Entries]:
         """Pairs of entries of a closure, which its stiffness couples."""
         closure, column = self._entries.row, self._entries.column
-        on = np.flatnonzero(self._couplings.system[1][column] >= 0)
+        free = np.flatnonzero(self._couplings.system[1][column] >= 0)
         shape = len(closure), len(self)
-        membership = scipy.sparse.csr_matrix((np.ones(len(on)), (on, closure[on])), shape)
+        membership = scipy.sparse.csr_matrix((np.ones(len(free)), (free, closure[free])), shape)
         left, right = (membership @ membership.T).nonzero()
         weighted = self._entries._replace(sign=self._entries.sign * self.lengths[closure] ** 2)
         return weighted.take(left), self._entries.take(right)
@@ -187,8 +187,8 @@ class Loops:
 
         Slides on beams, which border the system, are left out: their diagonals are 1.
         """
-        inside = np.setdiff1d(np.arange(len(self.unit)), self._sliders.outside)
-        return positions_in(*pattern, inside, inside), self.unit[inside] / self.size
+        inner = np.setdiff1d(np.arange(len(self.unit)), self._sliders.outside)
+        return positions_in(*pattern, inner, inner), self.unit[inner] / self.size
 
 
 def _ends(closure: Closure) -> tuple[int, int]:
@@ -214,8 +214,8 @@ def _dependence(
     for slide in slides:
         near = np.append(slide.guide.near, slide.column)
         weights = scipy.sparse.csr_matrix(random.uniform(1.0, 2.0, (len(slide.columns), len(near))))
-        every = scipy.sparse.identity(size, format="csr")
-        rows.append(weights @ every[near] - every[slide.columns])
+        identity = scipy.sparse.identity(size, format="csr")
+        rows.append(weights @ identity[near] - identity[slide.columns])
         dependent.append(slide.columns)
     return values, scipy.sparse.vstack(rows, "csr"), np.concatenate(dependent)
 

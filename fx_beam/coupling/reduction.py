@@ -108,8 +108,8 @@ class Reduction:
 
     def set_gears(self, scene: Scene) -> None:
         """Set the numbers of the gears of a scene."""
-        for of, numbers in zip(self.gears, numbers_of_gears(scene), strict=True):
-            of[:] = numbers
+        for gear_numbers, numbers in zip(self.gears, numbers_of_gears(scene), strict=True):
+            gear_numbers[:] = numbers
 
     # -- The tangent ------------------------------------------------------------------------------
 
@@ -150,12 +150,12 @@ class Reduction:
         added, forces = [self.auxiliaries.in_system], np.empty(0, dtype=int)
         if self.loops is not None:
             added, forces = [self.loops.in_system, *added], self.loops.bordering
-            both = zip((left, right), self.loops.stiffened(), strict=True)
-            left, right = (Entries(*map(np.append, *sides)) for sides in both)
+            halves = zip((left, right), self.loops.stiffened(), strict=True)
+            left, right = (Entries(*map(np.append, *sides)) for sides in halves)
         source = np.append(source, np.full(len(left.row) - full_count, matrix.nnz + 1))
-        others = np.array([p[:2] for p in (*geometric, *restoring)], dtype=int).reshape(-1, 2).T
-        rows = [row_of[left.column], row_of[others[0]], *(part.rows for part in added)]
-        columns = [unknown_of[right.column], unknown_of[others[1]], *(p.columns for p in added)]
+        extra = np.array([p[:2] for p in (*geometric, *restoring)], dtype=int).reshape(-1, 2).T
+        rows = [row_of[left.column], row_of[extra[0]], *(part.rows for part in added)]
+        columns = [unknown_of[right.column], unknown_of[extra[1]], *(p.columns for p in added)]
         pairs = np.concatenate(rows), np.concatenate(columns)
         if not couplings.sliding:
             pattern, position = sparsity(*pairs, couplings.unknown_count)
@@ -164,12 +164,12 @@ class Reduction:
             pattern = self.sliders.bordered.pattern
         factors = joined(*(part.factors for part in added))
         counts = len(source), len(geometric), len(restoring), len(factors["sign"])
-        position, geometric_to, restoring_to, to, ones = np.split(position, np.cumsum(counts))
+        position, geometric_to, restoring_to, add_to, one_to = np.split(position, np.cumsum(counts))
         virtual, value, sign = left.value_at, right.value_at, left.sign * right.sign
         direct = (virtual == 0) & (value == 0) & (sign == 1) & (source < matrix.nnz)
         names = "to", "from", "virtual", "value", "sign"
         coupled = (part[~direct] for part in (position, source, virtual, value, sign))
-        factors |= {"to": to, "from": np.full(len(to), matrix.nnz)}
+        factors |= {"to": add_to, "from": np.full(len(add_to), matrix.nnz)}
         table = np.array([(m, kind, sign) for _, _, m, kind, sign in geometric]).reshape(-1, 3)
         joint_and_kind = dict(zip(("joint", "kind"), table[:, :2].T.astype(int), strict=True))
         return ReducedTangent(
@@ -179,7 +179,7 @@ class Reduction:
             geometric={"to": geometric_to, **joint_and_kind, "sign": table[:, 2]},
             restoring={"to": restoring_to, "of": sprung},
             stiffened=np.count_nonzero(~direct[:full_count]),
-            ones=ones,
+            ones=one_to,
         )
 
     @property
@@ -278,8 +278,8 @@ class Reduction:
     @property
     def independent(self) -> np.ndarray:
         """Unknowns that follow no others: all but the ones that close loops."""
-        every = np.arange(self.free)
-        return every if self.loops is None else np.setdiff1d(every, self._following(self.loops))
+        numbers = np.arange(self.free)
+        return numbers if self.loops is None else np.setdiff1d(numbers, self._following(self.loops))
 
     def _following(self, loops: Loops) -> np.ndarray:
         return loops.columns[self._configuration.following]
@@ -354,7 +354,7 @@ class Reduction:
         return self._map(False).dependence_matrix[: self.columns, : self.columns]
 
     def _with_auxiliaries(self, z: np.ndarray) -> np.ndarray:
-        return np.append(z, np.zeros(more)) if (more := len(self.auxiliaries)) else z
+        return np.append(z, np.zeros(extra)) if (extra := len(self.auxiliaries)) else z
 
     def with_dependent(self, z: np.ndarray) -> np.ndarray:
         """Rates of all columns from z with rates of independent columns: dependence_matrix() z."""
@@ -386,8 +386,8 @@ class Reduction:
 
     def moves(self, dofs: np.ndarray) -> np.ndarray:
         """Whether each unknown (free,) moves one of some degrees of freedom (size,), or a loop."""
-        some = np.random.default_rng(0).random(self._size) * dofs  # which do not cancel
-        on_columns = self._map(False, closed=False).transposed(some, np.zeros(self._shape[1]))
+        random = np.random.default_rng(0).random(self._size) * dofs  # which do not cancel
+        on_columns = self._map(False, closed=False).transposed(random, np.zeros(self._shape[1]))
         moves = on_columns[: self.free] != 0
         if self.loops is not None:
             moves[self.loops.unknowns] = True
@@ -422,8 +422,8 @@ class Reduction:
         T, Tv = (self._map(virtual, False, False).matrix for virtual in (False, True))
         A = (Tv.T @ matrix @ T).tocoo()
         row, column = row_of[A.row], unknown_of[A.col]
-        on = (row >= 0) & (column >= 0) & (row < n) & (column < n)
-        return scipy.sparse.csr_matrix((A.data[on], (row[on], column[on])), (n, n))
+        valid = (row >= 0) & (column >= 0) & (row < n) & (column < n)
+        return scipy.sparse.csr_matrix((A.data[valid], (row[valid], column[valid])), (n, n))
 
 
 def numbers_of_gears(scene: Scene) -> list[list[Any]]:

@@ -95,10 +95,10 @@ class Slide:
         #: Degrees of freedom of the beam (nodes, 3) and of the node (3,).
         self.dofs, self.node_dofs = guide.dofs, mesh.dofs[joint.b.number]
         #: Entries in the columns of the node.
-        every = couplings.all_entries
-        on = [np.flatnonzero(every.column == column) for column in self.columns]
-        self._entries = every.take(np.concatenate(on))
-        self._entry_start = starts_of([*map(len, on)])
+        all_entries = couplings.all_entries
+        entry_numbers = [np.flatnonzero(all_entries.column == column) for column in self.columns]
+        self._entries = all_entries.take(np.concatenate(entry_numbers))
+        self._entry_start = starts_of([*map(len, entry_numbers)])
 
     def equations(
         self, relation: np.ndarray, first: int, values: np.ndarray
@@ -182,20 +182,20 @@ class Sliders:
         """The tangent of the compiled loop, in which what slides borders the other unknowns."""
         n, rows, columns = self._unknowns, *np.divmod(self._given, self._size)
         slides = np.append(self.outside[self.outside < self._couplings.free], self.forces)
-        outside = np.zeros(self._size, dtype=bool)
-        outside[n:] = outside[slides] = True
-        on_bordering = outside[rows] | outside[columns]
-        inside, beside = np.flatnonzero(~on_bordering), np.flatnonzero(on_bordering)
+        borders = np.zeros(self._size, dtype=bool)
+        borders[n:] = borders[slides] = True
+        on_bordering = borders[rows] | borders[columns]
+        inner, border = np.flatnonzero(~on_bordering), np.flatnonzero(on_bordering)
         # What slides is an unknown of the other equations that is zero there.
-        all_rows, all_columns = (np.append(part[inside], slides) for part in (rows, columns))
+        all_rows, all_columns = (np.append(part[inner], slides) for part in (rows, columns))
         pattern, position = sparsity(all_rows, all_columns, n)
-        positions, ones = np.split(position, [len(inside)])
+        positions, diagonal = np.split(position, [len(inner)])
         column_of = np.empty(self._size, dtype=int)
         column_of[self.forces] = len(self._couplings.system[0]) + np.arange(len(self.forces))
         for index in self._couplings.system:
             column_of[index[index >= 0]] = np.flatnonzero(index >= 0)
-        beside_columns = column_of[rows[beside]], column_of[columns[beside]]
-        return Bordered(pattern, inside, positions, ones, beside, *beside_columns)
+        beside_columns = column_of[rows[border]], column_of[columns[border]]
+        return Bordered(pattern, inner, positions, diagonal, border, *beside_columns)
 
     def diagonals(self, slide: Slide) -> tuple[np.ndarray, np.ndarray]:
         """Unknowns (nodes, 3) that degrees of freedom of a beam equal, or -1.

@@ -55,7 +55,7 @@ class Analysis:
         """Times or load factors (n,) and outputs for parameters."""
         raise NotImplementedError
 
-    def followed(self, what: str) -> tuple[Model, Tape, TapeDerivatives]:
+    def followed(self, method: str) -> tuple[Model, Tape, TapeDerivatives]:
         """The model of the last run, the tape of its steps, and their derivatives."""
         raise NotImplementedError
 

@@ -54,14 +54,14 @@ _CHECK_STEP, _AGREE, _FEW_DIGITS = 2.0**-20, 1e-4, 64 * np.finfo(float).eps
 _CHECKED = {3, 9, 65}
 
 
-def refuse_others(changes: Mapping[str, np.ndarray], known: Set[str], what: str) -> None:
+def refuse_others(changes: Mapping[str, np.ndarray], known: Set[str], subject: str) -> None:
     """SceneError if numbers change (m, ...) of which there are no derivatives."""
     for name in changes.keys() - known - OF_OUTPUTS:
         changing = np.flatnonzero(changes[name].reshape(len(changes[name]), -1).any(axis=1))
         if len(changing):
             raise SceneError(
-                f"{what}: x[{changing[0]}] changes {name!r} of the scene, by which motions have no "
-                "derivatives"
+                f"{subject}: x[{changing[0]}] changes {name!r} of the scene, by which motions have "
+                "no derivatives"
             )
 
 
@@ -85,7 +85,7 @@ class BuiltScenes:
         # At how many x derivatives were asked for, and the last of them.
         self._calls, self._last_x = 0, np.empty(0)
 
-    def serve(self, x: np.ndarray, of: Callable[[Any], _Result], dual: bool) -> _Result:
+    def serve(self, x: np.ndarray, compute: Callable[[Any], _Result], dual: bool) -> _Result:
         """What a function computes from the scene of x.
 
         The scene has slopes, and serves derivatives as well, if it may be `dual` and derivatives
@@ -94,10 +94,10 @@ class BuiltScenes:
         self._is_dual, self._asked = dual and self._asked and not self.reasons, False
         if self._is_dual:
             try:
-                return of(slopes_by(x))
+                return compute(slopes_by(x))
             except Exception:  # noqa: BLE001  # whatever takes floats, and what is wrong with both
                 self._is_dual = False
-        return of(x)
+        return compute(x)
 
     @property
     def reason(self) -> str:
@@ -110,28 +110,28 @@ class BuiltScenes:
         """Derivatives (m, ...) by x of the numbers of scenes; `known` is that at x."""
         self._calls += x is not self._last_x
         self._last_x = x
-        # Before others are built, which may change what scenes have in common.
-        before = {} if self._checked or self._is_dual else numbers_of(known, np.zeros(len(x)))
-        here, by_name = self._slopes(x, known, numbers_of)
-        for name, values in before.items():
-            gap, size = abs(here[name] - values).max(initial=0.0), abs(values).max(initial=0.0)
+        # Before other scenes are built, which may change parts that they share with this one.
+        earlier = {} if self._checked or self._is_dual else numbers_of(known, np.zeros(len(x)))
+        at_x, by_name = self._slopes(x, known, numbers_of)
+        for name, values in earlier.items():
+            gap, size = abs(at_x[name] - values).max(initial=0.0), abs(values).max(initial=0.0)
             if gap > _SAME * size:
                 raise SceneError(
                     f"Response: build gives other numbers than before at the same x: {name!r} of "
                     f"the scene differs by {gap:.2g}. They must depend on x alone"
                 )
-        kind = {name: values.shape for name, values in here.items()}, (x == 0).tolist()
+        kind = {name: values.shape for name, values in at_x.items()}, (x == 0).tolist()
         if kind not in self._checked or self._calls in _CHECKED:
             self._checked.append(kind)
-            lost = {name for name in _AT_START & here.keys() if here[name].any()} - self.changing
-            others = {name: by_name[name] for name in by_name.keys() - lost}
-            self._check(x, here, others, numbers_of)
+            lost = {name for name in _AT_START & at_x.keys() if at_x[name].any()} - self.changing
+            slopes_to_check = {name: by_name[name] for name in by_name.keys() - lost}
+            self._check(x, at_x, slopes_to_check, numbers_of)
             for i in self._with_slopes(x) if lost else ():
                 self.reasons.setdefault(i, f"the start has no slopes of {', '.join(sorted(lost))}")
                 self._names[i] = sorted(lost.union(self._names.get(i, ())))
         for i in sorted(self.reasons):
             names = by_name.keys() & self._names.get(i, by_name.keys())
-            differences = self._derivative(x, i, here, numbers_of) if names else {}
+            differences = self._derivative(x, i, at_x, numbers_of) if names else {}
             self.changing |= differences.keys()
             for name in names:
                 by_name[name] = rows = by_name[name].copy()  # which others may read
@@ -160,56 +160,56 @@ class BuiltScenes:
                 self._is_dual = False
         else:
             numbers = numbers_of(self._at(x), np.zeros(len(x)))
-        self.changing = {name for name, of in numbers.items() if isinstance(of, Dual)}
+        self.changing = {name for name, values in numbers.items() if isinstance(values, Dual)}
         by_name = {name: changes_of(values, len(x)) for name, values in numbers.items()}
         return {name: floats(values) for name, values in numbers.items()}, by_name
 
-    def _learn(self, error: BaseException | None, others: set[int]) -> None:
+    def _learn(self, error: BaseException | None, parameters: set[int]) -> None:
         """Take differences by those parameters that an error says to have no slopes, or by all."""
         text = repr(error)
         while error is not None and not isinstance(error, LostSlopesError):
             error = error.__cause__ or error.__context__
-        if isinstance(error, LostSlopesError) and error.numbers & others:
-            text, others = str(error), error.numbers & others
-        for i in others:
+        if isinstance(error, LostSlopesError) and error.numbers & parameters:
+            text, parameters = str(error), error.numbers & parameters
+        for i in parameters:
             self._names.pop(i, None)
             self.reasons.setdefault(i, text)
 
     def _check(
         self,
         x: np.ndarray,
-        here: dict[str, np.ndarray],
+        at_x: dict[str, np.ndarray],
         by_name: dict[str, np.ndarray],
         numbers_of: NumbersOf,
     ) -> None:
-        """Take differences by parameters whose slopes are others, from now on.
+        """Take differences by x[i] from now on, where its slopes disagree with one difference.
 
         One difference along a change of all parameters shows whether there are any.
         """
         steps = _CHECK_STEP * np.where(abs(x) > _ZERO, x, 1.0)
-        others = self._with_slopes(x)
+        with_slopes = self._with_slopes(x)
         change, size = np.zeros(len(x)), np.random.default_rng(0).uniform(0.5, 1, len(x))
-        change[others] = (size * steps)[others] * (-1.0) ** np.arange(len(others))
+        change[with_slopes] = (size * steps)[with_slopes] * (-1.0) ** np.arange(len(with_slopes))
         try:
-            ends = [numbers_of(self._at(x + by), by) for by in (-change, change)]
+            ends = [numbers_of(self._at(x + step), step) for step in (-change, change)]
         except (SceneError, OtherStructureError):  # that of one number says it better
             ends = []
-        if ends and not _wrong(change, ends, here, by_name):
+        if ends and not _wrong(change, ends, at_x, by_name):
             return
-        for i in others:
+        for i in with_slopes:
             change = steps * (np.arange(len(x)) == i)
-            ends = [self._moved(x, i, by, numbers_of) for by in (-steps[i], steps[i])]
-            if wrong := _wrong(change, ends, here, by_name):
-                text = ", ".join(map(repr, wrong))
+            ends = [self._moved(x, i, step, numbers_of) for step in (-steps[i], steps[i])]
+            if wrong_names := _wrong(change, ends, at_x, by_name):
+                text = ", ".join(map(repr, wrong_names))
                 self.reasons[i] = f"it changes {text} of the scene in a way that has no slopes"
                 self._names.pop(i, None)
-                if OF_OUTPUTS.issuperset(wrong):
-                    self._names[i] = wrong
+                if OF_OUTPUTS.issuperset(wrong_names):
+                    self._names[i] = wrong_names
 
     # -- By differences ----------------------------------------------------------------------------
 
     def _derivative(
-        self, x: np.ndarray, i: int, here: dict[str, np.ndarray], numbers_of: NumbersOf
+        self, x: np.ndarray, i: int, at_x: dict[str, np.ndarray], numbers_of: NumbersOf
     ) -> dict[str, np.ndarray]:
         """Derivatives (...) by x[i] of those numbers that depend on it.
 
@@ -218,19 +218,19 @@ class BuiltScenes:
         size = x[i] if abs(x[i]) > _ZERO else 1.0
         h = 2.0 ** (np.frexp(size)[1] + _STEP)  # x + h is exact
         best: dict[str, tuple[float, np.ndarray]] = {}
-        most = {name: _MORE_BENT if name in _COMPUTED else _BENT for name in here}
+        most = {name: _MORE_BENT if name in _COMPUTED else _BENT for name in at_x}
         sizes, worse, bent = dict[str, np.ndarray](), 0, dict[str, float]()
         for attempt in range(_TRIES):
-            low, above = (self._moved(x, i, by, numbers_of) for by in (-h, h / 2))
+            low, above = (self._moved(x, i, step, numbers_of) for step in (-h, h / 2))
             if not attempt:
                 depend = [
                     name
-                    for name, values in here.items()
+                    for name, values in at_x.items()
                     if not (all_of(low[name] == values) and all_of(above[name] == values))
                 ]
-                if all(_on_a_line(name, low[name], here[name], above[name]) for name in depend):
+                if all(_on_a_line(name, low[name], at_x[name], above[name]) for name in depend):
                     return {name: (above[name] - low[name]) / (1.5 * h) for name in depend}
-            below, high = (self._moved(x, i, by, numbers_of) for by in (-h / 2, h))
+            below, high = (self._moved(x, i, step, numbers_of) for step in (-h / 2, h))
             for name in depend:
                 if name in best and best[name][0] <= _BENT:
                     continue
@@ -241,9 +241,9 @@ class BuiltScenes:
                 bend, flat = _largest(gap, sizes[name]), not (narrow.any() or wide.any())
                 if name not in best or (bend < best[name][0] and not flat):  # flat between jumps
                     best[name] = bend, narrow + (narrow - wide) / 3
-            before = bent
+            bent_before = bent
             bent = {name: bend for name, (bend, _) in best.items() if bend > most[name]}
-            worse = worse + 1 if bent == before else 0
+            worse = worse + 1 if bent == bent_before else 0
             if not bent or worse == 2:
                 break  # all is well, or round-off grows
             h *= 2.0 ** -int(np.clip(np.log2(max(bent.values()) / _BENT) / 2 + 1, 1, _SHORTER))
@@ -254,44 +254,44 @@ class BuiltScenes:
         return {name: values for name, (_, values) in best.items()}
 
     def _moved(
-        self, x: np.ndarray, i: int, by: float, numbers_of: NumbersOf
+        self, x: np.ndarray, i: int, step: float, numbers_of: NumbersOf
     ) -> dict[str, np.ndarray]:
         """Numbers of the scene with a change of x[i]."""
-        change = by * (np.arange(len(x)) == i)
-        here, there = shown(x[i]), shown(x[i] + by)
+        change = step * (np.arange(len(x)) == i)
+        x_text, moved_text = shown(x[i]), shown(x[i] + step)
         try:
             scene = self._at(x + change)
         except SceneError as error:
             raise SceneError(
-                f"Response: no derivatives by x[{i}] at {here}, since there is no scene at "
-                f"{there}: {error}"
+                f"Response: no derivatives by x[{i}] at {x_text}, since there is no scene at "
+                f"{moved_text}: {error}"
             ) from error
         try:
             return numbers_of(scene, change)
         except OtherStructureError as other:
             raise SceneError(
-                f"Response: the scene at x[{i}] = {there} has another structure than at {here}: "
-                f"{other}. There are no derivatives at {here}"
+                f"Response: the scene at x[{i}] = {moved_text} has another structure than at "
+                f"{x_text}: {other}. There are no derivatives at {x_text}"
             ) from None
 
 
 def _wrong(
     change: np.ndarray,
     ends: list[dict[str, np.ndarray]],
-    here: dict[str, np.ndarray],
+    at_x: dict[str, np.ndarray],
     by_name: dict[str, np.ndarray],
 ) -> list[str]:
-    """Names of numbers whose difference, between the ends of a change, is not that of slopes."""
-    wrong = []
+    """Names of numbers whose difference between the `ends` of a change disagrees with slopes."""
+    wrong_names = []
     for name, slopes in by_name.items():
         known, sizes = np.tensordot(change, slopes, 1), np.tensordot(abs(change), np.abs(slopes), 1)
         error = abs((ends[1][name] - ends[0][name]) / 2 - known)
         if name in _AT_START:  # loads have begun in the short step that tells their slopes
             error = np.where(ends[1][name] == ends[0][name], 0.0, error)
-        round_off = (1e4 if name in _COMPUTED else 1.0) * _FEW_DIGITS * _values_of(name, here)
+        round_off = (1e4 if name in _COMPUTED else 1.0) * _FEW_DIGITS * _values_of(name, at_x)
         if not all_of(error <= _AGREE * _largest_over_time(name, sizes) + round_off):
-            wrong.append(name)
-    return sorted(wrong)
+            wrong_names.append(name)
+    return sorted(wrong_names)
 
 
 def _values_of(name: str, numbers: dict[str, np.ndarray]) -> np.ndarray:
@@ -299,7 +299,7 @@ def _values_of(name: str, numbers: dict[str, np.ndarray]) -> np.ndarray:
     if name not in _ALIKE:
         return _largest_over_time(name, abs(numbers[name]))
     alike = [name, "X"] if name in _FROM_PLACES else [name]
-    return np.max([abs(numbers[one]).max(initial=0.0) for one in alike])
+    return np.max([abs(numbers[key]).max(initial=0.0) for key in alike])
 
 
 def _largest_over_time(name: str, sizes: np.ndarray) -> np.ndarray:
@@ -309,8 +309,8 @@ def _largest_over_time(name: str, sizes: np.ndarray) -> np.ndarray:
 
 def _size(name: str, values: np.ndarray) -> np.ndarray:
     """Sizes of derivatives, over time the largest, and none far below the largest of all."""
-    of = _largest_over_time(name, abs(values))
-    return np.maximum(of, 1e-3 * of.max(initial=0.0))
+    sizes = _largest_over_time(name, abs(values))
+    return np.maximum(sizes, 1e-3 * sizes.max(initial=0.0))
 
 
 def _largest(gaps: np.ndarray, sizes: np.ndarray) -> float:
@@ -319,7 +319,7 @@ def _largest(gaps: np.ndarray, sizes: np.ndarray) -> float:
     return float(part.max(initial=0.0))
 
 
-def _on_a_line(name: str, low: np.ndarray, here: np.ndarray, above: np.ndarray) -> bool:
+def _on_a_line(name: str, low: np.ndarray, at_x: np.ndarray, above: np.ndarray) -> bool:
     """Whether numbers at x - h, x and x + h / 2 are those of a line, up to round-off."""
     size = _largest_over_time(name, np.maximum(abs(low), abs(above)))  # which tells the round-off
-    return all_of(abs((low - here) + 2 * (above - here)) <= _ROUNDING * size)
+    return all_of(abs((low - at_x) + 2 * (above - at_x)) <= _ROUNDING * size)

@@ -47,15 +47,15 @@ class CriticalLoad:
         self._tangent, self._reference = TangentDerivatives(_WHAT), TangentDerivatives(_WHAT)
 
     def take(
-        self, point: CriticalPoint, scene: Scene, derivatives: DerivativesOf, held: np.ndarray
+        self, point: CriticalPoint, scene: Scene, derivatives: DerivativesOf, hold: np.ndarray
     ) -> None:
         """Take a point of the path of a scene, with `derivatives` of numbers of scenes by x.
 
-        Forces `held` (free,) balance the springs in the reference, and fade as the loads rise.
+        Forces `hold` (free,) balance the springs in the reference, and fade as the loads rise.
         """
-        self._held = held
-        if held.any():
-            self._reference.begin(linearised(scene, None, _WHAT, held=True), None)
+        self._held = hold
+        if hold.any():
+            self._reference.begin(linearised(scene, None, _WHAT, is_held=True), None)
             of_reference = derivatives(self._reference.numbers_of)
             self._reference.take(of_reference, of_reference.keys())
         self._point, state = point, point.solution
@@ -72,7 +72,7 @@ class CriticalLoad:
             )
         self._about = about = linearised(scene, state, _WHAT)
         start, beams = about.start, about.model.forms.beams
-        flowed = any(of is not None and of.any() for of in (start.internal, start.spring_internal))
+        flowed = any(x is not None and x.any() for x in (start.internal, start.spring_internal))
         if flowed or (beams is not None and beams.has_external):
             reason = "material flows on the path" if flowed else "added virtual works have none"
             raise SceneError(f"{_WHAT}: no derivatives: {reason}")
@@ -94,16 +94,16 @@ class CriticalLoad:
         self.phi, self.psi = self._unit * self._right, self._unit * self._left
 
     def _solved(self, by_state: np.ndarray) -> np.ndarray:
-        """Weights of forces whose derivatives by the state are these.
+        """Weights w (free,) of forces with K^T w = `by_state`, the derivatives by the state.
 
         In the complement of the null vector if K is singular.
         """
-        given, K = self._unit * by_state, self._about.K
+        right_side, K = self._unit * by_state, self._about.K
         if self._square:
             unit = scipy.sparse.diags(self._unit)
-            return self._unit * pivoted_lu((unit @ K @ unit).T).solve(given)
+            return self._unit * pivoted_lu((unit @ K @ unit).T).solve(right_side)
         rows = [[self._B.T, self._right[:, None]], [self._left[None, :], None]]
-        weights = pivoted_lu(scipy.sparse.bmat(rows)).solve(np.append(given, 0.0))
+        weights = pivoted_lu(scipy.sparse.bmat(rows)).solve(np.append(right_side, 0.0))
         return self._unit * weights[:-1]
 
     def derivatives(self) -> np.ndarray:
@@ -113,8 +113,8 @@ class CriticalLoad:
             return -totals[:-1] / totals[-1]
         totals, by_state, weights = self._along_path()
         if self._point.kind == "bifurcation":
-            if len(where := np.flatnonzero(self._disturbing(totals[-1]))):
-                raise SceneError(self._infinite(int(where[0])))
+            if len(disturbing := np.flatnonzero(self._disturbing(totals[-1]))):
+                raise SceneError(self._infinite(int(disturbing[0])))
             if self._slope(totals[-1], by_state, weights)[0]:
                 raise SceneError(
                     f"{_WHAT}: no derivatives: the bifurcation at load factor "
@@ -159,9 +159,9 @@ class CriticalLoad:
         And those by the state, with the weights of forces that belong to these.
         """
         motions = self._tangent.along_motions(self._pair(-self._square))
-        by, by_state = self._tangent.followed(motions, np.ones(1))
+        by_name, by_state = self._tangent.followed(motions, np.ones(1))
         weights = self._solved(by_state)
-        return self._tangent.by_x(by) - self._work(weights), by_state, weights
+        return self._tangent.by_x(by_name) - self._work(weights), by_state, weights
 
     def _work(self, weights: np.ndarray) -> np.ndarray:
         """Derivatives (m + 1,) by x and the load factor of the work of all forces on a motion."""
@@ -183,14 +183,14 @@ class CriticalLoad:
         motion of all unknowns, and beside the work of the load times the relative changes of
         numbers with x.
         """
-        by, numbers = self._tangent.forces(self.psi), self._tangent.numbers_of(self._about.scene)
+        f, numbers = self._tangent.forces(self.psi), self._tangent.numbers_of(self._about.scene)
         in_any = self._tangent.forces(self._unit)
-        sizes = {name: np.maximum(abs(by[name]), _ROUNDING * abs(in_any[name])) for name in by}
-        changes = {name: abs(self._changes[name]) for name in by if self._changes[name].size}
+        sizes = {name: np.maximum(abs(f[name]), _ROUNDING * abs(in_any[name])) for name in f}
+        changes = {name: abs(self._changes[name]) for name in f if self._changes[name].size}
         work, parts = self._work(self.psi)[:-1], self._tangent.by_x(sizes, changes)[:-1]
         most = {name: abs(numbers[name]).max() or np.inf for name in changes}
         relative = [
-            of.reshape(len(of), -1).max(axis=1) / most[name] for name, of in changes.items()
+            rows.reshape(len(rows), -1).max(axis=1) / most[name] for name, rows in changes.items()
         ]
         of_load = abs(by_factor * self._point.load_factor) * np.max(relative, axis=0)[:-1]
         return np.where(abs(work) > _ZERO * np.maximum(parts, of_load), work, 0.0)

@@ -42,18 +42,18 @@ def _momenta(model: Model, v: np.ndarray) -> np.ndarray:
     return (model.mass @ v.T).T
 
 
-def _kinetic(of: SubSteps, rows: Arrays) -> Derivatives:
+def _kinetic(sub_steps: SubSteps, rows: Arrays) -> Derivatives:
     """v.M v / 2."""
-    model = of.model
+    model = sub_steps.model
     if model.scheme.rates.at_rest:
         return {}
     v = rows["v"]
     return {"v": _momenta(model, v), "mass": by_mass_entries(model, v, v) / 2}
 
 
-def _of_fit(of: SubSteps, rows: Arrays) -> Derivatives:
+def _of_fit(sub_steps: SubSteps, rows: Arrays) -> Derivatives:
     """v*.M (v* - v), the work of driven motions on the impulses with which rates v* fit."""
-    model = of.model
+    model = sub_steps.model
     if "rates" not in rows or not model.couplings.driven:
         return {}
     v, rates = rows["v"], rows["rates"]
@@ -61,22 +61,22 @@ def _of_fit(of: SubSteps, rows: Arrays) -> Derivatives:
     return {"v": -fitting, "rates": 2 * fitting - _momenta(model, v), "mass": of_mass}
 
 
-def _strain(of: SubSteps, rows: Arrays) -> Derivatives:
-    beams = of.model.forms.beams
+def _strain(sub_steps: SubSteps, rows: Arrays) -> Derivatives:
+    beams = sub_steps.model.forms.beams
     if beams is None:
         return {}
     names, ones = ("q", "internal", "natural", "parameters"), np.ones(len(rows["q"]))
-    given = {name: rows[name] for name in names if name in rows}
-    return beams.stored_energy_by(StepBatch(ones, ones, **given), of.by_places)
+    arrays = {name: rows[name] for name in names if name in rows}
+    return beams.stored_energy_by(StepBatch(ones, ones, **arrays), sub_steps.by_places)
 
 
-def _potential(of: SubSteps, rows: Arrays) -> Derivatives:
-    q, weight = rows["q"], of.model.weight
+def _potential(sub_steps: SubSteps, rows: Arrays) -> Derivatives:
+    q, weight = rows["q"], sub_steps.model.weight
     return {} if weight is None else {"q": np.broadcast_to(-weight, q.shape), "weight": -q}
 
 
-def _springs(of: SubSteps, rows: Arrays) -> Derivatives:
-    points = of.model.points
+def _springs(sub_steps: SubSteps, rows: Arrays) -> Derivatives:
+    points = sub_steps.model.points
     if not points.any:
         return {}
     q, slides, internal = (rows[name] for name in ("q", "slides", "spring internal"))
@@ -98,17 +98,17 @@ _PARTS: dict[str, list[Callable[[SubSteps, Arrays], Derivatives]]] = {
 class EnergyOutput(RowOutput):
     """An energy of the scene at the rows of a run, which are at `ends` (n,) among the states."""
 
-    def __init__(self, of: SubSteps, quantity: str, ends: np.ndarray):
-        self._of, self._parts, self._ends = of, _PARTS[quantity], ends
+    def __init__(self, sub_steps: SubSteps, quantity: str, ends: np.ndarray):
+        self._of, self._parts, self._ends = sub_steps, _PARTS[quantity], ends
 
     def blocks(self, rows: np.ndarray) -> Iterator[Block]:
         """Derivatives of some of the rows by states, and by numbers of the scene."""
-        of, boundaries = self._of, self._of.boundaries[self._ends[rows]]
-        for group in of.groups(boundaries):
-            at = boundaries[group]
-            states = of.at(at)
+        sub_steps, boundaries = self._of, self._of.boundaries[self._ends[rows]]
+        for group in sub_steps.groups(boundaries):
+            numbers = boundaries[group]
+            states = sub_steps.at(numbers)
             for part in self._parts:
-                yield from of.at_states(rows[group], at, part(of, states))
+                yield from sub_steps.at_states(rows[group], numbers, part(sub_steps, states))
 
 
 def why_no_losses(model: Model) -> str:
@@ -119,43 +119,45 @@ def why_no_losses(model: Model) -> str:
     return "friction follows the force of a joint" if model.points.follow_joints else ""
 
 
-def losses_in_steps(of: SubSteps, rows: np.ndarray) -> Iterator[Block]:
-    """Derivatives of what is lost in sub-steps of a part of a tape, some of its rows 1 to k."""
-    model = of.model
+def losses_in_steps(sub_steps: SubSteps, rows: np.ndarray) -> Iterator[Block]:
+    """Derivatives of the energy lost in sub-steps of a part of a tape, for `rows` among 1 to k."""
+    model = sub_steps.model
     # In statics the first step leads to the equilibrium without loads, which loses nothing.
     counting = rows[rows > int(model.scheme.rates.at_rest)]
-    numbers = of.tape.present.first + counting - 1
-    for group in of.groups(numbers):
-        steps, parts = numbers[group], of.parts(numbers[group])
+    numbers = sub_steps.tape.present.first + counting - 1
+    for group in sub_steps.groups(numbers):
+        steps, parts = numbers[group], sub_steps.parts(numbers[group])
         beams = model.forms.beams
-        for by in [] if beams is None else beams.losses_by(parts, of.by_places):
-            yield from of.in_steps(counting[group], steps, by)
+        for slopes in [] if beams is None else beams.losses_by(parts, sub_steps.by_places):
+            yield from sub_steps.in_steps(counting[group], steps, slopes)
         if model.points.any_have("loss"):
-            yield from _losses_of_points(of, counting[group], steps, parts)
+            yield from _losses_of_points(sub_steps, counting[group], steps, parts)
 
 
 def _losses_of_points(
-    of: SubSteps, rows: np.ndarray, steps: np.ndarray, parts: StepBatch
+    sub_steps: SubSteps, rows: np.ndarray, steps: np.ndarray, parts: StepBatch
 ) -> Iterator[Block]:
     """Derivatives of what forces at points lose."""
-    forms, points, given = of.model.forms, of.model.points, []
-    places, times, states = of.places(steps), of.tape.times, of.states
+    forms, points, inputs = sub_steps.model.forms, sub_steps.model.points, []
+    places, times, states = sub_steps.places(steps), sub_steps.tape.times, sub_steps.states
     of_step = ("q", "v", "slides", "spring internal")
     for i, (k, before, after, _) in enumerate(zip(steps.tolist(), *places, strict=True)):
-        if of.model.scheme.rates.at_rest:
-            forms.set_load(float(of.tape.memories[k]), float(times.lengths[k]))
+        if sub_steps.model.scheme.rates.at_rest:
+            forms.set_load(float(sub_steps.tape.memories[k]), float(times.lengths[k]))
         q, v, slides, internal = (states[name][before] for name in of_step)
         forms.parameters.use(parts.parameters[i] if len(parts.parameters) else None)
         start = StepStart(q, v, slides=slides, spring_internal=internal)
         points.begin(Interval(float(times.starts[k]), float(times.ends[k])), start)
-        given.append(points.given_with(parts.D[i], states["slides"][after] - slides))
-    by = points.losses_by(np.array(given), *(states[name].shape[1] for name in ("q", "slides")))
+        inputs.append(points.given_with(parts.D[i], states["slides"][after] - slides))
+    slopes = points.losses_by(
+        np.array(inputs), *(states[name].shape[1] for name in ("q", "slides"))
+    )
     for name, increment in (("q", "increment"), ("slides", "slide increment")):
-        D = by.pop(increment)
+        D = slopes.pop(increment)
         if D.size:
-            yield of_rows(name, rows, by.pop(name) - D, places[0])
+            yield of_rows(name, rows, slopes.pop(name) - D, places[0])
             yield of_rows(name, rows, D, places[1])
-    yield from of.in_steps(rows, steps, by)
+    yield from sub_steps.in_steps(rows, steps, slopes)
 
 
 #: Quantities of scenes that add up over the steps.
@@ -172,12 +174,12 @@ class Sum(NamedTuple):
 
 def sum_of(model: Model, quantity: str) -> Sum:
     """The parts of a quantity; none of one that is not summed since the start."""
-    others, loses = bool(_other_work(model)), model.forms.dissipate
+    other_work, loses = bool(_other_work(model)), model.forms.dissipate
     if quantity == "work":
-        return Sum(energy=1, losses=int(loses)) if others else Sum(steps=1)
+        return Sum(energy=1, losses=int(loses)) if other_work else Sum(steps=1)
     if quantity not in SINCE_START or not loses:
         return Sum()
-    if model.scheme.balances_energy and not others:
+    if model.scheme.balances_energy and not other_work:
         return Sum(energy=-1, steps=1)
     return Sum(losses=1)
 
@@ -185,12 +187,12 @@ def sum_of(model: Model, quantity: str) -> Sum:
 def _other_work(model: Model) -> str:
     """What else than dead loads and driven motions does work; empty for nothing."""
     forms = model.forms
-    others = {
+    sources = {
         "natural strains": model.natural,
         "added virtual works or follower forces": forms.has_added,
         "parameters of stored energies that vary": forms.parameters.in_energies,
     }
-    return ", ".join(name for name, there in others.items() if there)
+    return ", ".join(name for name, works in sources.items() if works)
 
 
 def check_work(model: Model, output: Output, name: str, of_start: str) -> None:
@@ -198,28 +200,28 @@ def check_work(model: Model, output: Output, name: str, of_start: str) -> None:
 
     And those since an equilibrium before the motion, if `of_start` says why.
     """
-    parts, others, why = sum_of(model, output.quantity), _other_work(model), of_start
+    parts, other_work, refusal = sum_of(model, output.quantity), _other_work(model), of_start
     if model.scheme.rates.at_rest:
         reason = why_no_work(model) if output.quantity == "work" else ""
         if parts.losses and (without := why_no_losses(model)):
             reason = f"where {without}"
-        why = reason and f"has no derivatives in equilibria {reason}"
+        refusal = reason and f"has no derivatives in equilibria {reason}"
     elif parts.energy and not model.scheme.balances_energy:
-        why = (
-            f"follows from the balance of energy where {others} do work, which is not exact with "
-            f"{model.scheme.name}. Use EnergyMomentum"
+        refusal = (
+            f"follows from the balance of energy where {other_work} do work, which is not exact "
+            f"with {model.scheme.name}. Use EnergyMomentum"
         )
     elif parts.losses and (reason := why_no_losses(model)):
-        advice = f", as {others} do work" if others else ". Use EnergyMomentum"
-        why = f"is the sum of the losses of steps, without derivatives where {reason}{advice}"
-    if why:
-        raise SceneError(f"the output {name!r}, {output}, {why}")
+        advice = f", as {other_work} do work" if other_work else ". Use EnergyMomentum"
+        refusal = f"is the sum of the losses of steps, without derivatives where {reason}{advice}"
+    if refusal:
+        raise SceneError(f"the output {name!r}, {output}, {refusal}")
 
 
 def why_no_work(model: Model) -> str:
     """Why the work in load steps has no derivatives; empty if it has."""
-    if others := _other_work(model):
-        return f"where {others} do work"
+    if other_work := _other_work(model):
+        return f"where {other_work} do work"
     return "of a mechanism, which also depends on how it settles" if model.mechanism else ""
 
 
@@ -231,27 +233,27 @@ class WorkOutput(RowOutput):
     """
 
     def __init__(
-        self, of: SubSteps, quantity: str, places: np.ndarray, forces: Callable[[], np.ndarray]
+        self, steps: SubSteps, quantity: str, places: np.ndarray, forces: Callable[[], np.ndarray]
     ):
-        model, part = of.model, of.tape.present
-        self._of, self._signs = of, sum_of(model, quantity)
+        model, part = steps.model, steps.tape.present
+        self._of, self._signs = steps, sum_of(model, quantity)
         #: Numbers of the sub-steps of the part before the rows, and of all.
-        self._ends, self._count = of.boundaries[places] - part.first, part.end - part.first
+        self._ends, self._count = steps.boundaries[places] - part.first, part.end - part.first
         #: Energies with their signs, at the rows, and at the start of the run.
         self._at_rows, self._at_start = list[tuple[int, EnergyOutput]](), ""
         self._before: EnergyOutput | None = None
         if sign := self._signs.energy:
             # Losses are those of the steps, without rates that fit.
             name = "total" if quantity == "work" else "energy of steps"
-            self._at_rows.append((sign, EnergyOutput(of, name, places)))
+            self._at_rows.append((sign, EnergyOutput(steps, name, places)))
         elif quantity == "work" and model.couplings.driven and model.fits_rates:
-            self._at_rows.append((1, EnergyOutput(of, "work of rates that fit", places)))
+            self._at_rows.append((1, EnergyOutput(steps, "work of rates that fit", places)))
         if not part.first and not model.scheme.rates.at_rest:
             self._at_start = f"{quantity} at the start"
             if sign:
-                self._before = EnergyOutput(of, "energy of steps", np.zeros(1, dtype=int))
+                self._before = EnergyOutput(steps, "energy of steps", np.zeros(1, dtype=int))
         #: Derivatives of the work in the steps, if it counts.
-        self._work = [*work_in_steps(of, forces())] if self._signs.steps else []
+        self._work = [*work_in_steps(steps, forces())] if self._signs.steps else []
 
     def _of_rows(self, rows: np.ndarray) -> Iterator[Block]:
         """What is not a sum, in some of the rows."""
@@ -269,37 +271,37 @@ class WorkOutput(RowOutput):
         if sign := self._signs.losses:
             yield from (block.times(sign) for block in losses_in_steps(self._of, steps))
 
-    def vjp(self, weights: np.ndarray, later: float, to: Gradient) -> None:
+    def vjp(self, weights: np.ndarray, later: float, gradient: Gradient) -> None:
         """As of `RowOutput`."""
         # Sums of the weights of all rows from the start on, and from after each step on. Of no rows
         # `bincount` gives integers, to which parts of numbers cannot be added.
         ends, of_rows = np.append(self._ends, self._count), np.append(weights, later)
         of_steps = np.bincount(ends, of_rows, self._count + 1)[::-1].cumsum()[::-1]
-        vjp(self._of_steps(np.flatnonzero(of_steps)), of_steps, to)
-        vjp(self._of_rows(np.flatnonzero(weights)), weights, to)
+        vjp(self._of_steps(np.flatnonzero(of_steps)), of_steps, gradient)
+        vjp(self._of_rows(np.flatnonzero(weights)), weights, gradient)
 
-    def jvp(self, rows: int, before: np.ndarray, of_state: Arrays, changes: Arrays) -> np.ndarray:
+    def jvp(self, rows: int, earlier: np.ndarray, of_state: Arrays, changes: Arrays) -> np.ndarray:
         """As of `RowOutput`."""
         steps = np.arange(self._count + 1)
         sums = jvp(self._of_steps(steps), (len(steps),), of_state, changes)
-        sums[0] += before
+        sums[0] += earlier
         sums = sums.cumsum(axis=0)
-        before[:] = sums[-1]
+        earlier[:] = sums[-1]
         at_rows = jvp(self._of_rows(np.arange(rows)), (rows,), of_state, changes)
         return sums[self._ends] + at_rows
 
 
-def work_in_steps(of: SubSteps, forces: np.ndarray) -> Iterator[Block]:
+def work_in_steps(sub_steps: SubSteps, forces: np.ndarray) -> Iterator[Block]:
     """Derivatives of the work of loads and driven motions in a part of a tape, in rows 1 to k.
 
     It is F . w, with the mean F of the loads at both ends and the path w, and the forces of driven
     columns (k, columns) times their paths. The last states are those of its k sub-steps.
     """
-    model, part, columns = of.model, of.tape.present, of.model.loads.unit_loads
-    own, first = np.arange(*part), len(of.boundaries) - 1 - (part.end - part.first)
-    states = {name: of.states[name][first:] for name in ("q", "slides")}
-    tape, at_rest = of.tape, model.scheme.rates.at_rest
-    t0, t1, steps = tape.times.starts[own], tape.times.ends[own], np.arange(len(own))
+    model, part, columns = sub_steps.model, sub_steps.tape.present, sub_steps.model.loads.unit_loads
+    numbers, first = np.arange(*part), len(sub_steps.boundaries) - 1 - (part.end - part.first)
+    states = {name: sub_steps.states[name][first:] for name in ("q", "slides")}
+    tape, at_rest = sub_steps.tape, model.scheme.rates.at_rest
+    t0, t1, steps = tape.times.starts[numbers], tape.times.ends[numbers], np.arange(len(numbers))
     rows = 1 + steps
     D = without_turns(model, np.diff(states["q"], axis=0))
     path, slope = model.scheme.rates.work_increment(D, model.turns)
@@ -320,9 +322,9 @@ def work_in_steps(of: SubSteps, forces: np.ndarray) -> Iterator[Block]:
     by_path = (columns @ factors.T).T
     parts = {"q": (path, by_path), "slides": (slides, by_slides)}
     for name, i, entry, sign in _driven_paths(model):
-        increments, by = parts[name]
+        increments, slopes = parts[name]
         paths[:, i] += sign * increments[:, entry]
-        by[:, entry] += sign * driven[:, i]
+        slopes[:, entry] += sign * driven[:, i]
     by_increments = by_path * slope
     if at_rest and model.weight is not None:
         # All of its work is potential energy, but for what the load factor leaves out.
@@ -332,30 +334,33 @@ def work_in_steps(of: SubSteps, forces: np.ndarray) -> Iterator[Block]:
     if (hold := tape.hold) is not None:
         # Its means at both ends, times the increments of the unknowns.
         y = model.couplings.unknowns(np.diff(states["q"], axis=0), slides)
-        means = _with_last(hold[own])
+        means = _with_last(hold[numbers])
         y[:1] = means[:1] = 0.0
         of_columns, dofs, of_slides, joints = model.couplings.free_columns
         of_dofs = dict(zip(of_columns.tolist(), dofs.tolist(), strict=True))
         by_increments[:, [*of_dofs.values()]] += means[:, [*of_dofs]]
         by_slides[:, joints] += means[:, of_slides]
-        yield of_rows("hold", rows, y / 2, own)
-        yield of_rows("hold", rows[1:], y[1:] / 2, own[:-1])
-    for name, by in (("q", by_increments), ("slides", by_slides)):
-        if by.size:
+        yield of_rows("hold", rows, y / 2, numbers)
+        yield of_rows("hold", rows[1:], y[1:] / 2, numbers[:-1])
+    for name, slopes in (("q", by_increments), ("slides", by_slides)):
+        if slopes.size:
             starts, ends = slice(first, first + len(steps)), slice(first + 1, None)
-            yield of_rows(name, rows, by, ends)
-            yield of_rows(name, rows, -by, starts)
+            yield of_rows(name, rows, slopes, ends)
+            yield of_rows(name, rows, -slopes, starts)
     works, loads = path @ columns, columns.shape[1]
-    for name, last, by, places in (("constraints", 0, paths, steps), ("loads", loads, works, own)):
-        if not by.size:
+    for name, last, slopes, places in (
+        ("constraints", 0, paths, steps),
+        ("loads", loads, works, numbers),
+    ):
+        if not slopes.size:
             continue
         if at_rest:  # the means of forces and loads at both ends
-            yield of_rows(name, rows, by / 2, places, last)
-            yield of_rows(name, rows[1:], by[1:] / 2, places[:-1], last)
+            yield of_rows(name, rows, slopes / 2, places, last)
+            yield of_rows(name, rows[1:], slopes[1:] / 2, places[:-1], last)
         elif name == "loads":
-            yield of_rows(name, rows, np.tile(by / 2, 2), places)
+            yield of_rows(name, rows, np.tile(slopes / 2, 2), places)
         else:
-            yield of_rows(name, rows, by, places)
+            yield of_rows(name, rows, slopes, places)
     of_entry = np.repeat(np.arange(loads), np.diff(columns.indptr))
     yield of_rows("columns", rows, factors[:, of_entry] * path[:, columns.indices])
 

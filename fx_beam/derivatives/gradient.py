@@ -41,18 +41,18 @@ def of_rows(name: str, rows: np.ndarray, values: np.ndarray, places: Any = None,
 def of_entries(
     name: str, entries: Any, parts: Any, rows: np.ndarray, derivatives: Any, places: Any = None
 ) -> Block:
-    """Derivatives (k,), or the same one, of rows (k,) of components by one entry each."""
+    """A block where component parts[e] of each row depends on one entry, entries[e], alone."""
     entries, parts = np.atleast_1d(entries), np.atleast_1d(parts)
     values = np.empty((len(rows), len(entries)))
     values[:] = np.reshape(derivatives, (-1, 1))
     return Block(name, entries, rows, values, places, parts)
 
 
-def vjp(blocks: Iterable[Block], weights: np.ndarray, to: Gradient) -> None:
+def vjp(blocks: Iterable[Block], weights: np.ndarray, gradient: Gradient) -> None:
     """Add the derivatives of the sum of weights (n, ...) times an output."""
     weights = weights[:, None] if weights.ndim == 1 else weights
     for name, entries, rows, derivatives, places, part in blocks:
-        to.add(name, entries, places, weights[rows[:, None], part] * derivatives)
+        gradient.add(name, entries, places, weights[rows[:, None], part] * derivatives)
 
 
 def jvp(
@@ -63,16 +63,16 @@ def jvp(
     total = np.zeros((shape[0], *(shape[1:] or (1,)), count))
     for name, entries, rows, derivatives, places, part in blocks:
         if places is None:
-            given = changes[name].reshape(count, -1)[:, entries]
-            if not any_of(given):
+            change = changes[name].reshape(count, -1)[:, entries]
+            if not any_of(change):
                 continue
         else:  # without states, numbers with a row for each sub-step
-            given = of_state[name] if name in of_state else changes[name].swapaxes(0, 1)
-            given = given.reshape(len(given), count, -1)[..., entries][places]
+            change = of_state[name] if name in of_state else changes[name].swapaxes(0, 1)
+            change = change.reshape(len(change), count, -1)[..., entries][places]
         if np.ndim(part):
-            values = (given * derivatives[:, None]).swapaxes(1, 2)
+            values = (change * derivatives[:, None]).swapaxes(1, 2)
         else:  # row by row: to the last digit the same, however many there are
-            values = (given @ derivatives[..., None])[..., 0]
+            values = (change @ derivatives[..., None])[..., 0]
         if any_of(rows[1:] == rows[:-1]):
             first = np.flatnonzero(np.diff(rows, prepend=-1))
             rows, values = rows[first], np.add.reduceat(values, first)
@@ -90,18 +90,18 @@ class RowOutput:
         """Its derivatives in some of the rows, or in all."""
         raise NotImplementedError
 
-    def vjp(self, weights: np.ndarray, later: float, to: Gradient) -> None:
+    def vjp(self, weights: np.ndarray, later: float, gradient: Gradient) -> None:
         """Add the derivatives of the sum of weights (n, ...) times the output.
 
         `later` is the sum of the weights of rows in later parts of a tape.
         """
         counting = np.flatnonzero(weights.reshape(len(weights), -1).any(axis=1))
-        vjp(self.blocks(counting), weights, to)
+        vjp(self.blocks(counting), weights, gradient)
 
-    def jvp(self, rows: int, before: np.ndarray, of_state: Arrays, changes: Arrays) -> np.ndarray:
+    def jvp(self, rows: int, earlier: np.ndarray, of_state: Arrays, changes: Arrays) -> np.ndarray:
         """Changes (rows, ..., m) from those of the states and of the numbers of the scene.
 
-        `before` (m,) is what earlier parts of a tape have given, to which this one adds.
+        `earlier` (m,) is the sum over earlier parts of a tape, to which this one adds.
         """
         return jvp(self.blocks(np.arange(rows)), (rows, *self.shape), of_state, changes)
 
@@ -127,17 +127,17 @@ class Gradient:
     def add(self, name: str, entries: Any, places: Any, values: np.ndarray) -> None:
         """Add derivatives (k, e) by entries, as those of a `Block`."""
         if places is not None and name in self._sizes:
-            to = self.at(name)
+            target = self.at(name)
         elif name in self._of_numbers:
-            to = self._of_numbers[name]
+            target = self._of_numbers[name]
         else:
             return
         if places is None:
-            to.reshape(-1)[entries] += values.sum(axis=0)
+            target.reshape(-1)[entries] += values.sum(axis=0)
         elif isinstance(entries, slice):
-            to.reshape(len(to), -1)[:, entries][places] += values
+            target.reshape(len(target), -1)[:, entries][places] += values
         else:
-            to.reshape(len(to), -1)[np.reshape(places, (-1, 1)), entries] += values
+            target.reshape(len(target), -1)[np.reshape(places, (-1, 1)), entries] += values
 
 
 def along(changes: Any, gradient: np.ndarray) -> np.ndarray:

@@ -62,11 +62,11 @@ class _Vibrations(NamedTuple):
 
     def solved(self, frequency: float) -> tuple[np.ndarray, np.ndarray]:
         """The motion (free,) at a frequency, and those (c, free) of the adjoint components."""
-        there, sides = self.vibration.at(frequency), self.sides_at(frequency)
-        if there.symmetric:
-            solved = there.solved(sides).T
+        system, sides = self.vibration.at(frequency), self.sides_at(frequency)
+        if system.symmetric:
+            solved = system.solved(sides).T
             return solved[0], solved[1:]
-        return there.solved(sides[:, 0]), there.solved(sides[:, 1:], transposed=True).T
+        return system.solved(sides[:, 0]), system.solved(sides[:, 1:], transposed=True).T
 
 
 class HarmonicResponse:
@@ -134,8 +134,8 @@ class HarmonicResponse:
     ):
         check_takes(build, "x", f"{_WHAT}: build")
         self._base, self._f = base, checked_frequencies(frequencies, f"{_WHAT}: frequencies")
-        given = {"build": build, "frequencies": self._f, "state": state, "base": base}
-        self._arguments, self._parameters = given, Parametrised(build, self._read, "amplitudes")
+        arguments = {"build": build, "frequencies": self._f, "state": state, "base": base}
+        self._arguments, self._parameters = arguments, Parametrised(build, self._read, "amplitudes")
         self._tangent = TangentAnalysis(self._parameters, _WHAT, _WHAT, state, damped=True)
         self._alone = self._parameters.alone
 
@@ -187,16 +187,16 @@ class HarmonicResponse:
                 self._force = about.model.mass @ self._moved
 
         about = self._tangent.run(values, take_load)
-        _, at = self._parameters.besides
+        _, observed = self._parameters.besides
         self._load_changes: np.ndarray | None = None
-        self._measured = Measured(about, at, f"{_WHAT}: at")
+        self._measured = Measured(about, observed, f"{_WHAT}: at")
         sides = np.array([about.T.T @ self._force, *self._measured.rows]).T
         self._vibrations = _Vibrations(Vibration(about, _WHAT), sides, self._base is not None)
         solved = [self._vibrations.solved(f) for f in self._f]
         motions, adjoints = map(np.array, zip(*solved, strict=True))
         self._solutions = self._f, motions, adjoints
         amplitudes = motions @ self._measured.rows.T + self._measured.of_nodes @ self._moved
-        self.response = FrequencyResponse(at, self._f, self._measured.names, amplitudes)
+        self.response = FrequencyResponse(observed, self._f, self._measured.names, amplitudes)
         self._parameters.x = values
         return amplitudes.copy()
 
@@ -222,11 +222,11 @@ class HarmonicResponse:
         SceneError
             Before the first call, for weights of another shape, and for scenes without derivatives.
         """
-        what, values = f"{_WHAT}.vjp: weights", self.response.values
-        given = array_of(np.real(weights), what) + 1j * array_of(np.imag(weights), what)
-        ok = given.shape == values.shape and np.isfinite(given).all()
-        require(bool(ok), what, weights, f"{values.shape} finite numbers")
-        pairs = self._pairs(self._solutions, given[:, None])
+        name, values = f"{_WHAT}.vjp: weights", self.response.values
+        factors = array_of(np.real(weights), name) + 1j * array_of(np.imag(weights), name)
+        ok = factors.shape == values.shape and np.isfinite(factors).all()
+        require(bool(ok), name, weights, f"{values.shape} finite numbers")
+        pairs = self._pairs(self._solutions, factors[:, None])
         return self._of_sums(pairs, np.ones((1, len(values))))[0]
 
     @one_call
@@ -272,8 +272,8 @@ class HarmonicResponse:
         SceneError
             As of `vjp`, and for a name that is none.
         """
-        names, what = self.response.names, f"{_WHAT}.peaks: component"
-        require(is_one_of(component, names), what, component, f"one of {', '.join(names)}")
+        names, name = self.response.names, f"{_WHAT}.peaks: component"
+        require(is_one_of(component, names), name, component, f"one of {', '.join(names)}")
         i = names.index(component)
         vibrations = self._vibrations
         row, order = self._measured.rows[i], np.argsort(self._f)
@@ -293,19 +293,19 @@ class HarmonicResponse:
 
         peaks = []
         for k in np.flatnonzero((size[1:-1] > size[:-2]) & (size[1:-1] >= size[2:])) + 1:
-            where = {"bounds": (f[k - 1], f[k + 1]), "options": {"xatol": _PLACE * f[k]}}
-            near = float(minimize_scalar(minus_amplitude, method="bounded", **where).x)
-            at = float(newton(slope, near, x1=near * (1 + _PLACE), tol=_EXACT * near, disp=False))
-            motion, adjoints = vibrations.solved(at)
+            search = {"bounds": (f[k - 1], f[k + 1]), "options": {"xatol": _PLACE * f[k]}}
+            near = float(minimize_scalar(minus_amplitude, method="bounded", **search).x)
+            peak = float(newton(slope, near, x1=near * (1 + _PLACE), tol=_EXACT * near, disp=False))
+            motion, adjoints = vibrations.solved(peak)
             value = row @ motion + of_base
             weights = np.conj(value) / abs(value) * (np.arange(len(names)) == i)
-            there = np.array([at]), motion[None], adjoints[None]
-            gradient = self._of_sums(self._pairs(there, weights[None, None]), np.ones((1, 1)))[0]
-            peaks.append(Peak(at, float(abs(value)), gradient))
+            solution = np.array([peak]), motion[None], adjoints[None]
+            gradient = self._of_sums(self._pairs(solution, weights[None, None]), np.ones((1, 1)))[0]
+            peaks.append(Peak(peak, float(abs(value)), gradient))
         return peaks
 
     def _load_numbers(self, scene: Scene) -> dict[str, Any]:
-        """The numbers (6,) of the load of a scene, whose node is that of the last call."""
+        """Components (fx, fy, moment), real and imaginary parts (6,), of the load of a scene."""
         _, components = self._loads[scene] or (None, (0.0, 0.0))
         parts = [(c.real, c.imag) if np.iscomplexobj(c) else (c, 0.0) for c in components]
         flat = np.reshape(dual_array(parts), -1)
@@ -318,14 +318,14 @@ class HarmonicResponse:
         """
         frequencies, motions, adjoints = solutions
         left, of_nodes = weights @ adjoints, weights @ self._measured.of_nodes
-        of, w = np.arange(len(left)).repeat(left.shape[1]), 2 * np.pi * frequencies
-        factors = -1.0, -1j * w[of], w[of] ** 2, 1 / np.where(w > 0, w, 1.0)
+        owner, w = np.arange(len(left)).repeat(left.shape[1]), 2 * np.pi * frequencies
+        factors = -1.0, -1j * w[owner], w[owner] ** 2, 1 / np.where(w > 0, w, 1.0)
         of_nodes = np.broadcast_to(of_nodes, (*left.shape[:2], of_nodes.shape[2]))
-        on_nodes = of_nodes.reshape(len(of), -1)
+        on_nodes = of_nodes.reshape(len(owner), -1)
         forces, base = self._force, None
         if self._base is not None:
-            forces, base = np.multiply.outer(w[of] ** 2, forces), self._moved
-        return Pairs(motions, left.reshape(len(of), -1), of, *factors, forces, on_nodes, base)
+            forces, base = np.multiply.outer(w[owner] ** 2, forces), self._moved
+        return Pairs(motions, left.reshape(len(owner), -1), owner, *factors, forces, on_nodes, base)
 
     def _of_sums(self, pairs: Pairs, weights: np.ndarray) -> np.ndarray:
         """Derivatives (s, m) of real parts of weights (s, n) times sums, with those by the load."""

@@ -21,46 +21,46 @@ _AT_START = "forces of lines"
 class PullOutput(RowOutput):
     """The force of a line at the rows (n,) of a run: the mean over the steps that end there."""
 
-    def __init__(self, of: SubSteps, line: ForceBetween, places: Places):
-        self._of, self._line, self._places = of, line, places
-        self._values = LineValues(of.model.points, line.number, "pull")
+    def __init__(self, sub_steps: SubSteps, line: ForceBetween, places: Places):
+        self._of, self._line, self._places = sub_steps, line, places
+        self._values = LineValues(sub_steps.model.points, line.number, "pull")
 
     def blocks(self, rows: np.ndarray) -> Iterator[Block]:
         """As of `RowOutput`."""
-        of, places = self._of, self._places
+        sub_steps, places = self._of, self._places
         steps = places.steps
         counting = np.flatnonzero(np.isin(steps.of, rows))
-        for group in of.groups(counting):
+        for group in sub_steps.groups(counting):
             which = counting[group]
             of_rows, shares = steps.of[which], steps.shares[which, None]
-            for block in pull_blocks(of, self._values, of_rows, steps.sub_steps[which]):
+            for block in pull_blocks(sub_steps, self._values, of_rows, steps.sub_steps[which]):
                 yield block._replace(derivatives=shares * block.derivatives)
         if len(places.at_start):
             yield of_entries(_AT_START, self._line.number, 0, places.at_start, 1.0)
 
 
 def pull_blocks(
-    of: SubSteps, values: LineValues, rows: np.ndarray, steps: np.ndarray
+    sub_steps: SubSteps, values: LineValues, rows: np.ndarray, steps: np.ndarray
 ) -> Iterator[Block]:
     """Derivatives of a pull in rows (k,), each of one of k sub-steps."""
-    before, after, _ = of.places(steps)
-    for name, entries, by in values.slopes(_steps(of, steps)):
+    before, after, _ = sub_steps.places(steps)
+    for name, entries, slopes in values.slopes(_steps(sub_steps, steps)):
         if name == "increment":
-            yield Block("q", entries, rows, by, after)
-            yield Block("q", entries, rows, -by, before)
+            yield Block("q", entries, rows, slopes, after)
+            yield Block("q", entries, rows, -slopes, before)
         elif name == "points":
-            yield Block(name, entries, rows, by)
+            yield Block(name, entries, rows, slopes)
         else:
-            yield Block(name, entries, rows, by, steps if name == "parameters" else before)
+            yield Block(name, entries, rows, slopes, steps if name == "parameters" else before)
 
 
-def _steps(of: SubSteps, steps: np.ndarray) -> LineSteps:
+def _steps(sub_steps: SubSteps, steps: np.ndarray) -> LineSteps:
     """What forces along lines read of sub-steps."""
-    tape, model, states = of.tape, of.model, of.states
-    before, after, _ = of.places(steps)
+    tape, model, states = sub_steps.tape, sub_steps.model, sub_steps.states
+    before, after, _ = sub_steps.places(steps)
     q, dt = states["q"][before], tape.times.lengths[steps]
     factor = tape.memories[steps] if model.scheme.rates.at_rest else np.ones(len(steps))
-    given = of.parts(steps).parameters
+    parameters = sub_steps.parts(steps).parameters
     return LineSteps(
         q,
         without_turns(model, states["q"][after] - q),
@@ -69,45 +69,48 @@ def _steps(of: SubSteps, steps: np.ndarray) -> LineSteps:
         dt,
         factor,
         states["spring internal"][before],
-        given if len(given) else np.zeros((len(steps), 0)),
+        parameters if len(parameters) else np.zeros((len(steps), 0)),
     )
 
 
 class StateOutput(RowOutput):
     """The "energy" that a line stores, its "length" or "rate", at the rows (n,) of a run."""
 
-    def __init__(self, of: SubSteps, line: ForceBetween, quantity: str, places: Places):
-        self._of, self._ends = of, places.ends
+    def __init__(self, sub_steps: SubSteps, line: ForceBetween, quantity: str, places: Places):
+        self._of, self._ends = sub_steps, places.ends
         # The name of the rates of nodes.
-        self._rates = "rates" if of.model.fits_rates else "v"
-        self._none = quantity == "rate" and of.model.scheme.rates.at_rest
+        self._rates = "rates" if sub_steps.model.fits_rates else "v"
+        self._none = quantity == "rate" and sub_steps.model.scheme.rates.at_rest
         self._moves = quantity == "rate"
-        self._values = LineValues(of.model.points, line.number, quantity)
+        self._values = LineValues(sub_steps.model.points, line.number, quantity)
 
     def blocks(self, rows: np.ndarray) -> Iterator[Block]:
         """As of `RowOutput`."""
-        of, boundaries = self._of, self._of.boundaries[self._ends[rows]]
-        for group in of.groups(boundaries) if not self._none else ():
-            states = of.at(at := boundaries[group])
-            given = (states["q"], states["spring internal"], states.get("parameters"))
-            steps, places = LineSteps.of_states(*given), np.searchsorted(of.boundaries, at)
+        sub_steps, boundaries = self._of, self._of.boundaries[self._ends[rows]]
+        for group in sub_steps.groups(boundaries) if not self._none else ():
+            states = sub_steps.at(numbers := boundaries[group])
+            arrays = (states["q"], states["spring internal"], states.get("parameters"))
+            steps, places = (
+                LineSteps.of_states(*arrays),
+                np.searchsorted(sub_steps.boundaries, numbers),
+            )
             if self._moves:
                 steps = steps._replace(v=states[self._rates])
             for slopes in self._values.slopes(steps):
-                yield from self._of_slopes(slopes, rows[group], at, places)
+                yield from self._of_slopes(slopes, rows[group], numbers, places)
 
     def _of_slopes(
-        self, slopes: LineSlopes, rows: np.ndarray, at: np.ndarray, places: np.ndarray
+        self, slopes: LineSlopes, rows: np.ndarray, numbers: np.ndarray, places: np.ndarray
     ) -> Iterator[Block]:
-        name, entries, by = slopes
+        name, entries, derivatives = slopes
         if name == "points":
-            yield Block(name, entries, rows, by)
+            yield Block(name, entries, rows, derivatives)
         elif name != "parameters":
-            yield Block(self._rates if name == "v" else name, entries, rows, by, places)
+            yield Block(self._rates if name == "v" else name, entries, rows, derivatives, places)
         else:
-            moved, start = np.flatnonzero(at), np.flatnonzero(at == 0)
+            moved, start = np.flatnonzero(numbers), np.flatnonzero(numbers == 0)
             # Those at the ends of sub-steps are behind those at their levels.
             ends = entries + len(self._of.model.forms.parameters)
-            yield Block(name, ends, rows[moved], by[moved], at[moved] - 1)
+            yield Block(name, ends, rows[moved], derivatives[moved], numbers[moved] - 1)
             if len(start):
-                yield Block("parameters at the start", entries, rows[start], by[start])
+                yield Block("parameters at the start", entries, rows[start], derivatives[start])

@@ -94,8 +94,8 @@ class LocalOutput(RowOutput):
         parts = np.arange(np.size(entries))
         if (columns := self._model.force_columns.get(array)) is not None:
             columns = np.atleast_1d(columns.reshape(-1)[entries])
-            there = columns >= 0
-            array, entries, parts = "constraint_forces", columns[there], parts[there]
+            have_column = columns >= 0
+            array, entries, parts = "constraint_forces", columns[have_column], parts[have_column]
         if array == "a":
             yield from self._change(self._rates, entries, parts)
             yield self._at_start("a", entries, parts)
@@ -105,8 +105,8 @@ class LocalOutput(RowOutput):
             yield of_entries(array, entries, parts, np.arange(len(self._places.ends)), factor)
         else:
             name, ends = self._rates if array == "v" else array, self._places.ends
-            at = self._at(name, entries)
-            yield of_entries(name, at, parts, np.arange(len(ends)), factor, ends)
+            state_entries = self._at(name, entries)
+            yield of_entries(name, state_entries, parts, np.arange(len(ends)), factor, ends)
 
     def _at(self, name: str, entries: Any) -> Any:
         known = self._places.entries.get(name)
@@ -116,8 +116,8 @@ class LocalOutput(RowOutput):
         """The change over the steps, by their lengths."""
         places, rows = self._places, self._places.moved
         per_time = 1 / places.steps.lengths[rows]
-        for at, factor in ((places.ends, per_time), (places.starts, -per_time)):
-            yield of_entries(name, self._at(name, entries), parts, rows, factor, at[rows])
+        for boundaries, factor in ((places.ends, per_time), (places.starts, -per_time)):
+            yield of_entries(name, self._at(name, entries), parts, rows, factor, boundaries[rows])
 
     def _at_start(self, name: str, entries: Any, parts: Any) -> Block:
         return of_entries(name, entries, parts, self._places.at_start, 1.0)
@@ -134,10 +134,10 @@ class LocalOutput(RowOutput):
 class ResultantOutput(RowOutput):
     """N, Q or M (n, points) of a beam at the rows (n,) of a run: means over their steps."""
 
-    def __init__(self, of: SubSteps, beam: Beam, quantity: str, places: Places):
-        self._of, model = of, of.model
+    def __init__(self, sub_steps: SubSteps, beam: Beam, quantity: str, places: Places):
+        self._of, model = sub_steps, sub_steps.model
         self._beams: Any = model.forms.beams  # there are some
-        names = [each.name for each in model.scene.beams]
+        names = [member.name for member in model.scene.beams]
         self._cells = model.mesh.cells[names.index(beam.name)]
         self._component = "NQM".index(quantity)
         steps, start = places.steps, places.at_start
@@ -146,45 +146,51 @@ class ResultantOutput(RowOutput):
         self._steps = np.append(steps.sub_steps, -np.ones(len(start), dtype=int))
         self._shares = np.append(steps.shares, np.ones(len(start)))
 
-    def vjp(self, weights: np.ndarray, later: float, to: Gradient) -> None:
+    def vjp(self, weights: np.ndarray, later: float, gradient: Gradient) -> None:
         """As of `RowOutput`, with the Jacobians of all elements at once."""
-        of, (cells, points, _) = self._of, self._of.model.forms.internal_shape
+        sub_steps, (cells, points, _) = self._of, self._of.model.forms.internal_shape
         of_steps = self._shares[:, None] * weights[self._rows]
         counting = np.flatnonzero(of_steps.any(axis=1))
-        for group in of.groups(counting):
-            at = counting[group]
-            steps, of_cells = self._steps[at], np.zeros((len(at), cells, points))
-            of_cells[:, self._cells] = of_steps[at].reshape(len(at), -1, points)
-            by = self._beams.resultants_by(of.parts(steps), of.by_places, of_cells, self._component)
-            vjp(of.in_steps(np.zeros_like(at), steps, by), np.ones(1), to)
+        for group in sub_steps.groups(counting):
+            chosen = counting[group]
+            steps, of_cells = self._steps[chosen], np.zeros((len(chosen), cells, points))
+            of_cells[:, self._cells] = of_steps[chosen].reshape(len(chosen), -1, points)
+            derivatives = self._beams.resultants_by(
+                sub_steps.parts(steps), sub_steps.by_places, of_cells, self._component
+            )
+            vjp(sub_steps.in_steps(np.zeros_like(chosen), steps, derivatives), np.ones(1), gradient)
 
-    def jvp(self, rows: int, before: np.ndarray, of_state: Arrays, changes: Arrays) -> np.ndarray:
+    def jvp(self, rows: int, earlier: np.ndarray, of_state: Arrays, changes: Arrays) -> np.ndarray:
         """As of `RowOutput`."""
-        of, points, count = self._of, self._of.model.forms.internal_shape[1], len(changes["X"])
+        sub_steps, points, count = (
+            self._of,
+            self._of.model.forms.internal_shape[1],
+            len(changes["X"]),
+        )
         rows_by_x = np.zeros((rows, len(self._cells) * points, count))
-        for at in of.groups(self._steps):
-            steps, numbers = self._steps[at], {"X", "stiffness", "retardation"} & changes.keys()
+        for chosen in sub_steps.groups(self._steps):
+            steps, numbers = self._steps[chosen], {"X", "stiffness", "retardation"} & changes.keys()
             read = {name: changes[name][None] for name in numbers}
-            for name, which, array, places, factor in of.sources(steps):
+            for name, which, array, places, factor in sub_steps.sources(steps):
                 if array in of_state:
-                    given = of_state[array][places]
+                    source_change = of_state[array][places]
                 elif array not in changes:
                     continue
                 elif places is None:
-                    given = changes[array][None]
+                    source_change = changes[array][None]
                 else:  # parameters, at the level of steps
-                    given = changes[array][:, places, 0].swapaxes(0, 1)
-                total = read.setdefault(name, np.zeros((len(steps), *given.shape[1:])))
-                total[which] += factor * given
-            parts = of.parts(steps)
-            change = self._beams.resultants_with(parts, of.by_places, read, self._component)
+                    source_change = changes[array][:, places, 0].swapaxes(0, 1)
+                total = read.setdefault(name, np.zeros((len(steps), *source_change.shape[1:])))
+                total[which] += factor * source_change
+            parts = sub_steps.parts(steps)
+            change = self._beams.resultants_with(parts, sub_steps.by_places, read, self._component)
             of_rows = change[:, :, self._cells].reshape(len(steps), count, -1).swapaxes(1, 2)
-            np.add.at(rows_by_x, self._rows[at], self._shares[at, None, None] * of_rows)
+            np.add.at(rows_by_x, self._rows[chosen], self._shares[chosen, None, None] * of_rows)
         return rows_by_x
 
 
 def observes_start(output: Output) -> bool:
     """Whether accelerations or forces at the start are in an output."""
-    of = Measured(output).quantity.of
+    array_name = Measured(output).quantity.of
     forces = "reactions", "joint_forces", "motor_forces", "line_forces", SECTION_FORCES
-    return of == "a" or of in forces
+    return array_name == "a" or array_name in forces

@@ -176,8 +176,8 @@ class ModalResponse:
             )
         self._looked_above = False
         self._by_rates = about.damping_matrix("modes", self._damped)
-        more = 2 if self._damped else 0  # copies above are seen without damping only
-        if self._take_modes(self._n + more) < _SAME:
+        extra = 2 if self._damped else 0  # copies above are seen without damping only
+        if self._take_modes(self._n + extra) < _SAME:
             self._take_modes(2 * self._n + _MORE)
         omega, ratios, roots, vectors = self._modes.of(slice(self._n))
         self._shapes = about.T @ vectors
@@ -194,20 +194,20 @@ class ModalResponse:
         return alike
 
     def _places(self, vectors: np.ndarray) -> tuple[np.ndarray, float]:
-        """Order of the modes, as the last shapes, then the others; the least likeness to these.
+        """Order of the modes: first as the shapes of the last call; the least likeness of a pair.
 
         By the modal assurance criterion.
         """
         about, last = self._about, self._shapes
         shapes = about.T @ vectors
-        every = np.arange(shapes.shape[1])
-        if last is None or len(last) != len(shapes) or last.shape[1] > len(every):
-            return every, 1.0
+        mode_numbers = np.arange(shapes.shape[1])
+        if last is None or len(last) != len(shapes) or last.shape[1] > len(mode_numbers):
+            return mode_numbers, 1.0
         mass = about.model.mass
-        lengths = [np.einsum("ij,ij->j", of.conj(), mass @ of).real for of in (last, shapes)]
+        lengths = [np.einsum("ij,ij->j", x.conj(), mass @ x).real for x in (last, shapes)]
         alike = abs(last.conj().T @ (mass @ shapes)) ** 2 / np.outer(*lengths)
         rows, order = linear_sum_assignment(-alike)
-        return np.append(order, np.setdiff1d(every, order)), float(alike[rows, order].min())
+        return np.append(order, np.setdiff1d(mode_numbers, order)), float(alike[rows, order].min())
 
     # -- Derivatives ------------------------------------------------------------------------------
 
@@ -233,18 +233,18 @@ class ModalResponse:
         jacobian = np.zeros((len(self._modes.omega), 1 + self._damped, count))
         # A mode alone is a group as well; matrices have a lower triangle.
         triangles = [np.tril_indices(len(group)) for group in groups]
-        entries = [group[np.array(of)] for group, of in zip(groups, triangles, strict=True)]
+        entries = [group[np.array(ij)] for group, ij in zip(groups, triangles, strict=True)]
         left, right = np.hstack([np.zeros((2, 0), int), *entries])
         by_roots = self._by_roots(right)
         weights = np.vstack([*map(np.diag, by_roots)])
         of_roots = self._tangent.of_sums(self._pairs(left, right), weights)
         rows = of_roots.reshape(*by_roots.shape, count)
         parts = np.split(rows, np.cumsum([len(i) for i, _ in triangles]), axis=1)
-        for group, (i, j), of in zip(groups, triangles, parts, strict=False):
+        for group, (i, j), group_rows in zip(groups, triangles, parts, strict=False):
             if len(group) > 1:
                 self._warn_of(group)
             matrices = np.zeros((len(rows), count, len(group), len(group)))
-            matrices[..., i, j] = of.swapaxes(1, 2)
+            matrices[..., i, j] = group_rows.swapaxes(1, 2)
             jacobian[group] = np.moveaxis(np.linalg.eigvalsh(matrices), -1, 0)
         return jacobian[: self._n] if self._damped else jacobian[: self._n, 0]
 
@@ -269,27 +269,28 @@ class ModalResponse:
             same frequency, since only their sum has a gradient.
         """
         self._follow()
-        what = "ModalResponse.vjp: weights"
+        name = "ModalResponse.vjp: weights"
         shape = (len(self.modes), 2) if self._damped else (len(self.modes),)
-        given = array_of(weights, what)
-        ok = given.shape == shape and np.isfinite(given).all()
-        require(bool(ok), what, weights, f"{shape} finite numbers")
-        every = np.zeros((len(self._modes.omega), 1 + self._damped))
-        every[: len(given)] = given.reshape(len(given), -1)
+        weight_values = array_of(weights, name)
+        ok = weight_values.shape == shape and np.isfinite(weight_values).all()
+        require(bool(ok), name, weights, f"{shape} finite numbers")
+        all_weights = np.zeros((len(self._modes.omega), 1 + self._damped))
+        all_weights[: len(weight_values)] = weight_values.reshape(len(weight_values), -1)
         modes = list[np.ndarray]()
         for group in self._groups():
-            if np.ptp(every[group], axis=0).any():
+            if np.ptp(all_weights[group], axis=0).any():
                 raise SceneError(
                     f"ModalResponse.vjp: the modes {group.tolist()} have the same frequency, so "
-                    f"that only their sum has a gradient, but the weights {every[group].tolist()}. "
-                    "Give equal weights, or all modes of the group by a larger n, or use jacobian"
+                    f"that only their sum has a gradient, but the weights "
+                    f"{all_weights[group].tolist()}. Give equal weights, or all modes of the group "
+                    "by a larger n, or use jacobian"
                 )
-            modes.append(group[every[group].any(axis=1)])
+            modes.append(group[all_weights[group].any(axis=1)])
         if not sum(map(len, modes)):
             return np.zeros(len(self._parameters.x))
         chosen = np.concatenate(modes)
-        given = (self._by_roots(chosen) * every[chosen].T).sum(axis=0)
-        return self._tangent.of_sums(self._pairs(chosen, chosen), given[None])[0]
+        weight_values = (self._by_roots(chosen) * all_weights[chosen].T).sum(axis=0)
+        return self._tangent.of_sums(self._pairs(chosen, chosen), weight_values[None])[0]
 
     def _follow(self) -> None:
         """Find derivatives of all numbers, and modes above if these have the same frequency."""
@@ -303,7 +304,7 @@ class ModalResponse:
         self._looked_above = True
 
     def _groups(self) -> Iterator[np.ndarray]:
-        """Modes that are not rigid, those with the same root together."""
+        """Groups of modes with the same root, without rigid modes."""
         order = np.lexsort((self._modes.roots.real, self._modes.omega))
         order = order[self._modes.omega[order] != 0]
         gaps, sizes = abs(np.diff(self._modes.roots[order])), abs(self._modes.roots[order[1:]])
@@ -327,7 +328,7 @@ class ModalResponse:
 
         With left and right vectors l and x, ds = -l.(s^2 dM + s dC + dK) x / l.(2 s M + C) x.
         """
-        modes, of = np.unique(right, return_inverse=True)
+        modes, mode_of = np.unique(right, return_inverse=True)
         about, C, vectors = self._about, self._by_rates, self._modes.vectors
         x, lefts = vectors.T, vectors[:, left].T
         s, slope = self._modes.roots[right], 2 * self._modes.roots[right]
@@ -338,7 +339,7 @@ class ModalResponse:
                 )
             slope = (lefts * (2 * s * (about.M @ x[right].T) + C @ x[right].T).T).sum(axis=1)
         times = 1 / abs(self._modes.omega[modes])
-        return Pairs(x[modes], lefts, of, -1 / slope, -s / slope, -(s**2) / slope, times)
+        return Pairs(x[modes], lefts, mode_of, -1 / slope, -s / slope, -(s**2) / slope, times)
 
     def _warn_of(self, group: np.ndarray) -> None:
         """Tell of modes with the same root; SceneError if they have no derivatives."""

@@ -83,8 +83,8 @@ class MotionAnalysis(Analysis):
         if (record := recorded(self._record, last, self.outputs)) is not last:
             self._options = replace(self._options, record=record)
         self._series.tapes = bool(self.measured)
-        start, over, self._last_run = self._start_of(scene), self._last_run, None
-        return self._series.begun(scene, self._options, start, over)
+        start, old, self._last_run = self._start_of(scene), self._last_run, None
+        return self._series.begun(scene, self._options, start, old)
 
     def _rows_of(self, run: Run) -> dict[str, np.ndarray]:
         """The outputs from the rows of a run; empty if these are not all, or places need a look."""
@@ -109,19 +109,19 @@ class MotionAnalysis(Analysis):
             self.path = path
         return solution
 
-    def followed(self, what: str) -> tuple[Model, Tape, TapeDerivatives]:
+    def followed(self, method: str) -> tuple[Model, Tape, TapeDerivatives]:
         """As of `Analysis`."""
         series = self._series
         prepared, tape = series.prepared, series.tape
         if prepared is None or tape is None:
             raise SceneError(
-                f"Response.{what}: the steps of this motion were not compiled "
+                f"Response.{method}: the steps of this motion were not compiled "
                 f"({self.parameters.stats.solver}), and have no derivatives"
             )
         loop = prepared.loop
         assert loop is not None  # only it has a tape
         if self._of_tape is None or self._of_tape.problem is not loop.problem:
-            way = "JVP" if what == "jacobian" else "VJP"
+            way = "JVP" if method == "jacobian" else "VJP"
             self._of_tape = TapeDerivatives(loop.problem, way)
         return prepared.model, tape, self._of_tape
 
@@ -136,8 +136,8 @@ class MotionAnalysis(Analysis):
             lines = [place.number for place in pulls if isinstance(place, ForceBetween)]
             start = StaticDerivatives(self.path).change_of_end(derivatives, "Response", lines)
         first = self._options.dt if self._options.tolerance is None else tape.times.first_length
-        given = tape, first, start, self._accelerations_by_x(first)
-        return self.parameters.derivatives(functools.partial(self._numbers_of, *given))
+        arguments = tape, first, start, self._accelerations_by_x(first)
+        return self.parameters.derivatives(functools.partial(self._numbers_of, *arguments))
 
     def _accelerations_by_x(self, first: float) -> np.ndarray | None:
         """Changes (m, size) of those at the start, by a very short step; None if not from rest."""
@@ -160,18 +160,18 @@ class MotionAnalysis(Analysis):
         return np.where(model.massless, 2, 1) * rates / short  # those are means
 
     def _numbers_of_steps(
-        self, tape: Tape, first: float, start: Any, at_start: bool, given: Scene, change: Any
+        self, tape: Tape, first: float, start: Any, at_start: bool, scene: Scene, change: Any
     ) -> tuple[Prepared, State, dict[str, Any]]:
         """Another scene, prepared, with its first state; numbers of the steps and of this state."""
         base, t0 = self.parameters.scene, tape.times.starts
-        other = prepared_for(self._series, self._options, base, given, change)
+        other = prepared_for(self._series, self._options, base, scene, change)
         model, t1 = other.model, tape.times.ends
         data = model.data
         if start is None:
-            before = self._start_of(given)
-            if isinstance(change, Dual) and other.smooths_start(before):
+            start_state = self._start_of(scene)
+            if isinstance(change, Dual) and other.smooths_start(start_state):
                 raise TypeError("a start that is found by a step has no slopes")
-            state = other.first_state(first, before, at_start)
+            state = other.first_state(first, start_state, at_start)
         else:
             state = other.state_from(start.at(data, floats(change)), first, at_start)
         numbers: dict[str, Any] = numbers_in_steps(model, data, state, t0, t1)
@@ -188,14 +188,14 @@ class MotionAnalysis(Analysis):
         return other, state, numbers
 
     def _numbers_of(
-        self, tape: Tape, first: float, start: Any, a_by_x: Any, given: Scene, change: Any
+        self, tape: Tape, first: float, start: Any, a_by_x: Any, scene: Scene, change: Any
     ) -> dict[str, Any]:
         """Numbers of steps and state for another scene, and of outputs that have rates.
 
         Accelerations have the changes `a_by_x` (m, size) as their slopes.
         """
         at_start = any(map(observes_start, self.measured))
-        other, state, numbers = self._numbers_of_steps(tape, first, start, at_start, given, change)
+        other, state, numbers = self._numbers_of_steps(tape, first, start, at_start, scene, change)
         if not any(observes_rates(other.model, output) for output in self.measured):
             return numbers
         if not any_of(floats(change)):

@@ -37,31 +37,33 @@ class Objective(_OfRun):
     @one_thread
     def __call__(self, x: Any) -> tuple[float, np.ndarray]:
         """The value, and its derivatives (m,) by x."""
-        given = self._function(*self._run(x))
-        ok = isinstance(given, tuple) and len(given) == 2 and isinstance(given[1], Mapping)
-        if not ok or real_array(given[0]).shape:
+        result = self._function(*self._run(x))
+        ok = isinstance(result, tuple) and len(result) == 2 and isinstance(result[1], Mapping)
+        if not ok or real_array(result[0]).shape:
             raise SceneError(
                 "objective: function(t, y) must give a number and its derivatives by outputs, a "
-                f"dict of arrays by names, not {shown(given)}"
+                f"dict of arrays by names, not {shown(result)}"
             )
-        return float(given[0]), self._run.vjp(given[1])
+        return float(result[0]), self._run.vjp(result[1])
 
 
-def _measured(given: Any, what: str) -> np.ndarray:
-    if isinstance(given, np.ma.MaskedArray):
-        given = np.ma.filled(given.astype(float), np.nan)
-    values = array_of(given, what)
-    require(not np.isinf(values).any(), what, given, "finite, or NaN where nothing was measured")
+def _measured(rows: Any, name: str) -> np.ndarray:
+    if isinstance(rows, np.ma.MaskedArray):
+        rows = np.ma.filled(rows.astype(float), np.nan)
+    values = array_of(rows, name)
+    require(not np.isinf(values).any(), name, rows, "finite, or NaN where nothing was measured")
     return values
 
 
-def _scatter(given: Any, shape: tuple[int, ...], what: str) -> np.ndarray:
-    of = array_of(given, what)
-    require(bool((np.isfinite(of) & (of > 0)).all()), what, given, "positive")
+def _scatter(scatter: Any, shape: tuple[int, ...], name: str) -> np.ndarray:
+    values = array_of(scatter, name)
+    require(bool((np.isfinite(values) & (values > 0)).all()), name, scatter, "positive")
     try:
-        return np.broadcast_to(of, shape)
+        return np.broadcast_to(values, shape)
     except ValueError:
-        raise SceneError(f"{what} has the shape {of.shape}, which does not fit {shape}") from None
+        raise SceneError(
+            f"{name} has the shape {values.shape}, which does not fit {shape}"
+        ) from None
 
 
 class Misfit(_OfRun):
@@ -74,15 +76,15 @@ class Misfit(_OfRun):
         measured: Mapping[str, Any],
         scatter: Any,
     ):
-        what = "misfit: measured"
+        subject = "misfit: measured"
         ok = isinstance(measured, Mapping) and len(measured) > 0
-        require(ok, what, measured, "a dict of arrays by names of outputs")
+        require(ok, subject, measured, "a dict of arrays by names of outputs")
         self._run, self._shared = run, shared
         pairs = measured.items()
-        self._measured = {name: _measured(rows, f"{what}[{name!r}]") for name, rows in pairs}
+        self._measured = {name: _measured(rows, f"{subject}[{name!r}]") for name, rows in pairs}
         of_all = scatter if isinstance(scatter, Mapping) else dict.fromkeys(measured, scatter)
-        same = of_all.keys() == measured.keys()
-        require(same, "misfit: scatter", scatter, f"a number, or for each of {[*measured]}")
+        same_names = of_all.keys() == measured.keys()
+        require(same_names, "misfit: scatter", scatter, f"a number, or for each of {[*measured]}")
         self._scatter = {
             name: _scatter(of_all[name], rows.shape, f"misfit: scatter of {name!r}")
             for name, rows in self._measured.items()

@@ -58,16 +58,16 @@ def _reads_steps(output: Output) -> bool:
 
 def read_entries(model: Model, outputs: Mapping[str, Output]) -> dict[str, np.ndarray]:
     """The only entries of states that outputs read, by name; empty if they may read all."""
-    given, every = outputs.values(), [Measured(output) for output in outputs.values()]
-    linear = all(isinstance(output.of, Node | Joint) for output in given)
-    linear = linear and not any(measured.sliding for measured in every)
-    if not linear or (model.fits_rates and any(observes_rates(model, output) for output in given)):
+    listed, all_measured = outputs.values(), [Measured(output) for output in outputs.values()]
+    linear = all(isinstance(output.of, Node | Joint) for output in listed)
+    linear = linear and not any(measured.sliding for measured in all_measured)
+    if not linear or (model.fits_rates and any(observes_rates(model, output) for output in listed)):
         return {}
     entries: dict[str, set[int]] = {"q": set(), "v": set(), "slides": set()}
-    for term in itertools.chain(*(of.terms for of in every)):
+    for term in itertools.chain(*(measured.terms for measured in all_measured)):
         of_array = entries.get("v" if term.array == "a" else term.array, set())
         of_array.update(np.atleast_1d(term.entries).tolist())
-    return {name: np.array(sorted(of)) for name, of in entries.items() if of}
+    return {name: np.array(sorted(numbers)) for name, numbers in entries.items() if numbers}
 
 
 def summed(outputs: Mapping[str, Output]) -> list[str]:
@@ -99,60 +99,60 @@ class Observation:
         of_lines = any(Measured(output).by_law == "pull" for output in outputs.values())
         steps = tape.times.steps_to(boundaries) if needed or of_beams else _NO_STEPS
         moving = needed and not model.scheme.rates.at_rest
-        every = [boundaries, *[steps.starts] * moving]
+        lists = [boundaries, *[steps.starts] * moving]
         if of_beams or of_lines:
             within = steps.sub_steps if boundaries.all() else np.append(steps.sub_steps, 0)
-            every += [within, within + 1, np.maximum(within - 1, 0)]
+            lists += [within, within + 1, np.maximum(within - 1, 0)]
         self.sub_steps = steps.sub_steps if needed else steps.sub_steps[:0]
         if summed(outputs) and not first:
-            every.append(np.zeros(1, dtype=int))
+            lists.append(np.zeros(1, dtype=int))
         sums = [sum_of(model, output.quantity) for output in outputs.values()]
-        if any(of.steps or of.losses for of in sums):
-            every.append(np.arange(first, end + 1))
+        if any(total.steps or total.losses for total in sums):
+            lists.append(np.arange(first, end + 1))
             if model.couplings.driven:
                 self.sub_steps = np.arange(first, end)
         #: Boundaries at which outputs need states; in `sub_steps` they need forces.
-        self.boundaries = np.unique(np.concatenate(every)) if len(every) > 1 else boundaries
+        self.boundaries = np.unique(np.concatenate(lists)) if len(lists) > 1 else boundaries
         ends = np.searchsorted(self.boundaries, boundaries)
         starts = np.searchsorted(self.boundaries, steps.starts)
         forces_at = np.searchsorted(self.sub_steps, steps.sub_steps)
         rows = np.flatnonzero(boundaries), np.flatnonzero(boundaries == 0)
         self._places = Places(ends, starts, *rows, steps, forces_at, entries)
         of_forces = any(map(is_section_force, outputs.values()))
-        self._of = of = SubSteps(model, tape, self.boundaries, by_places, of_forces)
+        self._of = sub_steps = SubSteps(model, tape, self.boundaries, by_places, of_forces)
         #: Rates that fit the joints, and their derivatives.
         self._fit = None
         if model.fits_rates and needed:
             driven = floats(Forcing(model).end_rates(*rates_at(tape, self.boundaries)))
-            q, v, slides = (of.states[name] for name in ("q", "v", "slides"))
+            q, v, slides = (sub_steps.states[name] for name in ("q", "v", "slides"))
             self._fit = RateDerivatives(rate_fit(model), q, v, slides, driven)
-            of.states["rates"] = self._fit.rates
+            sub_steps.states["rates"] = self._fit.rates
         self._outputs = {
             name: self._observed(output, numbers, name) for name, output in outputs.items()
         }
 
     def _observed(self, output: Output, numbers: KnownNumbers, name: str) -> RowOutput:
-        places, of = self._places, self._of
+        places, sub_steps = self._places, self._of
         if output.quantity in SINCE_START:
-            return WorkOutput(of, output.quantity, places.ends, self._forces)
+            return WorkOutput(sub_steps, output.quantity, places.ends, self._forces)
         if isinstance(output.of, Scene):
-            return EnergyOutput(of, Measured(output).quantity.of, places.ends)
+            return EnergyOutput(sub_steps, Measured(output).quantity.of, places.ends)
         if isinstance(output.of, Beam):
-            return ResultantOutput(of, output.of, output.quantity, places)
+            return ResultantOutput(sub_steps, output.of, output.quantity, places)
         if law := Measured(output).by_law:
             from .line_outputs import PullOutput, StateOutput
 
             line: Any = output.of
             if law == "pull":
-                return PullOutput(of, line, places)
-            return StateOutput(of, line, law, places)
+                return PullOutput(sub_steps, line, places)
+            return StateOutput(sub_steps, line, law, places)
         row = numbers.places.get(name)
         if is_section_force(output):
             from .section_outputs import SectionOutput
 
             rows = row, numbers.sections[name]
-            return SectionOutput(of, output, places, numbers.values, rows)
-        return LocalOutput(of, output, places, row)
+            return SectionOutput(sub_steps, output, places, numbers.values, rows)
+        return LocalOutput(sub_steps, output, places, row)
 
     @property
     def _sizes(self) -> Mapping[str, tuple[int, int]]:
@@ -176,28 +176,28 @@ class Observation:
         for name, output in self._outputs.items():
             output.vjp(weights[name], later.get(name, 0.0), gradient)
         if self._fit is not None:
-            every = slice(None)
+            all_entries = slice(None)
             of_state, of_shape = self._fit.vjp({name: gradient.at(name) for name in _FITTED})
             driven = of_state.pop("driven rates")
             for name, values in of_state.items():
                 gradient.at(name)[:] += values
             for name, values in of_shape.items():
-                gradient.add(name, every, None, values.reshape(1, -1))
-            gradient.add("driven rates", every, self.boundaries, driven)
+                gradient.add(name, all_entries, None, values.reshape(1, -1))
+            gradient.add("driven rates", all_entries, self.boundaries, driven)
         return gradient.of_state
 
-    def jvp(self, of_state: dict, changes: Arrays, before: Arrays) -> dict[str, np.ndarray]:
+    def jvp(self, of_state: dict, changes: Arrays, earlier: Arrays) -> dict[str, np.ndarray]:
         """Changes (n, ..., m) of all outputs from those of states, forces and numbers.
 
-        Of outputs that add up over the steps, `before` (m,) are the sums of earlier parts, to which
+        Of outputs that add up over the steps, `earlier` (m,) are sums of earlier parts, to which
         those of this part are added.
         """
         if self._fit is not None:
-            given = {name: of_state[name] for name in ("q", "v", "slides")}
-            given["driven rates"] = changes["driven rates"][:, self.boundaries].swapaxes(0, 1)
-            of_state |= self._fit.jvp(given, changes)
+            states = {name: of_state[name] for name in ("q", "v", "slides")}
+            states["driven rates"] = changes["driven rates"][:, self.boundaries].swapaxes(0, 1)
+            of_state |= self._fit.jvp(states, changes)
         return {
-            name: output.jvp(self._rows, before.get(name, np.empty(0)), of_state, changes)
+            name: output.jvp(self._rows, earlier.get(name, np.empty(0)), of_state, changes)
             for name, output in self._outputs.items()
         }
 

@@ -57,18 +57,18 @@ class KnownNumbers(NamedTuple):
     sections: dict[str, int]
 
 
-def recorded(given: Record, last: Record, outputs: Mapping[str, Wanted]) -> Record:
-    """What is recorded: of what is given only what the outputs need; the last one if that fits."""
+def recorded(requested: Record, last: Record, outputs: Mapping[str, Wanted]) -> Record:
+    """The `requested` record, reduced to what the outputs need; the `last` one if it is equal."""
     kinds = set[str]()
     for output in outputs.values():
         if not isinstance(output, Output):
-            return given
+            return requested
         kinds.add(record_of(output))
         if isinstance(output.of, Beam):  # resultants may depend on rates
             kinds.add("rates")
-    rates, forces = given.rates and "rates" in kinds, given.forces and "forces" in kinds
-    same = (last.rates, last.forces) == (rates, forces)
-    return last if same else replace(given, rates=rates, forces=forces)
+    rates, forces = requested.rates and "rates" in kinds, requested.forces and "forces" in kinds
+    is_same = (last.rates, last.forces) == (rates, forces)
+    return last if is_same else replace(requested, rates=rates, forces=forces)
 
 
 def record_of(output: Output) -> str:
@@ -110,4 +110,4 @@ def row_values(model: Model, recorder: Recorder, output: Wanted) -> np.ndarray |
     if array not in ("q", "v") or not recorder.has_as_it_is(array):
         return None
     rows = recorder.arrays[array][: recorder.rows]
-    return measured.values(lambda name, at: X[at] if name == "X" else rows[:, at])
+    return measured.values(lambda name, entries: X[entries] if name == "X" else rows[:, entries])

@@ -28,9 +28,9 @@ def one_call(method: _Method) -> _Method:
     @functools.wraps(method)
     def call(self, *arguments, **named):
         if name != "__call__":
-            parameters, what = self._parameters, f"{type(self).__name__}.{name}"
+            parameters, subject = self._parameters, f"{type(self).__name__}.{name}"
             expected = "called after run(x) without an error"
-            require(parameters.x is not None, what, f"no {parameters.gives} yet", expected)
+            require(parameters.x is not None, subject, f"no {parameters.gives} yet", expected)
         return method(self, *arguments, **named)
 
     return one_thread(call)  # type: ignore[return-value]
@@ -79,9 +79,9 @@ class Parametrised:
         require(is_right, "Response: x", x, "a sequence of finite numbers")
         return values
 
-    def at(self, x: Any, *more: Any) -> tuple[Scene, Any]:
-        """The scene of x, and what `build` gives besides; `build` may change its copy of x."""
-        built = self._build(x if isinstance(x, Dual) else x.copy(), *(more or self.more))
+    def at(self, x: Any, *extra: Any) -> tuple[Scene, Any]:
+        """The scene that `build` makes of a copy of x, and the rest of its result."""
+        built = self._build(x if isinstance(x, Dual) else x.copy(), *(extra or self.more))
         scene, besides = self._read(built)
         scene.array_calls, self._last = self._array_calls, (scene, besides)
         return scene, besides
@@ -97,8 +97,8 @@ class Parametrised:
         def every(scene: Scene, change: Any) -> dict[str, Any]:
             last, besides = self._last
             besides = besides if scene is last else self.besides
-            more = self._numbers_of(scene, besides, self.besides)
-            return numbers_of(scene, change) | more
+            extra = self._numbers_of(scene, besides, self.besides)
+            return numbers_of(scene, change) | extra
 
         changes = self.scenes.derivatives(self.x, self.scene, every)
         self.stats.difference_reason = self.scenes.reason

@@ -68,7 +68,7 @@ class PeriodDerivatives:
         #: Derivatives (m, ...) of all numbers; independent variables of the start are held.
         self._of_scene = _held(parameters.derivatives(numbers_of), shooting.model.prescribed)
         refuse_others(self._of_scene, shooting.derivatives.names, WHAT)
-        #: Directions of the start, and its derivatives (m, n) in these.
+        #: Directions (n) of the start, and derivatives (m, n) of the start along them by x.
         self._by = shooting.variables.directions(self._period.start, self._period.length)
         self._start = np.zeros((len(parameters.x), self._by.matrix.shape[1]))
         #: Derivatives (m,) of the logarithm of the period.
@@ -77,18 +77,18 @@ class PeriodDerivatives:
 
     @property
     def changes(self) -> dict[str, np.ndarray]:
-        """Derivatives (m, ...) of all numbers, those of the start among them."""
+        """Derivatives (m, ...) of all numbers of the scene and of the start."""
         return _added(self._of_scene, self._by, self._start)
 
     def _solve(self) -> None:
-        """Find those of the start and of the period, from the equations of the motion."""
-        shooting, period, cycle, by = self._shooting, self._period, self._cycle, self._by
-        independent, n = by.independent, by.matrix.shape[1]
-        unit = by.matrix[independent]
-        after, _ = shooting.slopes(by.changes, period)
+        """Find derivatives of the start and of the period, from the equations of the motion."""
+        shooting, period, cycle, basis = self._shooting, self._period, self._cycle, self._by
+        independent, n = basis.independent, basis.matrix.shape[1]
+        unit = basis.matrix[independent]
+        end_slopes, _ = shooting.slopes(basis.changes, period)
         #: The monodromy matrix in these directions.
-        self._monodromy = np.linalg.solve(unit, after[independent])
-        rows = [after[independent] - unit]
+        self._monodromy = np.linalg.solve(unit, end_slopes[independent])
+        rows = [end_slopes[independent] - unit]
         right = [shooting.slopes(self._of_scene, period)[0][independent]]
         if cycle.chosen_by == "fold":
             self.period = self._of_fold(rows[0], right[0])
@@ -97,13 +97,13 @@ class PeriodDerivatives:
         if cycle.free and cycle.chosen_by != "period":
             of_parameter = shooting.parameter_slope(period)[independent, None]
         rows[0] = np.hstack([rows[0], of_parameter])
-        more = of_parameter.shape[1]
+        parameter_count = of_parameter.shape[1]
         for slopes, by_x in self._conditions():
-            rows.append(slopes[None, : n + more])
+            rows.append(slopes[None, : n + parameter_count])
             right.append(by_x[None])
         matrix, sides = np.vstack(rows), np.vstack(right)
         sizes = np.linalg.svd(matrix, compute_uv=False)
-        if cycle.free and sizes[n + more - 1] < _SINGULAR * sizes[0]:
+        if cycle.free and sizes[n + parameter_count - 1] < _SINGULAR * sizes[0]:
             raise SceneError(
                 f"{WHAT}: the motion is one of a family of the same scene, and nothing chooses "
                 "it. Give periodic the energy or the amplitude"
@@ -111,34 +111,34 @@ class PeriodDerivatives:
         solved = -scipy.linalg.lstsq(matrix, sides, ROUNDING, lapack_driver="gelsy")[0].T
         self.lay()
         self._start = solved[:, :n]
-        if more:
+        if parameter_count:
             self.period = solved[:, n]
 
     def _conditions(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """What chooses the motion: derivatives by its start and period, and by x."""
-        cycle, shooting, period, by = self._cycle, self._shooting, self._period, self._by
+        cycle, shooting, period, basis = self._cycle, self._shooting, self._period, self._by
         if cycle.chosen_by not in ("", "period", "frequency", "energy", "amplitude"):
             raise SceneError(
                 f"{WHAT}: this motion of a family has no derivatives. Find it by periodic, with "
                 "an energy, an amplitude or a period"
             )
         nothing = np.zeros(len(self._parameters.x))
-        held = list[tuple[np.ndarray, np.ndarray]]()
+        conditions = list[tuple[np.ndarray, np.ndarray]]()
         if cycle.free:
             phase = NO_SHIFT
             if cycle.chosen_by in ("energy", "amplitude"):
                 phase = turning_point(shooting, period)
-            held.append((phase.slopes(period, by), nothing))
+            conditions.append((phase.slopes(period, basis), nothing))
         if cycle.chosen_by == "energy":
-            slopes = np.append(shooting.variables.slope_of_energy(period.start, by), 0.0)
+            slopes = np.append(shooting.variables.slope_of_energy(period.start, basis), 0.0)
             size = np.linalg.norm(slopes)
-            held.append((slopes / size, self._energy_by_x() / size))
+            conditions.append((slopes / size, self._energy_by_x() / size))
         elif cycle.chosen_by == "amplitude":
             unit = shooting.model.unit[cycle.held]
-            slopes = np.append(by.changes["q"][:, cycle.held], 0.0)
+            slopes = np.append(basis.changes["q"][:, cycle.held], 0.0)
             place = self._start_by_x()["q"][0, :, cycle.held]
-            held.append((slopes / unit, (place - self._rest_by_x()) / unit))
-        return held
+            conditions.append((slopes / unit, (place - self._rest_by_x()) / unit))
+        return conditions
 
     def _start_by_x(self) -> dict[str, np.ndarray]:
         """Derivatives (1, m, ...) of the start, of which the independent variables are held.
@@ -165,16 +165,16 @@ class PeriodDerivatives:
     def _energy_by_x(self) -> np.ndarray:
         """Derivatives (m,) of the energy of the start, of which the variables are held."""
         model, tape, none = self._shooting.model, self._shooting.tape, np.zeros(1, dtype=int)
-        changes, held, of = self._of_scene, self._start_by_x(), SubSteps(model, tape, none)
-        output = EnergyOutput(of, "energy of steps", none)
-        by_x = jvp(output.blocks(none), (1,), held, changes)[0]
+        changes, at_start, steps = self._of_scene, self._start_by_x(), SubSteps(model, tape, none)
+        output = EnergyOutput(steps, "energy of steps", none)
+        by_x = jvp(output.blocks(none), (1,), at_start, changes)[0]
         if model.loads.constant and model.loads.functions:
             loads, q = model.loads.unit_loads, self._period.start.q
             factors = floats(model.loads.series(np.zeros(1)))[0]
             columns = np.repeat(np.arange(loads.shape[1]), np.diff(loads.indptr))
             by_x = by_x - changes["columns"] @ (q[loads.indices] * factors[columns])
             of_factors = changes["loads"].reshape(len(self._parameters.x), -1, loads.shape[1])[:, 0]
-            by_x = by_x - of_factors @ (loads.T @ q) - held["q"][0] @ (loads @ factors)
+            by_x = by_x - of_factors @ (loads.T @ q) - at_start["q"][0] @ (loads @ factors)
         return by_x
 
     def _of_fold(self, matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
@@ -205,35 +205,35 @@ class PeriodDerivatives:
             apart = np.delete(abs(values - values[k]), k).min(initial=np.inf)
             if apart < _TWICE * abs(value):
                 raise SceneError(f"{WHAT}: the double multiplier {value:.4g} has no derivatives")
-            to = left[:, k].conj() / (left[:, k].conj() @ right[:, k])
+            left_vector = left[:, k].conj() / (left[:, k].conj() @ right[:, k])
             for factor, along in ((1.0, right[:, k].real), (1j, right[:, k].imag)):
                 if along.any():
-                    derivatives[i] += factor * (to @ self._of_deviation(along))
+                    derivatives[i] += factor * (left_vector @ self._of_deviation(along))
         self.lay()
         return known[:n].astype(complex), derivatives
 
     def _of_deviation(self, deviation: np.ndarray) -> np.ndarray:
         """Derivatives (n, m) by x of what becomes of a deviation (n,) of the start in a period."""
-        shooting, period, by = self._shooting, self._period, self._by
-        unit = by.matrix[by.independent]
+        shooting, period, basis = self._shooting, self._period, self._by
+        unit = basis.matrix[basis.independent]
 
         def beside(change: float) -> np.ndarray:
-            start = shooting.variables.moved(period.start, by, change * deviation)
+            start = shooting.variables.moved(period.start, basis, change * deviation)
             shooting.run(start, period.parameter)
-            # The same change of independent variables, whose others follow from another state.
-            there = shooting.variables.directions(start, period.length)
-            amounts = np.linalg.solve(there.matrix[by.independent], unit @ self._start.T).T
-            changes = _added(self._of_scene, there, amounts)
-            return shooting.slopes(changes, period)[0][by.independent]
+            # The same change of independent variables; dependent ones follow from the moved state.
+            moved = shooting.variables.directions(start, period.length)
+            amounts = np.linalg.solve(moved.matrix[basis.independent], unit @ self._start.T).T
+            changes = _added(self._of_scene, moved, amounts)
+            return shooting.slopes(changes, period)[0][basis.independent]
 
         def longer(change: float) -> np.ndarray:
             shooting.run(period.start, period.parameter * (1 + change))
-            return shooting.slopes(along, period)[0][by.independent]
+            return shooting.slopes(along, period)[0][basis.independent]
 
         size = period.size if period.moves else 1.0
         rows = slope(beside, _DEVIATION * size / abs(deviation).max())
         if self.period.any():
-            along = {name: np.tensordot(deviation[None], of, 1) for name, of in by.changes.items()}
+            along = {name: np.tensordot(deviation[None], x, 1) for name, x in basis.changes.items()}
             rows += slope(longer, CHANGE) * self.period
         return np.linalg.solve(unit, rows)
 
@@ -243,7 +243,7 @@ class PeriodDerivatives:
 
 
 def _held(changes: dict[str, np.ndarray], prescribed: np.ndarray) -> dict[str, np.ndarray]:
-    """Changes of numbers of steps, with those of what is driven in the start.
+    """Changes of numbers of steps, and of driven positions in the start.
 
     SceneError if functions of time do not repeat themselves after a period for other x.
     """
@@ -257,9 +257,9 @@ def _held(changes: dict[str, np.ndarray], prescribed: np.ndarray) -> dict[str, n
 
 def _check_repeats(changes: np.ndarray, later: np.ndarray) -> None:
     """Refuse numbers that change functions of time (m, ...) in another way after a period."""
-    wrong = abs(later - changes) > _REPEATS * abs(changes).max(initial=0.0)
-    if wrong.any():
-        number = np.flatnonzero(wrong.reshape(len(wrong), -1).any(axis=1))[0]
+    differs = abs(later - changes) > _REPEATS * abs(changes).max(initial=0.0)
+    if differs.any():
+        number = np.flatnonzero(differs.reshape(len(differs), -1).any(axis=1))[0]
         raise SceneError(
             f"{WHAT}: x[{number}] changes the period of loads, or of driven motions, which must "
             "be the same for all x. A frequency is found by build(x, f)"
@@ -267,12 +267,12 @@ def _check_repeats(changes: np.ndarray, later: np.ndarray) -> None:
 
 
 def _added(
-    changes: dict[str, np.ndarray], by: Directions, amounts: np.ndarray
+    changes: dict[str, np.ndarray], basis: Directions, amounts: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Changes of numbers with those of the start, amounts (m, n) of its directions."""
+    """Sum of `changes` and of those with the start, by `amounts` (m, n) of the directions."""
     total = dict(changes)
-    for name, of in by.changes.items():
-        more = amounts @ of.reshape(len(of), -1)
+    for name, values in basis.changes.items():
+        added = amounts @ values.reshape(len(values), -1)
         known = total.get(name)
-        total[name] = more if known is None else known + more.reshape(known.shape)
+        total[name] = added if known is None else known + added.reshape(known.shape)
     return total

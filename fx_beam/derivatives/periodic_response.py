@@ -161,8 +161,8 @@ class PeriodicAnalysis(Analysis):
     def run(self, x: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Times and outputs of the motion for parameters."""
         self._x, parameters, self._period_derivatives = x, self.parameters, None
-        given = self._scene_of if self._finds_frequency else parameters.take(x)
-        self.motion = motion = self._motion_of(given)
+        source = self._scene_of if self._finds_frequency else parameters.take(x)
+        self.motion = motion = self._motion_of(source)
         is_motion = isinstance(motion, PeriodicMotion)
         require(is_motion, f"{WHAT}: motion", motion, "a PeriodicMotion")
         cycle = motion.cycle
@@ -237,13 +237,13 @@ class PeriodicAnalysis(Analysis):
         by_x.lay()
         return {name: rows[..., None] * by_x.period for name, rows in slopes.items()}
 
-    def followed(self, what: str) -> tuple[Model, Tape, TapeDerivatives]:
+    def followed(self, method: str) -> tuple[Model, Tape, TapeDerivatives]:
         """As of `Analysis`."""
         shooting = self._shooting
         return shooting.model, shooting.tape, shooting.derivatives
 
     def changes(self) -> dict[str, np.ndarray]:
-        """As of `Analysis`, those of the start of the motion among them."""
+        """As of `Analysis`, with the changes of the start of the motion."""
         self._check_rows()
         return self._by_x.changes  # which have the steps of the motion on the tape
 

@@ -185,14 +185,14 @@ class Response:
         scene, outputs = built[0], dict(built[1])
         require(bool(outputs), "Response: outputs", outputs, "at least one output by name")
         for name, output in outputs.items():
-            what = f"Response: the output {name!r}"
+            subject = f"Response: the output {name!r}"
             if isinstance(output, Output):
-                check_output(scene, output, what)
-                check_differentiable(output, what)
+                check_output(scene, output, subject)
+                check_differentiable(output, subject)
             else:
                 expected = "an fx_beam.Output, or a function of the solution"
-                require(callable(output), what, output, expected)
-                check_takes(output, "solution", what)
+                require(callable(output), subject, output, expected)
+                check_takes(output, "solution", subject)
         self._names = self._names or list(outputs)
         expected = f"as in the first call, {self._names}"
         require(list(outputs) == self._names, "Response: outputs", list(outputs), expected)
@@ -245,14 +245,14 @@ class Response:
             Before the first call of the response; for weights of other names or shapes; for an
             output, a scheme or a part of the scene that has no derivatives.
         """
-        given, analysis = self._checked_weights(weights), self._analysis
-        singles, outputs = self._chosen(given, "Response.vjp: weights")
+        checked, analysis = self._checked_weights(weights), self._analysis
+        singles, outputs = self._chosen(checked, "Response.vjp: weights")
         by_x, forwards = (
             np.zeros(len(self._parameters.x)),
-            [*given] if analysis.forwards else singles,
+            [*checked] if analysis.forwards else singles,
         )
         for name, rows in self.jacobian(*forwards).items() if forwards else ():
-            by_x += np.tensordot(given[name], rows, given[name].ndim)
+            by_x += np.tensordot(checked[name], rows, checked[name].ndim)
         if analysis.forwards or not outputs:
             return by_x
         tape, derivatives, changes, observe, entries = self._begin_derivatives("vjp", outputs)
@@ -261,17 +261,17 @@ class Response:
         by_numbers = {name: np.zeros(changes[name].shape[1:]) for name in changing}
         counting = np.zeros(len(analysis.t), dtype=bool)  # others need no states, nor fitted rates
         for name in outputs:
-            counting |= given[name].reshape(len(counting), -1).any(axis=1)
+            counting |= checked[name].reshape(len(counting), -1).any(axis=1)
 
         def weights_of(part: Part) -> Weights:
-            inside, after = part.of_boundaries(boundaries), boundaries > part.end
-            inside = inside[counting[inside]]
-            later = {name: float(given[name][after].sum()) for name in summed(outputs)}
-            if not (len(inside) or any(later.values())):
+            inner, is_later = part.of_boundaries(boundaries), boundaries > part.end
+            inner = inner[counting[inner]]
+            later = {name: float(checked[name][is_later].sum()) for name in summed(outputs)}
+            if not (len(inner) or any(later.values())):
                 return {}, boundaries[:0], boundaries[:0]
-            here = dict(outputs) if len(inside) else {name: outputs[name] for name in later}
-            observed = observe(here, boundaries[inside])
-            of_part = {name: given[name][inside] for name in here}
+            chosen = dict(outputs) if len(inner) else {name: outputs[name] for name in later}
+            observed = observe(chosen, boundaries[inner])
+            of_part = {name: checked[name][inner] for name in chosen}
             of_state = observed.vjp(of_part, later, by_numbers)
             return of_state, observed.boundaries, observed.sub_steps
 
@@ -279,9 +279,9 @@ class Response:
         self.stats.gradient_growth = growth = derivatives.growth
         if growth > _USEFUL_GROWTH:
             _log.warning(_CHAOTIC, growth)
-        for name, by in of_steps.items():
-            by_numbers[name] += by.reshape(by_numbers[name].shape)
-        return sum((along(changes[name], by) for name, by in by_numbers.items()), by_x)
+        for name, slopes in of_steps.items():
+            by_numbers[name] += slopes.reshape(by_numbers[name].shape)
+        return sum((along(changes[name], slopes) for name, slopes in by_numbers.items()), by_x)
 
     @one_call
     def jacobian(self, *names: str) -> dict[str, np.ndarray]:
@@ -313,23 +313,23 @@ class Response:
             return by_x
         tape, derivatives, changes, observe, entries = self._begin_derivatives("jacobian", outputs)
         boundaries, parts = analysis.boundaries(tape), list[dict[str, np.ndarray]]()
-        before = {name: np.zeros(len(self._parameters.x)) for name in summed(outputs)}
+        earlier = {name: np.zeros(len(self._parameters.x)) for name in summed(outputs)}
         observed: Observation
 
         def rows_of(part: Part) -> tuple[np.ndarray, np.ndarray]:
             nonlocal observed
-            inside = boundaries[part.of_boundaries(boundaries)]
-            here = dict(outputs) if len(inside) else {name: outputs[name] for name in before}
-            observed = observe(here, inside)
+            inner = boundaries[part.of_boundaries(boundaries)]
+            chosen = dict(outputs) if len(inner) else {name: outputs[name] for name in earlier}
+            observed = observe(chosen, inner)
             return observed.boundaries, observed.sub_steps
 
         for of_state in derivatives.jvp_parts(tape, changes, rows_of, entries):
-            rows = observed.jvp(of_state, changes, before)
+            rows = observed.jvp(of_state, changes, earlier)
             if rows.keys() == outputs.keys():
                 parts.append(rows)
         by_x |= {name: np.concatenate([rows[name] for rows in parts]) for name in outputs}
-        for name, more in analysis.of_length(outputs).items():
-            by_x[name] += more
+        for name, by_length in analysis.of_length(outputs).items():
+            by_x[name] += by_length
         return {name: by_x[name] for name in names}
 
     def objective(self, function: Cost) -> Objective:
@@ -415,12 +415,12 @@ class Response:
         """
         return Misfit(self, self._shared, measured, scatter)
 
-    def _begin_derivatives(self, what: str, outputs: Mapping[str, Output]) -> tuple[Any, ...]:
-        """The tape of the last call, its derivatives, and those of all numbers by x.
+    def _begin_derivatives(self, method: str, outputs: Mapping[str, Output]) -> tuple[Any, ...]:
+        """The tape of the last call, the derivatives of its steps, and of all numbers by x.
 
-        And what observes outputs at boundaries, and the only entries of states that these read.
+        Also a function that observes outputs at boundaries, and the only entries that it reads.
         """
-        model, tape, derivatives = self._analysis.followed(what)
+        model, tape, derivatives = self._analysis.followed(method)
         check_outputs(model, tape, outputs, why_no_sums(self._analysis.path))
         if self._changes is None:
             self._changes = self._analysis.changes()
@@ -431,40 +431,40 @@ class Response:
         derivatives.set_slopes(by_places)
         refuse_others(changes, derivatives.names, "Response")
         forces = functools.partial(derivatives.constraint_forces, tape)
-        given = model, tape, forces, entries, by_places, self._analysis.known_numbers()
-        observe = functools.partial(Observation, *given)
+        arguments = model, tape, forces, entries, by_places, self._analysis.known_numbers()
+        observe = functools.partial(Observation, *arguments)
         return tape, derivatives, changes, observe, entries
 
     def _checked_weights(self, weights: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        what = "Response.vjp: weights"
-        require(isinstance(weights, Mapping), what, weights, "a dict by names of outputs")
-        given = {}
-        for name in itertools.chain(*self._chosen(weights, what)):
-            of, shape = f"{what}[{name!r}]", self._shapes[name]
-            given[name] = values = array_of(weights[name], of)
-            require(values.shape == shape, of, values.shape, f"of the shape {shape}")
+        subject = "Response.vjp: weights"
+        require(isinstance(weights, Mapping), subject, weights, "a dict by names of outputs")
+        checked = {}
+        for name in itertools.chain(*self._chosen(weights, subject)):
+            entry, shape = f"{subject}[{name!r}]", self._shapes[name]
+            checked[name] = values = array_of(weights[name], entry)
+            require(values.shape == shape, entry, values.shape, f"of the shape {shape}")
             if not (is_finite := np.isfinite(values)).all():
-                wrong = np.argwhere(~is_finite)[0]
-                at = "".join(f"[{i}]" for i in wrong)
+                index = np.argwhere(~is_finite)[0]
+                place = "".join(f"[{i}]" for i in index)
                 # A single number has no time.
-                when = f", at t = {self._analysis.t[wrong[0]]:.6g}" if shape else ""
+                time_text = f", at t = {self._analysis.t[index[0]]:.6g}" if shape else ""
                 raise SceneError(
-                    f"{of}{at} is no finite number{when}. Give rows without one, such as those "
-                    "that were not measured, the weight 0"
+                    f"{entry}{place} is no finite number{time_text}. Give rows without one, such "
+                    "as those that were not measured, the weight 0"
                 )
-        return given
+        return checked
 
-    def _chosen(self, names: Iterable[str], what: str) -> tuple[list[str], dict[str, Output]]:
+    def _chosen(self, names: Iterable[str], subject: str) -> tuple[list[str], dict[str, Output]]:
         """Names of single numbers, and the other outputs by names; SceneError for functions."""
         names, known, analysis = list(names), self._analysis.outputs, self._analysis
         are_known = all(is_one_of(name, known) for name in names)
-        require(are_known, what, names, f"names of outputs, of {self._names}")
+        require(are_known, subject, names, f"names of outputs, of {self._names}")
         singles, outputs = list[str](), dict[str, Output]()
         for name in names:
             output = known[name]
             if not isinstance(output, Output):
                 raise SceneError(
-                    f"{what}: the output {name!r} is a function of the solution, which has no "
+                    f"{subject}: the output {name!r} is a function of the solution, which has no "
                     "derivatives; take an fx_beam.Output"
                 )
             if output.quantity == analysis.single:

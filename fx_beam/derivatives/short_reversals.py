@@ -25,19 +25,19 @@ def warn_of_short_reversals(model: Model, tape: Tape) -> bool:
     first = min(_first_reversals(model, tape), default=None)
     if first is None:
         return False
-    step, inside, owner, speed = first
+    step, slow_steps, owner, speed = first
     _log.warning(
         "Response: SmoothFriction of %s: at t = %.6g its rate reverses with %d steps below %g "
         "times its speed %g. Derivatives behind are those of these steps and depend on where they "
         "fall, by up to their own size, if there are less than %d. Take shorter steps, a larger "
         "speed, or Coulomb friction, whose derivatives know the times of reversals",
-        *(owner, tape.times.ends[step], inside, _SMALL, speed, _NEEDED),
+        *(owner, tape.times.ends[step], slow_steps, _SMALL, speed, _NEEDED),
     )
     return True
 
 
 def _first_reversals(model: Model, tape: Tape) -> Iterator[tuple[int, int, str, float]]:
-    """Of each friction the last step before, the number of those inside, its name and its speed."""
+    """For each friction: last step before a reversal, number of slow steps, name, and speed."""
     frictions = model.points.smooth_signs
     present, lengths = tape.present, tape.times.lengths
     if not frictions or not tape.is_whole or not len(lengths):

@@ -67,8 +67,8 @@ def why_no_sums(path: LoadPath | None) -> dict[str, str]:
         reasons["dissipated_energy"] = lossless and f"where {lossless}"
     if path.start is not None:
         reasons = {quantity: "if it began at another solution" for quantity in reasons}
-    before = "has no derivatives since the equilibrium from which each motion starts has none"
-    return {quantity: f"{before} {reason}" for quantity, reason in reasons.items() if reason}
+    refusal = "has no derivatives since the equilibrium from which each motion starts has none"
+    return {quantity: f"{refusal} {reason}" for quantity, reason in reasons.items() if reason}
 
 
 class StaticDerivatives:
@@ -85,13 +85,13 @@ class StaticDerivatives:
             start, self.states = path.states[-2], path.states[-1:]
         self.factors = np.array([state.t for state in self.states])
         problem = Problem(model, NewtonOptions())
-        held = path.held if path.start is None else 0 * path.held
-        if held.any():
+        holding_forces = path.held if path.start is None else 0 * path.held
+        if holding_forces.any():
             problem.set_holds()
         self.derivatives = TapeDerivatives(problem)
         self.tape = static_tape(problem, start, self.states, path.forcing)
-        if held.any():
-            self.tape.hold = (1 - self.factors)[:, None] * held
+        if holding_forces.any():
+            self.tape.hold = (1 - self.factors)[:, None] * holding_forces
 
     def numbers_of(self, scene: Scene, change: Any = None) -> dict[str, np.ndarray]:
         """The numbers of these load steps for another scene; OtherStructureError if it differs."""
@@ -110,22 +110,22 @@ class StaticDerivatives:
         first, problem = self.states[0], self.derivatives.problem
         tape = static_tape(problem, first, [first], self.path.forcing)
         at_rest = derivatives(functools.partial(self._numbers_at, np.zeros(1)))
-        one = np.zeros(1, dtype=int), np.ones(1)
-        of_held, _ = self.derivatives.jvp_of_equations(tape, at_rest, None, *one)
+        row_and_share = np.zeros(1, dtype=int), np.ones(1)
+        of_held, _ = self.derivatives.jvp_of_equations(tape, at_rest, None, *row_and_share)
         hold = (1 - self.factors)[None, :, None] * of_held[0][:, None]
         return derivatives(self.numbers_of) | {"hold": hold}
 
     def change_of_end(
-        self, derivatives: DerivativesOf, what: str, lines: Iterable[int] = ()
+        self, derivatives: DerivativesOf, name: str, lines: Iterable[int] = ()
     ) -> StateChange:
         """Changes of the last state with x, by `derivatives` of the numbers of scenes.
 
         With those of the pulls of some `lines`.
         """
         changes = self.changes(derivatives)
-        refuse_others(changes, self.derivatives.names, what)
-        every = np.arange(len(self.tape) + 1)
-        changed_rows = self.derivatives.jvp(self.tape, changes, every, every[:-1])
+        refuse_others(changes, self.derivatives.names, name)
+        boundaries = np.arange(len(self.tape) + 1)
+        changed_rows = self.derivatives.jvp(self.tape, changes, boundaries, boundaries[:-1])
         forces = {"constraint_forces": "constraints", "joint_forces": "joints"}
         of_state = {"q": "q", "slides": "slides"} | forces
         at_end = {name: changed_rows[rows][-1] for name, rows in of_state.items()}
@@ -134,48 +134,52 @@ class StaticDerivatives:
             pulls[:, line] = jvp(self._pull(line), (1,), changed_rows, changes)[0]
         at_end["line_forces"] = pulls
         for quantity, blocks in self._sums().items():
-            of_steps = jvp(blocks, every.shape, changed_rows, changes)
+            of_steps = jvp(blocks, boundaries.shape, changed_rows, changes)
             at_end[quantity] = of_steps.sum(axis=0)
         return StateChange(self, at_end | self.derivatives.at_end)
 
     def _pull(self, line: int) -> Iterable[Block]:
         """Derivatives of the pull of a line in the last load step."""
-        every, values = np.arange(len(self.tape) + 1), LineValues(self.model.points, line, "pull")
-        of = SubSteps(self.model, self.tape, every)
-        return pull_blocks(of, values, np.zeros(1, dtype=int), every[-2:-1])
+        boundaries, values = (
+            np.arange(len(self.tape) + 1),
+            LineValues(self.model.points, line, "pull"),
+        )
+        sub_steps = SubSteps(self.model, self.tape, boundaries)
+        return pull_blocks(sub_steps, values, np.zeros(1, dtype=int), boundaries[-2:-1])
 
     def _sums(self) -> dict[str, Iterable[Block]]:
         """Derivatives of work and losses in all load steps, if there are, by names of `State`."""
-        every, model = np.arange(len(self.tape) + 1), self.model
+        boundaries, model = np.arange(len(self.tape) + 1), self.model
         works: dict[str, Iterable[Block]] = {}
         if self.path.start is not None:
             return works
-        of = SubSteps(model, self.tape, every)
+        sub_steps = SubSteps(model, self.tape, boundaries)
         if not why_no_work(model):
-            works["work"] = work_in_steps(of, self.derivatives.constraint_forces(self.tape))
+            works["work"] = work_in_steps(sub_steps, self.derivatives.constraint_forces(self.tape))
         if model.forms.dissipate and not why_no_losses(model):
-            works["dissipated"] = losses_in_steps(of, every)
+            works["dissipated"] = losses_in_steps(sub_steps, boundaries)
         return works
 
 
 class StateChange:
     """Changes (m, ...) of an equilibrium, from which a motion starts."""
 
-    def __init__(self, of: StaticDerivatives, changes: dict[str, np.ndarray]):
-        self._path, self._state, self._changes = of.path, of.states[-1], changes
+    def __init__(self, derivatives: StaticDerivatives, changes: dict[str, np.ndarray]):
+        self._path, self._state, self._changes = derivatives.path, derivatives.states[-1], changes
         #: Those of the configuration (m, size).
         self.of_nodes = changes["q"]
 
-    def at(self, data: Data, by: Any) -> State:
+    def at(self, data: Data, change: Any) -> State:
         """The equilibrium with a change of the numbers (m,), for those of a scene.
 
         It has slopes if the change has.
         """
         moved = {
-            name: values + (by @ self._changes[name].reshape(len(by), -1)).reshape(np.shape(values))
+            name: values
+            + (change @ self._changes[name].reshape(len(change), -1)).reshape(np.shape(values))
             for name in self._changes
             if (values := getattr(self._state, name)) is not None
         }
         state = replace(self._state, t=self._path.forcing.time, parameters=None, **moved)
         natural = data.natural.numbers_at(state.t) if data.natural else None
-        return replace(state, natural=natural if isinstance(by, Dual) else floats(natural))
+        return replace(state, natural=natural if isinstance(change, Dual) else floats(natural))

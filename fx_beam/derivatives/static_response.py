@@ -189,7 +189,7 @@ class StaticAnalysis(Analysis):
         self._load_steps = self._load_steps or StaticDerivatives(self._path)
         return self._load_steps
 
-    def followed(self, what: str) -> tuple[Model, Tape, TapeDerivatives]:
+    def followed(self, method: str) -> tuple[Model, Tape, TapeDerivatives]:
         """As of `Analysis`."""
         steps = self._steps()
         return steps.model, steps.tape, steps.derivatives

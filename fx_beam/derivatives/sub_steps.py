@@ -18,7 +18,7 @@ from .gradient import Block, of_rows
 
 
 class Source(NamedTuple):
-    """A term of what forms read of some sub-steps: its name, and which (k,) of them read it."""
+    """A term of a field `name` that forms read, in the sub-steps `which` (k,)."""
 
     name: str
     which: np.ndarray
@@ -55,8 +55,8 @@ class SubSteps:
         self._parameters = None
         if len(of_scene):
             times = tape.times
-            given = times.starts, times.ends, self._level
-            self._parameters = floats(of_scene.of_time.over_steps(*given))
+            arguments = times.starts, times.ends, self._level
+            self._parameters = floats(of_scene.of_time.over_steps(*arguments))
             self._at_start = of_scene.at(float(times.starts[0]))[None]
         # Length of the short step for the resultants at the start [s], and 1 if these, or all
         # forces of elements that are wanted, depend on rates, else 0.
@@ -98,15 +98,15 @@ class SubSteps:
         D = without_turns(model, states["q"][after] - q)
         D[starts] = self._moves * self._short * states["v"][before[starts]]
         q[starts] -= self._level * D[starts]
-        given = {name: states[name][before] for name in ("internal", "natural")}
-        given["q_previous"] = states["q previous"][before]
-        given["natural_end"] = states["natural"][np.where(starts, before, after)]
+        arrays = {name: states[name][before] for name in ("internal", "natural")}
+        arrays["q_previous"] = states["q previous"][before]
+        arrays["natural_end"] = states["natural"][np.where(starts, before, after)]
         if self._parameters is not None:
-            given["parameters"] = self._parameters[first, 0]
-            given["parameters"][starts] = self._at_start
+            arrays["parameters"] = self._parameters[first, 0]
+            arrays["parameters"][starts] = self._at_start
         if model.forms.needs_previous:
-            given["memory"] = np.where(starts, 0.0, tape.memories[first])
-        return StepBatch(tape.times.starts[first] + self._level * dt * ~starts, dt, D, q, **given)
+            arrays["memory"] = np.where(starts, 0.0, tape.memories[first])
+        return StepBatch(tape.times.starts[first] + self._level * dt * ~starts, dt, D, q, **arrays)
 
     # -- Derivatives of rows, from those by what belongs to states or sub-steps --------------------
 
@@ -120,16 +120,16 @@ class SubSteps:
         return filter(len, map(np.flatnonzero, (steps < 0, first, (steps >= 0) & ~first)))
 
     def at_states(
-        self, rows: np.ndarray, boundaries: np.ndarray, by: Mapping[str, np.ndarray]
+        self, rows: np.ndarray, boundaries: np.ndarray, derivatives: Mapping[str, np.ndarray]
     ) -> Iterator[Block]:
         """Blocks, from derivatives (k, ...) by what `at` gives, and by numbers of the scene."""
-        given, places = _there(by), np.searchsorted(self.boundaries, boundaries)
-        for name, values in given.items():
+        nonempty, places = _there(derivatives), np.searchsorted(self.boundaries, boundaries)
+        for name, values in nonempty.items():
             if name != "parameters":
                 yield of_rows(name, rows, values, places if name in self.states else None)
-        for which in self.kinds(boundaries - 1) if "parameters" in given else ():
+        for which in self.kinds(boundaries - 1) if "parameters" in nonempty else ():
             name, steps = _parameters_of(boundaries[which] - 1)
-            values = given["parameters"][which]
+            values = nonempty["parameters"][which]
             begin = 0 if steps is None else values.shape[1]
             yield of_rows(name, rows[which], values, steps, begin)
 
@@ -155,15 +155,15 @@ class SubSteps:
             yield Source("parameters", which, *_parameters_of(steps[which]))
 
     def in_steps(
-        self, rows: np.ndarray, steps: np.ndarray, by: Mapping[str, np.ndarray]
+        self, rows: np.ndarray, steps: np.ndarray, derivatives: Mapping[str, np.ndarray]
     ) -> Iterator[Block]:
         """Blocks, from derivatives (k, ...) by what forms read of sub-steps, or of the start."""
-        given, read = _there(by), set()
+        nonempty, read = _there(derivatives), set()
         for name, which, array, places, factor in self.sources(steps):
             read.add(name)
-            if name in given and factor:
-                yield of_rows(array, rows[which], factor * given[name][which], places)
-        yield from (of_rows(name, rows, given[name]) for name in given.keys() - read)
+            if name in nonempty and factor:
+                yield of_rows(array, rows[which], factor * nonempty[name][which], places)
+        yield from (of_rows(name, rows, nonempty[name]) for name in nonempty.keys() - read)
 
 
 def _parameters_of(steps: np.ndarray) -> tuple[str, np.ndarray | None]:
@@ -171,6 +171,6 @@ def _parameters_of(steps: np.ndarray) -> tuple[str, np.ndarray | None]:
     return ("parameters at the start", None) if steps[0] < 0 else ("parameters", steps)
 
 
-def _there(by: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+def _there(derivatives: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Derivatives that are not empty."""
-    return {name: values for name, values in by.items() if values.size}
+    return {name: values for name, values in derivatives.items() if values.size}

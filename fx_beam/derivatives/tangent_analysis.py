@@ -29,28 +29,28 @@ class TangentAnalysis:
     def __init__(
         self,
         parameters: Parametrised,
-        what: str,
-        asked: str,
+        caller: str,
+        analysis: str,
         state: Callable[[Scene], Solution] | None,
         damped: bool,
     ):
         if state is not None:
-            check_takes(state, "scene", f"{what}: state")
-        self.parameters, self._what, self._asked = parameters, what, asked
+            check_takes(state, "scene", f"{caller}: state")
+        self.parameters, self._what, self._asked = parameters, caller, analysis
         self._state, self._damped = state, damped
         #: The linearised scene of the last call.
         self.about: Linearisation
         self._models: dict[str, Lease] = {}
-        self._tangent = TangentDerivatives(what)
+        self._tangent = TangentDerivatives(caller)
         self._changes: dict[str, np.ndarray] | None = None
 
     def run(
-        self, x: np.ndarray, then: Callable[[Linearisation], None] = lambda about: None
+        self, x: np.ndarray, take: Callable[[Linearisation], None] = lambda about: None
     ) -> Linearisation:
-        """Linearise about the equilibrium of the scene of parameters, and do what comes `then`."""
+        """Linearise about the equilibrium of the scene of parameters; `take` gets it first."""
 
         def linearise(x: Any) -> Linearisation:
-            then(about := self._linearised(x))
+            take(about := self._linearised(x))
             return about
 
         self._changes = None
@@ -72,9 +72,9 @@ class TangentAnalysis:
         return about
 
     def changes(
-        self, more: Callable[[Scene], dict[str, Any]] = lambda scene: {}
+        self, extra: Callable[[Scene], dict[str, Any]] = lambda scene: {}
     ) -> dict[str, np.ndarray]:
-        """Derivatives (m, ...) by x of all numbers of the last call, and of `more` of scenes."""
+        """Derivatives (m, ...) by x of all numbers of the last call, and of `extra` ones."""
         if self._changes is None:
             self._tangent.begin(self.about, self._end, self._damped)
             start: StateChange | None = None
@@ -82,7 +82,7 @@ class TangentAnalysis:
             if self._path is not None and self.about.model.flows:
                 start = StaticDerivatives(self._path).change_of_end(derivatives, self._what)
             self._changes = derivatives(
-                lambda scene, change: self._tangent.numbers_of(scene, change, start) | more(scene)
+                lambda scene, change: self._tangent.numbers_of(scene, change, start) | extra(scene)
             )
         return self._changes
 

@@ -61,7 +61,7 @@ class Pairs(NamedTuple):
 
 
 class _Along(NamedTuple):
-    """Directions (d, free), with times [s] like those of the vibrations, and what n sums have.
+    """Directions (d, free), their times [s], and the terms of n sums along them.
 
     Of each the number (n,) of its direction r, and weights (n, free) of K r and C r. Matrices A
     with weights (n, size) of the mass times A r. Numbers with weights (n, size) of motions T r.
@@ -85,8 +85,8 @@ class TangentDerivatives:
     states beside the equilibrium by the same laws, blocks and Jacobians of elements as of motions.
     """
 
-    def __init__(self, what: str):
-        self._what = what
+    def __init__(self, caller: str):
+        self._what = caller
         # The last problem of steps, and their derivatives.
         self._problem: Problem | None = None
         self._derivatives: TapeDerivatives
@@ -112,7 +112,7 @@ class TangentDerivatives:
         """Take changes (m, ...) of the numbers by x; those not `changing` are zero."""
         refuse_others(changes, self._derivatives.names, self._what)
         self.changes = changes
-        self._changing = {name: of for name, of in changes.items() if name in changing}
+        self._changing = {name: rows for name, rows in changes.items() if name in changing}
 
     def numbers_of(
         self, scene: Scene, change: Any = None, start: StateChange | None = None
@@ -124,8 +124,8 @@ class TangentDerivatives:
         scene = with_values(scene, self._inputs)
         model, forcing = self._steps.problem.model, self._steps.forcing
         # Without slopes it may be a scene that all calls share, with other numbers since.
-        same = scene is model.scene and isinstance(change, Dual)
-        data = model.data if same else data_of(model, scene)
+        is_same_scene = scene is model.scene and isinstance(change, Dual)
+        data = model.data if is_same_scene else data_of(model, scene)
         numbers = static_numbers_of(model, data, forcing.time, np.array([self._factor]))
         # A step that tells damping also begins in the state.
         if self._steps.damped and data.natural:
@@ -157,37 +157,40 @@ class TangentDerivatives:
             return (weights @ self._forwards(motions)).real
         sums = np.zeros((len(weights), len(self.changes["X"])))
         for row, of_sum in zip(sums, weights, strict=True):
-            by, by_state = self.followed(motions, of_sum)
-            row += self.by_x(by)
+            by_numbers, by_state = self.followed(motions, of_sum)
+            row += self.by_x(by_numbers)
             if self._follows:
                 row -= self.by_x(self.forces(self._solved(self._about.K.T, by_state[None])[0]))
         return sums
 
-    def by_x(self, by: Mapping[str, np.ndarray], changes: Any = None) -> np.ndarray:
-        """Derivatives (m,) by x of what has some by numbers, whose changes may be others."""
+    def by_x(self, slopes: Mapping[str, np.ndarray], changes: Any = None) -> np.ndarray:
+        """Derivatives (m,) by x from `slopes` by numbers and `changes` (m, ...) of the numbers."""
         changes, none = changes or self._changing, np.zeros(len(self.changes["X"]))
-        return sum((along(changes[name], of) for name, of in by.items() if name in changes), none)
+        return sum((along(changes[name], x) for name, x in slopes.items() if name in changes), none)
 
-    def along_motions(self, of: Pairs) -> _Along:
+    def along_motions(self, pairs: Pairs) -> _Along:
         """The motions r of pairs as directions; also l, if motions of nodes depend on the state."""
-        about, right, left, mass = self._about, of.right, of.left, self._about.model.mass
-        k, c, m = (np.reshape(by, (-1, 1)) for by in (of.stiffness, of.damping, of.mass))
+        about, right, left, mass = self._about, pairs.right, pairs.left, self._about.model.mass
+        k, c, m = (np.reshape(x, (-1, 1)) for x in (pairs.stiffness, pairs.damping, pairs.mass))
         T, moved, directions = about.T, _times(about.T, left), right
         by_mass, turns = [(T, m * moved)], list[tuple[Any, np.ndarray]]()
         if about.frame is not None:  # Coriolis forces are the mass times these
             turn = 2 * np.sqrt(self._factor) * about.frame.spin * about.frame.quarter_turn
             by_mass.append((turn @ T, c * moved))
             turns.append((turn, c))
-        times, ends = np.broadcast_to(of.times, len(right)), list[tuple[np.ndarray, np.ndarray]]()
+        times, ends = (
+            np.broadcast_to(pairs.times, len(right)),
+            list[tuple[np.ndarray, np.ndarray]](),
+        )
         if self._derivatives.places_depend:
-            motion, of_nodes = _times(T, right)[of.of], _times(mass, moved)
-            moving = sum((by * _times(turn, motion) for turn, by in turns), m * motion)
-            turned = (by * _times(turn.T, of_nodes) for turn, by in turns)
-            ends = [(of.of, sum(turned, of.on_right + m * of_nodes))]
-            ends += [(len(right) + np.arange(len(left)), _times(mass, moving) + of.on_left)]
-            directions, times = np.vstack([right, left]), np.append(times, times[of.of])
-        base = None if of.base is None else (of.base, m * moved)
-        return _Along(directions, times, of.of, k * left, c * left, by_mass, ends, base)
+            motion, of_nodes = _times(T, right)[pairs.of], _times(mass, moved)
+            moving = sum((factor * _times(turn, motion) for turn, factor in turns), m * motion)
+            turned = (factor * _times(turn.T, of_nodes) for turn, factor in turns)
+            ends = [(pairs.of, sum(turned, pairs.on_right + m * of_nodes))]
+            ends += [(len(right) + np.arange(len(left)), _times(mass, moving) + pairs.on_left)]
+            directions, times = np.vstack([right, left]), np.append(times, times[pairs.of])
+        base = None if pairs.base is None else (pairs.base, m * moved)
+        return _Along(directions, times, pairs.of, k * left, c * left, by_mass, ends, base)
 
     def followed(
         self, along: _Along, weights: np.ndarray, curved: bool = False
@@ -196,36 +199,40 @@ class TangentDerivatives:
 
         If `curved`, with the second derivatives of forces along the direction r in place of K r.
         """
-        numbers = [of[weights != 0] for of in (along.of, *(of for of, _ in along.ends))]
+        numbers = [k[weights != 0] for k in (along.of, *(k for k, _ in along.ends))]
         used = np.unique(np.concatenate(numbers[: 1 if curved else None]))
         basis, of_used = _basis(along.directions[used], self._steps.unit)
         parts = np.zeros((len(along.directions), len(basis)), complex)
         parts[used] = of_used ** (1 + curved)
         time = self._steps.slow * _mean(along.times[used])
 
-        def weighted(of: np.ndarray, by: np.ndarray) -> np.ndarray:
+        def weighted(indices: np.ndarray, values: np.ndarray) -> np.ndarray:
             """Weights (r, ...) along the basis."""
-            return ((weights[:, None] * parts[of]).T @ by).real
+            return ((weights[:, None] * parts[indices]).T @ values).real
 
         on_forces = np.vstack(
             [
-                weighted(along.of, by)
-                for by in self._steps.of_lengths(along.stiffness, along.damping, time)
+                weighted(along.of, values)
+                for values in self._steps.of_lengths(along.stiffness, along.damping, time)
             ]
         )
         on_ends = np.zeros((len(on_forces), len(self._about.start.q)))
-        on_ends[: len(basis)] = sum(weighted(*of) for of in along.ends)
-        by, by_state = self._backwards(self._steps.along(basis, time, curved), on_forces, on_ends)
-        for A, of_mass in along.by_mass if "mass" in by else []:
+        on_ends[: len(basis)] = sum(weighted(*end) for end in along.ends)
+        by_numbers, by_state = self._backwards(
+            self._steps.along(basis, time, curved), on_forces, on_ends
+        )
+        for A, of_mass in along.by_mass if "mass" in by_numbers else []:
             pairs = zip(weighted(along.of, of_mass), _times(A, basis), strict=True)
             of_pairs = (by_mass_entries(self._steps.problem.model, *pair) for pair in pairs)
-            by["mass"] = sum(of_pairs, by["mass"])
-        if along.base is not None and "mass" in by:
+            by_numbers["mass"] = sum(of_pairs, by_numbers["mass"])
+        if along.base is not None and "mass" in by_numbers:
             motion, of_motion = along.base
             on_base = weights @ of_motion
             for pair in ((on_base.real, motion.real), (-on_base.imag, motion.imag)):
-                by["mass"] = by["mass"] + by_mass_entries(self._steps.problem.model, *pair)
-        return by, by_state
+                by_numbers["mass"] = by_numbers["mass"] + by_mass_entries(
+                    self._steps.problem.model, *pair
+                )
+        return by_numbers, by_state
 
     def _forwards(self, along: _Along) -> np.ndarray:
         """Derivatives (n, m) of sums by changes of K, C, M and T along a basis."""
@@ -241,12 +248,12 @@ class TangentDerivatives:
             self._steps.of_lengths(along.stiffness, along.damping, time),
         )
 
-        def add(rows: np.ndarray, of: np.ndarray, by: np.ndarray, x: Any = slice(None)) -> None:
+        def add(rows: np.ndarray, k: np.ndarray, weights: np.ndarray, x: Any = slice(None)) -> None:
             """Add weights (n, size) times rows (r, m, size) along some of the basis."""
-            columns = np.ascontiguousarray(by.T, complex).view(float)
+            columns = np.ascontiguousarray(weights.T, complex).view(float)
             products = (rows.reshape(-1, len(columns)) @ columns).view(complex)
             products = products.reshape(*rows.shape[:2], -1)
-            sums[:, x] += np.einsum("nr,rmn->nm", parts[of][:, some], products)
+            sums[:, x] += np.einsum("nr,rmn->nm", parts[k][:, group], products)
 
         masses = changes["mass"].reshape(count, -1)
         heavy = np.flatnonzero(masses.any(axis=1))
@@ -255,17 +262,17 @@ class TangentDerivatives:
                 changed = scipy.sparse.csr_matrix((masses[i], mass.indices, mass.indptr))
                 sums[:, i] += of_motion @ (changed @ motion)
         most = max(1, int(_MEMORY / (8 * len(on_forces) * free * count)))
-        for some in (slice(k, k + most) for k in range(0, len(basis), most)):
-            forces, ends = self._pushed(self._steps.along(basis[some], time), by_state)
-            for rows, by in zip(np.split(forces, len(on_forces)), on_forces, strict=True):
-                add(rows, along.of, by)
-            for of, by in along.ends:
-                add(ends[: len(basis[some])], of, by)
-            for A, by in along.by_mass if len(heavy) else []:
-                moved = A @ basis[some].T
+        for group in (slice(k, k + most) for k in range(0, len(basis), most)):
+            forces, ends = self._pushed(self._steps.along(basis[group], time), by_state)
+            for rows, w in zip(np.split(forces, len(on_forces)), on_forces, strict=True):
+                add(rows, along.of, w)
+            for k, w in along.ends:
+                add(ends[: len(basis[group])], k, w)
+            for A, w in along.by_mass if len(heavy) else []:
+                moved = A @ basis[group].T
                 pattern = mass.indices, mass.indptr
                 changed = (scipy.sparse.csr_matrix((masses[i], *pattern)) for i in heavy)
-                add(np.array([(M @ moved).T for M in changed]).swapaxes(0, 1), along.of, by, heavy)
+                add(np.array([(M @ moved).T for M in changed]).swapaxes(0, 1), along.of, w, heavy)
         return sums
 
     def forces(self, weights: np.ndarray) -> dict[str, np.ndarray]:
@@ -275,8 +282,8 @@ class TangentDerivatives:
 
     def _pushed(self, steps: Steps, by_state: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """Changes (rows, m, ...) of residuals and ends of steps, with all numbers and the state."""
-        given = self._steps.tape(steps), self.changes, by_state, steps.rows, steps.shares
-        return self._derivatives.jvp_of_equations(*given)
+        arguments = self._steps.tape(steps), self.changes, by_state, steps.rows, steps.shares
+        return self._derivatives.jvp_of_equations(*arguments)
 
     def _backwards(
         self, steps: Steps, weights: np.ndarray, of_ends: np.ndarray
@@ -285,7 +292,7 @@ class TangentDerivatives:
 
         Those by numbers hold the state, if this follows from other numbers.
         """
-        given = (
+        arguments = (
             self._steps.tape(steps),
             steps.rows,
             steps.shares,
@@ -296,8 +303,8 @@ class TangentDerivatives:
             self._about.unknowns[: 0 if self._follows else None],
             self._changing.keys(),
         )
-        by, by_unknowns = self._derivatives.vjp_of_equations(*given, of_state, names)
-        return by, by_unknowns[self._about.unknowns]
+        by_numbers, by_unknowns = self._derivatives.vjp_of_equations(*arguments, of_state, names)
+        return by_numbers, by_unknowns[self._about.unknowns]
 
     def _solved(self, K: scipy.sparse.csr_matrix, by_state: np.ndarray) -> np.ndarray:
         """Solutions (n, free) of the tangent K, or of its transpose, for right sides."""
@@ -316,7 +323,7 @@ class TangentDerivatives:
 
 
 def _basis(directions: np.ndarray, unit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Real directions (r, n), and complex factors (k, r), whose products are those given (k, n).
+    """Real R (r, n) and complex factors F (k, r) with F R = `directions` (k, n).
 
     They are orthogonal in units (n,). Motions at near frequencies are much alike: r is less than k.
     """

@@ -66,14 +66,14 @@ class TangentSteps:
         self._first, self.slow = _FIRST, 1.0
         if self.damped and (nonlinear or quadratic):
             self._first, self.slow = _NONLINEAR, _SLOW if nonlinear else _SLOW_DRAG
-        functions = (of for name, of in expressions_of(model.scene) if name in _FUNCTIONS)
+        functions = (f for name, f in expressions_of(model.scene) if name in _FUNCTIONS)
         self._distance_at_most = _IN_PIECES if any(map(switches, functions)) else _DISTANCE
         # At the reference forces that depend on the motion count for damping, not for stiffness.
         unloaded = self.damped and factor == 0.0 and model.points.has_external
         self._factors = [0.0, 1.0] if unloaded else [factor]
         # Forces that depend on rates, without inertia.
-        given = NewtonOptions(), about.frame is not None, True, False, False, 1.0, False
-        self.problem = Problem.of(model, *given)
+        arguments = NewtonOptions(), about.frame is not None, True, False, False, 1.0, False
+        self.problem = Problem.of(model, *arguments)
         self.problem.set_frame(about.frame)
         self.forcing = LoadForcing(model, about.start.t)
 
@@ -93,8 +93,8 @@ class TangentSteps:
 
     def one_step(self, free: int) -> Steps:
         """A step that remains in the state."""
-        one, factor = np.ones(1), np.array([self._factor])
-        return Steps(np.zeros((1, free)), one, factor, np.zeros(1, int), one)
+        unit_array, factor = np.ones(1), np.array([self._factor])
+        return Steps(np.zeros((1, free)), unit_array, factor, np.zeros(1, int), unit_array)
 
     def along(self, directions: np.ndarray, time: float, curved: bool = False) -> Steps:
         """Steps along directions (r, free), also of twice the time if they tell damping.
@@ -104,7 +104,7 @@ class TangentSteps:
         points, weights = _SECOND if curved else self._first
         largest = abs(directions / self.unit).max(axis=1)
         most = _OF_SECOND if curved else self._distance_at_most
-        distances = [self._distance(of, most) for of in directions / largest[:, None]]
+        distances = [self._distance(direction, most) for direction in directions / largest[:, None]]
         sizes = (distances / largest)[:, None]
         moves = ((sizes * points)[..., None] * directions[:, None]).reshape(-1, directions.shape[1])
         times = [time, 2 * time] if self.damped else [0.0]
@@ -130,8 +130,8 @@ class TangentSteps:
         touched = members and members.touched
         reduction.begin(start.q, start.slides)
 
-        def switched(by: float) -> bool:
-            y = by * columns[: reduction.free]
+        def switched(factor: float) -> bool:
+            y = factor * columns[: reduction.free]
             q = start.q + reduction.increment(y, driven)
             slides = start.slides + model.couplings.free_slides(y, len(start.slides))
             passed = (model.points.switches(q, slides) * at_start < 0).any()
@@ -142,7 +142,7 @@ class TangentSteps:
         return distance
 
     def spread(self, rows: np.ndarray) -> np.ndarray:
-        """Rows (n, free) of the model from those of the unknowns, with zeros for the others."""
+        """Rows (n, free) of the model from rows of the unknowns; other columns are zero."""
         wide = np.zeros((len(rows), self.problem.c.free))
         wide[:, self._about.unknowns] = rows
         return wide

@@ -145,10 +145,10 @@ class ArcLength:
     ) -> tuple[State, Tangent | None]:
         """Limit point in a step to an end, and the tangent there; none if it is a bifurcation."""
         # On a plateau, as of a plastic mechanism, the slope's sign is round-off.
-        before = tangent.load if abs(tangent.load) > FLAT else self.rising * FLAT
-        if before * end[1].load > 0:
+        rate = tangent.load if abs(tangent.load) > FLAT else self.rising * FLAT
+        if rate * end[1].load > 0:
             raise StepFailed("off the path", "the step contains two limit points", ds * tangent.D)
-        ends = {0.0: (state, replace(tangent, load=before)), ds: end}
+        ends = {0.0: (state, replace(tangent, load=rate)), ds: end}
         stretch = Stretch(lambda length: self.step(state, tangent, length), ends)
 
         def slope(length: float) -> float:
@@ -159,15 +159,15 @@ class ArcLength:
             guess = low + slope(low) / (slope(low) - slope(high)) * (high - low)
             for place in (guess - side, guess + side):
                 if low < place < high:
-                    low, high = (place, high) if slope(place) * before > 0 else (low, place)
+                    low, high = (place, high) if slope(place) * rate > 0 else (low, place)
         if stretch.at(low)[1].sense == stretch.at(high)[1].sense:
             root = root_between(slope, low, high, _PLACE * ds)
-            if slope(root) * before < 0:  # the row lies before the point, not behind by round-off
+            if slope(root) * rate < 0:  # the row lies before the point, not behind by round-off
                 root -= 2 * _PLACE * ds
-            new, there = stretch.at(root)
-            turn = self._turn(state, new, tangent, there, root)
+            new, new_tangent = stretch.at(root)
+            turn = self._turn(state, new, tangent, new_tangent, root)
             if self.model.nonsmooth or turn <= _REJECTED * target:
-                return new, there  # not at a bifurcation with two modes, which keeps the sign
+                return new, new_tangent  # not at a bifurcation with two modes, which keeps the sign
         return self._extremum(state, tangent, (low + high) / 2, ds), None
 
     def _extremum(self, state: State, tangent: Tangent, near: float, ds: float) -> State:
@@ -282,6 +282,6 @@ class ArcLength:
 
     def error(self, state: State, failure: StepFailed) -> StepError:
         """What to report of a step that failed after all cuts."""
-        what = f"the step along the arc length from load factor {state.t:.6g} failed"
+        message = f"the step along the arc length from load factor {state.t:.6g} failed"
         advice = "Try more steps or cuts (max_cuts), and check the units of loads and stiffnesses"
-        return self._failures.error(what, self.stepper.options.max_cuts, state, failure, advice)
+        return self._failures.error(message, self.stepper.options.max_cuts, state, failure, advice)

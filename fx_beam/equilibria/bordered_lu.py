@@ -99,8 +99,8 @@ class BorderedLU:
         x, load = self._once(right, b[-1])
         # Again, for the rounding errors of an elimination without exchange of rows.
         rest = right - self._matrix @ x - load * self._column
-        more, load_more = self._once(rest, b[-1] - self._row @ x - self._corner * load)
-        return (x + more)[: self._free], load + load_more
+        correction, load_correction = self._once(rest, b[-1] - self._row @ x - self._corner * load)
+        return (x + correction)[: self._free], load + load_correction
 
     def _once(self, right: np.ndarray, last: float) -> tuple[np.ndarray, float]:
         x = self._lu.solve(right)

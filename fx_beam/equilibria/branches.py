@@ -81,15 +81,15 @@ class Branch:
 
 
 def grow(
-    path: Solution, levels: int, follow: Callable[[Branch], Solution], seen: list[Any]
+    path: Solution, levels: int, follow: Callable[[Branch], Solution], known_points: list[Any]
 ) -> None:
     """Compute the branches of a path by `follow`, and the branches of these, `levels` deep.
 
-    None starts at points that were `seen`, to which the bifurcations of the path are added.
+    None starts at `known_points`, to which the bifurcations of the path are added.
     """
     points = [point for point in path.critical_points if point.kind == "bifurcation"]
-    new = [point for point in points if not any(_same(point, other) for other in seen)]
-    seen += new
+    new = [point for point in points if not any(_same(point, other) for other in known_points)]
+    known_points += new
     path.branches = []
     for point in new:
         for mode, direction in itertools.product(range(len(point.modes)), (1, -1)):
@@ -103,7 +103,7 @@ def grow(
                 path.branches.append(branch)
     if levels > 1:
         for branch in path.branches:
-            grow(branch, levels - 1, follow, seen)
+            grow(branch, levels - 1, follow, known_points)
 
 
 def _same(point: Any, other: Any) -> bool:

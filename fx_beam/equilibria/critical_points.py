@@ -100,8 +100,8 @@ class CriticalPoint:
     def __repr__(self):
         if self.modes is None:
             return f"<CriticalPoint: {self.kind}, between the rows {self.row} and {self.row + 1}>"
-        several = f", {len(self.modes)} modes" if len(self.modes) > 1 else ""
-        return f"<CriticalPoint: {self.kind} at load factor {self.load_factor:.9g}{several}>"
+        modes_text = f", {len(self.modes)} modes" if len(self.modes) > 1 else ""
+        return f"<CriticalPoint: {self.kind} at load factor {self.load_factor:.9g}{modes_text}>"
 
 
 def first_critical_point(solution: Solution) -> CriticalPoint:
@@ -183,12 +183,12 @@ class PathStability:
         if not self._motions.symmetric(K):
             return before
         values = self._motions.lowest(K, max(before, behind) + 1)[0]
-        others = int((np.delete(values, abs(values).argmin()) < 0).sum())
+        rest = int((np.delete(values, abs(values).argmin()) < 0).sum())
 
         def change(count: int) -> tuple[int, int]:
-            return abs(count - before) + abs(behind - (2 * others + 1 - count)), abs(count - before)
+            return abs(count - before) + abs(behind - (2 * rest + 1 - count)), abs(count - before)
 
-        return min((others, others + 1), key=change)
+        return min((rest, rest + 1), key=change)
 
     def critical_points(self) -> list[CriticalPoint]:
         """The critical points between the states, and at their end; none if modes are unknown.
@@ -203,8 +203,8 @@ class PathStability:
         points: list[CriticalPoint] = []
         reasons: dict[int, str] = {}
         for row in np.flatnonzero(np.diff(counts)).tolist():
-            inside, reason = self._in_step(row, counts[row : row + 2].tolist())
-            points += inside
+            points_in_step, reason = self._in_step(row, counts[row : row + 2].tolist())
+            points += points_in_step
             if reason:
                 points.append(CriticalPoint(NOT_LOCATED, np.nan, row))
                 reasons[row] = reason
@@ -247,25 +247,25 @@ class PathStability:
         points: list[CriticalPoint] = []
         old, new = self._states[row : row + 2]
         crossings, reason = self._crossings.between(old, new, *counts)
-        for root, several in crossings:
+        for root, multiplicity in crossings:
             try:
-                points.append(self._point(root, row, several, max(counts)))
+                points.append(self._point(root, row, multiplicity, max(counts)))
             except FAILURES as failure:
                 reason = str(failure)
         return points, reason
 
-    def _point(self, root: Root, row: int, several: int, unstable: int) -> CriticalPoint:
+    def _point(self, root: Root, row: int, multiplicity: int, unstable: int) -> CriticalPoint:
         motions, state, K, square = self._motions, root.state, root.stiffness, 0.0
         if root.kind == FLUTTER:
             square = float(pairs_and_others(motions.squares(state))[0][0].real)
-            vectors = motions.shapes(state, square, several)
+            vectors = motions.shapes(state, square, multiplicity)
         elif not motions.symmetric(K):
-            vectors = motions.shapes(state, float(motions.squares(state)[0].real), several)
+            vectors = motions.shapes(state, float(motions.squares(state)[0].real), multiplicity)
         elif root.kind in SMOOTH:
-            vectors = motions.vanishing(K, several, unstable)
+            vectors = motions.vanishing(K, multiplicity, unstable)
         else:
-            vectors = motions.lowest(K, unstable)[1][:, -several:]
-        kind = "bifurcation" if several > 1 and root.kind in SMOOTH else root.kind
+            vectors = motions.lowest(K, unstable)[1][:, -multiplicity:]
+        kind = "bifurcation" if multiplicity > 1 and root.kind in SMOOTH else root.kind
         motions.stiffness(state)  # the couplings are then those of this state
         omega = np.sign(square) * np.sqrt(abs(square))
         rate, ratio = (-omega, np.nan) if square < 0 else (1j * omega, 0.0)

@@ -66,9 +66,9 @@ class Crossings:
         self, old: State, new: State, before: int, behind: int
     ) -> tuple[list[Crossing], str]:
         """Crossings in a step with numbers of unstable modes, and why others were not found."""
-        seen = self._seen.get(id(new))
-        if seen is not None and seen[0] is old:
-            return seen[2], ""
+        cached = self._seen.get(id(new))
+        if cached is not None and cached[0] is old:
+            return cached[2], ""
         return self._in_step(old, new, before, behind)
 
     def _in_step(self, old: State, new: State, *counts: int) -> tuple[list[Crossing], str]:
@@ -81,21 +81,21 @@ class Crossings:
         crossings = list[Crossing]()
         reason, last = "" if brackets else "all modes stay as they are", -np.inf
         for bracket in brackets:
-            several = bracket.many - bracket.few
+            multiplicity = bracket.many - bracket.few
             try:
                 root = root_of(piece, self.eigenvalue(piece, bracket.few), bracket)
-                on_path = self._is_on_path(root, several, max(counts))
+                on_path = self._is_on_path(root, multiplicity, max(counts))
             except FAILURES as failure:
                 reason = str(failure)
                 continue
             if not on_path:
                 reason = "the step reaches another path"
             elif root.place - last > SAME * piece.length:  # else it is the same one, divided
-                crossings.append(Crossing(root, several))
+                crossings.append(Crossing(root, multiplicity))
                 last = root.place
         return crossings, reason
 
-    def _is_on_path(self, root: Root, several: int, unstable: int) -> bool:
+    def _is_on_path(self, root: Root, multiplicity: int, unstable: int) -> bool:
         """Whether a smooth point is an equilibrium, at which no rising load bends its modes."""
         if root.kind not in SMOOTH:
             return True
@@ -103,7 +103,7 @@ class Crossings:
             return False
         if root.kind == LIMIT_POINT or not self.motions.symmetric(root.stiffness):
             return True
-        return not self.bends(root, self.motions.vanishing(root.stiffness, several, unstable))
+        return not self.bends(root, self.motions.vanishing(root.stiffness, multiplicity, unstable))
 
     def bends(self, root: Root, vectors: np.ndarray) -> bool:
         """Whether the loads up to a point do work on its modes (unknowns, n)."""

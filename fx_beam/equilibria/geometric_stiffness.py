@@ -22,16 +22,17 @@ _PART = 1e-5
 
 def check_forces(model: Model) -> None:
     """SceneError for forces whose geometric stiffness is not known."""
-    scene, what = model.scene, ""
+    scene, unsupported = model.scene, ""
     if scene.virtual_works or any(line.force for line in scene.forces_between):
-        what = "forces with a law of their own"
+        unsupported = "forces with a law of their own"
     if len(model.points.followers):
-        what = "loads that follow the motion, so that stability depends on masses"
+        unsupported = "loads that follow the motion, so that stability depends on masses"
     if scene.contacts or model.couplings.sliding:
-        what = "contact" if scene.contacts else "nodes that slide on beams"
-    if what:
+        unsupported = "contact" if scene.contacts else "nodes that slide on beams"
+    if unsupported:
         raise SceneError(
-            f"buckling: the scene has {what}. Take fx_beam.static, which finds critical_points"
+            f"buckling: the scene has {unsupported}. Take fx_beam.static, which finds "
+            "critical_points"
         )
 
 
@@ -97,7 +98,7 @@ def _slopes_of(about: SmallLoads, model: Model, name: str) -> np.ndarray:
 def _line_part(about: SmallLoads, model: Model) -> scipy.sparse.csr_matrix:
     """Part (size, size) of lines and ropes: F / l across each straight part of length l."""
     # What holds nodes to the ground has a fixed direction.
-    lines, size = [of for of in model.scene.forces_between if not of.to_ground], model.size
+    lines, size = [line for line in model.scene.forces_between if not line.to_ground], model.size
     if not lines:
         return scipy.sparse.csr_matrix((size, size))
     forces = about.slope(about.solution.recorded("line_forces"))

@@ -72,12 +72,12 @@ class LoadStepper:
 
     def held_at_nodes(self, state: State) -> np.ndarray:
         """Forces on nodes f (size,) with T^T f = (1 - l) `path.held`, in a state."""
-        held, model = (1 - state.t) * self.path.held, self.model
-        if not held.any():
+        reduced_forces, model = (1 - state.t) * self.path.held, self.model
+        if not reduced_forces.any():
             return np.zeros(model.size)
         self.motions.stiffness(state)  # the couplings are then those of this state
-        T = model.reduction.coupling()[:, : len(held)]
-        return T @ pivoted_lu(T.T @ T).solve(held)
+        T = model.reduction.coupling()[:, : len(reduced_forces)]
+        return T @ pivoted_lu(T.T @ T).solve(reduced_forces)
 
     def hold_between(self, start: float, end: float) -> None:
         """Set the forces that hold the start of the path, at both load factors of a step."""

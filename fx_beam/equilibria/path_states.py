@@ -1,4 +1,4 @@
-"""The states of a path of equilibria: its first one, and those after it under rising loads."""
+"""The states of a path of equilibria: the first state, and the next ones under rising loads."""
 
 from __future__ import annotations
 
@@ -78,13 +78,13 @@ class PathStates:
     def _settled_again(self, state: State, error: StepError) -> State:
         """The state at the end of the load step of an error, if it is stable; else the error."""
         path, steps = self._path, self._options.load_steps
-        held, path.held = path.held, 0 * path.held
+        holding_forces, path.held = path.held, 0 * path.held
         with suppress(SceneError):
             goal = (np.floor(state.t * steps + 1e-9) + 1) / steps
             new = Settling(self._stepper, str(error)).settled(state, float(goal))
             if not self._stepper.motions.count(new, new):
                 return new
-        path.held = held
+        path.held = holding_forces
         raise error
 
     def _branch_off(self, start: Branch, states: list[State]) -> None:
@@ -126,8 +126,8 @@ class PathStates:
             free = settling.freest(reference_state(self._model))
             if error.failure.kind != "singular" or free is None:
                 raise
-            where = settling.where(free)
-            self._model.mechanism = f"Static analysis is singular: without loads {where} is free"
+            part = settling.where(free)
+            self._model.mechanism = f"Static analysis is singular: without loads {part} is free"
         self._path.held = 0 * self._path.held
         return self._settled()
 
@@ -140,9 +140,9 @@ class PathStates:
             if stepper.loop.singular:
                 raise StepFailed("singular", "the tangent is singular", state.q - start.q)
         except StepFailed as failure:
-            what = "without loads there is no equilibrium"
+            message = "without loads there is no equilibrium"
             advice = "Check for a part without support"
-            raise stepper.loop.failures.error(what, 0, start, failure, advice) from failure
+            raise stepper.loop.failures.error(message, 0, start, failure, advice) from failure
         state.work = 0.0
         return state
 
@@ -171,9 +171,9 @@ class PathStates:
         try:
             return replace(stepper.step(state, 0.0), work=state.work)
         except StepFailed as failure:
-            what = "the state to start from is no equilibrium that the scene can hold"
+            message = "the state to start from is no equilibrium that the scene can hold"
             advice = "Check that the scene has the supports and joints of this state"
-            raise stepper.loop.failures.error(what, 0, state, failure, advice) from failure
+            raise stepper.loop.failures.error(message, 0, state, failure, advice) from failure
 
     def _settled(self) -> State:
         """The first state of a mechanism, which its loads hold."""

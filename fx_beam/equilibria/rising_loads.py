@@ -56,7 +56,7 @@ class RisingLoads:
 
     def _error(self, goal: float, failure: StepFailed) -> StepError:
         stepper, state, response = self._stepper, self._states[-1], self._stepper.response
-        what = f"the step from load factor {state.t:.6g} to {goal:.6g} failed"
+        message = f"the step from load factor {state.t:.6g} to {goal:.6g} failed"
         advice = (
             'If the path has a limit point there, use continuation="arc-length". Otherwise try '
             "more steps, and check the units of loads and stiffnesses"
@@ -73,4 +73,4 @@ class RisingLoads:
                 "place by a simulation with dampers. Elements longer than sqrt(EI / N), with the "
                 "axial force N, hold it as friction would"
             )
-        return stepper.loop.failures.error(what, self._options.max_cuts, state, failure, advice)
+        return stepper.loop.failures.error(message, self._options.max_cuts, state, failure, advice)

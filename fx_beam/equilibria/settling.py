@@ -54,8 +54,8 @@ _NEUTRAL, _CARRIED = 1e-6, 1e-6
 class Settling:
     """Finds the equilibrium of a mechanism at a load factor; errors say `why` it moves freely."""
 
-    def __init__(self, stepper: LoadStepper, why: str = ""):
-        self._why = why or stepper.model.mechanism
+    def __init__(self, stepper: LoadStepper, reason: str = ""):
+        self._why = reason or stepper.model.mechanism
         self.stepper, self.model, self._loop = stepper, stepper.model, stepper.loop
         self._weights = self._loop.drag_weight.copy()
 
@@ -65,8 +65,8 @@ class Settling:
         self.stepper.hold_between(goal, goal)
         self._check_forces(state)
         largest, failed = self._load(state, goal), ""
-        if why := without_balance(self.model, loop.balance(state, 1.0).r):
-            raise self._error(why)
+        if reason := without_balance(self.model, loop.balance(state, 1.0).r):
+            raise self._error(reason)
         enough = _SHORTER if largest and left_by_supports(self.model, first).size else _SHORT
         # Where no force moves it, prestress may hold it.
         drag = (largest or _LITTLE * self._largest(self.stepper.motions.extended(state))) / _TARGET
@@ -134,10 +134,10 @@ class Settling:
             raise StepFailed("off the path", "the step is too long", step.D)
         check_circles(self.model, state, new)
         work, gained, rounding = self.stepper.energies.work_and_gain(state, new, step.D)
-        taken = self._loop.drag * step.D @ (self._loop.drag_weight * step.D)
+        drag_work = self._loop.drag * step.D @ (self._loop.drag_weight * step.D)
         self.stepper.motions.note(new, self._loop)
         saddle = new.unstable_modes and moved > _STILL
-        if saddle or work - gained + rounding < _LEAST_WORK * taken:
+        if saddle or work - gained + rounding < _LEAST_WORK * drag_work:
             raise StepFailed("off the path", "the step goes up", step.D)
         return new, moved
 
@@ -155,10 +155,10 @@ class Settling:
         none = max(_OF_LOADS * largest, _ROUNDING * self._largest(K)) or 1.0
         # With so little drag the tangent is never singular.
         drag = scipy.sparse.diags(0.1 * none * model.unit**-2.0)
-        held = K + K.weighted(drag, model.reduction)
+        regularised = K + K.weighted(drag, model.reduction)
         least, x = 0.0, np.random.default_rng(0).standard_normal(len(unit)) * unit
         for _ in range(4):  # inverse iteration
-            x = held.solve(x / unit**2)
+            x = regularised.solve(x / unit**2)
             size = float(np.linalg.norm(x / unit))
             least, x = 1 / size, x / size
         return None if least > none else model.reduction.motion(x) / model.unit
@@ -167,8 +167,8 @@ class Settling:
         """SceneError if on an unknown nothing acts, not even the drag."""
         self._loop.balance(state, state.t)  # the couplings are then those of this state
         reduction = self.model.reduction
-        some = np.random.default_rng(0).random(len(self._weights)) * self._weights
-        drag = reduction.transpose_to_nodes(some)[reduction.independent]
+        random_drag = np.random.default_rng(0).random(len(self._weights)) * self._weights
+        drag = reduction.transpose_to_nodes(random_drag)[reduction.independent]
         if (drag == 0).any():
             free = reduction.motion(np.arange(len(drag)) == np.argmax(drag == 0)) / self.model.unit
             raise self._error(f"nothing acts on {self.where(free)}", free)
@@ -203,10 +203,10 @@ class Settling:
         node, component = divmod(int(abs(free).argmax()), 3)
         return node, COMPONENTS[component]
 
-    def _error(self, why: str, free: np.ndarray | None = None) -> SceneError:
+    def _error(self, reason: str, free: np.ndarray | None = None) -> SceneError:
         """That loads do not hold a mechanism, why, and a support against a motion (size,)."""
         support = "" if free is None else f', such as fix(node, "{self._most(free)[1]}"),'
         return SceneError(
             f"{self._why}. Loads may hold such a part, as gravity holds a pendulum, but "
-            f"{why}. Add a support{support or ','} or a spring"
+            f"{reason}. Add a support{support or ','} or a spring"
         )

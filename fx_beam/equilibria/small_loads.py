@@ -24,8 +24,8 @@ _NEAREST = 1e-4
 class SmallLoads:
     r"""Displacements u_1 = K_0^-1 f about a state, and states at u = l u_1 under loads l f."""
 
-    def __init__(self, what: str, stepper: LoadStepper, state: State):
-        self._what, self._stepper, self.state = what, stepper, state
+    def __init__(self, name: str, stepper: LoadStepper, state: State):
+        self._what, self._stepper, self.state = name, stepper, state
         reduction = stepper.model.reduction
         path, y = stepper.path, np.zeros(reduction.free)
         path.begin(state)
@@ -33,7 +33,7 @@ class SmallLoads:
         self.acts = bool(stepper.loop.forcing.rise.any() or path.balance(y, 0.0)[2].any())
         tangent = path.with_the_load(y, 0.0)
         if not (tangent.load and np.isfinite(tangent.y).all()):
-            raise SceneError(f"{what}: the state is at a critical point already. Reduce its loads")
+            raise SceneError(f"{name}: the state is at a critical point already. Reduce its loads")
         #: Displacements (free,) of the unknowns by the load factor, and (size,) of all nodes.
         self.y, self.D = tangent.y / tangent.load, tangent.D / tangent.load
         largest = self._without_switch(_LARGEST / (self._size() or 1.0))
@@ -89,7 +89,7 @@ class SmallLoads:
             forces.append(path.balance(y, load)[0].r.copy())
             interval = Interval(start.t, start.t + load)
             states.append(self._stepper.loop.finished(start, interval, y, forces[-1]))
-        #: The state and those at `loads`, and forces (n + 1, size) of supports and joints in them.
+        #: States at load factor 0 and at `loads`; forces (n + 1, size) of supports and joints.
         self.states, self.forces = [start, *states[1:]], np.array(forces)
 
     @cached_property

@@ -116,8 +116,8 @@ class SmallMotions:
         A, sliding = extended.alone, bool(self.model.couplings.sliding)
         if extended.dependent is None or not Symmetry.of(A, extended.units(self.model), sliding):
             if not self.symmetric(K := extended.matrix):
-                pairs, others = pairs_and_others(self.squares(state, K))
-                return Growing(len(pairs), int((others < 0).sum()))
+                pairs, real_squares = pairs_and_others(self.squares(state, K))
+                return Growing(len(pairs), int((real_squares < 0).sum()))
             extended = Extended(K, free)
         system, metric = extended.system, self.unit**-2.0
         metric = scipy.sparse.diags(np.append(metric, np.zeros(system.shape[0] - free)))
@@ -136,10 +136,10 @@ class SmallMotions:
         roots, _, vectors = modes.lowest(min(n, K.shape[0]))
         return np.sign(roots) * roots**2, vectors
 
-    def vanishing(self, K: scipy.sparse.csr_matrix, several: int, unstable: int) -> np.ndarray:
-        """Vectors (unknowns, several) of eigenvalues next to zero, with so many `unstable` ones."""
+    def vanishing(self, K: scipy.sparse.csr_matrix, multiplicity: int, unstable: int) -> np.ndarray:
+        """Vectors (unknowns, multiplicity) of eigenvalues next to zero, of so many `unstable`."""
         values, vectors = self.lowest(K, unstable + 1)
-        return vectors[:, np.sort(np.argsort(abs(values))[:several])]
+        return vectors[:, np.sort(np.argsort(abs(values))[:multiplicity])]
 
     # -- Forces that follow the motion ------------------------------------------------------------
 
@@ -167,10 +167,10 @@ class SmallMotions:
         values = values[np.argsort(-abs(values), kind="stable")][:_LOWEST]
         return 1 / values[abs(values) > 1e-12 * abs(values[0])].astype(complex)
 
-    def shapes(self, state: State, square: float, several: int) -> np.ndarray:
-        """Shapes (unknowns, several) of motions with the square of a frequency, of length 1."""
+    def shapes(self, state: State, square: float, multiplicity: int) -> np.ndarray:
+        """Unit shapes (unknowns, multiplicity) of motions with the square of a frequency."""
         unit, K = scipy.sparse.diags(self.unit), self.stiffness(state)
-        _, right = null_vectors(unit @ (K - square * self._mass()) @ unit, several)
+        _, right = null_vectors(unit @ (K - square * self._mass()) @ unit, multiplicity)
         return unit @ right
 
 

@@ -170,8 +170,8 @@ class LoadPath:
         path = self._stability(states, lambda state: self._solution([state]))
         later = {name: getattr(path, name) for name in ("unstable_modes", "critical_points")}
         rest = Rest(self.forcing.time, recorder.t)
-        kept: dict[str, Any] = {"ended": True, "stability": later, "rest": rest}
-        solution = solution_of(recorder, stats, lambda: end, **kept)
+        arguments: dict[str, Any] = {"ended": True, "stability": later, "rest": rest}
+        solution = solution_of(recorder, stats, lambda: end, **arguments)
         solution.loads_on_nodes = self._loads_on_nodes
         solution.resultants_of_beam = self._lease.reads(solution.resultants_of_beam)
         return solution
@@ -223,7 +223,7 @@ def _warn_if_unstable(motions: SmallMotions, states: list[State]) -> None:
 
 
 def path_of(solution: Any, scene: Scene) -> LoadPath | None:
-    """The path whose equilibria of the scene a solution has; None for others, and of copies."""
+    """The path of a solution's equilibria, if they are of this scene; else, or of a copy, None."""
     path = getattr(solution, "load_path", None)
     return path if path is not None and path.scene is scene else None
 
@@ -245,8 +245,8 @@ def _check_start(options: StaticOptions, scene: Scene, start: Any) -> None:
             raise SceneError("static: start with a spin: give all loads at once, without start")
     if isinstance(start, Branch) and options.continuation is None:
         raise SceneError('static: start is a branch. Follow it by continuation="arc-length"')
-    others = start is not None or options.spin or options.continuation or options.branches
-    if options.linear and others:
+    other_options = start is not None or options.spin or options.continuation or options.branches
+    if options.linear and other_options:
         raise SceneError("static: linear goes without start, spin, continuation and branches")
     if options.branches and (start is not None or options.spin):
         raise SceneError("static: branches are followed of paths without start and spin")

@@ -66,16 +66,16 @@ class BoundForm:
 
     @cached_property
     def cells(self) -> dict[int, np.ndarray]:
-        """Cells of each integral by its subdomain; -1 is that of all cells."""
-        every = np.arange(len(self._mesh.elements))
-        return {tag: every if tag < 0 else every[self._tags == tag] for tag in self.compiled.tags}
+        """Cells of each integral by the number of its subdomain; -1 means all cells."""
+        cells = np.arange(len(self._mesh.elements))
+        return {tag: cells if tag < 0 else cells[self._tags == tag] for tag in self.compiled.tags}
 
     def coefficients(self) -> dict[int, np.ndarray]:
         """Values (cells, width) of its fields for each subdomain, in the order of its code."""
         none = np.empty((len(self._mesh.elements), 0))
         of_fields = [field.array[field.space.dofs] for field in self.fields]
         values = of_fields[0] if len(of_fields) == 1 else np.concatenate([none, *of_fields], axis=1)
-        return {tag: values if tag < 0 else values[of] for tag, of in self.cells.items()}
+        return {tag: values if tag < 0 else values[cells] for tag, cells in self.cells.items()}
 
     def values_of_constants(self) -> np.ndarray:
         """Those of all constants, one after the other."""
@@ -92,7 +92,7 @@ class BoundForm:
         return _starts(self.constants, [array.size for array in self.constants.values()])
 
     def indices_in(self, other: BoundForm) -> tuple[list[int], list[int]]:
-        """Indices of its coefficients and constants among those of another form."""
+        """Indices of this form's coefficients and constants in the arrays of another form."""
         fields, constants = other.field_starts, other.constant_starts
         return (
             [fields[f] + k for f in self.fields for k in range(f.space.width)],
@@ -107,8 +107,8 @@ class BoundForm:
         packed = self.coefficients()
         for (tag, cells), function in zip(self.cells.items(), self.compiled.addresses, strict=True):
             places = coordinates if tag < 0 else coordinates[cells]
-            given = packed[tag][None], constants, places
-            yield cells, tabulated(function, *given, self.size)[0]
+            arrays = packed[tag][None], constants, places
+            yield cells, tabulated(function, *arrays, self.size)[0]
 
     def total(self) -> float:
         """Value of a functional."""
@@ -152,33 +152,33 @@ class RowValues:
         most = max(1, _MOST // values[0].size)
         for first in range(0, len(values), most):
             rows = slice(first, first + most)
-            given = StepBatch(*(of[rows] if len(of) else of for of in parts))
-            for of, address, cells in self._expressions:
-                fields = self._coefficients(of, cells, given)
-                numbers = fields, self._constants(of, given, parameters[rows]), coordinates[cells]
+            batch = StepBatch(*(array[rows] if len(array) else array for array in parts))
+            for form, address, cells in self._expressions:
+                fields = self._coefficients(form, cells, batch)
+                numbers = fields, self._constants(form, batch, parameters[rows]), coordinates[cells]
                 out = tabulated(address, *numbers, math.prod(shape))
                 # An array of all cells would copy the values.
                 which = slice(None) if len(cells) == count else cells
                 values[rows, which] += out.reshape(*out.shape[:2], *shape)
         return values
 
-    def _coefficients(self, of: BoundForm, cells: np.ndarray, parts: StepBatch) -> np.ndarray:
+    def _coefficients(self, form: BoundForm, cells: np.ndarray, parts: StepBatch) -> np.ndarray:
         """Coefficients (n, cells, width) of an expression."""
         changing = dict(zip(self._moving, parts.fields, strict=True))
-        coefficients = np.empty((len(parts.t), len(cells), of.width))
-        for field, start in of.field_starts.items():
+        coefficients = np.empty((len(parts.t), len(cells), form.width))
+        for field, start in form.field_starts.items():
             values, dofs = changing.get(field, _NONE), field.space.dofs[cells]
             of_field = values.take(dofs, axis=1) if values.size else field.array[dofs]
             coefficients[..., start : start + field.space.width] = of_field
         return coefficients
 
-    def _constants(self, of: BoundForm, parts: StepBatch, parameters: np.ndarray) -> np.ndarray:
+    def _constants(self, form: BoundForm, parts: StepBatch, parameters: np.ndarray) -> np.ndarray:
         """Constants (n, m) of an expression."""
         factors = parts.load_factor if len(parts.load_factor) else np.ones(len(parts.t))
-        columns = (of[:, None] for of in (parts.t, parts.dt, parts.dt, parts.memory, factors))
+        columns = (x[:, None] for x in (parts.t, parts.dt, parts.dt, parts.memory, factors))
         changing = dict(zip(_CHANGING, (*columns, parameters), strict=True))
         constants = [np.empty((len(parts.t), 0))]
-        for name, array in of.constants.items():
+        for name, array in form.constants.items():
             value = changing.get(name)
             constants.append(np.tile(array.ravel(), (len(parts.t), 1)) if value is None else value)
         return np.hstack(constants)
@@ -193,8 +193,8 @@ def tabulated(function: int, w: np.ndarray, c: np.ndarray, x: np.ndarray, size: 
     values = np.zeros((*w.shape[:2], size))
     sizes = w.shape[2], c.shape[1], x.shape[1], size
     arrays = map(np.ascontiguousarray, (w, c, x, values))
-    given = [ffi.from_buffer("double[]", array) for array in arrays]
-    library.fx_tabulate(ffi.cast("Tabulate", function), sizes, *w.shape[:2], *given)
+    pointers = [ffi.from_buffer("double[]", array) for array in arrays]
+    library.fx_tabulate(ffi.cast("Tabulate", function), sizes, *w.shape[:2], *pointers)
     return values
 
 

@@ -76,11 +76,11 @@ class BeamForms:
         #: Fields and arrays on this mesh by their names in forms.
         self._data = self._fields(numbers)
         for i, work in enumerate(scene.virtual_works):
-            inside = np.full(len(mesh.beam_of_cell), work.beam is None)
+            is_loaded = np.full(len(mesh.beam_of_cell), work.beam is None)
             if work.beam is not None:
                 cells = mesh.cells[scene.beams.index(work.beam)]
-                inside[cells[slice(*work.elements)]] = True
-            self._data[f"indicator {i}"] = data_field(inside[:, None], mesh)
+                is_loaded[cells[slice(*work.elements)]] = True
+            self._data[f"indicator {i}"] = data_field(is_loaded[:, None], mesh)
         if facts.names:
             self._read_parameters()
         #: Functions that change: the first in every iteration, the others in every step. They are
@@ -90,10 +90,10 @@ class BeamForms:
         #: Field of the internal variables; None without any.
         self._internal: Any = self._data.get("internal")
         for form in step.forms.values():
-            of = (
+            space = (
                 self._data["internal"].space if form.name == "internal variables" else mesh.unknowns
             )
-            self.bound[form.name] = self._bind(form, [of] * form.arguments)
+            self.bound[form.name] = self._bind(form, [space] * form.arguments)
         #: Whether there is drag.
         self.have_drag = "drag" in self.bound
         #: Whether forces may depend on rates, and may dissipate energy.
@@ -135,10 +135,12 @@ class BeamForms:
         """Find the kind of the scene."""
         mesh = self._mesh
         sections = [beam.section for beam in scene.beams]
-        internal = [frozen(of.internal) if self._holds else of.internal for of in sections]
-        of_sections = {id(of): _expressions(of) for of in distinct(sections)}
-        keys = [of_sections[id(of)] for of in sections]
-        energies = (of.strain_energy for of in sections)
+        internal = [
+            frozen(section.internal) if self._holds else section.internal for section in sections
+        ]
+        of_sections = {id(section): _expressions(section) for section in distinct(sections)}
+        keys = [of_sections[id(section)] for section in sections]
+        energies = (section.strain_energy for section in sections)
         materials = dict(zip(keys, zip(energies, internal, strict=True), strict=True))
         numbers = {key: number for number, key in enumerate(materials)}
         #: Subdomain of each cell, the number of its material.
@@ -199,7 +201,7 @@ class BeamForms:
         data = self._data | {"weight 0": Field(mesh.unknowns)}
         if facts.width:
             data["weight 1"] = Field(self._internal.space)
-        spaces = {name: of.space for name, of in data.items() if isinstance(of, Field)}
+        spaces = {name: field.space for name, field in data.items() if isinstance(field, Field)}
         spaces["coordinates"] = mesh.positions
         if facts.names:
             data["more"] = Field(mesh.space(1, len(facts.names)))
@@ -208,43 +210,43 @@ class BeamForms:
 
         return FormSource(DerivedForm, self.kind), data, spaces
 
-    def sizes_of_slopes(self, of: str) -> dict[str, int]:
+    def sizes_of_slopes(self, forces: str) -> dict[str, int]:
         """How many numbers of an element "internal forces" or "drag" depend on, by name."""
         source, _, spaces = self._derived
-        names = source.module("work", of).facts["derivatives"]
+        names = source.module("work", forces).facts["derivatives"]
         return {name: spaces[name].width for name in names}
 
-    def slopes(self, of: str, wanted: Iterable[str]) -> dict[tuple[str, int], BoundForm]:
+    def slopes(self, forces: str, names: Iterable[str]) -> dict[tuple[str, int], BoundForm]:
         """The work of these forces on weights, as ("work", 0), and its derivatives.
 
-        Each is by numbers with one of the names that are `wanted`, and by a weight: of the forces,
+        Each is by numbers with one of the `names`, and by a weight: of the forces,
         and of the increments of internal variables.
         """
         source, data, spaces = self._derived
         slopes = {}
-        for title, form in source.module("slopes", of, *wanted).forms.items():
+        for title, form in source.module("slopes", forces, *names).forms.items():
             name, number = title.rsplit(" ", 1)
             of_form = [] if name == "work" else [spaces[name], spaces[f"weight {number}"]]
             slopes[name, int(number)] = self._bind(form, of_form, data)
         return slopes
 
     def _derivatives(
-        self, of: str, parts: StepBatch, by_places: bool, points: int = 0
+        self, quantity: str, parts: StepBatch, by_places: bool, points: int = 0
     ) -> Iterator[tuple[str, Space, np.ndarray]]:
         """Derivatives of a quantity of `DerivedForm` in steps: name, space, and values.
 
         Those by positions come only if they are wanted. Values are (k, cells, numbers), or with
         `points` (k, cells, points, 3, numbers).
         """
-        if of not in self._derivatives_of:
+        if quantity not in self._derivatives_of:
             source, data, spaces = self._derived
             tests = [self._mesh.space(points, 3)] * bool(points)
-            self._derivatives_of[of] = [
+            self._derivatives_of[quantity] = [
                 (name, spaces[name], self._in_rows(self._bind(form, [*tests, spaces[name]], data)))
-                for name, form in source.module("derivatives", of).forms.items()
+                for name, form in source.module("derivatives", quantity).forms.items()
             ]
         shape, parameters = (points, 3) * bool(points), self._parameters_in(parts)
-        for name, space, values in self._derivatives_of[of]:
+        for name, space, values in self._derivatives_of[quantity]:
             if by_places or name != "coordinates":
                 yield name, space, values(parts, parameters, (*shape, space.width))
 
@@ -266,11 +268,13 @@ class BeamForms:
         """
         derivatives: dict[str, np.ndarray] = {}
         for name, space, values in of_cells:
-            at, size = space.dofs[cells], space.size
+            places, size = space.dofs[cells], space.size
             if name == "parameters":
-                at, size = np.array(self.parameters), len(self._parameters)
-            at = np.broadcast_to(at + size * np.arange(len(values))[:, None, None], values.shape)
-            sums = np.bincount(at.ravel(), values.ravel(), len(values) * size)
+                places, size = np.array(self.parameters), len(self._parameters)
+            places = np.broadcast_to(
+                places + size * np.arange(len(values))[:, None, None], values.shape
+            )
+            sums = np.bincount(places.ravel(), values.ravel(), len(values) * size)
             name = "X" if name == "coordinates" else name
             derivatives[name] = derivatives.get(name, 0.0) + sums.reshape(-1, size)
         return derivatives
@@ -335,7 +339,7 @@ class BeamForms:
     def resultants_with(
         self, parts: StepBatch, by_places: bool, changes: Mapping[str, np.ndarray], component: int
     ) -> np.ndarray:
-        """Changes (k, m, cells, points) of N, Q or M with those (k or 1, m, ...) by these names."""
+        """Changes (k, m, cells, points) of N, Q or M, from `changes` (k or 1, m, ...) of fields."""
         total: Any = 0.0
         for name, space, slopes in self._slopes_of_resultants(parts, by_places, component):
             values = changes["X" if name == "coordinates" else name]
@@ -375,8 +379,8 @@ class BeamForms:
                 field.array[:] = rate
         if self.facts.needs_previous:
             self._values["memory"][...] = start.memory
-            before = start.q if start.q_previous is None else start.q_previous
-            self._q_previous.array[:] = before
+            q_previous = start.q if start.q_previous is None else start.q_previous
+            self._q_previous.array[:] = q_previous
         self._set_internal(start.internal)
         self.set_natural(*(start.natural or (None, None)))
 
@@ -397,10 +401,10 @@ class BeamForms:
         for name in ["internal forces"] + ["drag"] * self.have_drag:
             self.bound[name].add_to(out)
 
-    def add_tangent(self, values: np.ndarray, at: np.ndarray) -> None:
-        """Add their tangent (eq. 54), derived by UFL, to entries `at` of stored values."""
+    def add_tangent(self, values: np.ndarray, entries: np.ndarray) -> None:
+        """Add their tangent (eq. 54), derived by UFL, to some `entries` of stored values."""
         for name in ["tangent"] + ["tangent of drag"] * self.have_drag:
-            self.bound[name].add_to(values, at)
+            self.bound[name].add_to(values, entries)
 
     def add_external(self, out: np.ndarray) -> None:
         """Add the forces of virtual works of a user to `out` (size,)."""
@@ -430,10 +434,10 @@ class BeamForms:
 
     def _point_values(self, expressions: FormModule) -> RowValues:
         """Values of expressions, one for all cells, or for each subdomain its own."""
-        bound = [self._bind(of) for of in expressions.forms.values()]
+        bound = [self._bind(form) for form in expressions.forms.values()]
         tags = self.tags if len(bound) > 1 else 0 * self.tags
         cells = (np.flatnonzero(tags == i) for i in range(len(bound)))
-        addresses = (of.compiled.addresses[0] for of in bound)
+        addresses = (form.compiled.addresses[0] for form in bound)
         return RowValues(zip(bound, addresses, cells, strict=True), self._mesh, self.moving)
 
     def _in_rows(self, form: BoundForm) -> RowValues:

@@ -46,11 +46,11 @@ def _shared(expression: Any, variables: bool = True) -> Any:
         part = left[-1]
         if id(part) in known:
             left.pop()
-        elif missing := [of for of in part.ufl_operands if id(of) not in known]:
+        elif missing := [operand for operand in part.ufl_operands if id(operand) not in known]:
             left += missing
         else:
             left.pop()
-            parts = [known[id(of)] for of in part.ufl_operands]
+            parts = [known[id(operand)] for operand in part.ufl_operands]
             if not variables and isinstance(part, ufl.classes.Variable):
                 known[id(part)] = parts[0]
                 continue
@@ -89,8 +89,8 @@ def _written(values: Mapping[str, Values], arguments: int) -> Written:
     # Without the variables of derivatives: later versions of UFL tell them apart by numbers of
     # the process, and would compile the same function again.
     expressions = {
-        name: (_shared(expand(_shared(of(numbers))), variables=False), np.array([[0.5]]))
-        for name, of in values.items()
+        name: (_shared(expand(_shared(function(numbers))), variables=False), np.array([[0.5]]))
+        for name, function in values.items()
     }
     return Written(expressions, {numbers: "numbers"})
 
@@ -155,11 +155,11 @@ class CompiledLaw:
         return self.slopes.size
 
     def check_at_zero(self, parameters: np.ndarray) -> None:
-        """Refuse a law that is not finite at zero with these values of its parameters."""
-        given = np.zeros(self.given)
-        given[3 * self.law.size + 1] = 1.0  # the length of the step
-        given[arguments(self.law) :] = parameters
-        if self.law.zero_advice and not np.isfinite(self._functions["law"](given)).all():
+        """Refuse a law that is not finite at zero, with values of its `parameters` (n,)."""
+        inputs = np.zeros(self.given)
+        inputs[3 * self.law.size + 1] = 1.0  # the length of the step
+        inputs[arguments(self.law) :] = parameters
+        if self.law.zero_advice and not np.isfinite(self._functions["law"](inputs)).all():
             raise SceneError(self.law.zero_advice)
 
     @property
@@ -172,48 +172,48 @@ class CompiledLaw:
         """Derivatives of its forces and internal variables (`slopes_of`)."""
         return slopes_of(self.law, self._rule, tuple(self.parameters))
 
-    def derivatives(self, of: str) -> PointFunction:
+    def derivatives(self, quantity: str) -> PointFunction:
         """Derivatives of one of its functions, such as the "energy", by all given."""
-        if of not in self._derivatives:
-            value = self._function(_listed(getattr(self.law, of)))
+        if quantity not in self._derivatives:
+            value = self._function(_listed(getattr(self.law, quantity)))
 
             def values(numbers: Any) -> Any:
-                given = ufl.variable(ufl.as_vector([numbers[i] for i in range(self.given)]))
-                return ufl.diff(value(given)[0], given)
+                inputs = ufl.variable(ufl.as_vector([numbers[i] for i in range(self.given)]))
+                return ufl.diff(value(inputs)[0], inputs)
 
-            name = f"derivatives of the {of} of {self.law.name}"
+            name = f"derivatives of the {quantity} of {self.law.name}"
             key = self._key and (*self._key, name)
-            self._derivatives[of] = point_function(name, values, self.given, key)
-        return self._derivatives[of]
+            self._derivatives[quantity] = point_function(name, values, self.given, key)
+        return self._derivatives[quantity]
 
     def _written(self) -> Written:
         """Its functions in UFL."""
         law = self.law
-        given = ufl.Constant(elements.domain(1), shape=(arguments(law),))
-        motion = ForceStep(given, law, self._rule)
+        inputs = ufl.Constant(elements.domain(1), shape=(arguments(law),))
+        motion = ForceStep(inputs, law, self._rule)
         functions = {name: getattr(law, name) for name in _OTHERS}
-        others = {name: _listed(of) for name, of in functions.items() if of is not None}
-        conditions = len(others["switches"](motion)) if "switches" in others else 0
+        listed = {name: _listed(f) for name, f in functions.items() if f is not None}
+        conditions = len(listed["switches"](motion)) if "switches" in listed else 0
         if not conditions:
-            others.pop("switches", None)
+            listed.pop("switches", None)
         if law.user_defined:
             of_step = law.forces(motion)
-            parts = [part for of in others.values() for part in of(motion)]
+            parts = [part for f in listed.values() for part in f(motion)]
             self.parameters = names_of(parameters_in(*of_step.forces, *of_step.internal, *parts))
         named = {law.name: self._function(self._forces)}
-        named |= {f"{name} of {law.name}": self._function(of) for name, of in others.items()}
+        named |= {f"{name} of {law.name}": self._function(f) for name, f in listed.items()}
         written = _written(named, self.given)
         # Without the names of parameters, in which laws may differ that have the same code.
-        facts = {"others": [*others], "entries": self._entries, "conditions": conditions}
+        facts = {"others": [*listed], "entries": self._entries, "conditions": conditions}
         return written._replace(facts=facts)
 
     def _function(self, values: OfForceStep) -> Callable[[Any], Any]:
         """The values as a vector of what the law is given."""
         first = arguments(self.law)
 
-        def of(given: Any) -> Any:
-            by_name = {parameter: given[first + i] for i, parameter in enumerate(self.parameters)}
-            motion = ForceStep(given, self.law, self._rule)
+        def of(inputs: Any) -> Any:
+            by_name = {parameter: inputs[first + i] for i, parameter in enumerate(self.parameters)}
+            motion = ForceStep(inputs, self.law, self._rule)
             return replaced(ufl.as_vector(values(motion)), by_name)
 
         return of
@@ -246,11 +246,11 @@ def _listed(function: Callable[[ForceStep], Any]) -> OfForceStep:
     return values
 
 
-def _of_law(make: Callable[..., T], law: PointLaw, *more: Any) -> T:
+def _of_law(make: Callable[..., T], law: PointLaw, *extra: Any) -> T:
     """What is made of a law and of more: once, unless the law has functions of a user."""
     if law.user_defined:
-        return make(law, *more)
-    return compiled((make, law, *more), lambda: make(law, *more))
+        return make(law, *extra)
+    return compiled((make, law, *extra), lambda: make(law, *extra))
 
 
 def slopes_of(law: PointLaw, rule: StepRule, parameters: tuple[str, ...] = ()) -> PointFunction:
@@ -263,19 +263,19 @@ def slopes_of(law: PointLaw, rule: StepRule, parameters: tuple[str, ...] = ()) -
 
 def _slopes(law: PointLaw, rule: StepRule, parameters: tuple[str, ...]) -> PointFunction:
     n, first = law.size, arguments(law)
-    count, inside = first + len(parameters), 3 * n + 2
+    count, first_internal = first + len(parameters), 3 * n + 2
     columns = [
         *range(2 * n),
-        *range(inside, inside + law.internal),
+        *range(first_internal, first_internal + law.internal),
         *range(first - law.numbers, count),
     ]
 
     def values(symbols: Any) -> Any:
-        given = ufl.variable(ufl.as_vector([symbols[i] for i in range(count)]))
-        by_name = {parameter: given[first + i] for i, parameter in enumerate(parameters)}
-        of_step = law.forces(ForceStep(given, law, rule))
-        quantities = [replaced(of, by_name) for of in (*of_step.forces, *of_step.internal)]
-        rows = [ufl.diff(of, given) for of in quantities]
+        inputs = ufl.variable(ufl.as_vector([symbols[i] for i in range(count)]))
+        by_name = {parameter: inputs[first + i] for i, parameter in enumerate(parameters)}
+        of_step = law.forces(ForceStep(inputs, law, rule))
+        quantities = [replaced(part, by_name) for part in (*of_step.forces, *of_step.internal)]
+        rows = [ufl.diff(part, inputs) for part in quantities]
         return ufl.as_vector([row[k] for row in rows for k in columns])
 
     name = f"slopes of {law.name}"
@@ -291,7 +291,7 @@ def compiled_laws(laws: Sequence[PointLaw], rule: StepRule) -> list[CompiledLaw]
 
 
 def compiled_rule(rates: NodalRates, rule) -> PointFunction:
-    """From four vectors and dt the acceleration, its slopes by the increment, rates, and theirs."""
+    """(D, v0, a0, before, dt) -> acceleration, its slopes by D, rates, and their slopes by D."""
 
     def values(numbers):
         D, v0, a0, before = (

@@ -120,7 +120,7 @@ def coefficient(space):
     return _coefficients()(space)
 
 
-def measure(on, points: int):
+def measure(ufl_domain, points: int):
     """Measure `dx` with the `gauss_rule` of so many points."""
     rule = {"quadrature_degree": 2 * points - 1, "quadrature_rule": "Gauss-Jacobi"}
-    return ufl.Measure("dx", domain=on, metadata=rule)
+    return ufl.Measure("dx", domain=ufl_domain, metadata=rule)

@@ -43,7 +43,7 @@ _FUNCTION = re.compile(r"void (tabulate_tensor_\w+)\(([^)]*)\)")
 def signature(written: Written) -> str:
     """Identifier of forms, with all that is written of them."""
     forms = [*written.forms.values()]
-    symbols = (symbol for form in forms for of in _symbols(form) for symbol in of)
+    symbols = (symbol for form in forms for group in _symbols(form) for symbol in group)
     tag = repr(([*written.forms], [written.names[symbol] for symbol in symbols], written.facts))
     return naming.compute_signature(forms, tag) if forms else tag
 
@@ -66,16 +66,16 @@ def generated(written: Written, prefix: str) -> dict[str, Any]:
     folder = codegeneration.get_include_path()
     header = "".join(f"#include <{name}>\n" for name in _HEADERS) + f'#include "{folder}/ufcx.h"\n'
     # Equal expressions have one name, and other aliases only.
-    texts = {(_FUNCTION.search(of) or [of])[0]: of for _, of in parts}
+    texts = {(_FUNCTION.search(text) or [text])[0]: text for _, text in parts}
     source = "\n".join([*(declared for declared, _ in parts), *texts.values()])
     functions = dict(_FUNCTION.findall(source))
-    every = zip(written.forms.items(), ir.forms or ir.expressions, strict=True)
+    pairs = zip(written.forms.items(), ir.forms or ir.expressions, strict=True)
     return {
         "header": header,
         "source": source,
-        "arguments": next((given.count(",") + 1 for given in functions.values()), 0),
+        "arguments": next((parameters.count(",") + 1 for parameters in functions.values()), 0),
         "forms": {
-            name: _described(form, of, written.names, [*functions]) for (name, form), of in every
+            name: _described(form, p, written.names, [*functions]) for (name, form), p in pairs
         },
         "facts": written.facts,
     }
@@ -94,13 +94,13 @@ def _described(
         arguments, values = 0, math.prod(form[0].ufl_shape)
         pairs = [(-1, getattr(ir, "expression", ir).name)]
     return {
-        "coefficients": [names[coefficients[at]] for at in getattr(ir, plural)],
+        "coefficients": [names[coefficients[i]] for i in getattr(ir, plural)],
         "constants": [names[symbol] for symbol in constants],
         "arguments": arguments,
         "values": values,
         # Later versions add the kind of cell to the name of an integral.
         "functions": sorted(
-            (tag, next(of for of in functions if of.startswith(f"tabulate_tensor_{name}")))
+            (tag, next(f for f in functions if f.startswith(f"tabulate_tensor_{name}")))
             for tag, name in pairs
         ),
     }

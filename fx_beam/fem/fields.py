@@ -108,7 +108,7 @@ def drag_data(mesh: Mesh, scene: Scene) -> dict[str, Any]:
                 i = scene.beams.index(beam)
                 of_beams[i] = of_beams[i] + dual_array(value)
     of_cells = {name: dual_array(of_beams)[mesh.beam_of_cell] for name, of_beams in rows.items()}
-    return {name: of[:, None] if "across" in name else of for name, of in of_cells.items()}
+    return {name: array[:, None] if "across" in name else array for name, array in of_cells.items()}
 
 
 class Fields:
@@ -176,8 +176,8 @@ class Fields:
         """Measure of the members, by a Gauss rule of so many points."""
         return self.symbols.measure(points)
 
-    def step(self, rates: UpdateRule, what: str, natural: bool = False) -> Step:
-        """A step with its rates, those of a scheme; errors say `what` they are.
+    def step(self, rates: UpdateRule, name: str, natural: bool = False) -> Step:
+        """A step with its rates, those of a scheme; errors call them by a `name`.
 
         With `natural` it has natural strains.
         """
@@ -194,7 +194,7 @@ class Fields:
         v0, a0 = (ufl.split(rate) for rate in self.start_rates)
         u_before, psi_before = ufl.split(self.q_previous)
         v, omega = rates.fields(Du, Dpsi, v0, a0, self.dt)
-        refuse_fields_in(ufl.as_vector((*v, omega)), what, self.names)
+        refuse_fields_in(ufl.as_vector((*v, omega)), name, self.names)
         return Step(
             u0=u0,
             psi0=psi0,

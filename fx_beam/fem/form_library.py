@@ -72,9 +72,9 @@ class FormModule:
     @cached_property
     def addresses(self) -> dict[str, int]:
         """Addresses of the functions of one element, by their names in C."""
-        what, text = " and ".join(map(repr, self.forms)), self.header + self.source
+        title, text = " and ".join(map(repr, self.forms)), self.header + self.source
         names = [name for form in self.forms.values() for _, name in form.functions]
-        self._functions = c_library.functions_of(what, text, lambda: text, names, _FLAGS)
+        self._functions = c_library.functions_of(title, text, lambda: text, names, _FLAGS)
         return dict(zip(names, self._functions, strict=True))
 
 
@@ -113,7 +113,7 @@ def _loaded(key: Any, write: Callable[[], Written]) -> FormModule:
 @functools.cache
 def _origin() -> tuple:
     """What the text of a form depends on besides its key: the files of its writers."""
-    texts = (path.read_bytes() for of in _WRITERS for path in sorted(_PACKAGE.glob(of)))
+    texts = (path.read_bytes() for pattern in _WRITERS for path in sorted(_PACKAGE.glob(pattern)))
     specs = [find_spec(name) for name in ("ufl", "basix", "ffcx")]
     places = [Path(spec.origin) for spec in specs if spec is not None and spec.origin]
     installed = [(str(place), place.stat().st_mtime_ns) for place in places]
@@ -136,7 +136,7 @@ class FormSource:
     def _writer(self) -> Any:
         return self._make()
 
-    def module(self, what: str, *given: Any) -> FormModule:
+    def module(self, method: str, *arguments: Any) -> FormModule:
         """What one of its methods writes."""
-        key = self._key and (*self._key, what, *given)
-        return form_module(key, lambda: getattr(self._writer, what)(*given))
+        key = self._key and (*self._key, method, *arguments)
+        return form_module(key, lambda: getattr(self._writer, method)(*arguments))

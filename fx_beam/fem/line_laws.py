@@ -28,9 +28,9 @@ class LineLaw:
     def __init__(self, law: PointLaw, of_length: CompiledLaw, level: float):
         self.law, self._of_length, self._level = law, of_length, level
         self.parameters, self.conditions = of_length.parameters, of_length.conditions
-        every = np.arange(law.size, dtype=np.int32)
+        numbers = np.arange(law.size, dtype=np.int32)
         #: Rows and columns (n, 2) of the entries of the tangent: all.
-        self.entries = np.stack(np.meshgrid(every, every, indexing="ij"), -1).reshape(-1, 2)
+        self.entries = np.stack(np.meshgrid(numbers, numbers, indexing="ij"), -1).reshape(-1, 2)
         self.values = law.size + len(self.entries) + law.internal + law.iteration_memory
         #: Number of values that its functions are given.
         self.given = arguments(law) + len(self.parameters)
@@ -43,10 +43,19 @@ class LineLaw:
     def members(self) -> dict[str, Any]:
         """Members of it that structs in C have."""
         (row, column), length = self.entries.T, self._of_length
-        own = {"entries": len(row), "entry_row": row, "entry_column": column, "level": self._level}
-        own |= {"pieces": len(self._moves) - 1, "moves": self._moves}
-        others = length.law.numbers + len(self.parameters)
-        return length.members | own | {"length_entries": len(length.entries), "others": others}
+        own_members = {
+            "entries": len(row),
+            "entry_row": row,
+            "entry_column": column,
+            "level": self._level,
+        }
+        own_members |= {"pieces": len(self._moves) - 1, "moves": self._moves}
+        numbers = length.law.numbers + len(self.parameters)
+        return (
+            length.members
+            | own_members
+            | {"length_entries": len(length.entries), "others": numbers}
+        )
 
     @property
     def slopes_address(self) -> int:
@@ -68,24 +77,24 @@ class LineLaw:
         """Derivatives of one of its functions by all given."""
         return _LineDerivatives(self, self._of_length.derivatives(name))
 
-    def pieces(self, given: np.ndarray) -> _Pieces:
+    def pieces(self, inputs: np.ndarray) -> _Pieces:
         """The pieces for what the law is given (k, given)."""
         n, last = self.law.size, arguments(self.law)
         count, first = len(self._moves) - 1, last - self.law.numbers
-        start, D, rates = (self._ways(given[:, i * n : (i + 1) * n]) for i in range(3))
-        start += given[:, first : first + 2 * count].reshape(-1, count, 2)
+        start, D, rates = (self._ways(inputs[:, i * n : (i + 1) * n]) for i in range(3))
+        start += inputs[:, first : first + 2 * count].reshape(-1, count, 2)
         sizes, units = zip(*map(_sized, (start, start + D)), strict=True)
         rate = np.sum(units[0] * rates, axis=2)
         of_rate = (rates - units[0] * rate[..., None]) / sizes[0][..., None]
         of_length = [sizes[0], sizes[1] - sizes[0], rate]
         sums = np.stack([values.sum(axis=1) for values in of_length], axis=1)
-        rest = [given[:, 3 * n : first], given[:, first + 2 * count :]]
+        rest = [inputs[:, 3 * n : first], inputs[:, first + 2 * count :]]
         return _Pieces(units[0], units[1], of_rate, np.hstack([sums, *rest]))
 
     def _ways(self, values: np.ndarray) -> np.ndarray:
         """Vectors (k, pieces, 2) between points, of coordinates (k, n)."""
-        at = self._moves[:, None] + np.arange(2)
-        return np.diff(np.where(self._moves[:, None] < 0, 0.0, values[:, at]), axis=1)
+        columns = self._moves[:, None] + np.arange(2)
+        return np.diff(np.where(self._moves[:, None] < 0, 0.0, values[:, columns]), axis=1)
 
     def on_points(self, of_pieces: np.ndarray) -> np.ndarray:
         """Derivatives (k, n) by the coordinates from those (k, pieces, 2) by the pieces."""
@@ -100,9 +109,9 @@ class _LineValues(NamedTuple):
     law: LineLaw
     of_length: PointFunction
 
-    def in_rows(self, given: np.ndarray) -> np.ndarray:
+    def in_rows(self, inputs: np.ndarray) -> np.ndarray:
         """Values (k, size) of what the law is given (k, given)."""
-        return self.of_length.in_rows(self.law.pieces(given).given)
+        return self.of_length.in_rows(self.law.pieces(inputs).given)
 
 
 class _LineDerivatives(NamedTuple):
@@ -111,17 +120,17 @@ class _LineDerivatives(NamedTuple):
     law: LineLaw
     of_length: PointFunction
 
-    def in_rows(self, given: np.ndarray) -> np.ndarray:
+    def in_rows(self, inputs: np.ndarray) -> np.ndarray:
         """Derivatives (k, given) for what the law is given (k, given)."""
-        law, pieces = self.law, self.law.pieces(given)
-        by = self.of_length.in_rows(pieces.given)
-        start, path, rate = (by[:, i, None, None] for i in range(3))
+        law, pieces = self.law, self.law.pieces(inputs)
+        slopes = self.of_length.in_rows(pieces.given)
+        start, path, rate = (slopes[:, i, None, None] for i in range(3))
         at_start = (start - path) * pieces.start + path * pieces.end + rate * pieces.of_rate
         motion = at_start, path * pieces.end, rate * pieces.start
         numbers = 5 + law.law.internal + law.law.iteration_memory
-        of_ways = at_start.reshape(len(by), -1)
-        middle, others = by[:, 3:numbers], by[:, numbers:]
-        return np.hstack([*map(law.on_points, motion), middle, of_ways, others])
+        of_ways = at_start.reshape(len(slopes), -1)
+        middle, rest = slopes[:, 3:numbers], slopes[:, numbers:]
+        return np.hstack([*map(law.on_points, motion), middle, of_ways, rest])
 
 
 def _sized(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -134,6 +143,6 @@ def laws_of_forces(laws: Sequence[PointLaw], rule: StepRule) -> list[Any]:
     """Compiled laws of forces at points, also of lines over points."""
     compiled = compiled_laws([law.of_length or law for law in laws], rule)
     return [
-        LineLaw(law, of, rule.level) if law.of_length else of
-        for law, of in zip(laws, compiled, strict=True)
+        LineLaw(law, compiled_law, rule.level) if law.of_length else compiled_law
+        for law, compiled_law in zip(laws, compiled, strict=True)
     ]

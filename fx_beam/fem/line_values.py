@@ -38,7 +38,7 @@ class LineSteps(NamedTuple):
     ) -> LineSteps:
         """States (k, ...)."""
         count, none = len(q), np.zeros_like(q)
-        few = [np.zeros((count, 0)) if of is None else of for of in (internal, parameters)]
+        few = [np.zeros((count, 0)) if x is None else x for x in (internal, parameters)]
         return LineSteps(q, none, none, np.zeros(count), np.ones(count), np.ones(count), *few)
 
 
@@ -56,12 +56,14 @@ class LineValues:
     The pull is that in steps, or by a `rule` of its own.
     """
 
-    def __init__(self, points: PointForces, line: int, of: str, rule: StepRule | None = None):
-        self._of, self._points = of, points
-        forces = [each for each in points.along(line) if getattr(each.law.law, of) is not None]
-        if of in ("length", "rate"):
+    def __init__(self, points: PointForces, line: int, quantity: str, rule: StepRule | None = None):
+        self._of, self._points = quantity, points
+        forces = [
+            placed for placed in points.along(line) if getattr(placed.law.law, quantity) is not None
+        ]
+        if quantity in ("length", "rate"):
             forces = forces[:1]  # all have them
-        laws = [each.law for each in forces]
+        laws = [placed.law for placed in forces]
         if rule is not None and laws:
             laws = laws_of_forces([law.law for law in laws], rule)
         self._forces = [*zip(forces, laws, strict=True)]
@@ -69,38 +71,42 @@ class LineValues:
     def values(self, steps: LineSteps) -> np.ndarray:
         """The values (k,)."""
         total = np.zeros(len(steps.q))
-        for each, law in self._forces:
-            total += law.function(self._of).in_rows(self._given(each, law, steps))[:, 0]
+        for placed, law in self._forces:
+            total += law.function(self._of).in_rows(self._given(placed, law, steps))[:, 0]
         return total
 
     def slopes(self, steps: LineSteps) -> Iterator[LineSlopes]:
         """Their derivatives by "q", "increment", "v", "spring internal", "points", "parameters"."""
-        for each, law in self._forces:
-            by = law.derivatives(self._of).in_rows(self._given(each, law, steps))
+        for placed, law in self._forces:
+            slopes = law.derivatives(self._of).in_rows(self._given(placed, law, steps))
             size, first = law.law.size, 3 * law.law.size + 2
-            inside, last = law.law.internal, arguments(law.law)
+            internal, last = law.law.internal, arguments(law.law)
             numbers = last - law.law.numbers
             # A node may be there twice.
-            dofs = np.array(each.force.dofs)
+            dofs = np.array(placed.force.dofs)
             entries = np.unique(dofs[dofs >= 0])
             places = (dofs == entries[:, None]).T.astype(float)
-            motion = (by[:, i : i + size] @ places for i in (0, size, 2 * size))
+            motion = (slopes[:, i : i + size] @ places for i in (0, size, 2 * size))
             parts = [
-                *((name, entries, of) for name, of in zip(_MOTION, motion, strict=True)),
-                ("spring internal", each.variables, by[:, first : first + inside]),
-                ("points", each.first_number + np.arange(last - numbers), by[:, numbers:last]),
-                ("parameters", self._points.parameters_of(law), by[:, last:]),
+                *((name, entries, values) for name, values in zip(_MOTION, motion, strict=True)),
+                ("spring internal", placed.variables, slopes[:, first : first + internal]),
+                (
+                    "points",
+                    placed.first_number + np.arange(last - numbers),
+                    slopes[:, numbers:last],
+                ),
+                ("parameters", self._points.parameters_of(law), slopes[:, last:]),
             ]
             yield from (LineSlopes(*part) for part in parts if part[2].any())
 
-    def _given(self, each: PlacedForce, law: Any, steps: LineSteps) -> np.ndarray:
+    def _given(self, placed: PlacedForce, law: Any, steps: LineSteps) -> np.ndarray:
         """What a law is given (k, given); nothing of an iteration before."""
-        force, numbers = each.force, np.tile(each.numbers, (len(steps.q), 1))
+        force, numbers = placed.force, np.tile(placed.numbers, (len(steps.q), 1))
         if force.role == Role.EXTERNAL:
             numbers[:, -1] = steps.factor
         dofs = np.array(force.dofs)
-        motion = (np.where(dofs < 0, 0.0, of[:, dofs]) for of in (steps.q, steps.D, steps.v))
+        motion = (np.where(dofs < 0, 0.0, x[:, dofs]) for x in (steps.q, steps.D, steps.v))
         remembered = np.zeros((len(steps.q), law.law.iteration_memory))
         of_time = np.column_stack([steps.t, steps.dt])
-        given = [*motion, of_time, steps.internal[:, each.variables], remembered, numbers]
-        return np.hstack([*given, steps.parameters[:, self._points.parameters_of(law)]])
+        columns = [*motion, of_time, steps.internal[:, placed.variables], remembered, numbers]
+        return np.hstack([*columns, steps.parameters[:, self._points.parameters_of(law)]])

@@ -52,8 +52,8 @@ def line_forces(
 @functools.cache
 def element_rule(degree: int, points: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Weights (points,), and polynomials of equidistant nodes (points, degree + 1), and slopes."""
-    at, weights = gauss_rule(points)
-    return weights, *lagrange_and_slopes(np.linspace(0.0, 1.0, degree + 1), at)
+    gauss_points, weights = gauss_rule(points)
+    return weights, *lagrange_and_slopes(np.linspace(0.0, 1.0, degree + 1), gauss_points)
 
 
 class UnitLoad(NamedTuple):
@@ -90,9 +90,9 @@ class SumOfLoads:
         parts = floats(self.entries), self.rows, self.starts
         return scipy.sparse.csc_matrix(parts, (self.size, len(self.starts) - 1))
 
-    def check(self, others: SumOfLoads) -> None:
+    def check(self, other_loads: SumOfLoads) -> None:
         """OtherStructureError if others act on other degrees of freedom."""
-        pairs = (self.rows, others.rows), (self.starts, others.starts)
+        pairs = (self.rows, other_loads.rows), (self.starts, other_loads.starts)
         if not all(len(a) == len(b) and all_of(a == b) for a, b in pairs):
             raise OtherStructureError("loads act on other degrees of freedom")
 
@@ -183,10 +183,10 @@ def _unit_load(scene: Scene | OnBeams, mesh: Mesh, X: np.ndarray, load: Load) ->
         function = ValuesOverTime(function, nearest)
     elif function.place:
         rows, arrays = np.unique(unit.indices), scene.array_calls
-        each = nearest.of(lambda s: values_along(function, s, arrays), load.between).reshape(-1)
-        values: Any = (unit @ floats(each))[rows]
-        if isinstance(each, Dual):
-            values = Dual(values, (unit @ each.slopes)[rows])
+        along = nearest.of(lambda s: values_along(function, s, arrays), load.between).reshape(-1)
+        values: Any = (unit @ floats(along))[rows]
+        if isinstance(along, Dual):
+            values = Dual(values, (unit @ along.slopes)[rows])
         return UnitLoad(_ONE, str(load), values, rows, np.array([len(rows)]))
     else:
         share = np.ones((len(nearest.points), 1))
@@ -209,7 +209,7 @@ def _at_place(scene: Scene | OnBeams, mesh: Mesh, load: Load, place: BeamPlace) 
 def natural_strains(scene: Scene, mesh: Mesh) -> SumOfLoads:
     """Natural strains (cells, degree, 3) at all Gauss points."""
     degree = scene.beams[0].degree if scene.beams else 1
-    parts = [(of.beam, *part) for of in scene.natural_strains for part in of.parts.items()]
+    parts = [(item.beam, *part) for item in scene.natural_strains for part in item.parts.items()]
     strains = [_strain(scene, mesh, degree, *part) for part in parts]
     return SumOfLoads(strains, (len(mesh.beam_of_cell), degree, 3), scene.array_calls)
 
@@ -224,14 +224,14 @@ def _strain(
     rows = 3 * points.ravel() + [*NAMES].index(name)
     nearest = NearestValues(beam.s / beam.length, degree)
     values, counts = np.ones(len(rows)), np.array([len(rows)])
-    what = f"{NAMES[name]} of beam {beam.name!r}"
+    subject = f"{NAMES[name]} of beam {beam.name!r}"
     if isinstance(function, SignalAlong):
         function, counts = ValuesOverTime(function, nearest), np.ones(len(rows), dtype=int)
     elif function.place:
         along, arrays = function, scene.array_calls
         values = nearest.of(lambda f: values_along(along, f, arrays)).reshape(-1)
         function = _ONE
-    return UnitLoad(function, what, values, rows, counts)
+    return UnitLoad(function, subject, values, rows, counts)
 
 
 class Followers:
@@ -253,7 +253,9 @@ class Followers:
     def series(self, t0: np.ndarray, t1: np.ndarray) -> np.ndarray:
         """Forces (steps, n, 2) [N] in each step."""
         start, end = (
-            np.stack([of.value.series(times, str(of), self._arrays) for of in self._loads], axis=1)
+            np.stack(
+                [load.value.series(times, str(load), self._arrays) for load in self._loads], axis=1
+            )
             for times in just_inside(t0, t1)
         )
         return (1 - self._level) * start + self._level * end

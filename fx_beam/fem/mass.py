@@ -32,9 +32,9 @@ class Mass:
 
     def __init__(self, scene: Scene, mesh: Mesh, K: scipy.sparse.csr_matrix, of_cells: np.ndarray):
         self._mesh, self._K, self._elements = mesh, K, mesh.elements
-        every = np.arange(len(K.indptr) - 1)
+        all_rows = np.arange(len(K.indptr) - 1)
         #: Positions of the diagonal in the values of the stiffness.
-        self.diagonal = positions_in(K.indptr, K.indices, every, every)
+        self.diagonal = positions_in(K.indptr, K.indices, all_rows, all_rows)
         nodes = np.array([row.node for row in scene.masses], int)
         #: Storage indices (n,) where masses and inertias are lumped, in the same values.
         self.entries_of_nodes = self._at = self.diagonal.reshape(-1, 3)[nodes].ravel()
@@ -74,9 +74,9 @@ class Mass:
         plain = {type(number) for pair in pairs for number in pair} <= {float, int}
         if not plain or type(X) is not np.ndarray or dual_of(scene.gravity) is not None:
             return self._numbers_of(scene, X)
-        given, last = (pairs, gravity, X), self._given
-        if not (last and last[:2] == given[:2] and all_of(last[2] == X)):
-            self._given, self._numbers = given, self._numbers_of(scene, X)
+        inputs, last = (pairs, gravity, X), self._given
+        if not (last and last[:2] == inputs[:2] and all_of(last[2] == X)):
+            self._given, self._numbers = inputs, self._numbers_of(scene, X)
         return self._numbers
 
     def _numbers_of(self, scene: Scene, X: Any) -> dict[str, Any]:
@@ -148,30 +148,30 @@ class Mass:
 
     def _by_masses(self, by_entries: np.ndarray) -> np.ndarray:
         """Derivatives by masses from those by entries."""
-        by, lumped = by_entries[self._at], len(self.entries_of_nodes)
-        if lumped == len(by):
-            return by
-        by_cells = by[lumped:].reshape(len(self._elements), -1) @ self._unit.T
-        return np.concatenate([by[:lumped], by_cells.ravel()])
+        derivatives, lumped = by_entries[self._at], len(self.entries_of_nodes)
+        if lumped == len(derivatives):
+            return derivatives
+        by_cells = derivatives[lumped:].reshape(len(self._elements), -1) @ self._unit.T
+        return np.concatenate([derivatives[:lumped], by_cells.ravel()])
 
     def weights(self, gravity: Any, entries: Any) -> Any:
         """Weight (size,) of an acceleration (2,), by entries of the mass."""
-        at, rows = self._of_translations
+        places, rows = self._of_translations
         pull = dual_array(gravity)[rows % 3]
-        return np.bincount(rows, entries[at] * pull, len(self.diagonal))
+        return np.bincount(rows, entries[places] * pull, len(self.diagonal))
 
     def _by_entries(self, gravity: Any, by_weight: np.ndarray) -> np.ndarray:
         """Derivatives by entries from those by the weight."""
-        at, rows = self._of_translations
-        return np.bincount(at, by_weight[rows] * gravity[rows % 3], self._K.nnz)
+        places, rows = self._of_translations
+        return np.bincount(places, by_weight[rows] * gravity[rows % 3], self._K.nnz)
 
     @cached_property
     def _of_translations(self) -> tuple[np.ndarray, np.ndarray]:
         """Entries of equal displacements of two nodes in the values of the stiffness, and rows."""
         K = self._K
         rows = np.repeat(np.arange(len(K.indptr) - 1), np.diff(K.indptr))
-        at = np.flatnonzero((rows % 3 == K.indices % 3) & (rows % 3 < 2))
-        return at, rows[at]
+        places = np.flatnonzero((rows % 3 == K.indices % 3) & (rows % 3 < 2))
+        return places, rows[places]
 
 
 @functools.cache
@@ -210,9 +210,9 @@ def about_centres(T: Any, roots: np.ndarray, masses: np.ndarray) -> Any:
     Then it does not depend on which nodes are `roots`, whose displacements are unknowns (free,).
     """
     by_roots = T * roots
-    others, of_roots = T - by_roots, by_roots.T @ masses
+    without_roots, of_roots = T - by_roots, by_roots.T @ masses
     shares = by_roots * np.divide(1.0, of_roots, out=np.zeros(len(roots)), where=of_roots > 0)
-    return T - by_roots @ ((shares.T * masses) @ others)
+    return T - by_roots @ ((shares.T * masses) @ without_roots)
 
 
 def mobilities(T: Any, mass: scipy.sparse.csr_matrix) -> tuple[np.ndarray, np.ndarray]:
@@ -220,6 +220,6 @@ def mobilities(T: Any, mass: scipy.sparse.csr_matrix) -> tuple[np.ndarray, np.nd
     masses = (T * (mass @ T)).sum(axis=0)
     of_unknowns = np.divide(1.0, masses, out=np.zeros(len(masses)), where=masses > 0)
     of_dofs = (T * T) @ of_unknowns
-    x, y, both = of_dofs[::3], of_dofs[1::3], (T[::3] * T[1::3]) @ of_unknowns
-    of_dofs[::3] = of_dofs[1::3] = (x + y) / 2 + np.hypot((x - y) / 2, both)
+    x, y, xy = of_dofs[::3], of_dofs[1::3], (T[::3] * T[1::3]) @ of_unknowns
+    of_dofs[::3] = of_dofs[1::3] = (x + y) / 2 + np.hypot((x - y) / 2, xy)
     return of_unknowns, of_dofs

@@ -103,10 +103,10 @@ def _both_directions(
     )
     law, followed = (laws.contact(kind, bool(of_loss), contact.energy) for kind in kinds)
     sides = (a, nodes_a, slots_a, contact.points), (b, nodes_b, slots_b, points_of(b))
-    both, share = isinstance(a, Beam) and a is not b, 0.5 if isinstance(a, Beam) else 1.0
+    twice, share = isinstance(a, Beam) and a is not b, 0.5 if isinstance(a, Beam) else 1.0
     pairs: list[MemberPair] = []
-    for (_, points, point_slots, of), (member, nodes, slots, _) in (sides, sides[::-1])[: 1 + both]:
-        lengths = share * of.lengths
+    for (_, points, point_slots, p), (member, nodes, slots, _) in (sides, sides[::-1])[: 1 + twice]:
+        lengths = share * p.lengths
         columns: list[Any] = [contact.radii, contact.stiffness * lengths, *of_loss]
         if friction is not None:
             most_mobile = mobility[mesh.dofs[points, :2]].max(axis=1)
@@ -116,9 +116,9 @@ def _both_directions(
         if turn:
             around = np.arange(-_AROUND, turn + _AROUND) % turn
             nodes, slots = nodes[around], slots[around]
-        given = points, point_slots, nodes, slots, numbers, arc_of(X[nodes])
+        arrays = points, point_slots, nodes, slots, numbers, arc_of(X[nodes])
         apart = contact.apart if a is b else 0.0
-        pairs.append(MemberPair(law, followed, *given, apart, None if pairs else contact, turn))
+        pairs.append(MemberPair(law, followed, *arrays, apart, None if pairs else contact, turn))
     return pairs
 
 
@@ -131,18 +131,18 @@ class MemberContacts:
     def __init__(self, pairs: list[MemberPair], rule: StepRule, mesh: Mesh):
         self._pairs, self._mesh, self._rule = pairs, mesh, rule
         #: Number of points whose forces are recorded.
-        self.slots = sum(len(one.points) for one in pairs if one.contact)
-        self.laws = compiled_laws([one.law for one in pairs], rule)
+        self.slots = sum(len(pair.points) for pair in pairs if pair.contact)
+        self.laws = compiled_laws([pair.law for pair in pairs], rule)
         if named := [law for law in self.laws if law.parameters]:
             raise SceneError(
                 f"contact with a member: its energy has the parameter {named[0].parameters[0]!r}. "
                 "Write the number in its place"
             )
         #: Number of points of each that may touch.
-        self.switch_counts = [len(one.points) for one in pairs]
+        self.switch_counts = [len(pair.points) for pair in pairs]
         #: Number of numbers of all points, and of arc lengths of the nodes of all members.
-        self.counts = sum(one.numbers.size for one in pairs), sum(one.arc.size for one in pairs)
-        counts = [_SLOTS * len(one.points) * bool(one.law.internal) for one in pairs]
+        self.counts = sum(pair.numbers.size for pair in pairs), sum(pair.arc.size for pair in pairs)
+        counts = [_SLOTS * len(pair.points) * bool(pair.law.internal) for pair in pairs]
         #: First slot of memory of each; all their internal variables.
         self._first_slots, self.width = np.cumsum([0, *counts]), _IN_SLOT * sum(counts)
 
@@ -153,11 +153,11 @@ class MemberContacts:
         """
         self._ffi, self._c = ffi, library
         self._of = functools.partial(ffi.from_buffer, ffi.typeof("double[]"))
-        self._numbers = [np.array(one.numbers) for one in self._pairs]
+        self._numbers = [np.array(pair.numbers) for pair in self._pairs]
         mesh, pairs = self._mesh, self._pairs
-        sizes = [(len(one.points), one.numbers.size, one.arc.size) for one in pairs]
+        sizes = [(len(pair.points), pair.numbers.size, pair.arc.size) for pair in pairs]
         firsts = np.cumsum([(0, 0, 0), *sizes], axis=0)
-        every = np.unique(np.concatenate([[*one.points, *one.nodes] for one in pairs]))
+        nodes = np.unique(np.concatenate([[*pair.points, *pair.nodes] for pair in pairs]))
         self._reference = self._positions()
         self._all = ffi.new("MemberContacts *")
         structs.set(
@@ -166,8 +166,8 @@ class MemberContacts:
             conditions=sum(self.switch_counts),
             of=[self._row(i, *firsts[i]) for i in range(len(pairs))],
             dofs=mesh.dofs.size,
-            moving=len(every),
-            moves=mesh.dofs[every, :2],
+            moving=len(nodes),
+            moves=mesh.dofs[nodes, :2],
             reference=self._reference,
             margin=-1.0,
             slots=self._first_slots[-1],
@@ -188,27 +188,27 @@ class MemberContacts:
 
     def _row(self, i: int, point: int, number: int, arc: int) -> dict[str, Any]:
         """Members of ``MemberContact`` of a pair: its first point, number and arc among all."""
-        one, law, numbers, mesh = self._pairs[i], self.laws[i], self._numbers[i], self._mesh
+        pair, law, numbers, mesh = self._pairs[i], self.laws[i], self._numbers[i], self._mesh
         return {
             **law.members,
             "slopes": None,
             "sums": law.law.size,
             "loaded": law.law.size - (4 if law.law.internal else 2),
             "first_slot": self._first_slots[i],
-            "points": len(one.points),
-            "point_dof": mesh.dofs[one.points, :2],
+            "points": len(pair.points),
+            "point_dof": mesh.dofs[pair.points, :2],
             "first_point": point,
-            "point_slot": one.point_slots,
-            "nodes": len(one.nodes),
-            "turn": one.turn,
-            "first_node": _AROUND * bool(one.turn),
-            "end_node": len(one.nodes) - _AROUND * bool(one.turn),
-            "node_dof": mesh.dofs[one.nodes, :2],
-            "node_slot": one.node_slots,
+            "point_slot": pair.point_slots,
+            "nodes": len(pair.nodes),
+            "turn": pair.turn,
+            "first_node": _AROUND * bool(pair.turn),
+            "end_node": len(pair.nodes) - _AROUND * bool(pair.turn),
+            "node_dof": mesh.dofs[pair.nodes, :2],
+            "node_slot": pair.node_slots,
             "numbers": numbers.shape[1],
             "number": numbers,
-            "apart": one.apart,
-            "arc": one.arc,
+            "apart": pair.apart,
+            "arc": pair.arc,
             "first_number": number,
             "first_arc": arc,
         }
@@ -216,8 +216,8 @@ class MemberContacts:
     def check_pairs(self, pairs: list[MemberPair]) -> None:
         """OtherStructureError if other members touch."""
         kinds, known = (
-            [(one.law.kind, one.numbers.shape, one.turn) for one in of]
-            for of in (pairs, self._pairs)
+            [(pair.law.kind, pair.numbers.shape, pair.turn) for pair in side]
+            for side in (pairs, self._pairs)
         )
         if kinds != known:
             raise OtherStructureError("other members touch")
@@ -225,11 +225,11 @@ class MemberContacts:
     def bind(self, pairs: list[MemberPair]) -> None:
         """Set the numbers of pairs of the same kinds, with the mesh; forget the last run."""
         self._pairs = pairs
-        for i, one in enumerate(pairs):
-            self._numbers[i][...] = one.numbers
+        for i, pair in enumerate(pairs):
+            self._numbers[i][...] = pair.numbers
             row = self._all.of[i]
-            self._ffi.memmove(row.arc, np.ascontiguousarray(one.arc), one.arc.nbytes)
-            row.apart = one.apart
+            self._ffi.memmove(row.arc, np.ascontiguousarray(pair.arc), pair.arc.nbytes)
+            row.apart = pair.apart
         self._reference[...] = self._positions()
         self.forget()
 
@@ -244,24 +244,24 @@ class MemberContacts:
         stretched further.
         """
         of_contacts = {}
-        for one, first in zip(self._pairs, self._first_slots[:-1], strict=True):
-            if one.contact is None or not one.law.internal:
+        for pair, first in zip(self._pairs, self._first_slots[:-1], strict=True):
+            if pair.contact is None or not pair.law.internal:
                 continue
-            slots = slice(_IN_SLOT * first, _IN_SLOT * (first + _SLOTS * len(one.points)))
-            points = memory[:, slots].reshape(len(memory), len(one.points), _SLOTS, _IN_SLOT)
+            slots = slice(_IN_SLOT * first, _IN_SLOT * (first + _SLOTS * len(pair.points)))
+            points = memory[:, slots].reshape(len(memory), len(pair.points), _SLOTS, _IN_SLOT)
             most = abs(points[..., 1]).argmax(axis=-1)
             known = np.take_along_axis(points, most[..., None, None], axis=2)
-            of_contacts[one.contact.number] = known[:, :, 0, 1:]
+            of_contacts[pair.contact.number] = known[:, :, 0, 1:]
         return of_contacts
 
     @property
     def bristles(self) -> list[tuple[int, float]]:
         """The place of the stretch of all friction, in each slot, and mu."""
         return [
-            (_IN_SLOT * (first + k) + 1, float(one.numbers[k // _SLOTS, -2]))
-            for one, first in zip(self._pairs, self._first_slots[:-1].tolist(), strict=True)
-            if one.law.has_stick_state
-            for k in range(_SLOTS * len(one.points))
+            (_IN_SLOT * (first + k) + 1, float(pair.numbers[k // _SLOTS, -2]))
+            for pair, first in zip(self._pairs, self._first_slots[:-1].tolist(), strict=True)
+            if pair.law.has_stick_state
+            for k in range(_SLOTS * len(pair.points))
         ]
 
     @property
@@ -285,30 +285,34 @@ class MemberContacts:
     # -- Derivatives ------------------------------------------------------------------------------
 
     def energy_by(
-        self, q: np.ndarray, internal: np.ndarray, others: dict[str, np.ndarray]
+        self, q: np.ndarray, internal: np.ndarray, of_points: dict[str, np.ndarray]
     ) -> dict[str, np.ndarray]:
         """Derivatives (k, ...) of stored energies: by "q", "spring internal", "members", "X".
 
-        With those of the `others` by the first two. `internal` has all variables at points.
+        With those `of_points` by the first two. `internal` has all variables at points.
         """
-        of_q, of_internal = np.zeros(q.shape), others["spring internal"].copy()
+        of_q, of_internal = np.zeros(q.shape), of_points["spring internal"].copy()
         sums = of_q, of_internal, np.zeros((len(q), self.counts[0]))
-        at = [0 if of.law.energy is None else of.derivatives("energy").address for of in self.laws]
-        functions = self._ffi.new("Law *[]", [self._ffi.cast("Law *", address) for address in at])
-        for given, *by in zip(zip(q, internal, strict=True), *sums, strict=True):
-            energy = self._ffi.new("Energy *", [functions, 0.0, *map(self._of, by)])
-            self._c.fx_stored_at_members(self._all, energy, *map(self._of, given))
+        addresses = [
+            0 if law.law.energy is None else law.derivatives("energy").address for law in self.laws
+        ]
+        functions = self._ffi.new(
+            "Law *[]", [self._ffi.cast("Law *", address) for address in addresses]
+        )
+        for state, *rows in zip(zip(q, internal, strict=True), *sums, strict=True):
+            energy = self._ffi.new("Energy *", [functions, 0.0, *map(self._of, rows)])
+            self._c.fx_stored_at_members(self._all, energy, *map(self._of, state))
         X = of_q.reshape(len(q), -1, 3)[..., :2]
-        of_both = {"q": of_q + others["q"], "spring internal": of_internal}
+        of_both = {"q": of_q + of_points["q"], "spring internal": of_internal}
         return of_both | {"members": sums[2], "X": X}
 
     def follow(self) -> None:
         """Hand over what derivatives need besides; compiled once."""
-        followed = {id(one.followed): one.followed for one in self._pairs}
+        followed = {id(pair.followed): pair.followed for pair in self._pairs}
         #: Keeps the compiled functions.
         self._slopes = {key: slopes_of(law, self._rule) for key, law in followed.items()}
-        for i, one in enumerate(self._pairs):
-            address = self._slopes[id(one.followed)].address
+        for i, pair in enumerate(self._pairs):
+            address = self._slopes[id(pair.followed)].address
             self._all.of[i].slopes = self._ffi.cast("Law *", address)
 
     # -- A step ---------------------------------------------------------------------------------

@@ -73,8 +73,8 @@ class Mesh:
     def named(self, node: int, scene: Scene) -> str:
         """Number, position and beam of a node, in words."""
         x, y = self.X[node]
-        own = (b.name for b, nodes in zip(scene.beams, self.nodes, strict=True) if node in nodes)
-        beams = " and ".join(map(repr, own))
+        names = (b.name for b, nodes in zip(scene.beams, self.nodes, strict=True) if node in nodes)
+        beams = " and ".join(map(repr, names))
         return f"node {node} at ({x:g}, {y:g})" + (beams and f" of {beams}")
 
     def bind(self, X: np.ndarray) -> None:
@@ -86,7 +86,7 @@ class Mesh:
         """X (n, 2) [m] of a scene with these nodes; of straight elements with slopes."""
         nodes = scene.nodes
         if self.curved or not any(
-            type(of.x) is DualFloat or type(of.y) is DualFloat for of in nodes
+            type(node.x) is DualFloat or type(node.y) is DualFloat for node in nodes
         ):
             return _positions(scene)
         points = [dual_array([(node.x, node.y) for node in nodes])]
@@ -97,7 +97,7 @@ class Mesh:
 
     @cached_property
     def _in_forms(self) -> np.ndarray:
-        """Nodes of each cell as forms have them: both ends before the others."""
+        """Nodes of each cell in the order of forms: both ends, then the inner nodes."""
         last = self.elements.shape[1] - 1
         return self.elements[:, [0, last, *range(1, last)]]
 

@@ -103,23 +103,23 @@ class NearestValues:
 
         The error is the width times that of an extrapolation to just inside both ends.
         """
-        points, own = self._rule
+        points, element_weights = self._rule
         inner, weights, to_ends = _rule_of_pieces(len(points) + 3)
         fractions = start[:, None] + width[:, None] * np.concatenate([inner, _ENDS])
         places = self._ends[cells, None] + self._lengths[cells, None] * fractions
         values = function(places.ravel()).reshape(*places.shape, -1)
-        polynomials = lagrange(points, fractions[:, :-2].ravel()) / own
+        polynomials = lagrange(points, fractions[:, :-2].ravel()) / element_weights
         polynomials = polynomials.reshape(len(cells), len(inner), -1)
         polynomials = polynomials * (width[:, None] * weights)[..., None]
-        inside, ends = values[:, :-2], floats(values)[:, -2:]
-        missed = abs(to_ends @ floats(inside) - ends).max(axis=(1, 2))
+        inner_values, ends = values[:, :-2], floats(values)[:, -2:]
+        missed = abs(to_ends @ floats(inner_values) - ends).max(axis=(1, 2))
         largest = float(abs(floats(values)).max())
-        return _integrals(polynomials, inside), width * missed, largest
+        return _integrals(polynomials, inner_values), width * missed, largest
 
 
 @functools.cache
 def _rule_of_pieces(points: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Gauss points of a piece, their weights, and those of extrapolations to its ends."""
+    """Gauss points of a piece, weights of the integral, and weights of values at its ends."""
     x, weights = gauss_rule(points)
     return x, weights, lagrange(x, _ENDS)
 
@@ -148,9 +148,9 @@ class ValuesOverTime(Signal):
         """The values at a time [s]."""
         return self._at([*arguments], lambda function, t: function(t))[0]
 
-    def series(self, times: np.ndarray, what: str, arrays: ArrayCalls | None = None) -> Any:
+    def series(self, times: np.ndarray, name: str, arrays: ArrayCalls | None = None) -> Any:
         """Those at n times (n, ...); StepError if the function fails."""
-        call = functools.partial(evaluate, what=what)
+        call = functools.partial(evaluate, name=name)
         parts = (times[k : k + _AT_ONCE].tolist() for k in range(0, len(times), _AT_ONCE))
         return np.concatenate([self._at(part, call) for part in parts])
 

@@ -21,21 +21,21 @@ class ParameterFunctions:
         self.functions: list[Signal] = list(scene.parameters.functions.values())
         self._arrays = scene.array_calls
 
-    def check(self, others: ParameterFunctions) -> None:
+    def check(self, other: ParameterFunctions) -> None:
         """OtherStructureError if others vary that do not here, or conversely."""
-        pairs = zip(self.functions, others.functions, strict=True)
-        if any(one.is_constant != two.is_constant for one, two in pairs):
+        pairs = zip(self.functions, other.functions, strict=True)
+        if any(a.is_constant != b.is_constant for a, b in pairs):
             raise OtherStructureError("parameters that were constant vary in time, or conversely")
 
     def at(self, t: float) -> np.ndarray:
         """The values (n,) at a time [s]; StepError if a function fails."""
         pairs = zip(self.functions, self.names, strict=True)
-        return np.array([evaluate(of, t, f"parameter {name!r}")[0] for of, name in pairs])
+        return np.array([evaluate(f, t, f"parameter {name!r}")[0] for f, name in pairs])
 
     def series(self, times: np.ndarray) -> Any:
         """Values (times, n) at some times [s]."""
         pairs = zip(self.functions, self.names, strict=True)
-        rows = [of.series(times, f"parameter {name!r}", self._arrays) for of, name in pairs]
+        rows = [f.series(times, f"parameter {name!r}", self._arrays) for f, name in pairs]
         return np.hstack(rows) if rows else np.empty((len(times), 0))
 
     def over_steps(self, t0: np.ndarray, t1: np.ndarray, level: float) -> Any:
@@ -71,15 +71,15 @@ class ParameterValues:
     @property
     def vary(self) -> bool:
         """Whether any changes in time."""
-        return not (self._held or all(of.is_constant for of in self.functions))
+        return not (self._held or all(f.is_constant for f in self.functions))
 
-    def check_constant(self, name: str, what: str) -> None:
+    def check_constant(self, name: str, subject: str) -> None:
         """SceneError if there is no such parameter, or if it varies in time."""
         value = dict(zip(self.names, self.functions, strict=True)).get(name)
         if value is None or not value.is_constant:
             lacks = "is not in the scene" if value is None else "varies in time"
             raise SceneError(
-                f"{what}: the parameter {name!r} {lacks}. Give it a number by "
+                f"{subject}: the parameter {name!r} {lacks}. Give it a number by "
                 f"scene.add_parameter(fx_beam.Parameter({name!r}, ...))"
             )
 
@@ -109,9 +109,9 @@ class ParameterValues:
         self.use(values)
         self._held = True
 
-    def begin(self, level: float, given: np.ndarray | None = None) -> None:
-        """Set the values for a step: those at its level [s], or given ones (n,)."""
-        self.use(self.at(level) if given is None else given)
+    def begin(self, level: float, values: np.ndarray | None = None) -> None:
+        """Set the values of a step: at the time of its level [s], or `values` (n,)."""
+        self.use(self.at(level) if values is None else values)
 
     def use(self, values: np.ndarray | None) -> None:
         """Set the values (n,)."""

@@ -142,7 +142,7 @@ class PointForces:
         self._switch_counts = [law.conditions for law in self._laws]
         self._switch_counts += members.switch_counts if members else []
         self.conditions = sum(self._switch_counts)
-        #: Those whose work is that of loads, and whether there are any.
+        #: The forces that work as loads do, and whether there are any.
         self.external = slice(self.ends[Role.OTHER], self._nodal)
         self.has_external = self._nodal > self.external.start
         #: Whether forces may dissipate energy, and may depend on rates.
@@ -157,13 +157,13 @@ class PointForces:
         #: In statics the increment of the load factor.
         self._load_increment = 0.0
         dofs = (np.array(force.dofs or [-1]) for force in forces)
-        pairs = [of[law.entries] for of, law in zip(dofs, self._laws, strict=True)]
+        pairs = [force_dofs[law.entries] for force_dofs, law in zip(dofs, self._laws, strict=True)]
         #: Rows and columns (entries, 2) of the tangent; below 0 for the ground and slides.
         self.pairs = np.concatenate([np.empty((0, 2), dtype=int), *pairs])
         #: Positions of their values in the tangent, -1 for none; `locate_in` finds them.
         self.value_at = np.full(len(self.pairs), -1, dtype=np.int32)
-        #: What all forces are given, each its part of it, the numbers of its law among this, and
-        #: what it finds.
+        #: Inputs of all forces in one array, views of it for each force and for the numbers of its
+        #: law, and results of each force.
         self.given = _NONE
         self._given: list[np.ndarray] = []
         self._numbers: list[np.ndarray] = []
@@ -185,7 +185,7 @@ class PointForces:
     @property
     def laws(self) -> list[PointLaw]:
         """Those of all forces."""
-        return [of.law for of in (*self._laws, *(self.members.laws if self.members else ()))]
+        return [law.law for law in (*self._laws, *(self.members.laws if self.members else ()))]
 
     # -- Data in C ------------------------------------------------------------------------------
 
@@ -198,8 +198,8 @@ class PointForces:
         self.given, self._given = _parts([law.given for law in laws])
         ends = [arguments(law.law) for law in laws]
         self._numbers = [
-            given[end - law.law.numbers : end]
-            for given, end, law in zip(self._given, ends, laws, strict=True)
+            inputs[end - law.law.numbers : end]
+            for inputs, end, law in zip(self._given, ends, laws, strict=True)
         ]
         _, self._results = _parts([law.values for law in laws])
         first_entries = np.cumsum([0, *(len(law.entries) for law in laws)])
@@ -240,8 +240,8 @@ class PointForces:
 
     def _row(self, i: int, first_entry: int) -> dict[str, Any]:
         """A force as ``PointForce`` of c/point_force.h."""
-        force, law, given = self._forces[i], self._laws[i], self._given[i]
-        of = law.law
+        force, law, inputs = self._forces[i], self._laws[i], self._given[i]
+        point_law = law.law
         self._numbers[i][:] = force.numbers
         return {
             **_NO_LINE,
@@ -249,9 +249,10 @@ class PointForces:
             "switches": law.address("switches"),
             "pull": law.address("pull"),
             "line": force.line,
-            "size": of.size,
+            "size": point_law.size,
             "conditions": law.conditions,
-            "needs_line_search": of.needs_line_search or (of.unilateral and self._rule.at_rest),
+            "needs_line_search": point_law.needs_line_search
+            or (point_law.unilateral and self._rule.at_rest),
             "dof": np.array(force.dofs or [-1]),
             "slide": force.slide,
             "column": -1,
@@ -262,18 +263,18 @@ class PointForces:
             "load_axis": force.load.axis,
             "first_internal": self._first_internal[i],
             "first_entry": first_entry,
-            "given": given,
+            "given": inputs,
             "numbers": self._numbers[i],
             "parameters": len(law.parameters),
             "parameter": [self._names.index(name) for name in law.parameters],
-            "parameter_values": given[arguments(of) :],
+            "parameter_values": inputs[arguments(point_law) :],
             "results": self._results[i],
-            "tangent_at": np.zeros(2 * of.size + len(law.entries)),
+            "tangent_at": np.zeros(2 * point_law.size + len(law.entries)),
         }
 
     @property
     def slopes(self) -> list[tuple[int, int, int]]:
-        """Of each force the address of its `CompiledLaw.slopes`, its numbers, and all slopes."""
+        """For each force: address of `CompiledLaw.slopes`, how many numbers, how many slopes."""
         return [(law.slopes_address, law.law.numbers, law.slopes_size) for law in self._laws]
 
     def set_columns(self, of_joints: Mapping[int, int]) -> None:
@@ -284,8 +285,8 @@ class PointForces:
 
     def locate_in(self, K: scipy.sparse.csr_matrix) -> None:
         """Find the entries in the values of a matrix."""
-        at = positions_in(K.indptr, K.indices, *self.pairs.T)
-        self.value_at[:] = np.where(self.pairs.min(axis=1) < 0, -1, at)
+        positions = positions_in(K.indptr, K.indices, *self.pairs.T)
+        self.value_at[:] = np.where(self.pairs.min(axis=1) < 0, -1, positions)
 
     # -- A step ---------------------------------------------------------------------------------
 
@@ -377,13 +378,13 @@ class PointForces:
         By "q", "slides", "spring internal", "points" (numbers) and "parameters"; with contact of
         members also by "members", their numbers, and the positions "X" of nodes.
         """
-        given = np.empty((len(q), len(self.given)))
+        inputs = np.empty((len(q), len(self.given)))
         for i, of_row in enumerate(zip(q, slides, internal, strict=True)):
             if parameters is not None:
                 self.set_parameters(parameters[i])
             self.energy(*of_row)  # which places all forces
-            given[i] = self.given
-        sums = self._sums("energy", given, q.shape[1], slides.shape[1])
+            inputs[i] = self.given
+        sums = self._sums("energy", inputs, q.shape[1], slides.shape[1])
         if self.members is not None:
             sums |= self.members.energy_by(q, internal, sums)
         return sums
@@ -395,48 +396,48 @@ class PointForces:
         self._c.fx_lost_at_points(self._all, self._of(D), self._of(z))
         return self.given.copy()
 
-    def losses_by(self, given: np.ndarray, size: int, joints: int) -> dict[str, np.ndarray]:
+    def losses_by(self, inputs: np.ndarray, size: int, joints: int) -> dict[str, np.ndarray]:
         """Derivatives (k, ...) of energy lost at mean rates, from k rows of `given_with`.
 
         By "q" and "slides" at the start, their "increment" and "slide increment", and the others
         as `energy_by`. Losses of members that touch are left out.
         """
-        return self._sums("loss", given, size, joints)
+        return self._sums("loss", inputs, size, joints)
 
-    def _sums(self, of: str, given: np.ndarray, size: int, joints: int) -> dict[str, np.ndarray]:
+    def _sums(self, kind: str, inputs: np.ndarray, size: int, joints: int) -> dict[str, np.ndarray]:
         """Derivatives (k, ...) of the sum of an energy of all forces by what they are given."""
-        motions = [("slides", "q"), ("slide increment", "increment")][: 1 + (of == "loss")]
+        motions = [("slides", "q"), ("slide increment", "increment")][: 1 + (kind == "loss")]
         sizes = {name: n for pair in motions for name, n in zip(pair, (joints, size), strict=True)}
         sizes |= {"spring internal": self.width, "points": sum(map(len, self._numbers))}
         sizes["parameters"] = len(self._names)
-        sums = {name: np.zeros((len(given), size)) for name, size in sizes.items()}
+        sums = {name: np.zeros((len(inputs), size)) for name, size in sizes.items()}
         first = begin = 0
         for force, law, start in zip(self._forces, self._laws, self._first_internal, strict=True):
             size, last, numbers = law.law.size, arguments(law.law), law.law.numbers
             end = begin + law.given
-            if getattr(law.law, of) is not None:
-                by = law.derivatives(of).in_rows(given[:, begin:end])
+            if getattr(law.law, kind) is not None:
+                slopes = law.derivatives(kind).in_rows(inputs[:, begin:end])
                 for i, (on_slide, at_nodes) in enumerate(motions):
-                    part = by[:, i * size : (i + 1) * size]
+                    part = slopes[:, i * size : (i + 1) * size]
                     if force.slide >= 0:
                         sums[on_slide][:, force.slide] += part[:, 0]
                     for k, dof in enumerate(force.dofs):
                         if dof >= 0:
                             sums[at_nodes][:, dof] += part[:, k]
-                at = 3 * size + 2
-                inside = slice(start, start + law.law.internal)
-                sums["spring internal"][:, inside] += by[:, at : at + law.law.internal]
-                sums["points"][:, first : first + numbers] += by[:, last - numbers : last]
+                index = 3 * size + 2
+                slots = slice(start, start + law.law.internal)
+                sums["spring internal"][:, slots] += slopes[:, index : index + law.law.internal]
+                sums["points"][:, first : first + numbers] += slopes[:, last - numbers : last]
                 for i, name in enumerate(law.parameters):
-                    sums["parameters"][:, self._names.index(name)] += by[:, last + i]
+                    sums["parameters"][:, self._names.index(name)] += slopes[:, last + i]
             first, begin = first + numbers, end
         return sums
 
     def along(self, line: int) -> Iterator[PlacedForce]:
         """The forces of a line between points."""
         ends = np.cumsum([0, *map(len, self._numbers)], dtype=int).tolist()
-        every = self._forces, self._laws, self._numbers, self._first_internal, ends
-        return (of for of in map(PlacedForce, *every) if of.force.line == line)
+        arrays = self._forces, self._laws, self._numbers, self._first_internal, ends
+        return (placed for placed in map(PlacedForce, *arrays) if placed.force.line == line)
 
     def parameters_of(self, law: Any) -> np.ndarray:
         """Numbers of the parameters of a law among those of the scene."""
@@ -458,14 +459,14 @@ class PointForces:
         """The springs of all friction that sticks."""
         from .frictions import Bristle
 
-        every = zip(self._forces, self._first_internal, self._numbers, strict=True)
-        own = [
+        triples = zip(self._forces, self._first_internal, self._numbers, strict=True)
+        of_forces = [
             Bristle(first, float(numbers[-2]), force.load.joint >= 0)
-            for force, first, numbers in every
+            for force, first, numbers in triples
             if force.law.has_stick_state
         ]
         of_members = [] if self.members is None else self.members.bristles
-        return own + [Bristle(self._of_forces + place, mu, False) for place, mu in of_members]
+        return of_forces + [Bristle(self._of_forces + place, mu, False) for place, mu in of_members]
 
     @property
     def smooth_signs(self) -> list[SmoothSign]:
@@ -476,8 +477,8 @@ class PointForces:
         for force, numbers in zip(self._forces, self._numbers, strict=True):
             if force.law.smooth:
                 arm = numbers[:2] if len(force.dofs) == 4 else _NONE  # numbers of a distance
-                where = force.slide, force.dofs, arm, force.belongs_to
-                signs.append(SmoothSign(float(numbers[len(arm)]), *where))
+                place = force.slide, force.dofs, arm, force.belongs_to
+                signs.append(SmoothSign(float(numbers[len(arm)]), *place))
         return signs
 
     @property
@@ -496,7 +497,7 @@ class PointForces:
         have_closed = self._variables(internal)[self.first_of_contacts :].any()
         of_joints = (f for f in self._forces[self.ends[Role.CONTACT] :] if f.law.internal)
         places = ((slid, [f.slide]) if f.slide >= 0 else (moved, f.dofs) for f in of_joints)
-        return bool(have_closed) or any(of[i] for of, at in places for i in at if i >= 0)
+        return bool(have_closed) or any(x[i] for x, indices in places for i in indices if i >= 0)
 
     @property
     def first_of_contacts(self) -> int:
@@ -520,7 +521,9 @@ class PointForces:
         """Whether friction acts that sticks: of a joint, or of a contact that is closed."""
         ends = np.cumsum(self._switch_counts, dtype=int)
         pairs = zip(self.laws, np.split(self.switches(q, slides) <= 0, ends), strict=False)
-        return any(law.has_stick_state and (not law.unilateral or of.any()) for law, of in pairs)
+        return any(
+            law.has_stick_state and (not law.unilateral or closed.any()) for law, closed in pairs
+        )
 
 
 def _parts(sizes: list[int]) -> tuple[np.ndarray, list[np.ndarray]]:

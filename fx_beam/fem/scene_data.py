@@ -39,11 +39,11 @@ class FormData(NamedTuple):
     @property
     def numbers(self) -> dict[str, Any]:
         """Flat arrays by name."""
-        every = [number for force in by_role(self.forces) for number in force.numbers]
-        numbers = self.beams | {"points": dual_array(every)}
+        numbers_of_points = [number for force in by_role(self.forces) for number in force.numbers]
+        numbers = self.beams | {"points": dual_array(numbers_of_points)}
         if pairs := self.pairs:
-            numbers["members"] = np.concatenate([np.ravel(one.numbers) for one in pairs])
-            numbers["arcs"] = np.concatenate([one.arc for one in pairs])
+            numbers["members"] = np.concatenate([np.ravel(pair.numbers) for pair in pairs])
+            numbers["arcs"] = np.concatenate([pair.arc for pair in pairs])
         return numbers
 
     @property
@@ -53,9 +53,9 @@ class FormData(NamedTuple):
         for force in self.forces:
             if force.law.has_stick_state:
                 times.setdefault(force.belongs_to, []).append(float(force.numbers[-3]))
-        sticking = [one for one in self.pairs if one.law.has_stick_state and one.contact]
-        times |= {str(one.contact): one.numbers[:, -3].tolist() for one in sticking}
-        return {name: [min(of), max(of)] for name, of in times.items()}
+        sticking = [pair for pair in self.pairs if pair.law.has_stick_state and pair.contact]
+        times |= {str(pair.contact): pair.numbers[:, -3].tolist() for pair in sticking}
+        return {name: [min(values), max(values)] for name, values in times.items()}
 
 
 class Arms(NamedTuple):
@@ -69,13 +69,13 @@ class Arms(NamedTuple):
         """Those of a scene."""
         joints = [joint for joint in scene.joints if not joint.is_selection]
         names = "arm", "offset", "axis", "apart"
-        return cls([j.number for j in joints], [getattr(j, of) for j in joints for of in names])
+        return cls([j.number for j in joints], [getattr(j, name) for j in joints for name in names])
 
-    def are_at(self, others: Arms) -> bool:
-        """Whether they lie where others do; OtherStructureError if these are not the same."""
-        if self.numbers != others.numbers:
+    def are_at(self, other: Arms) -> bool:
+        """Whether all arms are equal to `other`; OtherStructureError if other joints have arms."""
+        if self.numbers != other.numbers:
             raise OtherStructureError("other joints have offsets")
-        return all(map(np.array_equal, self.vectors, others.vectors))
+        return all(map(np.array_equal, self.vectors, other.vectors))
 
 
 class Data(NamedTuple):

@@ -60,18 +60,22 @@ def point_forces(
         *_followers(scene, mesh),
         *_between(scene, mesh, X, known, at_rest),
         *_frictions(scene, mesh, mobility),
-        *(of for one in shapes for of in _contacts(one, scene, mesh, X, mobility, known, at_rest)),
+        *(
+            force
+            for contact in shapes
+            for force in _contacts(contact, scene, mesh, X, mobility, known, at_rest)
+        ),
         *([] if at_rest else _drags(scene, mesh)),
     ]
 
 
 def _shared(
-    known: _Known, law: Callable, kind: CoordinateKind, of: Iterable, *given: Any
+    known: _Known, law: Callable, kind: CoordinateKind, functions: Iterable, *arguments: Any
 ) -> PointLaw:
     """A law with functions of a user; functions that give equal expressions share one law."""
-    key = law, kind, *of
+    key = law, kind, *functions
     if key not in known:
-        known[key] = law(kind, *given)
+        known[key] = law(kind, *arguments)
     return known[key]
 
 
@@ -125,22 +129,22 @@ def _drags(scene: Scene, mesh: Mesh) -> Iterator[PointForce]:
             of_masses = [alpha * number for number in (mass, inertia) if number]
             dofs = mesh.dofs[node, first:end].tolist()
             yield PointForce(drag(bool(mass), False, bool(inertia)), of_masses, dofs)
-    for given in scene.drags:
-        if isinstance(given.target, Node):
-            numbers = [*given.linear, *given.quadratic, *given.rotation]
+    for scene_drag in scene.drags:
+        if isinstance(scene_drag.target, Node):
+            numbers = [*scene_drag.linear, *scene_drag.quadratic, *scene_drag.rotation]
             linear, quadratic, rotation = parts = [*map(bool, numbers)]
             first, end = 0 if linear or quadratic else 2, 3 if rotation else 2
-            dofs = mesh.dofs[given.target.number, first:end].tolist()
+            dofs = mesh.dofs[scene_drag.target.number, first:end].tolist()
             yield PointForce(drag(*parts), [number for number in numbers if number], dofs)
 
 
 def _of_joints(scene: Scene, known: _Known, at_rest: bool) -> Iterator[PointForce]:
     """Springs, dampers, friction and stops on the coordinates of joints."""
     for joint in scene.joints:
-        for name, on in joint.coordinates.items():
-            kind, where = _place_on(joint, name)
-            for law, numbers in _of_coordinate(on, kind, known, at_rest):
-                yield PointForce(law, numbers, **where)
+        for name, coordinate in joint.coordinates.items():
+            kind, place = _place_on(joint, name)
+            for law, numbers in _of_coordinate(coordinate, kind, known, at_rest):
+                yield PointForce(law, numbers, **place)
 
 
 def _of_gears(scene: Scene, known: _Known, at_rest: bool) -> Iterator[PointForce]:
@@ -161,19 +165,19 @@ def _place_on(joint: Joint, coordinate: str) -> tuple[CoordinateKind, dict[str, 
 def _frictions(scene: Scene, mesh: Mesh, mobility: np.ndarray) -> Iterator[PointForce]:
     """Friction of joints that follows their own force."""
     for joint in scene.joints:
-        for name, on in joint.coordinates.items():
-            if not isinstance(friction := on.friction, Coulomb):
+        for name, coordinate in joint.coordinates.items():
+            if not isinstance(friction := coordinate.friction, Coulomb):
                 continue
-            (kind, where), load = _place_on(joint, name), Load(joint.number)
+            (kind, place), load = _place_on(joint, name), Load(joint.number)
             moving = [mesh.dofs.size + joint.number]
             if kind is ANGLE:
-                moving = [dof for dof in where["dofs"] if dof >= 0]
+                moving = [dof for dof in place["dofs"] if dof >= 0]
             elif joint.axis is not None:
                 axis = tuple(joint.kinematics.tangent(0.0).tolist())
                 load = Load(joint.number, axis, rotation_of(joint.a))
             tau, mu, stiffness = friction_numbers(friction, 1.0, mobility[moving].sum())
             numbers = [tau, mu * (friction.radius or 1.0), stiffness]
-            yield PointForce(laws.joint_friction(kind), numbers, load=load, **where)
+            yield PointForce(laws.joint_friction(kind), numbers, load=load, **place)
 
 
 def _between(
@@ -186,8 +190,8 @@ def _between(
         kind, apart, dofs = _along(force, mesh)
         moves = () if force.over_pulleys else tuple(node >= 0 for node in force.nodes)
         for law, numbers in _of_coordinate(force.on, kind, known, at_rest):
-            given = law.over(moves) if moves else law, [*apart, *numbers], dofs
-            yield PointForce(*given, owner=str(force), line=force.number)
+            arguments = law.over(moves) if moves else law, [*apart, *numbers], dofs
+            yield PointForce(*arguments, owner=str(force), line=force.number)
         if force.force is not None:
             numbers = [*apart, 1.0]
             law = _shared(known, laws.pull, kind, force.functions, force.force)
@@ -222,22 +226,26 @@ def _to_ground(
     ways = force.ways(X[nodes])
     for node, way, length in zip(nodes, ways, force.lengths, strict=True):
         for law, (stiffness, *numbers) in _of_coordinate(force.on, DISPLACEMENT, known, at_rest):
-            given = law, [*way, stiffness * length, *numbers], mesh.dofs[node, :2].tolist()
-            yield PointForce(*given, owner=str(force), line=force.number)
+            arguments = law, [*way, stiffness * length, *numbers], mesh.dofs[node, :2].tolist()
+            yield PointForce(*arguments, owner=str(force), line=force.number)
 
 
 def _of_coordinate(
-    of: Any, kind: CoordinateKind, known: _Known, at_rest: bool
+    coordinate: Any, kind: CoordinateKind, known: _Known, at_rest: bool
 ) -> Iterator[tuple[PointLaw, list[float]]]:
     """Laws of a coordinate, and their numbers."""
-    spring, stop, damper = of.spring, of.stop, None if at_rest else of.damper
+    spring, stop, damper = (
+        coordinate.spring,
+        coordinate.stop,
+        None if at_rest else coordinate.damper,
+    )
     k, rest = (spring.stiffness, spring.rest) if spring else (0.0, 0.0)
     c = damper.viscosity if damper else 0.0
     if k or c:
         yield laws.spring(kind, bool(c)), [k, rest, c] if c else [k, rest]
 
     def shared(law: Callable, *functions: Any) -> PointLaw:
-        return _shared(known, law, kind, functions_of(of), *functions)
+        return _shared(known, law, kind, functions_of(coordinate), *functions)
 
     if spring is not None and spring.strain_energy is not None:
         yield shared(laws.stored_energy, spring.strain_energy, spring.internal), [rest]
@@ -248,8 +256,8 @@ def _of_coordinate(
                 yield laws.stop(kind, sign, bool(of_loss)), [stop.stiffness, *of_loss, limit]
     if damper is not None and damper.law is not None:
         yield shared(laws.damper_law, damper.law), []
-    if isinstance(of.friction, SmoothFriction) and not at_rest:
-        if callable(of.friction.force):
-            yield shared(laws.friction_law, of.friction.force), [of.friction.speed]
+    if isinstance(coordinate.friction, SmoothFriction) and not at_rest:
+        if callable(coordinate.friction.force):
+            yield shared(laws.friction_law, coordinate.friction.force), [coordinate.friction.speed]
         else:
-            yield laws.friction(kind), [of.friction.speed, of.friction.force]
+            yield laws.friction(kind), [coordinate.friction.speed, coordinate.friction.force]

@@ -46,13 +46,13 @@ def positions_in(
 def places_of_cells(dofs: np.ndarray, indptr: np.ndarray, indices: np.ndarray) -> np.ndarray:
     """Indices (cells, n * n) of the entries of cells with degrees of freedom (cells, n)."""
     n = dofs.shape[1]
-    at = np.repeat(dofs, n, axis=1).ravel(), np.tile(dofs, (1, n)).ravel()
-    return positions_in(indptr, indices, *at).reshape(len(dofs), n * n)
+    entries = np.repeat(dofs, n, axis=1).ravel(), np.tile(dofs, (1, n)).ravel()
+    return positions_in(indptr, indices, *entries).reshape(len(dofs), n * n)
 
 
 @cached_by_content
 def blocks_with(
-    wanted: np.ndarray, indptr: np.ndarray, indices: np.ndarray
+    entries: np.ndarray, indptr: np.ndarray, indices: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Blocks of 3 x 3 that have some of the entries: starts of their rows, columns, and positions.
 
@@ -60,7 +60,7 @@ def blocks_with(
     """
     nodes, size = (len(indptr) - 1) // 3, len(indptr) - 1
     rows = np.repeat(np.arange(size), np.diff(indptr))
-    row, column = np.divmod(np.unique(rows[wanted] // 3 * nodes + indices[wanted] // 3), nodes)
+    row, column = np.divmod(np.unique(rows[entries] // 3 * nodes + indices[entries] // 3), nodes)
     block = 3 * np.stack([row, column])[:, :, None, None] + np.indices((3, 3))[:, None]
     starts = np.searchsorted(row, np.arange(nodes + 1))
     return starts, column, positions_in(indptr, indices, *block)
@@ -74,9 +74,9 @@ def matrix_between(elements: np.ndarray, nodes: int) -> scipy.sparse.csr_matrix:
 
 @cached_by_content
 def _rows_between(elements: np.ndarray, nodes: int) -> tuple[np.ndarray, np.ndarray]:
-    every, n = np.arange(nodes), elements.shape[1]
-    row = np.append(every, np.repeat(elements, n, axis=1))
-    column = np.append(every, np.tile(elements, (1, n)))
+    numbers, n = np.arange(nodes), elements.shape[1]
+    row = np.append(numbers, np.repeat(elements, n, axis=1))
+    column = np.append(numbers, np.tile(elements, (1, n)))
     pairs = scipy.sparse.csr_matrix((np.ones(len(row)), (row, column)))
     blocks = scipy.sparse.kron(pairs, np.ones((3, 3)), "bsr").tocsr()
     return blocks.indptr, blocks.indices
@@ -86,8 +86,8 @@ def with_pairs(matrix: scipy.sparse.csr_matrix, pairs: np.ndarray) -> scipy.spar
     """A zero matrix with more entries, at some rows and columns (n, 2); itself for none."""
     if not len(pairs):
         return matrix
-    ones = np.ones(matrix.nnz), matrix.indices, matrix.indptr
-    more = scipy.sparse.csr_matrix((np.ones(len(pairs)), tuple(pairs.T)), matrix.shape)
-    both = scipy.sparse.csr_matrix(ones, matrix.shape) + more
-    both.data[:] = 0.0
-    return both
+    existing = np.ones(matrix.nnz), matrix.indices, matrix.indptr
+    added = scipy.sparse.csr_matrix((np.ones(len(pairs)), tuple(pairs.T)), matrix.shape)
+    union = scipy.sparse.csr_matrix(existing, matrix.shape) + added
+    union.data[:] = 0.0
+    return union

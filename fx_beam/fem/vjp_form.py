@@ -22,43 +22,43 @@ class DerivedForm(WeakForm):
             self._more = self.fields.data((1, self.parameters.ufl_shape))
             self.named[self._more] = "more"
 
-    def derivatives(self, of: str) -> Written:
+    def derivatives(self, name: str) -> Written:
         """Those of an energy, or of "resultants", by name.
 
         The latter are at the Gauss points, each times the weight of its point.
         """
-        if of == "resultants":
+        if name == "resultants":
             quantity = self._at_points(self.resultants, ufl.TestFunction(self.fields.internal(3)))
         else:
-            quantity = self._energies[of]
+            quantity = self._energies[name]
         return Written(self._derived(quantity)[1], self.named)
 
-    def _work(self, of: str) -> tuple[list[Any], Any, dict[str, Any]]:
-        """Weights, the work of "internal forces" or "drag" on them, and its derivatives.
+    def _work(self, forces: str) -> tuple[list[Any], Any, dict[str, Any]]:
+        """Weights w, the work w.f of "internal forces" or "drag" f, and its derivatives by name.
 
         With internal variables, their increments times further weights are added.
         """
-        if of in self._works:
-            return self._works[of]
-        forms = {self.fields.test: self._of_drag if of == "drag" else self._residual}
-        if self.width and of != "drag":
+        if forces in self._works:
+            return self._works[forces]
+        forms = {self.fields.test: self._of_drag if forces == "drag" else self._residual}
+        if self.width and forces != "drag":
             forms[ufl.TestFunction(self.fields.internal(self.width))] = self._increments()
         make = self.fields.symbols.coefficient
         weights = {test: make(test.ufl_function_space()) for test in forms}
         self.named |= {weight: f"weight {k}" for k, weight in enumerate(weights.values())}
         work = sum(ufl.replace(form, {test: weights[test]}) for test, form in forms.items())
-        self._works[of] = [*weights.values()], *self._derived(work)
-        return self._works[of]
+        self._works[forces] = [*weights.values()], *self._derived(work)
+        return self._works[forces]
 
-    def work(self, of: str) -> Written:
+    def work(self, forces: str) -> Written:
         """Names of the derivatives of the work on weights, as a fact."""
-        return Written({}, {}, {"derivatives": [*self._work(of)[2]]})
+        return Written({}, {}, {"derivatives": [*self._work(forces)[2]]})
 
-    def slopes(self, of: str, *wanted: str) -> Written:
+    def slopes(self, forces: str, *names: str) -> Written:
         """The work itself, as "work 0", and derivatives by these names and by each weight."""
-        weights, work, derivatives = self._work(of)
+        weights, work, derivatives = self._work(forces)
         slopes = {"work 0": work}
-        for name in wanted:
+        for name in names:
             for number, weight in enumerate(weights):
                 slope = ufl.derivative(derivatives[name], weight)
                 if not _is_empty(slope):
@@ -73,13 +73,13 @@ class DerivedForm(WeakForm):
         symbols = {name: symbol for symbol, name in self.named.items()}
         nodal = "increment", "start", "q_previous"
         names = *nodal, "internal", *NATURAL, *self.data
-        by = {name: symbols.get(name) for name in names} | {"parameters": self._more}
-        by = {name: field for name, field in by.items() if field in quantity.coefficients()}
-        forms = {what: ufl.derivative(quantity, field) for what, field in by.items()}
+        used = {name: symbols.get(name) for name in names} | {"parameters": self._more}
+        used = {name: field for name, field in used.items() if field in quantity.coefficients()}
+        forms = {name: ufl.derivative(quantity, field) for name, field in used.items()}
         X, of_X = fields.coordinates
         argument = ufl.Argument(of_X, len(quantity.arguments()))
         forms["coordinates"] = ufl.derivative(quantity, X, argument)
-        return quantity, {what: form for what, form in forms.items() if not _is_empty(form)}
+        return quantity, {name: form for name, form in forms.items() if not _is_empty(form)}
 
 
 def _is_empty(form: Any) -> bool:

@@ -101,7 +101,9 @@ class WeakForm:
         if symbols is None:
             self.fields, self._nodal = fields_of(kind.degree, kind.curved)
         else:
-            self.fields, self._nodal = (Fields(kind.degree, symbols, of) for of in (False, True))
+            self.fields, self._nodal = (
+                Fields(kind.degree, symbols, nodal) for nodal in (False, True)
+            )
         fields = self.fields
         self.has_natural, self._held = kind.natural, kind.held
         #: Data of beams by name: (EA, GA, EI) of the quadratic law, retardation times, and drag.
@@ -146,7 +148,7 @@ class WeakForm:
         }
         #: Those that data of beams have, by name.
         self.named_data = dict(self.data)
-        self.named_data |= {f"indicator {i}": of for i, of in enumerate(self.indicators)}
+        self.named_data |= {f"indicator {i}": field for i, field in enumerate(self.indicators)}
         if self.fields.coordinate is not None:
             self.named_data["coordinate"] = self.fields.coordinate
         self._added: Any = 0
@@ -156,8 +158,8 @@ class WeakForm:
     def _build_resultants(self) -> None:
         """The step, and the resultants of each law."""
         resultants = self._of_step()
-        every = [r for parts in resultants for r in parts]
-        exact = self.step.degree > 1 and any(isinstance(r, ExactResultants) for r in every)
+        all_resultants = [r for parts in resultants for r in parts]
+        exact = self.step.degree > 1 and any(isinstance(r, ExactResultants) for r in all_resultants)
         if exact or (self.scheme.rates.mean_based and "rotation" in self._drag):
             self.fields = self._nodal
             resultants = self._of_step()
@@ -171,8 +173,8 @@ class WeakForm:
 
     def _of_step(self) -> list[list[Any]]:
         """The resultants of each law in a step of the present fields."""
-        what = f"rates of {self.scheme.name}"
-        self.step = self.fields.step(self.scheme.rates, what, self.has_natural)
+        name = f"rates of {self.scheme.name}"
+        self.step = self.fields.step(self.scheme.rates, name, self.has_natural)
         #: Internal variables of each law that has some, as `evolved` gives them.
         self._evolution = [self._evolved(variables) for _, variables in self._materials]
         self._laws = [
@@ -183,9 +185,9 @@ class WeakForm:
         if self.scheme.parameters:
             of_scheme = replace(of_scheme, damping=replaced(of_scheme.damping, self._by_name))
         resultants: list[list[Any]] = [[of_scheme(self.step, law)] for law in self._laws]
-        for (given,) in resultants:
-            what = f"{self.scheme.name}: what resultants(step, law) gives"
-            require(hasattr(given, "N"), what, given, "fx_beam.Resultants")
+        for (of_law,) in resultants:
+            name = f"{self.scheme.name}: what resultants(step, law) gives"
+            require(hasattr(of_law, "N"), name, of_law, "fx_beam.Resultants")
         if self.times is not None:
             for law, parts in zip(self._laws, resultants, strict=True):
                 parts.append(viscous(self.step, law, self.times, self.scheme.rates.level))
@@ -198,7 +200,7 @@ class WeakForm:
         at_rest = self.scheme.rates.at_rest
         dt = self.fields.load_increment if at_rest else self.fields.dt
         of_step = evolved(variables, old, self.step.strains0, self.step.strains1, dt, at_rest)
-        return tuple(replaced(of, self._by_name) for of in of_step)
+        return tuple(replaced(expression, self._by_name) for expression in of_step)
 
     def _with_values(self, energy: Energy) -> Energy:
         """A stored energy with the values of its parameters."""
@@ -215,7 +217,7 @@ class WeakForm:
         none: Any = 0
         #: The last is the work of natural strains that change.
         self._residual = self._held_before = self._actuation = none
-        stored = lost = of_scheme = held = none
+        stored = lost = of_scheme = scheme_energy = none
         for tag, (law, parts) in enumerate(zip(self._laws, self._of_laws, strict=True)):
             dx_law = dx(tag) if len(self._laws) > 1 else dx
             for r in parts:
@@ -224,56 +226,56 @@ class WeakForm:
                     self._actuation += actuation(self.step, r) * dx_law
                 if isinstance(r, DecayingResultants):
                     of_scheme += r.loss * dx_law
-                    held += 0 if r.held is None else r.held * dx_law
+                    scheme_energy += 0 if r.held is None else r.held * dx_law
                     self._held_before += 0 if r.held_before is None else r.held_before * dx_law
             stored += law.start.energy(*self.step.strains0) * dx_law
             (energy, internal), of_step = self._materials[tag], self._evolution[tag]
             if energy is not None and internal is not None:
                 strains = self.step.strains0, self.step.strains1
-                given = self._with_values(energy), internal.level, of_step, strains
-                lost += evolution_loss(*given, self.scheme.rates.at_rest) * dx_law
+                arguments = self._with_values(energy), internal.level, of_step, strains
+                lost += evolution_loss(*arguments, self.scheme.rates.at_rest) * dx_law
             if self.times is not None:
                 lost += viscous_loss(self.step, law, self.times) * dx_law
         full = self.fields.measure(self.fields.degree + 1)  # exact for products of two fields
         #: Apart, as FFCx confuses two rules in one form if one of them has a single point.
         self._of_drag, lost_to_drag = (
-            of(self.step, self._drag) * full if self._drag else none
-            for of in (drag_work, drag_loss)
+            quantity(self.step, self._drag) * full if self._drag else none
+            for quantity in (drag_work, drag_loss)
         )
         #: Energies by name: stored, what the scheme holds for the next step, and `LOSSES`.
-        self._energies = {"strain energy": stored, "scheme's energy": held}
+        self._energies = {"strain energy": stored, "scheme's energy": scheme_energy}
         self._energies |= dict(zip(LOSSES, (lost, of_scheme, lost_to_drag), strict=True))
         self._refuse_fields()
 
     def _refuse_fields(self) -> None:
         if self._open:
             return
-        what = f"resultants of {self.scheme.name}"
+        name = f"resultants of {self.scheme.name}"
         known = [*self.fields.names, *self.data.values(), self.internal, self.parameters]
         # UFL extracts those of the form anyway, and caches them.
-        refuse_fields([*self._residual.coefficients(), *self._residual.constants()], what, known)
+        refuse_fields([*self._residual.coefficients(), *self._residual.constants()], name, known)
         for of_law in self.resultants:
-            refuse_fields_in(of_law, what, known)
+            refuse_fields_in(of_law, name, known)
 
     def _add(self, works: Sequence[VirtualWork]) -> None:
         """Add the virtual works of further forces."""
         per_length: Any = 0
-        for number, (work, inside) in enumerate(zip(works, self.indicators, strict=True), start=1):
+        for number, (work, support) in enumerate(zip(works, self.indicators, strict=True), start=1):
             term = self._checked_work(work, f"virtual work {number}")
-            per_length += term if work.beam is None else term * inside
+            per_length += term if work.beam is None else term * support
         self._added = per_length * self.fields.measure(self.fields.degree)
         self._residual -= self._added
 
-    def _checked_work(self, work: VirtualWork, what: str) -> Any:
+    def _checked_work(self, work: VirtualWork, name: str) -> Any:
         """A virtual work per length in UFL; SceneError if it is none."""
         # Nothing moves in a load step: the work is that of the forces at its end.
         step = self.step.at_its_end if self.scheme.rates.at_rest else self.step
         if self._held:  # derivatives by the motion are sought, not by increments
             step = step.in_an_instant
-        test, term = self.fields.test, replaced(work.of(step, what), self._by_name)
+        test, term = self.fields.test, replaced(work.of(step, name), self._by_name)
         if not self._open:
-            refuse_fields_in(term, what, [*self.fields.names, self.parameters])
-        expected = f"{what}: the result must be a scalar UFL expression linear in step.virtual_u "
+            refuse_fields_in(term, name, [*self.fields.names, self.parameters])
+        expected = f"{name}: the result must be a scalar UFL expression linear in step.virtual_u "
         expected += "and step.virtual_psi"
         if term.ufl_shape != () or ufl.algorithms.extract_arguments(term) != [test]:
             raise SceneError(f"{expected}, not {term}")
@@ -302,8 +304,8 @@ class WeakForm:
             # Increments at the Gauss points, each times its weight.
             "internal variables": self._increments() if self.width else 0,
         }
-        there = {name: form for name, form in forms.items() if form}
-        return Written(there, self.named, self._facts()._asdict())
+        present = {name: form for name, form in forms.items() if form}
+        return Written(present, self.named, self._facts()._asdict())
 
     def _facts(self) -> StepFacts:
         fields, residual = self.fields, self._residual
@@ -344,7 +346,7 @@ class WeakForm:
     def _expressions(self, name: str, expressions: Sequence[Any]) -> Written:
         points = gauss_rule(self.fields.degree)[0][:, None]
         numbered = enumerate(expressions, start=1)
-        return Written({f"{name} {k}": (of, points) for k, of in numbered}, self.named)
+        return Written({f"{name} {k}": (e, points) for k, e in numbered}, self.named)
 
 
 def _inverted_sections(fields: Fields) -> Any:

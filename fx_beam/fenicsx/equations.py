@@ -119,25 +119,25 @@ class Equations:
 
     def _mean_added(self, t: float, dt: float) -> np.ndarray:
         """Forces of added terms (size,) in mid-step, from forces at the levels of steps."""
-        level, (end, before) = self.model.scheme.rates.level, self._last_added
+        level, (end, previous) = self.model.scheme.rates.level, self._last_added
         self._last_added = t + dt, self._added
         if level == 0.5 or not np.isclose(end, t, rtol=1e-12, atol=1e-9 * abs(dt)):
             return self._added
-        return self._added + (0.5 - level) * (self._added - before)
+        return self._added + (0.5 - level) * (self._added - previous)
 
     def tangent(self) -> PETSc.Mat:
         """The reduced tangent where forces were found last."""
-        model, mass, others = self.model, self.form.mass, np.zeros(self.form.pattern.nnz)
-        more = None
+        model, mass, values = self.model, self.form.mass, np.zeros(self.form.pattern.nnz)
+        added = None
         if model.nodal_rules:
             nodes = np.arange(len(self._by_increment) + 1)
             blocks = self._by_increment, nodes[:-1], nodes
-            more = mass @ scipy.sparse.bsr_matrix(blocks, mass.shape).tocsr()
+            added = mass @ scipy.sparse.bsr_matrix(blocks, mass.shape).tocsr()
         elif not model.scheme.rates.at_rest:
-            others += mass.data * (self._steepness * self._slope)[mass.indices]
-        model.points.add_tangent(others)
+            values += mass.data * (self._steepness * self._slope)[mass.indices]
+        model.points.add_tangent(values)
         if model.points.members is not None:
             member_tangent = model.points.members.tangent()
-            more = member_tangent if more is None else more + member_tangent
-        self.unknowns.assemble(others, more, self._y, self._driven, self.forces)
+            added = member_tangent if added is None else added + member_tangent
+        self.unknowns.assemble(values, added, self._y, self._driven, self.forces)
         return self.unknowns.A

@@ -137,8 +137,8 @@ class Equilibrium(Steps):
         try:
             self._state, step = self._loads.step(start, Interval(start.t, float(load_factor)))
         except StepFailed as failure:
-            what = f"the step from load factor {start.t:.6g} to {load_factor:.6g} failed"
-            raise self._loads.failures.error(what, 0, start, failure, advice) from failure
+            message = f"the step from load factor {start.t:.6g} to {load_factor:.6g} failed"
+            raise self._loads.failures.error(message, 0, start, failure, advice) from failure
         self._stats.add_solve(self.iterations, step.ended_by)
         self._stats.steps += 1
         self._form.end(self._state)

@@ -141,8 +141,8 @@ class StepForm:
                 "or a measure with domain=problem.mesh"
             )
         if [*term.arguments()] != [self._fields.test]:
-            others = ", ".join(str(u) for u in term.arguments() if u != self._fields.test)
-            raise SceneError(f"{linear} of problem.step; it has {others or 'neither'}")
+            other_arguments = ", ".join(str(u) for u in term.arguments() if u != self._fields.test)
+            raise SceneError(f"{linear} of problem.step; it has {other_arguments or 'neither'}")
         lowered = ufl.algorithms.apply_algebra_lowering.apply_algebra_lowering(term)
         arities = ufl.algorithms.check_arities
         try:
@@ -171,8 +171,8 @@ class StepForm:
     @property
     def F(self) -> ufl.Form:
         """The residual without inertia."""
-        first, *others = [*self._terms, *self._added]
-        return sum(others, first)
+        first, *rest = [*self._terms, *self._added]
+        return sum(rest, first)
 
     @property
     def J(self) -> ufl.Form:
@@ -200,8 +200,8 @@ class StepForm:
             for term in terms:
                 fem.assemble_vector(b, self._forms_of(term)[0])
             out[:] = np.bincount(self.increment_numbers, b, len(D))
-        own, added = self.grid.total(forces)
-        return own, added
+        internal, added = self.grid.total(forces)
+        return internal, added
 
     def add_tangent(self, matrix: PETSc.Mat, numbers: PETSc.LGMap) -> None:
         """Add the tangent to a matrix; `numbers` are rows of the increments."""

@@ -55,8 +55,8 @@ class Grid:
 
     def tagged(self, tags: np.ndarray) -> Any:
         """Tags of elements as tags of the mesh of dolfinx."""
-        every = np.arange(len(self.cells), dtype=np.int32)
-        return dolfinx.mesh.meshtags(self.mesh, 1, every, tags[self.cells].astype(np.int32))
+        numbers = np.arange(len(self.cells), dtype=np.int32)
+        return dolfinx.mesh.meshtags(self.mesh, 1, numbers, tags[self.cells].astype(np.int32))
 
     def numbers(self, space: Any, cell_numbers: np.ndarray) -> np.ndarray:
         """The number of each degree of freedom of a space, from numbers (cells, width) in cells."""
@@ -72,9 +72,9 @@ class Grid:
 
     def _gathered(self, own_values: np.ndarray) -> np.ndarray:
         """Values (cells, ...) from the values of the cells that each process owns."""
-        own, _ = count_cells(self.mesh)
+        owned, _ = count_cells(self.mesh)
         values = np.zeros((len(self._nodes.points), *own_values.shape[1:]))
-        values[self.cells[:own]] = own_values
+        values[self.cells[:owned]] = own_values
         return self.total(values)
 
     def total(self, values: np.ndarray) -> np.ndarray:
@@ -85,24 +85,24 @@ class Grid:
 
     # -- Integrals ---------------------------------------------------------------------------------
 
-    def measure(self, where: Beam | Node | None, points: int | None) -> ufl.Measure:
+    def measure(self, place: Beam | Node | None, points: int | None) -> ufl.Measure:
         """Measure of a beam, of all, or of a node, by a Gauss rule; see `Steps.measure`."""
         domain = self.mesh.ufl_domain()
-        if isinstance(where, Node):
-            ends = self._ends_at(where)
+        if isinstance(place, Node):
+            ends = self._ends_at(place)
             return ufl.Measure("ds", domain=domain, subdomain_data=ends)(1)
         dx = elements.measure(domain, points or self.degree)(subdomain_data=self._beams)
-        if where is None:
+        if place is None:
             return dx
-        if where not in self.scene.beams:
-            raise SceneError(f"fenicsx: measure: {where} is no beam of this scene")
-        return dx(self.scene.beams.index(where))
+        if place not in self.scene.beams:
+            raise SceneError(f"fenicsx: measure: {place} is no beam of this scene")
+        return dx(self.scene.beams.index(place))
 
     def _ends_at(self, node: Node) -> Any:
         """Tags of the vertices in which a single element ends at a node."""
         numbers = self._nodes.points[self.cells][:, :2]
-        here = np.unique(cell_vertices(self.mesh)[numbers == node.number])
-        ends = here[np.isin(here, exterior_facets(self.mesh))].astype(np.int32)
+        vertices = np.unique(cell_vertices(self.mesh)[numbers == node.number])
+        ends = vertices[np.isin(vertices, exterior_facets(self.mesh))].astype(np.int32)
         if not self.comm.allreduce(len(ends)):
             raise SceneError(
                 f"fenicsx: measure: {node} is no end of the mesh, but an inner node of beams. Use "
@@ -115,8 +115,8 @@ class Grid:
     def at_points(self, expressions: list[Any], tags: np.ndarray, points: Any) -> np.ndarray:
         """Values (cells, points, ...) of UFL expressions, chosen for each cell by tags (cells,)."""
         places = gauss_rule(self.degree)[0] if points is None else np.asarray(points, float)
-        own = self.cells[: count_cells(self.mesh)[0]]
-        values = np.empty((len(own), len(places), *expressions[0].ufl_shape))
+        owned_cells = self.cells[: count_cells(self.mesh)[0]]
+        values = np.empty((len(owned_cells), len(places), *expressions[0].ufl_shape))
         for number, expression in enumerate(expressions):
             key = id(expression), places.tobytes()
             if not ufl.domain.extract_domains(expression):
@@ -124,9 +124,9 @@ class Grid:
             if key not in self._expressions:
                 compiled = compiled_expression(expression, places[:, None])
                 self._expressions[key] = expression, compiled
-            here = np.flatnonzero(tags[own] == number)
-            computed = values_of(self._expressions[key][1], self.mesh, here)
-            values[here] = computed.reshape(len(here), len(places), *expression.ufl_shape)
+            chosen = np.flatnonzero(tags[owned_cells] == number)
+            computed = values_of(self._expressions[key][1], self.mesh, chosen)
+            values[chosen] = computed.reshape(len(chosen), len(places), *expression.ufl_shape)
         return self._gathered(values)
 
     def interpolated(self, values: np.ndarray, name: str) -> fem.Function:

@@ -112,14 +112,14 @@ class Newton:
     def _converged(self, snes: PETSc.SNES, iteration: int, norms: Any) -> int | None:
         """The engine's own judgement of an iteration."""
         reasons, unknowns = PETSc.SNES.ConvergedReason, self._equations.unknowns
-        before, self._residual = self._residual, unknowns.all(snes.getFunction()[0]).copy()
+        last_residual, self._residual = self._residual, unknowns.all(snes.getFunction()[0]).copy()
         if not np.isfinite(norms[2]):
             return reasons.DIVERGED_FNORM_NAN
         if iteration == 0:
             return None
         reduced, step, correction = self._judged
         reduced[:] = step[:] = 0.0
-        reduced[unknowns.independent] = before
+        reduced[unknowns.independent] = last_residual
         step[unknowns.independent] = change = unknowns.all(snes.getSolutionUpdate())
         correction[:] = unknowns.to_nodes(change)
         self._equations.memory[3][:] = self._equations.internal

@@ -161,12 +161,12 @@ class Problem(Steps):
     def _further(self, interval: Interval, state: State, D: np.ndarray) -> np.ndarray:
         """Forces (size,) that the engine does not have."""
         self._form.begin(interval, state, state.natural)
-        own, added = self._form.residual(D)
+        internal, added = self._form.residual(D)
         if not self._form.replaced:
             return added
-        beam_forces = np.zeros_like(own)
+        beam_forces = np.zeros_like(internal)
         self._form.beams.add_force(D, beam_forces)
-        return own + added - beam_forces
+        return internal + added - beam_forces
 
     def run(
         self,

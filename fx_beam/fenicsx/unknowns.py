@@ -123,14 +123,14 @@ class EqualUnknowns(SharedUnknowns):
         """Forces on the unknowns: Tv^T r."""
         return np.bincount(self._unknown, r, self.size + 1)[: self.size]
 
-    def assemble(self, others: np.ndarray, more: Any, y: Any, driven: Any, r: Any) -> None:
+    def assemble(self, values: np.ndarray, added: Any, y: Any, driven: Any, r: Any) -> None:
         """Set A = Tv^T K T + (dTv/dy)^T r at increments y and `driven`, where the forces are r.
 
-        K is the tangent of dolfinx, plus values `others` in the scene's sparsity, plus `more`.
+        K is the tangent of dolfinx, plus `values` in the scene's sparsity, plus the matrix `added`.
         """
         self.A.zeroEntries()
         self._form.add_tangent(self.A, self._glue)
-        self.A.setValuesCSR(*csr_of(self._rows(self._summed(others))), addv=True)
+        self.A.setValuesCSR(*csr_of(self._rows(self._summed(values))), addv=True)
         self.A.assemble()
 
 
@@ -152,22 +152,22 @@ class JointUnknowns(SharedUnknowns):
         """Forces on the unknowns: Tv^T r."""
         return self._reduction.reduced_force(r)[self.independent]
 
-    def assemble(self, others: np.ndarray, more: Any, y: Any, driven: Any, r: Any) -> None:
+    def assemble(self, values: np.ndarray, added: Any, y: Any, driven: Any, r: Any) -> None:
         """Set A = Tv^T K T + (dTv/dy)^T r at increments y and `driven`, where the forces are r.
 
-        K is the tangent of dolfinx, plus values `others` in the scene's sparsity, plus `more`.
+        K is the tangent of dolfinx, plus `values` in the scene's sparsity, plus the matrix `added`.
         """
-        product = self._product(others, more, y, driven, r)
+        product = self._product(values, added, y, driven, r)
         self.A.setPreallocationCSR(csr_of(self._rows(product)))
         self.A.assemble()
 
-    def _product(self, others: np.ndarray, more: Any, y: Any, driven: Any, r: Any) -> Any:
+    def _product(self, values: np.ndarray, added: Any, y: Any, driven: Any, r: Any) -> Any:
         """Tv^T K T + (dTv/dy)^T r."""
         K = self._form.pattern.copy()
         K.data[:] = self._form.tangent()
         if self._comm.rank == 0:  # what all have is added once
-            K.data += others
-            K = K + more if more is not None else K
+            K.data += values
+            K = K + added if added is not None else K
         small = self._form.model.size <= _SMALL
         Tv, K, self._T = (A.toarray() if small else A for A in (self.Tv, K, self.T))
         A = scipy.sparse.csr_matrix(Tv.T @ K @ self._T)

@@ -25,12 +25,12 @@ Mesh = dolfinx.mesh.Mesh
 def quiet() -> Iterator[None]:
     """Compile without the lines of the compiler, which setuptools would show from here on."""
     root = logging.getLogger()
-    before, level, handlers = root.manager.disable, root.level, root.handlers[:]
+    disabled_level, level, handlers = root.manager.disable, root.level, root.handlers[:]
     logging.disable(logging.INFO)
     try:
         yield
     finally:
-        logging.disable(before)
+        logging.disable(disabled_level)
         root.setLevel(level)
         root.handlers[:] = handlers
 

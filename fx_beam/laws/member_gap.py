@@ -63,9 +63,9 @@ def _slip(follows: bool, motion: ForceStep, D: Sequence[Any], numbers: Sequence[
     # The quotient of the slip and the change of a . w where there is none.
     still = -length * end_factor
     if follows:
-        inside = ufl.gt(end_factor, 0)
-        rate = ufl.conditional(inside, near.rate_at_end(), 1.0)
-        still = ufl.conditional(inside, -length / rate, 0.0)
+        is_inside = ufl.gt(end_factor, 0)
+        rate = ufl.conditional(is_inside, near.rate_at_end(), 1.0)
+        still = ufl.conditional(is_inside, -length / rate, 0.0)
     (arm0, _), (arm1, t1) = near.ends
     on_normal, _ = _directions(motion, near.ends)
     size = len(D)
@@ -182,8 +182,8 @@ def _length(a: Vector) -> Any:
 
 def _relative(a: Vector, b: Vector) -> Any:
     """Length of a vector relative to another one; 1 if this is zero: round the ends of members."""
-    some = ufl.gt(dot(b, b), TINY)
-    return ufl.conditional(some, _length(a) / ufl.conditional(some, _length(b), 1.0), 1.0)
+    long = ufl.gt(dot(b, b), TINY)
+    return ufl.conditional(long, _length(a) / ufl.conditional(long, _length(b), 1.0), 1.0)
 
 
 def _kinds(follows: bool) -> tuple[CoordinateKind, CoordinateKind]:

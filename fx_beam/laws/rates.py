@@ -301,8 +301,8 @@ class NodalRates(UpdateRule):
     @property
     def constants(self) -> dict[str, float]:
         """Constants of a rule that has the same work increments."""
-        same = MidPointRates() if self.turning else NewmarkRates(0.25, 0.5)
-        return same.constants
+        equal_rule = MidPointRates() if self.turning else NewmarkRates(0.25, 0.5)
+        return equal_rule.constants
 
     def values(self, rule: Rule, D, v0, a0, before, dt) -> tuple[Any, Any, Any]:
         """Values of a rule; SceneError if they are not three UFL vectors (3,).
@@ -321,16 +321,16 @@ class NodalRates(UpdateRule):
         tuple of ufl vectors (3,)
             Acceleration in the equation of motion, rates and accelerations at the end.
         """
-        what = "NodalRates: rule(D, v0, a0, before, dt)"
+        name = "NodalRates: rule(D, v0, a0, before, dt)"
         with refused(
-            f"{what} must give three UFL vectors. Use ufl.as_vector, and functions of ufl in place "
+            f"{name} must give three UFL vectors. Use ufl.as_vector, and functions of ufl in place "
             "of math or NumPy"
         ):
             parts = tuple(rule(D, v0, a0, before, dt))
             shapes = [value.ufl_shape for value in parts]
         if shapes != [(3,)] * 3:
             raise SceneError(
-                f"{what} must give three vectors of x, y and rotation: the acceleration, and rates "
+                f"{name} must give three vectors of x, y and rotation: the acceleration, and rates "
                 f"and accelerations at the end; it gave {len(parts)} of the shapes {shapes}"
             )
         return parts

@@ -41,16 +41,16 @@ def lagrange(x, degree: int):
     """Lagrange polynomials and their derivatives at x, for nodes at 0, `degree`, and 1, 2, ..."""
     shape, slope = [], []
     for a in (0, degree, *range(1, degree)):
-        others = [b for b in range(degree + 1) if b != a]
-        scale = 1 / math.prod(a - b for b in others)
-        shape.append(scale * _product(x - b for b in others))
-        slope.append(scale * sum(_product(x - b for b in others if b != c) for c in others))
+        nodes = [b for b in range(degree + 1) if b != a]
+        scale = 1 / math.prod(a - b for b in nodes)
+        shape.append(scale * _product(x - b for b in nodes))
+        slope.append(scale * sum(_product(x - b for b in nodes if b != c) for c in nodes))
     return ufl.as_vector(shape), ufl.as_vector(slope)
 
 
 def _product(factors: Iterable):
-    first, *others = [*factors] or [1.0]
-    return math.prod(others, start=first)
+    first, *rest = [*factors] or [1.0]
+    return math.prod(rest, start=first)
 
 
 def exact_virtual_work(step: Step, dphi, n, m):
@@ -332,15 +332,15 @@ class Decaying:
     def __call__(self, step: Step, law: Law) -> DecayingResultants:
         """The resultants of a step."""
         # Of the motion alone: what natural strains do is no vibration.
-        now = differences(step.total_strains0, step.total_strains1)
-        rest, held, held_before, lost_before = now, None, None, 0.0
+        change = differences(step.total_strains0, step.total_strains1)
+        rest, held_energy, held_before, lost_before = change, None, None, 0.0
         if self.order == 2:
-            before = differences(step.strains_before, step.total_strains0)
-            rest = [a - step.memory * b for a, b in zip(now, before, strict=True)]
+            change_before = differences(step.strains_before, step.total_strains0)
+            rest = [a - step.memory * b for a, b in zip(change, change_before, strict=True)]
             # The work of the added resultants is the loss plus what the held energy gains:
             # 2 dE.C rest = dE.C dE - r^2 dE_before.C dE_before + rest.C rest
-            held = self.damping / 4 * work_of(law.linear(now), now)
-            before_work = work_of(law.linear(before), before)
+            held_energy = self.damping / 4 * work_of(law.linear(change), change)
+            before_work = work_of(law.linear(change_before), change_before)
             held_before = self.damping / 4 * before_work
             lost_before = (1 - step.memory**2) * before_work
         forces = law.linear(rest)
@@ -350,7 +350,7 @@ class Decaying:
         mean = averaged(step, law)
         total = mean._replace(N=mean.N + N, Q=mean.Q + Q, M=mean.M + M)
         r = DecayingResultants(*with_exact_work(step, total))
-        r.mean, r.loss, r.held, r.held_before = mean, loss, held, held_before
+        r.mean, r.loss, r.held, r.held_before = mean, loss, held_energy, held_before
         return r
 
 

@@ -56,9 +56,9 @@ def _span(apart: list[Any], moved: list[Any], D: list[Any], q: Any) -> _Span:
     d1 = add(d0, 1.0, D)
     size0, size1, at_rest = (ufl.sqrt(dot(d, d) + TINY) for d in (d0, d1, apart))
     t0, t1 = (ufl.sqrt(size * size - q * q) for size in (size0, size1))
-    both, mean = add(d0, 1.0, d1), [x / 2 for x in add(d0, 1.0, d1)]
+    arm_sum, mean = add(d0, 1.0, d1), [x / 2 for x in add(d0, 1.0, d1)]
     sum_of_sizes, square = size0 + size1, dot(mean, mean)
-    longer = dot(both, D) / sum_of_sizes
+    longer = dot(arm_sum, D) / sum_of_sizes
     # The quotient of both increments: that of asin(q / |d|) is one of a small angle.
     y = q * longer * sum_of_sizes / ((t0 + t1) * size0 * size1)
     near = ufl.lt(y * y, 1e-6)
@@ -72,7 +72,7 @@ def _span(apart: list[Any], moved: list[Any], D: list[Any], q: Any) -> _Span:
     return _Span(
         t0 + q * ufl.asin(q / size0),
         quotient * longer,
-        [quotient / sum_of_sizes * x for x in both],
+        [quotient / sum_of_sizes * x for x in arm_sum],
         [(lean * mean[0] - mean[1]) / square, (lean * mean[1] + mean[0]) / square],
         turn,
         2 * ufl.atan(_half(apart, d0, at_rest * size0)),
@@ -119,9 +119,9 @@ def rope_over(kinds: str) -> CoordinateKind:
         (moved, turned), (ways, turns), (rates, spins) = map(parts, (motion.start, D, motion.rates))
         apart = [[*numbers[2 * i : 2 * i + 2]] for i in range(count - 1)]
         steps = [radii[i] - radii[i + 1] for i in range(count - 1)]
-        spans = [_span(*of) for of in zip(apart, moved, ways, steps, strict=True)]
-        start, path = (total([getattr(of, name) for of in spans]) for name in ("start", "path"))
-        pulls = [of.along for of in spans]
+        spans = [_span(*arguments) for arguments in zip(apart, moved, ways, steps, strict=True)]
+        start, path = (total([getattr(span, name) for span in spans]) for name in ("start", "path"))
+        pulls = [span.along for span in spans]
         moments = [ufl.as_ufl(0.0)] * count
         for i in circles:
             r, before, behind = radii[i], i > 0, i < count - 1
@@ -145,7 +145,8 @@ def rope_over(kinds: str) -> CoordinateKind:
         if not motion.rule.turning:
             level = motion.rule.level
             pulls = [
-                [(1 - level) * x + level * y for x, y in zip(*of.ends, strict=True)] for of in spans
+                [(1 - level) * x + level * y for x, y in zip(*span.ends, strict=True)]
+                for span in spans
             ]
             moments = [ufl.as_ufl(0.0)] * count
             moments[0], moments[-1] = moments[0] - radii[0], moments[-1] + radii[-1]
@@ -153,12 +154,12 @@ def rope_over(kinds: str) -> CoordinateKind:
         for i, size in enumerate(sizes):
             if size:
                 arriving = pulls[max(i - 1, 0) : i]
-                leaving = [[-x for x in of] for of in pulls[i : i + 1]]
+                leaving = [[-x for x in pull] for pull in pulls[i : i + 1]]
                 along += [total(xs) for xs in zip(*arriving, *leaving, strict=True)]
             along += [moments[i]] * (size == 3)
-        rate = total([dot(of.ends[0], v) for of, v in zip(spans, rates, strict=True)])
+        rate = total([dot(span.ends[0], v) for span, v in zip(spans, rates, strict=True)])
         rate = rate - radii[0] * spins[0] + radii[-1] * spins[-1]
         return StepCoordinate(start, start + path, along, along, path, rate)
 
-    size, more = sum(sizes), 2 * count - 2 + 2 * len(circles)
-    return CoordinateKind(f"a rope over {kinds}", size, more, length, is_line=True)
+    size, count_of_numbers = sum(sizes), 2 * count - 2 + 2 * len(circles)
+    return CoordinateKind(f"a rope over {kinds}", size, count_of_numbers, length, is_line=True)

@@ -275,7 +275,7 @@ def friction_law(kind: CoordinateKind, magnitude: Callable[[Any], Any]) -> Point
     return _friction(kind, magnitude, 0, user_defined=True)
 
 
-def _friction(kind: CoordinateKind, magnitude: Callable, more: int, **options: Any) -> PointLaw:
+def _friction(kind: CoordinateKind, magnitude: Callable, count: int, **options: Any) -> PointLaw:
     def forces(step: _Step) -> StepForces:
         speed, *numbers = step.numbers
         sign, memory = step.sign(speed)
@@ -287,7 +287,7 @@ def _friction(kind: CoordinateKind, magnitude: Callable, more: int, **options: A
         return force * step.x.path
 
     options |= {"iteration_memory": REMEMBERED, "smooth": True}
-    return _on(kind, "friction", 1 + more, forces, loss=loss, **options)
+    return _on(kind, "friction", 1 + count, forces, loss=loss, **options)
 
 
 # -- Forces of a user ---------------------------------------------------------------------------
@@ -379,9 +379,9 @@ class _OneSided(NamedTuple):
         still_normal = self.push(step.still)
         if self.loses:
             still_normal -= self.damping(step.still)
-        friction, internal, more = _sticking(step, normal - other, still_normal)
+        friction, internal, stick_memory = _sticking(step, normal - other, still_normal)
         return step.forces(
-            -normal, other, friction, internal=internal, iteration_memory=[*memory, *more]
+            -normal, other, friction, internal=internal, iteration_memory=[*memory, *stick_memory]
         )
 
     def stored(self, step: _Step) -> Any:
@@ -448,8 +448,8 @@ def _sticking(step: _Step, normal: Any, still_normal: Any) -> tuple[Any, list[An
     limit, still_limit = mu * normal * step.slip.normal, mu * still_normal * step.still.slip.normal
     x, still = ratio(step.slip.path, limit), ratio(step.still.slip.path, still_limit)
     if rule.instant:  # what is at its limit slips, also if round-off of places leads back
-        held = ratio(0.0, still_limit)
-        still = ufl.conditional(ufl.gt(abs(held), abs(still)), held, still)
+        unmoved = ratio(0.0, still_limit)
+        still = ufl.conditional(ufl.gt(abs(unmoved), abs(still)), unmoved, still)
     bounded, iteration_memory = clipped(x, still, step.motion.iteration_memory[-REMEMBERED:], edge)
     friction = ufl.conditional(ufl.gt(limit, _OPEN), limit * bounded, 0.0)
     end = start + (friction / stiffness - start) / part
@@ -466,8 +466,8 @@ def _lost_to_friction(step: _Step, normal: Any) -> Any:
     friction, (end, _), _ = _sticking(step, normal, normal)
     start = step.motion.internal[0]
     if step.motion.rule.at_rest:
-        before = step.numbers[-1] * start
-        lost = (before + friction) / 2 * (step.slip.path - (end - start))
+        start_force = step.numbers[-1] * start
+        lost = (start_force + friction) / 2 * (step.slip.path - (end - start))
         return ufl.conditional(ufl.gt(lost, 0), lost, 0.0)
     return friction * step.slip.path + _in_bristle(step, start) - _in_bristle(step, end)
 
@@ -491,8 +491,8 @@ def _mean_push(energy: Callable, gap: StepCoordinate, level: float, linear: bool
         return ufl.conditional(ufl.gt(depth, 0), slope(energy, depth), 0.0)
     depth0, depth1 = _depth(g0), _depth(g1)
     # The part of the way behind the obstacle.
-    both, crosses = depth0 + depth1, ufl.lt(g0 * g1, 0)
-    part = ufl.conditional(crosses, both / ufl.conditional(crosses, abs(g1 - g0), 1.0), 1.0)
+    depth_sum, crosses = depth0 + depth1, ufl.lt(g0 * g1, 0)
+    part = ufl.conditional(crosses, depth_sum / ufl.conditional(crosses, abs(g1 - g0), 1.0), 1.0)
     push = part * _discrete_gradient(energy, depth0, depth1)
     # Only a linear force is zero by itself where nothing touches.
-    return push if linear else ufl.conditional(ufl.gt(both, 0), push, 0.0)
+    return push if linear else ufl.conditional(ufl.gt(depth_sum, 0), push, 0.0)

@@ -119,18 +119,18 @@ class Scheme:
     @property
     def built_in(self) -> bool:
         """Whether resultants and rates are of this package, so that their UFL never changes."""
-        own = self.resultants in (at_mid_step, averaged, _exact)
-        own = own or type(self.resultants) in (AtEnds, Decaying)
-        return own and not self.rates.user_defined
+        is_own = self.resultants in (at_mid_step, averaged, _exact)
+        is_own = is_own or type(self.resultants) in (AtEnds, Decaying)
+        return is_own and not self.rates.user_defined
 
 
 def _divide_a_step(fractions) -> bool:
     if not isinstance(fractions, tuple) or not all(map(is_number, fractions)):
         return False
     ends = list(accumulate(fractions))
-    inside = all(-1e-12 <= end <= 1 + 1e-12 for end in ends)
+    in_step = all(-1e-12 <= end <= 1 + 1e-12 for end in ends)
     ok = bool(ends) and len(ends) <= MOST_SUB_STEPS
-    return ok and inside and 0 not in fractions and abs(ends[-1] - 1) < 1e-12
+    return ok and in_step and 0 not in fractions and abs(ends[-1] - 1) < 1e-12
 
 
 def _of_order(order: int, scheme: Scheme) -> Scheme:
@@ -396,8 +396,8 @@ def _newmark_family(name: str, rates: NewmarkRates, **arguments: float) -> Schem
 def _checked(scheme: str, name: str, value, low: float, high: float, low_open=False) -> float:
     """A parameter as a number in its range."""
     number = as_float(value)
-    inside = low < number <= high or (number == low and not low_open)
-    if not inside:
+    in_range = low < number <= high or (number == low and not low_open)
+    if not in_range:
         bracket = "(" if low_open else "["
         raise SceneError(
             f"{scheme}: {name} = {shown(value)} must lie in {bracket}{low:.4g}, {high}]"

@@ -123,25 +123,25 @@ def frequency_response(
     >>> round(float(abs(resonant / static)), 1)
     24.3
     """
-    what = "frequency_response"
+    caller = "frequency_response"
     if (load is None) == (base is None):
         raise SceneError(
-            f"{what}: give either a load, such as (beam.end, (0.0, 1.0)), or the motion of the "
+            f"{caller}: give either a load, such as (beam.end, (0.0, 1.0)), or the motion of the "
             "base, such as base=(1.0, 0.0)"
         )
-    about = linearised(scene, state, what)
+    about = linearised(scene, state, caller)
     # Forces at the nodes, and over the square of the angular frequency; the motion of the base.
     force = shaking = moved = np.zeros(about.model.size)
     if load is not None:
-        force = nodal_load(about, load, f"{what}: load")
+        force = nodal_load(about, load, f"{caller}: load")
     else:
-        moved = base_motion(about, base, f"{what}: base")
+        moved = base_motion(about, base, f"{caller}: base")
         shaking = about.model.mass @ moved
-    measured = Measured(about, at, f"{what}: at")
+    measured = Measured(about, at, f"{caller}: at")
     assert at is not None  # it is refused there
-    f = checked_frequencies(frequencies, f"{what}: frequencies")
-    modal = None if damping_ratio is None else modal_damping(about, damping_ratio, f.max(), what)
-    vibration = Vibration(about, what, modal)
+    f = checked_frequencies(frequencies, f"{caller}: frequencies")
+    modal = None if damping_ratio is None else modal_damping(about, damping_ratio, f.max(), caller)
+    vibration = Vibration(about, caller, modal)
     values = np.zeros((len(f), len(measured.names)), complex)
     for row, frequency in zip(values, f, strict=True):
         forces = about.T.T @ (force + (2 * np.pi * frequency) ** 2 * shaking)
@@ -160,17 +160,17 @@ class ModalDamping(NamedTuple):
     tau: float
 
 
-def modal_damping(about: Linearisation, ratios: Any, f: float, what: str) -> ModalDamping:
+def modal_damping(about: Linearisation, ratios: Any, f: float, caller: str) -> ModalDamping:
     """The damping of ratios of the lowest modes, or of one for those up to three times f [Hz]."""
     zeta = np.atleast_1d(floats(real_array(ratios)))
     ok = zeta.ndim == 1 and zeta.size > 0 and bool((zeta >= 0).all() and (zeta <= LARGEST).all())
-    require(ok, f"{what}: damping_ratio", ratios, "a ratio such as 0.02, or a list of them")
+    require(ok, f"{caller}: damping_ratio", ratios, "a ratio such as 0.02, or a list of them")
     count, modes = len(zeta), about.undamped_modes
     if not np.ndim(ratios):
         count = max(1, *(modes.count_below(k * (6 * np.pi * f) ** 2) for k in (1.0, 1.01)))
     omega, _, vectors = modes.lowest(count)
     expected = f"at most {len(omega)} ratios, as there are no more modes"
-    require(len(omega) >= len(zeta), f"{what}: damping_ratio", ratios, expected)
+    require(len(omega) >= len(zeta), f"{caller}: damping_ratio", ratios, expected)
     zeta, w = np.broadcast_to(zeta, omega.shape), omega.clip(0.0)
     tau = 2 * zeta[-1] / w[-1] if w[-1] else 0.0
     return ModalDamping(about.M @ vectors, 2 * zeta * w - tau * w**2, tau)
@@ -179,8 +179,8 @@ def modal_damping(about: Linearisation, ratios: Any, f: float, what: str) -> Mod
 class Vibration:
     """K + i w C - w^2 M of small motions about a configuration."""
 
-    def __init__(self, about: Linearisation, what: str, modal: ModalDamping | None = None):
-        self._what, C = what, about.damping_matrix(what)
+    def __init__(self, about: Linearisation, caller: str, modal: ModalDamping | None = None):
+        self._what, C = caller, about.damping_matrix(caller)
         self._diagonals = about.K.diagonal(), about.M.diagonal()
         # The values of all three in the columns of a common pattern.
         C = 0 * about.K if C is None else C
@@ -246,41 +246,41 @@ class Vibration:
         )
 
 
-def checked_frequencies(frequencies, what: str) -> np.ndarray:
+def checked_frequencies(frequencies, name: str) -> np.ndarray:
     """Frequencies (n,) [Hz]; SceneError for others."""
     f = real_array(frequencies)
     in_range = f.ndim == 1 and f.size and (f >= 0).all() and (f <= LARGEST).all()
-    require(bool(in_range), what, frequencies, "a list of numbers [Hz], zero or positive")
+    require(bool(in_range), name, frequencies, "a list of numbers [Hz], zero or positive")
     return f
 
 
-def nodal_load(about: Linearisation, load, what: str) -> np.ndarray:
+def nodal_load(about: Linearisation, load, name: str) -> np.ndarray:
     """Complex amplitudes (size,) of the load at the nodes."""
     is_pair = isinstance(load, tuple | list) and len(load) == 2
-    require(is_pair, what, load, "a node and its amplitudes, such as (beam.end, (0.0, 1.0))")
+    require(is_pair, name, load, "a node and its amplitudes, such as (beam.end, (0.0, 1.0))")
     node, components = load
-    check_node(about.scene, node, what)
+    check_node(about.scene, node, name)
     parts = _amplitudes(components)
     expected = "(fx, fy) or (fx, fy, moment)"
-    require(len(parts) in (2, 3), f"{what} on {node}", components, expected)
+    require(len(parts) in (2, 3), f"{name} on {node}", components, expected)
     full = np.zeros(about.model.size, dtype=complex)
     full[about.model.mesh.dofs[node.number][: len(parts)]] = parts
     if not (about.T.T @ full).any():
         raise SceneError(
-            f"{what} on {node} moves nothing: it is zero, or supports take all of it. Give "
+            f"{name} on {node} moves nothing: it is zero, or supports take all of it. Give "
             "components in free directions"
         )
     return full
 
 
-def base_motion(about: Linearisation, base, what: str) -> np.ndarray:
+def base_motion(about: Linearisation, base, name: str) -> np.ndarray:
     """Complex amplitudes (size,) of the motion of all nodes with the base."""
     parts = _amplitudes(base)
     expected = "the amplitudes (x, y) of its displacement [m], such as (1.0, 0.0)"
-    require(len(parts) == 2 and bool(parts.any()), what, base, expected)
+    require(len(parts) == 2 and bool(parts.any()), name, base, expected)
     if about.frame is not None:
         raise SceneError(
-            f"{what}: the state turns, and a base that shakes in one direction of space has two "
+            f"{name}: the state turns, and a base that shakes in one direction of space has two "
             "frequencies in the frame that turns. Take a state at rest, or give loads as they are "
             "seen in the frame"
         )
@@ -290,7 +290,7 @@ def base_motion(about: Linearisation, base, what: str) -> np.ndarray:
 
 
 def _amplitudes(components) -> np.ndarray:
-    """Complex numbers (n,); an empty array for what is no row of finite ones."""
+    """Complex numbers (n,); an empty array unless `components` are a row of finite numbers."""
     row = components if isinstance(components, list | tuple) or np.ndim(components) else ()
     pairs = [(x.real, x.imag) if np.iscomplexobj(x) else (x, 0.0) for x in row]
     parts = floats(real_array(pairs))
@@ -301,24 +301,24 @@ def _amplitudes(components) -> np.ndarray:
 class Measured:
     """The components of a motion at a node or joint."""
 
-    def __init__(self, about: Linearisation, at, what: str):
+    def __init__(self, about: Linearisation, place, name: str):
         model, scene, moves = about.model, about.scene, dict[str, list[tuple[int, float]]]()
-        if not isinstance(at, Joint):
-            check_node(scene, at, what)
-            moves = {name: [(3 * at.number + i, 1.0)] for i, name in enumerate(COMPONENTS)}
-        elif at not in scene.joints:
+        if not isinstance(place, Joint):
+            check_node(scene, place, name)
+            moves = {name: [(3 * place.number + i, 1.0)] for i, name in enumerate(COMPONENTS)}
+        elif place not in scene.joints:
             raise SceneError(
-                f"{what}: {at} is not a joint of the scene; take what add_joint returned"
+                f"{name}: {place} is not a joint of the scene; take what add_joint returned"
             )
         else:
-            free, ends = at.coordinates.keys() - at.driven, ((at.b, 1.0), (at.a, -1.0))
+            free, ends = place.coordinates.keys() - place.driven, ((place.b, 1.0), (place.a, -1.0))
             if "slide" in free:
                 moves["slide"] = []  # which is an unknown
-            if "rotation" in free and not at.on_beam:
+            if "rotation" in free and not place.on_beam:
                 turning = [(node, sign) for node, sign in ends if node is not GROUND]
                 moves["angle"] = [(rotation_of(node), sign) for node, sign in turning]
             if not moves:
-                raise SceneError(f"{what}: {at} has no free coordinate. Take one of its nodes")
+                raise SceneError(f"{name}: {place} has no free coordinate. Take one of its nodes")
         #: Names of the components; matrix (m, size) that gives them from the motion of all nodes.
         self.names, self.of_nodes = tuple(moves), np.zeros((len(moves), model.size))
         for row, parts in zip(self.of_nodes, moves.values(), strict=True):
@@ -327,4 +327,4 @@ class Measured:
         #: Matrix (m, free) that gives the components from the unknowns.
         self.rows = (about.T.T @ self.of_nodes.T).T
         if "slide" in moves:
-            self.rows[0] = about.columns[model.couplings.slides[at.number]].toarray()[0]
+            self.rows[0] = about.columns[model.couplings.slides[place.number]].toarray()[0]

@@ -12,7 +12,7 @@ from .moving_state import Deviations
 
 
 def line_rows(
-    about: Deviations, line: int, of: str, inputs: Sequence[str]
+    about: Deviations, line: int, quantity: str, inputs: Sequence[str]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rows by z and z' (columns,) and by inputs (m,) of the "pull" or "energy" of a line."""
     model, state = about.model, about.state
@@ -21,20 +21,20 @@ def line_rows(
     variables = np.zeros(model.points.width)
     if state.spring_internal is not None:
         variables = state.spring_internal
-    given = LineSteps.of_states(state.q[None], variables[None], parameters.at(state.t)[None])
+    steps = LineSteps.of_states(state.q[None], variables[None], parameters.at(state.t)[None])
     rates, t, factor = (T @ about.rates)[None], np.array([state.t]), np.array([about.factor])
-    given = given._replace(v=rates, t=t, factor=factor)
+    steps = steps._replace(v=rates, t=t, factor=factor)
     moved, rate_row, direct = np.zeros(T.shape[1]), np.zeros(T.shape[1]), list[float]()
     by_parameters = np.zeros(len(parameters))
-    rule = AN_INSTANT if of == "pull" else None
-    for name, entries, by in LineValues(model.points, line, of, rule).slopes(given):
+    rule = AN_INSTANT if quantity == "pull" else None
+    for name, entries, slopes in LineValues(model.points, line, quantity, rule).slopes(steps):
         if name == "q":
-            moved += by[0] @ T[entries]
+            moved += slopes[0] @ T[entries]
         elif name == "v":
-            moved += by[0] @ dT[entries]
-            rate_row += by[0] @ T[entries]
+            moved += slopes[0] @ dT[entries]
+            rate_row += slopes[0] @ T[entries]
         elif name == "parameters":
-            by_parameters[entries] += by[0]
+            by_parameters[entries] += slopes[0]
     for name in inputs:
         for unit in np.eye(about.held.widths[name]):
             direct.append(float(by_parameters @ _by_input(about, name, unit)))
@@ -43,10 +43,10 @@ def line_rows(
 
 def _by_input(about: Deviations, name: str, unit: np.ndarray) -> np.ndarray:
     """Change of all parameters with a unit of an input, in which they are linear."""
-    held, parameters, value = about.held, about.model.forms.parameters, about.held.values[name]
+    inputs, parameters, value = about.held, about.model.forms.parameters, about.held.values[name]
     ends = list[np.ndarray]()
     for end in (value + unit, value):
-        held.set({name: end})
-        held.arrive()
+        inputs.set({name: end})
+        inputs.arrive()
         ends.append(parameters.at(about.state.t))
     return ends[0] - ends[1]

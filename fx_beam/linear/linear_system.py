@@ -51,8 +51,8 @@ class InputColumns:
     """
 
     def __init__(self, about: Deviations, names: Sequence[str]):
-        model, held, free, count = about.model, about.held, len(about.unknowns), about.T.shape[1]
-        size = sum(held.widths[name] for name in names)
+        model, inputs, free, count = about.model, about.held, len(about.unknowns), about.T.shape[1]
+        size = sum(inputs.widths[name] for name in names)
         self.F, self.G = np.zeros((2, count, size))
         moved: list[np.ndarray] = []
         driven: list[int] = []
@@ -62,16 +62,16 @@ class InputColumns:
         self.driven: list[tuple[int, float]] = []
         #: Inputs whose rates have forces: number, place in all inputs, and value in the state.
         self.straining: list[tuple[int, int, float]] = []
-        first = dict(zip(held.widths, np.cumsum([0, *held.widths.values()]), strict=False))
+        first = dict(zip(inputs.widths, np.cumsum([0, *inputs.widths.values()]), strict=False))
         strains = (function for _, function in model.natural.functions)
-        inside = [*model.forms.parameters.functions, *strains]
+        inner = [*model.forms.parameters.functions, *strains]
         for name in names:
-            parts, width, number = held.parts[name], held.widths[name], len(self.labels)
+            parts, width, number = inputs.parts[name], inputs.widths[name], len(self.labels)
             self.labels += [name] if width == 1 else [f"{name}.{part}" for part in "xy"]
-            if any(part is function for function in inside for part in parts):
+            if any(part is function for function in inner for part in parts):
                 self.F[:, number], self.G[:, number] = forces_inside(about, name)
                 if self.G[:, number].any():
-                    self.straining.append((number, first[name], float(held.values[name][0])))
+                    self.straining.append((number, first[name], float(inputs.values[name][0])))
             elif parts[0].ramps:
                 functions = enumerate(about.forcing.functions)
                 ramps = [
@@ -118,10 +118,10 @@ class FirstOrder:
     v and x have no force of u', and do not jump with u.
     """
 
-    def __init__(self, about: Deviations, inputs: InputColumns, what: str):
+    def __init__(self, about: Deviations, inputs: InputColumns, caller: str):
         free = len(about.unknowns)
         y, unit = slice(free), about.model.unit_of_unknowns[about.unknowns]
-        V, masses, damped = _kinds(about.M[y, y], about.C[y, y], unit, what)
+        V, masses, damped = _kinds(about.M[y, y], about.C[y, y], unit, caller)
         M, C, K = ((V.T @ part[y, y] @ V).tocsr() for part in (about.M, about.C, about.K))
         P, R = inputs.P, inputs.R
         Mp, Cp, Kp = (V.T @ part[y] @ P for part in (about.M, about.C, about.K))
@@ -145,7 +145,7 @@ class FirstOrder:
             answers = solve(K_b, np.column_stack([F[b], K[b, : b.start].toarray(), Kp[b]]))
         except np.linalg.LinAlgError as error:
             raise SceneError(
-                f"{what}: a part without mass and damping moves freely. Give it mass or a support"
+                f"{caller}: a part without mass and damping moves freely. Give it mass or a support"
             ) from error
         # K_b yb = F u - K (yh, ya) - Kp p.
         Bu, Bh, Ba, Bp = np.split(answers, np.cumsum([m, masses, damped]), axis=1)
@@ -192,22 +192,22 @@ class FirstOrder:
 
 
 def _kinds(
-    M: scipy.sparse.csr_matrix, C: scipy.sparse.csr_matrix, unit: np.ndarray, what: str
+    M: scipy.sparse.csr_matrix, C: scipy.sparse.csr_matrix, unit: np.ndarray, caller: str
 ) -> tuple[scipy.sparse.csr_matrix, int, int]:
     """Basis V (free, free) of unknowns with mass, with damping only, with neither; two numbers."""
     heavy, count = have_mass(M.diagonal(), unit), M.shape[0]
     if heavy.all() and _are_definite(M):
         return scipy.sparse.identity(count, format="csr"), count, 0
-    every = np.eye(count)
-    with_mass, without = split(M.toarray(), every[:, heavy])
-    rest = np.hstack([without, every[:, ~heavy]])
+    identity = np.eye(count)
+    with_mass, without = split(M.toarray(), identity[:, heavy])
+    rest = np.hstack([without, identity[:, ~heavy]])
     C = unit[:, None] * C.toarray() * unit
     most = abs(C).max(initial=0.0)
     damped, neither = split((C + C.T) / 2, sized(rest / unit[:, None]), _LEVER**2 * most)
     left = max(abs(C @ neither).max(initial=0), abs(neither.T @ C).max(initial=0))
     if left > _LEVER * most:
         raise SceneError(
-            f"{what}: forces that depend on rates drive a part without mass. Give it mass"
+            f"{caller}: forces that depend on rates drive a part without mass. Give it mass"
         )
     basis = np.hstack([with_mass, unit[:, None] * damped, unit[:, None] * neither])
     return scipy.sparse.csr_matrix(basis), with_mass.shape[1], damped.shape[1]
@@ -457,30 +457,30 @@ def linearise(
     >>> round(float(np.linalg.eigvals(system.A).real.max()), 2), round((1.5 * 9.81) ** 0.5, 2)
     (3.84, 3.84)
     """
-    what = "linearise"
-    check_scene(scene, what)
+    caller = "linearise"
+    check_scene(scene, caller)
     expected = "a Solution or a Motion of the scene"
-    require(isinstance(state, Motion | Solution | None), f"{what}: state", state, expected)
+    require(isinstance(state, Motion | Solution | None), f"{caller}: state", state, expected)
     outputs = {} if outputs is None else outputs
-    check_outputs(scene, outputs, f"{what}: outputs")
+    check_outputs(scene, outputs, f"{caller}: outputs")
     all_names = widths(scene)
     names = list(all_names) if inputs is None else inputs
     is_list = isinstance(names, Sequence) and not isinstance(names, str)
     are_names = is_list and all(isinstance(name, str) for name in names)
-    require(are_names, f"{what}: inputs", inputs, "a sequence of names")
-    check_names(names, all_names, f"{what}: inputs")
-    about = deviations(scene, state.state if isinstance(state, Motion) else state, what)
+    require(are_names, f"{caller}: inputs", inputs, "a sequence of names")
+    check_names(names, all_names, f"{caller}: inputs")
+    about = deviations(scene, state.state if isinstance(state, Motion) else state, caller)
     driving = InputColumns(about, names)
-    reduced = FirstOrder(about, driving, what)
-    rows, rate_rows, direct, labels = _outputs(about, outputs, names, what)
+    reduced = FirstOrder(about, driving, caller)
+    rows, rate_rows, direct, labels = _outputs(about, outputs, names, caller)
     CD = rows @ reduced.z + rate_rows @ reduced.dz
     CD[:, len(reduced.dx) :] += direct
     improper = abs(rate_rows[:, : len(about.unknowns)] @ reduced.jumps)
     if improper.size and improper.max() > _NONE * abs(CD).max():
         label = labels[int(improper.max(axis=1).argmax())]
         raise SceneError(
-            f"{what}: output {label!r} is the rate of a node without mass on which an input acts; "
-            "it jumps with the input. Give the node a mass or an inertia (add_mass, rhoI)"
+            f"{caller}: output {label!r} is the rate of a node without mass on which an input "
+            "acts; it jumps with the input. Give the node a mass or an inertia (add_mass, rhoI)"
         )
     n = [len(reduced.dx)]
     A, B = np.hsplit(reduced.dx, n)
@@ -488,16 +488,16 @@ def linearise(
     return LinearSystem(A, B, C, D, tuple(driving.labels), tuple(labels), reduced)
 
 
-def _outputs(about: Deviations, outputs: Mapping[str, Output], inputs: Sequence[str], what: str):
+def _outputs(about: Deviations, outputs: Mapping[str, Output], inputs: Sequence[str], caller: str):
     """Matrices Y, Y' (k, columns), E (k, m) of outputs Y z + Y' z' + E u, and their names."""
-    both, labels = [np.empty((2, 0, about.T.shape[1]))], list[str]()
+    row_pairs, labels = [np.empty((2, 0, about.T.shape[1]))], list[str]()
     direct = [np.empty((0, sum(about.held.widths[name] for name in inputs)))]
     for name, output in outputs.items():
-        check_differentiable(output, f"{what}: output {name!r}")
+        check_differentiable(output, f"{caller}: output {name!r}")
         law = Measured(output).by_law
         if not law and output.quantity not in _LINEAR:
             raise SceneError(
-                f"{what}: output {name!r} is a {output.quantity}; only {', '.join(_LINEAR)} are "
+                f"{caller}: output {name!r} is a {output.quantity}; only {', '.join(_LINEAR)} are "
                 "linearised"
             )
         line: Any = output.of
@@ -505,14 +505,14 @@ def _outputs(about: Deviations, outputs: Mapping[str, Output], inputs: Sequence[
             from .line_rows import line_rows
 
             *of_motion, of_inputs = line_rows(about, line.number, law, inputs)
-            both.append(np.array(of_motion)[:, None])
+            row_pairs.append(np.array(of_motion)[:, None])
             direct.append(of_inputs[None])
         else:
-            both.append(np.array(_rows(about, output)))
-            direct.append(np.zeros((both[-1].shape[1], direct[0].shape[1])))
+            row_pairs.append(np.array(_rows(about, output)))
+            direct.append(np.zeros((row_pairs[-1].shape[1], direct[0].shape[1])))
         components = output.components
         labels += [f"{name}.{part}" for part in components] if components else [name]
-    return *np.concatenate(both, axis=1), np.concatenate(direct), labels
+    return *np.concatenate(row_pairs, axis=1), np.concatenate(direct), labels
 
 
 def _rows(about: Deviations, output: Output) -> tuple[np.ndarray, np.ndarray]:
@@ -525,7 +525,7 @@ def _rows(about: Deviations, output: Output) -> tuple[np.ndarray, np.ndarray]:
         nothing = np.zeros(about.T.shape[1])
 
         def deviation(part: np.ndarray) -> np.ndarray:
-            read = measured.values(lambda name, at: nothing if name == "X" else part[at])
+            read = measured.values(lambda name, entries: nothing if name == "X" else part[entries])
             return np.atleast_2d(read)
 
         moved, rates = deviation(about.T.toarray()), deviation(about.dT.toarray())

@@ -127,10 +127,10 @@ class Linearisation:
             or (beams is not None and beams.facts.needs_rates)  # in statics: of added virtual works
         )
 
-    def damping_matrix(self, what: str, damped: bool = True) -> scipy.sparse.csr_matrix | None:
+    def damping_matrix(self, caller: str, damped: bool = True) -> scipy.sparse.csr_matrix | None:
         """Derivative (free, free) of all forces by the rates, with damping if that counts.
 
-        None without any; errors say `what` asks.
+        None without any; errors name the `caller`.
         """
         if not (damped and self.may_be_damped):
             return self.coriolis
@@ -143,7 +143,7 @@ class Linearisation:
             tangents.append(equations.tangent())
         model.forms.set_load(1.0, 0.0)
         C = (2 * INSTANT * (tangents[0] - tangents[1])).tocsr()
-        check_damping(C.data, f"{what}: the damping at rest")
+        check_damping(C.data, f"{caller}: the damping at rest")
         C.eliminate_zeros()
         return C if self.coriolis is None else C + self.coriolis
 
@@ -179,8 +179,8 @@ class Linearisation:
         if K.dependent is None:
             return UndampedModes(K, M)
         # Sums over masses that do not cancel.
-        some, sums = np.random.default_rng(0).random(len(self._extended)), np.zeros(self._count)
-        sums[self._extended] = some * M.alone.diagonal()
+        random, sums = np.random.default_rng(0).random(len(self._extended)), np.zeros(self._count)
+        sums[self._extended] = random * M.alone.diagonal()
         moves = self.coupling.transposed(np.zeros(self.model.size), sums) != 0
         return UndampedModes(K, M, moves[self.unknowns])
 
@@ -191,11 +191,11 @@ def _coordinates(scene: Scene) -> list[Coordinate]:
     return joints + [force.on for force in scene.forces_between]
 
 
-def check_unknowns(model: Model, what: str) -> None:
+def check_unknowns(model: Model, caller: str) -> None:
     """Refuse a scene in which nothing can move."""
     if not len(model.reduction.independent):
         raise SceneError(
-            f"{what}: the scene has no unknowns: supports, joints and motors fix all degrees of "
+            f"{caller}: the scene has no unknowns: supports, joints and motors fix all degrees of "
             "freedom. Release one of them"
         )
 
@@ -236,16 +236,16 @@ def split(A: np.ndarray, basis: np.ndarray, least: float = 0.0) -> tuple[np.ndar
 def linearised(
     scene: Scene,
     state: Solution | None,
-    what: str,
+    caller: str,
     models: dict[str, Lease] | None = None,
-    held: bool = False,
+    is_held: bool = False,
 ) -> Linearisation:
     """Linearise about the last row of a state, or about the reference without loads.
 
-    SceneError for a state that is no equilibrium, unless it is `held`; errors say `what` asks.
+    SceneError for a state that is no equilibrium, unless it `is_held`; errors name the `caller`.
     Models of an earlier scene serve again.
     """
-    check_scene(scene, what)
+    check_scene(scene, caller)
     end = state.end if isinstance(state, Solution) else None
     with_inputs = with_values(scene, None if end is None else values_of(end, widths(scene)))
     models = {} if models is None else models
@@ -257,16 +257,16 @@ def linearised(
     model: Model = lease.set_up
     factor, start = 0.0, reference_state(model)  # an equilibrium without loads
     if state is not None:
-        factor, start = _last(model, state, what)
+        factor, start = _last(model, state, caller)
     reduction = model.reduction
-    check_unknowns(model, what)
-    frame = None if state is None else turning_frame_of(model, state, what)
+    check_unknowns(model, caller)
+    frame = None if state is None else turning_frame_of(model, state, caller)
     equations = Equations(model, start.t, frame)
     force = dead_loads(model, start, factor, frame, model.added_force(start, factor, start.t))
     equations.begin(Interval(factor, factor), start)
     balance = equations.at_start(force)
     if reduction.singularity:
-        raise SceneError(f"{what}: {reduction.singularity}. Take a state beside it")
+        raise SceneError(f"{caller}: {reduction.singularity}. Take a state beside it")
     K, unknowns, G = equations.extended(), reduction.independent, None
     if frame is not None:
         T = reduction.coupling()[:, unknowns]
@@ -276,8 +276,8 @@ def linearised(
     about = Linearisation(scene, model, *matrices, 1.0 if state is None else factor, models)
     # The largest work of a force at a node in a unit motion of the scene [J].
     largest = max(abs(part * model.unit).max() for part in (balance.f, balance.r, force))
-    if not held:
-        _check_equilibrium(about, state, balance.residual[unknowns], largest, what)
+    if not is_held:
+        _check_equilibrium(about, state, balance.residual[unknowns], largest, caller)
     return about
 
 
@@ -288,11 +288,11 @@ def _without_round_off(M: Extended, unit: np.ndarray) -> Extended:
     return M.only(heavy) if M.dependent is not None or masses[~heavy].any() else M
 
 
-def turning_frame_of(model: Model, state: Solution, what: str) -> TurningFrame | None:
+def turning_frame_of(model: Model, state: Solution, caller: str) -> TurningFrame | None:
     """The frame in which a static state turns, of load factor 1; None if it does not turn."""
     if not state.stats.static or not state.v[-1].any():
         return None
-    check_turns(model.scene, what)
+    check_turns(model.scene, caller)
     v, x = state.v[-1], state.X + state.q[-1, :, :2]
     spin = v[0, 2]
     # v = spin W (x - pivot)
@@ -313,18 +313,18 @@ def dead_loads(
     return state.loads - turning - added
 
 
-def _last(model: Model, state: Solution, what: str) -> tuple[float, State]:
+def _last(model: Model, state: Solution, caller: str) -> tuple[float, State]:
     """Load factor and configuration in the last row of a solution."""
-    require(isinstance(state, Solution), f"{what}: state", state, "a solution of the scene")
+    require(isinstance(state, Solution), f"{caller}: state", state, "a solution of the scene")
     if not np.array_equal(state.X, model.mesh.X) or not len(state.q):
         raise SceneError(
-            f"{what}: the state must be a solution with the nodes of this scene and its motion "
+            f"{caller}: the state must be a solution with the nodes of this scene and its motion "
             "recorded (record=Record(motion=True))"
         )
     try:
         end = state_of(model, state)
     except SceneError as error:
-        raise SceneError(f"{what}: {str(error).removeprefix('start: ')}") from None
+        raise SceneError(f"{caller}: {str(error).removeprefix('start: ')}") from None
     factor = float(state.t[-1]) if state.stats.static else 1.0
     return factor, replace(end, v=0 * end.v, a=0 * end.a)
 
@@ -341,7 +341,11 @@ _ADVICE = (
 
 
 def _check_equilibrium(
-    about: Linearisation, state: Solution | None, unbalanced: np.ndarray, largest: float, what: str
+    about: Linearisation,
+    state: Solution | None,
+    unbalanced: np.ndarray,
+    largest: float,
+    caller: str,
 ) -> None:
     """Refuse a state in whose last row rates are left, or forces of the unknowns.
 
@@ -354,11 +358,11 @@ def _check_equilibrium(
     rounding = _ROUNDING * (unit * (abs(about.stiffness.alone) @ unit)).max()
     if left.max() <= _BALANCED * largest + rounding:
         if state is not None and not state.stats.static:
-            _check_rest(about, state, what)
+            _check_rest(about, state, caller)
         return
     if state is None:
         warn_once(
-            f"{what}: the reference is no equilibrium, as springs are strained there: small "
+            f"{caller}: the reference is no equilibrium, as springs are strained there: small "
             "motions depend on the unknowns that describe them. Give state=static(scene)"
         )
         return
@@ -369,13 +373,13 @@ def _check_equilibrium(
     node, component = np.unravel_index(moved.argmax(), moved.shape)
     force, name = left[worst] / unit[worst], "N m" if component == 2 else "N"
     raise SceneError(
-        f"{what}: the state is no equilibrium: {force:.3g} {name} in {COMPONENTS[component]} of "
+        f"{caller}: the state is no equilibrium: {force:.3g} {name} in {COMPONENTS[component]} of "
         f"{model.mesh.named(node, model.scene)} has no balance; the largest force in the state is "
         f"{largest / model.mesh.size:.3g} N. {_ADVICE}"
     )
 
 
-def _check_rest(about: Linearisation, state: Solution, what: str) -> None:
+def _check_rest(about: Linearisation, state: Solution, caller: str) -> None:
     rates = state.v[-1] if len(state.v) else getattr(state.end, "v", None)
     if rates is None or not rates.any():
         return
@@ -388,6 +392,6 @@ def _check_rest(about: Linearisation, state: Solution, what: str) -> None:
     amplitude = speed * np.sqrt(w @ (about.M @ w) / stiffness) if stiffness else np.inf
     if amplitude > _AT_REST:
         raise SceneError(
-            f"{what}: the state is no equilibrium, since it moves on, at up to "
+            f"{caller}: the state is no equilibrium, since it moves on, at up to "
             f"{speed * model.mesh.size:.3g} m/s. {_ADVICE}"
         )

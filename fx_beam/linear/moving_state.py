@@ -87,44 +87,44 @@ class Deviations:
         return _rates_from(self.model, self.T.toarray())
 
 
-def deviations(scene: Scene, solution: Solution | None, what: str) -> Deviations:
+def deviations(scene: Scene, solution: Solution | None, caller: str) -> Deviations:
     """Deviations from the last row of a solution, or from the reference without loads.
 
     T^T (M x'' + f(x, x') - F) = 0 with x = g(z) and T = dg/dz; rates and accelerations of the state
     are kept while its equations are differentiated. A static state that turns rests in its frame.
     """
-    held, factor = HeldInputs(scene), 1.0
+    inputs, factor = HeldInputs(scene), 1.0
     if solution is None:
         factor = 0.0
-        for i, load in enumerate(held.scene.loads):
+        for i, load in enumerate(inputs.scene.loads):
             if not isinstance(load.value, InputSignal):
-                held.scene.loads[i] = replace(load, value=constant(0 * load.value(0.0)))
+                inputs.scene.loads[i] = replace(load, value=constant(0 * load.value(0.0)))
     elif solution.stats.static:
         factor = float(solution.t[-1])
-    lease, frame = model_for(held.scene, EnergyMomentum(), instant=True), None
+    lease, frame = model_for(inputs.scene, EnergyMomentum(), instant=True), None
     model: Model = lease.set_up
-    check_unknowns(model, what)
+    check_unknowns(model, caller)
     forcing = Forcing(model)
     state = reference_state(model)
     if solution is not None:
         state = state_of(model, solution)
-        held.resume(forcing, state)
+        inputs.resume(forcing, state)
         state = _with_fitted_rates(model, state, solution)
-        frame = turning_frame_of(model, solution, what)
+        frame = turning_frame_of(model, solution, caller)
     if frame is not None:
         state = replace(state, v=0 * state.v, a=0 * state.a)
     coupling = _Coupling(model, state)
     if singularity := model.reduction.singularity:
-        raise SceneError(f"{what}: {singularity}. Take a state beside it")
+        raise SceneError(f"{caller}: {singularity}. Take a state beside it")
     T, S = coupling.parts(coupling.X)
     w = np.zeros(coupling.count)
     if state.v.any():
         w = _rates_from(model, T.toarray()) @ state.v
     (dT, dS), (ddT, _) = map(coupling.parts, coupling.derivatives(w))
-    _warn_of_turn(model, state, T, dT, what)
+    _warn_of_turn(model, state, T, dT, caller)
     strained = None
     if solution is not None and not solution.stats.static:
-        strained = _natural_rates(model, solution, what)
+        strained = _natural_rates(model, solution, caller)
     model.forms.set_load(factor, 0.0)
     f, K, C, pushes, stiff, viscous = _forces(model, state, strained)
     added = model.forms.added_force()
@@ -147,7 +147,7 @@ def deviations(scene: Scene, solution: Solution | None, what: str) -> Deviations
     C = T.T @ (C @ T + 2 * (mass @ dT)) + S.T @ (viscous @ S)
     M, unknowns = T.T @ (mass @ T), model.reduction.independent
     matrices = (M.tocsr(), C.tocsr(), (K + geometric).tocsr(), T, dT, S, dS)
-    return Deviations(model, lease, held, forcing, state, w, unknowns, *matrices, frame, factor)
+    return Deviations(model, lease, inputs, forcing, state, w, unknowns, *matrices, frame, factor)
 
 
 def _warn_of_turn(
@@ -155,7 +155,7 @@ def _warn_of_turn(
     state: State,
     T: scipy.sparse.csr_matrix,
     dT: scipy.sparse.csr_matrix,
-    what: str,
+    caller: str,
 ) -> None:
     """Warn where the scene turns as a whole, but z is measured in space."""
     v = state.v.reshape(-1, 3)
@@ -174,7 +174,7 @@ def _warn_of_turn(
             "%s: the scene turns as a whole, at %.4g rad/s about (%.4g, %.4g), but the linear "
             "system is that of the instant, in places measured in space: its eigenvalues are not "
             "the frequencies seen in the turn. Take the state from static(scene, spin=...)",
-            *(what, spin, pivot.real, pivot.imag),
+            *(caller, spin, pivot.real, pivot.imag),
         )
 
 
@@ -260,7 +260,7 @@ class _Coupling:
         return out
 
 
-def _natural_rates(model: Model, solution: Solution, what: str) -> np.ndarray | None:
+def _natural_rates(model: Model, solution: Solution, caller: str) -> np.ndarray | None:
     """Rates (cells, degree, 3) of natural strains [1/s], which damp; None without any."""
     if not model.natural:
         return None
@@ -278,7 +278,7 @@ def _natural_rates(model: Model, solution: Solution, what: str) -> np.ndarray | 
         change, bend, jump = sizes[:, cells].max(axis=(1, 2, 3))
         if (beam.section.damped or damped) and jump > _KINK * change + bend + _ROUNDING:
             raise SceneError(
-                f"{what}: beam {beam.name!r} has retardation, and a natural strain whose rate "
+                f"{caller}: beam {beam.name!r} has retardation, and a natural strain whose rate "
                 f"jumps at t = {t:g}, and with it a force. Take a state before or behind it"
             )
     return differences[0] / (2 * h)
@@ -339,13 +339,13 @@ def forces_inside(about: Deviations, name: str) -> tuple[np.ndarray, np.ndarray]
 
     G is not zero where it strains a material that damps.
     """
-    held, natural, state, model = about.held, about.model.natural, about.state, about.model
-    value, h = held.values[name], _SMALL * (abs(held.values[name][0]) or 1.0)
+    inputs, natural, state, model = about.held, about.model.natural, about.state, about.model
+    value, h = inputs.values[name], _SMALL * (abs(inputs.values[name][0]) or 1.0)
     forces, strains = [], []
 
     def strained(values: np.ndarray) -> np.ndarray:
-        held.set({name: values})
-        held.arrive()
+        inputs.set({name: values})
+        inputs.arrive()
         return natural.at(state.t) if natural else np.zeros(3)
 
     try:
@@ -359,8 +359,8 @@ def forces_inside(about: Deviations, name: str) -> tuple[np.ndarray, np.ndarray]
             f, _, _, pushes, _, _ = _forces(about.model, state)
             forces.append(-(about.T.T @ f + about.S.T @ pushes))
     finally:
-        held.set({name: value})
-        held.arrive()
+        inputs.set({name: value})
+        inputs.arrive()
     force = (forces[1] - forces[0]) / (2 * h)
     if not natural or not about.model.forms.depend_on_rates:
         return force, np.zeros_like(force)

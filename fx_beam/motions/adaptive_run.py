@@ -90,10 +90,10 @@ class AdaptiveRun:
         result = stepper.try_steps(state, ends, dt, first, recorder, control, self._watch)
         if not result.switched:
             return result
-        now, next_one = result.state, ends[result.taken : result.taken + 1]
-        if self._matters(now, float(next_one[0])):
+        reached, next_one = result.state, ends[result.taken : result.taken + 1]
+        if self._matters(reached, float(next_one[0])):
             return result
-        step = stepper.try_steps(now, next_one, dt, first + result.taken, recorder, control)
+        step = stepper.try_steps(reached, next_one, dt, first + result.taken, recorder, control)
         return step._replace(taken=result.taken + step.taken)
 
     @property
@@ -163,16 +163,16 @@ class AdaptiveRun:
             self._behind_event = False
         for _ in range(_TRIALS):
             dt = min(control.length, longest)
-            copy, now = integrator.state.copy(), state
+            copy, reached = integrator.state.copy(), state
             integrator.state.forget_errors()
             ratio, failed = None, False
             try:
                 with stats_unchanged(stats):
                     while ratio is None and not failed:
-                        number = round((now.t - state.t) / dt)
+                        number = round((reached.t - state.t) / dt)
                         ends = state.t + dt * np.arange(number + 1, control.order + AVERAGED + 1)
-                        result = self._try_steps(now, ends, dt, 1, NullRecorder())
-                        now, ratio, failed = result.state, result.ratio, result.failed
+                        result = self._try_steps(reached, ends, dt, 1, NullRecorder())
+                        reached, ratio, failed = result.state, result.ratio, result.failed
                         if result.switched:
                             break
             finally:
@@ -183,7 +183,7 @@ class AdaptiveRun:
                 continue
             if result.switched and dt > self._least:
                 # Fewer steps would have no error that is known up to there.
-                steps_taken = round((now.t - state.t) / dt)
+                steps_taken = round((reached.t - state.t) / dt)
                 control.begin(dt * min((steps_taken + 0.5) / (control.order + AVERAGED + 1), 0.5))
                 longest = min(longest, control.length)
                 continue

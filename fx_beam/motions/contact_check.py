@@ -54,11 +54,11 @@ def _warn_of_lifted(solution: Solution, rope: ForceBetween) -> None:
     wrap = solution.joint(rope).wrap[:, 1:-1]
     if wrap.size and wrap.min() < -1e-6:
         k, i = np.unravel_index(np.argmax(wrap < -1e-6), wrap.shape)
-        when = f"{'load factor' if solution.stats.static else 't ='} {solution.t[k]:.4g}"
+        row_text = f"{'load factor' if solution.stats.static else 't ='} {solution.t[k]:.4g}"
         warn_once(
-            f"{rope}: the rope leaves the pulley at point {i + 1} at {when}, where it would run "
-            "straight on: from there on its length is not right. End the motion there by `until`, "
-            "and go on with a rope without this pulley"
+            f"{rope}: the rope leaves the pulley at point {i + 1} at {row_text}, where it would "
+            "run straight on: from there on its length is not right. End the motion there by "
+            "`until`, and go on with a rope without this pulley"
         )
 
 
@@ -102,11 +102,11 @@ def _warn_of_depth(solution: Solution) -> None:
         first_deep = _first_in_depth(solution, obstacle, whole)
         if first_deep is None:
             continue
-        k, (x, y), what = first_deep
+        k, (x, y), finding = first_deep
         _log.warning(
             "%s: %s: at %s %.6g the point at (%.4g, %.4g) %s. The %s of bodies in contact. Raise "
             "the stiffness of the contact, take %s steps, or hold what moves away more firmly",
-            *(name, obstacle, row, solution.t[k], x, y, what, are, steps),
+            *(name, obstacle, row, solution.t[k], x, y, finding, are, steps),
         )
 
 
@@ -128,11 +128,11 @@ def _first_in_depth(
             bad[1:] |= _through(arms, distances, reach)
         if bad.any():
             k, i = np.argwhere(bad)[0]
-            what = "has gone through the circle in one step"
+            finding = "has gone through the circle in one step"
             if deep[k, i]:
                 depth, radius = reach[k, i] - distances[k, i], shape.radius
-                what = f"lies {depth:.3g} deep in the circle, which has the radius {radius:.3g}"
-            return first + int(k), points[k, i], what
+                finding = f"lies {depth:.3g} deep in the circle, which has the radius {radius:.3g}"
+            return first + int(k), points[k, i], finding
     return None
 
 
@@ -174,12 +174,12 @@ def _through(arms: np.ndarray, distances: np.ndarray, reach: np.ndarray) -> np.n
     """
     way, through = np.diff(arms, axis=0), np.zeros((len(arms) - 1, arms.shape[1]), bool)
     # A way through is longer than this part of the distance at its ends: most often none is.
-    at = np.nonzero(_lengths(way) > 0.6 * np.minimum(distances[:-1], reach[1:]))
-    start, way = arms[:-1][at], way[at]
+    long_ways = np.nonzero(_lengths(way) > 0.6 * np.minimum(distances[:-1], reach[1:]))
+    start, way = arms[:-1][long_ways], way[long_ways]
     part = -(start * way).sum(axis=-1) / np.maximum((way**2).sum(axis=-1), 1e-300)
     least = _lengths(start + np.clip(part, 0.0, 1.0)[:, None] * way)
-    ends = np.minimum(distances[:-1][at], distances[1:][at])
-    through[at] = least < _THROUGH * np.minimum(ends, reach[1:][at])
+    ends = np.minimum(distances[:-1][long_ways], distances[1:][long_ways])
+    through[long_ways] = least < _THROUGH * np.minimum(ends, reach[1:][long_ways])
     return through
 
 
@@ -191,7 +191,7 @@ def _warn_of_short_impacts(solution: Solution, joints: Sequence[Joint]) -> None:
     if len(solution.t) < 4 or len(solution.t) != solution.stats.steps + 1:
         return
     short_impacts: list[tuple[int, float, str, Contact | Stop]] = []
-    for what, law, gap in _with_losses(solution, joints):
+    for owner, law, gap in _with_losses(solution, joints):
         closed = gap < 0  # a step has a force if it begins or ends behind the obstacle
         closed[1:] |= closed[:-1]
         begins = closed[2:] & ~closed[1:-1]
@@ -200,14 +200,14 @@ def _warn_of_short_impacts(solution: Solution, joints: Sequence[Joint]) -> None:
             opens = np.flatnonzero(~closed[k + 2 :, i])
             steps = min(_steps_of_impact(gap[k + 1 :, i], law.loss), *opens[:1], np.inf)
             if steps < _steps_for(law.restitution):
-                short_impacts.append((int(steps), float(solution.t[k + 1]), what, law))
+                short_impacts.append((int(steps), float(solution.t[k + 1]), owner, law))
     if short_impacts:
-        steps, t, what, law = min(short_impacts, key=lambda impact: impact[0])
+        steps, t, owner, law = min(short_impacts, key=lambda impact: impact[0])
         _log.warning(
             "simulate: %s: the impact at t = %.6g takes %d steps. Its restitution %g holds in "
             "contacts of %d steps or more, whose time is about pi sqrt(m / k). Take shorter steps "
             "or a smaller stiffness",
-            *(what, t, steps, law.restitution, _steps_for(law.restitution)),
+            *(owner, t, steps, law.restitution, _steps_for(law.restitution)),
         )
 
 
@@ -238,8 +238,8 @@ def _with_losses(
         if obstacle.restitution < 1:
             yield str(obstacle), obstacle, solution.contact(obstacle).gap
     for joint in joints:
-        for coordinate, on in joint.coordinates.items():
-            name, stop = "slide" if coordinate == "slide" else "angle", on.stop
+        for coordinate, joint_coordinate in joint.coordinates.items():
+            name, stop = "slide" if coordinate == "slide" else "angle", joint_coordinate.stop
             if stop is None or stop.restitution == 1:
                 continue
             for sign, limit in ((1, stop.lower), (-1, stop.upper)):
@@ -288,13 +288,13 @@ def _first_inside(
         curvature = _curvature(X[of_member] + q[first : first + rows, of_member, :2])
         sharp = abs(curvature) * obstacle.radii > _SHARP
         for k in np.flatnonzero(sharp.any(axis=1)):
-            at = X + q[first + k, :, :2]
-            near = nearest(at[points], at[of_member], obstacle.apart, arc)
-            tangent = np.gradient(at[of_member], axis=0)[near.node]
-            arms = at[points] - near.point
+            positions = X + q[first + k, :, :2]
+            near = nearest(positions[points], positions[of_member], obstacle.apart, arc)
+            tangent = np.gradient(positions[of_member], axis=0)[near.node]
+            arms = positions[points] - near.point
             side = tangent[:, 0] * arms[:, 1] - tangent[:, 1] * arms[:, 0]
-            inside = side * curvature[k][near.node] > 0
-            bad = sharp[k][near.node] & inside & (near.distance < obstacle.radii)
+            on_inner_side = side * curvature[k][near.node] > 0
+            bad = sharp[k][near.node] & on_inner_side & (near.distance < obstacle.radii)
             if bad.any():
                 i = int(np.argmax(bad))
                 radius = 1 / abs(curvature[k][near.node[i]])

@@ -95,15 +95,17 @@ class ChangingScene:
                     self._scene.remove(done.joint)
                 applied.append(name)
                 left = self._changes.items()
-                self._changes = {other: one for other, one in left if not is_over(one, done)}
+                self._changes = {
+                    other: change for other, change in left if not is_over(change, done)
+                }
         return applied
 
     def _relative_excess(self, run: Solution, change: Latch | Fuse) -> float:
-        of = run.joint(change.joint)
+        joint_motion = run.joint(change.joint)
         if isinstance(change, Fuse):
-            return excess(change, of.force[-1]) / change.force
+            return excess(change, joint_motion.force[-1]) / change.force
         slides = output_of(change).quantity == "slide"
-        beyond = excess(change, float((of.slide if slides else of.angle)[-1]))
+        beyond = excess(change, float((joint_motion.slide if slides else joint_motion.angle)[-1]))
         return beyond / (float(abs(run.X - run.X.mean(axis=0)).max()) or 1.0) if slides else beyond
 
 

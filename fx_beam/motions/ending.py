@@ -91,7 +91,7 @@ class Ending:
         """End the run where the first of some conditions is met in the step to t1 [s]."""
         # Shorter steps have as many parts as this one.
         halving = copy(vars(self._stepper.halving))
-        t0, mark, before = mark.state.t, mark._replace(halving=halving), self._before
+        t0, mark, earlier_mark = mark.state.t, mark._replace(halving=halving), self._before
         ends = {name: self._zero(name, mark, t0, t1, values[name]) for name in met}
         soon, least = (t0 + part * (t1 - t0) for part in (_JUMP, _SHORTEST))
 
@@ -100,9 +100,9 @@ class Ending:
             return max(ends[name], soon), -abs(values[name]) / (abs(self._values[name]) or 1e-300)
 
         first = min(ends, key=order)
-        if ends[first] < least and before is not None and t0 not in kinks:
-            longer = before._replace(halving=halving)
-            if self._jumps(t := before.state.t, t0, t1):
+        if ends[first] < least and earlier_mark is not None and t0 not in kinks:
+            longer = earlier_mark._replace(halving=halving)
+            if self._jumps(t := earlier_mark.state.t, t0, t1):
                 t1 = t0 + max(_INSIDE * (t0 - t), 2 * np.spacing(t0))
             value = self._at(first, longer, t1)
             if abs(value) <= _ZERO * abs(self._values[first]):
@@ -126,12 +126,12 @@ class Ending:
         A step over it would have the mean of both.
         """
         model, forcing = self._prepared.model, self._prepared.forcing
-        at = np.array([t0 - _BESIDE * (t0 - t), t0 + _BESIDE * (t1 - t0), t, t1])
-        acting = [model.loads.series(at), model.forms.parameters.at_times(at)]
+        times = np.array([t0 - _BESIDE * (t0 - t), t0 + _BESIDE * (t1 - t0), t, t1])
+        acting = [model.loads.series(times), model.forms.parameters.at_times(times)]
         acting.append(forcing.end_rates(np.repeat(t0, 2), t0 - np.array([t, t1])))
         if len(followers := model.points.followers):
-            acting.append(followers.series(at, at))
-        sizes = ((abs(of[1] - of[0]), abs(of)) for of in map(floats, acting) if of.size)
+            acting.append(followers.series(times, times))
+        sizes = ((abs(x[1] - x[0]), abs(x)) for x in map(floats, acting) if x.size)
         return any(jump.max() > _LEAST_JUMP * size.max() for jump, size in sizes)
 
     def _zero(self, name: str, mark: _Mark, t0: float, t1: float, last: float) -> float:
@@ -217,6 +217,6 @@ class Ending:
         self._recorder.truncate(mark.rows)
 
 
-def _changes(before: float, value: float) -> bool:
+def _changes(old: float, value: float) -> bool:
     """Whether a value changes its sign."""
-    return (before < 0) != (value < 0)
+    return (old < 0) != (value < 0)

@@ -92,9 +92,9 @@ def solution_of(
                 "recorded; simulate with record=Record(rates=True)"
             )
         with model.reading:
-            made = ElementBalance(recorder, on_beams, a.reshape(len(a), -1).copy(), rest)
-        balances.append(made)
-        return made
+            element_balance = ElementBalance(recorder, on_beams, a.reshape(len(a), -1).copy(), rest)
+        balances.append(element_balance)
+        return element_balance
 
     def balance_of(name: str) -> Balance:
         return balance().of_beam([*of_name].index(name), rows)
@@ -210,8 +210,8 @@ def at_times(
     times = times[(times >= t[0]) & (times <= t[-1])]
     row = np.minimum(np.searchsorted(t, times), len(t) - 1)
     row[times > t[0]] = np.maximum(row[times > t[0]], 1)
-    before = np.maximum(row - 1, 0)
-    x = (times - t[before]) / np.where(row > before, t[row] - t[before], 1.0)
+    previous = np.maximum(row - 1, 0)
+    x = (times - t[previous]) / np.where(row > previous, t[row] - t[previous], 1.0)
     histories = dict(steps)
     points = 4 if len(model.scheme.fractions) == 1 else 6
     unit = model.unit.reshape(-1, 3)
@@ -220,7 +220,7 @@ def at_times(
 
     def linear(values):
         weight = x.reshape(-1, *[1] * (values.ndim - 1))
-        return (1 - weight) * values[before] + weight * values[row]
+        return (1 - weight) * values[previous] + weight * values[row]
 
     for name, history in HISTORIES.items():
         if history.between and len(steps[name]):
@@ -242,22 +242,22 @@ def _polynomials(t, q, v, unit, times, row, breaks, points: int) -> tuple[np.nda
     edges = np.unique([0, *np.searchsorted(t, np.array(inner) - near), len(t) - 1])
     values, rates = (np.empty((len(times), *q.shape[1:])) for _ in range(2))
     for first, last in zip(edges[:-1], edges[1:], strict=True):
-        inside = np.flatnonzero((row > first) & (row <= last) | (row == first) & (first == 0))
+        in_piece = np.flatnonzero((row > first) & (row <= last) | (row == first) & (first == 0))
         known = min(points, last - first + 1)
         smooth = slice(first, last + 1)
-        ends = np.maximum(row[inside], first + 1) - first
+        ends = np.maximum(row[in_piece], first + 1) - first
         start = first + _smoothest(t[smooth], q[smooth] / unit, ends, known)
         rows = start[:, None] + np.arange(known)
         q_near = q[rows]
-        weights = lagrange_and_slopes(t[rows], times[inside])
-        values[inside], rates[inside] = (np.einsum(_WEIGHTED, w, q_near) for w in weights)
+        weights = lagrange_and_slopes(t[rows], times[in_piece])
+        values[in_piece], rates[in_piece] = (np.einsum(_WEIGHTED, w, q_near) for w in weights)
         if len(v) and last - first < len(t) - 1 and points > 4:  # between events, long steps
             both_ends = first + ends + np.array([[-1], [0]])
             slopes = (lagrange_and_slopes(t[rows], end)[1] for end in t[both_ends])
             missing = v[both_ends] - [np.einsum(_WEIGHTED, slope, q_near) for slope in slopes]
-            value, rate = _bend(t[both_ends], times[inside], missing)
-            values[inside] += value
-            rates[inside] += rate
+            value, rate = _bend(t[both_ends], times[in_piece], missing)
+            values[in_piece] += value
+            rates[in_piece] += rate
     if len(edges) == 1:
         values[:], rates[:] = q[0], 0.0
     return values, rates

@@ -59,15 +59,15 @@ def _settled(model: Model, state: State, force: np.ndarray, dt: float) -> State:
     shared = reduction.moves(has_mass) & ~reduction.moves_alone(has_mass)
     equations = Equations(model, inertia=_LITTLE if shared.any() else 1.0)
     time, level = 1e-9 * dt, model.scheme.rates.level
-    now, holding, away = replace(state, a=still), still, still
+    new, holding, away = replace(state, a=still), still, still
 
     def correct() -> tuple[float, bool]:
-        nonlocal now, away
+        nonlocal new, away
         # What has mass returns to its place, from which a correction along its path leads away.
-        away = state.q - now.q
+        away = state.q - new.q
         away[~has_mass | (abs(away) < _IN_PLACE * model.unit)] = 0.0
-        now.v = holding + away / (level * time)
-        equations.begin(instant(now.t, time), now)
+        new.v = holding + away / (level * time)
+        equations.begin(instant(new.t, time), new)
         residual = equations.at_start(force).residual[: reduction.free]
         w, independent = np.zeros(reduction.columns), reduction.independent
         unit = model.unit_of_unknowns[independent]  # pivots are of one kind
@@ -84,8 +84,8 @@ def _settled(model: Model, state: State, force: np.ndarray, dt: float) -> State:
         size = abs(D / model.unit).max()
         if not np.isfinite(size):
             raise RuntimeError(_NOT_SETTLED)
-        slides = now.slides + model.couplings.free_slides(y, len(now.slides))
-        now = replace(now, q=now.q + D, slides=slides)
+        slides = new.slides + model.couplings.free_slides(y, len(new.slides))
+        new = replace(new, q=new.q + D, slides=slides)
         return size, size <= _STALLED
 
     with suppress(RuntimeError):  # a tangent is singular
@@ -94,10 +94,10 @@ def _settled(model: Model, state: State, force: np.ndarray, dt: float) -> State:
             # Little inertia gives way. The force that it had is given, and brings all back.
             holding = away / (level * time)
             settled = newton(correct, _TOLERANCE, _MOST_CORRECTIONS)[1]
-        moved = abs(now.q - state.q) > _TOLERANCE * model.unit
-        slid = abs(now.slides - state.slides) > _TOLERANCE * model.mesh.size
+        moved = abs(new.q - state.q) > _TOLERANCE * model.unit
+        slid = abs(new.slides - state.slides) > _TOLERANCE * model.mesh.size
         if settled and not model.remembers(state, moved, slid):
-            return replace(state, q=now.q, slides=now.slides)
+            return replace(state, q=new.q, slides=new.slides)
     _log.warning(_NOT_SETTLED)
     return state
 
@@ -214,8 +214,8 @@ class Starts:
             At its level the motion is in this state.
             """
             D, slid = moves * h * state.v, moves * h * model.slide_rates(state)
-            before = replace(state, q=state.q - level * D, slides=state.slides - level * slid)
-            start = model.start_of(before, h)._replace(a=np.zeros(model.size))
+            shifted = replace(state, q=state.q - level * D, slides=state.slides - level * slid)
+            start = model.start_of(shifted, h)._replace(a=np.zeros(model.size))
             if (natural := state.natural) is not None:
                 change = h / dt * (self._forcing.natural(state.t + dt) - natural)
                 first = natural - level * change
@@ -224,7 +224,7 @@ class Starts:
             model.points.evaluate_slides(h * w)
             force = model.forms.internal_force(D).copy()
             if self._further is not None:
-                force += self._further(instant(state.t, h), before, D)
+                force += self._further(instant(state.t, h), shifted, D)
             return force
 
         free, moved = reduction.free, slice(reduction.free, reduction.free + reduction.driven)
@@ -291,27 +291,27 @@ def reference_state(model: Model, scene: Scene | None = None) -> State:
 def check_joints(model: Model, state: State) -> None:
     """Refuse a state that violates a joint."""
     moved = {(j.number, name): m for (j, name), m in zip(model.motors, state.motors, strict=True)}
-    at = model.motion(q=state.q[None])
+    motion = model.motion(q=state.q[None])
     for joint in model.scene.joints:
         number, slide = joint.number, state.slides[joint.number : joint.number + 1]
-        gap = float(joint.kinematics.gap(at, slide)[0])
+        gap = float(joint.kinematics.gap(motion, slide)[0])
         if "slide" in joint.driven:
             gap += abs(float(slide[0]) - joint.start()[0] - moved[number, "slide"])
-        turn = float(joint.kinematics.angle(at, slide)[0])
+        turn = float(joint.kinematics.angle(motion, slide)[0])
         turn -= moved.get((number, "rotation"), 0.0)
         turn -= 0.0 if joint.place is None else joint.place.turn
         faults = {
             f"its nodes have a gap of {gap:.3g} m": gap / model.mesh.size,
             f"the rotation of node b deviates by {turn:.3g} rad": abs(turn) * joint.turns_together,
         }
-        for what, size in faults.items():
+        for fault, size in faults.items():
             if size > 1e-8:
                 raise SceneError(
-                    f"start: the solution violates {joint}: {what}. Start from a solution that has "
-                    "this joint, or make it there: scene.add_joint(joint, at=solution)"
+                    f"start: the solution violates {joint}: {fault}. Start from a solution that "
+                    "has this joint, or make it there: scene.add_joint(joint, at=solution)"
                 )
     for gear in model.scene.gears:
-        apart = float(gear.difference(at, state.slides[None])[0])
+        apart = float(gear.difference(motion, state.slides[None])[0])
         if gear.is_ideal and abs(apart) > 1e-8 * (1.0 if gear.column else model.mesh.size):
             raise SceneError(
                 f"start: the solution violates {gear}: its joints deviate by {apart:.3g}. Start "
@@ -347,8 +347,8 @@ def initial_rates(model: Model, state: State, driven: np.ndarray) -> tuple[np.nd
     # At its own degree of freedom prescribed motion gives the rate; another one is an error.
     for key in scene.prescribed:
         gap[key] = 0.0
-        given, moved = (rates.reshape(-1, 3)[key] for rates in (v, compatible))
-        if given != 0 and abs(given - moved) > 1e-3 * max(abs(given), abs(moved)):
+        initial, moved = (rates.reshape(-1, 3)[key] for rates in (v, compatible))
+        if initial != 0 and abs(initial - moved) > 1e-3 * max(abs(initial), abs(moved)):
             raise SceneError(_message(model, key, v, compatible, ", or not given"))
     v[model.prescribed] = compatible[model.prescribed]
     # Rates of driven motion are finite differences, hence the second tolerance.
@@ -366,8 +366,8 @@ def projected_rates(model: Model, state: State, v: np.ndarray, driven: np.ndarra
     """Rates (columns,) closest to given rates v (size,) in the norm of the mass."""
     from fx_beam.step.fitted_rates import rate_fit
 
-    given = (values[None] for values in (state.q, v, state.slides, driven))
-    return rates_of_columns(model, state, rate_fit(model).fit(*given).rates[0], driven)
+    arguments = (values[None] for values in (state.q, v, state.slides, driven))
+    return rates_of_columns(model, state, rate_fit(model).fit(*arguments).rates[0], driven)
 
 
 def rates_of_columns(model: Model, state: State, v: np.ndarray, driven: np.ndarray) -> np.ndarray:
@@ -376,8 +376,8 @@ def rates_of_columns(model: Model, state: State, v: np.ndarray, driven: np.ndarr
     v[model.prescribed] = driven[: len(model.prescribed)]
     joints = [j for j in model.scene.joints if j.axis is not None or j.slide is not None]
     for joint in joints:
-        number, at = [joint.number], model.motion(q=state.q[None], v=v[None])
-        slides[number] = joint.kinematics.rate(at, state.slides[number])
+        number, motion = [joint.number], model.motion(q=state.q[None], v=v[None])
+        slides[number] = joint.kinematics.rate(motion, state.slides[number])
     w = _driven_rates(model, driven)
     w[: model.reduction.free] = model.couplings.unknowns(v, slides)
     return model.reduction.with_dependent(w)
@@ -401,18 +401,18 @@ def given_velocity(model: Model) -> Any:
     slopes: Any = 0.0
     for item in scene.velocities:
         nodes = mesh.nodes_of(scene, item.target)
-        before, twice, x = values[nodes], known[nodes], X[nodes]
+        earlier, twice, x = values[nodes], known[nodes], X[nodes]
         functions = item.value, item.spin
-        rates: Any = np.concatenate([of.each(x, scene.array_calls) for of in functions], axis=1)
-        known[nodes], given = True, floats(rates)
-        values[nodes] = given
+        rates: Any = np.concatenate([f.each(x, scene.array_calls) for f in functions], axis=1)
+        known[nodes], plain_rates = True, floats(rates)
+        values[nodes] = plain_rates
         if isinstance(rates, Dual):
             slopes = slopes + np.zeros((*values.shape, rates.count))
             slopes[nodes] = rates.slopes
         elif np.ndim(slopes):
             slopes[nodes] = 0.0
-        if any_of(twice) or not all_of(np.isfinite(given)):
-            _check_velocities(model, mesh.X[nodes], given, before, twice)
+        if any_of(twice) or not all_of(np.isfinite(plain_rates)):
+            _check_velocities(model, mesh.X[nodes], plain_rates, earlier, twice)
     return (Dual(values, slopes) if any_of(slopes) else values).reshape(-1)
 
 
@@ -423,43 +423,43 @@ def rates_with_slopes(
 
     The `numbers` are those of the scene.
     """
-    given: Any = given_velocity(model)
+    rates: Any = given_velocity(model)
     driven: Any = forcing.derivatives(state.t, 1e-3 * dt)[0]
-    if not (isinstance(given, Dual) or isinstance(driven, Dual) or any_of(state.v)):
+    if not (isinstance(rates, Dual) or isinstance(driven, Dual) or any_of(state.v)):
         return state.v
-    given, driven = with_slopes(given, count), with_slopes(driven, count)
+    rates, driven = with_slopes(rates, count), with_slopes(driven, count)
     if model.scene.joints or driven.size:
         from fx_beam.step.fitted_rates import RateDerivatives, rate_fit
 
         if not model.scene.projects_velocities:  # else a given rate there has its momentum
-            for of, to in ((driven.values, given.values), (driven.slopes, given.slopes)):
-                to[model.prescribed] = of[: len(model.prescribed)]
-        of_state = {"q": state.q, "v": given, "slides": state.slides, "driven rates": driven}
+            for source, target in ((driven.values, rates.values), (driven.slopes, rates.slopes)):
+                target[model.prescribed] = source[: len(model.prescribed)]
+        of_state = {"q": state.q, "v": rates, "slides": state.slides, "driven rates": driven}
         duals = {name: with_slopes(values, count) for name, values in (numbers | of_state).items()}
-        here = (duals[name].values[None] for name in of_state)
-        fit = RateDerivatives(rate_fit(model), *here)
+        arrays = (duals[name].values[None] for name in of_state)
+        fit = RateDerivatives(rate_fit(model), *arrays)
         changes = {name: np.moveaxis(dual.slopes, -1, 0) for name, dual in duals.items()}
         fitted = fit.jvp({name: changes[name][None] for name in of_state}, changes)
-        given.slopes = fitted["rates"][0].T
-    return Dual(state.v, given.slopes)
+        rates.slopes = fitted["rates"][0].T
+    return Dual(state.v, rates.slopes)
 
 
 def _check_velocities(
-    model: Model, positions: np.ndarray, given: np.ndarray, others: np.ndarray, twice: np.ndarray
+    model: Model, positions: np.ndarray, rates: np.ndarray, earlier: np.ndarray, twice: np.ndarray
 ) -> None:
     """Refuse rates (n, 3) that are not finite, or differ from others where they are given twice."""
     unit = [1.0, 1.0, model.mesh.size]
-    size = (abs(given) * unit).max(axis=1, keepdims=True)
-    infinite = ~np.isfinite(given).all(axis=1)
-    differs = twice & (abs(others - given) * unit > 1e-9 * size).any(axis=1)
+    size = (abs(rates) * unit).max(axis=1, keepdims=True)
+    infinite = ~np.isfinite(rates).all(axis=1)
+    differs = twice & (abs(earlier - rates) * unit > 1e-9 * size).any(axis=1)
     for bad in np.flatnonzero(infinite | differs):
         x, y = positions[bad]
         if infinite[bad]:
             raise SceneError(
-                f"initial velocity at ({x:g}, {y:g}) is {given[bad]}; it must be finite"
+                f"initial velocity at ({x:g}, {y:g}) is {rates[bad]}; it must be finite"
             )
         raise SceneError(
-            f"two initial velocities at ({x:g}, {y:g}): {others[bad]} and {given[bad]}. Give "
+            f"two initial velocities at ({x:g}, {y:g}): {earlier[bad]} and {rates[bad]}. Give "
             "only one, or equal ones"
         )
 
@@ -469,15 +469,15 @@ def _check_joints(
 ) -> None:
     """Refuse velocities that violate a joint; the message names the worst joint."""
     scene = model.scene
-    at = model.motion(q=state.q[None], v=v[None])
+    motion = model.motion(q=state.q[None], v=v[None])
     rates = driven[len(model.prescribed) :]
     motors = {(j.number, name): r for (j, name), r in zip(model.motors, rates, strict=True)}
     worst, text = tolerance, ""
-    of: Any
+    violated: Any
     for joint in scene.joints:
         slide = state.slides[joint.number : joint.number + 1]
-        gap, axis = (part[:, 0] for part in joint.kinematics.parting_rate(at, slide))
-        turn = float(joint.kinematics.spin(at, slide)[0])
+        gap, axis = (part[:, 0] for part in joint.kinematics.parting_rate(motion, slide))
+        turn = float(joint.kinematics.spin(motion, slide)[0])
         turn -= motors.get((joint.number, "rotation"), 0.0)
         gap = gap - motors.get((joint.number, "slide"), gap @ axis) * axis
         apart, turned = np.hypot(*gap), abs(turn) * model.mesh.size * joint.turns_together
@@ -485,20 +485,20 @@ def _check_joints(
             f"its nodes separate at {apart:.3g} m/s": apart,
             f"the rotation rate of node b deviates by {turn:.3g} rad/s": turned,
         }
-        for what, size in faults.items():
+        for fault, size in faults.items():
             if size > worst:
-                worst, text, of = size, f"{joint}: {what}", joint
+                worst, text, violated = size, f"{joint}: {fault}", joint
     for gear in filter(lambda gear: gear.is_ideal, scene.gears):
-        rate = float(gear.rate(at, state.slides[None])[0])
+        rate = float(gear.rate(motion, state.slides[None])[0])
         size = abs(rate) * (model.mesh.size if gear.column else 1.0)
         if size > worst:
-            worst, text, of = size, f"{gear}: its joints deviate by the rate {rate:.3g}", gear
+            worst, text, violated = size, f"{gear}: its joints deviate by the rate {rate:.3g}", gear
     for (number, part), rate in motors.items():
-        if text and number == of.number and rate:
+        if text and number == violated.number and rate:
             raise SceneError(
-                f"the motor of {of} starts with the rate {rate:.3g} of its {part}, but its nodes "
-                "have other initial velocities. Give it a motion that starts at rest, or call "
-                "scene.make_velocities_compatible()"
+                f"the motor of {violated} starts with the rate {rate:.3g} of its {part}, but its "
+                "nodes have other initial velocities. Give it a motion that starts at rest, or "
+                "call scene.make_velocities_compatible()"
             )
     if text:
         raise SceneError(f"the initial velocities violate {text}. {_ADVICE}")
@@ -509,15 +509,15 @@ def _message(
 ) -> str:
     """What to say of a rate (node, component) that cannot be."""
     node, component = key
-    given, needed = (rates.reshape(-1, 3)[key] for rates in (v, compatible))
-    where, what = model.mesh.named(node, model.scene), COMPONENTS[component]
+    rate_given, needed = (rates.reshape(-1, 3)[key] for rates in (v, compatible))
+    node_name, component_name = model.mesh.named(node, model.scene), COMPONENTS[component]
     for kind, keys in (("supported", model.scene.fixed), ("moved", model.scene.prescribed)):
         if key in keys:
             return (
-                f"{where} is {kind} in {what}, but its initial rate there is {given:g}; it must be "
-                f"{needed:g}{or_none}"
+                f"{node_name} is {kind} in {component_name}, but its initial rate there is "
+                f"{rate_given:g}; it must be {needed:g}{or_none}"
             )
     return (
-        f"the initial velocities violate a support: the rate of {what} of {where} is {given:g}; "
-        f"it must be {needed:g}. {_ADVICE}"
+        f"the initial velocities violate a support: the rate of {component_name} of {node_name} is "
+        f"{rate_given:g}; it must be {needed:g}. {_ADVICE}"
     )

@@ -55,7 +55,7 @@ class Instant:
         # Inputs go straight from the start of the step.
         self._inputs = np.full(len(straight), np.nan)
         if start is not None and straight.any():
-            ends = (np.array([of(name) for of in (start._arrays, arrays)]) for name in _PLACES)
+            ends = (np.array([read(name) for read in (start._arrays, arrays)]) for name in _PLACES)
             self._inputs = driven_increments(forcing.model, *ends)[0] / length
 
     @cached_property
@@ -93,7 +93,7 @@ def fitted_value(name: str, arrays: Arrays, start: Instant | None, end: Instant 
 
 
 def fitted_state(state: State, start: Instant | None, end: Instant | None) -> State:
-    """A state with these forces; its rates are those of the steps."""
+    """The state with the forces of supports and joints, and the rates of the steps."""
     if end is None:
         return state
     arrays = functools.partial(getattr, state)
@@ -125,23 +125,23 @@ def readings(
 
         balance = RowBalance(prepared.model, last_row)
         of_sections = {name: balance.reading(output) for name, output in sections.items()}
-    every = {name: Measured(of) for name, of in outputs.items() if name not in sections}
-    if any(measured.quantity.of in _NOT_ALWAYS for measured in every.values()):
+    by_name = {name: Measured(of) for name, of in outputs.items() if name not in sections}
+    if any(measured.quantity.of in _NOT_ALWAYS for measured in by_name.values()):
         prepared.stepper.integrator.problem.keep_joint_forces()
     model, turns = prepared.model, prepared.turn_counter.removed
-    read = {name: _reading(model, now, turns, measured) for name, measured in every.items()}
+    read = {name: _reading(model, now, turns, measured) for name, measured in by_name.items()}
     return {name: of_sections.get(name) or read[name] for name in outputs}
 
 
-def _reading(model: Model, now: Arrays, turns: np.ndarray, measured: Measured) -> Reading:
+def _reading(model: Model, array_of: Arrays, turns: np.ndarray, measured: Measured) -> Reading:
     if measured.by_law == "energy":
-        return _energy_reading(model, now, measured)
+        return _energy_reading(model, array_of, measured)
     if measured.contact is not None:
-        return _contact_reading(model, now, measured)
+        return _contact_reading(model, array_of, measured)
     dofs, X = model.mesh.dofs, model.mesh.X.reshape(-1)
     motion = NodalMotion(
-        lambda name, node: now(name)[dofs[node.number]].tolist(),
-        lambda name, beam: now(name)[dofs[model.mesh.nodes_of(model.scene, beam)]][None],
+        lambda name, node: array_of(name)[dofs[node.number]].tolist(),
+        lambda name, beam: array_of(name)[dofs[model.mesh.nodes_of(model.scene, beam)]][None],
     )
     turns_of = measured.terms if measured.quantity.of == "q" else []
     turning = any(np.all(np.asarray(term.entries) % 3 == 2) for term in turns_of)
@@ -151,8 +151,8 @@ def _reading(model: Model, now: Arrays, turns: np.ndarray, measured: Measured) -
         if array == "X":
             return X[entries]
         if (columns := model.force_columns.get(array)) is None:
-            values = now(array)
-        elif (values := now("constraint_forces")) is not None:
+            values = array_of(array)
+        elif (values := array_of("constraint_forces")) is not None:
             values = np.append(values, 0.0)[columns]
         return 0.0 * entries if values is None else values.reshape(-1)[entries]
 
@@ -163,7 +163,7 @@ def _reading(model: Model, now: Arrays, turns: np.ndarray, measured: Measured) -
     return read if measured.shape else lambda: float(np.asarray(read()).item())
 
 
-def _energy_reading(model: Model, now: Arrays, measured: Measured) -> Reading:
+def _energy_reading(model: Model, array_of: Arrays, measured: Measured) -> Reading:
     """The energy that a line stores, by its own laws."""
     from fx_beam.fem.line_values import LineSteps, LineValues
 
@@ -171,16 +171,16 @@ def _energy_reading(model: Model, now: Arrays, measured: Measured) -> Reading:
 
     def read() -> float:
         internal, parameters = (
-            None if (of_state := now(name)) is None else of_state[None]
+            None if (of_state := array_of(name)) is None else of_state[None]
             for name in ("spring_internal", "parameters")
         )
-        given = LineSteps.of_states(now("q")[None], internal, parameters)
-        return float(values.values(given)[0])
+        steps = LineSteps.of_states(array_of("q")[None], internal, parameters)
+        return float(values.values(steps)[0])
 
     return read
 
 
-def _contact_reading(model: Model, now: Arrays, measured: Measured) -> Reading:
+def _contact_reading(model: Model, array_of: Arrays, measured: Measured) -> Reading:
     """The least gap of a contact, or the sum of its forces."""
     from fx_beam.results.contact_gaps import columns_of, gaps_and_normals
 
@@ -190,12 +190,14 @@ def _contact_reading(model: Model, now: Arrays, measured: Measured) -> Reading:
     nodes_of_beam = {beam.name: mesh.nodes_of(scene, beam) for beam in scene.beams}
 
     def gap() -> float:
-        q = now("q")
-        found = gaps_and_normals(contact, mesh.X, nodes_of_beam, lambda at: q[mesh.dofs[at]][None])
-        return float(found[0].min())
+        q = array_of("q")
+        gaps = gaps_and_normals(
+            contact, mesh.X, nodes_of_beam, lambda nodes: q[mesh.dofs[nodes]][None]
+        )
+        return float(gaps[0].min())
 
     def force() -> Any:
-        if (values := now("contact_forces")) is None:
+        if (values := array_of("contact_forces")) is None:
             return np.zeros(2)[component]
         total = values.reshape(-1, 2)[columns].sum(axis=0)[component]
         return total if measured.shape else float(total)

@@ -82,9 +82,9 @@ class Snapshot:
             If nodes, joints, motors or inputs differ.
         """
         state = self.state
-        given = 0 if state.inputs is None else len(state.inputs)
-        theirs = len(state.q), len(state.slides), len(state.motors), given
-        if theirs != (model.size, model.scene.joint_count, len(model.motors), inputs):
+        input_count = 0 if state.inputs is None else len(state.inputs)
+        sizes = len(state.q), len(state.slides), len(state.motors), input_count
+        if sizes != (model.size, model.scene.joint_count, len(model.motors), inputs):
             raise SceneError(
                 "Motion.restore: the snapshot is of another scene. Its nodes, joints, motors and "
                 "inputs must be the same"
@@ -130,9 +130,9 @@ class OpenMotion:
     #: The present state.
     now: _Present
 
-    def __init__(self, prepared: Prepared, held: HeldInputs, dt: float, record: Record | None):
+    def __init__(self, prepared: Prepared, inputs: HeldInputs, dt: float, record: Record | None):
         self._prepared, self._dt, self._record = prepared, dt, record
-        self.held = held
+        self.held = inputs
         self._loop = loop = prepared.stepper.integrator
         self._steps = CompiledSingleSteps(loop, dt)
         #: The present state that C has; None while a step is taken.
@@ -155,37 +155,37 @@ class OpenMotion:
             recorder.plan(1, grid(np.arange(1, 1 + _ROWS)), last=False)
         course = _Course(state, grid, recorder, self._prepared.stats.steps)
         copy, parts = loop.state.copy(), self._prepared.stepper.halving.state
-        now = _Present(course, 0, grid(0), copy, parts, self.held.values, turns)
+        present = _Present(course, 0, grid(0), copy, parts, self.held.values, turns)
         if model.fits_rates:
-            arrays, known = loop.state.arrays_of(now.in_c), state.driven_rates
-            end = Instant(self._prepared.forcing, now.t, -self._dt, arrays, known)
-            now = now._replace(end=end)
-        self._be(now)
+            arrays, known = loop.state.arrays_of(present.in_c), state.driven_rates
+            end = Instant(self._prepared.forcing, present.t, -self._dt, arrays, known)
+            present = present._replace(end=end)
+        self._be(present)
 
     def _load(self, state: State) -> None:
         self._in_c = None
         self._prepared.stepper.load(state)
         self._steps.load(state)
 
-    def _be(self, now: _Present) -> None:
+    def _be(self, present: _Present) -> None:
         """Have a present state, which is that in C."""
-        self._in_c = now
-        self.now = now
+        self._in_c = present
+        self.now = present
 
     def settle(self) -> None:
         """Undo what an interrupt or an error has left of a step that was not taken."""
-        now, course, prepared = self.now, self.now.course, self._prepared
-        if self._in_c is now:
+        present, course, prepared = self.now, self.now.course, self._prepared
+        if self._in_c is present:
             return
-        self._loop.state.restore(now.in_c)
-        prepared.stepper.halving.resume(now.parts)
+        self._loop.state.restore(present.in_c)
+        prepared.stepper.halving.resume(present.parts)
         prepared.forcing.hold(course.start)
-        self.held.set(now.inputs)
+        self.held.set(present.inputs)
         self.held.arrive()
-        prepared.turn_counter.removed[:] = now.turns
-        course.recorder.truncate(1 + now.number // course.recorder.every)
-        course.recorder.miss(now.turns)
-        self._in_c = now
+        prepared.turn_counter.removed[:] = present.turns
+        course.recorder.truncate(1 + present.number // course.recorder.every)
+        course.recorder.miss(present.turns)
+        self._in_c = present
 
     # -- Steps --------------------------------------------------------------------------------
 
@@ -193,40 +193,40 @@ class OpenMotion:
         """Take a step with some new inputs."""
         if self._in_c is not self.now:
             self.settle()
-        now, held = self.now, self.held
-        (_, grid, recorder, _), number = now.course, now.number + 1
-        checked, t1 = held.checked(inputs), grid(number)
+        present, held_inputs = self.now, self.held
+        (_, grid, recorder, _), number = present.course, present.number + 1
+        checked, t1 = held_inputs.checked(inputs), grid(number)
         if number >= recorder.planned:
             ends = grid(np.arange(number, number + _ROWS))
             recorder.plan(number, ends, last=False)
-        self._in_c, parts = None, now.parts
-        held.set(checked)
-        held.begin(now.t, t1)
+        self._in_c, parts = None, present.parts
+        held_inputs.set(checked)
+        held_inputs.begin(present.t, t1)
         stepper = self._prepared.stepper
-        if stepper.halving.times or not self._steps.take(number, now.t, grid, recorder):
+        if stepper.halving.times or not self._steps.take(number, present.t, grid, recorder):
             self._loop.count()
             stepper.advance(self.state(), np.array([t1]), number, recorder)
             parts = stepper.halving.state
-        held.arrive()
+        held_inputs.arrive()
         recorder.truncate(1 + number // recorder.every)
-        copy, start, end = self._loop.state.copy(), now.end, None
+        copy, start, end = self._loop.state.copy(), present.end, None
         if start is not None:
             arrays = self._loop.state.arrays_of(copy)
             end = Instant(self._prepared.forcing, t1, self._dt, arrays, start=start)
-        course, inputs, turns = now.course, held.values, now.turns
+        course, inputs, turns = present.course, held_inputs.values, present.turns
         self._be(_Present(course, number, t1, copy, parts, inputs, turns, start, end))
         if number % full_turns.STEPS == 0:
             self._count_turns()
 
     def _count_turns(self) -> None:
         """Count full turns separately, so that they do not add to rounding errors."""
-        counter, state, now = self._prepared.turn_counter, self.state(), self.now
+        counter, state, present = self._prepared.turn_counter, self.state(), self.now
         turns = counter.turns_of(state)
         if turns.any():
             self._load(counter.without(turns, state))
             counter.removed[:] = turns = counter.removed + turns
-            now.course.recorder.miss(turns)
-            self._be(now._replace(in_c=self._loop.state.copy(), turns=turns))
+            present.course.recorder.miss(turns)
+            self._be(present._replace(in_c=self._loop.state.copy(), turns=turns))
 
     def count(self) -> None:
         """Add what was counted to the statistics."""
@@ -363,7 +363,7 @@ class Motion:
         newton: NewtonOptions | None = None,
         max_halvings: int = 12,
     ):
-        given = {name: of for name, of in locals().items() if name not in ("self", "start")}
+        passed = {name: x for name, x in locals().items() if name not in ("self", "start")}
         clock, self._alone = perf_counter(), RLock()
         check_scene(scene, "Motion")
         positive(dt, "Motion: dt")
@@ -376,13 +376,15 @@ class Motion:
         outputs = {} if outputs is None else outputs
         check_outputs(scene, outputs, "Motion: outputs")
         outputs = dict(outputs)
-        self._arguments = given | {"scheme": options.scheme, "dt": self._dt, "outputs": outputs}
-        held = HeldInputs(scene)
-        self._prepared = prepared = Prepared(held.scene, options, waiting_team(held.scene))
+        self._arguments = passed | {"scheme": options.scheme, "dt": self._dt, "outputs": outputs}
+        held_inputs = HeldInputs(scene)
+        self._prepared = prepared = Prepared(
+            held_inputs.scene, options, waiting_team(held_inputs.scene)
+        )
         if start is not None:
             state = state_of(prepared.model, start)
-            held.resume(prepared.forcing, state)
-        self._open = OpenMotion(prepared, held, self._dt, record)
+            held_inputs.resume(prepared.forcing, state)
+        self._open = OpenMotion(prepared, held_inputs, self._dt, record)
         every = record is not None and record.rates and record.every == 1
         last_row = self._open.last_row if every else None
         self._readings = readings(prepared, self._open.value, outputs, last_row)
@@ -565,9 +567,9 @@ class Motion:
         Snapshot
             The present state.
         """
-        state, now = self._open.shown(), self._open.now
-        step = now.course.grid.origin, now.course.grid.first + now.number
-        return Snapshot(now.t, state, step, now.turns)
+        state, present = self._open.shown(), self._open.now
+        step = present.course.grid.origin, present.course.grid.first + present.number
+        return Snapshot(present.t, state, step, present.turns)
 
     @one_thread
     def restore(self, snapshot: Snapshot) -> dict[str, Any]:

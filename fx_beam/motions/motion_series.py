@@ -50,21 +50,21 @@ class MotionSeries:
         return run.take_steps(run.solution)
 
     def begun(
-        self, scene: Scene, options: Options, start: Solution | None = None, over: Run | None = None
+        self, scene: Scene, options: Options, start: Solution | None = None, old: Run | None = None
     ) -> Run:
         """A run that is to take its steps; it may overwrite the rows of another one."""
         clock = time.perf_counter()
-        if start is not None or (over is not None and over.options != options):
-            over = None
+        if start is not None or (old is not None and old.options != options):
+            old = None
         t0 = 0.0 if start is None else end_of(start).t
-        grid = options.grid(t0, start is not None) if over is None else over.grid
+        grid = options.grid(t0, start is not None) if old is None else old.grid
         if options.until:
             check_outputs(scene, options.outputs or {}, f"{options.what}: outputs")
         call_with_arrays(scene)
         connected = with_functions(scene, options.inputs, f"{options.what}: inputs")
         warn_of_equal_work()
         lease = self.lease(connected, options)
-        run = Run(lease, scene, start, grid, self._memory is not None, over)
+        run = Run(lease, scene, start, grid, self._memory is not None, old)
         self._begin_tape(run.prepared)
         run.prepared.stats.setup_seconds = time.perf_counter() - clock
         run.prepared.stats.setup_reason = lease.reason

@@ -103,7 +103,7 @@ def static_numbers_of(
     goal = forcing.series(t)[0]
     of_steps = {
         "loads": factors[:, None, None] * np.repeat(data.loads.series(t)[None], 2, axis=1),
-        "driven": np.stack([of * goal for of in factors]) + data.before_motors,
+        "driven": np.stack([factor * goal for factor in factors]) + data.before_motors,
     }
     if parameters.names:
         at_time = parameters.over_steps(t, t, 1.0)[0, 0]

@@ -67,16 +67,16 @@ class Tolerance:
         require(ok, "breaks", breaks, "a sequence of finite times")
         #: The tolerance, and the whole time [s].
         self.value, self.span = as_float(tolerance), t_end - t0
-        given = _LONGEST * self.span if dt_max is None else as_float(dt_max)
+        longest = _LONGEST * self.span if dt_max is None else as_float(dt_max)
         #: Length of the largest step, and of the first one that is tried [s].
-        self.longest = min(given, self.span)
+        self.longest = min(longest, self.span)
         self.first = min(self.span / 1000 if dt is None else as_float(dt), self.longest)
         #: Whether a better first length is looked for.
         self.search = dt is None
         least = 1e-9 * self.span
-        inside = [t for t in np.unique(inner).tolist() if t0 + least < t < t_end - least]
+        inner_breaks = [t for t in np.unique(inner).tolist() if t0 + least < t < t_end - least]
         #: Times at which steps end and the control begins anew, the last of them the end [s].
-        self.breaks = [*inside, t_end]
+        self.breaks = [*inner_breaks, t_end]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,10 +92,10 @@ class CommonOptions:
     inputs: Mapping[str, Any] | None = None
 
     @classmethod
-    def among(cls, arguments: Mapping[str, Any], **others: Any) -> Self:
-        """Those among the arguments of a function, its `locals()`, but for others."""
+    def among(cls, arguments: Mapping[str, Any], **replaced: Any) -> Self:
+        """Options from the `arguments` of a function, its `locals()`; some are `replaced`."""
         names = cls.__dataclass_fields__.keys() & arguments.keys()
-        return cls(**{name: arguments[name] for name in names} | others)
+        return cls(**{name: arguments[name] for name in names} | replaced)
 
     def __post_init__(self):
         if self.newton is None:
@@ -111,7 +111,7 @@ class CommonOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class Options(CommonOptions):
-    """Those of `simulate`, of which `Motion`, `Response` and others have a part."""
+    """The options of `simulate`; `Motion`, `Response` and others have a part of them."""
 
     what: str = "simulate"
     scheme: Any = None
@@ -128,7 +128,7 @@ class Options(CommonOptions):
 
     def __post_init__(self):
         values, expected = self.__dict__, "given with a tolerance only"
-        values.update({name: of for name, of in _DEFAULTS.items() if values[name] is None})
+        values.update({name: preset for name, preset in _DEFAULTS.items() if values[name] is None})
         super().__post_init__()
         if not isinstance(self.scheme, Scheme):
             raise SceneError(
@@ -152,7 +152,7 @@ class Options(CommonOptions):
             self._require("outputs", self.outputs is None, "given with `until` only")
             return
         named = self.until if isinstance(self.until, Mapping) else {"until": self.until}
-        ok = all(isinstance(name, str) and callable(of) for name, of in named.items())
+        ok = all(isinstance(name, str) and callable(condition) for name, condition in named.items())
         self._require("until", ok, _CONDITIONS)
         values["until"] = dict(named)
         if self.record.file is not None:
@@ -193,10 +193,10 @@ def _time_grid(dt: Any, t_end: Any, t0: float, goes_on: bool) -> np.ndarray:
     return times
 
 
-def check_scene(scene: Any, what: str) -> None:
+def check_scene(scene: Any, caller: str) -> None:
     """Refuse what is no scene."""
     if not isinstance(scene, Scene):
-        raise SceneError(f"{what} needs an fx_beam.Scene, not {shown(scene)}")
+        raise SceneError(f"{caller} needs an fx_beam.Scene, not {shown(scene)}")
 
 
 # -- Times at which equal steps end --------------------------------------------------------------

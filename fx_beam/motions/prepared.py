@@ -1,4 +1,4 @@
-"""The model of a motion and what takes its steps, from the first state on."""
+"""The model of a motion, and the stepper that takes its steps from the first state on."""
 
 from __future__ import annotations
 
@@ -53,15 +53,15 @@ class Prepared:
         model, options = self.model, self.options
         self.stats = stats_of(model, solver="", friction_damping=model.data.forms.friction_damping)
         self.forcing = Forcing(model)
-        given = self.forcing, options.newton, self.stats
+        arguments = self.forcing, options.newton, self.stats
         if loop is not None:
             loop.bind(self.forcing, self.stats)
         elif self._team is None:
-            loop = CompiledLoop(*given)
+            loop = CompiledLoop(*arguments)
         else:
             from fx_beam.parallel.distributed import TeamLoop
 
-            loop = TeamLoop(self._team, *given)
+            loop = TeamLoop(self._team, *arguments)
         dt = options.dt if options.tolerance is None else None
         self.stepper = Stepper(loop, Halving(options.max_halvings, dt))
 
@@ -98,16 +98,18 @@ class Prepared:
         Without `accelerations` it has them only if steps need them.
         """
         model = self.model
-        before = None if start is None else state_of(model, start)
-        if start is None or before is None or start.stats.static:
-            return self.state_from(before, dt, accelerations)
-        before = replace(before, work=before.work + _come_and_gone(model, start, before))
-        if before.fitted is None:
-            same = start.stats.scheme == model.scheme.name
-            state = Starts(model, self.forcing, dt).resumed(before, same)
+        start_state = None if start is None else state_of(model, start)
+        if start is None or start_state is None or start.stats.static:
+            return self.state_from(start_state, dt, accelerations)
+        start_state = replace(
+            start_state, work=start_state.work + _come_and_gone(model, start, start_state)
+        )
+        if start_state.fitted is None:
+            same_scheme = start.stats.scheme == model.scheme.name
+            state = Starts(model, self.forcing, dt).resumed(start_state, same_scheme)
         else:
-            state = self.state_from(before, dt, accelerations)
-            supplied, lost = state.work - before.work, model.energy(before)
+            state = self.state_from(start_state, dt, accelerations)
+            supplied, lost = state.work - start_state.work, model.energy(start_state)
             lost += supplied - model.energy(state)
             state = replace(state, impact=state.impact + lost)
         self.stepper.load(state)
@@ -139,8 +141,8 @@ class Prepared:
 
     def smooths_start(self, start: Solution | None) -> bool:
         """Whether a step finds the slow part of the first state of a motion."""
-        before = None if start is None or start.stats.static else state_of(self.model, start)
-        return self._smooths and (before is None or before.fitted is not None)
+        start_state = None if start is None or start.stats.static else state_of(self.model, start)
+        return self._smooths and (start_state is None or start_state.fitted is not None)
 
     def _with_smooth_start(self, state: State, dt: float) -> State:
         """The state of initial rates with the slow part, found by a step of the length dt [s].
@@ -164,8 +166,8 @@ class Prepared:
         at_rest = np.zeros((1, model.couplings.driven))
         slow = fits.fit(state.q[None], swing / 2, state.slides[None], at_rest).corrections[0]
         # Driven motions give it; as the record has their work, that at the start is zero.
-        given = state.v @ (model.mass @ slow) if model.couplings.driven else 0.0
-        return replace(state, v=state.v + slow, work=state.work + given)
+        supplied = state.v @ (model.mass @ slow) if model.couplings.driven else 0.0
+        return replace(state, v=state.v + slow, work=state.work + supplied)
 
 
 def _come_and_gone(model: Model, start: Solution, state: State) -> float:
@@ -178,7 +180,7 @@ def _come_and_gone(model: Model, start: Solution, state: State) -> float:
         return 0.0  # the record has no row of the end
     change = model.energy(state) - float(energy.total[-1] - (energy.work[-1] - end.work))
     parts = energy.kinetic, energy.strain, energy.potential, energy.springs
-    return change if abs(change) > _ROUND_OFF * sum(abs(of[-1]) for of in parts) else 0.0
+    return change if abs(change) > _ROUND_OFF * sum(abs(part[-1]) for part in parts) else 0.0
 
 
 def state_of(model: Model, start: Solution) -> State:
@@ -195,14 +197,14 @@ def state_of(model: Model, start: Solution) -> State:
 def _same(model: Model, start: Solution) -> State:
     """The state of a scene with the same members, joints and supports."""
     end = end_of(start)
-    for what, has, needs in (
+    for owner, has, needs in (
         ("sections", end.internal, model.forms.internal_shape),
         ("springs", end.spring_internal, (model.points.width,)),
     ):
         differs = needs[-1] > 0 if has is None else has.shape != needs
         if differs:
             raise SceneError(
-                f"start: the solution has other internal variables than the {what} of the scene"
+                f"start: the solution has other internal variables than the {owner} of the scene"
             )
     state = end.reshaped(-1)
     natural, forces = state.natural if model.natural else None, state.constraint_forces
@@ -219,7 +221,7 @@ def _same(model: Model, start: Solution) -> State:
     return replace(state, v=v, fitted=None)
 
 
-def stats_of(model: Model, **others: Any) -> Stats:
+def stats_of(model: Model, **members: Any) -> Stats:
     """Statistics of a run that has not begun."""
     return Stats(
         scheme=model.scheme.name,
@@ -227,5 +229,5 @@ def stats_of(model: Model, **others: Any) -> Stats:
         unknowns=len(model.reduction.independent),
         compiled=model.compiled,
         assembled=model.assembled,
-        **others,
+        **members,
     )

@@ -38,12 +38,12 @@ class _NoBar:
     def __exit__(self, *_) -> None:
         pass
 
-    def update(self, more: float = 1) -> None:
+    def update(self, increment: float = 1) -> None:
         """Count only."""
-        self.n += more
+        self.n += increment
 
 
-def progress_bar(total: float, asked: bool | None, **look) -> tqdm | _NoBar:
+def progress_bar(total: float, choice: bool | None, **look) -> tqdm | _NoBar:
     """A progress bar, removed at the end; by default only on a terminal and for long runs.
 
     In a sweep only if it is asked for: several workers would draw over one another.
@@ -51,17 +51,17 @@ def progress_bar(total: float, asked: bool | None, **look) -> tqdm | _NoBar:
     error = sys.stderr
     if error is None or getattr(error, "closed", False):
         return _NoBar()
-    if not (thread_series() is None and error.isatty() if asked is None else asked):
+    if not (thread_series() is None and error.isatty() if choice is None else choice):
         return _NoBar()
-    return tqdm(total=total, delay=0 if asked else _SOON, leave=False, **look)
+    return tqdm(total=total, delay=0 if choice else _SOON, leave=False, **look)
 
 
 def failure_of(stop: BaseException, time: float) -> Failure:
     """The cause of an early end, at a time or load factor."""
     if isinstance(stop, StepError):
         return stop.failure
-    by = "" if isinstance(stop, KeyboardInterrupt) else f" by {stop!r}"
-    return Failure("interrupted", f"interrupted{by}", time)
+    cause = "" if isinstance(stop, KeyboardInterrupt) else f" by {stop!r}"
+    return Failure("interrupted", f"interrupted{cause}", time)
 
 
 def attach(stop: BaseException, solution: Callable[[], Solution]) -> None:

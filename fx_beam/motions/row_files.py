@@ -103,14 +103,14 @@ class RowFiles:
         for i, row in enumerate(range(new, len(q))):
             if not isinstance(self._crew, _Alone) and self._crew.team.lost:
                 self._crew = _Alone(self._arguments)  # all others have ended
-            stem, of_row, given = f"{self._folder.name}_{len(self._times) + i:05d}", [], []
+            stem, of_row, arguments = f"{self._folder.name}_{len(self._times) + i:05d}", [], []
             for number, (elements, nodes) in enumerate(pieces):
                 name = f"{stem}_{number}.vtu" if len(pieces) > 1 else f"{stem}.vtu"
                 rates = v[row, nodes] if len(v) == len(q) else None
                 of_piece = {kind: values[i, elements] for kind, values in along.items()}
-                given.append((self._folder / name, q[row, nodes], rates, of_piece))
+                arguments.append((self._folder / name, q[row, nodes], rates, of_piece))
                 of_row.append(f"{self._folder.name}/{name}")
-            self._crew("write", given)
+            self._crew("write", arguments)
             names.append(of_row)
         return names
 
@@ -152,7 +152,7 @@ class RowFiles:
         """The histories of all rows, or of the last one, without those of the motion."""
         parts = slice(-1 if last else 0, None)
         small = {
-            name: np.concatenate([of[name][parts] for of in self._small[parts]])
+            name: np.concatenate([block[name][parts] for block in self._small[parts]])
             for name in self._small[0]
         }
         t, levels, rates = np.array(self._times[parts]), small.pop("t_level"), self._fitted
@@ -165,8 +165,8 @@ class _Alone:
     """In the place of a crew: this process writes all."""
 
     def __init__(self, arguments: list[tuple]):
-        self._pieces = [Grid(*given) for given in arguments]
+        self._pieces = [Grid(*piece_arguments) for piece_arguments in arguments]
 
-    def __call__(self, method: str, given: list[tuple]) -> list[Any]:
-        pairs = zip(self._pieces, given, strict=True)
+    def __call__(self, method: str, all_arguments: list[tuple]) -> list[Any]:
+        pairs = zip(self._pieces, all_arguments, strict=True)
         return [getattr(piece, method)(*arguments) for piece, arguments in pairs]

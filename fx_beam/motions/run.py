@@ -107,7 +107,7 @@ class Run:
         start: Solution | None,
         grid: tuple[np.ndarray, Tolerance | None],
         stays: bool,
-        over: Run | None = None,
+        old: Run | None = None,
     ):
         #: The lease of what is prepared.
         self.lease, self._scene, self._stays = lease, scene, stays
@@ -118,8 +118,8 @@ class Run:
         self.times, self._control = grid
         model, record, control = prepared.model, prepared.options.record, self._control
         to_file = record.file is not None
-        if over is not None and over.recorder.model is model:
-            recorder = over.recorder
+        if old is not None and old.recorder.model is model:
+            recorder = old.recorder
             recorder.restart()
         else:
             times = self.times[: 1 if to_file else None]
@@ -144,8 +144,8 @@ class Run:
         prepared.stepper.integrator.record(state, recorder)
         self._clock = time.perf_counter()
 
-    def take_steps(self, then: Callable[[], _T]) -> _T:
-        """Take all steps; gives what comes `then`. Exceptions have the solution of those before."""
+    def take_steps(self, finish: Callable[[], _T]) -> _T:
+        """Take all steps; gives what `finish` does. Exceptions have the solution so far."""
         prepared, recorder, control = self.prepared, self.recorder, self._control
         options, stats = prepared.options, prepared.stats
         self._clock = time.perf_counter()
@@ -168,7 +168,7 @@ class Run:
             warn_of_rounding(stats)
             warn_of_damping(stats, None if control is not None else self._first)
             stats.seconds = time.perf_counter() - self._clock
-            return then()
+            return finish()
         except BaseException as error:
             recorder.settle_at_end()
             stats.failure = failure_of(error, recorder.end.t)
@@ -265,21 +265,21 @@ class Run:
         return solution
 
     def _of_rows(self, rows: RecordedHistories | None) -> Solution:
-        """The solution of what the recorder has, or of some rows of it."""
+        """The solution of all rows of the recorder, or of `rows`."""
         self._watch.check(self.options.what)
         prepared, options = self.prepared, self.prepared.options
         prepared.stats.seconds = time.perf_counter() - self._clock
-        held = values_at(self._scene, options.inputs, self.recorder.end.t)
-        at = options.record.times
+        input_values = values_at(self._scene, options.inputs, self.recorder.end.t)
+        times = options.record.times
 
         def end() -> State:
             state = prepared.turn_counter.with_turns(self.recorder.end)
             past, parts = prepared.stepper.integrator.state.past, prepared.stepper.halving.state
-            return state.changed(parts=parts, past=past, **held)
+            return state.changed(parts=parts, past=past, **input_values)
 
         return solution_of(
             *(self.recorder, prepared.stats, end),
-            None if at is None else np.array(at, float),
+            None if times is None else np.array(times, float),
             [*options.breaks, *self._events],
             ended=True,
             scene_stays=self._stays,

@@ -32,7 +32,7 @@ class SetUps:
 
     def lease(self, kind: Hashable, bind: Callable[[Any], None], make: Callable[[], Any]) -> Lease:
         """The last set-up of a kind after `bind`, or a new one if there is none that fits."""
-        in_use = any(each == kind for each, _ in [*self._in_use.values()])
+        in_use = any(used == kind for used, _ in [*self._in_use.values()])
         reason = "the last solution is still in use" if in_use else "the first scene"
         entry = next((entry for entry in self._waiting[::-1] if entry[0] == kind), None)
         if entry is not None and self._take(entry):

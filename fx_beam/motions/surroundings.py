@@ -39,11 +39,11 @@ def thread_series() -> Any:
 @contextmanager
 def simulating_by(series: Any) -> Iterator[None]:
     """In this block, which only workers of a sweep have, `simulate` uses their series."""
-    before, _THREAD.series = _THREAD.series, series
+    outer_series, _THREAD.series = _THREAD.series, series
     try:
         yield
     finally:
-        _THREAD.series = before
+        _THREAD.series = outer_series
 
 
 def call_with_arrays(scene: Scene) -> None:

@@ -31,13 +31,13 @@ def has_changed(model: Model, start: Solution) -> bool:
     end, X, scene = end_of(start), model.mesh.X, model.scene
     if start.X.shape != X.shape or (start.X != X).any():
         return True
-    members = [one.name for one in scene.beams], [one.name for one in scene.bodies]
-    has, had = ([(str(o), o.along, o.variables) for o in of.contacts] for of in (scene, start))
+    members = [part.name for part in scene.beams], [part.name for part in scene.bodies]
+    has, had = ([(str(o), o.along, o.variables) for o in s.contacts] for s in (scene, start))
     if members != ([*start.beams], [*start.bodies]) or has != had:
         return True
     if end.owners is not None:
-        before, now = ([*map(_numbered, of)] for of in (end.owners, model.points.owners))
-        if before != now:
+        before, current = ([*map(_numbered, names)] for names in (end.owners, model.points.owners))
+        if before != current:
             return True
     if end.constraints is None:  # a solution that is no run
         return len(end.slides) != scene.joint_count or len(end.motors) != len(model.motors)
@@ -63,13 +63,15 @@ class Transfer:
         model, end = self._model, self._end
         nodal, slides = self._at_nodes(), slides_at_start(model.scene)
         self._check_new_beams(nodal["q"].reshape(-1, 3))
-        at = model.motion(q=nodal["q"][None])
+        motion = model.motion(q=nodal["q"][None])
         for joint in model.scene.joints:
             old, slide = self._joints.get(joint.number), slides[joint.number : joint.number + 1]
-            slide[:] = joint.kinematics.slide(at, slide) if old is None else end.slides[old.number]
+            slide[:] = (
+                joint.kinematics.slide(motion, slide) if old is None else end.slides[old.number]
+            )
         return State(
             end.t,
-            self._motors(slides, at),
+            self._motors(slides, motion),
             a=np.zeros(model.size),
             slides=slides,
             internal=self._internal(),
@@ -91,18 +93,18 @@ class Transfer:
         ]
         for body in scene.bodies:
             if body.name in start.bodies:
-                both = body, start.bodies[body.name]
-                mine, theirs = (np.array([node.number for node in one.nodes]) for one in both)
-                pairs.append((f"body {body.name!r}", mine, theirs))
+                twins = body, start.bodies[body.name]
+                mine, old = (np.array([node.number for node in twin.nodes]) for twin in twins)
+                pairs.append((f"body {body.name!r}", mine, old))
         advice = "Use the same beams and elements; a new member needs another name"
         if not pairs:
             raise SceneError(f"start: the solution has other nodes than the scene. {advice}")
-        for what, mine, theirs in pairs:
-            if len(mine) != len(theirs) or (mesh.X[mine] != start.X[theirs]).any():
+        for member, mine, old in pairs:
+            if len(mine) != len(old) or (mesh.X[mine] != start.X[old]).any():
                 raise SceneError(
-                    f"start: the solution has other nodes than the scene for {what}. {advice}"
+                    f"start: the solution has other nodes than the scene for {member}. {advice}"
                 )
-            rows[mine] = theirs
+            rows[mine] = old
         # Nodes of no member: of those that are gone, and between a support and what slides.
         of_bodies = [node.number for body in scene.bodies for node in body.nodes]
         count = min(len(start.X), len(rows))
@@ -121,9 +123,9 @@ class Transfer:
         if self._start.stats.static:  # the motion begins with the initial velocities of the scene
             nodal.pop("fitted")
         elif not known.all():
-            given = np.repeat(~known, 3) * floats(given_velocity(self._model))
-            nodal["v"] += given
-            nodal["fitted"] += given
+            new_rates = np.repeat(~known, 3) * floats(given_velocity(self._model))
+            nodal["v"] += new_rates
+            nodal["fitted"] += new_rates
         return nodal
 
     def _check_new_beams(self, moved: np.ndarray) -> None:
@@ -145,7 +147,7 @@ class Transfer:
     def _beams(self) -> Iterator[tuple[Beam, Any, slice]]:
         """Beams that the solution has, with their elements in the scene and there."""
         beams = self._start.beams
-        ends = dict(zip(beams, accumulate(of.elements for of in beams.values()), strict=True))
+        ends = dict(zip(beams, accumulate(beam.elements for beam in beams.values()), strict=True))
         for beam, cells in zip(self._model.scene.beams, self._model.mesh.cells, strict=True):
             if (end := ends.get(beam.name)) is not None:
                 yield beam, cells, slice(end - beams[beam.name].elements, end)
@@ -155,28 +157,28 @@ class Transfer:
         shape = self._model.forms.internal_shape
         if not shape[-1]:
             return None
-        values, before = np.zeros(shape), self._end.internal
-        for beam, cells, theirs in self._beams():
+        values, old = np.zeros(shape), self._end.internal
+        for beam, cells, start_cells in self._beams():
             names = [] if beam.section.internal is None else [*beam.section.internal.names]
             if not names:
                 continue
             has = self._start.variables_of_beam.get(beam.name, {})
             known = [name for name in has if name not in NAMES.values()]
-            if before is None or known != names:
+            if old is None or known != names:
                 raise SceneError(
                     "start: the solution has other internal variables than the sections of the "
                     f"scene: beam {beam.name!r} has {names}, there it has {known}"
                 )
-            values[cells, :, : len(names)] = before[theirs, :, : len(names)]
+            values[cells, :, : len(names)] = old[start_cells, :, : len(names)]
         return values
 
     def _natural(self) -> np.ndarray | None:
-        """Natural strains at the Gauss points; those of new beams are those of the time."""
+        """Natural strains at the Gauss points; of new beams the values at this time."""
         if not self._model.natural:
             return None
-        values, before = self._model.natural.at(self._end.t), self._end.natural
-        for _, cells, theirs in self._beams():
-            values[cells] = 0.0 if before is None else before[theirs]
+        values, old = self._model.natural.at(self._end.t), self._end.natural
+        for _, cells, start_cells in self._beams():
+            values[cells] = 0.0 if old is None else old[start_cells]
         return values
 
     # -- Joints and contacts --------------------------------------------------------------------
@@ -185,7 +187,7 @@ class Transfer:
         keys: dict[tuple, list[JointKey]] = {}
         for key in self._had:
             keys.setdefault((key.kind, key.a, key.b), []).append(key)
-        same, rows = {}, [*self._rows.tolist(), _GROUND]
+        matches, rows = {}, [*self._rows.tolist(), _GROUND]
         for joint in self._model.scene.joints:
             mine = key_of(joint)
             if twins := keys.get((mine.kind, rows[mine.a], rows[mine.b])):
@@ -193,10 +195,10 @@ class Transfer:
                 if joint.place is not None and twin.number != joint.number:
                     continue  # it is made anew
                 twins.remove(twin)
-                same[joint.number] = twin
-        return same
+                matches[joint.number] = twin
+        return matches
 
-    def _motors(self, slides: np.ndarray, at: Any) -> np.ndarray:
+    def _motors(self, slides: np.ndarray, motion: Any) -> np.ndarray:
         """How far motors have moved; new ones are where their joints are."""
         motors = self._model.motors
         moved = np.zeros(len(motors))
@@ -208,31 +210,31 @@ class Transfer:
             elif name == "slide":
                 moved[i] = slides[number] - joint.start()[0]
             else:
-                moved[i] = float(joint.kinematics.angle(at, slides[number : number + 1])[0])
+                moved[i] = float(joint.kinematics.angle(motion, slides[number : number + 1])[0])
         return moved
 
     def _contacts_before(self) -> dict[str, str]:
-        """Contacts of the scene, and the same ones of the solution, if it has them."""
-        left, same = list(self._start.contacts), dict[str, str]()
+        """Contact of the scene -> its twin in the solution, or "", by their texts."""
+        left, matches = list(self._start.contacts), dict[str, str]()
         for contact in self._model.scene.contacts:
             key = _contact_key(contact, lambda node: int(self._rows[node.number]))
-            twins = [one for one in left if _contact_key(one, lambda node: node.number) == key]
-            same[str(contact)] = ""
+            twins = [twin for twin in left if _contact_key(twin, lambda node: node.number) == key]
+            matches[str(contact)] = ""
             if twins:
                 mine = contact.shape, contact.number
-                best = max(twins, key=lambda one: (one.shape == mine[0], one.number == mine[1]))
+                best = max(twins, key=lambda twin: (twin.shape == mine[0], twin.number == mine[1]))
                 left.remove(best)
-                same[str(contact)] = str(best)
-        return same
+                matches[str(contact)] = str(best)
+        return matches
 
     def _spring_internal(self) -> np.ndarray | None:
-        """Internal variables of contacts and springs; those of new ones are zero."""
+        """Internal variables of contacts and springs; zero for new contacts and springs."""
         points, end = self._model.points, self._end
         if not points.width:
             return None
         values, columns_of = np.zeros(points.width), dict[str, list[int]]()
-        for at, owner in enumerate([] if end.owners is None else end.owners.tolist()):
-            columns_of.setdefault(_numbered(owner), []).append(at)
+        for column, owner in enumerate([] if end.owners is None else end.owners.tolist()):
+            columns_of.setdefault(_numbered(owner), []).append(column)
         for joint in self._model.scene.joints:
             if (key := self._joints.get(joint.number)) is not None:
                 had = self._start.variables_of_joint.get(key.number, {})
@@ -242,14 +244,14 @@ class Transfer:
                         f"scene: {joint} has {[*joint.internal]}, there it has {[*had]}"
                     )
         contacts = self._contacts_before()
-        for at, owner in enumerate(points.owners.tolist()):
-            of, *words = owner.split(" ")
-            if of == "joint":  # which may have had another number
+        for column, owner in enumerate(points.owners.tolist()):
+            kind, *words = owner.split(" ")
+            if kind == "joint":  # which may have had another number
                 key = self._joints.get(int(words[0]))
-                owner = "" if key is None else " ".join([of, str(key.number), *words[1:]])
+                owner = "" if key is None else " ".join([kind, str(key.number), *words[1:]])
             owner = contacts.get(owner, owner)
             if end.spring_internal is not None and (columns := columns_of.get(_numbered(owner))):
-                values[at] = end.spring_internal[columns.pop(0)]
+                values[column] = end.spring_internal[columns.pop(0)]
         return values
 
 

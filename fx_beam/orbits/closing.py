@@ -93,13 +93,13 @@ def plane(
     return Condition(error, slopes)
 
 
-def turning_point(shooting: Shooting, like: Period) -> Condition:
+def turning_point(shooting: Shooting, goal: Period) -> Condition:
     """That a motion begins where its speed turns: at rest, if it returns on its way.
 
     The direction of the acceleration there is that of the motion it should be like.
     """
-    way = np.where(shooting.variables.are_rates, like.way, 0.0) / np.linalg.norm(like.way)
-    return plane(shooting, shooting.variables.scales(like.start, like.length), np.append(way, 0.0))
+    way = np.where(shooting.variables.are_rates, goal.way, 0.0) / np.linalg.norm(goal.way)
+    return plane(shooting, shooting.variables.scales(goal.start, goal.length), np.append(way, 0.0))
 
 
 def _with_equations(

@@ -56,19 +56,19 @@ class ModeFamily:
 
     def _begin(self, scene: Scene, state: Solution | None, mode: int) -> None:
         """Find the mode; SceneError if it does not vibrate freely about an equilibrium."""
-        shooting, model, what = self._shooting, self._shooting.model, self._shooting.what
-        require(is_whole(mode, 0), f"{what}: mode", mode, "the number of a mode, from 0 on")
+        shooting, model, caller = self._shooting, self._shooting.model, self._shooting.what
+        require(is_whole(mode, 0), f"{caller}: mode", mode, "the number of a mode, from 0 on")
         shooting.check_free()
         if state is None and shooting.prepared.forcing.dead(0.0).any():
             raise SceneError(
-                f"{what}: the scene has loads. Give the equilibrium about which the mode vibrates, "
-                "such as state=fx_beam.static(scene)"
+                f"{caller}: the scene has loads. Give the equilibrium about which the mode "
+                "vibrates, such as state=fx_beam.static(scene)"
             )
-        about = linearised(scene, state, what)
+        about = linearised(scene, state, caller)
         omega, rigid, vectors = UndampedModes(about.K, about.M).lowest(mode + 1)
         if mode >= len(omega) or rigid[mode] or omega[mode] <= 0:
             raise SceneError(
-                f"{what}: mode {mode} does not vibrate: fx_beam.modes(scene) shows which do"
+                f"{caller}: mode {mode} does not vibrate: fx_beam.modes(scene) shows which do"
             )
         moved, columns = about.T @ vectors[:, mode], about.columns @ vectors[:, mode]
         #: Period of the mode [s] for small amplitudes, and the state at rest.
@@ -76,7 +76,7 @@ class ModeFamily:
         rest = shooting.first_state(state, self._period / shooting.steps)
         if shooting.depends_on_time(rest, self._period):
             raise SceneError(
-                f"{what}: loads, motors or parameters depend on time, so that the motion is "
+                f"{caller}: loads, motors or parameters depend on time, so that the motion is "
                 "forced: it has their period. Give period=, without a mode"
             )
         self._rest = rest.changed(v=0 * rest.v, a=0 * rest.a)
@@ -105,15 +105,15 @@ class ModeFamily:
     def _small_vibration(self, energy: float) -> tuple[float, Condition]:
         """Amplitude of a small vibration with an energy, and the condition that holds it."""
         shooting, least = self._shooting, self._shooting.variables.energy(self._rest)
-        more = energy - least
-        if more <= 0:
+        excess = energy - least
+        if excess <= 0:
             raise SceneError(
                 f"{shooting.what}: energy = {energy:g} J must be above that at rest, {least:g} J"
             )
         small = 1e-4 * shooting.model.unit[self.most]
         energy_of_small = shooting.variables.energy(self._start(small)) - least
-        amplitude = small * float(np.sqrt(more / energy_of_small))
-        return amplitude, holds_energy(shooting, energy, more)
+        amplitude = small * float(np.sqrt(excess / energy_of_small))
+        return amplitude, holds_energy(shooting, energy, excess)
 
     def _at(self, amplitude: float, condition: Condition) -> Closed:
         """The motion that meets a condition, from the mode with an amplitude.

@@ -51,8 +51,8 @@ def instability_of(multipliers: np.ndarray, trivial: int) -> str:
 
     Some multipliers are `trivial`: 1 for shifts in time, and for the energy of a family.
     """
-    others = without_trivial(multipliers, trivial)
-    growing = others[abs(others) > 1 + _NEUTRAL]
+    remaining = without_trivial(multipliers, trivial)
+    growing = remaining[abs(remaining) > 1 + _NEUTRAL]
     if not len(growing):
         return ""
     largest = growing[np.argmax(abs(growing))]
@@ -62,7 +62,7 @@ def instability_of(multipliers: np.ndarray, trivial: int) -> str:
 
 
 def without_trivial(multipliers: np.ndarray, trivial: int) -> np.ndarray:
-    """Multipliers (n,) without the trivial ones: those nearest to 1."""
+    """Multipliers (n,) without the `trivial` many that are nearest to 1."""
     return np.delete(multipliers, np.argsort(abs(multipliers - 1))[:trivial])
 
 
@@ -92,7 +92,7 @@ def motion_of(
     closed: Closed,
     free: bool,
     chosen_by: str = "period",
-    held: int = 0,
+    held_dof: int = 0,
     state: Solution | None = None,
 ) -> PeriodicMotion:
     """What users get of a periodic motion."""
@@ -104,7 +104,7 @@ def motion_of(
     trivial = free * (1 + conserves)
     length, error = float(period.length), float(period.error)
     instability = instability_of(multipliers, trivial)
-    cycle = Cycle(period, shooting.options, free, chosen_by, trivial, held, state)
+    cycle = Cycle(period, shooting.options, free, chosen_by, trivial, held_dof, state)
     run = functools.partial(shooting.solution, period)
     return PeriodicMotion(
         length, energy, multipliers, instability, error, closed.iterations, run, cycle
@@ -144,15 +144,15 @@ class Path:
         for new, _ in follow(start, self._longest / 2, advance, shorter, (NotClosed, StepError)):
             yield new
 
-    def _next(self, now: Closed, tangent: np.ndarray, step: float) -> tuple[Closed, np.ndarray]:
+    def _next(self, closed: Closed, tangent: np.ndarray, step: float) -> tuple[Closed, np.ndarray]:
         """The motion after a step, and the direction there; NotClosed if the curve bends away."""
-        period, scale, shooting = now.period, now.directions.scale, self._shooting
+        period, scale, shooting = closed.period, closed.directions.scale, self._shooting
         variables = shooting.variables
         amounts = step * tangent * np.append(np.full(len(tangent) - 1, period.size), 1.0)
-        state = variables.moved(period.start, now.directions, amounts[:-1])
+        state = variables.moved(period.start, closed.directions, amounts[:-1])
         parameter = period.parameter * np.exp(amounts[-1])
         rows = variables.rows_of(state)
-        ahead = _in_rows(now, tangent)
+        ahead = _in_rows(closed, tangent)
         normal = ahead * np.append(np.ones(len(scale)), period.size)
         arc = plane(shooting, scale, normal, rows, parameter)
         phase = turning_point(shooting, period) if self._free else None

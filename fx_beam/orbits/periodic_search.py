@@ -132,18 +132,18 @@ def periodic(
 
 
 def _from_state(shooting: Shooting, start: Solution | None, period: float | None) -> PeriodicMotion:
-    what, energy = shooting.what, shooting.options.energy
+    caller, energy = shooting.what, shooting.options.energy
     dt = 1e-3 if period is None else period / shooting.steps
     first = shooting.first_state(start, dt)
     free = not shooting.depends_on_time(first, _span(start) if period is None else period)
     if not free and period is None:
         raise SceneError(
-            f"{what}: loads, motors or parameters depend on time. Give their period, or a "
+            f"{caller}: loads, motors or parameters depend on time. Give their period, or a "
             "multiple of it"
         )
     if period is not None:
         if energy is not None:
-            raise SceneError(f"{what}: give the energy or the period: each sets the other")
+            raise SceneError(f"{caller}: give the energy or the period: each sets the other")
         shooting.check_repeats(first, period)
         if (rest := at_rest(shooting, first, period)) is not None:
             return motion_of(shooting, rest, False)
@@ -151,7 +151,7 @@ def _from_state(shooting: Shooting, start: Solution | None, period: float | None
             shooting.check_free()
         return motion_of(shooting, settle_and_close(shooting, first, period, free), free)
     shooting.check_free()
-    length = _period_in(start, what)
+    length = _period_in(start, caller)
     conditions = tuple[Condition, ...]()
     if energy is not None:
         size = abs(energy - shooting.variables.energy(shooting.first_state(None, dt)))
@@ -168,11 +168,11 @@ def settle_and_close(shooting: Shooting, first: State, parameter: float, free: b
     phase = NO_SHIFT if free else None
     if shooting.variables.remembers:
         first = shooting.settled(first, parameter, 1)
-    for more in () if free else _SETTLING:
+    for periods in () if free else _SETTLING:
         try:
             return close(shooting, first, parameter, phase, varies=False)
         except NotClosed:
-            first = shooting.settled(first, parameter, more)
+            first = shooting.settled(first, parameter, periods)
     return close(shooting, first, parameter, phase, varies=False)
 
 
@@ -180,17 +180,17 @@ def _span(start: Solution | None) -> float:
     return 1.0 if start is None or len(start.t) < 2 else float(np.ptp(start.t)) or 1.0
 
 
-def _period_in(start: Solution | None, what: str) -> float:
+def _period_in(start: Solution | None, caller: str) -> float:
     """Time since a motion was last near to its end [s]."""
     advice = "Give start a motion over more than one period, or mode, or period"
     if start is None or not start.has_motion or not start.has_rates or start.stats.static:
-        raise SceneError(f"{what}: nothing says how long a period is. {advice}")
+        raise SceneError(f"{caller}: nothing says how long a period is. {advice}")
     end_of(start)
     parts = [part[::-1].reshape(len(start.t), -1) for part in (start.q, start.v)]
     rows = np.hstack([part / (np.linalg.norm(np.ptp(part, axis=0)) or 1.0) for part in parts])
     return_row = nearest_return(rows)
     if return_row is None:
-        raise SceneError(f"{what}: the motion of start does not come back to its end. {advice}")
+        raise SceneError(f"{caller}: the motion of start does not come back to its end. {advice}")
     times = start.t[-1] - start.t[::-1]
     return float(np.interp(return_row, np.arange(len(times)), times))
 

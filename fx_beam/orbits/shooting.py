@@ -113,21 +113,21 @@ class Shooting:
         options: PeriodicOptions,
         prepare: Callable[[Scene, Options], Prepared] = Prepared,
     ):
-        check_scene(scene, what := options.what)
-        self.options, self.steps, self.what = options, int(options.steps), what
+        check_scene(scene, caller := options.what)
+        self.options, self.steps, self.what = options, int(options.steps), caller
         steps = {"scheme": options.scheme, "newton": options.newton, "max_halvings": 0}
-        self.prepared = prepare(scene, Options(what=what, **steps))
+        self.prepared = prepare(scene, Options(what=caller, **steps))
         self.model = model = self.prepared.model
-        check_unknowns(model, what)
+        check_unknowns(model, caller)
         loop = self.prepared.loop
         assert loop is not None
         #: The steps of the last run, and what follows their derivatives.
         self.derivatives = TapeDerivatives(loop.problem, "JVP")
         self.tape = loop.tape = Tape(loop.problem)
-        self.variables = Variables(model, what)
+        self.variables = Variables(model, caller)
         if (n := self.variables.count) > _MOST:
             raise SceneError(
-                f"{what}: a state has {n} variables, and the time for derivatives by all of them "
+                f"{caller}: a state has {n} variables, and the time for derivatives by all of them "
                 f"grows with their square. Use fewer elements, for at most {_MOST}"
             )
 
@@ -260,11 +260,11 @@ class Shooting:
 
     def check_repeats(self, state: State, length: float) -> None:
         """Refuse functions of time that do not repeat after a period, but for full turns."""
-        now, later = (
+        first, later = (
             _time_functions(self.prepared.model, self.steps, state, t, length)
             for t in (state.t, state.t + length)
         )
-        apart, allowed = later - now, _REPEATS * np.maximum(abs(now), abs(later)).max(axis=0)
+        apart, allowed = later - first, _REPEATS * np.maximum(abs(first), abs(later)).max(axis=0)
         turned = apart - 2 * np.pi * np.round(apart[:1] / (2 * np.pi))
         if ((abs(apart) > allowed) & (abs(turned) > allowed)).any():
             raise SceneError(

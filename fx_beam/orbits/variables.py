@@ -29,10 +29,10 @@ class Directions(NamedTuple):
 
 
 class Variables:
-    """The variables of the states of a model; errors say `what` needs them."""
+    """The variables of the states of a model; errors name the `caller`."""
 
-    def __init__(self, model: Model, what: str):
-        self.model, self._what = model, what
+    def __init__(self, model: Model, caller: str):
+        self.model, self._what = model, caller
         fixed = [3 * node + i for node, i in model.scene.fixed]
         #: Rates that steps keep: of what has mass and moves.
         self._rates = np.setdiff1d(np.flatnonzero(~model.massless), fixed)
@@ -63,10 +63,10 @@ class Variables:
         remembered = {name: _remembered(state, name).ravel() for name in self.inside}
         return self.rows(vars(state) | remembered, remembered)
 
-    def rows(self, arrays: Mapping[str, Any], inside: Iterable[str]) -> np.ndarray:
+    def rows(self, arrays: Mapping[str, Any], remembered: Iterable[str]) -> np.ndarray:
         """Rows (..., rows) from arrays by name, with some of what steps remember."""
         y = self.model.couplings.unknowns(arrays["q"], arrays["slides"])
-        parts = [y, arrays["v"][..., self._rates], *(arrays[name] for name in inside)]
+        parts = [y, arrays["v"][..., self._rates], *(arrays[name] for name in remembered)]
         return np.concatenate(parts, axis=-1)
 
     def scales(self, state: State, period: float) -> np.ndarray:

@@ -43,7 +43,7 @@ _ADVICE = "it runs on one process: start the script without mpirun"
 def _check(model: Model) -> None:
     """Refuse what cannot be computed on several processes."""
     scene, couplings = model.scene, model.couplings
-    for what, there in (
+    for part, present in (
         ("a node that slides on a beam", sliding_joints(scene.joints)),
         ("contact between members", any(isinstance(o.shape, Beam) for o in scene.contacts)),
         ("a gear", scene.gears),
@@ -55,8 +55,8 @@ def _check(model: Model) -> None:
         ("a mechanism that its loads hold", model.mechanism),
         ("a scene without unknowns", not model.reduction.free),
     ):
-        if there:
-            raise SceneError(f"on several processes: {what} is not possible yet; {_ADVICE}")
+        if present:
+            raise SceneError(f"on several processes: {part} is not possible yet; {_ADVICE}")
 
 
 @contextmanager
@@ -86,10 +86,12 @@ class RemoteStep:
         self._size, self._free = model.size, model.reduction.free
         ffi, self._team = loop.problem.ffi, loop.problem.c.team
         self._null, self._array = ffi.NULL, functools.partial(array_at, ffi)
-        this, fail = weakref.ref(self), _of(weakref.ref(self), "_fail")
+        weak_self, fail = weakref.ref(self), _of(weakref.ref(self), "_fail")
         #: Functions that C calls.
         self._calls = {
-            name: ffi.callback(ffi.typeof(getattr(self._team, name)), _of(this, name), onerror=fail)
+            name: ffi.callback(
+                ffi.typeof(getattr(self._team, name)), _of(weak_self, name), onerror=fail
+            )
             for name in ("begin", "forces", "change", "solve")
         }
         for name, call in self._calls.items():
@@ -127,16 +129,16 @@ class RemoteStep:
             changes = increments[:free], increments[free:], self._array(loads, size)
             out[0][:], out[1][:] = self.equations.at(*changes)
 
-    def change(self, x: Any, to: Any) -> None:
+    def change(self, x: Any, df: Any) -> None:
         """Find the change of forces df = K dx (size,) for a change dx of the nodes."""
-        out = self._array(to, self._size)
+        out = self._array(df, self._size)
         out[:] = np.nan
         if self._error is None:
             out[:] = self.equations.change(self._array(x, self._size))
 
-    def solve(self, b: Any, energy: float, to: Any, error: Any) -> None:
+    def solve(self, b: Any, energy: float, solution: Any, error: Any) -> None:
         """Find the correction x and its error for a residual b; `energy` is that of the step."""
-        x = self._array(to, self._free)
+        x = self._array(solution, self._free)
         x[:] = np.nan
         if self._error is None:
             x[:], error[0] = self.equations.solve(self._array(b, self._free).copy(), energy)
@@ -183,8 +185,8 @@ class DistributedEquations:
         self._ends = np.cumsum(counts)
         kind = "MUMPS" if model.scheme.rates.at_rest else "Schwarz"
         negligible = NEGLIGIBLE * options.tolerance * min(model.mesh.size, 1.0)
-        how = model.scheme, forcing.time, counts, kind, negligible
-        self._crew = team.make(Part, [(share, *how) for share in self._shares])
+        shared = model.scheme, forcing.time, counts, kind, negligible
+        self._crew = team.make(Part, [(share, *shared) for share in self._shares])
         for share in self._shares:
             share.runs.clear()  # the parts have them
         column = np.empty(self._ends[-1], dtype=int)
@@ -270,8 +272,8 @@ class DistributedEquations:
     def _set_pattern(self) -> None:
         free = self.model.reduction.free
         pairs = self._numbers[np.column_stack(np.divmod(self._pairs, free))]
-        others = [(np.empty((0, 2), dtype=int),)] * (self._team.size - 1)
-        self._crew("set_pattern", [(pairs,), *others])
+        empty_pairs = [(np.empty((0, 2), dtype=int),)] * (self._team.size - 1)
+        self._crew("set_pattern", [(pairs,), *empty_pairs])
 
     def _of_points(self) -> np.ndarray:
         """Values of the reduced tangent of forces at points, for `_pairs`."""
@@ -297,13 +299,13 @@ class DistributedEquations:
 
         x is not finite if the tangent is singular, and as exact as a step of this energy needs.
         """
-        least, more = np.inf, self._of_points()
+        least, point_values = np.inf, self._of_points()
         if self._stiffness:
             least = _ENERGY_ERROR * math.sqrt(energy) / self._stiffness
         right = np.zeros(self._ends[-1])
         right[self._numbers] = b
         parts, none = np.split(right, self._ends[:-1]), np.empty(0)
-        arguments = [(more if not i else none, part, least) for i, part in enumerate(parts)]
+        arguments = [(point_values if not i else none, part, least) for i, part in enumerate(parts)]
         solved: list[Solved] = self._crew("solve", arguments)
         x, first = np.concatenate([part.x for part in solved])[self._numbers], solved[0]
         if first.size:
@@ -366,18 +368,18 @@ class Part:
         """The part's change of forces K D; with `sizes` |K| D."""
         return self._equations.change(D, sizes)
 
-    def set_pattern(self, more: np.ndarray) -> None:
+    def set_pattern(self, added: np.ndarray) -> None:
         """Set the pattern of the linear system, with (m, 2) more entries; all processes at once."""
         indptr, indices = self._model.reduction.tangent.pattern
         rows = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
-        self._system.set_pattern(self._unknowns, rows, indices, more)
+        self._system.set_pattern(self._unknowns, rows, indices, added)
 
-    def solve(self, more: np.ndarray, b: np.ndarray, least: float) -> Solved:
+    def solve(self, added_values: np.ndarray, b: np.ndarray, least: float) -> Solved:
         """Unknowns of this process from its part b of the right-hand side; all at once.
 
-        `more` are the values of the added entries, `least` is a negligible error.
+        `added_values` are those of the added entries, `least` is a negligible error.
         """
-        return self._system.solve(self._equations.values, more, b, least)
+        return self._system.solve(self._equations.values, added_values, b, least)
 
     def destroy(self) -> None:
         """Free what PETSc has; all processes at once."""

@@ -75,21 +75,21 @@ class PartMatrix:
         unknowns: np.ndarray,
         rows: np.ndarray,
         columns: np.ndarray,
-        more: np.ndarray,
+        added: np.ndarray,
     ):
         PETSc = petsc()
-        numbers = np.concatenate([unknowns, np.setdiff1d(more, unknowns)])
+        numbers = np.concatenate([unknowns, np.setdiff1d(added, unknowns)])
         empty = np.setdiff1d(places, numbers)
         numbers = np.concatenate([numbers, empty])
         order, n = np.argsort(numbers), len(numbers)
-        more = order[np.searchsorted(numbers, more, sorter=order)].reshape(-1, 2)
-        ones = np.arange(n - len(empty), n) * (n + 1)
-        keys = np.concatenate([rows * n + columns, more[:, 0] * n + more[:, 1], ones])
+        added = order[np.searchsorted(numbers, added, sorter=order)].reshape(-1, 2)
+        diagonal = np.arange(n - len(empty), n) * (n + 1)
+        keys = np.concatenate([rows * n + columns, added[:, 0] * n + added[:, 1], diagonal])
         keys, positions = np.unique(keys, return_inverse=True)
         starts = np.searchsorted(keys, n * np.arange(n + 1))
         self._values = np.zeros(len(keys))
         self._values[positions[len(positions) - len(empty) :]] = 1.0
-        #: Positions of the part's values, and of the values of `more`.
+        #: Positions of the part's values, and of the values of `added` entries.
         self._own: np.ndarray | slice = positions[: len(rows)]
         self._more = positions[len(rows) : len(positions) - len(empty)]
         if (np.diff(self._own, prepend=-1) == 1).all():
@@ -107,11 +107,11 @@ class PartMatrix:
         """A copy of the diagonal (n,)."""
         return self._values[self._diagonal]
 
-    def set(self, values: np.ndarray, more: np.ndarray) -> None:
-        """Set the part's values, and values of the entries `more`."""
+    def set(self, values: np.ndarray, added_values: np.ndarray) -> None:
+        """Set the part's values, and the `added_values` of the other entries."""
         self._values[self._more] = 0.0
         self._values[self._own] = values
-        np.add.at(self._values, self._more, more)
+        np.add.at(self._values, self._more, added_values)
 
 
 class Solver:
@@ -160,8 +160,8 @@ class Solver:
         options, defaults = PETSc.Options(_PREFIX), KINDS[self.kind]
         self._assembled = _assembled(matrix, in_blocks=self.kind == "Schwarz")
         self._ksp = ksp = PETSc.KSP().create(PETSc.COMM_WORLD)
-        ours = {n: value for n, value in defaults.items() if not options.hasName(n)}
-        for name, value in ours.items():
+        applied = {n: value for n, value in defaults.items() if not options.hasName(n)}
+        for name, value in applied.items():
             options.setValue(name, value)
         ksp.setOptionsPrefix(_PREFIX)
         ksp.setType("gmres")
@@ -175,7 +175,7 @@ class Solver:
         if self.kind == "Schwarz":
             _released("KSPSetUpOnBlocks", ksp)
         ksp.getPC().setReusePreconditioner(True)
-        for name in ours:
+        for name in applied:
             options.delValue(name)
         kind = ksp.getPC().getType()
         self.name = _NAMES.get(kind, kind)
@@ -195,9 +195,9 @@ class LinearSystem:
 
     def __init__(self, counts: np.ndarray, kind: str, negligible: float):
         PETSc = petsc()
-        here, first = int(counts[world().rank]), int(counts[: world().rank].sum())
-        self._places = np.arange(first, first + here)
-        self._sizes = here, int(counts.sum())
+        own_count, first = int(counts[world().rank]), int(counts[: world().rank].sum())
+        self._places = np.arange(first, first + own_count)
+        self._sizes = own_count, int(counts.sum())
         # Empty until all processes make them at once.
         self._b, self._x, self._matrix = PETSc.Vec(), PETSc.Vec(), PETSc.Mat()
         self._accuracy = Accuracy(negligible * math.sqrt(counts.sum()))
@@ -207,14 +207,14 @@ class LinearSystem:
         self._new, self._factorised = 0.0, np.empty(0)
 
     def set_pattern(
-        self, unknowns: np.ndarray, rows: np.ndarray, columns: np.ndarray, more: np.ndarray
+        self, unknowns: np.ndarray, rows: np.ndarray, columns: np.ndarray, added: np.ndarray
     ) -> None:
-        """Set numbers of unknowns, entries between them, and (m, 2) `more` entries of the whole.
+        """Set numbers of unknowns, entries between them, and (m, 2) `added` entries of the whole.
 
         All processes at once.
         """
         PETSc, comm = petsc(), petsc().COMM_WORLD
-        self._part = PartMatrix(self._places, unknowns, rows, columns, more)
+        self._part = PartMatrix(self._places, unknowns, rows, columns, added)
         map_ = PETSc.LGMap().create(self._part.numbers, comm=comm)
         for old in (self._matrix, self._b, self._x):
             old.destroy()
@@ -228,13 +228,13 @@ class LinearSystem:
         self._accuracy.begin()
 
     def solve(
-        self, values: np.ndarray, more: np.ndarray, b: np.ndarray, least: float = np.inf
+        self, values: np.ndarray, added_values: np.ndarray, b: np.ndarray, least: float = np.inf
     ) -> Solved:
-        """Unknowns of this process, for values of entries and of `more`; all processes at once.
+        """Unknowns of this process by values of entries and `added_values`; all processes at once.
 
         An error of the size `least` has a negligible energy.
         """
-        self._part.set(values, more)
+        self._part.set(values, added_values)
         # At first: processes wait for each other here, and signals arrive.
         still_good = self._still_serves()
         self._part.matrix.stateIncrease()
@@ -269,15 +269,15 @@ class LinearSystem:
         """Whether the last factors still serve, on all processes."""
         alike, solver = False, self._solver
         if self._new and solver.iterations <= _WORN * self._new * solver.decades + _MORE:
-            now, was = abs(self._part.diagonal), abs(self._factorised)
-            alike = bool(((now <= _CHANGED * was) & (was <= _CHANGED * now)).all())
+            new, old = abs(self._part.diagonal), abs(self._factorised)
+            alike = bool(((new <= _CHANGED * old) & (old <= _CHANGED * new)).all())
         return world().allreduce(int(alike)) == world().size
 
     def destroy(self) -> None:
         """Free PETSc's objects; all processes at once."""
         self._solver.destroy()
-        for thing in (self._matrix, self._b, self._x):
-            thing.destroy()
+        for petsc_object in (self._matrix, self._b, self._x):
+            petsc_object.destroy()
 
 
 def _assembled(matrix: Any, in_blocks: bool) -> Any:
@@ -302,7 +302,7 @@ def _released(name: str, *objects: Any) -> None:
     """
     PETSc = petsc()
     function = ctypes.CDLL(PETSc.__file__)[name]
-    if code := function(*(ctypes.c_void_p(thing.handle) for thing in objects)):
+    if code := function(*(ctypes.c_void_p(petsc_object.handle) for petsc_object in objects)):
         raise PETSc.Error(code)
 
 

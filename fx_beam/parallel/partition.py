@@ -173,10 +173,10 @@ class _Cut:
         owned[: len(nodes)] = self.node_process[nodes] == process
         ends = [(joint, local[[joint.a.number, joint.b.number]].tolist()) for joint in scene.joints]
         joints = [(_bare(joint), a, b) for joint, (a, b) in ends if max(a, b) >= 0]
-        here = {joint.number for joint, *_ in joints}
+        own_joints = {joint.number for joint, *_ in joints}
         prescribed = [(int(local[node]), i) for node, i in scene.prescribed]
         moved = [node >= 0 for node, _ in prescribed]
-        moved += [joint.number in here for joint, _ in self._model.motors]
+        moved += [joint.number in own_joints for joint, _ in self._model.motors]
         column_number = np.full(couplings.columns + 1, -1)  # the last one is none
         column_number[: couplings.free] = numbers
         slides = [couplings.slides.get(joint.number, -1) for joint, *_ in joints]

@@ -71,7 +71,7 @@ class ProcessGroup:
         if self.lost:
             raise SceneError("the other processes of mpirun have failed: start the script again")
         left, self.left = self.left, []
-        packed = [_packed((left, *what)) for what in messages[1:]]
+        packed = [_packed((left, *message)) for message in messages[1:]]
         self._busy = True  # an interrupt waits until all processes have answered
         try:
             self._asked.put((packed, lambda: (left, *messages[0])))
@@ -90,16 +90,16 @@ class ProcessGroup:
 
     def _exchange(self) -> None:
         """In a thread, so that signals arrive: do what is asked, while the others do the same."""
-        while (asked := self._asked.get()) is not None:
-            packed, first_asked = asked
+        while (request := self._asked.get()) is not None:
+            packed, first_request = request
             for rank in range(1, self.size):
                 self._comm.send(packed.pop(0), rank)
-            answers = [answer(self._objects, first_asked)]
+            answers = [answer(self._objects, first_request)]
             self._own_error = answers[0][0]
             answers += [_received(self._comm, rank) for rank in range(1, self.size)]
             self._own_error = None
             self._found.put(answers)
-            del asked, packed, first_asked, answers
+            del request, packed, first_request, answers
 
     def _wait(self) -> list:
         """What all found. KeyboardInterrupt if mpirun ends them."""
@@ -228,10 +228,10 @@ def _packed(message: Any) -> bytes:
     import cloudpickle
 
     class Pickler(cloudpickle.Pickler):
-        def reducer_override(self, thing: Any) -> Any:
-            if is_parameter(thing):  # its values come with each step
-                return type(thing), (thing.name, 0.0)
-            return super().reducer_override(thing)
+        def reducer_override(self, value: Any) -> Any:
+            if is_parameter(value):  # its values come with each step
+                return type(value), (value.name, 0.0)
+            return super().reducer_override(value)
 
     out = io.BytesIO()
     try:

@@ -49,10 +49,10 @@ def _write_gif(frames: Iterator[np.ndarray], path: Path, fps: int) -> None:
         colours[colours.min(axis=1) >= 245] = 255
         image.putpalette(colours.ravel().tolist())
         images.append(image)
-    first, *others = images
+    first, *rest = images
     # The format knows hundredths of a second: rounded ends of frames keep the whole time.
     ends = 10 * np.round(100 / fps * np.arange(len(images) + 1)).astype(int)
-    first.save(path, save_all=True, append_images=others, duration=np.diff(ends).tolist(), loop=0)
+    first.save(path, save_all=True, append_images=rest, duration=np.diff(ends).tolist(), loop=0)
 
 
 _BESIDE = 4.0  # width of the axes over which the time and the title are side by side [inch]
@@ -189,15 +189,15 @@ class _Frames:
             if self.trace is not None:
                 path = drawing.positions(self.trace, slice(shown[0], k + 1))
                 self._past.set_data(*path.T)
-            before = {*ax.get_children()}
+            known_artists = {*ax.get_children()}
             draw_moving(ax, drawing, k)
             draw_joints(ax, drawing, k)
             draw_forces(ax, drawing, k)
             supports.draw(ax, k)
             draw_marks(ax, drawing, k, marks)
-            more = (scenery(ax, k) if scenery else None) or []
-            new = [artist for artist in ax.get_children() if artist not in before]
-            drawn = list(dict.fromkeys([*new, *more]))
+            scenery_artists = (scenery(ax, k) if scenery else None) or []
+            new = [artist for artist in ax.get_children() if artist not in known_artists]
+            drawn = list(dict.fromkeys([*new, *scenery_artists]))
             self._canvas.restore_region(self._still)
             for artist in sorted([*self._moving, *drawn], key=lambda artist: artist.get_zorder()):
                 ax.draw_artist(artist)

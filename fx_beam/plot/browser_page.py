@@ -245,8 +245,8 @@ def _series(drawing: Drawing, series: dict[str, np.ndarray] | None) -> list[dict
     if series is None:
         unit = " [J]" if drawing.unit == "m" else ""
         energies = {name: getattr(solution.energy, name) for name in _ENERGIES}
-        seen = (name for name in _ENERGIES if name == "total" or energies[name].any())
-        series = {f"{name} energy{unit}": energies[name] for name in seen}
+        shown_names = (name for name in _ENERGIES if name == "total" or energies[name].any())
+        series = {f"{name} energy{unit}": energies[name] for name in shown_names}
     require(isinstance(series, dict), "series", series, "a dict of values by name")
     entries = []
     for name, curve in series.items():

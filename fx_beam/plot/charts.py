@@ -179,17 +179,17 @@ def quantities(axes, values: dict[str, np.ndarray], t: np.ndarray) -> None:
         axes.plot(t, y, label=label, linewidth=1.5, **look)
 
 
-def _check(axes: Any, curves: Any, what: str) -> None:
+def _check(axes: Any, curves: Any, name: str) -> None:
     """Refuse axes that draw nothing, and curves without labels."""
     expected = "axes of matplotlib, such as fx_beam.plot.figure(1, 1)[1][0, 0]"
     require(isinstance(axes, Axes), "axes", axes, expected)
-    require(isinstance(curves, Mapping), what, curves, "a dict by labels in the legend")
+    require(isinstance(curves, Mapping), name, curves, "a dict by labels in the legend")
 
 
-def curve(row: Any, t: np.ndarray, what: str) -> np.ndarray:
+def curve(row: Any, t: np.ndarray, name: str) -> np.ndarray:
     """Values (n,) over times or load factors (n,)."""
     values = real_array(row)
-    require(values.shape == t.shape, what, row, f"{t.size} numbers, one for each row or time")
+    require(values.shape == t.shape, name, row, f"{t.size} numbers, one for each row or time")
     return values
 
 
@@ -365,8 +365,8 @@ def equilibrium_paths(
     fig, axes = figure(1, 1, height=4.0)
     ax = axes[0, 0]
     marks: dict[str, list[tuple[float, float]]] = {kind: [] for kind in _MARKS}
-    for each in _all_of(solution):
-        x, y, stable = _with_points(each, value, marks)
+    for branch in _all_of(solution):
+        x, y, stable = _with_points(branch, value, marks)
         changes = np.flatnonzero(np.diff(stable)) + 1
         for first, last in itertools.pairwise(np.unique([0, *changes, len(stable)]).tolist()):
             line = x[first : last + 1], load * y[first : last + 1]

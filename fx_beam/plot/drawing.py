@@ -205,12 +205,12 @@ class Drawing:
             if isinstance(shape, Beam) or shape.carrier is None or shape in outlines_of:
                 continue
             # What touches in all rows, relative to the node and its section, and the node itself.
-            carrier, seen = shape.carrier.number, [np.zeros((1, 2))]
+            carrier, point_lists = shape.carrier.number, [np.zeros((1, 2))]
             nodes = nodes_of(self.solution, obstacle.target)
             for k in self.rows:
                 arms = self.positions(nodes, k) - self.positions(carrier, k)
-                seen.append(arms @ _turn(-self.magnify * self._q[k][carrier, 2]))
-            drawn = outline(shape.at((0.0, 0.0)), np.concatenate(seen), self.reach)
+                point_lists.append(arms @ _turn(-self.magnify * self._q[k][carrier, 2]))
+            drawn = outline(shape.at((0.0, 0.0)), np.concatenate(point_lists), self.reach)
             outlines_of[shape] = carrier, drawn
         return list(outlines_of.values())
 
@@ -225,17 +225,17 @@ class Drawing:
     @cached_property
     def window(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower left and upper right corner of the drawing, with a margin."""
-        between = self.scene_parts("forces_between")
-        points = (point for force in between for point in force.points)
+        forces = self.scene_parts("forces_between")
+        points = (point for force in forces for point in force.points)
         fixed = [point.position for point in points if not isinstance(point, Node)]
-        grounded = (force for force in between if isinstance(force, GroundSpring))
+        grounded = (force for force in forces if isinstance(force, GroundSpring))
         fixed += [foot for force in grounded for _, foot, _ in feet(self, force)]
         arrows = [self.arrow(node, k) for k, forces in self.forces.items() for node in forces]
         lines = [outline.line for outline in self.obstacles]
         lines += [outline.line for k in self.rows for outline in self.carried(k)]
         fixed += [*self.beside]
-        seen = np.concatenate([self.points, np.reshape(fixed, (-1, 2)), *arrows, *lines])
-        low, high = seen.min(axis=0), seen.max(axis=0)
+        all_points = np.concatenate([self.points, np.reshape(fixed, (-1, 2)), *arrows, *lines])
+        low, high = all_points.min(axis=0), all_points.max(axis=0)
         size = max(high - low) or self.reach
         # Space for symbols; a straight member needs more beside it.
         margin = np.maximum(0.06 * size, (0.3 * size - (high - low)) / 2)

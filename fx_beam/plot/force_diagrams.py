@@ -88,8 +88,8 @@ def diagrams(
     margin = 1.3 * tallest + _BESIDE_TIP * drawing.size
     low, high = low - margin, high + margin
     fig, columns, panel = panels(len(names), high - low, _BORDER, share=True)
-    between = 72 * max(panel) * spacing(drawing) / max(high - low)  # members [points]
-    thinness = min(1.0, between / _DENSE)
+    gap = 72 * max(panel) * spacing(drawing) / max(high - low)  # members [points]
+    thinness = min(1.0, gap / _DENSE)
     for number, (ax, name) in enumerate(zip(fig.axes, names, strict=True)):
         _panel(ax, drawing, name, row, tallest, thinness)
         ax.set_title(words_for(name, scene_unit), fontsize="medium")

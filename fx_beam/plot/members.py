@@ -122,7 +122,7 @@ class Members:
         return PolyCollection([], edgecolor="face", linewidth=0.3, **look)
 
     def move(self, collection: Any, k: int) -> None:
-        """Move what shows the members to their positions in row k, in the colours of its values."""
+        """Move the drawn members to their positions in row k, and colour them by its values."""
         if self._values:
             collection.set_array(self._values[k])
         if self._depths is None:

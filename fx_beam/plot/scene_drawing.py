@@ -137,8 +137,8 @@ def _arrows_along(sheet: Sheet, tips: np.ndarray, loads: np.ndarray, load: Load,
         return
     tails = tips - _LINE_LOAD * sheet.size * loads / sizes.max()
     sheet.line(tails, color=_LOAD, linewidth=0.8)
-    seen = sizes > 0.05 * sizes.max()
-    for tail, tip in zip(tails[seen], tips[seen], strict=True):
+    visible = sizes > 0.05 * sizes.max()
+    for tail, tip in zip(tails[visible], tips[visible], strict=True):
         sheet.arrow([tail, tip], color=_LOAD, linewidth=0.8)
     symbol = "p" if load.value.size == 1 else "q"
     sheet.label(_words(symbol, load, sizes.max(), "N/m", si), tails[1:-1], _LOAD)

@@ -262,8 +262,8 @@ def _candidates(anchors: np.ndarray, half: np.ndarray):
     """Possible centres (n, 2) of a label's box, their anchors, and the distances [pixels]."""
     around = np.column_stack([np.cos(_DIRECTIONS), np.sin(_DIRECTIONS)])
     # From its centre to its edge.
-    inside = np.min(half / np.maximum(abs(around), 1e-9), axis=1)
-    shifts = [(inside + distance)[:, None] * around for distance in _DISTANCES]
+    edge_distance = np.min(half / np.maximum(abs(around), 1e-9), axis=1)
+    shifts = [(edge_distance + distance)[:, None] * around for distance in _DISTANCES]
     spots = anchors[None, :, None] + np.array(shifts)[:, None]
     distances = np.broadcast_to(np.array(_DISTANCES)[:, None, None], spots.shape[:3])
     positions = np.broadcast_to(anchors[None, :, None], spots.shape)

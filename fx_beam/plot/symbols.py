@@ -54,17 +54,17 @@ class Supports:
     def __init__(self, drawing: Drawing):
         self._drawing = drawing
         self._guides: list[Joint] = []
-        held: dict[int, set[int]] = {}
+        fixed: dict[int, set[int]] = {}
         for number, component in drawing.scene_parts("fixed"):
             if number not in drawing.scene_parts("gone"):
-                held.setdefault(number, set()).add(component)
+                fixed.setdefault(number, set()).add(component)
         for joint in filter(is_grounded, drawing.scene_parts("joints")):
             if joint.axis is not None:
                 self._guides.append(joint)
             else:
-                held[node_of(joint).number] = {0, 1, 2} if joint.is_rigid else {0, 1}
-        leaving = _leaving(drawing, set(held))
-        self.symbols = {n: _support(held[n], np.array(leaving[n])) for n in sorted(held)}
+                fixed[node_of(joint).number] = {0, 1, 2} if joint.is_rigid else {0, 1}
+        leaving = _leaving(drawing, set(fixed))
+        self.symbols = {n: _support(fixed[n], np.array(leaving[n])) for n in sorted(fixed)}
 
     def draw(self, ax, k: int) -> None:
         """Draw the supports in row k, and the guides."""
@@ -88,8 +88,8 @@ class Supports:
         start = drawing.solution.X[number]
         slides = (drawing.positions(number, list(drawing.rows)) - start) @ axis
         low, high = min(0.0, slides.min()), max(0.0, slides.max())
-        more = max(_MORE * size, _GUIDE * size - (high - low) / 2)
-        ends = low - more, high + more
+        margin = max(_MORE * size, _GUIDE * size - (high - low) / 2)
+        ends = low - margin, high + margin
         away = left_of(axis) if axis[0] < -1e-9 else -left_of(axis)
         middle = start + np.mean(ends) * axis + 0.025 * size * away
         wall = wall_strokes(away, (ends[1] - ends[0]) / size).at(middle, size)
@@ -312,8 +312,8 @@ def draw_joints(ax, drawing: Drawing, k: int) -> None:
         position = drawing.positions(node_of(joint).number, k)
         if joint.axis is not None and not is_grounded(joint):
             lines["guide"].append(_guide(drawing, joint, position, k))
-        for name, on in joint.coordinates.items():
-            for part in (part for part in _AROUND if getattr(on, part) is not None):
+        for name, coordinate in joint.coordinates.items():
+            for part in (part for part in _AROUND if getattr(coordinate, part) is not None):
                 if name == "slide":
                     symbol = _along_slide(drawing, joint, part, position, k)
                 else:
@@ -335,16 +335,16 @@ def draw_between(ax, drawing: Drawing, k: int) -> None:
         if isinstance(force, GroundSpring):
             _draw_to_ground(lines, drawing, force, k)
             continue
-        points, on = line_between(drawing, force, k), force.on
+        points, coordinate = line_between(drawing, force, k), force.on
         # One with a length only pulls.
         is_rope = len(points) > 2 or any("of rope" in name for name in force.own)
         a, b = points[-2:]
         along = (b - a) / max(np.hypot(*(b - a)), 1e-9 * size)
         for part in () if is_rope else ("spring", "damper", "friction"):
-            if getattr(on, part) is not None:
-                symbol = _straight(part, on, (a, b), (a + b) / 2, along, size)
+            if getattr(coordinate, part) is not None:
+                symbol = _straight(part, coordinate, (a, b), (a + b) / 2, along, size)
                 lines[_LOOK_OF.get(part, part)].append(symbol)
-        if is_rope or (on.spring is None and on.damper is None):
+        if is_rope or (coordinate.spring is None and coordinate.damper is None):
             lines["pull"].append(points)
         ends = (force.points[0], -force.apart[0]), (force.points[-1], force.apart[-1])
         for point, way in ends:
@@ -405,8 +405,8 @@ def _along(points: np.ndarray, direction: np.ndarray) -> np.ndarray:
 def _guide(drawing: Drawing, joint: Joint, end: np.ndarray, k: int) -> np.ndarray:
     """A guide on a node, from its position there to the sliding node, and a little beyond."""
     start, along = _origin(drawing, joint, k), slide_direction(drawing, joint, k)
-    slide, more = (end - start) @ along, _BEYOND * drawing.size
-    return start + np.outer((min(slide, 0.0) - more, max(slide, 0.0) + more), along)
+    slide, margin = (end - start) @ along, _BEYOND * drawing.size
+    return start + np.outer((min(slide, 0.0) - margin, max(slide, 0.0) + margin), along)
 
 
 def _origin(drawing: Drawing, joint: Joint, k: int) -> np.ndarray:
@@ -430,13 +430,13 @@ def _along_slide(drawing: Drawing, joint: Any, part: str, end: np.ndarray, k: in
     return _straight(part, joint.slide, (start, end), end, along, size)
 
 
-def _straight(part: str, on: Coordinate, ends, middle, along, size: float) -> np.ndarray:
+def _straight(part: str, coordinate: Coordinate, ends, middle, along, size: float) -> np.ndarray:
     """A zigzag, a dashpot, beside a spring if there is one, or shoes of a brake in the middle."""
     if part == "friction":
         return middle + _SPRING_WIDTH * size * _along(_SHOES, along)
     # Fractions of the way from a to b, and widths of a spring beside it.
     points, (a, b) = _STRAIGHT[part].copy(), ends
-    if part == "damper" and on.spring is not None:
+    if part == "damper" and coordinate.spring is not None:
         points[:, 1] += 3.0
     along = (b - a) / max(np.hypot(*(b - a)), 1e-9 * size)
     return a + points[:, :1] * (b - a) + points[:, 1:] * _SPRING_WIDTH * size * left_of(along)

@@ -27,7 +27,7 @@ def nodes_of(nodes_of_beam: Mapping[str, np.ndarray], target: Node | Beam) -> np
 
 
 def columns_of(contacts: Iterable[Contact]) -> dict[int, slice]:
-    """Columns of recorded forces by the number of a contact: those of members are behind others."""
+    """Columns of recorded forces by the number of a contact; contacts of members come last."""
     columns, end = dict[int, slice](), 0
     for contact in sorted(contacts, key=lambda contact: isinstance(contact.shape, Beam)):
         columns[contact.number] = slice(end, end := end + len(contact.points.lengths))

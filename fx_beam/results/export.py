@@ -57,7 +57,7 @@ def _parts(solution) -> dict[str, Any]:
     parts = {"format": FORMAT, "X": solution.X}
     parts |= {name: getattr(solution, name) for name in HISTORIES}
     attributes = "energy", "end", "stats", "bodies", "contacts", "names_of_parameters"
-    variables = (f"variables_of_{what}" for what in ("beam", "joint", "contact"))
+    variables = (f"variables_of_{owner}" for owner in ("beam", "joint", "contact"))
     parts |= {name: getattr(solution, name) for name in (*attributes, *variables)}
     parts["beams"] = [
         {
@@ -73,11 +73,11 @@ def _parts(solution) -> dict[str, Any]:
         nodes = [solution.nodes_of_beam[name] for name in solution.beams]
         parts["beams_nodes"] = np.concatenate(nodes)
     if known := known_resultants(solution):
-        of_beams = [(of.s, of.N, of.Q, of.M) for of in known.values()]
+        of_beams = [(r.s, r.N, r.Q, r.M) for r in known.values()]
         along = (np.concatenate(rows, axis=-1) for rows in zip(*of_beams, strict=True))
         parts["resultants"] = BeamResultants(*along)
         with suppress(ValueError):
-            parts |= _balances([of.balanced() for of in known.values()])
+            parts |= _balances([r.balanced() for r in known.values()])
     with suppress(ValueError):  # none are known, or they are not those of equilibria
         parts["unstable_modes"] = solution.unstable_modes
     return parts
@@ -85,11 +85,11 @@ def _parts(solution) -> dict[str, Any]:
 
 def _balances(of_beams: list[Balance]) -> dict[str, np.ndarray]:
     """Section forces of all beams at the ends of elements, and at loads inside these."""
-    places = [np.column_stack([0 * of.places + k, of.places]) for k, of in enumerate(of_beams)]
+    places = [np.column_stack([0 * b.places + k, b.places]) for k, b in enumerate(of_beams)]
     return {
-        "section_forces": np.concatenate([of.ends for of in of_beams], axis=1),
+        "section_forces": np.concatenate([b.ends for b in of_beams], axis=1),
         "section_places": np.concatenate(places),
-        "section_jumps": np.concatenate([of.jumps for of in of_beams], axis=1),
+        "section_jumps": np.concatenate([b.jumps for b in of_beams], axis=1),
     }
 
 
@@ -104,12 +104,12 @@ def _packed(value: Any, name: str, arrays: dict[str, np.ndarray]) -> Any:
         return {"beam": value.name}
     if is_dataclass(value):
         parts = {field.name: getattr(value, field.name) for field in fields(value)}
-        known = {part: _packed(of, f"{name}_{part}", arrays) for part, of in parts.items()}
+        known = {part: _packed(item, f"{name}_{part}", arrays) for part, item in parts.items()}
         return {"is": type(value).__name__, **known}
     if isinstance(value, Mapping):  # whose keys may be numbers, and any text
         return {"keys": [*value], "values": _packed([*value.values()], name, arrays)}
     if isinstance(value, list | tuple):
-        packed = [_packed(of, f"{name}{i}", arrays) for i, of in enumerate(value)]
+        packed = [_packed(item, f"{name}{i}", arrays) for i, item in enumerate(value)]
         return packed if isinstance(value, list) else {"tuple": packed}
     return None if callable(value) else value
 
@@ -220,9 +220,9 @@ def of_rows(rows: list[dict]):
     return pandas.DataFrame(rows)
 
 
-def _require(package: str, what: str, instead: str) -> None:
+def _require(package: str, task: str, instead: str) -> None:
     if importlib.util.find_spec(package) is None:
-        raise RuntimeError(f"{what} needs {package}: pip install {package}. Without it: {instead}")
+        raise RuntimeError(f"{task} needs {package}: pip install {package}. Without it: {instead}")
 
 
 def _columns(solution, nodes: dict[str, Node | BeamPlace]) -> dict[str, np.ndarray]:

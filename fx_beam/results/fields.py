@@ -90,11 +90,11 @@ def energy_density(solution: Any, rows: list[int]) -> np.ndarray:
             density[:, cells] = sum(factor * squares for factor, squares in parts) / 2
             continue
         variables = solution.variables_of_beam.get(beam.name, {})
-        internal = [of for name, of in variables.items() if name not in NAMES.values()]
-        columns = [*of_beam.reshape(3, -1), *(of[rows].ravel() for of in internal)]
+        internal = [variable for name, variable in variables.items() if name not in NAMES.values()]
+        columns = [*of_beam.reshape(3, -1), *(variable[rows].ravel() for variable in internal)]
         points = np.column_stack(columns).reshape(len(rows), -1, len(columns))
         of_rows = zip(parameters, points, strict=True)
-        energies = [_stored(energy, values, *at) for values, of_row in of_rows for at in of_row]
+        energies = [_stored(energy, values, *x) for values, of_row in of_rows for x in of_row]
         density[:, cells] = np.reshape(energies, density[:, cells].shape)
     return density
 

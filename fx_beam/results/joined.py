@@ -91,15 +91,15 @@ class _Joined:
         self._gone = self._nodes[new]
         #: Contacts of the first motion by their numbers there, as the joined one has them.
         self._contacts = self._contacts_of_first()
-        every = [*second.contacts, *self._contacts.values()]
-        self._every_contact = [*{contact.number: contact for contact in every}.values()]
+        all_contacts = [*second.contacts, *self._contacts.values()]
+        self._every_contact = [*{contact.number: contact for contact in all_contacts}.values()]
         names = second.names_of_parameters
         self._parameters = [*names, *(n for n in first.names_of_parameters if n not in names)]
         joints = first.slides.shape[1], second.slides.shape[1]
         lines = first.line_forces.shape[1], second.line_forces.shape[1]
         contacts = self._every_contact, self._contacts.values(), second.contacts
-        #: Columns of rows in the joined motion, by what they are of: those of the first motion,
-        #: those of the second one, and the number of all.
+        #: For each kind of column ("nodes", "joints", ...): columns in the joined motion of the
+        #: first motion's columns, of the second motion's columns, and their number.
         self._columns: dict[Any, tuple[np.ndarray, np.ndarray, int]] = {
             "nodes": (self._nodes, np.arange(len(second.X)), len(self.X)),
             "joints": _places(range(max(joints)), *map(range, joints)),
@@ -113,8 +113,8 @@ class _Joined:
         first, second = self._first, self._second
         end = second.end
         if end is not None:
-            _, at, count = self._columns["nodes"]
-            spread = {name: _spread(of[None], at, count)[0] for name, of in end.at_nodes.items()}
+            _, places, count = self._columns["nodes"]
+            spread = {name: _spread(x[None], places, count)[0] for name, x in end.at_nodes.items()}
             end = replace(end, **spread)
         gone = {
             name: replace(beam, nodes=tuple(map(self._node, beam.nodes)))
@@ -144,17 +144,17 @@ class _Joined:
     def _histories(self) -> dict[str, np.ndarray]:
         first, second, histories = self._first, self._second, dict[str, np.ndarray]()
         for name, history in HISTORIES.items():
-            one, two = getattr(first, name), getattr(second, name)
-            if len(one) != len(first.t) or len(two) != len(second.t):
-                histories[name] = np.empty((0, *two.shape[1:]))  # one of them has none
+            first_rows, second_rows = getattr(first, name), getattr(second, name)
+            if len(first_rows) != len(first.t) or len(second_rows) != len(second.t):
+                histories[name] = np.empty((0, *second_rows.shape[1:]))  # one of them has none
                 continue
             if history.shape and history.shape[0] in self._columns:
                 of_first, of_second, count = self._columns[history.shape[0]]
-                one = _spread(one, of_first, count, history.nothing)
-                two = _spread(two, of_second, count, history.nothing)
+                first_rows = _spread(first_rows, of_first, count, history.nothing)
+                second_rows = _spread(second_rows, of_second, count, history.nothing)
             if name == "q":
-                two[:, self._gone] = one[-1, self._gone]
-            histories[name] = np.concatenate([one, two[1:]])
+                second_rows[:, self._gone] = first_rows[-1, self._gone]
+            histories[name] = np.concatenate([first_rows, second_rows[1:]])
         return histories
 
     def _node(self, node: Node) -> Node:
@@ -163,51 +163,51 @@ class _Joined:
         return node if number == node.number else Node(number, node.x, node.y, node.scene)
 
     def _contacts_of_first(self) -> dict[int, Contact]:
-        known = {_contact_key(one): one for one in self._second.contacts}
-        numbers, contacts = {one.number for one in self._second.contacts}, dict[int, Contact]()
-        for one in self._first.contacts:
-            moved = one
-            if isinstance(one.target, Node):
-                moved = replace(moved, target=self._node(one.target))
-            if not isinstance(one.shape, Beam) and one.shape.carrier is not None:
-                moved = replace(moved, shape=one.shape.at(self._node(one.shape.carrier)))
-            same = known.get(_contact_key(moved))
-            if same is None and moved.number in numbers:
+        known = {_contact_key(item): item for item in self._second.contacts}
+        numbers, contacts = {item.number for item in self._second.contacts}, dict[int, Contact]()
+        for item in self._first.contacts:
+            moved = item
+            if isinstance(item.target, Node):
+                moved = replace(moved, target=self._node(item.target))
+            if not isinstance(item.shape, Beam) and item.shape.carrier is not None:
+                moved = replace(moved, shape=item.shape.at(self._node(item.shape.carrier)))
+            match = known.get(_contact_key(moved))
+            if match is None and moved.number in numbers:
                 moved = replace(moved, number=1 + max(numbers))
-            contacts[one.number] = moved if same is None else same
-            numbers.add(contacts[one.number].number)
+            contacts[item.number] = moved if match is None else match
+            numbers.add(contacts[item.number].number)
         return contacts
 
     def _resultants(self, name: str) -> BeamResultants:
-        both = self._first, self._second
-        known = [of.resultants(name) if name in of.beams else None for of in both]
-        parts = [{} if of is None else {part: getattr(of, part) for part in "NQM"} for of in known]
-        (s, *_) = (of.s for of in known if of is not None)
+        motions = self._first, self._second
+        known = [motion.resultants(name) if name in motion.beams else None for motion in motions]
+        parts = [{} if r is None else {part: getattr(r, part) for part in "NQM"} for r in known]
+        (s, *_) = (r.s for r in known if r is not None)
         return BeamResultants(s, **self._rows(*parts), balance=lambda: self._balance(*known))
 
     def _balance(self, *known: BeamResultants | None) -> Balance:
         """Of a beam of both motions, or of one; loads inside elements of both."""
-        one, two = (None if of is None else of.balanced() for of in known)
-        parts = [{} if of is None else {"ends": of.ends} for of in (one, two)]
+        old, new = (None if r is None else r.balanced() for r in known)
+        parts = [{} if part is None else {"ends": part.ends} for part in (old, new)]
         places, jumps, rows = [], [], (len(self._first.t), len(self._second.t) - 1)
-        for of, first, (before, after) in ((one, 0, (0, rows[1])), (two, 1, (rows[0], 0))):
-            if of is not None:
-                places.append(of.places)
-                jumps.append(np.pad(of.jumps[first:], [(before, after), (0, 0), (0, 0)]))
-        s = (two or one).s  # type: ignore[union-attr]
-        every = np.concatenate(places), np.concatenate(jumps, axis=1)
-        return Balance(s, self._rows(*parts)["ends"], *every)
+        for part, first, (before, after) in ((old, 0, (0, rows[1])), (new, 1, (rows[0], 0))):
+            if part is not None:
+                places.append(part.places)
+                jumps.append(np.pad(part.jumps[first:], [(before, after), (0, 0), (0, 0)]))
+        s = (new or old).s  # type: ignore[union-attr]
+        all_loads = np.concatenate(places), np.concatenate(jumps, axis=1)
+        return Balance(s, self._rows(*parts)["ends"], *all_loads)
 
     def _variables(self, name: str) -> dict[Any, dict[str, np.ndarray]]:
-        one, two = getattr(self._first, name), getattr(self._second, name)
-        return {key: self._rows(one.get(key, {}), two.get(key, {})) for key in one | two}
+        old, new = getattr(self._first, name), getattr(self._second, name)
+        return {key: self._rows(old.get(key, {}), new.get(key, {})) for key in old | new}
 
-    def _rows(self, one: Mapping, two: Mapping) -> dict[Any, np.ndarray]:
-        """Rows of both motions by keys; those that one of them does not have are zero."""
+    def _rows(self, first: Mapping, second: Mapping) -> dict[Any, np.ndarray]:
+        """Rows of both motions by keys; zero where a motion does not have a key."""
         rows, n, m = {}, len(self._first.t), len(self._second.t)
-        for key, like in {**one, **two}.items():
-            before = one[key] if key in one else np.zeros((n, *like.shape[1:]))
-            after = two[key] if key in two else np.zeros((m, *like.shape[1:]))
+        for key, example in {**first, **second}.items():
+            before = first[key] if key in first else np.zeros((n, *example.shape[1:]))
+            after = second[key] if key in second else np.zeros((m, *example.shape[1:]))
             rows[key] = np.concatenate([before, after[1:]])
         return rows
 
@@ -225,8 +225,8 @@ def _nodes_of_first(first, second) -> np.ndarray:
     used = set(nodes.tolist())
     used |= {int(n) for name, of_beam in second.nodes_of_beam.items() for n in of_beam}
     for number in np.flatnonzero(nodes < 0).tolist():
-        same = number < len(second.X) and (second.X[number] == first.X[number]).all()
-        if same and number not in used:
+        same_place = number < len(second.X) and (second.X[number] == first.X[number]).all()
+        if same_place and number not in used:
             nodes[number] = number
     missing = nodes < 0
     nodes[missing] = len(second.X) + np.arange(np.count_nonzero(missing))
@@ -236,20 +236,20 @@ def _nodes_of_first(first, second) -> np.ndarray:
 def _keys(contacts: Iterable[Contact]) -> list[tuple[int, int]]:
     """Numbers of contacts and of their points, in the order of the columns of forces."""
     columns = columns_of(contacts).items()
-    return [(number, i) for number, of in columns for i in range(of.stop - of.start)]
+    return [(number, i) for number, part in columns for i in range(part.stop - part.start)]
 
 
 def _places(keys: Iterable, *motions: Iterable) -> tuple[Any, Any, int]:
-    """Places of the columns of two motions among those with these keys, and their number."""
+    """Indices of the keys of two motions among all `keys`, and the number of all keys."""
     place = {key: i for i, key in enumerate(keys)}
-    first, second = (np.array([place[key] for key in of], dtype=int) for of in motions)
+    first, second = (np.array([place[key] for key in names], dtype=int) for names in motions)
     return first, second, len(place)
 
 
-def _spread(rows: np.ndarray, at: np.ndarray, count: int, nothing: float = 0.0) -> np.ndarray:
-    """Rows whose columns are at some places among a count, with nothing in the others."""
+def _spread(rows: np.ndarray, places: np.ndarray, count: int, nothing: float = 0.0) -> np.ndarray:
+    """Rows (n, count, ...) with columns of `rows` at `places`, and `nothing` elsewhere."""
     spread = np.full((len(rows), count, *rows.shape[2:]), nothing)
-    spread[:, at] = rows
+    spread[:, places] = rows
     return spread
 
 

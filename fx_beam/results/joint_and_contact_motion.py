@@ -113,8 +113,8 @@ class JointMotion:
             raise ValueError("motor_power needs every step; simulate with record=Record(every=1)")
         place = self.slide if "slide" in self.joint.driven else self.angle
         # The force in the middle of the step, interpolated from those at the scheme's level.
-        before = np.concatenate([force[:2], force[1:-1]])[: len(force)]
-        middle = force + (0.5 - solution.stats.level) * (force - before)
+        previous = np.concatenate([force[:2], force[1:-1]])[: len(force)]
+        middle = force + (0.5 - solution.stats.level) * (force - previous)
         power = np.zeros(len(force))
         power[1:] = middle[1:] * np.diff(place) / np.diff(solution.t)
         return power
@@ -150,18 +150,18 @@ class JointMotion:
         """Motion of the nodes, and the slide (n,)."""
         return motion_of(self.solution), self.solution.slides[:, self.joint.number]
 
-    def _check(self, there: bool, what: str) -> None:
-        if not there:
-            raise ValueError(f"{self.joint} has no {what}")
+    def _check(self, exists: bool, quantity: str) -> None:
+        if not exists:
+            raise ValueError(f"{self.joint} has no {quantity}")
 
 
 def internal_variable(
-    solution: Any, known: Mapping[str, np.ndarray], name: Any, what: str
+    solution: Any, known: Mapping[str, np.ndarray], name: Any, owner: str
 ) -> np.ndarray:
     """One of the internal variables of a beam or joint; ValueError if there is no such one."""
     solution.recorded("q")  # they are recorded with the motion
     if not is_one_of(name, known):
-        raise ValueError(f"{what} has no internal variable {shown(name)}; it has {list(known)}")
+        raise ValueError(f"{owner} has no internal variable {shown(name)}; it has {list(known)}")
     return known[name]
 
 
@@ -243,21 +243,21 @@ class PullMotion:
 
     def _to_ground(self, name: str) -> np.ndarray:
         """Displacements ("q") or rates ("v") along a spring to the ground; (n, nodes) of a bed."""
-        of, line = self.solution, cast(Any, self.line)
-        nodes = nodes_of(of.nodes_of_beam, line.target)
-        moved = of.recorded(name).reshape(len(of.t), -1, 3)[:, nodes]
+        solution, line = self.solution, cast(Any, self.line)
+        nodes = nodes_of(solution.nodes_of_beam, line.target)
+        moved = solution.recorded(name).reshape(len(solution.t), -1, 3)[:, nodes]
         if line.direction is None:
             return moved[:, 0, 2]
-        along = np.sum(moved[..., :2] * line.ways(of.X[nodes]), axis=-1)
+        along = np.sum(moved[..., :2] * line.ways(solution.X[nodes]), axis=-1)
         return along if isinstance(line.target, Beam) else along[:, 0]
 
     @property
     def _places(self) -> np.ndarray:
         """Positions (points, n, 2) of its points."""
-        of, count = self.solution, len(self.solution.t)
+        solution, count = self.solution, len(self.solution.t)
         return np.array(
             [
-                of.position(point)
+                solution.position(point)
                 if isinstance(point, Node)
                 else np.tile(point.position, (count, 1))
                 for point in self.line.points
@@ -269,19 +269,23 @@ class PullMotion:
         rope: Any = self.line
         ends = zip((rope.a, rope.b), (rope.kinds[0], rope.kinds[-1]), strict=True)
         none = np.zeros(len(self.solution.t))
-        turned = [self.solution.rotation(at) if kind == "D" else none for at, kind in ends]
+        turned = [self.solution.rotation(end) if kind == "D" else none for end, kind in ends]
         ways = np.moveaxis(np.diff(self._places, axis=0), -1, 1)
         return rope.state(ways, np.array(turned))
 
     @property
     def rate(self) -> np.ndarray:
         """Rate (n,) of the length [m/s or rad/s] at t[k]; of a bed (n, nodes)."""
-        of, count = self.solution, len(self.solution.t)
+        solution, count = self.solution, len(self.solution.t)
         if self.line.to_ground:
             return self._to_ground("v")
 
         def read(array: str, entries: Any) -> np.ndarray:
-            known = of.X.reshape(-1) if array == "X" else of.recorded(array).reshape(count, -1)
+            known = (
+                solution.X.reshape(-1)
+                if array == "X"
+                else solution.recorded(array).reshape(count, -1)
+            )
             return known[..., entries]
 
         return Measured(Output("rate", self.line)).values(read)
@@ -298,8 +302,8 @@ class PullMotion:
         solution, length = self.solution, self.length
         if len(solution.t) != solution.stats.steps + 1:
             raise ValueError("power needs every step; simulate with record=Record(every=1)")
-        taken = np.diff(self.energy) if length.ndim > 1 else self.force[1:] * np.diff(length)
-        return np.append(0.0, taken / np.diff(solution.t))
+        work = np.diff(self.energy) if length.ndim > 1 else self.force[1:] * np.diff(length)
+        return np.append(0.0, work / np.diff(solution.t))
 
     @property
     def energy(self) -> np.ndarray:
@@ -466,8 +470,8 @@ class ContactMotion:
     def _of_friction(self, variable: int) -> np.ndarray:
         known = self.solution.variables_of_contact.get(self.contact.number)
         if known is None:
-            why = "has no friction" if self.contact.friction is None else "has no motion recorded"
-            raise ValueError(f"{self.contact} {why}")
+            lack = "has no friction" if self.contact.friction is None else "has no motion recorded"
+            raise ValueError(f"{self.contact} {lack}")
         shape = self.contact.shape
         side = self._sides(shape) if isinstance(shape, Beam) else shape.side
         return side * known[..., variable]
@@ -482,9 +486,9 @@ class ContactMotion:
     @cached_property
     def _normals_at_level(self) -> np.ndarray:
         """Directions (n, m, 2) of the normal force in the steps between rows."""
-        q, t, at = self.solution.recorded("q"), self.solution.t, self.solution.t_level
+        q, t, t_level = self.solution.recorded("q"), self.solution.t, self.solution.t_level
         length = np.diff(t)
-        part = np.divide(at[1:] - t[:-1], length, out=np.ones_like(length), where=length > 0)
+        part = np.divide(t_level[1:] - t[:-1], length, out=np.ones_like(length), where=length > 0)
 
         def between(nodes: np.ndarray) -> np.ndarray:
             rows = q[:, nodes]
@@ -493,9 +497,9 @@ class ContactMotion:
 
         return self._gaps_and_normals(between)[1]
 
-    def _gaps_and_normals(self, of: Moved) -> GapsAndNormals:
+    def _gaps_and_normals(self, q_of: Moved) -> GapsAndNormals:
         solution = self.solution
-        return gaps_and_normals(self.contact, solution.X, solution.nodes_of_beam, of)
+        return gaps_and_normals(self.contact, solution.X, solution.nodes_of_beam, q_of)
 
     def _sides(self, member: Beam) -> np.ndarray:
         """1 for the nodes (n, m) to the right of a member, for who looks along it, else -1."""
@@ -503,6 +507,6 @@ class ContactMotion:
         assert near is not None
         positions = self.solution.shape(member.name)
         before, after = np.maximum(near - 1, 0), np.minimum(near + 1, positions.shape[1] - 1)
-        ends = (np.take_along_axis(positions, at[..., None], axis=1) for at in (after, before))
+        ends = (np.take_along_axis(positions, node[..., None], axis=1) for node in (after, before))
         x, y = np.moveaxis(np.subtract(*ends), -1, 0)
         return np.where(x * directions[..., 1] > y * directions[..., 0], -1.0, 1.0)

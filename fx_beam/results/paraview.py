@@ -63,17 +63,17 @@ class Grid:
             "PointData": fields,
             "CellData": {"beam": self._beam},
         }
-        blocks, at = list[Any](), 0
+        blocks, offset = list[Any](), 0
         for part, arrays in parts.items():
             parent = xml.SubElement(piece, part)
             for name, values in arrays.items():
                 kind = {"type": _TYPES[values.dtype.kind], "Name": name}
-                kind |= {"format": "appended", "offset": str(at)}
+                kind |= {"format": "appended", "offset": str(offset)}
                 kind |= {"NumberOfComponents": str(values[0].size)}
                 xml.SubElement(parent, "DataArray", kind)
                 little = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
                 blocks += [np.array(little.nbytes, "<u8").tobytes(), little.data]
-                at += 8 + little.nbytes
+                offset += 8 + little.nbytes
         text = xml.tostring(root).removesuffix(b"</VTKFile>")
         with replacing(path, durable=False) as new, open(new, "wb") as file:
             file.writelines([text, b'<AppendedData encoding="raw">_', *blocks])
@@ -137,11 +137,11 @@ def to_paraview(solution, path) -> None:
     times = solution.t if (np.diff(solution.t) > 0).all() else np.arange(len(solution.t))
     folder = path.with_suffix("")
     files = [folder / f"{folder.name}_{k:05d}.vtu" for k in rows]
-    made = not folder.exists()
+    is_new_folder = not folder.exists()
     folder.mkdir(exist_ok=True)
     # All files replace earlier ones at the end.
     with ExitStack() as new:
-        if made:
+        if is_new_folder:
             new.push(lambda error, *_: folder.rmdir() if error else None)
         for k, file in enumerate(files):
             v = solution.v[k] if solution.has_rates else None

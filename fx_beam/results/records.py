@@ -33,9 +33,9 @@ def read_only(values: np.ndarray) -> np.ndarray:
     return view
 
 
-def lock(histories: Any, **others: np.ndarray) -> None:
+def lock(histories: Any, **replaced: np.ndarray) -> None:
     """Make the arrays of a frozen dataclass read-only, and set others."""
-    arrays = vars(histories) | others
+    arrays = vars(histories) | replaced
     vars(histories).update({name: read_only(values) for name, values in arrays.items()})
 
 
@@ -92,7 +92,7 @@ class Energy:
     impact: Any = None
 
     def __post_init__(self):
-        known = {name: np.zeros_like(self.kinetic) for name, of in vars(self).items() if of is None}
+        known = {name: np.zeros_like(self.kinetic) for name, x in vars(self).items() if x is None}
         lock(self, **known)
 
     def __repr__(self):
@@ -107,10 +107,10 @@ class Energy:
 
         shades = "#000", "#0072B2", "#D55E00", "#009E73"
         values = {name: getattr(self, name) for name in ("total", "kinetic", "strain", "potential")}
-        largest = max(abs(of).max() for of in values.values()) or 1.0
+        largest = max(abs(energy).max() for energy in values.values()) or 1.0
         x = np.linspace(0, 3, len(self.total))
-        lines = [np.column_stack([x, of / largest]) for of in values.values()]
-        ends = {name: f"{of[0]:.6g} to {of[-1]:.6g}" for name, of in values.items()}
+        lines = [np.column_stack([x, energy / largest]) for energy in values.values()]
+        ends = {name: f"{energy[0]:.6g} to {energy[-1]:.6g}" for name, energy in values.items()}
         error = {"largest balance error": f"{abs(self.balance_error).max():.2g}"}
         return html_table("Energy [J]", ends | error) + sketch(lines, shades)
 
@@ -287,11 +287,11 @@ class Stats:
     gradient_growth: float = 0.0
 
     def __repr__(self):
-        each = self.newton_iterations / max(1, self.substeps)
+        iterations = self.newton_iterations / max(1, self.substeps)
         ended = f", ended early: {self.failure}" if self.failure else ""
         return (
             f"<Stats: {self.scheme}, {self.solver}, {self.unknowns} unknowns, {self.steps} steps "
-            f"with {self.halvings} halvings, {each:.2g} iterations each, "
+            f"with {self.halvings} halvings, {iterations:.2g} iterations each, "
             f"{self.seconds:.3g} s{ended}>"
         )
 
@@ -299,9 +299,7 @@ class Stats:
         from fx_beam.scene.notebook import html_table
 
         known = {name.replace("_", " "): value for name, value in vars(self).items() if value}
-        words = {
-            name: f"{of:.3g}" if isinstance(of, float) else str(of) for name, of in known.items()
-        }
+        words = {name: f"{x:.3g}" if isinstance(x, float) else str(x) for name, x in known.items()}
         return html_table("Stats", words)
 
     def add_solve(self, iterations: int, ended_by: str) -> None:

@@ -63,7 +63,7 @@ class _OtherFormatError(ValueError):
 
 
 def _check_end(end: State) -> None:
-    """Refuse a last state whose parts are of other kinds than those of a state."""
+    """Refuse a last state whose parts do not have the types of the fields of `State`."""
     for part in (*fields(State), *(() if end.past is None else fields(Past))):
         value, facts = getattr(end, part.name, getattr(end.past, part.name, None)), part.metadata
         if part.name in (*NUMBERS, "impact"):
@@ -150,8 +150,8 @@ def load(path) -> Solution:
         try:
             return _read(raw)
         except Exception as error:  # a damaged file may raise nearly any
-            why = str(error) if isinstance(error, _OtherFormatError) else ""
-            raise ValueError(f"{path} is not a solution saved by fx_beam{why}") from error
+            reason = str(error) if isinstance(error, _OtherFormatError) else ""
+            raise ValueError(f"{path} is not a solution saved by fx_beam{reason}") from error
 
 
 def _read(raw: BinaryIO) -> Solution:
@@ -176,25 +176,25 @@ def _read(raw: BinaryIO) -> Solution:
         for member, of_beam in zip(members, pieces, strict=True):
             # Files of the first version have no carriers.
             name, degree, s, fractions, *carriers = member.values()
-            at = None if fractions is None else np.array(fractions)
+            fraction_array = None if fractions is None else np.array(fractions)
             corners = tuple(map(parts.node, of_beam))[::degree]
             parts.beams[name] = Beam(
                 name,
                 corners,
                 degree,
                 np.array(s),
-                fractions=at,
+                fractions=fraction_array,
                 carriers=tuple(parts.node(number) for line in carriers for number in line),
             )
             nodes_of_beam[name] = of_beam
     resultants = dict[str, BeamResultants]()
     known = {name: parts.read(part) for name, part in meta.items()}
     if (along := known.pop("resultants", None)) is not None:
-        each = along.s, along.N, along.Q, along.M
-        rows = zip(*(np.split(of, ends, axis=-1) for of in each), strict=True)
+        columns = along.s, along.N, along.Q, along.M
+        rows = zip(*(np.split(column, ends, axis=-1) for column in columns), strict=True)
         balances = _balances(known, list(parts.beams.values()))
         beams = zip(nodes_of_beam, rows, balances, strict=True)
-        resultants = {name: replace(BeamResultants(*of), balance=own) for name, of, own in beams}
+        resultants = {name: replace(BeamResultants(*row), balance=b) for name, row, b in beams}
     stability = {name: known.pop(name) for name in ("unstable_modes",) if name in known}
     end = known["end"]
     if end is not None:
@@ -219,10 +219,10 @@ def _balances(known: dict[str, Any], beams: list[Beam]) -> list[Balance | None]:
     if forces is None:
         return [None] * len(beams)
     of_beams = np.split(forces, np.cumsum([beam.elements for beam in beams])[:-1], axis=1)
-    own = [places[:, 0] == k for k in range(len(beams))]
+    masks = [places[:, 0] == k for k in range(len(beams))]
     return [
-        Balance(beam.s, ends, places[of, 1], jumps[:, of])
-        for beam, ends, of in zip(beams, of_beams, own, strict=True)
+        Balance(beam.s, ends, places[mask, 1], jumps[:, mask])
+        for beam, ends, mask in zip(beams, of_beams, masks, strict=True)
     ]
 
 
@@ -246,11 +246,11 @@ class _Parts:
             return [self.read(part) for part in packed]
         if not isinstance(packed, dict):
             return packed
-        (how, given), *others = packed.items()
-        if how == "is":
-            return _KINDS[given](**{name: self.read(part) for name, part in others})
-        if how == "keys":
-            return dict(zip(given, self.read(packed["values"]), strict=True))
-        made: dict[str, Any] = {"array": self._arrays.pop, "node": self.node}
-        made |= {"beam": self.beams.__getitem__, "tuple": lambda of: tuple(self.read(of))}
-        return made[how](given)
+        (kind, content), *rest = packed.items()
+        if kind == "is":
+            return _KINDS[content](**{name: self.read(part) for name, part in rest})
+        if kind == "keys":
+            return dict(zip(content, self.read(packed["values"]), strict=True))
+        readers: dict[str, Any] = {"array": self._arrays.pop, "node": self.node}
+        readers |= {"beam": self.beams.__getitem__, "tuple": lambda items: tuple(self.read(items))}
+        return readers[kind](content)

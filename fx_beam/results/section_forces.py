@@ -46,20 +46,20 @@ class Balance:
 
     def at(self, gauss: np.ndarray, s, side: str) -> SectionForces:
         """Those at arc lengths, by values (rows, points, 3) at the Gauss points."""
-        wanted, length = np.atleast_1d(real_array(s)), self.s[-1]
+        places, length = np.atleast_1d(real_array(s)), self.s[-1]
         tolerance = 1e-9 * length
-        inside = (wanted > -tolerance) & (wanted < length + tolerance)
+        on_beam = (places > -tolerance) & (places < length + tolerance)
         require(
-            wanted.ndim == 1 and bool(inside.all()),
+            places.ndim == 1 and bool(on_beam.all()),
             "at: s",
             s,
             f"arc lengths from 0 to the length of the beam, {length:g}",
         )
         require(is_one_of(side, ("before", "after")), "at: side", side, "'before' or 'after'")
         shift = tolerance if side == "after" else -tolerance
-        element = np.clip(np.searchsorted(self.s, wanted + shift) - 1, 0, len(self.s) - 2)
-        x = (wanted - self.s[element]) / np.diff(self.s)[element]
-        return SectionForces(wanted, *self._values(gauss, element, x, shift))
+        element = np.clip(np.searchsorted(self.s, places + shift) - 1, 0, len(self.s) - 2)
+        x = (places - self.s[element]) / np.diff(self.s)[element]
+        return SectionForces(places, *self._values(gauss, element, x, shift))
 
     def in_elements(self, gauss: np.ndarray, x: np.ndarray) -> np.ndarray:
         """N, Q and M (3, rows, elements, points) at points x (points,) of each element."""
@@ -90,10 +90,10 @@ class Balance:
             terms = (w[:, None] * through[:, :, p] for p, w in enumerate(weights.T))
             values[..., smooth] = np.moveaxis(sum(terms), -1, 0)
         for place, owner, jump in zip(self.places, owners, self.jumps.swapaxes(0, 1), strict=True):
-            (here,) = np.nonzero(element == owner)
-            at, part = (place - self.s[owner]) / h[owner], x[here]
-            beyond = part > at - shift / h[owner]
-            values[..., here] += jump.T[..., None] * (beyond - part)
-            hat = np.where(part < at, part * (1 - at), at * (1 - part))
-            values[2][:, here] += h[owner] * jump[:, 1, None] * hat
+            (in_element,) = np.nonzero(element == owner)
+            load_place, part = (place - self.s[owner]) / h[owner], x[in_element]
+            beyond = part > load_place - shift / h[owner]
+            values[..., in_element] += jump.T[..., None] * (beyond - part)
+            hat = np.where(part < load_place, part * (1 - load_place), load_place * (1 - part))
+            values[2][:, in_element] += h[owner] * jump[:, 1, None] * hat
         return values

@@ -211,7 +211,7 @@ class Solution:
         state |= {name: getattr(self, name) for name in _LATER}
         with suppress(ValueError):  # numbers of unstable modes are found for copies
             _ = self.unstable_modes
-        state["_stability"] = {n: of for n, of in self._stability.items() if not callable(of)}
+        state["_stability"] = {n: x for n, x in self._stability.items() if not callable(x)}
         return {**state, "resultants_of_beam": known.get, "load_path": None}
 
     def __repr__(self):
@@ -228,7 +228,11 @@ class Solution:
         from fx_beam.scene.notebook import html_table, sketch
 
         rows = np.unique(np.linspace(0, len(self.q) - 1, 5).astype(int)) if self.has_motion else []
-        lines = [self.X[of] + self.q[k, of, :2] for k in rows for of in self.nodes_of_beam.values()]
+        lines = [
+            self.X[nodes] + self.q[k, nodes, :2]
+            for k in rows
+            for nodes in self.nodes_of_beam.values()
+        ]
         shades = [f"hsl(205 100% {85 - 50 * (k + 1) / len(self.q):.0f}%)" for k in rows]
         shades = [shade for shade in shades for _ in self.nodes_of_beam]
         return html_table("Solution", facts(self)) + sketch(lines, shades)
@@ -442,13 +446,13 @@ class Solution:
             if node is not GROUND:
                 _node_number(self, node)  # a joint of another scene has other nodes
         # Or the same nodes, where its number is that of another joint. Ours may be removed by now.
-        known, asked = None if self.end is None else self.end.constraints, key_of(joint)
+        known, sought = None if self.end is None else self.end.constraints, key_of(joint)
         keys = known.joints[joint.number :: -1] if known else ()
-        ours = next((key for key in keys if key.number == asked.number), asked)
-        if (ours.kind, ours.a, ours.b) != (asked.kind, asked.a, asked.b):
+        recorded = next((key for key in keys if key.number == sought.number), sought)
+        if (recorded.kind, recorded.a, recorded.b) != (sought.kind, sought.a, sought.b):
             raise ValueError(
-                f"{joint} belongs to another scene; the joint of this number is here a {ours.kind} "
-                f"of the nodes {ours.a} and {ours.b}"
+                f"{joint} belongs to another scene; the joint of this number is here a "
+                f"{recorded.kind} of the nodes {recorded.a} and {recorded.b}"
             )
         from .joint_and_contact_motion import JointMotion
 
@@ -511,19 +515,19 @@ class Solution:
         ContactMotion
             With `gap`, `force` and its parts, `slip`, and `nodes`.
         """
-        known = {ours.number: ours for ours in self.contacts}
+        known = {recorded.number: recorded for recorded in self.contacts}
         if not isinstance(contact, Contact) or contact.number not in known:
             raise ValueError(
                 f"{shown(contact)} is not a contact of this solution; take the one that "
                 "add_contact returned"
             )
-        ours = known[contact.number]  # also for that of its scene or of a copy
-        other = ours.shape != contact.shape and not isinstance(ours.shape, Beam)
-        if str(ours) != str(contact) or other:
-            raise ValueError(f"{contact} belongs to another scene; this solution has {ours}")
+        recorded = known[contact.number]  # also for that of its scene or of a copy
+        other = recorded.shape != contact.shape and not isinstance(recorded.shape, Beam)
+        if str(recorded) != str(contact) or other:
+            raise ValueError(f"{contact} belongs to another scene; this solution has {recorded}")
         from .joint_and_contact_motion import ContactMotion
 
-        return ContactMotion(self, ours)
+        return ContactMotion(self, recorded)
 
     # -- Beams ----------------------------------------------------------------------------------
 

@@ -48,8 +48,8 @@ class StateArray(NamedTuple):
         if self.at_nodes:
             return "nodes", 3
         # Two motions in one solution may have more of these than the last state.
-        more = "contacts", "lines", "parameters"
-        return tuple(f"end {size}" if size in more else size for size in self.shape)
+        growing_sizes = "contacts", "lines", "parameters"
+        return tuple(f"end {size}" if size in growing_sizes else size for size in self.shape)
 
     @property
     def at_nodes(self) -> bool:
@@ -144,20 +144,22 @@ class State:
 
     def released(self) -> State:
         """The state without what a scheme holds for the next step: its energy is lost."""
-        losses = {of: getattr(self, of) + self.algorithmic for of in ("dissipated", "numerical")}
+        losses = {
+            part: getattr(self, part) + self.algorithmic for part in ("dissipated", "numerical")
+        }
         return self.changed(q_previous=None, length=0.0, algorithmic=0.0, **losses)
 
     @property
     def at_nodes(self) -> dict[str, np.ndarray]:
         """Its arrays at all nodes by name."""
-        return {name: of for name in AT_NODES if (of := getattr(self, name)) is not None}
+        return {name: array for name in AT_NODES if (array := getattr(self, name)) is not None}
 
     def reshaped(self, *shape: int) -> State:
         """The state with copies of arrays of degrees of freedom of a shape: (-1, 3) or (-1,)."""
         past = self.past
         if past is not None and len(D := past.differences):
             past = replace(past, differences=np.array(D).reshape(len(D), *shape))
-        new = {name: of.copy().reshape(shape) for name, of in self.at_nodes.items()}
+        new = {name: array.copy().reshape(shape) for name, array in self.at_nodes.items()}
         return self.changed(**new, past=past)
 
     def memory(self, length: float) -> float:

@@ -177,19 +177,19 @@ class Modes:
         SceneError
             If there is no such beam or mode.
         """
-        for what, value in (("size", size), ("phase", phase)):
-            require(is_number(value), f"shape: {what}", value, "a finite number")
+        for option, value in (("size", size), ("phase", phase)):
+            require(is_number(value), f"shape: {option}", value, "a finite number")
         known: dict[str, Any] = self.bodies if isinstance(beam, Body) else self.beams
         part = beam if isinstance(beam, Beam | Body) else None
         name: Any = part.name if part else beam
-        ours = known.get(name) if isinstance(name, str) else None
-        if ours is None or (part and part.nodes != ours.nodes):
+        member = known.get(name) if isinstance(name, str) else None
+        if member is None or (part and part.nodes != member.nodes):
             kind = "body" if isinstance(beam, Body) else "beam"
             raise SceneError(
                 f"{shown(beam)} is not a {kind} of these modes; take one of their scene: {[*known]}"
             )
-        of_body = [node.number for node in ours.nodes]
-        nodes = np.array(of_body) if isinstance(ours, Body) else self.nodes_of_beam[ours.name]
+        of_body = [node.number for node in member.nodes]
+        nodes = np.array(of_body) if isinstance(member, Body) else self.nodes_of_beam[member.name]
         if not is_whole(mode, -len(self), len(self) - 1):
             raise SceneError(f"mode {shown(mode)}: there are {len(self)} modes, numbered from 0")
         return displaced(self, mode, as_float(size), as_float(phase), nodes)

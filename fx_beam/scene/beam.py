@@ -159,10 +159,10 @@ class Beam:
         SceneError
             For a place beyond the ends.
         """
-        place, what = as_float(s), f"beam {self.name!r}: at"
+        place, name = as_float(s), f"beam {self.name!r}: at"
         ok, tolerance = is_number(s), 1e-9 * self.length
         ok = ok and -tolerance <= place <= self.length + tolerance
-        require(ok, what, s, f"an arc length from 0 to the length of the beam, {self.length:g}")
+        require(ok, name, s, f"an arc length from 0 to the length of the beam, {self.length:g}")
         return BeamPlace(self, min(max(place, 0.0), self.length))
 
     def node(self, fraction: float) -> Node:
@@ -252,8 +252,8 @@ def numbers_of_nodes(place: BeamPlace) -> list[int]:
     """Numbers (degree + 1,) of the nodes of a place's element; inner ones are behind all others."""
     beam, (element, _), inner = place.beam, place.element, place.beam.degree - 1
     scene: Any = beam.nodes[0].scene
-    before = sum(other.elements for other in scene.beams[: scene.beams.index(beam)])
-    first = len(scene.nodes) + (before + element) * inner
+    elements_before = sum(other.elements for other in scene.beams[: scene.beams.index(beam)])
+    first = len(scene.nodes) + (elements_before + element) * inner
     start, end = (node.number for node in beam.nodes[element : element + 2])
     return [start, *range(first, first + inner), end]
 
@@ -350,7 +350,7 @@ def polyline(points: Sequence, elements: int | Sequence[int], name: str) -> Layo
     return _polyline(points, elements, name)
 
 
-def listed_points(points: Any, what: str) -> tuple[list, np.ndarray]:
+def listed_points(points: Any, name: str) -> tuple[list, np.ndarray]:
     """Points of a beam as a list, and their positions (n, 2) [m]; SceneError for what is none."""
     try:
         # Rows of tables count by labels, not from 0.
@@ -361,11 +361,11 @@ def listed_points(points: Any, what: str) -> tuple[list, np.ndarray]:
     ok = positions.ndim == 2 and positions.shape[1] == 2
     if not ok or not (abs(positions) <= LARGEST).all():
         raise SceneError(
-            f"{what}: points must be points of the plane, finite (x, y) or nodes, not "
+            f"{name}: points must be points of the plane, finite (x, y) or nodes, not "
             f"{shown(points)}"
         )
     if len(listed) < 2:
-        raise SceneError(f"{what}: a beam needs at least two points, not {len(listed)}")
+        raise SceneError(f"{name}: a beam needs at least two points, not {len(listed)}")
     return listed, positions
 
 
@@ -414,13 +414,13 @@ def _polyline(points: Sequence, elements: int | Sequence[int], name: str) -> Lay
 def _spread(elements, lengths: np.ndarray, name: str) -> list[int]:
     """Number of elements of each piece: as given, or in proportion to its length."""
     pieces = len(lengths)
-    several = isinstance(elements, list | tuple) or np.ndim(elements) > 0
-    counts = elements if several else [elements]
+    per_piece = isinstance(elements, list | tuple) or np.ndim(elements) > 0
+    counts = elements if per_piece else [elements]
     ok = all(is_whole(n, 1, MOST_ELEMENTS) for n in counts)
     expected = f"positive whole numbers, at most {MOST_ELEMENTS:,}"
     require(ok, f"beam {name!r}: elements", elements, expected)
     counts = [int(n) for n in counts]
-    if several:
+    if per_piece:
         if len(counts) != pieces:
             raise SceneError(
                 f"beam {name!r}: {len(counts)} numbers of elements for {pieces} straight pieces. "

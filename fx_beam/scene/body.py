@@ -81,8 +81,8 @@ def name_of(kind: str, names: Set[str], count: int, name: str | None) -> str:
         name = next(free for n in numbers if (free := f"{kind} {n}") not in names)
     require(is_name(name), f"add_{kind}: name", name, "a text that is not empty")
     if name in names:
-        several = "beams" if kind == "beam" else "bodies"
-        raise SceneError(f"two {several} are called {name!r}; use different names")
+        plural = "beams" if kind == "beam" else "bodies"
+        raise SceneError(f"two {plural} are called {name!r}; use different names")
     return name
 
 
@@ -97,7 +97,7 @@ def velocities_of(body: Body, velocity, spin) -> list[loads.Velocity]:
     return [loads.initial_velocity(node, (vx - w * y, vy + w * x), w) for node, x, y in arms]
 
 
-def check_body(scene, body: Body, what: str) -> None:
+def check_body(scene, body: Body, name: str) -> None:
     """Refuse a body of another scene."""
     if body not in scene.bodies:
-        raise SceneError(f"{what}: {body.name} belongs to another scene; take a body of this one")
+        raise SceneError(f"{name}: {body.name} belongs to another scene; take a body of this one")

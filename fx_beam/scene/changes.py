@@ -113,13 +113,13 @@ def checked_changes(scene: Any, changes: Any) -> dict[str, Latch | Fuse]:
     require(ok, "simulate: changes", changes, expected)
     coordinates: dict[tuple[Any, ...], str] = {}
     for name, change in changes.items():
-        what = f"simulate: changes[{name!r}]"
-        joint = joint_of(scene, change.joint, f"{what}: joint")
+        subject = f"simulate: changes[{name!r}]"
+        joint = joint_of(scene, change.joint, f"{subject}: joint")
         if isinstance(change, Latch):
             try:
                 locked(joint, change.coordinate)
             except SceneError as reason:
-                raise SceneError(f"{what}: {reason}") from None
+                raise SceneError(f"{subject}: {reason}") from None
         limit = change.at if isinstance(change, Latch) else change.force
         key = change.joint.number, output_of(change).quantity, limit
         if key in coordinates:
@@ -131,10 +131,10 @@ def checked_changes(scene: Any, changes: Any) -> dict[str, Latch | Fuse]:
     return dict(changes)
 
 
-def is_over(change: Latch | Fuse, after: Latch | Fuse) -> bool:
+def is_over(change: Latch | Fuse, done: Latch | Fuse) -> bool:
     """Whether a change cannot happen after another one: a fuse of its joint, or its own latch."""
-    same = change.joint.number == after.joint.number
-    return same and (isinstance(after, Fuse) or output_of(change) == output_of(after))
+    same_joint = change.joint.number == done.joint.number
+    return same_joint and (isinstance(done, Fuse) or output_of(change) == output_of(done))
 
 
 def output_of(change: Latch | Fuse) -> Output:

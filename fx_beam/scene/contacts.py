@@ -44,15 +44,15 @@ _ITERATIONS, _ABOUT = 26, np.arange(-1, 2)
 _PAIRS = 100_000
 
 
-def _place(place: Any, what: str) -> Any:
+def _place(place: Any, name: str) -> Any:
     """A node that carries a shape, or the point (x, y) of one that is fixed."""
     if isinstance(place, Node) and place is not GROUND:
         return place
     if not isinstance(place, list | tuple | np.ndarray):
         expected = "(x, y), or a node that carries it: beam.end, body.centre, body[name]"
         place = "the ground" if place is GROUND else shown(place)
-        raise SceneError(f"{what} = {place} must be {expected}")
-    x, y = map(as_float, vector(place, 2, what))
+        raise SceneError(f"{name} = {place} must be {expected}")
+    x, y = map(as_float, vector(place, 2, name))
     return x, y
 
 
@@ -125,7 +125,7 @@ class Shape:
         """
         raise NotImplementedError
 
-    def check_room(self, radius: float, what: str) -> None:
+    def check_room(self, radius: float, name: str) -> None:
         """Refuse a shape in which what touches has no room."""
 
     def outline(self, positions: np.ndarray, size: float, beyond: float) -> _Two:
@@ -238,10 +238,10 @@ class Circle(Shape):
         directions = self.side * arms / np.maximum(distance, 1e-300)[..., None]
         return self.side * (distance - self.radius), directions
 
-    def check_room(self, radius: float, what: str) -> None:
+    def check_room(self, radius: float, name: str) -> None:
         """Refuse a circle that is smaller than the one inside."""
         if self.inside and self.radius <= radius:
-            raise SceneError(f"{what}: its radius {self.radius:g} must be above the inner one's")
+            raise SceneError(f"{name}: its radius {self.radius:g} must be above the inner one's")
 
     def outline(self, positions: np.ndarray, size: float, beyond: float) -> _Two:
         """Points of the circle or of its near part."""
@@ -313,27 +313,27 @@ class Contact:
                 f"{shown(self.shape)}. A body has none of its own: give it one, such as "
                 "fx_beam.Circle(body.centre, radius)"
             )
-        what, along, friction = f"contact of {label(self.target)}", self.along, self.friction
-        check_energy(self.energy, None, what, ("d",), "energy")
+        name, along, friction = f"contact of {label(self.target)}", self.along, self.friction
+        check_energy(self.energy, None, name, ("d",), "energy")
         if self.energy is not None:
-            values = [value_of(self.energy, [d], f"{what}: energy(d)") for d in (0.0, 1e-6)]
+            values = [value_of(self.energy, [d], f"{name}: energy(d)") for d in (0.0, 1e-6)]
             rises = all(map(is_number, values)) and values[1] >= values[0]
             expected = "finite, and rise with the depth d"
-            require(rises, f"{what}: energy(d) at d = 0 and 1e-6", values, expected)
-        check_impact(self, what)
+            require(rises, f"{name}: energy(d) at d = 0 and 1e-6", values, expected)
+        check_impact(self, name)
         if isinstance(self.shape, Beam):
-            radius: Any = _checked_radii(what, self.radius)
+            radius: Any = _checked_radii(name, self.radius)
         else:
-            radius = finite(self.radius, f"{what}: radius", "not negative")
+            radius = finite(self.radius, f"{name}: radius", "not negative")
         if along is not None:
             ok = isinstance(self.target, Beam)
-            require(ok, f"{what}: along", along, "None, as a node has no length")
+            require(ok, f"{name}: along", along, "None, as a node has no length")
             expected = f"a whole number from 1 to {_MOST_POINTS}, or None"
-            require(is_whole(along, 1, _MOST_POINTS), f"{what}: along", along, expected)
+            require(is_whole(along, 1, _MOST_POINTS), f"{name}: along", along, expected)
             along = int(along)
         ok = friction is None or (isinstance(friction, Coulomb) and friction.radius is None)
         expected = "an fx_beam.Coulomb(mu, stiffness), none that has the radius of a pin, or None"
-        require(ok, f"{what}: friction", friction, expected)
+        require(ok, f"{name}: friction", friction, expected)
         vars(self).update(radius=radius, along=along)
 
     def __repr__(self):
@@ -405,38 +405,38 @@ def points_of(target: Node | Beam, along: int | None = None) -> Points:
     return Points(np.repeat(nodes, along, axis=0), weights, np.outer(lengths, shares).ravel())
 
 
-def _checked_radii(what: str, radius: Any) -> tuple[float, float]:
+def _checked_radii(name: str, radius: Any) -> tuple[float, float]:
     """Half thicknesses (radius of the other member, of the target); one number is for both."""
     pair = (radius, radius) if is_number(radius) else radius
     pair = tuple(pair) if getattr(pair, "ndim", 0) == 1 else pair
     ok = isinstance(pair, tuple | list) and len(pair) == 2 and all(map(is_number, pair))
     ok = ok and min(map(as_float, pair)) >= 0 and sum(map(as_float, pair)) > 0
     expected = "half of the thickness of the members, positive, or a pair of both"
-    require(ok, f"{what}: radius", radius, expected)
+    require(ok, f"{name}: radius", radius, expected)
     first, second = map(as_float, pair)
     return first, second
 
 
-def check_start(made: Contact, size: float) -> None:
+def check_start(contact: Contact, size: float) -> None:
     """SceneError if the target starts behind a shape, in a scene of this size [m]."""
-    target, shape = made.target, made.shape
+    target, shape = contact.target, contact.shape
     assert isinstance(shape, Shape)
-    shape.check_room(made.radii, str(made))
+    shape.check_room(contact.radii, str(contact))
     nodes = target.nodes if isinstance(target, Beam) else (target,)
     if shape.carrier is not None and shape.carrier in nodes:
         raise SceneError(
-            f"{made}: {shape.carrier} carries the {shape.name.lower()} and belongs to "
+            f"{contact}: {shape.carrier} carries the {shape.name.lower()} and belongs to "
             "what it should stop. Let a node of another member or body carry it"
         )
-    positions = reference_positions(made.target)
-    inside = made.points.of(positions)
-    gaps = shape.gap(inside) - made.radii
+    positions = reference_positions(contact.target)
+    points = contact.points.of(positions)
+    gaps = shape.gap(points) - contact.radii
     deepest = int(np.argmin(gaps))
     if gaps[deepest] < -1e-9 * max(size, float(np.ptp(positions, axis=0).max())):
-        x, y = inside[deepest]
+        x, y = points[deepest]
         raise SceneError(
-            f"{made}: the {'node' if made.along is None else 'point'} at ({x:.6g}, {y:.6g}) starts "
-            f"{-gaps[deepest]:.4g} behind it. Move it, or give the other side: the opposite "
+            f"{contact}: the {'node' if contact.along is None else 'point'} at ({x:.6g}, {y:.6g}) "
+            f"starts {-gaps[deepest]:.4g} behind it. Move it, or give the other side: the opposite "
             "normal of a Line, or inside of a Circle"
         )
 
@@ -484,9 +484,9 @@ def _nearest_node(
     least = np.full(len(points), np.inf)
     for low, high in boxes[-2::-1]:
         point, box = np.repeat(point, 2), (2 * box[:, None] + np.arange(2)).ravel()
-        width, at = count // len(low), points[point]
+        width, positions = count // len(low), points[point]
         middle = np.minimum(box * width + width // 2, last)
-        square = ((at - nodes[middle]) ** 2).sum(axis=-1)
+        square = ((positions - nodes[middle]) ** 2).sum(axis=-1)
         left_out = np.zeros(len(box), dtype=bool)
         if arc is not None:
             ends = arc[np.minimum(box * width, last)], arc[np.minimum((box + 1) * width - 1, last)]
@@ -494,9 +494,9 @@ def _nearest_node(
             square[abs(arc[point] - arc[middle]) < apart] = np.inf
         starts = np.flatnonzero(np.diff(point, prepend=-1))
         least[point[starts]] = np.minimum(least[point[starts]], np.minimum.reduceat(square, starts))
-        way = np.maximum(np.maximum(low[box] - at, at - high[box]), 0.0)
-        kept = ((way**2).sum(axis=-1) <= least[point]) & ~left_out
-        point, box, square = point[kept], box[kept], square[kept]
+        way = np.maximum(np.maximum(low[box] - positions, positions - high[box]), 0.0)
+        candidates = ((way**2).sum(axis=-1) <= least[point]) & ~left_out
+        point, box, square = point[candidates], box[candidates], square[candidates]
         if not len(point):
             break
     node = np.zeros(len(points), dtype=int)
@@ -554,29 +554,31 @@ def _on_pieces(points: np.ndarray, nodes: np.ndarray, node: np.ndarray, closed: 
     return points + value + x * (slope + x * bend)
 
 
-def check_members(made: Contact, size: float) -> None:
+def check_members(contact: Contact, size: float) -> None:
     """SceneError if members of a scene of this size [m] touch at the start, or cannot."""
-    a, b = made.target, made.shape
+    a, b = contact.target, contact.shape
     assert isinstance(b, Beam)
     if isinstance(a, Node) and a in b.nodes:
-        raise SceneError(f"{made}: the node belongs to the member. Give a node of another one")
-    if made.along is not None:
-        raise SceneError(f"{made}: along = {made.along}, but members touch at their nodes: omit it")
+        raise SceneError(f"{contact}: the node belongs to the member. Give a node of another one")
+    if contact.along is not None:
+        raise SceneError(
+            f"{contact}: along = {contact.along}, but members touch at their nodes: omit it"
+        )
     pairs = [(a, b)] if a is b or not isinstance(a, Beam) else [(a, b), (b, a)]
     for touching, member in pairs:
         points, nodes = reference_positions(touching), reference_positions(member)
         arc = arc_of(nodes) if touching is member else None
         if arc is None:
-            points = points[may_be_nearer(points, nodes, made.radii)]
+            points = points[may_be_nearer(points, nodes, contact.radii)]
             if not len(points):
                 continue
-        gaps = nearest(points, nodes, made.apart, arc).distance - made.radii
+        gaps = nearest(points, nodes, contact.apart, arc).distance - contact.radii
         deepest = int(np.argmin(gaps))
         if gaps[deepest] < -1e-9 * size:
             x, y = points[deepest]
             other = "itself" if touching is member else label(member)
             raise SceneError(
-                f"{made}: the members overlap at the start: at ({x:.6g}, {y:.6g}) "
+                f"{contact}: the members overlap at the start: at ({x:.6g}, {y:.6g}) "
                 f"{label(touching)} lies {-gaps[deepest]:.4g} deep in {other}. Move one of them, "
                 "or give a smaller radius. Members that are joined overlap at their joint"
             )

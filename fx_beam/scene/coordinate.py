@@ -140,14 +140,14 @@ def _refuse_functions(part: Any, names: tuple[str, ...], place: str) -> None:
             )
 
 
-def check_impact(part: Any, what: str) -> None:
+def check_impact(part: Any, name: str) -> None:
     """Check the fields of a contact; SceneError for losses that are out of range."""
-    check_fields(part, what)
+    check_fields(part, name)
     e = part.restitution
-    require(e <= 1, f"{what}: restitution", e, "a number from 0 to 1")
+    require(e <= 1, f"{name}: restitution", e, "a number from 0 to 1")
     if part.speed is None and e < 1:
         raise SceneError(
-            f"{what}: a restitution below 1 needs a speed, the rate below which the loss is "
+            f"{name}: a restitution below 1 needs a speed, the rate below which the loss is "
             "viscous. Try a hundredth of the speed of the impacts"
         )
 
@@ -472,10 +472,10 @@ class Coordinate:
         return any((self.spring, self.damper, self.friction, self.stop))
 
 
-def checked_coordinate(what: str, spring, damper, motor, friction=None, stop=None) -> Coordinate:
+def checked_coordinate(name: str, spring, damper, motor, friction=None, stop=None) -> Coordinate:
     """Coordinate of checked parts."""
     if motor is not None:
-        motor = time_function(motor, 1, what)
+        motor = time_function(motor, 1, name)
     return Coordinate(spring, damper, motor, friction, stop)
 
 
@@ -508,11 +508,16 @@ def _check_law(law: Callable[[Any], Any]) -> None:
             )
 
 
-def functions_of(on: Coordinate) -> Iterator[tuple[str, Any]]:
+def functions_of(coordinate: Coordinate) -> Iterator[tuple[str, Any]]:
     """Expressions of the user's functions on a coordinate, by kind."""
-    if on.spring is not None:
-        yield from functions_of_energy(on.spring.strain_energy, on.spring.internal, 1)
-    for law in (on.damper and on.damper.law, getattr(on.friction, "force", None)):
+    if coordinate.spring is not None:
+        yield from functions_of_energy(
+            coordinate.spring.strain_energy, coordinate.spring.internal, 1
+        )
+    for law in (
+        coordinate.damper and coordinate.damper.law,
+        getattr(coordinate.friction, "force", None),
+    ):
         if callable(law):
             from .symbols import SCALARS
 

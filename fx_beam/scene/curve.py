@@ -258,13 +258,13 @@ def along_curve(curve: Curve, elements: Any, degree: int, name: str) -> Layout:
     s = length * np.linspace(0, 1, elements + 1)
     _check_followed(points[::degree], s, name)
     ends: list = list(points[::degree])
-    for i, node, where in ((0, curve.start, "starts"), (-1, curve.end, "ends")):
+    for i, node, verb in ((0, curve.start, "starts"), (-1, curve.end, "ends")):
         if node is None:
             continue
         gap = math.dist((node.x, node.y), points[i])
         if gap > 1e-9 * length:
             raise SceneError(
-                f"beam {name!r}: its curve {where} at ({points[i, 0]:g}, {points[i, 1]:g}), "
+                f"beam {name!r}: its curve {verb} at ({points[i, 0]:g}, {points[i, 1]:g}), "
                 f"{gap:.3g} away from {node} that it should share. Move the node or the curve"
             )
         ends[i] = node

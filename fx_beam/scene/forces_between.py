@@ -168,24 +168,24 @@ def rope_spring(spring: Any, length: Any, number: int) -> tuple[Spring, tuple[st
     expected = "a linear fx_beam.Spring(k) without a rest, as the rope has a length"
     require(ok, f"rope {number}: spring", spring, expected)
     k = Parameter(f"stiffness of rope {number}", spring.stiffness)
-    own: tuple[str, ...] = (k.name,)
+    names: tuple[str, ...] = (k.name,)
     if not is_parameter(length):
         length = Parameter(f"length of rope {number}", length)
-        own = (*own, length.name)
+        names = (*names, length.name)
 
     def energy(x):
         return ufl.conditional(ufl.gt(x, length), k / 2 * (x - length) ** 2, 0.0)
 
-    return Spring(strain_energy=energy), own
+    return Spring(strain_energy=energy), names
 
 
 def checked_force(
     points: Sequence[Any],
-    on: Coordinate,
+    coordinate: Coordinate,
     force: Any,
     number: int,
     size: float,
-    own: tuple[str, ...] = (),
+    names: tuple[str, ...] = (),
     make: Callable[..., ForceBetween] | None = None,
 ) -> ForceBetween:
     """A force of a scene of a size [m]; SceneError if a law is not finite at the start."""
@@ -193,43 +193,43 @@ def checked_force(
         from .symbols import Parameter
 
         name = f"force {number} between points"
-        force, own = GivenPull(Parameter(name, force)), (*own, name)
-    made = (make or ForceBetween)(_points(points), on, force, number, own)
-    if min(math.hypot(*way) for way in made.apart) <= 1e-12 * size:
-        raise SceneError(f"{made}: the points are at the same place, so that no direction is known")
-    distance = made.length_at_start
-    if not (on.acts or force is not None):
-        raise SceneError(f"{made}: give a spring, damper, friction, stop or force")
-    if isinstance(on.friction, Coulomb):
+        force, names = GivenPull(Parameter(name, force)), (*names, name)
+    new = (make or ForceBetween)(_points(points), coordinate, force, number, names)
+    if min(math.hypot(*way) for way in new.apart) <= 1e-12 * size:
+        raise SceneError(f"{new}: the points are at the same place, so that no direction is known")
+    distance = new.length_at_start
+    if not (coordinate.acts or force is not None):
+        raise SceneError(f"{new}: give a spring, damper, friction, stop or force")
+    if isinstance(coordinate.friction, Coulomb):
         raise SceneError(
-            f"{made}: fx_beam.Coulomb needs a normal force, which a force between two points has "
+            f"{new}: fx_beam.Coulomb needs a normal force, which a force between two points has "
             "not. Use fx_beam.SmoothFriction"
         )
-    check_at_start(made, distance, 1e-9 * size, "the distance")
+    check_at_start(new, distance, 1e-9 * size, "the distance")
     if force is not None:
-        _check(force, (distance, 0.0, 0.0), made, "force(distance, rate, t)")
-    return made
+        _check(force, (distance, 0.0, 0.0), new, "force(distance, rate, t)")
+    return new
 
 
-def check_at_start(made: ForceBetween, place: float, tolerance: float, what: str) -> None:
+def check_at_start(force: ForceBetween, place: float, tolerance: float, name: str) -> None:
     """SceneError if a force starts beyond a stop, or its stored energy is not finite there."""
-    stop, spring = made.on.stop, made.on.spring
+    stop, spring = force.on.stop, force.on.spring
     if stop is not None:
-        stop.check_start(place, tolerance, f"{made}: {what}")
+        stop.check_start(place, tolerance, f"{force}: {name}")
     if spring is not None and spring.strain_energy is not None and not spring.internal:
-        _check(spring.strain_energy, (place - spring.rest,), made, "strain_energy(x)")
+        _check(spring.strain_energy, (place - spring.rest,), force, "strain_energy(x)")
 
 
 def _points(points: Sequence[Any]) -> tuple[Node | FixedPoint, ...]:
     """Nodes and fixed points; SceneError for anything else."""
-    what = "force between points: b, a node or a fixed point,"
+    name = "force between points: b, a node or a fixed point,"
     if len(points) > 2:
-        what = "rope: a point, a node or a fixed one,"
-    return tuple(p if isinstance(p, Node) else FixedPoint(vector(p, 2, what)) for p in points)
+        name = "rope: a point, a node or a fixed one,"
+    return tuple(p if isinstance(p, Node) else FixedPoint(vector(p, 2, name)) for p in points)
 
 
-def _check(function: Callable, arguments: tuple[float, ...], what: ForceBetween, call: str) -> None:
+def _check(function: Callable, arguments: tuple[float, ...], part: ForceBetween, call: str) -> None:
     """Refuse a function that is no scalar UFL expression, or not finite at the start."""
-    value = value_of(function, arguments, f"{what}: {call}")
+    value = value_of(function, arguments, f"{part}: {call}")
     if isinstance(value, complex) or not math.isfinite(value):
-        raise SceneError(f"{what}: {call} is {value} at the start, at {arguments[0]:.6g}")
+        raise SceneError(f"{part}: {call} is {value} at the start, at {arguments[0]:.6g}")

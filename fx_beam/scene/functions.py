@@ -48,8 +48,8 @@ class Signal:
     #: Whether it goes straight over a step to a value that is set.
     ramps = False
 
-    def __init__(self, function: Callable | None, size: int, what: str = "", value: Any = None):
-        self.function, self.size, self.what = function, size, what
+    def __init__(self, function: Callable | None, size: int, name: str = "", value: Any = None):
+        self.function, self.size, self.what = function, size, name
         #: The value (size,) of a constant.
         self.value = value
         # Whether values had slopes.
@@ -78,12 +78,12 @@ class Signal:
         except Exception as error:
             raise self._failure(arguments, error) from error
 
-    def series(self, times: np.ndarray, what: str, arrays: ArrayCalls | None = None) -> Any:
+    def series(self, times: np.ndarray, name: str, arrays: ArrayCalls | None = None) -> Any:
         """Finite values (n, size) at n times [s]; StepError otherwise.
 
         The `time` of the error, or of another exception, says when.
         """
-        return self.each(times[:, None], arrays, what)
+        return self.each(times[:, None], arrays, name)
 
     def each(self, rows: Any, arrays: ArrayCalls | None = None, run: str = "") -> Any:
         """Values (n, size) for rows (n, k) of arguments; SceneError for what does not fit.
@@ -152,10 +152,10 @@ class SignalAlong(Signal):
     one by one otherwise. It is tried at time 0, so that errors show before the run.
     """
 
-    def __init__(self, function: Callable, size: int, what: str, length: float, place: str):
+    def __init__(self, function: Callable, size: int, name: str, length: float, place: str):
         if not callable(function):
-            raise SceneError(f"{what}: {shown(function)} must be a function of ({place}, t)")
-        super().__init__(function, size, what)
+            raise SceneError(f"{name}: {shown(function)} must be a function of ({place}, t)")
+        super().__init__(function, size, name)
         self.place, self._samples = place, length * _PARTS
         one_by_one = self._at_each(self._samples, 0.0)
         values = self._at_once(self._samples, 0.0)
@@ -188,8 +188,8 @@ class SignalAlong(Signal):
         self._calls += 1
         if not (len(positions) and (self._was_zero or self._calls & (self._calls - 1) == 0)):
             return True
-        some = len(positions) * np.array([1, 2]) // 3
-        self._takes_arrays = _agree(values[some], self._at_each(positions[some], t), values)
+        samples = len(positions) * np.array([1, 2]) // 3
+        self._takes_arrays = _agree(values[samples], self._at_each(positions[samples], t), values)
         self._was_zero &= not floats(values).any()
         return self._takes_arrays
 
@@ -216,13 +216,13 @@ class SignalAlong(Signal):
 
     def _checked(self, position: float, t: float) -> np.ndarray:
         """The value at a place; SceneError, with the place, for a wrong one."""
-        what = f"{self.what} at {self.place} = {position:g}, t = {t:g}"
+        name = f"{self.what} at {self.place} = {position:g}, t = {t:g}"
         function: Any = self.function
         try:
             value = function(position, t)
         except Exception as error:
-            raise SceneError(f"{what}: calling it raised {error!r}") from error
-        return vector(value, self.size, what)
+            raise SceneError(f"{name}: calling it raised {error!r}") from error
+        return vector(value, self.size, name)
 
 
 def constant(value: np.ndarray) -> Signal:
@@ -230,29 +230,29 @@ def constant(value: np.ndarray) -> Signal:
     return Signal(None, len(value), value=value)
 
 
-def checked_function(value: Any, size: int, what: str, *sample: float) -> Signal:
+def checked_function(value: Any, size: int, name: str, *sample: float) -> Signal:
     """A function with values of shape (size,), from a constant or a user's function.
 
     The user's function is called once at `sample`, so that errors show before the run.
     """
     if not callable(value):
-        return Signal(None, size, what, vector(value, size, what))
+        return Signal(None, size, name, vector(value, size, name))
     if hasattr(value, "ufl_shape") and not is_number(value):  # it gives its value at the beginning
         expected = "give a number, a function or an fx_beam.Input"
-        raise SceneError(f"{what}: {shown(value)} is an expression of UFL; {expected}")
+        raise SceneError(f"{name}: {shown(value)} is an expression of UFL; {expected}")
     try:
         first = value(*sample)
     except Exception as error:
-        raise SceneError(f"{what}: calling it at {sample} raised {error!r}") from error
-    vector(first, size, what)
-    signal = Signal(value, size, what)
+        raise SceneError(f"{name}: calling it at {sample} raised {error!r}") from error
+    vector(first, size, name)
+    signal = Signal(value, size, name)
     signal._is_dual = dual_of(first) is not None
     return signal
 
 
-def function_of_place(value: Any, size: int, what: str, place: str) -> Signal:
+def function_of_place(value: Any, size: int, name: str, place: str) -> Signal:
     """A checked constant, or function of a position along a beam with the name `place`."""
-    signal = checked_function(value, size, what, 0.0)
+    signal = checked_function(value, size, name, 0.0)
     signal.place = place
     return signal
 
@@ -267,25 +267,25 @@ def argument_names(function: Any) -> list[str]:
     return [p.name for p in parameters if p.kind in kinds and p.default is p.empty]
 
 
-def check_takes_time(function: Any, what: str) -> None:
+def check_takes_time(function: Any, name: str) -> None:
     """Refuse a function whose parameters show that it depends on position instead of time."""
     names = argument_names(function)
     if len(names) > 1 or names and names[0].lower() in _PLACES:
         raise SceneError(
-            f"{what}: the function takes ({', '.join(names)}), but it is called with the time t "
+            f"{name}: the function takes ({', '.join(names)}), but it is called with the time t "
             "only: give lambda t: ... For a load that varies along the beam, give a function of "
             "the arc length s [m] and of='arc length'"
         )
 
 
-def evaluate(function: Callable, t: float, what: str) -> Any:
+def evaluate(function: Callable, t: float, name: str) -> Any:
     """Finite value of a function at the time t [s]; StepError otherwise."""
     try:
         value = function(t)
     except Exception as error:
-        raise _failed(t, error, what) from error
+        raise _failed(t, error, name) from error
     if not np.isfinite(value).all():
-        reason = f"{what}: its value at t = {t:.6g} is {value}, which is not finite"
+        reason = f"{name}: its value at t = {t:.6g} is {value}, which is not finite"
         raise StepError(Failure("function", reason, t))
     return value
 
@@ -294,7 +294,7 @@ def values_of(
     function: Callable,
     size: int,
     rows: Any,
-    what: str,
+    name: str,
     one_by_one: Callable,
     arrays: ArrayCalls | None,
     is_dual: bool = False,
@@ -307,7 +307,7 @@ def values_of(
     least = _LEAST_WITH_SLOPES if is_dual or isinstance(rows, Dual) else _LEAST
     if arrays is None or len(rows) < least:
         return one_by_one(rows)
-    key = what, getattr(function, "__code__", type(function))
+    key = name, getattr(function, "__code__", type(function))
     if not arrays.accepted.get(key, True):
         return one_by_one(rows)
     values_at_once, is_first = _at_once(function, size, rows), key not in arrays.accepted
@@ -317,11 +317,11 @@ def values_of(
         return values
     if values_at_once is None:
         return one_by_one(rows)
-    some = np.arange(_SAMPLES) * (len(rows) - 1) // (_SAMPLES - 1)
+    samples = np.arange(_SAMPLES) * (len(rows) - 1) // (_SAMPLES - 1)
     sizes = None
     if isinstance(values_at_once, Dual):
-        some, sizes = some[1:2], values_at_once
-    if not _agree(values_at_once[some], one_by_one(rows[some]), sizes):
+        samples, sizes = samples[1:2], values_at_once
+    if not _agree(values_at_once[samples], one_by_one(rows[samples]), sizes):
         return one_by_one(rows)
     return values_at_once
 
@@ -352,10 +352,10 @@ def _at_once(function: Callable, size: int, rows: Any) -> Any:
     return values if values.shape[1] == size and np.isfinite(values).all() else None
 
 
-def _agree(values: Any, others: Any, sizes: Any = None) -> bool:
+def _agree(values: Any, expected: Any, sizes: Any = None) -> bool:
     """Whether values (n, size) differ by round-off at most, in terms of the largest of `sizes`."""
-    values, others, sizes = map(floats, (values, others, others if sizes is None else sizes))
-    return bool((abs(values - others) <= _ROUNDING * abs(sizes).max(axis=0)).all())
+    values, expected, sizes = map(floats, (values, expected, expected if sizes is None else sizes))
+    return bool((abs(values - expected) <= _ROUNDING * abs(sizes).max(axis=0)).all())
 
 
 def _copied(value: Any) -> Any:
@@ -365,13 +365,13 @@ def _copied(value: Any) -> Any:
     return (value if isinstance(value, np.ndarray) else np.array(value)).tolist()
 
 
-def _failed(t: float, error: Exception, what: str) -> StepError:
+def _failed(t: float, error: Exception, name: str) -> StepError:
     """The error of a function of time that raised one."""
     raised = error.__cause__ if isinstance(error, SceneError) and error.__cause__ else error
-    reason = f"{what}: evaluating it at t = {t:.6g} raised {raised!r}"
+    reason = f"{name}: evaluating it at t = {t:.6g} raised {raised!r}"
     if _is_endless(error):
         reason = (
-            f"{what}: the function calls itself for ever, as one that runs an analysis of the "
+            f"{name}: the function calls itself for ever, as one that runs an analysis of the "
             "scene to which it belongs. Let it use a scene without this function"
         )
     return StepError(Failure("function", reason, t))

@@ -147,7 +147,7 @@ class Gear:
     @property
     def rest(self) -> Any:
         """The sum of the terms where the relation holds."""
-        slides = [of.joint.start()[0] for of in self.terms if of.name == "slide"]
+        slides = [term.joint.start()[0] for term in self.terms if term.name == "slide"]
         return self.value + sum(slides)
 
     @property
@@ -257,17 +257,17 @@ def Rack(joint: Joint, slide: Joint, radius: float) -> Gear:
     return Gear(joint, slide, radius, driven="slide")
 
 
-def added_gear(scene: Any, gear: Any, at: Any) -> Gear:
+def added_gear(scene: Any, gear: Any, solution: Any) -> Gear:
     """A gear that a scene has from now on, made at a solution if one is given."""
     if not isinstance(gear, Gear):
         raise SceneError(f"add_joint needs a joint such as fx_beam.Revolute, not {gear!r}")
     for joint in (gear.joint_a, gear.joint_b):
         joint_of(scene, joint, str(gear))
-    if at is not None:
-        moved = {node.number: moved_by(at, node) for node in gear.nodes}
+    if solution is not None:
+        moved = {node.number: moved_by(solution, node) for node in gear.nodes}
         motion = NodalMotion(lambda _, node: moved[node.number][:, None], lambda *_: np.zeros(0))
         slides = np.zeros((1, scene.joint_count))
-        for joint in (of for of in (gear.joint_a, gear.joint_b) if of.slide is not None):
+        for joint in (side for side in (gear.joint_a, gear.joint_b) if side.slide is not None):
             slides[:, joint.number] = joint.kinematics.slide(motion, np.zeros(1))
         gear = replace(gear, value=gear.value + float(gear.difference(motion, slides)[0]))
     scene.parameters.add(functions_of(gear.on), str(gear))

@@ -149,29 +149,29 @@ _LAWS = {Spring: "spring", Damper: "damper", SmoothFriction: "friction", Stop: "
 
 
 def ground_spring(
-    node: Node, laws: Any, direction: np.ndarray | None, number: int, what: str
+    node: Node, laws: Any, direction: np.ndarray | None, number: int, name: str
 ) -> GroundSpring:
-    """What holds a node along a direction, or its rotation; SceneError for what is no law."""
-    each = laws if isinstance(laws, list | tuple) else [laws]
-    names = [_LAWS.get(type(law), "") for law in each]
-    ok = bool(each) and all(names) and len({*names}) == len(names)
+    """A spring to the ground along a direction or on the rotation; SceneError for no law."""
+    law_list = laws if isinstance(laws, list | tuple) else [laws]
+    names = [_LAWS.get(type(law), "") for law in law_list]
+    ok = bool(law_list) and all(names) and len({*names}) == len(names)
     expected = "an fx_beam.Spring, Damper, SmoothFriction or Stop, or a list with one of each"
-    require(ok, what, laws, expected)
-    on = Coordinate(**dict(zip(names, each, strict=True)))
-    made = GroundSpring((node,), on, number=number, target=node, direction=direction)
-    check_at_start(made, 0.0, 0.0, "the rotation" if direction is None else "the displacement")
-    return made
+    require(ok, name, laws, expected)
+    coordinate = Coordinate(**dict(zip(names, law_list, strict=True)))
+    spring = GroundSpring((node,), coordinate, number=number, target=node, direction=direction)
+    check_at_start(spring, 0.0, 0.0, "the rotation" if direction is None else "the displacement")
+    return spring
 
 
 def bed_of(beam: Beam, normal: float, tangential: float, pushes_only: bool, number: int) -> Bed:
     """The bed of a beam; its parts get numbers from `number` on."""
     parts: dict[str, GroundSpring] = {}
-    each = ("normal", normal, (0.0, 1.0)), ("tangential", tangential, (1.0, 0.0))
-    for name, stiffness, way in each:
+    directions = ("normal", normal, (0.0, 1.0)), ("tangential", tangential, (1.0, 0.0))
+    for name, stiffness, way in directions:
         if stiffness:
-            on = Coordinate(spring=Spring(stiffness))
+            coordinate = Coordinate(spring=Spring(stiffness))
             if pushes_only and name == "normal":
-                on = Coordinate(stop=Stop(0.0, None, stiffness))
-            given: dict[str, Any] = {"number": number + len(parts), "direction": np.array(way)}
-            parts[name] = GroundSpring(beam.nodes, on, target=beam, **given)
+                coordinate = Coordinate(stop=Stop(0.0, None, stiffness))
+            options: dict[str, Any] = {"number": number + len(parts), "direction": np.array(way)}
+            parts[name] = GroundSpring(beam.nodes, coordinate, target=beam, **options)
     return Bed(**parts)

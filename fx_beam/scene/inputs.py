@@ -80,13 +80,13 @@ class InputSignal(Signal):
 
     is_constant = False
 
-    def __init__(self, source: Input, size: int, what: str):
+    def __init__(self, source: Input, size: int, name: str):
         if source.factor is not None and len(source.factor) != size:
             raise SceneError(
-                f"{what}: {source} has {len(source.factor)} factors, but there "
+                f"{name}: {source} has {len(source.factor)} factors, but there "
                 f"{'are two components' if size == 2 else 'is one component'}"
             )
-        super().__init__(None, size, what)
+        super().__init__(None, size, name)
         self.name = source.name
         #: Matrix (size, width) from the input to the values.
         self.factor = np.eye(size) if source.factor is None else np.array(source.factor)[:, None]
@@ -131,11 +131,11 @@ class InputSignal(Signal):
         return np.array([self(*row) for row in rows.tolist()])
 
 
-def time_function(value, size: int, what: str) -> Signal:
+def time_function(value, size: int, name: str) -> Signal:
     """A function of time with values (size,): from a constant, a function or an `Input`."""
     if isinstance(value, Input):
-        return InputSignal(value, size, what)
-    return checked_function(value, size, what, 0.0)
+        return InputSignal(value, size, name)
+    return checked_function(value, size, name, 0.0)
 
 
 def is_open_input(function: Any) -> bool:
@@ -145,7 +145,7 @@ def is_open_input(function: Any) -> bool:
 
 def input_slots(scene) -> Iterator[tuple[InputSignal, str]]:
     """All slots of a scene with a kind: "load", "motion", "parameter" or "natural strain"."""
-    motors = (on.motor for joint in scene.joints for on in joint.coordinates.values())
+    motors = (c.motor for joint in scene.joints for c in joint.coordinates.values())
     strains = (part for strain in scene.natural_strains for part in strain.parts.values())
     for kind, functions in (
         ("load", (load.value for load in scene.loads)),
@@ -177,12 +177,12 @@ def widths(scene) -> dict[str, int]:
     return {name: slot.width for name, (slot, _) in slots.items()}
 
 
-def check_names(names, own, what: str) -> None:
-    """Refuse names of inputs that a scene with its `own` names does not have."""
+def check_names(names, known, subject: str) -> None:
+    """Refuse names of inputs that are not among the `known` names of a scene."""
     for name in names:
-        if name not in own:
-            has = f"it has {list(own)}" if own else "it has none; see fx_beam.Input"
-            raise SceneError(f"{what}: the scene has no input {name!r}; {has}")
+        if name not in known:
+            has = f"it has {list(known)}" if known else "it has none; see fx_beam.Input"
+            raise SceneError(f"{subject}: the scene has no input {name!r}; {has}")
 
 
 def connected(scene, function_of: Callable[[InputSignal], Signal]):
@@ -203,18 +203,18 @@ def connected(scene, function_of: Callable[[InputSignal], Signal]):
     new.joints = []
     for joint in scene.joints:
         on_it = joint.coordinates.items()
-        driven = {name: replace(on, motor=replaced(on.motor)) for name, on in on_it}
+        driven = {name: replace(c, motor=replaced(c.motor)) for name, c in on_it}
         new.joints.append(replace(joint, **driven))
     return new
 
 
-def with_functions(scene, values: Mapping | None, what: str):
+def with_functions(scene, values: Mapping | None, name: str):
     """The scene with its inputs as functions of time or constants; zero where none is given."""
     if values is None:
         return scene
-    errors.require(isinstance(values, Mapping), what, values, "a dictionary by names of inputs")
+    errors.require(isinstance(values, Mapping), name, values, "a dictionary by names of inputs")
     sizes = widths(scene)
-    check_names(values, sizes, what)
+    check_names(values, sizes, name)
     functions = {
         name: checked_function(value, sizes[name], f"input {name!r}", 0.0)
         for name, value in values.items()

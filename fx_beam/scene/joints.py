@@ -125,7 +125,7 @@ class Joint:
     def _repr_html_(self):
         from .notebook import html_table
 
-        rows = {name: str(on) for name, on in self.coordinates.items()}
+        rows = {name: str(c) for name, c in self.coordinates.items()}
         return html_table(str(self), {"offset": str(self.offset)} | rows)
 
     def __str__(self):
@@ -134,14 +134,14 @@ class Joint:
 
     @property
     def coordinates(self) -> dict[str, Coordinate]:
-        """The free coordinates of the joint, "slide" and "rotation", with what acts on them."""
+        """The free coordinates of the joint by name, "slide" and "rotation", with their laws."""
         parts = {"slide": self.slide, "rotation": self.rotation}
         return {name: part for name, part in parts.items() if part is not None}
 
     @property
     def driven(self) -> list[str]:
         """Names of the coordinates with a motor."""
-        return [name for name, on in self.coordinates.items() if on.motor is not None]
+        return [name for name, c in self.coordinates.items() if c.motor is not None]
 
     @property
     def turns_together(self) -> bool:
@@ -151,7 +151,7 @@ class Joint:
     @property
     def internal(self) -> tuple[str, ...]:
         """Names of the internal variables of springs: of the slide, then of the rotation."""
-        springs = (on.spring for on in self.coordinates.values())
+        springs = (c.spring for c in self.coordinates.values())
         return tuple(name for s in springs if s and s.internal for name in s.internal.names)
 
     @property
@@ -264,8 +264,8 @@ class Joint:
                     )
             if coordinate.stop is not None:
                 start = slide if name == "slide" else 0.0
-                more = _MOVE_ZERO if start and self.a is not GROUND else ""
-                coordinate.stop.check_start(start, 1e-9 * unit, f"{self}: its {name}", more)
+                advice = _MOVE_ZERO if start and self.a is not GROUND else ""
+                coordinate.stop.check_start(start, 1e-9 * unit, f"{self}: its {name}", advice)
 
     def _misplaced(self, gap: float) -> str:
         """What is wrong with nodes that do not fit."""
@@ -405,10 +405,10 @@ def placed(joint: Joint, q_a: np.ndarray, q_b: np.ndarray, size: float) -> Joint
             f"{joint}: in this solution there is a gap of {gap:.4g} between b and its position on "
             f"a. Add it when they meet, or with offset=({x:.6g}, {y:.6g})"
         )
-    for name, on in joint.coordinates.items():
-        if on.stop is not None:
+    for name, coordinate in joint.coordinates.items():
+        if coordinate.stop is not None:
             value = slide if name == "slide" else float(q_b[2] - q_a[2])
-            on.stop.check_start(value, _FITS * size, f"{joint}: its {name}")
+            coordinate.stop.check_start(value, _FITS * size, f"{joint}: its {name}")
     offset.setflags(write=False)
     place = Place((float(apart[0]), float(apart[1])), slide, turn)
     return replace(joint, offset=offset, place=place)
@@ -612,12 +612,12 @@ def PinInSlot(
     return new_joint("PinInSlot", a, b, offset, direction(axis, "PinInSlot: axis"), slide, hinge)
 
 
-def direction(value, what: str) -> np.ndarray:
+def direction(value, name: str) -> np.ndarray:
     """Unit vector (2,) in the direction of a vector; a unit vector stays, to the last digit."""
-    components = vector(value, 2, what)
+    components = vector(value, 2, name)
     length = np.hypot(*components)
     if length == 0:
-        raise SceneError(f"{what} = {components} has no direction. Give a nonzero vector")
+        raise SceneError(f"{name} = {components} has no direction. Give a nonzero vector")
     if (dual := dual_of(components)) is not None:
         return scene_number(dual / np.hypot(*dual))
     unit = components / length if abs(length - 1) > 4e-16 else components
@@ -625,7 +625,7 @@ def direction(value, what: str) -> np.ndarray:
     return unit
 
 
-def new_joint(kind, a, b, offset, axis=None, slide=None, rotation=None, cls=Joint, **more) -> Any:
+def new_joint(kind, a, b, offset, axis=None, slide=None, rotation=None, cls=Joint, **extra) -> Any:
     """A joint of a class, and what this has more; SceneError for nodes and laws that do not fit."""
     if slide is not None and isinstance(slide.friction, Coulomb) and slide.friction.radius:
         raise SceneError(f"{kind}: friction of a slide has no radius; omit it")
@@ -646,7 +646,7 @@ def new_joint(kind, a, b, offset, axis=None, slide=None, rotation=None, cls=Join
     offset = vector(offset, 2, f"{kind}: offset")
     expected = f"zero, as the ground takes no offset: the joint is at the start position of {b}"
     require(a is not GROUND or not offset.any(), f"{kind}: offset", offset.tolist(), expected)
-    joint = cls(kind, a, b, offset, axis, slide, rotation, **more)
+    joint = cls(kind, a, b, offset, axis, slide, rotation, **extra)
     if len(set(joint.internal)) < len(joint.internal):
         raise SceneError(
             f"{kind}: the springs of its slide and its rotation have internal variables of the "

@@ -196,14 +196,14 @@ def check_energy(
     if missing:
         raise SceneError(f"{part}: {name} does not depend on {missing}. Use ufl.cos, not math.cos")
     if count == 3:
-        taken = sorted(_OF_MEMBERS & {*variables})
-        require(not taken, f"{part}: internal", taken, "names that pictures and files do not use")
+        used = sorted(_OF_MEMBERS & {*variables})
+        require(not used, f"{part}: internal", used, "names that pictures and files do not use")
         _check_convexity(W, e[:3], f"{part}: {name}", strains)
     if internal is not None:
         check_dissipation(strain_energy, internal, count)
 
 
-def _check_convexity(W: Any, e: list[Any], what: str, strains: tuple[str, ...]) -> None:
+def _check_convexity(W: Any, e: list[Any], subject: str, strains: tuple[str, ...]) -> None:
     """Refuse a stored energy that falls along a strain, from zero on and without an end."""
     from .symbols import SCALARS
 
@@ -225,7 +225,7 @@ def _check_convexity(W: Any, e: list[Any], what: str, strains: tuple[str, ...]) 
         # Changes that are round-off are zero.
         if falls and (slope := next(filter(None, slopes), 0.0)):
             raise SceneError(
-                f"{what} falls as {name} grows in either direction: at zero strain its second "
+                f"{subject} falls as {name} grows in either direction: at zero strain its second "
                 f"derivative by {name} is {slope:.6g}, which must be positive. Check the signs"
             )
 
@@ -381,15 +381,15 @@ class InternalVariables:
         ufl vector
             The variables.
         """
-        what = "InternalVariables: update(old, strains0, strains, dt)"
+        name = "InternalVariables: update(old, strains0, strains, dt)"
         with refused(
-            f"{what} must give a UFL expression for each of {list(self.names)}. Use "
+            f"{name} must give a UFL expression for each of {list(self.names)}. Use "
             "ufl.conditional, ufl.sqrt, ... in place of if, math or NumPy"
         ):
             updated = [ufl.as_ufl(value) for value in self.update(old, strains0, strains, dt)]
         if len(updated) != len(self.names) or any(value.ufl_shape for value in updated):
             raise SceneError(
-                f"{what} must give {len(self.names)} scalars, one for each of "
+                f"{name} must give {len(self.names)} scalars, one for each of "
                 f"{list(self.names)}; it gave {len(updated)} of the shapes "
                 f"{[value.ufl_shape for value in updated]}"
             )
@@ -427,14 +427,14 @@ def evolution_loss(energy: Energy, level: float, variables, strains, static: boo
     work of the forces that drive the variables: of their mean over both ends if they flow from the
     start on, else at the `level` of the update. `variables` as of `evolved`, `strains` at the ends.
     """
-    (old, new, begun), (e0, e1) = variables, strains
+    (old, new, early), (e0, e1) = variables, strains
 
     def drive(e, state):
         return -slope(lambda a: energy(*e, a), state)
 
     if static:
         change = new - old
-        flows = ufl.gt(ufl.dot(begun - old, change), _SHORTLY / 100 * ufl.dot(change, change))
+        flows = ufl.gt(ufl.dot(early - old, change), _SHORTLY / 100 * ufl.dot(change, change))
         weight = ufl.conditional(flows, 0.5, 1 - level)
         return ufl.dot(weight * drive(e0, old) + (1 - weight) * drive(e1, new), change)
     mean = (old + new) / 2

@@ -101,58 +101,58 @@ def line_load(beam: Beam, load, arguments: str, between: Any = None) -> Load:
 
     A constant, its values at both ends, or a function of time, of the arc length, or of both.
     """
-    what = f"line load on {label(beam)}"
+    name = f"line load on {label(beam)}"
     expected = "'time' or 'arc length', or 'arc length and time' for a function of both"
     expected += ", or 'projected length' for a load by this"
-    require(is_one_of(arguments, _OF), f"{what}: of", arguments, expected)
+    require(is_one_of(arguments, _OF), f"{name}: of", arguments, expected)
     options: dict[str, Any] = {"projected": arguments == "projected length"}
     if between is not None:
-        options["between"] = part_of(beam, between, arguments, what)
+        options["between"] = part_of(beam, between, arguments, name)
     rows = list, tuple, np.ndarray
     if isinstance(load, rows) and all(isinstance(value, rows) for value in load):
         ends = options.get("between", (0.0, beam.length))
-        return Load("line load", beam, _between_ends(load, ends, what), **options)
+        return Load("line load", beam, _between_ends(load, ends, name), **options)
     if arguments in ("time", "projected length"):
-        check_takes_time(load, what)
-        return Load("line load", beam, time_function(load, 2, what), **options)
+        check_takes_time(load, name)
+        return Load("line load", beam, time_function(load, 2, name), **options)
     names, called = argument_names(load), "s, t" if arguments.endswith("time") else "s"
     if names and names[0].lower() in ("t", "time"):
         raise SceneError(
-            f"{what}: the function takes ({', '.join(names)}), but it is called with ({called}), "
+            f"{name}: the function takes ({', '.join(names)}), but it is called with ({called}), "
             f"the arc length first: give lambda {called}: ... A function of time has of='time'"
         )
     if arguments == "arc length and time":
-        value = SignalAlong(load, 2, what, beam.length, "s")
+        value = SignalAlong(load, 2, name, beam.length, "s")
         return Load("line load", beam, value)
-    return Load("line load", beam, function_of_place(load, 2, what, "s"), **options)
+    return Load("line load", beam, function_of_place(load, 2, name, "s"), **options)
 
 
-def part_of(beam: Beam, between: Any, arguments: str, what: str) -> tuple[float, float]:
+def part_of(beam: Beam, between: Any, arguments: str, name: str) -> tuple[float, float]:
     """Both ends of a part of a beam; SceneError if there is no such part."""
-    first, last = vector(between, 2, f"{what}: between").tolist()
+    first, last = vector(between, 2, f"{name}: between").tolist()
     tolerance = 1e-9 * beam.length
     ok = -tolerance <= first < last <= beam.length + tolerance
     expected = f"two arc lengths in order, from 0 to the length of the beam, {beam.length:g}"
-    require(ok, f"{what}: between", between, expected)
+    require(ok, f"{name}: between", between, expected)
     if arguments == "arc length and time":
         raise SceneError(
-            f"{what}: between is for loads that are constant, functions of time or of the arc "
+            f"{name}: between is for loads that are constant, functions of time or of the arc "
             "length. Let the function of both be zero where nothing acts"
         )
     return max(first, 0.0), min(last, beam.length)
 
 
-def _between_ends(load: Any, part: tuple[float, float], what: str) -> Signal:
+def _between_ends(load: Any, part: tuple[float, float], name: str) -> Signal:
     """The signal of a load that changes in proportion to the arc length, by its end values."""
-    require(len(load) == 2, what, load, "a load (qx, qy), or those at both ends")
-    first, last = (vector(value, 2, f"{what}: an end") for value in load)
+    require(len(load) == 2, name, load, "a load (qx, qy), or those at both ends")
+    first, last = (vector(value, 2, f"{name}: an end") for value in load)
     start, length = part[0], part[1] - part[0]
 
     def along(s):
         x = (s - start) / length
         return tuple(a + (b - a) * x for a, b in zip(first, last, strict=True))
 
-    return function_of_place(along, 2, what, "s")
+    return function_of_place(along, 2, name, "s")
 
 
 def changed(load: Load, value) -> Load:
@@ -166,13 +166,13 @@ def changed(load: Load, value) -> Load:
     return replace(load, value=time_function(value, size, str(load)))
 
 
-def not_negative(value, what: str) -> float:
+def not_negative(value, name: str) -> float:
     """A number that is zero or positive; SceneError otherwise."""
     number = as_float(value)
     if not abs(number) <= LARGEST:
-        (number,) = vector(value, 1, what)
+        (number,) = vector(value, 1, name)
     ok = number == 0 or number >= 1 / LARGEST
-    require(ok, what, value, "zero or positive")
+    require(ok, name, value, "zero or positive")
     return as_float(number)
 
 
@@ -191,20 +191,20 @@ class Drag:
     rotation: np.ndarray = field(metadata=IS_DATA)
 
     def __post_init__(self):
-        on = f"drag on {label(self.target)}"
+        prefix = f"drag on {label(self.target)}"
         for name in PARTS_OF_DRAG:
-            value, what = getattr(self, name), f"{on}: {name}"
+            value, subject = getattr(self, name), f"{prefix}: {name}"
             pair = isinstance(value, list | tuple | np.ndarray)
             pair = pair and real_array(value).shape == (2,)
             may_be = isinstance(self.target, Beam) and name != "rotation"
             expected = "one number; only a beam has directions along and across, for its velocity"
-            require(may_be or not pair, what, value, expected)
-            coefficients = vector(value, 2 if pair else 1, what)
+            require(may_be or not pair, subject, value, expected)
+            coefficients = vector(value, 2 if pair else 1, subject)
             expected = "zero or positive; for a force along the motion there is add_virtual_work"
-            require(coefficients.min() >= 0, what, value, expected)
+            require(coefficients.min() >= 0, subject, value, expected)
             object.__setattr__(self, name, coefficients)
         if not any(getattr(self, name).any() for name in PARTS_OF_DRAG):
-            raise SceneError(f"{on}: give linear, quadratic or rotation, not all zero")
+            raise SceneError(f"{prefix}: give linear, quadratic or rotation, not all zero")
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,11 +234,11 @@ class Velocity:
 def initial_velocity(target: Node | Beam, velocity, spin) -> Velocity:
     """Initial velocity and spin: constants, or functions of the reference position."""
     node = target.start if isinstance(target, Beam) else target
-    what = f"of {label(target)}"
+    owner = f"of {label(target)}"
     return Velocity(
         target,
-        checked_function(velocity, 2, f"velocity {what}", node.x, node.y),
-        checked_function(spin, 1, f"spin {what}", node.x, node.y),
+        checked_function(velocity, 2, f"velocity {owner}", node.x, node.y),
+        checked_function(spin, 1, f"spin {owner}", node.x, node.y),
     )
 
 
@@ -257,10 +257,10 @@ class VirtualWork:
         if not callable(self.term):
             raise SceneError(f"add_virtual_work needs a function of the step, not {self.term!r}")
 
-    def of(self, step: Any, what: str) -> Any:
+    def of(self, step: Any, name: str) -> Any:
         """The term of a step, in UFL; SceneError if there is none."""
         with refused(
-            f"{what} must give a UFL expression of the step, which has UFL symbols, not numbers: "
+            f"{name} must give a UFL expression of the step, which has UFL symbols, not numbers: "
             "use ufl.sin, ufl.conditional, ... in place of functions of math and NumPy, and "
             "fx_beam.Parameter for a number that changes: Parameter(name, 3.0), "
             'Parameter(name, lambda t: ...), or Parameter(name, fx_beam.Input("valve"))'
@@ -273,40 +273,40 @@ def label(target: Node | Beam | BeamPlace) -> str:
     return f"beam {target.name!r}" if isinstance(target, Beam) else str(target)
 
 
-def check_node(scene, node, what: str) -> None:
+def check_node(scene, node, name: str) -> None:
     """Refuse a value that is not a node of the scene."""
     if not isinstance(node, Node):
         raise SceneError(
-            f"{what}: {shown(node)} is not a node; take one from a beam: beam.start, beam.end or "
+            f"{name}: {shown(node)} is not a node; take one from a beam: beam.start, beam.end or "
             "beam.node(fraction), or from a body: body.centre or body[name]"
         )
     node_scene: Any = node.scene
     if node_scene is not scene:
-        raise SceneError(f"{what}: {node} belongs to another scene; take a node of this one")
+        raise SceneError(f"{name}: {node} belongs to another scene; take a node of this one")
     if node.number in node_scene.gone:
-        raise SceneError(f"{what}: {node} was taken away with its member; take another node")
+        raise SceneError(f"{name}: {node} was taken away with its member; take another node")
 
 
-def check_place(scene, place, what: str) -> None:
+def check_place(scene, place, name: str) -> None:
     """Refuse a value that is neither a node of the scene nor a place on one of its beams."""
     if isinstance(place, BeamPlace):
-        check_beam(scene, place.beam, what)
+        check_beam(scene, place.beam, name)
     else:
-        check_node(scene, place, what)
+        check_node(scene, place, name)
 
 
-def check_beam(scene, beam, what: str) -> None:
+def check_beam(scene, beam, name: str) -> None:
     """Refuse a value that is not a beam of the scene."""
     if not isinstance(beam, Beam):
-        raise SceneError(f"{what}: {shown(beam)} is not a beam; take one that add_beam returned")
+        raise SceneError(f"{name}: {shown(beam)} is not a beam; take one that add_beam returned")
     if beam not in scene.beams or beam.start.scene is not scene:
-        raise SceneError(f"{what}: {label(beam)} belongs to another scene; take a beam of this one")
+        raise SceneError(f"{name}: {label(beam)} belongs to another scene; take a beam of this one")
 
 
-def check_target(scene, target, what: str) -> None:
+def check_target(scene, target, name: str) -> None:
     """Refuse a value that is neither a beam nor a node of the scene."""
     check = check_beam if isinstance(target, Beam) else check_node
-    check(scene, target, what)
+    check(scene, target, name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -335,19 +335,19 @@ def changed_strain(strain: NaturalStrain, components: Mapping[str, Any]) -> Natu
 
 
 def _part(beam: Beam, name: str, value) -> Signal:
-    what = f"{NAMES[name]} of beam {beam.name!r}"
+    subject = f"{NAMES[name]} of beam {beam.name!r}"
     # The names of the arguments of a function say what it is of.
     is_function = callable(value) and not isinstance(value, Input)
     arguments = argument_names(value) if is_function else ["t"]
     if arguments == ["t"]:
-        return time_function(value, 1, what)
+        return time_function(value, 1, subject)
     if arguments == ["f"]:
-        return function_of_place(value, 1, what, "f")
+        return function_of_place(value, 1, subject, "f")
     if arguments == ["f", "t"]:
-        return SignalAlong(value, 1, what, 1.0, "f")
+        return SignalAlong(value, 1, subject, 1.0, "f")
     raise SceneError(
-        f"{what}: the arguments of the function are ({', '.join(arguments)}). Name them f for the "
-        "fraction of the arc length, t for the time, or (f, t) for both: lambda f, t: ..."
+        f"{subject}: the arguments of the function are ({', '.join(arguments)}). Name them f for "
+        "the fraction of the arc length, t for the time, or (f, t) for both: lambda f, t: ..."
     )
 
 

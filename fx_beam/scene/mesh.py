@@ -50,22 +50,22 @@ def mesh_layout(points: Any, cells: Any, elements: Any, pinned: bool) -> MeshLay
     pairs = _checked_cells(cells, count)
     lengths = _checked_lengths(floats(places), pairs)
     elements = _checked_elements(elements, len(pairs))
-    ends, own = pairs.flatten(), np.empty(0, int)
+    ends, pinned_ends = pairs.flatten(), np.empty(0, int)
     if pinned:  # of the cells at a point the first one has the node there
-        own = _repeated(ends)
-        ends[own] = count + np.arange(len(own))
-    beside = pairs.flat[own]
+        pinned_ends = _repeated(ends)
+        ends[pinned_ends] = count + np.arange(len(pinned_ends))
+    beside = pairs.flat[pinned_ends]
     starts = np.concatenate(([0], np.cumsum(elements + 1)))
     cell = np.repeat(np.arange(len(pairs)), elements + 1)
     fractions = (np.arange(len(cell)) - starts[cell]) / elements[cell]
-    inside = (fractions > 0) & (fractions < 1)
+    is_inner = (fractions > 0) & (fractions < 1)
     nodes = np.empty(len(cell), int)
-    nodes[~inside] = ends
-    nodes[inside] = count + len(own) + np.arange(np.count_nonzero(inside))
-    a, b = (places[pairs[cell[inside], i]] for i in (0, 1))
-    within = a + fractions[inside, None] * (b - a)
+    nodes[~is_inner] = ends
+    nodes[is_inner] = count + len(pinned_ends) + np.arange(np.count_nonzero(is_inner))
+    a, b = (places[pairs[cell[is_inner], i]] for i in (0, 1))
+    within = a + fractions[is_inner, None] * (b - a)
     positions = np.concatenate([places, places[beside], within])
-    pins = np.column_stack([beside, ends[own]])
+    pins = np.column_stack([beside, ends[pinned_ends]])
     return MeshLayout(count, positions, pins, starts, nodes, lengths[cell] * fractions)
 
 
@@ -151,8 +151,8 @@ def _checked_elements(elements: Any, count: int) -> np.ndarray:
 def sections_of(section: Any, tags: Any, count: int) -> list[Section]:
     """Sections of `count` cells, by tags if given; SceneError for a cell without a section."""
     if isinstance(section, Mapping) != (tags is not None):
-        more = "a dict of sections by tag" if tags is not None else "the tag of each cell as tags"
-        raise SceneError(f"add_mesh: tags choose sections from a dict; give {more}, too")
+        lack = "a dict of sections by tag" if tags is not None else "the tag of each cell as tags"
+        raise SceneError(f"add_mesh: tags choose sections from a dict; give {lack}, too")
     sections = {None: section} if tags is None else section
     for tag, part in sections.items():
         if not isinstance(part, Section):

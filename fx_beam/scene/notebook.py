@@ -51,10 +51,10 @@ def facts(scene: Any) -> dict[str, str]:
             entries["elements"] = f"{elements} of degree {degree}"
         nodes = len(scene.nodes) - gone + elements * (degree - 1)
         supported = len(scene.fixed) - 3 * gone + len(scene.prescribed)
-        held = supported + sum(map(_held, scene.joints))
-        entries |= {"nodes": str(nodes), "unknowns": str(3 * nodes - held)}
-    always, others = ("joints", "masses", "loads"), ("natural_strains", "drags", "contacts")
-    for name in (*always, *others, "forces_between"):
+        held_count = supported + sum(map(_held, scene.joints))
+        entries |= {"nodes": str(nodes), "unknowns": str(3 * nodes - held_count)}
+    always, optional = ("joints", "masses", "loads"), ("natural_strains", "drags", "contacts")
+    for name in (*always, *optional, "forces_between"):
         if name in always or getattr(scene, name):
             entries[name.replace("_", " ")] = str(len(getattr(scene, name)))
     if scene.parameters:
@@ -66,8 +66,8 @@ def facts(scene: Any) -> dict[str, str]:
 
 def _listed(names: list[str]) -> str:
     """Their number and the first of some names."""
-    more = ", ..." if len(names) > 4 else ""
-    return f"{len(names)}: {', '.join(names[:4])}{more}" if names else "0"
+    ending = ", ..." if len(names) > 4 else ""
+    return f"{len(names)}: {', '.join(names[:4])}{ending}" if names else "0"
 
 
 def _held(joint: Any) -> int:

@@ -31,8 +31,8 @@ class Quantity(NamedTuple):
     """
 
     components: tuple[str, ...] = ()
-    #: The history or part of the energy that has it, of a joint's nodes that of b less that of a;
-    #: the column there.
+    #: Name of the history, or part of the energy, that has the quantity (of a joint: history of
+    #: node b less that of node a); first column in the history.
     of: str = ""
     column: int = 0
     #: Whether it is a place, to which that in the reference configuration is added.
@@ -189,7 +189,7 @@ class Output:
         if is_gear(self.of):
             return OF_GEARS
         classes = type(self.of).__mro__
-        return next(_OF_CLASSES[each] for each in classes if each in _OF_CLASSES)
+        return next(_OF_CLASSES[cls] for cls in classes if cls in _OF_CLASSES)
 
     @property
     def components(self) -> tuple[str, ...]:
@@ -248,7 +248,7 @@ class Measured:
         columns = quantity.column + (np.arange(count) if self.shape else index or 0)
         self.terms: list[Term] = []
         if quantity.is_place:
-            self.terms += [Term("X", at // 3 * 2 + columns, of) for at, of in _ends(place)]
+            self.terms += [Term("X", dof // 3 * 2 + columns, sign) for dof, sign in _ends(place)]
         #: The contact whose gap or force it is; else None.
         self.contact: Contact | None = place if isinstance(place, Contact) else None
         moves = quantity.of in ("q", "v", "a")
@@ -262,7 +262,7 @@ class Measured:
             else:
                 self.line, self.by_law = place, self.name
         elif moves:
-            self.terms += [Term(quantity.of, at + columns, sign) for at, sign in _ends(place)]
+            self.terms += [Term(quantity.of, dof + columns, sign) for dof, sign in _ends(place)]
         elif isinstance(place, Node | Joint | ForceBetween):  # of a recorded history
             first = place.number if quantity.of in _ONE_EACH else 3 * place.number
             self.terms.append(Term(quantity.of, first + columns))
@@ -291,19 +291,22 @@ class Measured:
         # Arguments of `axial_rate`: those of the state are sums.
         arguments = [
             [Term("slides", number)],
-            *([Term(name, at + 2) for at, sign in ends if sign < 0] for name in ("q", "v")),
-            *([Term("v", at + i, sign) for at, sign in ends] for i in (0, 1)),
+            *([Term(name, entry + 2) for entry, sign in ends if sign < 0] for name in ("q", "v")),
+            *([Term("v", entry + i, sign) for entry, sign in ends] for i in (0, 1)),
         ]
         none = 0.0 * read("slides", number)
-        values = [sum((by * read(name, at) for name, at, by in of), none) for of in arguments]
+        values = [
+            sum((factor * read(name, entry) for name, entry, factor in terms), none)
+            for terms in arguments
+        ]
         values += [float(value) for value in (*joint.offset, *joint.axis)]  # which may have slopes
         names = "offsets of slides", "axes of slides"
         arguments += ([Term(name, 2 * number + i)] for name in names for i in (0, 1))
         for k, terms in enumerate(arguments):
             x = [value + _STEP * 1j if i == k else value for i, value in enumerate(values)]
             slopes = np.imag(axial_rate(joint.track, x[5:7], x[7:], *x[:5])) / _STEP
-            for array, at, factor in terms if slopes.any() else ():
-                yield Term(array, at, factor * slopes)
+            for array, entry, factor in terms if slopes.any() else ():
+                yield Term(array, entry, factor * slopes)
 
     def _points(self, read: Read) -> tuple[list[list[Any]], list[list[Any]]]:
         """Positions and rates of the points of a line, each by x and y."""
@@ -313,9 +316,9 @@ class Measured:
                 places.append([*point.position])
                 rates.append([0.0, 0.0])
                 continue
-            at, X = 3 * point.number, 2 * point.number
-            places.append([read("X", X + i) + read("q", at + i) for i in (0, 1)])
-            rates.append([read("v", at + i) if moves else 0.0 for i in (0, 1)])
+            dof, X = 3 * point.number, 2 * point.number
+            places.append([read("X", X + i) + read("q", dof + i) for i in (0, 1)])
+            rates.append([read("v", dof + i) if moves else 0.0 for i in (0, 1)])
         return places, rates
 
     @property
@@ -330,8 +333,8 @@ class Measured:
         turns = [read(self.quantity.of, 3 * n + 2) if k == "D" else 0.0 for n, k in ends]
         rows = np.shape(read("q", 3 * max(rope.nodes)))
         place, rate = (
-            np.diff([[np.broadcast_to(x, rows or 1) for x in point] for point in of], axis=0)
-            for of in (places, rates)
+            np.diff([[np.broadcast_to(x, rows or 1) for x in point] for point in vectors], axis=0)
+            for vectors in (places, rates)
         )
         turned = np.array([np.broadcast_to(turn, rows or 1) for turn in turns])
         moves = self.quantity.of == "v"
@@ -362,14 +365,14 @@ def is_gear(place: Any) -> bool:
 
 
 def _along(line: Any, array: str) -> list[Term]:
-    """Displacement or rotation of what a spring to the ground holds, or its rate."""
+    """Terms of the displacement or rotation that a spring to the ground resists, or its rate."""
     require(
         isinstance(line.target, Node), "Output: of", str(line), "no bed: take those of its nodes"
     )
-    at = 3 * line.target.number
+    first = 3 * line.target.number
     if line.direction is None:
-        return [Term(array, at + 2)]
-    return [Term(array, at + i, float(way)) for i, way in enumerate(line.direction) if way]
+        return [Term(array, first + 2)]
+    return [Term(array, first + i, float(way)) for i, way in enumerate(line.direction) if way]
 
 
 def _ends(place: Node | BeamPlace | Joint) -> Iterator[tuple[int, float]]:
@@ -385,49 +388,53 @@ def _ends(place: Node | BeamPlace | Joint) -> Iterator[tuple[int, float]]:
             yield 3 * node.number, sign
 
 
-def check_differentiable(output: Output, what: str) -> None:
+def check_differentiable(output: Output, name: str) -> None:
     """Refuse outputs without derivatives by their kind: what touches jumps where it does so."""
     expected = (
         "of a node, a joint, a rope, a beam or the scene: those of contacts have no derivatives. "
         "The gap is a function of positions of nodes, which have"
     )
-    require(not isinstance(output.of, Contact), what, str(output), expected)
+    require(not isinstance(output.of, Contact), name, str(output), expected)
 
 
-def check_outputs(scene, outputs, what: str) -> None:
+def check_outputs(scene, outputs, subject: str) -> None:
     """Refuse outputs that are no dictionary of outputs of the scene."""
     ok = isinstance(outputs, Mapping) and all(isinstance(name, str) for name in outputs)
-    require(ok, what, outputs, "a dictionary of fx_beam.Output by names")
+    require(ok, subject, outputs, "a dictionary of fx_beam.Output by names")
     for name, output in outputs.items():
-        label = f"{what}[{name!r}]"
+        label = f"{subject}[{name!r}]"
         ok = isinstance(output, Output) and not isinstance(output.of, Beam | Scene)
         require(ok, label, output, "an fx_beam.Output of a node, a joint, a rope or a contact")
         check_output(scene, output, label)
 
 
-def check_output(scene, output: Output, what: str) -> None:
+def check_output(scene, output: Output, name: str) -> None:
     """Refuse an output of another scene or of its nodes and joints, or one that its joint lacks."""
-    of: Any
-    of, expected = output.of, ""
-    if isinstance(of, Scene):
-        expected = "" if of is scene else "of the scene of the motion"
-    elif isinstance(of, Beam):
-        expected = "" if any(of is one for one in scene.beams) else "of a beam of this scene"
-    elif isinstance(of, BeamPlace):
-        expected = "" if any(of.beam is one for one in scene.beams) else "of a beam of this scene"
-    elif isinstance(of, Node):
-        check_node(scene, of, what)
-    elif is_gear(of):
-        ours = {str(one) for one in scene.gears}
-        expected = "" if str(of) in ours else "of a gear that add_joint of this scene returned"
-    elif isinstance(of, Contact):
-        ours = {str(one) for one in scene.contacts}
-        expected = "" if str(of) in ours else "of a contact that add_contact of this scene returned"
-    elif isinstance(of, ForceBetween):
-        ours = {str(one) for one in scene.forces_between}  # also of a copy
-        expected = "" if str(of) in ours else "of a rope that add_rope of this scene returned"
-    elif (joint := own_joint(scene, of)) is None:
+    place: Any
+    place, expected = output.of, ""
+    if isinstance(place, Scene):
+        expected = "" if place is scene else "of the scene of the motion"
+    elif isinstance(place, Beam):
+        expected = "" if any(place is item for item in scene.beams) else "of a beam of this scene"
+    elif isinstance(place, BeamPlace):
+        expected = (
+            "" if any(place.beam is item for item in scene.beams) else "of a beam of this scene"
+        )
+    elif isinstance(place, Node):
+        check_node(scene, place, name)
+    elif is_gear(place):
+        names = {str(item) for item in scene.gears}
+        expected = "" if str(place) in names else "of a gear that add_joint of this scene returned"
+    elif isinstance(place, Contact):
+        names = {str(item) for item in scene.contacts}
+        expected = (
+            "" if str(place) in names else "of a contact that add_contact of this scene returned"
+        )
+    elif isinstance(place, ForceBetween):
+        names = {str(item) for item in scene.forces_between}  # also of a copy
+        expected = "" if str(place) in names else "of a rope that add_rope of this scene returned"
+    elif (joint := own_joint(scene, place)) is None:
         expected = "of a joint that add_joint of this scene returned"
     else:
         expected = joint.lacks(output.quantity)
-    require(not expected, what, str(output), expected)
+    require(not expected, name, str(output), expected)

@@ -41,13 +41,13 @@ def is_parameter(value: Any) -> bool:
 
 def parameters_in(*expressions: Any) -> list[Parameter]:
     """All parameters in UFL expressions, also several of one name."""
-    left, seen = [ufl.as_ufl(expression) for expression in expressions], dict[int, Any]()
+    left, parts = [ufl.as_ufl(expression) for expression in expressions], dict[int, Any]()
     while left:
         part = left.pop()
-        if id(part) not in seen:
-            seen[id(part)] = part
+        if id(part) not in parts:
+            parts[id(part)] = part
             left += part.ufl_operands
-    return [part for part in seen.values() if is_parameter(part)]
+    return [part for part in parts.values() if is_parameter(part)]
 
 
 def scalar_of(function: Callable, count: int, call: str) -> tuple[Any, list[Any]]:
@@ -147,7 +147,7 @@ class Parameters(Mapping):
         self._given[name] = value
         self.changes += 1
 
-    def add(self, functions: Iterable[tuple[str, Any]], what: str) -> None:
+    def add(self, functions: Iterable[tuple[str, Any]], owner: str) -> None:
         """Add the parameters of a part's functions; SceneError for a name with two values."""
         first = dict(self._first)
         ordered = sorted(parameters_of(functions), key=lambda parameter: parameter.count())
@@ -155,7 +155,7 @@ class Parameters(Mapping):
             other = first.setdefault(parameter.name, parameter.given)
             if not _same(parameter.given, other):
                 raise SceneError(
-                    f"{what}: the parameter {parameter.name!r} = {_shown(parameter.given)} is "
+                    f"{owner}: the parameter {parameter.name!r} = {_shown(parameter.given)} is "
                     f"{_shown(other)} elsewhere in the scene. Use one Parameter for both, or two "
                     "names"
                 )

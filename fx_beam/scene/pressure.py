@@ -39,21 +39,21 @@ def pressure_on(
     """A pressure on a beam or on some of its elements, and its parameter; SceneError otherwise."""
     from .symbols import Parameter
 
-    what = f"pressure on {label(beam)}"
-    require(arguments == "time", f"{what}: of", arguments, "'time': it is the same everywhere")
+    name = f"pressure on {label(beam)}"
+    require(arguments == "time", f"{name}: of", arguments, "'time': it is the same everywhere")
     elements: tuple[int, int | None] = (0, None)
     if between is not None:
-        part = part_of(beam, between, arguments, what)
+        part = part_of(beam, between, arguments, name)
         first, last = (int(abs(beam.s - end).argmin()) for end in part)
         close = np.allclose(beam.s[[first, last]], part, rtol=0.0, atol=1e-9 * beam.length)
         expected = "arc lengths of ends of elements, as a normal is that of an element: "
         expected += f"{beam.s[first]:.6g} and {beam.s[last]:.6g} are the next ones"
-        require(close and first < last, f"{what}: between", between, expected)
+        require(close and first < last, f"{name}: between", between, expected)
         elements = first, last
-    own: tuple[str, ...] = ()
+    own_names: tuple[str, ...] = ()
     if not is_parameter(value):
         if not isinstance(value, Input):
-            check_takes_time(value, what)
+            check_takes_time(value, name)
         value = Parameter(f"pressure {number}", value)
-        own = (value.name,)
-    return VirtualWork(PressureTerm(value), beam, elements, own), value
+        own_names = (value.name,)
+    return VirtualWork(PressureTerm(value), beam, elements, own_names), value

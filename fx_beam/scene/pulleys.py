@@ -117,9 +117,9 @@ class RopeOverPulleys(ForceBetween):
         ways = self.apart
         _, leans = self.spans(ways)
         turns = list(leans[:1] * 0.0 - leans[:1])
-        for i, (one, other) in enumerate(itertools.pairwise(ways), start=1):
-            across = one[0] * other[1] - one[1] * other[0]
-            turn = np.arctan2(across, one[0] * other[0] + one[1] * other[1])
+        for i, (way, next_way) in enumerate(itertools.pairwise(ways), start=1):
+            across = way[0] * next_way[1] - way[1] * next_way[0]
+            turn = np.arctan2(across, way[0] * next_way[0] + way[1] * next_way[1])
             turns.append(turn + self._full_turns(i, turn + leans[i] - leans[i - 1]))
         return real_array([*turns, leans[-1]])
 
@@ -195,8 +195,8 @@ class RopeOverPulleys(ForceBetween):
             if i in (0, len(angles)):
                 arc = 2 * np.pi  # a drum is a circle
             for share in np.linspace(0, 1, _DRAWN if radius else 1):
-                at = before + share * arc
-                out.append(centres[i] + radius * np.stack([np.sin(at), -np.cos(at)], axis=-1))
+                angle = before + share * arc
+                out.append(centres[i] + radius * np.stack([np.sin(angle), -np.cos(angle)], axis=-1))
         return np.stack(out, axis=-2)
 
 

@@ -28,27 +28,27 @@ _REMOVABLE = {*_WITH_ENDS, "beams", "bodies", "masses", "dampings"} - {"velociti
 
 def own_joint(scene: Any, joint: Joint) -> Joint | None:
     """The joint of a scene with the number and nodes of `joint`, which may be locked by now."""
-    own = joints_by_number(scene).get(joint.number)
+    known = joints_by_number(scene).get(joint.number)
     key = joint.kind, joint.a, joint.b
-    same = own is not None and (own.kind, own.a, own.b) == key
-    return own if same and all(n.scene in (scene, None) for n in (joint.a, joint.b)) else None
+    is_same = known is not None and (known.kind, known.a, known.b) == key
+    return known if is_same and all(n.scene in (scene, None) for n in (joint.a, joint.b)) else None
 
 
-def joint_of(scene: Any, joint: Any, what: str) -> Joint:
+def joint_of(scene: Any, joint: Any, name: str) -> Joint:
     """`own_joint` of a scene; SceneError if there is none."""
-    own: Any = own_joint(scene, joint) if isinstance(joint, Joint) else None
+    known: Any = own_joint(scene, joint) if isinstance(joint, Joint) else None
     expected = "a joint that add_joint of this scene returned, and that was not removed"
-    require(own is not None, what, joint, expected)
-    return own
+    require(known is not None, name, joint, expected)
+    return known
 
 
-def position_in(parts: Sequence, part: Any, what: str, kind: str) -> int:
+def position_in(parts: Sequence, part: Any, name: str, kind: str) -> int:
     """Index of a part in a list of a scene; SceneError if it is not there."""
     for i, other in enumerate(parts):
         if other is part:
             return i
     raise SceneError(
-        f"{what}: the scene does not have {shown(part)}. Give {kind} that a method such as "
+        f"{name}: the scene does not have {shown(part)}. Give {kind} that a method such as "
         "add_force of this scene returned, and that was not changed or removed since"
     )
 
@@ -58,7 +58,7 @@ def remove_part(scene: Any, part: Any) -> None:
     if isinstance(part, Joint):
         part = own_joint(scene, part) or part
     lists = (getattr(scene, name) for name in _REMOVABLE)
-    parts: list[Any] = next((own for own in lists if any(part is other for other in own)), [])
+    parts: list[Any] = next((items for items in lists if any(part is other for other in items)), [])
     del parts[position_in(parts, part, "remove", "a part")]
     _forget(scene, part)
     _remove_gears(scene)
@@ -99,8 +99,8 @@ def locked(joint: Joint, coordinate: str | None) -> Joint:
     name = coordinate or names[0]
     if name in joint.driven:
         raise SceneError(f"lock {joint}: a motor, or a lock, holds its {name} already")
-    held: Any = replace(joint.coordinates[name], motor=Locked())
-    return replace(joint, **{name: held})
+    locked_coordinate: Any = replace(joint.coordinates[name], motor=Locked())
+    return replace(joint, **{name: locked_coordinate})
 
 
 def unlocked(joint: Joint) -> Joint:

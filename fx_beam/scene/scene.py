@@ -150,11 +150,11 @@ class Scene:
     def gravity(self, gravity: Sequence[float] | Callable | Input | None) -> None:
         varies = callable(gravity) or isinstance(gravity, Input)
         steady = None if varies or gravity is None else vector(gravity, 2, "gravity")
-        others = [load for load in self.loads if load.kind != "gravity"]
+        other_loads = [load for load in self.loads if load.kind != "gravity"]
         if varies:
             value = time_function(gravity, 2, "gravity")
-            others.insert(0, loads.Load("gravity", None, value))
-        self._gravity, self.loads[:] = steady, others
+            other_loads.insert(0, loads.Load("gravity", None, value))
+        self._gravity, self.loads[:] = steady, other_loads
         self.changes += 1
 
     @property
@@ -339,20 +339,20 @@ class Scene:
             pin = self._numbered(pin or Revolute(a, b), a=a, b=b)
         return beams
 
-    def _degree(self, degree: int, what: str) -> int:
+    def _degree(self, degree: int, name: str) -> int:
         """The degree of new beams; SceneError if other beams have another degree."""
-        require(is_whole(degree, 1, 3), f"{what}: degree", degree, "1, 2 or 3")
+        require(is_whole(degree, 1, 3), f"{name}: degree", degree, "1, 2 or 3")
         if self.beams and degree != self.beams[0].degree:
             raise SceneError(
-                f"{what}: degree {degree} differs from degree {self.beams[0].degree} of "
+                f"{name}: degree {degree} differs from degree {self.beams[0].degree} of "
                 f"{self.beams[0].name!r}; use one degree for all beams of a scene"
             )
         return int(degree)
 
-    def _add_parameters(self, section: Section, what: str) -> None:
+    def _add_parameters(self, section: Section, name: str) -> None:
         """Add the parameters in the stored energy of a section."""
         functions = functions_of_energy(section.strain_energy, section.internal, 3)
-        self.parameters.add(functions, f"{what}: section")
+        self.parameters.add(functions, f"{name}: section")
 
     def add_body(
         self,
@@ -408,15 +408,15 @@ class Scene:
         name = name_of("body", self._names_of_bodies, len(self._names_of_bodies), name)
         x, y = vector(position, 2, f"{name}: position")
         numbers = (("mass", mass), ("inertia", inertia))
-        m, J = (loads.not_negative(value, f"{name}: {what}") for what, value in numbers)
+        m, J = (loads.not_negative(value, f"{name}: {quantity}") for quantity, value in numbers)
         ok = isinstance(points, Mapping | None) and all(map(is_name, points or ()))
         require(ok, f"{name}: points", points, "a dict of positions by their names")
         ends: list[Any] = [(x, y)]
         for key, point in (points or {}).items():
-            what = f"{name}: point {key!r}"
+            subject = f"{name}: point {key!r}"
             if isinstance(point, Node):
-                loads.check_node(self, point, what)
-            ends.append(point if isinstance(point, Node) else vector(point, 2, what))
+                loads.check_node(self, point, subject)
+            ends.append(point if isinstance(point, Node) else vector(point, 2, subject))
         centre, *nodes = self._nodes_at(ends, name)
         for node in nodes:
             offset = (node.x - centre.x, node.y - centre.y)
@@ -545,8 +545,8 @@ class Scene:
         twin = self._couplings.get(joint.coupling)
         if twin is not None and any(twin is other for other in self.joints):
             raise SceneError(f"{joint}: the scene has it already, as {twin}. Add each joint once")
-        for on in joint.coordinates.values():
-            self.parameters.add(functions_of(on), str(joint))
+        for coordinate in joint.coordinates.values():
+            self.parameters.add(functions_of(coordinate), str(joint))
         if guide is not None:  # the scene gets its node with the joint, which is not refused
             (node,) = self._nodes_at([place], str(joint))
             joint = replace(joint, b=node)
@@ -564,8 +564,8 @@ class Scene:
 
     def _holds(self, node: Node) -> bool:
         """Whether a node is the ground, or a component of it is supported or driven."""
-        held = {number for number, _ in (*self.fixed, *self.prescribed)}
-        return node is GROUND or node.number in held
+        held_numbers = {number for number, _ in (*self.fixed, *self.prescribed)}
+        return node is GROUND or node.number in held_numbers
 
     def add_parameter(self, parameter: Parameter) -> None:
         """Add a parameter that no function in the scene has, as the damping of a scheme.
@@ -700,15 +700,15 @@ class Scene:
         if (stiffness is None) == (energy is None):
             raise SceneError(f"contact of {loads.label(a)}: give either a stiffness or an energy")
         law = 1.0 if stiffness is None else stiffness, restitution, speed
-        made = Contact(a, b, *law, self.contact_count, energy, radius, along, friction)
-        if isinstance(made.shape, Beam):
-            loads.check_target(self, made.shape, "contact")
-            check_members(made, self._size)
+        contact = Contact(a, b, *law, self.contact_count, energy, radius, along, friction)
+        if isinstance(contact.shape, Beam):
+            loads.check_target(self, contact.shape, "contact")
+            check_members(contact, self._size)
         else:
-            check_start(made, self._size)
-        self.parameters.add(functions_of_energy(made.energy, None, 1), str(made))
+            check_start(contact, self._size)
+        self.parameters.add(functions_of_energy(contact.energy, None, 1), str(contact))
         self.contact_count += 1
-        return _added(self.contacts, made)
+        return _added(self.contacts, contact)
 
     def add_force_between(
         self,
@@ -771,8 +771,8 @@ class Scene:
         for node in (a, b) if isinstance(b, Node) else (a,):
             loads.check_node(self, node, "force between points")
         # A stop may be a triple, from which a coordinate makes a `Stop`.
-        on = Coordinate(spring, damper, friction=friction, stop=stop)  # type: ignore[arg-type]
-        return self._with_force(checked_force((a, b), on, force, self.force_count, self._size))
+        laws = Coordinate(spring, damper, friction=friction, stop=stop)  # type: ignore[arg-type]
+        return self._with_force(checked_force((a, b), laws, force, self.force_count, self._size))
 
     def add_rope(
         self,
@@ -839,9 +839,9 @@ class Scene:
         >>> float(fb.static(scene).joint(rope).force[-1].round(1))
         98.2
         """
-        what, number = "rope: points", self.force_count
+        name, number = "rope: points", self.force_count
         ok = isinstance(points, list | tuple) and len(points) > 1
-        require(ok, what, points, "a sequence of two or more nodes and positions (x, y)")
+        require(ok, name, points, "a sequence of two or more nodes and positions (x, y)")
         make = None
         if any(hasattr(point, "side") for point in points):
             from .pulleys import RopeOverPulleys, rope_parts
@@ -849,14 +849,14 @@ class Scene:
             points, parts = rope_parts(points)
             make = functools.partial(RopeOverPulleys, **parts)
         nodes = [point for point in points if isinstance(point, Node)]
-        require(bool(nodes), what, points, "with a node among them: nothing else can move")
+        require(bool(nodes), name, points, "with a node among them: nothing else can move")
         for node in nodes:
             loads.check_node(self, node, "rope")
-        own: tuple[str, ...] = ()
+        names: tuple[str, ...] = ()
         if length is not None:
-            spring, own = rope_spring(spring, length, number)
-        on = Coordinate(spring, damper, friction=friction, stop=stop)  # type: ignore[arg-type]
-        return self._with_force(checked_force(points, on, force, number, self._size, own, make))
+            spring, names = rope_spring(spring, length, number)
+        laws = Coordinate(spring, damper, friction=friction, stop=stop)  # type: ignore[arg-type]
+        return self._with_force(checked_force(points, laws, force, number, self._size, names, make))
 
     def add_spring(
         self, node: Node, x=None, y=None, rotation=None, axis: Sequence[float] = (1.0, 0.0)
@@ -908,17 +908,17 @@ class Scene:
         size = np.hypot(*along)
         require(size > 0, "spring: axis", axis, "a direction")
         left = np.array([-along[1], along[0]]) + 0.0  # no -0
-        each = ("x", x, along / size), ("y", y, left / size), ("rotation", rotation, None)
-        springs = [(name, laws, way) for name, laws, way in each if laws is not None]
+        directions = ("x", x, along / size), ("y", y, left / size), ("rotation", rotation, None)
+        springs = [(name, laws, way) for name, laws, way in directions if laws is not None]
         expected = "an fx_beam.Spring for one of them at least"
         require(bool(springs), "spring: x, y, rotation", None, expected)
-        made = {
+        ground_springs = {
             name: ground_spring(node, laws, way, number, f"spring: {name}")
             for number, (name, laws, way) in enumerate(springs, self.force_count)
         }
-        for spring in made.values():
+        for spring in ground_springs.values():
             self._with_force(spring)
-        return GroundSprings(**made)
+        return GroundSprings(**ground_springs)
 
     def add_bed(
         self, beam: Beam, normal: float = 0.0, tangential: float = 0.0, pushes_only: bool = False
@@ -973,19 +973,19 @@ class Scene:
         name = f"bed of beam {beam.name!r}"
         normal = finite(normal, f"{name}: normal", "not negative")
         tangential = finite(tangential, f"{name}: tangential", "not negative")
-        some, expected = normal + tangential > 0, "a positive stiffness [N/m^2]"
-        require(some, f"{name}: normal", normal, expected)
+        acts, expected = normal + tangential > 0, "a positive stiffness [N/m^2]"
+        require(acts, f"{name}: normal", normal, expected)
         require(is_flag(pushes_only), f"{name}: pushes_only", pushes_only, "True or False")
-        made = bed_of(beam, normal, tangential, pushes_only, self.force_count)
-        for part in made:
+        bed = bed_of(beam, normal, tangential, pushes_only, self.force_count)
+        for part in bed:
             if part is not None:
                 self._with_force(part)
-        return made
+        return bed
 
-    def _with_force(self, made: ForceBetween) -> ForceBetween:
-        self.parameters.add(made.functions, str(made))
+    def _with_force(self, force: ForceBetween) -> ForceBetween:
+        self.parameters.add(force.functions, str(force))
         self.force_count += 1
-        return _added(self.forces_between, made)
+        return _added(self.forces_between, force)
 
     # -- Masses and loads -----------------------------------------------------------------------
 
@@ -1034,11 +1034,11 @@ class Scene:
             The load, which `change` and `remove` know.
         """
         loads.check_place(self, node, "force")
-        what = f"force on {node}"
-        require(is_flag(follower), f"{what}: follower", follower, "True or False")
+        name = f"force on {node}"
+        require(is_flag(follower), f"{name}: follower", follower, "True or False")
         ok = isinstance(node, Node) or not follower
-        require(ok, f"{what}: follower", follower, "False inside an element; take a node")
-        value = time_function(force, 2, what)
+        require(ok, f"{name}: follower", follower, "False inside an element; take a node")
+        value = time_function(force, 2, name)
         return _added(self.loads, loads.Load("force", node, value, bool(follower)))
 
     def add_moment(self, node: Node | BeamPlace, moment) -> loads.Load:
@@ -1208,14 +1208,14 @@ class Scene:
         from .shaking import Shaking, acceleration
 
         accelerations = {"x": x, "y": y}
-        made = {
+        base = {
             name: loads.Load(kind := f"shaking along {name}", None, acceleration(value, kind))
             for name, value in accelerations.items()
             if value is not None
         }
-        require(bool(made), "shake: x, y", None, "an acceleration [m/s^2] for one of them at least")
-        self.loads += made.values()
-        return Shaking(**made)
+        require(bool(base), "shake: x, y", None, "an acceleration [m/s^2] for one of them at least")
+        self.loads += base.values()
+        return Shaking(**base)
 
     def add_natural_strain(
         self, beam: Beam, *, axial=None, shear=None, curvature=None
@@ -1404,8 +1404,8 @@ class Scene:
         work = loads.VirtualWork(term, beam)
         from .symbols import STEP
 
-        what = f"virtual work {len(self.virtual_works) + 1}"
-        self.parameters.add([(what, work.of(STEP, what))], what)
+        name = f"virtual work {len(self.virtual_works) + 1}"
+        self.parameters.add([(name, work.of(STEP, name))], name)
         return _added(self.virtual_works, work)
 
     def change(self, load: _Load, value=None, *, axial=None, shear=None, curvature=None) -> _Load:
@@ -1516,9 +1516,9 @@ class Scene:
         """
         loads.check_node(self, node, "support")
         supported = [*self.fixed, *self.prescribed]
-        held = [name for i, name in enumerate(COMPONENTS) if (node.number, i) in supported]
-        for name in components or held or ["a component"]:
-            require(is_one_of(name, held), f"free {node}", name, f"one that is supported: {held}")
+        names = [name for i, name in enumerate(COMPONENTS) if (node.number, i) in supported]
+        for name in components or names or ["a component"]:
+            require(is_one_of(name, names), f"free {node}", name, f"one that is supported: {names}")
             key = node.number, COMPONENTS.index(name)
             self.fixed.discard(key)
             self.prescribed.pop(key, None)
@@ -1590,9 +1590,9 @@ class Scene:
         """
         return self._replaced(joint, "unlock", unlocked)
 
-    def _replaced(self, joint: Joint, what: str, change: Callable[[Joint], Joint]) -> Joint:
+    def _replaced(self, joint: Joint, name: str, change: Callable[[Joint], Joint]) -> Joint:
         """A changed joint in the place of the one before."""
-        old = joint_of(self, joint, what)
+        old = joint_of(self, joint, name)
         index = self.joints.index(old)
         self.joints[index] = change(old)
         self._couplings[old.coupling] = self.joints[index]
@@ -1621,11 +1621,11 @@ class Scene:
             loads.initial_velocity(part, velocity, spin) for part in (target, *carriers)
         ]
 
-    def _nodes_at(self, ends: list, what: str) -> tuple[Node, ...]:
+    def _nodes_at(self, ends: list, name: str) -> tuple[Node, ...]:
         """Nodes at the ends of elements; an end that is a node belongs to another beam, too."""
         for end in ends:
             if isinstance(end, Node):
-                loads.check_node(self, end, what)
+                loads.check_node(self, end, name)
         nodes, first = [], len(self.nodes)
         for end in ends:
             if not isinstance(end, Node):

@@ -438,9 +438,9 @@ def values_along(
     return np.stack(values, axis=-1) if len(values) > 1 else values[0]
 
 
-def _check_name(name, what: str) -> None:
+def _check_name(name, method: str) -> None:
     expected = f"one of {list(DATA)}"
-    require(is_one_of(name, DATA), f"Section.{what}: name", name, expected)
+    require(is_one_of(name, DATA), f"Section.{method}: name", name, expected)
 
 
 def _values(
@@ -524,30 +524,30 @@ def _shear_modulus(nu: float, E: float) -> float:
 
 def _value(name: str, datum: Datum, fraction: float = 0.0) -> float:
     """Value of a datum; it must be finite and positive (zero is allowed for inertia)."""
-    where = ""
+    place = ""
     if callable(datum):
-        where = f" at the fraction {fraction:.4g} of the length"
-        datum = _evaluated(datum, fraction, f"Section: {name}{where}")
+        place = f" at the fraction {fraction:.4g} of the length"
+        datum = _evaluated(datum, fraction, f"Section: {name}{place}")
     may_be_zero = name in _MAY_BE_ZERO
     number = as_float(datum)
     if not (is_number(datum) and (number > 0 or (may_be_zero and number == 0))):
         expected = "zero or positive and finite" if may_be_zero else "positive and finite"
         expected += size_limit(datum, expected)
-        raise SceneError(f"Section: {name} = {shown(datum)}{where} must be {expected}")
+        raise SceneError(f"Section: {name} = {shown(datum)}{place} must be {expected}")
     return number
 
 
-def _evaluated(datum: Callable, fraction: float, what: str) -> float:
+def _evaluated(datum: Callable, fraction: float, name: str) -> float:
     try:
         value = datum if isinstance(datum, ufl.core.expr.Expr) else datum(fraction)
         if isinstance(value, float) or (isinstance(value, Dual) and not value.ndim):
             return as_float(value)
         # UFL functions of numbers return numbers or expressions of numbers.
         if isinstance(value, ufl.core.expr.Expr):
-            refuse_fields_in(value, what)
+            refuse_fields_in(value, name)
             value = value(())
     except SceneError:
         raise  # from a datum that this one is computed from
     except Exception as error:
-        raise SceneError(f"{what}: calling it raised {error!r}") from error
-    return as_float(shaped(value, 1, what)[0])
+        raise SceneError(f"{name}: calling it raised {error!r}") from error
+    return as_float(shaped(value, 1, name)[0])

@@ -40,40 +40,40 @@ class Shaking(NamedTuple):
 class Accelerogram(Signal):
     """Values (1,) at times [s], with straight lines between, and zero before and after."""
 
-    def __init__(self, times: Any, values: Any, what: str):
-        super().__init__(self._at, 1, what)
+    def __init__(self, times: Any, values: Any, name: str):
+        super().__init__(self._at, 1, name)
         self.times, self.values = times, values
 
     def _at(self, t: Any) -> Any:
         times, places = floats(dual_array(self.times)), floats(t)
-        inside = (places >= times[0]) & (places <= times[-1])
-        between = np.interp(t, dual_array(self.times), dual_array(self.values))
-        return np.where(inside, between, 0.0)
+        in_record = (places >= times[0]) & (places <= times[-1])
+        interpolated = np.interp(t, dual_array(self.times), dual_array(self.values))
+        return np.where(in_record, interpolated, 0.0)
 
     def each(self, rows: Any, arrays: ArrayCalls | None = None, run: str = "") -> Any:
         """Values (n, 1) at times (n, 1) [s], by one call for all."""
         return self._at(rows)
 
 
-def acceleration(value: Any, what: str) -> Signal:
+def acceleration(value: Any, name: str) -> Signal:
     """An acceleration (1,) over time: a constant, a function, an `Input` or a record."""
     if not isinstance(value, list | tuple | np.ndarray):
         if not isinstance(value, Input):
-            check_takes_time(value, what)
-        return time_function(value, 1, what)
+            check_takes_time(value, name)
+        return time_function(value, 1, name)
     parts = [real_array(part) for part in value]
     ok = len(parts) == 2 and parts[0].ndim == 1 and parts[0].shape == parts[1].shape
     ok = ok and len(parts[0]) > 1 and bool(np.isfinite([floats(part) for part in parts]).all())
     if not ok:
         raise SceneError(
-            f"{what}: a record has two lists of the same length, of at least two finite numbers: "
+            f"{name}: a record has two lists of the same length, of at least two finite numbers: "
             "times [s] and accelerations [m/s^2]; or give a function of time"
         )
     steps = np.diff(floats(parts[0]))
     if (steps < 0).any() or not steps.any():
         late = int(np.argmax(steps < 0))
         raise SceneError(
-            f"{what}: the times of a record must rise, but {floats(parts[0])[late + 1]:g} s comes "
+            f"{name}: the times of a record must rise, but {floats(parts[0])[late + 1]:g} s comes "
             f"after {floats(parts[0])[late]:g} s. Sort it: order = np.argsort(times)"
         )
-    return Accelerogram(parts[0], parts[1], what)
+    return Accelerogram(parts[0], parts[1], name)

@@ -106,18 +106,18 @@ class SlidingJoint(Joint):
         """What is wrong with a node that is not on the beam."""
         s, least = self.path.nearest(np.array([self.b.x, self.b.y]))
         x, y = self.path.position(s)
-        where = about = away = ""
+        place = hint = distance_text = ""
         if self.fraction is not None:
-            where, away = f" at the fraction {self.fraction:g}", f", {least:.4g} away"
+            place, distance_text = f" at the fraction {self.fraction:g}", f", {least:.4g} away"
         if self.beam.inner is not None:
-            about = (
+            hint = (
                 ". On a curve the axis is that of the elements, which is near the curve, and "
                 "nearer with more elements or a higher degree"
             )
         return (
-            f"the node is not on the axis of the beam{where}, but {gap:.4g} away{about}. The "
+            f"the node is not on the axis of the beam{place}, but {gap:.4g} away{hint}. The "
             f"nearest point of the axis is ({x:.12g}, {y:.12g}), at the fraction "
-            f"{s / self.path.length:.6g} of its length{away}. Move the node there"
+            f"{s / self.path.length:.6g} of its length{distance_text}. Move the node there"
         )
 
     def check_start(self, size: float) -> None:
@@ -335,7 +335,7 @@ def _sliding(kind, beam, node, fraction, parts, rotation) -> SlidingJoint:
         raise SceneError(f"{kind}: {beam!r} is not a beam; give the beam that guides the node")
     expected = "given: a guide on the ground needs its place at the start, a fraction of the beam"
     require(node is not GROUND or fraction is not None, f"{kind}: fraction", fraction, expected)
-    if any(node is own for own in (*beam.nodes, *beam.carriers)):
+    if any(node is beam_node for beam_node in (*beam.nodes, *beam.carriers)):
         raise SceneError(f"{kind}: {node} belongs to beam {beam.name!r}; take one of another beam")
     if fraction is not None:
         ok = 0 <= as_float(fraction) <= 1

@@ -32,8 +32,8 @@ def expressions_of(scene: Scene) -> Iterator[tuple[str, Any]]:
         for section in distinct.values():
             yield from functions_of_energy(section.strain_energy, section.internal, 3)
     for joint in scene.joints:
-        for on in joint.coordinates.values():
-            yield from functions_of(on)
+        for coordinate in joint.coordinates.values():
+            yield from functions_of(coordinate)
     for gear in scene.gears:
         yield from functions_of(gear.on)
     for obstacle in scene.contacts:
@@ -84,25 +84,25 @@ class Structure:
         functions = expressions_of(scene)
         for function, known in itertools.zip_longest(functions, self._functions):
             if function != known:
-                what = (function or known)[0]
+                kind = (function or known)[0]
                 raise OtherStructureError(
-                    f"{what} of your own differs in more than parameters. Numbers in it that "
+                    f"{kind} of your own differs in more than parameters. Numbers in it that "
                     "change must be fb.Parameter(name, value)"
                 )
 
 
-def _difference(one: Any, two: Any) -> str:
+def _difference(form: Any, known: Any) -> str:
     """Where two forms differ first, and how."""
-    if isinstance(one, list) and isinstance(two, list):
-        if len(one) != len(two):
+    if isinstance(form, list) and isinstance(known, list):
+        if len(form) != len(known):
             return " has another length"
-        names = [f"[{i}]" for i in range(len(one))]
-    elif isinstance(one, _Form) and isinstance(two, _Form) and one.kind is two.kind:
-        names = [f".{name}" for name, _ in _fields(one.kind) or ()]
-        one, two = one.parts, two.parts
+        names = [f"[{i}]" for i in range(len(form))]
+    elif isinstance(form, _Form) and isinstance(known, _Form) and form.kind is known.kind:
+        names = [f".{name}" for name, _ in _fields(form.kind) or ()]
+        form, known = form.parts, known.parts
     else:
         return " differs"
-    pairs = zip(names, one, two, strict=True)
+    pairs = zip(names, form, known, strict=True)
     return next(name + _difference(a, b) for name, a, b in pairs if a != b)
 
 
@@ -126,7 +126,7 @@ def _form(value: Any, is_number: bool, of_parts: dict[int, Any]) -> Any:
         return _form_of_number(value)
     if (attributes := _fields(kind)) is not None:
         if id(value) not in of_parts:
-            forms = [_form(getattr(value, name), of, of_parts) for name, of in attributes]
+            forms = [_form(getattr(value, name), datum, of_parts) for name, datum in attributes]
             of_parts[id(value)] = _Form(kind, forms)
         return of_parts[id(value)]
     if isinstance(value, dict):
@@ -148,7 +148,7 @@ def _fields(kind: type) -> list[tuple[str, bool]] | None:
 
 
 def _form_of_number(number: Any) -> Any:
-    """Its shape, or its names; a function has that of one number."""
+    """Shape of a number, or names of several; a function counts as one number."""
     if isinstance(number, np.ndarray):
         return number.shape
     if callable(number):

@@ -157,8 +157,8 @@ class Parameter(ufl.Constant):
     def __setattr__(self, name: str, value: Any) -> None:
         """Refuse what constants of dolfinx have: a value is that in a scene."""
         if name == "value":
-            where = f"scene.parameters[{self.name!r}] = {shown(value)}"
-            raise SceneError(f"the parameter {self.name!r} has a value in each scene: {where}")
+            assignment = f"scene.parameters[{self.name!r}] = {shown(value)}"
+            raise SceneError(f"the parameter {self.name!r} has a value in each scene: {assignment}")
         super().__setattr__(name, value)
 
     def __str__(self):

@@ -24,10 +24,10 @@ class Watch:
         """Whether the scene has changed since the start."""
         return self._now() != self._counts
 
-    def check(self, what: str) -> None:
-        """SceneError if an analysis has called what changes its scene."""
+    def check(self, caller: str) -> None:
+        """SceneError if the scene was changed while an analysis ran."""
         if self.has_changed:
             raise SceneError(
-                f"{what}: the scene was changed while it was computed, as by a load function that "
-                "adds a beam. Change it before, or by latches and fuses (changes=...)"
+                f"{caller}: the scene was changed while it was computed, as by a load function "
+                "that adds a beam. Change it before, or by latches and fuses (changes=...)"
             )

@@ -22,7 +22,7 @@ _NO_MASS = 1e-26
 
 
 def accelerations(model: Model, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Accelerations (free,) under generalised forces (free,), and what is left of these.
+    """Accelerations a (free,) under generalised forces f (free,), and the rest f - M a.
 
     As `acceleration_of`, in the configuration in which the reduction is.
     """
@@ -53,8 +53,8 @@ def _of_equal(model: Model, force: np.ndarray) -> np.ndarray | None:
     tangent, free = model.reduction.tangent, model.reduction.free
     if free > _LARGE and (a := _iterated(model, force)) is not None:
         return a
-    (indptr, indices), of = tangent.pattern, tangent.direct
-    values = np.bincount(of["to"], model.mass.data[of["from"]], len(indices))
+    (indptr, indices), direct = tangent.pattern, tangent.direct
+    values = np.bincount(direct["to"], model.mass.data[direct["from"]], len(indices))
     diagonal = values[np.repeat(np.arange(free), np.diff(indptr)) == indices]
     has_mass = free and (diagonal > 0).all()
     regular = has_mass and model.factors_of_mass.factorise(values)
@@ -102,8 +102,8 @@ def acceleration_of(mass, force: np.ndarray, unit: np.ndarray) -> np.ndarray:
         solution = _solve_sparse(scaled, b)
     if solution is None:
         full = scaled if isinstance(scaled, np.ndarray) else scaled.toarray()
-        given = {"lapack_driver": "gelsy", "check_finite": False}  # a step says what is not
-        solution = scipy.linalg.lstsq(full, b, 1e-10, **given)[0]
+        options = {"lapack_driver": "gelsy", "check_finite": False}  # a step says what is not
+        solution = scipy.linalg.lstsq(full, b, 1e-10, **options)[0]
     a[moving] = scale * solution
     return a
 
@@ -127,8 +127,8 @@ def _iterated(model: Model, force: np.ndarray) -> np.ndarray | None:
             return None
         part = size / moved
         x, r = x + part * d, r - part * image
-        size, before = r @ r, size
-        d = r + size / before * d
+        size, last_size = r @ r, size
+        d = r + size / last_size * d
     return None
 
 

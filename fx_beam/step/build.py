@@ -30,8 +30,8 @@ def load_library(features: str = "CHAIN", derivatives: str = "") -> tuple[Any, A
     It serves scenes with some features (c/scene_features.h); or has `derivatives` of steps in their
     place, "VJP" or "JVP".
     """
-    what, macros, flags = _asked(features, derivatives)
-    return c_library.open_library(what, "loop.c", "problem.h", MACROS, macros, flags)
+    title, macros, flags = _asked(features, derivatives)
+    return c_library.open_library(title, "loop.c", "problem.h", MACROS, macros, flags)
 
 
 def _asked(features: str, derivatives: str) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
@@ -43,8 +43,8 @@ def _asked(features: str, derivatives: str) -> tuple[str, tuple[str, ...], tuple
 
 def begin_to_build(features: str, derivatives: str = "") -> None:
     """Compile the same library beside all else, if the cache lacks it."""
-    what, macros, flags = _asked(features, derivatives)
-    c_library.begin_to_build(what, "loop.c", (*MACROS, *macros), flags)
+    title, macros, flags = _asked(features, derivatives)
+    c_library.begin_to_build(title, "loop.c", (*MACROS, *macros), flags)
 
 
 def load_batches(
@@ -62,9 +62,9 @@ def load_batches(
     """
     sizes = ", ".join(str(max(number, 1)) for number in numbers)
     flags = [*_FLAGS, "-freciprocal-math"]
-    asked = key, sizes, *c_library.target_flags()[1], *flags
-    if asked in loaded:
-        return loaded[asked]
+    cache_key = key, sizes, *c_library.target_flags()[1], *flags
+    if cache_key in loaded:
+        return loaded[cache_key]
     names = [f"batch_{i}" for i in range(functions)]
     batches = [f"BATCH({batch}, element_{i}, {sizes})" for i, batch in enumerate(names)]
 
@@ -72,6 +72,6 @@ def load_batches(
         state = [f"#define {definition}" for definition in MACROS]
         return "\n".join([*state, '#include "batch.h"', source(), *batches, ""])
 
-    what = f"{name!r} for several elements"
-    loaded[asked] = c_library.functions_of(what, key + sizes, text, names, flags)
-    return loaded[asked]
+    title = f"{name!r} for several elements"
+    loaded[cache_key] = c_library.functions_of(title, key + sizes, text, names, flags)
+    return loaded[cache_key]

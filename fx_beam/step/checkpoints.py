@@ -50,10 +50,16 @@ class Checkpoint(NamedTuple):
             array[:] = values
         if (members := problem.model.points.members) is not None:
             members.forget()
-        to = ffi.new("Record *")
-        to.every, to.first, to.last, to.parts, to.part = 2**30, 1, -1, steps.parts, steps.part
-        to.tape, rows.increments = rows, address_of(ffi, self.increments)
-        problem.library.fx_repeat(p, steps.number, steps.dt, steps.inputs, to)
+        record = ffi.new("Record *")
+        record.every, record.first, record.last, record.parts, record.part = (
+            2**30,
+            1,
+            -1,
+            steps.parts,
+            steps.part,
+        )
+        record.tape, rows.increments = rows, address_of(ffi, self.increments)
+        problem.library.fx_repeat(p, steps.number, steps.dt, steps.inputs, record)
 
 
 def address_of(ffi: Any, increments: np.ndarray | None) -> Any:
@@ -84,16 +90,16 @@ class Checkpoints:
         """
         problem, p = self._problem, self._problem.c
         work = [array.copy() for array in problem.work] if p.system.reused.worth else []
-        before = p.state.t, bytes(problem.ffi.buffer(p)), problem.state.memory.copy()
+        snapshot = p.state.t, bytes(problem.ffi.buffer(p)), problem.state.memory.copy()
         increments = self._increments(steps.number * self.of_step) if with_increments else None
-        self._every.append(Checkpoint(first, steps, *before, work, increments))
+        self._every.append(Checkpoint(first, steps, *snapshot, work, increments))
         return increments
 
-    def end(self, taken: int) -> None:
+    def end(self, count: int) -> None:
         """Keep how many steps were taken."""
         last = self._every.pop()
-        if taken:
-            self._every.append(last._replace(steps=last.steps._replace(number=taken)))
+        if count:
+            self._every.append(last._replace(steps=last.steps._replace(number=count)))
 
     def _increments(self, sub_steps: int) -> np.ndarray | None:
         """Room for increments, if there is memory, and if steps follow from these alone."""
@@ -108,10 +114,10 @@ class Checkpoints:
     def take_increments(self, rows: np.ndarray) -> None:
         """Take increments out of the rows, which end with them, before these are given up."""
         for i, checkpoint in enumerate(self._every):
-            own = rows[checkpoint.first :][: checkpoint.steps.number * self.of_step]
-            if (increments := self._increments(len(own))) is None:
+            part_rows = rows[checkpoint.first :][: checkpoint.steps.number * self.of_step]
+            if (increments := self._increments(len(part_rows))) is None:
                 return
-            increments[:] = own[:, own.shape[1] - self._problem.c.columns :]
+            increments[:] = part_rows[:, part_rows.shape[1] - self._problem.c.columns :]
             self._every[i] = checkpoint._replace(increments=increments)
 
     def groups(self) -> list[list[Checkpoint]]:

@@ -59,8 +59,8 @@ class Equations:
         if problem is None:
             # The loop of a motion has another storage, whose library is there already.
             forces_only = model.scheme.rates.at_rest or not inert
-            given = NewtonOptions(), turning is not None, True, forces_only, False, inertia, inert
-            problem = Problem.of(model, *given)
+            options = NewtonOptions(), turning is not None, True, forces_only, False, inertia, inert
+            problem = Problem.of(model, *options)
             problem.set_given_strains(turning)
         self._problem, self._c, self._library = problem, problem.c, problem.library
         self._doubles = problem.ffi.typeof("double[]")
@@ -142,13 +142,13 @@ class Equations:
         if reduction.couplings.sliding:
             A = self._with_border(A, reduction.sliders)
         if (members := self.model.points.members) is not None:
-            more = reduction.reduced(members.tangent())
-            more.resize(A.shape)
-            A = (A + more).tocsr()
+            member_tangent = reduction.reduced(members.tangent())
+            member_tangent.resize(A.shape)
+            A = (A + member_tangent).tocsr()
         return A
 
     def _with_border(self, A: scipy.sparse.csr_matrix, sliders: Sliders) -> scipy.sparse.csr_matrix:
-        """The same with what slides in its place, and its bordering rows behind."""
+        """A with its border: slides in their places, bordering rows and columns behind."""
         n, (columns, rows, corner) = A.shape[0], self._problem.border(A.shape[0])
         many = len(corner)
         A = scipy.sparse.bmat([[A, columns], [rows, corner]], "csr")

@@ -25,29 +25,29 @@ def end_behind_event(
     `first` are the values at the start; `values` gives those after a step to a time, or where one
     of its sub-steps has changed a sign, and None if the step fails. Then the result is None.
     """
-    now = values(t1)
-    if now is None or not switched(first, now):
+    current = values(t1)
+    if current is None or not switched(first, current):
         return None
     # The motion is smooth up to the event; a stiff contact bends it behind.
-    before, end, close = [(t0, first)], t1, _CLOSE * (t1 - t0)
-    changing, last = (first < 0) != (now < 0), np.inf
+    known_points, end, close = [(t0, first)], t1, _CLOSE * (t1 - t0)
+    changing, last = (first < 0) != (current < 0), np.inf
     for _ in range(_TRIALS):
-        start = before[-1][0]
+        start = known_points[-1][0]
         if end - start < 2 * close:
             break
-        t = _zero([(at, value[changing]) for at, value in before]) + close / 2
-        if len(before) > 2 and abs(t - end) < close / 4:  # just behind the event, as it seems
+        t = _zero([(time, value[changing]) for time, value in known_points]) + close / 2
+        if len(known_points) > 2 and abs(t - end) < close / 4:  # just behind the event, as it seems
             t = end - close
         if not start < t < end - close / 4 or t == last:
             t = (start + end) / 2
-        now, last = values(t), t
-        if now is None:
+        current, last = values(t), t
+        if current is None:
             return None
-        if switched(first, now):
-            changing |= (first < 0) != (now < 0)
+        if switched(first, current):
+            changing |= (first < 0) != (current < 0)
             end = t
         else:
-            before = [*before[-2:], (t, now)]
+            known_points = [*known_points[-2:], (t, current)]
     return end
 
 

@@ -18,17 +18,17 @@ if TYPE_CHECKING:
     from .model import Model
 
 
-def schur_complement(A: scipy.sparse.csr_matrix, kept: np.ndarray) -> scipy.sparse.csr_matrix:
-    """A system without all unknowns but those that are `kept`; not finite if it is singular."""
-    rest = np.setdiff1d(np.arange(A.shape[0]), kept)
+def schur_complement(A: scipy.sparse.csr_matrix, chosen: np.ndarray) -> scipy.sparse.csr_matrix:
+    """A system reduced to `chosen` unknowns; not finite if it is singular."""
+    rest = np.setdiff1d(np.arange(A.shape[0]), chosen)
     if not len(rest):
         return A
-    rows, columns = A[kept], A[:, kept]
+    rows, columns = A[chosen], A[:, chosen]
     try:
-        others = splu(A[rest][:, rest].tocsc()).solve(columns[rest].toarray())
+        eliminated = splu(A[rest][:, rest].tocsc()).solve(columns[rest].toarray())
     except RuntimeError:  # it is singular
-        others = np.full((len(rest), len(kept)), np.nan)
-    reduced = rows[:, kept] - rows[:, rest] @ scipy.sparse.csr_matrix(others)
+        eliminated = np.full((len(rest), len(chosen)), np.nan)
+    reduced = rows[:, chosen] - rows[:, rest] @ scipy.sparse.csr_matrix(eliminated)
     return reduced.tocsc().tocsr()  # whose columns are in order
 
 
@@ -95,10 +95,10 @@ class Extended:
         matrix = scipy.sparse.csr_matrix(parts, self.system.shape, copy=True)
         return replace(self, system=matrix)
 
-    def only(self, some: np.ndarray) -> Extended:
+    def only(self, selected: np.ndarray) -> Extended:
         """A of some of x and u (n,), without equations."""
         row, column = np.zeros((2, self.system.shape[0]))
-        row[self.rows] = column[self.columns] = some
+        row[self.rows] = column[self.columns] = selected
         parts = scipy.sparse.diags(row) @ self.system @ scipy.sparse.diags(column)
         return replace(self, system=parts.tocsr())
 
@@ -144,5 +144,5 @@ class Extended:
 
     def solve(self, forces: np.ndarray) -> np.ndarray:
         """x (free, ...) for forces (free, ...); RuntimeError if it is singular."""
-        more = np.zeros((self.system.shape[0] - self.free, *forces.shape[1:]))
-        return self._factors.solve(np.concatenate([forces, more]))[: self.free]
+        zeros = np.zeros((self.system.shape[0] - self.free, *forces.shape[1:]))
+        return self._factors.solve(np.concatenate([forces, zeros]))[: self.free]

@@ -66,18 +66,18 @@ class FittedRates:
         self.layout = layout = Layout(problem, library.fx_layout(self._p, self._a))
         room = aligned_zeros(library.fx_linear_scratch(self._p, self._a))
         self._structs.set(self._a, scratch=room)
-        at, p, slides = layout.at, self._p, layout.slides
-        states = {"q": at["q"], "v": at["v"], "slides": slides, "driven rates": at["driven"]}
-        of_slides = np.where(slides < at["q"][0], slides - at["Y"][0] + at["Y1"][0], slides)
+        rows, p, slides = layout.at, self._p, layout.slides
+        states = {"q": rows["q"], "v": rows["v"], "slides": slides, "driven rates": rows["driven"]}
+        of_slides = np.where(slides < rows["q"][0], slides - rows["Y"][0] + rows["Y1"][0], slides)
         #: Rows of states, and of what is found.
         self.states = Rows(states)
-        impulses = {"impulses of joints": at["forces"]}
-        impulses["impulses of columns"] = at["R"][p.free : p.columns]
-        self.results = Rows({"rates": at["q1"], "rates of slides": of_slides} | impulses)
-        numbers = {name: all_of(at[name]) for name in _OF_SHAPE}
-        numbers["mass"] = Numbers(at["mass"], problem.mass_entries.ravel(), model.mass.nnz)
+        impulses = {"impulses of joints": rows["forces"]}
+        impulses["impulses of columns"] = rows["R"][p.free : p.columns]
+        self.results = Rows({"rates": rows["q1"], "rates of slides": of_slides} | impulses)
+        numbers = {name: all_of(rows[name]) for name in _OF_SHAPE}
+        numbers["mass"] = Numbers(rows["mass"], problem.mass_entries.ravel(), model.mass.nnz)
         #: The numbers of the scene by name.
-        self.numbers = {name: of for name, of in numbers.items() if of.size}
+        self.numbers = {name: part for name, part in numbers.items() if part.size}
 
     def fit(self, q: np.ndarray, v: np.ndarray, slides: np.ndarray, driven: np.ndarray) -> Fit:
         """Rates for v (n, size) at q (n, size) and slides (n, joints).
@@ -86,49 +86,49 @@ class FittedRates:
         """
         return self.followed(self.library.VALUES, q, v, slides, driven)
 
-    def followed(self, way: int, *given: np.ndarray, **derivatives: Any) -> Fit:
+    def followed(self, way: int, *states: np.ndarray, **derivatives: Any) -> Fit:
         """As `fit`, and derivatives in one `way`, by members of ``Derivatives`` in C."""
-        model, n, p = self._model, len(given[0]), self._p
+        model, n, p = self._model, len(states[0]), self._p
         if self._problem.data is not model.data:
             self._problem.bind()
-        q, v, slides, driven = (np.ascontiguousarray(x, dtype=float) for x in given)
+        q, v, slides, driven = (np.ascontiguousarray(x, dtype=float) for x in states)
         shapes = q.shape, (n, 0), (n, p.passes.joints, 3), (n, p.columns - p.free)
         # What is not a number stays so where it is singular.
         fit = Fit(*(*(np.full(shape, np.nan) for shape in shapes), driven))
         if (unknown := np.isnan(driven)).any():
             driven = np.where(unknown, self._driven_rates(q, v, slides), driven)
-        structs, of = Structs(self._ffi), self._ffi.new("Fits *")
+        structs, fits = Structs(self._ffi), self._ffi.new("Fits *")
         arrays = {"q": q, "v": v, "slides": slides, "driven": driven, "rates": fit.rates}
         arrays |= {"joints": fit.joints, "constraints": fit.constraints}
-        structs.set(of, rows=n, **{name: never_empty(x) for name, x in arrays.items()})
+        structs.set(fits, rows=n, **{name: never_empty(x) for name, x in arrays.items()})
         with model.reading:
             structs.set(self._a, **derivatives)
-            if not self.library.fx_fit(self._p, of, self._a, way):
+            if not self.library.fx_fit(self._p, fits, self._a, way):
                 raise MemoryError("rates that fit the joints")
         return fit._replace(corrections=fit.rates - v)
 
     def _driven_rates(self, q: np.ndarray, v: np.ndarray, slides: np.ndarray) -> np.ndarray:
         """Rates (n, driven) of driven motions as the nodes have them."""
         model = self._model
-        at, rates = model.motion(q=q, v=v), [*v[:, model.prescribed].T]
+        motion, rates = model.motion(q=q, v=v), [*v[:, model.prescribed].T]
         for joint, name in model.motors:
             kinematics, slide = joint.kinematics, slides[:, joint.number]
-            rates.append((kinematics.rate if name == "slide" else kinematics.spin)(at, slide))
+            rates.append((kinematics.rate if name == "slide" else kinematics.spin)(motion, slide))
         return np.array(rates).T
 
 
 class RateDerivatives:
     """Rates that fit at n configurations, and their derivatives; given as to `FittedRates.fit`."""
 
-    def __init__(self, fits: FittedRates, *given: np.ndarray):
-        self._fits, self._given = fits, given
-        self.rates = fits.fit(*given).rates
+    def __init__(self, fits: FittedRates, *states: np.ndarray):
+        self._fits, self._given = fits, states
+        self.rates = fits.fit(*states).rates
 
-    def _follow(self, way: int, states: np.ndarray, results: np.ndarray, **more: Any) -> None:
-        fits, every = self._fits, np.arange(len(self.rates))
-        more["states"] = fits.states.members(every, len(every), states)
-        more["forces"] = fits.results.members(every, len(every), results)
-        fits.followed(way, *self._given, **more)
+    def _follow(self, way: int, states: np.ndarray, results: np.ndarray, **members: Any) -> None:
+        fits, rows = self._fits, np.arange(len(self.rates))
+        members["states"] = fits.states.members(rows, len(rows), states)
+        members["forces"] = fits.results.members(rows, len(rows), results)
+        fits.followed(way, *self._given, **members)
 
     def vjp(self, weights: Arrays) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         """Derivatives by "q", "v", "slides" and "driven rates" (n, ...), and by numbers.
@@ -139,7 +139,7 @@ class RateDerivatives:
         fits, n, x = self._fits, len(self.rates), aligned_zeros(self._fits.layout.size)
         by_states = fits.states.empty(n)
         self._follow(fits.library.BACKWARDS, by_states, fits.results.filled(weights, n), x=x)
-        return fits.states.parts(by_states), {name: of.sums(x) for name, of in fits.numbers.items()}
+        return fits.states.parts(by_states), {name: p.sums(x) for name, p in fits.numbers.items()}
 
     def jvp(self, of_state: Arrays, changes: Arrays) -> dict[str, np.ndarray]:
         """Changes (n, m, ...) of the same in m directions.

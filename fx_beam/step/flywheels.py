@@ -22,7 +22,7 @@ def only_turn(scene: Scene, mesh: Mesh) -> np.ndarray:
     ).reshape(-1, 2)
     displacing = np.zeros(len(mesh.X), dtype=bool)
     displacing[mesh.elements.ravel()] = True
-    geared = {node.number for of in scene.gears if of.is_ideal for node in of.nodes}
+    geared = {node.number for gear in scene.gears if gear.is_ideal for node in gear.nodes}
     displacing[[number for number in geared if number >= 0]] = True  # which the others follow
     apart = (mesh.X[pairs[:, 0]] != mesh.X[pairs[:, 1]]).any(axis=1)
     displacing[pairs[apart].ravel()] = True

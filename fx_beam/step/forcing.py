@@ -50,7 +50,7 @@ class Forcing:
         #: Which of them are inputs of a motion (driven,): these go straight in a step.
         self.straight = np.array([function.ramps for function in self.functions], dtype=bool)
         #: Numbers of those that are locked.
-        self._held = [i for i, (of, _) in enumerate(self._driven) if isinstance(of, Locked)]
+        self._held = [i for i, (f, _) in enumerate(self._driven) if isinstance(f, Locked)]
 
     @property
     def functions(self) -> list[Signal]:
@@ -60,12 +60,12 @@ class Forcing:
     def forces(self, step: Interval) -> tuple[np.ndarray, np.ndarray]:
         """Dead forces (size,) at the start and at the end of a step, weight included [N, N m]."""
         start, end = just_inside(step.start, step.end)
-        before = self.dead(start)
-        return before, before if self.data.loads.constant else self.dead(end)
+        at_start = self.dead(start)
+        return at_start, at_start if self.data.loads.constant else self.dead(end)
 
     def positions(self, t: float) -> np.ndarray:
         """Prescribed motions and positions of motors (driven,) at a time [m, rad]."""
-        return np.array([evaluate(function, t, what)[0] for function, what in self._driven])
+        return np.array([evaluate(function, t, name)[0] for function, name in self._driven])
 
     def natural(self, t: float) -> np.ndarray | None:
         """Natural strains (cells, degree, 3) at the end of a step [s]; None without any."""
@@ -112,7 +112,7 @@ class Forcing:
     def series(self, times: np.ndarray) -> np.ndarray:
         """Prescribed motions and positions of motors (n, driven) at several times [m, rad]."""
         arrays = self.data.scene.array_calls
-        positions = [signal.series(times, what, arrays) for signal, what in self._driven]
+        positions = [signal.series(times, name, arrays) for signal, name in self._driven]
         return np.concatenate([np.empty((len(times), 0)), *positions], axis=1)
 
     def current(self, state: State) -> np.ndarray:
@@ -130,17 +130,17 @@ class Forcing:
         if not self._driven:
             return
         self.hold(state)
-        given = self.positions(state.t)
+        positions = self.positions(state.t)
         # A unit motion is the size of the scene, or a radian.
         turns = [component == 2 for _, component in self.model.scene.prescribed]
         turns += [name == "rotation" for _, name in self.model.motors]
-        allowed = 1e-9 * (np.where(turns, 1.0, self.model.mesh.size) + abs(given))
-        for value, start, most, (_, what) in zip(
-            given, self.current(state), allowed, self._driven, strict=True
+        allowed = 1e-9 * (np.where(turns, 1.0, self.model.mesh.size) + abs(positions))
+        for value, start, most, (_, name) in zip(
+            positions, self.current(state), allowed, self._driven, strict=True
         ):
             if abs(value - start) > most:
                 raise SceneError(
-                    f"{what} is {value:g} at t = {state.t:g}, but the motion starts from "
+                    f"{name} is {value:g} at t = {state.t:g}, but the motion starts from "
                     f"{start:g}. Let the function have this value then; or bring the scene to its "
                     f"value by static(scene, t={state.t:g}), and start from this solution"
                 )

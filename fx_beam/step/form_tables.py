@@ -80,7 +80,7 @@ class Kernel(NamedTuple):
         first = sum(form.size for form in self.forms[:number])
         indices = self.forms[number].indices_in(self.forms[0])
         arrays = zip("wc", indices, strict=True)
-        lists = (", ".join(f"{array}[{i}]" for i in of) or "0" for array, of in arrays)
+        lists = (", ".join(f"{array}[{i}]" for i in index) or "0" for array, index in arrays)
         packed = "double own_w[] = {{{}}}, own_c[] = {{{}}}".format(*lists)
         return f"{{ {packed};\n{name}(A + {first}, own_w, own_c, x{unused}); }}\n"
 
@@ -122,17 +122,17 @@ class FormTables:
         if coordinates is not None:
             for cells, blocks in self._coordinates:
                 blocks[...] = self._blocks(coordinates[cells])
-        for blocks, field, at in self._data:
-            blocks[...] = field.array[at]
+        for blocks, field, places in self._data:
+            blocks[...] = field.array[places]
         for form, constants in self._constants:
             constants[...] = form.values_of_constants()
 
-    def all(self, wanted: Container[str]) -> dict[str, dict]:
+    def all(self, names: Container[str]) -> dict[str, dict]:
         """The wanted ones of `FORMS` that the model has, by their names in C."""
         tables, bound = dict[str, dict](), self._forms.bound
         for name, forms in FORMS.items():
             known = [form for form in forms if form in bound]
-            if known and name in wanted:
+            if known and name in names:
                 tables[name] = self.of(known[-1], Kernel([bound[form] for form in known]))
         return tables
 
@@ -154,8 +154,8 @@ class FormTables:
         blocks = {tag: self._blocks(rows) for tag, rows in packed.items()}
         for field in starts.keys() - {*fields}:  # C sets those that move
             columns = slice(starts[field], starts[field] + field.space.width)
-            places = {tag: self._blocks(field.space.dofs[of]) for tag, of in cells.items()}
-            self._data += [(blocks[tag][:, columns], field, at) for tag, at in places.items()]
+            places = {tag: self._blocks(field.space.dofs[rows]) for tag, rows in cells.items()}
+            self._data += [(blocks[tag][:, columns], field, place) for tag, place in places.items()]
         self._constants.append((form, constants))
         return {
             "integrals": len(cells),
@@ -216,10 +216,10 @@ def in_lanes(rows: np.ndarray, lanes: int, behind: int | None = None) -> np.ndar
     """
     missing = -len(rows) % lanes
     if missing:
-        more = np.repeat(rows[-1:], missing, axis=0)
+        padding = np.repeat(rows[-1:], missing, axis=0)
         if behind is not None:
-            more[:] = behind + 4 * np.arange(missing)[:, None]
-        rows = np.concatenate([rows, more])
+            padding[:] = behind + 4 * np.arange(missing)[:, None]
+        rows = np.concatenate([rows, padding])
     blocks = rows.reshape(len(rows) // lanes, lanes, rows.shape[1]).swapaxes(1, 2)
     kind: type = np.float64 if rows.dtype == np.float64 else np.int32
     placed = aligned_zeros(*blocks.shape, dtype=kind)
@@ -257,13 +257,13 @@ def rows_of_nodes(stored_at: np.ndarray, behind: int, lanes: int) -> dict[str, n
     cells, n = len(stored_at), math.isqrt(stored_at.shape[1])
     nodes, number = n // 3, np.arange(n)
     columns = np.column_stack([number[: 2 * nodes].reshape(nodes, 2), number[2 * nodes :]])
-    to = stored_at.reshape(cells, n, n)[:, :, columns]  # (cells, n, nodes, 3)
-    together = (np.diff(to, axis=-1) == 1).all(axis=-1)
+    targets = stored_at.reshape(cells, n, n)[:, :, columns]  # (cells, n, nodes, 3)
+    together = (np.diff(targets, axis=-1) == 1).all(axis=-1)
     # Rows behind the end lie apart: the processor waits where stored rows overlap.
     lane = np.arange(cells + -cells % lanes) % lanes
     run = np.empty((len(lane), n, nodes), dtype=int)
     run[:] = behind + 4 * lane[:, None, None]
-    run[:cells][together] = to[together][:, 0]
+    run[:cells][together] = targets[together][:, 0]
     cell, row, node = np.nonzero(~together)
     source = (row[:, None] * n + columns[node]) * lanes + lane[cell, None]
     start = np.searchsorted(cell, np.arange(0, cells + lanes, lanes))
@@ -271,5 +271,5 @@ def rows_of_nodes(stored_at: np.ndarray, behind: int, lanes: int) -> dict[str, n
         "run": run.reshape(len(lane), -1),
         "single_start": 3 * start,
         "single_from": source.ravel(),
-        "single_to": to[cell, row, node].ravel(),
+        "single_to": targets[cell, row, node].ravel(),
     }

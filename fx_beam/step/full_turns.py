@@ -41,8 +41,8 @@ class TurnCounter:
     @staticmethod
     def without(turns: np.ndarray, state: State) -> State:
         """The state without turns."""
-        before = None if state.q_previous is None else state.q_previous - turns
-        return state.changed(q=state.q - turns, q_previous=before)
+        q_previous = None if state.q_previous is None else state.q_previous - turns
+        return state.changed(q=state.q - turns, q_previous=q_previous)
 
     def with_turns(self, state: State) -> State:
         """The state with the turns that were subtracted."""
@@ -62,29 +62,29 @@ def _members(model: Model) -> list[np.ndarray]:
     if scene.virtual_works:
         return []  # their expressions may depend on full turns
     none = np.empty(0, dtype=int)
-    one = [none, *(nodes[:-1] for nodes in mesh.nodes)]
-    other = [none, *(nodes[1:] for nodes in mesh.nodes)]
+    a = [none, *(nodes[:-1] for nodes in mesh.nodes)]
+    b = [none, *(nodes[1:] for nodes in mesh.nodes)]
     counted = {node for node, part in {*scene.fixed, *scene.prescribed} if part == _ROTATION}
     for joint in scene.joints:
         ends = [node.number for node in (joint.a, joint.b) if node is not GROUND]
         rotation = joint.rotation
         if joint.turns_together and len(ends) == 2:
-            one.append(np.array(ends[:1]))
-            other.append(np.array(ends[1:]))
+            a.append(np.array(ends[:1]))
+            b.append(np.array(ends[1:]))
         elif joint.turns_together:
             counted |= {*ends}
         if rotation is not None and (rotation.acts or rotation.motor):
             counted |= {*ends}
     counted |= {node.number for gear in scene.gears for node in gear.nodes} - {GROUND.number}
-    counted |= {node for of in scene.forces_between for node, _ in getattr(of, "drums", ())}
-    free = _turning(len(mesh.X), np.concatenate(one), np.concatenate(other), tuple(sorted(counted)))
+    counted |= {node for f in scene.forces_between for node, _ in getattr(f, "drums", ())}
+    free = _turning(len(mesh.X), np.concatenate(a), np.concatenate(b), tuple(sorted(counted)))
     return [3 * nodes + _ROTATION for nodes in free]
 
 
 @cached_by_content
 def _turning(n: int, i: np.ndarray, j: np.ndarray, counted: tuple[int, ...]) -> list[np.ndarray]:
-    """Groups of n nodes that pairs i, j connect, without those of nodes whose turns count."""
+    """Groups of n nodes that pairs i, j connect, without groups that have a `counted` node."""
     of_node = connected_parts((i, j), n)
-    held, order = set(of_node[list(counted)]), np.argsort(of_node, kind="stable")
+    counts, order = set(of_node[list(counted)]), np.argsort(of_node, kind="stable")
     members = np.split(order, np.cumsum(np.bincount(of_node))[:-1])
-    return [nodes for m, nodes in enumerate(members) if m not in held]
+    return [nodes for m, nodes in enumerate(members) if m not in counts]

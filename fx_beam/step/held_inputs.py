@@ -41,11 +41,11 @@ class HeldInputs:
         #: The scene with the held functions in the place of its inputs.
         self.scene = connected(scene, lambda slot: self._parts[id(slot)])
         #: All loads and motions that take the values of each input.
-        each = self._parts.values()
-        self.parts = {name: [of for of in each if of.name == name] for name in self.widths}
+        signals = self._parts.values()
+        self.parts = {name: [s for s in signals if s.name == name] for name in self.widths}
         self._ramps = [part for part in self._parts.values() if part.ramps]
 
-    def checked(self, given: Mapping) -> dict[str, Any]:
+    def checked(self, inputs: Mapping) -> dict[str, Any]:
         """Values of some inputs.
 
         SceneError for what is no input or no value of it, and for a scene that has more than at the
@@ -57,10 +57,10 @@ class HeldInputs:
                 "from it or changed; the motion does not know it. Create another motion, which "
                 "goes on: fb.Motion(scene, dt=..., start=motion.state)"
             )
-        if type(given) is not dict and not isinstance(given, Mapping):  # the first is quick
-            require(False, "inputs", given, f"a dictionary of {list(self.widths)}")
+        if type(inputs) is not dict and not isinstance(inputs, Mapping):  # the first is quick
+            require(False, "inputs", inputs, f"a dictionary of {list(self.widths)}")
         values: dict[str, Any] = {}
-        for name, value in given.items():
+        for name, value in inputs.items():
             if not _fits(value, self.widths.get(name)):
                 check_names([name], self.widths, "inputs")
                 value = vector(value, self.widths[name], f"input {name!r}")

@@ -98,7 +98,7 @@ def one_thread(method: Method) -> Method:
     """A method of an object with a `threading.RLock` `_alone`: other threads are refused."""
 
     @functools.wraps(method)
-    def alone(self, *given, **options):
+    def alone(self, *arguments, **options):
         lock = self._alone
         if not lock.acquire(blocking=False):
             raise RuntimeError(
@@ -106,7 +106,7 @@ def one_thread(method: Method) -> Method:
                 "which has the state of one motion. Give each thread a copy.copy of it"
             )
         try:  # after an exception before this line the thread still has the lock, and may go on
-            return method(self, *given, **options)
+            return method(self, *arguments, **options)
         finally:
             lock.release()
 

@@ -48,9 +48,9 @@ class InversionCheck:
         beam, element = model.scene.beams[number], cell - model.mesh.cells[number][0]
         start, end = beam.s[element : element + 2]
         s = start + (end - start) * gauss_rule(beam.degree)[0][point]
-        when = "load factor" if self._stats.static else "t"
-        where = self._stats.scheme, beam.name, s, when, t
-        _log.warning(_INVERTED, *where, stretch[cell, point])
+        time_name = "load factor" if self._stats.static else "t"
+        place = self._stats.scheme, beam.name, s, time_name, t
+        _log.warning(_INVERTED, *place, stretch[cell, point])
 
 
 def _least_energy(model: Model) -> float:

@@ -27,13 +27,13 @@ class Numbers(NamedTuple):
     size: int
 
     def sums(self, x: np.ndarray) -> np.ndarray:
-        """Sums (size,) of what a vector has of them."""
+        """Sums (size,) of the entries of a vector x that belong to each number."""
         return np.bincount(self.of, x[self.at], self.size)
 
 
-def all_of(at: np.ndarray) -> Numbers:
+def all_of(places: np.ndarray) -> Numbers:
     """Numbers in their order."""
-    return Numbers(at.ravel(), np.arange(at.size), at.size)
+    return Numbers(places.ravel(), np.arange(places.size), places.size)
 
 
 class Layout:
@@ -75,12 +75,12 @@ class Layout:
         """Changes (count, ...) of some numbers in `groups`, and zeros."""
         x, size = self.groups(count, self.size), self._group_size
         for name in changes.keys() & numbers.keys():
-            (at, of, _), given = numbers[name], changes[name]
-            if isinstance(given, LinearChanges):
-                for i, column in zip(*given.columns, strict=True):
-                    x[i // size, at, i % size] = column[of]
-            elif any(given.strides):  # others are zeros (dual.py)
-                put_columns(x, at, np.reshape(given, (count, -1)).T[of])
+            (places, entries, _), change = numbers[name], changes[name]
+            if isinstance(change, LinearChanges):
+                for i, column in zip(*change.columns, strict=True):
+                    x[i // size, places, i % size] = column[entries]
+            elif any(change.strides):  # others are zeros (dual.py)
+                put_columns(x, places, np.reshape(change, (count, -1)).T[entries])
         return x
 
 
@@ -94,26 +94,26 @@ class Rows:
 
     def only(self, entries: Mapping[str, Any] | None) -> Rows:
         """The same with some entries of some parts, by name; the same of all if there are none."""
-        parts = {name: self._places[self._of[name]][at] for name, at in (entries or {}).items()}
+        parts = {name: self._places[self._of[name]][part] for name, part in (entries or {}).items()}
         return Rows(parts) if parts else self
 
     def members(
-        self, numbers: np.ndarray, every: int, rows: np.ndarray, of: np.ndarray | None = None
+        self, numbers: np.ndarray, count: int, rows: np.ndarray, row_of: np.ndarray | None = None
     ) -> dict[str, Any]:
-        """Members for `rows` that belong to these numbers among `every`.
+        """Members for `rows` that belong to some numbers k of a `count`.
 
-        In their order, or number k to row `of[k]`: several may have one row.
+        In the order of the numbers, or the i-th to row `row_of[i]`: several may have one row.
         """
-        at = np.full(every, -1)
-        at[numbers] = np.arange(len(numbers)) if of is None else of
+        row_numbers = np.full(count, -1)
+        row_numbers[numbers] = np.arange(len(numbers)) if row_of is None else row_of
         size = len(self._places)
-        return {"at": at, "size": size, "place": self._places, "rows": never_empty(rows)}
+        return {"at": row_numbers, "size": size, "place": self._places, "rows": never_empty(rows)}
 
-    def filled(self, given: Arrays, count: int) -> np.ndarray:
+    def filled(self, arrays: Arrays, count: int) -> np.ndarray:
         """Rows (count, size) of the given parts, with zeros in all others."""
         rows = np.zeros((count, len(self._places)))
-        for name in given.keys() & self._of.keys():
-            rows[:, self._of[name]] = np.reshape(given[name], (count, -1))
+        for name in arrays.keys() & self._of.keys():
+            rows[:, self._of[name]] = np.reshape(arrays[name], (count, -1))
         return rows
 
     def empty(self, *lengths: int) -> np.ndarray:
@@ -125,12 +125,12 @@ class Rows:
         return {name: rows[..., part] for name, part in self._of.items()}
 
 
-def put_columns(groups: np.ndarray, at: Any, columns: np.ndarray) -> None:
+def put_columns(groups: np.ndarray, rows: Any, columns: np.ndarray) -> None:
     """Put columns (k, n) in these rows of all groups."""
     size = groups.shape[2]
     for group, first in zip(groups, range(0, columns.shape[1], size), strict=True):
         part = columns[:, first : first + size]
-        group[at, : part.shape[1]] = part
+        group[rows, : part.shape[1]] = part
 
 
 def never_empty(array: np.ndarray) -> np.ndarray:

@@ -72,10 +72,10 @@ class LoadLoop(CompiledLoop):
     @cached_property
     def _one_row(self) -> Any:
         """A record of forces alone, for one step."""
-        to, self._row = self.problem.ffi.new("Record *"), np.zeros(1, np.int32)
-        to.every = to.parts = to.forces = 1
-        to.up_to_row = self.problem.ffi.from_buffer("int[]", self._row)
-        return to
+        record, self._row = self.problem.ffi.new("Record *"), np.zeros(1, np.int32)
+        record.every = record.parts = record.forces = 1
+        record.up_to_row = self.problem.ffi.from_buffer("int[]", self._row)
+        return record
 
     @cached_property
     def equations(self) -> Equations:
@@ -155,7 +155,7 @@ class LoadLoop(CompiledLoop):
     def _taken(self, state: State, interval: Interval) -> State:
         new = self.state.read(interval.end)
         if (frame := self.forcing.turning) is not None:
-            pushes = (one.t * frame.force(one.q) for one in (state, new))
+            pushes = (end.t * frame.force(end.q) for end in (state, new))
             new.work += float(sum(pushes) / 2 @ self._D)
         return new
 

@@ -70,24 +70,24 @@ class CompiledLoop:
         """
         p, ends, inputs = self.problem.c, steps.ends, steps.inputs
         with uninterrupted:
-            if taken := self._run(state, steps, recorder):
-                state = self.state.read(float(ends[taken - 1]))
-                self.stats.steps += completed(taken)
+            if count := self._run(state, steps, recorder):
+                state = self.state.read(float(ends[count - 1]))
+                self.stats.steps += completed(count)
                 recorder.end = state
-        C, before, ratio = (
+        C, last_ratio, ratio = (
             self.problem.library,
             *(ratio if ratio >= 0 else None for ratio in p.control.ratios),
         )
         switched = steps.watch and p.run.failure == C.SWITCHED
         self.stats.unconverged += p.run.failure == C.NO_CONVERGENCE
         if steps.control is None or p.run.failure not in (C.OK, C.TOO_INACCURATE):
-            before = ratio = None
+            last_ratio = ratio = None
         return StepsResult(
-            *(state, taken, before if taken > 1 else None, ratio),
+            *(state, count, last_ratio if count > 1 else None, ratio),
             failed=p.run.failure not in (C.OK, C.SWITCHED, C.TOO_INACCURATE),
             switched=switched,
-            switches=self.problem.sides[1].copy() if steps.watch and (taken or switched) else None,
-            error=inputs.error if taken == inputs.steps else None,
+            switches=self.problem.sides[1].copy() if steps.watch and (count or switched) else None,
+            error=inputs.error if count == inputs.steps else None,
         )
 
     def record(self, state: State, recorder: Recorder) -> None:
@@ -95,32 +95,32 @@ class CompiledLoop:
         self.model.forms.parameters.use(state.parameters)
         self.state.load(state)
         recorder.begin(state)
-        to = self.records.next(recorder, 0, first=0)
+        record = self.records.next(recorder, 0, first=0)
         problem, none = self.problem, self.problem.ffi.NULL
-        problem.library.fx_run(problem.c, 0, 0.0, none, none, to)
-        recorder.count(to.rows, to.starts)
+        problem.library.fx_run(problem.c, 0, 0.0, none, none, record)
+        recorder.count(record.rows, record.starts)
 
     def _run(self, state: State, steps: Steps, recorder: Rows) -> int:
         """Number of steps or parts of equal length that succeeded."""
         self.state.load(state)
         inputs, number, dt = steps.inputs, len(steps.ends), steps.dt
-        to = self.records.next(recorder, number, steps.first, steps.parts, steps.done)
+        record = self.records.next(recorder, number, steps.first, steps.parts, steps.done)
         tape = recorder.tape if isinstance(recorder, NullRecorder) else self.tape
         if tape is not None:
-            taken = self._run_taped(tape, steps, state.t, to)
+            count = self._run_taped(tape, steps, state.t, record)
         else:
             in_c, limits = inputs.in_c(self.problem.ffi), steps.limits(self.problem)
-            taken = self._steps(inputs.steps, dt, in_c, to, limits)
-        recorder.count(to.rows, to.starts)
+            count = self._steps(inputs.steps, dt, in_c, record, limits)
+        recorder.count(record.rows, record.starts)
         self.count()
-        return taken
+        return count
 
-    def _steps(self, number: int, dt: float, c_inputs: Any, to: Any, limits: Any = None) -> int:
+    def _steps(self, number: int, dt: float, c_inputs: Any, record: Any, limits: Any = None) -> int:
         """Number of steps that C takes."""
         limits = self.problem.ffi.NULL if limits is None else limits
-        taken = self.problem.library.fx_run(self.problem.c, number, dt, c_inputs, limits, to)
+        count = self.problem.library.fx_run(self.problem.c, number, dt, c_inputs, limits, record)
         self.check()
-        return taken
+        return count
 
     def check(self) -> None:
         """Raise the error of another process, or of a function that C calls, in the last step."""
@@ -143,24 +143,28 @@ class CompiledLoop:
         kind, failed = ffi.typeof(newton.find), self.problem.library.NO_CONVERGENCE
         newton.find = self._find = ffi.callback(kind, find, error=failed, onerror=fail)
 
-    def _run_taped(self, tape: Tape, steps: Steps, t: float, to: Any) -> int:
+    def _run_taped(self, tape: Tape, steps: Steps, t: float, record: Any) -> int:
         """The same on a tape, which keeps the state before every so many steps."""
         from .checkpoints import TakenSteps
 
-        taken, inputs, times = 0, steps.inputs, np.concatenate([[t], steps.ends])
-        while taken < inputs.steps:
-            rest = inputs.after(taken) if taken else inputs
-            count = min(tape.most_steps, inputs.steps - taken)
-            count -= (to.part + count) % to.parts if count > to.parts else 0  # whole steps
+        total, inputs, times = 0, steps.inputs, np.concatenate([[t], steps.ends])
+        while total < inputs.steps:
+            rest = inputs.after(total) if total else inputs
+            count = min(tape.most_steps, inputs.steps - total)
+            count -= (
+                (record.part + count) % record.parts if count > record.parts else 0
+            )  # whole steps
             c_inputs = rest.in_c(self.problem.ffi)
-            now = TakenSteps(count, steps.dt, to.parts, to.part, c_inputs, rest, times[taken:])
-            to.tape = tape.begin(now)
-            done = self._steps(count, steps.dt, c_inputs, to, steps.limits(self.problem))
+            block = TakenSteps(
+                count, steps.dt, record.parts, record.part, c_inputs, rest, times[total:]
+            )
+            record.tape = tape.begin(block)
+            done = self._steps(count, steps.dt, c_inputs, record, steps.limits(self.problem))
             tape.end(done)
-            taken, to.part = taken + done, to.part + done
+            total, record.part = total + done, record.part + done
             if done < count or self.problem.c.control.stopped:
                 break
-        return taken
+        return total
 
     def failure(self, state: State, t1: float) -> StepFailed:
         """Why a step to t1 [s] fails, without a prediction."""
@@ -170,10 +174,10 @@ class CompiledLoop:
             raise inputs.error
         self.state.past = None
         self.state.load(state)
-        to = self.records.next(NullRecorder(), 1)
-        taken = self._steps(1, t1 - state.t, inputs.in_c(self.problem.ffi), to)
+        record = self.records.next(NullRecorder(), 1)
+        succeeded = self._steps(1, t1 - state.t, inputs.in_c(self.problem.ffi), record)
         failure = StepFailed("no convergence", "no convergence", np.zeros(self.model.size))
-        if not taken:
+        if not succeeded:
             failure = self.failures.in_c(self.problem, state)
         self.state.restore(copy)
         return failure

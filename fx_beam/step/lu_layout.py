@@ -139,16 +139,16 @@ def _chained(
         _, first = np.unique(part[np.argsort(order)], return_index=True)
         i, j = (order[k] - first[part[k]] for k in (rows, columns))
         apart = np.zeros((GROUP, len(first)), dtype=bool)
-        for before in range(GROUP):
-            distance = abs((i + before) // GROUP - (j + before) // GROUP)
-            apart[before, part[rows[distance > 1]]] = True
+        for offset in range(GROUP):
+            distance = abs((i + offset) // GROUP - (j + offset) // GROUP)
+            apart[offset, part[rows[distance > 1]]] = True
         if apart.all(axis=0).any():
             continue
-        before = np.argmin(apart, axis=0)
-        groups = -(-(np.bincount(part) + before) // GROUP)
+        offset = np.argmin(apart, axis=0)
+        groups = -(-(np.bincount(part) + offset) // GROUP)
         by_first, start = np.argsort(first), np.empty_like(first)
         start[by_first] = GROUP * (np.cumsum(groups[by_first]) - groups[by_first])
-        return order + (start + before - first)[part]
+        return order + (start + offset - first)[part]
     return None
 
 
@@ -158,10 +158,10 @@ def _in_chain(order: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> Facto
     order[np.argsort(order // GROUP, kind="stable")] = np.sort(order)
     chain = int(order.max()) // GROUP + 1
     i, j = order[rows], order[columns]
-    at = i * _ROW + _OWN * (1 + j // GROUP - i // GROUP) + j % GROUP
+    positions = i * _ROW + _OWN * (1 + j // GROUP - i // GROUP) + j % GROUP
     unused = np.flatnonzero(np.bincount(order, minlength=GROUP * chain) == 0)
     padding, size = unused * _ROW + _OWN + unused % GROUP, GROUP * chain * _ROW
-    return Factors(order, at, size, 2 * GROUP - 1, chain=chain, padding=padding)
+    return Factors(order, positions, size, 2 * GROUP - 1, chain=chain, padding=padding)
 
 
 def groups_of(
@@ -183,12 +183,12 @@ def groups_of(
     of_forces = np.isin(row, last) & ~np.isin(column, last)
     acting = forces >= 0
     first = np.append(column[of_forces], group_of[forces[acting]])
-    then = np.append(row[of_forces], at_end[acting])
+    later = np.append(row[of_forces], at_end[acting])
     if dependent is not None:
-        auxiliary, on = group_of[dependent]
-        first, then = np.append(first, auxiliary), np.append(then, on)
-    pairs = first.astype(np.int64) * count + then
-    first, then = np.divmod(np.unique(pairs[first != then]), count)
+        auxiliary, needed = group_of[dependent]
+        first, later = np.append(first, auxiliary), np.append(later, needed)
+    pairs = first.astype(np.int64) * count + later
+    first, later = np.divmod(np.unique(pairs[first != later]), count)
     return {
         "groups": count,
         "group_of": group_of,
@@ -196,9 +196,9 @@ def groups_of(
         "unknown": np.argsort(group_of, kind="stable"),
         "graph_start": np.searchsorted(row, np.arange(count + 1)),
         "graph": column,
-        "waits": np.bincount(then, minlength=count),
+        "waits": np.bincount(later, minlength=count),
         "waiting_start": np.searchsorted(first, np.arange(count + 1)),
-        "waiting": then,
+        "waiting": later,
     }
 
 
@@ -209,8 +209,8 @@ def _minimum_degree(indptr: np.ndarray, indices: np.ndarray) -> np.ndarray:
     shape = len(degree), len(degree)
     coupled = scipy.sparse.csr_matrix((np.ones(len(indices)), indices, indptr), shape)
     dominant = scipy.sparse.diags(degree + 1e-6) - coupled
-    how = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0, "relax": 1}
-    return np.argsort(splu(dominant.tocsc(), **how, options={"SymmetricMode": True}).perm_c)
+    settings = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0, "relax": 1}
+    return np.argsort(splu(dominant.tocsc(), **settings, options={"SymmetricMode": True}).perm_c)
 
 
 def _one_by_one(order: np.ndarray) -> dict[str, np.ndarray]:
@@ -229,16 +229,18 @@ def _eliminated(
         "order of elimination", "elimination.h", "sparse_rows.h", (), (), ("-O1",)
     )
     structs = Structs(ffi)
-    of = ffi.gc(ffi.new("Elimination *"), library.fx_free_elimination)
-    structs.set(of, **groups, rows={"parts": parts})
-    at = np.empty(len(rows), np.int32)
-    given = (ffi.from_buffer("int[]", np.asarray(x, np.int32, "C")) for x in (rows, columns, at))
-    library.fx_find_rows(of, len(rows), *given)
+    search = ffi.gc(ffi.new("Elimination *"), library.fx_free_elimination)
+    structs.set(search, **groups, rows={"parts": parts})
+    positions = np.empty(len(rows), np.int32)
+    arrays = (
+        ffi.from_buffer("int[]", np.asarray(x, np.int32, "C")) for x in (rows, columns, positions)
+    )
+    library.fx_find_rows(search, len(rows), *arrays)
 
     def taken(values: Any, count: int) -> np.ndarray:
         return array_at(ffi, values, count).copy()
 
-    n, count, r = len(groups["group_of"]), groups["groups"], of.rows
+    n, count, r = len(groups["group_of"]), groups["groups"], search.rows
     sizes = {"start": n + 1, "diagonal": n}
     sizes |= dict.fromkeys(("first", "source_start", "run_start"), count + 1)
     sizes["source"] = r.source_start[count]
@@ -248,7 +250,7 @@ def _eliminated(
     layout = {name: taken(getattr(r, name), size) for name, size in sizes.items()}
     stored = int(layout["start"][-1])
     counts = {"unknowns": n, "groups": count, "parts": parts, "part_start": None}
-    return Factors(taken(of.order, n), at, stored, 0, counts | layout)
+    return Factors(taken(search.order, n), positions, stored, 0, counts | layout)
 
 
 def _alike(graph: scipy.sparse.csr_matrix, dependent: np.ndarray | None, forces: int) -> np.ndarray:

@@ -129,9 +129,9 @@ class Model:
         if data.masses is not self.data.masses:
             self.masses.check(data.masses)
         data.arms.are_at(self.data.arms)
-        for own, others in ((self.loads, data.loads), (self.natural, data.natural)):
-            if others is not own:
-                own.check(others)
+        for known, new in ((self.loads, data.loads), (self.natural, data.natural)):
+            if new is not known:
+                known.check(new)
 
     def lies_at(self, data: Data) -> bool:
         """Whether nodes and joints are where data have them, or nothing depends on it."""
@@ -173,10 +173,10 @@ class Model:
 
     def remembers(self, state: State, moved: np.ndarray, slid: np.ndarray) -> bool:
         """Whether what may flow at once depends on degrees of freedom or slides that have moved."""
-        beams = (of for of in self.scene.beams if (m := of.section.internal) and m.level == 1)
+        beams = (beam for beam in self.scene.beams if (m := beam.section.internal) and m.level == 1)
         dofs = (self.mesh.dofs[self.mesh.nodes_of(self.scene, beam)] for beam in beams)
         by_points = self.points.remember(state.spring_internal, moved, slid)
-        return by_points or any(moved[of].any() for of in dofs)
+        return by_points or any(moved[entries].any() for entries in dofs)
 
     def weights(self, masses: dict[str, Any]) -> Callable[[Any], Any]:
         """Weights (size,) of all masses by an acceleration (2,), as a function."""
@@ -190,11 +190,11 @@ class Model:
         nodes slide on beams.
         """
         scene, couplings, reduction = data.scene, self.couplings, self.reduction
-        own = reduction.arms.copy()
+        arms = reduction.arms.copy()
         reduction.set_arms(moving_in(scene, couplings))
         reduction.begin(np.zeros(self.size), slides_at_start(scene))
         T = reduction.coupling(closed=not reduction.singularity)[:, : couplings.free]
-        reduction.arms[...] = own
+        reduction.arms[...] = arms
         # Operations on small arrays are quick, those on sparse ones take 0.1 ms.
         T = T.toarray() if self.size <= _SMALL else scipy.sparse.csr_array(T)
         mass = self.masses.of(floats(data.masses["mass"]))
@@ -284,7 +284,7 @@ class Model:
     def flowed(self, before: State, behind: State) -> bool:
         """Whether something flows, or sticks, between two states."""
         names = "internal", "spring_internal"
-        return not all(np.array_equal(getattr(before, of), getattr(behind, of)) for of in names)
+        return not all(np.array_equal(getattr(before, n), getattr(behind, n)) for n in names)
 
     def switched(self, before: State, behind: State) -> bool:
         """Whether a contact opens or closes, or a law switches: members that are near may touch."""

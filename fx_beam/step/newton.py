@@ -68,7 +68,7 @@ class NewtonOptions:
 def newton(
     correct: Callable[[], tuple[float, bool]], tolerance: float, most: int
 ) -> tuple[int, str]:
-    """Number of corrections, and what ended them: "increment", "round-off", or nothing.
+    """Number of corrections, and the criterion that ended them: "increment", "round-off", "".
 
     `correct` gives the size of a correction, and whether it may be round-off, as it is if the size
     is more than half of the last one.

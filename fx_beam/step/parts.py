@@ -27,14 +27,14 @@ def part_tables(model: Model) -> dict[str, Any]:
     parts = {members: i for i, members in enumerate(dict.fromkeys([*of_dofs, *of_columns]))}
     if len(parts) < 2:
         return {}
-    inside = _parts_inside(parts)
-    starts = np.cumsum([0, *map(len, inside)])
+    inner_parts = _parts_inside(parts)
+    starts = np.cumsum([0, *map(len, inner_parts)])
     return {
         "count": len(parts),
         **_runs("dof", np.array([parts[members] for members in of_dofs])),
         **_runs("column", np.array([parts[members] for members in of_columns])),
         "inside_start": starts,
-        "inside": np.concatenate(inside),
+        "inside": np.concatenate(inner_parts),
         "energy": np.zeros(2 * len(parts)),
     }
 
@@ -47,13 +47,13 @@ def _members_of_nodes(model: Model) -> np.ndarray:
         for node in nodes:
             of_nodes[node].append(beam)
     members = np.empty(len(of_nodes), dtype=object)
-    members[:] = [_Members(of or [-1 - node]) for node, of in enumerate(of_nodes)]
+    members[:] = [_Members(beams or [-1 - node]) for node, beams in enumerate(of_nodes)]
     return members
 
 
 def _members_of_columns(model: Model, of_dofs: np.ndarray) -> list[_Members]:
     """Members whose nodes each unknown moves; every one where they are many, or not known."""
-    couplings, every = model.couplings, _Members().union(*of_dofs)
+    couplings, all_members = model.couplings, _Members().union(*of_dofs)
     moved: list[set[int]] = [set() for _ in range(couplings.columns + len(couplings.auxiliaries))]
     entries = couplings.all_entries
     for dof, column in zip(entries.row, entries.column, strict=True):
@@ -63,20 +63,20 @@ def _members_of_columns(model: Model, of_dofs: np.ndarray) -> list[_Members]:
             # Of too many members some are too many as well.
             moved[column].update(itertools.islice(moved[k], _MOST + 1))
     few = (members if len(members) <= _MOST else () for members in moved[: couplings.free])
-    return [_Members(members or every) for members in few]
+    return [_Members(members or all_members) for members in few]
 
 
 def _parts_inside(parts: dict[_Members, int]) -> list[list[int]]:
-    """For each part those of which all members are its own: itself, and others."""
+    """For each part the parts whose members are all members of it, itself among them."""
     with_member: dict[int, list[_Members]] = {}
     for members in parts:
         for member in members:
             with_member.setdefault(member, []).append(members)
-    inside = []
+    inner_parts = []
     for members in parts:
         near = dict.fromkeys(other for member in members for other in with_member[member])
-        inside.append([parts[other] for other in near if other <= members])
-    return inside
+        inner_parts.append([parts[other] for other in near if other <= members])
+    return inner_parts
 
 
 def _runs(name: str, part: np.ndarray) -> dict[str, Any]:

@@ -144,7 +144,7 @@ class RecordedHistories(Mapping):
         return values
 
     def _by_columns(self, name: str) -> np.ndarray:
-        """Forces of the supports on nodes, or those of motors, from rows of all of them."""
+        """Forces of supports on nodes, or of motors, from rows of all constraint forces."""
         model, forces = self._model, self._recorded("constraint_forces")
         if forces is None:
             forces = np.empty((0, *ROWS["constraint_forces"].lengths(model.sizes)))
@@ -165,23 +165,23 @@ def fitted(
     """
     times, steps = grid
     histories, slides = dict(rows), rows.get("slides", np.empty((len(steps), 0)))
-    now = _fit(model, grid, (rows["q"], rows["v"], slides), starts is None, driven)
+    end_fit = _fit(model, grid, (rows["q"], rows["v"], slides), starts is None, driven)
     if starts is None:
-        before = type(now)(*(values[:-1] for values in now))
+        start_fit = type(end_fit)(*(values[:-1] for values in end_fit))
     else:
         near = slides_near(model, starts[0], slides[1:])
-        before = _fit(model, (times, steps[1:] - 1), (*starts, near), False, driven)
-    histories["v"], histories["driven_rates"] = now.rates, now.driven
-    impulses = (model.mass @ now.corrections.T).T
+        start_fit = _fit(model, (times, steps[1:] - 1), (*starts, near), False, driven)
+    histories["v"], histories["driven_rates"] = end_fit.rates, end_fit.driven
+    impulses = (model.mass @ end_fit.corrections.T).T
     histories["momenta"] = rows["momenta"] + sums_of(model, rows["q"], impulses)
     if model.couplings.driven:  # at rates that fit, other impulses do no work
-        given = np.einsum("ni,ni->n", now.rates, impulses)
-        histories["energies"] = rows["energies"] + np.outer(given, _BY_DRIVEN)
+        work = np.einsum("ni,ni->n", end_fit.rates, impulses)
+        histories["energies"] = rows["energies"] + np.outer(work, _BY_DRIVEN)
     changes = ("a", "corrections"), ("joint_forces", "joints"), ("constraint_forces", "constraints")
     for name, change in changes:
         if name in rows:
-            after, start = getattr(now, change)[1:], getattr(before, change)
-            mean = (after - start).reshape(rows[name][1:].shape) / _lengths(times, steps)[1:, None]
+            end, start = getattr(end_fit, change)[1:], getattr(start_fit, change)
+            mean = (end - start).reshape(rows[name][1:].shape) / _lengths(times, steps)[1:, None]
             histories[name] = np.concatenate([rows[name][:1], rows[name][1:] + mean])
     return histories
 
@@ -245,7 +245,7 @@ def sums_of(model: Model, q: np.ndarray, p: np.ndarray) -> np.ndarray:
 
 def slides_near(model: Model, q: np.ndarray, slides: np.ndarray) -> np.ndarray:
     """Slides (n, joints) [m] at q (n, ...), from ones near by."""
-    nearest, at = slides.copy(), model.motion(q=q)
+    nearest, motion = slides.copy(), model.motion(q=q)
     for joint in model.scene.joints:
-        nearest[:, joint.number] = joint.kinematics.slide(at, slides[:, joint.number])
+        nearest[:, joint.number] = joint.kinematics.slide(motion, slides[:, joint.number])
     return nearest

@@ -24,7 +24,7 @@ _KINDS = "motion", "rates", "forces"
 
 
 def grown(array: np.ndarray, rows: int, used: int) -> np.ndarray:
-    """An array with at least some rows, of which those used are kept."""
+    """An array with at least `rows` rows, and the values of the `used` ones."""
     if len(array) >= rows:
         return array
     grown = np.zeros((max(rows, 2 * len(array)), *array.shape[1:]), dtype=array.dtype)
@@ -295,29 +295,33 @@ class RecordsInC:
         stores = recorder.stores_starts(parts)
         if stores:
             recorder.make_room(number * self._sub_steps)
-        plan, to, _ = self._records.get(recorder, (-1, None, None))
+        plan, record, _ = self._records.get(recorder, (-1, None, None))
         if plan != recorder.plans:
-            to = self._made(recorder)
-        to.first, to.last, to.parts, to.part = first, recorder.last, parts, done
-        to.stores_starts, to.tape = stores, self._ffi.NULL
-        to.rows, to.starts, to.complete = recorder.rows, recorder.starts, recorder.complete
-        return to
+            record = self._made(recorder)
+        record.first, record.last, record.parts, record.part = first, recorder.last, parts, done
+        record.stores_starts, record.tape = stores, self._ffi.NULL
+        record.rows, record.starts, record.complete = (
+            recorder.rows,
+            recorder.starts,
+            recorder.complete,
+        )
+        return record
 
     def _made(self, recorder: Rows):
         """The same with the arrays that a recorder has now."""
-        to = self._ffi.new("Record *")
+        record = self._ffi.new("Record *")
         rows, starts = dict(recorder.arrays), dict(recorder.arrays_of_starts)
-        to.every, to.forces = recorder.every, "constraint_forces" in rows
+        record.every, record.forces = recorder.every, "constraint_forces" in rows
         if "up_to_row" in rows:
-            to.up_to_row = self._ffi.from_buffer("int[]", rows.pop("up_to_row"))
+            record.up_to_row = self._ffi.from_buffer("int[]", rows.pop("up_to_row"))
         for name in ("share", "memory"):
             if name in starts:
-                setattr(to, name, self._ffi.from_buffer("double[]", starts.pop(name)))
+                setattr(record, name, self._ffi.from_buffer("double[]", starts.pop(name)))
         histories, stored = self._rows(rows), self._rows(starts)
-        to.histories, to.history = len(histories), histories
-        to.stored, to.start = len(stored), stored
-        self._records[recorder] = recorder.plans, to, (histories, stored)
-        return to
+        record.histories, record.history = len(histories), histories
+        record.stored, record.start = len(stored), stored
+        self._records[recorder] = recorder.plans, record, (histories, stored)
+        return record
 
     def _rows(self, arrays: dict[str, np.ndarray]):
         """Rows of arrays, which C writes from those of the same names, also at `start_`."""

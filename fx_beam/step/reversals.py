@@ -48,16 +48,16 @@ class Reversal(NamedTuple):
         the friction changes from one side to the other.
         """
         last, place = self.last, self.bristle.place
-        before, length = lengths[last - 1 : last + 1]
+        previous, length = lengths[last - 1 : last + 1]
         part = min(-self.rate / self.acceleration / length, 1.5)  # of a sub-step, from its middle
-        on, by_rate = 2 * part * length / (before + length), -_SMALL / self.acceleration
-        yield last - 1, {"place": place, "leads": -on * by_rate / before}
-        yield last, {"place": place, "leads": (1 + on) * by_rate / length, "keeps": 1.0}
-        inside = range(last + 1, max(last + 2, self.next))
-        middle = inside[len(inside) // 2]
-        for k in inside:
+        fraction, by_rate = 2 * part * length / (previous + length), -_SMALL / self.acceleration
+        yield last - 1, {"place": place, "leads": -fraction * by_rate / previous}
+        yield last, {"place": place, "leads": (1 + fraction) * by_rate / length, "keeps": 1.0}
+        still = range(last + 1, max(last + 2, self.next))
+        middle = still[len(still) // 2]
+        for k in still:
             row = {"place": place, "stretch": _FAR * self.sign, "force": self.force}
-            row["share"] = 2 * part - 2 if len(inside) == 1 else 0.0
+            row["share"] = 2 * part - 2 if len(still) == 1 else 0.0
             if k < middle:
                 row["keeps"] = 1.0
             if k == middle:
@@ -108,10 +108,10 @@ def _reversals(bristle: Bristle, history: np.ndarray, dt: np.ndarray) -> Iterato
     known = np.flatnonzero(signs)
     a, b = known[:-1], known[1:]
     turns = (signs[a] == -signs[b]) & (b - a <= _FEW) & (a > 0) & (signs[a - 1] == signs[a])
-    for last, then in zip(a[turns].tolist(), b[turns].tolist(), strict=True):
-        before, rate = slips[last - 1 : last + 1] / dt[last - 1 : last + 1]
-        acceleration = 2 * (rate - before) / (dt[last - 1] + dt[last])
+    for last, next_slip in zip(a[turns].tolist(), b[turns].tolist(), strict=True):
+        previous, rate = slips[last - 1 : last + 1] / dt[last - 1 : last + 1]
+        acceleration = 2 * (rate - previous) / (dt[last - 1] + dt[last])
         # At another place of a member slip begins anew, and has not come to rest before.
-        if abs(rate) < -signs[last] * acceleration * dt[last] * (then - last + 1):
-            mean = (force[last] + force[then]) / 2 if bristle.follows else 0.0
-            yield Reversal(bristle, last, then, int(signs[last]), rate, acceleration, mean)
+        if abs(rate) < -signs[last] * acceleration * dt[last] * (next_slip - last + 1):
+            mean = (force[last] + force[next_slip]) / 2 if bristle.follows else 0.0
+            yield Reversal(bristle, last, next_slip, int(signs[last]), rate, acceleration, mean)

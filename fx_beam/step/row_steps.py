@@ -74,11 +74,11 @@ class RowSteps:
         model, arrays, starts = recorder.model, recorder.arrays, recorder.arrays_of_starts
         beams, at_start = model.forms.beams, not self._first
         assert beams is not None
-        before, last = np.maximum(row - 1, 0), np.flatnonzero(np.diff(row, append=recorder.rows))
+        previous, last = np.maximum(row - 1, 0), np.flatnonzero(np.diff(row, append=recorder.rows))
         rows, counts, rest = row[last], np.diff(last, prepend=-1), self._shares.copy()
 
         def begins(name: str) -> np.ndarray:
-            values = arrays[name][before]
+            values = arrays[name][previous]
             values[stored] = starts[f"start_{name}"][self._starts]
             return values
 
@@ -94,7 +94,7 @@ class RowSteps:
         begin = t1 - (t1 - t0) * rest
         dt, level = ends(begin, t1[last]) - begin, model.scheme.rates.level
         t = begin + level * dt
-        q = begins("q") + self._missing(np.where(stored, row, before))
+        q = begins("q") + self._missing(np.where(stored, row, previous))
         D = ends(q, arrays["q"][rows] + self._missing(rows)) - q
         if at_start:
             dt[0] = INSTANT * (np.diff(recorder.times[:2]).sum() or 1.0)
@@ -105,11 +105,11 @@ class RowSteps:
         names = [*("v", "a")[: 2 * beams.facts.resultants_need_rates]]
         names += ["internal"] * (beams.internal_shape[-1] > 0)
         names += ["natural"] * bool(model.natural)
-        more = {name: begins(name) for name in names}
-        if at_start and "a" in more:  # there is no motion in row 0
-            more["a"][0] = 0.0
-        if "natural" in more:
-            more["natural_end"] = ends(more["natural"], arrays["natural"][rows])
+        batch_arrays = {name: begins(name) for name in names}
+        if at_start and "a" in batch_arrays:  # there is no motion in row 0
+            batch_arrays["a"][0] = 0.0
+        if "natural" in batch_arrays:
+            batch_arrays["natural_end"] = ends(batch_arrays["natural"], arrays["natural"][rows])
         memory, q_previous = np.zeros(len(row)), q
         if beams.facts.needs_previous:  # all are stored, but for the start
             q_previous = q.copy()
@@ -118,8 +118,8 @@ class RowSteps:
             q_previous[stored] += self._missing(row[stored])
         # Where parameters are inputs of a motion, only the rows know their earlier values.
         if any(function.ramps for function in model.forms.parameters.functions):
-            more["parameters"] = self._parameters(parts.t)
-        return parts._replace(memory=memory, q_previous=q_previous, **more)
+            batch_arrays["parameters"] = self._parameters(parts.t)
+        return parts._replace(memory=memory, q_previous=q_previous, **batch_arrays)
 
     def _ends(self, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Ends and starts [s] of the steps of rows."""
@@ -130,11 +130,11 @@ class RowSteps:
         """Full turns (n, size) [rad] that are missing in some rows."""
         if not (turns := self._recorder.turns):
             return 0.0
-        each = np.array([np.zeros(self._recorder.model.size), *turns.values()])
-        return each[np.searchsorted([*turns], rows, side="right")]
+        turn_rows = np.array([np.zeros(self._recorder.model.size), *turns.values()])
+        return turn_rows[np.searchsorted([*turns], rows, side="right")]
 
     def _parameters(self, t: np.ndarray) -> np.ndarray:
-        """Parameters (n, k) at times (n,) before rows: linear between these and those before."""
+        """Parameters (n, k) at times (n,) in the steps of rows: linear from row to row."""
         recorder, row = self._recorder, self._row
         previous, values = np.maximum(row - 1, 0), recorder.arrays["parameters"]
         t0, t1 = (recorder.times[recorder.steps[rows]] for rows in (previous, row))

@@ -53,14 +53,17 @@ class CompiledSingleSteps:
         self._varies = False
         followers = [load.value for load in model.scene.loads if load.follower]
         for function, view, passed in (
-            *((of, loads[:, :, columns], ends) for columns, of in model.loads.functions),
-            *((of, follower_force[:, i], ends) for i, of in enumerate(followers)),
-            *((of, driven[:, i], ends) for i, of in enumerate(forcing.functions)),
+            *((signal, loads[:, :, columns], ends) for columns, signal in model.loads.functions),
+            *((signal, follower_force[:, i], ends) for i, signal in enumerate(followers)),
+            *((signal, driven[:, i], ends) for i, signal in enumerate(forcing.functions)),
             *(
-                (of, parameters[:, :, i], in_steps)
-                for i, of in enumerate(model.forms.parameters.functions)
+                (signal, parameters[:, :, i], in_steps)
+                for i, signal in enumerate(model.forms.parameters.functions)
             ),
-            *((of, natural[:, columns.start], ends) for columns, of in model.natural.functions),
+            *(
+                (signal, natural[:, columns.start], ends)
+                for columns, signal in model.natural.functions
+            ),
         ):
             if isinstance(function, InputSignal):
                 self._live.append((function, view, passed))
@@ -79,7 +82,7 @@ class CompiledSingleSteps:
 
         The grid has the ends of steps by their numbers.
         """
-        p, to = self._p, self._unrecorded
+        p, record = self._p, self._unrecorded
         if self._varies:
             self._evaluate(t0, grid, number)
         for signal, view, passed in self._live:
@@ -90,10 +93,10 @@ class CompiledSingleSteps:
         recorded = number % recorder.every == 0
         if recorded:
             assert isinstance(recorder, Recorder)  # the other one takes no row
-            to = self._rows_of(recorder)
-            to.first = number
+            record = self._rows_of(recorder)
+            record.first = number
         p.state.t = t0
-        if not self._run(p, 1, self._dt, self._c_inputs, self._no_limits, to):
+        if not self._run(p, 1, self._dt, self._c_inputs, self._no_limits, record):
             self._plan = None, -1  # parts of this step have the same record of C
             self._loop.check()
             return False
@@ -118,8 +121,8 @@ class CompiledSingleSteps:
             ends = grid(number + np.arange(_BLOCK))
             loop = self._loop
             known, first = inputs_of(loop.problem, loop.forcing, t0, ends), number
-            now = not (isinstance(known.error, StepError) and len(known.driven))
-            if known.error is not None and now:
+            is_due = not (isinstance(known.error, StepError) and len(known.driven))
+            if known.error is not None and is_due:
                 raise known.error
             self._known = known, first
         self._fill(known, number - first)

@@ -29,8 +29,8 @@ def pivoted_lu(matrix: Any) -> SuperLU:
     return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.1, options=options)
 
 
-def null_vectors(matrix: Any, several: int = 1) -> tuple[np.ndarray, np.ndarray]:
-    """Left and right vectors (n, several) of the least singular values, by inverse iteration.
+def null_vectors(matrix: Any, count: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """Left and right vectors (n, count) of the least singular values, by inverse iteration.
 
     The matrix is one in unit unknowns, nearly singular, or exactly.
     """
@@ -39,7 +39,7 @@ def null_vectors(matrix: Any, several: int = 1) -> tuple[np.ndarray, np.ndarray]
     except RuntimeError:
         beside = _SHIFT * abs(matrix.data).max()
         lu = pivoted_lu(matrix + beside * identity(matrix.shape[0]))
-    right = np.random.default_rng(0).standard_normal((matrix.shape[0], several))
+    right = np.random.default_rng(0).standard_normal((matrix.shape[0], count))
     for _ in range(_ITERATIONS):
         left = np.linalg.qr(lu.solve(right, "T"))[0]
         right = np.linalg.qr(lu.solve(left))[0]
@@ -75,8 +75,8 @@ class LU:
 
     def factorise(self, values: np.ndarray) -> bool:
         """By elimination without exchange of rows."""
-        given = self._doubles(np.asarray(values, float, "C"))
-        return bool(self._library.fx_factorise(self._rows, len(self._at), self._at, given))
+        pointer = self._doubles(np.asarray(values, float, "C"))
+        return bool(self._library.fx_factorise(self._rows, len(self._at), self._at, pointer))
 
     def solve(self, b: np.ndarray) -> np.ndarray:
         """By substitution."""

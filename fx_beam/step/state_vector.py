@@ -30,11 +30,11 @@ class StateVector:
         sizes["driven_now"] = model.reduction.driven
         past = {"ages": C.PAST + 1, "past": C.PAST * (n + model.reduction.free)}
         errors = {"ages": C.PAST + 1, "past": C.PAST * n, "last": (C.AVERAGED - 1) * n}
-        every = sizes | past | {f"error_{name}": size for name, size in errors.items()}
+        all_sizes = sizes | past | {f"error_{name}": size for name, size in errors.items()}
         #: The memory, which C copies before a step with sub-steps, and where its arrays are in it.
-        self.memory = np.zeros(sum(every.values()))
-        ends = itertools.pairwise(itertools.accumulate(every.values(), initial=0))
-        self.places = dict(zip(every, itertools.starmap(slice, ends), strict=True))
+        self.memory = np.zeros(sum(all_sizes.values()))
+        ends = itertools.pairwise(itertools.accumulate(all_sizes.values(), initial=0))
+        self.places = dict(zip(all_sizes, itertools.starmap(slice, ends), strict=True))
         arrays = {name: self.memory[place] for name, place in self.places.items()}
         #: Arrays of the state, and positions (driven,) of driven motions.
         self.arrays = {name: arrays[name].reshape(shape) for name, shape in self.shapes.items()}
@@ -79,11 +79,11 @@ class StateVector:
     def read(self, t: float) -> State:
         """A copy of the state, at the time t [s]."""
         p, copies = self._c, dict[str, Any]()
-        taken, found = p.state.steps_done > 0, p.state.forces_found
+        has_steps, forces_known = p.state.steps_done > 0, p.state.forces_found
         for name, array in self.arrays.items():
             # Forces of joints and obstacles are not computed in steps that are not recorded.
             if name in FORCES:
-                has = taken and (name == "constraint_forces" or found)
+                has = has_steps and (name == "constraint_forces" or forces_known)
             else:
                 has = ARRAYS[name].required or array.size
             if has:

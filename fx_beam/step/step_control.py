@@ -101,15 +101,15 @@ class StepControl:
         """Start with a length [s], without a memory of steps before."""
         self.length, self._before = min(length, self._longest), 0.0
 
-    def succeed(self, dt: float, before: float | None, ratio: float | None) -> None:
+    def succeed(self, dt: float, last_ratio: float | None, ratio: float | None) -> None:
         """Choose the length after steps of length dt, from the last two ratios."""
         if ratio is None:
             return
-        before = self._before if before is None else before
+        last_ratio = self._before if last_ratio is None else last_ratio
         low, high = self.band(dt)
-        if ratio > high or max(ratio, before) < low:
+        if ratio > high or max(ratio, last_ratio) < low:
             distance = self._distance(ratio)
-            rise = distance - self._distance(before) if before else 0.0
+            rise = distance - self._distance(last_ratio) if last_ratio else 0.0
             change = _INTEGRAL * distance + _PROPORTIONAL * rise
             levels = min(max(round(abs(change)), 1), self.order)
             self._change(-levels if ratio > high else levels)

@@ -91,7 +91,7 @@ class StepFailures:
         corrections = [p.newton.corrections[i % C.CORRECTIONS] for i in last]
         reduction.begin(state.q, state.slides)  # which says whether it is singular
         if p.run.failure == C.SLID_TOO_FAR:
-            arcs = [(of.s0, of.s1) for of in (p.sliders.slider[i] for i in range(p.sliders.count))]
+            arcs = [(s.s0, s.s1) for s in (p.sliders.slider[i] for i in range(p.sliders.count))]
             return StepFailed(*(reduction.fault(arcs) or ("", "")), D, corrections)
         if p.run.failure == C.OUT_OF_LINE:
             return StepFailed("singular", reduction.singularity, 0 * D)
@@ -110,7 +110,7 @@ class StepFailures:
         return self.unconverged(D, corrections)
 
     def error(
-        self, what: str, tries: int, start: State, failed: StepFailed, advice: str
+        self, message: str, tries: int, start: State, failed: StepFailed, advice: str
     ) -> StepError:
         """StepError for a step that failed after some cuts: what, why, the worst node, advice."""
         model = self.model
@@ -118,12 +118,12 @@ class StepFailures:
         node, component = np.unravel_index(np.argmax(np.nan_to_num(D, nan=np.inf)), D.shape)
         history = ", ".join(f"{r:.1e}" for r in failed.corrections[-8:])
         named = model.mesh.named(int(node), model.scene)
-        where = (
+        place = (
             f"Largest increment: {COMPONENTS[component]} of {named}. Last corrections, in sizes of "
             f"the scene or rad: {history or 'none'}"
         )
-        who, cuts = ("static", "cuts") if self._stats.static else (model.scheme.name, "halvings")
-        after = f" after {tries} {cuts}" if tries else ""
-        reason = f"{who}: {what}{after}: {failed.reason}"
+        solver, cuts = ("static", "cuts") if self._stats.static else (model.scheme.name, "halvings")
+        tries_text = f" after {tries} {cuts}" if tries else ""
+        reason = f"{solver}: {message}{tries_text}: {failed.reason}"
         advice = corner_advice(model.scene.joints, start.slides) or advice
-        return StepError(Failure(failed.kind, reason, start.t, where, advice))
+        return StepError(Failure(failed.kind, reason, start.t, place, advice))

@@ -92,9 +92,9 @@ def inputs_of(problem: Problem, forcing: Forcing, t: float, times: np.ndarray) -
             arrays["natural"] = rows(forcing.naturals, strains.constant, t1)
         return inputs._replace(driven=floats(forcing.series(t1)), **arrays)
     except BaseException as raised:
-        before = int(np.searchsorted(times, getattr(raised, "time", t)))
-        if before:
-            inputs = inputs_of(problem, forcing, t, times[:before])
+        steps_before = int(np.searchsorted(times, getattr(raised, "time", t)))
+        if steps_before:
+            inputs = inputs_of(problem, forcing, t, times[:steps_before])
         else:
             inputs = no_inputs(p.scheme.sub_steps)
         return inputs._replace(error=inputs.error or raised)

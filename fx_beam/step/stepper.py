@@ -64,12 +64,12 @@ class Stepper:
         integrator, halving, t0 = self.integrator, self.halving, state.t
         inputs, done = integrator.inputs_ahead(state.t, times), 0
         while done < len(times):
-            ends, now = times[done:], inputs
+            ends, step_inputs = times[done:], inputs
             if halving.times:
                 grid = np.concatenate([[t0], times])
                 ends = halving.ends(grid[done:])
-                now = integrator.inputs_ahead(state.t, ends)
-            result, steps = self._take(state, ends, dt, now, first + done, recorder)
+                step_inputs = integrator.inputs_ahead(state.t, ends)
+            result, steps = self._take(state, ends, dt, step_inputs, first + done, recorder)
             if result.failed:
                 integrator.state.past = None
                 if not halving.fail():
@@ -94,10 +94,10 @@ class Stepper:
     ) -> tuple[StepsResult, int]:
         """What came of steps of the length dt or parts, and the number that are complete."""
         halving, integrator = self.halving, self.integrator
-        parts, before = halving.parts, self.stats.steps
+        parts, steps_before = halving.parts, self.stats.steps
 
-        def completed(taken: int) -> int:
-            whole = halving.take(taken)
+        def completed(count: int) -> int:
+            whole = halving.take(count)
             if halving.parts != parts:
                 # Where steps fail, predictions from steps of another length lead astray.
                 integrator.state.past = None
@@ -105,7 +105,7 @@ class Stepper:
 
         steps = Steps(ends, dt / parts, inputs, first, halving.done, parts)
         result = integrator.take(state, steps, recorder, completed)
-        return result, self.stats.steps - before
+        return result, self.stats.steps - steps_before
 
     # -- Steps whose local errors are controlled --------------------------------------------------
 
@@ -151,8 +151,8 @@ class Stepper:
         """StepError for a step to a time [s] that fails after all halvings."""
         failure, halvings = self.integrator.failure(start, end), self.halving.most
         advice = advice or self._advice(failure.kind)
-        what = f"the step from t = {start.t:.6g} to {end:.6g} failed"
-        error = self.integrator.failures.error(what, halvings, start, failure, advice)
+        message = f"the step from t = {start.t:.6g} to {end:.6g} failed"
+        error = self.integrator.failures.error(message, halvings, start, failure, advice)
         error.__cause__ = failure
         return error
 

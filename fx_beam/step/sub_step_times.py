@@ -68,9 +68,9 @@ class Times(NamedTuple):
                 "that there is no derivative. Try a smaller dt"
             )
         rows = np.searchsorted((grid[1:] + grid[:-1]) / 2, times)
-        if (inside := abs(grid[rows] - times) > 1e-3 * least).any():
+        if (misses := abs(grid[rows] - times) > 1e-3 * least).any():
             raise SceneError(
-                f"the row at t = {times[inside][0]:.6g} is inside a step, and has no derivative. "
+                f"the row at t = {times[misses][0]:.6g} is inside a step, and has no derivative. "
                 "Record at ends of steps: with a tolerance, give the times as `breaks` too"
             )
         return self.of_step * rows

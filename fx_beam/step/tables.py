@@ -148,11 +148,11 @@ class Problem:
         self._structs.remember(self.c)
 
     @classmethod
-    def of(cls, model: Model, *given: Any) -> Problem:
+    def of(cls, model: Model, *options: Any) -> Problem:
         """A problem with the numbers that a model has now; one of earlier numbers serves again."""
-        problem = model.problems.get(given)
+        problem = model.problems.get(options)
         if problem is None or problem.data is model.data:  # that serves others now
-            problem = model.problems[given] = cls(model, *given)
+            problem = model.problems[options] = cls(model, *options)
         else:
             problem.bind()
         return problem
@@ -310,8 +310,8 @@ class Problem:
             return
         point_stored_at = np.where(points.value_at >= 0, stored_at[points.value_at], -1)
         # Each force on a slide has one entry, the last ones.
-        to, of = self._on_slides
-        point_stored_at[len(point_stored_at) - len(points.slides) + of] = to
+        places, numbers = self._on_slides
+        point_stored_at[len(point_stored_at) - len(points.slides) + numbers] = places
         self._set(points=points.address, at_points={"stored_at": point_stored_at})
         if len(points.slides):
             self._set(at_points={"slide_rate": np.zeros(model.scene.joint_count)})
@@ -340,10 +340,10 @@ class Problem:
         p, reduction, factors = self.c, self.model.reduction, self.factors
         on_border = self.constants.ON_BORDER
         self._set(**reduction.members)
-        at, stored = factors.at, factors.size
+        places, stored = factors.at, factors.size
         if not factors.band:  # the tangent is stored apart
             indptr, indices = reduction.tangent.pattern
-            at, stored = np.arange(len(indices)), len(indices)
+            places, stored = np.arange(len(indices)), len(indices)
             self._set(
                 system={
                     "tangent_start": indptr,
@@ -353,7 +353,7 @@ class Problem:
                 }
             )
         #: Storage indices of the entries of `ReducedTangent.pattern`.
-        self.tangent_at = at
+        self.tangent_at = places
         if self.model.points.members is not None and not self._rates:
             self._set_changing_rows()
         elif factors.rows and not self._inside:
@@ -362,24 +362,26 @@ class Problem:
             self._set(system={"rows": [factors.rows | own]})
         if (loops := reduction.loops) is not None:
             diagonal, unit = loops.scales(reduction.tangent.pattern)
-            table = {"scales": len(unit), "scale_at": at[diagonal], "scale_unit": unit}
+            table = {"scales": len(unit), "scale_at": places[diagonal], "scale_unit": unit}
             self._set(loops=table)
-        at, stored, ones = storage_of(reduction, at, stored)
+        places, stored, places_of_ones = storage_of(reduction, places, stored)
         tangent = reduction.tangent
         K, alone = self.model.forms.stiffness, alone_in_column(reduction)
-        stored_at, one = storage_of_entries(tangent, K, alone, at, stored)
-        p.tangent.stored, p.coupled.stiffness_at = one + 2, one + 1
+        stored_at, place_of_one = storage_of_entries(tangent, K, alone, places, stored)
+        p.tangent.stored, p.coupled.stiffness_at = place_of_one + 2, place_of_one + 1
         p.coupled.stiffened = tangent.stiffened
         if reduction.couplings.sliding:
             diagonal_at = stored_at[self.model.masses.diagonal]
-            tables = bordering_tables(self.model, at, diagonal_at, on_border, self._inside)
+            tables = bordering_tables(self.model, places, diagonal_at, on_border, self._inside)
             self._set(**tables)
             if self._inside:
                 self._set_changing_rows(tables)
         order = factors.order
         if self._inside:
             order = np.arange(len(order) + p.border.rows)
-        padding = np.concatenate([factors.padding, ones, at[tangent.ones], [one]])
+        padding = np.concatenate(
+            [factors.padding, places_of_ones, places[tangent.ones], [place_of_one]]
+        )
         self._set(
             system={
                 "band": factors.band,
@@ -394,14 +396,14 @@ class Problem:
         )
         added = stored_at[tangent.direct["from"]] >= stored
         direct = {key: values[added] for key, values in tangent.direct.items()}
-        stored_from = np.append(stored_at, [one, p.coupled.stiffness_at])
+        stored_from = np.append(stored_at, [place_of_one, p.coupled.stiffness_at])
         products = {"coupled": tangent.coupled, "geometric": tangent.geometric}
-        for name, of in {"direct": direct, **products}.items():
-            table = {key: stored_from[x] if key == "from" else x for key, x in of.items()}
-            table["to"] = at[of["to"]]
-            self._set(**{name: table | {"count": len(of["to"])}})
+        for name, product in {"direct": direct, **products}.items():
+            table = {key: stored_from[x] if key == "from" else x for key, x in product.items()}
+            table["to"] = places[product["to"]]
+            self._set(**{name: table | {"count": len(product["to"])}})
         #: Storage indices of the forces on slides, and which these are.
-        self._on_slides = at[tangent.restoring["to"]], tangent.restoring["of"]
+        self._on_slides = places[tangent.restoring["to"]], tangent.restoring["of"]
         return stored_at
 
     def _set_changing_rows(self, bordering: dict[str, Any] | None = None) -> None:
@@ -502,17 +504,20 @@ class Problem:
 
         With unknowns in their order in the tangent.
         """
-        p, of = self.c, self.library.fx_results(self.c)
+        p, results = self.c, self.library.fx_results(self.c)
         m, positions, array = (
             p.border.rows,
             p.system.positions,
             functools.partial(array_at, self.ffi),
         )
-        at, corner = array(p.system.order, n), array(of.corner, m, m)
-        block = array(of.block, positions, p.border.block)[at, :m]
-        reached, rows = array(of.reached, positions)[at], array(of.border, m, positions)[:, at]
-        first, last = array(of.crossed, m, 2, 1).swapaxes(0, 1)
-        crossed = (first <= at) & (at <= last)
+        order, corner = array(p.system.order, n), array(results.corner, m, m)
+        block = array(results.block, positions, p.border.block)[order, :m]
+        reached, rows = (
+            array(results.reached, positions)[order],
+            array(results.border, m, positions)[:, order],
+        )
+        first, last = array(results.crossed, m, 2, 1).swapaxes(0, 1)
+        crossed = (first <= order) & (order <= last)
         return np.where(reached[:, None] != 0, block, 0.0), np.where(crossed, rows, 0.0), corner
 
     def transposed(self) -> np.ndarray:
@@ -525,13 +530,13 @@ class Problem:
         numbered = scipy.sparse.csr_matrix((np.arange(len(indices)), indices, indptr), (n, n))
         turned = numbered.T.tocsr()
         turned.sort_indices()
-        at = np.empty(len(indices), dtype=int)
-        at[turned.data] = self._factors_of(turned.indptr, turned.indices).at
+        places = np.empty(len(indices), dtype=int)
+        places[turned.data] = self._factors_of(turned.indptr, turned.indices).at
         if not self.factors.band:
-            return at
+            return places
         stored = np.arange(self.c.tangent.stored)
-        stored[self.factors.at] = at
-        stored[at] = self.factors.at
+        stored[self.factors.at] = places
+        stored[places] = self.factors.at
         return stored
 
     def _set_motors(self) -> None:
@@ -541,7 +546,7 @@ class Problem:
                 "prescribed": len(prescribed),
                 "a": [-1] * len(prescribed) + [rotation_of(joint.a) for joint, _ in motors],
                 "b": prescribed + [rotation_of(joint.b) for joint, _ in motors],
-                "slides": [0] * len(prescribed) + [on == "slide" for _, on in motors],
+                "slides": [0] * len(prescribed) + [name == "slide" for _, name in motors],
             }
         )
 
@@ -555,9 +560,11 @@ class Problem:
         for i in range(3):
             if i == 2:
                 self._set(passes={"of_forces": len(sums)})
-            for of in reversed(couplings.forests[i]):
-                to = 3 * of.parent + i if of.parent >= 0 else -1
-                sums.append((3 * of.node + i, to, 3 * of.joint.number + i, int(of.sign)))
+            for branch in reversed(couplings.forests[i]):
+                parent_dof = 3 * branch.parent + i if branch.parent >= 0 else -1
+                sums.append(
+                    (3 * branch.node + i, parent_dof, 3 * branch.joint.number + i, int(branch.sign))
+                )
             for joint in couplings.sliding:
                 if i < len(couplings.carried[joint.number]):
                     sums.append((3 * joint.b.number + i, -1, 3 * joint.number + i, 1))

@@ -37,7 +37,7 @@ def alone_in_column(reduction: Reduction) -> np.ndarray:
 
 
 def storage_of_entries(
-    tangent: ReducedTangent, full, alone: np.ndarray, at: np.ndarray, behind: int
+    tangent: ReducedTangent, full, alone: np.ndarray, places: np.ndarray, behind: int
 ) -> tuple[np.ndarray, int]:
     """Storage index of each entry of the full tangent, and number of stored values.
 
@@ -46,27 +46,27 @@ def storage_of_entries(
     direct = np.repeat(alone, np.diff(full.indptr)) & alone[full.indices]
     stored_at, used = np.empty(full.nnz, dtype=int), np.zeros(full.nnz, dtype=bool)
     used[tangent.direct["from"]] = True
-    stored_at[tangent.direct["from"]] = at[tangent.direct["to"]]
-    others = np.flatnonzero(~(direct & used))
-    stored_at[others] = behind + np.arange(len(others))
-    return stored_at, behind + len(others)
+    stored_at[tangent.direct["from"]] = places[tangent.direct["to"]]
+    other_entries = np.flatnonzero(~(direct & used))
+    stored_at[other_entries] = behind + np.arange(len(other_entries))
+    return stored_at, behind + len(other_entries)
 
 
 def storage_of(
-    reduction: Reduction, at: np.ndarray, stored: int
+    reduction: Reduction, places: np.ndarray, stored: int
 ) -> tuple[np.ndarray, int, np.ndarray]:
-    """Storage indices of the entries of a bordered tangent, number of values, and those of ones.
+    """Storage indices of a bordered tangent's entries, number of values, indices of entries 1.
 
     Given are those of the tangent of open loops. Entries on bordering rows are behind them; ones
     are on the diagonal of slides.
     """
     if not reduction.couplings.sliding:
-        return at, stored, at[:0]
+        return places, stored, places[:0]
     bordered = reduction.sliders.bordered
     of_all = np.empty(reduction.sliders.entries_before, dtype=int)
-    of_all[bordered.inside] = at[bordered.positions]
+    of_all[bordered.inside] = places[bordered.positions]
     of_all[bordered.beside] = stored + np.arange(len(bordered.beside))
-    return of_all, stored + len(bordered.beside), at[bordered.ones]
+    return of_all, stored + len(bordered.beside), places[bordered.ones]
 
 
 def on_bordering_rows(
@@ -76,28 +76,28 @@ def on_bordering_rows(
 
     Bordering rows are numbered downwards from `first`.
     """
-    rows, columns, outside = rows.copy(), columns.copy(), reduction.sliders.outside
-    rows[outside] = columns[outside] = first - np.arange(len(outside))
+    rows, columns, bordering = rows.copy(), columns.copy(), reduction.sliders.outside
+    rows[bordering] = columns[bordering] = first - np.arange(len(bordering))
     return rows, columns
 
 
 def bordering_tables(
-    model: Model, at: np.ndarray, diagonal_at: np.ndarray, first: int, inside: bool
+    model: Model, places: np.ndarray, diagonal_at: np.ndarray, first: int, inside: bool
 ) -> dict[str, Any]:
-    """Columns of what slides, and what belongs to them, by the names in c/problem.h.
+    """Tables of sliders, of the border and of its rows, by the names in c/problem.h.
 
-    `at` are the storage indices of `storage_of`, `diagonal_at` (size,) those of the diagonal of the
+    `places` are the storage indices of `storage_of`, `diagonal_at` (size,) of the diagonal of the
     full tangent. Bordering rows are numbered downwards from `first`; they may be `inside` of the
     sparse rows.
     """
     reduction, sliders = model.reduction, model.reduction.sliders
     rows, columns = on_bordering_rows(reduction, *reduction.couplings.system, first)
-    outside, bordered = sliders.outside, sliders.bordered
-    tables = _sliders(model, sliders, at, diagonal_at)
+    bordering, bordered = sliders.outside, sliders.bordered
+    tables = _sliders(model, sliders, places, diagonal_at)
     sizes = [table["components"] + table["products"] for table in tables]
-    carriers = len(outside) + sum(sizes) + sum(table.get("anchors", 0) for table in tables)
-    alone, slides = len(sliders.forces), outside[outside < reduction.free]
-    rows, columns = (np.append(of, first - carriers - np.arange(alone)) for of in (rows, columns))
+    carriers = len(bordering) + sum(sizes) + sum(table.get("anchors", 0) for table in tables)
+    alone, slides = len(sliders.forces), bordering[bordering < reduction.free]
+    rows, columns = (np.append(x, first - carriers - np.arange(alone)) for x in (rows, columns))
     pivot = np.arange(carriers + alone)
     for table in tables:  # a column of a node and the force on it are pivots of each other's rows
         of_columns = first - columns[table["carried"]]
@@ -119,7 +119,7 @@ def bordering_tables(
             "beside": len(bordered.beside),
             "beside_row": bordered.rows,
             "beside_column": bordered.columns,
-            "beside_at": at[bordered.beside],
+            "beside_at": places[bordered.beside],
             "bordered": len(slides) + alone,
             "bordered_unknown": np.append(slides, sliders.forces),
             "bordered_row": np.append(np.arange(len(slides)), carriers + np.arange(alone)),
@@ -164,7 +164,7 @@ def with_bordering_rows(groups: dict[str, Any], tables: dict[str, Any]) -> dict[
 
 
 def _sliders(
-    model: Model, sliders: Sliders, at: np.ndarray, diagonal_at: np.ndarray
+    model: Model, sliders: Sliders, places: np.ndarray, diagonal_at: np.ndarray
 ) -> list[dict[str, Any]]:
     """Sliding nodes as ``Slider``."""
     tables, anchored, bordering_row = [], set(), len(sliders.outside)
@@ -183,18 +183,18 @@ def _sliders(
         if guide not in anchored:
             anchored.add(guide)
             if rates.at_rest or model.massless[slide.dofs[:, :2]].any():
-                table |= _anchor_of(slide, sliders, at)
+                table |= _anchor_of(slide, sliders, places)
         bordering_row += components + table["products"] + table.get("anchors", 0)
         tables.append(table)
     return tables
 
 
-def _anchor_of(slide: Slide, sliders: Sliders, at: np.ndarray) -> dict[str, Any]:
+def _anchor_of(slide: Slide, sliders: Sliders, places: np.ndarray) -> dict[str, Any]:
     """A node near the middle of a beam that no joint holds, if there is one."""
     columns, positions = sliders.diagonals(slide)
     alone = np.flatnonzero((columns >= 0).all(axis=1))
     if not len(alone):
         return {}
     node = alone[np.argmin(abs(alone - len(columns) // 2))]
-    at_node = {"anchor_column": columns[node], "anchor_at": at[positions[node]]}
+    at_node = {"anchor_column": columns[node], "anchor_at": places[positions[node]]}
     return {"anchors": len(at_node["anchor_at"]), **at_node}

@@ -30,8 +30,8 @@ class Part(NamedTuple):
 
     def of_boundaries(self, boundaries: np.ndarray) -> np.ndarray:
         """Which boundaries are ends of these sub-steps, or the start of the run."""
-        after = self.first if self.first else -1
-        return np.flatnonzero((boundaries > after) & (boundaries <= self.end))
+        bound = self.first if self.first else -1
+        return np.flatnonzero((boundaries > bound) & (boundaries <= self.end))
 
     def of_sub_steps(self, sub_steps: np.ndarray) -> np.ndarray:
         """Which sub-steps are among these."""
@@ -90,31 +90,31 @@ class Tape:
 
     def begin(self, steps: TakenSteps) -> Any:
         """Keep the state before some steps; the C struct for their rows, or 0 for none."""
-        more = steps.number * self._checkpoints.of_step
-        if self.is_whole and 8 * self.c.size * (self.c.rows + more) > self._checkpoints.limit:
+        sub_steps = steps.number * self._checkpoints.of_step
+        if self.is_whole and 8 * self.c.size * (self.c.rows + sub_steps) > self._checkpoints.limit:
             self.is_whole = False
             self._checkpoints.take_increments(self._rows)
             self._set_rows(np.empty((0, self.c.size)))
         increments = self._checkpoints.begin(len(self), steps, not self.is_whole)
         if self.is_whole:
-            return self._with_room(more)
+            return self._with_room(sub_steps)
         if increments is None:
             return self.problem.ffi.NULL
         self.c.row, self.c.rows = self.problem.ffi.NULL, 0
         self.c.increments = address_of(self.problem.ffi, increments)
         return self.c
 
-    def end(self, taken: int) -> None:
+    def end(self, count: int) -> None:
         """Keep how many steps were taken."""
-        self._checkpoints.end(taken)
-        self._count += taken * self._checkpoints.of_step
+        self._checkpoints.end(count)
+        self._count += count * self._checkpoints.of_step
         self._times = None
 
-    def _with_room(self, more: int) -> Any:
+    def _with_room(self, sub_steps: int) -> Any:
         """The C struct, with room for some more sub-steps."""
-        if self.c.rows + more > len(self._rows):
+        if self.c.rows + sub_steps > len(self._rows):
             doubled = min(2 * len(self._rows), int(self._checkpoints.limit / (8 * self.c.size)))
-            rows = np.empty((max(self.c.rows + more, doubled), self.c.size))
+            rows = np.empty((max(self.c.rows + sub_steps, doubled), self.c.size))
             rows[: self.c.rows] = self._rows[: self.c.rows]
             self._set_rows(rows)
         return self.c
@@ -133,8 +133,8 @@ class Tape:
         for i in reversed(order) if backwards else order:
             self.c.rows, self.c.first = 0, groups[i][0].first
             for checkpoint in groups[i]:
-                more = checkpoint.steps.number * self._checkpoints.of_step
-                checkpoint.repeat(problem, self._with_room(more))
+                sub_steps = checkpoint.steps.number * self._checkpoints.of_step
+                checkpoint.repeat(problem, self._with_room(sub_steps))
             self._after = groups[i + 1][0] if i + 1 in order else None
             yield self.present
 
@@ -239,9 +239,9 @@ def _at_start(model: Model, old: State, new: State) -> np.ndarray | None:
     """Internal variables of forces at points at its start, with forces that friction follows."""
     if old.spring_internal is None or new.spring_internal is None:
         return None
-    given, followed = old.spring_internal.copy(), model.points.followed
-    given[followed] = new.spring_internal[followed]
-    return given
+    variables, followed = old.spring_internal.copy(), model.points.followed
+    variables[followed] = new.spring_internal[followed]
+    return variables
 
 
 def _increments(model: Model, old: State, new: State) -> np.ndarray:

@@ -84,8 +84,8 @@ class TapeDerivatives:
         """Forces (n, columns) of driven and fixed columns in the n sub-steps on the tape now."""
         (first, end), problem, p = tape.present, self.problem, self.problem.c
         forces = np.zeros((end - first, p.columns - p.free))
-        to = problem.ffi.from_buffer("double[]", forces if forces.size else np.zeros(1))
-        left = problem.derivatives(self._way).fx_taped_forces(p, tape.c, self.c, to)
+        pointer = problem.ffi.from_buffer("double[]", forces if forces.size else np.zeros(1))
+        left = problem.derivatives(self._way).fx_taped_forces(p, tape.c, self.c, pointer)
         _check_followed(left, tape, end - left)
         return forces
 
@@ -106,21 +106,21 @@ class TapeDerivatives:
         all unknowns.
         """
         self.set_slopes("X" in names)
-        count, every, layout = len(tape), np.arange(len(tape) + 1), self.layout
+        count, boundaries, layout = len(tape), np.arange(len(tape) + 1), self.layout
         x, by_unknowns = aligned_zeros(layout.size), np.zeros(self.problem.c.free)
         of_steps, ends = np.zeros((count + 1, layout.step_size)), layout.states.only({"q": ...})
         structs = Structs(self.problem.ffi)
         arrays = {"x": x, "sizes": np.zeros(count), "of_steps": never_empty(of_steps)}
         structs.set(self.c, **arrays, by_unknowns=by_unknowns, share=shares)
-        at_ends = ends.members(every[1:], count + 1, of_ends, rows)
-        forces = layout.equations.members(every[:-1], count, of_equations, rows)
+        at_ends = ends.members(boundaries[1:], count + 1, of_ends, rows)
+        forces = layout.equations.members(boundaries[:-1], count, of_equations, rows)
         self._follow("VJP", tape, at_ends, forces)
         x[layout.at["Y"]] = 0.0
         x[layout.at["Y"][of_state]] = by_unknowns[of_state]
         by_step = of_steps.sum(axis=0)
-        by = {name: self.numbers[name].sums(x) for name in self.numbers.keys() & names}
-        by |= {name: by_step[layout.steps[name]] for name in layout.steps.keys() & names}
-        return by, by_unknowns
+        derivatives = {name: self.numbers[name].sums(x) for name in self.numbers.keys() & names}
+        derivatives |= {name: by_step[layout.steps[name]] for name in layout.steps.keys() & names}
+        return derivatives, by_unknowns
 
     def vjp(
         self,
@@ -138,12 +138,12 @@ class TapeDerivatives:
         "constraints" (k, columns) of driven and fixed columns, and "joints" (k, joints, 3).
         """
         self.set_slopes("X" in names)
-        every, forces = len(tape), self.layout.forces
+        count, forces = len(tape), self.layout.forces
         states, x = self.layout.states.only(entries), aligned_zeros(self.layout.size)
-        of_steps = np.zeros((every + 1, self.layout.step_size))
+        of_steps = np.zeros((count + 1, self.layout.step_size))
         structs = Structs(self.problem.ffi)
         # Sizes of the derivatives by the rates at the starts of all sub-steps.
-        sizes = np.zeros(every)
+        sizes = np.zeros(count)
         arrays = {"x": x, "sizes": sizes, "of_steps": never_empty(of_steps)}
         structs.set(self.c, **arrays, by_unknowns=0)
         _reversals = self._with_reversals(tape)
@@ -160,40 +160,40 @@ class TapeDerivatives:
             at_start = bool(part.first and len(rows) and rows[0] == part.first)
             left_over = of_states[0] if at_start else None
             of_forces = forces.filled(weights, len(sub_steps))
-            at_rows = states.members(rows, every + 1, of_states)
-            self._follow("VJP", tape, at_rows, forces.members(sub_steps, every, of_forces))
-        late = sizes[every // 2 :].max(initial=0.0)
+            at_rows = states.members(rows, count + 1, of_states)
+            self._follow("VJP", tape, at_rows, forces.members(sub_steps, count, of_forces))
+        late = sizes[count // 2 :].max(initial=0.0)
         #: Largest derivative by rates in the first half of the run relative to that in the second:
         #: about 2 where later states depend on earlier ones as in a vibration. In chaotic motions
         #: it has no bound, and the derivatives tell nothing about larger changes.
-        self.growth = float(sizes[: every // 2].max(initial=0.0) / late) if late else 0.0
-        by = {name: of_steps[:-1, at] for name, at in self.layout.steps.items() if name in names}
-        return by | {name: self.numbers[name].sums(x) for name in self.numbers.keys() & names}
+        self.growth = float(sizes[: count // 2].max(initial=0.0) / late) if late else 0.0
+        sums = {name: of_steps[:-1, k] for name, k in self.layout.steps.items() if name in names}
+        return sums | {name: self.numbers[name].sums(x) for name in self.numbers.keys() & names}
 
     @cached_property
     def numbers(self) -> dict[str, Numbers]:
         """The numbers of the scene by name."""
-        model, p, at = self.problem.model, self.problem.c, self.layout.at
-        others = {"Y", "member places", *(work.array for work in self._works)}
-        numbers = {name: all_of(at[name]) for name in self.layout.numbers if name not in others}
+        model, p, rows_of = self.problem.model, self.problem.c, self.layout.at
+        skip = {"Y", "member places", *(work.array for work in self._works)}
+        numbers = {name: all_of(rows_of[name]) for name in self.layout.numbers if name not in skip}
         columns, dofs, of_slides, joints = model.couplings.free_columns
         # Of equal degrees of freedom the last has the column, as in `Couplings.unknowns`.
         last = dict(zip(columns.tolist(), dofs.tolist(), strict=True))
-        driven, first = at["Y"][p.free : p.free + p.driven], len(model.prescribed)
-        at_q = np.append(at["Y"][np.array([*last], int)], driven[:first])
+        driven, first = rows_of["Y"][p.free : p.free + p.driven], len(model.prescribed)
+        at_q = np.append(rows_of["Y"][np.array([*last], int)], driven[:first])
         of_q = np.append(np.array([*last.values()], int), model.prescribed)
         X = np.arange(model.mesh.X.size).reshape(model.mesh.X.shape)
-        places = [(at["member places"][model.mesh.dofs[:, :2]], X)]
+        places = [(rows_of["member places"][model.mesh.dofs[:, :2]], X)]
         for work in self._works:
             of_element = work.of_element(self.layout)
             places.append((of_element.pop("coordinates"), X[model.mesh.points]))
-            numbers |= {name: all_of(of) for name, of in of_element.items()}
+            numbers |= {name: all_of(element_rows) for name, element_rows in of_element.items()}
         at_X, of_X = (np.concatenate([*map(np.ravel, part)]) for part in zip(*places, strict=True))
         return numbers | {
             "q": Numbers(at_q, of_q, p.dofs),
-            "slides": Numbers(at["Y"][of_slides], joints, model.scene.joint_count),
+            "slides": Numbers(rows_of["Y"][of_slides], joints, model.scene.joint_count),
             "motors": all_of(driven[first:]),
-            "mass": Numbers(at["mass"], self.problem.mass_entries.ravel(), model.mass.nnz),
+            "mass": Numbers(rows_of["mass"], self.problem.mass_entries.ravel(), model.mass.nnz),
             "X": Numbers(at_X, of_X, X.size),
         }
 
@@ -236,15 +236,15 @@ class TapeDerivatives:
         _reversals = self._with_reversals(tape)
         states, forces = self.layout.states.only(entries), self.layout.forces
         for part in tape.parts(self.problem):
-            at, of = rows_of(part)
-            of_states, of_forces = states.empty(len(at), count), forces.empty(len(of), count)
-            at_ends = states.members(at, len(tape) + 1, of_states)
-            self._follow("JVP", tape, at_ends, forces.members(of, len(tape), of_forces))
+            rows, steps = rows_of(part)
+            of_states, of_forces = states.empty(len(rows), count), forces.empty(len(steps), count)
+            at_ends = states.members(rows, len(tape) + 1, of_states)
+            self._follow("JVP", tape, at_ends, forces.members(steps, len(tape), of_forces))
             yield states.parts(of_states) | forces.parts(of_forces)
         names = {"motors": "motors", "internal": "internal", "spring_internal": "spring internal"}
-        at_end = {name: x[:, self.numbers[of].at] for name, of in names.items()}
+        at_end = {name: x[:, self.numbers[number_name].at] for name, number_name in names.items()}
         #: Changes of the rest of the state at the end of the tape.
-        self.at_end = {n: np.concatenate(of.swapaxes(1, 2))[:count] for n, of in at_end.items()}
+        self.at_end = {n: np.concatenate(v.swapaxes(1, 2))[:count] for n, v in at_end.items()}
 
     def jvp_of_equations(
         self,
@@ -259,31 +259,31 @@ class TapeDerivatives:
         Sums of those of load steps, with shares (k,), in n `rows` (k,). Both ends of steps have the
         changes of the unknowns (m, free), if these are given.
         """
-        p, count, every = self.problem.c, len(changes["X"]), np.arange(len(tape) + 1)
+        p, count, boundaries = self.problem.c, len(changes["X"]), np.arange(len(tape) + 1)
         x, columns = self.layout.vector(changes, self.numbers, count), self.layout.at["Y"]
         put_columns(x, columns[p.free : p.free + p.driven], changes["driven"].reshape(count, -1).T)
         if by_unknowns is not None:
             put_columns(x, columns[: p.free], by_unknowns.T)
         of_steps = np.tile(_changes_of_steps(self.layout, changes, count, 1), (1, len(tape), 1))
         of_forces, of_ends = (np.zeros((rows.max() + 1, count, n)) for n in (p.free, p.dofs))
-        forces = self.layout.equations.members(every[:-1], len(tape), of_forces, rows)
-        of = rows if self.places_depend else np.full(len(rows), -1)
-        ends = self.layout.ends.members(every[1:], len(tape) + 1, of_ends, of)
-        more = {"directions": count, "by_unknowns": np.zeros(1), "share": shares}
-        _kept = self._begin_jvp(changes, x, of_steps, **more)
+        forces = self.layout.equations.members(boundaries[:-1], len(tape), of_forces, rows)
+        row_of = rows if self.places_depend else np.full(len(rows), -1)
+        ends = self.layout.ends.members(boundaries[1:], len(tape) + 1, of_ends, row_of)
+        arguments = {"directions": count, "by_unknowns": np.zeros(1), "share": shares}
+        _kept = self._begin_jvp(changes, x, of_steps, **arguments)
         self._follow("JVP", tape, ends, forces)
         return of_forces, of_ends
 
     def _begin_jvp(
-        self, changes: Mapping[str, np.ndarray], x: np.ndarray, of_steps: np.ndarray, **more: Any
+        self, changes: Mapping[str, np.ndarray], x: np.ndarray, of_steps: np.ndarray, **members: Any
     ) -> Structs:
-        """Hand over changes of all numbers, in groups; returns what keeps them."""
+        """Hand over changes of all numbers, in groups; returns the owner of their memory."""
         structs = Structs(self.problem.ffi)
         self.set_slopes("X" in changes and any_of(changes["X"]))
         masses = np.zeros(len(x), int)
         for name in changes.keys() & {"mass", "weight"}:
             masses[nonzero_rows(changes[name]) // x.shape[2]] = 1
-        structs.set(self.c, of_steps=never_empty(of_steps), x=x, changes_mass=masses, **more)
+        structs.set(self.c, of_steps=never_empty(of_steps), x=x, changes_mass=masses, **members)
         return structs
 
     def _follow(self, way: str, tape: Tape, states: dict[str, Any], forces: dict[str, Any]) -> None:
@@ -335,8 +335,8 @@ def _changes_of_steps(
     """Changes of the numbers of sub-steps in groups (groups, rows * step_size, group size)."""
     steps = layout.groups(count, rows * layout.step_size)
     for name in changes.keys() & layout.steps.keys():
-        at = layout.step_size * np.arange(rows)[:, None] + layout.steps[name]
-        put_columns(steps, at.ravel(), changes[name].reshape(count, -1).T)
+        places = layout.step_size * np.arange(rows)[:, None] + layout.steps[name]
+        put_columns(steps, places.ravel(), changes[name].reshape(count, -1).T)
     return steps
 
 
@@ -352,7 +352,7 @@ def _check_followed(left: int, tape: Tape, sub_step: int) -> None:
 
 
 def _check(model: Model) -> None:
-    """Refuse what has no derivatives, by its name."""
+    """Refuse a scheme, or a part of the scene, that has no derivatives; the error names it."""
     scheme = model.scheme
     if not scheme.rates.has_derivatives:
         raise SceneError(

@@ -15,18 +15,18 @@ from fx_beam.scene.scene import Scene
 from .model import Model
 
 
-def check_turns(scene: Scene, what: str) -> None:
-    """Refuse a scene with forces that do not turn with it; errors say `what` asks."""
-    for there, of in (
+def check_turns(scene: Scene, caller: str) -> None:
+    """Refuse a scene with forces that do not turn with it; errors name the `caller`."""
+    for present, name in (
         (scene.gravity is not None and any(scene.gravity), "gravity"),
         (any(load.target is None for load in scene.loads), "an acceleration of all masses"),
         (bool(scene.drags), "drag in air at rest"),
         (damping_of(scene)[0] > 0, "damping in proportion to the mass"),
     ):
-        if there:
+        if present:
             raise SceneError(
-                f"{what}: {of} does not turn with the scene, so that it has no steady turn. Leave "
-                "it out, or simulate the motion"
+                f"{caller}: {name} does not turn with the scene, so that it has no steady turn. "
+                "Leave it out, or simulate the motion"
             )
 
 

@@ -37,9 +37,9 @@ class Symmetry:
         rows = np.repeat(np.arange(n), np.diff(indptr))
         places, transposed = rows * n + columns, columns.astype(np.int64) * n + rows
         order = np.argsort(places, kind="stable")
-        at = order[np.searchsorted(places, transposed, sorter=order) % max(1, len(order))]
+        partner = order[np.searchsorted(places, transposed, sorter=order) % max(1, len(order))]
         # The entry across the diagonal from each: -1 where the pattern has none.
-        self._across = np.where(places[at] == transposed, at, -1)
+        self._across = np.where(places[partner] == transposed, partner, -1)
         self._rows, self._columns, self._starts = rows, columns, indptr[:-1]
         self._units = unit[rows] * unit[columns]
         # With nodes that slide on beams entries are differences of others that may be far larger.
@@ -93,8 +93,8 @@ class UndampedModes:
         numbered = counted[0] + 1j * counted[1]
         numbered.sort_indices()
         numbers = (part.astype(int) - 1 for part in (numbered.data.real, numbered.data.imag))
-        both = zip((K.system, M.system), numbers, strict=True)
-        self._values = [np.append(A.data, 0.0)[k] for A, k in both]
+        pairs = zip((K.system, M.system), numbers, strict=True)
+        self._values = [np.append(A.data, 0.0)[k] for A, k in pairs]
         self._rows, self._columns = K.rows, K.columns
         self._lu = LU((numbered.indptr, numbered.indices), K.dependent)
 
@@ -109,7 +109,7 @@ class UndampedModes:
         return np.where(rigid, 0.0, np.sign(values) * np.sqrt(abs(values))), rigid, vectors
 
     def count_below(self, square: float) -> int:
-        """Number of those whose squares of angular frequencies are below; -1 at one of these."""
+        """Number of modes with omega^2 below a value; -1 if the value is an omega^2."""
         return self._below(square / self._unit)
 
     def _factorise(self, x: float) -> bool:
@@ -156,10 +156,10 @@ class UndampedModes:
             new -= vectors @ (vectors.T @ (self._M @ new))  # orthogonal to the slices below
             squares, errors, new = _ritz_vectors(self._K, self._M, new)
             # Vectors above the slice took the place of copies that are not found yet.
-            inside = squares <= max(top + 1e-8 * abs(top), squares[0])
-            values = np.append(values, squares[inside])
-            rounding = np.append(rounding, errors[inside])
-            vectors = np.column_stack([vectors, new[:, inside]])
+            in_slice = squares <= max(top + 1e-8 * abs(top), squares[0])
+            values = np.append(values, squares[in_slice])
+            rounding = np.append(rounding, errors[in_slice])
+            vectors = np.column_stack([vectors, new[:, in_slice]])
         order = np.argsort(values)[:n]
         return values[order], rounding[order], vectors[:, order]
 

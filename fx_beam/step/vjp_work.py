@@ -54,8 +54,8 @@ class VjpWork:
         """Names of derivatives, each by a weight, and their forms, also as a table for C."""
         if by_places not in self._compiled:
             names = self._beams.sizes_of_slopes(self.array)
-            wanted = [name for name in names if by_places or name != "coordinates"]
-            slopes = self._beams.slopes(self.array, wanted)
+            chosen = [name for name in names if by_places or name != "coordinates"]
+            slopes = self._beams.slopes(self.array, chosen)
             kernel = Kernel([*slopes.values()])
             table = self._tables.of("slopes of forces", kernel)
             table["changing"] = table["moving"]
@@ -64,18 +64,18 @@ class VjpWork:
 
     def members(self, layout: Layout, by_places: bool) -> dict[str, Any]:
         """The other members; without derivatives by places of nodes if they are not wanted."""
-        made, kernel, table = self.compiled(by_places)
-        ends = {weight: i for i, (name, weight) in enumerate(made) if name == "increment"}
-        pieces = made + [key for weight in ends if (key := ("start", weight)) not in made]
+        slopes, kernel, table = self.compiled(by_places)
+        ends = {weight: i for i, (name, weight) in enumerate(slopes) if name == "increment"}
+        pieces = slopes + [key for weight in ends if (key := ("start", weight)) not in slopes]
         numbers, weights, lanes = self._numbers(layout), self._weights(layout), self._lanes
         first, of_weights = _starts(self._sizes.values()), [rows.shape[1] for rows in weights]
-        at = dict(zip(self._sizes, first, strict=False))
+        first_number = dict(zip(self._sizes, first, strict=False))
         size = [self._sizes[name] for name, _ in pieces]
         width = [of_weights[weight] for _, weight in pieces]
         piece_start = _starts([1, *(m * n for m, n in zip(size, width, strict=True))])
         behind, of_states = layout.at["nowhere"][0], _IN_COMMON.keys() - {"parameters"}
         cells = kernel.forms[0].cells.values()
-        from_, to = (
+        sources, targets = (
             np.concatenate([in_lanes(np.hstack(rows)[chosen], lanes, behind) for chosen in cells])
             for rows in ([*numbers], weights)
         )
@@ -87,15 +87,15 @@ class VjpWork:
             "weights": sum(of_weights),
             "slope_numbers": piece_start[-1],
             "pieces": len(pieces),
-            "made": len(made),
+            "made": len(slopes),
             "piece_start": piece_start[1:-1],
-            "number_at": [at[name] for name, _ in pieces],
+            "number_at": [first_number[name] for name, _ in pieces],
             "piece_numbers": size,
             "weight_at": [_starts(of_weights)[weight] for _, weight in pieces],
             "piece_weights": width,
             "end_of": [ends.get(weight, -1) if name == "start" else -1 for name, weight in pieces],
-            "from": from_,
-            "to": to,
+            "from": sources,
+            "to": targets,
         }
 
     def of_element(self, layout: Layout) -> dict[str, np.ndarray]:
@@ -112,9 +112,9 @@ class VjpWork:
                 yield next(of_element)
                 continue
             array, kind = _IN_COMMON[name]
-            of = self._beams.parameters if name == "parameters" else rows[kind]
-            at = layout.at[array][np.reshape(of, (-1, size))]
-            yield np.broadcast_to(at, (len(rows["dofs"]), size))
+            columns = self._beams.parameters if name == "parameters" else rows[kind]
+            places = layout.at[array][np.reshape(columns, (-1, size))]
+            yield np.broadcast_to(places, (len(rows["dofs"]), size))
 
     def _weights(self, layout: Layout) -> list[np.ndarray]:
         """Places (cells, n) of forces, and of internal variables at the end."""

@@ -217,8 +217,8 @@ class _Runs:
             ok = value.size > 0 and {value.shape} >= {v.shape for v in self.values.values()}
             expected = "a number, or an array of numbers, of one shape in all runs"
             require(ok, "converge: the quantity", result, expected)
-            what = f"converge: the quantity with {elements} elements"
-            require(bool(np.isfinite(value).all()), what, result, "finite")
+            name = f"converge: the quantity with {elements} elements"
+            require(bool(np.isfinite(value).all()), name, result, "finite")
             self.values[key], self.steps = value, self.steps + self.last.stats.steps
         return self.values[key]
 

@@ -180,8 +180,8 @@ def _row(case: dict, outcome: workers.Outcome) -> dict:
     result = dict(value) if isinstance(value, Mapping) else {"result": value}
     twice = [name for name in result if name in (*case, *_OWN)]
     if twice and not error:
-        what = "a column of its own" if twice[0] in _OWN else "a parameter of the case"
-        error = f"the function gives {twice[0]!r}, which is {what}; give it another name"
+        clash = "a column of its own" if twice[0] in _OWN else "a parameter of the case"
+        error = f"the function gives {twice[0]!r}, which is {clash}; give it another name"
     return {"case": case, "result": None if error else result, "seconds": seconds, "error": error}
 
 
@@ -245,8 +245,8 @@ class Journal:
                 whole = checksum == b"%d}\n" % zlib.crc32(text)
             except (ValueError, LookupError, TypeError, SceneError) as error:
                 if not line.startswith(_START) and _SUM not in line:
-                    what = f"line {number} of {path} is not a row of a sweep"
-                    raise SceneError(what) from error
+                    message = f"line {number} of {path} is not a row of a sweep"
+                    raise SceneError(message) from error
                 whole = False
             if whole:
                 hashes.append(case_hash)

@@ -305,14 +305,14 @@ class _Worker:
         with self._STARTING:
             # Ctrl-C is not for workers; it waits for the end of this block.
             mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-            before = {name: os.environ[name] for name in _ONE_THREAD if name in os.environ}
+            environment = {name: os.environ[name] for name in _ONE_THREAD if name in os.environ}
             os.environ.update(_ONE_THREAD)
             try:
                 self.process.start()
             finally:
                 for name in _ONE_THREAD:
                     del os.environ[name]
-                os.environ.update(before)
+                os.environ.update(environment)
                 signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         its_end.close()
 
