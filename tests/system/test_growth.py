@@ -4,6 +4,7 @@ import math
 import tracemalloc
 
 import pytest
+from growth import sliders
 
 import fx_beam as fb
 from fx_beam.step.loop import CompiledLoop
@@ -36,19 +37,6 @@ def members(n, height=0.2):
         scene.clamp(end)
     contact = scene.add_contact(above, below, stiffness=1e5, radius=0.05)
     return scene, contact
-
-
-def sliders(n):
-    """n bodies that slide on a beam of 2 n elements."""
-    scene = fb.Scene(gravity=(0, -9.81))
-    beam = scene.add_beam([(0, 0), (n, 0)], SECTION, elements=2 * n)
-    scene.clamp(beam.start)
-    scene.clamp(beam.end)
-    for k in range(n):
-        body = scene.add_body((k + 0.25, 0), 0.1, 0.01).centre
-        scene.fix(body, "rotation")
-        scene.add_joint(fb.Slider(beam, body, spring=fb.Spring(100.0, rest=k + 0.25)))
-    return scene
 
 
 def memory(run):
@@ -97,7 +85,7 @@ def test_factors_and_work_space_of_many_bodies_on_a_beam_are_linear(monkeypatch)
     monkeypatch.setattr(CompiledLoop, "take", noted)
 
     def sizes(n):
-        fb.simulate(sliders(n), dt=1e-3, t_end=2e-3)
+        fb.simulate(sliders(n)[0], dt=1e-3, t_end=2e-3)
         rows = loops[-1].problem.c.system.rows
         return [rows.start[rows.unknowns], len(loops[-1].problem.scratch)]
 
