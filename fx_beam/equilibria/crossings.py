@@ -55,6 +55,9 @@ class Crossings:
             return
         crossings, missing = self._in_step(old, new, before, behind)
         if missing:
+            before, behind = map(self.motions.count_again, (old, new))
+            if before == behind:
+                return
             reason = (
                 f"of its modes {before} are unstable at its start and {behind} at its end, "
                 f"with no critical point between ({missing}): it has reached another path"

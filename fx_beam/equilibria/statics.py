@@ -213,7 +213,7 @@ def _turned(state: State, forcing: LoadForcing) -> State:
 def _warn_if_unstable(motions: SmallMotions, states: list[State]) -> None:
     """Say that a path ends in an equilibrium that is unstable."""
     last = states[-1]
-    if count := motions.count(last, states[-2:][0]):
+    if motions.count(last, states[-2:][0]) and (count := motions.count_again(last)):
         _log.warning(
             "static: the equilibrium at load factor %g, the last row, is unstable: %d of its "
             "modes %s. See critical_points: a path of stable ones may branch off there "

@@ -206,7 +206,7 @@ class Drawing:
                 continue
             # What touches in all rows, relative to the node and its section, and the node itself.
             carrier, point_lists = shape.carrier.number, [np.zeros((1, 2))]
-            nodes = nodes_of(self.solution, obstacle.target)
+            nodes = nodes_of(self.solution.nodes_of_beam, obstacle.target)
             for k in self.rows:
                 arms = self.positions(nodes, k) - self.positions(carrier, k)
                 point_lists.append(arms @ _turn(-self.magnify * self._q[k][carrier, 2]))
@@ -348,7 +348,7 @@ def feet(drawing: Drawing, force: GroundSpring) -> list[tuple[int, np.ndarray, n
     """
     if force.direction is None:
         return []
-    nodes = nodes_of(drawing.solution, force.target)
+    nodes = nodes_of(drawing.solution.nodes_of_beam, force.target)
     X = drawing.solution.X[nodes]
     ways = np.broadcast_to(force.ways(X), X.shape)
     short = len(nodes) > 1 and not force.direction[0]

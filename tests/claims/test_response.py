@@ -407,7 +407,7 @@ def test_other_outputs_than_before_are_refused():
 
 def test_a_motion_step_by_step_does_not_measure_energies():
     scene, _ = pendulum([1.0, 1.0, 1.0])
-    with pytest.raises(fb.SceneError, match="a node, a joint or a rope"):
+    with pytest.raises(fb.SceneError, match="a node, a joint, a rope or a contact"):
         fb.Motion(scene, dt=0.01, outputs={"T": fb.Output("kinetic_energy", scene)})
 
 
