@@ -9,7 +9,7 @@ import runpy
 import shlex
 import subprocess
 import sys
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from importlib import import_module, metadata
 from importlib.util import find_spec
 from pathlib import Path
@@ -38,8 +38,9 @@ def info() -> dict[str, str]:
     rows["compiled loop"] = _loop()
     rows["reference"] = reference
     rows["compiler"] = _compiler()
-    target, flags = c_library.target_flags()
-    rows["compiled for"] = f"{target or 'the compiler default'}, {' '.join(flags)}"
+    with suppress(RuntimeError):  # it is no command, as the row above says
+        target, flags = c_library.target_flags()
+        rows["compiled for"] = f"{target or 'the compiler default'}, {' '.join(flags)}"
     rows["cache"] = _folder(library_cache.folder())
     return rows
 

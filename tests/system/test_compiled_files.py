@@ -66,7 +66,7 @@ def _code(features):
 def test_a_library_has_no_code_of_what_its_scenes_lack():
     plain, every = _code("CHAIN"), _code("COUPLED|LOOPS|SLIDERS|MEMBERS")
     for name in (
-        b"slopes_of_joint",
+        b"pass_through_joints",
         b"slide_on",
         b"factorise_closures",
         b"move_contact_point",
