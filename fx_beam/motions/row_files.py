@@ -12,7 +12,7 @@ import numpy as np
 
 from fx_beam.errors import SceneError
 from fx_beam.results.fields import RESULTANTS, at_ends
-from fx_beam.results.files import replacing, writable
+from fx_beam.results.files import replacing, replacing_all, writable
 from fx_beam.results.paraview import Grid, write_collection
 from fx_beam.results.solution import Solution
 from fx_beam.step.interrupts import uninterrupted
@@ -99,20 +99,21 @@ class RowFiles:
     def _write(self, histories: RecordedHistories, new: int) -> list[list[str]]:
         """Write the rows from one on; the names of their files beside the collection."""
         q, v, along = histories["q"], histories["v"], self._along(histories, new)
-        pieces, names = list(zip(self._elements, self._nodes, strict=True)), []
-        for i, row in enumerate(range(new, len(q))):
-            if not isinstance(self._crew, _Alone) and self._crew.team.lost:
-                self._crew = _Alone(self._arguments)  # all others have ended
-            stem, of_row, arguments = f"{self._folder.name}_{len(self._times) + i:05d}", [], []
-            for number, (elements, nodes) in enumerate(pieces):
-                name = f"{stem}_{number}.vtu" if len(pieces) > 1 else f"{stem}.vtu"
-                rates = v[row, nodes] if len(v) == len(q) else None
-                of_piece = {kind: values[i, elements] for kind, values in along.items()}
-                arguments.append((self._folder / name, q[row, nodes], rates, of_piece))
-                of_row.append(f"{self._folder.name}/{name}")
+        if not isinstance(self._crew, _Alone) and self._crew.team.lost:
+            self._crew = _Alone(self._arguments)  # all others have ended
+        count, pieces = len(q) - new, len(self._elements)
+        stems = [f"{self._folder.name}_{len(self._times) + i:05d}" for i in range(count)]
+        endings = [f"_{number}.vtu" for number in range(pieces)] if pieces > 1 else [".vtu"]
+        names = [f"{stem}{ending}" for ending in endings for stem in stems]
+        with replacing_all([self._folder / name for name in names]) as files:
+            arguments: list[tuple] = []
+            for elements, nodes in zip(self._elements, self._nodes, strict=True):
+                rates = v[new:, nodes] if len(v) == len(q) else None
+                of_piece = {kind: values[:, elements] for kind, values in along.items()}
+                of_rows, files = files[:count], files[count:]
+                arguments.append((of_rows, q[new:, nodes], rates, of_piece))
             self._crew("write", arguments)
-            names.append(of_row)
-        return names
+        return [[f"{self._folder.name}/{name}" for name in names[i::count]] for i in range(count)]
 
     def _along(self, histories: RecordedHistories, new: int) -> dict[str, np.ndarray]:
         """Resultants and internal variables (rows, elements, points) of the rows from one on."""

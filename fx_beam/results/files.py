@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import secrets
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -82,3 +82,27 @@ def replacing(path: Path | str, durable: bool = True) -> Iterator[Path]:
         new.replace(target)
     finally:
         new.unlink(missing_ok=True)
+
+
+@contextmanager
+def replacing_all(paths: Sequence[Path]) -> Iterator[list[str]]:
+    """As `replacing`, for many files at once, which are not `durable`; most are not there yet."""
+    token = secrets.token_hex(8)
+    with ExitStack() as earlier:
+        files, moves = list[str](), list[tuple[str, Path]]()
+        for number, path in enumerate(paths):
+            if os.path.lexists(path):
+                file = str(earlier.enter_context(replacing(path, durable=False)))
+            else:
+                file = os.path.join(path.parent, f".{token}-{number}{path.suffix}")
+                moves.append((file, path))
+            files.append(file)
+        try:
+            yield files
+            for file, path in moves:
+                os.replace(file, path)
+        except BaseException:
+            for file, _ in moves:
+                with suppress(FileNotFoundError):
+                    os.unlink(file)
+            raise

@@ -5,19 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree as xml
 
 import numpy as np
 
 from .fields import RESULTANTS, along_all, nodes_of_elements
-from .files import replacing, writable
+from .files import replacing_all, writable
 
 #: VTK's numbers of the line, and of the curves of degree 2 and 3.
 _CELLS = {1: 3, 2: 21, 3: 35}
 # Names of the motion of nodes in the plane and of their rotations, and of their rates.
 _MOTION, _RATES = ("displacement", "rotation"), ("velocity", "spin")
 _TYPES = {"f": "Float64", "i": "Int64", "u": "UInt8"}
+# About how many numbers of each field are made ready at once.
+_NUMBERS = 100_000
 _GRID = {"type": "UnstructuredGrid", "version": "1.0"}
 _GRID |= {"byte_order": "LittleEndian", "header_type": "UInt64"}
 
@@ -42,18 +43,38 @@ class Grid:
         }
 
     def write(
-        self, path: Path, q: np.ndarray, v: np.ndarray | None, along: Mapping[str, np.ndarray]
+        self,
+        files: Sequence[str],
+        q: np.ndarray,
+        v: np.ndarray | None,
+        along: Mapping[str, np.ndarray],
     ) -> None:
-        """Write a row: q and v (n, 3) of nodes, others (elements, degree + 1) at those of elements.
+        """Write rows, one a file: q and v (rows, n, 3) of nodes, others along the elements.
 
-        Arrays follow each other as they are in memory, behind the text that says where each begins.
+        These have shape (rows, elements, degree + 1). Arrays follow each other as they are in
+        memory, behind the text that says where each begins.
         """
-        fields = dict[str, np.ndarray]()
-        for rows, (of_place, of_turn) in (q, _MOTION), (v, _RATES):
-            if rows is not None:
-                rows = rows[self._nodes]
-                fields |= {of_place: _in_space(rows[:, :2]), of_turn: rows[:, 2]}
-        fields |= {name: values.ravel() for name, values in along.items()}
+        step = max(1, _NUMBERS // len(self._nodes))
+        for parts in (slice(first, first + step) for first in range(0, len(files), step)):
+            fields = dict[str, np.ndarray]()
+            for motion, (of_place, of_turn) in (q, _MOTION), (v, _RATES):
+                if motion is not None:
+                    rows = motion[parts][:, self._nodes]
+                    fields |= {of_place: _in_space(rows[..., :2]), of_turn: rows[..., 2]}
+            for name, values in along.items():
+                fields[name] = values[parts].reshape(-1, len(self._nodes))
+            before, behind = self._around({name: values[0] for name, values in fields.items()})
+            columns = list[np.ndarray]()
+            for values in fields.values():
+                flat = values.reshape(len(values), -1)
+                size = np.array(8 * flat.shape[1], "<u8").view("<f8")
+                columns += [np.broadcast_to(size, (len(flat), 1)), flat.astype("<f8", copy=False)]
+            for file, row in zip(files[parts], np.concatenate(columns, axis=1), strict=True):
+                with open(file, "wb") as opened:
+                    opened.write(b"".join([before, row.tobytes(), behind]))
+
+    def _around(self, fields: Mapping[str, np.ndarray]) -> tuple[bytes, bytes]:
+        """What is before and behind the fields in the file of a row that has such ones."""
         root = xml.Element("VTKFile", _GRID)
         sizes = {"NumberOfPoints": str(len(self._points)), "NumberOfCells": str(self._count)}
         piece = xml.SubElement(xml.SubElement(root, "UnstructuredGrid"), "Piece", sizes)
@@ -63,27 +84,28 @@ class Grid:
             "PointData": fields,
             "CellData": {"beam": self._beam},
         }
-        blocks, offset = list[Any](), 0
+        blocks, offset = dict[str, bytes](), 0
         for part, arrays in parts.items():
-            parent = xml.SubElement(piece, part)
+            parent, blocks[part] = xml.SubElement(piece, part), b""
             for name, values in arrays.items():
                 kind = {"type": _TYPES[values.dtype.kind], "Name": name}
                 kind |= {"format": "appended", "offset": str(offset)}
                 kind |= {"NumberOfComponents": str(values[0].size)}
                 xml.SubElement(parent, "DataArray", kind)
                 little = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
-                blocks += [np.array(little.nbytes, "<u8").tobytes(), little.data]
+                blocks[part] += np.array(little.nbytes, "<u8").tobytes() + little.tobytes()
                 offset += 8 + little.nbytes
         text = xml.tostring(root).removesuffix(b"</VTKFile>")
-        with replacing(path, durable=False) as new, open(new, "wb") as file:
-            file.writelines([text, b'<AppendedData encoding="raw">_', *blocks])
-            file.write(b"</AppendedData></VTKFile>")
+        before = text + b'<AppendedData encoding="raw">_' + blocks["Points"] + blocks["Cells"]
+        return before, blocks["CellData"] + b"</AppendedData></VTKFile>"
 
     def destroy(self) -> None:
         """Nothing: its memory is Python's."""
 
 
-def write_collection(path: Path, times: Iterable[float], rows: Iterable[Sequence[str]]) -> None:
+def write_collection(
+    path: Path | str, times: Iterable[float], rows: Iterable[Sequence[str]]
+) -> None:
     """Write the file that gives the grids of each row, in files by their names, their time."""
     root = xml.Element("VTKFile", type="Collection", version="1.0")
     collection = xml.SubElement(root, "Collection")
@@ -95,8 +117,8 @@ def write_collection(path: Path, times: Iterable[float], rows: Iterable[Sequence
 
 
 def _in_space(plane: np.ndarray) -> np.ndarray:
-    """Vectors (n, 3) of vectors (n, 2) in the plane."""
-    return np.column_stack([plane, np.zeros(len(plane))])
+    """Vectors (..., 3) of vectors (..., 2) in the plane."""
+    return np.concatenate([plane, np.zeros_like(plane[..., :1])], axis=-1)
 
 
 def to_paraview(solution, path) -> None:
@@ -143,10 +165,7 @@ def to_paraview(solution, path) -> None:
     with ExitStack() as new:
         if is_new_folder:
             new.push(lambda error, *_: folder.rmdir() if error else None)
-        for k, file in enumerate(files):
-            v = solution.v[k] if solution.has_rates else None
-            of_row = {kind: values[k] for kind, values in fields.items()}
-            grid.write(new.enter_context(replacing(file, durable=False)), solution.q[k], v, of_row)
-        collection = new.enter_context(replacing(path, durable=False))
+        *new_files, collection = new.enter_context(replacing_all([*files, path]))
+        grid.write(new_files, solution.q, solution.v if solution.has_rates else None, fields)
         names = [(f"{folder.name}/{file.name}",) for file in files]
         write_collection(collection, times.tolist(), names)
