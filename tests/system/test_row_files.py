@@ -7,6 +7,7 @@ from process_cases import CASES
 
 import fx_beam as fb
 from fx_beam.motions import run
+from fx_beam.results import paraview
 
 # What a solution has in memory beside the files.
 IN_MEMORY = "t", "t_level", "reactions", "joint_forces", "motor_forces", "contact_forces", "slides"
@@ -16,6 +17,7 @@ IN_MEMORY = "t", "t_level", "reactions", "joint_forces", "motor_forces", "contac
 def few(monkeypatch):
     """Rows are written after a few steps."""
     monkeypatch.setattr(run, "_BLOCK", 400)
+    monkeypatch.setattr(paraview, "_NUMBERS", 100)
 
 
 def grids(file):
@@ -52,6 +54,10 @@ def test_files_have_the_rows_and_the_solution_all_else(name, few, tmp_path):
             np.testing.assert_array_equal(one[kind], other[kind])
         np.testing.assert_array_equal(one.points, other.points)
         np.testing.assert_array_equal(one.cell_data["beam"], other.cell_data["beam"])
+    files = [sorted(tmp_path.glob(f"{name}/*.vtu")) for name in ("rows", "whole")]
+    for row, wanted_row in zip(*files, strict=True):
+        assert row.read_bytes() == wanted_row.read_bytes()
+    assert not list(tmp_path.glob("*/.*"))
     for kind in IN_MEMORY:
         np.testing.assert_array_equal(getattr(found, kind), getattr(whole, kind))
     for kind, values in vars(whole.energy).items():
