@@ -55,7 +55,7 @@ class Crossings:
             return
         crossings, missing = self._in_step(old, new, before, behind)
         if missing:
-            before, behind = map(self.motions.count_again, (old, new))
+            before, behind = self.motions.count_again(old, new)
             if before == behind:
                 return
             reason = (

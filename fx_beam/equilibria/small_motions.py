@@ -27,7 +27,7 @@ from .bordered_lu import BorderedLU
 _LOWEST, _FULL = 12, 100
 # Change of a tangent that is singular, relative to its largest stiffness.
 _SHIFT = 1e-12
-# An eigenvalue, relative to it, that is a rounding error: its sign says nothing.
+# Part of a stiffness that is a rounding error.
 _ROUND_OFF = 1e-15
 # Part of a square of a frequency beside the real axis that is a rounding error.
 _BESIDE = 1e-6
@@ -111,15 +111,22 @@ class SmallMotions:
                 return None
         return state.unstable_modes
 
-    def count_again(self, state: State) -> int:
-        """Number of modes that grow, known by pivots of a step that may be rounding errors."""
-        if state.unstable_modes:
-            with suppress(ValueError):
-                state.unstable_modes = sum(self.growing(state))
-        return state.unstable_modes or 0
+    def count_again(self, old: State, new: State) -> tuple[int | None, int | None]:
+        """Numbers of modes that grow before and after a step, whose pivots may be round-off."""
+        if not self.model.flowed(old, new):
+            for state in (old, new):
+                if state.unstable_modes:
+                    with suppress(ValueError):
+                        state.unstable_modes = sum(self.growing(state, tolerance=_ROUND_OFF))
+        return old.unstable_modes, new.unstable_modes
 
-    def growing(self, state: State, K: scipy.sparse.csr_matrix | None = None) -> Growing:
-        """Modes that grow about a state; an eigenvalue of the tangent that is zero does not."""
+    def growing(
+        self, state: State, K: scipy.sparse.csr_matrix | None = None, tolerance: float = 0.0
+    ) -> Growing:
+        """Modes that grow about a state; an eigenvalue of the tangent that is zero does not.
+
+        Symmetric tangents are those of stiffnesses that are larger by a `tolerance`.
+        """
         extended = self.extended(state) if K is None else Extended(K, K.shape[0])
         if not (free := extended.free):
             return Growing(0, 0)
@@ -131,21 +138,18 @@ class SmallMotions:
             extended = Extended(K, free)
         system, metric = extended.system, self.unit**-2.0
         metric = scipy.sparse.diags(np.append(metric, np.zeros(system.shape[0] - free)))
-        most = abs(system.diagonal()[:free] * self.unit**2).max() or 1.0
-
-        def negative_pivots(shift: float) -> int | None:
-            shifted = (system + shift * most * metric).tocsr() if shift else system
+        diagonal = abs(system.diagonal()[:free])
+        most = (diagonal * self.unit**2).max() or 1.0
+        if tolerance:
+            others = np.zeros(system.shape[0] - free)
+            system = (system + scipy.sparse.diags(np.append(tolerance * diagonal, others))).tocsr()
+        for shift in (0.0, _SHIFT * most):  # if a pivot, or an eigenvalue, is zero
+            shifted = (system + shift * metric).tocsr() if shift else system
             shifted.sort_indices()
             lu = LU((shifted.indptr, shifted.indices), extended.dependent)
-            return lu.negative_pivots(free) if lu.factorise(shifted.data) else None
-
-        if (count := negative_pivots(0.0)) is None:  # a pivot, or an eigenvalue, is zero
-            count = negative_pivots(_SHIFT)
-        elif count and (beyond := negative_pivots(_ROUND_OFF)) is not None:
-            count = min(count, beyond)
-        if count is None:
-            raise ValueError(f"unstable_modes: the tangent at load factor {state.t:g} is singular")
-        return Growing(0, count)
+            if lu.factorise(shifted.data):
+                return Growing(0, lu.negative_pivots(free))
+        raise ValueError(f"unstable_modes: the tangent at load factor {state.t:g} is singular")
 
     def lowest(self, K: scipy.sparse.csr_matrix, n: int) -> tuple[np.ndarray, np.ndarray]:
         """The n lowest eigenvalues of a tangent in the metric, and vectors (unknowns, n)."""

@@ -212,8 +212,8 @@ def _turned(state: State, forcing: LoadForcing) -> State:
 
 def _warn_if_unstable(motions: SmallMotions, states: list[State]) -> None:
     """Say that a path ends in an equilibrium that is unstable."""
-    last = states[-1]
-    if motions.count(last, states[-2:][0]) and (count := motions.count_again(last)):
+    old, last = states[-2:][0], states[-1]
+    if motions.count(last, old) and (count := motions.count_again(old, last)[1]):
         _log.warning(
             "static: the equilibrium at load factor %g, the last row, is unstable: %d of its "
             "modes %s. See critical_points: a path of stable ones may branch off there "
