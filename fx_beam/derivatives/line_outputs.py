@@ -90,10 +90,8 @@ class StateOutput(RowOutput):
         for group in sub_steps.groups(boundaries) if not self._none else ():
             states = sub_steps.at(numbers := boundaries[group])
             arrays = (states["q"], states["spring internal"], states.get("parameters"))
-            steps, places = (
-                LineSteps.of_states(*arrays),
-                np.searchsorted(sub_steps.boundaries, numbers),
-            )
+            steps = LineSteps.of_states(*arrays)
+            places = np.searchsorted(sub_steps.boundaries, numbers)
             if self._moves:
                 steps = steps._replace(v=states[self._rates])
             for slopes in self._values.slopes(steps):

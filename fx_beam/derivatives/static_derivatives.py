@@ -140,10 +140,8 @@ class StaticDerivatives:
 
     def _pull(self, line: int) -> Iterable[Block]:
         """Derivatives of the pull of a line in the last load step."""
-        boundaries, values = (
-            np.arange(len(self.tape) + 1),
-            LineValues(self.model.points, line, "pull"),
-        )
+        boundaries = np.arange(len(self.tape) + 1)
+        values = LineValues(self.model.points, line, "pull")
         sub_steps = SubSteps(self.model, self.tape, boundaries)
         return pull_blocks(sub_steps, values, np.zeros(1, dtype=int), boundaries[-2:-1])
 

@@ -178,10 +178,8 @@ class TangentDerivatives:
             turn = 2 * np.sqrt(self._factor) * about.frame.spin * about.frame.quarter_turn
             by_mass.append((turn @ T, c * moved))
             turns.append((turn, c))
-        times, ends = (
-            np.broadcast_to(pairs.times, len(right)),
-            list[tuple[np.ndarray, np.ndarray]](),
-        )
+        times = np.broadcast_to(pairs.times, len(right))
+        ends = list[tuple[np.ndarray, np.ndarray]]()
         if self._derivatives.places_depend:
             motion, of_nodes = _times(T, right)[pairs.of], _times(mass, moved)
             moving = sum((factor * _times(turn, motion) for turn, factor in turns), m * motion)

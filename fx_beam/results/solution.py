@@ -649,12 +649,13 @@ def _balance(solution: Solution, balance: Callable[[], Any]) -> Any:
 
 def history(solution: Solution, output: Output) -> np.ndarray:
     """Values (n, ...) of an output of a node, a joint or a line."""
-    if contact := Measured(output).contact:
+    measured = Measured(output)
+    if contact := measured.contact:
         motion = solution.contact(contact)
         if output.quantity == "gap":
             return motion.gap.min(axis=1)
-        return motion.force.sum(axis=1)[..., Measured(output).component]
-    if Measured(output).by_law == "energy":
+        return motion.force.sum(axis=1)[..., measured.component]
+    if measured.by_law == "energy":
         line: Any = output.of
         return solution.joint(line).energy
 
@@ -669,7 +670,7 @@ def history(solution: Solution, output: Output) -> np.ndarray:
 
     from .joint_and_contact_motion import motion_of
 
-    return Measured(output).values(read, motion_of(solution))
+    return measured.values(read, motion_of(solution))
 
 
 def _node_number(solution: Any, node: Node) -> int:

@@ -512,10 +512,8 @@ class Problem:
         )
         order, corner = array(p.system.order, n), array(results.corner, m, m)
         block = array(results.block, positions, p.border.block)[order, :m]
-        reached, rows = (
-            array(results.reached, positions)[order],
-            array(results.border, m, positions)[:, order],
-        )
+        reached = array(results.reached, positions)[order]
+        rows = array(results.border, m, positions)[:, order]
         first, last = array(results.crossed, m, 2, 1).swapaxes(0, 1)
         crossed = (first <= order) & (order <= last)
         return np.where(reached[:, None] != 0, block, 0.0), np.where(crossed, rows, 0.0), corner
