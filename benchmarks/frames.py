@@ -4,7 +4,7 @@
     .venv/bin/python benchmarks/frames.py turning       steps with kept factors and with new ones
     .venv/bin/python benchmarks/frames.py storage       steps with a band and with sparse rows
     .venv/bin/python benchmarks/frames.py threads       steps by one, two and four threads
-    mpirun -n 2 .venv/bin/python -m fx_beam benchmarks/frames.py processes [cells [steps [auto]]]
+    .venv/bin/python benchmarks/frames.py large [cells [steps]]   (707: 1 001 112 struts)
 
 Each strut is one element; the struts are rigidly joined. The lattice is clamped at one side and
 loaded at the other, or free and turning. Times are those of the processor in seconds, of a step the
@@ -17,13 +17,11 @@ import sys
 import tempfile
 from pathlib import Path
 from statistics import median
-from time import process_time
-from unittest import mock
+from time import perf_counter, process_time
 
 import numpy as np
 
 import fx_beam as fb
-from fx_beam.parallel.process_group import ProcessGroup
 from fx_beam.step import stepper, tables
 from fx_beam.step.lu_layout import COSTS
 
@@ -183,47 +181,24 @@ def compare_threads(sizes=(100, 200), runs=3, steps=30, dt=0.01):
             print(f"{len(scene.beams)} struts, {threads} threads: {times}", flush=True)
 
 
-class Memory:
-    """What a process has used."""
-
-    def largest(self):
-        """The largest memory of its process so far [GB]."""
-        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
-
-    def destroy(self):
-        """Nothing."""
-
-
-def on_processes(cells=200, steps=10, dt=0.01):
-    """Steps on the processes of mpirun, or on one without it; 707 cells are 1 001 112 struts.
-
-    The time of a process that waits for others in PETSc counts.
-    """
-    clock = process_time()
+def measure_large(cells=200, steps=10, dt=0.01):
+    """Real times of a large lattice: its scene, what comes before the steps, and a step."""
+    clock = perf_counter()
     scene, record = lattice(cells), fb.Record(every=steps)
-    print(f"{len(scene.beams)} struts, scene {process_time() - clock:.1f}", flush=True)
-    seconds: list[float] = []
-    clock = process_time()
-    with mock.patch.object(stepper.Stepper, "advance", timed(stepper.Stepper.advance, seconds)):
-        motion = fb.simulate(scene, dt=dt, t_end=steps * dt, record=record, progress=True)
+    print(f"{len(scene.beams)} struts, scene {perf_counter() - clock:.1f}", flush=True)
+    motion = fb.simulate(scene, dt=dt, t_end=steps * dt, record=record, progress=True)
     stats = motion.stats
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
     error = abs(motion.energy.balance_error).max() / motion.energy.kinetic.max()
     print(f"{stats.unknowns} unknowns: {stats.solver}")
-    setup = process_time() - clock - sum(seconds)
-    print(f"  set-up {setup:.1f}, a step {sum(seconds) / steps:.3f}")
-    print(f"  {stats.newton_iterations} Newton iterations")
-    print(f"  relative error of the energy balance {error:.1e}", flush=True)
-    if (processes := ProcessGroup.leading) is not None:
-        used = processes.make(Memory, [()] * processes.size)("largest")
-        memory = ", ".join(f"{gigabytes:.2f}" for gigabytes in used)
-        iterations = stats.krylov_iterations / stats.newton_iterations
-        print(f"  {iterations:.1f} iterations of a linear system")
-        print(f"  memory of each process so far {memory} GB", flush=True)
+    print(f"  set-up {stats.setup_seconds:.1f}, a step {stats.seconds / steps:.3f}")
+    print(f"  {stats.newton_iterations} Newton iterations, {memory:.1f} GB")
+    print(f"  relative error of the energy balance {error:.1e}")
 
 
 if __name__ == "__main__":
-    if sys.argv[1:2] == ["processes"]:
-        on_processes(*map(int, sys.argv[2:4]))
+    if sys.argv[1:2] == ["large"]:
+        measure_large(*map(int, sys.argv[2:4]))
     elif sys.argv[1:] == ["turning"]:
         compare_turning()
     elif sys.argv[1:] == ["threads"]:

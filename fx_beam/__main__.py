@@ -1,4 +1,4 @@
-"""`python -m fx_beam`: `info` for bug reports, or a script for the processes of mpirun."""
+"""`python -m fx_beam`: `info` for bug reports; it also runs a script, as in version 1.0."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import runpy
 import shlex
 import subprocess
 import sys
-from contextlib import nullcontext, suppress
+import warnings
+from contextlib import suppress
 from importlib import import_module, metadata
 from importlib.util import find_spec
 from pathlib import Path
 
 from fx_beam import c_library, compiler, library_cache
 from fx_beam.errors import SceneError
-from fx_beam.fem import mpi
-from fx_beam.parallel import process_group
+from fx_beam.mpi import RANKS
 from fx_beam.step import build
 
 #: Distributions of the imported packages; for FEniCSx with a prefix before the package's name.
@@ -26,17 +26,18 @@ _DISTRIBUTIONS = (
     *("fenics-ffcx", "fenics-basix", "fenics-ufl", "fenics-dolfinx", "petsc4py", "mpi4py"),
     *("numpy", "scipy", "matplotlib", "pyvista"),
 )
+_DEPRECATED = (
+    "python -m fx_beam script.py goes in version 1.2: use `python script.py`, without mpirun. "
+    "Processes no longer share a scene; the threads of one process do, see FX_BEAM_THREADS"
+)
 
 
 def info() -> dict[str, str]:
     """Versions, where they lie, what can solve, the compiler and the cache."""
     rows = {"Python": f"{platform.python_version()}, {sys.executable}", "system": _system()}
     rows["fx_beam"] = f"{sys.modules['fx_beam'].__version__}, {Path(__file__).parent}"
-    # First, as this finds the petsc4py of Debian.
-    reference = "available" if mpi.has_petsc() else "needs petsc4py"
     rows |= {name.removeprefix(_PREFIX): _package(name) for name in _DISTRIBUTIONS}
     rows["compiled loop"] = _loop()
-    rows["reference"] = reference
     rows["compiler"] = _compiler()
     with suppress(RuntimeError):  # it is no command, as the row above says
         target, flags = c_library.target_flags()
@@ -89,18 +90,14 @@ def _folder(path: Path) -> str:
 
 
 def run(script: str, arguments: list[str]) -> None:
-    """Run a script on the first process of mpirun; the others compute parts of its scenes."""
+    """Run a script, on the first process of mpirun alone."""
+    if any([os.environ.pop(rank, "0") != "0" for rank in RANKS]):
+        return
+    warnings.warn(_DEPRECATED, FutureWarning, stacklevel=1)
     sys.argv[:] = [script, *arguments]
     if not sys.flags.safe_path:  # with `python -P` the first folder is one of PYTHONPATH
         sys.path[0] = str(Path(script).resolve().parent)
-    rank, size = mpi.rank_and_size()
-    if size > 1 and mpi.has_petsc():  # it begins on all processes together, or waits for them
-        mpi.petsc()
-    if rank:
-        process_group.follow()
-        return
-    with process_group.led() if size > 1 else nullcontext():
-        runpy.run_path(script, run_name="__main__")
+    runpy.run_path(script, run_name="__main__")
 
 
 def main() -> None:
@@ -108,8 +105,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m fx_beam")
     parser.add_argument(
         "what",
-        help="info: versions, solvers, compiler and cache, for bug reports; or a script.py, which "
-        "mpirun -n 4 python -m fx_beam script.py computes on 4 processes",
+        help="info: versions, compiler and cache, for bug reports; or a script.py, which goes in "
+        "version 1.2: use python script.py",
     )
     parser.add_argument("arguments", nargs=argparse.REMAINDER, help="arguments of the script")
     options = parser.parse_args()

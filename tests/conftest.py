@@ -92,7 +92,6 @@ _DEMOS = {path.stem for path in (Path(__file__).parents[1] / "demos").glob("*.py
 _SLOWEST = (
     "test_steps_by_dolfinx",
     "test_stability_report",
-    "test_processes",
     "demo: gears",
     "demo: clamped_beam",
     "demo: gripper",

@@ -153,7 +153,7 @@ class PathStability:
             raise ValueError(
                 "unstable_modes: where something slips or flows, they are known of symmetric "
                 "tangents: not where friction slips or forces follow the motion, nor with closed "
-                "loops, nodes that slide on beams, contact of members, or several processes"
+                "loops, nodes that slide on beams, or contact of members"
             )
         counts: list[int] = []
         limits = self._stepper.stats.limit_points

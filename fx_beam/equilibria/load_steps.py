@@ -43,12 +43,10 @@ EASY_DEVIATION = 0.25
 class LoadStepper:
     """Takes load steps; the states of a model have the load factor in place of time."""
 
-    def __init__(
-        self, forcing: LoadForcing, options: StaticOptions, stats: Stats, alone: bool = True
-    ):
+    def __init__(self, forcing: LoadForcing, options: StaticOptions, stats: Stats):
         self.options, self.stats, self.model = options, stats, (model := forcing.model)
         model.forms.strain_energy(np.zeros(model.size))  # compiled beside the loop
-        self.loop = LoadLoop(forcing, options.newton, stats, alone)
+        self.loop = LoadLoop(forcing, options.newton, stats)
         self.path, self.energies = PathEquations(self.loop), PathEnergy(self.loop)
         #: Deviation of the last step from its predictor, relative to this, and its corrections.
         self.deviation, self.iterations = 0.0, 0

@@ -35,8 +35,8 @@ class PathStates:
         self._stepper: LoadStepper = arc.stepper
         self._options, self._model, self._path = arc.stepper.options, arc.model, arc.stepper.path
 
-    def follow(self, states: list[State], may_settle: bool) -> None:
-        """Append all states of a path; a scene without any stiffness `may_settle` on the way."""
+    def follow(self, states: list[State]) -> None:
+        """Append all states of a path; a scene without any stiffness may settle on the way."""
         if isinstance(self._start, Branch):
             self._branch_off(self._start, states)
             return
@@ -45,7 +45,7 @@ class PathStates:
             if Settling(self._stepper).freest(reference_state(model)) is None:
                 model.mechanism = ""  # they hold it
         states.append(self.first_state())
-        may_settle &= self._start is None and not model.mechanism
+        may_settle = self._start is None and not model.mechanism
         may_settle &= self._options.load_steps * 2**self._options.max_cuts >= _SHORTEST
         self._raise_load(states, may_settle)
         if model.mechanism:

@@ -97,8 +97,7 @@ class SmallMotions:
         state.negative_pivots = factors.negative_eigenvalues()
         follow = model.forms.has_added or any(force.force for force in model.scene.forces_between)
         if follow or model.flows:  # else all forces have a potential
-            values = factors.values
-            if values is None or not self._symmetric(reduction.tangent.pattern, values):
+            if not self._symmetric(reduction.tangent.pattern, factors.values):
                 return
         state.unstable_modes = state.negative_pivots
 

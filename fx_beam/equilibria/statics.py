@@ -20,8 +20,7 @@ from fx_beam.motions.options import check_scene
 from fx_beam.motions.prepared import stats_of
 from fx_beam.motions.progress import attach, attach_partial_result, failure_of, progress_bar
 from fx_beam.motions.set_ups import model_for
-from fx_beam.motions.surroundings import waiting_team, warn_of_equal_work
-from fx_beam.parallel.distributed import shared
+from fx_beam.motions.surroundings import warn_of_equal_work
 from fx_beam.results.solution import Solution, forces_on_nodes
 from fx_beam.results.state import State
 from fx_beam.scene.functions import constant
@@ -77,13 +76,9 @@ class LoadPath:
             )
         turning = TurningFrame(model, options.spin, options.pivot) if options.spin else None
         self.forcing = LoadForcing(model, options.t, turning)
-        self._team = waiting_team(connected) if options.continuation is None else None
-        self.stepper = LoadStepper(self.forcing, options, self.stats, self._team is None)
+        self.stepper = LoadStepper(self.forcing, options, self.stats)
         self._crossings = Crossings(self.stepper)
-        if self._team is None:
-            self.stepper.check = self._crossings.check
-        else:
-            self.stats.solver = f"PETSc on {self._team.size} processes"
+        self.stepper.check = self._crossings.check
         #: Whether it warns if its last row is unstable.
         self.warns = True
         #: The states so far.
@@ -102,8 +97,8 @@ class LoadPath:
         self._clock, bar = time.perf_counter(), progress_bar(1.0, options.progress, bar_format=_BAR)
         self.states = states = _States(bar)
         try:
-            with bar, shared(self._team, self.stepper.loop):
-                self._path_states().follow(states, may_settle=self._team is None)
+            with bar:
+                self._path_states().follow(states)
             stopped = stats.closed or (options.stop_at and stats.limit_points)
             if states[-1].t < 1 and not stopped and stats.steps >= options.max_steps:
                 factor, most = states[-1].t, options.max_steps

@@ -204,8 +204,6 @@ def simulate(
     ------
     SceneError
         Before the first step, if the scene, the scheme or the time grid is invalid.
-    RuntimeError
-        On several processes, if PETSc is missing.
     StepError
         If a step fails. Its attribute `solution` has all steps before it.
     KeyboardInterrupt

@@ -31,7 +31,6 @@ from .evaluation import solution_of
 from .measurement import Instant, fitted_state, fitted_value, readings
 from .options import MOST_STEPS, Grid, Options, check_scene, grid_from
 from .prepared import Prepared, state_of
-from .surroundings import waiting_team
 
 # Steps for whose rows room is made at once.
 _ROWS = 1024
@@ -324,8 +323,6 @@ class Motion:
     ------
     SceneError
         Before the first step, if the scene, an option or an output is invalid.
-    RuntimeError
-        On several processes, if PETSc is missing.
 
     Examples
     --------
@@ -378,9 +375,7 @@ class Motion:
         outputs = dict(outputs)
         self._arguments = passed | {"scheme": options.scheme, "dt": self._dt, "outputs": outputs}
         held_inputs = HeldInputs(scene)
-        self._prepared = prepared = Prepared(
-            held_inputs.scene, options, waiting_team(held_inputs.scene)
-        )
+        self._prepared = prepared = Prepared(held_inputs.scene, options)
         if start is not None:
             state = state_of(prepared.model, start)
             held_inputs.resume(prepared.forcing, state)

@@ -18,7 +18,7 @@ from .options import Options
 from .prepared import Prepared
 from .run import Run
 from .set_ups import Lease, SetUps, kind_of
-from .surroundings import call_with_arrays, waiting_team, warn_of_equal_work
+from .surroundings import call_with_arrays, warn_of_equal_work
 
 if TYPE_CHECKING:
     from fx_beam.step.tape import Tape
@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 class MotionSeries:
     """Simulates scenes. `Response` and each worker of a sweep own one, with a cache of its own.
 
-    With a `memory` [bytes] for tapes, solutions are read before anything else happens, and motions
-    are not divided among processes. In a cache that others share, scenes have kinds by their sizes.
+    With a `memory` [bytes] for tapes, solutions are read before anything else happens. In a cache
+    that others share, scenes have kinds by their sizes.
     """
 
     def __init__(self, memory: float | None = None, cache: SetUps | None = None):
@@ -73,14 +73,10 @@ class MotionSeries:
     def lease(self, scene: Scene, options: Options) -> Lease:
         """The lease of a prepared scene for a motion."""
         self.prepared = None
-
-        def prepared() -> Prepared:
-            return Prepared(scene, options, waiting_team(scene) if self._memory is None else None)
-
         lease = self._cache.lease(
             kind_of(scene, "motion") if self._shares else "motion",
             lambda last: last.bind(scene, options),
-            prepared,
+            lambda: Prepared(scene, options),
         )
         if lease.reason:
             self._alike = None
@@ -101,13 +97,13 @@ class MotionSeries:
         return self._alike
 
     def _begin_tape(self, prepared: Prepared) -> None:
-        if (loop := prepared.loop) is None or not self.tapes:
+        problem = prepared.loop.problem
+        if not self.tapes:
             self.tape = None
-        elif self.tape is None or self.tape.problem is not loop.problem:
+        elif self.tape is None or self.tape.problem is not problem:
             from fx_beam.step.tape import Tape
 
-            self.tape = Tape(loop.problem, self._memory or 0.0)
+            self.tape = Tape(problem, self._memory or 0.0)
         else:
             self.tape.clear()
-        if loop is not None:
-            loop.tape = self.tape
+        prepared.loop.tape = self.tape

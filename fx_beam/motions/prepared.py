@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -28,23 +27,17 @@ from .initial_state import Starts, check_joints, end_of
 from .options import Options
 from .set_ups import bind
 
-if TYPE_CHECKING:
-    from fx_beam.parallel.process_group import ProcessGroup
-
 # Energy that is round-off, relative to the sizes of its parts.
 _ROUND_OFF = 1e-11
 
 
 class Prepared:
-    """The model of a scene and what takes its steps; both serve other scenes of its structure.
+    """The model of a scene and what takes its steps; both serve other scenes of its structure."""
 
-    With a team of processes these take the steps.
-    """
-
-    def __init__(self, scene: Scene, options: Options, team: ProcessGroup | None = None):
+    def __init__(self, scene: Scene, options: Options):
         self.model = Model(scene, options.scheme)
         #: What was asked for when the scene was prepared.
-        self.options, self._team = options, team
+        self.options = options
         self.turn_counter = TurnCounter(self.model)
         self._begin(None)
 
@@ -53,22 +46,17 @@ class Prepared:
         model, options = self.model, self.options
         self.stats = stats_of(model, solver="", friction_damping=model.data.forms.friction_damping)
         self.forcing = Forcing(model)
-        arguments = self.forcing, options.newton, self.stats
-        if loop is not None:
-            loop.bind(self.forcing, self.stats)
-        elif self._team is None:
-            loop = CompiledLoop(*arguments)
+        if loop is None:
+            loop = CompiledLoop(self.forcing, options.newton, self.stats)
         else:
-            from fx_beam.parallel.distributed import TeamLoop
-
-            loop = TeamLoop(self._team, *arguments)
+            loop.bind(self.forcing, self.stats)
         dt = options.dt if options.tolerance is None else None
         self.stepper = Stepper(loop, Halving(options.max_halvings, dt))
 
     @property
-    def size(self) -> float:
-        """Number of degrees of freedom; infinite where a team has a part of it."""
-        return self.model.size if self._team is None else math.inf
+    def size(self) -> int:
+        """Number of degrees of freedom."""
+        return self.model.size
 
     def bind(self, scene: Scene, options: Options | None = None) -> None:
         """Set all numbers to those of another scene, as if it were prepared anew.
@@ -88,9 +76,9 @@ class Prepared:
         self._begin(self.loop)
 
     @property
-    def loop(self) -> CompiledLoop | None:
-        """The compiled loop; None if a team takes the steps."""
-        return self.stepper.integrator if self._team is None else None
+    def loop(self) -> CompiledLoop:
+        """The compiled loop."""
+        return self.stepper.integrator
 
     def first_state(self, dt: float, start: Solution | None, accelerations: bool = True) -> State:
         """Initial state of a motion by steps of the length dt [s].

@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -28,10 +27,7 @@ _SHARE = 0.05
 
 
 class RowFiles:
-    """Takes rows from a recorder and writes them; what a solution has besides stays in memory.
-
-    On several processes each writes the elements of its part.
-    """
+    """Takes rows from a recorder and writes them; what a solution has besides stays in memory."""
 
     def __init__(self, prepared: Prepared, recorder: Recorder, file: Path | str):
         self._model, self._recorder = prepared.model, recorder
@@ -42,19 +38,9 @@ class RowFiles:
         self._folder = self._path.with_suffix("")
         self._folder.mkdir(exist_ok=True)
         mesh = self._model.mesh
-        make, self._elements = None, [np.arange(len(mesh.elements))]
-        if (together := prepared.stepper.integrator.together) is not None:
-            self._elements, make = together.equations.pieces()
-        #: Nodes of each process.
-        self._nodes, self._arguments = list[np.ndarray](), list[tuple]()
-        for elements in self._elements:
-            of_process, local = np.unique(mesh.elements[elements], return_inverse=True)
-            self._nodes.append(of_process)
-            local = local.reshape(-1, mesh.elements.shape[1])
-            self._arguments.append((mesh.X[of_process], local, mesh.beam_of_cell[elements]))
-        self._crew = _Alone(self._arguments) if make is None else make(Grid, self._arguments)
+        self._grid = Grid(mesh.X, mesh.elements, mesh.beam_of_cell)
         self._times: list[float] = []
-        self._names: list[list[str]] = []
+        self._names: list[str] = []
         self._small: list[dict[str, np.ndarray]] = []
         #: Rates that fit the joints at the last row, if those of steps do not.
         self._fitted: np.ndarray | None = None
@@ -96,24 +82,14 @@ class RowFiles:
         self._saved = time.monotonic()
         self._took = self._saved - start
 
-    def _write(self, histories: RecordedHistories, new: int) -> list[list[str]]:
+    def _write(self, histories: RecordedHistories, new: int) -> list[str]:
         """Write the rows from one on; the names of their files beside the collection."""
         q, v, along = histories["q"], histories["v"], self._along(histories, new)
-        if not isinstance(self._crew, _Alone) and self._crew.team.lost:
-            self._crew = _Alone(self._arguments)  # all others have ended
-        count, pieces = len(q) - new, len(self._elements)
-        stems = [f"{self._folder.name}_{len(self._times) + i:05d}" for i in range(count)]
-        endings = [f"_{number}.vtu" for number in range(pieces)] if pieces > 1 else [".vtu"]
-        names = [f"{stem}{ending}" for ending in endings for stem in stems]
+        first, folder = len(self._times), self._folder.name
+        names = [f"{folder}_{first + i:05d}.vtu" for i in range(len(q) - new)]
         with replacing_all([self._folder / name for name in names]) as files:
-            arguments: list[tuple] = []
-            for elements, nodes in zip(self._elements, self._nodes, strict=True):
-                rates = v[new:, nodes] if len(v) == len(q) else None
-                of_piece = {kind: values[:, elements] for kind, values in along.items()}
-                of_rows, files = files[:count], files[count:]
-                arguments.append((of_rows, q[new:, nodes], rates, of_piece))
-            self._crew("write", arguments)
-        return [[f"{self._folder.name}/{name}" for name in names[i::count]] for i in range(count)]
+            self._grid.write(files, q[new:], v[new:] if len(v) == len(q) else None, along)
+        return [f"{folder}/{name}" for name in names]
 
     def _along(self, histories: RecordedHistories, new: int) -> dict[str, np.ndarray]:
         """Resultants and internal variables (rows, elements, points) of the rows from one on."""
@@ -160,14 +136,3 @@ class RowFiles:
         fitted = None if rates is None else lambda: small | {"v": rates[None]}
         impact = self._recorder.first.impact
         return RecordedHistories(self._model, small, fitted, {}, t, lambda: levels, impact)
-
-
-class _Alone:
-    """In the place of a crew: this process writes all."""
-
-    def __init__(self, arguments: list[tuple]):
-        self._pieces = [Grid(*piece_arguments) for piece_arguments in arguments]
-
-    def __call__(self, method: str, all_arguments: list[tuple]) -> list[Any]:
-        pairs = zip(self._pieces, all_arguments, strict=True)
-        return [getattr(piece, method)(*arguments) for piece, arguments in pairs]

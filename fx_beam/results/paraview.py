@@ -99,20 +99,14 @@ class Grid:
         before = text + b'<AppendedData encoding="raw">_' + blocks["Points"] + blocks["Cells"]
         return before, blocks["CellData"] + b"</AppendedData></VTKFile>"
 
-    def destroy(self) -> None:
-        """Nothing: its memory is Python's."""
 
-
-def write_collection(
-    path: Path | str, times: Iterable[float], rows: Iterable[Sequence[str]]
-) -> None:
-    """Write the file that gives the grids of each row, in files by their names, their time."""
+def write_collection(path: Path | str, times: Iterable[float], names: Iterable[str]) -> None:
+    """Write the file that gives the grid of each row, in a file by its name, its time."""
     root = xml.Element("VTKFile", type="Collection", version="1.0")
     collection = xml.SubElement(root, "Collection")
-    for t, names in zip(times, rows, strict=True):
-        for part, name in enumerate(names):
-            of_row = {"timestep": repr(float(t)), "part": str(part), "file": name}
-            xml.SubElement(collection, "DataSet", of_row)
+    for t, name in zip(times, names, strict=True):
+        row = {"timestep": repr(float(t)), "part": "0", "file": name}
+        xml.SubElement(collection, "DataSet", row)
     xml.ElementTree(root).write(path)
 
 
@@ -167,5 +161,5 @@ def to_paraview(solution, path) -> None:
             new.push(lambda error, *_: folder.rmdir() if error else None)
         *new_files, collection = new.enter_context(replacing_all([*files, path]))
         grid.write(new_files, solution.q, solution.v if solution.has_rates else None, fields)
-        names = [(f"{folder.name}/{file.name}",) for file in files]
+        names = [f"{folder.name}/{file.name}" for file in files]
         write_collection(collection, times.tolist(), names)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
@@ -161,15 +162,13 @@ class Stats:
     level : float
         Level of the step at which forces are evaluated: 0.5 is its middle, 1 its end.
     solver : str
-        Name of the linear solver; on several processes with the preconditioner of the last system.
+        Name of the linear solver.
     unknowns : int
         Number of free degrees of freedom.
     steps : int
         Completed steps of the time grid.
     newton_iterations : int
         Newton iterations in all, failed attempts not counted.
-    krylov_iterations : int
-        On several processes: iterations of all linear systems, those of failed steps included.
     halvings : int
         How often a step failed and was halved.
     substeps : int
@@ -258,7 +257,6 @@ class Stats:
     unknowns: int
     steps: int = 0
     newton_iterations: int = 0
-    krylov_iterations: int = 0
     halvings: int = 0
     substeps: int = 0
     too_large: int = 0
@@ -285,6 +283,13 @@ class Stats:
     limit_points: list[float] = field(default_factory=list)
     closed: bool = False
     gradient_growth: float = 0.0
+
+    @property
+    def krylov_iterations(self) -> int:
+        """Zero: processes no longer share a scene. It goes in version 1.2."""
+        message = "Stats.krylov_iterations is always 0, as processes no longer share a scene"
+        warnings.warn(f"{message}; it goes in version 1.2", FutureWarning, stacklevel=2)
+        return 0
 
     def __repr__(self):
         iterations = self.newton_iterations / max(1, self.substeps)

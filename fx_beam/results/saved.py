@@ -248,7 +248,9 @@ class _Parts:
             return packed
         (kind, content), *rest = packed.items()
         if kind == "is":
-            return _KINDS[content](**{name: self.read(part) for name, part in rest})
+            # Files of the first version have iterations of a solver that is no longer there.
+            known = {name: part for name, part in rest if name != "krylov_iterations"}
+            return _KINDS[content](**{name: self.read(part) for name, part in known.items()})
         if kind == "keys":
             return dict(zip(content, self.read(packed["values"]), strict=True))
         readers: dict[str, Any] = {"array": self._arrays.pop, "node": self.node}

@@ -59,7 +59,7 @@ class Equations:
         if problem is None:
             # The loop of a motion has another storage, whose library is there already.
             forces_only = model.scheme.rates.at_rest or not inert
-            options = NewtonOptions(), turning is not None, True, forces_only, False, inertia, inert
+            options = NewtonOptions(), turning is not None, forces_only, False, inertia, inert
             problem = Problem.of(model, *options)
             problem.set_given_strains(turning)
         self._problem, self._c, self._library = problem, problem.c, problem.library

@@ -42,11 +42,9 @@ class LoadLoop(CompiledLoop):
 
     forcing: LoadForcing
 
-    def __init__(
-        self, forcing: LoadForcing, options: NewtonOptions, stats: Stats, alone: bool = True
-    ):
-        self._alone, model = alone, forcing.model
-        super().__init__(forcing, options, stats, alone)
+    def __init__(self, forcing: LoadForcing, options: NewtonOptions, stats: Stats):
+        super().__init__(forcing, options, stats)
+        model = forcing.model
         free = model.reduction.free
         self.problem.keep_joint_forces()
         #: Holding forces (free,) on the unknowns, in addition to the forces of the model.
@@ -79,10 +77,9 @@ class LoadLoop(CompiledLoop):
 
     @cached_property
     def equations(self) -> Equations:
-        """The equations of load steps; on one process they have the arrays of the loop."""
-        alone = self.problem if self._alone else None
+        """The equations of load steps, which have the arrays of the loop."""
         forcing = self.forcing
-        return Equations(self.model, forcing.time, forcing.turning, forcing.natural, alone)
+        return Equations(self.model, forcing.time, forcing.turning, forcing.natural, self.problem)
 
     def record(self, state: State, recorder: Recorder) -> None:
         """Record a state in the next row of a recorder.
@@ -161,8 +158,7 @@ class LoadLoop(CompiledLoop):
 
     def change_of_sizes(self, left: np.ndarray, right: np.ndarray) -> float:
         """Product of sizes: of a vector (size,), of the last tangent's entries, and `right`."""
-        equations = self.equations if self.together is None else self.together.equations
-        return float(abs(left) @ equations.change(right, sizes=True))
+        return float(abs(left) @ self.equations.change(right, sizes=True))
 
     # -- The last tangent -------------------------------------------------------------------------
 
@@ -172,9 +168,9 @@ class LoadLoop(CompiledLoop):
         return self.problem.c.newton.raised < 0
 
     @property
-    def values(self) -> np.ndarray | None:
-        """Its values, in the sparsity of the reduced matrix; None if it is nowhere as a whole."""
-        return self._tangent if self.together is None else None
+    def values(self) -> np.ndarray:
+        """Its values, in the sparsity of the reduced matrix."""
+        return self._tangent
 
     def negative_eigenvalues(self) -> int | None:
         """Their number, of a symmetric one; None if its factors are old.
@@ -182,7 +178,7 @@ class LoadLoop(CompiledLoop):
         By Sylvester's law of inertia: the pivots have their signs.
         """
         p = self.problem.c
-        if self.together is not None or p.newton.raised or p.newton.old_factors:
+        if p.newton.raised or p.newton.old_factors:
             return None
         if not p.system.unknowns:
             return 0

@@ -31,15 +31,13 @@ _SLIGHT = 1e-5
 class CompiledLoop:
     """Tries many steps at once."""
 
-    #: What several processes do, if they do.
-    together: Any = None
     # Error of a function that finds increments in the place of C.
     _error: BaseException | None = None
 
-    def __init__(self, forcing: Forcing, options: NewtonOptions, stats: Stats, alone: bool = True):
+    def __init__(self, forcing: Forcing, options: NewtonOptions, stats: Stats):
         self.model = forcing.model
         #: Owns the arrays to which C points, and with them the state.
-        self.problem = problem = Problem.of(self.model, options, forcing.turning is not None, alone)
+        self.problem = problem = Problem.of(self.model, options, forcing.turning is not None)
         self.state = problem.state
         #: Records of C.
         self.records = RecordsInC(problem)
@@ -123,9 +121,7 @@ class CompiledLoop:
         return count
 
     def check(self) -> None:
-        """Raise the error of another process, or of a function that C calls, in the last step."""
-        if self.together is not None:
-            self.together.check()
+        """Raise the error of a function that C calls in the last step."""
         error, self._error = self._error, None
         if error is not None:
             raise error

@@ -77,10 +77,10 @@ class Record:
         where `until` ends it, this time is added.
     file : str or path, optional
         For large scenes: a file for ParaView, such as "run.pvd", to which motion and rates go as
-        they come, with stress resultants and internal variables, in place of memory. On several
-        processes each writes its members. The solution has all else, and its end, from which
-        another motion starts. The folder "run" has the grids, and "end.npz", the solution so far.
-        Only for `simulate` without `until`, `changes` and `times`.
+        they come, with stress resultants and internal variables, in place of memory. The
+        solution has all else, and its end, from which another motion starts. The folder "run" has
+        the grids, and "end.npz", the solution so far. Only for `simulate` without `until`,
+        `changes` and `times`.
 
     Examples
     --------

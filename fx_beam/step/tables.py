@@ -73,15 +73,18 @@ class Problem:
         model: Model,
         options: NewtonOptions,
         turns: bool = False,
-        owns_factors: bool = True,
         forces_only: bool = False,
         rates: bool = False,
         inertia: float = 1.0,
         inert: bool = True,
     ):
         self.model, self._frame_turns = model, turns
-        self._owns_factors, self._forces_only = owns_factors, forces_only
-        self._rates, self._inertia, self._inert = rates, inertia, inert
+        self._forces_only, self._rates, self._inertia, self._inert = (
+            forces_only,
+            rates,
+            inertia,
+            inert,
+        )
         #: Threads share the work of a large scene.
         self._is_large = len(model.mesh.unknowns.dofs) >= LARGE
         self._threads = 1
@@ -94,7 +97,6 @@ class Problem:
         self._inside = (
             len(model.couplings.sliding) >= _MANY_SLIDES
             and not (forces_only or model.scheme.rates.at_rest)
-            and owns_factors
             and model.points.members is None
             and not len(model.reduction.sliders.forces)
         )
@@ -438,8 +440,6 @@ class Problem:
 
     def _factors_of(self, indptr: np.ndarray, indices: np.ndarray) -> Factors:
         reduction, order = self.model.reduction, np.arange(len(indptr) - 1)
-        if not self._owns_factors:  # others have the tangent
-            return Factors(order, np.zeros(len(indices), int), 1, 1)
         if self._forces_only:
             return Factors(order, np.arange(len(indices)), 0, 0)
         couplings, members = self.model.couplings, self.model.points.members is not None

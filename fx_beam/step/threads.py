@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 
 from fx_beam.errors import SceneError
-from fx_beam.fem.mpi import under_mpirun
+from fx_beam.mpi import under_mpirun
 
 # More are not faster: they wait for memory.
 _MOST = 4

@@ -27,8 +27,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fx_beam import mpi
 from fx_beam.errors import SceneError, StepError, is_whole, require
-from fx_beam.fem import mpi
 from fx_beam.motions.motion_series import MotionSeries
 from fx_beam.motions.surroundings import simulating_by
 

@@ -16,7 +16,7 @@ import fx_beam
 PACKAGE = Path(fx_beam.__file__).parent
 # From the ground up: a room imports from the rooms before it only, and no import goes in a circle.
 ROOMS = (
-    *("scene", "laws", "results", "plot", "fem", "coupling", "step", "parallel", "motions"),
+    *("scene", "laws", "results", "plot", "fem", "coupling", "step", "motions"),
     *("equilibria", "linear", "orbits", "derivatives", "sweeps", "fenicsx"),
     "__main__",
 )
@@ -114,16 +114,14 @@ def test_the_model_knows_nothing_of_solutions():
 
 
 HOMES = {
-    "mpi4py": "fem.mpi",
-    "petsc4py": "fem.mpi",
-    "slepc4py dolfinx": "",  # but for their own room
+    "mpi4py": "mpi",
+    "petsc4py slepc4py dolfinx": "",  # but for their own room
     "ffcx": "fem.ffcx_api",
     "matplotlib": "plot.charts plot.symbols plot.members plot.shape_pictures plot.animations "
     "plot.force_diagrams plot.sheet plot.scene_drawing",
     "pyvista vtk vtkmodules": "plot.shape_pictures",
     "PIL imageio_ffmpeg": "plot.animations",
     "tqdm": "motions.progress",
-    "cloudpickle": "parallel.process_group",
     "pandas xarray": "results.export",
 }
 

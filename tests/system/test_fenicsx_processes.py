@@ -6,8 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-import process_cases
 import pytest
+from mpirun import mpirun
 
 pytest.importorskip("dolfinx")
 
@@ -56,7 +56,7 @@ def test_steps_on_three_processes_are_those_of_one(tmp_path):
     known["PYTHONPATH"] = os.pathsep.join(map(str, (HERE.parent, HERE, HERE / "core")))
     own = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
     own |= {"OMPI_MCA_mpi_yield_when_idle": "1", "OMP_NUM_THREADS": "1"}
-    command = [*process_cases.mpirun(number), sys.executable, "script.py"]
+    command = [*mpirun(number), sys.executable, "script.py"]
     done = subprocess.run(
         command, cwd=tmp_path, env=known | own, capture_output=True, text=True, timeout=600
     )

@@ -184,6 +184,20 @@ def test_arrays_that_do_not_fit_together_are_refused(name, change, fall, tmp_pat
         fb.load(tmp_path / "other.npz")
 
 
+def test_a_count_that_goes_is_zero_with_a_warning_and_files_may_have_it(fall, tmp_path):
+    fall.save(tmp_path / "run.npz")
+    with np.load(tmp_path / "run.npz") as file:
+        arrays = dict(file)
+    text = str(arrays["meta"])
+    earlier = text.replace('"halvings"', '"krylov_iterations": 7, "halvings"', 1)
+    assert earlier != text
+    np.savez(tmp_path / "earlier.npz", **arrays | {"meta": np.array(earlier)})
+    stats = fb.load(tmp_path / "earlier.npz").stats
+    with pytest.warns(FutureWarning, match="krylov_iterations is always 0.* goes in version 1.2"):
+        assert stats.krylov_iterations == 0
+    assert stats.halvings == fall.stats.halvings
+
+
 @pytest.mark.parametrize("path", [1, True, None, b"run.npz", ""])
 def test_what_is_no_path_is_refused_before_it_is_opened(path):
     with pytest.raises(ValueError, match="path = .* must be the name of a file"):

@@ -76,7 +76,7 @@ runpy.run_module("fx_beam", run_name="__main__")
     assert lines["fx_beam"].startswith(f"{fx_beam.__version__}, ")
     assert re.match(r"\d+\.\d+\.\d+", lines["ffcx"])
     assert lines["numpy"] != "not installed"
-    assert {"Python", "system", "petsc4py", "compiled loop", "reference", "compiler"} <= set(lines)
+    assert {"Python", "system", "petsc4py", "compiled loop", "compiler"} <= set(lines)
     assert "fx_beam, " in lines["cache"]
 
 
@@ -88,6 +88,26 @@ def test_a_script_run_by_the_package_sees_the_folders_of_pythonpath(options, tmp
     path = os.pathsep.join([str(tmp_path / "lib"), str(Path(fx_beam.__file__).parents[1])])
     command = [sys.executable, *options, "-m", "fx_beam", tmp_path / "script.py"]
     assert subprocess.check_output(command, env=os.environ | {"PYTHONPATH": path}) == b"seen\n"
+
+
+@pytest.mark.parametrize("rank", ["OMPI_COMM_WORLD_RANK", "PMI_RANK", "PMIX_RANK"])
+def test_a_script_runs_on_the_first_process_of_mpirun_alone(rank, tmp_path):
+    (tmp_path / "script.py").write_text("import sys; print('runs', *sys.argv[1:])")
+    command = [sys.executable, "-m", "fx_beam", tmp_path / "script.py", "with", "arguments"]
+    first, second = (
+        subprocess.run(
+            command,
+            env=os.environ | {"PYTHONPATH": str(Path(fx_beam.__file__).parents[1]), rank: number},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        for number in "01"
+    )
+    assert first.stdout == "runs with arguments\n"
+    assert "FutureWarning: python -m fx_beam script.py goes in version 1.2" in first.stderr
+    assert "the threads of one process do" in first.stderr
+    assert second.stdout == second.stderr == ""
 
 
 def test_without_ffcx_an_import_says_in_one_sentence_how_to_get_it(script):
@@ -121,21 +141,6 @@ except ImportError as error:
     assert script(code) == (
         "pictures need matplotlib, not installed here: in a clone pip install '.[plot]'\n"
     )
-
-
-def test_a_python_that_cannot_see_debians_packages_is_told_what_several_processes_need(script):
-    code = """
-import sys
-from fx_beam.fem import mpi
-
-sys.path[:] = [path for path in sys.path if "dist-packages" not in path]
-try:
-    mpi.petsc()
-except RuntimeError as error:
-    print(error)
-"""
-    said = script(code)
-    assert said.startswith("a scene on several processes needs PETSc, which is not installed")
 
 
 def test_the_version_is_that_of_the_citation_the_recipe_and_the_changelog():

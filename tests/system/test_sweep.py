@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import sweep_cases
-from process_cases import mpirun
+from mpirun import mpirun
 
 import fx_beam as fb
 from fx_beam.results import export

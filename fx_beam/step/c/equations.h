@@ -1,5 +1,5 @@
-/* The equations of a sub-step for those who solve them in another way (equations.py): arc length, small motions, initial
-   states, and the parts of a scene on several processes. */
+/* The equations of a sub-step for those who solve them in another way (equations.py): arc length, small motions and initial
+   states. */
 
 #pragma once
 
@@ -23,12 +23,12 @@ OF_STEPS void fx_end_at(Problem *p, double dt) {
 /* Forces, residual and tangent for the increments of the columns and dead forces that were set, without forces that
    hold the unknowns; returns 0 if loops cannot be closed. */
 OF_STEPS int fx_balance(Problem *p, double dt) {
-  Problem plain = *p;
   Work work = work_of(p), *w = &work;
-  plain.statics.hold = 0, plain.team = (Team){0};
-  w->dt = dt;
-  int closed = expand(&plain, w);
-  balance(&plain, w);
+  double *hold = p->statics.hold;
+  w->dt = dt, p->statics.hold = 0;
+  int closed = expand(p, w);
+  balance(p, w);
+  p->statics.hold = hold;
   if (HAS(MEMBERS) && p->system.changing) change_rows(p);
   reduce_tangent(p, w);
   return closed;

@@ -27,10 +27,9 @@ static void corrected_forces(const Problem *p, const Work *w, int rows, const in
   const double *of_members = times_members(p->points->members, w->correction);
   double *out = w->scratch;
   memset(out, 0, p->dofs * sizeof(double));
-  if (p->team.change) p->team.change(w->correction, out);
   for (int k = 0; k < rows; ++k) {
     int i = some ? some[k] : k;
-    out[i] = w->r[i] - (p->team.change ? out[i] : row_times(p, w->tangent, i, 0, w->correction));
+    out[i] = w->r[i] - row_times(p, w->tangent, i, 0, w->correction);
     if (of_members) out[i] -= of_members[i];
   }
 }
@@ -108,18 +107,15 @@ static void resist(const Problem *p, const Work *w) {
 /* Residual, internal forces and tangent at the unknowns z. */
 static void balance(const Problem *p, const Work *w) {
   double *K = w->tangent;
-  if (p->team.forces) p->team.forces(w->z, w->force, w->f, w->r);
-  else {
-    work_increment(p, w);
-    acceleration(p, w, w->dt);
-    memset(w->f, 0, p->dofs * sizeof(double));
-    memset(K, 0, p->tangent.stored * sizeof(double));
-    for (int k = 0; k < p->system.paddings; ++k) K[p->system.padding[k]] = 1;
-    inertia(p, w, w->r, K);
-    assemble(p, w, K);
-    add_difference(p->dofs, w->f, w->force, w->r);
-    if (p->statics.viscosity > 0) resist(p, w);
-  }
+  work_increment(p, w);
+  acceleration(p, w, w->dt);
+  memset(w->f, 0, p->dofs * sizeof(double));
+  memset(K, 0, p->tangent.stored * sizeof(double));
+  for (int k = 0; k < p->system.paddings; ++k) K[p->system.padding[k]] = 1;
+  inertia(p, w, w->r, K);
+  assemble(p, w, K);
+  add_difference(p->dofs, w->f, w->force, w->r);
+  if (p->statics.viscosity > 0) resist(p, w);
   reduce_residual(p, w, w->r);
 }
 
@@ -270,7 +266,6 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
   Convergence convergence = NOTHING_KNOWN;
   double work = 0, rest[2];
   p->newton.tried = 0;
-  if (p->team.begin) p->team.begin(p->state.t, w->dt);
   if (p->system.reused.worth) begin_reused(&p->system.reused);
   if ((failure = predict(p, w, driven, &order))) return failure;
   for (int iteration = 1; iteration <= p->newton.max_iterations; ++iteration) {
@@ -279,12 +274,9 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
     if (p->newton.may_overshoot) note_tangents(p->points);
     if (HAS(MEMBERS) && p->system.changing) change_rows(p);
     for (int i = free; i < p->columns; ++i) w->step[i] = 0;
-    if (!p->team.solve) reduce_tangent(p, w);
+    reduce_tangent(p, w);
     if (iteration == 1 && !order && largest(p->driven, driven, 0) > 0) drive(p, w, driven);
-    if (p->team.solve)
-      rest[1] = 0, p->team.solve(w->reduced, energy_of_step(p, w, kinetic(p, w)), w->step, rest);
-    else if (!solve_reduced(p, w, &convergence, rest))
-      return SINGULAR;
+    if (!solve_reduced(p, w, &convergence, rest)) return SINGULAR;
     spread(p, w, w->step, w->correction);
     for (int i = 0; iteration == 1 && p->newton.predicted && i < n; ++i) p->newton.predicted[i] = -w->correction[i];
     double size = largest(n, w->correction, p->mesh.per_unit);

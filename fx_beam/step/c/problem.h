@@ -29,16 +29,6 @@ enum {
   OK, NO_CONVERGENCE, SINGULAR, TURNED_TOO_FAR, TOO_INACCURATE, SLID_TOO_FAR, SWITCHED, PASSED_THROUGH, OUT_OF_LINE,
   OPEN_LOOP, MOVED_TOO_FAR, UNMET_FRICTION, AMPLIFIED };
 
-/* What several processes do together in the place of this one. Where one of them fails, its numbers are not finite. */
-typedef struct {
-  void (*begin)(double t, double dt); /* a sub-step */
-  /* Internal forces f, and the residual r, for increments z of the columns and loads. */
-  void (*forces)(const double *z, const double *loads, double *f, double *r);
-  void (*change)(const double *x, double *out); /* of forces for a small motion x of all nodes */
-  /* Correction x of the unknowns for a residual b, in a step of this energy, with its relative error. */
-  void (*solve)(const double *b, double energy, double *x, double *error);
-} Team;
-
 /* Finds the increment of a sub-step of this length in the place of Newton's method here: the unknowns, from their predicted values
    on, and the forces on nodes, internal ones and all (`z`, `f` and `r` of Results). Returns why it fails. */
 typedef int Find(double dt);
@@ -241,8 +231,8 @@ typedef struct {
 } Scheme;
 
 /* Of statics: holding forces on the unknowns, and the first degrees of freedom of those of which there are derivatives, with
-   their number; a viscosity on increments, with weights and positions in the tangent; the load factor at the start, for several
-   processes. A yielding of forces that close loops, in rates that fit joints. */
+   their number; a viscosity on increments, with weights and positions in the tangent; the load factor at the start. A yielding
+   of forces that close loops, in rates that fit joints. */
 typedef struct {
   double *hold; int *hold_dof; int holds; double *viscous_weight; int *diagonal_at; double viscosity, yielding, ratio_before;
 } Statics;
@@ -328,7 +318,7 @@ typedef struct {
   Map map; Joints joints; Auxiliary auxiliary; Sliders sliders; Loops loops; Gears gears;
   System system; Border border; Direct direct; Coupled coupled; Geometric geometric; PointForces *points;
   AtPoints at_points; Parameters parameters; Motors motors; Passes passes; Parts parts;
-  Scheme scheme; Statics statics; Frame frame; Newton newton; Team team;
+  Scheme scheme; Statics statics; Frame frame; Newton newton;
   State state; Predictor predictor; Control control; Run run; Counts counts; Inverted inverted;
 } Problem;
 
