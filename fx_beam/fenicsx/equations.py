@@ -9,7 +9,6 @@ from petsc4py import PETSc
 import numpy as np
 import scipy.sparse
 
-from fx_beam.laws.interval import Interval
 from fx_beam.scene.joints import slides_at_start
 from fx_beam.step.loop import CompiledLoop
 
@@ -50,13 +49,11 @@ class Equations:
 
     def begin(self, dt: float) -> bool:
         """Begin a sub-step at the state in C; whether other unknowns are the independent ones."""
-        p, model = self.loop.problem.c, self.model
+        model = self.model
         reduction, natural = model.reduction, model.natural
         # The end less the start differs from dt by round-off, which would count as work.
-        static = model.scheme.rates.at_rest
-        loads, t = Interval(p.statics.ratio_before, p.state.ratio), p.state.t
-        self._interval = interval = loads if static else Interval(t, t + dt, dt)
-        self._start = state = self.loop.state.read(t)
+        self._interval = interval = self.loop.interval(dt)
+        self._start = state = self.loop.state.read(self.loop.problem.c.state.t)
         reduction.begin(state.q, state.slides)
         if self.natural is not None:
             self._strains[:] = self.natural.ravel()

@@ -44,19 +44,18 @@ class Newton:
         self._set_functions()
         equations.loop.find_by(self._find)
 
-    def _find(self, dt: float) -> int:
+    def _find(self, dt: float, iterations: Any) -> int:
         """The increment of a sub-step, from the state in the memory of C, and into it."""
-        p, equations = self._c, self._equations
+        equations = self._equations
         if equations.begin(dt):
             self.snes.reset()
             self._set_functions()
         unknowns = equations.unknowns
         x = unknowns.A.createVecRight()
         x.array[:] = unknowns.own(equations.y)
-        p.newton.tried, self._failure = 0, self._constants.NO_CONVERGENCE
+        self._failure = self._constants.NO_CONVERGENCE
         self.snes.solve(None, x)
-        self.iterations = self.snes.getIterationNumber()
-        p.counts.iterations += self.iterations
+        self.iterations = iterations[0] = self.snes.getIterationNumber()
         PETSc.garbage_cleanup(self.snes.comm)  # petsc4py 3.18 keeps what nothing refers to
         if self.snes.getConvergedReason() < 0:
             return self._failure

@@ -59,7 +59,7 @@ class Checkpoint(NamedTuple):
             steps.part,
         )
         record.tape, rows.increments = rows, address_of(ffi, self.increments)
-        problem.library.fx_repeat(p, steps.number, steps.dt, steps.inputs, record)
+        problem.library.fx_repeat(p, steps.number, self.t, steps.dt, steps.inputs, record)
 
 
 def address_of(ffi: Any, increments: np.ndarray | None) -> Any:

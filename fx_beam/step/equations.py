@@ -61,7 +61,7 @@ class Equations:
             forces_only = model.scheme.rates.at_rest or not inert
             options = NewtonOptions(), turning is not None, forces_only, False, inertia, inert
             problem = Problem.of(model, *options)
-            problem.set_given_strains(turning)
+            problem.set_frame(turning)
         self._problem, self._c, self._library = problem, problem.c, problem.library
         self._doubles = problem.ffi.typeof("double[]")
         n, columns, p = model.size, model.reduction.columns, problem.c
@@ -76,7 +76,7 @@ class Equations:
 
     def begin(self, interval: Interval, start: State) -> None:
         """Set the interval of a step and the state at its start."""
-        model, p, length, end = self.model, self._c, interval.length, interval.end
+        model, length, end = self.model, interval.length, interval.end
         model.reduction.begin(start.q, start.slides)
         self._problem.state.load(start)
         if model.scheme.rates.at_rest:
@@ -84,22 +84,22 @@ class Equations:
             interval = Interval(self._time, self._time)
         level = model.scheme.rates.level
         model.forms.parameters.begin(interval.at(level), start.parameters)
-        p.state.t, self._length, self._start = interval.end - length, length, start
+        self._length, self._start = length, start
         follow = model.points.followers
         followers = floats(follow.at(interval)) if len(follow) else np.empty(0)
-        self._library.fx_begin(p, length, self._of(followers))
+        self._library.fx_begin(self._c, interval.end - length, length, self._of(followers))
         self.end_at(end)
 
     def end_at(self, end: float) -> None:
         """Set the end of the step, in statics the load factor there."""
         model = self.model
-        if model.scheme.rates.at_rest:
-            self._c.state.ratio = end
+        at_rest = model.scheme.rates.at_rest
+        if at_rest:
             model.points.set_load(end, self._length)
         if model.natural:
             strains = self._start.natural if self._natural is None else self._natural(end)
             self._strains[:] = 0.0 if strains is None else strains.ravel()
-        self._library.fx_end_at(self._c, self._length)
+        self._library.fx_end_at(self._c, self._length, end if at_rest else 0.0)
 
     def at(self, y: np.ndarray, driven: np.ndarray, force: np.ndarray) -> Balance:
         """Evaluate at increments of the unknowns y (free,) and of driven motion (driven,).

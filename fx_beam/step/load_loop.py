@@ -46,7 +46,6 @@ class LoadLoop(CompiledLoop):
         super().__init__(forcing, options, stats)
         model = forcing.model
         free = model.reduction.free
-        self.problem.keep_joint_forces()
         #: Holding forces (free,) on the unknowns, in addition to the forces of the model.
         self.hold, self._predicted = np.zeros(free), np.zeros(model.size)
         arrays = {"hold": self.hold, "predicted": self._predicted}
@@ -71,7 +70,7 @@ class LoadLoop(CompiledLoop):
     def _one_row(self) -> Any:
         """A record of forces alone, for one step."""
         record, self._row = self.problem.ffi.new("Record *"), np.zeros(1, np.int32)
-        record.every = record.parts = record.forces = 1
+        record.every = record.first = record.parts = record.forces = 1
         record.up_to_row = self.problem.ffi.from_buffer("int[]", self._row)
         return record
 
@@ -104,7 +103,8 @@ class LoadLoop(CompiledLoop):
         inputs = self._begin_step(state, interval, length)
         self.problem.library.fx_take_counts(p)  # those of the steps before
         self._one_row.rows = 0
-        if not self._steps(1, length, inputs.in_c(self.problem.ffi), self._one_row):
+        c_inputs, t = inputs.in_c(self.problem.ffi), self.forcing.time - length
+        if not self._steps(1, t, length, c_inputs, self._one_row):
             raise self.failures.in_c(self.problem, state)
         ended_by = "round-off" if p.counts.by_round_off else "increment"
         y = self._z[: self.model.reduction.free].copy()
@@ -124,12 +124,12 @@ class LoadLoop(CompiledLoop):
             self.problem.ffi.from_buffer, ("double[]",) * 2, (z, r)
         )
         self._one_row.rows = 0
-        self._steps(1, 0.0, c_inputs, self._one_row)
+        self._steps(1, self.forcing.time, 0.0, c_inputs, self._one_row)
         return self._taken(state, interval)
 
     def _begin_step(self, state: State, interval: Interval, length: float) -> StepInputs:
         """Begin in a state; the inputs of the step."""
-        p, model, forcing = self.problem.c, self.model, self.forcing
+        model, forcing, self._interval = self.model, self.forcing, interval
         self.state.load(state)
         model.points.set_load(interval.end, length)
         force, mean_force, strains = self._given
@@ -138,16 +138,16 @@ class LoadLoop(CompiledLoop):
             mean_force -= model.weight
         if (natural := forcing.natural(interval.end)) is not None:
             strains[:] = natural.ravel()
-        p.state.t, p.statics.ratio_before, p.state.ratio = (
-            forcing.time - length,
-            interval.start,
-            interval.end,
-        )
         t, followers = np.array([forcing.time]), model.points.followers
         follower_force = floats(followers.series(t, t)) if len(followers) else np.empty((1, 0))
         values = np.tile(model.forms.parameters.values, (1, 2, 1))
         driven, none = floats(forcing.positions(interval.end))[None], np.empty((1, 0))
-        return StepInputs(none, driven, follower_force, values, none, 1)
+        arrays = none, driven, follower_force, values, none
+        return StepInputs(*arrays, parts=1, ratio=interval.end)
+
+    def interval(self, dt: float) -> Interval:
+        """Load factors of the step that C takes."""
+        return self._interval
 
     def _taken(self, state: State, interval: Interval) -> State:
         new = self.state.read(interval.end)

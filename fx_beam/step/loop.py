@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from fx_beam.laws.interval import Interval
 from fx_beam.results.records import Stats
 from fx_beam.results.state import State
 
@@ -95,7 +96,7 @@ class CompiledLoop:
         recorder.begin(state)
         record = self.records.next(recorder, 0, first=0)
         problem, none = self.problem, self.problem.ffi.NULL
-        problem.library.fx_run(problem.c, 0, 0.0, none, none, record)
+        problem.library.fx_run(problem.c, 0, state.t, 0.0, none, none, record)
         recorder.count(record.rows, record.starts)
 
     def _run(self, state: State, steps: Steps, recorder: Rows) -> int:
@@ -108,15 +109,17 @@ class CompiledLoop:
             count = self._run_taped(tape, steps, state.t, record)
         else:
             in_c, limits = inputs.in_c(self.problem.ffi), steps.limits(self.problem)
-            count = self._steps(inputs.steps, dt, in_c, record, limits)
+            count = self._steps(inputs.steps, state.t, dt, in_c, record, limits)
         recorder.count(record.rows, record.starts)
         self.count()
         return count
 
-    def _steps(self, number: int, dt: float, c_inputs: Any, record: Any, limits: Any = None) -> int:
-        """Number of steps that C takes."""
-        limits = self.problem.ffi.NULL if limits is None else limits
-        count = self.problem.library.fx_run(self.problem.c, number, dt, c_inputs, limits, record)
+    def _steps(
+        self, number: int, t: float, dt: float, c_inputs: Any, record: Any, limits: Any = None
+    ) -> int:
+        """Number of steps that C takes from t [s]."""
+        limits, run = limits or self.problem.ffi.NULL, self.problem.library.fx_run
+        count = run(self.problem.c, number, t, dt, c_inputs, limits, record)
         self.check()
         return count
 
@@ -126,8 +129,13 @@ class CompiledLoop:
         if error is not None:
             raise error
 
-    def find_by(self, find: Callable[[float], int]) -> None:
-        """Find increments of sub-steps of a length [s] by a function, ``find`` of c/problem.h."""
+    def interval(self, dt: float) -> Interval:
+        """Interval of the sub-step of this length [s] that C takes."""
+        t = self.problem.c.state.t
+        return Interval(t, t + dt, dt)
+
+    def find_by(self, find: Callable[[float, Any], int]) -> None:
+        """Find increments of sub-steps by a function, ``find`` of c/problem.h."""
         keep = weakref.ref(self)
 
         def fail(kind: type, error: BaseException, trace: Any) -> None:
@@ -155,7 +163,8 @@ class CompiledLoop:
                 count, steps.dt, record.parts, record.part, c_inputs, rest, times[total:]
             )
             record.tape = tape.begin(block)
-            done = self._steps(count, steps.dt, c_inputs, record, steps.limits(self.problem))
+            now, limits = self.problem.c.state.t, steps.limits(self.problem)
+            done = self._steps(count, now, steps.dt, c_inputs, record, limits)
             tape.end(done)
             total, record.part = total + done, record.part + done
             if done < count or self.problem.c.control.stopped:
@@ -171,7 +180,8 @@ class CompiledLoop:
         self.state.past = None
         self.state.load(state)
         record = self.records.next(NullRecorder(), 1)
-        succeeded = self._steps(1, t1 - state.t, inputs.in_c(self.problem.ffi), record)
+        c_inputs = inputs.in_c(self.problem.ffi)
+        succeeded = self._steps(1, state.t, t1 - state.t, c_inputs, record)
         failure = StepFailed("no convergence", "no convergence", np.zeros(self.model.size))
         if not succeeded:
             failure = self.failures.in_c(self.problem, state)

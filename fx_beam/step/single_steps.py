@@ -95,8 +95,7 @@ class CompiledSingleSteps:
             assert isinstance(recorder, Recorder)  # the other one takes no row
             record = self._rows_of(recorder)
             record.first = number
-        p.state.t = t0
-        if not self._run(p, 1, self._dt, self._c_inputs, self._no_limits, record):
+        if not self._run(p, 1, t0, self._dt, self._c_inputs, self._no_limits, record):
             self._plan = None, -1  # parts of this step have the same record of C
             self._loop.check()
             return False

@@ -25,11 +25,13 @@ class StepInputs(NamedTuple):
     follower_force: np.ndarray
     #: Values (sub-steps, 2, n) at the scheme's level and at the end; (..., 0) if none varies.
     parameters: np.ndarray
-    #: Natural strains (sub-steps, n) at the end.
+    #: Natural strains (sub-steps, n) at the end; (..., 0) if they are set apart.
     natural: np.ndarray
     #: Sub-steps of a step.
     parts: int
     error: BaseException | None = None
+    #: In statics the load factor at the end.
+    ratio: float = 0.0
 
     @property
     def steps(self) -> int:
@@ -47,7 +49,7 @@ class StepInputs(NamedTuple):
 
     def in_c(self, ffi: Any) -> Any:
         """The struct ``Inputs``, which reads these arrays as long as they are kept."""
-        inputs = ffi.new("Inputs *")
+        inputs = ffi.new("Inputs *", {"ratio": self.ratio})
         for name, rows in self.arrays().items():
             if rows.size:
                 # The first row is contiguous, also where it stands for all.

@@ -370,8 +370,8 @@ class Problem:
         tangent = reduction.tangent
         K, alone = self.model.forms.stiffness, alone_in_column(reduction)
         stored_at, place_of_one = storage_of_entries(tangent, K, alone, places, stored)
-        p.tangent.stored, p.coupled.stiffness_at = place_of_one + 2, place_of_one + 1
-        p.coupled.stiffened = tangent.stiffened
+        stiff = {"stiffness_at": place_of_one + 1, "stiffened": tangent.stiffened}
+        self._set(tangent={"stored": place_of_one + 2}, coupled=stiff)
         if reduction.couplings.sliding:
             diagonal_at = stored_at[self.model.masses.diagonal]
             tables = bordering_tables(self.model, places, diagonal_at, on_border, self._inside)
@@ -468,7 +468,7 @@ class Problem:
         weights = np.where(model.used_entries()[diagonal], model.unit**-2.0, 0.0)
         table = {"viscous_weight": weights, "diagonal_at": self._stored_at[diagonal]}
         self._set(statics=table | {"hold": hold}, newton={"predicted": predicted})
-        self.set_given_strains(frame)
+        self.set_frame(frame)
         return weights
 
     def set_holds(self) -> None:
@@ -477,11 +477,6 @@ class Problem:
         first = np.zeros(self.model.reduction.free, int)
         first[columns[::-1]] = dofs[::-1]
         self._set(statics={"hold_dof": first, "holds": len(first)})
-
-    def set_given_strains(self, frame: TurningFrame | None) -> None:
-        """Let C leave natural strains at the end of a step as `given`, and read a frame or None."""
-        self.c.natural.count = 0
-        self.set_frame(frame)
 
     def set_frame(self, frame: TurningFrame | None) -> None:
         """Let C read a frame that turns, or None."""

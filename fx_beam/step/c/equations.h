@@ -5,18 +5,18 @@
 
 #include "newton.h"
 
-/* Begins a sub-step from the state. */
-OF_STEPS void fx_begin(Problem *p, double dt, double *follower_force) {
+/* Begins a sub-step from the state, at a time. */
+OF_STEPS void fx_begin(Problem *p, double t, double dt, double *follower_force) {
   Work work = work_of(p), *w = &work;
-  w->dt = dt, w->follower_force = follower_force;
+  p->state.t = t, w->dt = dt, w->follower_force = follower_force;
   begin_couplings(p, w);
 }
 
-/* Sets its end for the elements. Laws at points go on with what they remember of the iterations so far. */
-OF_STEPS void fx_end_at(Problem *p, double dt) {
+/* Sets its end for the elements, in statics with the load factor. Laws at points go on with what they remember of the iterations so far. */
+OF_STEPS void fx_end_at(Problem *p, double dt, double ratio) {
   Work work = work_of(p), *w = &work;
   w->dt = dt;
-  if (!p->scheme.at_rest) p->state.ratio = ratio_of_lengths(p, dt);
+  p->state.ratio = p->scheme.at_rest ? ratio : ratio_of_lengths(p, dt);
   begin_elements(p, w);
 }
 

@@ -172,10 +172,10 @@ static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs 
   w->follower_force = inputs->follower_force + k * inputs->follower_force_stride;
   w->naturals = inputs->natural + k * inputs->natural_stride;
   if (!p->scheme.at_rest && (k == 0 || inputs->loads_stride)) begin_loads(p, w);
-  if (p->natural.count && (k == 0 || inputs->natural_stride)) begin_natural(p, w);
+  if (inputs->natural && (k == 0 || inputs->natural_stride)) begin_natural(p, w);
   for (int i = 0; i < p->driven; ++i)
     change[i] = target[i] - (i < p->motors.prescribed ? p->state.q[p->motors.b[i]] : p->state.driven_now[i]);
-  if (!p->scheme.at_rest) p->state.ratio = ratio_of_lengths(p, dt);
+  p->state.ratio = p->scheme.at_rest ? inputs->ratio : ratio_of_lengths(p, dt);
   const double *parameters = inputs->parameters + k * 2 * p->parameters.count;
   if (p->parameters.vary) use_parameters(p, parameters);
   begin_elements(p, w);
@@ -265,11 +265,11 @@ static int switched(const Problem *p) {
   return any;
 }
 
-/* Takes steps, and returns how many; from step 0 on, the present state is recorded, from which the first one starts. */
-OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, const Limits *limits, Record *to) {
+/* Takes steps from a time, and returns how many; from step 0 on, the present state is recorded, from which the first one starts. */
+OF_STEPS int fx_run(Problem *p, int steps, double t, double dt, const Inputs *inputs, const Limits *limits, Record *to) {
   Work work = work_of(p), *w = &work;
   p->control.limits = limits ? *limits : (Limits){0};
-  p->run.failure = p->control.stopped = 0;  // also where no step is to be taken
+  p->state.t = t, p->run.failure = p->control.stopped = 0;  // also where no step is to be taken
   if (p->parameters.vary && !p->scheme.at_rest) use_parameters(p, p->state.parameters); /* there may be those of a trial */
   if (p->control.limits.watches) fx_find_switches(p->points, p->state.q, p->state.slides, p->control.sides);
   if (to->first == 0) record(p, w, to);
@@ -343,10 +343,10 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, cons
 #endif
 
 /* Takes steps again, for their tape alone. */
-OF_STEPS int fx_repeat(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
+OF_STEPS int fx_repeat(Problem *p, int steps, double t, double dt, const Inputs *inputs, Record *to) {
   if (HAS(MEMBERS) && p->points->members) p->system.reused.present = 0;
   p->run.repeats = 1;
-  int taken = fx_run(p, steps, dt, inputs, 0, to);
+  int taken = fx_run(p, steps, t, dt, inputs, 0, to);
   p->run.repeats = 0;
   return taken;
 }

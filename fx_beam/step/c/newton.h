@@ -320,12 +320,13 @@ OF_STEPS int fx_judge(Problem *p, Convergence *c, int iteration, int shortened) 
 
 /* Lets another program find the unknowns and the forces. */
 static int find_elsewhere(Problem *p, const Work *w, const double *driven, int order) {
-  int failure = predict(p, w, driven, &order);
+  int failure = predict(p, w, driven, &order), iterations = 0;
   if (failure) return failure;
-  set_driven(p, driven, 1, w->z);
-  if ((failure = p->newton.find(w->dt))) return failure;
+  set_driven(p, driven, 1, w->z), p->newton.tried = 0;
+  if ((failure = p->newton.find(w->dt, &iterations))) return failure;
   if (!expand(p, w)) return OPEN_LOOP;
   if (leaves_beam(p)) return SLID_TOO_FAR;
+  p->counts.iterations += iterations;
   evaluate_nodes(p, w);
   reduce_residual(p, w, w->r);
   return OK;

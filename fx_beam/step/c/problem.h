@@ -29,9 +29,9 @@ enum {
   OK, NO_CONVERGENCE, SINGULAR, TURNED_TOO_FAR, TOO_INACCURATE, SLID_TOO_FAR, SWITCHED, PASSED_THROUGH, OUT_OF_LINE,
   OPEN_LOOP, MOVED_TOO_FAR, UNMET_FRICTION, AMPLIFIED };
 
-/* Finds the increment of a sub-step of this length in the place of Newton's method here: the unknowns, from their predicted values
+/* Finds the increment of a sub-step of this length in the place of Newton's method here, and counts its iterations: the unknowns, from their predicted values
    on, and the forces on nodes, internal ones and all (`z`, `f` and `r` of Results). Returns why it fails. */
-typedef int Find(double dt);
+typedef int Find(double dt, int *iterations);
 
 /* A sequence that converges quadratically: its last value, and its slowest convergence so far. */
 typedef struct { double last, slowest; } Sequence;
@@ -231,10 +231,10 @@ typedef struct {
 } Scheme;
 
 /* Of statics: holding forces on the unknowns, and the first degrees of freedom of those of which there are derivatives, with
-   their number; a viscosity on increments, with weights and positions in the tangent; the load factor at the start. A yielding
-   of forces that close loops, in rates that fit joints. */
+   their number; a viscosity on increments, with weights and positions in the tangent; a yielding of forces that close loops,
+   in rates that fit joints. */
 typedef struct {
-  double *hold; int *hold_dof; int holds; double *viscous_weight; int *diagonal_at; double viscosity, yielding, ratio_before;
+  double *hold; int *hold_dof; int holds; double *viscous_weight; int *diagonal_at; double viscosity, yielding;
 } Statics;
 
 /* A frame that turns: arms of the displacements in the reference, and square of its spin. */
@@ -343,11 +343,11 @@ typedef struct {
 } Record;
 
 /* Inputs of each sub-step: [start, end][load]; [driven column] at the end; [follower_force][x, y] at the scheme's level; [level,
-   end][parameter]; [natural strain] at the end. With a stride of 0 all have those of the first. Increments of the columns and
-   forces on the nodes, if they are known. */
+   end][parameter]; [natural strain] at the end, 0 if Python sets these. With a stride of 0 all have those of the first. Increments
+   of the columns and forces on the nodes, if they are known. In statics the load factor at the end. */
 typedef struct {
   double *loads, *driven, *follower_force, *parameters, *natural, *known, *known_forces;
-  long loads_stride, follower_force_stride, natural_stride;
+  long loads_stride, follower_force_stride, natural_stride; double ratio;
 } Inputs;
 
 /* The forces of elements: dense Jacobians, by the configurations at both ends and all else. Numbers of an element by
@@ -424,14 +424,14 @@ typedef struct {
 
 int fx_begin_joints(Problem *p);
 int fx_expand(Problem *p, int close);
-int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, const Limits *limits, Record *to);
-int fx_repeat(Problem *p, int steps, double dt, const Inputs *inputs, Record *to);
+int fx_run(Problem *p, int steps, double t, double dt, const Inputs *inputs, const Limits *limits, Record *to);
+int fx_repeat(Problem *p, int steps, double t, double dt, const Inputs *inputs, Record *to);
 Counts fx_take_counts(Problem *p);
 long fx_scratch(const Problem *p);
 Results fx_results(const Problem *p);
 int fx_judge(Problem *p, Convergence *c, int iteration, int shortened);
-void fx_begin(Problem *p, double dt, double *follower_force);
-void fx_end_at(Problem *p, double dt);
+void fx_begin(Problem *p, double t, double dt, double *follower_force);
+void fx_end_at(Problem *p, double dt, double ratio);
 int fx_balance(Problem *p, double dt);
 void fx_change(const Problem *p, const double *x, int sizes, double *out);
 Layout fx_layout(const Problem *p, const Derivatives *a);
