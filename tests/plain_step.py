@@ -59,9 +59,10 @@ class PlainStep:
         if len(followed := model.points.followed):  # friction knows the forces of its joints
             state = replace(state, spring_internal=state.spring_internal.copy())
             state.spring_internal[followed] = end.spring_internal[followed]
-        model.forms.begin(interval, model.start_of(state, interval.length))
+        start = model.start_of(state, interval.length)
         if (strains := self.forcing.natural(interval.end)) is not None:
-            model.forms.beams.set_natural(None, strains)
+            start = start._replace(natural=(state.natural, strains))
+        model.forms.begin(interval, start)
         for _ in range(8):  # until all members are known that a point touches
             inner = model.forms.internal_force(self.D)
             members = model.points.members

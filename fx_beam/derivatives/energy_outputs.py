@@ -67,7 +67,7 @@ def _strain(sub_steps: SubSteps, rows: Arrays) -> Derivatives:
         return {}
     names, ones = ("q", "internal", "natural", "parameters"), np.ones(len(rows["q"]))
     arrays = {name: rows[name] for name in names if name in rows}
-    return beams.stored_energy_by(StepBatch(ones, ones, **arrays), sub_steps.by_places)
+    return beams.slopes.of_energy(StepBatch(ones, ones, **arrays), sub_steps.by_places)
 
 
 def _potential(sub_steps: SubSteps, rows: Arrays) -> Derivatives:
@@ -128,7 +128,7 @@ def losses_in_steps(sub_steps: SubSteps, rows: np.ndarray) -> Iterator[Block]:
     for group in sub_steps.groups(numbers):
         steps, parts = numbers[group], sub_steps.parts(numbers[group])
         beams = model.forms.beams
-        for slopes in [] if beams is None else beams.losses_by(parts, sub_steps.by_places):
+        for slopes in [] if beams is None else beams.slopes.of_losses(parts, sub_steps.by_places):
             yield from sub_steps.in_steps(counting[group], steps, slopes)
         if model.points.any_have("loss"):
             yield from _losses_of_points(sub_steps, counting[group], steps, parts)
@@ -143,7 +143,7 @@ def _losses_of_points(
     of_step = ("q", "v", "slides", "spring internal")
     for i, (k, before, after, _) in enumerate(zip(steps.tolist(), *places, strict=True)):
         if sub_steps.model.scheme.rates.at_rest:
-            forms.set_load(float(sub_steps.tape.memories[k]), float(times.lengths[k]))
+            points.set_load(float(sub_steps.tape.memories[k]), float(times.lengths[k]))
         q, v, slides, internal = (states[name][before] for name in of_step)
         forms.parameters.use(parts.parameters[i] if len(parts.parameters) else None)
         start = StepStart(q, v, slides=slides, spring_internal=internal)

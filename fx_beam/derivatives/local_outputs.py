@@ -155,7 +155,7 @@ class ResultantOutput(RowOutput):
             chosen = counting[group]
             steps, of_cells = self._steps[chosen], np.zeros((len(chosen), cells, points))
             of_cells[:, self._cells] = of_steps[chosen].reshape(len(chosen), -1, points)
-            derivatives = self._beams.resultants_by(
+            derivatives = self._beams.slopes.of_resultants(
                 sub_steps.parts(steps), sub_steps.by_places, of_cells, self._component
             )
             vjp(sub_steps.in_steps(np.zeros_like(chosen), steps, derivatives), np.ones(1), gradient)
@@ -183,7 +183,9 @@ class ResultantOutput(RowOutput):
                 total = read.setdefault(name, np.zeros((len(steps), *source_change.shape[1:])))
                 total[which] += factor * source_change
             parts = sub_steps.parts(steps)
-            change = self._beams.resultants_with(parts, sub_steps.by_places, read, self._component)
+            change = self._beams.slopes.with_changes(
+                parts, sub_steps.by_places, read, self._component
+            )
             of_rows = change[:, :, self._cells].reshape(len(steps), count, -1).swapaxes(1, 2)
             np.add.at(rows_by_x, self._rows[chosen], self._shares[chosen, None, None] * of_rows)
         return rows_by_x

@@ -126,7 +126,7 @@ class SectionOutput(RowOutput):
     def _read(self, numbers: Arrays) -> None:
         """Find the forces of the element, and how the output follows from what it depends on."""
         of, places, count = self._of, self._places, len(self._places.ends)
-        degree, width = self._beams.degree, len(self._dofs)
+        degree, width = self._beams.kind.degree, len(self._dofs)
         masses, dead = numbers[MASSES][self._row], numbers[DEAD][:, self._row]
         self._unit_masses = masses_of_points(degree)
         forces, turns, gauss = (np.zeros((count, n)) for n in (width, 2, degree))
@@ -193,11 +193,11 @@ class SectionOutput(RowOutput):
         """By what forms read of some sub-steps, and by dead loads in them."""
         of, steps, rows, shares = self._of, self._steps[at], self._rows[at], self._weights[at, None]
         model, weights = of.model, shares * self._by_forces[rows]
-        by = self._beams.forces_by(parts, of.by_places, weights, self._cell)
+        by = self._beams.slopes.of_forces(parts, of.by_places, weights, self._cell)
         if self._gauss.any():
             of_points = np.zeros((len(at), *model.forms.internal_shape[:2]))
             of_points[:, self._cell] = shares * self._gauss
-            more = self._beams.resultants_by(parts, of.by_places, of_points, self._component)
+            more = self._beams.slopes.of_resultants(parts, of.by_places, of_points, self._component)
             by = {name: by.get(name, 0.0) + more.get(name, 0.0) for name in by.keys() | more.keys()}
         for name, factor in (("increment", model.scheme.rates.level), ("start", 1.0)):
             turned = by.setdefault(name, np.zeros((len(at), model.size)))

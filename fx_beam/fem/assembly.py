@@ -1,4 +1,4 @@
-"""Compiled forms on the elements of a mesh: their fields, sums over elements, values at points."""
+"""Compiled forms on the elements of a mesh: what they read, their values in steps, and sums."""
 
 from __future__ import annotations
 
@@ -10,14 +10,11 @@ from typing import Any
 import numpy as np
 
 from fx_beam import c_library
-from fx_beam.content_cache import cached_property
 from fx_beam.laws.interval import StepBatch
 
 from .form_library import CompiledForm
 
 _LIBRARY = "forms on elements", "expression_rows.c", "expression_rows.h"
-# Constants that change in the rows of `RowValues`.
-_CHANGING = "time", "dt", "load_increment", "memory", "load_factor", "parameters"
 # Values that are found at once, each by a few coefficients.
 _MOST = 2**17
 _NONE = np.empty(0)
@@ -40,11 +37,11 @@ class Field:
         self.space, self.array = space, np.zeros(space.size)
 
 
-class BoundForm:
-    """A compiled form or expression on a mesh.
+class Term:
+    """A compiled form or expression on a mesh: degrees of freedom, kernels, and what these read.
 
-    `data` has fields and arrays by the names of coefficients and constants. Arguments have a
-    `space` each. `tags` (cells,) number the subdomains.
+    `data` has fields and arrays by the names of coefficients and constants; those of `moving` are
+    fields of `StepBatch`. Arguments have a `space` each. `tags` (cells,) number the subdomains.
     """
 
     def __init__(
@@ -54,32 +51,18 @@ class BoundForm:
         data: Mapping[str, Any],
         spaces: Sequence[Space] = (),
         tags: np.ndarray | None = None,
+        moving: Sequence[Field | None] = (),
     ):
         self.compiled, self.spaces = compiled, spaces
-        self._mesh, self._tags = mesh, tags
+        self._mesh, self._moving, cells = mesh, moving, np.arange(len(mesh.elements))
         self.fields: list[Field] = [data[name] for name in compiled.coefficients]
         #: Arrays of its constants by name.
         self.constants: dict[str, np.ndarray] = {name: data[name] for name in compiled.constants}
         #: Numbers of entries of an element's tensor, and of its coefficients.
         self.size = math.prod(space.width for space in spaces)
         self.width = sum(field.space.width for field in self.fields)
-
-    @cached_property
-    def cells(self) -> dict[int, np.ndarray]:
-        """Cells of each integral by the number of its subdomain; -1 means all cells."""
-        cells = np.arange(len(self._mesh.elements))
-        return {tag: cells if tag < 0 else cells[self._tags == tag] for tag in self.compiled.tags}
-
-    def coefficients(self) -> dict[int, np.ndarray]:
-        """Values (cells, width) of its fields for each subdomain, in the order of its code."""
-        none = np.empty((len(self._mesh.elements), 0))
-        of_fields = [field.array[field.space.dofs] for field in self.fields]
-        values = of_fields[0] if len(of_fields) == 1 else np.concatenate([none, *of_fields], axis=1)
-        return {tag: values if tag < 0 else values[cells] for tag, cells in self.cells.items()}
-
-    def values_of_constants(self) -> np.ndarray:
-        """Those of all constants, one after the other."""
-        return np.concatenate([np.empty(0), *(array.ravel() for array in self.constants.values())])
+        #: Cells of each kernel, one of each subdomain; -1 means all cells.
+        self.cells = [cells if tag < 0 else cells[tags == tag] for tag in compiled.tags]
 
     @property
     def field_starts(self) -> dict[Field, int]:
@@ -91,7 +74,7 @@ class BoundForm:
         """Where those of each constant begin, by name."""
         return _starts(self.constants, [array.size for array in self.constants.values()])
 
-    def indices_in(self, other: BoundForm) -> tuple[list[int], list[int]]:
+    def indices_in(self, other: Term) -> tuple[list[int], list[int]]:
         """Indices of this form's coefficients and constants in the arrays of another form."""
         fields, constants = other.field_starts, other.constant_starts
         return (
@@ -99,89 +82,71 @@ class BoundForm:
             [constants[c] + k for c, array in self.constants.items() for k in range(array.size)],
         )
 
-    # -- Sums -----------------------------------------------------------------------------------
+    # -- What its kernels read ------------------------------------------------------------------
 
-    def _tensors(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Cells of each integral, and their tensors (cells, size)."""
-        constants, coordinates = self.values_of_constants()[None], self._mesh.coordinates
-        packed = self.coefficients()
-        for (tag, cells), function in zip(self.cells.items(), self.compiled.addresses, strict=True):
-            places = coordinates if tag < 0 else coordinates[cells]
-            arrays = packed[tag][None], constants, places
-            yield cells, tabulated(function, *arrays, self.size)[0]
-
-    def total(self) -> float:
-        """Value of a functional."""
-        return float(sum(tensors.sum() for _, tensors in self._tensors()))
-
-    def add_to(self, out: np.ndarray, places: np.ndarray | None = None) -> None:
-        """Add the vector of a linear form to `out` (size,).
-
-        Or that of a bilinear form, whose tensors belong to `places` (cells, width ** 2).
-        """
-        places = self.spaces[0].dofs if places is None else places
-        for cells, tensors in self._tensors():
-            out += np.bincount(places[cells].ravel(), tensors.ravel(), len(out))
-
-
-class RowValues:
-    """Values of expressions at Gauss points, or tensors of a form, in several steps.
-
-    Each expression is of some cells. From step to step the fields of `StepBatch.fields` change,
-    and the constants of `_CHANGING`. Values may be those of `one_cell`, all expressions are of it.
-    """
-
-    def __init__(
-        self,
-        expressions: Iterable[tuple[BoundForm, int, np.ndarray]],
-        mesh: Any,
-        moving: Sequence[Field | None],
-        one_cell: bool = False,
-    ):
-        self._mesh, self._moving, self._one_cell = mesh, moving, one_cell
-        #: With the addresses of their functions, and their cells.
-        self._expressions = [*expressions]
-
-    def __call__(
-        self, parts: StepBatch, parameters: np.ndarray, shape: tuple[int, ...]
-    ) -> np.ndarray:
-        """Values (n, cells, ...) of a shape in n steps, whose parameters (n, k) are given."""
-        coordinates = self._mesh.coordinates  # scenes move nodes
-        count = 1 if self._one_cell else len(coordinates)
-        values = np.zeros((len(parts.t), count, *shape))
-        most = max(1, _MOST // values[0].size)
-        for first in range(0, len(values), most):
-            rows = slice(first, first + most)
-            batch = StepBatch(*(array[rows] if len(array) else array for array in parts))
-            for form, address, cells in self._expressions:
-                fields = self._coefficients(form, cells, batch)
-                numbers = fields, self._constants(form, batch, parameters[rows]), coordinates[cells]
-                out = tabulated(address, *numbers, math.prod(shape))
-                # An array of all cells would copy the values.
-                which = slice(None) if len(cells) == count else cells
-                values[rows, which] += out.reshape(*out.shape[:2], *shape)
-        return values
-
-    def _coefficients(self, form: BoundForm, cells: np.ndarray, parts: StepBatch) -> np.ndarray:
-        """Coefficients (n, cells, width) of an expression."""
-        changing = dict(zip(self._moving, parts.fields, strict=True))
-        coefficients = np.empty((len(parts.t), len(cells), form.width))
-        for field, start in form.field_starts.items():
+    def coefficients(self, cells: np.ndarray, steps: StepBatch) -> np.ndarray:
+        """Coefficients (n, cells, width) of some cells in n steps; what these lack is constant."""
+        changing = dict(zip(self._moving, steps.fields, strict=False))
+        coefficients = np.empty((len(steps.t), len(cells), self.width))
+        for field, start in self.field_starts.items():
             values, dofs = changing.get(field, _NONE), field.space.dofs[cells]
             of_field = values.take(dofs, axis=1) if values.size else field.array[dofs]
             coefficients[..., start : start + field.space.width] = of_field
         return coefficients
 
-    def _constants(self, form: BoundForm, parts: StepBatch, parameters: np.ndarray) -> np.ndarray:
-        """Constants (n, m) of an expression."""
-        factors = parts.load_factor if len(parts.load_factor) else np.ones(len(parts.t))
-        columns = (x[:, None] for x in (parts.t, parts.dt, parts.dt, parts.memory, factors))
-        changing = dict(zip(_CHANGING, (*columns, parameters), strict=True))
-        constants = [np.empty((len(parts.t), 0))]
-        for name, array in form.constants.items():
-            value = changing.get(name)
-            constants.append(np.tile(array.ravel(), (len(parts.t), 1)) if value is None else value)
-        return np.hstack(constants)
+    def constants_in(self, steps: StepBatch) -> np.ndarray:
+        """Constants (n, m) in n steps; what these lack stays as it is."""
+        columns = {"time": steps.t, "dt": steps.dt, "load_increment": steps.dt}
+        columns |= {"memory": steps.memory, "load_factor": steps.load_factor}
+        columns["parameters"] = steps.parameters
+        constants = np.empty((count := len(steps.t), sum(a.size for a in self.constants.values())))
+        for name, start in self.constant_starts.items():
+            array, values = self.constants[name], columns.get(name, _NONE)
+            of_steps = values.reshape(count, -1) if values.size else array.ravel()
+            constants[:, start : start + array.size] = of_steps
+        return constants
+
+    # -- Values and sums ------------------------------------------------------------------------
+
+    def tensors(
+        self, steps: StepBatch, size: int, cell: int | None = None
+    ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Cells of each kernel, or one of them, and what it gives (n, cells, size) in n steps."""
+        constants = self.constants_in(steps)
+        for function, cells in zip(self.compiled.addresses, self.cells, strict=True):
+            chosen = cells if cell is None else cells[cells == cell]
+            if len(chosen):
+                places = self._mesh.coordinates[chosen]  # scenes move nodes
+                arrays = self.coefficients(chosen, steps), constants, places
+                yield chosen, tabulated(function, *arrays, size)
+
+    def values(
+        self, steps: StepBatch, shape: tuple[int, ...], cell: int | None = None
+    ) -> np.ndarray:
+        """Values (n, cells, ...) of a shape in n steps, or those (n, 1, ...) of one cell."""
+        count, size = 1 if cell is not None else len(self._mesh.elements), math.prod(shape)
+        values = np.zeros((len(steps.t), count, size))
+        most = max(1, _MOST // (count * size))
+        for first in range(0, len(values), most):
+            rows = slice(first, first + most)
+            batch = StepBatch(*(array[rows] if len(array) else array for array in steps))
+            for cells, tensors in self.tensors(batch, size, cell):
+                # An array of all cells would copy the values.
+                values[rows, slice(None) if len(cells) == count else cells] += tensors
+        return values.reshape(*values.shape[:2], *shape)
+
+    def total(self, step: StepBatch) -> float:
+        """Value of a functional in one step."""
+        return float(sum(tensors.sum() for _, tensors in self.tensors(step, 1)))
+
+    def add_to(self, out: np.ndarray, step: StepBatch, places: np.ndarray | None = None) -> None:
+        """Add the vector of a linear form in one step to `out` (size,).
+
+        Or that of a bilinear form, whose tensors belong to `places` (cells, width ** 2).
+        """
+        places = self.spaces[0].dofs if places is None else places
+        for cells, tensors in self.tensors(step, self.size):
+            out += np.bincount(places[cells].ravel(), tensors.ravel(), len(out))
 
 
 def tabulated(function: int, w: np.ndarray, c: np.ndarray, x: np.ndarray, size: int) -> np.ndarray:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Iterable
 from typing import Any
 
@@ -21,7 +20,6 @@ from fx_beam.scene.section import Section, values_along
 from fx_beam.symbolic import ufl
 
 from . import elements
-from .assembly import Field
 from .mesh import Mesh
 
 #: Names of nodal fields: the first changes in every iteration, the others in every step.
@@ -32,13 +30,6 @@ NATURAL = "natural", "natural_end"
 CONSTANTS = "time", "dt", "load_factor", "load_increment", "memory"
 #: What a form must know of data (cells, points, ...): number of points, and shape of a value.
 DataShape = tuple[int, tuple[int, ...]]
-
-
-def data_field(data: Any, mesh: Mesh) -> Field:
-    """Data (cells, points, ...) of beams, constant in cells or at Gauss points, as a field."""
-    field = Field(mesh.space(data.shape[1], math.prod(data.shape[2:])))
-    field.array[:] = floats(data).ravel()
-    return field
 
 
 def section_data(mesh: Mesh, scene: Any, names: tuple[str, ...], points: int) -> Any:

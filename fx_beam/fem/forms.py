@@ -11,6 +11,7 @@ from fx_beam.laws.point_laws import StepRule
 from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.scene import Scene
 
+from .beam_data import check_shapes
 from .beam_forms import BeamForms
 from .mesh import Mesh
 from .parameter_values import ParameterValues
@@ -44,16 +45,16 @@ class Forms:
         self.beams = None
         if scene.beams:
             self.beams = BeamForms(scene, scheme, mesh, parameters, data.beams, holds=instant)
-        self._parts = [part for part in (self.beams, self.points) if part is not None]
+        parts = [part for part in (self.beams, self.points) if part is not None]
         #: Shape (cells, degree, width) of the internal variables; the width is zero without any.
         self.internal_shape = (0, 1, 0) if self.beams is None else self.beams.internal_shape
         #: Whether the forces depend on the start of the last step.
         self.needs_previous = self.beams is not None and self.beams.facts.needs_previous
         #: Whether the scene has added virtual works or follower forces.
-        self.has_added = any(part.has_external for part in self._parts)
+        self.has_added = any(part.has_external for part in parts)
         #: Whether forces may depend on rates, and may dissipate energy.
-        self.depend_on_rates = any(part.depend_on_rates for part in self._parts)
-        self.dissipate = any(part.dissipate for part in self._parts)
+        self.depend_on_rates = any(part.depend_on_rates for part in parts)
+        self.dissipate = any(part.dissipate for part in parts)
         #: Matrix with the entries of beams and of each node.
         self.of_members = matrix_between(mesh.elements, len(mesh.X))
         #: Tangent of all forces, and the places (cells, n * n) in it of the entries of cells.
@@ -61,7 +62,6 @@ class Forms:
         self.stiffness = K = with_pairs(self.of_members, self.points.pairs[at_nodes])
         self.of_cells = places_of_cells(mesh.unknowns.dofs, K.indptr, K.indices)
         self.points.locate_in(K)
-        self._force = np.zeros(self.size)
 
     def check(self, data: FormData) -> None:
         """OtherStructureError if data are of other kinds."""
@@ -70,7 +70,7 @@ class Forms:
         if self.points.members is not None:
             self.points.members.check_pairs(data.pairs)
         if self.beams is not None:
-            self.beams.check(data.beams)
+            check_shapes(self.beams.kind, data.beams)
 
     def bind(self, data: FormData) -> None:
         """Set all numbers, with the mesh, and begin anew."""
@@ -79,50 +79,62 @@ class Forms:
         if self.points.members is not None:
             self.points.members.bind(data.pairs)
         if self.beams is not None:
-            self.beams.bind(data.beams)
-        self.set_load(1.0, 0.0)
+            self.beams.data.bind(data.beams)
+        self.set_load(1.0)
 
     # -- A step ---------------------------------------------------------------------------------
 
-    def set_load(self, factor: float, increment: float) -> None:
-        """Set the load factor at the end of a step in statics, and its increment in it."""
-        for part in self._parts:
-            part.set_load(factor, increment)
+    def set_load(self, factor: float) -> None:
+        """Set the load factor of external forces and of virtual works."""
+        self.points.set_load(factor, 0.0)
+        if self.beams is not None:
+            self.beams.data.named["load_factor"][...] = factor
 
     def begin(self, interval: Interval, start: StepStart) -> None:
-        """Begin a step."""
-        self.parameters.begin(interval.at(self._rates.level), start.parameters)
-        for part in self._parts:
-            part.begin(interval, start)
+        """Begin a step; its increment is zero."""
+        t = interval.at(self._rates.level)
+        self.parameters.begin(t, start.parameters)
+        self.points.begin(interval, start)
+        D = np.zeros(self.size)
+        self._step = start.batch(t, interval.length, D, self.parameters.values)
 
     def internal_force(self, D: np.ndarray) -> np.ndarray:
-        """Internal forces (size,) [N, N m] for the increment D, with all others against the motion.
+        """Internal forces (size,) [N, N m] for an increment D, with others against the motion."""
+        force = self.force_of_beams(D)
+        self.points.add_force(D, force)
+        return force
 
-        The next call overwrites the result.
-        """
-        self._force[:] = 0.0
-        for part in self._parts:
-            part.add_force(D, self._force)
-        return self._force
+    def force_of_beams(self, D: np.ndarray) -> np.ndarray:
+        """Those of beams alone, with added virtual works."""
+        force, self._step = np.zeros(self.size), self._step._replace(D=D[None])
+        if self.beams is not None:
+            self.beams.add_force(self._step, force)
+        return force
 
     def tangent(self) -> scipy.sparse.csr_matrix:
         """Derivatives of the last `internal_force`, with contact of members in its sparsity."""
         K, members = self.stiffness.copy(), self.points.members
         K.data[:] = 0.0
         if self.beams is not None:
-            self.beams.add_tangent(K.data, self.of_cells)
+            self.beams.add_tangent(self._step, K.data, self.of_cells)
         self.points.add_tangent(K.data)
         return K if members is None else K + members.tangent()
 
     def added_force(self) -> np.ndarray:
         """Forces (size,) of added virtual works and followers at the last increment [N, N m]."""
         force = np.zeros(self.size)
-        for part in self._parts:
-            part.add_external(force)
+        if self.beams is not None:
+            self.beams.add_external(self._step, force)
+        self.points.add_external(force)
         return force
 
     def strain_energy(
         self, q: np.ndarray, internal: np.ndarray | None = None, natural: np.ndarray | None = None
     ) -> float:
         """Stored energy [J] of q (size,), internal variables and natural strains of beams."""
-        return 0.0 if self.beams is None else self.beams.strain_energy(q, internal, natural)
+        if self.beams is None:
+            return 0.0
+        strains = None if natural is None else (natural, natural)
+        start = StepStart(q, internal=internal, natural=strains)
+        none = np.empty(0)
+        return self.beams.strain_energy(start.batch(0.0, 1.0, none, self.parameters.values))

@@ -87,17 +87,16 @@ class ParameterValues:
         """Indices of some parameters."""
         return [self.names.index(name) for name in names]
 
-    def add_reader(self, read: Callable[[np.ndarray], None], in_energies: Sequence[str]) -> None:
-        """Add a function of the values (n,), which is called after each change of them.
-
-        Given are also the names of those on which stored energies depend.
-        """
-        if not self.names:
-            return
-        self._readers.append(read)
-        varies = (self.functions[i] for i in self.indices(in_energies))
+    def add_energies(self, names: Sequence[str]) -> None:
+        """Note the parameters on which some stored energies depend."""
+        varies = (self.functions[i] for i in self.indices(names))
         self.in_energies |= not all(function.is_constant for function in varies)
-        read(self.values)
+
+    def add_reader(self, read: Callable[[np.ndarray], None]) -> None:
+        """Add a function of the values (n,), which is called after each change of them."""
+        if self.names:
+            self._readers.append(read)
+            read(self.values)
 
     def hold(self, t: float) -> None:
         """Keep the values at a time [s], as in statics."""

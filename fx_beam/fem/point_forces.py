@@ -173,7 +173,8 @@ class PointForces:
         if self.any:
             self._build()
         in_energies = [name for law in self._laws if law.law.energy for name in law.parameters]
-        parameters.add_reader(self.set_parameters, in_energies)
+        parameters.add_energies(in_energies)
+        parameters.add_reader(self.set_parameters)
 
     def __len__(self):
         return len(self._forces)

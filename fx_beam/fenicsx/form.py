@@ -41,8 +41,8 @@ class StepForm:
         if model.forms.beams is None:
             raise SceneError("fenicsx: the scene has no beams, of which a mesh could be made")
         self.model, self.beams = model, model.forms.beams
-        self.grid = grid = Grid(model.scene, model.mesh, self.beams.degree, comm)
-        self._symbols = DolfinxSymbols(grid.mesh, grid.tagged(self.beams.tags))
+        self.grid = grid = Grid(model.scene, model.mesh, self.beams.kind.degree, comm)
+        self._symbols = DolfinxSymbols(grid.mesh, grid.tagged(self.beams.data.tags))
         #: Sparsity (size, size) of the tangent of all forces.
         self.pattern = model.forms.stiffness.copy()
         self.pattern.data[:] = 0.0
@@ -74,7 +74,7 @@ class StepForm:
         #: Displacement, on a space of its own.
         self.u = fem.Function(displacements, name="u")
         for name, symbol in written.named_data.items():
-            grid.fill(symbol, np.asarray(self.beams.data[name], dtype=float))
+            grid.fill(symbol, np.asarray(self.beams.data.values[name], dtype=float))
         forms = written.of_step().forms
         # Terms of the residual without inertia, and terms of a user. Each is assembled by itself:
         # FFCx 0.5 confuses quadrature rules.
@@ -114,7 +114,7 @@ class StepForm:
     def _use(self, parameters: np.ndarray | None) -> None:
         """Have values (n,) of all parameters of the scene."""
         if self._parameters is not None and parameters is not None:
-            self._parameters.value[:] = parameters[self.beams.parameters]
+            self._parameters.value[:] = parameters[self.beams.data.parameters]
 
     def end(self, state: State) -> None:
         """Set the end of a step."""

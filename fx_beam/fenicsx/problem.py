@@ -164,9 +164,7 @@ class Problem(Steps):
         internal, added = self._form.residual(D)
         if not self._form.replaced:
             return added
-        beam_forces = np.zeros_like(internal)
-        self._form.beams.add_force(D, beam_forces)
-        return internal + added - beam_forces
+        return internal + added - self._model.forms.force_of_beams(D)
 
     def run(
         self,

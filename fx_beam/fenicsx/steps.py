@@ -235,7 +235,7 @@ class Steps:
         (cells, m, ...) float array
             Beam by beam, along each.
         """
-        tags, expressions = self._form.beams.tags, expression
+        tags, expressions = self._form.beams.data.tags, expression
         if not isinstance(expression, list):
             tags, expressions = 0 * tags, [expression]
         return self._form.grid.at_points(expressions, tags, points)

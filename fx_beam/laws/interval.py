@@ -91,6 +91,16 @@ class StepStart(NamedTuple):
     #: Natural strains (cells, degree, 3) at the start and at the end of the step, if there are any.
     natural: tuple[np.ndarray, np.ndarray] | None = None
 
+    def batch(self, t: float, length: float, D: np.ndarray, parameters: np.ndarray) -> StepBatch:
+        """The one step from here with an increment D (size,) and the values of `parameters`."""
+        q_previous = self.q if self.q_previous is None else self.q_previous
+        internal = _NONE if self.internal is None else self.internal
+        strains = self.natural or (_NONE, _NONE)
+        arrays = D, self.q, self.v, self.a, q_previous, internal, *strains
+        rows = [x.reshape(1, -1) if x.size else _NONE for x in (*arrays, parameters)]
+        times, memory = np.array([[t], [length]]), np.array([self.memory])
+        return StepBatch._make([*times, *rows[:-1], memory, rows[-1], _NONE])
+
 
 class StepBatch(NamedTuple):
     """Completed steps, or parts of halved ones, one a row; what nothing depends on is left out."""
@@ -114,6 +124,11 @@ class StepBatch(NamedTuple):
     parameters: np.ndarray = _NONE
     #: Load factors (n,) in statics.
     load_factor: np.ndarray = _NONE
+
+    @classmethod
+    def at_rest(cls, q: np.ndarray) -> StepBatch:
+        """One step in which q (size,) does not move."""
+        return cls(np.zeros(1), np.ones(1), q=q[None])
 
     @property
     def fields(self) -> tuple[np.ndarray, ...]:

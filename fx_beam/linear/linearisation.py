@@ -135,13 +135,13 @@ class Linearisation:
         if not (damped and self.may_be_damped):
             return self.coriolis
         model = self.damped_model
-        model.forms.set_load(self.factor, 0.0)
+        model.forms.set_load(self.factor)
         equations, tangents, start = Equations(model, inert=False), [], self.start
         for dt in (INSTANT, 2 * INSTANT):
             equations.begin(instant(start.t, dt), start)
             equations.at_start(np.zeros(model.size))
             tangents.append(equations.tangent())
-        model.forms.set_load(1.0, 0.0)
+        model.forms.set_load(1.0)
         C = (2 * INSTANT * (tangents[0] - tangents[1])).tocsr()
         check_damping(C.data, f"{caller}: the damping at rest")
         C.eliminate_zeros()

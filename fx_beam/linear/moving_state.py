@@ -125,10 +125,10 @@ def deviations(scene: Scene, solution: Solution | None, caller: str) -> Deviatio
     strained = None
     if solution is not None and not solution.stats.static:
         strained = _natural_rates(model, solution, caller)
-    model.forms.set_load(factor, 0.0)
+    model.forms.set_load(factor)
     f, K, C, pushes, stiff, viscous = _forces(model, state, strained)
     added = model.forms.added_force()
-    model.forms.set_load(1.0, 0.0)
+    model.forms.set_load(1.0)
     if solution is None:  # loads that depend on rates damp, as in `modes`
         _, _, C, _, _, viscous = _forces(model, state)
     mass = model.mass
@@ -302,7 +302,7 @@ def _forces(model: Model, state: State, strained: np.ndarray | None = None):
             first = state.natural - dt / 2 * strained
             inputs = inputs._replace(natural=(first, first + dt * strained))
         forms.begin(instant(state.t, dt), inputs)
-        f = forms.internal_force(D).copy()
+        f = forms.internal_force(D)
         z = np.zeros(count)
         z[points.columns] = slid[points.slides]
         points.evaluate_slides(z)

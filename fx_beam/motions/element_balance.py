@@ -88,7 +88,7 @@ class ElementBalance:
         self._loads = own_loads or ElementLoads(model, on_beams, model.mesh.X)
         level = model.scheme.rates.level
         self._parts = parts = self._batch(recorder, a, beams.depend_on_rates)
-        unit_masses = masses_of_points(beams.degree)
+        unit_masses = masses_of_points(beams.kind.degree)
         self._masses = np.tensordot(floats(self._loads.masses), unit_masses, 1)
         in_forms = model.mesh.unknowns.dofs
         at_nodes = beams.forces_of_cells(parts)

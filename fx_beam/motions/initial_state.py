@@ -222,7 +222,7 @@ class Starts:
                 start = start._replace(natural=(first, first + change))
             model.forms.begin(instant(state.t, h), start)
             model.points.evaluate_slides(h * w)
-            force = model.forms.internal_force(D).copy()
+            force = model.forms.internal_force(D)
             if self._further is not None:
                 force += self._further(instant(state.t, h), shifted, D)
             return force

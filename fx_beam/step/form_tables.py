@@ -10,9 +10,10 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.content_cache import cached_by_content
-from fx_beam.fem.assembly import BoundForm, Field
+from fx_beam.fem.assembly import Field, Term
 from fx_beam.fem.beam_forms import BeamForms
 from fx_beam.fem.sparsity import starts_of
+from fx_beam.laws.interval import StepBatch
 
 from .build import load_batches
 
@@ -41,7 +42,7 @@ class Kernel(NamedTuple):
 
     #: Forms on a mesh; their tensor entries are in this order. The first has all coefficients and
     #: constants.
-    forms: list[BoundForm]
+    forms: list[Term]
 
     @property
     def size(self) -> int:
@@ -88,6 +89,8 @@ class Kernel(NamedTuple):
 # Data of cells that not all scenes have: a tangent in rows or in a chain, and fields of beams.
 _NOT_ALWAYS = "stored_at", "run", "single_start", "single_from", "single_to", "internal", "natural"
 _OF_THREADS = "colour_start", "piece"
+# What is read before any step.
+_NO_STEP = StepBatch(np.zeros(1), np.ones(1))
 
 
 class FormTables:
@@ -115,7 +118,7 @@ class FormTables:
         #: with their fields, and where they are in these; and constants of each form.
         self._coordinates: list[tuple[np.ndarray, np.ndarray]] = []
         self._data: list[tuple[np.ndarray, Field, np.ndarray]] = []
-        self._constants: list[tuple[BoundForm, np.ndarray]] = []
+        self._constants: list[tuple[Term, np.ndarray]] = []
 
     def bind(self, coordinates: np.ndarray | None) -> None:
         """Set the numbers to those that the forms have now, and coordinates of cells if given."""
@@ -125,7 +128,7 @@ class FormTables:
         for blocks, field, places in self._data:
             blocks[...] = field.array[places]
         for form, constants in self._constants:
-            constants[...] = form.values_of_constants()
+            constants[...] = form.constants_in(_NO_STEP)[0]
 
     def all(self, names: Container[str]) -> dict[str, dict]:
         """The wanted ones of `FORMS` that the model has, by their names in C."""
@@ -138,32 +141,31 @@ class FormTables:
 
     def of(self, name: str, kernel: Kernel) -> dict[str, Any]:
         """Forms of a kernel; `name` is that of the form that takes longest to compile."""
-        p, forms, fields = self._problem, self._forms, self._forms.moving
-        form = kernel.forms[0]
-        packed, cells = form.coefficients(), form.cells
+        p, data, fields = self._problem, self._forms.data, self._forms.data.moving
+        form, cells = kernel.forms[0], kernel.forms[0].cells
         width = form.width
         numbers = kernel.size, width, p.mesh.cell_coordinates
         loaded = form.compiled.module.batches  # which stays as long as the form
         batches = load_batches(name, kernel.key, kernel.source, len(cells), numbers, loaded)
         starts = form.field_starts
         moving = [(i, starts[field]) for i, field in enumerate(fields) if field in starts]
-        of_step = ("load_increment", "load_factor") if forms.at_rest else ("dt", "memory")
-        constants, known = form.values_of_constants(), form.constant_starts
-        of_scene = {"parameters": len(forms.parameters), "parameter": forms.parameters}
+        at_rest, known = self._forms.kind.scheme.rates.at_rest, form.constant_starts
+        of_step = ("load_increment", "load_factor") if at_rest else ("dt", "memory")
+        constants = form.constants_in(_NO_STEP)[0]
+        of_scene = {"parameters": len(data.parameters), "parameter": data.parameters}
         *offsets, first = (known.get(name, -1) for name in ("time", *of_step, "parameters"))
-        blocks = {tag: self._blocks(rows) for tag, rows in packed.items()}
+        blocks = [self._blocks(form.coefficients(rows, _NO_STEP)[0]) for rows in cells]
         for field in starts.keys() - {*fields}:  # C sets those that move
             columns = slice(starts[field], starts[field] + field.space.width)
-            places = {tag: self._blocks(field.space.dofs[rows]) for tag, rows in cells.items()}
-            self._data += [(blocks[tag][:, columns], field, place) for tag, place in places.items()]
+            for block, rows in zip(blocks, cells, strict=True):
+                self._data.append((block[:, columns], field, self._blocks(field.space.dofs[rows])))
         self._constants.append((form, constants))
         return {
             "integrals": len(cells),
             "width": width,
             "of": [
-                {"batch": batch, "cells": len(of_tag), "packed": blocks[tag]}
-                | self._data_of(of_tag)
-                for (tag, of_tag), batch in zip(cells.items(), batches, strict=True)
+                {"batch": batch, "cells": len(rows), "packed": block} | self._data_of(rows)
+                for rows, batch, block in zip(cells, batches, blocks, strict=True)
             ],
             "moving": len(moving),
             "changing": sum(kind == 0 for kind, _ in moving),

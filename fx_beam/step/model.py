@@ -223,7 +223,7 @@ class Model:
         zero = np.zeros(self.size)
         if not self.forms.has_added:
             return zero
-        self.forms.set_load(factor, 0.0)
+        self.forms.set_load(factor)
         self.forms.begin(Interval(time, time), self.start_of(state, 0.0))
         self.forms.internal_force(zero)
         return self.forms.added_force()

@@ -20,6 +20,7 @@ from fx_beam.fem.mesh import rotation_of
 from fx_beam.fem.sparsity import blocks_with
 from fx_beam.laws.schemes import MOST_SUB_STEPS
 from fx_beam.results.state import MACROS
+from fx_beam.scene.beam import gauss_rule
 
 from .build import begin_to_build, load_library
 from .form_tables import FORMS, FormTables, aligned_zeros
@@ -234,7 +235,8 @@ class Problem:
             forms = self.tables.all(_OF_EQUATIONS if self._forces_only else FORMS)
             self._set(forms=forms)
             if per_cell:
-                per_weight = np.repeat(1 / beams.point_weights, beams.internal_shape[-1])
+                weights = gauss_rule(beams.kind.degree)[1]
+                per_weight = np.repeat(1 / weights, beams.internal_shape[-1])
                 self._set(internal={"per_weight": per_weight})
 
     @cached_property

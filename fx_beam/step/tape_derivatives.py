@@ -45,9 +45,9 @@ class TapeDerivatives:
         self._works: list[VjpWork] = []
         if (beams := problem.model.forms.beams) is not None:
             # How many numbers elements have; derivatives are compiled when they are needed.
-            for name in ["internal_forces"] + ["drag"] * beams.have_drag:
+            for name in beams.forces:
                 self._works.append(work := VjpWork(name, beams, problem))
-                self._structs.set(self.c, **{name: work.first_members()})
+                self._structs.set(self.c, **{work.name: work.first_members()})
         of_points = problem.model.points.slopes or [(0, 0, 0)]
         addresses, numbers, sizes = zip(*of_points, strict=True)
         slopes = np.array(addresses, np.uintp)

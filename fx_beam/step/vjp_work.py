@@ -35,13 +35,13 @@ class VjpWork:
 
     def __init__(self, name: str, beams: BeamForms, problem: Problem):
         assert problem.tables is not None  # as there are beams
-        #: Its name in C.
-        self.name, self._beams, self._tables = name, beams, problem.tables
+        #: The forms, as the array of `Layout` with the numbers of one element after the other.
+        self.array, self._beams, self._tables = name, beams, problem.tables
         self._lanes = problem.constants.LANES
-        #: The form, and the array of `Layout` with the numbers of one element after the other.
-        self.array = name.replace("_", " ")
+        #: Its name in C.
+        self.name = name.replace(" ", "_")
         nodal = dict.fromkeys(("increment", "start"), problem.c.mesh.cell_dofs)
-        self._sizes = nodal | beams.sizes_of_slopes(self.array)
+        self._sizes = nodal | beams.slopes.sizes(name)
         self._local = {name: size for name, size in self._sizes.items() if name not in _IN_COMMON}
         self._compiled: dict[bool, tuple[list[tuple[str, int]], Kernel, dict[str, Any]]] = {}
 
@@ -53,9 +53,7 @@ class VjpWork:
     def compiled(self, by_places: bool) -> tuple[list[tuple[str, int]], Kernel, dict[str, Any]]:
         """Names of derivatives, each by a weight, and their forms, also as a table for C."""
         if by_places not in self._compiled:
-            names = self._beams.sizes_of_slopes(self.array)
-            chosen = [name for name in names if by_places or name != "coordinates"]
-            slopes = self._beams.slopes(self.array, chosen)
+            slopes = self._beams.slopes.jacobians(self.array, by_places)
             kernel = Kernel([*slopes.values()])
             table = self._tables.of("slopes of forces", kernel)
             table["changing"] = table["moving"]
@@ -74,7 +72,7 @@ class VjpWork:
         width = [of_weights[weight] for _, weight in pieces]
         piece_start = _starts([1, *(m * n for m, n in zip(size, width, strict=True))])
         behind, of_states = layout.at["nowhere"][0], _IN_COMMON.keys() - {"parameters"}
-        cells = kernel.forms[0].cells.values()
+        cells = kernel.forms[0].cells
         sources, targets = (
             np.concatenate([in_lanes(np.hstack(rows)[chosen], lanes, behind) for chosen in cells])
             for rows in ([*numbers], weights)
@@ -112,7 +110,7 @@ class VjpWork:
                 yield next(of_element)
                 continue
             array, kind = _IN_COMMON[name]
-            columns = self._beams.parameters if name == "parameters" else rows[kind]
+            columns = self._beams.data.parameters if name == "parameters" else rows[kind]
             places = layout.at[array][np.reshape(columns, (-1, size))]
             yield np.broadcast_to(places, (len(rows["dofs"]), size))
 
