@@ -65,10 +65,26 @@ def assert_they_are_those_of_the_motion(run, x, J, h=1e-4):
     assert not wrong, wrong
 
 
-def assert_derivatives(run, x, h=1e-4):
+def assert_derivatives(run, x):
     """Of all outputs at x, in both ways and of the motion."""
     x = np.asarray(x, float)
     _, y = run(x)
     J = run.jacobian()
     assert_both_ways_agree(run, y, J)
-    assert_they_are_those_of_the_motion(run, x, J, h)
+    assert_they_are_those_of_the_motion(run, x, J, 1e-4)
+
+
+def assert_left_of_second_order(run, x, odd_part=1e-6):
+    """What is left of the linear change of a response of modes or vibrations; and backwards."""
+    direction = np.array([0.3, -0.5, 0.4, 0.6])
+    values, J = run(x), run.jacobian()
+    weights = np.random.default_rng(0).standard_normal((*values.shape, 2)) @ (1, 1j)
+    weights = weights if np.iscomplexobj(values) else weights.real
+    by_x = np.tensordot(weights, J, values.ndim).real
+    assert run.vjp(weights) == pytest.approx(by_x, rel=1e-6, abs=1e-9 * abs(by_x).max())
+    left = [run(x + h * direction) - values - h * J @ direction for h in (2e-3, -2e-3, 1e-3, -1e-3)]
+    odd = abs(np.subtract(left[::2], left[1::2])).reshape(2, -1).max(axis=1)
+    assert odd[0] < odd_part * abs(values).max()  # of third order: the difference of both sides
+    even = abs(np.add(left[::2], left[1::2])).reshape(2, -1).max(axis=1)
+    assert even[0] / even[1] == pytest.approx(4.0, rel=0.05)
+    return values, J

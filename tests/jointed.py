@@ -221,10 +221,10 @@ def linkage():
     return scene
 
 
-def pendulum_with_friction(mu, radius=0.05):
+def pendulum_with_friction(mu):
     """A body of 2 kg and 0.05 kg m^2 that hangs by a pin with friction, at first level with it."""
     scene = fb.Scene(gravity=(0, -9.81))
     body = scene.add_body((0.5, 0), mass=2.0, inertia=0.05, points={"pin": (0, 0)})
-    friction = fb.Coulomb(mu, 1e4, radius=radius)
+    friction = fb.Coulomb(mu, 1e4, radius=0.05)
     pin = scene.add_joint(fb.Revolute(fb.GROUND, body["pin"], friction=friction))
     return scene, body.centre, pin

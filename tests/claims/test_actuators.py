@@ -39,11 +39,11 @@ def frequency(t, x):
 # -- One degree of freedom -----------------------------------------------------------------------
 
 
-def slider(rest=0.0, damper=None, velocity=0.0, gravity=None, stiffness=50.0):
+def slider(rest=0.0, damper=None, velocity=0.0):
     """A block of mass 2 on a rail along (0.6, 0.8), and a spring to the ground."""
-    scene = fb.Scene(gravity=gravity)
+    scene = fb.Scene(gravity=None)
     block = scene.add_beam([(1, 1), (3, 1)], STIFF, elements=2)
-    spring = fb.Spring(stiffness, rest)
+    spring = fb.Spring(50.0, rest)
     joint = scene.add_joint(
         fb.Prismatic(fb.GROUND, block.start, axis=(3, 4), spring=spring, damper=damper)
     )

@@ -12,10 +12,10 @@ EI = 1.0
 SLENDER = fb.Section(EA=1e7, GA=1e7, EI=EI, rhoA=1.0, rhoI=1e-6)
 
 
-def column(load, elements=8, degree=3):
+def column(load):
     """A slender pinned column of length 1, and its middle."""
     scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (0, 1)], SLENDER, elements, degree)
+    beam = scene.add_beam([(0, 0), (0, 1)], SLENDER, 8, 3)
     scene.pin(beam.start)
     scene.fix(beam.end, "x")
     scene.add_force(beam.end, (0, -load))
@@ -64,12 +64,12 @@ def test_near_the_bifurcation_the_load_rises_with_the_square_of_the_deflection(b
     assert rises == pytest.approx(np.pi**2 / 8 * right.displacement(middle)[1, 0] ** 2, rel=0.01)
 
 
-def shallow_arch(rise, load, elements=8, radius=1e-3):
+def shallow_arch(rise, load, radius=1e-3):
     """A pinned arch H sin(pi x), H = 2 r e, under q sin(pi x), in units of EI pi^4 2 r."""
     section = fb.Section(EA=1 / radius**2, GA=1 / radius**2, EI=1.0)
     scene = fb.Scene()
     height = 2 * radius * rise
-    beam = scene.add_beam(lambda f: (f, height * np.sin(np.pi * f)), section, elements, degree=3)
+    beam = scene.add_beam(lambda f: (f, height * np.sin(np.pi * f)), section, 8, degree=3)
     scene.pin(beam.start)
     scene.pin(beam.end)
     unit = load * np.pi**4 * 2 * radius

@@ -12,10 +12,10 @@ STIFF = fb.Section(EA=1e8, GA=1e8, EI=1.0, rhoA=1.0)
 EULER = math.pi**2
 
 
-def column(elements=8, section=STIFF, **scene):
+def column(elements=8, **scene):
     """An upright column of length 1, without supports."""
     made = fb.Scene(**scene)
-    return made, made.add_beam([(0, 0), (0, 1)], section, elements=elements, degree=3)
+    return made, made.add_beam([(0, 0), (0, 1)], STIFF, elements=elements, degree=3)
 
 
 def two_hinges(scene, beam):

@@ -34,13 +34,13 @@ def ball(kind="floor", height=0.05, k=1e6, v=0.0, gravity=10.0, e=1.0, speed=Non
     return scene, node, scene.add_contact(node, FLOOR, **law)
 
 
-def hinged_arm(stop, axis_spring=1.0, moment=5.0):
+def hinged_arm(stop):
     """An arm with the inertia 0.1 kg m^2 on a hinge of the ground."""
     scene = fb.Scene()
     arm = scene.add_beam([(0, 0), (1, 0)], STIFF, elements=1)
     scene.add_mass(arm.start, 0.0, inertia=0.1)
-    hinge = fb.Revolute(fb.GROUND, arm.start, spring=fb.Spring(axis_spring), stop=stop)
-    scene.add_moment(arm.end, moment)
+    hinge = fb.Revolute(fb.GROUND, arm.start, spring=fb.Spring(1.0), stop=stop)
+    scene.add_moment(arm.end, 5.0)
     return scene, scene.add_joint(hinge)
 
 

@@ -10,14 +10,14 @@ import pytest
 import fx_beam as fb
 
 
-def oscillator(c, k=100.0, m=1.0):
+def oscillator(c, k=100.0):
     """A mass on a guide of the ground; natural frequency 10 rad/s."""
     scene = fb.Scene()
     rod = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=1e4), elements=1)
     spring = fb.Spring(k) if k else None
     guide = fb.Prismatic(fb.GROUND, rod.start, axis=(1, 0), spring=spring, damper=fb.Damper(c))
     scene.add_joint(guide)
-    scene.add_mass(rod.start, m)
+    scene.add_mass(rod.start, 1.0)
     return scene
 
 

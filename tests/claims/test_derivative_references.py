@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from derivatives import EXACT
 from jointed import MEMBER
 
 import fx_beam as fb
@@ -161,13 +160,6 @@ def test_a_place_answers_to_a_load_elsewhere_as_that_place_to_a_load_here(scheme
 # -- What motions conserve -------------------------------------------------------------------------
 
 
-def free(x):
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0.3)], MEMBER, elements=4)
-    scene.set_velocity(beam, lambda X, Y: (3 * x[0] * np.sin(5 * Y), 2 * x[1] * X * X), spin=2.0)
-    return scene
-
-
 def touching(x):
     """Two beams; one falls with its tip on the other and slides along it."""
     scene = fb.Scene()
@@ -177,78 +169,6 @@ def touching(x):
     scene.add_contact(above, below, stiffness=1e4 * x[1], radius=0.05, friction=friction)
     scene.set_velocity(above, (0.3, -2.0 * x[0]))
     return scene
-
-
-def passing(x, make):
-    """A bead, a small beam, that passes elements of a rod."""
-    scene = fb.Scene()
-    rod = scene.add_beam([(0, 0), (6, 0)], MEMBER, elements=12)
-    bead = scene.add_beam([(0, 0), (0, 0.3)], MEMBER, elements=1)
-    joint = scene.add_joint(make(rod, bead.start))
-    scene.set_velocity(rod, lambda X, Y: (0.2 - 0.3 * Y, 0.5 + 0.3 * (X - 3)), spin=0.3 * x[1])
-    scene.set_velocity(bead, (8 * x[0], 1.0), spin=1.0)
-    scene.make_velocities_compatible()
-    return scene, joint
-
-
-def momenta(scene, y, J):
-    """Derivatives (n, 3, m) of both momenta by numbers, from those of places and rates of nodes.
-
-    Elements of degree 1 have the mass matrix L/6 [2 1; 1 2], by components.
-    """
-    linear, angular = 0.0, 0.0
-    for beam in scene.beams:
-        names = [f"node {scene.nodes.index(node)}" for node in beam.nodes]
-        size = np.hypot(beam.end.x - beam.start.x, beam.end.y - beam.start.y) / beam.elements
-        for ends in zip(names[:-1], names[1:], strict=True):
-            for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)):
-                mass, place, rate = size * (1 + (i == j)) / 6, f"{ends[i]} p", f"{ends[j]} v"
-                linear = linear + mass * J[rate]
-                by_place = np.einsum("ti,tim->tm", y[rate][:, ::-1] * (1, -1), J[place])
-                by_rate = np.einsum("ti,tim->tm", y[place][:, ::-1] * (-1, 1), J[rate])
-                angular = angular + mass * (by_place + by_rate + 0.1 * J[f"{ends[j]} w"])
-    return np.concatenate([linear, angular[:, None]], axis=1)
-
-
-FREE = {
-    "beam": (free, 0.01),
-    "contact with friction": (touching, 2e-3),
-    "slider": (lambda x: passing(x, fb.Slider)[0], 0.01),
-    "sleeve": (lambda x: passing(x, fb.Sleeve)[0], 0.01),
-}
-
-
-def in_flight(name, scheme=None, steps=60):
-    """Derivatives of momenta and energy of a motion at all times."""
-    build, dt = FREE[name]
-    scenes = []
-
-    def observed(x):
-        scene = build(x)
-        scenes.append(scene)
-        of = {"p": "position", "v": "velocity", "w": "spin"}
-        nodes = {
-            f"node {k} {key}": fb.Output(quantity, node)
-            for k, node in enumerate(scene.nodes)
-            for key, quantity in of.items()
-        }
-        lost = {"lost": fb.Output("dissipated_energy", scene)}
-        return scene, nodes | lost | {"energy": fb.Output("total_energy", scene)}
-
-    run = fb.Response(observed, scheme, dt=dt, t_end=steps * dt, newton=EXACT)
-    _, y = run([1.1, 0.9])
-    J = run.jacobian()
-    assert run.stats.halvings == 0
-    return momenta(scenes[0], y, J), J["energy"] + J["lost"]
-
-
-@pytest.mark.parametrize("name", FREE)
-def test_derivatives_of_momenta_and_energy_are_constant_in_free_flight(name):
-    by_momenta, by_energy = in_flight(name)
-    assert abs(by_energy[0]).max() > 0.1
-    assert abs(by_momenta[0]).max() > 0.1
-    assert abs(by_energy - by_energy[0]).max() < 1e-9 * abs(by_energy).max()
-    assert abs(by_momenta - by_momenta[0]).max() < 1e-9 * abs(by_momenta).max()
 
 
 # -- Exact solutions -------------------------------------------------------------------------------

@@ -98,13 +98,13 @@ def test_drag_in_proportion_to_the_mass_and_retardation_give_the_ratios_of_rayle
 # -- Balance --------------------------------------------------------------------------------------
 
 
-def tumbling(spin=2.0):
+def tumbling():
     """A bent bar that flies, turns and vibrates in a fluid, with more drag at its end."""
     scene = fb.Scene(gravity=(0.0, -9.81))
     bar = scene.add_beam([(0, 0), (1, 0), (1.5, 1)], SECTION, elements=[2, 2])
     scene.add_drag(bar, linear=(0.1, 0.5), quadratic=(0.05, 0.7), rotation=0.1)
     scene.add_drag(bar.end, linear=0.3, quadratic=0.2, rotation=0.1)
-    scene.set_velocity(bar, lambda x, y: (1 - spin * y, spin * x), spin=spin)
+    scene.set_velocity(bar, lambda x, y: (1 - 2.0 * y, 2.0 * x), spin=2.0)
     return scene
 
 

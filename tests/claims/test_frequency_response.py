@@ -7,9 +7,9 @@ import scipy.linalg
 import fx_beam as fb
 
 
-def cantilever(elements, section, degree=2):
+def cantilever(elements, section):
     scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=elements, degree=degree)
+    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=elements, degree=2)
     scene.clamp(beam.start)
     return scene, beam
 

@@ -153,7 +153,7 @@ def test_statics_knows_no_friction_and_a_massless_arm_may_hang_on_it():
 # -- Friction that follows the force of a joint ---------------------------------------------------
 
 
-def swing(mu, radius, t_end, dt=1e-3):
+def swing(mu, radius, t_end):
     """Angle and spin of the pendulum before it first stops: by the rule of Runge and Kutta."""
 
     def rates(state):
@@ -167,11 +167,11 @@ def swing(mu, radius, t_end, dt=1e-3):
         return np.array([spin, spin_rate])
 
     state = np.zeros(2)
-    for _ in range(round(t_end / dt)):
+    for _ in range(round(t_end / 1e-3)):
         k1 = rates(state)
-        k2 = rates(state + dt / 2 * k1)
-        k3 = rates(state + dt / 2 * k2)
-        state = state + dt / 6 * (k1 + 2 * k2 + 2 * k3 + rates(state + dt * k3))
+        k2 = rates(state + 1e-3 / 2 * k1)
+        k3 = rates(state + 1e-3 / 2 * k2)
+        state = state + 1e-3 / 6 * (k1 + 2 * k2 + 2 * k3 + rates(state + 1e-3 * k3))
     return state
 
 

@@ -64,26 +64,21 @@ def test_a_chain_of_gears_has_the_sum_of_the_inertias(count):
     assert int(re.search(r"(\d+) entries", str(motion.stats))[1]) < 13 * count
 
 
-def planetary(scene, ring_on_ground=True, sun=0.1, planet=0.06, inertias=(0.02, 0.05, 0.01)):
-    """Sun, planet and ring by their radii; the carrier has the joints of all wheels."""
-    place, ring = sun + planet, sun + 2 * planet
-    carrier = scene.add_body((0, 0), 2.0, inertias[1], {"planet": (place, 0), "axis": (0, 0)})
-    centre = scene.add_body((0, 0), 1.0, inertias[0]).centre
-    wheel = scene.add_body((place, 0), 0.5, inertias[2]).centre
-    held = scene.add_joint(fb.Revolute(fb.GROUND, carrier.centre))
-    of_sun = scene.add_joint(fb.Revolute(carrier["axis"], centre))
-    of_planet = scene.add_joint(fb.Revolute(carrier["planet"], wheel))
-    scene.add_joint(fb.Gear(of_sun, of_planet, -sun / planet))
-    # Seen from the carrier the ring turns backwards, as the ground does.
-    scene.add_joint(fb.Gear(held, of_planet, -ring / planet))
-    return carrier.centre, centre, wheel
-
-
 def test_a_planetary_gear_turns_and_accelerates_as_willis_says():
+    """Sun, planet and ring by their radii; the carrier has the joints of all wheels."""
     r_s, r_p = 0.1, 0.06
     r_r, place = r_s + 2 * r_p, r_s + r_p
     scene = fb.Scene()
-    carrier, sun, planet = planetary(scene)
+    arm = scene.add_body((0, 0), 2.0, 0.05, {"planet": (place, 0), "axis": (0, 0)})
+    carrier = arm.centre
+    sun = scene.add_body((0, 0), 1.0, 0.02).centre
+    planet = scene.add_body((place, 0), 0.5, 0.01).centre
+    held = scene.add_joint(fb.Revolute(fb.GROUND, carrier))
+    of_sun = scene.add_joint(fb.Revolute(arm["axis"], sun))
+    of_planet = scene.add_joint(fb.Revolute(arm["planet"], planet))
+    scene.add_joint(fb.Gear(of_sun, of_planet, -r_s / r_p))
+    # Seen from the carrier the ring turns backwards, as the ground does.
+    scene.add_joint(fb.Gear(held, of_planet, -r_r / r_p))
     scene.add_moment(sun, 0.4)
     motion = fb.simulate(scene, dt=1e-3, t_end=0.2)
     speed, of_planet = 1 + r_r / r_s, 1 - r_r / r_p
@@ -97,13 +92,13 @@ def test_a_planetary_gear_turns_and_accelerates_as_willis_says():
 # -- Motions against an integrator of its own ------------------------------------------------------
 
 
-def geared_pendulum(ratio, x=1.0):
+def geared_pendulum(ratio):
     """An arm that falls; a wheel at its end rolls on one that is held, and is out of balance."""
     scene = fb.Scene(gravity=(0, -G))
     arm = scene.add_body((0.5, 0), 2.0, 0.1, {"O": (0, 0), "P": (1, 0)})
     wheel = scene.add_body((1.2, 0.1), 0.7, 0.03, {"P": (1, 0)})
     joints = scene.add_joint(fb.Revolute(fb.GROUND, arm["O"])), fb.Revolute(arm["P"], wheel["P"])
-    gear = scene.add_joint(fb.Gear(joints[0], scene.add_joint(joints[1]), ratio * x))
+    gear = scene.add_joint(fb.Gear(joints[0], scene.add_joint(joints[1]), ratio))
     return scene, arm, wheel, gear
 
 
@@ -144,24 +139,6 @@ def test_other_schemes_go_to_the_same_motion(scheme):
     scene, arm, _, gear = geared_pendulum(-2.0)
     motion = fb.simulate(scene, scheme(), dt=2e-3, t_end=0.5)
     assert motion.rotation(arm.centre) == pytest.approx(fall(-2.0, motion.t), abs=1e-4)
-    assert abs(motion.joint(gear).difference).max() < 1e-12
-
-
-def test_free_wheels_keep_energy_and_momenta_in_steps_of_a_radian():
-    scene = fb.Scene()
-    carrier = scene.add_body((0, 0), 2.0, 0.3, {"sun": (0.1, 0), "planet": (0.3, 0)})
-    nodes = [scene.add_body((x, 0), 1.0, 0.05).centre for x in (0.1, 0.3)]
-    pairs = zip(("sun", "planet"), nodes, strict=True)
-    joints = [scene.add_joint(fb.Revolute(carrier[name], node)) for name, node in pairs]
-    gear = scene.add_joint(fb.Gear(*joints, -1.5))
-    scene.set_velocity(carrier, (0.3, 0.1), spin=3.0)
-    scene.set_velocity(nodes[0], (0.3, 0.4), spin=10.0)
-    scene.set_velocity(nodes[1], (0.3, 1.0), spin=-7.5)
-    motion = fb.simulate(scene, dt=0.1, t_end=10.0)
-    assert abs(np.diff(motion.rotation(nodes[0]))).max() > 0.9
-    assert np.ptp(motion.energy.total) < 1e-12 * motion.energy.total[0]
-    assert np.ptp(motion.linear_momentum, axis=0).max() < 1e-12
-    assert np.ptp(motion.angular_momentum) < 1e-12 * abs(motion.angular_momentum[0])
     assert abs(motion.joint(gear).difference).max() < 1e-12
 
 
@@ -329,34 +306,18 @@ def test_a_frequency_response_sees_the_spring_and_damper_of_the_other_wheel():
     assert response.values[:, 2] == pytest.approx(-2 / (5 + 0.1j * w - 0.5 * w**2), rel=1e-9)
 
 
-def test_derivatives_by_the_ratio_are_those_of_the_closed_forms():
+def test_derivatives_by_the_ratio_are_those_of_the_closed_form():
     def build(x):
-        scene, nodes, joints = wheels(0.3 * x[1], 0.2)
-        gear = scene.add_joint(fb.Gear(*joints, x[0]))
+        scene, nodes, joints = wheels(0.3, 0.2)
+        scene.add_joint(fb.Gear(*joints, x[0]))
         scene.add_spring(nodes[1], rotation=fb.Spring(7.0))
         scene.add_moment(nodes[0], 0.4)
-        outputs = {"turn": fb.Output("rotation", nodes[0]), "tooth": fb.Output("force", gear)}
-        return scene, outputs
+        return scene, {"turn": fb.Output("rotation", nodes[0])}
 
-    x = np.array([-2.0, 1.0])
-
-    def turn_of(x):
-        scene, outputs = build(x)
-        return scene, {"turn": outputs["turn"]}
-
-    run = fb.StaticResponse(turn_of)
-    _, values = run(x)
+    run = fb.StaticResponse(build)
+    _, values = run([-2.0])
     assert values["turn"][-1] == pytest.approx(0.4 / (4 * 7.0), rel=1e-12)
-    assert run.jacobian()["turn"][-1] == pytest.approx([0.4 / 28.0, 0.0], rel=1e-9, abs=1e-12)
-    motion = fb.Response(build, dt=0.01, t_end=0.3)
-    _, values = motion(x)
-    J = motion.jacobian()
-    h = 1e-5
-    for i in range(2):
-        ends = [motion(x + sign * h * np.eye(2)[i])[1] for sign in (1, -1)]
-        for name, jacobian in J.items():
-            slope = (ends[0][name] - ends[1][name]) / (2 * h)
-            assert jacobian[..., i] == pytest.approx(slope, abs=1e-6 * abs(slope).max())
+    assert run.jacobian()["turn"][-1] == pytest.approx([0.4 / 28.0], rel=1e-9)
 
 
 # -- Changes of a scene ----------------------------------------------------------------------------

@@ -8,11 +8,11 @@ import ufl
 
 import numpy as np
 import pytest
+from derivatives import assert_left_of_second_order
 from test_modal_response import NUMBERS, beaded, damped, loaded, rotor, turning
 from test_static_response import DATA, X, bending, chain, driven, motors, slide
 
 import fx_beam as fb
-from fx_beam.linear.harmonic import Vibration
 
 F = [0.0, 0.7, 3.0, 11.0]
 
@@ -123,18 +123,8 @@ def test_an_oscillator_has_the_derivatives_of_its_closed_form():
 )
 def test_what_is_left_of_the_linear_change_is_of_second_order(build, options, monkeypatch):
     monkeypatch.setitem(DATA, "retardation", 2e-3)
-    x, direction = np.append(X, 1.0), np.array([0.3, -0.5, 0.4, 0.6])
     run = fb.HarmonicResponse(shaken(build), F, **options)
-    values = run(x)
-    J = run.jacobian()
-    weights = np.random.default_rng(0).standard_normal((*values.shape, 2)) @ (1, 1j)
-    by_x = np.tensordot(weights, J, 2).real
-    assert run.vjp(weights) == pytest.approx(by_x, rel=1e-6, abs=1e-9 * abs(by_x).max())
-    left = [run(x + h * direction) - values - h * J @ direction for h in (2e-3, -2e-3, 1e-3, -1e-3)]
-    odd = abs(np.subtract(left[::2], left[1::2])).reshape(2, -1).max(axis=1)
-    assert odd[0] < 1e-5 * abs(values).max()  # of third order: the difference of both sides
-    even = abs(np.add(left[::2], left[1::2])).reshape(2, -1).max(axis=1)
-    assert even[0] / even[1] == pytest.approx(4.0, rel=0.05)
+    assert_left_of_second_order(run, np.append(X, 1.0), 1e-5)
 
 
 @pytest.mark.parametrize("build", [damped, relaxed])
@@ -227,28 +217,6 @@ def test_scenes_of_earlier_calls_are_forgotten():
     assert len(scenes) < 10
 
 
-@pytest.mark.parametrize(
-    "build, x, state, times",
-    [(damped, [1.0, 1.1, 0.9, 0.5], None, 1), (rotor, NUMBERS, turning, 2)],
-)
-def test_symmetric_equations_are_solved_once(build, x, state, times, monkeypatch):
-    """For the load and the adjoint motions at each frequency; those of a turn are not symmetric."""
-    asked, solved = [], Vibration.solved
-
-    def counted(vibration, *given, **how):
-        asked.append(given)
-        return solved(vibration, *given, **how)
-
-    monkeypatch.setattr(Vibration, "solved", counted)
-    run = fb.HarmonicResponse(shaken(build), F, state=state)
-    values, once = run(x), len(asked)
-    J = run.jacobian()
-    assert once == times * len(F)
-    monkeypatch.setattr(Vibration, "symmetric", False)
-    assert run(x) == pytest.approx(values, rel=1e-9)
-    assert run.jacobian() == pytest.approx(J, rel=0, abs=1e-9 * abs(J).max())
-
-
 @pytest.mark.parametrize("ratio", [1e-1, 1e-2, 1e-3])
 def test_heights_of_sharp_peaks_have_the_derivatives_of_the_closed_form(ratio):
     """Largest amplitude F / (2 z sqrt(1 - z^2) k) with z = c / (2 sqrt(k m))."""
@@ -308,14 +276,5 @@ def test_on_a_base_what_is_left_of_the_linear_change_is_of_second_order(build, m
         scene = build(x)
         return scene, None, scene.beams[-1].end
 
-    x, direction = np.append(X, 1.0), np.array([0.3, -0.5, 0.4, 0.6])
     run = fb.HarmonicResponse(built, F, state=loaded, base=(0.4, 1.0 + 0.5j))
-    values, J = run(x), run.jacobian()
-    weights = np.random.default_rng(0).standard_normal((*values.shape, 2)) @ (1, 1j)
-    by_x = np.tensordot(weights, J, 2).real
-    assert run.vjp(weights) == pytest.approx(by_x, rel=1e-6, abs=1e-9 * abs(by_x).max())
-    left = [run(x + h * direction) - values - h * J @ direction for h in (2e-3, -2e-3, 1e-3, -1e-3)]
-    odd = abs(np.subtract(left[::2], left[1::2])).reshape(2, -1).max(axis=1)
-    assert odd[0] < 1e-5 * abs(values).max()
-    even = abs(np.add(left[::2], left[1::2])).reshape(2, -1).max(axis=1)
-    assert even[0] / even[1] == pytest.approx(4.0, rel=0.05)
+    assert_left_of_second_order(run, np.append(X, 1.0), 1e-5)

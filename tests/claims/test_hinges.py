@@ -56,7 +56,7 @@ def driven(spring, path, slides=False):
     return scene, scene.add_joint(joint)
 
 
-def swung(spring, joint=fb.Revolute):
+def swung(spring):
     """Two heavy arms, one on the ground, with springs in both hinges."""
     section = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.1)
     scene = fb.Scene(gravity=(0, -9.81))

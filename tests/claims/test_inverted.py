@@ -32,10 +32,10 @@ def stretch(solution, beam, degree):
     return np.concatenate(found, axis=1)
 
 
-def bar(degree, elements=1, points=((0, 0), (1, 0)), speed=0.0, gravity=0.0):
+def bar(degree, speed=0.0, gravity=0.0):
     """A bar along x on a clamp, with a mass at its guided end that runs into it."""
     scene = fb.Scene(gravity=(gravity, 0.0))
-    beam = scene.add_beam(points, SOFT, elements=elements, degree=degree, name="bar")
+    beam = scene.add_beam(((0, 0), (1, 0)), SOFT, elements=1, degree=degree, name="bar")
     scene.clamp(beam.start)
     scene.fix(beam.end, "y", "rotation")
     if speed:

@@ -15,17 +15,16 @@ def refused(match):
     return pytest.raises(fb.SceneError, match=match)
 
 
-def beams(count=3, section=MEMBER):
+def beams():
     """Beams that start at the same point."""
     scene = fb.Scene()
     return scene, [
-        scene.add_beam([(0, 0), (math.cos(i), math.sin(i))], section, elements=2)
-        for i in range(count)
+        scene.add_beam([(0, 0), (math.cos(i), math.sin(i))], MEMBER, elements=2) for i in range(3)
     ]
 
 
-def run(scene, scheme=None, dt=0.1, t_end=0.1, **options):
-    return fb.simulate(scene, scheme, dt=dt, t_end=t_end, **options)
+def run(scene, dt=0.1, t_end=0.1, **options):
+    return fb.simulate(scene, None, dt=dt, t_end=t_end, **options)
 
 
 # -- A joint by itself ---------------------------------------------------------------------------
@@ -73,11 +72,6 @@ def test_an_invalid_joint_is_refused(build, message):
     scene, (a, b, _) = beams()
     with refused(message):
         scene.add_joint(build(a, b))
-
-
-def test_a_guide_has_no_gap_along_its_axis():
-    scene, (a, b, _) = beams()
-    scene.add_joint(fb.Prismatic(a.start, b.end, axis=(b.end.x, b.end.y)))
 
 
 @pytest.mark.parametrize("size", [1e-9, 1e3])

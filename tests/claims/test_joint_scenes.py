@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from jointed import KINDS, MEMBER, W, momenta, pair, rotation, throw
+from jointed import KINDS, MEMBER, W, momenta, pair, rotation
 
 import fx_beam as fb
 
@@ -63,9 +63,9 @@ def test_the_order_of_joints_and_of_their_nodes_does_not_matter(plain_swing, opt
 # -- Equivalence ---------------------------------------------------------------------------------
 
 
-def loaded(prepare, gravity=(1.0, -9.81), velocity=None):
+def loaded(prepare):
     """Positions and rotations of a beam after `prepare(scene, beam)` has held it."""
-    scene = fb.Scene(gravity=gravity)
+    scene = fb.Scene(gravity=(1.0, -9.81))
     beam = scene.add_beam([(0, 0), (1, 0.5)], MEMBER, elements=4)
     joint = prepare(scene, beam)
     scene.add_moment(beam.end, lambda t: 3.0 * np.sin(5 * t))
@@ -190,14 +190,6 @@ def test_rates_satisfy_the_joint_and_projected_ones_are_the_nearest(kind, massle
         ]
         assert abs(sum(work)) < 1e-9 * abs(change).max() * abs(rates).max()
     assert abs(change).max() > 0.1
-
-
-def test_compatible_velocities_are_not_changed_by_the_projection():
-    scene, first, second, joint = pair("prismatic with offset")
-    throw(scene, first, second, joint)
-    given = fb.simulate(scene, dt=0.01, t_end=0.01).v[0]
-    scene.make_velocities_compatible()
-    assert abs(fb.simulate(scene, dt=0.01, t_end=0.01).v[0] - given).max() < 1e-13
 
 
 # -- Initial accelerations -----------------------------------------------------------------------

@@ -12,7 +12,6 @@ from jointed import (
     drift,
     momenta,
     pair,
-    rotation,
     throw,
     thrown,
 )
@@ -158,42 +157,6 @@ def test_whichever_node_follows_energy_is_exact_joints_close_and_newton_converge
 
 
 # -- Forces of the joints ----------------------------------------------------------------------
-
-
-def work_of(solution, joint):
-    """Work of a joint's forces on both of its nodes in each step."""
-    force, moment = np.split(solution.joint(joint).force[1:], [2], axis=1)
-    total, turns = 0.0, {}
-    x = {}
-    for name, node in (("a", joint.a), ("b", joint.b)):
-        x[name] = solution.position(node)
-        turns[name] = 2 * np.tan(np.diff(solution.rotation(node)) / 2)
-    rho = x["b"] - x["a"]
-    lever = cross((rho[1:] + rho[:-1]) / 2, force)
-    total = np.sum(force * np.diff(rho, axis=0), axis=1) - lever * turns["a"]
-    return total + moment[:, 0] * (turns["b"] - turns["a"])
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_joint_does_no_work(kind):
-    scene, joint = thrown(kind, gravity=(0, -9.81))
-    solution = fb.simulate(scene, UNFITTED, dt=0.01, t_end=0.2)
-    assert abs(solution.joint(joint).force).max() > 0.5
-    assert abs(work_of(solution, joint)).max() < 1e-10 * scale(solution)
-
-
-@pytest.mark.parametrize("kind", SLIDING)
-def test_a_guide_has_no_force_along_its_axis_and_a_slot_no_moment(kind):
-    scene, joint = thrown(kind)
-    solution = fb.simulate(scene, UNFITTED, dt=0.01, t_end=0.2)
-    axes = np.array([rotation(psi) @ joint.axis for psi in solution.rotation(joint.a)])
-    force = solution.joint(joint).force[1:]
-    along = np.sum(force[:, :2] * (axes[1:] + axes[:-1]) / 2, axis=1)
-    assert abs(along).max() < 1e-9 * abs(force).max()
-    if "slot" in kind:
-        assert abs(force[:, 2]).max() < 1e-9 * abs(force).max()
-    else:
-        assert abs(force[:, 2]).max() > 0.1
 
 
 @pytest.mark.parametrize("backwards", [False, True])

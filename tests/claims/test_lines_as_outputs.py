@@ -8,12 +8,12 @@ import pytest
 import fx_beam as fb
 
 
-def pair(x=(1.0, 1.0), law=None, middle=False):
+def pair(law=None):
     """A body that swings on a spring to another one, which a spring and a damper hold."""
     scene = fb.Scene(gravity=(0.0, -9.81))
-    a = scene.add_body((0.0, 0.0), mass=2.0 * x[0], inertia=0.1, name="a").centre
-    b = scene.add_body((0.8, -0.6 * x[1]), mass=1.0, inertia=0.1, name="b").centre
-    spring = fb.Spring(300.0 * x[0], rest=0.9) if law is None else law
+    a = scene.add_body((0.0, 0.0), mass=2.0, inertia=0.1, name="a").centre
+    b = scene.add_body((0.8, -0.6), mass=1.0, inertia=0.1, name="b").centre
+    spring = fb.Spring(300.0, rest=0.9) if law is None else law
     line = scene.add_force_between(a, b, spring=spring, damper=fb.Damper(0.4))
     held = scene.add_spring(
         a, x=fb.Spring(500.0), y=[fb.Spring(400.0), fb.Damper(3.0)], rotation=fb.Spring(2.0)
@@ -56,7 +56,7 @@ def test_outputs_of_lines_are_those_of_their_nodes():
 @pytest.mark.parametrize("own", [False, True])
 def test_energies_and_powers_of_all_lines_are_those_of_the_scene(own):
     """What lines store is the energy of springs; what they take beyond it is dissipated."""
-    law = fb.Spring(strain_energy=lambda x: 120.0 * (x - 0.9) ** 4) if own else None
+    law = fb.Spring(3.0, strain_energy=lambda x: 120.0 * (x - 0.9) ** 4) if own else None
     scene, line, held = pair(law=law)
     solution = fb.simulate(scene, dt=0.01, t_end=1.0)
     lines = [solution.joint(one) for one in (line, *held)]
@@ -102,33 +102,6 @@ def test_beds_have_rates_and_power():
     middle = (across.length[1:] + across.length[:-1]) / 2
     work = 500 * (middle * path) @ bed.normal.lengths
     assert 0.005 * across.power[1:] == pytest.approx(work, abs=1e-12)
-
-
-def test_lengths_and_rates_have_derivatives():
-    """Against differences, of places and masses, forwards and backwards."""
-
-    def build(x):
-        scene, line, held = pair(x)
-        outputs = {
-            "length": fb.Output("length", line),
-            "rate": fb.Output("rate", line),
-            "sag": fb.Output("rate", held.y),
-        }
-        return scene, outputs
-
-    response = fb.Response(build, dt=0.01, t_end=0.3)
-    x, step = np.array([1.0, 1.0]), 1e-6
-    ways = np.eye(2) * step
-    names = "length", "rate", "sag"
-    moved = [(response(x + way)[1], response(x - way)[1]) for way in ways]
-    _, y = response(x)
-    jacobian = response.jacobian()
-    for name in names:
-        known = np.stack([(a[name] - b[name]) / (2 * step) for a, b in moved], axis=-1)
-        assert jacobian[name] == pytest.approx(known, abs=1e-6 * abs(known).max())
-    gradient = response.vjp({name: np.ones_like(y[name]) for name in names})
-    total = sum(jacobian[name].sum(axis=0) for name in names)
-    assert gradient == pytest.approx(total, rel=1e-9)
 
 
 def test_lengths_are_linearised():
@@ -186,7 +159,7 @@ def own_laws(k):
     }
 
 
-def check(run, x, tolerance=2e-6, names=None):
+def check(run, x, tolerance=2e-6):
     """Derivatives of outputs forwards and backwards, against differences."""
     step = 1e-5
     ways = step * np.eye(len(x))
@@ -276,14 +249,13 @@ def test_forces_of_lines_are_linearised():
     assert system.D[:4, 0] == pytest.approx(0.0, abs=1e-12)
 
 
-@pytest.mark.parametrize("memory", [1e9, 2e4])
-def test_derivatives_of_pulls_do_not_depend_on_memory(memory):
-    run = fb.Response(lambda x: roped(x, "points"), dt=0.01, t_end=0.5, memory=memory)
-    run(X)
-    gradient = run.vjp({"force": np.ones(51), "energy": np.ones(51)})
-    known = fb.Response(lambda x: roped(x, "points"), dt=0.01, t_end=0.5)
-    known(X)
-    assert gradient == pytest.approx(known.vjp({"force": np.ones(51), "energy": np.ones(51)}))
+def test_derivatives_of_pulls_do_not_depend_on_memory():
+    def gradient(**memory):
+        run = fb.Response(lambda x: roped(x, "points"), dt=0.01, t_end=0.5, **memory)
+        run(X)
+        return run.vjp({"force": np.ones(51), "energy": np.ones(51)})
+
+    assert gradient(memory=2e4) == pytest.approx(gradient())
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -298,13 +270,6 @@ def test_the_energies_of_all_lines_are_that_of_springs(kind):
     assert rows == pytest.approx(springs[1:], abs=1e-13) and springs.max() > 0.01
     total = sum(solution.joint(line).energy for line in lines)
     assert total == pytest.approx(springs, abs=1e-13)
-
-
-def test_springs_by_stiffness_and_by_energy_add_up():
-    scene, _ = roped(X, "points", own_laws)
-    solution = fb.simulate(scene, dt=0.01, t_end=0.1)
-    total = sum(solution.joint(line).energy for line in scene.forces_between)
-    assert total == pytest.approx(solution.energy.springs, abs=1e-13)
 
 
 @pytest.mark.parametrize(

@@ -22,12 +22,12 @@ by_name = pytest.mark.parametrize(
 )
 
 
-def free_beam(section=SECTION, degree=1, **options):
+def free_beam(degree=1, **options):
     """Free beam of length 3 with four elements, away from the origin, along no axis."""
     scene = fb.Scene(**options)
     direction = np.array([0.6, 0.8])
     ends = [np.array([1.0, -2.0]), np.array([1.0, -2.0]) + 3 * direction]
-    return scene, scene.add_beam(ends, section, elements=4, degree=degree)
+    return scene, scene.add_beam(ends, SECTION, elements=4, degree=degree)
 
 
 def cantilever(length=1.0, elements=4, degree=1, section=MASSLESS):
@@ -282,9 +282,9 @@ def test_a_load_that_grows_along_a_beam_has_its_resultant_at_two_thirds(degree):
         np.testing.assert_allclose(-r.M[-1], moment, atol=2e-2 * total)
 
 
-def simply_supported(load, elements=32, degree=1, **options):
+def simply_supported(load, elements=32, **options):
     scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (LENGTH, 0)], SLENDER, elements=elements, degree=degree)
+    beam = scene.add_beam([(0, 0), (LENGTH, 0)], SLENDER, elements=elements, degree=1)
     scene.pin(beam.start)
     scene.fix(beam.end, "y")
     scene.add_line_load(beam, load, **({"of": BOTH} | options))

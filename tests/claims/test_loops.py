@@ -119,13 +119,6 @@ def test_closed_loops_are_in_balance_with_exact_energy(made, scheme):
         assert force == pytest.approx(change, abs=1e-8 * largest(change))
 
 
-def test_adaptive_steps_close_loops():
-    scene, bars, _ = four_bar()
-    exact = run(scene, dt=0.001, t_end=1.0).position(bars[1].centre)[-1]
-    solution = fb.simulate(scene, t_end=1.0, tolerance=1e-4)
-    assert solution.position(bars[1].centre)[-1] == pytest.approx(exact, abs=1e-3)
-
-
 def test_initial_velocities_that_open_a_loop_are_refused():
     scene, bars, _ = four_bar()
     scene.set_velocity(bars[0], (-0.45, 0.15), spin=1.0)

@@ -10,12 +10,12 @@ import fx_beam as fb
 SECTION = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0, rhoI=1e-4)
 
 
-def column(load=50.0):
+def column():
     scene = fb.Scene()
     beam = scene.add_beam([(0, 0), (0, 1)], SECTION, 8, 2)
     scene.pin(beam.start)
     scene.fix(beam.end, "x")
-    scene.add_force(beam.end, (0, -load))
+    scene.add_force(beam.end, (0, -50.0))
     return scene
 
 

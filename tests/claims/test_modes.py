@@ -105,12 +105,11 @@ def chain(links, height, elements, degree):
     return scene
 
 
-def side_by_side(count, section, elements, degree=1, clamped=True):
+def side_by_side(count, section, elements, degree=1):
     scene = fb.Scene()
     for y in range(count):
         beam = scene.add_beam([(0, y), (1, y)], section, elements=elements, degree=degree)
-        if clamped:
-            scene.clamp(beam.start)
+        scene.clamp(beam.start)
     return scene
 
 
@@ -163,9 +162,9 @@ def test_parts_of_very_different_stiffness_have_the_modes_that_each_has_alone():
     assert squeezed(stiff, soft) == pytest.approx(exact, rel=1e-5)
 
 
-def set_shape(scene, modes, shape, size=1.0):
+def set_shape(scene, modes, shape):
     """Initial velocities by a shape."""
-    places = {tuple(x): size * v for x, v in zip(modes.positions, shape, strict=True)}
+    places = {tuple(x): v for x, v in zip(modes.positions, shape, strict=True)}
     for beam in scene.beams:
         scene.set_velocity(beam, lambda x, y: places[x, y][:2], spin=lambda x, y: places[x, y][2])
 

@@ -122,18 +122,6 @@ def test_a_thousand_returns_to_a_snapshot_give_the_same_episode():
     assert abs(np.diff(solution.energy.balance_error)).max() < 1e-11
 
 
-@pytest.mark.parametrize("scheme", [fb.EnergyDecaying(), fb.HHT(-0.1)])
-def test_a_snapshot_has_what_a_scheme_remembers(scheme):
-    scene, _, _, outputs = arm()
-    motion = fb.Motion(scene, scheme, dt=DT, outputs=outputs)
-    motion.run(0.02, lambda t, y: {"torque": torque(t)})
-    start, again = motion.snapshot(), pickle.loads(pickle.dumps(motion))
-    first = motion.run(0.04)
-    motion.restore(start)
-    for other in (motion, again):
-        assert differences(first, other.run(0.04)) < 1e-9
-
-
 def test_a_motion_goes_on_from_snapshots_copies_files_and_solutions(tmp_path):
     scene, _, _, outputs = arm()
     motion = fb.Motion(scene, dt=DT, outputs=outputs, record=fb.Record())

@@ -12,10 +12,10 @@ DECK = fb.Section(EA=1e6, GA=1e9, EI=1e3, rhoA=2.0, rhoI=0.1)
 RIB = fb.Section(EA=5e5, GA=1e9, EI=2e3, rhoA=1.0, rhoI=0.1)
 
 
-def t_beam(elements, apart=0.3, degree=1):
+def t_beam(elements):
     scene = fb.Scene()
-    deck = scene.add_beam([(0, 0), (4, 0)], DECK, elements, degree, name="deck")
-    rib = scene.add_beam(deck.nodes, RIB, elements, degree, name="rib", offset=-apart)
+    deck = scene.add_beam([(0, 0), (4, 0)], DECK, elements, 1, name="deck")
+    rib = scene.add_beam(deck.nodes, RIB, elements, 1, name="rib", offset=-0.3)
     scene.clamp(deck.start)
     return scene, deck, rib
 

@@ -11,10 +11,10 @@ EI = 1.0
 SECTION = fb.Section(EA=1e4, GA=4e3, EI=EI, rhoA=1.0, rhoI=1e-6)
 
 
-def column(load, elements=8, degree=3):
+def column(load):
     """A column of length 1 under a load, pinned at both ends."""
     scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (0, 1)], SECTION, elements, degree)
+    beam = scene.add_beam([(0, 0), (0, 1)], SECTION, 8, 3)
     scene.pin(beam.start)
     scene.fix(beam.end, "x")
     scene.add_force(beam.end, (0, -load))

@@ -95,13 +95,13 @@ def two_bodies():
 SPEED = 20.0  # [rad/s]
 
 
-def repeats(scene, motion, scheme=None, periods=2):
+def repeats(scene, motion, scheme=None):
     """Largest distance of all nodes from where they were, after periods of a simulation."""
     first = motion.solution
     dt = motion.period / (len(first.t) - 1)
-    t_end = float(first.t[-1]) + periods * motion.period
+    t_end = float(first.t[-1]) + 2 * motion.period
     later = fb.simulate(scene, scheme, dt=dt, t_end=t_end, start=first)
-    at = periods * (len(first.t) - 1)
+    at = 2 * (len(first.t) - 1)
     x = first.q[..., :2] + first.X
     return abs(later.q[at, :, :2] + later.X - x[-1]).max() / np.ptp(x, axis=0).max()
 

@@ -6,9 +6,9 @@ import pytest
 import fx_beam as fb
 
 
-def balls(distance=1.0, mass=2.0):
+def balls(distance=1.0):
     scene = fb.Scene()
-    bodies = [scene.add_body((x, 0), mass=mass, inertia=0.1) for x in (0, distance)]
+    bodies = [scene.add_body((x, 0), mass=2.0, inertia=0.1) for x in (0, distance)]
     return scene, *(body.centre for body in bodies)
 
 

@@ -26,19 +26,19 @@ def taut(a, b, centre, radius, left):
     return free + radius * arc, arc
 
 
-def atwood(spring, radius=0.2, inertia=None, masses=(1.0, 1.5)):
+def atwood(spring, inertia=None):
     """Two loads over a pulley that turns freely, or with an inertia under two ropes."""
     scene = fb.Scene(gravity=(0, -G))
-    sides = zip((-radius, radius), masses, strict=True)
+    sides = zip((-0.2, 0.2), (1.0, 1.5), strict=True)
     loads = [scene.add_body((x, -1), mass=of).centre for x, of in sides]
     for load in loads:
         scene.fix(load, "x", "rotation")
     if inertia is None:
-        pulley = fb.Pulley((0, 0), radius, side="right")
+        pulley = fb.Pulley((0, 0), 0.2, side="right")
         return scene, loads, None, [scene.add_rope([loads[0], pulley, loads[1]], spring)]
     wheel = scene.add_body((0, 0), 1.0, inertia).centre
     scene.pin(wheel)
-    drum = fb.Pulley(wheel, radius, side="right")
+    drum = fb.Pulley(wheel, 0.2, side="right")
     ropes = [scene.add_rope([loads[0], drum], spring), scene.add_rope([drum, loads[1]], spring)]
     return scene, loads, wheel, ropes
 
@@ -146,28 +146,6 @@ def test_a_string_that_winds_up_on_a_post_moves_as_lagrange_says_to_second_order
         assert abs(motion.energy.balance_error).max() < 1e-8
     assert errors[1] < 2e-3
     assert 3.3 < errors[0] / errors[1] < 4.6
-
-
-@pytest.mark.parametrize("scheme", [fb.EnergyMomentum, fb.MidPoint])
-def test_free_circles_keep_energy_and_both_momenta_in_large_steps(scheme):
-    scene = fb.Scene()
-    places = ((0, 0), (1, 0.5), (2, -0.2), (3, 0.3))
-    wheels = [scene.add_body(at, 1.0, 0.1).centre for at in places]
-    points = [
-        fb.Pulley(wheels[0], 0.2, "right"),
-        fb.Pulley(wheels[1], 0.15, "right"),
-        fb.Pulley(wheels[2], 0.25, "left"),
-        wheels[3],
-    ]
-    scene.add_rope(points, fb.Spring(5.0, rest=3.0))
-    rates = ((0.3, 1), 2.0), ((0, 0), 1.0), ((0.5, 0.3), -1.0), ((0.5, -2), 3.0)
-    for wheel, (velocity, spin) in zip(wheels, rates, strict=True):
-        scene.set_velocity(wheel, velocity, spin=spin)
-    motion = fb.simulate(scene, scheme(), dt=0.1, t_end=0.6)
-    assert np.ptp(motion.energy.total) < 1e-12 * motion.energy.total[0]
-    assert np.ptp(motion.energy.springs) > 1e-2
-    assert np.ptp(motion.linear_momentum, axis=0).max() < 1e-13
-    assert np.ptp(motion.angular_momentum) < 1e-12
 
 
 # -- Statics, vibrations, derivatives --------------------------------------------------------------

@@ -14,7 +14,6 @@ from derivatives import (
 from jointed import frame, linkage
 
 import fx_beam as fb
-from fx_beam.fem import assembly
 
 # -- Every number of a scene -----------------------------------------------------------------
 
@@ -403,40 +402,6 @@ def test_other_outputs_than_before_are_refused():
     run([1.0])
     with pytest.raises(fb.SceneError, match="as in the first call"):
         run([-1.0])
-
-
-def test_a_motion_step_by_step_does_not_measure_energies():
-    scene, _ = pendulum([1.0, 1.0, 1.0])
-    with pytest.raises(fb.SceneError, match="a node, a joint, a rope or a contact"):
-        fb.Motion(scene, dt=0.01, outputs={"T": fb.Output("kinetic_energy", scene)})
-
-
-def test_derivatives_of_energies_and_moments_are_evaluated_for_all_rows_at_once(monkeypatch):
-    calls, tabulated = [], assembly.tabulated
-
-    def counted(function, w, *given):
-        calls.append(w.shape[0])
-        return tabulated(function, w, *given)
-
-    monkeypatch.setattr(assembly, "tabulated", counted)
-
-    def build(x):
-        scene, _ = pendulum(x)
-        beam = scene.beams[0]
-        outputs = {q: fb.Output(q, scene) for q in ("total_energy", "dissipated_energy")}
-        return scene, outputs | {"M": fb.Output("M", beam)}
-
-    evaluations = []
-    for steps in (10, 40):
-        run = fb.Response(build, dt=0.1 / steps, t_end=0.1, scheme=fb.EnergyDecaying(0.1))
-        _, y = run([1.0, 1.0, 1.0])
-        run.jacobian()
-        calls.clear()
-        run.vjp({name: np.ones_like(values) for name, values in y.items()})
-        run.jacobian()
-        evaluations.append((len(calls), sum(calls)))
-    (few, rows), (many, more_rows) = evaluations
-    assert few == many and more_rows > 3 * rows
 
 
 # -- What has no derivatives ------------------------------------------------------------------

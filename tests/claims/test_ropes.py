@@ -10,23 +10,23 @@ import fx_beam as fb
 G = 9.81
 
 
-def block(k=1e5, mass=20.0, length=4.0, **more):
+def block(k=1e5, length=4.0, **more):
     """A load at a loose pulley between two places 0.2 m apart, which moves up and down."""
     scene = fb.Scene(gravity=(0, -G))
-    load = scene.add_body((0.1, -2), mass=mass).centre
+    load = scene.add_body((0.1, -2), mass=20.0).centre
     scene.fix(load, "x", "rotation")
     rope = scene.add_rope([(0, 0), load, (0.2, 0)], fb.Spring(k), length=length, **more)
     return scene, load, rope
 
 
-def settled(k=1e5, mass=20.0, length=4.0):
+def settled(k=1e5, length=4.0):
     """Depth and tension at rest, by bisection: 2 T cos(half the angle) = m g."""
     low, high = 0.0, 10.0
     for _ in range(200):
         depth = (low + high) / 2
         side = np.hypot(0.1, depth)
         tension = max(0.0, k * (2 * side - length))
-        low, high = (depth, high) if 2 * tension * depth / side < mass * G else (low, depth)
+        low, high = (depth, high) if 2 * tension * depth / side < 20.0 * G else (low, depth)
     return depth, tension
 
 

@@ -8,11 +8,11 @@ import fx_beam as fb
 TAPER = fb.Section(EA=1e5, GA=1e5, EI=20.0, rhoA=lambda f: 1 + f, rhoI=lambda f: 0.02 - 0.01 * f)
 
 
-def frame(section=TAPER):
+def frame():
     """A column with a hinged girder, and a body on it."""
     scene = fb.Scene()
-    column = scene.add_beam([(0, 0), (0, 1)], section, elements=3, degree=2)
-    girder = scene.add_beam([(0, 1), (1.5, 1.2)], section, elements=2, degree=2)
+    column = scene.add_beam([(0, 0), (0, 1)], TAPER, elements=3, degree=2)
+    girder = scene.add_beam([(0, 1), (1.5, 1.2)], TAPER, elements=2, degree=2)
     scene.clamp(column.start)
     scene.clamp(girder.end)
     scene.add_joint(fb.Revolute(column.end, girder.start))

@@ -24,8 +24,8 @@ def small_scene(section=SECTION, **options):
     return scene, scene.add_beam([(0, 0), (2, 0)], section, elements=2, name="arm")
 
 
-def run(scene, scheme=None, dt=0.1, t_end=0.1, **options):
-    return fb.simulate(scene, scheme, dt=dt, t_end=t_end, **options)
+def run(scene, dt=0.1, t_end=0.1, **options):
+    return fb.simulate(scene, None, dt=dt, t_end=t_end, **options)
 
 
 def refused(match):

@@ -30,9 +30,9 @@ def arm(elements=4, degree=1):
     return scene, beam
 
 
-def end_state(scheme, dt, t_end=0.5, **options):
+def end_state(scheme, dt, **options):
     scene, beam = arm(**options)
-    solution = fb.simulate(scene, scheme, dt=dt, t_end=t_end)
+    solution = fb.simulate(scene, scheme, dt=dt, t_end=0.5)
     return np.append(solution.position(beam.end)[-1], solution.rotation(beam.end)[-1])
 
 

@@ -20,7 +20,6 @@ STIFF = fb.Section(EA=1e7, GA=1e7, EI=1e5, rhoA=1.0, rhoI=0.01)
 SHAPES = {
     "straight": [(0, 0), (6, 0)],
     "curved": fb.arc((0, 0), (3, 0.8), (6, 0)),
-    "cornered": [(0, 0), (3, 0), (3, 3)],
 }
 
 
@@ -79,23 +78,6 @@ def test_a_step_over_many_elements_is_halved_and_keeps_the_energy():
     with pytest.raises(fb.StepError) as raised:
         fb.simulate(scene, dt=0.05, t_end=0.1, max_halvings=0)
     assert raised.value.failure.kind == "large slide"
-
-
-def test_two_bodies_pass_each_other_on_one_beam_and_keep_energy_and_momenta():
-    scene = fb.Scene()
-    rod = scene.add_beam(SHAPES["straight"], SOFT, elements=12)
-    joints = []
-    for make, place, speed in ((fb.Slider, 0.5, 3.0), (fb.Sleeve, 5.5, -4.0)):
-        bead = scene.add_body((place, 0.2), 1.0, 0.1, points={"hook": (place, 0)})
-        scene.set_velocity(bead, (speed, 0.5))
-        joints.append(scene.add_joint(make(rod, bead["hook"])))
-    scene.make_velocities_compatible()
-    solution = fb.simulate(scene, dt=0.01, t_end=1.0)
-    slides = [solution.joint(joint).slide for joint in joints]
-    assert slides[0][-1] > slides[1][-1]
-    assert drift(solution.energy.total) < 1e-11
-    assert drift(solution.linear_momentum) < 1e-11
-    assert drift(solution.angular_momentum, abs(solution.linear_momentum).max()) < 1e-11
 
 
 # -- In tangents of all kinds ----------------------------------------------------------------------
@@ -160,13 +142,6 @@ def test_what_slides_is_in_balance(made, scheme):
         assert abs(found.energy.balance_error).max() < 1e-10 * found.energy.kinetic.max()
 
 
-def test_the_wheels_of_a_carriage_stay_apart_on_a_bridge():
-    scene = carriage(section=STIFF)
-    solution = fb.simulate(scene, dt=0.005, t_end=1.0)
-    rear, front = (solution.joint(wheel).slide for wheel in scene.joints)
-    assert front - rear == pytest.approx(0.6, abs=1e-3)
-
-
 def test_a_rigid_carriage_on_two_wheels_closes_a_loop_and_keeps_energy_and_momenta():
     scene = fb.Scene()
     rod = scene.add_beam(SHAPES["straight"], SOFT, elements=12)
@@ -186,14 +161,14 @@ def test_a_rigid_carriage_on_two_wheels_closes_a_loop_and_keeps_energy_and_momen
 # -- References --------------------------------------------------------------------------------
 
 
-def wire(degree, elements, make=fb.Slider, at=0.75, **options):
+def wire(degree, elements, at=0.75, **options):
     """A bead of 2 kg on a clamped half circle of radius 1 m, in gravity."""
     scene = fb.Scene(gravity=(0, -9.81))
     beam = scene.add_beam(fb.arc((-1, 0), (0, -1), (1, 0)), STIFF, elements, degree)
     for node in beam.nodes:
         scene.clamp(node)
     light = fb.Section(EA=1e5, GA=1e5, EI=1e3)
-    node, joint = bead_on(scene, beam, beam.node(at), make, 2.0, light, **options)
+    node, joint = bead_on(scene, beam, beam.node(at), fb.Slider, 2.0, light, **options)
     scene.fix(scene.beams[1].end, "rotation")
     return scene, node, joint
 
@@ -226,10 +201,10 @@ def test_a_bead_at_rest_on_a_wire_vibrates_as_a_pendulum():
     assert lowest == pytest.approx(np.sqrt(9.81), rel=5e-3)
 
 
-def flexible_arm(EI, motor=None, rhoA=1e-3):
+def flexible_arm(EI, motor=None):
     """An arm that turns about its start, and a body of 1 kg that slides outwards on it."""
     scene, rate = fb.Scene(), 2.0
-    section = fb.Section(EA=1e6, GA=1e6, EI=EI, rhoA=rhoA, rhoI=1e-3 * rhoA)
+    section = fb.Section(EA=1e6, GA=1e6, EI=EI, rhoA=1e-3, rhoI=1e-3 * 1e-3)
     arm = scene.add_beam([(0, 0), (3, 0)], section, elements=30)
     scene.add_joint(fb.Revolute(fb.GROUND, arm.start, motor=motor))
     body = scene.add_body((0.4, 0.0), 1.0, 1e-4)
@@ -254,15 +229,6 @@ def test_a_sleeve_bends_a_turning_arm_by_the_coriolis_force():
     assert bent == pytest.approx(-force * slide[-300:] ** 3 / (3 * EI), rel=0.02)
     turned = solution.rotation(body.centre)[-300:] - rate * solution.t[-300:]
     assert turned == pytest.approx(-force * slide[-300:] ** 2 / (2 * EI), rel=0.02)
-
-
-def test_a_motor_moves_the_node_and_its_work_is_in_the_balance():
-    scene, node, joint = wire(2, 12, fb.Sleeve, at=0.25, motor=lambda t: 0.6 * t**2)
-    solution = fb.simulate(scene, dt=0.01, t_end=1.0)
-    motion = solution.joint(joint)
-    assert motion.slide[-1] - motion.slide[0] == pytest.approx(0.6, abs=1e-13)
-    assert abs(solution.energy.balance_error).max() < 1e-11
-    assert solution.energy.work[-1] == pytest.approx(np.sum(motion.motor_power[1:] * 0.01))
 
 
 def test_a_weight_between_two_nodes_bends_a_beam_as_the_formula_says():
@@ -516,24 +482,16 @@ def crossed():
     return scene, rod, post, away, across
 
 
-OTHER = fb.Scene().add_beam(SHAPES["straight"], SOFT, elements=1)
-JUMP = {"motor": lambda t: 1 + t}
-
-
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda rod, post, *_: fb.Slider(rod.start, post.start), "is not a beam"),
         (lambda rod, *_: fb.Sleeve(rod, rod.end), "node 8 .* belongs to beam 'beam 1'"),
         (lambda rod, *_: fb.Slider(rod, fb.GROUND), "ground needs its place .* fraction"),
-        (lambda rod, post, *_: fb.Slider(rod, post.start, fraction=1.2), "1.2 .* from 0 to 1"),
         (
             lambda rod, post, away, _: fb.Slider(rod, away.start),
             r"on the axis of the beam, but 0.25 away. The nearest point of the axis is \(2, 0\)",
         ),
         (lambda rod, post, *_: fb.Slider(rod, post.start, fraction=0.5), "0.5, but 1.5 away"),
-        (lambda rod, *_: fb.Slider(rod, OTHER.start), "another scene"),
-        (lambda rod, post, *_: fb.Slider(rod, post.start, **JUMP), "its slide is 1 at t = 0"),
         (
             lambda rod, post, *_: fb.Slider(rod, post.start, stop=(2, 5.5, 1e4)),
             "its slide starts at 1.5, beyond the lower limit 2",
@@ -557,15 +515,6 @@ def test_a_sleeve_on_the_ground_that_is_refused_leaves_nothing_in_the_scene():
         scene.add_joint(fb.Sleeve(bent, fb.GROUND, fraction=0.5))
     assert len(scene.nodes) == len(before)
     assert np.array_equal(fb.static(scene).q[-1], before)
-
-
-def test_only_a_pin_slides_round_corners():
-    scene = fb.Scene()
-    bent = scene.add_beam(SHAPES["cornered"], SOFT, elements=6)
-    top = scene.add_beam([(1, 0), (1, 1)], SOFT, elements=1)
-    with pytest.raises(fb.SceneError, match="the beam has corners"):
-        scene.add_joint(fb.Sleeve(bent, top.start))
-    scene.add_joint(fb.Slider(bent, top.start))
 
 
 def held_everywhere(scene, rod, *_):
@@ -651,7 +600,7 @@ def test_a_step_that_fails_at_a_corner_says_so():
 # -- Pulleys on cables ---------------------------------------------------------------------------
 
 
-def tensions_beside_a_pulley(length, elements, degree=2, stiffness=50.0, moving=False):
+def tensions_beside_a_pulley(length, elements, stiffness=50.0, moving=False):
     """Relative difference of both tensions, where those of an ideal cable are equal.
 
     The cable is stretched between two heights; `length` is sqrt(EI / T). Equal tensions T make
@@ -668,7 +617,7 @@ def tensions_beside_a_pulley(length, elements, degree=2, stiffness=50.0, moving=
     place = L / 2 - height * T / W / (1 + T / EA)
     scene = fb.Scene()
     section = fb.Section(EA=EA, GA=EA, EI=T * length**2, rhoA=0.02, rhoI=2e-6)
-    cable = scene.add_beam([(0, 0), (span, height)], section, elements, degree)
+    cable = scene.add_beam([(0, 0), (span, height)], section, elements, 2)
     scene.pin(cable.start)
     scene.pin(cable.end)
     pulley = scene.add_body((0.3 * span, 0.3 * height), 1.0, 0.01)

@@ -11,11 +11,11 @@ DIRECTIONS = (0.3, 1.0, 2.5)
 FORCES = (1e-9, 0.01, 10.0)
 
 
-def cantilever(angle, elements=2):
+def cantilever(angle):
     """A scene with a clamped beam, the beam, and its axis and the direction across it."""
     scene = fb.Scene()
     along = np.array([np.cos(angle), np.sin(angle)])
-    beam = scene.add_beam([(0, 0), LENGTH * along], SECTION, elements=elements, degree=2)
+    beam = scene.add_beam([(0, 0), LENGTH * along], SECTION, elements=2, degree=2)
     scene.clamp(beam.start)
     return scene, beam, along, np.array([-along[1], along[0]])
 

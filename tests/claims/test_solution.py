@@ -22,11 +22,11 @@ ENERGIES = (
 )
 
 
-def frame(degree=2):
+def frame():
     """Two beams that share a node, pinned, pushed and in motion."""
     scene = fb.Scene(gravity=(0.0, -9.81))
-    arm = scene.add_beam([(0, 0), (2, 0)], SECTION, elements=3, degree=degree, name="arm")
-    leg = scene.add_beam([arm.end, (2, -1)], SECTION, elements=2, degree=degree, name="leg")
+    arm = scene.add_beam([(0, 0), (2, 0)], SECTION, elements=3, degree=2, name="arm")
+    leg = scene.add_beam([arm.end, (2, -1)], SECTION, elements=2, degree=2, name="leg")
     scene.pin(arm.start)
     scene.add_force(leg.end, lambda t: (5.0, 10 * t))
     scene.set_velocity(arm, lambda x, y: (0.0, x), spin=1.0)

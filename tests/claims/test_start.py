@@ -12,8 +12,6 @@ from scenes import FLYING, PLASTIC, free_flight, pinned_beam
 
 import fx_beam as fb
 
-HISTORIES = ("t", "t_level", "q", "v", "a", "reactions", "slides", "joint_forces")
-
 
 def test_a_thin_file_keeps_all_that_a_continuation_needs(tmp_path):
     options = {"dt": 1 / 512, "newton": fb.NewtonOptions(tolerance=1e-13)}

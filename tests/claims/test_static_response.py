@@ -24,41 +24,6 @@ X = np.array([1.0, 1.1, 0.9])
 LENGTH, ELEMENTS = 2.0, 20
 
 
-def roll_up(x):
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (LENGTH, 0)], MEMBER, elements=ELEMENTS)
-    scene.clamp(beam.start)
-    scene.add_moment(beam.end, np.pi * 100.0 / LENGTH * x[0])
-    return scene, {"tip": fb.Output("position", beam.end)}
-
-
-def rolled_tip(load):
-    """Elements are straight between their ends, each turned by the same angle."""
-    turn = np.pi * load
-    bent = np.sin(turn / 2) / np.sin(turn / (2 * ELEMENTS)) * np.exp(1j * turn / 2)
-    return LENGTH / ELEMENTS * np.array([bent.real, bent.imag])
-
-
-def test_tip_of_a_rolled_beam_depends_on_its_load_as_exact():
-    """At rest, and in a motion from there: the start and the load change together."""
-    run, h = fb.StaticResponse(roll_up, load_steps=8), 1e-5
-    factors, y = run([1.0])
-    J = run.jacobian()["tip"][..., 0]
-    exact = [(rolled_tip(f * (1 + h)) - rolled_tip(f * (1 - h))) / (2 * h) for f in factors[1:]]
-    assert y["tip"][1:] == pytest.approx(np.array([rolled_tip(f) for f in factors[1:]]), abs=1e-9)
-    assert J[1:] == pytest.approx(np.array(exact), abs=1e-8)
-    assert J[-1] == pytest.approx([-LENGTH, -2 * LENGTH / np.pi], rel=6e-3)
-    weights = np.zeros_like(y["tip"])
-    weights[-1] = 1.0
-    assert run.vjp({"tip": weights}) == pytest.approx(J[-1].sum(), abs=1e-9)
-
-    start = {"start": lambda scene: fb.static(scene, load_steps=8)}
-    moved = fb.Response(roll_up, dt=0.01, t_end=0.1, **start)
-    moved([1.0])
-    tips = moved.jacobian()["tip"][..., 0]
-    assert tips == pytest.approx(np.tile(exact[-1], (len(tips), 1)), abs=1e-5)
-
-
 def bent_beyond_its_limit(x):
     """A moment at the end: its curvature is the same everywhere."""
 
@@ -202,7 +167,7 @@ def test_a_block_with_friction_moves_by_f_less_mu_n_over_k():
 # -- All kinds of numbers --------------------------------------------------------------------------
 
 
-def cantilever(x, section=MEMBER, gravity=None, points=((0, 0), (1, 0)), elements=3, degree=1):
+def cantilever(section=MEMBER, gravity=None, points=((0, 0), (1, 0)), elements=3, degree=1):
     scene = fb.Scene(gravity=gravity)
     beam = scene.add_beam(points, section, elements=elements, degree=degree)
     scene.clamp(beam.start)
@@ -213,7 +178,7 @@ def loads(x):
     """Dead, line and follower loads, weight, a spring, an obstacle, a taper; the shape changes."""
     section = fb.Section(**DATA | {"EA": 1e4 * x[0], "EI": lambda s: 100 * (1 - x[0] * s / 4)})
     points = [(0, 0), (1, 0.3 * x[0])]
-    scene, beam = cantilever(x, section, (0, -9.81 * x[2]), points, degree=2)
+    scene, beam = cantilever(section, (0, -9.81 * x[2]), points, degree=2)
     scene.add_force(beam.end, (20 * x[1], -30.0))
     scene.add_force(beam.end, (0, 20 * x[1]), follower=True)
     scene.add_line_load(beam, (3 * x[0], 2 * x[1]))
@@ -228,7 +193,7 @@ def loads(x):
 def released(x):
     """The load vanishes after the start."""
     section = fb.Section(EA=1e4, GA=5e3, EI=20 * x[0], rhoA=x[1], rhoI=1e-2)
-    scene, beam = cantilever(x, section)
+    scene, beam = cantilever(section)
     scene.add_force(beam.end, lambda t: (0.0, 5 * x[2] * (t <= 0)))
     return scene
 
@@ -243,14 +208,14 @@ def driven(x):
 
 
 def yielding(x):
-    scene, beam = cantilever(x, PLASTIC, points=[(0, 0), (x[0], 0)])
+    scene, beam = cantilever(PLASTIC, points=[(0, 0), (x[0], 0)])
     scene.add_force(beam.end, (x[2], 6 * x[1]))
     return scene
 
 
 def slide(x):
     make, offset, given = KINDS["prismatic with offset"]
-    scene, first = cantilever(x, gravity=(0, -9.81), points=[(-1, 0), (0, 0)], elements=2)
+    scene, first = cantilever(gravity=(0, -9.81), points=[(-1, 0), (0, 0)], elements=2)
     start = np.array(offset) + (x[0] - 1) * np.array(given["axis"])
     section = fb.Section(**DATA | {"EI": 110 * x[1]})
     second = scene.add_beam([start, start + (0.8, -0.6)], section, elements=2)
@@ -262,7 +227,7 @@ def slide(x):
 
 def motors(x):
     """They lift bodies beside a beam, of which one slides along the other."""
-    scene, _ = cantilever(x, gravity=(0, -9.81 * x[2]))
+    scene, _ = cantilever(gravity=(0, -9.81 * x[2]))
     arm = scene.add_body((5, 0), 1.0, 0.1, points={"pin": (4.6, 0)})
     lift = {"motor": lambda t: 0.4 * x[1] * t * (2 - t)}
     scene.add_joint(fb.Revolute(fb.GROUND, arm["pin"], **lift))
@@ -337,7 +302,7 @@ def resting(x):
 
 def bending(x):
     """A cantilever that bends itself, and is loaded."""
-    scene, beam = cantilever(x, fb.Section(**DATA | {"EI": 10 * x[0]}), points=[(0, 0), (x[2], 0)])
+    scene, beam = cantilever(fb.Section(**DATA | {"EI": 10 * x[0]}), points=[(0, 0), (x[2], 0)])
     scene.add_natural_strain(beam, curvature=lambda f: x[1] + 2 * x[0] * f, axial=x[2] * 1e-3)
     scene.add_force(beam.end, (0.0, -3.0))
     return scene
@@ -430,7 +395,7 @@ def yielded_at_first(x):
         excess = ufl.max_value(abs(strains[0] - old[0]) - 0.1, 0)
         return [old[0] + ufl.sign(strains[0] - old[0]) * excess]
 
-    scene, beam = cantilever(x, fb.Section(**DATA))
+    scene, beam = cantilever(fb.Section(**DATA))
     law = {"strain_energy": lambda turn, a: 25.0 * (turn - a[0]) ** 2 + 1.0 * a[0] ** 2}
     spring = fb.Spring(rest=0.3, internal=fb.InternalVariables(("a",), flow), **law)
     scene.add_joint(fb.Revolute(fb.GROUND, beam.end, spring=spring))
@@ -455,8 +420,3 @@ def test_what_has_no_derivatives_in_equilibria_is_refused_by_its_name(build, mes
     run(X)
     with pytest.raises(fb.SceneError, match=message):
         run.jacobian()
-
-
-def test_derivatives_before_a_call_are_refused():
-    with pytest.raises(fb.SceneError, match=r"StaticResponse\.vjp .* called after run\(x\)"):
-        fb.StaticResponse(roll_up).vjp({})

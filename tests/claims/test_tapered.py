@@ -156,9 +156,6 @@ def test_functions_of_numpy_of_math_and_of_ufl_are_the_same():
 # -- Motion ------------------------------------------------------------------------------------
 
 
-KINDS = pytest.mark.parametrize(("degree", "curved"), [(1, False), (2, True)])
-
-
 def test_a_stepped_member_moves_as_the_two_it_is_made_of():
     thick = fb.Section(EA=1e4, GA=1e4, EI=100, rhoA=1.0, rhoI=10.0)
     thin = fb.Section(EA=5e3, GA=5e3, EI=20, rhoA=0.5, rhoI=3.0)

@@ -77,12 +77,12 @@ def test_a_motion_from_a_turn_goes_on_turning(scheme):
 # -- Frequencies in closed form --------------------------------------------------------------------
 
 
-def on_rail(normal, spin, k=50.0, mass=2.0, r=0.4):
+def on_rail(normal, spin):
     """A mass on a spring, on a rail through the pivot or normal to the arm; modes in the turn."""
     scene = fb.Scene()
-    body = scene.add_body((r, 0), mass=mass, inertia=0.1)
+    body = scene.add_body((0.4, 0), mass=2.0, inertia=0.1)
     axis = (0, 1) if normal else (1, 0)
-    rail = fb.Prismatic(fb.GROUND, body.centre, axis=axis, spring=fb.Spring(k))
+    rail = fb.Prismatic(fb.GROUND, body.centre, axis=axis, spring=fb.Spring(50.0))
     rail = scene.add_joint(rail)
     return scene, body, rail, fb.static(scene, load_steps=4, spin=spin)
 
@@ -185,7 +185,7 @@ def test_a_turn_that_is_free_exchanges_angular_momentum_with_what_vibrates():
 # -- Turning blades -------------------------------------------------------------------------------
 
 
-def ritz(eta, hub=0.0, terms=14):
+def ritz(eta, hub=0.0):
     """Two lowest frequencies of bending in the plane of the turn, and those out of it.
 
     For EI = rhoA = L = 1 and infinite EA, by the Rayleigh-Ritz method with x^2 times Legendre
@@ -194,7 +194,7 @@ def ritz(eta, hub=0.0, terms=14):
     """
     x, weight = np.polynomial.legendre.leggauss(40)
     x, weight = (x + 1) / 2, weight / 2
-    P = [np.polynomial.Legendre.basis(i, [0, 1]) for i in range(terms)]
+    P = [np.polynomial.Legendre.basis(i, [0, 1]) for i in range(14)]
     P, dP, ddP = (np.array([p.deriv(k)(x) if k else p(x) for p in P]) for k in range(3))
     w, dw, ddw = x**2 * P, 2 * x * P + x**2 * dP, 2 * P + 4 * x * dP + x**2 * ddP
     tension = eta**2 * ((1 - x**2) / 2 + hub * (1 - x))

@@ -28,9 +28,9 @@ def guided(k=100.0, m=1.0, c=4.0, speed=0.0, load=None, **spring):
     return scene, body, guide
 
 
-def duffing(c=0.0, load=None):
+def duffing():
     """The spring force x + x^3 on a mass of 1 kg."""
-    return guided(1.0, c=c, load=load, strain_energy=lambda x: x**4 / 4)[:2]
+    return guided(1.0, c=0.0, load=None, strain_energy=lambda x: x**4 / 4)[:2]
 
 
 def frequency_of_duffing(amplitude):
@@ -47,11 +47,11 @@ def rolled(x, elements=8):
     return scene, {"tip": fb.Output("position", beam.end)}
 
 
-def rolled_tip(x, elements=8):
+def rolled_tip(x):
     """Elements are straight between their ends, each turned by the same angle."""
     turn = np.pi * x
-    bent = np.sin(turn / 2) / np.sin(turn / (2 * elements)) * np.exp(1j * turn / 2)
-    return 2 / elements * np.array([bent.real, bent.imag])
+    bent = np.sin(turn / 2) / np.sin(turn / 16) * np.exp(1j * turn / 2)
+    return 2 / 8 * np.array([bent.real, bent.imag])
 
 
 def falling():

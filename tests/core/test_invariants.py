@@ -12,19 +12,31 @@ import fx_beam as fb
 every_scene = pytest.mark.parametrize("case", SCENES.values(), ids=lambda case: case.name)
 #: Schemes whose energy is exact for every section.
 EXACT = ("EnergyMomentum", "EnergyDecaying")
-ROWS = ("t", "q", "v", "a", "slides", "reactions", "joint_forces")
+ROWS = (
+    "t",
+    "t_level",
+    "q",
+    "v",
+    "a",
+    "slides",
+    "linear_momentum",
+    "angular_momentum",
+    "parameters",
+)
+FORCES = ("reactions", "motor_forces", "joint_forces", "contact_forces", "line_forces")
+ENERGIES = ("total", "kinetic", "springs", "potential", "dissipated", "work", "impact")
 
 
 def assert_same(solution, other, digits=1e-10):
     """Equal motion and forces, each to its size."""
-    for name in ROWS:
+    for name in ROWS + FORCES:
         values = getattr(solution, name)
         size = max(abs(values).max(initial=0.0), 1e-3)
         assert getattr(other, name) == pytest.approx(values, rel=0, abs=digits * size), name
-    energy = solution.energy.total
-    assert other.energy.total == pytest.approx(
-        energy, rel=0, abs=digits * max(abs(energy).max(), 1)
-    )
+    size = max(abs(solution.energy.total).max(), 1)
+    for name in ENERGIES:
+        values = getattr(solution.energy, name)
+        assert getattr(other.energy, name) == pytest.approx(values, rel=0, abs=digits * size), name
 
 
 @pytest.fixture(scope="module")
@@ -68,18 +80,25 @@ def test_a_step_takes_few_iterations_and_is_not_halved(case, motion):
 
 
 @every_scene
-def test_a_motion_in_two_parts_is_the_motion(case, motion):
+def test_a_motion_in_two_parts_is_the_motion(case, motion, tmp_path):
     half = case.steps // 2
     first = case.simulate(t_end=half * case.dt)
     assert np.array_equal(first.q, motion.q[: half + 1])  # whatever its end
-    assert_same(motion, first.then(case.simulate(start=first)), 1e-9)
+    first.save(tmp_path / "first.npz")
+    for start in (first, fb.load(tmp_path / "first.npz")):
+        assert_same(motion, start.then(case.simulate(start=start)), 1e-9)
 
 
 @every_scene
-def test_step_by_step_is_the_motion(case, motion):
+def test_step_by_step_is_the_motion_also_from_a_snapshot_on(case, motion):
     stepwise = fb.Motion(case.build(ONES), case.scheme(), dt=case.dt, record=fb.Record())
+    stepwise.run(case.steps // 2 * case.dt)
+    middle, first = stepwise.snapshot(), stepwise.solution()
     stepwise.run(case.steps * case.dt)
     assert_same(motion, stepwise.solution())
+    stepwise.restore(middle)  # here its record begins anew
+    stepwise.run(case.steps * case.dt)
+    assert_same(motion, first.then(stepwise.solution()), 1e-9)
 
 
 @every_scene

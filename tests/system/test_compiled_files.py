@@ -5,8 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from fx_beam import c_library, library_cache
-from fx_beam.results.state import MACROS
+from fx_beam import library_cache
 
 SCRIPT = """
 import fx_beam as fb
@@ -56,21 +55,3 @@ def test_a_link_in_the_place_of_the_second_folder_is_not_used(tmp_path, monkeypa
     except OSError as error:
         assert "nothing can be compiled" in str(error)
     assert not list((tmp_path / "elsewhere").iterdir())
-
-
-def _code(features):
-    source = c_library.with_macros("loop.c", *MACROS, f"FEATURES {features}")
-    return c_library.load("a loop", source, lambda: source, Path.read_bytes, ["-fwhole-program"])
-
-
-def test_a_library_has_no_code_of_what_its_scenes_lack():
-    plain, every = _code("CHAIN"), _code("COUPLED|LOOPS|SLIDERS|MEMBERS")
-    for name in (
-        b"pass_through_joints",
-        b"slide_on",
-        b"factorise_closures",
-        b"move_contact_point",
-        b"factorise_sparse",
-    ):
-        assert name in every and name not in plain
-    assert b"fx_vjp" not in every

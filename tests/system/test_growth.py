@@ -28,11 +28,11 @@ def hanging_chain(n):
     return scene
 
 
-def members(n, height=0.2):
+def members(n):
     """A beam of n elements beside another one; both may touch."""
     scene = fb.Scene()
     below = scene.add_beam([(0, 0), (n, 0)], SECTION, elements=n)
-    above = scene.add_beam([(0, height), (n, height)], SECTION, elements=n)
+    above = scene.add_beam([(0, 0.2), (n, 0.2)], SECTION, elements=n)
     for end in (below.start, below.end, above.start, above.end):
         scene.clamp(end)
     contact = scene.add_contact(above, below, stiffness=1e5, radius=0.05)

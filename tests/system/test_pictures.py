@@ -21,10 +21,10 @@ pytestmark = pytest.mark.plot
 SPAN, LOAD = 4.0, 1000.0
 
 
-def cantilever(end=(1, 0), force=None, section=FLYING, elements=4):
+def cantilever(force=None, section=FLYING, elements=4):
     """A clamped beam under its weight, or a force at its end."""
     scene = fb.Scene(gravity=None if force else (0, -9.81))
-    beam = scene.add_beam([(0, 0), end], section, elements)
+    beam = scene.add_beam([(0, 0), (1, 0)], section, elements)
     scene.clamp(beam.start)
     if force:
         scene.add_force(beam.end, force)

@@ -34,7 +34,7 @@ def along(degree):
     return np.append(inside, inside + 0.5) ** 4 - 0.2
 
 
-def made_up(dt, level=0.5, degree=3):
+def made_up(dt, level=0.5):
     """A known motion: N = 2 + cos 3t, the tip on a circle, 1 % of energy and momentum gained.
 
     Along the beam the force varies about N by a polynomial that 3 Gauss points integrate.
@@ -47,8 +47,8 @@ def made_up(dt, level=0.5, degree=3):
         t=t,
         t_level=t_level,
         stats=SimpleNamespace(level=level),
-        resultants=lambda beam: SimpleNamespace(N=force[:, None] * (1 + along(degree))),
-        beams={"beam": SimpleNamespace(end="end", elements=2, degree=degree)},
+        resultants=lambda beam: SimpleNamespace(N=force[:, None] * (1 + along(3))),
+        beams={"beam": SimpleNamespace(end="end", elements=2, degree=3)},
         position=lambda node: circle(t),
         energy=fb.Energy(kinetic, 5 - kinetic + 0.05 * t / 2 + 0.7 * t, 0 * t, 0.7 * t),
         angular_momentum=8 * (1 + 0.01 * t / 2),

@@ -270,8 +270,8 @@ def test_an_interrupt_carries_the_cells_that_were_found():
 # -- Rounding ----------------------------------------------------------------------------------
 
 
-def verdict(ratio, reason="", t_end=1.0):
-    return stability.classify(history([1, ratio], reason), t_end)
+def verdict(ratio, reason=""):
+    return stability.classify(history([1, ratio], reason), 1.0)
 
 
 @pytest.mark.parametrize(
