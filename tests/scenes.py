@@ -41,6 +41,57 @@ def benchmark(name):
         sys.path.pop(0)
 
 
+def _bar(axis, section, *size, gravity=None, **options):
+    """A scene with a beam along an axis: points, a curve, or the end of a line from the origin."""
+    scene = fb.Scene(gravity=gravity)
+    points = [(0, 0), axis] if isinstance(axis, tuple | np.ndarray) else axis
+    return scene, scene.add_beam(points, section, *size, **options)
+
+
+def clamped_bar(axis, section, *size, **options):
+    """A scene with a beam that is clamped at its start, and the beam."""
+    scene, bar = _bar(axis, section, *size, **options)
+    scene.clamp(bar.start)
+    return scene, bar
+
+
+def pinned_bar(axis, section, *size, **options):
+    """The same on a pin."""
+    scene, bar = _bar(axis, section, *size, **options)
+    scene.pin(bar.start)
+    return scene, bar
+
+
+def supported_bar(axis, section, *size, held="y", **options):
+    """The same on a pin, with a support of some components at the other end."""
+    scene, bar = pinned_bar(axis, section, *size, **options)
+    scene.fix(bar.end, *held)
+    return scene, bar
+
+
+def guided_body(place, mass, inertia, axis=(1, 0), gravity=None, **laws):
+    """A scene with a body on a guide of the ground; its centre and the guide."""
+    scene = fb.Scene(gravity=gravity)
+    centre = scene.add_body(place, mass, inertia).centre
+    return scene, centre, scene.add_joint(fb.Prismatic(fb.GROUND, centre, axis=axis, **laws))
+
+
+def hinged_body(place, mass, inertia, points, gravity=None, **laws):
+    """A scene with a body on a hinge of the ground at the first of its points; and the hinge."""
+    scene = fb.Scene(gravity=gravity)
+    body = scene.add_body(place, mass, inertia, points=points)
+    hinge = fb.Revolute(fb.GROUND, body[next(iter(points))], **laws)
+    return scene, body, scene.add_joint(hinge)
+
+
+def held_body(place, mass, inertia, *fixed, gravity=None):
+    """A scene with a body of which some components are fixed; and its centre."""
+    scene = fb.Scene(gravity=gravity)
+    centre = scene.add_body(place, mass, inertia).centre
+    scene.fix(centre, *fixed)
+    return scene, centre
+
+
 def pinned_beam(elements=8, degree=1, section=PINNED):
     """Beam of length 100, pinned at the origin, with a triangular transverse velocity."""
     scene = fb.Scene()

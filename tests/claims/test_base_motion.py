@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scenes import guided_body
 
 import fx_beam as fb
 
@@ -112,9 +113,7 @@ def test_what_is_no_base_motion_is_refused():
     ):
         with pytest.raises(fb.SceneError, match=words):
             fb.frequency_response(scene, **({"at": node, "frequencies": [1.0]} | given))
-    turning = fb.Scene()
-    body = turning.add_body((1, 0), mass=1.0, inertia=1.0).centre
-    turning.add_joint(fb.Prismatic(fb.GROUND, body, axis=(1, 0), spring=fb.Spring(100.0)))
+    turning, body, _ = guided_body((1, 0), 1.0, 1.0, spring=fb.Spring(100.0))
     state = fb.static(turning, spin=2.0)
     with pytest.raises(fb.SceneError, match="the state turns"):
         fb.frequency_response(turning, at=body, frequencies=[1.0], state=state, base=(1, 0))

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scenes import hinged_body, pinned_bar
 
 import fx_beam as fb
 
@@ -39,9 +40,7 @@ def with_a_multiplier(alpha, dt):
 
 def without_multipliers(scheme, dt):
     """The same of a body on a hinge, which has one unknown."""
-    scene = fb.Scene(gravity=(0, -G))
-    body = scene.add_body((1, 0), mass=1.0, points={"pin": (0, 0)})
-    scene.add_joint(fb.Revolute(fb.GROUND, body["pin"]))
+    scene, body, _ = hinged_body((1, 0), 1.0, 0.0, {"pin": (0, 0)}, gravity=(0, -G))
     return fb.simulate(scene, scheme, dt=dt, t_end=STEPS * dt, max_halvings=0).energy.total
 
 
@@ -69,9 +68,7 @@ def axial_force(scheme):
     """
     length, mass, speed, EA = 3.0443, 10.0, 7.72, 1e10
     force = mass * speed**2 / length
-    scene = fb.Scene()
-    bar = scene.add_beam([(0, 0), (length, 0)], fb.Section(EA=EA, GA=EA, EI=1e3), elements=1)
-    scene.pin(bar.start)
+    scene, bar = pinned_bar((length, 0), fb.Section(EA=EA, GA=EA, EI=1e3), elements=1)
     scene.add_mass(bar.end, mass)
     scene.add_natural_strain(bar, axial=-force / EA)
     scene.set_velocity(bar.end, (0.0, speed))

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scenes import clamped_bar
 
 import fx_beam as fb
 
@@ -10,9 +11,7 @@ SECTION = fb.Section(EA=1e6, GA=1e6, EI=1.0)
 
 def shortened(way):
     """A clamped member of length 1 whose end is pushed inwards."""
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], SECTION, 8, 2)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1, 0), SECTION, 8, 2)
     scene.fix(beam.end, "y", "rotation")
     scene.prescribe(beam.end, x=lambda t: -way)
     return scene, beam.end
@@ -31,9 +30,7 @@ def test_no_step_on_a_branch_changes_the_load_factor_by_more_than_a_load_step(wa
 
 def test_no_step_of_a_path_that_gets_stiffer_changes_the_load_factor_by_more():
     """A member that is pulled across becomes a cable."""
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], SECTION, 8, 2)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1, 0), SECTION, 8, 2)
     scene.clamp(beam.end)
     scene.prescribe(beam.node(0.5), y=lambda t: 0.05)
     scene.add_force(beam.node(0.25), (0, 100.0))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 import scipy.special
+from scenes import pinned_bar, supported_bar
 
 import fx_beam as fb
 from fx_beam import plot
@@ -14,10 +15,7 @@ SLENDER = fb.Section(EA=1e7, GA=1e7, EI=EI, rhoA=1.0, rhoI=1e-6)
 
 def column(load):
     """A slender pinned column of length 1, and its middle."""
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (0, 1)], SLENDER, 8, 3)
-    scene.pin(beam.start)
-    scene.fix(beam.end, "x")
+    scene, beam = supported_bar((0, 1), SLENDER, 8, 3, held="x")
     scene.add_force(beam.end, (0, -load))
     return scene, beam.node(0.5), beam.end
 
@@ -106,10 +104,8 @@ def test_shallow_arches_snap_and_sway_at_their_loads(rise):
 
 def low_arch():
     """Two members, joined rigidly."""
-    scene = fb.Scene()
-    left = scene.add_beam([(0, 0), (1, 0.2)], fb.Section(EA=1e4, GA=4e3, EI=EI, rhoA=1), 3, 2)
+    scene, left = pinned_bar((1, 0.2), fb.Section(EA=1e4, GA=4e3, EI=EI, rhoA=1), 3, 2)
     right = scene.add_beam([left.end, (2, 0)], left.section, 3, 2)
-    scene.pin(left.start)
     scene.pin(right.end)
     scene.add_force(left.end, (0, -60.0))
     return scene, left.end

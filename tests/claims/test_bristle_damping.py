@@ -5,6 +5,7 @@ from math import sqrt
 import numpy as np
 import pytest
 from derivatives import difference
+from scenes import clamped_bar, guided_body, held_body, hinged_body
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
@@ -68,9 +69,7 @@ def exact(times):
 
 
 def bead(stiffness, **damping):
-    scene = fb.Scene(gravity=(0, -GRAVITY))
-    rod = scene.add_body((0, 0), mass=1.0, inertia=1.0).centre
-    scene.fix(rod, "x", "y")
+    scene, rod = held_body((0, 0), 1.0, 1.0, "x", "y", gravity=(0, -GRAVITY))
     scene.prescribe(rod, rotation=lambda t: angle(t)[0])
     bead = scene.add_body((PLACE, 0), mass=1.0, inertia=1e-3).centre
     friction = fb.Coulomb(MU, stiffness, **damping)
@@ -101,10 +100,8 @@ def test_a_bristle_vibrates_as_a_damped_spring_with_errors_of_second_order():
     expected = speed / free * np.exp(-zeta * w * t) * np.sin(free * t)
     errors = []
     for dt in (1e-3, 5e-4, 2.5e-4):
-        scene = fb.Scene(gravity=(0, -GRAVITY))
-        block = scene.add_body((0, 0), mass=1.0, inertia=0.1).centre
         friction = fb.Coulomb(MU, 1e4, damping=2 * zeta / w)
-        scene.add_joint(fb.Prismatic(fb.GROUND, block, axis=(1, 0), friction=friction))
+        scene, block, _ = guided_body((0, 0), 1.0, 0.1, friction=friction, gravity=(0, -GRAVITY))
         scene.set_velocity(block, (speed, 0.0))
         solution = fb.simulate(scene, dt=dt, t_end=t)
         errors.append(abs(solution.displacement(block)[-1, 0] - expected))
@@ -114,9 +111,10 @@ def test_a_bristle_vibrates_as_a_damped_spring_with_errors_of_second_order():
 
 
 def test_critical_damping_is_that_of_the_mass_which_the_spring_holds():
-    scene, law = fb.Scene(gravity=(0, -GRAVITY)), fb.Coulomb(0.3, 1e4, radius=0.02)
-    bob = scene.add_body((0.5, 0), mass=2.0, inertia=0.05, points={"pin": (0, 0)})
-    pin = scene.add_joint(fb.Revolute(fb.GROUND, bob["pin"], friction=law))
+    law = fb.Coulomb(0.3, 1e4, radius=0.02)
+    scene, bob, pin = hinged_body(
+        (0.5, 0), 2.0, 0.05, {"pin": (0, 0)}, friction=law, gravity=(0, -GRAVITY)
+    )
     cart = scene.add_body((3, 0), mass=5.0, inertia=0.1).centre
     scene.add_joint(fb.Prismatic(fb.GROUND, cart, axis=(1, 0)))
     rider = scene.add_body((3, 0), mass=3.0, inertia=0.1).centre
@@ -184,11 +182,9 @@ def test_critical_damping_is_the_same_in_all_directions():
     damping = []
     for turn in (0.0, 0.7, np.pi / 4):
         along, across = (np.cos(turn), np.sin(turn)), (-np.sin(turn), np.cos(turn))
-        scene = fb.Scene()
-        body = scene.add_body((0, 0), mass=2.0, inertia=0.1)
-        scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, along))
+        scene, body, _ = guided_body((0, 0), 2.0, 0.1, axis=along)
         line = fb.Line((0, 0), across)
-        scene.add_contact(body.centre, line, stiffness=1e5, friction=fb.Coulomb(0.3, 1e4))
+        scene.add_contact(body, line, stiffness=1e5, friction=fb.Coulomb(0.3, 1e4))
         damping.append(fb.simulate(scene, dt=1e-3, t_end=1e-3).stats.friction_damping)
     values = [next(iter(of.values())) for of in damping]
     assert values[1:] == [pytest.approx(values[0], rel=1e-12)] * 2
@@ -199,10 +195,8 @@ def test_gradients_by_a_mass_see_its_critical_damping_on_members(stiffness):
     """Of a ball that slides on a beam. The numbers of a contact have different units."""
 
     def build(x):
-        scene = fb.Scene(gravity=(0.0, -9.81))
         section = fb.Section(EA=1e6, GA=1e6, EI=1e3, rhoA=1.0, rhoI=1e-3)
-        bed = scene.add_beam([(-0.5, 0), (0.5, 0)], section, elements=10)
-        scene.clamp(bed.start)
+        scene, bed = clamped_bar([(-0.5, 0), (0.5, 0)], section, elements=10, gravity=(0.0, -9.81))
         scene.clamp(bed.end)
         ball = scene.add_body((0.02, 0.02), mass=0.2 * x[0], inertia=1e-4).centre
         scene.fix(ball, "rotation")

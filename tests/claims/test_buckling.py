@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scenes import held_body
 from scipy.optimize import brentq
 
 import fx_beam as fb
@@ -160,9 +161,7 @@ def test_a_frame_that_the_wind_bends_sways_at_the_load_of_one_that_it_does_not()
 
 
 def test_a_strut_of_a_spring_on_a_side_spring_buckles_at_its_stiffness_times_its_length():
-    scene = fb.Scene()
-    node = scene.add_body((0, 2.0), 1.0, 1.0).centre
-    scene.fix(node, "rotation")
+    scene, node = held_body((0, 2.0), 1.0, 1.0, "rotation")
     scene.add_force_between(node, (0, 0), spring=fb.Spring(1e6, rest=2.0))
     scene.add_force_between(node, (3.0, 2.0), spring=fb.Spring(7.0, rest=3.0))
     scene.add_force(node, (0, -1.0))

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from derivatives import difference
+from scenes import clamped_bar, guided_body
 
 import fx_beam as fb
 
@@ -151,11 +152,9 @@ def test_each_frequency_has_numbers_of_its_own():
 
     def build(x, f):
         x *= 0.5
-        scene = fb.Scene()
-        body = scene.add_body((0, 0), mass=1.0, inertia=1.0)
         laws = {"spring": fb.Spring(x[0], strain_energy=lambda s: s**4), "damper": fb.Damper(0.2)}
-        scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, (1, 0), **laws))
-        scene.add_force(body.centre, lambda t: (0.1 * np.cos(2 * np.pi * f * t), 0.0))
+        scene, body, _ = guided_body((0, 0), 1.0, 1.0, **laws)
+        scene.add_force(body, lambda t: (0.1 * np.cos(2 * np.pi * f * t), 0.0))
         return scene, {"T": fb.Output("period", scene)}
 
     seen = []
@@ -172,10 +171,8 @@ def test_each_frequency_has_numbers_of_its_own():
 @pytest.mark.parametrize("make", [fb.Response, fb.StaticResponse])
 def test_more_elements_than_before_are_set_up_anew(make):
     def build(x):
-        scene = fb.Scene(gravity=(0, -9.81))
         section = fb.Section(EA=1e4, GA=1e4, EI=20.0, rhoA=0.5)
-        beam = scene.add_beam([(0, 0), (1, 0)], section, elements=int(x[0]))
-        scene.clamp(beam.start)
+        scene, beam = clamped_bar((1, 0), section, elements=int(x[0]), gravity=(0, -9.81))
         return scene, {"tip": fb.Output("position", beam.end)}
 
     options = {"dt": 0.01, "t_end": 0.05} if make is fb.Response else {"load_steps": 2}
@@ -223,10 +220,8 @@ def test_the_rate_of_a_slide_has_derivatives_by_its_axis_also_if_the_scene_has_s
     """A body falls along a guide, from the second call on in a scene with slopes."""
 
     def build(x):
-        scene = fb.Scene(gravity=(0, -10.0))
-        body = scene.add_body((0, 0), 1.0, 1.0)
         axis = np.cos(x[0]), np.sin(x[0])
-        rail = scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, axis))
+        scene, body, rail = guided_body((0, 0), 1.0, 1.0, axis=axis, gravity=(0, -10.0))
         return scene, {"rate": fb.Output("rate", rail)}
 
     run = fb.Response(build, dt=0.1, t_end=0.2)
@@ -255,10 +250,8 @@ def test_a_number_in_ufl_that_is_no_parameter_is_refused_also_beside_others():
 def oscillator():
     """A body on a spring, whose stiffness is a parameter; and its slide."""
     k = fb.Parameter("k", 1.0)
-    scene = fb.Scene()
-    body = scene.add_body((0, 0), 1.0, 1.0)
     spring = fb.Spring(strain_energy=lambda s: k * s**2 / 2)
-    joint = scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, (1, 0), spring=spring))
+    scene, body, joint = guided_body((0, 0), 1.0, 1.0, spring=spring)
     scene.set_velocity(body, (1.0, 0.0))
     return scene, joint
 

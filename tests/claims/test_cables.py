@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import scipy.optimize
+from scenes import pinned_bar, supported_bar
 
 import fx_beam as fb
 
@@ -68,11 +69,10 @@ def test_a_stiff_one_is_a_frame(load_steps):
 @pytest.mark.parametrize("EI", [1e-10, 1e-4, 1e-1, 1e4, 1e7])
 @pytest.mark.parametrize("middle", [(431.075581, -198.60465), (431.08, -198.6)])
 def test_a_mooring_line_of_a_kilometre_hangs_as_a_catenary(middle, EI, load_steps):
-    scene = fb.Scene(gravity=(0, -9.81))
     section = fb.Section(EA=64e9, GA=64e9, EI=EI, rhoA=200.0)
-    line = scene.add_beam(fb.arc((0, 0), middle, (800, 100)), section, elements=50)
-    scene.pin(line.start)
-    scene.pin(line.end)
+    scene, line = supported_bar(
+        fb.arc((0, 0), middle, (800, 100)), section, elements=50, gravity=(0, -9.81), held="xy"
+    )
     path = fb.static(scene, load_steps)
     a, up = catenary(1000.0, 800.0, 100.0)
     weight = 200 * 9.81
@@ -85,10 +85,8 @@ def test_a_mooring_line_of_a_kilometre_hangs_as_a_catenary(middle, EI, load_step
 def test_a_line_that_is_led_to_its_end_touches_down_on_a_bed(EI, load_steps):
     """What hangs in the depth h has the length sqrt(h^2 + 2 a h) and spans a acosh(1 + h / a)."""
     length, across, depth, weight = 340.0, 300.0, 100.0, 1000.0
-    scene = fb.Scene(gravity=(0, -G))
     section = fb.Section(EA=1e9, GA=1e9, EI=EI, rhoA=weight / G)
-    line = scene.add_beam([(0, 0), (length, 0)], section, elements=80)
-    scene.pin(line.start)
+    scene, line = pinned_bar((length, 0), section, elements=80, gravity=(0, -G))
     scene.prescribe(line.end, x=lambda t: (across - length) * t, y=lambda t: depth * t)
     scene.add_contact(line, fb.Line((0, 0), (0, 1)), stiffness=1e4)
     path = fb.static(scene, load_steps, t=1.0)
@@ -104,10 +102,9 @@ def test_a_line_that_is_led_to_its_end_touches_down_on_a_bed(EI, load_steps):
 
 @pytest.mark.parametrize("load_steps", [1, 20])
 def test_an_arch_that_buckles_under_its_weight_does_not_fall_silently(load_steps):
-    scene = fb.Scene(gravity=(0, -G))
     section = fb.Section(EA=1e6, GA=5e5, EI=100.0, rhoA=1.0)
-    arch = scene.add_beam(fb.arc((0, 0), (5, 2.8), (10, 0)), section, elements=24)
-    scene.pin(arch.start)
-    scene.pin(arch.end)
+    scene, arch = supported_bar(
+        fb.arc((0, 0), (5, 2.8), (10, 0)), section, elements=24, gravity=(0, -G), held="xy"
+    )
     with pytest.raises(fb.StepError, match="failed after 8 cuts"):
         fb.static(scene, load_steps)

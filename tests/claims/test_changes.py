@@ -6,6 +6,7 @@ import ufl
 
 import numpy as np
 import pytest
+from scenes import clamped_bar, held_body, pinned_bar, supported_bar
 
 import fx_beam as fb
 
@@ -29,10 +30,8 @@ def supplied_and_stored(energy, row):
 
 def chain():
     """Two links that swing, the second with a mass at its end."""
-    scene = fb.Scene(gravity=(0, -9.81))
-    first = scene.add_beam([(0, 0), (1, 0)], MEMBER, elements=3, name="first")
+    scene, first = pinned_bar((1, 0), MEMBER, elements=3, name="first", gravity=(0, -9.81))
     second = scene.add_beam([(1, 0), (2, 0)], MEMBER, elements=2, name="second")
-    scene.pin(first.start)
     hinge = scene.add_joint(fb.Revolute(first.end, second.start))
     scene.add_mass(second.end, 0.5)
     return scene, first, second, hinge
@@ -45,10 +44,7 @@ def pendulum():
 
 
 def cantilever(elements=8):
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (2, 0)], SECTION, elements=elements, degree=2)
-    scene.clamp(beam.start)
-    return scene, beam
+    return clamped_bar((2, 0), SECTION, elements=elements, degree=2)
 
 
 # -- Released and cut ------------------------------------------------------------------------------
@@ -95,10 +91,8 @@ def test_a_cut_keeps_momenta_and_the_balance(scheme):
 def test_a_prestressed_cantilever_is_released():
     """The free vibration of the first mode, from the static deflection by an end force."""
     length, EI, rhoA = 1.0, 100.0, 1.0
-    scene = fb.Scene()
     section = fb.Section(EA=1e8, GA=1e8, EI=EI, rhoA=rhoA)
-    beam = scene.add_beam([(0, 0), (length, 0)], section, elements=8, degree=2)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((length, 0), section, elements=8, degree=2)
     scene.prescribe(beam.end, y=lambda t: -1e-3 * t)
     held = fb.static(scene, t=1.0)
     scene.free(beam.end, "y")
@@ -229,9 +223,8 @@ def test_internal_variables_of_members_that_stay_are_kept():
 
 def wheels(places):
     """Wheels that roll and slip on a bar between two clamps, each with its contact, by places."""
-    scene, contacts = fb.Scene(gravity=(0.5, -9.81)), {}
-    bar = scene.add_beam([(0, 0), (1, 0)], MEMBER, elements=4, name="bar")
-    scene.clamp(bar.start)
+    contacts = {}
+    scene, bar = clamped_bar((1, 0), MEMBER, elements=4, name="bar", gravity=(0.5, -9.81))
     scene.clamp(bar.end)
     law = {"stiffness": 2e4, "friction": fb.Coulomb(0.5, 2e4)}
     for x in places:
@@ -489,11 +482,8 @@ def test_driven_motions_go_on_from_where_they_are():
 
 def test_arc_length_goes_on_from_a_prestressed_state():
     """A shallow arch, prestressed by heat-like thrust, snaps through: both ways end alike."""
-    arch = fb.Scene()
     section = fb.Section(EA=1e5, GA=5e4, EI=1.0)
-    beam = arch.add_beam([(0, 0), (1, 0.05), (2, 0)], section, elements=[4, 4], degree=2)
-    arch.pin(beam.start)
-    arch.fix(beam.end, "y")
+    arch, beam = supported_bar([(0, 0), (1, 0.05), (2, 0)], section, elements=[4, 4], degree=2)
     arch.add_force(beam.end, (-5.0, 0.0))
     first = fb.static(arch)
     arch.fix(beam.end, "x")
@@ -554,9 +544,7 @@ def yielding(rest):
 
 def test_a_bar_that_yielded_keeps_its_set_where_another_one_is_removed_or_added():
     """Of two equal bars each has half of the force; what has yielded stays."""
-    scene = fb.Scene()
-    body = scene.add_body((0, 0), mass=1.0).centre
-    scene.fix(body, "y", "rotation")
+    scene, body = held_body((0, 0), 1.0, 0.0, "y", "rotation")
     first, _ = (scene.add_force_between(body, (-x, 0), spring=yielding(x)) for x in (1.0, 2.0))
     load = scene.add_force(body, (3.0, 0.0))
     loaded = fb.static(scene, load_steps=4)
@@ -574,9 +562,7 @@ def test_a_bar_that_yielded_keeps_its_set_where_its_fixed_point_and_something_el
     """Its set is 0.5 N / 10 N/m; the fixed point is 1 mm farther away."""
 
     def build(x, hold):
-        scene = fb.Scene()
-        body = scene.add_body((0, 0), mass=1.0).centre
-        scene.fix(body, "y", "rotation")
+        scene, body = held_body((0, 0), 1.0, 0.0, "y", "rotation")
         scene.add_force_between(body, (x, 0), spring=yielding(1.0))
         hold(scene, scene.add_body((5, 5), mass=1.0, inertia=1.0).centre)
         return scene, body

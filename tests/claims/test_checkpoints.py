@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from derivatives import assert_derivatives
 from jointed import frame, linkage, pair
-from scenes import PLASTIC, lattice
+from scenes import PLASTIC, clamped_bar, lattice
 
 import fx_beam as fb
 
@@ -45,9 +45,7 @@ def latticed(x):
 
 
 def yielding(x):
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], PLASTIC, elements=4)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1, 0), PLASTIC, elements=4)
     scene.add_force(beam.end, (0, 6.0))
     return loaded(scene, x, beam.end)
 
@@ -108,10 +106,8 @@ def test_sums_over_steps_count_in_parts_without_a_recorded_row(scheme):
 
 def test_the_memory_of_a_gradient_is_bounded():
     def build(x):
-        scene = fb.Scene(gravity=(0, -9.81))
         section = fb.Section(EA=1e4, GA=1e4, EI=x[0], rhoA=1.0, rhoI=0.1)
-        beam = scene.add_beam([(0, 0), (1, 0)], section, elements=40)
-        scene.clamp(beam.start)
+        scene, beam = clamped_bar((1, 0), section, elements=40, gravity=(0, -9.81))
         return scene, {"tip": fb.Output("position", beam.end)}
 
     def peak(memory):
@@ -137,10 +133,8 @@ def test_a_memory_that_is_no_number_is_refused():
 
 def test_a_jacobian_needs_no_memory_for_states_that_no_output_reads():
     def build(x):
-        scene = fb.Scene()
         section = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0, rhoI=1e-3)
-        beam = scene.add_beam([(0, 0), (1, 0)], section, elements=100)
-        scene.clamp(beam.start)
+        scene, beam = clamped_bar((1, 0), section, elements=100)
         scene.add_force(beam.end, (0.0, np.sum(x)))
         return scene, {"tip": fb.Output("velocity", beam.end)}
 

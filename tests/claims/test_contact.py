@@ -9,6 +9,7 @@ import ufl
 import numpy as np
 import pytest
 from derivatives import difference
+from scenes import clamped_bar, hinged_body, pinned_bar
 
 import fx_beam as fb
 
@@ -54,10 +55,8 @@ def roller(shape, velocity=(1.0, 0.6)):
 
 def cantilever(k, at=0.0, load=-1.0, rhoA=0.0):
     """A beam of 2 m under a line load, its end above a floor of the stiffness k."""
-    scene = fb.Scene()
     section = fb.Section(EA=1e8, GA=1e8, EI=1e3, rhoA=rhoA)
-    beam = scene.add_beam([(0, 0), (2, 0)], section, elements=32)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((2, 0), section, elements=32)
     scene.add_line_load(beam, (0, load))
     return scene, scene.add_contact(beam.end, fb.Line((0, at), normal=(0, 1)), k)
 
@@ -291,10 +290,8 @@ def test_a_contact_law_of_a_user_serves_members_also_in_a_response(mu):
     """Each scene has a function of its own."""
 
     def build(x):
-        scene = fb.Scene(gravity=(0, -9.81))
         section = fb.Section(EA=2e4, GA=1e4, EI=20.0 * x[0], rhoA=0.5, rhoI=1e-3)
-        bed = scene.add_beam([(0, 0), (1, 0)], section, elements=4)
-        scene.clamp(bed.start)
+        scene, bed = clamped_bar((1, 0), section, elements=4, gravity=(0, -9.81))
         bar = scene.add_beam([(0.6, 0.04), (1.0, 0.2)], section, elements=4)
         friction = fb.Coulomb(mu, 1e4, damping=1e-3) if mu else None
         law = {"energy": lambda d: 4e5 * d**2, "friction": friction}
@@ -366,9 +363,8 @@ def test_a_contact_law_with_restitution_returns_its_square_of_the_energy():
 @pytest.mark.parametrize("gap", [8.9e-6, 1.45e-5])
 def test_an_obstacle_far_stiffer_than_a_beam_props_it_after_a_small_gap(gap, k):
     """Behind the gap the beam moves less than Newton's method resolves."""
-    scene, section = fb.Scene(), fb.Section(EA=1e4, GA=1e6, EI=1.0)
-    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=8, degree=3)
-    scene.clamp(beam.start)
+    section = fb.Section(EA=1e4, GA=1e6, EI=1.0)
+    scene, beam = clamped_bar((1, 0), section, elements=8, degree=3)
     stop = scene.add_contact(beam.end, fb.Line((0, -gap), normal=(0, 1)), k)
     scene.add_force(beam.end, (0, -0.01))
     force = fb.static(scene, load_steps=4).contact(stop).force[-1, 0, 1]
@@ -377,9 +373,8 @@ def test_an_obstacle_far_stiffer_than_a_beam_props_it_after_a_small_gap(gap, k):
 
 def pressed(on, mu, load, elements, rise=None):
     """A cantilever whose end a load presses onto something; the load rises in a time, with drag."""
-    scene, section = fb.Scene(), fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=0.1, rhoI=1e-4)
-    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=elements)
-    scene.clamp(beam.start)
+    section = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=0.1, rhoI=1e-4)
+    scene, beam = clamped_bar((1, 0), section, elements=elements)
     other = {"peg": fb.Circle((0.8, -0.15), 0.1), "slope": fb.Line((1.0, -0.07), (-0.05, 1.0))}
     if on == "beam":
         other[on] = scene.add_beam([(0.5, -0.07), (1.2, -0.07)], section, elements=elements)
@@ -423,10 +418,9 @@ def test_a_frame_that_softens_is_stopped_by_a_wall_in_few_load_steps(gap, load_s
     """
 
     def pressed_frame(load, wall, steps):
-        scene, section = fb.Scene(), fb.Section(EA=1e4, GA=4e3, EI=1.0)
-        column = scene.add_beam([(0, 0), (0, 0.8)], section, elements=6)
+        section = fb.Section(EA=1e4, GA=4e3, EI=1.0)
+        scene, column = clamped_bar((0, 0.8), section, elements=6)
         beam = scene.add_beam([(0, 0.8), (1, 0.8)], section, elements=6)
-        scene.clamp(column.start)
         scene.add_joint(fb.Rigid(column.end, beam.start))
         floor = fb.Line((1, 0.8 - gap), normal=(0, 1))
         contact = scene.add_contact(beam.end, floor, stiffness=1e6) if wall else None
@@ -442,9 +436,7 @@ def test_a_frame_that_softens_is_stopped_by_a_wall_in_few_load_steps(gap, load_s
 
 def end_above_a_peg(**options):
     """Where the end of a cantilever is that is loaded towards a peg."""
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=1.0), elements=8)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1, 0), fb.Section(EA=1e4, GA=1e4, EI=1.0), elements=8)
     scene.add_contact(beam.end, fb.Circle((0.99, -0.1), 0.02), stiffness=1e4)
     scene.add_force(beam.end, (0, -1.5))
     return fb.static(scene, **options).position(beam.end)[-1]
@@ -471,9 +463,8 @@ def test_a_circle_that_is_pressed_into_a_cantilever_takes_it_along(gap, load_ste
     """Its centre ends where a node of the beam was, at which the gap has no direction."""
 
     def end(steps):
-        scene, section = fb.Scene(), fb.Section(EA=1e4, GA=4e3, EI=1.0)
-        beam = scene.add_beam([(0, 0), (1, 0)], section, elements=10)
-        scene.clamp(beam.start)
+        section = fb.Section(EA=1e4, GA=4e3, EI=1.0)
+        scene, beam = clamped_bar((1, 0), section, elements=10)
         ball = scene.add_body((0.8, 0.05 + gap), mass=1.0, inertia=1.0).centre
         scene.prescribe(ball, x=0.0, y=-(gap + 0.05), rotation=0.0)
         scene.add_contact(beam, fb.Circle(ball, 0.05), stiffness=1e5)
@@ -527,10 +518,8 @@ def test_a_pendulum_hangs_on_the_stop_that_it_meets_first():
 
 
 def test_a_body_on_a_carried_line_presses_on_what_carries_it():
-    scene = fb.Scene(gravity=(0, -10))
     section = fb.Section(EA=1e6, GA=1e6, EI=1e3)
-    shelf = scene.add_beam([(0, 0), (1, 0)], section, elements=4, degree=2)
-    scene.clamp(shelf.start)
+    scene, shelf = clamped_bar((1, 0), section, elements=4, degree=2, gravity=(0, -10))
     block = scene.add_body((1, 0.1), mass=2.0, inertia=0.1).centre
     scene.add_joint(fb.Prismatic(fb.GROUND, block, axis=(0, 1), spring=fb.Spring(1e-3)))
     contact = scene.add_contact(block, fb.Line(shelf.end, (0, 1)), stiffness=1e6, radius=0.1)
@@ -649,9 +638,8 @@ def test_an_obstacle_of_another_scene_has_no_contact_here():
 
 def wheel_above_a_beam(spring, stiffness):
     """A wheel that a spring holds is loaded towards the tip of a cantilever."""
-    scene, section = fb.Scene(), fb.Section(EA=1e4, GA=4e3, EI=10.0, rhoA=1.0, rhoI=1e-3)
-    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=4)
-    scene.clamp(beam.start)
+    section = fb.Section(EA=1e4, GA=4e3, EI=10.0, rhoA=1.0, rhoI=1e-3)
+    scene, beam = clamped_bar((1, 0), section, elements=4)
     wheel = scene.add_body((1.0, 0.11), mass=1.0, inertia=0.1).centre
     scene.add_joint(fb.Prismatic(fb.GROUND, wheel, axis=(0, 1), spring=fb.Spring(spring)))
     scene.add_force(wheel, (0.0, -8.0))
@@ -680,9 +668,7 @@ def test_a_wheel_that_goes_deep_into_a_beam_is_told(spring, stiffness, every, sa
 
 
 def test_a_point_whose_rows_lie_on_both_sides_of_a_circle_has_not_gone_through(caplog):
-    scene = fb.Scene()
-    body = scene.add_body((1.0, 0.0), mass=1.0, inertia=1.0, points={"hub": (0, 0)})
-    scene.add_joint(fb.Revolute(fb.GROUND, body["hub"]))
+    scene, body, _ = hinged_body((1.0, 0.0), 1.0, 1.0, {"hub": (0, 0)})
     scene.set_velocity(body, (0.0, 1.0), spin=1.0)
     scene.add_contact(body.centre, fb.Circle((0, 0), 0.8), stiffness=1e3)
     fb.simulate(scene, dt=np.pi / 100, t_end=2 * np.pi, record=fb.Record(every=100))
@@ -691,12 +677,11 @@ def test_a_point_whose_rows_lie_on_both_sides_of_a_circle_has_not_gone_through(c
 
 def hinged_arch(load, stopped, how):
     """An arch of two members that sways at 3.7 N, with a line or a member far below it."""
-    scene, section = fb.Scene(), fb.Section(EA=1e4, GA=1e4, EI=1.0)
-    left = scene.add_beam([(0, 0), (1, 0.2)], section, elements=4, degree=2)
+    section = fb.Section(EA=1e4, GA=1e4, EI=1.0)
+    scene, left = pinned_bar((1, 0.2), section, elements=4, degree=2)
     right = scene.add_beam([(1, 0.2), (2, 0)], section, elements=4, degree=2)
     scene.add_joint(fb.Revolute(left.end, right.start, spring=fb.Spring(2.0)))
     scene.add_joint(fb.Revolute(fb.GROUND, right.end, spring=fb.Spring(1.0)))
-    scene.pin(left.start)
     scene.add_force(left.end, (0, -load))
     if stopped and how == "member":
         bed = scene.add_beam([(0, -5), (2, -5)], section, elements=1, degree=2)

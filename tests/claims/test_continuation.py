@@ -4,7 +4,7 @@ import ufl
 
 import numpy as np
 import pytest
-from scenes import demo
+from scenes import clamped_bar, demo, guided_body, supported_bar
 
 import fx_beam as fb
 
@@ -22,10 +22,7 @@ def truss(load):
     l0 = np.hypot(1, RISE)
     top = np.sqrt(l0 ** (2 / 3) - 1)
     limit = EA * top * (l0 ** (-1 / 3) - 1 / l0)
-    scene = fb.Scene()
-    bar = scene.add_beam([(0, 0), (1, RISE)], fb.Section(EA=EA, GA=EA, EI=1e3), elements=2)
-    scene.pin(bar.start)
-    scene.fix(bar.end, "x")
+    scene, bar = supported_bar((1, RISE), fb.Section(EA=EA, GA=EA, EI=1e3), elements=2, held="x")
     scene.add_force(bar.end, (0.0, -load * limit))
 
     def exact(y):
@@ -100,9 +97,7 @@ def test_every_row_is_in_equilibrium_and_the_balance_of_energy_closes_to_second_
 
 def test_steps_along_the_arc_length_are_about_as_many_as_asked_for_and_few_iterations_each():
     for steps in (10, 40):
-        scene = fb.Scene()
-        beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e5, GA=1e5, EI=10.0), 6, 2)
-        scene.clamp(beam.start)
+        scene, beam = clamped_bar((1, 0), fb.Section(EA=1e5, GA=1e5, EI=10.0), 6, 2)
         scene.add_force(beam.end, (0.0, -50.0))
         solution = fb.static(scene, steps, continuation="arc-length", newton=FEW)
         assert np.diff(solution.load_factor).max() < 1.2 / steps
@@ -163,9 +158,7 @@ def test_a_linkage_with_motors_is_driven_to_the_same_place_on_both_ways():
 @pytest.mark.parametrize("axial", [None, 1e-3])
 def test_a_contact_that_closes_on_the_path_may_stick_or_slip(axial):
     """A beam presses a bracket on a plane; Newton's method remembers its last iteration."""
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=10.0), elements=2)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1, 0), fb.Section(EA=1e4, GA=1e4, EI=10.0), elements=2)
     bracket = scene.add_body((1, 0), mass=1.0, inertia=0.1, points={"foot": (0.5, 1.0)})
     scene.add_joint(fb.Rigid(beam.end, bracket.centre))
     plane = fb.Line((0, 0.92), normal=(0.1, 1))
@@ -206,10 +199,8 @@ def test_a_path_that_cannot_go_on_ends_in_an_error_with_what_was_found():
 
 def test_a_path_that_runs_off_is_given_up_and_its_limit_points_are_named():
     section = fb.Section(EA=1e5, GA=1e5, EI=10.0, rhoA=1.0)
-    scene = fb.Scene(gravity=(0, -9.81))
-    left = scene.add_beam([(0, 0), (1, 0)], section, elements=4)
+    scene, left = clamped_bar((1, 0), section, elements=4, gravity=(0, -9.81))
     right = scene.add_beam([(1, 0), (1.8, 0.5)], section, elements=4)
-    scene.clamp(left.start)
     scene.pin(right.end)
     scene.add_joint(fb.PinInSlot(left.end, right.start, axis=(0.9, 0.4)))
     scene.add_force(left.node(0.5), (3, -30))
@@ -227,22 +218,18 @@ def test_a_path_that_runs_off_is_given_up_and_its_limit_points_are_named():
 
 def pulled(energy):
     """A body on a guide whose spring has this energy, and a load of 2 N."""
-    scene = fb.Scene()
-    body = scene.add_body((1, 0), mass=1.0, inertia=1.0)
     spring = fb.Spring(strain_energy=energy)
-    scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, axis=(1, 0), spring=spring))
-    scene.add_force(body.centre, (2.0, 0))
+    scene, body, _ = guided_body((1, 0), 1.0, 1.0, spring=spring)
+    scene.add_force(body, (2.0, 0))
     return scene
 
 
 def stretched(energy):
     """A bar of two elements whose normal force is ten times the slope of this energy at 10 eps."""
-    scene = fb.Scene()
     section = fb.Section(
         strain_energy=lambda eps, gamma, kappa: energy(10 * eps) + gamma**2 + kappa**2
     )
-    bar = scene.add_beam([(0, 0), (1, 0)], section, elements=2)
-    scene.clamp(bar.start)
+    scene, bar = clamped_bar((1, 0), section, elements=2)
     scene.add_force(bar.end, (40.0, 0))
     return scene
 
@@ -278,10 +265,7 @@ def test_a_path_may_end_behind_its_first_limit_point():
     L = np.hypot(a, h)
     c = (a**2 * L) ** (1 / 3)
     limit = EA * (1 / c - 1 / L) * np.sqrt(c**2 - a**2)
-    scene = fb.Scene()
-    bar = scene.add_beam([(0, 0), (a, h)], fb.Section(EA, EA, 1e9), elements=1)
-    scene.pin(bar.start)
-    scene.fix(bar.end, "x")
+    scene, bar = supported_bar((a, h), fb.Section(EA, EA, 1e9), elements=1, held="x")
     scene.add_force(bar.end, (0.0, -k * limit))
     path = fb.static(scene, 5, continuation="arc-length", stop_at="limit point")
     assert path.load_factor.argmax() == len(path.t) - 2

@@ -2,16 +2,15 @@
 
 import numpy as np
 import pytest
+from scenes import clamped_bar, pinned_bar
 
 import fx_beam as fb
 
 
 def cantilever(elements, degree):
     """A beam under its weight, released at once."""
-    scene = fb.Scene(gravity=(0, -9.81))
     section = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0, rhoI=0.01)
-    beam = scene.add_beam([(0, 0), (1, 0)], section, elements, degree, name="arm")
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1, 0), section, elements, degree, name="arm", gravity=(0, -9.81))
     return scene
 
 
@@ -40,10 +39,8 @@ def test_the_error_of_the_quantity_is_below_the_tolerance_and_the_estimate_says_
 def test_the_larger_of_the_two_errors_is_refined():
     # A rigid pendulum: its mesh has no error.
     def scene_of(elements, degree):
-        scene = fb.Scene(gravity=(0, -9.81))
         section = fb.Section(EA=1e8, GA=1e8, EI=1e6, rhoA=1.0, rhoI=1e-4)
-        bar = scene.add_beam([(0, 0), (0.5, 0)], section, elements, degree, name="arm")
-        scene.pin(bar.start)
+        scene, bar = pinned_bar((0.5, 0), section, elements, degree, name="arm", gravity=(0, -9.81))
         return scene
 
     found = fb.converge(scene_of, tip, 2e-5, t_end=0.6, elements=2)

@@ -12,6 +12,7 @@ import ufl
 import numpy as np
 import pytest
 from jointed import MEMBER, pair
+from scenes import clamped_bar, guided_body
 
 import fx_beam as fb
 
@@ -188,9 +189,7 @@ def test_a_solution_without_motion_and_one_of_statics_can_be_copied(copied):
     assert len(other.joint(joint).force) == 6
     with pytest.raises(ValueError, match="motion not recorded"):
         other.resultants(scene.beams[0])
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], MEMBER, elements=1)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1, 0), MEMBER, elements=1)
     scene.add_force(beam.end, (0.0, 1.0))
     solution, modes = fb.static(scene, load_steps=2), fb.modes(scene, n=1)
     assert (copied(solution).resultants(beam).M == solution.resultants(beam).M).all()
@@ -225,14 +224,12 @@ def test_a_linear_system_can_be_copied_and_reads_the_same_states(copied, turns):
 
 @every_way
 def test_periodic_motions_and_families_can_be_copied(copied):
-    scene = fb.Scene()
-    body = scene.add_body((0, 0), mass=1.0, inertia=1.0)
     spring = fb.Spring(stiffness=1.0)
-    scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, axis=(1, 0), spring=spring))
+    scene, body, _ = guided_body((0, 0), 1.0, 1.0, spring=spring)
     swing = fb.periodic(scene, mode=0, amplitude=0.1)
     family = fb.backbone(scene, amplitude=0.2)
     assert (copied(swing).solution.q == swing.solution.q).all()
-    assert copied(swing).amplitude(body.centre, "x") == swing.amplitude(body.centre, "x")
+    assert copied(swing).amplitude(body, "x") == swing.amplitude(body, "x")
     assert (copied(family).frequencies == family.frequencies).all()
     assert len(copied(family).critical) == len(family.critical)
 
@@ -280,9 +277,7 @@ def test_a_function_inside_another_is_refused_by_pickle_with_its_name():
 
 
 def test_equilibria_that_follow_each_other_hold_no_earlier_ones_nor_functions_of_loads():
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], MEMBER, elements=1)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1, 0), MEMBER, elements=1)
     scene.add_force(beam.end, lambda t: (0.0, -2.0 * t))
     first = fb.static(scene, load_steps=1, t=1.0)
     second = fb.static(scene, load_steps=1, t=2.0, start=first)

@@ -4,6 +4,7 @@ import ufl
 
 import numpy as np
 import pytest
+from scenes import clamped_bar, supported_bar
 
 import fx_beam as fb
 
@@ -126,11 +127,8 @@ def test_a_bar_that_yields_as_it_snaps_through_unloads_where_it_is_shortest():
         return [old[0] + ufl.sign(trial) * excess / (EA + H)]
 
     variables = fb.InternalVariables(("a",), flow)
-    scene = fb.Scene()
     section = fb.Section(strain_energy=energy, internal=variables)
-    bar = scene.add_beam([(0, 0), (1, rise)], section, elements=1)
-    scene.pin(bar.start)
-    scene.fix(bar.end, "x")
+    scene, bar = supported_bar((1, rise), section, elements=1, held="x")
     scene.add_force(bar.end, (0.0, -1.0))
     path = fb.static(scene, 40, continuation="arc-length")
     assert path.load_factor[-1] == 1
@@ -164,9 +162,7 @@ def test_a_spring_that_snaps_at_its_kink_is_refused(soft, max_cuts):
 
 
 def test_no_load_step_reaches_the_other_branch_of_a_column(side=1e-5):
-    scene = fb.Scene()
-    column = scene.add_beam([(0, 0), (1, 0)], own(1e4, 1e4, 1.0), elements=8)
-    scene.clamp(column.start)
+    scene, column = clamped_bar((1, 0), own(1e4, 1e4, 1.0), elements=8)
     scene.add_force(column.end, (-1.3 * np.pi**2 / 4, side))
     for steps in (1, 3, 10):
         try:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy.integrate
 import scipy.optimize
+from scenes import clamped_bar, held_body, supported_bar
 
 import fx_beam as fb
 
@@ -137,10 +138,9 @@ def test_the_stiffness_of_a_column_is_no_imperfection_in_any_direction(angle):
     """Of a straight column, which is not bent, the work of its bending moments is round-off."""
 
     def build(x):
-        scene, along = fb.Scene(), np.array([-np.sin(angle), np.cos(angle)])
+        along = np.array([-np.sin(angle), np.cos(angle)])
         section = fb.Section(EA=STIFF, GA=STIFF, EI=x[0])
-        beam = scene.add_beam([(0, 0), along], section, elements=8, degree=2)
-        scene.clamp(beam.start)
+        scene, beam = clamped_bar(along, section, elements=8, degree=2)
         scene.add_force(beam.end, -4 * along)
         return observed(scene)
 
@@ -187,10 +187,8 @@ def heavy_column_buckles(load):
 @pytest.mark.parametrize("load", [0.0, 1e-9, 0.5])
 def test_a_load_that_is_zero_yet_is_no_imperfection(load):
     def build(x):
-        scene = fb.Scene(gravity=(0.0, -10.0))
         section = fb.Section(EA=1e7, GA=1e7, EI=lambda f: 1 + 0.5 * (0.5 - f), rhoA=1.0)
-        column = scene.add_beam([(0, 0), (0, 1)], section, elements=12, degree=3)
-        scene.clamp(column.start)
+        scene, column = clamped_bar((0, 1), section, elements=12, degree=3, gravity=(0.0, -10.0))
         # It acts with the weight, which is 10 N/m times the load factor.
         scene.add_force(column.end, (0.0, -x[0]))
         return scene, {"load": fb.Output("critical_load", scene)}
@@ -219,7 +217,7 @@ def test_a_load_at_which_material_has_flowed_has_no_derivatives():
     """A shallow arch of two springs that yield before it snaps through."""
 
     def build(x):
-        scene, stiffness = fb.Scene(), fb.Parameter("stiffness", x[0])
+        stiffness = fb.Parameter("stiffness", x[0])
 
         def energy(stretch, a):
             return (stiffness * (stretch - a[0]) ** 2 + 200 * a[0] ** 2) / 2
@@ -230,8 +228,7 @@ def test_a_load_at_which_material_has_flowed_has_no_derivatives():
             return [old[0] + ufl.sign(trial) * excess / (stiffness + 200)]
 
         internal = fb.InternalVariables(("a",), flow)
-        crown = scene.add_body((0, 0.5), mass=1.0, inertia=1.0).centre
-        scene.fix(crown, "x", "rotation")
+        scene, crown = held_body((0, 0.5), 1.0, 1.0, "x", "rotation")
         for end in ((-1, 0), (1, 0)):
             spring = fb.Spring(rest=np.hypot(1, 0.5), strain_energy=energy, internal=internal)
             scene.add_force_between(crown, end, spring=spring)
@@ -266,11 +263,8 @@ def test_a_load_depends_on_parameters_at_the_time_of_the_path():
 
     def jacobian(k_of):
         def build(x):
-            scene = fb.Scene()
             section = fb.Section(EA=1e6, GA=1e6, EI=1.0)
-            beam = scene.add_beam([(0, 0), (0, 1)], section, elements=4, degree=2)
-            scene.pin(beam.start)
-            scene.fix(beam.end, "x")
+            scene, beam = supported_bar((0, 1), section, elements=4, degree=2, held="x")
             k = fb.Parameter("k", k_of(x[0]))
             spring = fb.Spring(strain_energy=lambda stretch: k * stretch**2 / 2, rest=1.0)
             for side in (-1, 1):

@@ -8,6 +8,7 @@ import ufl
 import numpy as np
 import pytest
 import scipy.optimize
+from scenes import clamped_bar, hinged_body, pinned_bar, supported_bar
 
 import fx_beam as fb
 
@@ -60,11 +61,9 @@ def test_a_point_does_not_depend_on_the_steps_between_which_it_lies():
 def truss(height, load):
     """Two bars between hinges, each one element: by EA alone, since no moment bends them."""
     section = fb.Section(EA=1e3, GA=1e5, EI=1e4)
-    scene = fb.Scene()
-    left = scene.add_beam([(-1, 0), (0, height)], section, elements=1)
+    scene, left = pinned_bar([(-1, 0), (0, height)], section, elements=1)
     right = scene.add_beam([(0, height), (1, 0)], section, elements=1)
     scene.add_joint(fb.Revolute(left.end, right.start))
-    scene.pin(left.start)
     scene.pin(right.end)
     scene.add_force(left.end, (0, -load))
     return scene
@@ -127,9 +126,7 @@ def test_a_bifurcation_in_the_step_to_a_limit_point_is_located(wall, steps):
             (1 - radius * np.sin(a), height - radius * (1 - np.cos(a)))
             for a in (angle, (angle + end) / 2, end)
         ]
-        scene = fb.Scene()
-        arch = scene.add_beam(fb.arc(*shape), section, elements, degree=2)
-        scene.pin(arch.start)
+        scene, arch = pinned_bar(fb.arc(*shape), section, elements, degree=2)
         if end:
             scene.pin(arch.end)
         else:
@@ -166,9 +163,7 @@ def test_columns_that_differ_and_buckle_at_once_are_one_point():
 
 def test_becks_column_flutters_at_its_load():
     section = fb.Section(EA=1e8, GA=1e8, EI=EI, rhoA=1.0, rhoI=1e-9)
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (0, 1)], section, 8, 3)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((0, 1), section, 8, 3)
     scene.add_force(beam.end, (0, -22.0), follower=True)
     (point,) = fb.static(scene, load_steps=11).critical_points
     assert point.kind == "flutter"
@@ -181,9 +176,7 @@ def test_becks_column_flutters_at_its_load():
 
 def rigid_column(stiffness, load):
     """A rigid column of length 1 on a hinge: P L = c."""
-    scene = fb.Scene()
-    bar = scene.add_body((0, 1), mass=1.0, inertia=1.0, points={"foot": (0, 0)})
-    scene.add_joint(fb.Revolute(fb.GROUND, bar["foot"], spring=fb.Spring(stiffness)))
+    scene, bar, _ = hinged_body((0, 1), 1.0, 1.0, {"foot": (0, 0)}, spring=fb.Spring(stiffness))
     scene.add_force(bar.centre, (0, -load))
     return scene, bar.centre
 
@@ -385,9 +378,7 @@ def test_a_column_on_a_plastic_hinge_fails_where_it_begins_to_flow(hardening):
         return [old[0] + ufl.sign(trial) * more]
 
     hinge = fb.Spring(strain_energy=energy, internal=fb.InternalVariables(("a",), flow))
-    scene = fb.Scene()
-    bar = scene.add_body((0, 1), mass=1.0, inertia=1.0, points={"foot": (0, 0)})
-    scene.add_joint(fb.Revolute(fb.GROUND, bar["foot"], spring=hinge))
+    scene, bar, _ = hinged_body((0, 1), 1.0, 1.0, {"foot": (0, 0)}, spring=hinge)
     scene.add_force(bar.centre, (across, -down))
     path = fb.static(scene, load_steps=7, continuation="arc-length", max_steps=30)
     points = path.critical_points
@@ -429,10 +420,7 @@ def test_a_column_that_hardens_buckles_at_its_tangent_modulus_load(how):
     section = fb.Section(
         strain_energy=energy, internal=fb.InternalVariables(("one", "other"), flow)
     )
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (0, 1)], section, 8, 2)
-    scene.pin(beam.start)
-    scene.fix(beam.end, "x")
+    scene, beam = supported_bar((0, 1), section, 8, 2, held="x")
     scene.add_force(beam.end, (0, -0.5 * euler))
     path = fb.static(scene, load_steps=7, continuation=how)
     (point,) = path.critical_points
@@ -497,11 +485,8 @@ def test_an_imperfect_bifurcation_is_a_limit_point_for_any_steps():
     """
 
     def limit(load_steps):
-        scene = fb.Scene()
         section = fb.Section(EA=3800.0, GA=1900.0, EI=2.3)
-        column = scene.add_beam([(0, 0), (0, 1)], section, elements=4, degree=3)
-        scene.pin(column.start)
-        scene.fix(column.end, "x")
+        scene, column = supported_bar((0, 1), section, elements=4, degree=3, held="x")
         scene.add_force_between(column.node(0.5), (1, 0.5), spring=fb.Spring(14.0, rest=1.0))
         scene.add_force(column.end, (0, -76.0))
         with pytest.raises(fb.StepError, match="does not return to load factor 1") as caught:
@@ -519,9 +504,9 @@ def test_at_a_point_of_a_path_with_a_start_both_loads_act():
     The rod falls at 10 N m/rad = 5 N m + 10 N m l. The bar keeps its length:
     P (1 + P/GA) = pi^2 EI/L^2, from 4 N on.
     """
-    scene = fb.Scene(gravity=(0, -10))
-    rod = scene.add_body((0, 0.5), mass=1.0, inertia=0.1, points={"low": (0, 0), "top": (0, 1)})
-    scene.add_joint(fb.Revolute(fb.GROUND, rod["low"], spring=fb.Spring(10.0)))
+    scene, rod, _ = hinged_body(
+        (0, 0.5), 1.0, 0.1, {"low": (0, 0), "top": (0, 1)}, spring=fb.Spring(10.0), gravity=(0, -10)
+    )
     under_its_weight = fb.static(scene)
     scene.add_force(rod["top"], (0, -10.0))
     paths = [(scene, fb.static(scene, load_steps=5, start=under_its_weight), 0.5)]
@@ -546,13 +531,12 @@ def test_at_a_point_of_a_path_with_a_start_both_loads_act():
 @pytest.mark.parametrize("wall", [False, True])
 def test_long_steps_find_the_bifurcation_of_short_ones_beside_an_open_contact(wall):
     """A post on a shallow arch, of which one half is rigid. Long steps may leave its path."""
-    scene, section = fb.Scene(), fb.Section(EA=1e4, GA=1e4, EI=2.0)
-    half = scene.add_beam([(0, 0), (1, 0.15)], section, elements=3, degree=2)
+    section = fb.Section(EA=1e4, GA=1e4, EI=2.0)
+    scene, half = pinned_bar((1, 0.15), section, elements=3, degree=2)
     other = scene.add_body((1.5, 0.075), 1.0, 0.1, points={"top": (1, 0.15), "foot": (2, 0)})
     post = scene.add_beam([(1, 0.15), (1, 0.85)], section, elements=3, degree=2)
     scene.add_joint(fb.Revolute(half.end, other["top"]))
     scene.add_joint(fb.Revolute(half.end, post.start))
-    scene.pin(half.start)
     scene.fix(other["foot"], "y")
     for node, to, stiffness in (
         (half.start, other["foot"], 2500.0),

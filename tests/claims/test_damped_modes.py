@@ -6,6 +6,7 @@ import ufl
 
 import numpy as np
 import pytest
+from scenes import clamped_bar, supported_bar
 
 import fx_beam as fb
 
@@ -102,11 +103,8 @@ def test_double_modes_of_a_ring_are_both_found():
 def test_members_under_compression_have_the_roots_of_the_stressed_beam():
     # rhoA lambda^2 + tau EI k^4 lambda + EI k^4 + N k^2 = 0 where shear is small.
     tau, EI = 1e-3, 10.0
-    scene = fb.Scene()
     stiff = fb.Section(EA=1e6, GA=1e6, EI=EI, rhoA=1.0, retardation=tau)
-    beam = scene.add_beam([(0, 0), (1, 0)], stiff, elements=16, degree=2)
-    scene.pin(beam.start)
-    scene.fix(beam.end, "y")
+    scene, beam = supported_bar((1, 0), stiff, elements=16, degree=2)
     N = -1.5 * math.pi**2 * EI
     scene.add_force(beam.end, (N, 0))
     state = fb.static(scene)
@@ -250,10 +248,8 @@ def test_damping_without_a_limit_at_rest_is_refused():
 def test_what_has_neither_mass_nor_damping_adds_no_modes_in_any_unit_of_mass():
     """Turns of the rail have neither: their roots are infinite, and were some 1e10 rad/s."""
     for unit in 10.0 ** -np.arange(0, 10, 0.5):
-        scene = fb.Scene()
         rod = fb.Section(EA=1e4 * unit, GA=1e4 * unit, EI=100 * unit, rhoA=unit)
-        rail = scene.add_beam([(0, 0), (2, 0)], rod, elements=4)
-        scene.clamp(rail.start)
+        scene, rail = clamped_bar((2, 0), rod, elements=4)
         scene.pin(rail.end)
         car = scene.add_body((0.7, 0.1), unit, 0.05 * unit, points={"foot": (0.62, 0)})
         spring = fb.Spring(100 * unit, rest=0.62)

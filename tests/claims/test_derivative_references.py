@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from jointed import MEMBER
+from scenes import clamped_bar, hinged_body, pinned_bar
 
 import fx_beam as fb
 
@@ -80,9 +81,7 @@ def test_derivatives_are_those_of_an_oscillator_by_complex_steps(scheme):
 
 def mass_on_bar(x):
     """A mass that moves along a bar without mass; x: stiffness, mass, damping of the scheme."""
-    scene = fb.Scene()
-    bar = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=x[0], GA=1.0, EI=1.0), elements=1)
-    scene.clamp(bar.start)
+    scene, bar = clamped_bar((1, 0), fb.Section(EA=x[0], GA=1.0, EI=1.0), elements=1)
     scene.fix(bar.end, "y", "rotation")
     scene.add_mass(bar.end, x[1])
     scene.set_velocity(bar.end, (0.1, 0.0))
@@ -131,11 +130,9 @@ def test_the_damping_of_a_scheme_as_a_parameter_must_be_a_number_of_the_scene():
 
 def two_loads(x):
     """Two small forces at A and B on a bent frame with a hinge and a body, at rest before."""
-    scene = fb.Scene(gravity=(0, -9.81))
-    first = scene.add_beam([(0, 0), (1, 0)], MEMBER, elements=2)
+    scene, first = clamped_bar((1, 0), MEMBER, elements=2, gravity=(0, -9.81))
     second = scene.add_beam([(1, 0), (1.8, 0.4)], MEMBER, elements=2)
     body = scene.add_body((1.9, 0.4), 1.0, 0.1, points={"arm": (1.8, 0.4)})
-    scene.clamp(first.start)
     scene.add_joint(fb.Revolute(first.end, second.start, spring=fb.Spring(40.0)))
     scene.add_joint(fb.Rigid(second.end, body["arm"]))
     a, b = first.end, body.centre
@@ -257,10 +254,8 @@ def test_a_bead_on_a_turning_rod_has_the_derivatives_of_cosh():
 
 
 def cantilever(x):
-    scene = fb.Scene()
     section = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0, rhoI=0.01)
-    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=4)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1, 0), section, elements=4)
     scene.add_force(beam.end, (0.0, x[0]))
     tip, root = fb.Output("position", beam.end, "x"), fb.Output("reaction", beam.start)
     return scene, {"tip": tip, "root": root}
@@ -284,9 +279,8 @@ def test_reaction_of_a_cantilever_by_its_load():
 
 def pendulum(x):
     """A rigid pendulum that is let go at the angle x[0], with the mass x[1]."""
-    scene, c, s = fb.Scene(gravity=(0.0, -9.81)), np.cos(x[0]), np.sin(x[0])
-    body = scene.add_body((s, -c), x[1], 1e-9, points={"pin": (0, 0)})
-    pin = scene.add_joint(fb.Revolute(fb.GROUND, body["pin"]))
+    c, s = np.cos(x[0]), np.sin(x[0])
+    scene, body, pin = hinged_body((s, -c), x[1], 1e-9, {"pin": (0, 0)}, gravity=(0.0, -9.81))
     outputs = {"pin": fb.Output("force", pin), "a": fb.Output("acceleration", body.centre)}
     return scene, outputs | {"speed": fb.Output("velocity", body.centre)}
 
@@ -352,10 +346,8 @@ def test_work_on_a_free_body_and_what_its_drag_takes():
 
 def damped(x):
     """A beam and a body on a damped hinge, with drag, under loads that vary."""
-    scene = fb.Scene(gravity=(0.0, -9.81))
     section = fb.Section(EA=1e4, GA=5e3, EI=20 * x[0], rhoA=x[1], rhoI=1e-2)
-    beam = scene.add_beam([(0, 0), (x[2], 0.2)], section, elements=2)
-    scene.pin(beam.start)
+    scene, beam = pinned_bar((x[2], 0.2), section, elements=2, gravity=(0.0, -9.81))
     place = {"pin": (x[2], 0.2)}
     body = scene.add_body((x[2] + 0.2, 0.0), mass=x[1], inertia=0.02, points=place)
     scene.add_joint(fb.Revolute(beam.end, body["pin"], damper=fb.Damper(0.3 * x[0])))
@@ -387,10 +379,10 @@ def test_work_goes_on_from_a_solution_that_does_not_depend_on_x():
 
 def rubbing(x):
     """An arm on a pin with friction that follows the force there."""
-    scene = fb.Scene(gravity=(0, -9.81))
-    arm = scene.add_body((0.4, 0), x[0], 0.2, points={"pin": (0, 0)})
     friction = fb.Coulomb(0.3 * x[1], 300.0, radius=0.1)
-    scene.add_joint(fb.Revolute(fb.GROUND, arm["pin"], friction=friction))
+    scene, arm, _ = hinged_body(
+        (0.4, 0), x[0], 0.2, {"pin": (0, 0)}, friction=friction, gravity=(0, -9.81)
+    )
     return scene
 
 
@@ -405,9 +397,7 @@ def followed(x):
 
 def bending(x):
     """A cantilever that bends itself."""
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(**DATA | {"EI": 10 * x[0]}), elements=2)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1, 0), fb.Section(**DATA | {"EI": 10 * x[0]}), elements=2)
     scene.add_natural_strain(beam, curvature=x[1])
     return scene
 

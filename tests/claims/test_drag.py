@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scenes import clamped_bar
 
 import fx_beam as fb
 
@@ -79,9 +80,7 @@ def test_a_rotation_is_stopped_by_drag_on_the_spin_and_on_the_speed(on, resistan
 def test_drag_in_proportion_to_the_mass_and_retardation_give_the_ratios_of_rayleigh(degree):
     def cantilever(alpha, tau):
         section = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.5, rhoI=0.1, retardation=tau)
-        scene = fb.Scene()
-        bar = scene.add_beam([(0, 0), (1, 0)], section, elements=3, degree=degree)
-        scene.clamp(bar.start)
+        scene, bar = clamped_bar((1, 0), section, elements=3, degree=degree)
         scene.add_mass(bar.end, 2.0, inertia=0.3)
         scene.add_drag(bar, linear=alpha * 1.5, rotation=alpha * 0.1)
         scene.add_drag(bar.end, linear=alpha * 2.0, rotation=alpha * 0.3)
@@ -161,9 +160,7 @@ def test_a_massless_bar_may_sink_against_drag():
 def test_statics_knows_nothing_of_drag():
     tips = []
     for drag in (0.0, 10.0):
-        scene = fb.Scene(gravity=(0, -9.81))
-        bar = scene.add_beam([(0, 0), (1, 0)], SECTION, elements=1)
-        scene.clamp(bar.start)
+        scene, bar = clamped_bar((1, 0), SECTION, elements=1, gravity=(0, -9.81))
         if drag:
             scene.add_drag(bar, linear=drag)
             scene.add_drag(bar.end, linear=drag)

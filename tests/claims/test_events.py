@@ -4,6 +4,7 @@ import ufl
 
 import numpy as np
 import pytest
+from scenes import clamped_bar
 from scipy.integrate import solve_ivp
 
 import fx_beam as fb
@@ -69,21 +70,20 @@ def rod(k):
         short = k / 2 * PIECES["conditional"](eps + HEIGHT)
         return short + 5e5 * gamma**2 + 5e3 * kappa**2
 
-    scene = fb.Scene(gravity=(0, -GRAVITY))
-    beam = scene.add_beam(
-        [(0, -HEIGHT), (0, 1 - HEIGHT)], fb.Section(strain_energy=energy), elements=1
+    scene, beam = clamped_bar(
+        [(0, -HEIGHT), (0, 1 - HEIGHT)],
+        fb.Section(strain_energy=energy),
+        elements=1,
+        gravity=(0, -GRAVITY),
     )
-    scene.clamp(beam.start)
     scene.add_mass(beam.end, MASS)
     return scene, beam.end
 
 
 def ball():
-    scene = fb.Scene(gravity=(0, -GRAVITY))
-    measure = scene.add_beam(
-        [(2, 0), (3, 0)], fb.Section(EA=1e6, GA=1e6, EI=1e4), elements=1
-    )  # size 1 m
-    scene.clamp(measure.start)
+    scene, measure = clamped_bar(
+        [(2, 0), (3, 0)], fb.Section(EA=1e6, GA=1e6, EI=1e4), elements=1, gravity=(0, -GRAVITY)
+    )
     return scene, scene.add_body((0, HEIGHT), mass=MASS, inertia=1.0).centre
 
 

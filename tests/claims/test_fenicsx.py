@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+from scenes import clamped_bar, pinned_bar
 
 import fx_beam as fb
 
@@ -26,19 +27,14 @@ T_END = DT * STEPS
 
 def pair(degree=1):
     """Two beams with a hinge, on a pin."""
-    scene = fb.Scene(gravity=(0, -9.81))
-    first = scene.add_beam([(0, 0), (1, 0.3)], SECTION, 4, degree=degree)
+    scene, first = pinned_bar((1, 0.3), SECTION, 4, degree=degree, gravity=(0, -9.81))
     second = scene.add_beam([(1, 0.3), (2, 0)], SECTION, 3, degree=degree)
     scene.add_joint(fb.Revolute(first.end, second.start))
-    scene.pin(first.start)
     return scene, first, second
 
 
 def cantilever(elements=4):
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], SECTION, elements)
-    scene.clamp(beam.start)
-    return scene, beam
+    return clamped_bar((1, 0), SECTION, elements)
 
 
 def assert_same(solution, other, digits=1e-12):

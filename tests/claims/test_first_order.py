@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scenes import clamped_bar
 
 import fx_beam as fb
 from fx_beam.results.fields import along_all
@@ -118,10 +119,8 @@ def test_weight_heat_settlement_and_springs_count():
 
 def test_joints_are_those_of_the_reference():
     # A hinged beam in the middle: the hinge has no moment, and each half is a cantilever.
-    scene = fb.Scene()
-    left = scene.add_beam([(0, 0), (1, 0)], SECTION, elements=2, degree=3)
+    scene, left = clamped_bar((1, 0), SECTION, elements=2, degree=3)
     right = scene.add_beam([(1, 0), (3, 0)], SECTION, elements=2, degree=3)
-    scene.clamp(left.start)
     scene.clamp(right.end)
     scene.add_joint(fb.Revolute(left.end, right.start))
     scene.add_force(left.end, (0, -6.0))
@@ -136,9 +135,7 @@ def test_joints_are_those_of_the_reference():
 @pytest.mark.parametrize("stiff", [1e3, 1e7])
 def test_a_stop_stays_open(gap, stiff):
     section = fb.Section(EA=stiff, GA=stiff, EI=1.0)
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=2, degree=3)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1, 0), section, elements=2, degree=3)
     scene.add_force(beam.end, (0, -1.0))
     scene.add_force_between(beam.end, (1.0, -1.0), stop=(1.0 - gap, None, 1e5))
     sunk = fb.static(scene, linear=True).displacement(beam.end)[-1, 1]
@@ -146,9 +143,7 @@ def test_a_stop_stays_open(gap, stiff):
 
 
 def resting():
-    scene = fb.Scene(gravity=(0, -9.81))
-    beam = scene.add_beam([(0, 0), (1, 0)], SECTION, elements=4)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1, 0), SECTION, elements=4, gravity=(0, -9.81))
     scene.add_contact(beam.end, fb.Line((0, 0), normal=(0, 1)), stiffness=1e5)
     return scene
 

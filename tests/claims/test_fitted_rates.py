@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from derivatives import assert_they_are_those_of_the_motion
 from jointed import chain, four_bar as linkage
+from scenes import clamped_bar, hinged_body, pinned_bar
 from scipy.integrate import solve_ivp
 
 import fx_beam as fb
@@ -16,9 +17,7 @@ M, J, A, SPIN = 2.0, 0.3, 0.8, 4.0
 
 
 def pendulum():
-    scene = fb.Scene(gravity=(0, -G))
-    body = scene.add_body((A, 0), M, J, points={"pin": (0, 0)})
-    pin = scene.add_joint(fb.Revolute(fb.GROUND, body["pin"]))
+    scene, body, pin = hinged_body((A, 0), M, J, {"pin": (0, 0)}, gravity=(0, -G))
     scene.set_velocity(body, (0, A * SPIN), SPIN)
     return scene, body, pin
 
@@ -282,11 +281,9 @@ def _pin_in_slot(x):
 
 def _sleeve(x):
     """A sleeve that turns with both nodes of its element: one of their motions has no mass."""
-    scene = fb.Scene(gravity=(0, -10 * x[0]))
     section = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0)
-    carrier = scene.add_beam([(0, 0), (1, 0)], section, elements=2)
+    scene, carrier = clamped_bar((1, 0), section, elements=2, gravity=(0, -10 * x[0]))
     carried = scene.add_beam([(0.6, 0), (0.6, 1)], replace(section, rhoI=1e-2), elements=2)
-    scene.clamp(carrier.start)
     return scene, carrier, fb.Sleeve(carrier, carried.start, damper=fb.Damper(0.3 * x[1]))
 
 
@@ -400,10 +397,8 @@ def test_a_double_pendulum_of_bodies_with_a_damper_is_linearised_as_by_hand():
 
 def test_rows_farther_apart_have_the_same_forces_beside_a_slide_that_moves():
     def motion(every):
-        scene = fb.Scene(gravity=(0.0, -9.81))
         section = fb.Section(EA=2e4, GA=5e3, EI=15.0, rhoA=1.0, rhoI=5e-3)
-        arm = scene.add_beam([(0, 0), (1, 0)], section, elements=2)
-        scene.pin(arm.start)
+        scene, arm = pinned_bar((1, 0), section, elements=2, gravity=(0.0, -9.81))
         body = scene.add_body((1.1, 0.1), mass=0.5, inertia=0.02)
         guide = {"offset": (0.1, 0.1), "axis": (1, 0.3)}
         joint = scene.add_joint(fb.Prismatic(arm.end, body.centre, **guide))

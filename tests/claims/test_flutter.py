@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+from scenes import clamped_bar
 
 import fx_beam as fb
 
@@ -13,9 +14,7 @@ SLENDER = 1e6
 def column(load, tip_mass, elements, degree):
     """A cantilever with EI = rhoA = L = 1 under a force along its end, which carries a mass."""
     section = fb.Section(EA=SLENDER, GA=SLENDER, EI=1.0, rhoA=1.0, rhoI=1 / SLENDER)
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (0, 1)], section, elements, degree)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((0, 1), section, elements, degree)
     if tip_mass:
         scene.add_mass(beam.end, tip_mass)
     scene.add_force(beam.end, (0, -load), follower=True)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import scipy.optimize
+from scenes import clamped_bar
 from test_flutter import column
 
 import fx_beam as fb
@@ -79,9 +80,7 @@ def test_becks_column_has_the_frequencies_of_its_characteristic_equation(load):
 
 def test_many_modes_of_a_large_scene_are_those_of_its_linear_system():
     section = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0, rhoI=1e-3, retardation=1e-3)
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (0.6, 0.8)], section, elements=40)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((0.6, 0.8), section, elements=40)
     scene.add_force(beam.end, (-0.6 * 25, -0.8 * 25), follower=True)
     state = fb.static(scene, load_steps=4)
     found = fb.modes(scene, state, n=6)
@@ -95,13 +94,12 @@ def test_a_free_scene_under_forces_without_a_potential_is_told_what_to_do():
     section = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0, rhoI=1e-3)
     scene = fb.Scene()
     beam = scene.add_beam([(0, 0), (1, 0)], section, elements=4)
-    held, scene_of_held = fb.Scene(), scene
+    scene_of_held = scene
     for end, sign in ((beam.start, 1), (beam.end, -1)):
         scene_of_held.add_force(end, (5.0 * sign, 0), follower=True)
-    held_beam = held.add_beam([(0, 0), (1, 0)], section, elements=4)
+    held, held_beam = clamped_bar((1, 0), section, elements=4)
     for end, sign in ((held_beam.start, 1), (held_beam.end, -1)):
         held.add_force(end, (5.0 * sign, 0), follower=True)
-    held.clamp(held_beam.start)
     state = fb.static(held, load_steps=2)
     assert (fb.modes(held, state, n=2).frequencies > 0).all()
     with pytest.raises(fb.SceneError, match="moves freely.*linearise"):

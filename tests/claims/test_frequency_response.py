@@ -3,15 +3,13 @@
 import numpy as np
 import pytest
 import scipy.linalg
+from scenes import clamped_bar
 
 import fx_beam as fb
 
 
 def cantilever(elements, section):
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=elements, degree=2)
-    scene.clamp(beam.start)
-    return scene, beam
+    return clamped_bar((1, 0), section, elements=elements, degree=2)
 
 
 # -- Closed solutions --------------------------------------------------------------------------
@@ -67,10 +65,8 @@ def test_a_damped_cantilever_has_the_response_of_timoshenko():
 
 def arm(load=None):
     """A stressed arm on a damped hinge and a damped slide; its end carries a load over time."""
-    scene = fb.Scene(gravity=(0.0, -9.81))
     section = fb.Section(EA=1e4, GA=1e4, EI=20.0, rhoA=1.0, rhoI=1e-2, retardation=0.01)
-    post = scene.add_beam([(0, 0), (0.5, 0)], section, elements=3, degree=2)
-    scene.clamp(post.start)
+    scene, post = clamped_bar((0.5, 0), section, elements=3, degree=2, gravity=(0.0, -9.81))
     arm = scene.add_beam([(0.5, 0), (1.3, 0.2)], section, elements=4, degree=2)
     on = {"spring": fb.Spring(60.0), "damper": fb.Damper(2.0)}
     hinge = fb.Coordinate(spring=fb.Spring(30.0), damper=fb.Damper(0.8))

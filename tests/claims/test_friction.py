@@ -8,6 +8,7 @@ import ufl
 import numpy as np
 import pytest
 from jointed import pair, pendulum_with_friction
+from scenes import clamped_bar, guided_body, held_body
 from scipy.integrate import quad
 
 import fx_beam as fb
@@ -24,9 +25,7 @@ def square(rate):
 
 def block(velocity=2.0, axis=(3, 4), mass=2.0, gravity=None, load=None, **parts):
     """A block on a rail of the ground: its scene, its node and the rail."""
-    scene = fb.Scene(gravity=gravity)
-    centre = scene.add_body((0, 0), mass=mass, inertia=0.1).centre
-    rail = scene.add_joint(fb.Prismatic(fb.GROUND, centre, axis=axis, **parts))
+    scene, centre, rail = guided_body((0, 0), mass, 0.1, axis=axis, **parts, gravity=gravity)
     scene.set_velocity(centre, velocity * np.array(axis) / np.hypot(*axis))
     if load:
         scene.add_force(centre, load)
@@ -370,10 +369,9 @@ def test_the_energy_of_the_friction_spring_is_lost_when_the_contact_opens():
 def test_derivatives_of_equilibria_with_friction_are_those_of_differences():
     def build(x):
         """A strip on half a drum, held at one end and pulled down by 1 N at the other."""
-        scene, section = fb.Scene(), fb.Section(EA=1e3 * x[1], GA=1e3, EI=1e-2)
+        section = fb.Section(EA=1e3 * x[1], GA=1e3, EI=1e-2)
         arc = [(0.5 * np.cos(a), 0.5 * np.sin(a)) for a in np.linspace(np.pi, 0, 21)]
-        strip = scene.add_beam([(-0.5, -0.3), *arc, (0.5, -0.3)], section, [2, *[1] * 20, 2])
-        scene.clamp(strip.start)
+        scene, strip = clamped_bar([(-0.5, -0.3), *arc, (0.5, -0.3)], section, [2, *[1] * 20, 2])
         law = {"stiffness": 1e5, "friction": fb.Coulomb(0.3 * x[0], 1e6)}
         scene.add_contact(strip, fb.Circle((0, 0), 0.5), **law)
         scene.add_force(strip.end, (0, -1.0))
@@ -389,9 +387,7 @@ def test_derivatives_of_equilibria_with_friction_are_those_of_differences():
 
 def held_block(load, speed=0.0):
     """A block of 2 kg on a floor, with a spring of 100 N/m along it and friction of 10 N."""
-    scene = fb.Scene(gravity=(0, -10))
-    centre = scene.add_body((0, 0), mass=2.0, inertia=0.1).centre
-    scene.fix(centre, "rotation")
+    scene, centre = held_body((0, 0), 2.0, 0.1, "rotation", gravity=(0, -10))
     scene.add_force_between(centre, (-1.0, 0), spring=fb.Spring(100.0, rest=1.0))
     scene.add_force_between(centre, (0, -1.0), spring=fb.Spring(1e-3, rest=1.0))
     scene.add_force(centre, (load, 0))

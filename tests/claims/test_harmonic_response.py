@@ -9,6 +9,7 @@ import ufl
 import numpy as np
 import pytest
 from derivatives import assert_left_of_second_order
+from scenes import guided_body
 from test_modal_response import NUMBERS, beaded, damped, loaded, rotor, turning
 from test_static_response import DATA, X, bending, chain, driven, motors, slide
 
@@ -74,12 +75,10 @@ def relaxed(x):
 
 def test_a_spring_whose_internal_variable_is_held_has_its_stiffness_at_once():
     def build(x):
-        scene = fb.Scene()
-        body = scene.add_body((0, 0), mass=x[2], inertia=1.0)
         k = fb.Parameter("k", x[0]), fb.Parameter("k1", x[1])
         spring = fb.Spring(**relaxing(1.0, k))
-        joint = scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, axis=(1, 0), spring=spring))
-        return scene, (body.centre, (1.0, 0.0)), joint
+        scene, body, joint = guided_body((0, 0), x[2], 1.0, spring=spring)
+        return scene, (body, (1.0, 0.0)), joint
 
     f = np.array([0.0, 0.7, 2.0])
     run, (k, k1, m), w2 = fb.HarmonicResponse(build, f), (3.0, 2.0, 1.5), (2 * np.pi * f) ** 2

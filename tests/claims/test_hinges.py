@@ -7,6 +7,7 @@ import ufl
 import numpy as np
 import pytest
 from jointed import pair
+from scenes import clamped_bar
 
 import fx_beam as fb
 
@@ -114,9 +115,7 @@ def test_the_loop_of_moment_and_rotation_is_exact_at_ends_of_steps(slides):
 @pytest.mark.parametrize("tension", [0.05, -0.5])
 def test_springs_that_are_beyond_their_limit_at_the_start_have_yielded_without_loads(tension):
     # A cantilever that gives way to the spring at its end as what holds it fades; this unloads.
-    scene = fb.Scene()
-    arm = scene.add_beam([(0, 0), (1, 0)], LIGHT, elements=4)
-    scene.clamp(arm.start)
+    scene, arm = clamped_bar((1, 0), LIGHT, elements=4)
     spring = fb.Spring(rest=-tension, strain_energy=plastic, internal=PLASTIC.internal)
     joint = scene.add_joint(fb.Revolute(fb.GROUND, arm.end, spring=spring))
     scene.add_moment(arm.end, -math.copysign(1.0, tension))

@@ -19,6 +19,7 @@ from scenes import (
     TAU,
     YIELD,
     ZENER,
+    clamped_bar,
     plastic_energy,
     plastic_flow,
     with_variables,
@@ -48,10 +49,7 @@ ISOTROPIC = with_variables(isotropic_energy, isotropic_flow, (NAME, "length"), *
 
 
 def cantilever(material, elements=2):
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], material, elements=elements, degree=1, name="arm")
-    scene.clamp(beam.start)
-    return scene, beam
+    return clamped_bar((1, 0), material, elements=elements, degree=1, name="arm")
 
 
 # -- Closed solutions ------------------------------------------------------------------------------
@@ -261,9 +259,7 @@ def test_at_rest_on_the_yield_surface_a_motion_has_the_derivatives_of_its_equili
     """Whether a point flows is decided by round-off there, and in each kind of form otherwise."""
 
     def build(x):
-        scene = fb.Scene()
-        beam = scene.add_beam([(0, 0), (x[1], 0)], PLASTIC, elements=3, degree=degree)
-        scene.clamp(beam.start)
+        scene, beam = clamped_bar((x[1], 0), PLASTIC, elements=3, degree=degree)
         scene.add_force(beam.end, (0, load * x[0]))
         return scene, {"tip": fb.Output("position", beam.end)}
 

@@ -4,6 +4,7 @@ import logging
 
 import numpy as np
 import pytest
+from scenes import pinned_bar
 
 import fx_beam as fb
 
@@ -120,9 +121,7 @@ def test_inverted_sections_are_counted_step_by_step_and_after_a_return(record):
 
 def test_beams_that_bend_and_turn_are_not_reported(caplog):
     section = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.1)
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (2, 0)], section, elements=6)
-    scene.pin(beam.start)
+    scene, beam = pinned_bar((2, 0), section, elements=6)
     scene.set_velocity(beam, lambda x, y: (-9 * y, 9 * x), spin=9.0)
     scene.add_moment(beam.end, lambda t: 100.0 * np.sin(5 * t))
     with caplog.at_level(logging.WARNING, logger="fx_beam"):

@@ -5,6 +5,7 @@ import re
 
 import pytest
 from jointed import MEMBER, pair, throw
+from scenes import pinned_bar
 
 import fx_beam as fb
 
@@ -191,10 +192,8 @@ def test_histories_of_joints_are_refused_for_what_is_no_joint_of_the_solution():
 
 def test_a_massless_mechanism_is_refused_but_may_carry_a_mass():
     # Massless bars from (0, 0) over (1, 1) to a slider on the x axis.
-    scene = fb.Scene(gravity=(0, -9.81))
-    first = scene.add_beam([(0, 0), (1, 1)], MASSLESS, elements=1)
+    scene, first = pinned_bar((1, 1), MASSLESS, elements=1, gravity=(0, -9.81))
     second = scene.add_beam([(1, 1), (2, 0)], MASSLESS, elements=1)
-    scene.pin(first.start)
     scene.add_joint(fb.Revolute(first.end, second.start))
     scene.add_joint(fb.PinInSlot(fb.GROUND, second.end, axis=(1, 0)))
     with refused(r"beam .* can rotate about .*without mass or support"):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from jointed import KINDS, MEMBER, W, momenta, pair, rotation
+from scenes import clamped_bar, pinned_bar
 
 import fx_beam as fb
 
@@ -115,8 +116,7 @@ def test_a_joint_on_the_ground_is_the_support_of_the_same_freedom(support, joint
 def test_a_rigid_joint_with_offset_and_a_body_are_a_stiff_short_beam():
     motions = []
     for how in ("joint", "beam", "body"):
-        scene = fb.Scene(gravity=(0, -9.81))
-        first = scene.add_beam([(0, 0), (1, 0)], MEMBER, elements=2)
+        scene, first = clamped_bar((1, 0), MEMBER, elements=2, gravity=(0, -9.81))
         start = 1, 0.3
         if how == "beam":
             start = scene.add_beam(
@@ -127,7 +127,6 @@ def test_a_rigid_joint_with_offset_and_a_body_are_a_stiff_short_beam():
         second = scene.add_beam([start, (2, 0.3)], MEMBER, elements=2)
         if how == "joint":
             scene.add_joint(fb.Rigid(first.end, second.start, offset=(0, 0.3)))
-        scene.clamp(first.start)
         solution = fb.simulate(scene, dt=0.01, t_end=0.5)
         motions.append(np.hstack([solution.shape(first), solution.shape(second)]))
     assert np.ptp(motions[0], axis=0).max() > 0.05
@@ -197,10 +196,10 @@ def test_rates_satisfy_the_joint_and_projected_ones_are_the_nearest(kind, massle
 
 def test_a_mass_on_a_massless_arm_falls_freely_at_the_start():
     # The arm's end moves the mass by x, y, rotation and slide: more unknowns than it has inertia.
-    scene = fb.Scene(gravity=(0, -9.81))
-    arm = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=100.0), elements=1)
+    scene, arm = pinned_bar(
+        (1, 0), fb.Section(EA=1e4, GA=1e4, EI=100.0), elements=1, gravity=(0, -9.81)
+    )
     bob = scene.add_beam([(1, 0.2), (2, 0.2)], MEMBER, elements=1)
-    scene.pin(arm.start)
     scene.add_joint(fb.Prismatic(arm.end, bob.start, axis=(1, 0), offset=(0, 0.2)))
     solution = fb.simulate(scene, fb.Newmark(), dt=0.001, t_end=0.01)
     for node in (bob.start, bob.end):
@@ -229,10 +228,8 @@ def test_a_massless_node_has_the_rates_of_the_node_that_holds_it(scheme):
 
 @pytest.mark.parametrize("swapped", [False, True])
 def test_a_point_of_a_body_turns_with_it_whichever_node_of_its_hinge_follows(swapped):
-    scene = fb.Scene(gravity=(0.0, -9.81))
-    arm = scene.add_beam([(0, 0), (1, 0)], MEMBER, elements=2)
+    scene, arm = pinned_bar((1, 0), MEMBER, elements=2, gravity=(0.0, -9.81))
     body = scene.add_body((1.3, 0.2), mass=1.0, inertia=0.1, points={"pin": (1, 0)})
-    scene.pin(arm.start)
     ends = (body["pin"], arm.end) if swapped else (arm.end, body["pin"])
     scene.add_joint(fb.Revolute(*ends))
     solution = fb.simulate(scene, fb.Newmark(), dt=0.01, t_end=0.1)

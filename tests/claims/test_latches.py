@@ -4,6 +4,7 @@ import copy
 
 import numpy as np
 import pytest
+from scenes import clamped_bar, hinged_body, pinned_bar
 
 import fx_beam as fb
 
@@ -36,10 +37,8 @@ def apart_by(guide, distance):
 
 def hinged_arm():
     """A flexible arm that turns about the end of another one."""
-    scene = fb.Scene()
-    root = scene.add_beam([(0, 0), (1, 0)], SOFT, elements=3)
+    scene, root = clamped_bar((1, 0), SOFT, elements=3)
     arm = scene.add_beam([(1, 0), (2, 0)], SOFT, elements=3)
-    scene.clamp(root.start)
     hinge = scene.add_joint(fb.Revolute(root.end, arm.start))
     scene.set_velocity(arm, lambda x, y: (0.0, 4 * (x - 1)), 4.0)
     return scene, arm, hinge
@@ -196,10 +195,8 @@ def test_a_joint_that_closes_a_loop_in_a_motion():
 
 
 def test_joined_motions_have_the_rows_and_the_balance_of_both(tmp_path):
-    scene = fb.Scene(gravity=(0, -9.81))
-    first = scene.add_beam([(0, 0), (1, 0)], SOFT, elements=2, degree=2, name="first")
+    scene, first = pinned_bar((1, 0), SOFT, elements=2, degree=2, name="first", gravity=(0, -9.81))
     second = scene.add_beam([(1, 0), (2, 0)], SOFT, elements=2, degree=2, name="second")
-    scene.pin(first.start)
     hinge = scene.add_joint(fb.Revolute(first.end, second.start))
     whole = fb.simulate(scene, dt=0.01, t_end=0.2)
     scene.remove(hinge)
@@ -284,10 +281,8 @@ def test_latches_of_a_symmetric_scene_close_together():
 
 
 def test_a_joint_that_begins_at_its_latch_is_caught_when_it_comes_back():
-    scene = fb.Scene()
-    door = scene.add_body((0.5, 0), 1.0, 0.25, points={"hinge": (0, 0)})
     spring = fb.Spring(2.0)
-    hinge = scene.add_joint(fb.Revolute(fb.GROUND, door["hinge"], spring=spring))
+    scene, door, hinge = hinged_body((0.5, 0), 1.0, 0.25, {"hinge": (0, 0)}, spring=spring)
     scene.set_velocity(door, (0.0, 0.5), spin=1.0)
     whole = fb.simulate(scene, dt=0.01, t_end=4.0, changes={"shut": fb.Latch(hinge, 0.0)})
     # Half a period of sqrt(2 / (1/2)) rad/s: the inertia is 1/4 + 1 (1/2)^2 about the hinge.

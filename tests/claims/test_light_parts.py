@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from mechanisms import differences
+from scenes import clamped_bar
 
 import fx_beam as fb
 
@@ -79,10 +80,8 @@ def test_a_small_beam_beside_a_large_scene_bends_as_it_does_alone():
     """A beam of 1 um, 1 m away from one of 1 km."""
     motions = []
     for size in (0, 1e3):
-        scene = fb.Scene()
         section = fb.Section(EA=1e-3, GA=4e-4, EI=8e-19, rhoA=2e-12, rhoI=1e-28)
-        beam = scene.add_beam([(0, 0), (1e-6, 0)], section, elements=3)
-        scene.clamp(beam.start)
+        scene, beam = clamped_bar((1e-6, 0), section, elements=3)
         scene.add_force(beam.end, (0.0, -4e-7))
         if size:
             steel = fb.Section(EA=1e10, GA=4e9, EI=1e9, rhoA=1e3, rhoI=1e2)

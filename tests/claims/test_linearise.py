@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.signal
+from scenes import clamped_bar, held_body, pinned_bar
 
 import fx_beam as fb
 
@@ -18,10 +19,8 @@ def section(rhoI=1e-2, retardation=0.01):
 
 def hanging(rhoI=1e-2, retardation=0.01):
     """An arm under gravity on a hinge that slides on a post, with springs and dampers."""
-    scene = fb.Scene(gravity=(0.0, -9.81))
     made = section(rhoI, retardation)
-    post = scene.add_beam([(0, 0), (0.5, 0)], made, elements=2)
-    scene.clamp(post.start)
+    scene, post = clamped_bar((0.5, 0), made, elements=2, gravity=(0.0, -9.81))
     arm = scene.add_beam([(0.5, 0), (1.3, 0.2)], made, elements=3)
     on_slide = {"spring": fb.Spring(60.0), "damper": fb.Damper(2.0)}
     hinge = fb.Coordinate(spring=fb.Spring(30.0), damper=fb.Damper(0.8))
@@ -239,9 +238,7 @@ def test_a_state_of_motion_is_the_deviation_that_feedback_needs():
 
 
 def test_the_rate_of_a_massless_node_on_which_an_input_acts_is_refused():
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], section(rhoI=0.0, retardation=0.0), elements=2)
-    scene.pin(beam.start)
+    scene, beam = pinned_bar((1, 0), section(rhoI=0.0, retardation=0.0), elements=2)
     scene.add_moment(beam.start, fb.Input("torque"))
     outputs = {"turn": fb.Output("rotation", beam.start), "v": fb.Output("velocity", beam.end)}
     assert fb.linearise(scene, outputs=outputs).D[0, 0] > 0  # it turns at once
@@ -268,10 +265,9 @@ DATA = {"EA": 1e4, "GA": 1e4, "EI": 100.0, "rhoA": 1.0}
 @pytest.mark.parametrize("joint", [fb.Slider, fb.Sleeve])
 def test_about_the_reference_a_system_has_the_vibrations_of_modes(joint, inertia, degree):
     """In two elements of degree 3 some levers of a sleeve's turn are round-off."""
-    scene, size = fb.Scene(), {"elements": 2, "degree": degree}
-    rail = scene.add_beam([(0, 0), (1, 0)], fb.Section(rhoI=inertia, **DATA), **size)
+    size = {"elements": 2, "degree": degree}
+    scene, rail = clamped_bar((1, 0), fb.Section(rhoI=inertia, **DATA), **size)
     mast = scene.add_beam([(0.6, 0), (0.6, 1)], fb.Section(rhoI=0.01, **DATA), **size)
-    scene.clamp(rail.start)
     on = {"spring": fb.Spring(100.0, rest=0.6), "damper": fb.Damper(0.3)}
     scene.add_joint(joint(rail, mast.start, **on))
     if joint is fb.Slider:
@@ -284,9 +280,7 @@ def test_about_the_reference_a_system_has_the_vibrations_of_modes(joint, inertia
 def test_friction_that_sticks_is_a_damped_spring(on_member):
     """Of a ball on a bed, m x'' + kt tau x' + (kt + k) x = 0, as `modes` has it."""
     m, kt, tau, k = 0.2, 1e4, 2e-3, 300.0
-    scene = fb.Scene(gravity=(0.0, -9.81))
-    ball = scene.add_body((0.02, 0.02), mass=m, inertia=1e-4).centre
-    scene.fix(ball, "rotation")
+    scene, ball = held_body((0.02, 0.02), m, 1e-4, "rotation", gravity=(0.0, -9.81))
     for place in ((0.52, 0.02), (0.02, 0.52)):
         scene.add_force_between(ball, place, spring=fb.Spring(k, rest=0.5))
     law = {"stiffness": 1e4, "friction": fb.Coulomb(5.0, kt, damping=tau)}
@@ -351,9 +345,7 @@ def test_friction_that_slips_has_no_stiffness_and_no_damping(kind):
 @pytest.mark.parametrize("retardation", [1e-2, 1e2, 1e6])
 def test_a_cantilever_that_creeps_slowly_ends_at_its_elastic_deflection(retardation):
     """L^3 / 3 EI + L / GA, and at each frequency as `frequency_response` has it."""
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], section(retardation=retardation), 4, 3)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1, 0), section(retardation=retardation), 4, 3)
     scene.add_force(beam.end, fb.Input("push", factor=(0, 1)))
     outputs = {"y": fb.Output("displacement", beam.end, "y")}
     system, f = fb.linearise(scene, outputs=outputs), np.array([0.0, 0.1]) / retardation
@@ -385,11 +377,9 @@ def test_turns_without_mass_are_not_damped_by_the_motion_of_a_state(EA):
 
     def roots(unit):
         force = unit**2
-        scene = fb.Scene(gravity=(0, -9.81 * force))
         rod = fb.Section(EA=EA * force, GA=EA * force, EI=1e-3 * EA * force, rhoA=1.0)
-        upper = scene.add_beam([(0, 0), (1, 0)], rod, elements=2)
+        scene, upper = clamped_bar((1, 0), rod, elements=2, gravity=(0, -9.81 * force))
         lower = scene.add_beam([(1, 0), (2, 0)], rod, elements=2)
-        scene.clamp(upper.start)
         hinge = {"spring": fb.Spring(20 * force), "damper": fb.Damper(1.0 * unit)}
         scene.add_joint(fb.Revolute(upper.end, lower.start, **hinge))
         swing = fb.simulate(scene, dt=5e-3 / unit, t_end=0.1 / unit)
@@ -424,10 +414,8 @@ def test_at_a_critical_point_pulls_act_with_their_load_factor():
 
 def test_at_a_critical_point_forces_that_follow_have_their_load_factor():
     """The pair of Beck's column that meets, and a column on a foundation that pushes it aside."""
-    scene = fb.Scene()
     made = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0, rhoI=1e-4)
-    beck = scene.add_beam([(0, 0), (0, 1)], made, elements=4, degree=2)
-    scene.clamp(beck.start)
+    scene, beck = clamped_bar((0, 1), made, elements=4, degree=2)
     load = scene.add_force(beck.end, (0, -24.0), follower=True)
     (flutter,) = fb.static(scene, load_steps=6).critical_points
     growth = np.linalg.eigvals(fb.linearise(scene, flutter.solution).A).real
@@ -441,9 +429,7 @@ def test_at_a_critical_point_forces_that_follow_have_their_load_factor():
 
 def test_a_long_chain_of_elements_has_the_frequencies_of_its_modes():
     # Its mass and stiffness have few entries; without inputs, outputs and motors.
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], section(retardation=0.0), elements=300)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1, 0), section(retardation=0.0), elements=300)
     A = fb.linearise(scene, inputs=[], outputs={}).A
     stiffness = A[900:, :900]
     assert not A[900:, 900:].any()

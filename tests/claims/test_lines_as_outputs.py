@@ -4,6 +4,7 @@ import ufl
 
 import numpy as np
 import pytest
+from scenes import held_body
 
 import fx_beam as fb
 
@@ -205,9 +206,7 @@ def test_a_periodic_motion_has_derivatives_of_its_lines():
     """A weight on a spring, shaken: against differences."""
 
     def build(x):
-        scene = fb.Scene()
-        mass = scene.add_body((0.3, 0.0), mass=x[0]).centre
-        scene.fix(mass, "rotation")
+        scene, mass = held_body((0.3, 0.0), x[0], 0.0, "rotation")
         laws = {"spring": fb.Spring(40.0 * x[1], rest=0.4), "damper": fb.Damper(0.4)}
         line = scene.add_force_between(mass, (0.0, 0.4), **laws)
         held = scene.add_spring(mass, x=[fb.Spring(30.0), fb.Damper(0.3)])
@@ -224,9 +223,7 @@ def test_a_periodic_motion_has_derivatives_of_its_lines():
 
 def test_forces_of_lines_are_linearised():
     """Against motions that begin beside the state, and against a pull that is an input."""
-    scene = fb.Scene(gravity=(0.0, -9.81))
-    mass = scene.add_body((0.3, 0.0), mass=2.0).centre
-    scene.fix(mass, "rotation")
+    scene, mass = held_body((0.3, 0.0), 2.0, 0.0, "rotation", gravity=(0.0, -9.81))
     laws = {"spring": fb.Spring(400.0, rest=0.4), "damper": fb.Damper(7.0)}
     line = scene.add_force_between(mass, (0.0, 0.4), **laws)
     scene.add_spring(mass, x=fb.Spring(300.0))
@@ -284,9 +281,7 @@ def test_a_weight_on_a_rope_has_the_derivatives_of_closed_forms(start):
     length = 4.0 if start[1] == (0, 0) else 3.8 + 0.1 * np.pi
 
     def build(x):
-        scene = fb.Scene(gravity=(0, -g))
-        load = scene.add_body((0, -3), mass=x[0]).centre
-        scene.fix(load, "x", "rotation")
+        scene, load = held_body((0, -3), x[0], 0.0, "x", "rotation", gravity=(0, -g))
         scene.add_spring(load, y=fb.Spring(c))
         rope = scene.add_rope([*start, load], spring=fb.Spring(x[1]), length=length)
         return scene, {name: fb.Output(name, rope) for name in ("force", "energy", "length")}

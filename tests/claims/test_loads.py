@@ -7,7 +7,7 @@ import ufl
 import numpy as np
 import pytest
 import scipy.integrate
-from scenes import FLYING
+from scenes import FLYING, clamped_bar, pinned_bar, supported_bar
 
 import fx_beam as fb
 
@@ -32,10 +32,7 @@ def free_beam(degree=1, **options):
 
 def cantilever(length=1.0, elements=4, degree=1, section=MASSLESS):
     """Beam along x, clamped at the origin."""
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (length, 0)], section, elements=elements, degree=degree)
-    scene.clamp(beam.start)
-    return scene, beam
+    return clamped_bar((length, 0), section, elements=elements, degree=degree)
 
 
 # Loads are taken just inside the step, here 1e-9 of it.
@@ -145,9 +142,7 @@ def test_a_uniform_prescribed_motion_has_its_velocity_from_the_start(scheme):
 def test_a_minute_prescribed_motion_has_the_reaction_of_its_stiffness():
     """A stretch by less than Newton's tolerance still costs EA times the strain."""
     stiff = fb.Section(EA=1e10, GA=1e10, EI=1e3)
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], stiff, elements=1)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1, 0), stiff, elements=1)
     scene.fix(beam.end, "y", "rotation")
     scene.prescribe(beam.end, x=lambda t: 1e-11 * t)
     solution = static(scene, 1)
@@ -216,9 +211,9 @@ def test_a_short_cantilever_deflects_by_bending_and_shear():
 
 
 def test_spin_without_rotary_inertia_is_the_mean_over_the_step_and_does_not_swing(dt=0.05):
-    scene = fb.Scene(gravity=(0, -9.81))
-    beam = scene.add_beam([(0, 0), (0, -0.5)], fb.Section(EA=1e8, GA=1e8, EI=1e3), elements=2)
-    scene.pin(beam.start)
+    scene, beam = pinned_bar(
+        (0, -0.5), fb.Section(EA=1e8, GA=1e8, EI=1e3), elements=2, gravity=(0, -9.81)
+    )
     scene.add_mass(beam.end, 1.0)
     scene.set_velocity(beam.end, (1.695, 0))
     solution = fb.simulate(scene, dt=dt, t_end=1.5)
@@ -256,11 +251,9 @@ SLENDER = fb.Section(EA=1e5, GA=1e7, EI=EI, rhoA=RHO_A, rhoI=1e-7)
 
 def loaded(load, degree=1, **options):
     """A stiff cantilever of 1 m and 2 m, the longer part under a line load."""
-    scene = fb.Scene()
-    bar = scene.add_beam([(-1, 0), (0, 0)], STIFF, elements=2, degree=degree, name="before")
+    scene, bar = clamped_bar([(-1, 0), (0, 0)], STIFF, elements=2, degree=degree, name="before")
     points = [bar.end, (LENGTH, 0)]
     beam = scene.add_beam(points, STIFF, elements=4, degree=degree, name="loaded")
-    scene.clamp(bar.start)
     scene.add_line_load(beam, load, **options)
     return scene, bar, beam
 
@@ -283,10 +276,7 @@ def test_a_load_that_grows_along_a_beam_has_its_resultant_at_two_thirds(degree):
 
 
 def simply_supported(load, elements=32, **options):
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (LENGTH, 0)], SLENDER, elements=elements, degree=1)
-    scene.pin(beam.start)
-    scene.fix(beam.end, "y")
+    scene, beam = supported_bar((LENGTH, 0), SLENDER, elements=elements, degree=1)
     scene.add_line_load(beam, load, **({"of": BOTH} | options))
     return scene, beam
 
@@ -364,9 +354,7 @@ def test_a_constant_load_on_a_part_of_a_beam_has_its_sum_and_its_centre(part, de
 
 @pytest.mark.parametrize("elements", [1, 3, 50])
 def test_a_load_of_steps_on_a_beam_of_few_or_many_elements_has_its_sum(elements):
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1.2, 1.6)], STIFF, elements=elements)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1.2, 1.6), STIFF, elements=elements)
     edges, heights = np.array([0.0, 0.3, 0.311, 1.0, 1.77, LENGTH]), np.array([1.0, -2, 0, 5, 0.5])
     scene.add_line_load(
         beam,
@@ -430,10 +418,8 @@ def test_a_function_that_reduces_arrays_is_seen_also_if_it_is_zero_at_the_start(
     """A sum over places is zero before the load comes: it then tells nothing."""
 
     def end(of_place):
-        scene = fb.Scene()
         section = fb.Section(EA=1e4, GA=1e4, EI=20.0, rhoA=1.0, rhoI=1e-2)
-        beam = scene.add_beam([(0, 0), (1, 0)], section, elements=6)
-        scene.clamp(beam.start)
+        scene, beam = clamped_bar((1, 0), section, elements=6)
 
         def moving(s, t):
             return 0.3 * np.sum(

@@ -4,6 +4,7 @@ import logging
 
 import numpy as np
 import pytest
+from scenes import clamped_bar, supported_bar
 
 import fx_beam as fb
 from fx_beam.equilibria import crossings
@@ -77,9 +78,7 @@ def test_what_is_not_located_is_in_the_list_with_one_warning(monkeypatch, caplog
 
 
 def test_where_modes_are_unknown_there_are_no_points_but_a_warning(caplog):
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (0, 1)], fb.Section(EA=1e4, GA=1e4, EI=1.0), 4)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((0, 1), fb.Section(EA=1e4, GA=1e4, EI=1.0), 4)
     scene.add_force(beam.end, (0, -2.0), follower=True)
     path = fb.static(scene, load_steps=2)
     with caplog.at_level(logging.WARNING):
@@ -92,10 +91,7 @@ def test_an_error_names_a_bifurcation_one_step_ahead_whatever_the_rounding(load,
     """Steps that are halved end one of the last steps before the bifurcation."""
 
     def column(load):
-        scene = fb.Scene()
-        beam = scene.add_beam([(0, 0), (0, 1)], fb.Section(EA=1e4, GA=4e3, EI=1.0), 4, 2)
-        scene.pin(beam.start)
-        scene.fix(beam.end, "x")
+        scene, beam = supported_bar((0, 1), fb.Section(EA=1e4, GA=4e3, EI=1.0), 4, 2, held="x")
         scene.add_force(beam.end, (0, -load))
         return scene
 
@@ -109,10 +105,8 @@ def test_an_error_names_a_bifurcation_one_step_ahead_whatever_the_rounding(load,
 @pytest.mark.parametrize("stiffness", [1e4, 1e10])
 def test_a_limit_point_of_a_driven_rotation_is_one_for_any_stiffness(stiffness):
     """A buckled member whose end is turned against its bow snaps through."""
-    scene = fb.Scene()
     section = fb.Section(EA=stiffness, GA=stiffness, EI=1.0)
-    beam = scene.add_beam([(0, 0), (1, 0)], section, 8, 2)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1, 0), section, 8, 2)
     scene.fix(beam.end, "y", "rotation")
     scene.prescribe(beam.end, x=lambda t: -0.01)
     point = fb.static(scene, load_steps=4).critical_points[0]

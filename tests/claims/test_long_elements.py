@@ -4,6 +4,7 @@ import logging
 import math
 
 import pytest
+from scenes import clamped_bar
 
 import fx_beam as fb
 
@@ -12,9 +13,7 @@ SECTION = fb.Section(EA=1e6, GA=1e6, EI=100.0, rhoA=1.0, rhoI=1e-3)
 
 def rolled(elements, angle, degree=1):
     """The error of the tip of a strip of 4 m that a moment rolls up by an angle."""
-    scene = fb.Scene()
-    strip = scene.add_beam([(0, 0), (4, 0)], SECTION, elements, degree, name=f"{elements} {angle}")
-    scene.clamp(strip.start)
+    scene, strip = clamped_bar((4, 0), SECTION, elements, degree, name=f"{elements} {angle}")
     scene.add_moment(strip.end, 100.0 * angle / 4)
     radius = 4 / angle
     x, y = fb.static(scene).position(strip.end)[-1]

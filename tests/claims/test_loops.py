@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from jointed import CORNERS, chain, four_bar
 from plain_step import assert_balanced
-from scenes import FLYING, demo, relative_drift
+from scenes import FLYING, demo, hinged_body, relative_drift
 
 import fx_beam as fb
 
@@ -171,9 +171,7 @@ def test_the_response_of_a_slide_is_that_of_its_node():
 
 def plank(end):
     """A body on a hinge, and a second support at its other end."""
-    scene = fb.Scene(gravity=(0, -10))
-    body = scene.add_body((0.5, 0.3), 2.0, 0.1, points={"a": (0, 0), "b": (2, 0)})
-    scene.add_joint(fb.Revolute(fb.GROUND, body["a"]))
+    scene, body, _ = hinged_body((0.5, 0.3), 2.0, 0.1, {"a": (0, 0), "b": (2, 0)}, gravity=(0, -10))
     return scene, scene.add_joint(end(fb.GROUND, body["b"]))
 
 

@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from scenes import benchmark
+from scenes import benchmark, hinged_body, supported_bar
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
 
@@ -112,9 +112,7 @@ def test_a_strip_between_the_ends_of_a_tendon_bows_as_the_elastica(load_steps, w
 def test_a_rod_that_points_inwards_in_a_centrifuge_falls_to_its_side(load_steps):
     """On a hinge at the rim: c psi = M + m Omega^2 R a sin(psi), beyond m Omega^2 R a = c."""
     R, a, m, c, moment, spin = 2.0, 0.5, 3.0, 100.0, 0.5, np.sqrt(1.4 * 100.0 / 3.0)
-    scene = fb.Scene()
-    rod = scene.add_body((R - a, 0), mass=m, inertia=0.1, points={"hinge": (R, 0)})
-    hinge = scene.add_joint(fb.Revolute(fb.GROUND, rod["hinge"], spring=fb.Spring(c)))
+    scene, rod, hinge = hinged_body((R - a, 0), m, 0.1, {"hinge": (R, 0)}, spring=fb.Spring(c))
     scene.add_moment(rod.centre, moment)
     path = fb.static(scene, load_steps, spin=spin)
     exact = brentq(lambda psi: c * psi - moment - m * spin**2 * R * a * np.sin(psi), 0.1, 3.0)
@@ -138,10 +136,7 @@ def test_the_critical_load_under_springs_that_are_under_tension_has_its_derivati
     """Pinned column, squeezed by a tendon and a load: they sum up to l (T + P) = pi^2 EI/L^2."""
 
     def build(x):
-        scene = fb.Scene()
-        column = scene.add_beam([(0, 0), (0, 1)], fb.Section(1e7, 1e7, x[0]), 8, 3)
-        scene.pin(column.start)
-        scene.fix(column.end, "x")
+        scene, column = supported_bar((0, 1), fb.Section(1e7, 1e7, x[0]), 8, 3, held="x")
         tendon = fb.Spring(x[1], rest=0.5)
         scene.add_force_between(column.start, column.end, spring=tendon)
         scene.add_force(column.end, (0, -x[2]))

@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from scenes import clamped_bar, pinned_bar
 
 import fx_beam as fb
 
@@ -106,9 +107,7 @@ def test_a_parallelogram_in_line_has_one_motion_more(angle):
 @pytest.mark.parametrize(("mass", "size"), [(1e-30, 1e-9), (1.0, 1.0), (1e30, 1e9)])
 def test_a_mass_counts_whatever_its_unit(mass, size):
     # One that is light beside another one, and inertia on an arm that turns about its pin.
-    scene = fb.Scene()
-    arm = scene.add_beam([(0, 0), (size, 0)], LIGHT, elements=1)
-    scene.pin(arm.start)
+    scene, arm = pinned_bar((size, 0), LIGHT, elements=1)
     other = scene.add_beam([(0, size), (size, size)], LIGHT, elements=1)
     scene.add_mass(other.start, 1.0, size**2)
     with pytest.raises(fb.SceneError, match=r"can rotate about \(0, 0\) .*without mass"):
@@ -254,9 +253,8 @@ def test_a_point_mass_that_may_turn_is_told_of_its_inertia_or_a_support(analysis
 
 
 def test_a_node_with_a_mass_that_may_turn_is_told_of_add_mass():
-    scene, pendulum = fb.Scene(), fb.Section(EA=1e4, GA=1e4, EI=1e4, rhoA=1.0)
-    beam = scene.add_beam([(0, 0), (1, 0)], pendulum, elements=1)
-    scene.clamp(beam.start)
+    pendulum = fb.Section(EA=1e4, GA=1e4, EI=1e4, rhoA=1.0)
+    scene, beam = clamped_bar((1, 0), pendulum, elements=1)
     bob = scene.add_body((1, -1), mass=0.0).centre
     scene.add_force_between(bob, beam.end, spring=fb.Spring(10.0))
     with pytest.raises(fb.SceneError, match=r"add_mass\(node, mass, inertia=...\)"):

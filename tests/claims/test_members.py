@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from scenes import clamped_bar, supported_bar
 
 import fx_beam as fb
 
@@ -64,10 +65,8 @@ def test_sliding_from_segment_to_segment_and_over_ends_keeps_them(dt):
 
 
 def test_a_node_may_slide_by_most_of_an_element_in_a_step():
-    scene = fb.Scene(gravity=(0, -9.81))
-    below = scene.add_beam([(0, 0), (2, 0)], SECTION, elements=100)
+    scene, below = clamped_bar((2, 0), SECTION, elements=100, gravity=(0, -9.81))
     above = scene.add_beam([(0.21, 0.1005), (0.81, 0.1005)], SECTION, elements=5)
-    scene.clamp(below.start)
     scene.clamp(below.end)
     scene.add_contact(above, below, stiffness=1e4, radius=0.05)
     scene.set_velocity(above, (4.0, -0.1))
@@ -134,10 +133,8 @@ def test_slip_stretch_and_force_of_friction_are_recorded(turned, tmp_path):
 
 
 def test_no_contact_is_lost_where_nodes_stand_between_elements():
-    scene = fb.Scene()
-    below = scene.add_beam([(0, 0), (2, 0)], SECTION, elements=10)
+    scene, below = clamped_bar((2, 0), SECTION, elements=10)
     above = scene.add_beam([(0.5, 0.2), (1.5, 0.2)], SECTION, elements=5)
-    scene.clamp(below.start)
     for node in above.nodes:
         scene.prescribe(node, y=lambda t: -0.5 * t * t)
         scene.fix(node, "x")
@@ -167,10 +164,8 @@ def test_the_stiffness_is_that_of_both_members_per_length():
 
 def test_in_equilibrium_the_reaction_is_the_force_of_the_contact():
     """A cantilever whose loaded tip rests on another one."""
-    scene = fb.Scene()
-    below = scene.add_beam([(0, 0), (1, 0)], SECTION, elements=6)
+    scene, below = clamped_bar((1, 0), SECTION, elements=6)
     above = scene.add_beam([(0.3, 0.11), (1.2, 0.11)], SECTION, elements=6)
-    scene.clamp(below.start)
     scene.clamp(above.end)
     scene.add_force(above.start, (0.0, -20.0))
     contact = scene.add_contact(above, below, stiffness=1e6, radius=0.05)
@@ -303,9 +298,7 @@ def test_bad_contact_of_members_is_an_error_that_says_what_to_do(options, messag
 @pytest.mark.parametrize("thickness", [0.3, 0.1])
 def test_a_member_that_rolls_up_tighter_than_what_touches_it_is_named(thickness, caplog):
     """A moment bends it to the radius EI / M = 0.29 about a pin."""
-    scene = fb.Scene()
-    rolled = scene.add_beam([(0, 0), (1, 0)], SECTION, elements=24, name="rolled")
-    scene.clamp(rolled.start)
+    scene, rolled = clamped_bar((1, 0), SECTION, elements=24, name="rolled")
     pin = scene.add_body((0.4, 0.06 + thickness), mass=1.0, inertia=1.0).centre
     scene.clamp(pin)
     scene.add_contact(pin, rolled, stiffness=2e4, radius=(thickness, 0.05))
@@ -322,12 +315,9 @@ def test_a_member_that_rolls_up_tighter_than_what_touches_it_is_named(thickness,
 
 def test_an_open_contact_does_not_change_the_modes_of_a_beam_with_a_bead_on_it():
     def frequencies(contact):
-        scene = fb.Scene()
-        below = scene.add_beam([(0, 0), (2, 0)], SECTION, elements=8)
+        scene, below = supported_bar((2, 0), SECTION, elements=8)
         above = scene.add_beam([(0.7, 0.3), (1.1, 1.6)], SECTION, elements=2)
         bead = scene.add_beam([(0.5, 0), (0.5, 0.3)], SECTION, elements=1)
-        scene.pin(below.start)
-        scene.fix(below.end, "y")
         scene.clamp(above.end)
         scene.add_joint(fb.Slider(below, bead.start, spring=fb.Spring(50.0)))
         if contact:

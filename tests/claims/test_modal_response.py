@@ -8,6 +8,7 @@ import ufl
 import numpy as np
 import pytest
 from derivatives import assert_left_of_second_order, difference
+from scenes import clamped_bar, guided_body, held_body, hinged_body, supported_bar
 from test_static_response import DATA, X, bending, chain, driven, motors, slide
 
 import fx_beam as fb
@@ -17,20 +18,15 @@ LONG = {"elements": 16, "degree": 2}
 
 def cantilever(x):
     """EI, mass per length and length; the other stiffnesses are large, and grow with EI."""
-    scene = fb.Scene()
     section = fb.Section(EA=1e6 * x[0], GA=1e6 * x[0], EI=x[0], rhoA=x[1])
-    beam = scene.add_beam([(0, 0), (x[2], 0)], section, **LONG)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((x[2], 0), section, **LONG)
     return scene
 
 
 def column(x):
     """EI, and a force at its end, between two pins."""
-    scene = fb.Scene()
     section = fb.Section(EA=1e7, GA=1e7, EI=x[0], rhoA=1.0)
-    beam = scene.add_beam([(0, 0), (1, 0)], section, **LONG)
-    scene.pin(beam.start)
-    scene.fix(beam.end, "y")
+    scene, beam = supported_bar((1, 0), section, **LONG)
     scene.add_force(beam.end, (-x[1], 0))
     return scene
 
@@ -115,12 +111,10 @@ def turning(scene):
 def hinged(x):
     """A rigid body on a hinge at some distance from the pivot: stiffness and damping there."""
     distance, arm, mass, k, c = x
-    scene = fb.Scene()
     hinge = (distance - 0.3, 0.1)
     centre = (distance + arm - 0.3, 0.1)
-    body = scene.add_body(centre, mass=mass, inertia=0.2, points={"hinge": hinge})
     of = {"spring": fb.Spring(k), "damper": fb.Damper(c)}
-    scene.add_joint(fb.Revolute(fb.GROUND, body["hinge"], **of))
+    scene, body, _ = hinged_body(centre, mass, 0.2, {"hinge": hinge}, **of)
     return scene
 
 
@@ -161,9 +155,7 @@ def linkage(x):
 
 def beaded(x):
     """A sleeve on a spring on a beam."""
-    scene = fb.Scene()
-    rod = scene.add_beam([(0, 0), (2 * x[0], 0.1)], limb(x[1]), elements=4, degree=2)
-    scene.clamp(rod.start)
+    scene, rod = clamped_bar((2 * x[0], 0.1), limb(x[1]), elements=4, degree=2)
     bead = scene.add_body((0.9 * x[0], 0.045), mass=0.5, inertia=0.01)
     of = {"spring": fb.Spring(60.0), "damper": fb.Damper(0.5 * x[2])}
     scene.add_joint(fb.Sleeve(rod, bead.centre, **of))
@@ -173,9 +165,7 @@ def beaded(x):
 
 def pressed(x):
     """A beam that lies on another one, and on the ground, as deep as a thousandth of its length."""
-    scene = fb.Scene(gravity=(0, -9.81 * x[2]))
-    low = scene.add_beam([(0, 0), (1, 0)], limb(10.0 * x[0]), elements=4)
-    scene.clamp(low.start)
+    scene, low = clamped_bar((1, 0), limb(10.0 * x[0]), elements=4, gravity=(0, -9.81 * x[2]))
     high = scene.add_beam([(0.4, 0.0205), (1.2 * x[1], 0.25)], limb(x[1]), elements=3)
     scene.clamp(high.end)
     scene.add_contact(low, high, stiffness=1e4, radius=0.01)
@@ -296,9 +286,7 @@ def test_a_mass_on_a_cable_that_is_soft_in_compression_has_derivatives_of_its_te
         def pull(r, rate, t):
             return EA * (ufl.max_value(r - 1, 0) + 0.01 * (r - 1))
 
-        scene = fb.Scene(gravity=(0, -10))
-        weight = scene.add_body((0, -1), mass=1.0, inertia=1.0).centre
-        scene.fix(weight, "x", "rotation")
+        scene, weight = held_body((0, -1), 1.0, 1.0, "x", "rotation", gravity=(0, -10))
         scene.add_drag(weight, linear=1.0)
         if kind == "force":
             scene.add_force_between(weight, (0, 0), force=pull)
@@ -317,12 +305,12 @@ def test_nodes_that_touch_a_member_beside_its_end_have_their_derivatives():
     """There the curvature of its axis jumps: frequencies jump where the node passes the end."""
 
     def build(x):
-        scene = fb.Scene(gravity=(0.0, -9.81))
         data = {"EA": 2e4, "GA": 1e4, "rhoA": 1.0, "rhoI": 0.01}
-        below = scene.add_beam([(0, 0), (1, 0)], fb.Section(EI=20.0 * x[0], **data), elements=4)
+        scene, below = clamped_bar(
+            (1, 0), fb.Section(EI=20.0 * x[0], **data), elements=4, gravity=(0.0, -9.81)
+        )
         above = [(1.6, 0.3), (0.48, 0.03)]
         above = scene.add_beam(above, fb.Section(EI=10.0 * x[1], **data), elements=3)
-        scene.clamp(below.start)
         scene.clamp(above.start)
         scene.add_contact(above, below, stiffness=1e4 * x[2], radius=0.01)
         scene.add_force(above.end, (0.0, -6.0))
@@ -339,11 +327,9 @@ def test_quadratic_drag_leaves_the_derivatives_of_small_damping_as_they_are():
     """At rest it has no part in damping, whose forces are small beside those of a stiff frame."""
 
     def build(x, quadratic):
-        scene = fb.Scene()
         section = fb.Section(EA=1e8, GA=5e7, EI=30.0 * x[0], rhoA=1.0, rhoI=0.01)
-        arm = scene.add_beam([(0, 0), (1, 0.2)], section, elements=4, degree=2)
+        scene, arm = clamped_bar((1, 0.2), section, elements=4, degree=2)
         post = scene.add_beam([arm.end, (1, 1)], section, elements=4, degree=2)
-        scene.clamp(arm.start)
         scene.add_force(post.end, (0.0, -8.0))
         for beam in (arm, post):
             scene.add_drag(beam, linear=0.01 * x[1], quadratic=quadratic * x[1])
@@ -419,18 +405,14 @@ def test_repeated_modes_have_the_derivatives_of_their_group(caplog):
 
 
 def overdamped(x):
-    scene = fb.Scene()
-    body = scene.add_body((0, 0), mass=1.0, inertia=1.0)
     of = {"spring": fb.Spring(1.0), "damper": fb.Damper(3.0 * x[0])}
-    scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, axis=(1, 0), **of))
+    scene, body, _ = guided_body((0, 0), 1.0, 1.0, **of)
     return scene
 
 
 def held_by_friction(x):
-    scene = fb.Scene()
-    body = scene.add_body((0, 0), mass=1.0, inertia=1.0)
     of = {"spring": fb.Spring(x[0]), "friction": fb.Coulomb(1.0, 100.0)}
-    scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, axis=(1, 0), **of))
+    scene, body, _ = guided_body((0, 0), 1.0, 1.0, **of)
     return scene
 
 
@@ -463,10 +445,8 @@ def above(gap, friction):
     """Two beams, one of them above the other and above the ground."""
 
     def build(x):
-        scene = fb.Scene(gravity=(0, -x[2]))
-        low = scene.add_beam([(0, 0), (1, 0)], limb(10.0 * x[0]), elements=4)
+        scene, low = clamped_bar((1, 0), limb(10.0 * x[0]), elements=4, gravity=(0, -x[2]))
         high = scene.add_beam([(0, 0.02 + gap), (x[1], 0.02 + gap)], limb(x[1]), elements=4)
-        scene.clamp(low.start)
         scene.clamp(high.start)
         scene.add_contact(low, high, stiffness=1e4, radius=0.01, friction=friction)
         ground = fb.Line((0, -gap - 0.1), normal=(0, 1))

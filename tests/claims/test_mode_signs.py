@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scenes import clamped_bar, hinged_body, supported_bar
 
 import fx_beam as fb
 
@@ -11,10 +12,7 @@ SECTION = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0, rhoI=1e-4)
 
 
 def column():
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (0, 1)], SECTION, 8, 2)
-    scene.pin(beam.start)
-    scene.fix(beam.end, "x")
+    scene, beam = supported_bar((0, 1), SECTION, 8, 2, held="x")
     scene.add_force(beam.end, (0, -50.0))
     return scene
 
@@ -28,9 +26,7 @@ def first_largest(shape):
 def test_the_first_of_the_largest_displacements_of_a_mode_is_positive():
     scene = column()
     path = fb.static(scene, load_steps=5)
-    damped = fb.Scene()
-    beam = damped.add_beam([(0, 0), (1, 0)], SECTION, 4, 2)
-    damped.clamp(beam.start)
+    damped, beam = clamped_bar((1, 0), SECTION, 4, 2)
     damped.add_joint(fb.Revolute(fb.GROUND, beam.end, damper=fb.Damper(0.1)))
     of_points = [point.modes for point in path.critical_points]
     for modes in (fb.modes(scene), fb.modes(damped), *of_points):
@@ -51,9 +47,7 @@ def test_the_sign_of_a_mode_is_not_that_of_its_vector_nor_of_rounding_errors():
 
 
 def test_modes_that_only_turn_have_a_sign():
-    scene = fb.Scene()
-    body = scene.add_body((0, 0), 1.0, 1.0, points={"hinge": (0, 0)})
-    scene.add_joint(fb.Revolute(fb.GROUND, body["hinge"], spring=fb.Spring(3.0)))
+    scene, body, _ = hinged_body((0, 0), 1.0, 1.0, {"hinge": (0, 0)}, spring=fb.Spring(3.0))
     assert fb.modes(scene, n=1).shapes[0, 0, 2] == pytest.approx(1.0)
 
 

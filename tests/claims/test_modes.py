@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 from jointed import BENDING, pair
-from scenes import FLYING, demo
+from scenes import FLYING, clamped_bar, demo, held_body, pinned_bar, supported_bar
 
 import fx_beam as fb
 
@@ -23,10 +23,7 @@ def square(height):
 
 
 def simply_supported(degree, elements, section):
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=elements, degree=degree)
-    scene.pin(beam.start)
-    scene.fix(beam.end, "y")
+    scene, beam = supported_bar((1, 0), section, elements=elements, degree=degree)
     return scene
 
 
@@ -200,9 +197,8 @@ def test_a_shape_moves_the_axis_of_its_beam():
 
 @pytest.mark.parametrize("elements", [1, 2])
 def test_where_nodes_only_turn_no_node_is_displaced(elements):
-    scene, size = fb.Scene(), 0.1
-    beam = scene.add_beam([(0, 0), (1, 0)], FLYING, elements)
-    scene.pin(beam.start)
+    size = 0.1
+    scene, beam = pinned_bar((1, 0), FLYING, elements)
     scene.pin(beam.end)
     modes = fb.modes(scene)
     turns = abs(modes.shapes[..., :2]).max(axis=(1, 2)) < 1e-9 * abs(modes.shapes).max(axis=(1, 2))
@@ -278,9 +274,7 @@ def dense(scene, state=None):
 def sleeves():
     """Two masts in sleeves on a rail, whose turns have no mass but move with those of the masts."""
     data = {"EA": 1e4, "GA": 1e4, "EI": 100.0, "rhoA": 1.0}
-    scene = fb.Scene()
-    rail = scene.add_beam([(0, 0), (1, 0)], fb.Section(**data), elements=4)
-    scene.clamp(rail.start)
+    scene, rail = clamped_bar((1, 0), fb.Section(**data), elements=4)
     for at in (0.305, 0.61):
         mast = scene.add_beam([(at, 0), (at + 0.2, 1)], fb.Section(rhoI=0.01, **data), elements=3)
         scene.add_joint(fb.Sleeve(rail, mast.start, spring=fb.Spring(100.0, rest=at)))
@@ -296,10 +290,14 @@ def test_frequencies_are_those_of_dense_algebra(name):
     elif name == "sleeves":
         scene = sleeves()
     elif name == "arch":
-        scene = fb.Scene(gravity=(0, -20))
-        arch = scene.add_beam(fb.arc((0, 0), (1, 0.5), (2, 0)), FLYING, elements=6, degree=2)
-        scene.pin(arch.start)
-        scene.pin(arch.end)
+        scene, arch = supported_bar(
+            fb.arc((0, 0), (1, 0.5), (2, 0)),
+            FLYING,
+            elements=6,
+            degree=2,
+            gravity=(0, -20),
+            held="xy",
+        )
         state = fb.static(scene)
     else:
         scene = demo(name).scene()[0]
@@ -371,9 +369,7 @@ def test_a_state_that_has_relaxed_keeps_its_internal_variables():
 
     variables = fb.InternalVariables(("dashpot",), relax)
     section = fb.Section(strain_energy=energy, internal=variables, rhoA=1.0)
-    scene = fb.Scene()
-    arm = scene.add_beam([(0, 0), (1, 0)], section, elements=4)
-    scene.clamp(arm.start)
+    scene, arm = clamped_bar((1, 0), section, elements=4)
     scene.add_moment(arm.end, 0.9)
     state = fb.static(scene, load_steps=4)
     assert state.internal(arm, "dashpot")[-1].min() > 0.05
@@ -396,9 +392,8 @@ def test_about_a_state_on_a_yield_surface_nothing_flows(steps):
         trial = 50.0 * (now[0] - old[0]) - 5.0 * old[0]
         return [old[0] + ufl.sign(trial) * ufl.max_value(abs(trial) - 0.4, 0) / 55.0]
 
-    scene, mass, f = fb.Scene(), 2.0, 0.3
-    body = scene.add_body((1, 0), mass, 1.0).centre
-    scene.fix(body, "y", "rotation")
+    mass, f = 2.0, 0.3
+    scene, body = held_body((1, 0), mass, 1.0, "y", "rotation")
     variables = fb.InternalVariables(("a",), flow)
     spring = fb.Spring(rest=1.0, strain_energy=energy, internal=variables)
     scene.add_force_between(body, (0, 0), spring=spring)
@@ -461,11 +456,9 @@ def test_a_state_that_another_joint_holds_tells_of_the_unstable_pendulum():
 
 def test_a_node_on_a_bent_beam_is_where_it_slid_though_its_joint_has_another_number():
     def build(held):
-        scene = fb.Scene()
         section = fb.Section(EA=1e3, GA=1e3, EI=0.5, rhoA=1.0, rhoI=1e-2)
-        beam = scene.add_beam([(0, 0), (1, 0)], section, elements=6, degree=2)
+        scene, beam = clamped_bar((1, 0), section, elements=6, degree=2)
         hook, bead = (scene.add_body((x, 0), mass=0.5, inertia=0.1).centre for x in (3, 0.1))
-        scene.clamp(beam.start)
         scene.fix(bead, "rotation")
         if held:
             scene.add_joint(fb.Rigid(fb.GROUND, hook))

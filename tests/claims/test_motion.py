@@ -5,6 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
+from scenes import clamped_bar, hinged_body, pinned_bar
 
 import fx_beam as fb
 
@@ -144,9 +145,7 @@ def test_a_motion_goes_on_from_snapshots_copies_files_and_solutions(tmp_path):
 
 
 def test_full_turns_are_counted_and_kept():
-    scene = fb.Scene()
-    bar = scene.add_beam([(0, 0), (1, 0)], SECTION, elements=1)
-    scene.pin(bar.start)
+    scene, bar = pinned_bar((1, 0), SECTION, elements=1)
     scene.set_velocity(bar, lambda x, y: (0.0, 40 * x), spin=40.0)
     outputs = {"angle": fb.Output("rotation", bar.end)}
     motion = fb.Motion(scene, dt=DT, outputs=outputs, record=fb.Record(every=50))
@@ -177,9 +176,7 @@ def test_a_motion_starts_from_an_equilibrium_with_its_inputs():
 
 def test_inputs_keep_their_values_by_name_where_the_scene_gets_another_one(tmp_path):
     """A pendulum that a force of 3 N holds aside, before and after a second input is added."""
-    scene = fb.Scene(gravity=(0, -10))
-    body = scene.add_body((0, -1), mass=1.0, inertia=0.1, points={"pin": (0, 0)})
-    hinge = scene.add_joint(fb.Revolute(fb.GROUND, body["pin"]))
+    scene, body, hinge = hinged_body((0, -1), 1.0, 0.1, {"pin": (0, 0)}, gravity=(0, -10))
     push = scene.add_force(body.centre, fb.Input("push", factor=(1, 0)))
     angle = {"angle": fb.Output("angle", hinge)}
     state = fb.static(scene, inputs={"push": 3.0})
@@ -203,9 +200,7 @@ def test_inputs_keep_their_values_by_name_where_the_scene_gets_another_one(tmp_p
 def test_modes_about_a_state_count_the_values_of_its_inputs():
     found = []
     for force in (fb.Input("push"), (-3.0, -2.0)):
-        scene = fb.Scene()
-        post = scene.add_beam([(0, 0), (1, 0)], SECTION, elements=2)
-        scene.clamp(post.start)
+        scene, post = clamped_bar((1, 0), SECTION, elements=2)
         arm = scene.add_beam([(1, 0.3), (2, 0.5)], SECTION, elements=2)
         scene.add_joint(fb.Rigid(post.end, arm.start, offset=(0, 0.3)))
         scene.add_force(arm.end, force)

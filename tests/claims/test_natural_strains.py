@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import scipy.signal
+from scenes import clamped_bar, pinned_bar
 
 import fx_beam as fb
 
@@ -11,9 +12,7 @@ SOFT = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0, rhoI=1e-3)
 
 def bar(section=SOFT, elements=4, degree=1, **strains):
     """A cantilever of length 1 along x, with natural strains."""
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=elements, degree=degree)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1, 0), section, elements=elements, degree=degree)
     if strains:
         scene.add_natural_strain(beam, **strains)
     return scene, beam
@@ -127,9 +126,7 @@ def test_several_natural_strains_add_up_and_one_that_is_changed_goes_on_from_whe
 def test_the_vibrations_of_a_prestressed_beam_are_those_of_the_continuum(tension):
     """Its modes, linear system, first period, and response to a force in the middle."""
     s = fb.Section(EA=1e5, GA=1e4, EI=0.5, rhoA=0.1, rhoI=1e-5)
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (2, 0)], s, elements=8, degree=3)
-    scene.pin(beam.start)
+    scene, beam = pinned_bar((2, 0), s, elements=8, degree=3)
     scene.pin(beam.end)
     scene.add_natural_strain(beam, axial=-tension / s.EA)
     state = fb.static(scene, load_steps=1)
@@ -222,10 +219,8 @@ def test_a_damped_string_that_is_strained_has_the_frequencies_of_its_whole_force
     systems = []
     for damping, axial in (((tau, 0.0, 0.0), grows), (0.0, grows(0.1) - 0.2 * tau)):
         own = {"EA": 1e3, "GA": 1e3, "EI": 0.1, "rhoA": 1.0, "rhoI": 1e-3}
-        scene = fb.Scene()
         string = fb.Section(**own, retardation=damping)
-        beam = scene.add_beam([(0, 0), (1, 0)], string, elements=6, degree=2)
-        scene.clamp(beam.start)
+        scene, beam = clamped_bar((1, 0), string, elements=6, degree=2)
         if link:
             body = scene.add_body((1.2, 0), mass=1.0, inertia=0.1, points={"end": (1, 0)})
             scene.pin(body.centre)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scenes import clamped_bar
 
 import fx_beam as fb
 
@@ -24,9 +25,7 @@ def member():
 
 
 def clamped_at_both_ends():
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], MEMBER, elements=1)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1, 0), MEMBER, elements=1)
     scene.clamp(beam.end)
     return scene
 

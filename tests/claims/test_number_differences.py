@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 from derivatives import EXACT, difference
+from scenes import clamped_bar, pinned_bar
 
 import fx_beam as fb
 from fx_beam.dual import dual_array, slopes_by
@@ -61,10 +62,8 @@ def test_a_scene_with_slopes_serves_its_analysis():
 
     def scene_of(x):
         calls.append(x)
-        scene = fb.Scene()
         section = fb.Section(EA=lambda f: 1e3 * (1 + f * x[0]), GA=1e3, EI=1.0, rhoA=1.0, rhoI=1e-3)
-        bar = scene.add_beam([(0, 0), (1, 0)], section, elements=1)
-        scene.clamp(bar.start)
+        scene, bar = clamped_bar((1, 0), section, elements=1)
         scene.add_force(bar.end, lambda t: (x[1] * t, x[2]), follower=True)
         return scene, {"end": fb.Output("position", bar.end)}
 
@@ -81,11 +80,9 @@ def test_a_scene_with_slopes_serves_its_analysis():
 
 def _arms(x):
     """Two arms with a spring in their joint, and a follower force."""
-    scene = fb.Scene(gravity=(0, -9.81 * x[1]))
     section = fb.Section(EA=1e4 * x[0], GA=1e4, EI=10.0, rhoA=lambda f: x[0] * (1 + f), rhoI=1e-3)
-    first = scene.add_beam([(0, 0), (1, 0.1 * x[1])], section, elements=2)
+    scene, first = pinned_bar((1, 0.1 * x[1]), section, elements=2, gravity=(0, -9.81 * x[1]))
     second = scene.add_beam([(1, 0.1 * x[1]), (2, 0)], section, elements=2)
-    scene.pin(first.start)
     spring = fb.Spring(5 * x[0], rest=0.3 * x[1])
     joint = scene.add_joint(fb.Revolute(first.end, second.start, spring=spring))
     scene.add_force(second.end, lambda t: (x[0] * (1 + t), x[1]), follower=True)
@@ -109,23 +106,19 @@ def _loop(x):
 
 def _light(x):
     """Two arms without rotary inertia, whose material is viscous."""
-    scene = fb.Scene(gravity=(0, -9.81))
     data = {"EA": 1e4 * x[0], "GA": 1e4, "EI": 10.0 * x[0], "rhoA": x[1], "retardation": 0.01}
-    first = scene.add_beam([(0, 0), (1, 0.1 * x[0])], fb.Section(**data), elements=3)
+    scene, first = pinned_bar((1, 0.1 * x[0]), fb.Section(**data), elements=3, gravity=(0, -9.81))
     second = scene.add_beam([(1, 0.1 * x[0]), (2, 0)], fb.Section(**data), elements=2)
-    scene.pin(first.start)
     joint = scene.add_joint(fb.Revolute(first.end, second.start, damper=fb.Damper(x[0])))
     return scene, first, second.end, joint
 
 
 def _body(x):
     """A body on an arm, and a block that slides on the body by a joint with an offset."""
-    scene = fb.Scene(gravity=(0, -9.81))
     section = fb.Section(EA=1e4, GA=1e4, EI=10.0 * x[0], rhoA=x[1], rhoI=1e-3)
-    beam = scene.add_beam([(0, 0), (1, 0.1 * x[1])], section, elements=2)
+    scene, beam = pinned_bar((1, 0.1 * x[1]), section, elements=2, gravity=(0, -9.81))
     points = {"pin": (1, 0.1 * x[1]), "rail": (1.5, 0.3 * x[0])}
     body = scene.add_body((1.3, 0.2 * x[0]), 2.0 * x[1], 0.1 * x[0], points=points)
-    scene.pin(beam.start)
     scene.add_joint(fb.Revolute(beam.end, body["pin"], spring=fb.Spring(5 * x[0])))
     block = scene.add_body((1.5, 0.3 * x[0] + 0.2 * x[1]), 0.5 * x[0], 0.02)
     rail = fb.Prismatic(body["rail"], block.centre, axis=(1, 0.2), offset=(0, 0.2 * x[1]))
@@ -134,11 +127,9 @@ def _body(x):
 
 def _rail(x):
     """A mast whose foot slides on a beam."""
-    scene = fb.Scene(gravity=(0, -9.81))
     section = fb.Section(EA=1e4, GA=1e4, EI=10.0 * x[0], rhoA=x[1], rhoI=1e-3)
-    beam = scene.add_beam([(0, 0), (2, 0.4)], section, elements=4)
+    scene, beam = pinned_bar((2, 0.4), section, elements=4, gravity=(0, -9.81))
     mast = scene.add_beam([(0.7, 0.14), (0.8, x[1])], section, elements=2)
-    scene.pin(beam.start)
     return scene, beam, mast.end, scene.add_joint(fb.Slider(beam, mast.start))
 
 
@@ -197,11 +188,9 @@ PLACED = {
 @pytest.mark.parametrize("place", PLACED.values(), ids=PLACED)
 def test_places_of_obstacles_and_springs_have_slopes(place):
     def build(x):
-        scene = fb.Scene(gravity=(0, -9.81))
         section = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0, rhoI=0.01)
-        beam = scene.add_beam([(0, 0), (1, 0)], section, elements=3)
+        scene, beam = clamped_bar((1, 0), section, elements=3, gravity=(0, -9.81))
         post = scene.add_beam([(1, -1), (1, -0.2 * x[0])], section, elements=1)
-        scene.clamp(beam.start)
         scene.clamp(post.start)
         place(x, scene, beam, post)
         return scene, {"end": fb.Output("position", beam.end)}
@@ -242,10 +231,8 @@ def test_slopes_of_the_weight_are_those_of_the_scene_beside_differences(make):
     """They are read after the scenes of the differences, whose gravity is another."""
 
     def build(x, taken):
-        scene = fb.Scene(gravity=(0, -taken(x[0])))
         section = fb.Section(EA=1e3, GA=1e3, EI=1.0, rhoA=x[1], rhoI=1e-3)
-        bar = scene.add_beam([(0, 0), (1, 0)], section, elements=1)
-        scene.clamp(bar.start)
+        scene, bar = clamped_bar((1, 0), section, elements=1, gravity=(0, -taken(x[0])))
         scene.add_mass(bar.end, x[2])
         return scene, {"end": fb.Output("position", bar.end)}
 
@@ -283,11 +270,9 @@ def test_parts_without_mass_that_a_damper_holds_keep_their_slopes(caplog):
     """At the start the hinge of two beams without rotary inertia turns by their round-off."""
 
     def build(x):
-        scene = fb.Scene(gravity=(0, -9.81))
         section = fb.Section(EA=1e4, GA=5e3, EI=30.0 * x[0], rhoA=1.0)
-        upper = scene.add_beam([(0, 0), (1, 0)], section, elements=2)
+        scene, upper = pinned_bar((1, 0), section, elements=2, gravity=(0, -9.81))
         lower = scene.add_beam([(1, 0), (1.5, 0)], section, elements=2)
-        scene.pin(upper.start)
         scene.add_joint(fb.Revolute(upper.end, lower.start, damper=fb.Damper(0.3 * x[1])))
         scene.set_velocity(upper, lambda X, Y: (-2 * Y, 2 * X), spin=2.0)
         scene.set_velocity(lower, lambda X, Y: (-5 * Y, 5 * X - 3), spin=5.0)
@@ -435,11 +420,9 @@ def test_loads_of_place_and_time_have_slopes_and_serve_the_motion_as_well(load, 
     options = {"dt": 0.01, "t_end": 0.1, "start": start}
 
     def build(x):
-        scene = fb.Scene(gravity=(0, -9.81))
         data = {"rhoA": 1.0, "rhoI": 0.01, "retardation": 0.01}
         section = fb.Section(EA=1e4, GA=1e4, EI=100.0, **data)
-        beam = scene.add_beam([(0, 0), (1, 0)], section, elements=3)
-        scene.clamp(beam.start)
+        scene, beam = clamped_bar((1, 0), section, elements=3, gravity=(0, -9.81))
         LOADS[load](scene, beam, x)
         return scene, {"tip": fb.Output("position", beam.end)}
 

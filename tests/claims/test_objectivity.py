@@ -5,7 +5,7 @@ import ufl
 import numpy as np
 import pytest
 from jointed import rotation
-from scenes import FLYING, PINNED, free_flight, pinned_beam
+from scenes import FLYING, PINNED, free_flight, pinned_bar, pinned_beam
 
 import fx_beam as fb
 
@@ -41,9 +41,9 @@ def test_turning_does_not_change_which_of_equal_pieces_has_more_elements():
 def test_a_mirrored_scene_has_the_mirrored_motion():
     motions = []
     for sign in (1, -1):
-        scene = fb.Scene(gravity=(0, -9.81 * sign))
-        beam = scene.add_beam([(0, 0), (1, 0), (2, 1 * sign)], FLYING, elements=4)
-        scene.pin(beam.start)
+        scene, beam = pinned_bar(
+            [(0, 0), (1, 0), (2, 1 * sign)], FLYING, elements=4, gravity=(0, -9.81 * sign)
+        )
         scene.add_moment(beam.end, lambda t, sign=sign: 20 * sign * np.sin(t))
         solution = fb.simulate(scene, dt=0.02, t_end=2.0)
         motions.append(solution.q * [1, sign, sign])
@@ -52,12 +52,10 @@ def test_a_mirrored_scene_has_the_mirrored_motion():
 
 def test_a_beam_in_several_members_moves_as_the_whole():
     whole, beam = pinned_beam(8)
-    parts = fb.Scene()
-    first = parts.add_beam([(0, 0), (25, 0)], PINNED, elements=2)
+    parts, first = pinned_bar((25, 0), PINNED, elements=2)
     # The middle is given backwards and last, so that neither order nor direction can matter.
     last = parts.add_beam([(75, 0), (100, 0)], PINNED, elements=2)
     middle = parts.add_beam([last.start, first.end], PINNED, elements=4)
-    parts.pin(first.start)
     for member in (first, middle, last):
         parts.set_velocity(
             member, lambda x, y: (0, 12 * min(x, 100 - x)), spin=lambda x, y: 12 * np.sign(50 - x)

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from derivatives import assert_derivatives
+from scenes import clamped_bar, pinned_bar
 
 import fx_beam as fb
 
@@ -13,10 +14,8 @@ RIB = fb.Section(EA=5e5, GA=1e9, EI=2e3, rhoA=1.0, rhoI=0.1)
 
 
 def t_beam(elements):
-    scene = fb.Scene()
-    deck = scene.add_beam([(0, 0), (4, 0)], DECK, elements, 1, name="deck")
+    scene, deck = clamped_bar((4, 0), DECK, elements, 1, name="deck")
     rib = scene.add_beam(deck.nodes, RIB, elements, 1, name="rib", offset=-0.3)
-    scene.clamp(deck.start)
     return scene, deck, rib
 
 
@@ -41,9 +40,7 @@ def test_a_deck_and_its_rib_are_a_composite_section():
 
 def test_a_force_on_the_line_bends_the_axis_beside_it():
     """A moment F e: rotation F e L / EI and deflection F e L^2 / (2 EI)."""
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (0, 2)], RIB, elements=4, degree=2, offset=0.1)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((0, 2), RIB, elements=4, degree=2, offset=0.1)
     scene.add_force(beam.end, (0, 1.0))
     bent = fb.static(scene, linear=True)
     moment = -0.1  # the axis is to the left of the force, which goes up
@@ -59,10 +56,8 @@ def test_it_swings_with_the_inertia_of_its_axis(offset):
     # Hung so that the centre of mass is below the pin.
     lean = math.atan2(offset, length / 2)
     end = length * math.cos(-math.pi / 2 - lean), length * math.sin(-math.pi / 2 - lean)
-    scene = fb.Scene(gravity=(0, -10.0))
     stiff = fb.Section(EA=1e9, GA=1e9, EI=1e9, rhoA=2.0, rhoI=0.1)
-    beam = scene.add_beam([(0, 0), end], stiff, elements=3, offset=offset)
-    scene.pin(beam.start)
+    scene, beam = pinned_bar(end, stiff, elements=3, offset=offset, gravity=(0, -10.0))
     J = mass * (length**2 / 3 + offset**2) + 0.1 * length
     frequency = fb.modes(scene, state=fb.static(scene)).angular_frequencies[0]
     assert frequency**2 == pytest.approx(mass * 10 * d / J, rel=1e-6)
@@ -110,9 +105,7 @@ def test_a_removed_rib_leaves_the_deck_alone():
     scene.add_force(deck.end, (0, -1.0))
     scene.remove(rib)
     bare = fb.static(scene, linear=True)
-    alone = fb.Scene()
-    beam = alone.add_beam([(0, 0), (4, 0)], DECK, elements=4)
-    alone.clamp(beam.start)
+    alone, beam = clamped_bar((4, 0), DECK, elements=4)
     alone.add_force(beam.end, (0, -1.0))
     expected = fb.static(alone, linear=True).displacement(beam.end)[-1]
     assert bare.displacement(deck.end)[-1] == pytest.approx(expected, rel=1e-12)

@@ -6,15 +6,14 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from scenes import pinned_bar
 
 import fx_beam as fb
 
 
 def pendulum(length=1.0):
-    scene = fb.Scene(gravity=(0, -9.81))
     section = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.1)
-    beam = scene.add_beam([(0, 0), (length, 0)], section, elements=2)
-    scene.pin(beam.start)
+    scene, beam = pinned_bar((length, 0), section, elements=2, gravity=(0, -9.81))
     return scene, {"tip": fb.Output("position", beam.end)}
 
 

@@ -4,7 +4,7 @@ import logging
 
 import numpy as np
 import pytest
-from scenes import pendulum, pinned_beam, spinner
+from scenes import clamped_bar, guided_body, pendulum, pinned_beam, spinner
 
 import fx_beam as fb
 
@@ -74,10 +74,8 @@ def test_elements_of_every_degree_with_loads_and_motors_are_of_order_four(degree
 
 def test_a_jump_of_a_load_inside_a_step_lowers_the_order():
     def error(jump):
-        scene = fb.Scene()
         section = fb.Section(EA=400.0, GA=200.0, EI=10.0, rhoA=1.0, rhoI=0.1)
-        beam = scene.add_beam([(0, 0), (1, 0)], section, elements=2)
-        scene.clamp(beam.start)
+        scene, beam = clamped_bar((1, 0), section, elements=2)
         scene.add_force(beam.end, lambda t: (0.0, 2.0 * (t > jump)))
         coarse, fine = (fb.simulate(scene, FOUR, dt=dt, t_end=1.0) for dt in (1 / 256, 1 / 4096))
         return abs(coarse.q[-1] - fine.q[-1]).max()
@@ -119,10 +117,8 @@ def test_a_step_whose_sub_step_fails_is_taken_back_and_halved():
 
 def braked(rate):
     """A block of 2 kg on a rail, at 3 m/s, with a damper of this damping rate [1/s]."""
-    scene = fb.Scene()
-    block = scene.add_body((0, 0), mass=2.0, inertia=0.1).centre
     damper = fb.Damper(2.0 * rate)
-    joint = scene.add_joint(fb.Prismatic(fb.GROUND, block, axis=(1, 0), damper=damper))
+    scene, block, joint = guided_body((0, 0), 2.0, 0.1, damper=damper)
     scene.set_velocity(block, (3.0, 0.0))
     return scene, joint
 

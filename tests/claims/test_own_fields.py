@@ -7,6 +7,7 @@ import ufl
 
 import pytest
 from jointed import MEMBER
+from scenes import clamped_bar
 
 import fx_beam as fb
 from fx_beam.fem import elements
@@ -26,9 +27,7 @@ every_field = pytest.mark.parametrize("kind", FIELDS)
 
 
 def run(scheme=None, term=None, section=MEMBER):
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=1)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1, 0), section, elements=1)
     if term is not None:
         scene.add_virtual_work(term)
     return fb.simulate(scene, scheme, dt=0.1, t_end=0.1)

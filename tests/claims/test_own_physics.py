@@ -9,7 +9,7 @@ import ufl
 
 import numpy as np
 import pytest
-from scenes import FLYING, free_flight
+from scenes import FLYING, clamped_bar, free_flight, pinned_bar, supported_bar
 
 import fx_beam as fb
 
@@ -29,10 +29,8 @@ def test_a_discrete_gradient_of_tiny_strains_is_not_lost_in_rounding():
     def rubber(eps, gamma, kappa):
         return 100 * ((1 + eps) ** 2 - 1 - 2 * ufl.ln(1 + eps)) + 75 * gamma**2 + kappa**2 / 40
 
-    scene = fb.Scene(gravity=(0, -9.81))
     section = fb.Section(strain_energy=rubber, rhoA=0.1, rhoI=1e-5)
-    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=20)
-    scene.pin(beam.start)
+    scene, beam = pinned_bar((1, 0), section, elements=20, gravity=(0, -9.81))
     for dt in (4e-3, 1e-4):
         solution = fb.simulate(scene, dt=dt, t_end=50 * dt)
         assert solution.stats.halvings == 0
@@ -80,9 +78,7 @@ def test_energies_with_pieces_are_kept_at_small_strains(strain):
         return (stiff * eps**2 + 1e4 * gamma**2 + 10 * kappa**2) / 2
 
     section = fb.Section(strain_energy=energy, rhoA=1.0, rhoI=1e-2)
-    scene = fb.Scene()
-    bar = scene.add_beam([(0, 0), (1, 0)], section, elements=2)
-    scene.clamp(bar.start)
+    scene, bar = clamped_bar((1, 0), section, elements=2)
     speed = 100 * strain
     scene.set_velocity(bar, lambda x, y: (speed * x, 0.0))
     total = fb.simulate(scene, dt=2e-3, t_end=2.0).energy.total
@@ -99,10 +95,8 @@ def test_a_quadratic_energy_given_in_ufl_moves_as_the_built_in_one():
 
 def test_beams_of_different_laws_live_in_one_scene():
     def run(first, second):
-        scene = fb.Scene(gravity=(0, -9.81))
-        a = scene.add_beam([(0, 0), (1, 0)], first, elements=2)
+        scene, a = clamped_bar((1, 0), first, elements=2, gravity=(0, -9.81))
         b = scene.add_beam([a.end, (2, 0)], second, elements=2)
-        scene.clamp(a.start)
         solution = fb.simulate(scene, dt=0.02, t_end=1.0)
         r = solution.resultants(b)
         return np.column_stack([solution.position(b.end), r.N[:, -1], r.M[:, 0]])
@@ -136,9 +130,7 @@ def test_sections_of_equal_energies_have_the_resultants_of_one_that_is_shared():
 
 def test_resultants_of_a_given_energy_are_its_derivatives():
     # A massless bar pulled by F: 1e4 eps + 8e7 eps^3 = F, 180 for eps = 0.01.
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(strain_energy=stiffening), elements=2)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1, 0), fb.Section(strain_energy=stiffening), elements=2)
     scene.add_force(beam.end, lambda t: (180.0 * min(1.0, t), 0.0))
     # Newmark's rule is in equilibrium at the end of a step, whatever came before.
     solution = fb.simulate(scene, fb.Newmark(), dt=0.25, t_end=2.0)
@@ -236,9 +228,7 @@ def test_what_needs_numbers_is_refused_at_once(factor):
 
 @pytest.mark.parametrize("number", [math.nan, math.inf])
 def test_numbers_that_are_not_finite_are_refused_by_the_name_of_the_function(number):
-    scene = fb.Scene()
-    arm = scene.add_beam([(0, 0), (1, 0)], FLYING, elements=1)
-    scene.clamp(arm.start)
+    scene, arm = clamped_bar((1, 0), FLYING, elements=1)
     for name, give in (
         ("strain_energy", lambda f: fb.Section(strain_energy=lambda e, g, k: f(e) + g**2 + k**2)),
         ("Spring", lambda f: fb.Spring(strain_energy=f)),
@@ -260,10 +250,7 @@ def test_a_prestressed_section_with_pieces_moves_as_one_without_where_these_do_n
 
     def end(energy):
         section = fb.Section(strain_energy=energy, rhoA=1.0, rhoI=1e-2)
-        scene = fb.Scene()
-        bar = scene.add_beam([(0, 0), (1, 0)], section, elements=4)
-        scene.pin(bar.start)
-        scene.fix(bar.end, "x")
+        scene, bar = supported_bar((1, 0), section, elements=4, held="x")
         scene.add_force(bar.end, (0.0, 0.01))
         solution = fb.simulate(scene, dt=1e-4, t_end=5e-3)
         assert solution.stats.newton_iterations < 250
@@ -283,10 +270,8 @@ def test_a_prestressed_section_with_pieces_moves_as_one_without_where_these_do_n
 
 def _held_by(work):
     """A loaded arm with a virtual work: its equilibria by one step and by three, and its modes."""
-    scene = fb.Scene(gravity=(0, -9.81))
     section = fb.Section(EA=3e3, GA=1.2e3, EI=20.0, rhoA=1.0, rhoI=0.01)
-    arm = scene.add_beam([(0, 0), (1, 0.3)], section, elements=2)
-    scene.clamp(arm.start)
+    scene, arm = clamped_bar((1, 0.3), section, elements=2, gravity=(0, -9.81))
     scene.add_virtual_work(work)
     states = [fb.static(scene, load_steps=n) for n in (1, 3)]
     found = [fb.modes(scene, state, n=2).eigenvalues for state in (None, states[0])]
@@ -327,10 +312,8 @@ def test_forces_of_increments_and_starts_know_no_motion_in_load_steps(of_step, o
 )
 def test_small_motions_see_forces_of_starts_and_ends_as_those_of_places(of_step, moves):
     def system(force, state=None):
-        scene = fb.Scene(gravity=(0, -9.81))
         section = fb.Section(EA=3e3, GA=1.2e3, EI=20.0, rhoA=1.0, rhoI=0.01)
-        arm = scene.add_beam([(0, 0), (1, 0.3)], section, elements=2)
-        scene.clamp(arm.start)
+        scene, arm = clamped_bar((1, 0.3), section, elements=2, gravity=(0, -9.81))
         scene.add_virtual_work(lambda step: -30 * ufl.dot(force(step), step.virtual_u))
         motion = fb.simulate(scene, dt=0.01, t_end=0.1) if moves and state is None else state
         return fb.linearise(scene, state=motion).A, motion

@@ -7,6 +7,7 @@ import ufl
 
 import numpy as np
 import pytest
+from scenes import guided_body, held_body, pinned_bar
 
 import fx_beam as fb
 from fx_beam import library_cache
@@ -26,11 +27,8 @@ def energy_of(k, **options):
 
 def swinging(section=None, elements=4):
     """A heavy arm on a pin, and its end."""
-    scene = fb.Scene(gravity=(0.0, -9.81))
     section = section or fb.Section(EA, GA, EI, **INERTIA)
-    arm = scene.add_beam([(0, 0), (1, 0)], section, elements=elements, degree=1)
-    scene.pin(arm.start)
-    return scene, arm
+    return pinned_bar((1, 0), section, elements=elements, degree=1, gravity=(0.0, -9.81))
 
 
 def moved(scene, **options):
@@ -112,10 +110,8 @@ def test_laws_of_joints_may_divide_by_a_parameter(part):
             "spring": fb.Spring(strain_energy=lambda x: 10 * (x / scale) ** 2),
             "damper": fb.Damper(law=lambda rate: 3 * ufl.tanh(rate / scale)),
         }
-        scene = fb.Scene()
-        block = scene.add_body((0, 0), 1.0, 0.1).centre
         law = {part: given[part]}
-        scene.add_joint(fb.Prismatic(fb.GROUND, block, axis=(1, 0), **law))
+        scene, block, _ = guided_body((0, 0), 1.0, 0.1, **law)
         scene.set_velocity(block, (1.0, 0.0))
         return moved(scene)
 
@@ -194,9 +190,7 @@ def test_the_work_of_a_jump_is_the_change_of_the_stored_energy():
 
 def test_a_spring_that_stiffens_in_time_swings_as_by_its_equation():
     """Slow stiffening keeps E / omega of an oscillator (adiabatic invariant)."""
-    scene = fb.Scene()
-    ball = scene.add_body((2, 0), mass=1.0, inertia=0.1).centre
-    scene.add_joint(fb.Prismatic(fb.GROUND, ball, axis=(1, 0)))
+    scene, ball, _ = guided_body((2, 0), 1.0, 0.1)
     k = fb.Parameter("k", lambda t: 100 * (1 + t / 20) ** 2)
     scene.add_force_between(
         ball, (0, 0), spring=fb.Spring(strain_energy=lambda x: k / 2 * x**2, rest=2.0)
@@ -310,10 +304,9 @@ def test_the_work_of_parameters_is_of_second_order_by_newmarks_family(scheme):
     """Of a spring that stiffens: its balance tells the error."""
 
     def error(dt):
-        scene, k = fb.Scene(), fb.Parameter("k", lambda t: 20.0 + 30.0 * t)
-        body = scene.add_body((0, 0), mass=1.0, inertia=1.0).centre
+        k = fb.Parameter("k", lambda t: 20.0 + 30.0 * t)
         spring = fb.Spring(1.0, rest=-0.2, strain_energy=lambda x: k * x**2 / 2)
-        scene.add_joint(fb.Prismatic(fb.GROUND, body, axis=(1, 0), spring=spring))
+        scene, body, _ = guided_body((0, 0), 1.0, 1.0, spring=spring)
         energy = fb.simulate(scene, scheme, dt=dt, t_end=1.0).energy
         return abs(energy.balance_error[-1])
 
@@ -322,10 +315,8 @@ def test_the_work_of_parameters_is_of_second_order_by_newmarks_family(scheme):
 
 def test_small_motions_about_a_state_have_the_parameters_of_its_time():
     """x'' + c(t) x' + k(t) x = F with k = 4 + 12 t and c = t, at t = 1: 4 rad/s, and F / 16."""
-    scene = fb.Scene()
     k, c = fb.Parameter("k", lambda t: 4 + 12 * t), fb.Parameter("c", lambda t: t)
-    body = scene.add_body((0, 0), mass=1.0).centre
-    scene.fix(body, "y", "rotation")
+    scene, body = held_body((0, 0), 1.0, 0.0, "y", "rotation")
     spring = fb.Spring(rest=1.0, strain_energy=lambda x: k * x**2 / 2)
     damper = fb.Damper(law=lambda rate: c * rate)
     scene.add_force_between(body, (-1, 0), spring=spring, damper=damper)

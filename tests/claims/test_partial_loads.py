@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scenes import clamped_bar
 
 import fx_beam as fb
 
@@ -44,10 +45,8 @@ def test_a_place_at_a_node_is_the_node():
 def test_a_force_inside_a_curved_element_bends_it_as_the_theory_of_the_arc_says():
     """Of a quarter circle, clamped below, with a vertical force at 60 degrees."""
     r, angle, P = 1.0, np.pi / 3, 1e-2
-    scene = fb.Scene()
     ends = (r, 0), (r / np.sqrt(2), r / np.sqrt(2)), (0, r)
-    beam = scene.add_beam(fb.arc(*ends), SECTION, elements=7, degree=3)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar(fb.arc(*ends), SECTION, elements=7, degree=3)
     place = beam.at(r * angle)
     scene.add_force(place, (0.0, -P))
     turned = fb.static(scene, linear=True).rotation(beam.end)[-1]

@@ -4,6 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
+from scenes import clamped_bar, pinned_bar, supported_bar
 
 import fx_beam as fb
 
@@ -13,10 +14,7 @@ SECTION = fb.Section(EA=1e4, GA=4e3, EI=EI, rhoA=1.0, rhoI=1e-6)
 
 def column(load):
     """A column of length 1 under a load, pinned at both ends."""
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (0, 1)], SECTION, 8, 3)
-    scene.pin(beam.start)
-    scene.fix(beam.end, "x")
+    scene, beam = supported_bar((0, 1), SECTION, 8, 3, held="x")
     scene.add_force(beam.end, (0, -load))
     return scene
 
@@ -39,15 +37,13 @@ def test_each_critical_load_of_a_column_makes_one_more_mode_unstable(continuatio
 
 def arch(**changes):
     """A shallow arch of two members, joined by a hinge with a spring or rigidly."""
-    scene = fb.Scene()
-    left = scene.add_beam([(0, 0), (1, 0.2)], SECTION, 3, 2)
+    scene, left = pinned_bar((1, 0.2), SECTION, 3, 2)
     if changes.get("hinge"):
         right = scene.add_beam([(1, 0.2), (2, 0)], SECTION, 3, 2)
         turning = fb.Spring(stiffness=5.0)
         scene.add_joint(fb.Revolute(left.end, right.start, spring=turning))
     else:
         right = scene.add_beam([left.end, (2, 0)], SECTION, 3, 2)
-    scene.pin(left.start)
     scene.pin(right.end)
     scene.add_force(left.end, (0, -60.0))
     return scene
@@ -85,9 +81,7 @@ def test_a_closed_loop_of_joints_counts_as_its_modes():
 
 
 def test_stability_under_a_force_that_follows_needs_masses():
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (0, 1)], fb.Section(EA=1e4, GA=1e4, EI=1.0), 4)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((0, 1), fb.Section(EA=1e4, GA=1e4, EI=1.0), 4)
     scene.add_force(beam.end, (0, -2.0), follower=True)
     path = fb.static(scene, load_steps=2)
     with pytest.raises(ValueError, match="depends on masses"):

@@ -6,6 +6,7 @@ import ufl
 
 import numpy as np
 import pytest
+from scenes import clamped_bar, guided_body, pinned_bar
 from scipy.integrate import solve_ivp
 from scipy.special import ellipk
 
@@ -40,13 +41,11 @@ def test_a_motion_within_the_elastic_range_keeps_the_plastic_strain_of_its_start
         excess = ufl.max_value(abs(trial) - 2.0, 0)
         return [old[0] + ufl.sign(trial) * excess / 1.1]
 
-    scene = fb.Scene()
-    body = scene.add_body((0, 0), mass=1.0, inertia=1.0).centre
     spring = fb.Spring(
         strain_energy=energy, internal=fb.InternalVariables(("plastic slide",), flow)
     )
     on = {"spring": spring, "damper": fb.Damper(0.2)}
-    guide = scene.add_joint(fb.Prismatic(fb.GROUND, body, (1, 0), **on))
+    scene, body, guide = guided_body((0, 0), 1.0, 1.0, **on)
     load = scene.add_force(body, (push, 0.0))
     pushed = fb.static(scene, load_steps=6)
     load = scene.change(load, (0.0, 0.0))
@@ -66,19 +65,17 @@ def frequency_of_duffing(amplitude):
 
 
 def pinned(slenderness, elements):
-    scene = fb.Scene()
     section = fb.Section(EA=slenderness**2, GA=10 * slenderness**2, EI=1.0, rhoA=1.0)
-    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=elements, degree=2)
-    scene.pin(beam.start)
+    scene, beam = pinned_bar((1, 0), section, elements=elements, degree=2)
     scene.pin(beam.end)
     return scene, beam
 
 
 def pendulum():
     """A mass on a bar that is nearly rigid, released at 90 degrees."""
-    scene = fb.Scene(gravity=(0, -9.81))
-    bar = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e7, GA=1e7, EI=1e7), elements=1)
-    scene.pin(bar.start)
+    scene, bar = pinned_bar(
+        (1, 0), fb.Section(EA=1e7, GA=1e7, EI=1e7), elements=1, gravity=(0, -9.81)
+    )
     scene.add_mass(bar.end, 1.0)
     return scene, bar
 
@@ -192,10 +189,8 @@ def test_a_backbone_of_a_beam_begins_at_rest_and_ends_at_its_amplitude():
 def test_a_backbone_ends_at_its_amplitude_beside_a_body_far_away():
     frequencies, sizes = [], []
     for far in (False, True):
-        scene = fb.Scene()
         section = fb.Section(EA=1e3, GA=1e3, EI=0.1, rhoA=1.0, rhoI=0.01)
-        beam = scene.add_beam([(0, 0), (1, 0)], section, elements=3)
-        scene.clamp(beam.start)
+        scene, beam = clamped_bar((1, 0), section, elements=3)
         body = scene.add_body((1, 0), mass=0.5, inertia=0.01)
         scene.add_joint(fb.Rigid(beam.end, body.centre))
         if far:
@@ -288,10 +283,8 @@ def test_an_impact_oscillator_repeats_its_impacts():
 
 def test_motions_that_are_tiny_beside_the_scene_are_found():
     def response(load):
-        scene = fb.Scene()
         section = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0, retardation=5e-3)
-        beam = scene.add_beam([(0, 0), (1, 0)], section, elements=3)
-        scene.clamp(beam.start)
+        scene, beam = clamped_bar((1, 0), section, elements=3)
         scene.add_force(beam.end, lambda t: (0.0, load * math.cos(0.8 * math.pi * t)))
         return fb.periodic(scene, period=2.5, steps=41).amplitude(beam.end) / load
 
@@ -325,16 +318,14 @@ def test_a_forced_response_passes_folds_between_which_it_is_unstable():
 
 def dry_friction(w, steps):
     """A block of 1 kg on a spring of 1 N/m and a rail with friction, and its motion under 1 N."""
-    scene = fb.Scene(gravity=(0, -10.0))
-    block = scene.add_body((0, 0), mass=1.0, inertia=1.0)
     own = {"spring": fb.Spring(1.0), "friction": fb.Coulomb(0.03, 1e5)}
-    scene.add_joint(fb.Prismatic(fb.GROUND, block.centre, axis=(1, 0), **own))
+    scene, block, _ = guided_body((0, 0), 1.0, 1.0, **own, gravity=(0, -10.0))
     if w is None:
         return scene
-    scene.add_force(block.centre, lambda t: (math.cos(w * t), 0.0))
+    scene.add_force(block, lambda t: (math.cos(w * t), 0.0))
     motion = fb.periodic(scene, period=2 * math.pi / w, steps=steps)
     assert repeats(scene, motion) < 1e-9
-    return motion.amplitude(block.centre, "x")
+    return motion.amplitude(block, "x")
 
 
 def test_dry_friction_of_a_joint_leaves_the_amplitude_of_den_hartog():
@@ -347,12 +338,10 @@ def test_dry_friction_of_a_joint_leaves_the_amplitude_of_den_hartog():
 
 def test_a_quick_return_mechanism_whose_pin_slides_on_a_beam_repeats_itself():
     scheme = fb.EnergyDecaying()
-    scene = fb.Scene()
     section = fb.Section(EA=2e5, GA=8e4, EI=20.0, rhoA=0.3, rhoI=1e-5, retardation=1e-3)
     stiff = fb.Section(EA=2e6, GA=8e5, EI=2e3, rhoA=1.0, rhoI=1e-3, retardation=1e-3)
-    rocker = scene.add_beam([(0, 0), (0, 1)], section, elements=4)
+    scene, rocker = pinned_bar((0, 1), section, elements=4)
     crank = scene.add_beam([(0, 0.45), (0, 0.65)], stiff, elements=1)
-    scene.pin(rocker.start)
     motor = scene.add_joint(fb.Revolute(fb.GROUND, crank.start, motor=lambda t: SPEED * t))
     pin = scene.add_joint(fb.Slider(rocker, crank.end))
     scene.make_velocities_compatible()
@@ -374,10 +363,8 @@ def test_a_quick_return_mechanism_whose_pin_slides_on_a_beam_repeats_itself():
 
 def test_a_hanging_beam_at_rest_has_the_multipliers_of_its_vibrations():
     def hanging(held):
-        scene = fb.Scene(gravity=(0, -9.81))
         section = fb.Section(EA=1e3, GA=1e3, EI=1.0, rhoA=1.0)
-        beam = scene.add_beam([(0, 0), (0, -1)], section, elements=2)
-        scene.pin(beam.start)
+        scene, beam = pinned_bar((0, -1), section, elements=2, gravity=(0, -9.81))
         if held:
             scene.fix(beam.end, "x")
         return scene
@@ -445,10 +432,8 @@ def test_a_scene_that_build_changes_in_more_than_numbers_is_refused():
 
 def cycle_of_van_der_pol(sense, c, unit, damped):
     """That of x'' + s c x' (1 - 4 x^2) + x = 0, by a pull with or without a damper."""
-    scene = fb.Scene()
-    body = scene.add_body((0, 0), mass=unit, inertia=unit).centre
     on = {"spring": fb.Spring(unit), "damper": fb.Damper(c * unit) if damped else None}
-    scene.add_joint(fb.Prismatic(fb.GROUND, body, axis=(1, 0), **on))
+    scene, body, _ = guided_body((0, 0), unit, unit, **on)
 
     def pull(distance, rate, t):
         return c * unit * (sense - damped - 4 * sense * (distance - 3) ** 2) * rate

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from derivatives import difference
+from scenes import clamped_bar, guided_body
 from scipy.integrate import solve_ivp
 from scipy.optimize import fsolve
 from scipy.special import ellipk
@@ -211,10 +212,8 @@ def test_the_period_of_a_pendulum_has_the_derivative_of_its_closed_form_by_its_l
 
 def test_natural_strains_count_in_the_energy_of_a_free_motion():
     def build(x):
-        scene = fb.Scene(gravity=(0, -9.81))
         section = fb.Section(EA=1e4, GA=1e4, EI=40.0, rhoA=1.0, rhoI=0.01)
-        beam = scene.add_beam([(0, 0), (1, 0)], section, elements=1)
-        scene.clamp(beam.start)
+        scene, beam = clamped_bar((1, 0), section, elements=1, gravity=(0, -9.81))
         scene.add_natural_strain(beam, curvature=0.5 * x[0])
         period = fb.Output("period", scene)
         return scene, {"tip": fb.Output("position", beam.end), "period": period}
@@ -227,9 +226,7 @@ def test_natural_strains_count_in_the_energy_of_a_free_motion():
 
 def cantilever(x):
     section = fb.Section(EA=1e4, GA=1e4, EI=x[0], rhoA=x[1], retardation=5e-3)
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (x[2], 0)], section, elements=3)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((x[2], 0), section, elements=3)
     scene.add_force(beam.end, lambda t: (0.0, x[3] * np.cos(0.8 * np.pi * t)))
     place, reaction = fb.Output("position", beam.end), fb.Output("reaction", beam.start)
     return scene, {"place": place, "M": fb.Output("M", beam), "reaction": reaction}
@@ -247,10 +244,8 @@ def test_natural_strains_have_exact_derivatives_also_at_the_start():
     """A viscous section sees how they change in the first step, too."""
 
     def build(x):
-        scene = fb.Scene(gravity=(0, -9.81))
         section = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.01, retardation=0.01)
-        beam = scene.add_beam([(0, 0), (1, 0)], section, elements=2)
-        scene.clamp(beam.start)
+        scene, beam = clamped_bar((1, 0), section, elements=2, gravity=(0, -9.81))
         scene.add_natural_strain(beam, curvature=0.3 * x[0])
         scene.add_natural_strain(beam, curvature=lambda f, t: x[1] * f * (0.5 + np.cos(W * t)))
         return scene, {"tip": fb.Output("position", beam.end), "M": fb.Output("M", beam)}
@@ -309,12 +304,10 @@ def test_a_driven_linkage_whose_loop_changes_its_form_has_exact_derivatives():
 
 def dry_friction(stiffness, steps):
     def build(x):
-        scene = fb.Scene(gravity=(0, -10.0))
-        block = scene.add_body((0, 0), mass=x[0], inertia=1.0)
         own = {"spring": fb.Spring(x[1]), "friction": fb.Coulomb(0.03 * x[2], stiffness)}
-        scene.add_joint(fb.Prismatic(fb.GROUND, block.centre, axis=(1, 0), **own))
-        scene.add_force(block.centre, lambda t: (np.cos(1.4 * t), 0.0))
-        return scene, {"place": fb.Output("position", block.centre)}
+        scene, block, _ = guided_body((0, 0), x[0], 1.0, **own, gravity=(0, -10.0))
+        scene.add_force(block, lambda t: (np.cos(1.4 * t), 0.0))
+        return scene, {"place": fb.Output("position", block)}
 
     def motion(scene):
         return fb.periodic(scene, period=2 * np.pi / 1.4, steps=steps, tolerance=1e-12)
@@ -442,10 +435,8 @@ def test_bad_input_is_told():
 
 def test_an_oscillator_without_damping_has_no_multipliers_but_those_that_are_one():
     def build(x):
-        scene = fb.Scene()
-        body = scene.add_body((0, 0), mass=1.0, inertia=1.0)
         spring = fb.Spring(stiffness=x[0], strain_energy=lambda s: s**4 / 4)
-        scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, axis=(1, 0), spring=spring))
+        scene, body, _ = guided_body((0, 0), 1.0, 1.0, spring=spring)
         return scene, {"period": fb.Output("period", scene)}
 
     run = fb.PeriodicResponse(build, lambda scene: fb.periodic(scene, mode=0, amplitude=1.0))

@@ -4,16 +4,15 @@ import math
 import re
 
 import pytest
+from scenes import clamped_bar, supported_bar
 
 import fx_beam as fb
 
 
 def bar(load, steady=0.0):
     """A stiff cantilever with hardly any damping, and a load at its end that repeats itself."""
-    scene = fb.Scene()
     section = fb.Section(EA=1e9, GA=4e8, EI=1e5, rhoA=1.0, rhoI=1e-4, retardation=1e-6)
-    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=4)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1, 0), section, elements=4)
     scene.add_force(beam.end, lambda t: (0.0, steady + load * math.cos(2 * math.pi * t)))
     return scene, beam.end
 
@@ -40,11 +39,8 @@ def test_a_motion_below_round_off_needs_a_tolerance_that_the_error_names(caplog)
 
 
 def test_a_family_tells_once_of_all_motions_that_round_off_leaves_open(caplog):
-    scene = fb.Scene()
     section = fb.Section(EA=1e8, GA=1e8, EI=1.0, rhoA=1.0, rhoI=1e-4)
-    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=3)
-    scene.pin(beam.start)
-    scene.fix(beam.end, "y")
+    scene, beam = supported_bar((1, 0), section, elements=3)
     family = fb.backbone(scene, amplitude=0.1, most=8, tolerance=1e-14)
     (warning,) = caplog.messages
     assert "backbone: round-off leaves" in warning and f"of {len(family)} motions" in warning

@@ -8,6 +8,7 @@ from derivatives import (
     assert_derivatives,
     size_of,
 )
+from scenes import clamped_bar
 
 import fx_beam as fb
 
@@ -94,9 +95,7 @@ def test_places_have_derivatives_where_lengths_depend_on_numbers(degree):
 def test_places_of_periodic_motions_have_derivatives_where_lengths_depend_on_numbers():
     def build(x):
         section = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0, rhoI=0.01, retardation=5e-3)
-        scene = fb.Scene()
-        beam = scene.add_beam([(0, 0), (x[0], 0)], section, 2, 2)
-        scene.clamp(beam.start)
+        scene, beam = clamped_bar((x[0], 0), section, 2, 2)
         scene.add_force(beam.end, lambda t: (0.0, x[1] * np.cos(2 * np.pi * t)))
         place = beam.at(0.6)
         return scene, {kind: fb.Output(kind, place) for kind in KINDS}

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scenes import held_body
 
 import fx_beam as fb
 
@@ -58,9 +59,7 @@ def test_a_rope_holds_a_pendulum_only_where_it_is_tight():
 
 
 def test_a_mass_on_springs_hangs_and_vibrates_as_linear_theory_says():
-    scene = fb.Scene(gravity=(0, -10))
-    mass = scene.add_body((0, -1), mass=2.0, inertia=0.1).centre
-    scene.fix(mass, "rotation")
+    scene, mass = held_body((0, -1), 2.0, 0.1, "rotation", gravity=(0, -10))
     for x in (-1.0, 1.0):
         scene.add_force_between(mass, (x, 0.0), fb.Spring(400.0, rest=np.sqrt(2)))
     state = fb.static(scene)

@@ -4,6 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
+from scenes import clamped_bar
 from scipy.integrate import solve_ivp
 
 import fx_beam as fb
@@ -60,9 +61,7 @@ def test_in_time_it_is_the_pressure_in_the_middle_of_the_step():
 
 @pytest.mark.parametrize("degree", [1, 2, 3])
 def test_on_an_open_beam_the_work_is_that_of_the_area_it_sweeps(degree):
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], SECTION, elements=3, degree=degree)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1, 0), SECTION, elements=3, degree=degree)
     scene.add_line_load(beam, 8.0, follower=True)
     motion = fb.simulate(scene, dt=0.01, t_end=1.0)
     if degree == 1:

@@ -4,6 +4,7 @@ import logging
 
 import numpy as np
 import pytest
+from scenes import held_body
 from scipy.integrate import solve_ivp
 
 import fx_beam as fb
@@ -102,9 +103,7 @@ def test_a_pulley_with_inertia_on_which_the_rope_sticks_has_two_tensions():
 
 
 def test_a_winch_winds_many_turns_and_does_the_work_of_its_load():
-    scene = fb.Scene(gravity=(0, -G))
-    load = scene.add_body((0.2, -10), mass=5.0).centre
-    scene.fix(load, "x", "rotation")
+    scene, load = held_body((0.2, -10), 5.0, 0.0, "x", "rotation", gravity=(0, -G))
     drum = scene.add_body((0, 0), 1.0, 0.03).centre
     motor = fb.Revolute(fb.GROUND, drum, motor=lambda t: 5 * t**2)
     motor = scene.add_joint(motor)
@@ -125,9 +124,7 @@ def test_a_string_that_winds_up_on_a_post_moves_as_lagrange_says_to_second_order
     R, L, k = 0.3, 1.5, 1e8
     errors = []
     for dt in (0.02, 0.01):
-        scene = fb.Scene(gravity=(0, -G))
-        ball = scene.add_body((R, -L), 1.0).centre
-        scene.fix(ball, "rotation")
+        scene, ball = held_body((R, -L), 1.0, 0.0, "rotation", gravity=(0, -G))
         string = fb.Spring(k, rest=1 + R * np.pi / 2 + L)
         scene.add_rope([(-1, R), fb.Pulley((0, 0), R, "right"), ball], string)
         scene.set_velocity(ball, (-3.0, 0.0))
@@ -155,10 +152,8 @@ def test_a_block_with_sheaves_hangs_and_vibrates_as_its_parts_say():
     """Two parts of the rope, vertical on both sides of the sheave: stiffness 4 k."""
 
     def build(x):
-        scene = fb.Scene(gravity=(0, -G))
         radius = 0.1 * x[3]
-        load = scene.add_body((radius, -2), mass=20 * x[1]).centre
-        scene.fix(load, "x", "rotation")
+        scene, load = held_body((radius, -2), 20 * x[1], 0.0, "x", "rotation", gravity=(0, -G))
         points = [(0, 0), fb.Pulley(load, radius), (2 * radius, 0)]
         length = 4.0 * x[2] + 0.1 * np.pi
         rope = scene.add_rope(points, fb.Spring(1e4 * x[0]), length=length)
@@ -196,9 +191,7 @@ def test_a_drum_on_a_rope_is_a_torsion_spring_in_every_analysis():
 
 
 def test_a_rope_that_leaves_its_pulley_is_named(caplog):
-    scene = fb.Scene()
-    ball = scene.add_body((2, 0.0), mass=1.0).centre
-    scene.fix(ball, "rotation")
+    scene, ball = held_body((2, 0.0), 1.0, 0.0, "rotation")
     scene.add_rope([(0, 0), fb.Pulley((1, -0.1), 0.2, "right"), ball], fb.Spring(1.0, rest=2.0))
     scene.set_velocity(ball, (0.0, 1.0))
     with caplog.at_level(logging.WARNING):

@@ -5,6 +5,7 @@ import ufl
 import numpy as np
 import pytest
 from derivatives import difference
+from scenes import clamped_bar
 from test_harmonic_response import relaxing
 from test_linearise import DATA, roots_of_modes
 
@@ -30,14 +31,13 @@ def section_of(x, rng):
 
 def scene_of(x, seed):
     """A mast on a rail, with forces of several kinds on both."""
-    rng, scene = np.random.default_rng(seed), fb.Scene(gravity=(0, -9.81 * x[2]))
+    rng = np.random.default_rng(seed)
     joint = rng.choice(["hinge", "slot", "slider", "sleeve"])
     at, degree, elements = 1.0 if joint in ("hinge", "slot") else 0.61, *rng.integers(1, [4, 3])
     # Two degrees only: most of these tests is the compilation of their forms.
     size = {"degree": 1 + int(degree) % 2, "elements": int(2 + 2 * elements)}
-    rail = scene.add_beam([(0, 0), (1, 0)], section_of(x, rng), **size)
+    scene, rail = clamped_bar((1, 0), section_of(x, rng), **size, gravity=(0, -9.81 * x[2]))
     mast = scene.add_beam([(at, 0), (at + 0.2, 1)], section_of(x, rng), **size)
-    scene.clamp(rail.start)
     on = {"spring": fb.Spring(100.0 * x[0], rest=at if at < 1 else 0.1 * x[1])}
     if rng.random() < 0.5:
         on["damper"] = fb.Damper(0.3 * x[2])

@@ -1,6 +1,7 @@
 """Runs that are refused before they start, with the reason."""
 
 import pytest
+from scenes import pinned_bar
 
 import fx_beam as fb
 
@@ -37,11 +38,7 @@ def test_speeds_at_which_no_step_turns_little_enough_end_the_run(speed):
 
 
 def test_a_moment_on_a_node_with_almost_no_inertia_is_said():
-    scene = fb.Scene()
-    beam = scene.add_beam(
-        [(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=1e-3, rhoA=1.0), elements=1
-    )
-    scene.pin(beam.start)
+    scene, beam = pinned_bar((1, 0), fb.Section(EA=1e4, GA=1e4, EI=1e-3, rhoA=1.0), elements=1)
     scene.add_moment(beam.start, fb.Input("torque"))
     motion = fb.Motion(scene, dt=0.01, outputs={"angle": fb.Output("rotation", beam.start)})
     with pytest.raises(fb.StepError, match=r"turns by .*almost no inertia.*add_mass\(node, 0.0"):

@@ -4,6 +4,7 @@ import ufl
 
 import numpy as np
 import pytest
+from scenes import pinned_bar
 
 import fx_beam as fb
 
@@ -14,10 +15,8 @@ QUANTITIES = ["position", "displacement", "rotation", "velocity", "spin"]
 
 def bar(x, velocity, spin=0.0, EA=1e3):
     """A bar of 40 elements that is held at its start."""
-    scene = fb.Scene(gravity=(0, -9.81))
     section = fb.Section(EA=EA, GA=1e3 * x[0], EI=x[0], rhoA=1.0, rhoI=1e-3)
-    beam = scene.add_beam([(0, 0), (2, 1)], section, elements=40)
-    scene.pin(beam.start)
+    scene, beam = pinned_bar((2, 1), section, elements=40, gravity=(0, -9.81))
     scene.set_velocity(beam, velocity, spin=spin)
     scene.make_velocities_compatible()
     return scene, beam
@@ -139,11 +138,8 @@ def test_steps_that_fail_are_halved_as_in_a_motion_by_itself():
 
 def test_a_motion_whose_nodes_are_elsewhere_is_found_there():
     def longer(x):
-        scene = fb.Scene(gravity=(0, -9.81))
         section = fb.Section(EA=1e3, GA=1e3, EI=1.0, rhoA=1.0, rhoI=1e-3)
-        beam = scene.add_beam([(0, 0), (x[0], x[1])], section, elements=4)
-        scene.pin(beam.start)
-        return scene, beam
+        return pinned_bar((x[0], x[1]), section, elements=4, gravity=(0, -9.81))
 
     check(longer)
 

@@ -12,6 +12,7 @@ from derivatives import (
     size_of,
 )
 from jointed import frame, linkage
+from scenes import clamped_bar, pinned_bar
 
 import fx_beam as fb
 
@@ -145,10 +146,8 @@ def test_numbers_of_a_scene_have_derivatives_wherever_they_are(build):
 
 def pendulum(x):
     """A bar with mass, pinned: stiffness, mass and initial spin."""
-    scene = fb.Scene(gravity=(0, -9.81))
     section = fb.Section(EA=1e3 * x[0], GA=1e3 * x[0], EI=x[0], rhoA=x[1], rhoI=1e-3)
-    bar = scene.add_beam([(0, 0), (1, 0)], section, elements=4)
-    scene.pin(bar.start)
+    scene, bar = pinned_bar((1, 0), section, elements=4, gravity=(0, -9.81))
     scene.set_velocity(bar, lambda px, py: (0, x[2] * px), spin=x[2])
     return scene, {
         "end": fb.Output("position", bar.end),
@@ -279,10 +278,8 @@ def test_the_step_before_the_first_one_counts_in_derivatives(start):
     """`EnergyDecaying` reads it, but after an equilibrium there is none."""
 
     def build(x):
-        scene = fb.Scene(gravity=(0.0, -9.81 * x[0]))
         section = fb.Section(EA=1e4, GA=5e3, EI=20.0, rhoA=1.0, rhoI=0.01)
-        beam = scene.add_beam([(0, 0), (1, 0.1)], section, elements=3)
-        scene.clamp(beam.start)
+        scene, beam = clamped_bar((1, 0.1), section, elements=3, gravity=(0.0, -9.81 * x[0]))
         names = ("position", beam.end), ("velocity", beam.end), ("M", beam)
         names += ("strain_energy", scene), ("dissipated_energy", scene)
         return scene, {name: fb.Output(name, of) for name, of in names}

@@ -4,7 +4,7 @@ import ufl
 
 import numpy as np
 import pytest
-from scenes import pinned_beam
+from scenes import clamped_bar, pinned_bar, pinned_beam
 
 import fx_beam as fb
 
@@ -18,9 +18,7 @@ rows = pytest.mark.parametrize("every", [4, 1])
 
 def rotor(outwards=0.0):
     """Massless arm on a pin with a mass at its end, which turns too fast for whole steps of 0.1."""
-    scene = fb.Scene()
-    arm = scene.add_beam([(0, 0), (LENGTH, 0)], LIGHT, elements=1)
-    scene.pin(arm.start)
+    scene, arm = pinned_bar((LENGTH, 0), LIGHT, elements=1)
     scene.add_mass(arm.end, MASS)
     scene.set_velocity(arm, lambda x, y: (outwards * x, SPIN * x), spin=SPIN)
     return scene, arm
@@ -147,10 +145,8 @@ def test_rates_that_resultants_need_and_that_are_not_recorded_are_asked_for():
 def test_forces_of_a_cantilever_are_right_however_stiff_it_is(stiff, ratio, error):
     """Small forces; rounding errors of the strains times the stiffness are what is left of them."""
     along, across = np.array([0.8, 0.6]), np.array([-0.6, 0.8])
-    scene = fb.Scene()
     section = fb.Section(**{"EA": 1e6, "GA": 1e6, "EI": 1e4, stiff: ratio * 1e6})
-    beam = scene.add_beam([(0, 0), tuple(2 * along)], section, elements=8)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar(tuple(2 * along), section, elements=8)
     scene.add_force(beam.end, tuple(0.1 * along - 0.1 * across))
     r = fb.static(scene, load_steps=1).resultants(beam)
     np.testing.assert_allclose(r.N[-1], 0.1, rtol=error)

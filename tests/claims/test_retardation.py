@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import PINNED, pinned_beam
+from scenes import PINNED, clamped_bar, pinned_beam
 
 import fx_beam as fb
 
@@ -23,9 +23,7 @@ def oscillator(tau, component=0, speed=1e-3):
     stiffnesses = "EA", "GA", "EI"
     # A rotation of the end shears the element as well.
     data = {name: 1e-9 for name in stiffnesses} | {stiffnesses[component]: 100.0}
-    scene = fb.Scene()
-    rod = scene.add_beam([(0, 0), (1, 0)], fb.Section(**data, retardation=tau), elements=1)
-    scene.clamp(rod.start)
+    scene, rod = clamped_bar((1, 0), fb.Section(**data, retardation=tau), elements=1)
     names = "x", "y", "rotation"
     scene.fix(rod.end, *(name for i, name in enumerate(names) if i != component))
     scene.add_mass(rod.end, 1.0, inertia=1.0)
@@ -127,10 +125,8 @@ def test_statics_and_undamped_scenes_know_nothing_of_it():
     assert "lost energy" not in fb.simulate(scene, dt=0.01, t_end=0.1).stats.compiled
     tips = []
     for tau in (0.0, 0.1):
-        cantilever = fb.Scene()
         section = fb.Section(EA=1e6, GA=1e6, EI=1e3, retardation=tau)
-        arm = cantilever.add_beam([(0, 0), (1, 0)], section, elements=4)
-        cantilever.clamp(arm.start)
+        cantilever, arm = clamped_bar((1, 0), section, elements=4)
         cantilever.add_force(arm.end, (0.0, -100.0))
         tips.append(fb.static(cantilever, load_steps=2).displacement(arm.end)[-1])
     assert tips[1] == pytest.approx(tips[0], rel=1e-12)
@@ -151,10 +147,8 @@ def test_forces_and_accelerations_at_the_start_are_those_of_the_rates(scheme):
     EA, tau, rate = 2e8, 1e-3, 0.5
     motions = []
     for damping, load in ((tau, 0.0), (0.0, -EA * tau * rate)):
-        scene = fb.Scene()
         section = fb.Section(EA=EA, GA=1e8, EI=2e4, rhoA=1.0, rhoI=1e-4, retardation=damping)
-        bar = scene.add_beam([(0, 0), (0.8, 0.6)], section, elements=4)
-        scene.clamp(bar.start)
+        scene, bar = clamped_bar((0.8, 0.6), section, elements=4)
         scene.set_velocity(bar, lambda x, y: (rate * x, rate * y))
         scene.add_force(bar.end, (0.8 * load, 0.6 * load))
         motions.append((fb.simulate(scene, scheme, dt=1e-4, t_end=1e-4, progress=False), bar))
@@ -189,9 +183,7 @@ def test_a_damped_strip_that_is_struck_moves_alike_in_all_schemes_but_newmarks_f
     def height(scheme, dt=1e-3):
         steel = fb.Section.rectangle(2e-3, 20e-3, *fb.materials.steel)
         section = replace(steel, rhoI=inertia * steel.rhoI, retardation=1e-3)
-        scene = fb.Scene()
-        strip = scene.add_beam([(0, 0), (0.5, 0)], section, elements=10)
-        scene.clamp(strip.start)
+        scene, strip = clamped_bar((0.5, 0), section, elements=10)
         scene.set_velocity(strip, lambda x, y: (0.0, 8 * x**3), lambda x, y: 24 * x**2)
         solution = fb.simulate(scene, scheme, dt=dt, t_end=0.05)
         return solution.displacement(strip.end)[:, 1]

@@ -4,6 +4,7 @@ import copy
 
 import numpy as np
 import pytest
+from scenes import held_body
 
 import fx_beam as fb
 
@@ -12,9 +13,7 @@ G = 9.81
 
 def block(k=1e5, length=4.0, **more):
     """A load at a loose pulley between two places 0.2 m apart, which moves up and down."""
-    scene = fb.Scene(gravity=(0, -G))
-    load = scene.add_body((0.1, -2), mass=20.0).centre
-    scene.fix(load, "x", "rotation")
+    scene, load = held_body((0.1, -2), 20.0, 0.0, "x", "rotation", gravity=(0, -G))
     rope = scene.add_rope([(0, 0), load, (0.2, 0)], fb.Spring(k), length=length, **more)
     return scene, load, rope
 
@@ -53,9 +52,7 @@ def test_a_loose_pulley_hangs_at_the_depth_of_the_closed_form(length):
 @pytest.mark.parametrize("parts", [2, 3, 5])
 def test_a_pulley_block_divides_the_weight_by_its_parts(parts):
     """The parts are at one place: the block and the fixed one are there several times."""
-    scene = fb.Scene(gravity=(0, -G))
-    load = scene.add_body((0, -2), mass=10.0).centre
-    scene.fix(load, "rotation")
+    scene, load = held_body((0, -2), 10.0, 0.0, "rotation", gravity=(0, -G))
     points = [load if i % 2 else (0, 0) for i in range(parts + 1)]
     rope = scene.add_rope(points, fb.Spring(1e5), length=2.0 * parts)
     hanging = fb.static(scene)
@@ -122,9 +119,7 @@ def test_a_rope_without_tension_lets_its_load_fall():
 
 def test_the_pull_of_all_laws_is_that_of_their_closed_forms():
     """On a driven point: spring, damper, friction, stop and force on a length that grows."""
-    scene = fb.Scene()
-    ball = scene.add_body((1, 0), mass=1.0).centre
-    scene.fix(ball, "y", "rotation")
+    scene, ball = held_body((1, 0), 1.0, 0.0, "y", "rotation")
     scene.prescribe(ball, x=lambda t: 0.3 * t)
     line = scene.add_force_between(
         ball,
@@ -142,9 +137,7 @@ def test_the_pull_of_all_laws_is_that_of_their_closed_forms():
     assert motion.joint(line).force[1:] == pytest.approx(exact, abs=500 * 0.3e-3 / 4)
     assert motion.joint(line).length == pytest.approx(1 + 0.3 * motion.t, rel=1e-12)
     # A prop pushes: at the lower limit of its stop the pull is negative.
-    prop = fb.Scene(gravity=(0, -G))
-    top = prop.add_body((0, 1), mass=2.0).centre
-    prop.fix(top, "x", "rotation")
+    prop, top = held_body((0, 1), 2.0, 0.0, "x", "rotation", gravity=(0, -G))
     push = prop.add_force_between(top, (0, 0), stop=(1.0, None, 1e5))
     assert fb.static(prop).joint(push).force[-1] == pytest.approx(-2 * G, rel=1e-9)
 
@@ -177,9 +170,7 @@ def test_the_derivative_of_a_hanging_load_is_that_of_the_closed_form():
 
     def build(x):
         k, m, length, height = x
-        scene = fb.Scene(gravity=(0, -G))
-        load = scene.add_body((0, -2), mass=m).centre
-        scene.fix(load, "x", "rotation")
+        scene, load = held_body((0, -2), m, 0.0, "x", "rotation", gravity=(0, -G))
         scene.add_rope([(0, height), load, (0, 0)], fb.Spring(k), length=length)
         return scene, {"y": fb.Output("position", load, "y")}
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import FLYING
+from scenes import FLYING, pinned_bar
 
 import fx_beam as fb
 
@@ -11,9 +11,7 @@ DT, STEPS = 0.1 / 3, 60
 
 def mechanism():
     """An arm on a pin, with a body that turns through full turns, under a load in time."""
-    scene = fb.Scene(gravity=(0, -9.81))
-    arm = scene.add_beam([(0, 0), (1, 0)], FLYING, elements=4)
-    scene.pin(arm.start)
+    scene, arm = pinned_bar((1, 0), FLYING, elements=4, gravity=(0, -9.81))
     scene.add_force(arm.end, lambda t: (5.0 * np.sin(3 * t), 2.0))
     wheel = scene.add_body((1, 0), mass=0.5, inertia=0.1)
     scene.add_joint(fb.Revolute(arm.end, wheel.centre, damper=fb.Damper(0.01)))

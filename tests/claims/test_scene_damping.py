@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scenes import clamped_bar, held_body, pinned_bar
 
 import fx_beam as fb
 
@@ -10,10 +11,8 @@ TAPER = fb.Section(EA=1e5, GA=1e5, EI=20.0, rhoA=lambda f: 1 + f, rhoI=lambda f:
 
 def frame():
     """A column with a hinged girder, and a body on it."""
-    scene = fb.Scene()
-    column = scene.add_beam([(0, 0), (0, 1)], TAPER, elements=3, degree=2)
+    scene, column = clamped_bar((0, 1), TAPER, elements=3, degree=2)
     girder = scene.add_beam([(0, 1), (1.5, 1.2)], TAPER, elements=2, degree=2)
-    scene.clamp(column.start)
     scene.clamp(girder.end)
     scene.add_joint(fb.Revolute(column.end, girder.start))
     body = scene.add_body((0.2, 1.3), 0.8, 0.05)
@@ -43,9 +42,7 @@ def test_ratios_of_modes_are_those_of_both_numbers():
 def test_free_vibrations_decay_by_the_logarithmic_decrement():
     zeta = 0.03
     section = fb.Section(EA=1e6, GA=1e6, EI=3.0, rhoA=1.0, rhoI=1e-5)
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=6, degree=2)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1, 0), section, elements=6, degree=2)
     f1, f2 = fb.modes(scene, n=2).frequencies
     scene.add_damping(*fb.rayleigh((f1, f2), (zeta, zeta)))
     shape = fb.modes(scene, n=1).shape(beam, 0, size=1e-4)[::2, 1]
@@ -103,9 +100,7 @@ def test_it_is_the_drag_and_the_retardation_of_each_part():
     motions = []
     for by_hand in (False, True):
         section = fb.Section(**data, retardation=2e-3 if by_hand else 0.0)
-        scene = fb.Scene(gravity=(0, -9.81))
-        beam = scene.add_beam([(0, 0), (1, 0.2)], section, elements=3, degree=2)
-        scene.pin(beam.start)
+        scene, beam = pinned_bar((1, 0.2), section, elements=3, degree=2, gravity=(0, -9.81))
         scene.add_mass(beam.end, 0.5, 0.01)
         if by_hand:
             scene.add_drag(beam, linear=0.3 * 1.2, rotation=0.3 * 1e-2)
@@ -123,9 +118,7 @@ def test_it_is_the_drag_and_the_retardation_of_each_part():
 
 def test_a_peak_of_the_response_is_one_over_twice_the_ratio():
     zeta = 0.02
-    scene = fb.Scene()
-    body = scene.add_body((0, 0), mass=2.0).centre
-    scene.fix(body, "y", "rotation")
+    scene, body = held_body((0, 0), 2.0, 0.0, "y", "rotation")
     scene.add_spring(body, x=fb.Spring(800.0))
     w = 20.0
     scene.add_damping(mass=2 * zeta * w)

@@ -12,6 +12,7 @@ import ufl
 import numpy as np
 import pytest
 from jointed import MEMBER as SECTION
+from scenes import clamped_bar
 
 import fx_beam as fb
 
@@ -207,9 +208,7 @@ def test_a_function_of_time_that_fails_later_ends_the_run_there(kind):
     ],
 )
 def test_names_of_other_programs_are_answered_by_ours(kind, name, real):
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1.0, GA=1.0, EI=1.0), elements=1)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1, 0), fb.Section(EA=1.0, GA=1.0, EI=1.0), elements=1)
     thing = scene if kind == "scene" else fb.static(scene)
     with pytest.raises(AttributeError, match=f"no attribute '{name}'.*{real}"):
         getattr(thing, name)

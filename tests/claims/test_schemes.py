@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scenes import clamped_bar, held_body, hinged_body, pinned_bar
 from scipy.integrate import quad, solve_ivp
 
 import fx_beam as fb
@@ -22,10 +23,8 @@ SCHEMES = [
 
 def arm(elements=4, degree=1):
     """A pinned arm, swung from rest by a moment that grows smoothly: no front is to resolve."""
-    scene = fb.Scene()
     section = fb.Section(EA=2e3, GA=1e3, EI=200.0, rhoA=1.0, rhoI=0.1)
-    beam = scene.add_beam([(0, 0), (4, 0)], section, elements=elements, degree=degree)
-    scene.pin(beam.start)
+    scene, beam = pinned_bar((4, 0), section, elements=elements, degree=degree)
     scene.add_moment(beam.end, lambda t: 300 * np.sin(4 * t) ** 4)
     return scene, beam
 
@@ -67,9 +66,9 @@ def test_damping_at_a_point_of_a_body_leaves_the_order(scheme):
     exact = L * np.array([np.cos(psi), np.sin(psi), -w * np.sin(psi), w * np.cos(psi)])
     steps, errors = np.array([1 / 100, 1 / 200, 1 / 400]), []
     for dt in steps:
-        scene = fb.Scene(gravity=(0, -9.81))
-        body = scene.add_body((r, 0), m, inertia, points={"pin": (0, 0), "end": (L, 0)})
-        scene.add_joint(fb.Revolute(fb.GROUND, body["pin"]))
+        scene, body, _ = hinged_body(
+            (r, 0), m, inertia, {"pin": (0, 0), "end": (L, 0)}, gravity=(0, -9.81)
+        )
         scene.add_drag(body["end"], linear=c)
         solution = fb.simulate(scene, scheme, dt=dt, t_end=0.4)
         ends = solution.position(body["end"])[-1], solution.velocity(body["end"])[-1]
@@ -122,9 +121,7 @@ def test_the_work_of_a_drive_after_an_equilibrium_is_of_second_order(scheme):
 
     steps, errors = np.array([1 / 100, 1 / 200, 1 / 400]), []
     for dt in steps:
-        scene = fb.Scene()
-        block = scene.add_body((0, 0), m, 0.1).centre
-        scene.fix(block, "x", "rotation")
+        scene, block = held_body((0, 0), m, 0.1, "x", "rotation")
         scene.prescribe(block, y=y)
         scene.add_drag(block, linear=c)
         start = fb.static(scene, t=begin)
@@ -152,10 +149,8 @@ def test_hht_without_damping_is_the_trapezoidal_rule():
 
 
 def test_newmark_conserves_energy_in_the_linear_limit():
-    scene = fb.Scene()
     section = fb.Section(EA=2e3, GA=1e3, EI=200.0, rhoA=1.0, rhoI=0.1)
-    beam = scene.add_beam([(0, 0), (4, 0)], section, elements=4)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((4, 0), section, elements=4)
     scene.set_velocity(beam, lambda x, y: (1e-6 * x, 1e-6 * x**2), spin=lambda x, y: 2e-6 * x)
     energy = fb.simulate(scene, fb.Newmark(), dt=0.05, t_end=5.0).energy.total
     # What is left is the next order of the amplitude.
@@ -163,10 +158,8 @@ def test_newmark_conserves_energy_in_the_linear_limit():
 
 
 def test_hht_damps_a_high_frequency_and_newmark_does_not():
-    scene = fb.Scene()
     section = fb.Section(EA=1e6, GA=1e6, EI=1e3, rhoA=1.0, rhoI=0.1)
-    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=1)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1, 0), section, elements=1)
     scene.fix(beam.end, "y", "rotation")
     scene.set_velocity(beam.end, (1.0, 0.0))
     energies = {
@@ -181,9 +174,7 @@ def test_hht_damps_a_high_frequency_and_newmark_does_not():
 def test_frequency_of_axial_vibration_is_exact_for_one_degree_of_freedom():
     # Massless bar with a mass at its end: omega = sqrt(EA / (L m)); the mid-point rule has
     # tan(omega_h dt / 2) = omega dt / 2.
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (2, 0)], fb.Section(EA=200.0, GA=1e3, EI=1.0), elements=1)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((2, 0), fb.Section(EA=200.0, GA=1e3, EI=1.0), elements=1)
     scene.fix(beam.end, "y", "rotation")
     scene.add_mass(beam.end, 4.0)
     scene.set_velocity(beam.end, (0.1, 0.0))

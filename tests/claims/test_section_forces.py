@@ -4,6 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
+from scenes import clamped_bar, pinned_bar, supported_bar
 from scipy.integrate import quad
 
 import fx_beam as fb
@@ -21,19 +22,12 @@ SCHEMES = [
 
 
 def cantilever(degree=1, elements=4, **data):
-    scene = fb.Scene()
     values = {"EA": 1e6, "GA": 1e6, "EI": 1e3} | data
-    beam = scene.add_beam([(0, 0), (2, 0)], fb.Section(**values), elements, degree=degree)
-    scene.clamp(beam.start)
-    return scene, beam
+    return clamped_bar((2, 0), fb.Section(**values), elements, degree=degree)
 
 
 def simply_supported(degree=1, elements=4):
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (2, 0)], SECTION, elements=elements, degree=degree)
-    scene.pin(beam.start)
-    scene.fix(beam.end, "y")
-    return scene, beam
+    return supported_bar((2, 0), SECTION, elements=elements, degree=degree)
 
 
 @pytest.mark.parametrize("degree", [1, 2, 3])
@@ -97,11 +91,11 @@ def test_a_couple_on_a_node_is_the_jump_of_the_moment_there():
 
 def moved(scheme, record=None, **options):
     """A clamped frame of two beams with gravity, drag, loads, damping and a mass at a corner."""
-    scene = fb.Scene(gravity=(0.0, -9.81))
     section = fb.Section(EA=1e5, GA=1e5, EI=500.0, rhoA=2.0, rhoI=0.05, retardation=1e-3)
-    arm = scene.add_beam([(0, 0), (1, 0.4)], section, elements=3, name="arm", **options)
+    scene, arm = clamped_bar(
+        (1, 0.4), section, elements=3, name="arm", **options, gravity=(0.0, -9.81)
+    )
     leg = scene.add_beam([arm.end, (1.5, -0.2)], section, elements=2, name="leg", **options)
-    scene.clamp(arm.start)
     scene.add_mass(arm.end, 1.0, 0.02)
     scene.add_line_load(arm, lambda t: (0.0, 30 * np.sin(9 * t)), between=(0.2, 0.8))
     scene.add_force(leg.at(0.3), (5.0, 2.0))
@@ -143,9 +137,7 @@ def test_section_forces_of_rows_do_not_depend_on_which_are_recorded(every):
 def test_a_bar_that_turns_has_the_centrifugal_force_at_every_place():
     """N = rho A w^2 (L^2 - s^2) / 2, and of a hanging bar the weight below."""
     spin, s = 3.0, np.linspace(0.0, 1.0, 5)
-    scene = fb.Scene()
-    bar = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e8, GA=1e8, EI=1e5, rhoA=2.0), 8)
-    scene.pin(bar.start)
+    scene, bar = pinned_bar((1, 0), fb.Section(EA=1e8, GA=1e8, EI=1e5, rhoA=2.0), 8)
     scene.set_velocity(bar, lambda x, y: (-spin * y, spin * x), spin=spin)
     scheme = fb.EnergyDecaying(1.0)
     solution = fb.simulate(scene, scheme, dt=1e-3, t_end=0.2)
@@ -185,9 +177,7 @@ def test_copies_of_sections_with_functions_of_ones_own_have_section_forces():
         def __call__(self, eps, gamma, kappa):
             return 5e3 * (eps**2 + gamma**2) + 40.0 * kappa**2 + kappa**4
 
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(strain_energy=Cubic()), elements=3)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1, 0), fb.Section(strain_energy=Cubic()), elements=3)
     scene.add_force(beam.end, (0.0, 10.0))
     solution = fb.static(scene)
     ends = solution.resultants(beam).ends
@@ -211,10 +201,8 @@ def test_a_scene_that_has_changed_since_does_not_change_them():
     """What a solution has is that of the scene as it was, though they are computed when read."""
     values = []
     for changes in (False, True):
-        scene = fb.Scene(gravity=(0, -10.0))
         section = fb.Section(EA=1e6, GA=1e6, EI=1e3, rhoA=1.0, rhoI=0.01)
-        other = scene.add_beam([(0, 1), (1, 1)], section, elements=2)
-        scene.clamp(other.start)
+        scene, other = clamped_bar([(0, 1), (1, 1)], section, elements=2, gravity=(0, -10.0))
         beam = scene.add_beam([(0, 0), (2, 0)], section, elements=4)
         scene.clamp(beam.start)
         load = scene.add_line_load(beam, (0, -5.0))

@@ -11,6 +11,7 @@ from derivatives import (
     size_of,
 )
 from registry import ONES, SCENES
+from scenes import clamped_bar, pinned_bar, supported_bar
 
 import fx_beam as fb
 
@@ -33,10 +34,8 @@ def test_the_moment_of_a_cantilever_changes_with_its_load_and_its_length(degree)
 
     def build(x):
         load, length = x
-        scene = fb.Scene()
         section = fb.Section(EA=1e13, GA=1e13, EI=1e13)
-        beam = scene.add_beam([(0, 0), (length, 0)], section, 3, degree)
-        scene.clamp(beam.start)
+        scene, beam = clamped_bar((length, 0), section, 3, degree)
         scene.add_force(beam.end, (0, load))
         return scene, {
             "clamp": fb.Output("M", beam.at(0.0)),
@@ -56,10 +55,7 @@ def test_the_moment_in_the_middle_of_a_simple_beam_changes_with_its_line_load():
 
     def build(x):
         load, length = x
-        scene = fb.Scene()
-        beam = scene.add_beam([(0, 0), (length, 0)], fb.Section(EA=1e13, GA=1e13, EI=1e13), 3)
-        scene.pin(beam.start)
-        scene.fix(beam.end, "y")
+        scene, beam = supported_bar((length, 0), fb.Section(EA=1e13, GA=1e13, EI=1e13), 3)
         scene.add_line_load(beam, (0, -load))
         return scene, {"M": fb.Output("M", beam.at(length / 2))}
 
@@ -75,10 +71,8 @@ def test_the_axial_force_in_a_bar_that_turns_changes_as_its_closed_form():
 
     def build(x):
         density, spin, length = x
-        scene = fb.Scene()
         section = fb.Section(EA=1e9, GA=1e9, EI=1e7, rhoA=density)
-        bar = scene.add_beam([(0, 0), (length, 0)], section, 8, 2)
-        scene.pin(bar.start)
+        scene, bar = pinned_bar((length, 0), section, 8, 2)
         scene.set_velocity(bar, lambda x, y: (-spin * y, spin * x), spin=spin)
         return scene, {"N": fb.Output("N", bar.at(s))}
 
@@ -97,10 +91,8 @@ def test_the_axial_force_in_a_bar_that_turns_changes_as_its_closed_form():
 
 @pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.EnergyMomentum(order=4), fb.Newmark()])
 def test_a_motion_measures_what_its_solution_has(scheme):
-    scene = fb.Scene(gravity=(0.0, -9.81))
     section = fb.Section(EA=1e5, GA=1e5, EI=500.0, rhoA=2.0, rhoI=0.05, retardation=1e-3)
-    arm = scene.add_beam([(0, 0), (1, 0.4)], section, elements=3, degree=2)
-    scene.clamp(arm.start)
+    scene, arm = clamped_bar((1, 0.4), section, elements=3, degree=2, gravity=(0.0, -9.81))
     scene.add_line_load(arm, lambda t: (0.0, 30 * np.sin(9 * t)), between=(0.2, 0.8))
     scene.add_force(arm.at(0.5), (3.0, 1.0))
     scene.add_moment(arm.end, fb.Input("torque"))
@@ -154,10 +146,8 @@ def test_calls_after_derivatives_give_the_same(kind):
     """Then scenes have slopes, with which solutions are none the less computed."""
 
     def build(x):
-        scene = fb.Scene(gravity=(0, -9.81 * x[0]))
         section = fb.Section(EA=1e4, GA=1e4, EI=10.0 * x[1], rhoA=x[2], rhoI=0.01)
-        beam = scene.add_beam([(0, 0), (1, 0)], section, 2)
-        scene.clamp(beam.start)
+        scene, beam = clamped_bar((1, 0), section, 2, gravity=(0, -9.81 * x[0]))
         scene.add_line_load(beam, lambda t: (0.0, x[0] * np.sin(t)))
         scene.add_force(beam.at(0.7), lambda t: (0.0, x[0] * t))
         return scene, {"M": fb.Output("M", beam.at(0.0)), "inside": fb.Output("M", beam.at(0.2))}
@@ -175,11 +165,9 @@ def test_calls_after_derivatives_give_the_same(kind):
 
 def frame(x, degree):
     """A bent arm and a leg, lengths, places and data of which depend on x."""
-    scene = fb.Scene(gravity=(0, -9.81 * x[1]))
     section = fb.Section(EA=1e4 * x[0], GA=1e4, EI=10.0 * x[1], rhoA=x[2], rhoI=0.01)
-    arm = scene.add_beam([(0, 0), (x[2], 0.2 * x[1])], section, 3, degree)
+    scene, arm = clamped_bar((x[2], 0.2 * x[1]), section, 3, degree, gravity=(0, -9.81 * x[1]))
     leg = scene.add_beam([arm.end, (1.3, -0.4 * x[0])], section, 2, degree)
-    scene.clamp(arm.start)
     scene.add_line_load(arm, lambda t: (0.5 * t, -3.0 * x[1]))
     scene.add_force(leg.end, (x[0], -2 * x[1]))
     return scene, sections(arm, 0.5, 1.0) | sections(leg, 0.0) | {"M": fb.Output("M", arm.at(0.3))}
@@ -216,9 +204,7 @@ def test_a_motion_from_an_equilibrium_has_derivatives():
 def test_periodic_motions_have_derivatives():
     def build(x):
         section = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0, rhoI=0.01, retardation=5e-3)
-        scene = fb.Scene()
-        beam = scene.add_beam([(0, 0), (x[0], 0)], section, 2)
-        scene.clamp(beam.start)
+        scene, beam = clamped_bar((x[0], 0), section, 2)
         scene.add_force(beam.end, lambda t: (0.0, x[1] * np.cos(2 * np.pi * t)))
         return scene, sections(beam, 0.0, 0.6)
 
@@ -238,10 +224,8 @@ def test_periodic_motions_have_derivatives():
 
 
 def test_what_has_no_section_forces_says_so():
-    scene = fb.Scene()
     section = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0, rhoI=0.01)
-    beam = scene.add_beam([(0, 0), (1, 0)], section, 2)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1, 0), section, 2)
     outputs = {"M": fb.Output("M", beam.at(0.3))}
     with pytest.raises(fb.SceneError, match="output 'M' is a M; only .* are linearised"):
         fb.linearise(scene, outputs=outputs)

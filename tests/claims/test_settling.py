@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 from jointed import four_bar
+from scenes import clamped_bar, held_body, hinged_body, pinned_bar, supported_bar
 
 import fx_beam as fb
 
@@ -15,10 +16,8 @@ STIFF = fb.Section(EA=1e6, GA=1e6, EI=1e3, rhoA=1.0, rhoI=1e-4)
 
 def pendulum(angle):
     """A body on an arm of 1 m, at an angle from the vertical, and its frequency."""
-    scene = fb.Scene(gravity=(0, -G))
     place = np.round([np.sin(angle), -np.cos(angle)], 12)
-    bob = scene.add_body(place, 2.0, 0.5, points={"O": (0, 0)})
-    scene.add_joint(fb.Revolute(fb.GROUND, bob["O"]))
+    scene, bob, _ = hinged_body(place, 2.0, 0.5, {"O": (0, 0)}, gravity=(0, -G))
     return scene, bob.centre, np.sqrt(2.0 * G / 2.5)
 
 
@@ -71,11 +70,8 @@ def test_a_chain_of_bars_hangs_as_a_funicular_polygon(side):
 
 def hinged_arm():
     """A heavy arm on a pin, which starts level."""
-    scene = fb.Scene(gravity=(0.0, -G))
     section = fb.Section(EA=400.0, GA=150.0, EI=0.5, rhoA=0.1, rhoI=1e-5)
-    arm = scene.add_beam([(0, 0), (1, 0)], section, elements=8)
-    scene.pin(arm.start)
-    return scene, arm
+    return pinned_bar((1, 0), section, elements=8, gravity=(0.0, -G))
 
 
 @pytest.mark.parametrize("wind", [0.0, 0.1])
@@ -130,9 +126,7 @@ def test_a_body_comes_to_rest_in_a_groove():
 def test_a_ball_comes_to_rest_on_a_thin_beam_by_friction(gap):
     """Steps that would pass the beam are shortened."""
     k, weight = 1e4, 0.2 * 9.81
-    scene = fb.Scene(gravity=(0.0, -9.81))
-    ball = scene.add_body((0.02, 0.02 + gap), mass=0.2, inertia=1e-4).centre
-    scene.fix(ball, "rotation")
+    scene, ball = held_body((0.02, 0.02 + gap), 0.2, 1e-4, "rotation", gravity=(0.0, -9.81))
     bed = scene.add_beam([(-0.5, 0), (0.5, 0)], fb.Section(EA=1e6, GA=1e6, EI=1e3), elements=10)
     for node in bed.nodes:
         scene.clamp(node)
@@ -175,9 +169,7 @@ def test_what_no_load_holds_is_refused():
         ((0.9, 0.0), "they leave rotation of node .* free"),
         ((0.9, -0.4), r"no equilibrium .*: the node runs off the end of the beam"),
     ):
-        carried = fb.Scene(gravity=(0, -G))
-        beam = carried.add_beam([(0, 0), end], soft, elements=4)
-        carried.clamp(beam.start)
+        carried, beam = clamped_bar(end, soft, elements=4, gravity=(0, -G))
         if not end[1]:
             carried.clamp(beam.end)
         bead = carried.add_body((0.45, end[1] / 2), mass=0.5, inertia=0.01)
@@ -228,18 +220,14 @@ def test_prestress_holds_what_has_no_load(build):
 
 def test_a_blade_on_a_hinge_is_held_by_its_turn():
     """Its frequency is the spin times sqrt(e m r / J), with the hinge at e and J about it."""
-    scene = fb.Scene()
-    blade = scene.add_body((0.7, 0), mass=3.0, inertia=0.25, points={"hinge": (0.2, 0)})
-    scene.add_joint(fb.Revolute(fb.GROUND, blade["hinge"]))
+    scene, blade, _ = hinged_body((0.7, 0), 3.0, 0.25, {"hinge": (0.2, 0)})
     turning = fb.static(scene, spin=10.0, load_steps=2)
     (frequency,) = fb.modes(scene, turning).angular_frequencies
     assert frequency == pytest.approx(10 * np.sqrt(0.2 * 3.0 * 0.5 / (0.25 + 3.0 * 0.5**2)))
 
 
 def test_a_constant_tension_holds_a_pointer_in_its_line():
-    scene = fb.Scene()
-    pointer = scene.add_body((0.5, 0), 2.0, 0.1, points={"hinge": (0, 0), "tip": (1, 0)})
-    scene.add_joint(fb.Revolute(fb.GROUND, pointer["hinge"]))
+    scene, pointer, _ = hinged_body((0.5, 0), 2.0, 0.1, {"hinge": (0, 0), "tip": (1, 0)})
     scene.add_force_between(pointer["tip"], (3, 0), force=10.0)
     (frequency,) = fb.modes(scene, fb.static(scene)).angular_frequencies
     assert frequency == pytest.approx(np.sqrt(10.0 * 1 * 3 / 2 / (0.1 + 2 * 0.5**2)))
@@ -250,11 +238,8 @@ def test_a_wheel_settles_on_a_beam_from_every_height(gap):
     """The first step of its fall is longer than the wheel is thick."""
 
     def place_of_wheel(gap):
-        scene = fb.Scene(gravity=(0, -9.81))
         section = fb.Section(EA=1e5, GA=4e4, EI=20.0, rhoA=1.0, rhoI=1e-3)
-        beam = scene.add_beam([(0, 0), (1, 0)], section, elements=10)
-        scene.pin(beam.start)
-        scene.fix(beam.end, "y")
+        scene, beam = supported_bar((1, 0), section, elements=10, gravity=(0, -9.81))
         wheel = scene.add_body((0.5, 0.1 + gap), mass=2.0, inertia=0.01).centre
         scene.fix(wheel, "x", "rotation")
         scene.add_contact(beam, fb.Circle(wheel, 0.1), stiffness=1e5)
@@ -274,9 +259,9 @@ QUARTIC = fb.Spring(strain_energy=lambda x: 50 * x**4)
     ("spring", "moment"), [(PLAY, lambda a: 100 * (a + 0.1)), (QUARTIC, lambda a: 200 * a**3)]
 )
 def test_an_arm_on_a_spring_without_stiffness_at_rest_finds_its_balance(spring, moment, how):
-    scene = fb.Scene(gravity=(0, -G))
-    arm = scene.add_body((0.5, 0), 2.0, 0.1, points={"pin": (0, 0)})
-    hinge = scene.add_joint(fb.Revolute(fb.GROUND, arm["pin"], spring=spring))
+    scene, arm, hinge = hinged_body(
+        (0.5, 0), 2.0, 0.1, {"pin": (0, 0)}, spring=spring, gravity=(0, -G)
+    )
     path = fb.static(scene, load_steps=4, continuation=how)
     exact = scipy.optimize.brentq(lambda a: moment(a) + 2.0 * G * 0.5 * np.cos(a), -1.0, 0.0)
     assert path.joint(hinge).angle[-1] == pytest.approx(exact, rel=1e-6)
@@ -304,8 +289,6 @@ def test_a_weight_falls_into_two_slack_ropes(load_steps):
 
 
 def test_what_nothing_holds_is_named_beside_a_spring_with_play():
-    scene = fb.Scene()
-    arm = scene.add_body((0.5, 0), 2.0, 0.1, points={"pin": (0, 0)})
-    scene.add_joint(fb.Revolute(fb.GROUND, arm["pin"], spring=PLAY))
+    scene, arm, _ = hinged_body((0.5, 0), 2.0, 0.1, {"pin": (0, 0)}, spring=PLAY)
     with pytest.raises(fb.SceneError, match="without loads y of node .* is free.* no load"):
         fb.static(scene)

@@ -7,6 +7,7 @@ import ufl
 
 import numpy as np
 import pytest
+from scenes import clamped_bar
 
 import fx_beam as fb
 from fx_beam.fem import ffcx_api
@@ -15,12 +16,12 @@ from fx_beam.motions.set_ups import RECENT
 
 def arm(elements=3, length=1.0, EA=1e4, force=1.0, degree=1, second=None, **more):
     """A clamped arm of one or two sections under its weight and a force at its end."""
-    scene = fb.Scene(gravity=(0.0, -9.81))
     section = fb.Section(EA=EA, GA=EA, EI=10.0, rhoA=1.0, **more)
-    beam = scene.add_beam([(0, 0), (length, 0)], section, elements=elements, degree=degree)
+    scene, beam = clamped_bar(
+        (length, 0), section, elements=elements, degree=degree, gravity=(0.0, -9.81)
+    )
     if second is not None:
         scene.add_beam([beam.end, (length, length)], second, elements=2, degree=degree)
-    scene.clamp(beam.start)
     scene.add_force(beam.end, (0.0, force))
     return scene, beam
 

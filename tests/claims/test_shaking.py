@@ -6,6 +6,7 @@ import pickle
 import numpy as np
 import pytest
 import scipy.linalg
+from scenes import clamped_bar, held_body, pinned_bar
 
 import fx_beam as fb
 
@@ -14,9 +15,7 @@ RECORD = np.array([0, 0.1, 0.3, 0.5, 0.9, 1.2]), np.array([0, 3.0, -5.0, 2.0, 4.
 
 
 def oscillator(**shaking):
-    scene = fb.Scene()
-    body = scene.add_body((0, 0), mass=M, inertia=1.0).centre
-    scene.fix(body, "rotation")
+    scene, body = held_body((0, 0), M, 1.0, "rotation")
     for way in "xy":
         scene.add_spring(body, **{way: [fb.Spring(K), fb.Damper(C)]})
     scene.shake(**shaking)
@@ -160,11 +159,9 @@ def test_shaking_is_gravity_that_changes_the_other_way():
 def test_gravity_as_a_function_that_is_constant_moves_as_gravity():
     motions = []
     for gravity in ((1.0, -9.81), lambda t: (1.0, -9.81)):
-        scene = fb.Scene(gravity=gravity)
         section = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0, rhoI=0.01)
-        beam = scene.add_beam([(0, 0), (1, 0)], section, elements=3, degree=2)
+        scene, beam = pinned_bar((1, 0), section, elements=3, degree=2, gravity=gravity)
         scene.add_mass(beam.end, 0.7, 0.1)
-        scene.pin(beam.start)
         motions.append(fb.simulate(scene, dt=0.01, t_end=1.0))
     steady, over_time = motions
     assert over_time.q == pytest.approx(steady.q, abs=1e-9)
@@ -218,19 +215,15 @@ def test_shakings_add_up_are_copied_changed_and_removed():
 def test_a_large_structure_in_any_units(unit):
     """1000 elements under a slow push of the base bend as under their weight."""
     a, L, EI, rhoA = 1e-3, 2.0 * unit, 1e3 * unit**3, 1.3 / unit
-    scene = fb.Scene()
     data = {"EA": 1e9 * unit, "GA": 1e9 * unit, "rhoI": 0.0}
-    beam = scene.add_beam([(0, 0), (L, 0)], fb.Section(EI=EI, rhoA=rhoA, **data), elements=1000)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((L, 0), fb.Section(EI=EI, rhoA=rhoA, **data), elements=1000)
     scene.shake(y=a * unit)
     sunk = fb.static(scene, load_steps=1).displacement(beam.end)[-1, 1]
     assert sunk == pytest.approx(-rhoA * a * unit * L**4 / (8 * EI), rel=1e-4)
 
 
 def test_a_base_without_masses_on_it_is_warned_of(caplog):
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=1.0), elements=1)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1, 0), fb.Section(EA=1e4, GA=1e4, EI=1.0), elements=1)
     scene.shake(x=3.0)
     fb.static(scene)
     assert "shaking along x acts on no mass" in caplog.text

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from jointed import CORNERS, chain
+from scenes import hinged_body
 
 import fx_beam as fb
 
@@ -95,10 +96,8 @@ def test_a_driven_node_starts_with_its_acceleration(dt):
 def test_a_smooth_motor_that_starts_at_rest_is_not_refused(options):
     """Rounding errors of its function were taken for a rate in steps of 10 microseconds."""
     for frequency in np.linspace(1.0, 10.0, 7):
-        scene = fb.Scene()
-        bar = scene.add_body((0.5, 0), 2.0, 0.3, points={"pin": (0, 0)})
         motor = lambda t, w=frequency: 1 - np.cos(w * t)  # noqa: E731
-        scene.add_joint(fb.Revolute(fb.GROUND, bar["pin"], motor=motor))
+        scene, bar, _ = hinged_body((0.5, 0), 2.0, 0.3, {"pin": (0, 0)}, motor=motor)
         solution = fb.simulate(scene, t_end=2 * options.get("dt", 5e-4), **options)
         assert abs(solution.velocity(bar.centre)[0]).max() < 1e-8
 

@@ -9,7 +9,7 @@ import pytest
 import scipy.integrate
 from jointed import drift, four_bar
 from plain_step import assert_balanced
-from scenes import lattice
+from scenes import clamped_bar, lattice, pinned_bar, supported_bar
 from scipy.optimize import brentq
 
 import fx_beam as fb
@@ -85,10 +85,9 @@ def test_a_step_over_many_elements_is_halved_and_keeps_the_energy():
 
 def carriage(wheels=(fb.Slider, fb.Slider), degree=1, section=SOFT):
     """A simply supported beam, on which a carriage of two wheels runs."""
-    scene = fb.Scene(gravity=(0, -9.81))
-    beam = scene.add_beam([(0, 0), (6, 0)], section, elements=24 // degree, degree=degree)
-    scene.pin(beam.start)
-    scene.fix(beam.end, "y")
+    scene, beam = supported_bar(
+        (6, 0), section, elements=24 // degree, degree=degree, gravity=(0, -9.81)
+    )
     axle = scene.add_beam([(0.5, 0), (1.1, 0)], section, degree=degree, elements=1)
     for node, make in zip((axle.start, axle.end), wheels, strict=True):
         scene.add_mass(node, 0.4, inertia=0.05)
@@ -264,10 +263,8 @@ def test_a_sleeve_carries_the_moment_of_its_load():
 
 def shears(x):
     """Two bars with a hinge on top, pressed by x[0]; their feet slide on a rod, by springs x[1]."""
-    scene = fb.Scene()
     rigid = fb.Section(EA=1e9, GA=1e9, EI=1e9)
-    rod = scene.add_beam([(0, 0), (2, 0)], rigid, elements=8)
-    scene.clamp(rod.start)
+    scene, rod = clamped_bar((2, 0), rigid, elements=8)
     scene.clamp(rod.end)
     feet = [scene.add_body((at, 0.0), 1.0, points={"hinge": (1.0, 0.8)}) for at in (0.4, 1.6)]
     scene.add_joint(fb.Revolute(*(foot["hinge"] for foot in feet)))
@@ -279,10 +276,8 @@ def shears(x):
 
 def carried(x):
     """A body on two feet that slide along a rod, pulled by x[0], with a spring x[1] on one foot."""
-    scene = fb.Scene()
     rigid = fb.Section(EA=1e9, GA=1e9, EI=1e9)
-    rod = scene.add_beam([(0, 0), (2, 0)], rigid, elements=8)
-    scene.clamp(rod.start)
+    scene, rod = clamped_bar((2, 0), rigid, elements=8)
     body = scene.add_body((0.8, 0.1), 1.0, points={"back": (0.75, 0.0), "front": (1.05, 0.0)})
     scene.add_joint(fb.Slider(rod, body["back"], spring=fb.Spring(x[1], rest=0.75)))
     joint = scene.add_joint(fb.Slider(rod, body["front"]))
@@ -506,9 +501,7 @@ def test_bad_sliders_are_refused_with_their_names(make, message):
 
 def test_a_sleeve_on_the_ground_that_is_refused_leaves_nothing_in_the_scene():
     """A node that it left would be free to move."""
-    scene = fb.Scene()
-    bent = scene.add_beam([(0, 0), (1, 0), (2, 1)], LIGHT, elements=[2, 2])
-    scene.clamp(bent.start)
+    scene, bent = clamped_bar([(0, 0), (1, 0), (2, 1)], LIGHT, elements=[2, 2])
     scene.add_force(bent.end, (0.0, -1.0))
     before = fb.static(scene).q[-1]
     with pytest.raises(fb.SceneError, match="corners"):
@@ -615,10 +608,8 @@ def tensions_beside_a_pulley(length, elements, stiffness=50.0, moving=False):
 
     T = brentq(wide, 0.501 * W, 20 * W)
     place = L / 2 - height * T / W / (1 + T / EA)
-    scene = fb.Scene()
     section = fb.Section(EA=EA, GA=EA, EI=T * length**2, rhoA=0.02, rhoI=2e-6)
-    cable = scene.add_beam([(0, 0), (span, height)], section, elements, 2)
-    scene.pin(cable.start)
+    scene, cable = pinned_bar((span, height), section, elements, 2)
     scene.pin(cable.end)
     pulley = scene.add_body((0.3 * span, 0.3 * height), 1.0, 0.01)
     holds = {"spring": fb.Spring(stiffness, rest=place)}
@@ -659,9 +650,7 @@ def test_a_simulation_finds_where_a_free_pulley_comes_to_rest_on_a_slack_cable()
 def test_the_first_acceleration_of_a_node_that_slides_over_a_node_is_that_of_the_motion(joint):
     """There the third derivative of the curve of the beam jumps."""
     section = fb.Section(EA=1e3, GA=1e3, EI=5.0, rhoA=1.0, rhoI=0.01)
-    scene = fb.Scene(gravity=(0, -9.81))
-    rod = scene.add_beam([(0, 0), (3, 0.2)], section, elements=6)
-    scene.pin(rod.start)
+    scene, rod = pinned_bar((3, 0.2), section, elements=6, gravity=(0, -9.81))
     x, y = rod.nodes[2].x, rod.nodes[2].y
     post = scene.add_beam([(x, y), (x + 0.1, y + 0.3)], section, elements=1)
     scene.add_mass(post.end, 0.5, inertia=0.01)
@@ -712,10 +701,8 @@ def test_a_motor_beside_a_guide_does_the_work_of_its_moment():
 @pytest.mark.parametrize("kind", ["slider", "sleeve", "prismatic"])
 def test_a_massless_body_on_a_slide_has_the_rates_of_a_light_one(kind):
     def end(mass):
-        scene = fb.Scene()
         section = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=0.5, rhoI=1e-3)
-        rod = scene.add_beam([(0, 0), (1, 0)], section, elements=4)
-        scene.clamp(rod.start)
+        scene, rod = clamped_bar((1, 0), section, elements=4)
         scene.add_force(rod.end, (0, -1.0))
         body = scene.add_body((0.5, 0), mass=mass).centre
         slide = {"spring": fb.Spring(10.0, rest=0.5)}
@@ -750,11 +737,8 @@ def test_a_slider_has_only_its_slide_to_lock_and_no_angle_in_vibrations():
 
 def test_a_body_that_turns_freely_on_a_locked_slider_has_the_modes_of_one_on_a_hinge():
     def frequencies(locked):
-        scene = fb.Scene()
         section = fb.Section(EA=2e4, GA=1e4, EI=30.0, rhoA=1.5, rhoI=0.02)
-        arch = scene.add_beam(fb.arc((0, 0), (0.5, 0.15), (1, 0)), section, elements=4)
-        scene.pin(arch.start)
-        scene.fix(arch.end, "y")
+        scene, arch = supported_bar(fb.arc((0, 0), (0.5, 0.15), (1, 0)), section, elements=4)
         node = arch.node(0.5)
         body = scene.add_body((0.6, 0.35), 1.0, 0.03, points={"pin": (node.x, node.y)})
         if locked:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scenes import guided_body, held_body
 
 import fx_beam as fb
 
@@ -87,9 +88,8 @@ def test_they_converge_with_the_step_in_contact(member):
     """On a line or a member, where the block settles before."""
 
     def build(x):
-        scene, law = fb.Scene(gravity=(0, -GRAVITY)), {"restitution": 0.1, "speed": 0.1}
-        centre = scene.add_body((0.01, 0.1), mass=1.0, inertia=1.0).centre
-        scene.fix(centre, "rotation")
+        law = {"restitution": 0.1, "speed": 0.1}
+        scene, centre = held_body((0.01, 0.1), 1.0, 1.0, "rotation", gravity=(0, -GRAVITY))
         scene.add_force(centre, lambda t: (20.0 * (0.2 < t < 0.3) - PUSH * (t > 0.3), 0.0))
         floor = fb.Line((0, 0), (0, 1))
         if member:
@@ -139,10 +139,8 @@ def test_an_oscillator_with_friction_loses_as_much_in_each_half_period():
     w, amplitude, halves = 8.0, 1.0, 4.6
 
     def build(x):
-        scene = fb.Scene(gravity=(0, -GRAVITY))
-        centre = scene.add_body((0, 0), mass=1.0, inertia=1.0).centre
         law = {"friction": fb.Coulomb(x[0], STIFF), "spring": fb.Spring(w**2, rest=-amplitude)}
-        rail = scene.add_joint(fb.Prismatic(fb.GROUND, centre, axis=(1, 0), **law))
+        scene, centre, rail = guided_body((0, 0), 1.0, 1.0, **law, gravity=(0, -GRAVITY))
         return scene, {"place": fb.Output("slide", rail)}
 
     n = int(halves)

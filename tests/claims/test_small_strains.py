@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scenes import clamped_bar
 
 import fx_beam as fb
 
@@ -13,10 +14,8 @@ FORCES = (1e-9, 0.01, 10.0)
 
 def cantilever(angle):
     """A scene with a clamped beam, the beam, and its axis and the direction across it."""
-    scene = fb.Scene()
     along = np.array([np.cos(angle), np.sin(angle)])
-    beam = scene.add_beam([(0, 0), LENGTH * along], SECTION, elements=2, degree=2)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar(LENGTH * along, SECTION, elements=2, degree=2)
     return scene, beam, along, np.array([-along[1], along[0]])
 
 

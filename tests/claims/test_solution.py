@@ -10,6 +10,7 @@ import pickle
 import numpy as np
 import pytest
 from jointed import MEMBER as SECTION, pair
+from scenes import clamped_bar, hinged_body, pinned_bar
 
 import fx_beam as fb
 
@@ -24,10 +25,8 @@ ENERGIES = (
 
 def frame():
     """Two beams that share a node, pinned, pushed and in motion."""
-    scene = fb.Scene(gravity=(0.0, -9.81))
-    arm = scene.add_beam([(0, 0), (2, 0)], SECTION, elements=3, degree=2, name="arm")
+    scene, arm = pinned_bar((2, 0), SECTION, elements=3, degree=2, name="arm", gravity=(0.0, -9.81))
     leg = scene.add_beam([arm.end, (2, -1)], SECTION, elements=2, degree=2, name="leg")
-    scene.pin(arm.start)
     scene.add_force(leg.end, lambda t: (5.0, 10 * t))
     scene.set_velocity(arm, lambda x, y: (0.0, x), spin=1.0)
     return scene, arm, leg
@@ -86,9 +85,7 @@ def test_accelerations_at_the_start_are_those_of_the_run_whenever_they_are_read(
     lift = [20.0]
 
     def swing(scheme=None):
-        scene = fb.Scene(gravity=(0.0, -9.81))
-        beam = scene.add_beam([(0, 0), (1, 0)], SECTION, elements=2)
-        scene.pin(beam.start)
+        scene, beam = pinned_bar((1, 0), SECTION, elements=2, gravity=(0.0, -9.81))
         scene.add_force(beam.end, lambda t: (0.0, lift[0]))
         scene.set_velocity(beam, lambda x, y: (0.0, x), spin=1.0)
         return fb.simulate(scene, scheme, dt=0.01, t_end=0.02)
@@ -138,10 +135,8 @@ def test_resultants_are_given_at_the_gauss_points_of_the_elements(degree):
 
 
 def test_tension_is_positive_and_carries_the_weight_that_hangs_below():
-    scene = fb.Scene(gravity=(0.0, -9.81))
     heavy = fb.Section(EA=1e5, GA=1e5, EI=100.0, rhoA=2.0)
-    beam = scene.add_beam([(0, 0), (0, -3)], heavy, elements=3)
-    scene.pin(beam.start)
+    scene, beam = pinned_bar((0, -3), heavy, elements=3, gravity=(0.0, -9.81))
     scene.add_mass(beam.end, 5.0)
     solution = fb.static(scene, load_steps=1)
     r = solution.resultants(beam)
@@ -152,11 +147,8 @@ def test_tension_is_positive_and_carries_the_weight_that_hangs_below():
 
 
 def cantilever(direction=(1.0, 0.0), degree=1):
-    scene = fb.Scene()
     end = 2 * np.array(direction)
-    beam = scene.add_beam([(0, 0), end], MASSLESS, elements=4, degree=degree)
-    scene.clamp(beam.start)
-    return scene, beam
+    return clamped_bar(end, MASSLESS, elements=4, degree=degree)
 
 
 @pytest.mark.parametrize("angle", [0.0, 2.0])
@@ -175,9 +167,7 @@ def test_resultants_of_a_tip_force_follow_from_equilibrium(angle):
 
 def test_resultants_belong_to_the_elements_of_their_beam():
     """A comb, pulled at its teeth: the mesh numbers its elements otherwise than the scene."""
-    scene = fb.Scene()
-    spine = scene.add_beam([(0, 0), (0, 4)], MASSLESS, elements=4)
-    scene.clamp(spine.start)
+    scene, spine = clamped_bar((0, 4), MASSLESS, elements=4)
     pull = {}
     for k in (3, 1, 4, 2):
         tooth = scene.add_beam([spine.nodes[k], (1, k)], MASSLESS, elements=2, name=f"tooth {k}")
@@ -298,10 +288,8 @@ def test_a_table_holds_the_named_columns_to_the_last_bit(framed, tmp_path):
 
 
 def test_resultants_that_need_rates_may_be_missing_in_files_and_copies(tmp_path):
-    scene = fb.Scene(gravity=(0.0, -9.81))
     damped = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.1, retardation=1e-3)
-    arm = scene.add_beam([(0, 0), (1, 0)], damped, elements=1)
-    scene.clamp(arm.start)
+    scene, arm = clamped_bar((1, 0), damped, elements=1, gravity=(0.0, -9.81))
     options = {"dt": 0.02, "record": fb.Record(rates=False)}
     solution = fb.simulate(scene, fb.Newmark(), t_end=0.1, **options)
     solution.save(tmp_path / "run.npz")
@@ -366,9 +354,7 @@ def test_iterations_and_solves_are_counted_also_of_halved_steps(framed):
     assert 2 * stats.steps <= stats.newton_iterations <= 25 * stats.steps
     assert set(stats.ended_by) <= {"increment", "round-off"}
     assert stats.seconds > 0 and stats.setup_seconds > 0
-    scene = fb.Scene()
-    arm = scene.add_body((1, 0), 1.0, 0.1, points={"pin": (0, 0)})
-    scene.add_joint(fb.Revolute(fb.GROUND, arm["pin"]))
+    scene, arm, _ = hinged_body((1, 0), 1.0, 0.1, {"pin": (0, 0)})
     # The mid-point rule would turn by 2 atan(5/2) = 2.4 rad in a step, beyond the bound of 2.
     scene.set_velocity(arm, lambda x, y: (0.0, 5.0 * x), spin=5.0)
     stats = fb.simulate(scene, dt=1.0, t_end=2.0).stats

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from jointed import KINDS, MEMBER, SLIDING, W, momenta, pair
+from scenes import clamped_bar
 
 import fx_beam as fb
 
@@ -102,11 +103,9 @@ def test_what_slides_at_a_support_goes_on_when_something_else_leaves_the_scene()
     """The node between the support and the slider belongs to no member."""
 
     def build(beside):
-        scene = fb.Scene(gravity=(0, -1.0))
         section = fb.Section(EA=1e3, GA=1e3, EI=0.5, rhoA=1.0, rhoI=1e-2)
-        beam = scene.add_beam([(0, 0), (1, 0)], section, elements=6, degree=2)
+        scene, beam = clamped_bar((1, 0), section, elements=6, degree=2, gravity=(0, -1.0))
         bead = scene.add_body((0.1, 0), mass=0.05, inertia=0.01).centre
-        scene.clamp(beam.start)
         scene.fix(bead, "rotation")
         scene.add_joint(fb.Slider(beam, bead, spring=fb.Spring(200.0, rest=0.12)))
         hook = scene.add_body((3, 0), mass=1.0, inertia=0.1).centre if beside else None

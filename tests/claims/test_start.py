@@ -8,7 +8,7 @@ import ufl
 import numpy as np
 import pytest
 from jointed import MEMBER, pair, thrown, whirling
-from scenes import FLYING, PLASTIC, free_flight, pinned_beam
+from scenes import FLYING, PLASTIC, clamped_bar, free_flight, guided_body, pinned_beam
 
 import fx_beam as fb
 
@@ -118,10 +118,9 @@ def test_loads_go_on_in_time_and_may_be_others():
 @pytest.mark.parametrize("file", [None, "run.pvd"])
 def test_a_motor_that_stops_where_a_motion_goes_on_takes_the_momentum(order, file, tmp_path):
     """It moves a cart of 2 kg, at 1 m/s at last, and stops within a step."""
-    scene, scheme = fb.Scene(), fb.EnergyMomentum(order)
-    cart = scene.add_body((0, 0), mass=2.0, inertia=0.1).centre
+    scheme = fb.EnergyMomentum(order)
     slide = lambda t: min(t, 0.5) ** 2  # noqa: E731
-    guide = scene.add_joint(fb.Prismatic(fb.GROUND, cart, (1, 0), motor=slide))
+    scene, cart, guide = guided_body((0, 0), 2.0, 0.1, motor=slide)
     scene.clamp(scene.add_beam([(0, 1), (1, 1)], MEMBER, elements=1).start)  # for a file
     record = fb.Record(file=file and tmp_path / file)
     first = fb.simulate(scene, scheme, dt=1 / 16, t_end=0.5, record=record)
@@ -139,10 +138,8 @@ def test_a_motor_that_stops_where_a_motion_goes_on_takes_the_momentum(order, fil
 
 
 def bent_pair(kind, **options):
-    scene = fb.Scene(gravity=(0, -9.81))
-    left = scene.add_beam([(0, 0), (1, 0)], MEMBER, elements=4)
+    scene, left = clamped_bar((1, 0), MEMBER, elements=4, gravity=(0, -9.81))
     right = scene.add_beam([(1, 0), (1.8, 0.5)], MEMBER, elements=4)
-    scene.clamp(left.start)
     scene.pin(right.end)
     scene.add_joint(kind(left.end, right.start, **options))
     return scene
@@ -165,10 +162,8 @@ def test_a_scene_in_equilibrium_stays_at_rest():
 
 @pytest.mark.parametrize("scheme", [fb.Newmark(), fb.HHT()])
 def test_rates_of_massless_nodes_do_not_depend_on_the_load_steps_before(scheme):
-    scene = fb.Scene(gravity=(0, -9.81))
     section = fb.Section(EA=1e4, GA=5e3, EI=20.0)
-    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=2)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1, 0), section, elements=2, gravity=(0, -9.81))
     scene.add_mass(beam.end, 1.0, 0.01)
     scene.add_force(beam.end, lambda t: (0.0, 5.0 * np.sin(20 * t)))
     rates = []
@@ -180,9 +175,7 @@ def test_rates_of_massless_nodes_do_not_depend_on_the_load_steps_before(scheme):
 
 
 def test_a_beam_let_go_keeps_the_energy_that_bent_it():
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], FLYING, elements=4)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1, 0), FLYING, elements=4)
     scene.add_force(beam.end, lambda t: (0.0, 60.0 if t <= 0 else 0.0))
     bent = fb.static(scene, load_steps=10)
     motion = fb.simulate(scene, dt=0.01, t_end=1.0, start=bent)
@@ -198,9 +191,7 @@ def test_a_beam_let_go_keeps_the_energy_that_bent_it():
 
 
 def test_a_static_state_is_one_of_its_time():
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], FLYING, elements=2)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1, 0), FLYING, elements=2)
     scene.prescribe(beam.end, y=lambda t: 0.1 * t)
     moved = fb.static(scene, t=2.0)
     motion = fb.simulate(scene, dt=0.05, t_end=2.2, start=moved)
@@ -224,9 +215,7 @@ def test_a_static_state_is_one_of_its_time():
     ids=["held", "held, newmark", "moved on", "moved on in small steps"],
 )
 def test_nodes_held_where_they_were_moved_to_start_with_their_own_rates(y, first, scheme, dt):
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], MEMBER, elements=4)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1, 0), MEMBER, elements=4)
     scene.prescribe(beam.end, x=lambda t: -0.05, y=y)
     motion = fb.simulate(scene, scheme, dt=dt, t_end=2 * dt, start=fb.static(scene))
     assert motion.velocity(beam.end)[0] == pytest.approx([0, first[0]], abs=1e-8)
@@ -307,11 +296,9 @@ LIGHT = fb.Section(EA=1e4, GA=1e4, EI=10.0)
 
 def bent(**section):
     """A massless cantilever under a moment, and a heavy one, since a motion needs a mass."""
-    scene = fb.Scene()
     section = fb.Section(LIGHT.EA, LIGHT.GA, LIGHT.EI, **section)
-    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=4)
+    scene, beam = clamped_bar((1, 0), section, elements=4)
     other = scene.add_beam([(0, 1), (1, 1)], fb.Section(1e4, 1e4, 10.0, 1.0, 0.01), elements=1)
-    scene.clamp(beam.start)
     scene.clamp(other.start)
     scene.add_moment(beam.end, 20.0)
     return scene, beam
@@ -377,11 +364,8 @@ def along_it(held):
 
 
 def massless_cantilever(**section):
-    scene = fb.Scene(gravity=(0, -9.81))
     section = fb.Section(LIGHT.EA, LIGHT.GA, LIGHT.EI, **section)
-    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=4)
-    scene.clamp(beam.start)
-    return scene, beam
+    return clamped_bar((1, 0), section, elements=4, gravity=(0, -9.81))
 
 
 @pytest.mark.parametrize("dt", [1e-5, 0.02])
@@ -404,10 +388,8 @@ def test_damping_holds_a_massless_beam_that_carries_a_mass_at_the_start(scheme):
 
 
 def test_a_massless_slide_starts_where_its_spring_balances_the_force():
-    scene = fb.Scene()
-    guide = scene.add_beam([(0, 0), (1, 0)], fb.Section(1e4, 1e4, 10.0, 1.0, 0.1), elements=2)
+    scene, guide = clamped_bar((1, 0), fb.Section(1e4, 1e4, 10.0, 1.0, 0.1), elements=2)
     tail = scene.add_beam([(1, 0), (2, 0)], LIGHT, elements=2)
-    scene.clamp(guide.start)
     joint = fb.Prismatic(guide.end, tail.start, axis=(1, 0), spring=fb.Spring(50.0))
     joint = scene.add_joint(joint)
     scene.add_force(tail.end, (10.0, 0.0))
@@ -460,10 +442,8 @@ def remembering(update):
         return 5e3 * eps**2 + 2e3 * gamma**2 + kappa**2 / 2 + (kappa - a[0]) ** 2
 
     variables = fb.InternalVariables(("dashpot",), update)
-    scene = fb.Scene()
     section = fb.Section(strain_energy=energy, internal=variables)
-    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=4)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1, 0), section, elements=4)
     scene.add_moment(beam.end, 0.3)
     return scene, beam
 
@@ -507,11 +487,9 @@ def test_a_load_without_equilibrium_is_named_before_the_step_fails(caplog):
 @pytest.mark.parametrize("rho", [0.0, 1000.0])
 @pytest.mark.parametrize("run", [fb.static, lambda scene: fb.simulate(scene, dt=0.1, t_end=0.1)])
 def test_gravity_that_acts_on_no_mass_is_named(run, rho, caplog):
-    scene = fb.Scene(gravity=(0, -9.81))
-    beam = scene.add_beam(
-        [(0, 0), (1, 0)], fb.Section.rectangle(0.1, 0.1, E=1e9, rho=rho), elements=1
+    scene, beam = clamped_bar(
+        (1, 0), fb.Section.rectangle(0.1, 0.1, E=1e9, rho=rho), elements=1, gravity=(0, -9.81)
     )
-    scene.clamp(beam.start)
     with caplog.at_level(logging.WARNING):
         run(scene)
     assert ("gravity acts on no mass" in caplog.text) == (rho == 0)
@@ -533,10 +511,8 @@ def test_a_lever_of_round_off_does_not_change_the_accelerations_at_the_start():
     """A body hangs on a beam without rotary inertia, which has a moment at its end."""
 
     def start(offset):
-        scene = fb.Scene(gravity=(1.0, -9.81))
         section = fb.Section(EA=2e4, GA=1e4, EI=30.0, rhoA=1.5, retardation=0.002)
-        beam = scene.add_beam([(0, 0), (1, 0)], section, elements=3)
-        scene.clamp(beam.start)
+        scene, beam = clamped_bar((1, 0), section, elements=3, gravity=(1.0, -9.81))
         body = scene.add_body((1.1, 0.2), 1.2, 0.03, points={"pin": (1, 0)})
         slot = fb.PinInSlot(beam.end, body["pin"], axis=(1, 0.3), offset=offset)
         scene.add_joint(slot)

@@ -12,7 +12,16 @@ from derivatives import (
     outputs_of,
 )
 from jointed import KINDS, MEMBER
-from scenes import EI, HARDENING, PLASTIC, YIELD, with_variables
+from scenes import (
+    EI,
+    HARDENING,
+    PLASTIC,
+    YIELD,
+    clamped_bar,
+    hinged_body,
+    pinned_bar,
+    with_variables,
+)
 
 import fx_beam as fb
 
@@ -37,10 +46,8 @@ def bent_beyond_its_limit(x):
         return [old[0] + ufl.sign(trial) * excess / (EI + hardening)]
 
     hardening, limit = fb.Parameter("hardening", x[1]), fb.Parameter("limit", x[2])
-    scene = fb.Scene()
     material = with_variables(energy, flow, rhoA=1.0, rhoI=0.1)
-    beam = scene.add_beam([(0, 0), (1, 0)], material, elements=1)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1, 0), material, elements=1)
     scene.add_moment(beam.end, x[0])
     return scene, {"turn": fb.Output("rotation", beam.end)}
 
@@ -97,10 +104,8 @@ def test_work_of_a_moment_that_bends_a_cantilever():
     """W = M^2 L / 2 EI; of equal load steps as well, as the rotation is linear in M."""
 
     def build(x):
-        scene = fb.Scene()
         section = fb.Section(EA=1e4, GA=1e4, EI=x[1])
-        beam = scene.add_beam([(0, 0), (x[2], 0)], section, elements=3)
-        scene.clamp(beam.start)
+        scene, beam = clamped_bar((x[2], 0), section, elements=3)
         scene.add_moment(beam.end, x[0])
         lost = fb.Output("dissipated_energy", scene)
         return scene, {"work": fb.Output("work", scene), "lost": lost}
@@ -275,10 +280,8 @@ def chain(x):
 
 def weighed(x):
     """A weight slides on a sloping beam of other lengths and heights, held by a spring along it."""
-    scene = fb.Scene(gravity=(0, -9.81))
     section = fb.Section(EA=1e4, GA=1.1e4, EI=300 * x[2], rhoA=1.0, rhoI=0.01)
-    beam = scene.add_beam([(0, 0), (4 * x[0], 0.5 * x[1])], section, elements=8)
-    scene.pin(beam.start)
+    scene, beam = pinned_bar((4 * x[0], 0.5 * x[1]), section, elements=8, gravity=(0, -9.81))
     scene.pin(beam.end)
     load = scene.add_body((1.12 * x[0], 0.14 * x[1]), mass=4 * x[2], inertia=0.1)
     spring = fb.Spring(300 * x[1], rest=1.0)
@@ -381,10 +384,10 @@ def test_a_start_that_goes_on_from_another_equilibrium():
 
 
 def swinging_with_friction(x):
-    scene = fb.Scene(gravity=(0, -9.81))
-    bob = scene.add_body((0.1 * x[0], -1), 1.0, 0.1, points={"O": (0, 0)})
     friction = fb.Coulomb(0.1, 10.0, radius=0.1)
-    scene.add_joint(fb.Revolute(fb.GROUND, bob["O"], friction=friction))
+    scene, bob, _ = hinged_body(
+        (0.1 * x[0], -1), 1.0, 0.1, {"O": (0, 0)}, friction=friction, gravity=(0, -9.81)
+    )
     return scene
 
 

@@ -4,6 +4,7 @@ import ufl
 
 import numpy as np
 import pytest
+from scenes import held_body, pinned_bar, supported_bar
 
 import fx_beam as fb
 
@@ -242,10 +243,7 @@ def test_a_step_that_may_be_cut_no_more_ends_in_an_error_with_what_was_found():
 def test_loads_over_a_limit_point_end_in_an_error_that_names_the_continuation(steps):
     # Two bars in a flat triangle, half of it: the limit load of the shallow truss in closed form.
     EA, rise = 1e4, 0.2
-    scene = fb.Scene()
-    bar = scene.add_beam([(0, 0), (1, rise)], fb.Section(EA=EA, GA=EA, EI=1e3), elements=2)
-    scene.pin(bar.start)
-    scene.fix(bar.end, "x")
+    scene, bar = supported_bar((1, rise), fb.Section(EA=EA, GA=EA, EI=1e3), elements=2, held="x")
     length = np.hypot(1, rise)
     at_limit = length ** (1 / 3)
     limit = EA * np.sqrt(at_limit**2 - 1) * (1 / at_limit - 1 / length)
@@ -279,10 +277,8 @@ def test_a_snap_much_shorter_than_a_step_does_not_pass_unseen(steps):
 @pytest.mark.parametrize("stiffness", [1e3, 1e9])
 def test_a_beam_that_stiffens_as_a_cable_needs_no_short_steps(stiffness):
     # For large loads a string: its two halves of length 1/2 pull with EA (1/cos - 1) sin each.
-    scene = fb.Scene()
     section = fb.Section(EA=stiffness, GA=stiffness, EI=1e-6 * stiffness)
-    string = scene.add_beam([(0, 0), (1, 0)], section, elements=16)
-    scene.pin(string.start)
+    scene, string = pinned_bar((1, 0), section, elements=16)
     scene.pin(string.end)
     load = 0.01 * stiffness
     scene.add_force(string.node(0.5), (0.0, -load))
@@ -295,9 +291,7 @@ def test_a_beam_that_stiffens_as_a_cable_needs_no_short_steps(stiffness):
 
 
 def test_rates_are_zero_for_a_force_that_depends_on_them():
-    scene = fb.Scene()
-    ball = scene.add_body((1, 0), mass=1.0, inertia=1.0).centre
-    scene.fix(ball, "y", "rotation")
+    scene, ball = held_body((1, 0), 1.0, 1.0, "y", "rotation")
     scene.add_force_between(ball, (0, 0), fb.Spring(100.0, 1.0), force=lambda r, rate, t: 5 * rate)
     scene.add_force(ball, (10.0, 0.0))
     assert fb.static(scene).displacement(ball)[-1, 0] == pytest.approx(0.1)
@@ -327,11 +321,9 @@ def test_an_arch_that_is_pressed_down_stays_on_its_path_however_long_the_steps(d
     """Its path has no limit point; others that are symmetric as well are unstable."""
     reactions = []
     for steps in (3, 6, 20):
-        scene = fb.Scene()
         section = fb.Section(EA=1e4, GA=4e3, EI=1.0)
-        left = scene.add_beam([(0, 0), (1, 0.2)], section, elements=6, degree=2)
+        scene, left = pinned_bar((1, 0.2), section, elements=6, degree=2)
         right = scene.add_beam([left.end, (2, 0)], section, elements=6, degree=2)
-        scene.pin(left.start)
         scene.pin(right.end)
         scene.fix(left.end, "x", "rotation")
         scene.prescribe(left.end, y=lambda t: -down)

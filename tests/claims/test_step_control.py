@@ -4,7 +4,7 @@ import functools
 
 import numpy as np
 import pytest
-from scenes import demo, free_flight, pendulum
+from scenes import demo, free_flight, pendulum, pinned_bar
 from scipy.interpolate import CubicHermiteSpline
 
 import fx_beam as fb
@@ -146,10 +146,8 @@ def test_a_step_in_which_newtons_method_fails_is_shortened():
 
 
 def test_a_jump_of_a_support_that_no_step_can_follow_is_reported():
-    scene = fb.Scene()
     section = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.1)
-    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=2)
-    scene.pin(beam.start)
+    scene, beam = pinned_bar((1, 0), section, elements=2)
     scene.prescribe(beam.start, rotation=lambda t: 0.3 * (t > 0.5))
     with pytest.raises(fb.StepError, match="breaks") as raised:
         fb.simulate(scene, t_end=1.0, tolerance=1e-3)

@@ -7,6 +7,7 @@ from math import sin
 
 import numpy as np
 import pytest
+from scenes import guided_body
 from scipy.integrate import solve_ivp
 
 import fx_beam as fb
@@ -46,10 +47,8 @@ def exact(stiffness, t_end):
 
 
 def block(stiffness):
-    scene = fb.Scene(gravity=(0, -GRAVITY))
-    centre = scene.add_body((0, 0), mass=1.0, inertia=0.1).centre
     own = {"spring": fb.Spring(SPRING), "friction": fb.Coulomb(MU, stiffness, damping=0.0)}
-    scene.add_joint(fb.Prismatic(fb.GROUND, centre, axis=(1, 0), **own))
+    scene, centre, _ = guided_body((0, 0), 1.0, 0.1, **own, gravity=(0, -GRAVITY))
     scene.add_force(centre, lambda t: (FORCE * sin(RATE * t), 0.0))
     return scene, centre
 

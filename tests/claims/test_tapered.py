@@ -6,6 +6,7 @@ import ufl
 
 import numpy as np
 import pytest
+from scenes import clamped_bar
 from scipy.integrate import quad
 
 import fx_beam as fb
@@ -15,9 +16,7 @@ DEGREES = pytest.mark.parametrize("degree", [1, 2, 3])
 
 def end_of_cantilever(section, force, elements, degree):
     """Displacement of the end of a cantilever of length 2 in equilibrium."""
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (2, 0)], section, elements=elements, degree=degree)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((2, 0), section, elements=elements, degree=degree)
     scene.add_force(beam.end, force)
     solution = fb.static(scene, load_steps=1)
     return solution.displacement(beam.end)[-1]

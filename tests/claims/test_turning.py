@@ -7,6 +7,7 @@ import pytest
 import scipy.linalg
 import scipy.optimize
 from numpy.polynomial import Polynomial
+from scenes import hinged_body, pinned_bar
 
 import fx_beam as fb
 
@@ -16,9 +17,7 @@ BLADE = fb.Section(EA=1e5, GA=1e5, EI=10.0, rhoA=1.0, rhoI=1e-4)
 
 def blade(section=BLADE, spin=0.0, elements=8, degree=2):
     """A blade on a hub of no radius, which turns with the frame, or is driven in space."""
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=elements, degree=degree)
-    scene.pin(beam.start)
+    scene, beam = pinned_bar((1, 0), section, elements=elements, degree=degree)
     if spin:
         scene.prescribe(beam.start, rotation=lambda t: spin * t)
     else:
@@ -264,9 +263,7 @@ def test_a_linear_system_of_a_turning_motion_says_where_to_find_that_of_its_turn
     assert "turns as a whole, at 5 rad/s about" in caplog.text and "spin=..." in caplog.text
     caplog.clear()
     # The angle of a rigid body is the same in every frame.
-    single = fb.Scene()
-    body = single.add_body((1, 0), mass=1.0, inertia=0.1, points={"pin": (0, 0)})
-    single.add_joint(fb.Revolute(fb.GROUND, body["pin"]))
+    single, body, _ = hinged_body((1, 0), 1.0, 0.1, {"pin": (0, 0)})
     single.set_velocity(body, lambda x, y: (-spin * y, spin * x), spin=spin)
     fb.linearise(single, fb.simulate(single, dt=1e-3, t_end=0.05))
     fb.linearise(scene, fb.static(scene, spin=spin))

@@ -6,6 +6,7 @@ import ufl
 
 import numpy as np
 import pytest
+from scenes import clamped_bar
 
 import fx_beam as fb
 
@@ -328,9 +329,7 @@ LENGTH, ROD = 1e-7, fb.Section.circle(5e-9, E=2e11, rho=7800.0)
 
 
 def nanorod(force=0.0):
-    scene = fb.Scene()
-    rod = scene.add_beam([(0, 0), (LENGTH, 0)], ROD, elements=8, degree=2)
-    scene.clamp(rod.start)
+    scene, rod = clamped_bar((LENGTH, 0), ROD, elements=8, degree=2)
     scene.add_force(rod.end, (0.0, force))
     return scene, rod
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scenes import guided_body, hinged_body
 
 import fx_beam as fb
 
@@ -12,9 +13,7 @@ def ball():
 
 
 def pendulum():
-    scene = fb.Scene(gravity=(0, -9.81))
-    body = scene.add_body((1, 0), mass=2.0, inertia=0.1, points={"pin": (0, 0)})
-    pin = scene.add_joint(fb.Revolute(fb.GROUND, body["pin"]))
+    scene, body, pin = hinged_body((1, 0), 2.0, 0.1, {"pin": (0, 0)}, gravity=(0, -9.81))
     outputs = {
         "x": fb.Output("position", body.centre, "x"),
         "spin": fb.Output("spin", body.centre),
@@ -71,10 +70,8 @@ def test_the_last_step_is_neither_tiny_nor_interpolated():
 
 def test_a_value_that_only_a_short_last_step_meets_is_met():
     """A vibration that is not resolved comes back within the longer step of both."""
-    scene = fb.Scene()
-    mass = scene.add_body((0, 0), 1.0, 1.0).centre
     spring = fb.Spring(3e4)
-    scene.add_joint(fb.Prismatic(fb.GROUND, mass, axis=(1, 0), spring=spring))
+    scene, mass, _ = guided_body((0, 0), 1.0, 1.0, spring=spring)
     scene.add_force(mass, lambda t: (1e4 * t * np.cos(150 * t), 0.0))
     outputs = {"v": fb.Output("velocity", mass, "x")}
     run = fb.simulate(scene, dt=0.01, t_end=0.3, outputs=outputs, until=lambda t, y: y["v"] + 4.3)
@@ -206,9 +203,7 @@ def test_a_condition_sees_the_rate_of_a_motor_at_the_start(options):
 
 
 def test_a_condition_within_halved_steps():
-    scene = fb.Scene()
-    arm = scene.add_body((1, 0), 1.0, 0.1, points={"pin": (0, 0)})
-    scene.add_joint(fb.Revolute(fb.GROUND, arm["pin"]))
+    scene, arm, _ = hinged_body((1, 0), 1.0, 0.1, {"pin": (0, 0)})
     scene.set_velocity(arm, (0, 5.0), 5.0)
     outputs = {"turn": fb.Output("rotation", arm.centre)}
     run = fb.simulate(

@@ -8,6 +8,7 @@ import ufl
 import numpy as np
 import pytest
 from registry import DATA, GRAVITY, ONES, SCENES, hung
+from scenes import clamped_bar, guided_body, hinged_body, pinned_bar, supported_bar
 from scipy.special import ellipk
 
 import fx_beam as fb
@@ -40,9 +41,7 @@ def frequency_of_duffing(amplitude):
 
 def rolled(x, elements=8):
     """A cantilever that a moment rolls up to a half circle at x = 1."""
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (2, 0)], SECTION, elements)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((2, 0), SECTION, elements)
     scene.add_moment(beam.end, np.pi * DATA["EI"] / 2 * x[0])
     return scene, {"tip": fb.Output("position", beam.end)}
 
@@ -88,11 +87,8 @@ def test_static_response_has_the_derivatives_of_the_closed_form():
 
 def arch(x):
     """Height, stiffness and force of a shallow arch of two bars, which snaps through."""
-    scene = fb.Scene()
     section = fb.Section(EA=1e3 * x[1], GA=1e3 * x[1], EI=x[1])
-    bars = scene.add_beam([(-1, 0), (0, x[0]), (1, 0)], section, elements=4)
-    scene.pin(bars.start)
-    scene.pin(bars.end)
+    scene, bars = supported_bar([(-1, 0), (0, x[0]), (1, 0)], section, elements=4, held="xy")
     scene.add_force(bars.node(0.5), (0, -20 * x[2]))
     return scene, {"load": fb.Output("critical_load", scene)}
 
@@ -114,16 +110,14 @@ def test_the_arc_length_follows_a_snap_through():
         return k * (rest - np.hypot(1, y)) * y / np.hypot(1, y)
 
     top = np.sqrt(rest ** (2 / 3) - 1)
-    scene = fb.Scene()
-    body = scene.add_body((1, 0.5), mass=1.0, inertia=1.0)
-    scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, (0, 1)))
-    pull = scene.add_force_between(body.centre, (0, 0), spring=fb.Spring(k, rest=rest))
-    scene.add_force(body.centre, (0, -2 * force(top)))
+    scene, body, _ = guided_body((1, 0.5), 1.0, 1.0, axis=(0, 1))
+    pull = scene.add_force_between(body, (0, 0), spring=fb.Spring(k, rest=rest))
+    scene.add_force(body, (0, -2 * force(top)))
     path = fb.static(scene, load_steps=8, continuation="arc-length")
     assert isinstance(pull, fb.ForceBetween)
     assert path.stats.limit_points == pytest.approx([0.5, -0.5], rel=1e-9)
     assert [p.kind for p in path.critical_points] == ["limit point"] * 2
-    height = path.position(body.centre)[:, 1]
+    height = path.position(body)[:, 1]
     assert 2 * force(top) * path.load_factor == pytest.approx(force(height), abs=1e-9)
     spring = path.joint(pull)
     assert isinstance(spring, fb.PullMotion)
@@ -133,9 +127,7 @@ def test_the_arc_length_follows_a_snap_through():
 
 
 def test_a_rigid_column_tips_over_at_its_critical_point_and_along_its_branch():
-    scene = fb.Scene()
-    bar = scene.add_body((0, 1), mass=1.0, inertia=1.0, points={"foot": (0, 0)})
-    scene.add_joint(fb.Revolute(fb.GROUND, bar["foot"], spring=fb.Spring(7.0)))
+    scene, bar, _ = hinged_body((0, 1), 1.0, 1.0, {"foot": (0, 0)}, spring=fb.Spring(7.0))
     scene.add_force(bar.centre, (0, -15.0))
     (point,) = fb.static(scene, 9).critical_points
     assert isinstance(point, fb.CriticalPoint) and isinstance(point.branch(1), fb.Branch)
@@ -150,11 +142,8 @@ def test_a_rigid_column_tips_over_at_its_critical_point_and_along_its_branch():
 
 
 def test_an_imperfect_column_deflects_as_southwell_says():
-    scene = fb.Scene()
     section = fb.Section(**DATA | {"EA": 1e9, "GA": 1e9, "EI": 1.0})
-    beam = scene.add_beam([(0, 0), (0, 1)], section, elements=8)
-    scene.pin(beam.start)
-    scene.fix(beam.end, "x")
+    scene, beam = supported_bar((0, 1), section, elements=8, held="x")
     scene.add_force(beam.end, (0, -12.0))
     (point,) = fb.static(scene, load_steps=4).critical_points
     size = 1e-6
@@ -313,9 +302,7 @@ def test_steps_with_held_inputs_are_those_of_simulate_and_a_snapshot_brings_them
 
 def test_a_quantity_is_refined_until_it_is_known():
     def scene_of(elements, degree):
-        scene = fb.Scene(gravity=GRAVITY)
-        bar = scene.add_beam([(0, 0), (0.5, 0)], SECTION, elements, degree, name="arm")
-        scene.pin(bar.start)
+        scene, bar = pinned_bar((0.5, 0), SECTION, elements, degree, name="arm", gravity=GRAVITY)
         return scene
 
     def tip(solution):

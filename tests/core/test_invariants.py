@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from plain_step import assert_balanced
 from registry import ONES, SCENES
+from scenes import clamped_bar
 
 import fx_beam as fb
 
@@ -157,9 +158,7 @@ def test_section_forces_go_on_through_nodes_on_which_nothing_acts(case, motion):
 
 def test_section_forces_of_a_cantilever_and_the_energy_of_what_holds_it():
     """M is P L at the clamp; a spring at the tip takes k w of P and stores k w^2 / 2."""
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (2, 0)], fb.Section(EA=1e6, GA=1e6, EI=1e3), elements=1)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((2, 0), fb.Section(EA=1e6, GA=1e6, EI=1e3), elements=1)
     held = scene.add_spring(beam.end, y=fb.Spring(300.0))
     scene.add_force(beam.end, (0.0, 10.0))
     solution = fb.static(scene, linear=True)

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scenes import guided_body, pinned_bar
 
 import fx_beam as fb
 
@@ -12,11 +13,8 @@ STEPS = {"dt": 0.1, "t_end": 0.3}
 
 
 def bar(length=1.0):
-    scene = fb.Scene(gravity=(0, -9.81))
     section = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0, rhoI=1e-3)
-    beam = scene.add_beam([(0, 0), (length, 0)], section, elements=1)
-    scene.pin(beam.start)
-    return scene, beam
+    return pinned_bar((length, 0), section, elements=1, gravity=(0, -9.81))
 
 
 def build(x):
@@ -27,12 +25,10 @@ def build(x):
 
 def oscillator(f):
     """A body on a spring; for a frequency with a damper and a force."""
-    scene = fb.Scene()
-    body = scene.add_body((0, 0), mass=1.0, inertia=1.0)
     spring, damper = fb.Spring(1.0), fb.Damper(0.1 if f else 0.0)
-    scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, (1, 0), spring=spring, damper=damper))
+    scene, body, _ = guided_body((0, 0), 1.0, 1.0, spring=spring, damper=damper)
     if f:
-        scene.add_force(body.centre, lambda t: (0.3 * np.cos(2 * np.pi * float(f) * t), 0))
+        scene.add_force(body, lambda t: (0.3 * np.cos(2 * np.pi * float(f) * t), 0))
     return scene
 
 
@@ -222,10 +218,8 @@ def test_numbers_beyond_the_range_are_told_its_ends(part, value):
 @pytest.mark.parametrize("stiffness", [5e-324, 1e-320, 1e-310])
 def test_a_stiffness_of_few_digits_is_none(stiffness):
     def build(x):
-        scene = fb.Scene()
-        body = scene.add_body((0, 0), mass=1.0, inertia=1.0)
         spring = fb.Spring(x[0], strain_energy=lambda s: s**4 / 4)
-        scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, axis=(1, 0), spring=spring))
+        scene, body, _ = guided_body((0, 0), 1.0, 1.0, spring=spring)
         return scene, {"period": fb.Output("period", scene)}
 
     assert fb.modes(build([stiffness])[0], n=1).frequencies == 0

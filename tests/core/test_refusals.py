@@ -10,6 +10,7 @@ import ufl
 import numpy as np
 import pytest
 from registry import DATA
+from scenes import guided_body
 
 import fx_beam as fb
 
@@ -59,12 +60,10 @@ class Parts:
 
 def duffing(force=None, **options):
     """A body on a guide, with a spring."""
-    scene = fb.Scene()
-    body = scene.add_body((0, 0), mass=1.0, inertia=1.0)
     spring = {"spring": fb.Spring(1.0)} | options
-    scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, (1, 0), **spring))
+    scene, body, _ = guided_body((0, 0), 1.0, 1.0, **spring)
     if force is not None:
-        scene.add_force(body.centre, lambda t: (force(t), 0.0))
+        scene.add_force(body, lambda t: (force(t), 0.0))
     return scene
 
 

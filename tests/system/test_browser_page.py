@@ -7,6 +7,7 @@ import re
 import browser
 import numpy as np
 import pytest
+from scenes import clamped_bar, pinned_bar
 
 import fx_beam as fb
 
@@ -28,9 +29,9 @@ def decoded(text, kind, *shape):
 @pytest.fixture(scope="module", params=[1, 2])
 def swing(request):
     """A rope with a body, and its motion."""
-    scene = fb.Scene(gravity=(0, -9.81))
-    rope = scene.add_beam([(0, 0), (1, 0)], ROPE, 6, request.param, name="rope </script> & more")
-    scene.pin(rope.start)
+    scene, rope = pinned_bar(
+        (1, 0), ROPE, 6, request.param, name="rope </script> & more", gravity=(0, -9.81)
+    )
     disc = scene.add_body((1.1, 0.0), 0.5, 0.01, {"pin": (1.0, 0.0)}, name="disc")
     scene.add_joint(fb.Revolute(rope.end, disc.points["pin"]))
     scene.add_contact(rope, fb.Line((0, -3), (0, 1)), 1e4)
@@ -113,9 +114,7 @@ def test_symbols_move_with_their_nodes_and_points():
 
 
 def test_equilibria_and_scenes_of_bodies_have_pages_too():
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], ROPE, elements=4)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1, 0), ROPE, elements=4)
     scene.add_force(beam.end, (0, -1.0))
     assert data(fb.plot.interactive(fb.static(scene, load_steps=3)))["static"]
     scene = fb.Scene(gravity=(0, -9.81))

@@ -4,7 +4,7 @@ import importlib.util
 
 import numpy as np
 import pytest
-from scenes import FLYING
+from scenes import FLYING, clamped_bar
 
 import fx_beam as fb
 from fx_beam.results.fields import along_all, energy_density
@@ -12,10 +12,8 @@ from fx_beam.results.fields import along_all, energy_density
 
 def frame(degree=2):
     """A clamped arm with a curved leg on a hinge, which falls."""
-    scene = fb.Scene(gravity=(0.0, -9.81))
-    arm = scene.add_beam([(0, 0), (1, 0)], FLYING, 4, degree, name="arm")
+    scene, arm = clamped_bar((1, 0), FLYING, 4, degree, name="arm", gravity=(0.0, -9.81))
     leg = scene.add_beam(fb.arc((1, 0), (1.5, -0.2), (2, -1)), FLYING, 3, degree, name="leg")
-    scene.clamp(arm.start)
     scene.add_joint(fb.Revolute(arm.end, leg.start))
     scene.add_mass(leg.end, 2.0)
     return scene, arm, leg
@@ -51,9 +49,7 @@ def test_an_own_stored_energy_is_evaluated_along_the_members():
     own = fb.Section(strain_energy=energy, rhoA=FLYING.rhoA, rhoI=FLYING.rhoI)
     found = []
     for section in (FLYING, own):
-        scene = fb.Scene(gravity=(0.0, -9.81))
-        arm = scene.add_beam([(0, 0), (1, 0)], section, 3, name="arm")
-        scene.clamp(arm.start)
+        scene, arm = clamped_bar((1, 0), section, 3, name="arm", gravity=(0.0, -9.81))
         solution = fb.simulate(scene, dt=0.02, t_end=0.1)
         found.append(along_all(solution, "strain energy", [5], np.array([0.5])))
     assert found[0] == pytest.approx(found[1], rel=1e-6)
@@ -79,10 +75,8 @@ def test_moments_at_the_ends_of_elements_are_those_of_supports_free_ends_and_cou
     degree, tmp_path
 ):
     """In statics, also in large bending and after a file."""
-    scene = fb.Scene()
     section = fb.Section(EA=1e4, GA=1e4, EI=50.0)
-    beam = scene.add_beam([(0, 0), (1.2, 1.6)], section, elements=4, degree=degree)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1.2, 1.6), section, elements=4, degree=degree)
     scene.add_force(beam.end, (3.0, -20.0))
     scene.add_line_load(beam, lambda s: (0.0, -15.0 if s < 1.3 else 0.0), of="arc length")
     scene.add_moment(beam.node(0.5), 7.0)
@@ -99,10 +93,8 @@ def test_moments_at_the_ends_of_elements_are_those_of_supports_free_ends_and_cou
 
 def test_moments_at_the_ends_of_elements_in_a_motion_are_those_of_its_supports():
     """Also with much rotary inertia, but for the small change of the strains over half a step."""
-    scene = fb.Scene()
     section = fb.Section(EA=1e4, GA=1e4, EI=50.0, rhoA=1.0, rhoI=0.5)
-    beam = scene.add_beam([(0, 0), (2, 0)], section, elements=4)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((2, 0), section, elements=4)
     scene.add_force(beam.end, (0.0, -10.0))
     solution = fb.simulate(scene, dt=0.01, t_end=0.5)
     ends = along_all(solution, "M", range(51), np.array([0.0, 1.0]))

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from scenes import FLYING
+from scenes import FLYING, clamped_bar
 
 import fx_beam as fb
 from fx_beam.results.export import HISTORIES
@@ -36,9 +36,7 @@ def full_disk():
 
 @pytest.fixture(scope="module")
 def fall():
-    scene = fb.Scene(gravity=(0.0, -9.81))
-    arm = scene.add_beam([(0, 0), (1, 0)], FLYING, elements=8, name="arm")
-    scene.clamp(arm.start)
+    scene, arm = clamped_bar((1, 0), FLYING, elements=8, name="arm", gravity=(0.0, -9.81))
     solution = fb.simulate(scene, dt=0.02, t_end=1.0)
     _ = solution.a, solution.resultants(arm)  # on a full disk nothing could be compiled for them
     return solution

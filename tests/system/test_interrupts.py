@@ -8,6 +8,7 @@ import threading
 import numpy as np
 import pytest
 from interrupting import call_stopped_at
+from scenes import clamped_bar
 
 import fx_beam as fb
 from fx_beam.content_cache import cached_property
@@ -179,9 +180,7 @@ def motion_by(**options):
 
 
 def bent():
-    scene = fb.Scene()
-    arm = scene.add_beam([(0, 0), (1, 0)], SECTION, elements=2)
-    scene.clamp(arm.start)
+    scene, arm = clamped_bar((1, 0), SECTION, elements=2)
     scene.add_force(arm.end, (0.0, 5.0))
     return lambda: fb.static(scene, load_steps=3)
 

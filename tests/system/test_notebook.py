@@ -5,7 +5,7 @@ import re
 
 import pages
 import pytest
-from scenes import DEMOS
+from scenes import DEMOS, clamped_bar
 
 import fx_beam as fb
 
@@ -15,11 +15,9 @@ SECTION = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0, rhoI=0.01)
 @pytest.fixture(scope="module")
 def objects():
     """Each object that users look at, by its name."""
-    scene = fb.Scene(gravity=(0, -9.81))
-    upper = scene.add_beam([(0, 0), (1, 0)], SECTION, elements=4, name="upper")
+    scene, upper = clamped_bar((1, 0), SECTION, elements=4, name="upper", gravity=(0, -9.81))
     lower = scene.add_beam([(1, 0), (2, 0)], SECTION, elements=4, name="<lower>")
     pin = scene.add_joint(fb.Revolute(upper.end, lower.start, spring=fb.Spring(3.0)))
-    scene.clamp(upper.start)
     scene.add_force_between(lower.end, (2, 5), spring=fb.Spring(2.0), damper=fb.Damper(0.5))
     scene.add_contact(lower, fb.Line((0, -3), (0, 1)), 1e3)
     solution = fb.simulate(scene, dt=0.01, t_end=0.1)

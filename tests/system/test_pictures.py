@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from pytest import approx
-from scenes import FLYING
+from scenes import FLYING, clamped_bar, pinned_bar, supported_bar
 
 import fx_beam as fb
 from fx_beam.plot.drawing import checked_drawing
@@ -23,9 +23,7 @@ SPAN, LOAD = 4.0, 1000.0
 
 def cantilever(force=None, section=FLYING, elements=4):
     """A clamped beam under its weight, or a force at its end."""
-    scene = fb.Scene(gravity=None if force else (0, -9.81))
-    beam = scene.add_beam([(0, 0), (1, 0)], section, elements)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1, 0), section, elements, gravity=None if force else (0, -9.81))
     if force:
         scene.add_force(beam.end, force)
     return scene, beam
@@ -34,10 +32,8 @@ def cantilever(force=None, section=FLYING, elements=4):
 @pytest.fixture(scope="module")
 def swing():
     """A bar on a pin, a mass on a spring that slides along it, and a follower force; its motion."""
-    scene = fb.Scene(gravity=(0.0, -9.81))
-    bar = scene.add_beam([(0, 0), (1, 0)], FLYING, elements=4, name="bar")
+    scene, bar = pinned_bar((1, 0), FLYING, elements=4, name="bar", gravity=(0.0, -9.81))
     bead = scene.add_beam([(0.5, 0), (0.6, 0)], FLYING, name="bead", elements=1)
-    scene.pin(bar.start)
     spring = fb.Spring(50.0, rest=0.0)
     scene.add_joint(fb.Prismatic(bar.node(0.5), bead.start, axis=(1, 0), spring=spring))
     scene.add_force(bar.end, (0.0, 5.0), follower=True)
@@ -55,24 +51,18 @@ def bent():
 @pytest.fixture(scope="module")
 def girder():
     """A girder under a line load: M = q l^2/8 in its middle, Q = q l/2 at its ends."""
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (SPAN, 0)], FLYING, elements=16, degree=2, name="girder")
-    scene.pin(beam.start)
-    scene.fix(beam.end, "y")
+    scene, beam = supported_bar((SPAN, 0), FLYING, elements=16, degree=2, name="girder")
     scene.add_line_load(beam, (0, -LOAD * 1e-6))
     return fb.static(scene, load_steps=1)
 
 
 def crane():
     """A scene with one of each: supports, joints, springs, loads, motors and motions."""
-    scene = fb.Scene(gravity=(0.0, -9.81))
-    girder = scene.add_beam([(0, 0), (4, 0)], FLYING, 8, name="girder")
+    scene, girder = supported_bar((4, 0), FLYING, 8, name="girder", gravity=(0.0, -9.81))
     strut = scene.add_beam([(1, 0), (1, 1.5)], FLYING, 4, name="strut")
     boom = scene.add_beam([(4, 0), (6, 1)], FLYING, 4, name="boom")
     finger = scene.add_beam([(6, 1), (6.1, 1)], FLYING, name="finger", elements=1)
     roof = scene.add_beam([(4.5, 2), (7, 2)], FLYING, 4, name="roof")
-    scene.pin(girder.start)
-    scene.fix(girder.end, "y")
     scene.fix(roof.start, "x", "rotation")
     scene.clamp(roof.end)
     scene.prescribe(roof.start, y=lambda t: t)
@@ -180,11 +170,9 @@ def test_magnified_shapes_move_the_nodes_by_that_factor(swing):
 
 @pytest.mark.parametrize(("degree", "factor"), [(1, 3.0), (3, 1.0)])
 def test_members_are_as_thick_as_their_sections_and_turn_with_them(degree, factor):
-    scene = fb.Scene()
     depth = lambda f: 0.2 - 0.1 * f  # noqa: E731
     steel = fb.Section.rectangle(height=depth, width=0.1, E=210e9, rho=7850.0)
-    beam = scene.add_beam([(0, 0), (2, 0)], steel, 4, degree, name="arm")
-    scene.pin(beam.start)
+    scene, beam = pinned_bar((2, 0), steel, 4, degree, name="arm")
     scene.set_velocity(beam, lambda x, y: (0, x), spin=1.0)
     solution = fb.simulate(scene, dt=0.05, t_end=0.5)
     (bands,) = painted(plot.shapes(solution, rows=[10], colour="N", thickness=factor))
@@ -200,9 +188,7 @@ def test_members_are_as_thick_as_their_sections_and_turn_with_them(degree, facto
 
 def test_deep_members_and_paths_between_frames_are_in_the_frame(tmp_path):
     deep = fb.Section.rectangle(height=1.0, width=0.1, E=1e6, rho=10.0)
-    scene = fb.Scene(gravity=(0, -9.81))
-    bar = scene.add_beam([(0, 0), (2, 0)], deep, elements=1)
-    scene.pin(bar.start)
+    scene, bar = pinned_bar((2, 0), deep, elements=1, gravity=(0, -9.81))
     solution, axes = fb.simulate(scene, dt=0.05, t_end=1.0), []
     (bands,) = painted(plot.shapes(solution, rows=[0], colour="N", thickness=1.0))
     heights = np.array([path.vertices[:, 1] for path in bands.get_paths()])
@@ -217,10 +203,8 @@ def test_deep_members_and_paths_between_frames_are_in_the_frame(tmp_path):
 
 
 def test_supports_are_where_their_nodes_are_in_each_row():
-    scene = fb.Scene()
-    arm = scene.add_beam([(0, 0), (0, 1)], FLYING, 2)
+    scene, arm = pinned_bar((0, 1), FLYING, 2)
     rod = scene.add_beam([(0, 1), (2.0, 0)], FLYING, 2)
-    scene.pin(arm.start)
     scene.add_joint(fb.Revolute(arm.end, rod.start))
     scene.fix(rod.end, "y")
     scene.prescribe(rod.end, x=lambda t: -0.5 * t * t)
@@ -314,12 +298,10 @@ def test_a_force_is_drawn_in_the_window_and_with_the_section_that_it_follows(swi
 
 
 def test_modes_have_supports_at_rest_equal_panels_and_the_numbers_of_modes():
-    scene = fb.Scene()
-    column = scene.add_beam([(0, 0), (0, 3)], FLYING, 4)
+    scene, column = clamped_bar((0, 3), FLYING, 4)
     beam = scene.add_beam([column.end, (4, 3)], FLYING, 4)
     other = scene.add_beam([(4, 3), (4, 0)], FLYING, 4)
     scene.add_joint(fb.Revolute(beam.end, other.start))
-    scene.clamp(column.start)
     scene.pin(other.end)
     modes = fb.modes(scene, n=7)
     figure = plot.modes(modes)
@@ -486,10 +468,8 @@ def test_diagrams_have_a_panel_and_the_extreme_values_of_each_quantity(girder, t
 @pytest.mark.parametrize("degree", [1, 2, 3])
 @pytest.mark.parametrize("elements", [1, 4, 16])
 def test_the_extreme_moment_of_a_cantilever_is_that_of_statics_at_its_clamp(elements, degree):
-    scene = fb.Scene()
     section = fb.Section(EA=1e8, GA=1e8, EI=1e6)
-    beam = scene.add_beam([(0, 0), (2, 0)], section, elements=elements, degree=degree)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((2, 0), section, elements=elements, degree=degree)
     scene.add_force(beam.end, (0.0, -10.0))
     scene.add_line_load(beam, (0.0, -1.0))
     figure = plot.diagrams(fb.static(scene, load_steps=1), None, quantities=["M"])
@@ -629,9 +609,7 @@ def test_scenery_need_not_return_what_it_adds(swing, tmp_path):
 
 def test_the_power_of_ten_of_the_ticks_is_not_where_a_film_has_its_time(tmp_path):
     section = fb.Section.rectangle(height=1e-7, width=1e-7, E=1e9, rho=1e3)
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1e-6, 0), (1e-6, 1e-6)], section, elements=2)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar([(0, 0), (1e-6, 0), (1e-6, 1e-6)], section, elements=2)
     solution = fb.simulate(scene, dt=1e-10, t_end=1e-9)
     boxes = []
 
@@ -660,10 +638,10 @@ def test_rows_are_those_next_to_times_or_evenly_spaced(swing):
 @pytest.fixture(scope="module")
 def snapping():
     """A path of an arch under a force, which ends behind its limit point; and the arch."""
-    scene, section = fb.Scene(), fb.Section(EA=1e4, GA=1e4, EI=1.0)
-    arch = scene.add_beam(fb.arc((0, 0), (1, 0.15), (2, 0)), section, elements=8, degree=2)
-    scene.pin(arch.start)
-    scene.pin(arch.end)
+    section = fb.Section(EA=1e4, GA=1e4, EI=1.0)
+    scene, arch = supported_bar(
+        fb.arc((0, 0), (1, 0.15), (2, 0)), section, elements=8, degree=2, held="xy"
+    )
     scene.add_force(arch.node(0.5), (0.0, -60.0))
     return fb.static(scene, continuation="arc-length", max_steps=12)
 
@@ -690,10 +668,8 @@ def overlapping(texts):
 
 
 def test_titles_of_damped_modes_do_not_overlap():
-    scene = fb.Scene()
     section = fb.Section(1e5, 1e5, 1.0, rhoA=1.0, retardation=1.234e-3)
-    mast = scene.add_beam([(0, 0), (0, 3), (2, 4)], section, elements=(4, 4))
-    scene.clamp(mast.start)
+    scene, mast = clamped_bar([(0, 0), (0, 3), (2, 4)], section, elements=(4, 4))
     figure = plot.modes(fb.modes(scene, n=8))
     figure.draw_without_rendering()
     assert not overlapping([ax.title for ax in figure.axes])
@@ -710,10 +686,8 @@ def test_rows_count_from_the_end_as_in_python(swing, tmp_path):
 
 
 def test_numbers_of_the_axes_of_diagrams_do_not_overlap_in_micrometres():
-    scene = fb.Scene()
     section = fb.Section.rectangle(1e-6, 10e-6, *fb.materials.glass)
-    beam = scene.add_beam([(0, 0), (1e-4, 0)], section, elements=4)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1e-4, 0), section, elements=4)
     scene.add_force(beam.end, (0.0, -1e-7))
     figure = plot.diagrams(fb.static(scene, load_steps=1), None, 1, ["M", "N"])
     figure.draw_without_rendering()
@@ -722,9 +696,8 @@ def test_numbers_of_the_axes_of_diagrams_do_not_overlap_in_micrometres():
 
 
 def test_a_motion_too_small_to_be_seen_is_said_with_a_factor(caplog):
-    scene, section = fb.Scene(), fb.Section(EA=1e9, GA=1e9, EI=1e6)
-    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=1)
-    scene.clamp(beam.start)
+    section = fb.Section(EA=1e9, GA=1e9, EI=1e6)
+    scene, beam = clamped_bar((1, 0), section, elements=1)
     scene.add_force(beam.end, (0.0, 1.0))
     plot.shapes(fb.static(scene, load_steps=1))
     assert "magnify=100000 would show it" in caplog.text

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from interrupting import call_stopped_at
 from jointed import whirling
-from scenes import FLYING
+from scenes import FLYING, clamped_bar
 
 import fx_beam as fb
 from fx_beam.motions import progress
@@ -29,9 +29,7 @@ def arm(stop_at=9.0, how=None, follower=False):
             how()
         return 0.0, 10.0 * t
 
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], FLYING, elements=3)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1, 0), FLYING, elements=3)
     scene.add_force(beam.end, force, follower=follower)
     return scene, beam
 
@@ -106,9 +104,7 @@ def test_an_interrupted_part_of_a_step_goes_on_after_it():
 
 
 def loaded():
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], FLYING, elements=3)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar((1, 0), FLYING, elements=3)
     scene.add_force(beam.end, (0.0, 50.0))
     return scene
 

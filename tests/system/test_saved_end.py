@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from scenes import pinned_bar
 
 import fx_beam as fb
 
@@ -11,10 +12,8 @@ import fx_beam as fb
 @pytest.fixture(scope="module")
 def rope():
     """A stick falls on a rope, with friction."""
-    scene = fb.Scene(gravity=(0, -9.81))
     cord = fb.Section.circle(diameter=8e-3, E=5e6, rho=1100.0)
-    rope = scene.add_beam([(0, 0), (0.6, 0)], cord, elements=8)
-    scene.pin(rope.start)
+    scene, rope = pinned_bar((0.6, 0), cord, elements=8, gravity=(0, -9.81))
     scene.pin(rope.end)
     stick = scene.add_beam([(0.25, 0.0081), (0.35, 0.3)], cord, elements=4)
     friction = fb.Coulomb(0.3, 1e5)
