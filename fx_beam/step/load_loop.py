@@ -173,12 +173,14 @@ class LoadLoop(CompiledLoop):
         return self._tangent
 
     def negative_eigenvalues(self) -> int | None:
-        """Their number, of a symmetric one; None if its factors are old.
+        """Their number, of a symmetric one; None if it is singular.
 
-        By Sylvester's law of inertia: the pivots have their signs.
+        By Sylvester's law of inertia: the pivots have their signs. The next step has its factors.
         """
         p = self.problem.c
-        if p.newton.raised or p.newton.old_factors:
+        if p.newton.raised:
+            return None
+        if p.newton.old_factors and not self.problem.library.fx_renew_factors(p):
             return None
         if not p.system.unknowns:
             return 0

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import fx_beam as fb
+from fx_beam.equilibria.small_motions import SmallMotions
 from fx_beam.motions import dynamics, set_ups
 from fx_beam.step import tables, threads
 from fx_beam.step.tables import Problem
@@ -78,18 +79,32 @@ def test_large_scenes_move_as_small_ones(run, large, monkeypatch):
     assert abs(shared - alone).max() <= 1e-8 * abs(alone).max()
 
 
-@pytest.mark.parametrize(("EI", "serves"), [(10.0, 1), (1e-7, 0)])
-def test_a_narrow_copy_of_factors_serves_where_it_resolves_the_matrix(
-    EI, serves, large, monkeypatch
-):
-    """Where it does not, factors are kept as without a copy."""
-    problems, begin = [], Problem.__init__
+@pytest.fixture
+def problems(monkeypatch):
+    """The problems of C that are set up."""
+    noted, begin = [], Problem.__init__
 
     def begun(self, *given):
         begin(self, *given)
-        problems.append(self)
+        noted.append(self)
 
     monkeypatch.setattr(Problem, "__init__", begun)
+    return noted
+
+
+def test_factors_whose_pivots_count_modes_serve_the_next_load_step(large, problems, monkeypatch):
+    monkeypatch.setattr(SmallMotions, "growing", None)  # others are not made
+    stable = fb.static(lattice(), load_steps=4)
+    assert not stable.unstable_modes.any()
+    # Of the reference, at the end of each step, and once within the first one.
+    assert problems[0].c.system.reused.made == 6
+
+
+@pytest.mark.parametrize(("EI", "serves"), [(10.0, 1), (1e-7, 0)])
+def test_a_narrow_copy_of_factors_serves_where_it_resolves_the_matrix(
+    EI, serves, large, problems, monkeypatch
+):
+    """Where it does not, factors are kept as without a copy."""
     shared = fb.static(lattice(EI), load_steps=1).q[-1]
     monkeypatch.setattr(tables, "LARGE", 10**9)
     alone = fb.static(lattice(EI), load_steps=1).q[-1]

@@ -429,6 +429,7 @@ int fx_repeat(Problem *p, int steps, double t, double dt, const Inputs *inputs, 
 Counts fx_take_counts(Problem *p);
 long fx_scratch(const Problem *p);
 Results fx_results(const Problem *p);
+int fx_renew_factors(Problem *p);
 int fx_judge(Problem *p, Convergence *c, int iteration, int shortened);
 void fx_begin(Problem *p, double t, double dt, double *follower_force);
 void fx_end_at(Problem *p, double dt, double ratio);

@@ -184,7 +184,7 @@ static int refine(Problem *p, const Work *w, const Convergence *c, double *rest)
     ++p->system.reused.now;
     double size = size_of(p, w, proposed), error = sqrt(fabs(dot(n, r, proposed))), length = sqrt(dot(n, r, r));
     if (!isfinite(size)) return 0;
-    if (k == 0) first_size = size, first_error = error;
+    if (k == 0) first_size = size, first_error = error, root = fmax(root, error); /* a load step begins without any energy */
     double fine = allowed(c->sizes.slowest, p->system.reused.slowest_size, first_size, p->newton.negligible);
     double exact = allowed(c->errors.slowest, p->system.reused.slowest_error, first_error, p->newton.negligible * root);
     double excess = fmax(fmax(size / fine, error / exact), fabs(dot(n, r, w->z) - dot(n, r, x)) / (exact * root));
@@ -292,4 +292,14 @@ static int solve_reduced(Problem *p, const Work *w, const Convergence *c, double
   if (!solve_bordered(p, w, 0, w->reduced, w->step)) return 0;
   if (p->system.reused.narrow) judge_narrow(p, w);
   return 1;
+}
+
+/* Factors of the last tangent, where those of a step are older: the next step begins with them, and with a narrow copy if that of
+   the older ones served. Returns 0 if it is singular. */
+OF_STEPS int fx_renew_factors(Problem *p) {
+  Work work = work_of(p), *w = &work;
+  int narrow = p->system.reused.narrow, regular = factorise(p, w);
+  p->system.reused.narrow &= narrow;
+  if (regular) p->newton.old_factors = 0;
+  return regular;
 }
