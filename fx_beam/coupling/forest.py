@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,24 +48,22 @@ def grown_forests(scene: Scene) -> tuple[list[list[Branch]], list[list[Joint]]]:
     supports = [supported | on_beam for supported, on_beam in zip(supports, on_beams, strict=True)]
     joints = [joint for joint in scene.joints if joint not in sliding]
     turning = [joint for joint in joints if joint.turns_together]
-    joints = order_for_short_loops(joints, _forest(scene, joints, 0, supports, on_beams)[1])
-    joints_of = joints, joints, turning
-    grown = [_forest(scene, members, i, supports, on_beams) for i, members in enumerate(joints_of)]
+    joints = _for_short_loops(joints, supports)
+    grown = [_forest(members, i, supports) for i, members in enumerate((joints, joints, turning))]
+    for i, (forest, closing) in enumerate(grown):
+        if closing:
+            _check_loops(scene, _Ways(forest, closing), i, on_beams[i])
     forests, closed = zip(*grown, strict=True)
-    return list(forests), [[loop[-1] for loop in loops] for loops in closed]
+    return list(forests), list(closed)
 
 
 def _forest(
-    scene: Scene,
-    joints: Iterable[Joint],
-    component: int,
-    supports: list[set[int]],
-    on_beams: list[set[int]],
-) -> tuple[list[Branch], list[list[Joint]]]:
-    """Joints as branches of trees, parents first, and loops with the closing joint behind.
+    joints: Iterable[Joint], component: int, supports: list[set[int]]
+) -> tuple[list[Branch], list[Joint]]:
+    """Joints as branches of trees, parents first, and those that close loops.
 
     Roots: supported nodes and the ground; else a node that is supported in the other displacement,
-    or the one with the smallest number. Loops without an arm or a node on a beam over-constrain.
+    or the one with the smallest number.
     """
     supported = {*supports[component], GROUND.number}
     preferred = supports[1 - component] if component < 2 else set()
@@ -89,105 +87,131 @@ def _forest(
         neighbours.setdefault(a, []).append((b, joint))
         neighbours.setdefault(b, []).append((a, joint))
 
-    above: dict[int, Branch] = {}
-    depth: dict[int, int] = {}
+    forest = list[Branch]()
     nodes = sorted(neighbours)
     reached: set[int] = set()
     for root in (n for part in (supported, preferred, neighbours) for n in nodes if n in part):
         queue = [] if root in reached else [root]
         for parent in queue:
             reached.add(parent)
-            depth.setdefault(parent, 0)
             grown = [Branch(n, parent, j) for n, j in neighbours[parent] if n not in reached]
-            above |= {branch.node: branch for branch in grown}
-            depth |= dict.fromkeys((branch.node for branch in grown), depth[parent] + 1)
+            forest += grown
             queue += [branch.node for branch in grown]
-    loops = [_loop(scene, joint, component, above, depth, on_beams[component]) for joint in closing]
-    return [*above.values()], loops
+    return forest, closing
 
 
-def _loop(
-    scene: Scene,
-    joint: Joint,
-    component: int,
-    above: dict[int, Branch],
-    depth: dict[int, int],
-    on_beams: set[int],
-) -> list[Joint]:
-    """The loop that a joint closes, with this joint last; SceneError if it over-constrains."""
-    way_a, way_b = list[Joint](), list[Joint]()
-    first, last = joint.a.number, joint.b.number
-    while first != last and (first in above or last in above):  # up from the deeper one
-        if depth.get(first, 0) >= depth.get(last, 0):
-            way_a.append(above[first].joint)
-            first = above[first].parent
-        else:
-            way_b.append(above[last].joint)
-            last = above[last].parent
-    loop = [*way_b, *reversed(way_a), joint]
-    turning, kind = component == 2, _COMPONENTS[component]
-    on_beam = first != last and not on_beams.isdisjoint({first, last})
-    yields = on_beam and not (turning and joint.rotation is not None)
-    if yields or not (turning or all(other.is_selection for other in loop)):
-        return loop
-    reason = f"they close a loop in which each joint couples the {kind}"
-    if first != last:
-        loop = [*reversed(way_b), joint, *way_a][:: 1 if first < last else -1]
-        ends = sorted((first, last))
-        names = [str(GROUND if n == GROUND.number else scene.nodes[n]) for n in ends]
-        reason = f"the {kind} of {names[0]} and of {names[1]} are both supported; support one of "
-        reason += "them only"
-    raise SceneError(
-        f"over-constrained: {'; '.join(map(str, loop))}: {reason}. Remove one of them, or release "
-        "a degree of freedom by a slide, a free rotation, or a beam between the nodes"
-    )
+class _Ways:
+    """Ways up a forest from both nodes of each joint that closes a loop, to where they meet.
 
-
-def order_for_short_loops(joints: Sequence[Joint], loops: Sequence[Sequence[Joint]]) -> list[Joint]:
-    """Joints in the order in which trees grow; joints that close loops are last.
-
-    The last joint of a loop closes it. Loops of one tree are a basis of all loops: another joint f
-    of loop k may close it; then each other loop with f becomes its sum with loop k. So the rungs of
-    a ladder close one cell each. Only plain hinges are exchanged.
+    Branches have numbers; the last one, -1, is above all roots.
     """
-    number = {id(joint): k for k, joint in enumerate(joints)}
-    closing = [number[id(loop[-1])] for loop in loops]
-    # Which joints each loop has; a joint is in one column.
-    basis = np.zeros((len(loops), len(joints)), dtype=bool, order="F")
-    for has, loop in zip(basis, loops, strict=True):
-        has[[number[id(joint)] for joint in loop]] = True
-    hinges = np.array([joint.is_selection and not joint.turns_together for joint in joints], bool)
-    entry_count = np.count_nonzero(basis)
-    changed, passes = len(basis) > 1, 0
-    while changed and passes < _PASSES:
-        changed, passes = False, passes + 1
-        for k in np.argsort(np.count_nonzero(basis, axis=1), kind="stable").tolist():
-            members = np.flatnonzero(basis[k])
-            new = _better(k, basis[:, members], hinges[members])
-            if new is not None and hinges[closing[k]]:
-                other_loops = np.flatnonzero(basis[:, members[new]])
-                other_loops = other_loops[other_loops != k]
-                basis[np.ix_(other_loops, members)] ^= True
-                closing[k], changed = int(members[new]), True
-    if np.count_nonzero(basis) > _SHORTER * entry_count:
-        return list(joints)
-    return [joints[k] for k in sorted(range(len(joints)), key=set(closing).__contains__)]
+
+    def __init__(self, forest: list[Branch], closing: list[Joint]):
+        self.forest, self.closing = forest, closing
+        number = {branch.node: k for k, branch in enumerate(forest)}
+        above = [number.get(branch.parent, -1) for branch in forest]
+        self.above = np.append(above, -1).astype(int)
+        self._depth = self.sums(np.ones(len(above), dtype=int))
+        #: First branches of the ways up from nodes a and b, and the one where these meet.
+        self.a, self.b = (
+            np.array([number.get(node.number, -1) for node in nodes])
+            for nodes in zip(*((joint.a, joint.b) for joint in closing), strict=True)
+        )
+        self.meeting = self._meeting(self.a, self.b)
+
+    def sums(self, values: np.ndarray) -> np.ndarray:
+        """Sums of values of branches from each one up."""
+        total = [*values.tolist(), 0]
+        for k, parent in enumerate(self.above[:-1].tolist()):
+            total[k] += total[parent]
+        return np.array(total)
+
+    def _meeting(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        strides = [self.above]  # up by powers of two
+        while (strides[-1] >= 0).any():
+            strides.append(strides[-1][strides[-1]])
+        for k, up in reversed([*enumerate(strides)]):  # to the same depth
+            deeper = self._depth[a] - self._depth[b]
+            a, b = np.where(deeper >= 1 << k, up[a], a), np.where(-deeper >= 1 << k, up[b], b)
+        for up in reversed(strides):
+            apart = up[a] != up[b]
+            a, b = np.where(apart, up[a], a), np.where(apart, up[b], b)
+        return np.where(a == b, a, self.above[a])
+
+    def through(self) -> np.ndarray:
+        """Number of loops through each branch."""
+        count = np.zeros(len(self.above), dtype=int)
+        for ends, loops in ((self.a, 1), (self.b, 1), (self.meeting, -2)):
+            np.add.at(count, ends, loops)
+        for k in reversed(range(len(self.forest))):
+            count[self.above[k]] += count[k]
+        return count[:-1]
+
+    def up(self, k: int, top: int) -> list[Branch]:
+        """Branches of the way from one up to another one."""
+        way = list[Branch]()
+        while k != top:
+            way.append(self.forest[k])
+            k = self.above[k]
+        return way
 
 
-def _better(k: int, basis: np.ndarray, hinges: np.ndarray) -> int | None:
-    """The hinge of loop k that shortens other loops most if it closes loop k; None if none does.
+def _check_loops(scene: Scene, ways: _Ways, component: int, on_beams: set[int]) -> None:
+    """Refuse loops that over-constrain: those without an arm or a node on a beam."""
+    turning = component == 2
+    rigid = ways.sums(np.array([not branch.joint.is_selection for branch in ways.forest]))
+    arms = rigid[ways.a] + rigid[ways.b] - 2 * rigid[ways.meeting]
+    for joint, a, b, top, many in zip(
+        ways.closing, ways.a, ways.b, ways.meeting, arms, strict=True
+    ):
+        if not turning and (many or not joint.is_selection):
+            continue
+        way_a, way_b = ways.up(a, top), ways.up(b, top)
+        first = way_a[-1].parent if way_a else joint.a.number
+        last = way_b[-1].parent if way_b else joint.b.number
+        on_beam = first != last and not on_beams.isdisjoint({first, last})
+        if on_beam and not (turning and joint.rotation is not None):
+            continue
+        up_a, up_b = [x.joint for x in way_a], [x.joint for x in way_b]
+        loop, kind = [*up_b, *reversed(up_a), joint], _COMPONENTS[component]
+        reason = f"they close a loop in which each joint couples the {kind}"
+        if first != last:
+            loop = [*reversed(up_b), joint, *up_a][:: 1 if first < last else -1]
+            ends = sorted((first, last))
+            names = [str(GROUND if n == GROUND.number else scene.nodes[n]) for n in ends]
+            reason = f"the {kind} of {names[0]} and of {names[1]} are both supported; support one "
+            reason += "of them only"
+        raise SceneError(
+            f"over-constrained: {'; '.join(map(str, loop))}: {reason}. Remove one of them, or "
+            "release a degree of freedom by a slide, a free rotation, or a beam between the nodes"
+        )
 
-    By which joints (loops, n) of loop k each loop has, and which of them are hinges.
+
+def _for_short_loops(joints: list[Joint], supports: list[set[int]]) -> list[Joint]:
+    """Joints in an order in which loops of the tree of x are short; those that close them are last.
+
+    A loop is closed by the hinge through which most loops went before, so that each cell of a
+    ladder is one. Only plain hinges are exchanged.
     """
-    gains = 2 * np.count_nonzero(basis, axis=1) - basis.shape[1]
-    gains[k] = 0
-    of_hinges = np.where(hinges, gains @ basis, 0)
-    if not (most := of_hinges.max(initial=0)):
-        return None
-    # Of equal ones that of the first other loop.
-    best = np.flatnonzero(of_hinges == most)
-    first = np.argmax(basis[:, best] & (np.arange(len(basis)) != k)[:, None], axis=0)
-    return int(best[np.argmin(first)])
+    hinges = {id(joint) for joint in joints if joint.is_selection and not joint.turns_together}
+    order, lengths, closed_by = joints, list[int](), list[set[int]]()
+    while len(lengths) <= _PASSES:
+        forest, closing = _forest(order, 0, supports)
+        if len(closing) < 2:
+            return joints
+        counts = [*_Ways(forest, closing).through().tolist(), *[1] * len(closing)]
+        names = [id(joint) for joint in (*(branch.joint for branch in forest), *closing)]
+        lengths.append(sum(counts))
+        closed_by.append({*names[len(forest) :]})
+        loops = {  # through each; other joints than hinges stay where they are
+            name: count if name in hinges else np.inf if name in closed_by[-1] else -1
+            for name, count in zip(names, counts, strict=True)
+        }
+        order = sorted(joints, key=lambda joint, loops=loops: loops[id(joint)])
+    best = int(np.argmin(lengths))
+    if lengths[best] > _SHORTER * lengths[0]:
+        return joints
+    return sorted(joints, key=lambda joint: id(joint) in closed_by[best])
 
 
 def _check_sliding_nodes(sliding: list[SlidingJoint], supports: list[set[int]]) -> None:
