@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import heapq
+from collections.abc import Iterator
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -9,6 +12,10 @@ import scipy.sparse
 from scipy.sparse.linalg import splu
 
 from fx_beam.content_cache import cached_property
+from fx_beam.fem.sparsity import starts_of
+
+# A sum is zero but for rounding errors at this part of the sizes of its terms.
+_CANCELLED = 1e-12
 
 
 class ColumnMap:
@@ -93,8 +100,49 @@ class ColumnMap:
         """The matrix from z to x."""
         return self._A @ self.dependence_matrix if len(self._dependent) else self._A
 
-    def derivatives_by_dependent(self) -> np.ndarray:
-        """dx/d(C z) (n, dependent): A_d C_d^-1 with the dependent columns of A and C."""
-        if not len(self._dependent):
-            return np.zeros((self.shape[0], 0))
-        return self._solve(self._A[:, self._dependent].T.toarray(), "T").T
+
+def without_dependent(
+    weights: scipy.sparse.csr_matrix, C: scipy.sparse.csr_matrix, dependent: np.ndarray
+) -> tuple[scipy.sparse.csr_matrix, scipy.sparse.csr_matrix]:
+    """B (n, columns) of independent columns, and Y (n, dependent), with W z = B z + Y C z.
+
+    An equation has dependent columns of those before it only. What cancels is no entry: the
+    difference of two nodes far down in a tree has entries of the way between them.
+    """
+    number = np.full(C.shape[1], -1)
+    number[dependent] = np.arange(len(dependent))
+    number_of, equations = number.tolist(), [dict(equation) for equation in _rows(C)]
+    pivots = [equation.pop(k) for equation, k in zip(equations, dependent.tolist(), strict=True)]
+    left, multipliers = list[dict[int, float]](), list[dict[int, float]]()
+    for terms in _rows(weights):
+        value, size, used = dict[int, float](), dict[int, float](), dict[int, float]()
+        waiting = list[tuple[int, int]]()  # the last one is the next
+        while True:
+            for column, x in terms:
+                if column not in value and number_of[column] >= 0:
+                    heapq.heappush(waiting, (-number_of[column], column))
+                value[column] = value.get(column, 0.0) + x
+                size[column] = size.get(column, 0.0) + abs(x)
+            if not waiting:
+                break
+            (k, column), terms = heapq.heappop(waiting), []
+            if abs(x := value.pop(column)) > _CANCELLED * size[column]:
+                used[-k] = y = x / pivots[-k]
+                terms = [(other, -y * part) for other, part in equations[-k].items()]
+        left.append({k: x for k, x in value.items() if abs(x) > _CANCELLED * size[k]})
+        multipliers.append(used)
+    return _matrix(left, C.shape[1]), _matrix(multipliers, len(dependent))
+
+
+def _rows(matrix: scipy.sparse.csr_matrix) -> Iterator[list[tuple[int, float]]]:
+    """Columns and values of each row."""
+    entries = [*zip(matrix.indices.tolist(), matrix.data.tolist(), strict=True)]
+    return (entries[begin:end] for begin, end in pairwise(matrix.indptr.tolist()))
+
+
+def _matrix(rows: list[dict[int, float]], columns: int) -> scipy.sparse.csr_matrix:
+    indices, values = ([x for row in rows for x in part(row)] for part in (dict.keys, dict.values))
+    shape = len(rows), columns
+    matrix = scipy.sparse.csr_matrix((values, indices, starts_of([*map(len, rows)])), shape)
+    matrix.sort_indices()
+    return matrix

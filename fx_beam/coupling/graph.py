@@ -479,10 +479,13 @@ class Auxiliaries:
     def __len__(self):
         return self._count
 
-    def entries_of(self, chosen: np.ndarray) -> np.ndarray:
-        """Numbers of the entries of chosen auxiliaries, the latest first."""
-        numbers = np.flatnonzero(chosen[self._entries.row])
-        return numbers[np.argsort(-self._entries.row[numbers], kind="stable")]
+    def entries_of(self, chosen: scipy.sparse.csr_matrix) -> list[np.ndarray]:
+        """Numbers of the entries of auxiliaries that each row has, the latest first."""
+        starts = self._entries.starts(self._count).tolist()
+        return [
+            np.array([k for row in rows[::-1] for k in range(*starts[row : row + 2])], dtype=int)
+            for rows in np.split(chosen.indices, chosen.indptr[1:-1])
+        ]
 
     def equations(self, values: np.ndarray) -> scipy.sparse.csr_matrix:
         """Rows (auxiliaries, columns) whose products with all columns are zero, by values of T."""

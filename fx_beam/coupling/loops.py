@@ -27,14 +27,12 @@ import scipy.sparse
 from fx_beam.fem.sparsity import Pattern, positions_in, starts_of
 from fx_beam.scene.joints import Joint
 
-from .column_map import ColumnMap
+from .column_map import without_dependent
 from .graph import Auxiliaries, Closure, Couplings, Entries, SystemEntries
 from .sliders import Slide, Sliders
 
 # Closure that is left, relative to the size of the scene.
 _CLOSED = 1e-15
-# Sums of numbers near one that are zero but for round-off.
-_ROUNDING = 1e-9
 
 
 class Loops:
@@ -51,11 +49,8 @@ class Loops:
         self.unit, self._couplings, self._sliders = unit, couplings, sliders
         self._entries = Entries.of(enumerate(closure.entries for closure in couplings.closures))
         values, *dependence = _dependence(couplings, auxiliaries, sliders.all)
-        count, shape = len(auxiliaries), (len(couplings.closures), dependence[0].shape[1])
-        closure_map = ColumnMap(self._entries.weights(values), shape, *dependence)
-        depends, passed = closure_map.matrix, closure_map.derivatives_by_dependent()
-        depends.data[abs(depends.data) < _ROUNDING] = 0.0
-        depends.eliminate_zeros()
+        shape = len(couplings.closures), dependence[0].shape[1]
+        depends, passed = without_dependent(self._entries.matrix(values, shape), *dependence)
         blocks = blocks_of(depends[:, : couplings.free])
         order = np.concatenate([members for members, _ in blocks])
         self.closures = [couplings.closures[k] for k in order]
@@ -68,9 +63,8 @@ class Loops:
         #: For each closure an unknown of the linear system on which its force acts, a different
         #: one for each; -1 for none.
         self.acts_on = np.where(moved < 0, -1, couplings.system[1][moved])
-        passes = abs(passed[order, :count]) > _ROUNDING
         #: Entries of auxiliary unknowns of each, in the order in which they are collected.
-        self._auxiliaries = [auxiliaries.entries_of(chosen) for chosen in passes]
+        self._auxiliaries = auxiliaries.entries_of(passed[order, : len(auxiliaries)])
         row_of, unknown_of = couplings.system
         moving = self._entries.take(unknown_of[self._entries.column] >= 0)
         force = couplings.unknown_count - len(self) + moving.row

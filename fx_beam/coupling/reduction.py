@@ -26,7 +26,7 @@ from fx_beam.results.state import MACROS
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.scene import Scene
 
-from .column_map import ColumnMap
+from .column_map import ColumnMap, without_dependent
 from .graph import Auxiliaries, Couplings, Entries, joined
 
 if TYPE_CHECKING:
@@ -325,12 +325,12 @@ class Reduction:
             rows: list[Any] = [of_slides.reshape(starts[-1], columns)]
         else:
             rows = [scipy.sparse.csr_matrix((weights, (row, column)), (starts[-1], columns))]
+        if with_auxiliaries:
+            rows.insert(0, self.auxiliaries.equations(values))
+            dependent.insert(0, np.arange(self.columns, columns))
         if closed and self.loops is not None:
             rows.append(self.loops.derivatives(values))
             dependent.append(self._following(self.loops))
-        if with_auxiliaries:
-            rows.append(self.auxiliaries.equations(values))
-            dependent.append(np.arange(self.columns, columns))
         if all(isinstance(block, np.ndarray) for block in rows):
             return np.concatenate(rows), np.concatenate(dependent)
         C = scipy.sparse.vstack([scipy.sparse.csr_matrix(block) for block in rows], "csr")
@@ -344,8 +344,9 @@ class Reduction:
     def closure_derivatives(self) -> scipy.sparse.csr_matrix:
         """Derivatives (closures, unknowns) of closures [m] by units of the loops' unknowns."""
         assert (loops := self.loops) is not None
-        all_columns = self._map(False, closed=False).dependence_matrix
-        G = (loops.derivatives(self._values(False)) @ all_columns)[:, loops.unknowns]
+        C, dependent = self._dependence(values := self._values(False), False, True, False)
+        equations = scipy.sparse.csr_matrix(C), dependent
+        G = without_dependent(loops.derivatives(values), *equations)[0][:, loops.unknowns]
         unit = scipy.sparse.diags(loops.unit[loops.unknowns])
         return (scipy.sparse.diags(loops.lengths) @ G @ unit).tocsr()
 
