@@ -15,7 +15,6 @@ from fx_beam.scene.sliders import SlidingJoint, sliding_joints
 
 # Loops are changed only if the number of joints in all loops falls below this part of it.
 _SHORTER = 0.7
-_PASSES = 3
 # What joints and supports hold.
 _COMPONENTS = "displacement in x", "displacement in y", "rotation"
 
@@ -195,7 +194,7 @@ def _for_short_loops(joints: list[Joint], supports: list[set[int]]) -> list[Join
     """
     hinges = {id(joint) for joint in joints if joint.is_selection and not joint.turns_together}
     order, lengths, closed_by = joints, list[int](), list[set[int]]()
-    while len(lengths) <= _PASSES:
+    while len(lengths) < 2 or lengths[-1] == min(lengths) < lengths[-2]:
         forest, closing = _forest(order, 0, supports)
         if len(closing) < 2:
             return joints
@@ -207,7 +206,7 @@ def _for_short_loops(joints: list[Joint], supports: list[set[int]]) -> list[Join
             name: count if name in hinges else np.inf if name in closed_by[-1] else -1
             for name, count in zip(names, counts, strict=True)
         }
-        order = sorted(joints, key=lambda joint, loops=loops: loops[id(joint)])
+        order = [joints[k] for k in np.argsort([loops[id(x)] for x in joints], kind="stable")]
     best = int(np.argmin(lengths))
     if lengths[best] > _SHORTER * lengths[0]:
         return joints

@@ -278,11 +278,14 @@ class Reduction:
     @property
     def independent(self) -> np.ndarray:
         """Unknowns that follow no others: all but the ones that close loops."""
-        numbers = np.arange(self.free)
-        return numbers if self.loops is None else np.setdiff1d(numbers, self._following(self.loops))
+        return np.setdiff1d(np.arange(self.free), self.following)
 
-    def _following(self, loops: Loops) -> np.ndarray:
-        return loops.columns[self._configuration.following]
+    @property
+    def following(self) -> np.ndarray:
+        """Unknowns (closures,) that close loops."""
+        if self.loops is None:
+            return np.empty(0, dtype=int)
+        return self.loops.columns[self._configuration.following]
 
     def fault(self, arcs: Sequence[tuple[float, float]] | None = None) -> tuple[str, str] | None:
         """Kind and reason of a step in which a node leaves the beam on which it slides; or None.
@@ -330,7 +333,7 @@ class Reduction:
             dependent.insert(0, np.arange(self.columns, columns))
         if closed and self.loops is not None:
             rows.append(self.loops.derivatives(values))
-            dependent.append(self._following(self.loops))
+            dependent.append(self.following)
         if all(isinstance(block, np.ndarray) for block in rows):
             return np.concatenate(rows), np.concatenate(dependent)
         C = scipy.sparse.vstack([scipy.sparse.csr_matrix(block) for block in rows], "csr")

@@ -17,7 +17,7 @@ from scipy.sparse.linalg import LinearOperator, eigs
 from fx_beam.results.state import State
 from fx_beam.step.extended import Extended
 from fx_beam.step.load_loop import LoadLoop
-from fx_beam.step.sparse_lu import LU, Pattern, null_vectors, pivoted_lu
+from fx_beam.step.sparse_lu import Pattern, null_vectors, pivoted_lu
 from fx_beam.step.undamped_modes import Symmetry, UndampedModes
 
 from .bordered_lu import BorderedLU
@@ -130,7 +130,7 @@ class SmallMotions:
         if not (free := extended.free):
             return Growing(0, 0)
         A, sliding = extended.alone, bool(self.model.couplings.sliding)
-        if extended.dependent is None or not Symmetry.of(A, extended.units(self.model), sliding):
+        if extended.is_plain or not Symmetry.of(A, extended.units(self.model), sliding):
             if not self.symmetric(K := extended.matrix):
                 pairs, real_squares = pairs_and_others(self.squares(state, K))
                 return Growing(len(pairs), int((real_squares < 0).sum()))
@@ -145,9 +145,9 @@ class SmallMotions:
         for shift in (0.0, _SHIFT * most):  # if a pivot, or an eigenvalue, is zero
             shifted = (system + shift * metric).tocsr() if shift else system
             shifted.sort_indices()
-            lu = LU((shifted.indptr, shifted.indices), extended.dependent)
+            lu = extended.factors((shifted.indptr, shifted.indices))
             if lu.factorise(shifted.data):
-                return Growing(0, lu.negative_pivots(free))
+                return Growing(0, extended.negative_eigenvalues(lu))
         raise ValueError(f"unstable_modes: the tangent at load factor {state.t:g} is singular")
 
     def lowest(self, K: scipy.sparse.csr_matrix, n: int) -> tuple[np.ndarray, np.ndarray]:

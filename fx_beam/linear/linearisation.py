@@ -81,7 +81,7 @@ class Linearisation:
     @cached_property
     def M(self) -> scipy.sparse.csr_matrix:
         """Mass (free, free)."""
-        if (M := self.inertia).dependent is None:
+        if (M := self.inertia).is_plain:
             return M.system
         followed = self.coupling.dependence_matrix[self._extended][:, self.unknowns]
         return (followed.T @ M.alone @ followed).tocsr()
@@ -92,8 +92,9 @@ class Linearisation:
 
     @property
     def _extended(self) -> np.ndarray:
-        """Columns of the unknowns, and of auxiliary ones."""
-        return np.append(self.unknowns, np.arange(self.model.reduction.columns, self._count))
+        """Columns of the unknowns, of auxiliary ones, and of those that close loops."""
+        K, auxiliary = self.stiffness, np.arange(self.model.reduction.columns, self._count)
+        return np.concatenate([self.unknowns, auxiliary, K.order[K.closing]])
 
     @cached_property
     def unit(self) -> np.ndarray:
@@ -102,7 +103,7 @@ class Linearisation:
 
     def at_nodes(self, x: np.ndarray) -> np.ndarray:
         """Motions (size, n) of the nodes by unknowns (free, n)."""
-        if self.stiffness.dependent is None:
+        if self.stiffness.is_plain:
             return self.T @ x
         columns = np.zeros((x.shape[1], self._count), x.dtype)
         columns[:, self.unknowns] = x.T
@@ -162,7 +163,7 @@ class Linearisation:
         """Whether the stiffness is symmetric but for round-off."""
         K, sliding = self.stiffness, bool(self.model.couplings.sliding)
         return Symmetry.of(K.alone, self.unit, sliding) or (
-            K.dependent is not None and Symmetry.of(self.K, self.unit[: K.free], sliding)
+            not K.is_plain and Symmetry.of(self.K, self.unit[: K.free], sliding)
         )
 
     @cached_property
@@ -176,7 +177,7 @@ class Linearisation:
         K, M = self.stiffness.symmetric, self.inertia
         if not M.system.data.any():
             raise SceneError("modes: the scene has no mass. Give a section rhoA or add a mass")
-        if K.dependent is None:
+        if K.is_plain:
             return UndampedModes(K, M)
         # Sums over masses that do not cancel.
         random, sums = np.random.default_rng(0).random(len(self._extended)), np.zeros(self._count)
@@ -285,7 +286,7 @@ def _without_round_off(M: Extended, unit: np.ndarray) -> Extended:
     """A mass without equations, and those of unknowns (n,) that are round-off."""
     masses = M.alone.diagonal()
     heavy = have_mass(masses, unit)
-    return M.only(heavy) if M.dependent is not None or masses[~heavy].any() else M
+    return M.only(heavy) if not M.is_plain or masses[~heavy].any() else M
 
 
 def turning_frame_of(model: Model, state: Solution, caller: str) -> TurningFrame | None:

@@ -1,8 +1,8 @@
-"""Matrices of the unknowns: full in long trees of joints, but sparse with auxiliary unknowns."""
+"""Matrices of the unknowns: full in long trees and loops, but sparse with what these add."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +12,8 @@ from scipy.sparse.linalg import SuperLU, splu
 from fx_beam.content_cache import cached_property
 from fx_beam.coupling.reduction import Reduction
 
-from .sparse_lu import pivoted_lu
+from .lu_layout import NONE
+from .sparse_lu import LU, Pattern, pivoted_lu
 
 if TYPE_CHECKING:
     from .model import Model
@@ -34,60 +35,99 @@ def schur_complement(A: scipy.sparse.csr_matrix, chosen: np.ndarray) -> scipy.sp
 
 @dataclass(frozen=True, eq=False)
 class Extended:
-    """T^T A T (free, free), by a sparse `system` in which auxiliary unknowns u are as well.
+    """T^T A T (free, free), by a sparse `system` in which other unknowns are as well.
 
-    It is that of `Couplings.system`: S (x, u, h) = (b, 0, 0) gives T^T A T x = b.
+    They are auxiliary ones u, with forces h, and those that close loops d, with forces F. In this
+    order of `Couplings.system` S (x, u, h, d, F) = (b, 0, 0, 0, 0) gives T^T A T x = b.
     """
 
     system: Any
     free: int
     #: `Reduction.dependent`; None without auxiliary unknowns.
     dependent: np.ndarray | None = None
+    #: Unknowns (closures,) on which the forces F act; and numbers of all, and of d, before.
+    acts_on: np.ndarray = field(default_factory=lambda: NONE)
+    order: np.ndarray = field(default_factory=lambda: NONE)
 
     @classmethod
     def of(cls, system: scipy.sparse.csr_matrix, reduction: Reduction) -> Extended:
-        """That of a linear system; with loops or nodes on beams the full matrix."""
-        if reduction.loops is None and not reduction.couplings.sliding:
-            return cls(system, reduction.free, reduction.dependent)
-        unknowns = reduction.independent
-        return cls(schur_complement(system, unknowns), len(unknowns))
+        """That of a linear system; with nodes on beams the full matrix."""
+        dependent, free = reduction.dependent, reduction.free
+        if reduction.couplings.sliding:
+            unknowns = reduction.independent
+            return cls(schur_complement(system, unknowns), len(unknowns))
+        if reduction.loops is None:
+            return cls(system, free, dependent)
+        forces = np.arange(system.shape[0])[-len(reduction.forces) :]
+        between = np.arange(free, forces[0])
+        order = np.concatenate([reduction.independent, between, reduction.following, forces])
+        place = np.argsort(order)
+        acts_on = np.where(reduction.forces < 0, -1, place[reduction.forces])
+        dependent = None if dependent is None else place[dependent]
+        return cls(system[order][:, order], len(reduction.independent), dependent, acts_on, order)
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether no other unknowns are in the system."""
+        return self.free == self.system.shape[0]
 
     def weighted(self, weight: scipy.sparse.csr_matrix, reduction: Reduction) -> Extended:
         """T^T W T of the same kind."""
-        if self.dependent is not None:
-            equations = self.system - self.only(np.ones(len(self.rows))).system
-            return replace(self, system=(equations + reduction.reduced(weight)).tocsr())
+        if not self.is_plain:
+            equations, weights = self.system, reduction.reduced(weight)
+            equations = equations - self.only(np.ones(len(self.rows))).system
+            if len(self.order):
+                weights = weights[self.order][:, self.order]
+            return replace(self, system=(equations + weights).tocsr())
         T = reduction.coupling()[:, reduction.independent]
         return replace(self, system=(T.T @ weight @ T).tocsr())
 
     def units(self, model: Model) -> np.ndarray:
-        """Sizes (n,) of unit unknowns x and u."""
-        unit = model.unit_of_unknowns[model.reduction.independent]
-        if self.dependent is None:
-            return unit
-        return np.append(unit, model.unit[[other.dof for other in model.couplings.auxiliaries]])
+        """Sizes (n,) of unit unknowns x, u and d."""
+        unit, independent = model.unit_of_unknowns, model.reduction.independent
+        if self.is_plain:
+            return unit[independent]
+        of_auxiliary = model.unit[[other.dof for other in model.couplings.auxiliaries]]
+        return np.concatenate([unit[independent], of_auxiliary, unit[self.order[self.closing]]])
 
     @property
     def _first(self) -> np.ndarray:
         """Rows of the equations of auxiliary unknowns, and columns of these."""
-        return np.arange(self.free, self.system.shape[0], 2)
+        return np.arange(self.free, self.system.shape[0] - 2 * len(self.acts_on), 2)
+
+    @property
+    def closing(self) -> np.ndarray:
+        """Rows and columns of d."""
+        return np.arange(self.system.shape[0])[-2 * len(self.acts_on) : -len(self.acts_on) or 0]
 
     @property
     def rows(self) -> np.ndarray:
-        """Rows of the balance of forces on x and on u."""
-        return np.append(np.arange(self.free), self._first + 1)
+        """Rows of the balance of forces on x, u and d."""
+        return np.concatenate([np.arange(self.free), self._first + 1, self.closing])
 
     @property
     def columns(self) -> np.ndarray:
-        """Columns of x and u."""
-        return np.append(np.arange(self.free), self._first)
+        """Columns of x, u and d."""
+        return np.concatenate([np.arange(self.free), self._first, self.closing])
 
     @property
     def alone(self) -> scipy.sparse.csr_matrix:
-        """A of x and u, without the equations between them."""
-        if self.dependent is None:
-            return self.system
-        return self.system[self.rows][:, self.columns]
+        """A of x, u and d, without the equations between them."""
+        return self.system if self.is_plain else self.system[self.rows][:, self.columns]
+
+    def factors(self, pattern: Pattern) -> LU:
+        """Factors of such systems, without exchange of rows."""
+        return LU(pattern, self.dependent, self.acts_on)
+
+    def negative_eigenvalues(self, factors: LU) -> int:
+        """Their number, of a symmetric T^T A T whose `factors` were made.
+
+        By Sylvester's law of inertia. Each force F adds one to those of the system.
+        """
+        pivots = factors.pivots
+        forces = len(self.acts_on)
+        behind = len(pivots) - 2 * forces
+        return int((pivots[: self.free] < 0).sum() + (pivots[behind:] < 0).sum() - forces)
 
     def with_data(self, data: np.ndarray) -> Extended:
         """The same with other entries; SciPy may sort them."""
@@ -96,23 +136,26 @@ class Extended:
         return replace(self, system=matrix)
 
     def only(self, selected: np.ndarray) -> Extended:
-        """A of some of x and u (n,), without equations."""
+        """A of some of x, u and d (n,), without equations."""
         row, column = np.zeros((2, self.system.shape[0]))
         row[self.rows] = column[self.columns] = selected
         parts = scipy.sparse.diags(row) @ self.system @ scipy.sparse.diags(column)
         return replace(self, system=parts.tocsr())
 
     def scaled(self, scale: np.ndarray) -> Extended:
-        """The same for x and u of other units; zeros stay."""
+        """The same for x, u and d of other units; zeros stay."""
         row, column = np.ones((2, self.system.shape[0]))
         row[self.rows] = column[self.columns] = scale
-        row[self._first] = column[self._first + 1] = 1 / scale[self.free :]
+        pairs, forces = len(self._first), self.closing + len(self.acts_on)
+        of_auxiliary, of_closing = np.split(1 / scale[self.free :], [pairs])
+        row[self._first] = column[self._first + 1] = of_auxiliary
+        row[forces] = column[forces] = of_closing
         rows = np.repeat(np.arange(len(row)), np.diff(self.system.indptr))
         return self.with_data(self.system.data * row[rows] * column[self.system.indices])
 
     @property
     def symmetric(self) -> Extended:
-        """The symmetric part of A, with the equations between x and u."""
+        """The symmetric part of A, with the equations between x, u and d."""
         across = np.arange(self.system.shape[0])
         across[self._first], across[self._first + 1] = self._first + 1, self._first
         matrix, other = self.system, self.system.T.tocsr()[across][:, across]
@@ -133,14 +176,14 @@ class Extended:
     def __matmul__(self, x: np.ndarray) -> np.ndarray:
         """T^T A T x (free, n)."""
         S, free = self.system, self.free
-        if self.dependent is None:
+        if self.is_plain:
             return S @ x
         followed = splu(S[free:, free:].tocsc()).solve(S[free:, :free] @ x)
         return S[:free, :free] @ x - S[:free, free:] @ followed
 
     @cached_property
     def _factors(self) -> SuperLU:
-        return pivoted_lu(self.system) if self.dependent is None else splu(self.system.tocsc())
+        return pivoted_lu(self.system) if self.is_plain else splu(self.system.tocsc())
 
     def solve(self, forces: np.ndarray) -> np.ndarray:
         """x (free, ...) for forces (free, ...); RuntimeError if it is singular."""

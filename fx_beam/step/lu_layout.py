@@ -18,7 +18,7 @@ from fx_beam.fem.sparsity import starts_of
 GROUP = 3
 # Values of a row of a chain, and position of its couplings with its own group (chain.h).
 _ROW, _OWN = 12, 4
-_NONE = np.empty(0, dtype=int)
+NONE = np.empty(0, dtype=int)
 
 
 class Costs(NamedTuple):
@@ -56,7 +56,7 @@ class Factors(NamedTuple):
     rows: dict[str, Any] = {}
     #: Number of groups of three unknowns in a row, and diagonals of those that are not there.
     chain: int = 0
-    padding: np.ndarray = _NONE
+    padding: np.ndarray = NONE
     #: Substitutions that cost as much as a factorisation; 0 if factors are not kept.
     worth: int = 0
 
@@ -74,7 +74,7 @@ def factors_of(
     indptr: np.ndarray,
     indices: np.ndarray,
     dependent: np.ndarray | None = None,
-    forces: np.ndarray = _NONE,
+    forces: np.ndarray = NONE,
     keep: bool = True,
     sparse: bool = True,
     costs: Costs = COSTS,
@@ -89,7 +89,7 @@ def factors_of(
     or if rows shall be `sparse`, there is no band. Sparse rows may be in `parts` for threads.
     """
     if len(indptr) == 1:  # nothing is unknown
-        return Factors(_NONE, _NONE, 0, 1)
+        return Factors(NONE, NONE, 0, 1)
     graph, rows = graph_of(indptr, indices), np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
     if not (sparse or dependent is not None or len(forces)):
         banded = _in_band(graph, rows, indices)
@@ -165,7 +165,7 @@ def _in_chain(order: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> Facto
 
 
 def groups_of(
-    graph: scipy.sparse.csr_matrix, dependent: np.ndarray | None = None, forces: np.ndarray = _NONE
+    graph: scipy.sparse.csr_matrix, dependent: np.ndarray | None = None, forces: np.ndarray = NONE
 ) -> dict[str, Any]:
     """What an order of elimination is found from, by the names of sparse_rows.h.
 

@@ -12,7 +12,7 @@ from fx_beam import c_library
 from fx_beam.c_library import Structs
 from fx_beam.fem.sparsity import Pattern
 
-from .lu_layout import factors_of
+from .lu_layout import NONE, factors_of
 
 # Change of a singular matrix, relative to its largest entry.
 _SHIFT = 1e-13
@@ -49,13 +49,15 @@ def null_vectors(matrix: Any, count: int = 1) -> tuple[np.ndarray, np.ndarray]:
 class LU:
     """Factors in sparse rows (lu_layout.py) without exchange of rows, for a pattern.
 
-    With auxiliary unknowns, `dependent` is that of `Reduction`.
+    With auxiliary unknowns and loops, `dependent` and `forces` are as in `factors_of`.
     """
 
-    def __init__(self, pattern: Pattern, dependent: np.ndarray | None = None):
+    def __init__(
+        self, pattern: Pattern, dependent: np.ndarray | None = None, forces: np.ndarray = NONE
+    ):
         files = "sparse_lu.h", "sparse_rows.h"
         ffi, self._library = c_library.open_library("factors of sparse matrices", *files)
-        self._ffi, layout = ffi, factors_of(*pattern, dependent)
+        self._ffi, layout = ffi, factors_of(*pattern, dependent, forces)
         self._rows = ffi.new("SparseRows *")
         # Of each unknown; none without unknowns.
         self._diagonals = layout.rows.get("diagonal", layout.order)[layout.order]
@@ -84,9 +86,11 @@ class LU:
         self._library.fx_solve(self._rows, self._order, self._doubles(b), self._doubles(x))
         return x
 
-    def negative_pivots(self, free: int | None = None) -> int:
-        """Their number: of a symmetric matrix, that of its negative eigenvalues.
+    @property
+    def pivots(self) -> np.ndarray:
+        """Inverses of the pivots of all unknowns."""
+        return self._factors[self._diagonals]
 
-        Of the first unknowns only, which auxiliary ones follow.
-        """
-        return int((self._factors[self._diagonals[:free]] < 0).sum())
+    def negative_pivots(self) -> int:
+        """Their number: of a symmetric matrix, that of its negative eigenvalues."""
+        return int((self.pivots < 0).sum())

@@ -14,7 +14,7 @@ import scipy.sparse
 from fx_beam.errors import SceneError
 
 from .extended import Extended
-from .sparse_lu import LU, Pattern
+from .sparse_lu import Pattern
 
 # Largest error of a vector in its iteration.
 _EXACT = 1e-12
@@ -65,8 +65,8 @@ class Symmetry:
 class UndampedModes:
     """Modes of stiffness K and mass M, in compressed rows or as `Extended` matrices.
 
-    Factors of K - x M have one sparsity, whatever x: they count eigenvalues and give vectors. With
-    auxiliary unknowns these have vectors as well; `massive` are the unknowns (free,) with mass.
+    Factors of K - x M have one sparsity, whatever x: they count eigenvalues and give vectors. Other
+    unknowns of the system have vectors as well; `massive` are the unknowns (free,) with mass.
     """
 
     def __init__(self, K: Any, M: Any, massive: np.ndarray | None = None):
@@ -96,7 +96,7 @@ class UndampedModes:
         pairs = zip((K.system, M.system), numbers, strict=True)
         self._values = [np.append(A.data, 0.0)[k] for A, k in pairs]
         self._rows, self._columns = K.rows, K.columns
-        self._lu = LU((numbered.indptr, numbered.indices), K.dependent)
+        self._extended, self._lu = K, K.factors((numbered.indptr, numbered.indices))
 
     def lowest(self, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Lowest angular frequencies (n,), which are rigid (n,), and vectors (free, n).
@@ -121,7 +121,7 @@ class UndampedModes:
 
         -1 if a pivot is zero: x is an eigenvalue.
         """
-        return self._lu.negative_pivots(self._free) if self._factorise(x) else -1
+        return self._extended.negative_eigenvalues(self._lu) if self._factorise(x) else -1
 
     def _in_slices(self, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The lowest eigenvalues, their rounding errors, and vectors, by slices of four decades."""
