@@ -66,9 +66,9 @@ class PlainStep:
         for _ in range(8):  # until all members are known that a point touches
             inner = model.forms.internal_force(self.D)
             members = model.points.members
-            if members is None or members.check(self.D) == members.FINE:
+            if members is None or members.check(self.D) == 0:
                 break
-        model.points.evaluate_slides(self.z)
+        model.forms.in_c.evaluate_slides(self.z)
         added = self.mean(self.forcing.forces(interval))
         inertia, stopping = model.mass @ self.acceleration(), model.mass @ state.v / interval.length
         self.size = max(abs(part).max() for part in (added, inner, inertia, stopping))
@@ -192,7 +192,9 @@ class PlainStep:
         """Largest gap that the step opens, and largest force without balance by the largest."""
         r = np.concatenate([self.forces(end), np.zeros(len(self.Dd))])
         points, number = self.model.points, {c: n for n, c in self.model.couplings.slides.items()}
-        for column, force in zip(points.columns.tolist(), points.on_slides(0), strict=True):
+        for column, force in zip(
+            points.columns.tolist(), self.model.forms.in_c.on_slides(0), strict=True
+        ):
             r[self.model.size + number[column]] -= force
         gaps, columns = self.held()
         driven = {number for number, name in self.motors if name == "slide"}

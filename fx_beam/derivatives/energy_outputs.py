@@ -15,6 +15,7 @@ import numpy as np
 
 from fx_beam.dual import floats
 from fx_beam.errors import SceneError
+from fx_beam.fem.point_slopes import energy_by, losses_by
 from fx_beam.laws.interval import Interval, StepBatch, StepStart
 from fx_beam.scene.joints import GROUND
 from fx_beam.scene.outputs import Output
@@ -80,7 +81,7 @@ def _springs(sub_steps: SubSteps, rows: Arrays) -> Derivatives:
     if not points.any:
         return {}
     q, slides, internal = (rows[name] for name in ("q", "slides", "spring internal"))
-    return points.energy_by(q, slides, internal, rows.get("parameters"))
+    return energy_by(sub_steps.model.forms.in_c, q, slides, internal, rows.get("parameters"))
 
 
 _PARTS: dict[str, list[Callable[[SubSteps, Arrays], Derivatives]]] = {
@@ -116,7 +117,7 @@ def why_no_losses(model: Model) -> str:
     members = model.points.members
     if members is not None and any(law.law.loss for law in members.laws):
         return "members touch with friction or losses"
-    return "friction follows the force of a joint" if model.points.follow_joints else ""
+    return "friction follows the force of a joint" if len(model.points.followed) else ""
 
 
 def losses_in_steps(sub_steps: SubSteps, rows: np.ndarray) -> Iterator[Block]:
@@ -138,19 +139,20 @@ def _losses_of_points(
     sub_steps: SubSteps, rows: np.ndarray, steps: np.ndarray, parts: StepBatch
 ) -> Iterator[Block]:
     """Derivatives of what forces at points lose."""
-    forms, points, inputs = sub_steps.model.forms, sub_steps.model.points, []
+    forms, inputs = sub_steps.model.forms, []
+    in_c = forms.in_c
     places, times, states = sub_steps.places(steps), sub_steps.tape.times, sub_steps.states
     of_step = ("q", "v", "slides", "spring internal")
     for i, (k, before, after, _) in enumerate(zip(steps.tolist(), *places, strict=True)):
         if sub_steps.model.scheme.rates.at_rest:
-            points.set_load(float(sub_steps.tape.memories[k]), float(times.lengths[k]))
+            in_c.set_load(float(sub_steps.tape.memories[k]), float(times.lengths[k]))
         q, v, slides, internal = (states[name][before] for name in of_step)
         forms.parameters.use(parts.parameters[i] if len(parts.parameters) else None)
         start = StepStart(q, v, slides=slides, spring_internal=internal)
-        points.begin(Interval(float(times.starts[k]), float(times.ends[k])), start)
-        inputs.append(points.given_with(parts.D[i], states["slides"][after] - slides))
-    slopes = points.losses_by(
-        np.array(inputs), *(states[name].shape[1] for name in ("q", "slides"))
+        in_c.begin(Interval(float(times.starts[k]), float(times.ends[k])), start)
+        inputs.append(in_c.given_with(parts.D[i], states["slides"][after] - slides))
+    slopes = losses_by(
+        forms.points, np.array(inputs), *(states[name].shape[1] for name in ("q", "slides"))
     )
     for name, increment in (("q", "increment"), ("slides", "slide increment")):
         D = slopes.pop(increment)

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from fx_beam.fem.frictions import smooth_signs_of
 from fx_beam.step.model import Model
 from fx_beam.step.tape import Tape
 
@@ -38,7 +39,7 @@ def warn_of_short_reversals(model: Model, tape: Tape) -> bool:
 
 def _first_reversals(model: Model, tape: Tape) -> Iterator[tuple[int, int, str, float]]:
     """For each friction: last step before a reversal, number of slow steps, name, and speed."""
-    frictions = model.points.smooth_signs
+    frictions = smooth_signs_of(model.points)
     present, lengths = tape.present, tape.times.lengths
     if not frictions or not tape.is_whole or not len(lengths):
         return

@@ -11,6 +11,8 @@ import scipy.sparse
 
 from fx_beam.dual import Dual
 from fx_beam.errors import SceneError
+from fx_beam.fem.frictions import friction_sticks
+from fx_beam.fem.point_slopes import by_load_factor
 from fx_beam.linear.linearisation import Linearisation
 from fx_beam.motions.numbers import numbers_of_state, static_numbers_of
 from fx_beam.results.solution import Solution
@@ -95,7 +97,7 @@ class TangentDerivatives:
 
     def begin(self, about: Linearisation, state: Solution | None, damped: bool = False) -> None:
         """Take the tangent about a state, or about the reference."""
-        if about.model.points.friction_sticks(about.start.q, about.start.slides):
+        if friction_sticks(about.model.forms.in_c, about.start.q, about.start.slides):
             raise SceneError(f"{self._what}: no derivatives: friction that sticks has none")
         end = None if state is None else state.end
         self._factor = 0.0 if state is None or end is None else float(state.t[-1])
@@ -145,7 +147,7 @@ class TangentDerivatives:
         numbers = {name: (rows[name][1:] - rows[name][:1]) / 2 for name in names}
         if model.weight is not None:  # the factor multiplies it
             numbers["weight"] = model.weight / factor
-        return numbers | {"points": model.points.by_load_factor}
+        return numbers | {"points": by_load_factor(model.points)}
 
     def of_sums(self, pairs: Pairs, weights: np.ndarray) -> np.ndarray:
         """Derivatives (s, m) by x of real parts of weights (s, n) times sums.

@@ -69,7 +69,8 @@ class TangentSteps:
         functions = (f for name, f in expressions_of(model.scene) if name in _FUNCTIONS)
         self._distance_at_most = _IN_PIECES if any(map(switches, functions)) else _DISTANCE
         # At the reference forces that depend on the motion count for damping, not for stiffness.
-        unloaded = self.damped and factor == 0.0 and model.points.has_external
+        loads = model.points.placed[model.points.external]
+        unloaded = self.damped and factor == 0.0 and bool(loads)
         self._factors = [0.0, 1.0] if unloaded else [factor]
         # Forces that depend on rates, without inertia.
         arguments = NewtonOptions(), about.frame is not None, True, False, False, 1.0, False
@@ -120,7 +121,7 @@ class TangentSteps:
         And no node slides off its element, or along a member that it touches to another piece.
         """
         about, model, start = self._about, self._about.model, self._start
-        if not (model.points.conditions or model.couplings.sliding):
+        if not (sum(model.points.switch_counts) or model.couplings.sliding):
             return most
         reduction, points = model.reduction, self._first[0]
         columns, driven = about.columns @ direction, np.zeros(reduction.driven)
@@ -134,7 +135,7 @@ class TangentSteps:
             y = factor * columns[: reduction.free]
             q = start.q + reduction.increment(y, driven)
             slides = start.slides + model.couplings.free_slides(y, len(start.slides))
-            passed = (model.points.switches(q, slides) * at_start < 0).any()
+            passed = (model.forms.in_c.switches(q, slides) * at_start < 0).any()
             return bool(passed) or (members and members.touched) != touched
 
         while distance > _NEAREST and any(map(switched, distance * points)):

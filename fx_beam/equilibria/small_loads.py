@@ -48,7 +48,7 @@ class SmallLoads:
     def _without_switch(self, largest: float) -> float:
         """A load factor up to which, in both directions, no stop or other law switches."""
         model, start = self._stepper.model, self.state
-        if not (model.points.conditions or model.points.members):
+        if not (sum(model.points.switch_counts) or model.points.members):
             return largest
         path, members = self._stepper.path, model.points.members
         at_start, touched = np.sign(model.switches(start)), members and members.touched
@@ -57,7 +57,7 @@ class SmallLoads:
         def switched(load: float) -> bool:
             y = load * self.y
             slides = start.slides + model.couplings.free_slides(y, len(start.slides))
-            values = model.points.switches(start.q + path.expand(y, load), slides)
+            values = model.forms.in_c.switches(start.q + path.expand(y, load), slides)
             return (
                 bool((np.sign(values) != at_start).any())
                 or (members and members.touched) != touched

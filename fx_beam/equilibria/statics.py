@@ -69,7 +69,7 @@ class LoadPath:
         self._lease = model_for(connected, Equilibrium(), settles=True)
         self.model: Model = (model := self._lease.set_up)
         self.stats = stats_of(model, solver="sparse lu", static=True)
-        if options.continuation is not None and model.points.follow_joints:
+        if options.continuation is not None and len(model.points.followed):
             raise SceneError(
                 "static: arc-length steps do not find the force of a joint that its friction "
                 "follows. Use load steps (without continuation), or fx_beam.SmoothFriction"

@@ -22,6 +22,9 @@ from .form_library import CompiledForm, form_module
 
 T = TypeVar("T")
 
+#: The library that evaluates all forces at points: its title, file and header.
+LIBRARY = "forces at points", "point_forces.h", "point_force.h"
+
 # Tensor, coefficients, constants, coordinates; the others have no meaning here. Later versions of
 # FFCx have one more, which C ignores where there is none.
 _FUNCTION = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 7)

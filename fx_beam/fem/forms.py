@@ -16,6 +16,7 @@ from .beam_forms import BeamForms
 from .mesh import Mesh
 from .parameter_values import ParameterValues
 from .point_forces import PointForces
+from .points_in_c import PointsInC
 from .scene_data import FormData
 from .sparsity import matrix_between, places_of_cells, with_pairs
 
@@ -38,23 +39,27 @@ class Forms:
         if data.pairs:
             from .member_contacts import MemberContacts
 
-            members = MemberContacts(data.pairs, rule, mesh)
+            first = sum(force.law.internal for force in data.forces)
+            members = MemberContacts(data.pairs, rule, mesh, first)
         #: Forces of contact, drag of nodes, followers, and the coordinates of joints.
         self.points = PointForces(data.forces, data.followers, rule, parameters, members)
+        #: The same in C, as steps call them.
+        self.in_c = PointsInC(self.points)
         #: Those of beams, None without any.
         self.beams = None
         if scene.beams:
             self.beams = BeamForms(scene, scheme, mesh, parameters, data.beams, holds=instant)
-        parts = [part for part in (self.beams, self.points) if part is not None]
         #: Shape (cells, degree, width) of the internal variables; the width is zero without any.
         self.internal_shape = (0, 1, 0) if self.beams is None else self.beams.internal_shape
         #: Whether the forces depend on the start of the last step.
         self.needs_previous = self.beams is not None and self.beams.facts.needs_previous
         #: Whether the scene has added virtual works or follower forces.
-        self.has_added = any(part.has_external for part in parts)
-        #: Whether forces may depend on rates, and may dissipate energy.
-        self.depend_on_rates = any(part.depend_on_rates for part in parts)
-        self.dissipate = any(part.dissipate for part in parts)
+        follow = self.points.external.stop > self.points.external.start
+        self.has_added = follow or (self.beams is not None and self.beams.has_external)
+        #: Whether forces may dissipate energy, and may depend on rates.
+        loses, beams = self.points.any_have("loss"), self.beams
+        self.dissipate = loses or (beams is not None and beams.dissipate)
+        self.depend_on_rates = follow or loses or (beams is not None and beams.depend_on_rates)
         #: Matrix with the entries of beams and of each node.
         self.of_members = matrix_between(mesh.elements, len(mesh.X))
         #: Tangent of all forces, and the places (cells, n * n) in it of the entries of cells.
@@ -76,6 +81,7 @@ class Forms:
         """Set all numbers, with the mesh, and begin anew."""
         self.parameters.bind(data.parameters)
         self.points.bind(data.forces, data.followers)
+        self.in_c.bind()
         if self.points.members is not None:
             self.points.members.bind(data.pairs)
         if self.beams is not None:
@@ -86,7 +92,7 @@ class Forms:
 
     def set_load(self, factor: float) -> None:
         """Set the load factor of external forces and of virtual works."""
-        self.points.set_load(factor, 0.0)
+        self.in_c.set_load(factor, 0.0)
         if self.beams is not None:
             self.beams.data.named["load_factor"][...] = factor
 
@@ -94,14 +100,14 @@ class Forms:
         """Begin a step; its increment is zero."""
         t = interval.at(self._rates.level)
         self.parameters.begin(t, start.parameters)
-        self.points.begin(interval, start)
+        self.in_c.begin(interval, start)
         D = np.zeros(self.size)
         self._step = start.batch(t, interval.length, D, self.parameters.values)
 
     def internal_force(self, D: np.ndarray) -> np.ndarray:
         """Internal forces (size,) [N, N m] for an increment D, with others against the motion."""
         force = self.force_of_beams(D)
-        self.points.add_force(D, force)
+        self.in_c.add_force(D, force)
         return force
 
     def force_of_beams(self, D: np.ndarray) -> np.ndarray:
@@ -117,7 +123,7 @@ class Forms:
         K.data[:] = 0.0
         if self.beams is not None:
             self.beams.add_tangent(self._step, K.data, self.of_cells)
-        self.points.add_tangent(K.data)
+        self.in_c.add_tangent(K.data)
         return K if members is None else K + members.tangent()
 
     def added_force(self) -> np.ndarray:
@@ -125,7 +131,7 @@ class Forms:
         force = np.zeros(self.size)
         if self.beams is not None:
             self.beams.add_external(self._step, force)
-        self.points.add_external(force)
+        self.in_c.add_external(force)
         return force
 
     def strain_energy(

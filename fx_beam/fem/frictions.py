@@ -1,11 +1,15 @@
-"""Friction of forces at points, as its reversals are looked for: springs, and smooth signs."""
+"""Friction of forces at points: its springs, smooth signs, and what sticks."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
+
+from .member_contacts import IN_SLOT, SLOTS
+from .point_forces import PointForces
+from .points_in_c import PointsInC
 
 
 class Bristle(NamedTuple):
@@ -36,3 +40,63 @@ class SmoothSign(NamedTuple):
             return slides[:, self.slide]
         a, b = np.split(np.where(np.array(self.dofs) < 0, 0.0, q[:, self.dofs]), 2, axis=1)
         return np.hypot(*(b - a + self.arm).T) if len(self.dofs) > 2 else (b - a)[:, 0]
+
+
+def bristles_of(points: PointForces) -> list[Bristle]:
+    """The springs of all friction that sticks."""
+    bristles = [
+        Bristle(first, float(numbers[-2]), force.load.joint >= 0)
+        for force, _, _, numbers, _, _, first, *_ in points.placed
+        if force.law.has_stick_state
+    ]
+    for pair, slots in _slots_of_members(points):
+        for k, first in enumerate(slots.tolist()):
+            bristles.append(Bristle(first + 1, float(pair.numbers[k // SLOTS, -2]), False))
+    return bristles
+
+
+def friction_of_members(points: PointForces, internal: np.ndarray) -> dict[int, np.ndarray]:
+    """Stretch and slip (n, points, 2) of the first members, by the contact's number.
+
+    From all internal variables (n, width). Of a node that touches two points: where its spring is
+    stretched further.
+    """
+    by_contact = {}
+    for pair, slots in _slots_of_members(points):
+        if pair.contact is not None:
+            known = internal[:, slots[:, None] + np.arange(IN_SLOT)]
+            known = known.reshape(len(internal), len(pair.points), SLOTS, IN_SLOT)
+            most = abs(known[..., 1]).argmax(axis=-1)
+            farthest = np.take_along_axis(known, most[..., None, None], axis=2)
+            by_contact[pair.contact.number] = farthest[:, :, 0, 1:]
+    return by_contact
+
+
+def _slots_of_members(points: PointForces) -> Iterator[tuple[Any, np.ndarray]]:
+    """Members that touch with friction, and where slots of all points are among all variables."""
+    if (members := points.members) is None:
+        return
+    before = points.width - members.width
+    for pair, first in zip(members.pairs, members.first_slots[:-1].tolist(), strict=True):
+        if pair.law.internal:
+            yield pair, before + IN_SLOT * (first + np.arange(SLOTS * len(pair.points)))
+
+
+def smooth_signs_of(points: PointForces) -> list[SmoothSign]:
+    """All friction with the smooth sign of a rate."""
+    signs = list[SmoothSign]()
+    for force, _, _, numbers, *_ in points.placed:
+        if force.law.smooth:
+            arm = numbers[:2] if len(force.dofs) == 4 else np.empty(0)  # numbers of a distance
+            place = force.slide, force.dofs, arm, force.belongs_to
+            signs.append(SmoothSign(float(numbers[len(arm)]), *place))
+    return signs
+
+
+def friction_sticks(in_c: PointsInC, q: np.ndarray, slides: np.ndarray) -> bool:
+    """Whether friction acts that sticks: of a joint, or of a contact that is closed."""
+    ends = np.cumsum(in_c.points.switch_counts, dtype=int)
+    pairs = zip(in_c.points.laws, np.split(in_c.switches(q, slides) <= 0, ends), strict=False)
+    return any(
+        law.has_stick_state and (not law.unilateral or closed.any()) for law, closed in pairs
+    )

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from fx_beam.laws.point_laws import StepRule, arguments
+from fx_beam.laws.point_laws import StepRule
 
 from .line_laws import laws_of_forces
 from .point_forces import PlacedForce, PointForces, Role
 
 #: Forces at an instant, from places and rates at the start of a step.
 AN_INSTANT = StepRule(0.0, turning=False, at_rest=False, instant=True)
-_MOTION = "q", "increment", "v"
 
 
 class LineSteps(NamedTuple):
@@ -57,56 +56,40 @@ class LineValues:
     """
 
     def __init__(self, points: PointForces, line: int, quantity: str, rule: StepRule | None = None):
-        self._of, self._points = quantity, points
-        forces = [
-            placed for placed in points.along(line) if getattr(placed.law.law, quantity) is not None
-        ]
+        self._of = quantity
+        along = [placed for placed in points.placed if placed.force.line == line]
+        forces = [x for x in along if getattr(x.law.law, quantity) is not None]
         if quantity in ("length", "rate"):
             forces = forces[:1]  # all have them
-        laws = [placed.law for placed in forces]
-        if rule is not None and laws:
-            laws = laws_of_forces([law.law for law in laws], rule)
-        self._forces = [*zip(forces, laws, strict=True)]
+        if rule is not None and forces:
+            laws = laws_of_forces([placed.law.law for placed in forces], rule)
+            places = [np.array(points.parameters.indices(law.parameters), int) for law in laws]
+            triples = zip(forces, laws, places, strict=True)
+            forces = [placed._replace(law=law, parameters=x) for placed, law, x in triples]
+        self._forces = forces
 
     def values(self, steps: LineSteps) -> np.ndarray:
         """The values (k,)."""
         total = np.zeros(len(steps.q))
-        for placed, law in self._forces:
-            total += law.function(self._of).in_rows(self._given(placed, law, steps))[:, 0]
+        for placed in self._forces:
+            total += placed.law.function(self._of).in_rows(_given(placed, steps))[:, 0]
         return total
 
     def slopes(self, steps: LineSteps) -> Iterator[LineSlopes]:
         """Their derivatives by "q", "increment", "v", "spring internal", "points", "parameters"."""
-        for placed, law in self._forces:
-            slopes = law.derivatives(self._of).in_rows(self._given(placed, law, steps))
-            size, first = law.law.size, 3 * law.law.size + 2
-            internal, last = law.law.internal, arguments(law.law)
-            numbers = last - law.law.numbers
-            # A node may be there twice.
-            dofs = np.array(placed.force.dofs)
-            entries = np.unique(dofs[dofs >= 0])
-            places = (dofs == entries[:, None]).T.astype(float)
-            motion = (slopes[:, i : i + size] @ places for i in (0, size, 2 * size))
-            parts = [
-                *((name, entries, values) for name, values in zip(_MOTION, motion, strict=True)),
-                ("spring internal", placed.variables, slopes[:, first : first + internal]),
-                (
-                    "points",
-                    placed.first_number + np.arange(last - numbers),
-                    slopes[:, numbers:last],
-                ),
-                ("parameters", self._points.parameters_of(law), slopes[:, last:]),
-            ]
+        for placed in self._forces:
+            parts = placed.slopes(self._of, _given(placed, steps))
             yield from (LineSlopes(*part) for part in parts if part[2].any())
 
-    def _given(self, placed: PlacedForce, law: Any, steps: LineSteps) -> np.ndarray:
-        """What a law is given (k, given); nothing of an iteration before."""
-        force, numbers = placed.force, np.tile(placed.numbers, (len(steps.q), 1))
-        if force.role == Role.EXTERNAL:
-            numbers[:, -1] = steps.factor
-        dofs = np.array(force.dofs)
-        motion = (np.where(dofs < 0, 0.0, x[:, dofs]) for x in (steps.q, steps.D, steps.v))
-        remembered = np.zeros((len(steps.q), law.law.iteration_memory))
-        of_time = np.column_stack([steps.t, steps.dt])
-        columns = [*motion, of_time, steps.internal[:, placed.variables], remembered, numbers]
-        return np.hstack([*columns, steps.parameters[:, self._points.parameters_of(law)]])
+
+def _given(placed: PlacedForce, steps: LineSteps) -> np.ndarray:
+    """What the law of a force is given (k, given); nothing of an iteration before."""
+    force, numbers = placed.force, np.tile(placed.numbers, (len(steps.q), 1))
+    if force.role == Role.EXTERNAL:
+        numbers[:, -1] = steps.factor
+    dofs = np.array(force.dofs)
+    motion = (np.where(dofs < 0, 0.0, x[:, dofs]) for x in (steps.q, steps.D, steps.v))
+    remembered = np.zeros((len(steps.q), placed.law.law.iteration_memory))
+    of_time = np.column_stack([steps.t, steps.dt])
+    columns = [*motion, of_time, steps.internal[:, placed.variables], remembered, numbers]
+    return np.hstack([*columns, steps.parameters[:, placed.parameters]])

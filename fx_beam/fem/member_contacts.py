@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import enum
 import functools
 from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse
 
+from fx_beam import c_library
 from fx_beam.c_library import Structs
 from fx_beam.errors import SceneError
 from fx_beam.laws import scalar_laws as laws
@@ -20,13 +22,13 @@ from fx_beam.scene.joints import GROUND
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 
-from .compiled_laws import compiled_laws, slopes_of
+from .compiled_laws import LIBRARY, compiled_laws
 from .mesh import Mesh
 from .sparsity import connected_parts
 
-# Entries of a contact point, slots of memory of a point's friction, and numbers in each
-# (member_contact.h).
-_ENTRIES, _SLOTS, _IN_SLOT = 10, 2, 3
+#: Entries of a contact point, slots of memory of a point's friction, and numbers in each
+#: (member_contact.h).
+_ENTRIES, SLOTS, IN_SLOT = 10, 2, 3
 # Nodes of a closed member on either side of its seam that are there twice; ends relative to its
 # length that are at one place.
 _AROUND, _SAME_PLACE = 4, 1e-9
@@ -122,14 +124,20 @@ def _both_directions(
     return pairs
 
 
-class MemberContacts:
-    """All contact with members of a scene. Its data lie in C, for both kinds of steps."""
+class Found(enum.IntEnum):
+    """What `MemberContacts.check` finds: all is fine, points moved or slid too far, or passed."""
 
-    #: What `check` finds.
     FINE, MOVED, PASSED, SLID = range(4)
 
-    def __init__(self, pairs: list[MemberPair], rule: StepRule, mesh: Mesh):
-        self._pairs, self._mesh, self._rule = pairs, mesh, rule
+
+class MemberContacts:
+    """All contact with members of a scene; its internal variables have a first place among all.
+
+    Its data lie in C, for both kinds of steps.
+    """
+
+    def __init__(self, pairs: list[MemberPair], rule: StepRule, mesh: Mesh, first_internal: int):
+        self.pairs, self._mesh = pairs, mesh
         #: Number of points whose forces are recorded.
         self.slots = sum(len(pair.points) for pair in pairs if pair.contact)
         self.laws = compiled_laws([pair.law for pair in pairs], rule)
@@ -140,61 +148,48 @@ class MemberContacts:
             )
         #: Number of points of each that may touch.
         self.switch_counts = [len(pair.points) for pair in pairs]
-        #: Number of numbers of all points, and of arc lengths of the nodes of all members.
-        self.counts = sum(pair.numbers.size for pair in pairs), sum(pair.arc.size for pair in pairs)
-        counts = [_SLOTS * len(pair.points) * bool(pair.law.internal) for pair in pairs]
+        counts = [SLOTS * len(pair.points) * bool(pair.law.internal) for pair in pairs]
         #: First slot of memory of each; all their internal variables.
-        self._first_slots, self.width = np.cumsum([0, *counts]), _IN_SLOT * sum(counts)
-
-    def build(self, ffi: Any, library: Any, structs: Structs, first_internal: int) -> Any:
-        """Hand over to C; returns the address of the struct.
-
-        Its internal variables begin at a place among all.
-        """
-        self._ffi, self._c = ffi, library
-        self._of = functools.partial(ffi.from_buffer, ffi.typeof("double[]"))
-        self._numbers = [np.array(pair.numbers) for pair in self._pairs]
-        mesh, pairs = self._mesh, self._pairs
+        self.first_slots, self.width = np.cumsum([0, *counts]), IN_SLOT * sum(counts)
+        self.ffi, self.library = c_library.open_library(*LIBRARY)
+        self._of = functools.partial(self.ffi.from_buffer, self.ffi.typeof("double[]"))
+        self._numbers = [np.array(pair.numbers) for pair in pairs]
         sizes = [(len(pair.points), pair.numbers.size, pair.arc.size) for pair in pairs]
         firsts = np.cumsum([(0, 0, 0), *sizes], axis=0)
         nodes = np.unique(np.concatenate([[*pair.points, *pair.nodes] for pair in pairs]))
-        self._reference = self._positions()
-        self._all = ffi.new("MemberContacts *")
-        structs.set(
-            self._all,
+        self._reference, size = _positions(mesh), mesh.dofs.size
+        #: The C struct MemberContacts.
+        self.c, self._structs = self.ffi.new("MemberContacts *"), Structs(self.ffi)
+        self._structs.set(
+            self.c,
             contacts=len(pairs),
             conditions=sum(self.switch_counts),
             of=[self._row(i, *firsts[i]) for i in range(len(pairs))],
-            dofs=mesh.dofs.size,
+            dofs=size,
             moving=len(nodes),
             moves=mesh.dofs[nodes, :2],
             reference=self._reference,
             margin=-1.0,
-            slots=self._first_slots[-1],
+            slots=self.first_slots[-1],
             first_internal=first_internal,
-            has_slot=np.zeros(self._first_slots[-1], np.int32),
+            has_slot=np.zeros(self.first_slots[-1], np.int32),
             memory=np.zeros(self.width),
             contact_point=None,
             near=None,
-            **{name: np.zeros(mesh.dofs.size) for name in ("searched_at", "start", "v", "product")},
+            **{name: np.zeros(size) for name in ("searched_at", "start", "v", "product")},
         )
         # Freed with this object: C allocates as much as there are contact points.
-        self._freed = ffi.gc(self._all, library.fx_free_members)
-        return int(ffi.cast("uintptr_t", self._all))
-
-    def _positions(self) -> np.ndarray:
-        """Positions (size,) of all degrees of freedom in the reference configuration."""
-        return np.pad(self._mesh.X, ((0, 0), (0, 1))).ravel()
+        self._freed = self.ffi.gc(self.c, self.library.fx_free_members)
 
     def _row(self, i: int, point: int, number: int, arc: int) -> dict[str, Any]:
         """Members of ``MemberContact`` of a pair: its first point, number and arc among all."""
-        pair, law, numbers, mesh = self._pairs[i], self.laws[i], self._numbers[i], self._mesh
+        pair, law, numbers, mesh = self.pairs[i], self.laws[i], self._numbers[i], self._mesh
         return {
             **law.members,
             "slopes": None,
             "sums": law.law.size,
             "loaded": law.law.size - (4 if law.law.internal else 2),
-            "first_slot": self._first_slots[i],
+            "first_slot": self.first_slots[i],
             "points": len(pair.points),
             "point_dof": mesh.dofs[pair.points, :2],
             "first_point": point,
@@ -217,57 +212,30 @@ class MemberContacts:
         """OtherStructureError if other members touch."""
         kinds, known = (
             [(pair.law.kind, pair.numbers.shape, pair.turn) for pair in side]
-            for side in (pairs, self._pairs)
+            for side in (pairs, self.pairs)
         )
         if kinds != known:
             raise OtherStructureError("other members touch")
 
     def bind(self, pairs: list[MemberPair]) -> None:
         """Set the numbers of pairs of the same kinds, with the mesh; forget the last run."""
-        self._pairs = pairs
+        self.pairs = pairs
         for i, pair in enumerate(pairs):
             self._numbers[i][...] = pair.numbers
-            row = self._all.of[i]
-            self._ffi.memmove(row.arc, np.ascontiguousarray(pair.arc), pair.arc.nbytes)
+            row = self.c.of[i]
+            self.ffi.memmove(row.arc, np.ascontiguousarray(pair.arc), pair.arc.nbytes)
             row.apart = pair.apart
-        self._reference[...] = self._positions()
+        self._reference[...] = _positions(self._mesh)
         self.forget()
 
     def forget(self) -> None:
         """Search anew in the next step, as in the first one of a run."""
-        self._all.margin, self._all.step = -1.0, 0.0
-
-    def friction(self, memory: np.ndarray) -> dict[int, np.ndarray]:
-        """Stretch and slip (n, points, 2) of the first members, by the contact's number.
-
-        From internal variables (n, width). Of a node that touches two points: where its spring is
-        stretched further.
-        """
-        of_contacts = {}
-        for pair, first in zip(self._pairs, self._first_slots[:-1], strict=True):
-            if pair.contact is None or not pair.law.internal:
-                continue
-            slots = slice(_IN_SLOT * first, _IN_SLOT * (first + _SLOTS * len(pair.points)))
-            points = memory[:, slots].reshape(len(memory), len(pair.points), _SLOTS, _IN_SLOT)
-            most = abs(points[..., 1]).argmax(axis=-1)
-            known = np.take_along_axis(points, most[..., None, None], axis=2)
-            of_contacts[pair.contact.number] = known[:, :, 0, 1:]
-        return of_contacts
-
-    @property
-    def bristles(self) -> list[tuple[int, float]]:
-        """The place of the stretch of all friction, in each slot, and mu."""
-        return [
-            (_IN_SLOT * (first + k) + 1, float(pair.numbers[k // _SLOTS, -2]))
-            for pair, first in zip(self._pairs, self._first_slots[:-1].tolist(), strict=True)
-            if pair.law.has_stick_state
-            for k in range(_SLOTS * len(pair.points))
-        ]
+        self.c.margin, self.c.step = -1.0, 0.0
 
     @property
     def are_near(self) -> bool:
         """Whether points are so near to a member that they may touch it in the last step."""
-        return self._all.contact_points > 0
+        return self.c.contact_points > 0
 
     @property
     def touched(self) -> list[tuple[int, int, int, bool]]:
@@ -276,56 +244,23 @@ class MemberContacts:
         There the curvature of a member jumps.
         """
         pieces = list[tuple[int, int, int, bool]]()
-        for k in range(self._all.near_places):
-            near = self._all.near[k]
-            place, last = near.piece + near.place, self._all.of[near.contact].nodes - 1
+        for k in range(self.c.near_places):
+            near = self.c.near[k]
+            place, last = near.piece + near.place, self.c.of[near.contact].nodes - 1
             pieces.append((near.contact, near.point, round(place), place in (0, last)))
         return pieces
-
-    # -- Derivatives ------------------------------------------------------------------------------
-
-    def energy_by(
-        self, q: np.ndarray, internal: np.ndarray, of_points: dict[str, np.ndarray]
-    ) -> dict[str, np.ndarray]:
-        """Derivatives (k, ...) of stored energies: by "q", "spring internal", "members", "X".
-
-        With those `of_points` by the first two. `internal` has all variables at points.
-        """
-        of_q, of_internal = np.zeros(q.shape), of_points["spring internal"].copy()
-        sums = of_q, of_internal, np.zeros((len(q), self.counts[0]))
-        addresses = [
-            0 if law.law.energy is None else law.derivatives("energy").address for law in self.laws
-        ]
-        functions = self._ffi.new(
-            "Law *[]", [self._ffi.cast("Law *", address) for address in addresses]
-        )
-        for state, *rows in zip(zip(q, internal, strict=True), *sums, strict=True):
-            energy = self._ffi.new("Energy *", [functions, 0.0, *map(self._of, rows)])
-            self._c.fx_stored_at_members(self._all, energy, *map(self._of, state))
-        X = of_q.reshape(len(q), -1, 3)[..., :2]
-        of_both = {"q": of_q + of_points["q"], "spring internal": of_internal}
-        return of_both | {"members": sums[2], "X": X}
-
-    def follow(self) -> None:
-        """Hand over what derivatives need besides; compiled once."""
-        followed = {id(pair.followed): pair.followed for pair in self._pairs}
-        #: Keeps the compiled functions.
-        self._slopes = {key: slopes_of(law, self._rule) for key, law in followed.items()}
-        for i, pair in enumerate(self._pairs):
-            address = self._slopes[id(pair.followed)].address
-            self._all.of[i].slopes = self._ffi.cast("Law *", address)
 
     # -- A step ---------------------------------------------------------------------------------
 
     def add_force(self, D: np.ndarray, out: np.ndarray) -> None:
         """Evaluate the forces for the increment D (size,), and add them against the motion."""
-        self._c.fx_evaluate_members(self._all, self._of(D))
-        self._c.fx_add_members(self._all, self._of(out))
+        self.library.fx_evaluate_members(self.c, self._of(D))
+        self.library.fx_add_members(self.c, self._of(out))
 
     def tangent(self) -> scipy.sparse.csr_matrix:
         """Their derivatives (size, size) by the increments."""
-        count, size = self._all.contact_points, self._mesh.dofs.size
-        closed = [point for point in self._all.contact_point[0:count] if point.closed]
+        count, size = self.c.contact_points, self._mesh.dofs.size
+        closed = [point for point in self.c.contact_point[0:count] if point.closed]
         dofs = np.array([list(point.dof) for point in closed], dtype=int).reshape(-1, _ENTRIES)
         values = np.array([list(point.tangent) for point in closed])
         rows, columns = np.repeat(dofs, _ENTRIES, axis=1), np.tile(dofs, (1, _ENTRIES))
@@ -333,5 +268,10 @@ class MemberContacts:
         return scipy.sparse.csr_matrix(entries, (size, size))
 
     def check(self, D: np.ndarray) -> int:
-        """What is wrong at the end of a step: FINE, MOVED or SLID (too far), PASSED (a member)."""
-        return int(self._c.fx_check_members(self._all, self._of(D)))
+        """What is wrong at the end of a step, as `Found`."""
+        return int(self.library.fx_check_members(self.c, self._of(D)))
+
+
+def _positions(mesh: Mesh) -> np.ndarray:
+    """Positions (size,) of all degrees of freedom in the reference configuration."""
+    return np.pad(mesh.X, ((0, 0), (0, 1))).ravel()

@@ -270,7 +270,7 @@ class Steps:
             "kinetic": float(state.v @ (self._form.mass @ state.v)) / 2,
             "strain": self._form.strain_energy(),
             "potential": 0.0 if model.weight is None else -float(model.weight @ state.q),
-            "springs": float(model.points.energy(state.q, state.slides, state.spring_internal)),
+            "springs": float(model.forms.in_c.energy(state.q, state.slides, state.spring_internal)),
         }
 
     # -- What steps call ---------------------------------------------------------------------------

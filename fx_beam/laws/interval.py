@@ -97,9 +97,10 @@ class StepStart(NamedTuple):
         internal = _NONE if self.internal is None else self.internal
         strains = self.natural or (_NONE, _NONE)
         arrays = D, self.q, self.v, self.a, q_previous, internal, *strains
-        rows = [x.reshape(1, -1) if x.size else _NONE for x in (*arrays, parameters)]
-        times, memory = np.array([[t], [length]]), np.array([self.memory])
-        return StepBatch._make([*times, *rows[:-1], memory, rows[-1], _NONE])
+        rows = (x.reshape(1, -1) if x.size else _NONE for x in (*arrays, parameters))
+        D, q, v, a, q_previous, internal, natural, natural_end, values = rows
+        step = np.array([t]), np.array([length]), D, q, v, a, q_previous, internal, natural
+        return StepBatch(*step, natural_end, np.array([self.memory]), values)
 
 
 class StepBatch(NamedTuple):

@@ -10,6 +10,7 @@ import scipy.linalg
 import scipy.sparse
 
 from fx_beam.errors import SceneError, is_flag, is_whole, require, vector
+from fx_beam.fem.frictions import bristles_of
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import Modes, modes_of
 from fx_beam.scene.scene import Scene
@@ -330,7 +331,7 @@ def lowest_modes(about: Linearisation, C: scipy.sparse.csr_matrix | None, n: int
 def _following(about: Linearisation, C: scipy.sparse.csr_matrix | None, n: int):
     """The n lowest modes under forces without a potential: two modes may flutter."""
     K, M, none = about.K, about.M, np.empty((about.K.shape[0], 0))
-    if about.model.points.bristles:
+    if bristles_of(about.model.points):
         raise SceneError(
             "modes: the stiffness is not symmetric, since a load depends on the motion beside "
             "friction, or friction slips, or sticks to what is round or bends: small motions there "

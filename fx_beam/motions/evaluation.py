@@ -178,7 +178,11 @@ def _variables_of_contact(model: Model, rows: np.ndarray) -> dict[int, np.ndarra
         if obstacle.variables:
             by_contact[obstacle.number] = of_points.reshape(len(rows), -1, 2)
         first += obstacle.variables
-    return by_contact | model.points.friction_of_members(rows)
+    if model.points.members is not None:
+        from fx_beam.fem.frictions import friction_of_members
+
+        by_contact |= friction_of_members(model.points, rows)
+    return by_contact
 
 
 # Displacements and rotations at chosen times are those of polynomials through the nearest ends of

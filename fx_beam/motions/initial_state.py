@@ -96,10 +96,26 @@ def _settled(model: Model, state: State, force: np.ndarray, dt: float) -> State:
             settled = newton(correct, _TOLERANCE, _MOST_CORRECTIONS)[1]
         moved = abs(new.q - state.q) > _TOLERANCE * model.unit
         slid = abs(new.slides - state.slides) > _TOLERANCE * model.mesh.size
-        if settled and not model.remembers(state, moved, slid):
+        if settled and not _remembers(model, state, moved, slid):
             return replace(state, q=new.q, slides=new.slides)
     _log.warning(_NOT_SETTLED)
     return state
+
+
+def _remembers(model: Model, state: State, moved: np.ndarray, slid: np.ndarray) -> bool:
+    """Whether what may flow at once depends on degrees of freedom or slides that have moved.
+
+    Contacts that have not been closed have nothing to remember.
+    """
+    beams = (beam for beam in model.scene.beams if (m := beam.section.internal) and m.level == 1)
+    dofs = (model.mesh.dofs[model.mesh.nodes_of(model.scene, beam)] for beam in beams)
+    points, internal = model.points, state.spring_internal
+    closed = internal is not None and internal[points.first_of_contacts :].any()
+    of_joints = (placed.force for placed in points.placed[points.first_contacts :])
+    flowing = (force for force in of_joints if force.law.internal)
+    places = ((slid, [f.slide]) if f.slide >= 0 else (moved, f.dofs) for f in flowing)
+    by_points = closed or any(x[i] for x, indices in places for i in indices if i >= 0)
+    return bool(by_points) or any(moved[entries].any() for entries in dofs)
 
 
 class Starts:
@@ -221,7 +237,7 @@ class Starts:
                 first = natural - level * change
                 start = start._replace(natural=(first, first + change))
             model.forms.begin(instant(state.t, h), start)
-            model.points.evaluate_slides(h * w)
+            model.forms.in_c.evaluate_slides(h * w)
             force = model.forms.internal_force(D)
             if self._further is not None:
                 force += self._further(instant(state.t, h), shifted, D)

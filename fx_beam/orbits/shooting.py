@@ -134,7 +134,7 @@ class Shooting:
     def check_free(self) -> None:
         """Refuse what takes energy from any motion, if no loads give it back."""
         if self.variables.remembers:
-            friction = self.model.points.follow_joints
+            friction = len(self.model.points.followed)
             loss = "friction of joints" if friction else self.model.scheme.name
             raise SceneError(
                 f"{self.what}: {loss} takes energy from a free motion, which then does not "

@@ -45,7 +45,7 @@ class Variables:
     @property
     def remembers(self) -> bool:
         """Whether steps depend on earlier ones: by the scheme, or by friction of joints."""
-        return self.model.keeps_previous or self.model.points.follow_joints
+        return self.model.keeps_previous or len(self.model.points.followed) > 0
 
     @property
     def are_rates(self) -> np.ndarray:
@@ -76,7 +76,7 @@ class Variables:
         units = {name: np.ones(size) for name, size in self.inside.items()}
         if model.keeps_previous:
             units["q previous"] = model.unit
-        if model.points.follow_joints:  # forces are large
+        if len(model.points.followed):  # forces are large
             units["spring internal"] = np.maximum(1.0, abs(_remembered(state, "spring internal")))
         return np.concatenate([model.unit_of_unknowns, rates, *units.values()])
 

@@ -171,13 +171,6 @@ class Model:
         #: Dead loads and natural strains.
         self.loads, self.natural = data.loads, data.natural
 
-    def remembers(self, state: State, moved: np.ndarray, slid: np.ndarray) -> bool:
-        """Whether what may flow at once depends on degrees of freedom or slides that have moved."""
-        beams = (beam for beam in self.scene.beams if (m := beam.section.internal) and m.level == 1)
-        dofs = (self.mesh.dofs[self.mesh.nodes_of(self.scene, beam)] for beam in beams)
-        by_points = self.points.remember(state.spring_internal, moved, slid)
-        return by_points or any(moved[entries].any() for entries in dofs)
-
     def weights(self, masses: dict[str, Any]) -> Callable[[Any], Any]:
         """Weights (size,) of all masses by an acceleration (2,), as a function."""
         return lambda acceleration: self.masses.weights(acceleration, masses["mass"])
@@ -279,7 +272,7 @@ class Model:
     def switches(self, state: State) -> np.ndarray:
         """Values that change their sign where a contact opens or closes, or a law switches."""
         self.forms.parameters.use(state.parameters)
-        return self.points.switches(state.q, state.slides)
+        return self.forms.in_c.switches(state.q, state.slides)
 
     def flowed(self, before: State, behind: State) -> bool:
         """Whether something flows, or sticks, between two states."""
@@ -313,7 +306,7 @@ class Model:
         """Energies [J]: kinetic, of beams, potential, and of springs, stops and obstacles."""
         self.forms.parameters.use(state.parameters)
         strained = self.forms.strain_energy(state.q, state.internal, state.natural)
-        stored = self.points.energy(state.q, state.slides, state.spring_internal)
+        stored = self.forms.in_c.energy(state.q, state.slides, state.spring_internal)
         potential = 0.0 if self.weight is None else -(self.weight @ state.q)
         kinetic = state.v @ (self.mass @ state.v) / 2 if state.v.any() else 0.0
         return kinetic, strained, potential, stored
@@ -462,7 +455,7 @@ class Model:
         of_motors[[joint.number for joint, _ in self.motors]] = driven + np.arange(len(self.motors))
         #: Columns, driven or fixed, whose forces histories have; -1 where there is none.
         self.force_columns = {"reactions": of_nodes, "motor_forces": of_motors}
-        self.points.set_columns(self.couplings.slides)
+        self.forms.in_c.set_columns(self.couplings.slides)
         if self.flows and min(self.scheme.fractions) < 0:
             raise SceneError(
                 f"{self.scheme.name}: the sub-step that goes back in time would give back what "
@@ -471,7 +464,7 @@ class Model:
             )
         sliders = Sliders(scene, self.couplings, self.mesh)
         used, auxiliaries = self.used_entries(), Auxiliaries(self.couplings)
-        parts = self.couplings, auxiliaries, self.points, self.scheme.rates, matrix, used
+        parts = self.couplings, auxiliaries, self.forms.in_c, self.scheme.rates, matrix, used
         loops = None
         if self.couplings.closures:
             from fx_beam.coupling.loops import Loops

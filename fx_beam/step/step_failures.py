@@ -74,7 +74,10 @@ class StepFailures:
             raise StepFailed(*fault, D, corrections)
         if (members := self.model.points.members) is None:
             return
-        reasons = {members.MOVED: _MOVED, members.SLID: _MOVED, members.PASSED: _PASSED}
+        from fx_beam.fem.member_contacts import Found
+
+        reasons: dict[int, str] = {Found.MOVED: _MOVED, Found.SLID: _MOVED}
+        reasons[Found.PASSED] = _PASSED
         if (reason := reasons.get(members.check(D))) is not None:
             raise StepFailed("members", reason, D, corrections)
 

@@ -296,7 +296,7 @@ class Problem:
         self._set(
             at_points={
                 "spring_width": points.width,
-                "friction_follows": points.follow_joints,
+                "friction_follows": len(points.followed) > 0,
             },
             newton={"may_overshoot": model.may_overshoot},
         )
@@ -316,7 +316,7 @@ class Problem:
         # Each force on a slide has one entry, the last ones.
         places, numbers = self._on_slides
         point_stored_at[len(point_stored_at) - len(points.slides) + numbers] = places
-        self._set(points=points.address, at_points={"stored_at": point_stored_at})
+        self._set(points=model.forms.in_c.address, at_points={"stored_at": point_stored_at})
         if len(points.slides):
             self._set(at_points={"slide_rate": np.zeros(model.scene.joint_count)})
 
@@ -575,7 +575,7 @@ class Problem:
         self._set(**self.state.members)
         #: First configuration with inverted sections.
         self.inverted_q = np.zeros(model.size)
-        switches = model.points.conditions
+        switches = sum(model.points.switch_counts)
         #: Values of the switches at both ends of a sub-step.
         self.sides = np.zeros((2, switches))
         self._set(inverted={"q": self.inverted_q})

@@ -11,6 +11,7 @@ from fx_beam.c_library import Structs
 from fx_beam.content_cache import cached_property
 from fx_beam.dual import nonzero_rows
 from fx_beam.errors import SceneError, any_of
+from fx_beam.fem.frictions import bristles_of
 from fx_beam.fem.scene_data import Data
 
 from .form_tables import aligned_zeros
@@ -48,15 +49,17 @@ class TapeDerivatives:
             for name in beams.forces:
                 self._works.append(work := VjpWork(name, beams, problem))
                 self._structs.set(self.c, **{work.name: work.first_members()})
-        of_points = problem.model.points.slopes or [(0, 0, 0)]
-        addresses, numbers, sizes = zip(*of_points, strict=True)
-        slopes = np.array(addresses, np.uintp)
-        self._structs.set(self.c, slopes=slopes, numbers=numbers, of_point=np.zeros(max(sizes) + 1))
+        laws = [placed.law for placed in problem.model.points.placed]
+        slopes = np.array([law.slopes_address for law in laws] or [0], np.uintp)
+        numbers = [law.law.numbers for law in laws] or [0]
+        most = max((law.slopes_size for law in laws), default=0)
+        self._structs.set(self.c, slopes=slopes, numbers=numbers, of_point=np.zeros(most + 1))
         self._structs.set(self.c, point_numbers=sum(numbers))
         members = problem.model.points.members
         if members is not None:
-            counts = dict(zip(("member_numbers", "member_arcs"), members.counts, strict=True))
-            members.follow()
+            from fx_beam.fem.member_slopes import followed
+
+            self._of_members, counts = followed(members, problem.model.points.rule)
             self._structs.set(self.c, **counts)
         elif not problem.c.system.changing:
             self._structs.set(self.c, transposed_at=problem.transposed())
@@ -297,7 +300,7 @@ class TapeDerivatives:
     def _with_reversals(self, tape: Tape) -> Structs:
         """Hand over where slip reverses in few steps; returns what keeps it."""
         moves = len(tape) >= LEAST_STEPS and not (tape.c.apart or self.problem.c.scheme.at_rest)
-        bristles = self.problem.model.points.bristles if moves else []
+        bristles = bristles_of(self.problem.model.points) if moves else []
         histories = histories_of(tape, self.problem, all_places(bristles)) if bristles else _NONE
         rows = reversal_rows(bristles, histories, tape.times.lengths)
         structs = Structs(self.problem.ffi)

@@ -1,0 +1,155 @@
+"""The forces at points in a step: gathered, called and scattered in C, also for steps in Python."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+
+import numpy as np
+
+from fx_beam import c_library
+from fx_beam.c_library import Structs
+from fx_beam.dual import floats
+from fx_beam.laws.interval import Interval, StepStart
+
+from .compiled_laws import LIBRARY
+from .point_forces import PointForces
+
+_NONE = np.empty(0)
+
+
+class PointsInC:
+    """The C struct PointForces with all forces at points, and what C finds of it."""
+
+    def __init__(self, points: PointForces):
+        self.points = points
+        #: In statics the increment of the load factor.
+        self._load_increment = 0.0
+        if points.any:
+            self._build()
+        points.parameters.add_reader(self.set_parameters)
+
+    def _build(self) -> None:
+        points, (ffi, self._c) = self.points, c_library.open_library(*LIBRARY)
+        self._of = functools.partial(ffi.from_buffer, ffi.typeof("double[]"))
+        self._of_numbers = functools.partial(ffi.from_buffer, ffi.typeof("int[]"))
+        self._structs, laws = Structs(ffi), [placed.law for placed in points.placed]
+        self._all = ffi.new("PointForces *")
+        members = points.members and int(ffi.cast("uintptr_t", points.members.c))
+        following = sum(placed.force.load.joint >= 0 for placed in points.placed)
+        self._structs.set(
+            self._all,
+            contacts=points.first_contacts,
+            recorded=points.contacts,
+            external=points.external.start,
+            nodal=points.external.stop,
+            all=len(points.placed),
+            of=[placed.members(points.rule.at_rest) for placed in points.placed],
+            members=members,
+            probe=np.zeros(max((law.values + 2 * law.law.size for law in laws), default=1)),
+            followed={"size": following, "memory": np.zeros(self._c.FIXED_POINT_ROWS * following)},
+        )
+        self._structs.check(self._all)
+        #: Address of the C struct PointForces.
+        self.address = int(ffi.cast("uintptr_t", self._all))
+
+    def bind(self) -> None:
+        """Read what forces have besides their numbers."""
+        for i, placed in enumerate(self.points.placed):
+            if placed.force.load.joint >= 0:
+                self._all.of[i].load_axis = placed.force.load.axis
+
+    def set_columns(self, of_joints: Mapping[int, int]) -> None:
+        """Set the columns of the slides, by the number of the joint."""
+        columns = self.points.columns
+        columns[:] = [of_joints[joint] for joint in self.points.slides.tolist()]
+        for i, column in enumerate(columns.tolist(), start=self.points.external.stop):
+            self._all.of[i].column = column
+
+    # -- A step -----------------------------------------------------------------------------------
+
+    def set_load(self, factor: float, increment: float) -> None:
+        """Set the load factor of external forces, and in statics its increment in the step."""
+        for placed in self.points.placed[self.points.external]:
+            placed.numbers[-1] = factor
+        self._load_increment = increment
+
+    def begin(self, interval: Interval, start: StepStart) -> None:
+        """Begin a step. In statics its length is the increment of the load."""
+        if not self.points.any:
+            return
+        t = interval.at(self.points.rule.level)
+        dt = self._load_increment if self.points.rule.at_rest else interval.length
+        missing = np.zeros(int(self.points.slides.max(initial=-1)) + 1)
+        slides, rates = (x if len(x) else missing for x in (start.slides, start.slide_rates))
+        vectors = (self._of(x) for x in (start.q, start.v, slides, rates))
+        internal = start.spring_internal
+        variables = np.zeros(self.points.width) if internal is None else internal
+        self._c.fx_begin_points(self._all, *vectors, t, dt, self._of(variables))
+        if len(self.points.followers):
+            forces = floats(self.points.followers.at(interval))
+            for placed, force in zip(
+                self.points.placed[self.points.external], forces, strict=False
+            ):
+                placed.numbers[:2] = force
+
+    def set_parameters(self, values: np.ndarray) -> None:
+        """Set the values (n,) of all parameters of the scene."""
+        if self.points.any:
+            self._c.fx_set_parameters(self._all, self._of(values))
+
+    def evaluate_slides(self, z: np.ndarray) -> None:
+        """Evaluate the forces on slides for the increments of all columns (columns,)."""
+        if len(self.points.slides):
+            ends = self.points.external.stop, len(self.points.placed)
+            self._c.fx_evaluate_points(self._all, *ends, self._of(_NONE), self._of(z))
+
+    def add_force(self, D: np.ndarray, out: np.ndarray) -> None:
+        """Evaluate the forces at nodes for D (size,), and add them (size,) against the motion."""
+        if self.points.placed:
+            ends = self._all, 0, self.points.external.stop
+            self._c.fx_evaluate_points(*ends, self._of(D), self._of(_NONE))
+            self._c.fx_add_points(*ends, 1.0, self._of(out))
+        if self.points.members is not None:
+            self.points.members.add_force(D, out)
+
+    def add_external(self, out: np.ndarray) -> None:
+        """Add the external ones at the last increment with the motion."""
+        if self.points.any:
+            ends = self.points.external.start, self.points.external.stop
+            self._c.fx_add_points(self._all, *ends, -1.0, self._of(out))
+
+    def add_tangent(self, values: np.ndarray) -> None:
+        """Add their derivatives by the increments to the entries of the stiffness."""
+        if self.points.placed:
+            value_at = self._of_numbers(self.points.value_at)
+            self._c.fx_add_point_tangents(self._all, value_at, self._of(values))
+
+    def on_slides(self, entry: int) -> np.ndarray:
+        """Forces (0) on the slides, or their slopes (1)."""
+        return np.array(
+            [placed.results[entry] for placed in self.points.placed[self.points.external.stop :]]
+        )
+
+    # -- A configuration --------------------------------------------------------------------------
+
+    def energy(self, q: np.ndarray, slides: np.ndarray, internal: np.ndarray | None) -> float:
+        """Energy [J] that is stored in a configuration."""
+        if not self.points.any:
+            return 0.0
+        variables = np.zeros(self.points.width) if internal is None else internal
+        return self._c.fx_stored_at_points(self._all, *map(self._of, (q, slides, variables)))
+
+    def given_with(self, D: np.ndarray, slides: np.ndarray) -> np.ndarray:
+        """What all forces are given at mean rates, for increments of nodes (size,) and slides."""
+        z = np.zeros(int(self.points.columns.max(initial=-1)) + 1)
+        z[self.points.columns] = slides[self.points.slides]
+        self._c.fx_lost_at_points(self._all, self._of(D), self._of(z))
+        return self.points.given.copy()
+
+    def switches(self, q: np.ndarray, slides: np.ndarray) -> np.ndarray:
+        """Values that change their sign where a contact opens or closes, or a law switches."""
+        values = np.zeros(sum(self.points.switch_counts))
+        if len(values):
+            self._c.fx_find_switches(self._all, *map(self._of, (q, slides, values)))
+        return values
