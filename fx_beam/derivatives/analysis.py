@@ -11,14 +11,16 @@ from fx_beam.dual import floats
 from fx_beam.equilibria.statics import LoadPath
 from fx_beam.results.solution import Solution
 from fx_beam.scene.inputs import with_functions
-from fx_beam.scene.outputs import Output, is_section_force
+from fx_beam.scene.outputs import Measured, Output, is_section_force
 from fx_beam.scene.scene import Scene
 from fx_beam.step.model import Model
 from fx_beam.step.tape import Tape
 from fx_beam.step.tape_derivatives import TapeDerivatives
 
-from .output_values import KnownNumbers, Wanted, is_at_place, numbers_of_places, values_of
+from .output_numbers import KnownNumbers, is_at_place, numbers_of_places
+from .output_values import Wanted, values_of
 from .parametrised import Parametrised
+from .section_outputs import numbers_of_sections
 
 
 class Analysis:
@@ -47,9 +49,9 @@ class Analysis:
         return self.parameters.besides or {}
 
     @property
-    def measured(self) -> list[Output]:
+    def measured(self) -> list[Measured]:
         """Outputs of the last scene that are no functions."""
-        return [output for output in self.outputs.values() if isinstance(output, Output)]
+        return [Measured(output) for output in self.outputs.values() if isinstance(output, Output)]
 
     def run(self, x: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Times or load factors (n,) and outputs for parameters."""
@@ -81,8 +83,6 @@ class Analysis:
         """Numbers of a scene that its outputs read; those `known` are of the last scene."""
         numbers = numbers_of_places(outputs, known)
         if any(map(is_section_force, known.values())):
-            from .section_outputs import numbers_of_sections
-
             model, tape, _ = self.followed("derivatives")
             scene = with_functions(scene, self.inputs, "Response: inputs")
             numbers |= numbers_of_sections(model, tape, self.rest_time, scene, known)
@@ -96,8 +96,8 @@ class Analysis:
             numbers["a"] = self.start_accelerations
         places = [key for key, output in outputs.items() if is_at_place(output)]
         sections = [key for key in places if is_section_force(outputs[key])]
-        rows = ({key: row for row, key in enumerate(of)} for of in (places, sections))
-        return KnownNumbers({key: floats(of) for key, of in numbers.items()}, *rows)
+        rows = ({key: row for row, key in enumerate(keys)} for keys in (places, sections))
+        return KnownNumbers({key: floats(values) for key, values in numbers.items()}, *rows)
 
     def of_single(self) -> np.ndarray:
         """Derivatives (m,) by x of the single quantity."""

@@ -17,14 +17,16 @@ from fx_beam.dual import floats
 from fx_beam.errors import SceneError
 from fx_beam.fem.point_slopes import energy_by, losses_by
 from fx_beam.laws.interval import Interval, StepBatch, StepStart
+from fx_beam.results.solution import Solution
 from fx_beam.scene.joints import GROUND
-from fx_beam.scene.outputs import Output
+from fx_beam.scene.outputs import Measured
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.full_turns import without_turns
 from fx_beam.step.layout import Arrays
 from fx_beam.step.model import Model
 
-from .gradient import Block, Gradient, RowOutput, jvp, of_rows, vjp
+from .gradient import Block, Gradient, jvp, of_rows, vjp
+from .row_output import Needs, Places, RowOutput
 from .sub_steps import SubSteps
 
 #: Derivatives (k, ...) in rows by states, with parameters and natural strains there, and by
@@ -96,20 +98,38 @@ _PARTS: dict[str, list[Callable[[SubSteps, Arrays], Derivatives]]] = {
 }
 
 
-class EnergyOutput(RowOutput):
-    """An energy of the scene at the rows of a run, which are at `ends` (n,) among the states."""
+def energy_blocks(
+    sub_steps: SubSteps, parts: str, ends: np.ndarray, rows: np.ndarray
+) -> Iterator[Block]:
+    """Derivatives of an energy in rows (k,), which are at `ends` (n,) among the states."""
+    boundaries = sub_steps.boundaries[ends[rows]]
+    for group in sub_steps.groups(boundaries):
+        numbers = boundaries[group]
+        states = sub_steps.at(numbers)
+        for part in _PARTS[parts]:
+            yield from sub_steps.at_states(rows[group], numbers, part(sub_steps, states))
 
-    def __init__(self, sub_steps: SubSteps, quantity: str, ends: np.ndarray):
-        self._of, self._parts, self._ends = sub_steps, _PARTS[quantity], ends
+
+class EnergyOutput(RowOutput):
+    """An energy of the scene at the rows of a run."""
+
+    def __init__(self, places: Places, name: str, measured: Measured):
+        super().__init__(places, name, measured)
+        self._parts = measured.quantity.of
+
+    @staticmethod
+    def value(solution: Solution, measured: Measured) -> np.ndarray:
+        """As of `RowOutput`."""
+        return getattr(solution.energy, measured.quantity.of)
+
+    @classmethod
+    def needs(cls, model: Model, measured: Measured) -> Needs:
+        """As of `RowOutput`."""
+        return Needs(rates=model.fits_rates and measured.quantity.of in ("kinetic", "total"))
 
     def blocks(self, rows: np.ndarray) -> Iterator[Block]:
-        """Derivatives of some of the rows by states, and by numbers of the scene."""
-        sub_steps, boundaries = self._of, self._of.boundaries[self._ends[rows]]
-        for group in sub_steps.groups(boundaries):
-            numbers = boundaries[group]
-            states = sub_steps.at(numbers)
-            for part in self._parts:
-                yield from sub_steps.at_states(rows[group], numbers, part(sub_steps, states))
+        """As of `RowOutput`."""
+        return energy_blocks(self._of, self._parts, self._places.ends, rows)
 
 
 def why_no_losses(model: Model) -> str:
@@ -197,14 +217,14 @@ def _other_work(model: Model) -> str:
     return ", ".join(name for name, works in sources.items() if works)
 
 
-def check_work(model: Model, output: Output, name: str, of_start: str) -> None:
+def check_work(model: Model, measured: Measured, name: str, of_start: str) -> None:
     """Refuse work and dissipated energy that are neither sums over steps nor given by a balance.
 
     And those since an equilibrium before the motion, if `of_start` says why.
     """
-    parts, other_work, refusal = sum_of(model, output.quantity), _other_work(model), of_start
+    parts, other_work, refusal = sum_of(model, measured.name), _other_work(model), of_start
     if model.scheme.rates.at_rest:
-        reason = why_no_work(model) if output.quantity == "work" else ""
+        reason = why_no_work(model) if measured.name == "work" else ""
         if parts.losses and (without := why_no_losses(model)):
             reason = f"where {without}"
         refusal = reason and f"has no derivatives in equilibria {reason}"
@@ -217,7 +237,7 @@ def check_work(model: Model, output: Output, name: str, of_start: str) -> None:
         advice = f", as {other_work} do work" if other_work else ". Use EnergyMomentum"
         refusal = f"is the sum of the losses of steps, without derivatives where {reason}{advice}"
     if refusal:
-        raise SceneError(f"the output {name!r}, {output}, {refusal}")
+        raise SceneError(f"the output {name!r}, {measured.output}, {refusal}")
 
 
 def why_no_work(model: Model) -> str:
@@ -227,48 +247,58 @@ def why_no_work(model: Model) -> str:
     return "of a mechanism, which also depends on how it settles" if model.mechanism else ""
 
 
-class WorkOutput(RowOutput):
-    """Work or dissipated energy since the start, at the rows of a run in a part of a tape.
+class WorkOutput(EnergyOutput):
+    """Work or dissipated energy since the start, at the rows of a run in a part of a tape."""
 
-    The rows are the states of `of` at `places` (n,); `forces` gives the forces of columns in the
-    sub-steps of the part.
-    """
+    is_sum = True
 
-    def __init__(
-        self, steps: SubSteps, quantity: str, places: np.ndarray, forces: Callable[[], np.ndarray]
-    ):
-        model, part = steps.model, steps.tape.present
-        self._of, self._signs = steps, sum_of(model, quantity)
+    def __init__(self, places: Places, name: str, measured: Measured):
+        super().__init__(places, name, measured)
+        sub_steps, model, quantity = self._of, self._of.model, measured.name
+        part = sub_steps.tape.present
+        self._signs = sum_of(model, quantity)
         #: Numbers of the sub-steps of the part before the rows, and of all.
-        self._ends, self._count = steps.boundaries[places] - part.first, part.end - part.first
-        #: Energies with their signs, at the rows, and at the start of the run.
-        self._at_rows, self._at_start = list[tuple[int, EnergyOutput]](), ""
-        self._before: EnergyOutput | None = None
-        if sign := self._signs.energy:
+        self._ends = sub_steps.boundaries[places.ends] - part.first
+        self._count = part.end - part.first
+        #: The energy that counts at the rows, with its sign: what no sum has; empty for none.
+        self._parts, self._sign = "", self._signs.energy or 1
+        if self._signs.energy:
             # Losses are those of the steps, without rates that fit.
-            name = "total" if quantity == "work" else "energy of steps"
-            self._at_rows.append((sign, EnergyOutput(steps, name, places)))
+            self._parts = "total" if quantity == "work" else "energy of steps"
         elif quantity == "work" and model.couplings.driven and model.fits_rates:
-            self._at_rows.append((1, EnergyOutput(steps, "work of rates that fit", places)))
+            self._parts = "work of rates that fit"
+        #: Name of the sum at the start of the run, if this is in the part; else empty.
+        self._at_start = ""
         if not part.first and not model.scheme.rates.at_rest:
             self._at_start = f"{quantity} at the start"
-            if sign:
-                self._before = EnergyOutput(steps, "energy of steps", np.zeros(1, dtype=int))
         #: Derivatives of the work in the steps, if it counts.
-        self._work = [*work_in_steps(steps, forces())] if self._signs.steps else []
+        self._work = list[Block]()
+        if self._signs.steps:
+            self._work = [*work_in_steps(sub_steps, places.column_forces())]
 
-    def _of_rows(self, rows: np.ndarray) -> Iterator[Block]:
+    @classmethod
+    def needs(cls, model: Model, measured: Measured) -> Needs:
+        """As of `RowOutput`."""
+        driven, signs = bool(model.couplings.driven), sum_of(model, measured.name)
+        return Needs(
+            rates=model.fits_rates and driven and measured.name == "work",
+            all_steps=bool(signs.steps or signs.losses),
+            whole=bool(model.forms.needs_previous and signs.losses),
+        )
+
+    def blocks(self, rows: np.ndarray) -> Iterator[Block]:
         """What is not a sum, in some of the rows."""
-        for sign, energy in self._at_rows:
-            yield from (block.times(sign) for block in energy.blocks(rows))
+        if self._parts:
+            yield from (block.times(self._sign) for block in super().blocks(rows))
 
     def _of_steps(self, steps: np.ndarray) -> Iterator[Block]:
         """What some of the steps add to all later rows, and at first the start (number 0)."""
+        first = np.zeros(1, dtype=int)
         if self._at_start:
-            yield of_rows(self._at_start, np.zeros(1, dtype=int), np.ones(1))
-        if self._before is not None:
-            start = self._before.blocks(np.zeros(1, dtype=int))
-            yield from (block.times(-self._signs.energy) for block in start)
+            yield of_rows(self._at_start, first, np.ones(1))
+            if sign := self._signs.energy:
+                start = energy_blocks(self._of, "energy of steps", first, first)
+                yield from (block.times(-sign) for block in start)
         yield from (block.times(self._signs.steps) for block in self._work)
         if sign := self._signs.losses:
             yield from (block.times(sign) for block in losses_in_steps(self._of, steps))
@@ -280,7 +310,7 @@ class WorkOutput(RowOutput):
         ends, of_rows = np.append(self._ends, self._count), np.append(weights, later)
         of_steps = np.bincount(ends, of_rows, self._count + 1)[::-1].cumsum()[::-1]
         vjp(self._of_steps(np.flatnonzero(of_steps)), of_steps, gradient)
-        vjp(self._of_rows(np.flatnonzero(weights)), weights, gradient)
+        super().vjp(weights, later, gradient)
 
     def jvp(self, rows: int, earlier: np.ndarray, of_state: Arrays, changes: Arrays) -> np.ndarray:
         """As of `RowOutput`."""
@@ -289,8 +319,7 @@ class WorkOutput(RowOutput):
         sums[0] += earlier
         sums = sums.cumsum(axis=0)
         earlier[:] = sums[-1]
-        at_rows = jvp(self._of_rows(np.arange(rows)), (rows,), of_state, changes)
-        return sums[self._ends] + at_rows
+        return sums[self._ends] + super().jvp(rows, earlier, of_state, changes)
 
 
 def work_in_steps(sub_steps: SubSteps, forces: np.ndarray) -> Iterator[Block]:

@@ -80,32 +80,6 @@ def jvp(
     return total.reshape(*shape, count)
 
 
-class RowOutput:
-    """An output at rows (n,) of a run, by blocks."""
-
-    #: Lengths of a row.
-    shape: tuple[int, ...] = ()
-
-    def blocks(self, rows: np.ndarray) -> Iterable[Block]:
-        """Its derivatives in some of the rows, or in all."""
-        raise NotImplementedError
-
-    def vjp(self, weights: np.ndarray, later: float, gradient: Gradient) -> None:
-        """Add the derivatives of the sum of weights (n, ...) times the output.
-
-        `later` is the sum of the weights of rows in later parts of a tape.
-        """
-        counting = np.flatnonzero(weights.reshape(len(weights), -1).any(axis=1))
-        vjp(self.blocks(counting), weights, gradient)
-
-    def jvp(self, rows: int, earlier: np.ndarray, of_state: Arrays, changes: Arrays) -> np.ndarray:
-        """Changes (rows, ..., m) from those of the states and of the numbers of the scene.
-
-        `earlier` (m,) is the sum over earlier parts of a tape, to which this one adds.
-        """
-        return jvp(self.blocks(np.arange(rows)), (rows, *self.shape), of_state, changes)
-
-
 class Gradient:
     """Derivatives by states and forces of a run, and by numbers of its scene.
 

@@ -7,23 +7,34 @@ from collections.abc import Iterator
 import numpy as np
 
 from fx_beam.fem.line_values import LineSlopes, LineSteps, LineValues
-from fx_beam.scene.forces_between import ForceBetween
+from fx_beam.scene.outputs import Measured
 from fx_beam.step.full_turns import without_turns
+from fx_beam.step.model import Model
 
-from .gradient import Block, RowOutput, of_entries
-from .local_outputs import Places
+from .gradient import Block, of_entries
+from .row_output import Needs, Places, RowOutput
 from .sub_steps import SubSteps
 
 # Pulls (lines,) at the start of a run.
 _AT_START = "forces of lines"
 
 
-class PullOutput(RowOutput):
+class LineOutput(RowOutput):
+    """What the laws of a line have: its force, energy, length or rate."""
+
+    def __init__(self, places: Places, name: str, measured: Measured):
+        super().__init__(places, name, measured)
+        self._line, self._law = measured.place.number, measured.by_law
+        self._values = LineValues(self._of.model.points, self._line, self._law)
+
+
+class PullOutput(LineOutput):
     """The force of a line at the rows (n,) of a run: the mean over the steps that end there."""
 
-    def __init__(self, sub_steps: SubSteps, line: ForceBetween, places: Places):
-        self._of, self._line, self._places = sub_steps, line, places
-        self._values = LineValues(sub_steps.model.points, line.number, "pull")
+    @classmethod
+    def needs(cls, model: Model, measured: Measured) -> Needs:
+        """As of `RowOutput`."""
+        return super().needs(model, measured)._replace(steps=True)
 
     def blocks(self, rows: np.ndarray) -> Iterator[Block]:
         """As of `RowOutput`."""
@@ -36,7 +47,7 @@ class PullOutput(RowOutput):
             for block in pull_blocks(sub_steps, self._values, of_rows, steps.sub_steps[which]):
                 yield block._replace(derivatives=shares * block.derivatives)
         if len(places.at_start):
-            yield of_entries(_AT_START, self._line.number, 0, places.at_start, 1.0)
+            yield of_entries(_AT_START, self._line, 0, places.at_start, 1.0)
 
 
 def pull_blocks(
@@ -73,27 +84,22 @@ def _steps(sub_steps: SubSteps, steps: np.ndarray) -> LineSteps:
     )
 
 
-class StateOutput(RowOutput):
+class StateOutput(LineOutput):
     """The "energy" that a line stores, its "length" or "rate", at the rows (n,) of a run."""
-
-    def __init__(self, sub_steps: SubSteps, line: ForceBetween, quantity: str, places: Places):
-        self._of, self._ends = sub_steps, places.ends
-        # The name of the rates of nodes.
-        self._rates = "rates" if sub_steps.model.fits_rates else "v"
-        self._none = quantity == "rate" and sub_steps.model.scheme.rates.at_rest
-        self._moves = quantity == "rate"
-        self._values = LineValues(sub_steps.model.points, line.number, quantity)
 
     def blocks(self, rows: np.ndarray) -> Iterator[Block]:
         """As of `RowOutput`."""
-        sub_steps, boundaries = self._of, self._of.boundaries[self._ends[rows]]
-        for group in sub_steps.groups(boundaries) if not self._none else ():
+        sub_steps, model, moves = self._of, self._of.model, self._law == "rate"
+        boundaries = sub_steps.boundaries[self._places.ends[rows]]
+        if moves and model.scheme.rates.at_rest:
+            return
+        for group in sub_steps.groups(boundaries):
             states = sub_steps.at(numbers := boundaries[group])
             arrays = (states["q"], states["spring internal"], states.get("parameters"))
             steps = LineSteps.of_states(*arrays)
             places = np.searchsorted(sub_steps.boundaries, numbers)
-            if self._moves:
-                steps = steps._replace(v=states[self._rates])
+            if moves:
+                steps = steps._replace(v=states[sub_steps.rates])
             for slopes in self._values.slopes(steps):
                 yield from self._of_slopes(slopes, rows[group], numbers, places)
 
@@ -104,7 +110,8 @@ class StateOutput(RowOutput):
         if name == "points":
             yield Block(name, entries, rows, derivatives)
         elif name != "parameters":
-            yield Block(self._rates if name == "v" else name, entries, rows, derivatives, places)
+            array = self._of.rates if name == "v" else name
+            yield Block(array, entries, rows, derivatives, places)
         else:
             moved, start = np.flatnonzero(numbers), np.flatnonzero(numbers == 0)
             # Those at the ends of sub-steps are behind those at their levels.

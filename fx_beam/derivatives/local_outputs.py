@@ -4,35 +4,19 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from fx_beam.scene.beam import Beam, BeamPlace
-from fx_beam.scene.outputs import SECTION_FORCES, Measured, Output
+from fx_beam.results.solution import Solution
+from fx_beam.scene.beam import BeamPlace
+from fx_beam.scene.outputs import Measured
 from fx_beam.step.layout import Arrays
-from fx_beam.step.sub_step_times import Steps
+from fx_beam.step.model import Model
 
-from .gradient import Block, Gradient, RowOutput, of_entries, vjp
-from .output_values import OF_PLACES
-from .sub_steps import SubSteps
-
-
-class Places(NamedTuple):
-    """Where the rows of outputs are in the states of a run."""
-
-    #: Rows (n,) among the states, and the starts of the steps that end there.
-    ends: np.ndarray
-    starts: np.ndarray
-    #: Numbers of the rows that are the end of a step, and of those at the start of the run.
-    moved: np.ndarray
-    at_start: np.ndarray
-    #: Those steps, and the places of their sub-steps among those of the forces.
-    steps: Steps
-    forces: np.ndarray
-    #: The only entries that the states have, by name; empty if they have all.
-    entries: Arrays
-
+from .gradient import Block, Gradient, of_entries, vjp
+from .output_numbers import OF_PLACES
+from .row_output import Needs, Places, RowOutput
 
 #: Forces in steps, at the start, and of rates that fit, by the names of arrays in `State`.
 _FORCES = {
@@ -49,12 +33,10 @@ class LocalOutput(RowOutput):
     Or of a place, of which numbers `OF_PLACES` have a row.
     """
 
-    def __init__(
-        self, sub_steps: SubSteps, output: Output, places: Places, row_of_place: int | None
-    ):
-        self._model, self._places, measured = sub_steps.model, places, Measured(output)
-        # The name of the rates of nodes.
-        self._rates = "rates" if self._model.fits_rates else "v"
+    def __init__(self, places: Places, name: str, measured: Measured):
+        super().__init__(places, name, measured)
+        sub_steps, self._model = self._of, self._of.model
+        self._rates = sub_steps.rates
         #: Lengths of a row.
         self.shape = measured.shape
 
@@ -68,19 +50,16 @@ class LocalOutput(RowOutput):
         terms = () if at_rest else measured.slopes(read)
         blocks = (block for term in terms for block in self._blocks_of(*term))
         self._blocks = [block for block in blocks if len(block.rows)]
-        if isinstance(output.of, BeamPlace) and not at_rest and len(places.ends):
-            self._blocks += self._by_place(output.of, measured, read, row_of_place)
+        if isinstance(measured.place, BeamPlace) and not at_rest and len(places.ends):
+            self._blocks += self._by_place(measured, read, places.numbers.places[name])
 
     def blocks(self, rows: np.ndarray) -> list[Block]:
         """Its derivatives, in all rows."""
         return self._blocks
 
-    def _by_place(
-        self, place: BeamPlace, measured: Measured, read: Callable, row: int | None
-    ) -> Iterator[Block]:
+    def _by_place(self, measured: Measured, read: Callable, row: int) -> Iterator[Block]:
         """Derivatives by where the place is in its element."""
-        assert row is not None  # as it is a place
-        slopes = itertools.cycle(place.shares_and_slopes[1])
+        slopes = itertools.cycle(measured.place.shares_and_slopes[1])
         terms = [*zip(measured.terms, slopes, strict=False)]
         entry, rows = slice(2 * row, 2 * row + 1), np.arange(len(self._places.ends))
         for part in range(np.size(measured.terms[0].entries)):
@@ -134,17 +113,29 @@ class LocalOutput(RowOutput):
 class ResultantOutput(RowOutput):
     """N, Q or M (n, points) of a beam at the rows (n,) of a run: means over their steps."""
 
-    def __init__(self, sub_steps: SubSteps, beam: Beam, quantity: str, places: Places):
-        self._of, model = sub_steps, sub_steps.model
+    def __init__(self, places: Places, name: str, measured: Measured):
+        super().__init__(places, name, measured)
+        model = self._of.model
         self._beams: Any = model.forms.beams  # there are some
         names = [member.name for member in model.scene.beams]
-        self._cells = model.mesh.cells[names.index(beam.name)]
-        self._component = "NQM".index(quantity)
-        steps, start = places.steps, places.at_start
-        #: Rows, numbers and shares of the sub-steps.
-        self._rows = np.append(steps.of, start)
-        self._steps = np.append(steps.sub_steps, -np.ones(len(start), dtype=int))
-        self._shares = np.append(steps.shares, np.ones(len(start)))
+        self._cells = model.mesh.cells[names.index(measured.place.name)]
+        self._component = "NQM".index(measured.name)
+        self._rows, self._steps, self._shares = places.means()
+
+    @staticmethod
+    def value(solution: Solution, measured: Measured) -> np.ndarray:
+        """As of `RowOutput`."""
+        return getattr(solution.resultants(measured.place), measured.name)
+
+    @classmethod
+    def record(cls, measured: Measured) -> str:
+        """As of `RowOutput`: resultants may depend on rates."""
+        return "rates"
+
+    @classmethod
+    def needs(cls, model: Model, measured: Measured) -> Needs:
+        """As of `RowOutput`."""
+        return Needs(steps=True, whole=True)
 
     def vjp(self, weights: np.ndarray, later: float, gradient: Gradient) -> None:
         """As of `RowOutput`, with the Jacobians of all elements at once."""
@@ -189,10 +180,3 @@ class ResultantOutput(RowOutput):
             of_rows = change[:, :, self._cells].reshape(len(steps), count, -1).swapaxes(1, 2)
             np.add.at(rows_by_x, self._rows[chosen], self._shares[chosen, None, None] * of_rows)
         return rows_by_x
-
-
-def observes_start(output: Output) -> bool:
-    """Whether accelerations or forces at the start are in an output."""
-    array_name = Measured(output).quantity.of
-    forces = "reactions", "joint_forces", "motor_forces", "line_forces", SECTION_FORCES
-    return array_name == "a" or array_name in forces

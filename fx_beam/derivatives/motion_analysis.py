@@ -22,19 +22,18 @@ from fx_beam.motions.run import Run
 from fx_beam.results.records import stats_unchanged
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
-from fx_beam.scene.forces_between import ForceBetween
 from fx_beam.scene.inputs import with_functions
-from fx_beam.scene.outputs import Measured
 from fx_beam.scene.scene import Scene
 from fx_beam.step.model import Model
 from fx_beam.step.tape import Tape
 from fx_beam.step.tape_derivatives import TapeDerivatives
 
 from .analysis import Analysis
-from .local_outputs import observes_start
-from .observation import observes_rates, rates_at
+from .observation import rates_at
+from .output_kinds import needs_of
 from .output_values import recorded, row_values
 from .parametrised import Parametrised
+from .row_output import Needs
 from .static_derivatives import StaticDerivatives, why_not
 
 # Length of the step that tells the accelerations at the start, relative to the others: its mean
@@ -132,12 +131,18 @@ class MotionAnalysis(Analysis):
         # Without derivatives of the equilibrium before, differences compute it for other x.
         if self.path is not None and not why_not(self.path):
             derivatives = self.parameters.derivatives
-            pulls = (output.of for output in self.measured if Measured(output).by_law == "pull")
-            lines = [place.number for place in pulls if isinstance(place, ForceBetween)]
+            pulls = (measured for measured in self.measured if measured.by_law == "pull")
+            lines = [measured.place.number for measured in pulls]
             start = StaticDerivatives(self.path).change_of_end(derivatives, "Response", lines)
         first = self._options.dt if self._options.tolerance is None else tape.times.first_length
         arguments = tape, first, start, self._accelerations_by_x(first)
         return self.parameters.derivatives(functools.partial(self._numbers_of, *arguments))
+
+    @property
+    def _needs(self) -> Needs:
+        """What the outputs read in the last motion."""
+        assert self._series.prepared is not None  # `followed` comes first
+        return needs_of(self._series.prepared.model, self.measured)
 
     def _accelerations_by_x(self, first: float) -> np.ndarray | None:
         """Changes (m, size) of those at the start, by a very short step; None if not from rest."""
@@ -146,7 +151,7 @@ class MotionAnalysis(Analysis):
         other_steps = self._options.tolerance is not None or len(model.scheme.fractions) > 1
         # Round-off of the rates of natural strains would be large in such a step.
         unfit = any(moving) or other_steps or model.natural
-        if unfit or not any(map(observes_start, self.measured)):
+        if unfit or not self._needs.start:
             return None
         assert prepared is not None  # it has the model
         tape, short = Tape(derivatives.problem), _INSTANT * first
@@ -194,14 +199,15 @@ class MotionAnalysis(Analysis):
 
         Accelerations have the changes `a_by_x` (m, size) as their slopes.
         """
-        at_start = any(map(observes_start, self.measured))
-        other, state, numbers = self._numbers_of_steps(tape, first, start, at_start, scene, change)
-        if not any(observes_rates(other.model, output) for output in self.measured):
+        needs = self._needs
+        of_scene = self._numbers_of_steps(tape, first, start, needs.start, scene, change)
+        other, state, numbers = of_scene
+        if not needs.rates:
             return numbers
         if not any_of(floats(change)):
             self.start_accelerations = floats(state.a)
         rates = rates_at(tape, np.arange(len(tape) + 1))
-        numbers |= observed_numbers_of(other.model, other.model.data, state, *rates, at_start)
+        numbers |= observed_numbers_of(other.model, other.model.data, state, *rates, needs.start)
         if a_by_x is not None and isinstance(change, Dual):
             # Nodes without mass have none by definition, but those that others carry.
             has = ~other.model.massless | (state.a != 0)

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping
-from typing import Any
 
 import numpy as np
 
 from fx_beam.dual import floats
 from fx_beam.errors import SceneError
-from fx_beam.scene.beam import Beam, Node
+from fx_beam.scene.beam import Node
 from fx_beam.scene.joints import Joint
-from fx_beam.scene.outputs import Measured, Output, is_section_force
-from fx_beam.scene.scene import Scene
+from fx_beam.scene.outputs import Measured, is_section_force
 from fx_beam.step.fitted_rates import RateDerivatives, rate_fit
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.layout import Arrays
@@ -21,58 +19,54 @@ from fx_beam.step.model import Model
 from fx_beam.step.sub_step_times import Steps
 from fx_beam.step.tape import Tape
 
-from .energy_outputs import SINCE_START, EnergyOutput, WorkOutput, check_work, sum_of
-from .gradient import Gradient, RowOutput
-from .local_outputs import LocalOutput, Places, ResultantOutput
-from .output_values import KnownNumbers, record_of
+from .energy_outputs import check_work
+from .gradient import Gradient
+from .output_kinds import kind_of, needs_of
+from .output_numbers import KnownNumbers
+from .row_output import Places
 from .sub_steps import SubSteps
 
+#: Outputs by name.
+Outputs = Mapping[str, Measured]
 # Rates that fit the joints, and the impulses that make them fit, by their names as states.
 _FITTED = "rates", "rates of slides", "impulses of joints", "impulses of columns"
 # Where no output needs the steps that end in its rows.
 _NO_STEPS = Steps(*[np.empty(0, dtype=int)] * 5)
 
 
-def check_outputs(
-    model: Model, tape: Tape, outputs: Mapping[str, Output], start: Mapping[str, str]
-) -> None:
+def check_outputs(model: Model, tape: Tape, outputs: Outputs, start: Mapping[str, str]) -> None:
     """SceneError for outputs without derivatives.
 
     `start` says why those since the start have none, by quantity.
     """
-    for name, output in outputs.items():
-        if output.quantity in SINCE_START:
-            check_work(model, output, name, start.get(output.quantity, ""))
-        parted = model.forms.needs_previous and sum_of(model, output.quantity).losses
-        if (_reads_steps(output) or parted) and not tape.is_whole:
+    for name, measured in outputs.items():
+        if kind_of(measured).is_sum:
+            check_work(model, measured, name, start.get(measured.name, ""))
+        if kind_of(measured).needs(model, measured).whole and not tape.is_whole:
             raise SceneError(
-                f"the output {name!r}, {output}, has derivatives only if all steps are in memory. "
-                "Give Response more memory"
+                f"the output {name!r}, {measured.output}, has derivatives only if all steps are in "
+                "memory. Give Response more memory"
             )
 
 
-def _reads_steps(output: Output) -> bool:
-    """Whether it follows from forces of beams in steps."""
-    return isinstance(output.of, Beam) or is_section_force(output)
-
-
-def read_entries(model: Model, outputs: Mapping[str, Output]) -> dict[str, np.ndarray]:
+def read_entries(model: Model, outputs: Outputs) -> dict[str, np.ndarray]:
     """The only entries of states that outputs read, by name; empty if they may read all."""
-    listed, all_measured = outputs.values(), [Measured(output) for output in outputs.values()]
-    linear = all(isinstance(output.of, Node | Joint) for output in listed)
-    linear = linear and not any(measured.sliding for measured in all_measured)
-    if not linear or (model.fits_rates and any(observes_rates(model, output) for output in listed)):
+    listed = outputs.values()
+    is_linear = all(
+        isinstance(measured.place, Node | Joint) and not measured.sliding for measured in listed
+    )
+    if not is_linear or (model.fits_rates and needs_of(model, listed).rates):
         return {}
     entries: dict[str, set[int]] = {"q": set(), "v": set(), "slides": set()}
-    for term in itertools.chain(*(measured.terms for measured in all_measured)):
+    for term in itertools.chain(*(measured.terms for measured in listed)):
         of_array = entries.get("v" if term.array == "a" else term.array, set())
         of_array.update(np.atleast_1d(term.entries).tolist())
     return {name: np.array(sorted(numbers)) for name, numbers in entries.items() if numbers}
 
 
-def summed(outputs: Mapping[str, Output]) -> list[str]:
+def summed(outputs: Outputs) -> list[str]:
     """Names of those that add up over the steps."""
-    return [name for name, output in outputs.items() if output.quantity in SINCE_START]
+    return [name for name, measured in outputs.items() if kind_of(measured).is_sum]
 
 
 class Observation:
@@ -89,77 +83,54 @@ class Observation:
         entries: Arrays,
         by_places: bool,
         numbers: KnownNumbers,
-        outputs: Mapping[str, Output],
+        outputs: Outputs,
         boundaries: np.ndarray,
     ):
         self._model, self._tape, self._rows = model, tape, len(boundaries)
-        self._forces, (first, end) = forces, tape.present
-        needed = any(observes_rates(model, output) for output in outputs.values())
-        of_beams = any(map(_reads_steps, outputs.values()))
-        of_lines = any(Measured(output).by_law == "pull" for output in outputs.values())
-        steps = tape.times.steps_to(boundaries) if needed or of_beams else _NO_STEPS
-        moving = needed and not model.scheme.rates.at_rest
-        lists = [boundaries, *[steps.starts] * moving]
-        if of_beams or of_lines:
+        needs, (first, end) = needs_of(model, outputs.values()), tape.present
+        reads_steps = needs.rates or needs.steps
+        steps = tape.times.steps_to(boundaries) if reads_steps else _NO_STEPS
+        lists = [boundaries]
+        if needs.rates and not model.scheme.rates.at_rest:
+            lists.append(steps.starts)
+        if needs.steps:
             within = steps.sub_steps if boundaries.all() else np.append(steps.sub_steps, 0)
             lists += [within, within + 1, np.maximum(within - 1, 0)]
-        self.sub_steps = steps.sub_steps if needed else steps.sub_steps[:0]
         if summed(outputs) and not first:
             lists.append(np.zeros(1, dtype=int))
-        sums = [sum_of(model, output.quantity) for output in outputs.values()]
-        if any(total.steps or total.losses for total in sums):
+        self.sub_steps = steps.sub_steps if needs.rates else steps.sub_steps[:0]
+        if needs.all_steps:
             lists.append(np.arange(first, end + 1))
             if model.couplings.driven:
                 self.sub_steps = np.arange(first, end)
         #: Boundaries at which outputs need states; in `sub_steps` they need forces.
         self.boundaries = np.unique(np.concatenate(lists)) if len(lists) > 1 else boundaries
+        of_forces = any(is_section_force(measured.output) for measured in outputs.values())
+        sub_steps = SubSteps(model, tape, self.boundaries, by_places, of_forces)
         ends = np.searchsorted(self.boundaries, boundaries)
         starts = np.searchsorted(self.boundaries, steps.starts)
         forces_at = np.searchsorted(self.sub_steps, steps.sub_steps)
         rows = np.flatnonzero(boundaries), np.flatnonzero(boundaries == 0)
-        self._places = Places(ends, starts, *rows, steps, forces_at, entries)
-        of_forces = any(map(is_section_force, outputs.values()))
-        self._of = sub_steps = SubSteps(model, tape, self.boundaries, by_places, of_forces)
+        of_rows = ends, starts, *rows, steps, forces_at, entries, forces
+        places = Places(sub_steps, numbers, *of_rows)
         #: Rates that fit the joints, and their derivatives.
         self._fit = None
-        if model.fits_rates and needed:
+        if model.fits_rates and needs.rates:
             driven = floats(Forcing(model).end_rates(*rates_at(tape, self.boundaries)))
             q, v, slides = (sub_steps.states[name] for name in ("q", "v", "slides"))
             self._fit = RateDerivatives(rate_fit(model), q, v, slides, driven)
             sub_steps.states["rates"] = self._fit.rates
+        self._entries = entries
         self._outputs = {
-            name: self._observed(output, numbers, name) for name, output in outputs.items()
+            name: kind_of(measured)(places, name, measured) for name, measured in outputs.items()
         }
-
-    def _observed(self, output: Output, numbers: KnownNumbers, name: str) -> RowOutput:
-        places, sub_steps = self._places, self._of
-        if output.quantity in SINCE_START:
-            return WorkOutput(sub_steps, output.quantity, places.ends, self._forces)
-        if isinstance(output.of, Scene):
-            return EnergyOutput(sub_steps, Measured(output).quantity.of, places.ends)
-        if isinstance(output.of, Beam):
-            return ResultantOutput(sub_steps, output.of, output.quantity, places)
-        if law := Measured(output).by_law:
-            from .line_outputs import PullOutput, StateOutput
-
-            line: Any = output.of
-            if law == "pull":
-                return PullOutput(sub_steps, line, places)
-            return StateOutput(sub_steps, line, law, places)
-        row = numbers.places.get(name)
-        if is_section_force(output):
-            from .section_outputs import SectionOutput
-
-            rows = row, numbers.sections[name]
-            return SectionOutput(sub_steps, output, places, numbers.values, rows)
-        return LocalOutput(sub_steps, output, places, row)
 
     @property
     def _sizes(self) -> Mapping[str, tuple[int, int]]:
         model, n, k = self._model, len(self.boundaries), len(self.sub_steps)
         columns, joints = model.reduction.columns - model.reduction.free, 3 * model.sizes["joints"]
         sizes = {name: (n, width) for name, width in self._tape.widths.items()}
-        sizes |= {name: (n, len(entries)) for name, entries in self._places.entries.items()}
+        sizes |= {name: (n, len(entries)) for name, entries in self._entries.items()}
         of_fit = model.size, joints // 3, joints, columns
         sizes |= {name: (n, width) for name, width in zip(_FITTED, of_fit, strict=True)}
         return sizes | {"constraints": (k, columns), "joints": (k, joints)}
@@ -200,14 +171,6 @@ class Observation:
             name: output.jvp(self._rows, earlier.get(name, np.empty(0)), of_state, changes)
             for name, output in self._outputs.items()
         }
-
-
-def observes_rates(model: Model, output: Output) -> bool:
-    """Whether rates that fit the joints, or forces, are in an output."""
-    if isinstance(output.of, Scene):
-        moving = "kinetic_energy", "total_energy", *["work"] * bool(model.couplings.driven)
-        return model.fits_rates and output.quantity in moving
-    return record_of(output) in ("rates", "forces")
 
 
 def rates_at(tape: Tape, boundaries: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -19,7 +19,7 @@ from fx_beam.results.vibrations import PeriodicMotion
 from fx_beam.scene.scene import Scene
 
 from .built_scenes import NumbersOf, refuse_others
-from .energy_outputs import EnergyOutput
+from .energy_outputs import energy_blocks
 from .gradient import jvp
 from .parametrised import Parametrised
 from .static_derivatives import StaticDerivatives
@@ -166,8 +166,8 @@ class PeriodDerivatives:
         """Derivatives (m,) of the energy of the start, of which the variables are held."""
         model, tape, none = self._shooting.model, self._shooting.tape, np.zeros(1, dtype=int)
         changes, at_start, steps = self._of_scene, self._start_by_x(), SubSteps(model, tape, none)
-        output = EnergyOutput(steps, "energy of steps", none)
-        by_x = jvp(output.blocks(none), (1,), at_start, changes)[0]
+        blocks = energy_blocks(steps, "energy of steps", none, none)
+        by_x = jvp(blocks, (1,), at_start, changes)[0]
         if model.loads.constant and model.loads.functions:
             loads, q = model.loads.unit_loads, self._period.start.q
             factors = floats(model.loads.series(np.zeros(1)))[0]

@@ -28,7 +28,8 @@ from fx_beam.step.tape_derivatives import TapeDerivatives
 
 from .analysis import Analysis
 from .motion_analysis import prepared_for
-from .observation import observes_rates, rates_at
+from .observation import rates_at
+from .output_kinds import needs_of
 from .parametrised import Parametrised, one_call
 from .period_derivatives import AT_START, CHANGE, LATER, WHAT, PeriodDerivatives
 from .response import Response
@@ -260,7 +261,7 @@ class PeriodicAnalysis(Analysis):
         numbers[AT_START] = dual_array(other.forcing.series(t0[:1])[0])
         if natural := other.model.natural:
             numbers["natural"] = natural.numbers_at(float(before(start.t)))
-        if any(observes_rates(other.model, output) for output in self.measured):
+        if needs_of(other.model, self.measured).rates:
             rates = rates_at(tape, np.arange(len(tape) + 1))
             numbers |= observed_numbers_of(*of_scene, *rates, False)
         return numbers

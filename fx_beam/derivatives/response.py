@@ -15,7 +15,7 @@ from fx_beam.laws.schemes import Scheme
 from fx_beam.motions.options import Options
 from fx_beam.results.records import Stats
 from fx_beam.results.solution import Solution
-from fx_beam.scene.outputs import Output, check_differentiable, check_output
+from fx_beam.scene.outputs import Measured, Output, check_differentiable, check_output
 from fx_beam.scene.scene import Scene
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record
@@ -27,7 +27,7 @@ from .built_scenes import refuse_others
 from .gradient import along
 from .motion_analysis import MotionAnalysis
 from .objectives import Cost, Misfit, Objective
-from .observation import Observation, check_outputs, read_entries, summed
+from .observation import Observation, Outputs, check_outputs, read_entries, summed
 from .output_values import Wanted
 from .parametrised import Parametrised, one_call
 from .short_reversals import warn_of_short_reversals
@@ -415,7 +415,7 @@ class Response:
         """
         return Misfit(self, self._shared, measured, scatter)
 
-    def _begin_derivatives(self, method: str, outputs: Mapping[str, Output]) -> tuple[Any, ...]:
+    def _begin_derivatives(self, method: str, outputs: Outputs) -> tuple[Any, ...]:
         """The tape of the last call, the derivatives of its steps, and of all numbers by x.
 
         Also a function that observes outputs at boundaries, and the only entries that it reads.
@@ -454,12 +454,12 @@ class Response:
                 )
         return checked
 
-    def _chosen(self, names: Iterable[str], subject: str) -> tuple[list[str], dict[str, Output]]:
+    def _chosen(self, names: Iterable[str], subject: str) -> tuple[list[str], dict[str, Measured]]:
         """Names of single numbers, and the other outputs by names; SceneError for functions."""
         names, known, analysis = list(names), self._analysis.outputs, self._analysis
         are_known = all(is_one_of(name, known) for name in names)
         require(are_known, subject, names, f"names of outputs, of {self._names}")
-        singles, outputs = list[str](), dict[str, Output]()
+        singles, outputs = list[str](), dict[str, Measured]()
         for name in names:
             output = known[name]
             if not isinstance(output, Output):
@@ -470,5 +470,5 @@ class Response:
             if output.quantity == analysis.single:
                 singles.append(name)
             else:
-                outputs[name] = output
+                outputs[name] = Measured(output)
         return singles, outputs

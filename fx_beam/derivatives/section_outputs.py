@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,17 +14,16 @@ from fx_beam.fem.mass import masses_of_points
 from fx_beam.laws.interval import StepBatch, just_inside
 from fx_beam.motions.element_balance import ElementLoads, components, directions_at_ends
 from fx_beam.results.section_forces import Balance
-from fx_beam.scene.beam import BeamPlace
-from fx_beam.scene.outputs import Output, is_section_force
+from fx_beam.results.solution import Solution
+from fx_beam.scene.outputs import Measured, Output, is_section_force
 from fx_beam.scene.scene import Scene
 from fx_beam.step.layout import Arrays
 from fx_beam.step.model import Model
 from fx_beam.step.tape import Tape
 
-from .gradient import Block, RowOutput, of_rows
-from .local_outputs import Places
-from .output_values import OF_PLACES, Wanted
-from .sub_steps import SubSteps
+from .gradient import Block, of_rows
+from .output_numbers import OF_PLACES
+from .row_output import Needs, Places, RowOutput
 
 #: Numbers of section forces: masses (n, points) at Gauss points of their elements, directions
 #: (n, 2) at their ends, and dead loads (sub-steps + 1, n, width) on them, the last at the start.
@@ -34,7 +33,7 @@ _STEP = 1e-2
 
 
 def numbers_of_sections(
-    model: Model, tape: Tape, rest_time: float | None, scene: Scene, known: Mapping[str, Wanted]
+    model: Model, tape: Tape, rest_time: float | None, scene: Scene, known: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Numbers of a scene in the sub-steps of a tape; equilibria have their loads at one time."""
     mesh, level, times = model.mesh, model.scheme.rates.level, tape.times
@@ -84,8 +83,8 @@ def _on_element(loads: ElementLoads, cell: int, in_steps: Callable) -> Any:
     place[dofs] = np.arange(width)
     there = np.flatnonzero(place[dead.rows] >= 0)
     column = np.repeat(np.arange(columns), np.diff(dead.starts))[there]
-    at = column * width + place[dead.rows[there]]
-    unit = np.bincount(at, dead.entries[there], columns * width).reshape(columns, width)
+    flat = column * width + place[dead.rows[there]]
+    unit = np.bincount(flat, dead.entries[there], columns * width).reshape(columns, width)
     total = in_steps(lambda t: dead.series(t) @ unit)
     if loads.weight is not None:
         total = total + in_steps(lambda t: np.ones((len(t), 1))) * loads.weight[dofs]
@@ -102,122 +101,173 @@ def _shares(component: int, degree: int, x: float, h: float) -> np.ndarray:
     return balance.in_elements(gauss, np.array([x]))[component].ravel()
 
 
+class _Element(NamedTuple):
+    """The element of a section force: its number, and that of N, Q or M."""
+
+    cell: int
+    component: int
+    #: Degrees of freedom (width,) of its nodes, and of the rotations (2,) at its ends.
+    dofs: np.ndarray
+    turns: np.ndarray
+    #: Places (2, 3) of the forces at its ends in those of all its nodes.
+    at_ends: np.ndarray
+
+    @classmethod
+    def of(cls, model: Model, measured: Measured) -> _Element:
+        """That of an output."""
+        cell, mesh = _cell(model, measured.place), model.mesh
+        dofs, ends = mesh.unknowns.dofs[cell], mesh.dofs[mesh.elements[cell, [0, -1]]]
+        at_ends = np.argsort(dofs)[np.searchsorted(np.sort(dofs), ends)]
+        return cls(cell, "NQM".index(measured.name), dofs, ends[:, 2], at_ends)
+
+
+class _Slopes(NamedTuple):
+    """Derivatives of a section force in n rows."""
+
+    #: By the part of the element before the place, and its length (n, 2); by angles (n, 2) at ends.
+    by_place: np.ndarray
+    by_angles: np.ndarray
+    #: By the forces (n, width) on the nodes, and by values (degree,) at the Gauss points.
+    by_forces: np.ndarray
+    by_gauss: np.ndarray
+    #: By accelerations (n, width) of the nodes and masses (n, points); None for equilibria.
+    by_inertia: tuple[np.ndarray, np.ndarray] | None
+
+
 class SectionOutput(RowOutput):
-    """N, Q or M at a place at the rows (n,) of a run; `numbers` and their rows are known."""
+    """N, Q or M at a place at the rows (n,) of a run."""
 
-    def __init__(self, of: SubSteps, output: Output, places: Places, numbers: Arrays, rows: tuple):
-        model, place = of.model, output.of
-        assert isinstance(place, BeamPlace)
-        self._of, self._places, (self._of_place, self._row) = of, places, rows
+    def __init__(self, places: Places, name: str, measured: Measured):
+        super().__init__(places, name, measured)
+        model, numbers = self._of.model, places.numbers
         self._beams: Any = model.forms.beams  # there are some
-        self._cell, self._component = _cell(model, output), "NQM".index(output.quantity)
-        self._dofs = model.mesh.unknowns.dofs[self._cell]
-        ends = model.mesh.dofs[model.mesh.elements[self._cell, [0, -1]]]
-        # Places of the forces at both ends in those of the element, and of rotations in q.
-        self._at = np.argsort(self._dofs)[np.searchsorted(np.sort(self._dofs), ends)]
-        self._turns = ends[:, 2]
-        steps, start = places.steps, places.at_start
-        #: Rows, numbers and shares of the sub-steps, and their dead loads among all.
-        self._rows = np.append(steps.of, start)
-        self._steps = np.append(steps.sub_steps, -np.ones(len(start), dtype=int))
-        self._weights = np.append(steps.shares, np.ones(len(start)))
-        self._read(numbers)
+        self._element = _Element.of(model, measured)
+        self._place_row, self._section_row = numbers.places[name], numbers.sections[name]
+        self._rows, self._steps, self._shares = places.means()
+        self._slopes = self._read(numbers.values)
 
-    def _read(self, numbers: Arrays) -> None:
+    @staticmethod
+    def value(solution: Solution, measured: Measured) -> np.ndarray:
+        """As of `RowOutput`."""
+        forces = solution.resultants(measured.place.beam).at(measured.place.s)
+        return getattr(forces, measured.name)[:, 0]
+
+    @classmethod
+    def record(cls, measured: Measured) -> str:
+        """As of `RowOutput`."""
+        return "rates"
+
+    @classmethod
+    def needs(cls, model: Model, measured: Measured) -> Needs:
+        """As of `RowOutput`."""
+        return Needs(rates=True, start=True, steps=True, whole=True)
+
+    def _read(self, numbers: Arrays) -> _Slopes:
         """Find the forces of the element, and how the output follows from what it depends on."""
-        of, places, count = self._of, self._places, len(self._places.ends)
-        degree, width = self._beams.kind.degree, len(self._dofs)
-        masses, dead = numbers[MASSES][self._row], numbers[DEAD][:, self._row]
-        self._unit_masses = masses_of_points(degree)
-        forces, turns, gauss = (np.zeros((count, n)) for n in (width, 2, degree))
+        element, places, row = self._element, self._places, self._section_row
+        model, count, degree = self._of.model, len(places.ends), self._beams.kind.degree
+        masses, dead = numbers[MASSES][row], numbers[DEAD][:, row]
+        forces, turns, gauss = (np.zeros((count, size)) for size in (len(element.dofs), 2, degree))
         for group, parts in self._batches(np.arange(len(self._steps))):
-            rows, share = self._rows[group], self._weights[group, None]
-            at = self._beams.forces_of_cells(parts)[:, self._cell] - dead[self._steps[group]]
-            np.add.at(forces, rows, share * at)
-            level = parts.q + of.model.scheme.rates.level * parts.D
-            np.add.at(turns, rows, share * level[:, self._turns])
-            points = self._beams.resultants(parts)[:, self._cell, :, self._component]
+            rows, share = self._rows[group], self._shares[group, None]
+            on_nodes = self._beams.forces_of_cells(parts)[:, element.cell]
+            np.add.at(forces, rows, share * (on_nodes - dead[self._steps[group]]))
+            level = parts.q + model.scheme.rates.level * parts.D
+            np.add.at(turns, rows, share * level[:, element.turns])
+            points = self._beams.resultants(parts)[:, element.cell, :, element.component]
             np.add.at(gauss, rows, share * points)
-        #: Accelerations (n, width) of the element, and the name of their rates.
-        self._rates = "rates" if of.model.fits_rates else "v"
-        self._a = np.zeros((count, width))
-        if not of.model.scheme.rates.at_rest:
-            v, moved = of.states[self._rates][:, self._dofs], places.moved
-            change = v[places.ends[moved]] - v[places.starts[moved]]
-            self._a[moved] = change / places.steps.lengths[moved, None]
-            if len(places.at_start):
-                self._a[places.at_start] = numbers["a"][self._dofs]
-            self._mass = np.tensordot(masses, self._unit_masses, 1)
-            forces += self._a @ self._mass
-        signs, angles = np.array([[-1.0], [1.0]]), numbers[DIRECTIONS][self._row] + turns
-        ends = components(signs * forces[:, self._at], angles)
-        (x, h), values = numbers[OF_PLACES][self._of_place], np.hstack([ends.reshape(-1, 6), gauss])
+        if moves := not model.scheme.rates.at_rest:
+            unit_masses, a = masses_of_points(degree), self._accelerations(numbers)
+            mass = np.tensordot(masses, unit_masses, 1)
+            forces += a @ mass
+        signs, angles = np.array([[-1.0], [1.0]]), numbers[DIRECTIONS][row] + turns
+        ends = components(signs * forces[:, element.at_ends], angles)
+        (x, h), values = (
+            numbers[OF_PLACES][self._place_row],
+            np.hstack([ends.reshape(-1, 6), gauss]),
+        )
 
         def slope(by: np.ndarray) -> np.ndarray:
             """Along a change of x and h: shares are polynomials of the fourth degree at most."""
-            shares = [_shares(self._component, degree, *((x, h) + k * by)) for k in (-2, -1, 1, 2)]
-            return values @ np.array(shares).T @ np.array([1.0, -8.0, 8.0, -1.0]) / 12
+            points = [(x, h) + k * by for k in (-2, -1, 1, 2)]
+            shares = np.array([_shares(element.component, degree, *point) for point in points])
+            return values @ shares.T @ np.array([1.0, -8.0, 8.0, -1.0]) / 12
 
-        shares = _shares(self._component, degree, x, h)
-        #: Derivatives by the part x of the element and its length.
         steps = np.diag([_STEP, _STEP * h])
-        self._by_place = np.stack([slope(step) for step in steps], axis=1) / np.diag(steps)
-        of_ends, self._gauss = shares[:6].reshape(2, 3), shares[6:]
-        #: By the angles (n, 2), and by the forces (n, width) of the element.
-        self._by_angles = of_ends[:, 0] * ends[..., 1] - of_ends[:, 1] * ends[..., 0]
+        by_place = np.stack([slope(step) for step in steps], axis=1) / np.diag(steps)
+        shares = _shares(element.component, degree, x, h)
+        of_ends = shares[:6].reshape(2, 3)
+        by_angles = of_ends[:, 0] * ends[..., 1] - of_ends[:, 1] * ends[..., 0]
         c, s, (N, Q, M) = np.cos(angles), np.sin(angles), of_ends.T
         by_ends = np.stack([c * N - s * Q, s * N + c * Q, np.broadcast_to(M, c.shape)], axis=-1)
-        self._by_forces = np.zeros((count, width))
-        self._by_forces[:, self._at] = signs * by_ends
+        by_forces = np.zeros_like(forces)
+        by_forces[:, element.at_ends] = signs * by_ends
+        by_inertia = None
+        if moves:
+            of_masses = np.einsum("nw,pwv->npv", by_forces, unit_masses)
+            by_inertia = by_forces @ mass, np.einsum("npv,nv->np", of_masses, a)
+        return _Slopes(by_place, by_angles, by_forces, shares[6:], by_inertia)
 
-    def _batches(self, which: np.ndarray) -> Iterator[tuple[np.ndarray, StepBatch]]:
+    def _accelerations(self, numbers: Arrays) -> np.ndarray:
+        """Those (n, width) of the nodes of the element: means over the steps."""
+        places, dofs, moved = self._places, self._element.dofs, self._places.moved
+        v, a = self._of.states[self._of.rates][:, dofs], np.zeros((len(places.ends), len(dofs)))
+        change = v[places.ends[moved]] - v[places.starts[moved]]
+        a[moved] = change / places.steps.lengths[moved, None]
+        if len(places.at_start):
+            a[places.at_start] = numbers["a"][dofs]
+        return a
+
+    def _batches(self, chosen: np.ndarray) -> Iterator[tuple[np.ndarray, StepBatch]]:
         """Sub-steps, some of all, in groups."""
-        for group in self._of.groups(which):
-            at, tape = which[group], self._of.tape
-            parts = self._of.parts(self._steps[at])
+        for group in self._of.groups(chosen):
+            numbers, tape = chosen[group], self._of.tape
+            parts = self._of.parts(self._steps[numbers])
             if self._of.model.scheme.rates.at_rest:
-                parts = parts._replace(load_factor=tape.memories[self._steps[at]])
-            yield at, parts
+                parts = parts._replace(load_factor=tape.memories[self._steps[numbers]])
+            yield numbers, parts
 
     def blocks(self, rows: np.ndarray) -> Iterator[Block]:
         """Its derivatives in some of the rows."""
-        wanted = np.isin(self._rows, rows)
-        for at, parts in self._batches(np.flatnonzero(wanted)):
-            yield from self._of_steps(at, parts)
-        yield from self._inertia()
-        every = np.arange(len(self._a))
-        yield of_rows(OF_PLACES, every, self._by_place, first=2 * self._of_place)
-        yield of_rows(DIRECTIONS, every, self._by_angles, first=2 * self._row)
+        wanted, slopes = np.isin(self._rows, rows), self._slopes
+        for chosen, parts in self._batches(np.flatnonzero(wanted)):
+            yield from self._of_steps(chosen, parts)
+        yield from self._of_inertia()
+        every = np.arange(len(slopes.by_forces))
+        yield of_rows(OF_PLACES, every, slopes.by_place, first=2 * self._place_row)
+        yield of_rows(DIRECTIONS, every, slopes.by_angles, first=2 * self._section_row)
 
-    def _of_steps(self, at: np.ndarray, parts: StepBatch) -> Iterator[Block]:
+    def _of_steps(self, chosen: np.ndarray, parts: StepBatch) -> Iterator[Block]:
         """By what forms read of some sub-steps, and by dead loads in them."""
-        of, steps, rows, shares = self._of, self._steps[at], self._rows[at], self._weights[at, None]
-        model, weights = of.model, shares * self._by_forces[rows]
-        by = self._beams.slopes.of_forces(parts, of.by_places, weights, self._cell)
-        if self._gauss.any():
-            of_points = np.zeros((len(at), *model.forms.internal_shape[:2]))
-            of_points[:, self._cell] = shares * self._gauss
-            more = self._beams.slopes.of_resultants(parts, of.by_places, of_points, self._component)
-            by = {name: by.get(name, 0.0) + more.get(name, 0.0) for name in by.keys() | more.keys()}
+        sub_steps, element, slopes = self._of, self._element, self._slopes
+        steps, rows, shares = self._steps[chosen], self._rows[chosen], self._shares[chosen, None]
+        model, weights = sub_steps.model, shares * slopes.by_forces[rows]
+        by_name = self._beams.slopes.of_forces(parts, sub_steps.by_places, weights, element.cell)
+        if slopes.by_gauss.any():
+            of_points = np.zeros((len(chosen), *model.forms.internal_shape[:2]))
+            of_points[:, element.cell] = shares * slopes.by_gauss
+            by_points = self._beams.slopes.of_resultants(
+                parts, sub_steps.by_places, of_points, element.component
+            )
+            for name, values in by_points.items():
+                by_name[name] = by_name.get(name, 0.0) + values
         for name, factor in (("increment", model.scheme.rates.level), ("start", 1.0)):
-            turned = by.setdefault(name, np.zeros((len(at), model.size)))
-            turned[:, self._turns] += factor * shares * self._by_angles[rows]
-        yield from of.in_steps(rows, steps, by)
-        width, loads = len(self._dofs), np.where(steps < 0, len(of.tape), steps)
-        yield of_rows(DEAD, rows, -weights, loads, first=width * self._row)
+            turned = by_name.setdefault(name, np.zeros((len(chosen), model.size)))
+            turned[:, element.turns] += factor * shares * slopes.by_angles[rows]
+        yield from sub_steps.in_steps(rows, steps, by_name)
+        width, loads = len(element.dofs), np.where(steps < 0, len(sub_steps.tape), steps)
+        yield of_rows(DEAD, rows, -weights, loads, first=width * self._section_row)
 
-    def _inertia(self) -> Iterator[Block]:
+    def _of_inertia(self) -> Iterator[Block]:
         """By rates, accelerations at the start, and masses."""
-        if self._of.model.scheme.rates.at_rest:
+        if self._slopes.by_inertia is None:
             return
-        places, moved, every = self._places, self._places.moved, np.arange(len(self._a))
-        masses = np.einsum("nw,pwv->npv", self._by_forces, self._unit_masses)
-        points = masses.shape[1]
-        by_masses = np.einsum("npv,nv->np", masses, self._a)
-        yield of_rows(MASSES, every, by_masses, first=points * self._row)
-        by_a = self._by_forces @ self._mass
+        (by_a, by_masses), dofs, rates = self._slopes.by_inertia, self._element.dofs, self._of.rates
+        places, moved, points = self._places, self._places.moved, by_masses.shape[1]
+        every = np.arange(len(by_masses))
+        yield of_rows(MASSES, every, by_masses, first=points * self._section_row)
         per_time = by_a[moved] / places.steps.lengths[moved, None]
-        for at, sign in ((places.ends, 1.0), (places.starts, -1.0)):
-            yield Block(self._rates, self._dofs, moved, sign * per_time, at[moved])
+        for states, sign in ((places.ends, 1.0), (places.starts, -1.0)):
+            yield Block(rates, dofs, moved, sign * per_time, states[moved])
         if len(places.at_start):
-            yield Block("a", self._dofs, places.at_start, by_a[places.at_start])
+            yield Block("a", dofs, places.at_start, by_a[places.at_start])

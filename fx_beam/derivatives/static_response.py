@@ -167,7 +167,7 @@ class StaticAnalysis(Analysis):
         self._path = LoadPath(scene, self._options, None)
         self._load_steps = self._critical = None
         # Beyond a critical point a path is unstable.
-        self._path.warns = all(output.quantity != CRITICAL_LOAD for output in self.measured)
+        self._path.warns = all(measured.name != CRITICAL_LOAD for measured in self.measured)
         self._solution = solution = self._path.followed()
         self.parameters.stats, self.t = solution.stats, solution.t
         return solution.load_factor, self.read(solution)

@@ -50,6 +50,8 @@ class SubSteps:
         self.model, self.tape, self.boundaries = model, tape, boundaries
         #: Whether derivatives by the positions of nodes are wanted.
         self.by_places = by_places
+        #: Name of the rates of nodes.
+        self.rates = "rates" if model.fits_rates else "v"
         of_scene, self._level = model.forms.parameters, model.scheme.rates.level
         #: Values of the parameters (sub-steps, 2, n) at the level of the scheme and at the ends.
         self._parameters = None

@@ -237,6 +237,8 @@ class Measured:
 
     def __init__(self, output: Output):
         place: Any = output.of
+        #: The output, and where it is measured.
+        self.output, self.place = output, place
         self.name, self.quantity = output.quantity, (quantity := quantity_of(output))
         count, index = len(quantity.components), output.index
         #: The component, or all of them.

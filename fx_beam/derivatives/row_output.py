@@ -1,0 +1,108 @@
+"""An output of a response: its values, what it reads of a run, and its derivatives, by blocks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
+import numpy as np
+
+from fx_beam.results.solution import Solution, history
+from fx_beam.results.state import HISTORIES
+from fx_beam.scene.outputs import Measured
+from fx_beam.step.layout import Arrays
+from fx_beam.step.model import Model
+from fx_beam.step.sub_step_times import Steps
+
+from .gradient import Block, Gradient, jvp, vjp
+from .output_numbers import KnownNumbers
+from .sub_steps import SubSteps
+
+
+class Needs(NamedTuple):
+    """What outputs read besides the states at their rows."""
+
+    #: Rates that fit the joints, or forces; accelerations or forces at the start.
+    rates: bool = False
+    start: bool = False
+    #: States around the sub-steps that end in the rows, or around all since the start.
+    steps: bool = False
+    all_steps: bool = False
+    #: A tape that has all steps in memory.
+    whole: bool = False
+
+
+class Places(NamedTuple):
+    """Where the rows of outputs are in the states of a run, and what is known of it."""
+
+    sub_steps: SubSteps
+    #: Numbers of outputs of the scene.
+    numbers: KnownNumbers
+    #: Rows (n,) among the states, and the starts of the steps that end there.
+    ends: np.ndarray
+    starts: np.ndarray
+    #: Numbers of the rows that are the end of a step, and of those at the start of the run.
+    moved: np.ndarray
+    at_start: np.ndarray
+    #: Those steps, and the places of their sub-steps among those of the forces.
+    steps: Steps
+    forces: np.ndarray
+    #: The only entries that the states have, by name; empty if they have all.
+    entries: Arrays
+    #: Gives forces (k, columns) of columns in all sub-steps on the tape.
+    column_forces: Callable[[], np.ndarray]
+
+    def means(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Rows (k,), sub-steps (k,) and shares (k,) of means over the steps; -1 for the start."""
+        steps, start = self.steps, self.at_start
+        sub_steps = np.append(steps.sub_steps, -np.ones(len(start), dtype=int))
+        return np.append(steps.of, start), sub_steps, np.append(steps.shares, np.ones(len(start)))
+
+
+class RowOutput:
+    """An output at rows (n,) of a run, whose states are at some `places`."""
+
+    #: Lengths of a row.
+    shape: tuple[int, ...] = ()
+    #: Whether it adds up over the steps since the start.
+    is_sum = False
+
+    def __init__(self, places: Places, name: str, measured: Measured):
+        self._of, self._places = places.sub_steps, places
+
+    @staticmethod
+    def value(solution: Solution, measured: Measured) -> np.ndarray:
+        """Values (n, ...) in a solution."""
+        return history(solution, measured.output)
+
+    @classmethod
+    def record(cls, measured: Measured) -> str:
+        """What of a `Record` has it: "motion", "rates" or "forces"; empty for nothing."""
+        recorded = HISTORIES.get(measured.quantity.of)
+        return "" if recorded is None else recorded.record
+
+    @classmethod
+    def needs(cls, model: Model, measured: Measured) -> Needs:
+        """What it reads in a run of a model."""
+        record = cls.record(measured)
+        start = record == "forces" or measured.quantity.of == "a"
+        return Needs(rates=record in ("rates", "forces"), start=start)
+
+    def blocks(self, rows: np.ndarray) -> Iterable[Block]:
+        """Its derivatives in some of the rows, or in all."""
+        raise NotImplementedError
+
+    def vjp(self, weights: np.ndarray, later: float, gradient: Gradient) -> None:
+        """Add the derivatives of the sum of weights (n, ...) times the output.
+
+        `later` is the sum of the weights of rows in later parts of a tape.
+        """
+        counting = np.flatnonzero(weights.reshape(len(weights), -1).any(axis=1))
+        vjp(self.blocks(counting), weights, gradient)
+
+    def jvp(self, rows: int, earlier: np.ndarray, of_state: Arrays, changes: Arrays) -> np.ndarray:
+        """Changes (rows, ..., m) from those of the states and of the numbers of the scene.
+
+        `earlier` (m,) is the sum over earlier parts of a tape, to which this one adds.
+        """
+        return jvp(self.blocks(np.arange(rows)), (rows, *self.shape), of_state, changes)
