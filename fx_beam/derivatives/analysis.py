@@ -17,9 +17,9 @@ from fx_beam.step.model import Model
 from fx_beam.step.tape import Tape
 from fx_beam.step.tape_derivatives import TapeDerivatives
 
-from .output_numbers import KnownNumbers, is_at_place, numbers_of_places
 from .output_values import Wanted, values_of
 from .parametrised import Parametrised
+from .row_output import numbers_of_places
 from .section_outputs import numbers_of_sections
 
 
@@ -88,16 +88,13 @@ class Analysis:
             numbers |= numbers_of_sections(model, tape, self.rest_time, scene, known)
         return numbers
 
-    def known_numbers(self) -> KnownNumbers:
+    def known_numbers(self) -> dict[str, np.ndarray]:
         """The same numbers of the last scene."""
         outputs = self.outputs
         numbers = self.numbers_of_outputs(self.parameters.scene, outputs, outputs)
         if self.start_accelerations is not None:
             numbers["a"] = self.start_accelerations
-        places = [key for key, output in outputs.items() if is_at_place(output)]
-        sections = [key for key in places if is_section_force(outputs[key])]
-        rows = ({key: row for row, key in enumerate(keys)} for keys in (places, sections))
-        return KnownNumbers({key: floats(values) for key, values in numbers.items()}, *rows)
+        return {name: floats(values) for name, values in numbers.items()}
 
     def of_single(self) -> np.ndarray:
         """Derivatives (m,) by x of the single quantity."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from fx_beam.dual import Dual, LostSlopesError, changes_of, floats, slopes_by
 from fx_beam.errors import SceneError, all_of, shown
-from fx_beam.motions.numbers import OF_OUTPUTS, OF_STEPS
+from fx_beam.motions.numbers import OF_STEPS, are_of_outputs
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 
@@ -56,7 +56,9 @@ _CHECKED = {3, 9, 65}
 
 def refuse_others(changes: Mapping[str, np.ndarray], known: Set[str], subject: str) -> None:
     """SceneError if numbers change (m, ...) of which there are no derivatives."""
-    for name in changes.keys() - known - OF_OUTPUTS:
+    for name in changes.keys() - known:
+        if are_of_outputs([name]):
+            continue
         changing = np.flatnonzero(changes[name].reshape(len(changes[name]), -1).any(axis=1))
         if len(changing):
             raise SceneError(
@@ -203,7 +205,7 @@ class BuiltScenes:
                 text = ", ".join(map(repr, wrong_names))
                 self.reasons[i] = f"it changes {text} of the scene in a way that has no slopes"
                 self._names.pop(i, None)
-                if OF_OUTPUTS.issuperset(wrong_names):
+                if are_of_outputs(wrong_names):
                     self._names[i] = wrong_names
 
     # -- By differences ----------------------------------------------------------------------------

@@ -15,8 +15,7 @@ from fx_beam.step.layout import Arrays
 from fx_beam.step.model import Model
 
 from .gradient import Block, Gradient, of_entries, vjp
-from .output_numbers import OF_PLACES
-from .row_output import Needs, Places, RowOutput
+from .row_output import Needs, Places, RowOutput, place_of
 
 #: Forces in steps, at the start, and of rates that fit, by the names of arrays in `State`.
 _FORCES = {
@@ -30,7 +29,7 @@ _NUMBERS = "X", "offsets of slides", "axes of slides"
 class LocalOutput(RowOutput):
     """An output of a node or a joint; rates that fit the joints are "rates" of the states.
 
-    Or of a place, of which numbers `OF_PLACES` have a row.
+    Or of a place, of which there are numbers.
     """
 
     def __init__(self, places: Places, name: str, measured: Measured):
@@ -51,22 +50,22 @@ class LocalOutput(RowOutput):
         blocks = (block for term in terms for block in self._blocks_of(*term))
         self._blocks = [block for block in blocks if len(block.rows)]
         if isinstance(measured.place, BeamPlace) and not at_rest and len(places.ends):
-            self._blocks += self._by_place(measured, read, places.numbers.places[name])
+            self._blocks += self._by_place(measured, read, place_of(name))
 
     def blocks(self, rows: np.ndarray) -> list[Block]:
         """Its derivatives, in all rows."""
         return self._blocks
 
-    def _by_place(self, measured: Measured, read: Callable, row: int) -> Iterator[Block]:
+    def _by_place(self, measured: Measured, read: Callable, numbers: str) -> Iterator[Block]:
         """Derivatives by where the place is in its element."""
         slopes = itertools.cycle(measured.place.shares_and_slopes[1])
         terms = [*zip(measured.terms, slopes, strict=False)]
-        entry, rows = slice(2 * row, 2 * row + 1), np.arange(len(self._places.ends))
+        rows = np.arange(len(self._places.ends))
         for part in range(np.size(measured.terms[0].entries)):
             along = sum(
                 slope * read(term.array, np.ravel(term.entries)[part]) for term, slope in terms
             )
-            yield Block(OF_PLACES, entry, rows, along[:, None], part=part)
+            yield Block(numbers, slice(1), rows, along[:, None], part=part)
 
     def _blocks_of(self, array: str, entries: Any, factor: Any) -> Iterator[Block]:
         """Those by entries of states, forces and numbers, one for each component."""

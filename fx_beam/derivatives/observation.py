@@ -22,7 +22,6 @@ from fx_beam.step.tape import Tape
 from .energy_outputs import check_work
 from .gradient import Gradient
 from .output_kinds import kind_of, needs_of
-from .output_numbers import KnownNumbers
 from .row_output import Places
 from .sub_steps import SubSteps
 
@@ -82,7 +81,7 @@ class Observation:
         forces: Callable[[], np.ndarray],
         entries: Arrays,
         by_places: bool,
-        numbers: KnownNumbers,
+        numbers: Arrays,
         outputs: Outputs,
         boundaries: np.ndarray,
     ):

@@ -2,21 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from fx_beam.dual import dual_array
+from fx_beam.motions.numbers import OF_OUTPUT
 from fx_beam.results.solution import Solution, history
 from fx_beam.results.state import HISTORIES
-from fx_beam.scene.outputs import Measured
+from fx_beam.scene.beam import BeamPlace
+from fx_beam.scene.outputs import Measured, Output
 from fx_beam.step.layout import Arrays
 from fx_beam.step.model import Model
 from fx_beam.step.sub_step_times import Steps
 
 from .gradient import Block, Gradient, jvp, vjp
-from .output_numbers import KnownNumbers
 from .sub_steps import SubSteps
+
+
+def place_of(name: str) -> str:
+    """The numbers of an output at a place: the part of the element before it, and its length."""
+    return "place" + OF_OUTPUT + name
+
+
+def numbers_of_places(outputs: Mapping[str, Any], known: Mapping[str, Any]) -> dict[str, Any]:
+    """Numbers of outputs at places, in the elements of those that are known."""
+    numbers = {}
+    for name, output in known.items():
+        if isinstance(output, Output) and isinstance(output.of, BeamPlace):
+            place, (element, _) = outputs[name].of, output.of.element
+            start, end = place.beam.s[element : element + 2]
+            part, length = (place.s - start) / (end - start), end - start
+            numbers[place_of(name)] = dual_array([part, length])
+    return numbers
 
 
 class Needs(NamedTuple):
@@ -36,8 +55,8 @@ class Places(NamedTuple):
     """Where the rows of outputs are in the states of a run, and what is known of it."""
 
     sub_steps: SubSteps
-    #: Numbers of outputs of the scene.
-    numbers: KnownNumbers
+    #: Numbers of the scene, and of its outputs, by name.
+    numbers: Arrays
     #: Rows (n,) among the states, and the starts of the steps that end there.
     ends: np.ndarray
     starts: np.ndarray

@@ -13,21 +13,21 @@ from fx_beam.fem.loads import OnBeams
 from fx_beam.fem.mass import masses_of_points
 from fx_beam.laws.interval import StepBatch, just_inside
 from fx_beam.motions.element_balance import ElementLoads, components, directions_at_ends
+from fx_beam.motions.numbers import OF_OUTPUT
 from fx_beam.results.section_forces import Balance
 from fx_beam.results.solution import Solution
-from fx_beam.scene.outputs import Measured, Output, is_section_force
+from fx_beam.scene.outputs import Measured, is_section_force
 from fx_beam.scene.scene import Scene
 from fx_beam.step.layout import Arrays
 from fx_beam.step.model import Model
 from fx_beam.step.tape import Tape
 
 from .gradient import Block, of_rows
-from .output_numbers import OF_PLACES
-from .row_output import Needs, Places, RowOutput
+from .row_output import Needs, Places, RowOutput, place_of
 
-#: Numbers of section forces: masses (n, points) at Gauss points of their elements, directions
-#: (n, 2) at their ends, and dead loads (sub-steps + 1, n, width) on them, the last at the start.
-MASSES, DIRECTIONS, DEAD = "masses of outputs", "directions of outputs", "dead loads of outputs"
+# Numbers of a section force: masses (points,) at Gauss points of its element, directions (2,) at
+# its ends, and dead loads (sub-steps + 1, width) on it, the last at the start.
+_MASSES, _DIRECTIONS, _DEAD = "masses", "directions", "dead loads"
 # Step of differences of polynomials of the fourth degree, which are exact.
 _STEP = 1e-2
 
@@ -50,27 +50,25 @@ def numbers_of_sections(
         t0, t1 = np.append(t0, start), np.append(t1, start)
         return (1 - level) * function(t0) + level * function(t1)
 
-    cells = []
-    outputs: list[Any] = [*filter(is_section_force, known.values())]
-    for output in outputs:
-        cells.append(cell := _cell(model, output))
+    numbers: dict[str, Any] = {}
+    for name in filter(lambda key: is_section_force(known[key]), known):
+        output = known[name]
+        cell = _cell(model, output.of)
         if any(_cell(model, load.target) == cell for load in loads.inside(output.of.beam.name)):
             raise SceneError(
                 f"the output {output} has no derivatives: a force or couple acts inside its "
                 "element. Let an element end there"
             )
-    dead = [_on_element(loads, cell, in_steps) for cell in cells]
-    directions = directions_at_ends(X[mesh.elements[cells]])
-    return {
-        MASSES: dual_array(loads.masses)[cells],
-        DIRECTIONS: directions,
-        DEAD: np.stack(dead, axis=1),
-    }
+        numbers |= {
+            _MASSES + OF_OUTPUT + name: dual_array(loads.masses)[cell],
+            _DIRECTIONS + OF_OUTPUT + name: directions_at_ends(X[mesh.elements[[cell]]])[0],
+            _DEAD + OF_OUTPUT + name: _on_element(loads, cell, in_steps),
+        }
+    return numbers
 
 
 def _cell(model: Model, place: Any) -> int:
-    """Number of the element of a place or of an output there."""
-    place = place.of if isinstance(place, Output) else place
+    """Number of the element of a place."""
     names = [beam.name for beam in model.scene.beams]
     return int(model.mesh.cells[names.index(place.beam.name)][place.element[0]])
 
@@ -139,12 +137,11 @@ class SectionOutput(RowOutput):
 
     def __init__(self, places: Places, name: str, measured: Measured):
         super().__init__(places, name, measured)
-        model, numbers = self._of.model, places.numbers
+        self._name, model = name, self._of.model
         self._beams: Any = model.forms.beams  # there are some
         self._element = _Element.of(model, measured)
-        self._place_row, self._section_row = numbers.places[name], numbers.sections[name]
         self._rows, self._steps, self._shares = places.means()
-        self._slopes = self._read(numbers.values)
+        self._slopes = self._read(places.numbers)
 
     @staticmethod
     def value(solution: Solution, measured: Measured) -> np.ndarray:
@@ -164,9 +161,9 @@ class SectionOutput(RowOutput):
 
     def _read(self, numbers: Arrays) -> _Slopes:
         """Find the forces of the element, and how the output follows from what it depends on."""
-        element, places, row = self._element, self._places, self._section_row
+        element, places = self._element, self._places
         model, count, degree = self._of.model, len(places.ends), self._beams.kind.degree
-        masses, dead = numbers[MASSES][row], numbers[DEAD][:, row]
+        masses, dead = numbers[self._number(_MASSES)], numbers[self._number(_DEAD)]
         forces, turns, gauss = (np.zeros((count, size)) for size in (len(element.dofs), 2, degree))
         for group, parts in self._batches(np.arange(len(self._steps))):
             rows, share = self._rows[group], self._shares[group, None]
@@ -180,12 +177,9 @@ class SectionOutput(RowOutput):
             unit_masses, a = masses_of_points(degree), self._accelerations(numbers)
             mass = np.tensordot(masses, unit_masses, 1)
             forces += a @ mass
-        signs, angles = np.array([[-1.0], [1.0]]), numbers[DIRECTIONS][row] + turns
+        signs, angles = np.array([[-1.0], [1.0]]), numbers[self._number(_DIRECTIONS)] + turns
         ends = components(signs * forces[:, element.at_ends], angles)
-        (x, h), values = (
-            numbers[OF_PLACES][self._place_row],
-            np.hstack([ends.reshape(-1, 6), gauss]),
-        )
+        (x, h), values = numbers[place_of(self._name)], np.hstack([ends.reshape(-1, 6), gauss])
 
         def slope(by: np.ndarray) -> np.ndarray:
             """Along a change of x and h: shares are polynomials of the fourth degree at most."""
@@ -207,6 +201,10 @@ class SectionOutput(RowOutput):
             of_masses = np.einsum("nw,pwv->npv", by_forces, unit_masses)
             by_inertia = by_forces @ mass, np.einsum("npv,nv->np", of_masses, a)
         return _Slopes(by_place, by_angles, by_forces, shares[6:], by_inertia)
+
+    def _number(self, kind: str) -> str:
+        """The name of numbers of a kind."""
+        return kind + OF_OUTPUT + self._name
 
     def _accelerations(self, numbers: Arrays) -> np.ndarray:
         """Those (n, width) of the nodes of the element: means over the steps."""
@@ -234,8 +232,8 @@ class SectionOutput(RowOutput):
             yield from self._of_steps(chosen, parts)
         yield from self._of_inertia()
         every = np.arange(len(slopes.by_forces))
-        yield of_rows(OF_PLACES, every, slopes.by_place, first=2 * self._place_row)
-        yield of_rows(DIRECTIONS, every, slopes.by_angles, first=2 * self._section_row)
+        yield of_rows(place_of(self._name), every, slopes.by_place)
+        yield of_rows(self._number(_DIRECTIONS), every, slopes.by_angles)
 
     def _of_steps(self, chosen: np.ndarray, parts: StepBatch) -> Iterator[Block]:
         """By what forms read of some sub-steps, and by dead loads in them."""
@@ -255,17 +253,16 @@ class SectionOutput(RowOutput):
             turned = by_name.setdefault(name, np.zeros((len(chosen), model.size)))
             turned[:, element.turns] += factor * shares * slopes.by_angles[rows]
         yield from sub_steps.in_steps(rows, steps, by_name)
-        width, loads = len(element.dofs), np.where(steps < 0, len(sub_steps.tape), steps)
-        yield of_rows(DEAD, rows, -weights, loads, first=width * self._section_row)
+        loads = np.where(steps < 0, len(sub_steps.tape), steps)
+        yield of_rows(self._number(_DEAD), rows, -weights, loads)
 
     def _of_inertia(self) -> Iterator[Block]:
         """By rates, accelerations at the start, and masses."""
         if self._slopes.by_inertia is None:
             return
         (by_a, by_masses), dofs, rates = self._slopes.by_inertia, self._element.dofs, self._of.rates
-        places, moved, points = self._places, self._places.moved, by_masses.shape[1]
-        every = np.arange(len(by_masses))
-        yield of_rows(MASSES, every, by_masses, first=points * self._section_row)
+        places, moved = self._places, self._places.moved
+        yield of_rows(self._number(_MASSES), np.arange(len(by_masses)), by_masses)
         per_time = by_a[moved] / places.steps.lengths[moved, None]
         for states, sign in ((places.ends, 1.0), (places.starts, -1.0)):
             yield Block(rates, dofs, moved, sign * per_time, states[moved])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -26,13 +27,11 @@ OF_OUTPUTS = {
     "offsets of slides",
     "driven rates",
     "parameters at the start",
-    "places of outputs",
-    "masses of outputs",
-    "directions of outputs",
-    "dead loads of outputs",
     "work at the start",
     "dissipated_energy at the start",
 }
+#: Names of numbers of one output have this between what they are and its name.
+OF_OUTPUT = " of the output "
 #: Numbers with a row for each sub-step: values of functions of time.
 OF_STEPS = {"loads", "driven", "follower force", "parameters", "naturals", "driven rates"}
 # What steps with mean rates read of the state at the start.
@@ -88,6 +87,11 @@ def observed_numbers_of(
             rates = dual_array([state.driven_rates, *rates[1:]])
         observed["driven rates"] = rates
     return _arrays(observed)
+
+
+def are_of_outputs(names: Iterable[str]) -> bool:
+    """Whether no step reads numbers of some names, but outputs."""
+    return all(name in OF_OUTPUTS or OF_OUTPUT in name for name in names)
 
 
 def _or_zeros(values: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
