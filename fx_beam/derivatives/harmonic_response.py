@@ -18,12 +18,11 @@ from fx_beam.linear.harmonic import (
     nodal_load,
 )
 from fx_beam.linear.linearisation import Linearisation
-from fx_beam.results.records import Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import FrequencyResponse
 from fx_beam.scene.scene import Scene
 
-from .parametrised import Parametrised, made_again, one_call
+from .parametrised import OfParameters, Parametrised, one_call
 from .tangent_analysis import TangentAnalysis
 from .tangent_derivatives import Pairs
 
@@ -69,7 +68,7 @@ class _Vibrations(NamedTuple):
         return system.solved(sides[:, 0]), system.solved(sides[:, 1:], transposed=True).T
 
 
-class HarmonicResponse:
+class HarmonicResponse(OfParameters):
     r"""Steady vibrations under a harmonic load as a function of parameters.
 
     ``values = run(x)`` builds the scene of the parameters x and computes complex amplitudes as
@@ -133,21 +132,15 @@ class HarmonicResponse:
         base: Sequence[complex] | None = None,
     ):
         check_takes(build, "x", f"{_WHAT}: build")
-        self._base, self._f = base, checked_frequencies(frequencies, f"{_WHAT}: frequencies")
-        arguments = {"build": build, "frequencies": self._f, "state": state, "base": base}
-        self._arguments, self._parameters = arguments, Parametrised(build, self._read, "amplitudes")
+        f = checked_frequencies(frequencies, f"{_WHAT}: frequencies")
+        self._begin(build, f, state, base)
+
+    def _begin(self, *arguments: Any) -> None:
+        self._arguments = build, self._f, state, self._base = arguments
+        self._parameters = Parametrised(build, self._read, "amplitudes")
         self._tangent = TangentAnalysis(self._parameters, _WHAT, _WHAT, state, damped=True)
-        self._alone = self._parameters.alone
 
     response: FrequencyResponse
-
-    def __reduce__(self):
-        return made_again, (type(self), self._arguments)
-
-    @property
-    def stats(self) -> Stats:
-        """Statistics of the last call."""
-        return self._parameters.stats
 
     def _read(self, built: Any) -> tuple[Scene, tuple]:
         """The scene, and its load and where the motion is wanted."""

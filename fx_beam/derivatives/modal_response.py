@@ -13,13 +13,12 @@ from scipy.optimize import linear_sum_assignment
 from fx_beam.errors import SceneError, array_of, check_takes, is_flag, is_whole, require
 from fx_beam.linear.linearisation import Linearisation
 from fx_beam.linear.modal import lowest_modes
-from fx_beam.results.records import Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import Modes, modes_of
 from fx_beam.scene.scene import Scene
 from fx_beam.step.sparse_lu import pivoted_lu
 
-from .parametrised import Parametrised, made_again, one_call
+from .parametrised import OfParameters, Parametrised, one_call
 from .tangent_analysis import TangentAnalysis
 from .tangent_derivatives import Pairs
 
@@ -59,7 +58,7 @@ def _read(built: Any) -> tuple[Scene, None]:
     return built, None
 
 
-class ModalResponse:
+class ModalResponse(OfParameters):
     r"""Natural frequencies of a scene as a function of parameters.
 
     ``w = run(x)`` builds the scene of the parameters x and computes its lowest modes, as `modes`
@@ -131,23 +130,17 @@ class ModalResponse:
         require(is_whole(n, 1), "ModalResponse: n", n, "a whole number from 1 on")
         require(is_flag(damped), "ModalResponse: damped", damped, "True or False")
         check_takes(build, "x", "ModalResponse: build")
-        self._n, self._damped = n, damped
-        self._arguments = {"build": build, "n": n, "state": state, "damped": damped}
+        self._begin(build, n, state, damped)
+
+    def _begin(self, *arguments: Any) -> None:
+        self._arguments = build, self._n, state, self._damped = arguments
         self._parameters = Parametrised(build, _read, "modes")
-        self._tangent = TangentAnalysis(self._parameters, "ModalResponse", "modes", state, damped)
-        self._alone = self._parameters.alone
+        caller = "ModalResponse", "modes"
+        self._tangent = TangentAnalysis(self._parameters, *caller, state, self._damped)
         # Shapes (size, n) of the last modes in their places.
         self._shapes: np.ndarray | None = None
 
     modes: Modes
-
-    def __reduce__(self):
-        return made_again, (type(self), self._arguments)
-
-    @property
-    def stats(self) -> Stats:
-        """Statistics of the last call."""
-        return self._parameters.stats
 
     @one_call
     def __call__(self, x: Sequence[float]) -> np.ndarray:

@@ -36,11 +36,6 @@ def one_call(method: _Method) -> _Method:
     return one_thread(call)  # type: ignore[return-value]
 
 
-def made_again(kind: type, arguments: dict[str, Any]) -> Any:
-    """A response of the same arguments, which knows of no call: a copy, or one of a pickle."""
-    return kind(**arguments)
-
-
 class Parametrised:
     """Scenes that `build` gives for parameters x, and derivatives of their numbers by x.
 
@@ -103,3 +98,29 @@ class Parametrised:
         changes = self.scenes.derivatives(self.x, self.scene, every)
         self.stats.difference_reason = self.scenes.reason
         return changes
+
+
+class OfParameters:
+    """A function of parameters x, called by one thread at a time; copies know of no call."""
+
+    _arguments: tuple[Any, ...]
+    _parameters: Parametrised
+
+    def _begin(self, *arguments: Any) -> None:
+        """Know of no call yet; copies and pickles begin with the same arguments."""
+        raise NotImplementedError
+
+    def __getstate__(self):
+        return self._arguments
+
+    def __setstate__(self, arguments):
+        self._begin(*arguments)
+
+    @property
+    def _alone(self) -> Any:
+        return self._parameters.alone
+
+    @property
+    def stats(self) -> Stats:
+        """Statistics of the last call."""
+        return self._parameters.stats

@@ -13,7 +13,6 @@ import numpy as np
 from fx_beam.errors import SceneError, array_of, check_takes, is_one_of, positive, require, shown
 from fx_beam.laws.schemes import Scheme
 from fx_beam.motions.options import Options
-from fx_beam.results.records import Stats
 from fx_beam.results.solution import Solution
 from fx_beam.scene.outputs import Measured, Output, check_differentiable, check_output
 from fx_beam.scene.scene import Scene
@@ -29,7 +28,7 @@ from .motion_analysis import MotionAnalysis
 from .objectives import Cost, Misfit, Objective
 from .observation import Observation, Outputs, check_outputs, read_entries, summed
 from .output_values import Wanted
-from .parametrised import Parametrised, one_call
+from .parametrised import OfParameters, Parametrised, one_call
 from .short_reversals import warn_of_short_reversals
 from .static_derivatives import why_no_sums
 
@@ -45,7 +44,7 @@ _CHAOTIC = (
 Build = Callable[[np.ndarray], tuple[Scene, Mapping[str, Wanted]]]
 
 
-class Response:
+class Response(OfParameters):
     """The motion of a scene as a function of parameters.
 
     ``t, y = run(x)`` builds the scene of the parameters x and simulates it. The first call sets the
@@ -155,27 +154,16 @@ class Response:
         self._parameters = Parametrised(
             build, self._read, self._gives, lambda *given: self._analysis.numbers_of_outputs(*given)
         )
-        self._analysis, self._alone = analysis(self._parameters), self._parameters.alone
+        self._analysis = analysis(self._parameters)
         #: Names of the outputs, from the first scene on.
         self._names: list[str] = []
         self._changes: dict[str, np.ndarray] | None = None
         # Whether there was a warning of friction that reverses in too few steps.
         self._warned = False
 
-    def __getstate__(self):
-        return self._arguments
-
-    def __setstate__(self, arguments):
-        self._begin(*arguments)
-
     def _shared(self) -> Parametrised:
         """What its objectives share with it; copies of them copy it by this method."""
         return self._parameters
-
-    @property
-    def stats(self) -> Stats:
-        """Statistics of the last run."""
-        return self._parameters.stats
 
     def _read(self, built: Any) -> tuple[Scene, dict[str, Wanted]]:
         """The scene and its outputs that `build` gave; SceneError if it gave something else."""
