@@ -20,7 +20,7 @@ from fx_beam.scene.outputs import Output, check_outputs
 from fx_beam.scene.scene import Scene
 from fx_beam.step import full_turns
 from fx_beam.step.held_inputs import HeldInputs
-from fx_beam.step.interrupts import ctrl_c_between_blocks, one_thread, uninterrupted
+from fx_beam.step.interrupts import ctrl_c_waits, one_thread
 from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import NullRecorder, Record, Recorder, Rows
@@ -451,10 +451,10 @@ class Motion:
         if controller is not None:
             check_takes(controller, "t, outputs", "Motion.run: controller")
         outputs = self.outputs
-        with ctrl_c_between_blocks():
+        with ctrl_c_waits() as whole:
             motion = self._open
             while motion.now.t < last:
-                with uninterrupted:  # what the controller remembers belongs to the step
+                with whole:  # what the controller remembers belongs to the step
                     inputs = None if controller is None else controller(motion.now.t, outputs)
                     outputs = self.step(inputs)
         return outputs

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,7 +15,6 @@ from fx_beam.results.fields import RESULTANTS, at_ends
 from fx_beam.results.files import replacing, replacing_all, writable
 from fx_beam.results.paraview import Grid, write_collection
 from fx_beam.results.solution import Solution
-from fx_beam.step.interrupts import uninterrupted
 from fx_beam.step.recorded_histories import RecordedHistories
 from fx_beam.step.recorder import Recorder
 from fx_beam.step.row_steps import RowSteps, histories_of
@@ -24,6 +24,17 @@ from .prepared import Prepared
 
 # Which part of the time the solution so far may take to be saved.
 _SHARE = 0.05
+
+
+class _Written(NamedTuple):
+    """Rows in files, which a single assignment replaces."""
+
+    times: list[float] = []
+    names: list[str] = []
+    #: Blocks of the histories that stay in memory.
+    small: list[dict[str, np.ndarray]] = []
+    #: Rates that fit the joints at the last row, if those of steps do not.
+    fitted: np.ndarray | None = None
 
 
 class RowFiles:
@@ -39,11 +50,7 @@ class RowFiles:
         self._folder.mkdir(exist_ok=True)
         mesh = self._model.mesh
         self._grid = Grid(mesh.X, mesh.elements, mesh.beam_of_cell)
-        self._times: list[float] = []
-        self._names: list[str] = []
-        self._small: list[dict[str, np.ndarray]] = []
-        #: Rates that fit the joints at the last row, if those of steps do not.
-        self._fitted: np.ndarray | None = None
+        self._written = _Written()
         self._saved, self._took = time.monotonic(), 0.0
         #: Whether a file could not be written.
         self._broken = False
@@ -52,9 +59,8 @@ class RowFiles:
 
     def take(self) -> None:
         """Write the rows that the recorder has, which forgets them."""
-        recorder = self._recorder
-        # The recorder has the last two rows still.
-        new = min(2, len(self._times))
+        recorder, written = self._recorder, self._written
+        new = len(written.times) - recorder.gone  # the recorder has the last two rows still
         if new >= recorder.rows or self._broken:
             return
         histories = histories_of(recorder)
@@ -62,16 +68,15 @@ class RowFiles:
         try:
             names = self._write(histories, new)
             with replacing(self._path, durable=False) as file:
-                write_collection(file, self._times + times, self._names + names)
+                times, names = written.times + times, written.names + names
+                write_collection(file, times, names)
         except OSError:
             self._broken = True
             raise
-        with uninterrupted:
-            self._times += times
-            self._names += names
-            self._small.append(histories.small_rows(new) | {"t_level": histories["t_level"][new:]})
-            self._fitted = histories.at_end(times[-1]).get("fitted")
-            recorder.forget()
+        small = histories.small_rows(new) | {"t_level": histories["t_level"][new:]}
+        fitted = histories.at_end(times[-1]).get("fitted")
+        self._written = _Written(times, names, [*written.small, small], fitted)
+        recorder.forget()
 
     def save(self, last: Callable[[RecordedHistories], Solution], always: bool = False) -> None:
         """Save the solution by a function of the last row, if this does not take too much time."""
@@ -85,7 +90,7 @@ class RowFiles:
     def _write(self, histories: RecordedHistories, new: int) -> list[str]:
         """Write the rows from one on; the names of their files beside the collection."""
         q, v, along = histories["q"], histories["v"], self._along(histories, new)
-        first, folder = len(self._times), self._folder.name
+        first, folder = len(self._written.times), self._folder.name
         names = [f"{folder}_{first + i:05d}.vtu" for i in range(len(q) - new)]
         with replacing_all([self._folder / name for name in names]) as files:
             self._grid.write(files, q[new:], v[new:] if len(v) == len(q) else None, along)
@@ -127,12 +132,12 @@ class RowFiles:
 
     def histories(self, last: bool = False) -> RecordedHistories:
         """The histories of all rows, or of the last one, without those of the motion."""
-        parts = slice(-1 if last else 0, None)
+        parts, written = slice(-1 if last else 0, None), self._written
         small = {
-            name: np.concatenate([block[name][parts] for block in self._small[parts]])
-            for name in self._small[0]
+            name: np.concatenate([block[name][parts] for block in written.small[parts]])
+            for name in written.small[0]
         }
-        t, levels, rates = np.array(self._times[parts]), small.pop("t_level"), self._fitted
+        t, levels, rates = np.array(written.times[parts]), small.pop("t_level"), written.fitted
         fitted = None if rates is None else lambda: small | {"v": rates[None]}
         impact = self._recorder.first.impact
         return RecordedHistories(self._model, small, fitted, {}, t, lambda: levels, impact)

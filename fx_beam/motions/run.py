@@ -6,7 +6,6 @@ import logging
 import os
 import time
 from collections.abc import Callable
-from contextlib import nullcontext
 from typing import Any, TypeVar
 
 import numpy as np
@@ -20,7 +19,7 @@ from fx_beam.scene.inputs import values_at
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.watch import Watch
 from fx_beam.step import full_turns
-from fx_beam.step.interrupts import ctrl_c_between_blocks, uninterrupted
+from fx_beam.step.interrupts import ctrl_c_waits
 from fx_beam.step.recorded_histories import RecordedHistories
 from fx_beam.step.recorder import Recorder
 from fx_beam.step.substeps import LARGE_TURN
@@ -151,9 +150,8 @@ class Run:
         self._clock = time.perf_counter()
         try:
             advance, span = self._advance(), options.t_end - recorder.end.t
-            blocks = control is not None or options.until or len(self.times) > self._most_steps()
-            waits = ctrl_c_between_blocks() if blocks else nullcontext()
-            with progress_bar(span, options.progress, **_BAR) as bar, waits:
+            loop = prepared.loop
+            with progress_bar(span, options.progress, **_BAR) as bar, ctrl_c_waits() as loop.whole:
                 while recorder.end.t < options.t_end and not stats.until:
                     t = recorder.end.t
                     self._count_turns()
@@ -170,7 +168,7 @@ class Run:
             stats.seconds = time.perf_counter() - self._clock
             return finish()
         except BaseException as error:
-            recorder.settle_at_end()
+            stats.steps = recorder.settle_at_end()
             stats.failure = failure_of(error, recorder.end.t)
             attach(error, self._solution)
             if self._knows_places and isinstance(error, StepError):
@@ -232,10 +230,10 @@ class Run:
             return
         turns = counter.turns_of(recorder.end)
         if turns.any():
-            with uninterrupted:
-                recorder.end = counter.without(turns, recorder.end)
-                counter.removed += turns
-                recorder.miss(counter.removed)
+            removed = counter.removed + turns
+            recorder.miss(removed)  # no row yet
+            recorder.present = counter.without(turns, recorder.end), removed
+            counter.removed[:] = removed
 
     # -- The solution -----------------------------------------------------------------------------
 
@@ -273,8 +271,11 @@ class Run:
         times = options.record.times
 
         def end() -> State:
-            state = prepared.turn_counter.with_turns(self.recorder.end)
-            past, parts = prepared.stepper.integrator.state.past, prepared.stepper.halving.state
+            state, removed = self.recorder.present
+            in_c, past, parts = prepared.loop.state, None, None
+            if np.array_equal(in_c.arrays["q"], state.q):  # no interrupt has come before the end
+                past, parts = in_c.past, prepared.stepper.halving.state
+            state = prepared.turn_counter.without(-removed, state)
             return state.changed(parts=parts, past=past, **input_values)
 
         return solution_of(

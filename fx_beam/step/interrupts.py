@@ -6,43 +6,10 @@ import functools
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import Any, TypeVar
 
 Method = TypeVar("Method", bound=Callable[..., Any])
-
-
-class _Blocks:
-    """How many blocks have been entered, and the Ctrl-C that waits for their end."""
-
-    def __init__(self) -> None:
-        self.depth = 0
-        self.waiting: Any = None
-
-    def deliver(self) -> None:
-        """Let Ctrl-C take effect."""
-        interrupt, self.waiting = self.waiting, None
-        if interrupt is not None:
-            interrupt()
-
-
-class _Uninterrupted(threading.local):
-    """A block at whose end Ctrl-C takes effect. It costs little, so that each step may have one."""
-
-    def __init__(self) -> None:
-        self.blocks = _Blocks()
-
-    def __enter__(self) -> None:
-        self.blocks.depth += 1
-
-    def __exit__(self, *_) -> None:
-        blocks = self.blocks
-        blocks.depth -= 1
-        if blocks.waiting is not None and not blocks.depth:
-            blocks.deliver()
-
-
-uninterrupted = _Uninterrupted()
 
 
 @contextmanager
@@ -59,39 +26,53 @@ def without_ctrl_c() -> Iterator[None]:
         signal.signal(signal.SIGINT, handler)
 
 
-@contextmanager
-def ctrl_c_between_blocks() -> Iterator[None]:
-    """Let Ctrl-C wait until the end of `uninterrupted` blocks; a second one does not wait."""
-    handler = signal.getsignal(signal.SIGINT)
-    if not callable(handler) or threading.current_thread() is not threading.main_thread():
-        yield  # no interrupt comes here
-        return
-    # Counted anew: another exception may have come in the midst of `__enter__` or `__exit__`.
-    outer, blocks = uninterrupted.blocks, _Blocks()
+class Whole:
+    """A block at whose end Ctrl-C takes effect; a second one does not wait."""
 
-    def interrupt(*arguments) -> None:
+    def __init__(self, handler: Callable[..., Any]):
+        self._handler, self._entered = handler, False
+        self._waiting: tuple | None = None
+
+    def __enter__(self) -> None:
+        self._entered = True
+
+    def __exit__(self, *_: Any) -> None:
+        self._entered = False
+        if self._waiting is not None:
+            self.deliver(*self._waiting)
+
+    def handle(self, *arguments: Any) -> None:
+        """Take Ctrl-C."""
+        if self._entered and self._waiting is None:
+            self._waiting = arguments
+        else:
+            self.deliver(*arguments)
+
+    def deliver(self, *arguments: Any) -> None:
+        """Let it take effect."""
+        self._waiting = None
         try:
-            handler(*arguments)
+            self._handler(*arguments)
         except BaseException:
             # Here: it may come in the `finally` below, before this is done.
-            signal.signal(signal.SIGINT, handler)
+            signal.signal(signal.SIGINT, self._handler)
             raise
 
-    def handle(*arguments) -> None:
-        if blocks.depth and blocks.waiting is None:
-            blocks.waiting = lambda: interrupt(*arguments)
-        else:
-            blocks.waiting = None
-            interrupt(*arguments)
 
+@contextmanager
+def ctrl_c_waits() -> Iterator[AbstractContextManager[None]]:
+    """Let Ctrl-C wait until the end of `Whole` blocks, of which this has one."""
+    handler = signal.getsignal(signal.SIGINT)
+    if not callable(handler) or threading.current_thread() is not threading.main_thread():
+        yield nullcontext()  # no interrupt comes here
+        return
+    whole = Whole(handler)
     try:
-        uninterrupted.blocks = blocks
-        signal.signal(signal.SIGINT, handle)
-        yield
+        signal.signal(signal.SIGINT, whole.handle)
+        yield whole
     finally:
         signal.signal(signal.SIGINT, handler)
-        uninterrupted.blocks = outer
-        blocks.deliver()
+        whole.__exit__()
 
 
 def one_thread(method: Method) -> Method:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -13,7 +14,6 @@ from fx_beam.results.records import Stats
 from fx_beam.results.state import State
 
 from .forcing import Forcing
-from .interrupts import uninterrupted
 from .inverted_sections import InversionCheck
 from .newton import NewtonOptions
 from .recorder import NullRecorder, Recorder, RecordsInC, Rows
@@ -48,6 +48,8 @@ class CompiledLoop:
 
     def _begin(self, forcing: Forcing, options: NewtonOptions, stats: Stats) -> None:
         self.forcing, self.stats = forcing, stats
+        #: A block for what C does and what Python counts of it, which Ctrl-C does not divide.
+        self.whole: AbstractContextManager[None] = nullcontext()
         #: Why steps fail.
         self.failures = StepFailures(self.model, options, stats)
         #: Checks and counts states with inverted sections.
@@ -68,7 +70,7 @@ class CompiledLoop:
         `completed` counts the parts that were taken, and gives the number of whole steps.
         """
         p, ends, inputs = self.problem.c, steps.ends, steps.inputs
-        with uninterrupted:
+        with self.whole:
             if count := self._run(state, steps, recorder):
                 state = self.state.read(float(ends[count - 1]))
                 self.stats.steps += completed(count)

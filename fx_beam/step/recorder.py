@@ -156,8 +156,8 @@ class Recorder:
         self.planned = 0
         #: How often the arrays were replaced.
         self.plans = 0
-        #: The last state.
-        self.end: State
+        #: The last state, and full turns (size,) that are missing in it [rad].
+        self.present: tuple[State, Any]
         #: The first state.
         self.first: State
         self.restart()
@@ -180,10 +180,21 @@ class Recorder:
     def restart(self) -> None:
         """Have no rows: those of another run of the same steps overwrite the present ones."""
         self.rows = self.starts = 0
+        #: Number of rows before the present ones, which were forgotten.
+        self.gone = 0
         #: Gives the accelerations of row 0, if they are found when they are read.
         self.late_accelerations: Callable[[], np.ndarray] | None = None
         #: Full turns (size,) [rad] that are missing in the rows from a number on.
         self.turns: dict[int, np.ndarray] = {}
+
+    @property
+    def end(self) -> State:
+        """The last state, which a single assignment makes the end of steps."""
+        return self.present[0]
+
+    @end.setter
+    def end(self, state: State) -> None:
+        self.present = state, self.present[1]
 
     @property
     def t(self) -> np.ndarray:
@@ -233,22 +244,22 @@ class Recorder:
         self.rows = rows
         self.starts = self.complete
 
-    def settle_at_end(self) -> None:
-        """Have the rows up to the last state: an exception may have come between the two."""
+    def settle_at_end(self) -> int:
+        """Have the rows up to the last state, wherever an exception came; number of its steps."""
         self.truncate(int(np.searchsorted(self.t, self.end.t, side="right")))
+        return int(np.searchsorted(self.times[: self.planned], self.end.t, side="right")) - 1
 
     def forget(self) -> None:
         """Have the last two rows only, on which the next ones depend."""
         gone = max(self.rows - 2, 0)
-        rest = self.rows - gone
-        for array in (self.steps, *self.arrays.values()):
-            array[:rest] = array[gone : self.rows].copy()
-        self.arrays["up_to_row"][:rest] = 0
-        self.turns = {max(row - gone, 0): missing for row, missing in self.turns.items()}
-        self.rows, self.starts = rest, 0
-        if gone:
-            self.late_accelerations = None
-        self.plans += 1
+        arrays = {name: np.roll(array, -gone, axis=0) for name, array in self.arrays.items()}
+        arrays["up_to_row"][:] = 0
+        late = None if gone else self.late_accelerations
+        turns = {max(row - gone, 0): missing for row, missing in self.turns.items()}
+        rest = {"arrays": arrays, "steps": np.roll(self.steps, -gone), "turns": turns}
+        rest |= {"rows": self.rows - gone, "starts": 0, "late_accelerations": late}
+        # At once, as an interrupt may come before or after it.
+        vars(self).update(rest, plans=self.plans + 1, gone=self.gone + gone)
 
     def miss(self, turns: np.ndarray) -> None:
         """Note that full turns (size,) [rad] are missing in the rows from here on."""
@@ -269,7 +280,7 @@ class Recorder:
 
     def begin(self, state: State) -> None:
         """Have a last state, which is also the first one if there is no row yet."""
-        self.end = state
+        self.present = state, 0.0
         if not self.rows:
             self.first = state
 

@@ -176,7 +176,7 @@ def lines_of(call):
 
 def motion_by(**options):
     scene, _ = whirling()
-    return lambda: fb.simulate(scene, t_end=0.125, **options)
+    return lambda: fb.simulate(scene, **{"t_end": 0.125} | options)
 
 
 def bent():
@@ -187,6 +187,7 @@ def bent():
 
 RUNS = {
     "grid": lambda: motion_by(dt=DT),
+    "turns": lambda: motion_by(dt=DT, t_end=0.4, scheme=fb.EnergyMomentum(order=4)),
     "tolerance": lambda: motion_by(tolerance=1e-2),
     "static": bent,
 }
@@ -206,6 +207,8 @@ def test_interrupts_leave_the_steps_before_or_say_there_are_none(name, kind, ctr
     run = RUNS[name]()
     # Each run sets up a model of its own, so that it has as many lines as the others.
     monkeypatch.setattr(RECENT, "size", 0)
+    if name == "turns":
+        monkeypatch.setattr(full_turns, "STEPS", 3)
     whole = run()
     steps, end = lines_of(run)
     # Not at the beginning of the steps: from run to run it is some lines earlier or later.
@@ -229,7 +232,8 @@ def test_interrupts_leave_the_steps_before_or_say_there_are_none(name, kind, ctr
             rows = len(found.t)
             np.testing.assert_array_equal(found.t, whole.t[:rows])
             np.testing.assert_allclose(found.q, whole.q[:rows], rtol=0, atol=1e-9)
-            assert found.end is not None and found.stats.failure.kind == "interrupted"
+            np.testing.assert_allclose(found.end.q, found.q[-1], rtol=0, atol=1e-12)
+            assert found.stats.steps == rows - 1 and found.stats.failure.kind == "interrupted"
     assert kept > 5
 
 
