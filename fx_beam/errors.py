@@ -8,7 +8,6 @@ import logging
 import math
 import re
 from collections.abc import Callable, Iterable
-from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from decimal import Decimal
 from numbers import Integral, Real
@@ -142,7 +141,8 @@ def as_float(value) -> float:
 
     Booleans, texts and times are no numbers; an array without axes is one.
     """
-    if type(value) in _PLAIN:
+    kind = type(value)
+    if kind in _PLAIN or (kind is int and abs(value) <= LARGEST):
         return float(value)
     if isinstance(value, Dual):
         return math.nan if value.ndim else scene_number(value)
@@ -362,8 +362,10 @@ def real_array(value) -> np.ndarray:
         return np.array(value, dtype=float)
     kinds = {*map(type, value)} if type(value) in (list, tuple) else {type(value)}
     if kinds <= _SCALARS:
-        with suppress(OverflowError):  # an integer too large for a float
+        try:
             return np.array(value, dtype=float)
+        except OverflowError:  # an integer too large for a float
+            return np.empty((0, 0))
     if (dual := dual_of(value)) is not None:
         return scene_number(dual if dual.ndim else dual.reshape(1))
     parts = value if isinstance(value, list | tuple) else [value]

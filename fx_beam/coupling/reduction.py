@@ -362,10 +362,14 @@ class Reduction:
 
     def with_dependent(self, z: np.ndarray) -> np.ndarray:
         """Rates of all columns from z with rates of independent columns: dependence_matrix() z."""
+        if self.couplings.is_selection:
+            return z
         return self._map(False).with_dependent(self._with_auxiliaries(z))[: self.columns]
 
     def to_nodes(self, z: np.ndarray) -> np.ndarray:
         """dq = T dz (size,), the small change of all degrees of freedom by all columns."""
+        if self.couplings.is_selection:
+            return z[self.couplings.column] + 0.0
         return self._map(False) @ self._with_auxiliaries(z)
 
     def motion(self, x: np.ndarray) -> np.ndarray:
@@ -376,7 +380,12 @@ class Reduction:
 
     def coupling(self, closed: bool = True, virtual: bool = False) -> scipy.sparse.csr_matrix:
         """T (size, columns), or with `virtual` Tv; loops follow the unknowns if `closed`."""
-        return self._map(virtual, closed=closed).matrix[:, : self.columns]
+        T = self._map(virtual, closed=closed).matrix
+        return T[:, : self.columns] if len(self.auxiliaries) else T
+
+    def coupling_array(self, closed: bool = True) -> np.ndarray:
+        """T of a small scene, as an array."""
+        return self._map(False, closed=closed).array[:, : self.columns]
 
     def transpose_to_nodes(self, r: np.ndarray) -> np.ndarray:
         """T^T r (columns,), without Tv and springs."""

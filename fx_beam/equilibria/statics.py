@@ -45,6 +45,8 @@ from .static_options import StaticOptions
 
 _log = logging.getLogger("fx_beam")
 _BAR = "{percentage:3.0f}%|{bar}| load factor {n:.3g} [{elapsed}]"
+# The scheme of all equilibria.
+_AT_REST = Equilibrium()
 
 
 class LoadPath:
@@ -66,7 +68,7 @@ class LoadPath:
         self._loads_on_nodes = _loads_on_nodes(scene, start, options.t)
         self._inputs = values_at(scene, options.inputs, options.t)
         self.began = time.perf_counter()
-        self._lease = model_for(connected, Equilibrium(), settles=True)
+        self._lease = model_for(connected, _AT_REST, settles=True)
         self.model: Model = (model := self._lease.set_up)
         self.stats = stats_of(model, solver="sparse lu", static=True)
         if options.continuation is not None and len(model.points.followed):

@@ -72,7 +72,8 @@ def data_of_beams(scene: Scene, mesh: Mesh, at_rest: bool) -> dict[str, Any]:
     alpha, tau = damping_of(scene)
     if tau > 0 or any(section.damped for section in sections):
         data["retardation"] = section_data(mesh, scene, ("retardation",), degree) + tau
-    data |= drag_data(mesh, scene)
+    if scene.drags:
+        data |= drag_data(mesh, scene)
     if alpha > 0:
         density = section_data(mesh, scene, ("rhoA", "rhoI"), degree + 1)
         for i, name in enumerate(("drag linear", "drag rotation")):

@@ -105,13 +105,15 @@ class SumOfLoads:
         """Their sum at the time t [s]; StepError if a function fails."""
         if not self.functions:
             return np.zeros(self.shape)
-        factors = np.concatenate([*map(floats, self._factors(t))])
-        return (self.unit_loads @ factors).reshape(self.shape)
+        return self._sum(floats(self.entries), [*map(floats, self._factors(t))])
 
     def numbers_at(self, t: float) -> Any:
         """The same with slopes that the scene has."""
+        return self._sum(self.entries, [*map(dual_array, self._factors(t))])
+
+    def _sum(self, entries: Any, factors: list[Any]) -> Any:
         columns = np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts))
-        values = self.entries * np.concatenate([*map(dual_array, self._factors(t))])[columns]
+        values = entries * np.concatenate(factors)[columns]
         return np.bincount(self.rows, values, self.size).reshape(self.shape)
 
     def _factors(self, t: float) -> list[np.ndarray]:

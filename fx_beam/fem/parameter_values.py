@@ -58,7 +58,8 @@ class ParameterValues:
     def bind(self, of_time: ParameterFunctions) -> None:
         """Have the values of the same parameters of another scene."""
         self.of_time, self._held = of_time, False
-        self.use(self.at(0.0))
+        if self.names:
+            self.use(self.at(0.0))
 
     def __len__(self):
         return len(self.names)

@@ -53,8 +53,9 @@ class FormData(NamedTuple):
         for force in self.forces:
             if force.law.has_stick_state:
                 times.setdefault(force.belongs_to, []).append(float(force.numbers[-3]))
-        sticking = [pair for pair in self.pairs if pair.law.has_stick_state and pair.contact]
-        times |= {str(pair.contact): pair.numbers[:, -3].tolist() for pair in sticking}
+        for pair in self.pairs:
+            if pair.law.has_stick_state and pair.contact:
+                times[str(pair.contact)] = pair.numbers[:, -3].tolist()
         return {name: [min(values), max(values)] for name, values in times.items()}
 
 

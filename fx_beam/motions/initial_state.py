@@ -349,10 +349,10 @@ def initial_rates(model: Model, state: State, driven: np.ndarray) -> tuple[np.nd
 
     SceneError if they violate a support or a joint and the scene does not project them.
     """
-    scene = model.scene
-    if not (any_of(state.v) or scene.velocities or any_of(driven)):
+    scene, moves = model.scene, any_of(state.v)
+    if not (moves or scene.velocities or any_of(driven)):
         return np.zeros(model.reduction.columns), np.zeros(model.size)
-    v = state.v.copy() if any_of(state.v) else floats(given_velocity(model))
+    v = state.v.copy() if moves else floats(given_velocity(model))
     project = scene.projects_velocities
     w = (projected_rates if project else rates_of_columns)(model, state, v, driven)
     compatible = model.reduction.to_nodes(w)
@@ -414,7 +414,7 @@ def given_velocity(model: Model) -> Any:
         return np.zeros(model.size)
     X = model.data.X
     values, known = np.zeros((len(X), 3)), np.zeros(len(X), dtype=bool)
-    slopes: Any = 0.0
+    slopes: Any = None
     for item in scene.velocities:
         nodes = mesh.nodes_of(scene, item.target)
         earlier, twice, x = values[nodes], known[nodes], X[nodes]
@@ -423,13 +423,14 @@ def given_velocity(model: Model) -> Any:
         known[nodes], plain_rates = True, floats(rates)
         values[nodes] = plain_rates
         if isinstance(rates, Dual):
-            slopes = slopes + np.zeros((*values.shape, rates.count))
+            slopes = np.zeros((*values.shape, rates.count)) if slopes is None else slopes
             slopes[nodes] = rates.slopes
-        elif np.ndim(slopes):
+        elif slopes is not None:
             slopes[nodes] = 0.0
         if any_of(twice) or not all_of(np.isfinite(plain_rates)):
             _check_velocities(model, mesh.X[nodes], plain_rates, earlier, twice)
-    return (Dual(values, slopes) if any_of(slopes) else values).reshape(-1)
+    has_slopes = slopes is not None and any_of(slopes)
+    return (Dual(values, slopes) if has_slopes else values).reshape(-1)
 
 
 def rates_with_slopes(

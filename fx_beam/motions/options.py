@@ -106,7 +106,8 @@ class CommonOptions:
         self._require("progress", ok, "True, False or None")
 
     def _require(self, name: str, ok: bool, expected: str) -> None:
-        require(ok, f"{self.what}: {name}", getattr(self, name), expected)
+        if not ok:
+            require(False, f"{self.what}: {name}", getattr(self, name), expected)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Hashable
-from contextlib import suppress
 from typing import Any
 
 from fx_beam.laws.schemes import Scheme
@@ -45,10 +44,11 @@ class SetUps:
 
     def _take(self, entry: tuple[Hashable, Any]) -> bool:
         """Take out what waits; False if another thread was first."""
-        with suppress(ValueError):
+        try:
             self._waiting.remove(entry)
-            return True
-        return False
+        except ValueError:
+            return False
+        return True
 
     def begin(self, kind: Hashable, set_up: Any) -> None:
         """Have a set-up in use."""

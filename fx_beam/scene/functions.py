@@ -132,10 +132,9 @@ class Signal:
         They are checked at once: one by one, the checks cost more than most functions.
         """
         function: Any = self.function
-        collected.extend(
-            value if type(value := function(*row)) in _IMMUTABLE else _copied(value)
-            for row in arguments
-        )
+        for row in arguments:
+            value = function(*row)
+            collected.append(value if type(value) in _IMMUTABLE else _copied(value))
         try:
             return dual_array(collected).reshape(len(collected), self.size)
         except (TypeError, ValueError, OverflowError):
@@ -343,8 +342,14 @@ def _at_once(function: Callable, size: int, rows: Any) -> Any:
             alone = isinstance(result, Dual) and not result.ndim
             alone = alone or not hasattr(result, "__len__") or len(result) != size
             parts: Sequence = (result,) if alone else result
-            columns = [np.broadcast_to(dual_array(part), shape) for part in parts]
-            values = np.concatenate(columns, axis=1)
+            columns = [dual_array(part) for part in parts]
+            if any(isinstance(column, Dual) for column in columns):
+                columns = [np.broadcast_to(column, shape) for column in columns]
+                values = np.concatenate(columns, axis=1)
+            else:
+                values = np.empty((len(rows), len(columns)))
+                for i, column in enumerate(columns):
+                    values[:, i : i + 1] = column
     except Exception as error:  # noqa: BLE001  # whatever a function does that takes single numbers
         if _is_endless(error):
             raise

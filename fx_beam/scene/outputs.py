@@ -168,12 +168,13 @@ class Output:
             "a node, a place, a joint, a rope, a contact, a scene or a beam",
         )
         known = self._known
-        expected = f"one of {list(known)} for {self._place}"
-        require(is_one_of(self.quantity, known), "Output: quantity", self.quantity, expected)
+        if not is_one_of(self.quantity, known):
+            expected = f"one of {list(known)} for {self._place}"
+            require(False, "Output: quantity", self.quantity, expected)
         parts = known[self.quantity].components
-        ok = self.component is None or is_one_of(self.component, parts)
-        expected = f"one of {list(parts)}" if parts else "left out: it is a single number"
-        require(ok, f"Output: component of {self.quantity!r}", self.component, expected)
+        if not (self.component is None or is_one_of(self.component, parts)):
+            expected = f"one of {list(parts)}" if parts else "left out: it is a single number"
+            require(False, f"Output: component of {self.quantity!r}", self.component, expected)
 
     def __str__(self):
         return f"{self.quantity}{f'.{self.component}' if self.component else ''} of {self._place}"
@@ -188,19 +189,15 @@ class Output:
     def _known(self) -> dict[str, Quantity]:
         if is_gear(self.of):
             return OF_GEARS
-        classes = type(self.of).__mro__
-        return next(_OF_CLASSES[cls] for cls in classes if cls in _OF_CLASSES)
+        kind: type = type(self.of)
+        while kind not in _OF_CLASSES:
+            (kind,) = kind.__bases__
+        return _OF_CLASSES[kind]
 
     @property
     def components(self) -> tuple[str, ...]:
         """Names of its components; empty for a single number."""
         return () if self.component else quantity_of(self).components
-
-    @property
-    def index(self) -> int | None:
-        """Number of its component; None for all."""
-        parts = quantity_of(self).components
-        return None if self.component is None else parts.index(self.component)
 
 
 def quantity_of(output: Output) -> Quantity:
@@ -240,7 +237,8 @@ class Measured:
         #: The output, and where it is measured.
         self.output, self.place = output, place
         self.name, self.quantity = output.quantity, (quantity := quantity_of(output))
-        count, index = len(quantity.components), output.index
+        count, component = len(quantity.components), output.component
+        index = None if component is None else quantity.components.index(component)
         #: The component, or all of them.
         self.component = slice(None) if index is None else index
         #: Lengths of a value; none of a single number.
@@ -396,7 +394,8 @@ def check_differentiable(output: Output, name: str) -> None:
         "of a node, a joint, a rope, a beam or the scene: those of contacts have no derivatives. "
         "The gap is a function of positions of nodes, which have"
     )
-    require(not isinstance(output.of, Contact), name, str(output), expected)
+    if isinstance(output.of, Contact):
+        require(False, name, str(output), expected)
 
 
 def check_outputs(scene, outputs, subject: str) -> None:
@@ -439,4 +438,5 @@ def check_output(scene, output: Output, name: str) -> None:
         expected = "of a joint that add_joint of this scene returned"
     else:
         expected = joint.lacks(output.quantity)
-    require(not expected, name, str(output), expected)
+    if expected:
+        require(False, name, str(output), expected)

@@ -149,6 +149,8 @@ class Parameters(Mapping):
 
     def add(self, functions: Iterable[tuple[str, Any]], owner: str) -> None:
         """Add the parameters of a part's functions; SceneError for a name with two values."""
+        if not (functions := [*functions]):
+            return
         first = dict(self._first)
         ordered = sorted(parameters_of(functions), key=lambda parameter: parameter.count())
         for parameter in ordered:

@@ -89,7 +89,7 @@ class Scene:
         self._names: set[str] = set()
         self.nodes: list[Node] = []
         #: Smallest and largest coordinates of all nodes.
-        self._corners = _corners_of(())
+        self._corners: tuple[Sequence[float], Sequence[float]] = _NO_CORNERS
         # Fixed components: (node number, component number).
         self.fixed: set[tuple[int, int]] = set()
         # Components prescribed as functions of time.
@@ -1623,31 +1623,37 @@ class Scene:
 
     def _nodes_at(self, ends: list, name: str) -> tuple[Node, ...]:
         """Nodes at the ends of elements; an end that is a node belongs to another beam, too."""
-        for end in ends:
-            if isinstance(end, Node):
-                loads.check_node(self, end, name)
+        for node in [end for end in ends if isinstance(end, Node)]:
+            loads.check_node(self, node, name)
         nodes, first = [], len(self.nodes)
         for end in ends:
             if not isinstance(end, Node):
-                end = Node(len(self.nodes), as_float(end[0]), as_float(end[1]), self)
+                x, y = end
+                if not type(x) is type(y) is float:
+                    x, y = as_float(x), as_float(y)
+                end = Node(len(self.nodes), x, y, self)
                 self.nodes.append(end)
             nodes.append(end)
         self._corners = _corners_of(self.nodes[first:], *self._corners)
         return tuple(nodes)
 
     def _free_component(self, node: Node, component: str) -> tuple[int, int]:
-        ok = is_one_of(component, COMPONENTS)
-        require(ok, f"support of {node}", component, f"one of {COMPONENTS}")
+        if not is_one_of(component, COMPONENTS):
+            require(False, f"support of {node}", component, f"one of {COMPONENTS}")
         key = (node.number, COMPONENTS.index(component))
         if key in self.fixed or key in self.prescribed:
             raise SceneError(f"{component} of {node} is supported twice; scene.free removes one")
         return key
 
 
+# Those of no nodes.
+_NO_CORNERS = (math.inf, math.inf), (-math.inf, -math.inf)
+
+
 def _corners_of(
     nodes: Sequence[Node],
-    lowest: Sequence[float] = (math.inf, math.inf),
-    highest: Sequence[float] = (-math.inf, -math.inf),
+    lowest: Sequence[float] = _NO_CORNERS[0],
+    highest: Sequence[float] = _NO_CORNERS[1],
 ) -> tuple[list[float], list[float]]:
     """Corners of the box around nodes, and around one with other corners."""
     rows = [[node.x for node in nodes], [node.y for node in nodes]]

@@ -15,9 +15,9 @@ import numpy as np
 from fx_beam.dual import Dual, DualFloat, dual_array, floats, scene_number
 from fx_beam.errors import (
     IS_DATA,
+    LARGEST,
     SceneError,
     as_float,
-    is_number,
     is_one_of,
     real_array,
     refuse_fields_in,
@@ -155,7 +155,7 @@ class Section:
         ok = self.strain_energy is None or not isinstance(self.retardation, tuple)
         expected = "one time for all strains, as there is a strain_energy"
         require(ok, "Section: retardation", self.retardation, expected)
-        for time in self._times:
+        for time in self._times if isinstance(self.retardation, tuple) else (self.retardation,):
             _value("retardation", time, 0.5)
         for name in ("EA", "GA", "EI", "rhoA", "rhoI"):
             datum = getattr(self, name)
@@ -208,10 +208,12 @@ class Section:
             The values; for "retardation" the times of axial, shear and bending strains. None if a
             value is a function.
         """
-        data = [self._data(name) for name in names]
-        if any(callable(datum) for values in data for datum in values):
-            return None
-        values = [[as_float(x or 0.0) for x in d] if len(d) > 1 else d[0] or 0.0 for d in data]
+        values: list[Any] = []
+        for name in names:
+            data = self._data(name)
+            if any(map(callable, data)):
+                return None
+            values.append([as_float(x or 0.0) for x in data] if len(data) > 1 else data[0] or 0.0)
         return values if len(names) > 1 else values[0]
 
     def _data(self, name: str) -> tuple[Datum | None, ...]:
@@ -530,7 +532,7 @@ def _value(name: str, datum: Datum, fraction: float = 0.0) -> float:
         datum = _evaluated(datum, fraction, f"Section: {name}{place}")
     may_be_zero = name in _MAY_BE_ZERO
     number = as_float(datum)
-    if not (is_number(datum) and (number > 0 or (may_be_zero and number == 0))):
+    if not ((0 < number or (may_be_zero and number == 0)) and number <= LARGEST):
         expected = "zero or positive and finite" if may_be_zero else "positive and finite"
         expected += size_limit(datum, expected)
         raise SceneError(f"Section: {name} = {shown(datum)}{place} must be {expected}")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import itertools
+import operator
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any, NamedTuple
@@ -50,10 +51,15 @@ def expressions_of(scene: Scene) -> Iterator[tuple[str, Any]]:
 # `IS_DATA`: an array keeps its shape, a function of time or place stays one or becomes a number,
 # and None stays None. Functions of a user in UFL are among them, as what they give is compared.
 _NUMBERS = "_gravity", "prescribed", "masses", "parameters"
-# Kinds of values that are compared as they are.
+# Kinds of values that are compared as they are; and of plain numbers.
 _PLAIN = {float, DualFloat, int, bool, str, type(None)}
+_SCALARS, _SEQUENCES = _PLAIN - {type(None)}, (list, tuple)
 # What follows from the rest of a scene.
 _DERIVED = {"nodes", "_corners", "_couplings", "changes", "array_calls"}
+
+
+# The number of a node.
+_NUMBER = operator.attrgetter("number")
 
 
 class OtherStructureError(Exception):
@@ -78,10 +84,13 @@ class Structure:
         """OtherStructureError if a scene differs in more than numbers."""
         if len(scene.nodes) != self._nodes:
             raise OtherStructureError("another number of nodes")
-        for name, form in _forms_of(scene).items():
-            if form != (known := self._forms[name]):
+        forms, functions = _forms_of(scene), [*expressions_of(scene)]
+        if forms == self._forms and functions == self._functions:
+            return
+        for name in vars(scene):
+            form, known = forms.get(name, []), self._forms.get(name, [])
+            if form != known:
                 raise OtherStructureError(f"scene.{name}{_difference(form, known)}")
-        functions = expressions_of(scene)
         for function, known in itertools.zip_longest(functions, self._functions):
             if function != known:
                 kind = (function or known)[0]
@@ -98,7 +107,7 @@ def _difference(form: Any, known: Any) -> str:
             return " has another length"
         names = [f"[{i}]" for i in range(len(form))]
     elif isinstance(form, _Form) and isinstance(known, _Form) and form.kind is known.kind:
-        names = [f".{name}" for name, _ in _fields(form.kind) or ()]
+        names = [f".{name}" for of_kind in _fields(form.kind) or () for name in of_kind]
         form, known = form.parts, known.parts
     else:
         return " differs"
@@ -107,48 +116,66 @@ def _difference(form: Any, known: Any) -> str:
 
 
 def _forms_of(scene: Scene) -> dict[str, Any]:
-    """Structures of all that a scene has, by their names."""
-    parts = [part for part in vars(scene).items() if part[0] not in _DERIVED]
+    """Structures of all that a scene has, by their names; without what is empty or zero."""
     of_parts: dict[int, Any] = {}
-    return {name: _form(value, name in _NUMBERS, of_parts) for name, value in parts}
+    return {
+        name: _form_of_number(value) if name in _NUMBERS else _form(value, of_parts)
+        for name, value in vars(scene).items()
+        if name not in _DERIVED and (name in _NUMBERS or value)
+    }
 
 
-def _form(value: Any, is_number: bool, of_parts: dict[int, Any]) -> Any:
+def _form(value: Any, of_parts: dict[int, Any]) -> Any:
     """What is structure of a value; `of_parts` has that of parts by ids: beams share sections."""
     kind: Any = type(value)
     if kind in _PLAIN:
-        return () if is_number and value is not None else value
-    if kind in (list, tuple) and not is_number:
-        return [_form(part, False, of_parts) for part in value]
+        return value
+    if isinstance(value, _SEQUENCES):
+        kinds = {*map(type, value)}
+        if kinds == {Node}:
+            return [*map(_NUMBER, value)]
+        return [*value] if kinds <= _PLAIN else [_form(part, of_parts) for part in value]
     if isinstance(value, Node):
         return value.number
-    if is_number:
-        return _form_of_number(value)
-    if (attributes := _fields(kind)) is not None:
+    if (names := _fields(kind)) is not None:
         if id(value) not in of_parts:
-            forms = [_form(getattr(value, name), datum, of_parts) for name, datum in attributes]
-            of_parts[id(value)] = _Form(kind, forms)
+            of_parts[id(value)] = _Form(kind, _forms_of_fields(value, *names, of_parts))
         return of_parts[id(value)]
     if isinstance(value, dict):
-        return [(key, _form(part, False, of_parts)) for key, part in value.items()]
-    if isinstance(value, list | tuple):
-        return [_form(part, False, of_parts) for part in value]
+        return [(key, _form(part, of_parts)) for key, part in value.items()]
     if isinstance(value, set | np.ndarray):
         return frozenset(value) if isinstance(value, set) else value.tolist()
     # A function that is not listed is always another one.
     return object() if callable(value) else value
 
 
+def _forms_of_fields(
+    part: Any, structure: list[str], numbers: list[str], of_parts: dict[int, Any]
+) -> list[Any]:
+    """Forms of fields of a dataclass, those that are structure first."""
+    forms = [
+        x if type(x := getattr(part, name)) in _PLAIN else _form(x, of_parts) for name in structure
+    ]
+    return forms + [
+        () if type(x := getattr(part, name)) in _SCALARS else _form_of_number(x) for name in numbers
+    ]
+
+
 @functools.cache
-def _fields(kind: type) -> list[tuple[str, bool]] | None:
-    """Names of the attributes of a dataclass, and whether they are numbers; None for others."""
+def _fields(kind: type) -> tuple[list[str], list[str]] | None:
+    """Names of the fields of a dataclass that are structure, and numbers; None for others."""
     if not is_dataclass(kind):
         return None
-    return [(field.name, "number" in field.metadata) for field in fields(kind)]
+    names: tuple[list[str], list[str]] = [], []
+    for field in fields(kind):
+        names["number" in field.metadata].append(field.name)
+    return names
 
 
 def _form_of_number(number: Any) -> Any:
     """Shape of a number, or names of several; a function counts as one number."""
+    if number is None:
+        return None
     if isinstance(number, np.ndarray):
         return number.shape
     if callable(number):

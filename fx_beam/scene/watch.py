@@ -6,13 +6,16 @@ from fx_beam.errors import SceneError
 
 from .scene import Scene
 
+# What of a scene may become longer.
+_LISTS = list, dict, set
+
 
 class Watch:
     """Notices whether something was added to a scene, removed from it or changed."""
 
     def __init__(self, scene: Scene):
         self._scene = scene
-        self._parts = [part for part in vars(scene).values() if isinstance(part, list | dict | set)]
+        self._parts = [part for part in vars(scene).values() if isinstance(part, _LISTS)]
         self._counts = self._now()
 
     def _now(self) -> tuple[int, ...]:

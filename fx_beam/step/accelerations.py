@@ -32,8 +32,7 @@ def accelerations(model: Model, force: np.ndarray) -> tuple[np.ndarray, np.ndarr
     elif not reduction.couplings.sliding and len(reduction.auxiliaries):
         a = _with_auxiliaries(model, force)
     if a is None:
-        T = reduction.coupling()
-        T = T.toarray() if T.shape[0] <= _SMALL else T
+        T = reduction.coupling_array() if model.size <= _SMALL else reduction.coupling()
         a = acceleration_of((T.T @ (model.mass @ T))[:n, :n], force, model.unit_of_unknowns)
     return a, force - _inertia(model, a)
 

@@ -48,7 +48,7 @@ class Forcing:
         ]
         self._driven += [(getattr(j, name).motor, f"motor of {j}") for j, name in data.motors]
         #: Which of them are inputs of a motion (driven,): these go straight in a step.
-        self.straight = np.array([function.ramps for function in self.functions], dtype=bool)
+        self.straight = np.array([function.ramps for function, _ in self._driven], dtype=bool)
         #: Numbers of those that are locked.
         self._held = [i for i, (f, _) in enumerate(self._driven) if isinstance(f, Locked)]
 

@@ -115,10 +115,11 @@ class FormTables:
         #: Data of cells by cells, since forms have them in common.
         self._shared: dict[bytes, dict[str, np.ndarray]] = {}
         #: Numbers of the scene, which C reads here: coordinates with their cells; data of beams
-        #: with their fields, and where they are in these; and constants of each form.
+        #: with their fields, and where they are in these.
         self._coordinates: list[tuple[np.ndarray, np.ndarray]] = []
         self._data: list[tuple[np.ndarray, Field, np.ndarray]] = []
-        self._constants: list[tuple[Term, np.ndarray]] = []
+        #: Constants of each form, which steps set, and those before any step.
+        self._constants: list[tuple[np.ndarray, np.ndarray]] = []
 
     def bind(self, coordinates: np.ndarray | None) -> None:
         """Set the numbers to those that the forms have now, and coordinates of cells if given."""
@@ -127,8 +128,8 @@ class FormTables:
                 blocks[...] = self._blocks(coordinates[cells])
         for blocks, field, places in self._data:
             blocks[...] = field.array[places]
-        for form, constants in self._constants:
-            constants[...] = form.constants_in(_NO_STEP)[0]
+        for constants, before_steps in self._constants:
+            constants[...] = before_steps
 
     def all(self, names: Container[str]) -> dict[str, dict]:
         """The wanted ones of `FORMS` that the model has, by their names in C."""
@@ -159,7 +160,7 @@ class FormTables:
             columns = slice(starts[field], starts[field] + field.space.width)
             for block, rows in zip(blocks, cells, strict=True):
                 self._data.append((block[:, columns], field, self._blocks(field.space.dofs[rows])))
-        self._constants.append((form, constants))
+        self._constants.append((constants, constants.copy()))
         return {
             "integrals": len(cells),
             "width": width,

@@ -140,7 +140,7 @@ class LoadLoop(CompiledLoop):
             strains[:] = natural.ravel()
         t, followers = np.array([forcing.time]), model.points.followers
         follower_force = floats(followers.series(t, t)) if len(followers) else np.empty((1, 0))
-        values = np.tile(model.forms.parameters.values, (1, 2, 1))
+        values = np.array([[model.forms.parameters.values] * 2])
         driven, none = floats(forcing.positions(interval.end))[None], np.empty((1, 0))
         arrays = none, driven, follower_force, values, none
         return StepInputs(*arrays, parts=1, ratio=interval.end)

@@ -75,17 +75,14 @@ class CompiledLoop:
                 state = self.state.read(float(ends[count - 1]))
                 self.stats.steps += completed(count)
                 recorder.end = state
-        C, last_ratio, ratio = (
-            self.problem.library,
-            *(ratio if ratio >= 0 else None for ratio in p.control.ratios),
-        )
-        switched = steps.watch and p.run.failure == C.SWITCHED
-        self.stats.unconverged += p.run.failure == C.NO_CONVERGENCE
-        if steps.control is None or p.run.failure not in (C.OK, C.TOO_INACCURATE):
-            last_ratio = ratio = None
+        C, failure, last_ratio, ratio = self.problem.library, p.run.failure, None, None
+        switched = steps.watch and failure == C.SWITCHED
+        self.stats.unconverged += failure == C.NO_CONVERGENCE
+        if steps.control is not None and failure in (C.OK, C.TOO_INACCURATE):
+            last_ratio, ratio = (known if known >= 0 else None for known in p.control.ratios)
         return StepsResult(
             *(state, count, last_ratio if count > 1 else None, ratio),
-            failed=p.run.failure not in (C.OK, C.SWITCHED, C.TOO_INACCURATE),
+            failed=failure not in (C.OK, C.SWITCHED, C.TOO_INACCURATE),
             switched=switched,
             switches=self.problem.sides[1].copy() if steps.watch and (count or switched) else None,
             error=inputs.error if count == inputs.steps else None,
@@ -151,8 +148,6 @@ class CompiledLoop:
 
     def _run_taped(self, tape: Tape, steps: Steps, t: float, record: Any) -> int:
         """The same on a tape, which keeps the state before every so many steps."""
-        from .checkpoints import TakenSteps
-
         total, inputs, times = 0, steps.inputs, np.concatenate([[t], steps.ends])
         while total < inputs.steps:
             rest = inputs.after(total) if total else inputs
@@ -161,10 +156,8 @@ class CompiledLoop:
                 (record.part + count) % record.parts if count > record.parts else 0
             )  # whole steps
             c_inputs = rest.in_c(self.problem.ffi)
-            block = TakenSteps(
-                count, steps.dt, record.parts, record.part, c_inputs, rest, times[total:]
-            )
-            record.tape = tape.begin(block)
+            taken = count, steps.dt, record.parts, record.part, c_inputs, rest, times[total:]
+            record.tape = tape.begin(*taken)
             now, limits = self.problem.c.state.t, steps.limits(self.problem)
             done = self._steps(count, now, steps.dt, c_inputs, record, limits)
             tape.end(done)

@@ -91,6 +91,7 @@ class Model:
         natural = natural_strains(scene, self.mesh)
         data = Data(scene, X, of_forms, masses, loads, natural, arms, motors(scene))
         self._set(data)
+        self._place(data)
         self.assembled += [str(load) for load in scene.loads]
         self.masses.name(scene)
         self._build_reduction()
@@ -147,8 +148,12 @@ class Model:
         if elsewhere and self.needs_places:
             raise OtherStructureError("joints that close loops, or slide on beams, lie elsewhere")
         self._set(data)
-        self.reduction.set_arms(self.arm_joints)
-        self.reduction.set_gears(data.scene)
+        if elsewhere:
+            self._place(data)
+        if self.couplings.arm_joints:
+            self.reduction.set_arms(self.arm_joints)
+        if self.couplings.gears:
+            self.reduction.set_gears(data.scene)
         self.forms.bind(data.forms)
         # In statics without joints and forces between nodes places alone tell mechanisms.
         scene = data.scene
@@ -162,14 +167,15 @@ class Model:
         acting = tuple(scene.beams), tuple(scene.loads), scene.gravity, scene.array_calls
         #: What section forces need, whatever becomes of the scene.
         self.on_beams = OnBeams(*acting)
-        self.mesh.bind(floats(data.X))
-        size = self.mesh.size
-        #: Size (size,) of unit increments: that of the scene for displacements, 1 for rotations.
-        self.unit = np.full(self.mesh.dofs.size, size)
-        self.unit[2::3] = 1.0
         self.masses.bind(data.masses)
         #: Dead loads and natural strains.
         self.loads, self.natural = data.loads, data.natural
+
+    def _place(self, data: Data) -> None:
+        self.mesh.bind(floats(data.X))
+        #: Size (size,) of unit increments: that of the scene for displacements, 1 for rotations.
+        self.unit = np.full(self.mesh.dofs.size, self.mesh.size)
+        self.unit[2::3] = 1.0
 
     def weights(self, masses: dict[str, Any]) -> Callable[[Any], Any]:
         """Weights (size,) of all masses by an acceleration (2,), as a function."""
@@ -186,10 +192,13 @@ class Model:
         arms = reduction.arms.copy()
         reduction.set_arms(moving_in(scene, couplings))
         reduction.begin(np.zeros(self.size), slides_at_start(scene))
-        T = reduction.coupling(closed=not reduction.singularity)[:, : couplings.free]
-        reduction.arms[...] = arms
+        closed = not reduction.singularity
         # Operations on small arrays are quick, those on sparse ones take 0.1 ms.
-        T = T.toarray() if self.size <= _SMALL else scipy.sparse.csr_array(T)
+        if self.size <= _SMALL:
+            T = reduction.coupling_array(closed)[:, : couplings.free]
+        else:
+            T = scipy.sparse.csr_array(reduction.coupling(closed)[:, : couplings.free])
+        reduction.arms[...] = arms
         mass = self.masses.of(floats(data.masses["mass"]))
         if not (couplings.is_selection or couplings.sliding):
             roots = np.isin(np.arange(couplings.free), couplings.column[self.mesh.dofs[:, :2]])

@@ -20,16 +20,16 @@ from .model import Model, moving_in, sticks
 def data_of(model: Model, scene: Scene) -> Data:
     """The numbers of a scene; OtherStructureError if it differs in more from that of the model."""
     model.structure.check(scene)
-    mesh, rates = model.mesh, model.scheme.rates
+    mesh, rates, data = model.mesh, model.scheme.rates, model.data
     X = mesh.positions_of(scene)
-    masses, arms = model.masses.numbers_of(scene, X), Arms.of(scene)
-    loads = model.loads
+    masses, loads, natural = model.masses.numbers_of(scene, X), data.loads, data.natural
     if scene.loads:
         loads = dead_loads(scene, mesh, floats(X), model.weights(masses))
-    natural = natural_strains(scene, mesh) if scene.natural_strains else model.natural
-    forms = form_data(scene, mesh, X, rates)
-    data = Data(scene, X, forms, masses, loads, natural, arms, motors(scene))
-    if sticks(scene) and not rates.at_rest:
+    if scene.natural_strains:
+        natural = natural_strains(scene, mesh)
+    arms, moved = (Arms.of(scene), motors(scene)) if scene.joints else (data.arms, data.motors)
+    data = Data(scene, X, form_data(scene, mesh, X, rates), masses, loads, natural, arms, moved)
+    if not rates.at_rest and (scene.joints or scene.contacts) and sticks(scene):
         fits = not model.needs_places or model.lies_at(data)
         fitting = model if fits else Model(scene, model.scheme, part=True)
         data = data._replace(forms=form_data(scene, mesh, X, rates, fitting.mobility(data)))

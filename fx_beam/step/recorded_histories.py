@@ -204,7 +204,7 @@ def _fit(
     (times, steps), (q, v, slides) = grid, states
     lengths, forcing = _lengths(times, steps), Forcing(model)
     driven = np.full((len(steps), model.couplings.driven), np.nan)
-    straight = np.array([function.ramps for function in forcing.functions], bool)
+    straight = forcing.straight
     if lengths.all() and driven.size:
         driven[:] = floats(forcing.end_rates(times[steps], lengths))
     driven[:, straight] = np.nan

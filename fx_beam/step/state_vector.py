@@ -38,6 +38,8 @@ class StateVector:
         arrays = {name: self.memory[place] for name, place in self.places.items()}
         #: Arrays of the state, and positions (driven,) of driven motions.
         self.arrays = {name: arrays[name].reshape(shape) for name, shape in self.shapes.items()}
+        # Those that are not empty.
+        self._present = {name: array for name, array in self.arrays.items() if array.size}
         self._driven = arrays["driven_now"]
         self._ages = arrays["ages"], arrays["error_ages"]
         # Numbers that go with the memory, in structs of C that follow each other, as bytes.
@@ -63,10 +65,9 @@ class StateVector:
     def load(self, state: State) -> None:
         """Write a state into the memory."""
         p = self._c
-        for name, array in self.arrays.items():
-            if array.size:
-                value = getattr(state, name)
-                array[...] = 0.0 if value is None else value.reshape(array.shape)
+        for name, array in self._present.items():
+            value = getattr(state, name)
+            array[...] = 0.0 if value is None else value.reshape(array.shape)
         if p.scheme.keeps_previous and state.q_previous is None:
             self.arrays["q_previous"][:] = state.q
         if len(state.motors):

@@ -61,7 +61,7 @@ class Tape:
 
     def _set_rows(self, rows: np.ndarray) -> None:
         self._rows = rows
-        self.c.row = self.problem.ffi.cast("double *", rows.ctypes.data)
+        self.c.row = self.problem.ffi.from_buffer("double[]", rows)
 
     def clear(self) -> None:
         """Forget all sub-steps; the memory is kept."""
@@ -88,8 +88,9 @@ class Tape:
 
     # -- Written in a run -------------------------------------------------------------------------
 
-    def begin(self, steps: TakenSteps) -> Any:
-        """Keep the state before some steps; the C struct for their rows, or 0 for none."""
+    def begin(self, *taken: Any) -> Any:
+        """Keep the state before `TakenSteps`; the C struct for their rows, or 0 for none."""
+        steps = TakenSteps(*taken)
         sub_steps = steps.number * self._checkpoints.of_step
         if self.is_whole and 8 * self.c.size * (self.c.rows + sub_steps) > self._checkpoints.limit:
             self.is_whole = False
