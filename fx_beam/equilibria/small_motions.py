@@ -95,8 +95,7 @@ class SmallMotions:
         if model.couplings.sliding or (members is not None and members.are_near):
             return
         state.negative_pivots = factors.negative_eigenvalues()
-        follow = model.forms.has_added or any(force.force for force in model.scene.forces_between)
-        if follow or model.flows:  # else all forces have a potential
+        if not model.has_potential:
             if not self._symmetric(reduction.tangent.pattern, factors.values):
                 return
         state.unstable_modes = state.negative_pivots

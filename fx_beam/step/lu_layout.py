@@ -79,6 +79,7 @@ def factors_of(
     sparse: bool = True,
     costs: Costs = COSTS,
     parts: bool = False,
+    symmetric: bool = False,
 ) -> Factors:
     """Storage in sparse rows, to keep if it pays; or in a band if it is narrow.
 
@@ -86,7 +87,8 @@ def factors_of(
     roots. The last unknowns may be `forces` without a stiffness, given by an unknown on which each
     acts, a different one for each (-1: none). A force comes after this unknown and after all with
     which it is coupled: then a pivot vanishes only by chance. With forces, with auxiliary unknowns,
-    or if rows shall be `sparse`, there is no band. Sparse rows may be in `parts` for threads.
+    or if rows shall be `sparse`, there is no band. Sparse rows may be in `parts` for threads. Those
+    of a `symmetric` matrix are its upper half: entries of the lower one have a place behind all.
     """
     if len(indptr) == 1:  # nothing is unknown
         return Factors(NONE, NONE, 0, 1)
@@ -98,7 +100,7 @@ def factors_of(
     groups = groups_of(graph, dependent, forces)
     if dependent is None and not len(forces):
         groups |= _one_by_one(_minimum_degree(groups["graph_start"], groups["graph"]))
-    in_rows = _eliminated(groups, rows, indices, parts)
+    in_rows = _eliminated(groups, rows, indices, parts, symmetric)
     return in_rows._replace(worth=_worth(in_rows, len(indices), costs)) if keep else in_rows
 
 
@@ -112,8 +114,10 @@ def graph_of(indptr: np.ndarray, indices: np.ndarray) -> scipy.sparse.csr_matrix
 def _worth(sparse: Factors, entries: int, costs: Costs) -> int:
     """`Factors.worth` of sparse rows; the tangent has so many entries."""
     above = sparse.rows["start"][1:] - sparse.rows["diagonal"] - 1.0
-    factorisation = above @ (above + 1) + costs.row_entry * sparse.size
-    worth = int(factorisation / (costs.substitution * (sparse.size + entries)))
+    products = above @ (above + 1) / (2 if sparse.rows["symmetric"] else 1)
+    factorisation = products + costs.row_entry * sparse.size
+    substitution = costs.substitution * (2 * above.sum() + len(above) + entries)
+    worth = int(factorisation / substitution)
     return worth if worth >= costs.least_worth else 0
 
 
@@ -222,7 +226,7 @@ def _one_by_one(order: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _eliminated(
-    groups: dict[str, Any], rows: np.ndarray, columns: np.ndarray, parts: bool
+    groups: dict[str, Any], rows: np.ndarray, columns: np.ndarray, parts: bool, symmetric: bool
 ) -> Factors:
     """Sparse rows in minimum-degree order, and where entries in rows and columns are in them."""
     ffi, library = c_library.open_library(
@@ -230,7 +234,7 @@ def _eliminated(
     )
     structs = Structs(ffi)
     search = ffi.gc(ffi.new("Elimination *"), library.fx_free_elimination)
-    structs.set(search, **groups, rows={"parts": parts})
+    structs.set(search, **groups, rows={"parts": parts, "symmetric": symmetric})
     positions = np.empty(len(rows), np.int32)
     arrays = (
         ffi.from_buffer("int[]", np.asarray(x, np.int32, "C")) for x in (rows, columns, positions)
@@ -250,6 +254,7 @@ def _eliminated(
     layout = {name: taken(getattr(r, name), size) for name, size in sizes.items()}
     stored = int(layout["start"][-1])
     counts = {"unknowns": n, "groups": count, "parts": parts, "part_start": None}
+    counts["symmetric"] = symmetric
     return Factors(taken(search.order, n), positions, stored, 0, counts | layout)
 
 

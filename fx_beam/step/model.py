@@ -261,6 +261,12 @@ class Model:
         """Whether members or springs have internal variables."""
         return self.forms.internal_shape[-1] > 0 or self.points.width > 0
 
+    @property
+    def has_potential(self) -> bool:
+        """Whether all forces have a potential in statics: nothing follows the motion or flows."""
+        own = any(force.force for force in self.scene.forces_between)
+        return not (self.forms.has_added or own or self.flows)
+
     @cached_property
     def nonsmooth(self) -> bool:
         """Whether the slopes of forces may change at once: flow, contact, functions of a user."""

@@ -361,7 +361,7 @@ class Problem:
         if self.model.points.members is not None and not self._rates:
             self._set_changing_rows()
         elif factors.rows and not self._inside:
-            self._sparse_factors = np.zeros(factors.size)
+            self._sparse_factors = np.zeros(factors.size + 1)  # one more: see `factors_of`
             own = {"factors": self._sparse_factors, "threads": self._threads}
             self._set(system={"rows": [factors.rows | own]})
         if (loops := reduction.loops) is not None:
@@ -452,7 +452,13 @@ class Problem:
         sparse = members or self._inside or self.model.scheme.rates.at_rest
         behind = reduction.dependent, reduction.forces
         parts = self._is_large and not self._inside
-        return factors_of(indptr, indices, *behind, keep, sparse, COSTS, parts)
+        symmetric = (
+            self.model.scheme.rates.at_rest
+            and self.model.has_potential
+            and not (self._rates or members or couplings.closures or couplings.auxiliaries)
+            and not couplings.sliding
+        )
+        return factors_of(indptr, indices, *behind, keep, sparse, COSTS, parts, symmetric)
 
     def keep_joint_forces(self) -> None:
         """Find forces of joints in each step, whether it is recorded or not."""

@@ -4,9 +4,12 @@ import ufl
 
 import numpy as np
 import pytest
+import scipy.sparse
+from registry import ONES, SCENES
 from scenes import held_body, pinned_bar, supported_bar
 
 import fx_beam as fb
+from fx_beam.step.load_loop import LoadLoop
 
 ROLLED = fb.Section(EA=1e4, GA=1e4, EI=500.0)
 LENGTH = 10.0
@@ -331,3 +334,35 @@ def test_an_arch_that_is_pressed_down_stays_on_its_path_however_long_the_steps(d
         assert path.stable.all()
         reactions.append(path.reaction(left.end)[-1, 1])
     assert reactions == [pytest.approx(reactions[-1], rel=1e-6)] * 3
+
+
+@pytest.mark.parametrize(
+    ("name", "has_potential"),
+    [
+        ("curved tapered beam", True),
+        ("natural strains", True),
+        ("curved beam on a bed", True),
+        ("revolute with spring and damper", True),
+        ("stop of a joint", True),
+        ("winch on a rope over circles", True),
+        ("follower force", False),
+        ("line obstacle with friction", False),
+    ],
+)
+def test_factors_are_those_of_a_symmetric_matrix_where_forces_have_a_potential(
+    name, has_potential, monkeypatch
+):
+    tangents, step = [], LoadLoop.step
+
+    def noted(loop, *arguments):
+        taken = step(loop, *arguments)
+        assert loop.problem.factors.rows["symmetric"] == has_potential
+        indptr, indices = loop.model.reduction.tangent.pattern
+        tangents.append(scipy.sparse.csr_matrix((loop.values.copy(), indices, indptr)))
+        return taken
+
+    monkeypatch.setattr(LoadLoop, "step", noted)
+    fb.static(SCENES[name].build(ONES), load_steps=2)
+    gaps = [abs(K - K.T).max() / abs(K).max() for K in tangents]
+    assert len(gaps) >= 3
+    assert (max(gaps) < 1e-14) == has_potential

@@ -148,15 +148,22 @@ INLINED void solve_sparse_columns(const Problem *p, const Work *w, int n) {
   for (int g = 0; g < rows->groups; ++g) {
     int at = first[g], size = first[g + 1] - at, any = 0;
     for (int x = 0; x < size; ++x) any |= w->reached[at + x];
-    for (int s = rows->source_start[g]; !any && s < rows->source_start[g + 1]; ++s)
+    for (int s = rows->source_start[g]; !any && s < stored_sources(rows, g); ++s)
       any = w->reached[first[rows->source[s]]];
     for (int x = 0; any && x < size; ++x) {
       const double *row = A + rows->start[at + x];
       reach(p, w, at + x);
-      for (int s = rows->source_start[g]; s < rows->source_start[g + 1]; ++s)
+      for (int s = rows->source_start[g]; s < stored_sources(rows, g); ++s)
         for (int k = first[rows->source[s]]; k < first[rows->source[s] + 1]; ++k, ++row)
           if (w->reached[k] && *row != 0) subtract_in_block(w, n, at + x, *row, k);
       for (int z = 0; z < x; ++z) subtract_in_block(w, n, at + x, row[z], at + z);
+      row += size;
+      for (int k = rows->run_start[g]; rows->symmetric && k < rows->run_start[g + 1]; row += rows->run_length[k++])
+        for (int j = 0; j < rows->run_length[k]; ++j) {
+          if (row[j] == 0) continue;
+          reach(p, w, rows->run_column[k] + j);
+          subtract_in_block(w, n, rows->run_column[k] + j, row[j] * A[rows->diagonal[at + x]], at + x);
+        }
     }
   }
   for (int g = rows->groups - 1; g >= 0; --g) {

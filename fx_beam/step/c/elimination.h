@@ -168,6 +168,7 @@ static void find_rows(Elimination *e) {
       else r->run_column[runs] = r->first[other], r->run_length[runs++] = many;
       upper += many;
     }
+    if (r->symmetric) lower = 0;
     for (int i = 0; i < size; ++i, at += lower + size + upper) {
       int row = r->first[k] + i;
       r->start[row] = at, r->diagonal[row] = at + lower + i;
@@ -177,12 +178,14 @@ static void find_rows(Elimination *e) {
   r->source_start[n] = sources, r->run_start[n] = runs, r->start[r->unknowns] = at;
 }
 
-/* Position among the factors of an unknown's row and a column; -1 if one of them is a bordering row. */
+/* Position among the factors of an unknown's row and a column; -1 if one of them is a bordering row, behind all if it is not
+   stored. */
 static int place_of_pair(const Elimination *e, int i, int j) {
   if (i < 0 || j < 0) return -1;
   const SparseRows *r = &e->rows;
   int row = e->order[i], column = e->order[j], group = e->position[e->group_of[i]];
   long place = r->start[row];
+  if (r->symmetric && column < r->first[group]) return r->start[r->unknowns];
   for (int s = r->source_start[group]; column < r->first[group]; ++s) {
     int beside = column - r->first[r->source[s]], size = size_at(r, r->source[s]);
     if (beside < size) return place + beside;

@@ -26,6 +26,14 @@ HOT void narrow_piece(const void *task, int piece, int thread) {
     for (int x = 0; x < size; ++x) {
       const double *row = p->factors + p->start[i + x], *own = p->factors + p->diagonal[i + x] - x;
       float *lower = t->narrow->lower + t->narrow->lower_at[g] + x, *upper = t->narrow->upper + t->narrow->upper_at[g] + x;
+      for (int s = p->source_start[g]; p->symmetric && s < p->source_start[g + 1]; ++s) {
+        int h = p->source[s], many = group_size(p, h), before;
+        run_of(p, h, g, &before);
+        for (int y = 0; y < many; ++y, lower += size) {
+          const double *diagonal = p->factors + p->diagonal[p->first[h] + y];
+          *lower = diagonal[many - y + before + x] * diagonal[0];
+        }
+      }
       for (; row < own; lower += size) *lower = *row++;
       memcpy(t->narrow->own + 9L * g + 3 * x, own, size * sizeof(double));
       for (row += size; row < p->factors + p->start[i + x + 1]; upper += size) *upper = *row++;
@@ -36,8 +44,9 @@ HOT void narrow_piece(const void *task, int piece, int thread) {
 static void narrow_factors(const SparseRows *p, const Narrow *narrow) {
   Narrowed task = {p, narrow, 0};
   for (int g = 0, lower = 0; g < p->groups; ++g) {
-    int i = p->first[g];
-    narrow->lower_at[g] = lower, lower += group_size(p, g) * (p->diagonal[i] - p->start[i]);
+    narrow->lower_at[g] = lower;
+    for (int s = p->source_start[g]; s < p->source_start[g + 1]; ++s)
+      lower += group_size(p, g) * group_size(p, p->source[s]);
   }
   for (int g = p->groups - 1, upper = 0; g >= 0; --g) {
     int i = p->first[g], size = group_size(p, g);

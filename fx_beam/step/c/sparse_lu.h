@@ -1,4 +1,4 @@
-/* LU factorisation in sparse rows (lu_layout.py), for the loop and for Python (sparse_lu.py). */
+/* LU factorisation in sparse rows (lu_layout.py), for the loop and for Python (sparse_lu.py); of symmetric matrices L D L^T. */
 
 #pragma once
 
@@ -29,12 +29,15 @@ INLINED void copy_run(int length, const double *restrict from, double *restrict 
   if (length == 3) to[0] = from[0], to[1] = from[1], to[2] = from[2]; else memcpy(to, from, length * sizeof(double));
 }
 
+/* End of the groups before a group of which its stored rows have columns. */
+static inline int stored_sources(const SparseRows *p, int g) { return p->source_start[p->symmetric ? g : g + 1]; }
+
 /* Copies stored rows of a group to rows with a place for each column. */
 INLINED void unpack(const SparseRows *p, const double *A, int g, int size, double *const *row) {
   const int *first = p->first;
   for (int x = 0; x < size; ++x) {
     const double *from = A + p->start[first[g] + x];
-    for (int s = p->source_start[g]; s < p->source_start[g + 1]; ++s) {
+    for (int s = p->source_start[g]; s < stored_sources(p, g); ++s) {
       int column = first[p->source[s]], length = first[p->source[s] + 1] - column;
       copy_run(length, from, row[x] + column);
       from += length;
@@ -107,12 +110,41 @@ COMPILED_ONCE void eliminate_others(const SparseRows *p, double *A, int g, int h
   eliminate_source(p, A, g, h, size, many, lower, row);
 }
 
+/* Run behind an eliminated group in which a later group is, and how many columns are before it. */
+INLINED int run_of(const SparseRows *p, int h, int g, int *before) {
+  int k = p->run_start[h], column = p->first[g];
+  for (*before = 0; p->run_column[k] + p->run_length[k] <= column; ++k) *before += p->run_length[k];
+  *before += column - p->run_column[k];
+  return k;
+}
+
+/* The same as `eliminate_source` of a symmetric matrix, of which only columns from the group on are subtracted. */
+INLINED void eliminate_across(const SparseRows *p, double *A, int g, int h, int size, int many, double *const *row) {
+  int before, k = run_of(p, h, g, &before), column = p->first[g];
+  double f[3][3] = {{0}};
+  const double *from[3];
+  for (int y = 0; y < 3; ++y) {
+    int z = y < many ? y : 0;
+    const double *diagonal = A + p->diagonal[p->first[h] + z];
+    from[y] = diagonal + many - z + before;
+    for (int x = 0; x < size && y < many; ++x) f[x][y] = from[y][x] * diagonal[0];
+  }
+  for (; k < p->run_start[h + 1]; ++k) {
+    column = column > p->run_column[k] ? column : p->run_column[k];
+    int length = p->run_column[k] + p->run_length[k] - column;
+    double *to[3];
+    for (int x = 0; x < 3; ++x) to[x] = row[x] + column;
+    subtract_rows(length, f, from, to);
+    for (int y = 0; y < 3; ++y) from[y] += length;
+  }
+}
+
 /* Stores rows that `unpack` filled, from the source number s on, which has this place among the lower factors. */
 INLINED void store_rows(const SparseRows *p, double *A, int g, int size, int s, int lower, double *const *row) {
   const int *first = p->first;
   for (int x = 0; x < size; ++x) {
     double *to = A + p->start[first[g] + x] + lower;
-    for (int k = s, many; k < p->source_start[g + 1]; ++k, to += many) {
+    for (int k = s, many; k < stored_sources(p, g); ++k, to += many) {
       many = first[p->source[k] + 1] - first[p->source[k]];
       copy_run(many, row[x] + first[p->source[k]], to);
     }
@@ -132,12 +164,14 @@ INLINED int factorise_group(const SparseRows *p, double *A, int g, int size, int
   unpack(p, A, g, size, row);
   for (; s < last && source[s] < end; ++s) {
     int h = source[s], many = first[h + 1] - first[h];
-    if (size == 3 && many == 3) eliminate_source(p, A, g, h, 3, 3, lower, row);
+    if (p->symmetric && size == 3 && many == 3) eliminate_across(p, A, g, h, 3, 3, row);
+    else if (p->symmetric) eliminate_across(p, A, g, h, size, many, row);
+    else if (size == 3 && many == 3) eliminate_source(p, A, g, h, 3, 3, lower, row);
     else eliminate_others(p, A, g, h, size, many, lower, row);
     lower += many;
   }
   if (g < end) return finish(p, A, g, size, row);
-  store_rows(p, A, g, size, s, lower, row);
+  store_rows(p, A, g, size, s, p->symmetric ? 0 : lower, row);
   return 1;
 }
 
@@ -218,6 +252,21 @@ INLINED void forward(const SparseRows *p, const double *A, int g, int size, doub
   }
 }
 
+/* The same of a symmetric matrix: after the known unknowns, subtracts those of the group from the right sides behind it. */
+INLINED void forward_across(const SparseRows *p, const double *A, int g, int size, double *b) {
+  int i = p->first[g];
+  double scaled[3];
+  const double *row[3];
+  for (int x = 0; x < size; ++x) {
+    const double *diagonal = A + p->diagonal[i + x];
+    for (int z = 0; z < x; ++z) b[i + x] -= diagonal[z - x] * b[i + z];
+    scaled[x] = b[i + x] * diagonal[0], row[x] = diagonal + size - x;
+  }
+  for (int k = p->run_start[g]; k < p->run_start[g + 1]; ++k)
+    for (int x = 0; x < size; ++x)
+      for (double *to = b + p->run_column[k], *end = to + p->run_length[k]; to < end;) *to++ -= *row[x]++ * scaled[x];
+}
+
 /* The unknowns of a group from those behind it, by its upper factors. */
 INLINED void backward(const SparseRows *p, const double *A, int g, int size, double *b) {
   int i = p->first[g];
@@ -245,7 +294,8 @@ HOT void substitute_forward(const SparseRows *p, double *b) {
   const double *A = p->factors;
   for (int g = 0; g < p->groups; ++g) {
     int size = first[g + 1] - first[g];
-    if (size == 3) forward(p, A, g, 3, b); else forward(p, A, g, size, b);
+    if (p->symmetric) forward_across(p, A, g, size, b);
+    else if (size == 3) forward(p, A, g, 3, b); else forward(p, A, g, size, b);
   }
 }
 

@@ -69,7 +69,7 @@ static long lay_out(const Problem *p, Work *w, double *at) {
   INTEGERS(ALLOCATE)
   if (has_narrow(p)) { /* lower columns are less than half of all entries, and so are upper ones: there is room for one more */
     const SparseRows *rows = p->system.rows;
-    long half = rows->start[rows->unknowns] / 4 + 2;
+    long half = rows->start[rows->unknowns] / (rows->symmetric ? 2 : 4) + 2;
     w->narrow.lower = (float *)allocate(&at, half), w->narrow.upper = (float *)allocate(&at, half);
     w->narrow.lower_at = (int *)allocate(&at, rows->groups), w->narrow.upper_at = (int *)allocate(&at, rows->groups);
     w->narrow.own = allocate(&at, 9L * rows->groups);
