@@ -73,7 +73,7 @@ class TangentSteps:
         unloaded = self.damped and factor == 0.0 and bool(loads)
         self._factors = [0.0, 1.0] if unloaded else [factor]
         # Forces that depend on rates, without inertia.
-        arguments = NewtonOptions(), about.frame is not None, True, False, False, 1.0, False
+        arguments = NewtonOptions(), about.frame is not None, True, False, 1.0, False
         self.problem = Problem.of(model, *arguments)
         self.problem.set_frame(about.frame)
         self.forcing = LoadForcing(model, about.start.t)
