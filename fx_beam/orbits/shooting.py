@@ -190,7 +190,9 @@ class Shooting:
         """The state after steps, which are on the tape."""
         self.tape.clear()
         self.prepared.stepper.load(state)
-        recorder = recorder or Recorder(self.model, times, _NOTHING)
+        if recorder is None:
+            recorder = Recorder(self.model, times, _NOTHING)
+            recorder.begin(state)
         self.tape.last = self.prepared.stepper.advance(state, times[1:], 1, recorder)
         return self.tape.last
 
