@@ -82,14 +82,14 @@ class Case:
     def __init__(self, scene, dt, steps):
         self.prepared = Prepared(scene, Options(dt=dt, max_halvings=3))
         self.start = self.prepared.first_state(dt, None)
-        self.loop, self.times = self.prepared.stepper.integrator, dt * np.arange(steps + 1)
+        self.loop, self.times = self.prepared.loop, dt * np.arange(steps + 1)
         self.tape = Tape(self.loop.problem)
 
     def run(self, tape=None):
         """Processor time of the steps [s]."""
         record = Record(rates=False, forces=False)
         recorder = Recorder(self.prepared.model, self.times, record)
-        self.prepared.stepper.integrator.record(self.start, recorder)
+        self.prepared.loop.record(self.start, recorder)
         self.prepared.stepper.load(self.start)
         self.loop.tape = tape
         if tape is not None:

@@ -108,7 +108,7 @@ class Problem(Steps):
         choices: dict[str, Any] = {"scheme": scheme, "newton": newton, "max_halvings": max_halvings}
         options = Options(what="fenicsx.Problem", dt=positive(dt, "dt"), **choices)
         self._prepared = prepared = Prepared(scene, options)
-        super().__init__(prepared.stepper.integrator, options.newton, petsc_options, comm)
+        super().__init__(prepared.loop, options.newton, petsc_options, comm)
         #: Length of a step [s].
         self.dt: float = options.dt
         prepared.stats.solver = "PETSc"

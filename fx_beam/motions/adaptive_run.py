@@ -155,7 +155,7 @@ class AdaptiveRun:
 
     def _start(self, state: State, until: float) -> None:
         """Find the first length by trial steps, which are not part of the run."""
-        integrator, control, stats = self._stepper.integrator, self._control, self._stats
+        loop, control, stats = self._stepper.loop, self._control, self._stats
         number = control.order + AVERAGED
         longest = (until - state.t) / number
         if self._behind_event:
@@ -163,8 +163,8 @@ class AdaptiveRun:
             self._behind_event = False
         for _ in range(_TRIALS):
             dt = min(control.length, longest)
-            copy, reached = integrator.state.copy(), state
-            integrator.state.forget_errors()
+            copy, reached = loop.state.copy(), state
+            loop.state.forget_errors()
             ratio, failed = None, False
             try:
                 with stats_unchanged(stats):
@@ -176,7 +176,7 @@ class AdaptiveRun:
                         if result.switched:
                             break
             finally:
-                integrator.state.restore(copy)
+                loop.state.restore(copy)
             stats.rejected += control.order + AVERAGED
             if failed:
                 self._fail(state, dt)
@@ -197,7 +197,7 @@ class AdaptiveRun:
                 break
             if control.too_short:
                 raise self._too_short(state.t)
-        integrator.state.forget_errors()
+        loop.state.forget_errors()
         self._started, self._block = True, _FIRST_BLOCK
 
     def _fail(self, state: State, dt: float) -> None:

@@ -206,11 +206,11 @@ class Ending:
         stepper, recorder = self._stepper, self._recorder
         stats = copy(vars(stepper.stats)) | {"ended_by": dict(stepper.stats.ended_by)}
         halving = copy(vars(stepper.halving))
-        return _Mark(recorder.end, stepper.integrator.state.copy(), halving, stats, recorder.rows)
+        return _Mark(recorder.end, stepper.loop.state.copy(), halving, stats, recorder.rows)
 
     def _return_to(self, mark: _Mark) -> None:
         stepper = self._stepper
-        stepper.integrator.state.restore(mark.in_c)
+        stepper.loop.state.restore(mark.in_c)
         vars(stepper.halving).update(mark.halving)
         vars(stepper.stats).update(mark.stats | {"ended_by": dict(mark.stats["ended_by"])})
         self._recorder.end = mark.state

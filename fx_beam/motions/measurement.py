@@ -127,7 +127,7 @@ def readings(
         of_sections = {name: balance.reading(output) for name, output in sections.items()}
     by_name = {name: Measured(of) for name, of in outputs.items() if name not in sections}
     if any(measured.quantity.of in _NOT_ALWAYS for measured in by_name.values()):
-        prepared.stepper.integrator.problem.keep_joint_forces()
+        prepared.loop.problem.keep_joint_forces()
     model, turns = prepared.model, prepared.turn_counter.removed
     read = {name: _reading(model, now, turns, measured) for name, measured in by_name.items()}
     return {name: of_sections.get(name) or read[name] for name in outputs}

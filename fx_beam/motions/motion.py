@@ -132,7 +132,7 @@ class OpenMotion:
     def __init__(self, prepared: Prepared, inputs: HeldInputs, dt: float, record: Record | None):
         self._prepared, self._dt, self._record = prepared, dt, record
         self.held = inputs
-        self._loop = loop = prepared.stepper.integrator
+        self._loop = loop = prepared.loop
         self._steps = CompiledSingleSteps(loop, dt)
         #: The present state that C has; None while a step is taken.
         self._in_c: _Present | None = None

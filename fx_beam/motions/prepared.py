@@ -78,7 +78,7 @@ class Prepared:
     @property
     def loop(self) -> CompiledLoop:
         """The compiled loop."""
-        return self.stepper.integrator
+        return self.stepper.loop
 
     def first_state(self, dt: float, start: Solution | None, accelerations: bool = True) -> State:
         """Initial state of a motion by steps of the length dt [s].

@@ -140,7 +140,7 @@ class Run:
         self._next_count = 0
         self._first = float(self.times[1] - self.times[0]) if control is None else control.first
         state = prepared.recorded_state(recorder, self._first, start, control is not None)
-        prepared.stepper.integrator.record(state, recorder)
+        prepared.loop.record(state, recorder)
         self._clock = time.perf_counter()
 
     def take_steps(self, finish: Callable[[], _T]) -> _T:

@@ -6,7 +6,7 @@ import functools
 import logging
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -19,7 +19,9 @@ _log = logging.getLogger("fx_beam")
 class _OfThread(threading.local):
     """What each thread has by itself."""
 
-    #: The `MotionSeries` of the worker that calls a function of the user here; None outside sweeps.
+    #: The `MotionSeries` of a worker of a sweep, whose scenes of equal structure share a model; and
+    #: while it calls a function of the user the same, else None.
+    own: Any = None
     series: Any = None
 
 
@@ -32,13 +34,19 @@ def thread_series() -> Any:
 
 
 @contextmanager
-def simulating_by(series: Any) -> Iterator[None]:
-    """In this block, which only workers of a sweep have, `simulate` uses their series."""
-    outer_series, _THREAD.series = _THREAD.series, series
+def simulating_in_series(make: Callable[[], Any]) -> Iterator[None]:
+    """In this block, which only workers of a sweep have, `simulate` uses the thread's series."""
+    _THREAD.own = _THREAD.own or make()
+    outer_series, _THREAD.series = _THREAD.series, _THREAD.own
     try:
         yield
     finally:
         _THREAD.series = outer_series
+
+
+def forget_series() -> None:
+    """Give up the series of this thread, as its sweep has ended."""
+    _THREAD.own = None
 
 
 def call_with_arrays(scene: Scene) -> None:

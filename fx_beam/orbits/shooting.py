@@ -250,7 +250,7 @@ class Shooting:
         start = period.start.changed(algorithmic=period.end.algorithmic)
         times = _times(start, period.length, self.steps)
         recorder = Recorder(self.model, times, Record())
-        self.prepared.stepper.integrator.record(start, recorder)
+        self.prepared.loop.record(start, recorder)
         self._advance(start, times, recorder)
         stats = replace(self.prepared.stats, steps=self.steps)  # without those of the search
         return solution_of(recorder, stats, lambda: recorder.end)

@@ -169,7 +169,7 @@ class CompiledLoop:
     def failure(self, state: State, t1: float) -> StepFailed:
         """Why a step to t1 [s] fails, without a prediction."""
         copy = self.state.copy()
-        inputs = inputs_of(self.problem, self.forcing, state.t, np.array([t1]))
+        inputs = self.inputs_ahead(state.t, np.array([t1]))
         if inputs.error is not None:
             raise inputs.error
         self.state.past = None

@@ -13,7 +13,7 @@ from fx_beam.scene.inputs import InputSignal
 
 from .loop import CompiledLoop
 from .recorder import NullRecorder, Recorder, Rows
-from .step_inputs import StepInputs, inputs_of, no_inputs
+from .step_inputs import StepInputs, no_inputs
 
 # Steps whose functions of time are evaluated at once.
 _BLOCK = 64
@@ -70,7 +70,7 @@ class CompiledSingleSteps:
             elif not function.is_constant:
                 self._varies = True
         if not self._varies:
-            self._fill(inputs_of(self._loop.problem, forcing, 0.0, np.array([self._dt])), 0)
+            self._fill(self._loop.inputs_ahead(0.0, np.array([self._dt])), 0)
 
     def load(self, state: State) -> None:
         """Begin with a state, and with step number 1."""
@@ -118,8 +118,7 @@ class CompiledSingleSteps:
         known, first = self._known
         if (number - first) * self._p.scheme.sub_steps >= len(known.driven):
             ends = grid(number + np.arange(_BLOCK))
-            loop = self._loop
-            known, first = inputs_of(loop.problem, loop.forcing, t0, ends), number
+            known, first = self._loop.inputs_ahead(t0, ends), number
             is_due = not (isinstance(known.error, StepError) and len(known.driven))
             if known.error is not None and is_due:
                 raise known.error

@@ -36,13 +36,13 @@ class Trial(NamedTuple):
 class Stepper:
     """Takes time steps; a step that fails is halved."""
 
-    def __init__(self, integrator: CompiledLoop, halving: Halving):
-        self.integrator, self.halving = integrator, halving
-        self.model, self.stats = integrator.model, integrator.stats
+    def __init__(self, loop: CompiledLoop, halving: Halving):
+        self.loop, self.halving = loop, halving
+        self.model, self.stats = loop.model, loop.stats
 
     def load(self, state: State) -> None:
         """Begin with the past of a state, and with the parts of its steps."""
-        self.integrator.state.past = state.past
+        self.loop.state.past = state.past
         self.halving.resume(state.parts)
 
     def advance(self, state: State, times: np.ndarray, first: int, recorder: Rows) -> State:
@@ -61,17 +61,17 @@ class Stepper:
         self, state: State, times: np.ndarray, dt: float, first: int, recorder: Rows
     ) -> State:
         """State after steps of the length dt [s]."""
-        integrator, halving, t0 = self.integrator, self.halving, state.t
-        inputs, done = integrator.inputs_ahead(state.t, times), 0
+        loop, halving, t0 = self.loop, self.halving, state.t
+        inputs, done = loop.inputs_ahead(state.t, times), 0
         while done < len(times):
             ends, step_inputs = times[done:], inputs
             if halving.times:
                 grid = np.concatenate([[t0], times])
                 ends = halving.ends(grid[done:])
-                step_inputs = integrator.inputs_ahead(state.t, ends)
+                step_inputs = loop.inputs_ahead(state.t, ends)
             result, steps = self._take(state, ends, dt, step_inputs, first + done, recorder)
             if result.failed:
-                integrator.state.past = None
+                loop.state.past = None
                 if not halving.fail():
                     end = halving.ends(np.concatenate([[t0], times])[done + steps :])[0]
                     raise self.error(result.state, end)
@@ -93,18 +93,18 @@ class Stepper:
         recorder: Rows,
     ) -> tuple[StepsResult, int]:
         """What came of steps of the length dt or parts, and the number that are complete."""
-        halving, integrator = self.halving, self.integrator
+        halving, loop = self.halving, self.loop
         parts, steps_before = halving.parts, self.stats.steps
 
         def completed(count: int) -> int:
             whole = halving.take(count)
             if halving.parts != parts:
                 # Where steps fail, predictions from steps of another length lead astray.
-                integrator.state.past = None
+                loop.state.past = None
             return whole
 
         steps = Steps(ends, dt / parts, inputs, first, halving.done, parts)
-        result = integrator.take(state, steps, recorder, completed)
+        result = loop.take(state, steps, recorder, completed)
         return result, self.stats.steps - steps_before
 
     # -- Steps whose local errors are controlled --------------------------------------------------
@@ -114,14 +114,14 @@ class Stepper:
 
         It is counted as others are; see `stats_unchanged`.
         """
-        integrator, ends = self.integrator, np.array([t1])
-        copy, inputs = integrator.state.copy(), integrator.inputs_ahead(state.t, ends)
+        loop, ends = self.loop, np.array([t1])
+        copy, inputs = loop.state.copy(), loop.inputs_ahead(state.t, ends)
         steps, recorder = Steps(ends, t1 - state.t, inputs, 1, watch=watch), NullRecorder()
         recorder.tape = tape
         try:
-            result = integrator.take(state, steps, recorder)
+            result = loop.take(state, steps, recorder)
         finally:
-            integrator.state.restore(copy)
+            loop.state.restore(copy)
         return Trial(result.state if result.taken else None, result.switches)
 
     def try_steps(
@@ -138,9 +138,9 @@ class Stepper:
 
         With `watch` only up to where a contact or a law switches.
         """
-        inputs = self.integrator.inputs_ahead(state.t, ends)
+        inputs = self.loop.inputs_ahead(state.t, ends)
         steps = Steps(ends, dt, inputs, first, control=control, watch=watch)
-        result = self.integrator.take(state, steps, recorder)
+        result = self.loop.take(state, steps, recorder)
         if result.error is not None:
             raise result.error
         return result
@@ -149,10 +149,10 @@ class Stepper:
 
     def error(self, start: State, end: float, advice: str = "") -> StepError:
         """StepError for a step to a time [s] that fails after all halvings."""
-        failure, halvings = self.integrator.failure(start, end), self.halving.most
+        failure, halvings = self.loop.failure(start, end), self.halving.most
         advice = advice or self._advice(failure.kind)
         message = f"the step from t = {start.t:.6g} to {end:.6g} failed"
-        error = self.integrator.failures.error(message, halvings, start, failure, advice)
+        error = self.loop.failures.error(message, halvings, start, failure, advice)
         error.__cause__ = failure
         return error
 

@@ -30,9 +30,8 @@ import numpy as np
 from fx_beam import mpi
 from fx_beam.errors import SceneError, StepError, is_whole, require
 from fx_beam.motions.motion_series import MotionSeries
-from fx_beam.motions.surroundings import simulating_by
+from fx_beam.motions.surroundings import forget_series, simulating_in_series
 
-_THREAD = threading.local()
 # Largest number of processes.
 _MOST = 10_000
 # One thread a worker, whatever BLAS there is; read when numpy is imported.
@@ -63,7 +62,7 @@ Outcomes = Generator[tuple[int, Outcome], None, None]
 def call(function: Callable, item: Any) -> Outcome:
     """Call the function, in the worker."""
     clock = perf_counter()
-    with simulating_by(_series_here()):  # the function may change the item that it is given
+    with simulating_in_series(MotionSeries):  # the function may change the item that it is given
         outcome = _tried(lambda: Outcome(function(copy.deepcopy(item)), 0.0, ""), errors=Exception)
     return outcome._replace(seconds=perf_counter() - clock)
 
@@ -102,13 +101,6 @@ def run(function: Callable, items: Sequence, executor: Executor | int | None) ->
         yield from workers.run(items)
 
 
-def _series_here() -> MotionSeries:
-    """Motions of the items of this thread; scenes of equal structure share a prepared model."""
-    if not hasattr(_THREAD, "series"):
-        _THREAD.series = MotionSeries()
-    return _THREAD.series
-
-
 class _Here:
     """The thread that asks, one item after another."""
 
@@ -119,7 +111,7 @@ class _Here:
         yield from ((index, call(self._function, item)) for index, item in enumerate(items))
 
     def close(self) -> None:
-        vars(_THREAD).clear()
+        forget_series()
 
 
 def cores() -> int:
