@@ -163,20 +163,16 @@ class AdaptiveRun:
             self._behind_event = False
         for _ in range(_TRIALS):
             dt = min(control.length, longest)
-            copy, reached = loop.state.copy(), state
-            loop.state.forget_errors()
-            ratio, failed = None, False
-            try:
-                with stats_unchanged(stats):
-                    while ratio is None and not failed:
-                        number = round((reached.t - state.t) / dt)
-                        ends = state.t + dt * np.arange(number + 1, control.order + AVERAGED + 1)
-                        result = self._try_steps(reached, ends, dt, 1, NullRecorder())
-                        reached, ratio, failed = result.state, result.ratio, result.failed
-                        if result.switched:
-                            break
-            finally:
-                loop.state.restore(copy)
+            reached, ratio, failed = state, None, False
+            with loop.state.unchanged(), stats_unchanged(stats):
+                loop.state.forget_errors()
+                while ratio is None and not failed:
+                    number = round((reached.t - state.t) / dt)
+                    ends = state.t + dt * np.arange(number + 1, control.order + AVERAGED + 1)
+                    result = self._try_steps(reached, ends, dt, 1, NullRecorder())
+                    reached, ratio, failed = result.state, result.ratio, result.failed
+                    if result.switched:
+                        break
             stats.rejected += control.order + AVERAGED
             if failed:
                 self._fail(state, dt)

@@ -168,20 +168,17 @@ class CompiledLoop:
 
     def failure(self, state: State, t1: float) -> StepFailed:
         """Why a step to t1 [s] fails, without a prediction."""
-        copy = self.state.copy()
         inputs = self.inputs_ahead(state.t, np.array([t1]))
         if inputs.error is not None:
             raise inputs.error
-        self.state.past = None
-        self.state.load(state)
-        record = self.records.next(NullRecorder(), 1)
-        c_inputs = inputs.in_c(self.problem.ffi)
-        succeeded = self._steps(1, state.t, t1 - state.t, c_inputs, record)
-        failure = StepFailed("no convergence", "no convergence", np.zeros(self.model.size))
-        if not succeeded:
-            failure = self.failures.in_c(self.problem, state)
-        self.state.restore(copy)
-        return failure
+        with self.state.unchanged():
+            self.state.past = None
+            self.state.load(state)
+            record = self.records.next(NullRecorder(), 1)
+            c_inputs = inputs.in_c(self.problem.ffi)
+            if not self._steps(1, state.t, t1 - state.t, c_inputs, record):
+                return self.failures.in_c(self.problem, state)
+        return StepFailed("no convergence", "no convergence", np.zeros(self.model.size))
 
     def count(self) -> None:
         """Add what C has counted since it was asked last to the statistics."""

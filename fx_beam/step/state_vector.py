@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -126,6 +127,15 @@ class StateVector:
         # Local errors, behind all else, are not known where steps are not controlled.
         stop = None if self._c.control.known else self.places["error_ages"].start
         return self.memory[:stop].copy(), bytes(self._numbers)
+
+    @contextmanager
+    def unchanged(self) -> Iterator[None]:
+        """In this block steps are tried, after which all is as before."""
+        copy = self.copy()
+        try:
+            yield
+        finally:
+            self.restore(copy)
 
     def arrays_of(self, copy: StateCopy) -> Callable[[str], np.ndarray]:
         """Arrays of a copy by name, as vectors."""

@@ -115,13 +115,11 @@ class Stepper:
         It is counted as others are; see `stats_unchanged`.
         """
         loop, ends = self.loop, np.array([t1])
-        copy, inputs = loop.state.copy(), loop.inputs_ahead(state.t, ends)
+        inputs = loop.inputs_ahead(state.t, ends)
         steps, recorder = Steps(ends, t1 - state.t, inputs, 1, watch=watch), NullRecorder()
         recorder.tape = tape
-        try:
+        with loop.state.unchanged():
             result = loop.take(state, steps, recorder)
-        finally:
-            loop.state.restore(copy)
         return Trial(result.state if result.taken else None, result.switches)
 
     def try_steps(
