@@ -278,7 +278,8 @@ class Reduction:
     @property
     def independent(self) -> np.ndarray:
         """Unknowns that follow no others: all but the ones that close loops."""
-        return np.setdiff1d(np.arange(self.free), self.following)
+        unknowns = np.arange(self.free)
+        return unknowns if self.loops is None else np.setdiff1d(unknowns, self.following)
 
     @property
     def following(self) -> np.ndarray:

@@ -23,6 +23,7 @@ from fx_beam.results.records import stats_unchanged
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.inputs import with_functions
+from fx_beam.scene.outputs import Measured
 from fx_beam.scene.scene import Scene
 from fx_beam.step.model import Model
 from fx_beam.step.tape import Tape
@@ -57,6 +58,8 @@ class MotionAnalysis(Analysis):
         # Several processes have no derivatives.
         self._series = MotionSeries(memory)
         self._of_tape: TapeDerivatives | None = None
+        # Outputs of the last run that are no functions.
+        self._measured: list[Measured] = []
         # The last run whose rows only this object has.
         self._last_run: Run | None = None
 
@@ -78,10 +81,13 @@ class MotionAnalysis(Analysis):
 
     def _begun(self, x: Any) -> Run:
         """A run of the scene of x that is to take its steps."""
-        scene, last = self.parameters.take(x), self._options.record
-        if (record := recorded(self._record, last, self.outputs)) is not last:
+        scene, last, record = self.parameters.take(x), self._options.record, self._record
+        self._measured = measured = self.measured
+        if len(measured) == len(self.outputs):  # functions may read all
+            record = recorded(record, last, measured)
+        if record is not last:
             self._options = replace(self._options, record=record)
-        self._series.tapes = bool(self.measured)
+        self._series.tapes = bool(measured)
         start, old, self._last_run = self._start_of(scene), self._last_run, None
         return self._series.begun(scene, self._options, start, old)
 
@@ -89,11 +95,12 @@ class MotionAnalysis(Analysis):
         """The outputs from the rows of a run; empty if these are not all, or places need a look."""
         options, model = self._options, run.prepared.model
         looks = self.parameters.scene.contacts or model.has_contact
+        looks = looks or len(self._measured) < len(self.outputs)  # functions of the solution
         if looks or options.tolerance is not None or options.record.times is not None:
             return {}
         y = {}
-        for name, output in self.outputs.items():
-            if (rows := row_values(model, run.recorder, output)) is None:
+        for name, measured in zip(self.outputs, self._measured, strict=True):
+            if (rows := row_values(model, run.recorder, measured)) is None:
                 return {}
             y[name] = rows
         return y

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -22,14 +22,9 @@ from .output_kinds import kind_of
 Wanted = Output | Callable[[Solution], Any]
 
 
-def recorded(requested: Record, last: Record, outputs: Mapping[str, Wanted]) -> Record:
+def recorded(requested: Record, last: Record, measured: list[Measured]) -> Record:
     """The `requested` record, reduced to what the outputs need; the `last` one if it is equal."""
-    kinds = set[str]()
-    for output in outputs.values():
-        if not isinstance(output, Output):
-            return requested
-        measured = Measured(output)
-        kinds.add(kind_of(measured).record(measured))
+    kinds = {kind_of(output).record(output) for output in measured}
     rates, forces = requested.rates and "rates" in kinds, requested.forces and "forces" in kinds
     is_same = (last.rates, last.forces) == (rates, forces)
     return last if is_same else replace(requested, rates=rates, forces=forces)
@@ -50,13 +45,11 @@ def values_of(solution: Solution, output: Wanted, name: str) -> np.ndarray:
     return kind_of(measured).value(solution, measured)
 
 
-def row_values(model: Model, recorder: Recorder, output: Wanted) -> np.ndarray | None:
+def row_values(model: Model, recorder: Recorder, measured: Measured) -> np.ndarray | None:
     """Values (n, ...) of an output of a node that rows have as it is, else None; a copy of them."""
-    if not isinstance(output, Output) or not isinstance(output.of, Node):
-        return None
-    measured = Measured(output)
     array, X = measured.quantity.of, model.mesh.X.reshape(-1)
-    if array not in ("q", "v") or not recorder.has_as_it_is(array):
+    of_node = isinstance(measured.place, Node) and array in ("q", "v")
+    if not of_node or not recorder.has_as_it_is(array):
         return None
     rows = recorder.arrays[array][: recorder.rows]
     return measured.values(lambda name, entries: X[entries] if name == "X" else rows[:, entries])

@@ -411,32 +411,27 @@ def check_outputs(scene, outputs, subject: str) -> None:
 
 def check_output(scene, output: Output, name: str) -> None:
     """Refuse an output of another scene or of its nodes and joints, or one that its joint lacks."""
-    place: Any
-    place, expected = output.of, ""
-    if isinstance(place, Scene):
-        expected = "" if place is scene else "of the scene of the motion"
-    elif isinstance(place, Beam):
-        expected = "" if any(place is item for item in scene.beams) else "of a beam of this scene"
-    elif isinstance(place, BeamPlace):
-        expected = (
-            "" if any(place.beam is item for item in scene.beams) else "of a beam of this scene"
-        )
-    elif isinstance(place, Node):
+    place: Any = output.of
+    if isinstance(place, Node):
         check_node(scene, place, name)
-    elif is_gear(place):
-        names = {str(item) for item in scene.gears}
-        expected = "" if str(place) in names else "of a gear that add_joint of this scene returned"
-    elif isinstance(place, Contact):
-        names = {str(item) for item in scene.contacts}
-        expected = (
-            "" if str(place) in names else "of a contact that add_contact of this scene returned"
-        )
-    elif isinstance(place, ForceBetween):
-        names = {str(item) for item in scene.forces_between}  # also of a copy
-        expected = "" if str(place) in names else "of a rope that add_rope of this scene returned"
-    elif (joint := own_joint(scene, place)) is None:
-        expected = "of a joint that add_joint of this scene returned"
+        return
+    if isinstance(place, Scene):
+        ok, expected = place is scene, "of the scene of the motion"
+    elif isinstance(place, Beam | BeamPlace):
+        beam = place if isinstance(place, Beam) else place.beam
+        ok, expected = any(beam is item for item in scene.beams), "of a beam of this scene"
+    elif isinstance(place, Joint):
+        lacks = "of a joint that add_joint of this scene returned"
+        if (joint := own_joint(scene, place)) is not None:
+            lacks = joint.lacks(output.quantity)
+        ok, expected = not lacks, lacks
     else:
-        expected = joint.lacks(output.quantity)
-    if expected:
+        parts, noun = (scene.forces_between, "rope that add_rope")
+        if is_gear(place):
+            parts, noun = scene.gears, "gear that add_joint"
+        elif isinstance(place, Contact):
+            parts, noun = scene.contacts, "contact that add_contact"
+        ok = str(place) in map(str, parts)  # also of a copy
+        expected = f"of a {noun} of this scene returned"
+    if not ok:
         require(False, name, str(output), expected)
