@@ -111,25 +111,6 @@ def test_bodies_are_drawn_without_any_beam(tmp_path):
 # -- Refusals ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (((0,), 1.0), "body 2: position"),
-        (((0, 0), -1.0), "body 2: mass = -1.0 must be zero or positive"),
-        (((0, 0), 1.0, np.nan), "body 2: inertia"),
-        (((0, 0), 1.0, 0.1, [(0, 1)]), "points = .* must be a dict"),
-        (((0, 0), 1.0, 0.1, {"A": 3}), "body 2: point 'A'"),
-        (((0, 0), 1.0, 0.1, None, "body 1"), "two bodies are called 'body 1'"),
-    ],
-)
-def test_an_invalid_body_is_refused_and_leaves_nothing(arguments, message):
-    scene = fb.Scene()
-    scene.add_body((5, 5), 1.0)
-    with pytest.raises(fb.SceneError, match=message):
-        scene.add_body(*arguments)
-    assert (len(scene.nodes), len(scene.joints), len(scene.masses)) == (1, 0, 1)
-
-
 def test_points_of_other_scenes_and_unknown_names_are_refused():
     scene, (body, _) = double_pendulum()
     other = fb.Scene()

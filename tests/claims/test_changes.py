@@ -1,6 +1,7 @@
 """Scenes that change between runs: released, cut, caught, other members, loads and supports."""
 
 import copy
+import operator
 
 import ufl
 
@@ -348,22 +349,33 @@ def test_what_belongs_to_another_scene_is_refused():
         scene.remove(other.beams[0])
 
 
-@pytest.mark.parametrize("way", ["change", "remove", "free", "swap"])
-def test_a_motion_notices_a_change(way):
+CHANGES = {
+    "change": lambda scene, beam, load: scene.change(load, (0.0, -2.0)),
+    "remove": lambda scene, beam, load: scene.remove(load),
+    "free": lambda scene, beam, load: scene.free(beam.start, "rotation"),
+    "swap": lambda scene, beam, load: (scene.remove(load), scene.add_moment(beam.end, 1.0)),
+    "add": lambda scene, beam, load: scene.add_moment(beam.end, 1.0),
+    "gravity": lambda scene, beam, load: setattr(scene, "gravity", (0.0, -20.0)),
+    "parameter": lambda scene, beam, load: operator.setitem(scene.parameters, "gain", 5.0),
+    "velocity": lambda scene, beam, load: scene.set_velocity(beam, (0.0, 0.0)),
+}
+
+
+@pytest.mark.parametrize("way", CHANGES)
+def test_a_motion_notices_a_change_and_another_one_goes_on_from_its_state(way):
     scene, beam = cantilever()
+    gain = fb.Parameter("gain", 0.0)
+    scene.add_virtual_work(lambda step: gain * step.virtual_u[1])
     load = scene.add_force(beam.end, (0.0, -1.0))
-    motion = fb.Motion(scene, dt=0.01)
-    motion.step()
-    if way == "change":
-        scene.change(load, (0.0, -2.0))
-    elif way == "free":
-        scene.free(beam.start, "rotation")
-    else:
-        scene.remove(load)
-        if way == "swap":
-            scene.add_moment(beam.end, 1.0)
-    with pytest.raises(fb.SceneError, match="removed from it or changed"):
+    motion = fb.Motion(scene, dt=0.01, outputs={"tip": fb.Output("position", beam.end)})
+    before = motion.step()["tip"]
+    CHANGES[way](scene, beam, load)
+    with pytest.raises(fb.SceneError, match="added to the scene since the motion .* changed"):
         motion.step()
+    assert (motion.outputs["tip"] == before).all()
+    follower = fb.Motion(scene, dt=0.01, start=motion.state)
+    follower.step()
+    assert follower.t == pytest.approx(0.02)
 
 
 # -- Equilibria one after the other ----------------------------------------------------------------

@@ -168,24 +168,3 @@ def test_statics_knows_nothing_of_drag():
         assert not any("drag" in name for name in solution.stats.compiled)
         tips.append(solution.displacement(bar.end)[-1])
     assert (tips[0] == tips[1]).all()
-
-
-@pytest.mark.parametrize(
-    ("part", "drag", "message"),
-    [
-        (None, {"linear": -1.0}, "drag on beam 'beam 1': linear"),
-        (None, {"quadratic": "much"}, "drag on beam 'beam 1': quadratic"),
-        (None, {"linear": (0.1, -0.1)}, "drag on beam 'beam 1': linear"),
-        (None, {"quadratic": (1.0, 2.0, 3.0)}, "drag on beam 'beam 1': quadratic"),
-        (None, {"rotation": (1.0, 2.0)}, "rotation = .* must be one number"),
-        (None, {}, "not all zero"),
-        ("start", {"linear": (1.0, 2.0)}, "drag on node 0 .*only a beam has directions"),
-        (bar_at((0, 0), "beam", linear=1.0)[1], {"linear": 1.0}, "another scene"),
-        (3, {"linear": 1.0}, "drag: 3 is not a node"),
-    ],
-)
-def test_bad_drag_is_refused(part, drag, message):
-    scene, bar = bar_at((0, 0), "beam", linear=1.0)
-    with pytest.raises(fb.SceneError, match=message):
-        scene.add_drag({None: bar, "start": bar.start}.get(part, part), **drag)
-    assert len(scene.drags) == 1

@@ -152,29 +152,3 @@ def test_a_changed_scene_goes_on_with_its_springs():
     then = fb.simulate(scene, dt=0.01, t_end=1.0, start=first)
     exact = np.sin(5 * then.t) / 5
     assert abs(then.position(body)[:, 0] - 1 - exact).max() < 1e-3
-
-
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda s, n, b: s.add_spring(n), "spring: x, y, rotation = None must be an fx_beam.Spr"),
-        (lambda s, n, b: s.add_spring(n, x=3.0), "spring: x = 3.0 must be an fx_beam.Spring, Dam"),
-        (lambda s, n, b: s.add_spring(n, x=[fb.Spring(1.0)] * 2), "a list with one of each"),
-        (lambda s, n, b: s.add_spring(n, x=fb.Spring(1.0), axis=(0, 0)), "axis = .* a direction"),
-        (
-            lambda s, n, b: s.add_spring(n, y=fb.Stop(0.1, None, 1e3)),
-            "along .0, 1.: the displacement",
-        ),
-        (lambda s, n, b: s.add_spring(b, x=fb.Spring(1.0)), "spring"),
-        (lambda s, n, b: s.add_bed(b), "normal = 0.0 must be a positive stiffness"),
-        (lambda s, n, b: s.add_bed(b, normal=-1.0), "bed of beam .*: normal = -1.0"),
-        (lambda s, n, b: s.add_bed(b, normal=1.0, pushes_only=2), "pushes_only = 2 must be True"),
-        (lambda s, n, b: s.add_bed(n, normal=1.0), "bed"),
-    ],
-)
-def test_what_holds_nothing_is_refused(call, message):
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], SECTION, elements=1)
-    with pytest.raises(fb.SceneError, match=message):
-        call(scene, beam.end, beam)
-    assert not scene.forces_between

@@ -240,25 +240,6 @@ def test_a_failed_or_refused_step_leaves_the_motion_where_it_was():
     assert motion.stats.steps == 11
 
 
-@pytest.mark.parametrize("change", ["gravity", "parameter", "velocity"])
-def test_a_motion_refuses_a_step_after_what_it_depends_on_was_set(change):
-    scene, beam, _, outputs = arm()
-    gain = fb.Parameter("gain", 0.0)
-    scene.add_virtual_work(lambda step: gain * step.virtual_u[1])
-    motion = fb.Motion(scene, dt=DT, outputs=outputs)
-    before = motion.step()
-    if change == "gravity":
-        scene.gravity = (0.0, -20.0)
-    elif change == "parameter":
-        scene.parameters["gain"] = 5.0
-    else:
-        scene.set_velocity(beam, (0.0, 0.0))
-    with pytest.raises(fb.SceneError, match="added to the scene since the motion .* changed"):
-        motion.step()
-    assert differences(before, motion.outputs) == 0
-    fb.Motion(scene, dt=DT, outputs=outputs, start=motion.state).step()
-
-
 def test_steps_that_fail_as_a_whole_are_taken_in_parts():
     scene, beam, _, outputs = arm()
     motion = fb.Motion(scene, dt=0.25, outputs=outputs, record=fb.Record())

@@ -338,29 +338,3 @@ def test_an_own_force_sees_the_natural_strains_of_the_step():
     scene.add_virtual_work(force)
     held = fb.static(scene, load_steps=1)
     np.testing.assert_allclose(held.reaction(beam.end)[-1], [0, 0, -SOFT.EI], atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda s, b: s.add_natural_strain(b), "give axial, shear or curvature"),
-        (
-            lambda s, b: s.add_natural_strain(b, axial=np.nan),
-            "natural axial strain of beam 'beam 1'.*not finite",
-        ),
-        (lambda s, b: s.add_natural_strain(b, axial=(1.0, 2.0)), "must be a number"),
-        (lambda s, b: s.add_natural_strain(b, curvature=lambda s: s), r"are \(s\).*Name them f"),
-        (lambda s, b: s.add_natural_strain(b, shear=np.sin), "Name them f"),
-        (lambda s, b: s.add_natural_strain(b, shear=lambda f: "much"), "natural shear strain"),
-        (
-            lambda s, b: s.add_natural_strain(b, curvature=lambda f, t: np.inf + f),
-            "at f = 0, t = 0.*not finite",
-        ),
-        (lambda s, b: s.change(s.natural_strains[0], 2e-3), "axial=, shear="),
-        (lambda s, b: s.change(s.add_line_load(b, (0, 1)), curvature=1.0), "curvature of a load"),
-        (lambda s, b: s.change(bar(axial=1.0)[0].natural_strains[0], axial=0.0), "does not have"),
-    ],
-)
-def test_what_is_no_natural_strain_or_not_of_the_scene_is_refused(change, message):
-    with pytest.raises(fb.SceneError, match=message):
-        change(*bar(axial=1e-3))

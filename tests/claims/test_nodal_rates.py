@@ -151,9 +151,5 @@ def test_rules_that_do_not_fit_are_refused():
     ):
         with pytest.raises(fb.SceneError, match=text):
             simulate(rule)
-    with pytest.raises(fb.SceneError, match="NodalRates: rule"):
-        fb.NodalRates(3)
-    with pytest.raises(fb.SceneError, match="NodalRates: level"):
-        fb.NodalRates(midpoint, level=0.7)
     with pytest.raises(fb.SceneError, match="2 rules"):
         fb.Scheme("own", fb.EnergyMomentum().resultants, fb.NodalRates((midpoint, midpoint)))

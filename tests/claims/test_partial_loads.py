@@ -121,28 +121,6 @@ def test_a_beam_that_is_removed_takes_the_loads_at_its_places_with_it():
     assert scene.loads == [kept]
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda s, b: b.at(4), "at = 4 must be an arc length from 0 to the length of the beam, 3"),
-        (lambda s, b: b.at("a"), "at = 'a' must be an arc length"),
-        (lambda s, b: s.add_force(b.at(1), (0, 1), follower=True), "inside an element; take a no"),
-        (lambda s, b: s.add_line_load(b, (0, 1), between=(2, 1)), "two arc lengths in order"),
-        (lambda s, b: s.add_line_load(b, (0, 1), between=(2, 5)), "length of the beam, 3"),
-        (
-            lambda s, b: s.add_line_load(b, lambda s, t: 0, "arc length and time", (1, 2)),
-            "between is for loads that are constant",
-        ),
-        (lambda s, b: s.add_line_load(b, [(0, 1)] * 3), r"a load \(qx, qy\), or those at both en"),
-        (lambda s, b: s.add_line_load(b, [(0, 1), (0, "a")]), "an end"),
-        (lambda s, b: s.add_line_load(b, [(0, 1), 2]), "must be 2 numbers"),
-    ],
-)
-def test_what_is_no_place_or_part_is_refused(call, message):
-    with pytest.raises(fb.SceneError, match=message):
-        call(*beam_on_two_supports())
-
-
 def test_a_place_on_a_beam_of_another_scene_is_refused():
     scene, _ = beam_on_two_supports()
     with pytest.raises(fb.SceneError, match="belongs to another scene"):

@@ -75,23 +75,3 @@ def test_a_mass_on_springs_hangs_and_vibrates_as_linear_theory_says():
 
 
 # -- Refusals -------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"b": (0, 0), "spring": fb.Spring(1.0)}, "same place"),
-        ({}, "give a spring"),
-        ({"b": 3.0, "spring": fb.Spring(1.0)}, "a node or a fixed point"),
-        ({"b": balls()[1], "spring": fb.Spring(1.0)}, "another scene"),
-        ({"stop": (None, 0.5, 1.0)}, "upper limit"),
-        ({"force": lambda r, v, t: np.sin(r)}, "UFL"),
-        ({"force": lambda r, v, t: r / v}, "is nan"),
-    ],
-)
-def test_forces_that_make_no_sense_are_refused(options, message):
-    scene, left, right = balls()
-    options = {"b": right} | options
-    with pytest.raises(fb.SceneError, match=message):
-        scene.add_force_between(left, options.pop("b"), **options)
-    assert not scene.forces_between

@@ -14,14 +14,6 @@ def arm(motor):
     return scene
 
 
-def test_a_motor_that_starts_with_a_rate_is_named():
-    with pytest.raises(
-        fb.SceneError, match=r"the motor of joint 0.* starts with the rate 2 of its rotation"
-    ):
-        fb.simulate(arm(lambda t: 2.0 * t), dt=0.01, t_end=0.1)
-    fb.simulate(arm(lambda t: 2.0 * t**2), dt=0.01, t_end=0.02)
-
-
 @pytest.mark.parametrize("times", [[9.0], [-2.0, -1.0]])
 def test_a_record_with_no_time_in_the_run_is_refused(times):
     with pytest.raises(fb.SceneError, match="times.* must be in part within"):

@@ -142,18 +142,6 @@ def test_a_mechanism_that_a_virtual_work_does_not_hold_fails_in_its_first_step(p
     assert list(caught.value.solution.t) == [0]
 
 
-def test_a_motion_does_not_go_on_without_what_is_added_to_its_scene():
-    scene, beam = small_scene()
-    motion = fb.Motion(scene, dt=0.1)
-    motion.step()
-    scene.add_moment(beam.end, 1.0)
-    with refused("added to the scene since"):
-        motion.step()
-    follower = fb.Motion(scene, dt=0.1, start=motion.state, outputs={})
-    follower.step()
-    assert follower.t == pytest.approx(0.2) and abs(follower.q).max() > 0
-
-
 def test_a_function_that_simulates_its_own_scene_is_stopped():
     scene, beam = small_scene()
 

@@ -207,7 +207,6 @@ REFUSED = {
         (lambda p: p.beam_of(fb.Curve(lambda f: (f, f), breaks=[2.0])), "must be fractions"),
         (lambda p: p.beam_of(fb.arc((0, 0), (1, 1), (2, 0)), elements=[2, 2]), "one positive wh"),
         (lambda p: fb.Scene().add_beam(fb.spline(SQUARE), SECTION, 1, 2), "too few for its curve"),
-        (lambda p: p.scene.add_body((0, 0), -1.0), "mass"),
         (lambda p: p.scene.add_body((0, 0), 1.0, name=3), "add_body: name"),
         (lambda p: p.body["z"], "has no point 'z'"),
     ],
@@ -289,6 +288,9 @@ REFUSED = {
         (lambda p: fb.Input("f", factor=(0, 0)), "different from zero"),
         (lambda p: fb.thermal("a", 100.0), "thermal"),
         (lambda p: p.scene.add_natural_strain(p.end, axial=0.1), "is not a beam"),
+        (lambda p: p.scene.change(p.scene.add_natural_strain(p.beam, axial=1e-3), 2e-3), "axial="),
+        (lambda p: p.scene.change(p.scene.add_line_load(p.beam, (0, 1)), curvature=1.0),
+         "curvature of a load"),
         (lambda p: p.scene.add_virtual_work("drag"), "needs a function of the step"),
         (lambda p: with_work(p, lambda step: step.virtual_u), "virtual work 1: .*must be a scalar"),
         (lambda p: with_work(p, lambda step: step.psi), "virtual work 1: .*linear in step.virtual"),
@@ -298,6 +300,59 @@ REFUSED = {
         (lambda p: p.moved(lambda x, y: (math.inf if x > 0.6 else 0.0, 0.0)), "must be finite"),
         (lambda p: p.moved(spin=1.0, of=p.beam.start), "rotation, but its initial rate there is 1"),
         (lambda p: (p.scene.prescribe(p.end, y=lambda t: t), p.moved((0, 5.0), of=p.end)), "node"),
+    ],
+    "additions": [
+        (lambda p: p.scene.add_natural_strain(p.beam), "give axial, shear or curvature"),
+        (lambda p: p.scene.add_natural_strain(p.beam, axial=math.nan),
+         "natural axial strain of beam 'arm'.*not finite"),
+        (lambda p: p.scene.add_natural_strain(p.beam, axial=(1.0, 2.0)), "must be a number"),
+        (lambda p: p.scene.add_natural_strain(p.beam, curvature=lambda s: s), r"\(s\).*Name them"),
+        (lambda p: p.scene.add_natural_strain(p.beam, shear=np.sin), "Name them f"),
+        (lambda p: p.scene.add_natural_strain(p.beam, shear=lambda f: "much"), "natural shear st"),
+        (lambda p: p.scene.add_natural_strain(p.beam, curvature=lambda f, t: np.inf + f),
+         "at f = 0, t = 0.*not finite"),
+        (in_parts("add_spring"), "spring: x, y, rotation = None must be an fx_beam.Spr"),
+        (in_parts("add_spring", x=3.0), "spring: x = 3.0 must be an fx_beam.Spring, Dam"),
+        (in_parts("add_spring", x=[fb.Spring(1.0)] * 2), "a list with one of each"),
+        (in_parts("add_spring", x=fb.Spring(1.0), axis=(0, 0)), "axis = .* a direction"),
+        (in_parts("add_spring", y=fb.Stop(0.1, None, 1e3)), "along .0, 1.: the displacement"),
+        (lambda p: p.scene.add_spring(p.beam, x=fb.Spring(1.0)), "spring"),
+        (lambda p: p.scene.add_bed(p.beam), "normal = 0.0 must be a positive stiffness"),
+        (lambda p: p.scene.add_bed(p.beam, normal=-1.0), "bed of beam .*: normal = -1.0"),
+        (lambda p: p.scene.add_bed(p.beam, 1.0, pushes_only=2), "pushes_only = 2 must be True"),
+        (in_parts("add_bed", normal=1.0), "bed"),
+        (lambda p: p.beam.at(4), "at = 4 must be an arc length from 0 to the length of the beam, "),
+        (lambda p: p.beam.at("a"), "at = 'a' must be an arc length"),
+        (lambda p: p.scene.add_force(p.beam.at(0.3), (0, 1), follower=True), "inside an element;"),
+        (lambda p: p.scene.add_line_load(p.beam, (0, 1), between=(0.6, 0.3)), "two arc lengths in"),
+        (lambda p: p.scene.add_line_load(p.beam, (0, 1), between=(0.5, 5)), "of the beam, 1"),
+        (lambda p: p.scene.add_line_load(p.beam, lambda s, t: 0, "arc length and time", (0.1, 1)),
+         "between is for loads that are constant"),
+        (lambda p: p.scene.add_line_load(p.beam, [(0, 1)] * 3), r"\(qx, qy\), or those at both en"),
+        (lambda p: p.scene.add_line_load(p.beam, [(0, 1), (0, "a")]), "an end"),
+        (lambda p: p.scene.add_line_load(p.beam, [(0, 1), 2]), "must be 2 numbers"),
+        (lambda p: p.scene.add_drag(p.beam, linear=-1.0), "drag on beam 'arm': linear"),
+        (lambda p: p.scene.add_drag(p.beam, quadratic="much"), "drag on beam 'arm': quadratic"),
+        (lambda p: p.scene.add_drag(p.beam, linear=(0.1, -0.1)), "drag on beam 'arm': linear"),
+        (lambda p: p.scene.add_drag(p.beam, quadratic=(1.0,) * 3), "drag on beam 'arm': quadratic"),
+        (lambda p: p.scene.add_drag(p.beam, rotation=(1.0, 2.0)), "rotation = .* one number"),
+        (lambda p: p.scene.add_drag(p.beam), "not all zero"),
+        (in_parts("add_drag", linear=(1.0, 2.0)), "drag on node 2 .*only a beam has directions"),
+        (lambda p: p.scene.add_drag(ELSEWHERE, linear=1.0), "another scene"),
+        (lambda p: p.scene.add_drag(3, linear=1.0), "drag: 3 is not a node"),
+        (in_parts("add_force_between", (1, 0), fb.Spring(1.0)), "same place"),
+        (in_parts("add_force_between", (2, 0)), "give a spring"),
+        (in_parts("add_force_between", 3.0, fb.Spring(1.0)), "a node or a fixed point"),
+        (in_parts("add_force_between", ELSEWHERE.end, fb.Spring(1.0)), "another scene"),
+        (in_parts("add_force_between", (2, 0), stop=(None, 0.5, 1.0)), "upper limit"),
+        (in_parts("add_force_between", (2, 0), force=lambda r, v, t: np.sin(r)), "UFL"),
+        (in_parts("add_force_between", (2, 0), force=lambda r, v, t: r / v), "is nan"),
+        (lambda p: p.scene.add_body((0,), 1.0), "body 2: position"),
+        (lambda p: p.scene.add_body((0, 0), -1.0), "body 2: mass = -1.0 must be zero or positive"),
+        (lambda p: p.scene.add_body((0, 0), 1.0, np.nan), "body 2: inertia"),
+        (lambda p: p.scene.add_body((0, 0), 1.0, 0.1, [(0, 1)]), "points = .* must be a dict"),
+        (lambda p: p.scene.add_body((0, 0), 1.0, 0.1, {"A": 3}), "body 2: point 'A'"),
+        (lambda p: p.scene.add_body((0, 0), 1.0, name="body 1"), "two bodies are called 'body 1'"),
     ],
     "joints and contact": [
         (lambda p: p.scene.add_joint(3), "add_joint"),
@@ -501,6 +556,13 @@ CALLS = [
 ]
 
 
+def sizes(scene):
+    """How many parts of each kind a scene has."""
+    return {
+        name: len(parts) for name, parts in vars(scene).items() if isinstance(parts, list | dict)
+    }
+
+
 @pytest.mark.exact_times
 @pytest.mark.parametrize(("call", "words", "kind"), CALLS)
 def test_what_cannot_be_right_is_refused_by_name(call, words, kind):
@@ -509,6 +571,15 @@ def test_what_cannot_be_right_is_refused_by_name(call, words, kind):
     assert len(str(refused.value)) < 700
     if kind is fb.StepError:
         assert isinstance(refused.value.failure, fb.Failure)
+
+
+@pytest.mark.parametrize("call", [call for call, *_ in REFUSED["additions"]])
+def test_what_is_refused_leaves_nothing_in_the_scene(call):
+    parts = Parts()
+    before = sizes(parts.scene)
+    with pytest.raises(fb.SceneError):
+        call(parts)
+    assert sizes(parts.scene) == before
 
 
 def test_errors_are_of_the_kinds_of_python():
