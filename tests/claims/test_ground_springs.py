@@ -134,16 +134,6 @@ def test_springs_are_removed_alone_and_with_what_they_hold():
     assert len(scene.forces_between) == 2
 
 
-def test_a_solution_that_was_saved_has_the_forces(tmp_path):
-    scene, body, held = held_body(x=fb.Spring(50.0))
-    scene.set_velocity(body, (1.0, 0.0))
-    solution = fb.simulate(scene, dt=0.01, t_end=0.1)
-    solution.save(tmp_path / "a.npz")
-    again = fb.load(tmp_path / "a.npz").joint(held.x)
-    assert again.force == pytest.approx(solution.joint(held.x).force, abs=0)
-    assert again.length == pytest.approx(solution.joint(held.x).length, abs=0)
-
-
 def test_a_changed_scene_goes_on_with_its_springs():
     scene, body, held = held_body(x=fb.Spring(50.0), rotation=fb.Spring(8.0))
     scene.set_velocity(body, (1.0, 0.0))

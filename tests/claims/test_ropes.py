@@ -1,7 +1,5 @@
 """Ropes over several points: closed forms of tension, length, frequencies, work and momenta."""
 
-import copy
-
 import numpy as np
 import pytest
 from scenes import held_body
@@ -142,18 +140,10 @@ def test_the_pull_of_all_laws_is_that_of_their_closed_forms():
     assert fb.static(prop).joint(push).force[-1] == pytest.approx(-2 * G, rel=1e-9)
 
 
-def test_tensions_are_in_files_copies_and_joined_motions(tmp_path):
+def test_tensions_are_in_joined_motions():
     scene, load, rope = block(k=1e4)
     first = fb.simulate(scene, dt=1e-3, t_end=0.05)
-    first.save(tmp_path / "rope.npz")
-    loaded = fb.load(tmp_path / "rope.npz")
-    assert (loaded.line_forces == first.line_forces).all() and first.line_forces.any()
-    assert (loaded.joint(rope).force == first.joint(rope).force).all()
-    other = copy.deepcopy(scene)
-    own = other.forces_between[0]
-    assert (
-        fb.simulate(other, dt=1e-3, t_end=0.05).joint(own).force == first.line_forces[:, 0]
-    ).all()
+    assert first.line_forces.any()
     more = scene.add_force_between(load, (0.1, -4), spring=fb.Spring(10.0, rest=1.0))
     second = fb.simulate(scene, dt=1e-3, t_end=0.1, start=first)
     whole = first.then(second)
