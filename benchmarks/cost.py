@@ -281,7 +281,7 @@ def memory(call):
 
 def arrays_of(problem):
     """Bytes of the arrays to which the structs for C point, by the names of members."""
-    ffi, referenced = problem.ffi, problem._structs._referenced
+    ffi, referenced = problem.ffi, problem.structs._referenced
     arrays = [array for array in referenced if isinstance(array, np.ndarray)]
     tables = [array for array in referenced if not isinstance(array, np.ndarray)]
     left = {array.ctypes.data: array.nbytes for array in arrays}

@@ -17,6 +17,7 @@ from fx_beam.motions.prepared import Prepared
 from fx_beam.scene.joints import GROUND
 from fx_beam.scene.sliders import SlidingJoint
 from fx_beam.step.recorder import Record, Recorder
+from fx_beam.step.state_values import start_of
 
 GAP = 1e-12  # largest that a step opens [m, rad]
 SHORT = 1e-6  # part of an element on which the quotient of weights is their slope
@@ -40,7 +41,7 @@ class PlainStep:
             self.Dd[joint] = self.z[column]
         positions = self.forcing.positions(interval.end) - self.forcing.current(state)
         self.prescribed = positions[: len(model.prescribed)]
-        motors = zip(model.motors, positions[len(self.prescribed) :], strict=True)
+        motors = zip(model.data.motors, positions[len(self.prescribed) :], strict=True)
         self.motors = {(joint.number, name): value for (joint, name), value in motors}
 
     def dofs(self, node):
@@ -59,30 +60,33 @@ class PlainStep:
         if len(followed := model.points.followed):  # friction knows the forces of its joints
             state = replace(state, spring_internal=state.spring_internal.copy())
             state.spring_internal[followed] = end.spring_internal[followed]
-        start = model.start_of(state, interval.length)
+        start = start_of(model, state, interval.length)
         if (strains := self.forcing.natural(interval.end)) is not None:
             start = start._replace(natural=(state.natural, strains))
-        model.forms.begin(interval, start)
+        forces = model.forms.begin(interval, start)
         for _ in range(8):  # until all members are known that a point touches
-            inner = model.forms.internal_force(self.D)
+            inner = forces.internal(self.D)
             members = model.points.members
             if members is None or members.check(self.D) == 0:
                 break
         model.forms.in_c.evaluate_slides(self.z)
         added = self.mean(self.forcing.forces(interval))
-        inertia, stopping = model.mass @ self.acceleration(), model.mass @ state.v / interval.length
+        inertia, stopping = (
+            model.masses.matrix @ self.acceleration(),
+            model.masses.matrix @ state.v / interval.length,
+        )
         self.size = max(abs(part).max() for part in (added, inner, inertia, stopping))
         return inner + inertia - added
 
     def acceleration(self):
         """Acceleration (size,) in the equation of motion, by the rule of the scheme."""
         model, state, rates, dt = self.model, self.state, self.rates, self.interval.length
-        if rules := model.nodal_rules:
+        if rules := model.forms.nodal_rules:
             past = state.q - (state.q if state.q_previous is None else state.q_previous)
             given = (x[model.mesh.dofs] for x in (self.D, state.v, state.a, past))
             rows = np.hstack([*given, np.full((len(model.mesh.dofs), 1), dt)])
             return np.concatenate([rules[0](row)[:3] for row in rows])
-        path, _ = rates.work_increment(self.D, model.turns)
+        path, _ = rates.work_increment(self.D, model.mesh.turns)
         return rates.acceleration(path, state.v, state.a, dt)[0]
 
     def held(self):

@@ -34,6 +34,23 @@ _FEW = 30
 _SOUGHT, _CORRECTIONS = 4, 6
 
 
+def mechanism_of(
+    scene: Scene,
+    mesh: Mesh,
+    entries: scipy.sparse.csr_matrix,
+    mass: scipy.sparse.csr_matrix | None,
+    settles: bool,
+) -> str:
+    """Why a scene is a mechanism without loads, or empty; SceneError unless it settles."""
+    try:
+        check_no_massless_mechanism(scene, mesh, entries, mass)
+    except SceneError as error:
+        if not settles:
+            raise
+        return str(error).removesuffix(". Add a support")
+    return ""
+
+
 def check_no_massless_mechanism(
     scene: Scene,
     mesh: Mesh,

@@ -15,7 +15,7 @@ from fx_beam.errors import SceneError
 from fx_beam.fem.mesh import Mesh
 from fx_beam.fem.sparsity import connected_parts, starts_of
 from fx_beam.scene.beam import Beam
-from fx_beam.scene.joints import GROUND, Joint
+from fx_beam.scene.joints import GROUND, Joint, joints_by_number
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import SlidingJoint, sliding_joints
 
@@ -164,6 +164,16 @@ class Couplings:
     closures: list[Closure]
     #: Gears that are relations. Number g has the values 2 g and 2 g + 1 after those of arms.
     gears: list[Gear]
+
+    def moving_in(self, scene: Scene) -> list[Joint]:
+        """Joints of a scene with an arm or a slide, in the order of `arm_joints`."""
+        joints = joints_by_number(scene)
+        return [joints[joint.number] for joint in self.arm_joints]
+
+    @property
+    def need_places(self) -> bool:
+        """Whether joints close loops, or slide on beams: they are set up for their places."""
+        return bool(self.closures or self.sliding)
 
     @property
     def is_selection(self) -> bool:

@@ -26,10 +26,10 @@ from fx_beam.results.state import MACROS
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.scene import Scene
 
-from .column_map import ColumnMap, without_dependent
 from .graph import Auxiliaries, Couplings, Entries, joined
 
 if TYPE_CHECKING:
+    from .column_map import ColumnMap
     from .loops import Loops
     from .sliders import Slide, Sliders
 
@@ -76,10 +76,12 @@ class Reduction:
         rates: UpdateRule,
         matrix,
         used: np.ndarray,
-        sliders: Sliders,
+        sliders: Sliders | None = None,
         loops: Loops | None = None,
     ):
-        self.sliders, self.loops, self.couplings = sliders, loops, couplings
+        #: Nodes that slide on beams, where there are some or loops; else nothing asks for them.
+        self.sliders: Any = sliders
+        self.loops, self.couplings = loops, couplings
         #: Number of unknowns, of driven columns (prescribed, motors), and of all columns.
         self.free, self.driven = couplings.free, couplings.driven
         self.columns = couplings.columns
@@ -88,7 +90,9 @@ class Reduction:
         self.forces = np.empty(0, dtype=int) if loops is None else loops.acts_on
         self.auxiliaries = auxiliaries
         self._rates, self._in_c, self._points = rates, in_c, in_c.points
-        self._size, self._full = matrix.shape[0], (matrix, used)
+        #: Entries of the full tangent that may be other than zero.
+        self.used = used
+        self._size, self._full = matrix.shape[0], matrix
         self._shape = self._size, self.columns + len(auxiliaries)
         self._entries = couplings.all_entries
         arm_joints = couplings.arm_joints
@@ -116,7 +120,7 @@ class Reduction:
     @cached_property
     def tangent(self) -> ReducedTangent:
         """Positions of all products Tv[i, a] K[i, j] T[j, b] in the reduced tangent."""
-        free, couplings, (matrix, used) = self.free, self.couplings, self._full
+        free, couplings, matrix, used = self.free, self.couplings, self._full, self.used
         row_of, unknown_of = couplings.system
         geometric = []
         for m, joint in enumerate(couplings.arm_joints):
@@ -235,7 +239,7 @@ class Reduction:
 
     @cached_property
     def _configuration(self) -> Configuration:
-        slides = self.sliders.all
+        slides = self.sliders.all if self.sliders else []
         sliders = {"count": len(slides), "slider": [slide.members() for slide in slides]}
         scheme = {"level": self._rates.level, **self._rates.constants}
         members = self.members | {"scheme": scheme, "sliders": sliders}
@@ -297,6 +301,10 @@ class Reduction:
             return None
         return self.sliders.fault(self._configuration.arcs if arcs is None else arcs)
 
+    def reach(self, slides: np.ndarray, z: np.ndarray) -> float:
+        """How often columns z can be added to `slides` before a node slides off its element."""
+        return self.sliders.reach(slides, z) if self.sliders else np.inf
+
     # -- Small changes ----------------------------------------------------------------------------
 
     def _values(self, virtual: bool) -> np.ndarray:
@@ -305,6 +313,8 @@ class Reduction:
     def _map(self, virtual: bool, auxiliaries: bool = True, closed: bool = True) -> ColumnMap:
         """T or Tv, with dependent columns of what slides, `auxiliaries`, and of `closed` loops."""
         if (key := (virtual, auxiliaries, closed)) not in self._maps:
+            from .column_map import ColumnMap
+
             values = self._values(virtual)
             dependence = self._dependence(values, virtual, auxiliaries, closed)
             self._maps[key] = ColumnMap(self._entries.weights(values), self._shape, *dependence)
@@ -314,7 +324,7 @@ class Reduction:
         self, values: np.ndarray, virtual: bool, auxiliaries: bool, closed: bool
     ) -> tuple[scipy.sparse.csr_matrix | np.ndarray, np.ndarray]:
         """C (dependent, columns) with C z = 0, and the numbers of the dependent columns."""
-        columns, slides = self._shape[1], self.sliders.all
+        columns, slides = self._shape[1], self.sliders.all if self.sliders else []
         relations = self._configuration.relations(virtual) if slides else []
         dependent = [np.empty(0, int), *(slide.columns for slide in slides)]
         starts = starts_of([*map(len, dependent[1:])])
@@ -347,6 +357,8 @@ class Reduction:
 
     def closure_derivatives(self) -> scipy.sparse.csr_matrix:
         """Derivatives (closures, unknowns) of closures [m] by units of the loops' unknowns."""
+        from .column_map import without_dependent
+
         assert (loops := self.loops) is not None
         C, dependent = self._dependence(values := self._values(False), False, True, False)
         equations = scipy.sparse.csr_matrix(C), dependent

@@ -36,13 +36,13 @@ Derivatives = dict[str, np.ndarray]
 
 def by_mass_entries(model: Model, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Derivatives (..., entries) of x.M y by the entries of M."""
-    row_of = np.repeat(np.arange(model.size), np.diff(model.mass.indptr))
-    return x.take(row_of, axis=-1) * y.take(model.mass.indices, axis=-1)
+    row_of = np.repeat(np.arange(model.size), np.diff(model.masses.matrix.indptr))
+    return x.take(row_of, axis=-1) * y.take(model.masses.matrix.indices, axis=-1)
 
 
 def _momenta(model: Model, v: np.ndarray) -> np.ndarray:
     """v.M of rows (k, size); M is symmetric, and from the left it needs no transposed copy."""
-    return (model.mass @ v.T).T
+    return (model.masses.matrix @ v.T).T
 
 
 def _kinetic(sub_steps: SubSteps, rows: Arrays) -> Derivatives:
@@ -74,7 +74,7 @@ def _strain(sub_steps: SubSteps, rows: Arrays) -> Derivatives:
 
 
 def _potential(sub_steps: SubSteps, rows: Arrays) -> Derivatives:
-    q, weight = rows["q"], sub_steps.model.weight
+    q, weight = rows["q"], sub_steps.model.masses.weight
     return {} if weight is None else {"q": np.broadcast_to(-weight, q.shape), "weight": -q}
 
 
@@ -210,7 +210,7 @@ def _other_work(model: Model) -> str:
     """What else than dead loads and driven motions does work; empty for nothing."""
     forms = model.forms
     sources = {
-        "natural strains": model.natural,
+        "natural strains": model.data.natural,
         "added virtual works or follower forces": forms.has_added,
         "parameters of stored energies that vary": forms.parameters.in_energies,
     }
@@ -328,14 +328,18 @@ def work_in_steps(sub_steps: SubSteps, forces: np.ndarray) -> Iterator[Block]:
     It is F . w, with the mean F of the loads at both ends and the path w, and the forces of driven
     columns (k, columns) times their paths. The last states are those of its k sub-steps.
     """
-    model, part, columns = sub_steps.model, sub_steps.tape.present, sub_steps.model.loads.unit_loads
+    model, part, columns = (
+        sub_steps.model,
+        sub_steps.tape.present,
+        sub_steps.model.data.loads.unit_loads,
+    )
     numbers, first = np.arange(*part), len(sub_steps.boundaries) - 1 - (part.end - part.first)
     states = {name: sub_steps.states[name][first:] for name in ("q", "slides")}
     tape, at_rest = sub_steps.tape, model.scheme.rates.at_rest
     t0, t1, steps = tape.times.starts[numbers], tape.times.ends[numbers], np.arange(len(numbers))
     rows = 1 + steps
     D = without_turns(model, np.diff(states["q"], axis=0))
-    path, slope = model.scheme.rates.work_increment(D, model.turns)
+    path, slope = model.scheme.rates.work_increment(D, model.mesh.turns)
     slides = np.diff(states["slides"], axis=0)
     driven = forces[:, : model.couplings.driven]
     # Means (k, loads) of the factors of the loads.
@@ -343,7 +347,7 @@ def work_in_steps(sub_steps: SubSteps, forces: np.ndarray) -> Iterator[Block]:
         # Loads and forces are those at the ends of steps. The first one, to the equilibrium without
         # loads, does not count.
         path[:1], slope[:1], slides[:1] = 0.0, 0.0, 0.0
-        factors = _with_last(tape.memories[:, None] * floats(model.loads.series(t1)))
+        factors = _with_last(tape.memories[:, None] * floats(model.data.loads.series(t1)))
         driven = _with_last(driven)
         driven[:1] = 0.0
     else:
@@ -357,10 +361,10 @@ def work_in_steps(sub_steps: SubSteps, forces: np.ndarray) -> Iterator[Block]:
         paths[:, i] += sign * increments[:, entry]
         slopes[:, entry] += sign * driven[:, i]
     by_increments = by_path * slope
-    if at_rest and model.weight is not None:
+    if at_rest and model.masses.weight is not None:
         # All of its work is potential energy, but for what the load factor leaves out.
         missing = _with_last(tape.memories[:, None]) - 1
-        by_increments += missing * model.weight * slope
+        by_increments += missing * model.masses.weight * slope
         yield of_rows("weight", rows, missing * path)
     if (hold := tape.hold) is not None:
         # Its means at both ends, times the increments of the unknowns.
@@ -404,7 +408,7 @@ def _with_last(values: np.ndarray) -> np.ndarray:
 def _driven_paths(model: Model) -> Iterator[tuple[str, int, int, int]]:
     """Terms of the paths of driven motions: of "q" or "slides", number, entry and sign."""
     yield from (("q", i, dof, 1) for i, dof in enumerate(model.prescribed))
-    for i, (joint, name) in enumerate(model.motors, start=len(model.prescribed)):
+    for i, (joint, name) in enumerate(model.data.motors, start=len(model.prescribed)):
         if name == "slide":
             yield "slides", i, joint.number, 1
             continue

@@ -177,7 +177,7 @@ class HarmonicResponse(OfParameters):
                 self._force = nodal_load(about, self._parameters.besides[0], f"{_WHAT}: load")
             else:
                 self._moved = base_motion(about, self._base, f"{_WHAT}: base")
-                self._force = about.model.mass @ self._moved
+                self._force = about.model.masses.matrix @ self._moved
 
         about = self._tangent.run(values, take_load)
         _, observed = self._parameters.besides

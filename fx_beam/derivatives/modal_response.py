@@ -196,7 +196,7 @@ class ModalResponse(OfParameters):
         mode_numbers = np.arange(shapes.shape[1])
         if last is None or len(last) != len(shapes) or last.shape[1] > len(mode_numbers):
             return mode_numbers, 1.0
-        mass = about.model.mass
+        mass = about.model.masses.matrix
         lengths = [np.einsum("ij,ij->j", x.conj(), mass @ x).real for x in (last, shapes)]
         alike = abs(last.conj().T @ (mass @ shapes)) ** 2 / np.outer(*lengths)
         rows, order = linear_sum_assignment(-alike)

@@ -94,7 +94,7 @@ class MotionAnalysis(Analysis):
     def _rows_of(self, run: Run) -> dict[str, np.ndarray]:
         """The outputs from the rows of a run; empty if these are not all, or places need a look."""
         options, model = self._options, run.prepared.model
-        looks = self.parameters.scene.contacts or model.has_contact
+        looks = self.parameters.scene.contacts or model.kinks.of_contact
         looks = looks or len(self._measured) < len(self.outputs)  # functions of the solution
         if looks or options.tolerance is not None or options.record.times is not None:
             return {}
@@ -157,7 +157,7 @@ class MotionAnalysis(Analysis):
         moving = model.scene.velocities, model.couplings.driven, self._start is not None
         other_steps = self._options.tolerance is not None or len(model.scheme.fractions) > 1
         # Round-off of the rates of natural strains would be large in such a step.
-        unfit = any(moving) or other_steps or model.natural
+        unfit = any(moving) or other_steps or model.data.natural
         if unfit or not self._needs.start:
             return None
         assert prepared is not None  # it has the model
@@ -188,8 +188,8 @@ class MotionAnalysis(Analysis):
             state = other.state_from(start.at(data, floats(change)), first, at_start)
         numbers: dict[str, Any] = numbers_in_steps(model, data, state, t0, t1)
         if self._start is None and isinstance(change, Dual):
-            if model.natural:
-                numbers["natural"] = model.natural.numbers_at(state.t)
+            if model.data.natural:
+                numbers["natural"] = model.data.natural.numbers_at(state.t)
             numbers["v"] = rates_with_slopes(
                 model, other.forcing, state, first, numbers, change.count
             )

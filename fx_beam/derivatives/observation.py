@@ -15,7 +15,7 @@ from fx_beam.scene.outputs import Measured, is_section_force
 from fx_beam.step.fitted_rates import RateDerivatives, rate_fit
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.layout import Arrays
-from fx_beam.step.model import Model
+from fx_beam.step.model import Model, once, sizes_of
 from fx_beam.step.sub_step_times import Steps
 from fx_beam.step.tape import Tape
 
@@ -127,7 +127,10 @@ class Observation:
     @property
     def _sizes(self) -> Mapping[str, tuple[int, int]]:
         model, n, k = self._model, len(self.boundaries), len(self.sub_steps)
-        columns, joints = model.reduction.columns - model.reduction.free, 3 * model.sizes["joints"]
+        columns, joints = (
+            model.reduction.columns - model.reduction.free,
+            3 * once(model, sizes_of)["joints"],
+        )
         sizes = {name: (n, width) for name, width in self._tape.widths.items()}
         sizes |= {name: (n, len(entries)) for name, entries in self._entries.items()}
         of_fit = model.size, joints // 3, joints, columns

@@ -134,7 +134,7 @@ class PeriodDerivatives:
             size = np.linalg.norm(slopes)
             conditions.append((slopes / size, self._energy_by_x() / size))
         elif cycle.chosen_by == "amplitude":
-            unit = shooting.model.unit[cycle.held]
+            unit = shooting.model.units.nodes[cycle.held]
             slopes = np.append(basis.changes["q"][:, cycle.held], 0.0)
             place = self._start_by_x()["q"][0, :, cycle.held]
             conditions.append((slopes / unit, (place - self._rest_by_x()) / unit))
@@ -168,9 +168,9 @@ class PeriodDerivatives:
         changes, at_start, steps = self._of_scene, self._start_by_x(), SubSteps(model, tape, none)
         blocks = energy_blocks(steps, "energy of steps", none, none)
         by_x = jvp(blocks, (1,), at_start, changes)[0]
-        if model.loads.constant and model.loads.functions:
-            loads, q = model.loads.unit_loads, self._period.start.q
-            factors = floats(model.loads.series(np.zeros(1)))[0]
+        if model.data.loads.constant and model.data.loads.functions:
+            loads, q = model.data.loads.unit_loads, self._period.start.q
+            factors = floats(model.data.loads.series(np.zeros(1)))[0]
             columns = np.repeat(np.arange(loads.shape[1]), np.diff(loads.indptr))
             by_x = by_x - changes["columns"] @ (q[loads.indices] * factors[columns])
             of_factors = changes["loads"].reshape(len(self._parameters.x), -1, loads.shape[1])[:, 0]

@@ -259,7 +259,7 @@ class PeriodicAnalysis(Analysis):
         later = numbers_in_steps(*of_scene, t0 + period, t1 + period)
         numbers |= {name + LATER: later[name] for name in OF_STEPS & later.keys()}
         numbers[AT_START] = dual_array(other.forcing.series(t0[:1])[0])
-        if natural := other.model.natural:
+        if natural := other.model.data.natural:
             numbers["natural"] = natural.numbers_at(float(before(start.t)))
         if needs_of(other.model, self.measured).rates:
             rates = rates_at(tape, np.arange(len(tape) + 1))

@@ -38,7 +38,7 @@ def numbers_of_sections(
     """Numbers of a scene in the sub-steps of a tape; equilibria have their loads at one time."""
     mesh, level, times = model.mesh, model.scheme.rates.level, tape.times
     X = mesh.positions_of(scene)
-    on = OnBeams(tuple(scene.beams), tuple(scene.loads), scene.gravity, scene.array_calls)
+    on = OnBeams.of(scene)
     loads = ElementLoads(model, on, X)
     start, last = times.starts[:1], np.zeros(1)
 

@@ -19,9 +19,10 @@ from fx_beam.motions.numbers import static_numbers_of
 from fx_beam.results.state import State
 from fx_beam.scene.inputs import with_functions
 from fx_beam.scene.scene import Scene
-from fx_beam.step.newton import NewtonOptions
+from fx_beam.step.model import once, sizes_of
 from fx_beam.step.numbers import data_of
 from fx_beam.step.tables import Problem
+from fx_beam.step.tangent_storage import ProblemKind
 from fx_beam.step.tape import static_tape
 from fx_beam.step.tape_derivatives import TapeDerivatives
 
@@ -42,9 +43,9 @@ def why_not(path: LoadPath) -> str:
     model, first = path.model, path.states[0]
     if path.forcing.turning is not None:
         return "a frame that turns (spin) has none"
-    if path.start is not None and model.flows:
+    if path.start is not None and model.kinks.flows:
         return "parts with internal variables that start from another solution have none"
-    if model.mechanism and model.flows:
+    if model.mechanism and model.kinks.flows:
         return (
             "a mechanism that its loads hold, with internal variables, has none: these depend on "
             "how it settles"
@@ -84,10 +85,13 @@ class StaticDerivatives:
         if path.start is not None:
             start, self.states = path.states[-2], path.states[-1:]
         self.factors = np.array([state.t for state in self.states])
-        problem = Problem(model, NewtonOptions())
+        problem = Problem(model, ProblemKind())
         holding_forces = path.held if path.start is None else 0 * path.held
         if holding_forces.any():
-            problem.set_holds()
+            columns, dofs, _, _ = model.couplings.free_columns
+            first = np.zeros(model.reduction.free, int)
+            first[columns[::-1]] = dofs[::-1]
+            problem.set(statics={"hold_dof": first, "holds": len(first)})
         self.derivatives = TapeDerivatives(problem)
         self.tape = static_tape(problem, start, self.states, path.forcing)
         if holding_forces.any():
@@ -129,7 +133,7 @@ class StaticDerivatives:
         forces = {"constraint_forces": "constraints", "joint_forces": "joints"}
         of_state = {"q": "q", "slides": "slides"} | forces
         at_end = {name: changed_rows[rows][-1] for name, rows in of_state.items()}
-        pulls = np.zeros((len(changes["X"]), self.model.sizes["lines"]))
+        pulls = np.zeros((len(changes["X"]), once(self.model, sizes_of)["lines"]))
         for line in lines:
             pulls[:, line] = jvp(self._pull(line), (1,), changed_rows, changes)[0]
         at_end["line_forces"] = pulls

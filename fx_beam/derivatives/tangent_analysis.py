@@ -79,7 +79,7 @@ class TangentAnalysis:
             self._tangent.begin(self.about, self._end, self._damped)
             start: StateChange | None = None
             derivatives = self.parameters.derivatives
-            if self._path is not None and self.about.model.flows:
+            if self._path is not None and self.about.model.kinks.flows:
                 start = StaticDerivatives(self._path).change_of_end(derivatives, self._what)
             self._changes = derivatives(
                 lambda scene, change: self._tangent.numbers_of(scene, change, start) | extra(scene)

@@ -103,7 +103,7 @@ class TangentDerivatives:
         self._factor = 0.0 if state is None or end is None else float(state.t[-1])
         self._inputs = None if end is None else end.inputs
         # Where something flows, the state follows from all load steps before.
-        self._follows = state is not None and not about.model.flows
+        self._follows = state is not None and not about.model.kinks.flows
         self._about, self._steps = about, TangentSteps(about, self._factor, damped)
         problem = self._steps.problem
         if problem is not self._problem:
@@ -145,8 +145,8 @@ class TangentDerivatives:
         )
         names = {"loads", "driven", "naturals"} & rows.keys()
         numbers = {name: (rows[name][1:] - rows[name][:1]) / 2 for name in names}
-        if model.weight is not None:  # the factor multiplies it
-            numbers["weight"] = model.weight / factor
+        if model.masses.weight is not None:  # the factor multiplies it
+            numbers["weight"] = model.masses.weight / factor
         return numbers | {"points": by_load_factor(model.points)}
 
     def of_sums(self, pairs: Pairs, weights: np.ndarray) -> np.ndarray:
@@ -172,7 +172,12 @@ class TangentDerivatives:
 
     def along_motions(self, pairs: Pairs) -> _Along:
         """The motions r of pairs as directions; also l, if motions of nodes depend on the state."""
-        about, right, left, mass = self._about, pairs.right, pairs.left, self._about.model.mass
+        about, right, left, mass = (
+            self._about,
+            pairs.right,
+            pairs.left,
+            self._about.model.masses.matrix,
+        )
         k, c, m = (np.reshape(x, (-1, 1)) for x in (pairs.stiffness, pairs.damping, pairs.mass))
         T, moved, directions = about.T, _times(about.T, left), right
         by_mass, turns = [(T, m * moved)], list[tuple[Any, np.ndarray]]()
@@ -236,7 +241,7 @@ class TangentDerivatives:
 
     def _forwards(self, along: _Along) -> np.ndarray:
         """Derivatives (n, m) of sums by changes of K, C, M and T along a basis."""
-        changes, mass = self.changes, self._steps.problem.model.mass
+        changes, mass = self.changes, self._steps.problem.model.masses.matrix
         basis, parts = _basis(along.directions, self._steps.unit)
         time, by_state = self._steps.slow * _mean(along.times), None
         count, free = len(changes["X"]), basis.shape[1]

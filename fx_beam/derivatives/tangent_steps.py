@@ -11,8 +11,8 @@ from fx_beam.linear.linearisation import Linearisation
 from fx_beam.scene.law import switches
 from fx_beam.scene.structure import expressions_of
 from fx_beam.step.forcing import LoadForcing
-from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.tables import Problem
+from fx_beam.step.tangent_storage import ProblemKind
 from fx_beam.step.tape import Tape, repeated, static_tape
 
 # Differences of order six along a direction, and second ones: points, and weights over the distance
@@ -54,9 +54,9 @@ class TangentSteps:
     def __init__(self, about: Linearisation, factor: float, damped: bool):
         self._about, self._start, self._factor = about, about.start, factor
         #: Sizes (free,) of motions of all unknowns by the size of the scene, or by a radian.
-        self.unit = about.model.unit_of_unknowns[about.unknowns]
+        self.unit = about.model.units.unknowns(about.model.couplings)[about.unknowns]
         # Steps that tell damping hold what flows, too.
-        self.damped = (damped and about.may_be_damped) or about.model.flows
+        self.damped = (damped and about.may_be_damped) or about.model.kinks.flows
         model = about.damped_model if self.damped else about.model
         # Internal variables are held in these steps.
         losing = (law for law in model.points.laws if law.loss and not law.internal)
@@ -73,8 +73,8 @@ class TangentSteps:
         unloaded = self.damped and factor == 0.0 and bool(loads)
         self._factors = [0.0, 1.0] if unloaded else [factor]
         # Forces that depend on rates, without inertia.
-        arguments = NewtonOptions(), about.frame is not None, True, False, 1.0, False
-        self.problem = Problem.of(model, *arguments)
+        kind = ProblemKind(turns=about.frame is not None, inert=False)
+        self.problem = Problem.of(model, kind)
         self.problem.set_frame(about.frame)
         self.forcing = LoadForcing(model, about.start.t)
 
@@ -125,9 +125,9 @@ class TangentSteps:
             return most
         reduction, points = model.reduction, self._first[0]
         columns, driven = about.columns @ direction, np.zeros(reduction.driven)
-        reach = reduction.sliders.reach(start.slides, points[-1] * columns)
+        reach = reduction.reach(start.slides, points[-1] * columns)
         distance = max(min(most, 0.9 * reach), _ON_ELEMENT)
-        at_start, members = model.switches(start), model.points.members
+        at_start, members = model.kinks.switches(start), model.points.members
         touched = members and members.touched
         reduction.begin(start.q, start.slides)
 

@@ -103,7 +103,7 @@ class ArcLength:
         new, ahead = self.step(state, tangent, ds)
         turn = self._turn(state, new, tangent, ahead, ds)
         straight = turn <= _STRAIGHT and ahead.load * tangent.load > 0
-        if self.model.nonsmooth and ahead.sense != tangent.sense and not straight:
+        if self.model.kinks.any and ahead.sense != tangent.sense and not straight:
             # At a bifurcation it is so on the way back, too; where flow begins it is not.
             if self.at_start(new, tangent, -_NEAR * ds).sense == tangent.sense:
                 raise StepFailed("off the path", "the path turns back", new.q - state.q)
@@ -166,7 +166,7 @@ class ArcLength:
                 root -= 2 * _PLACE * ds
             new, new_tangent = stretch.at(root)
             turn = self._turn(state, new, tangent, new_tangent, root)
-            if self.model.nonsmooth or turn <= _REJECTED * target:
+            if self.model.kinks.any or turn <= _REJECTED * target:
                 return new, new_tangent  # not at a bifurcation with two modes, which keeps the sign
         return self._extremum(state, tangent, (low + high) / 2, ds), None
 
@@ -248,7 +248,7 @@ class ArcLength:
 
         The tangent behind a corner has the same sense: one leaves by another way than one comes.
         """
-        if not self.model.nonsmooth:
+        if not self.model.kinks.any:
             return None
         try:
             # Beyond the corner flow has begun.

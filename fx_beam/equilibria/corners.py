@@ -36,7 +36,7 @@ def corner_in(
 
     Only paths of scenes in which forces may have kinks have corners.
     """
-    if not path.model.nonsmooth:
+    if not path.model.kinks.any:
         return None
     # Imported here: most paths have no corner, and the import takes time.
     from scipy.optimize import nnls
@@ -58,7 +58,7 @@ def has_corner(path: PathEquations, old: State, new: State, step: StepSolution) 
     determinant of the tangent must keep its sign.
     """
     load = new.t - old.t
-    if not (load and path.model.nonsmooth):
+    if not (load and path.model.kinks.any):
         return False
     try:
         path.begin(old)

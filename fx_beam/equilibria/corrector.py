@@ -59,7 +59,7 @@ class Corrector:
         dy, dload = path.solve(column, normal, -residual, -missing)
         correction = path.spread(dy, dload)
         factor = failures.shortening(correction)
-        size = max((abs(correction) / path.model.unit).max(), abs(dload))
+        size = max((abs(correction) / path.model.units.nodes).max(), abs(dload))
         failures.check_finite(size, self._sizes)
         self._sizes.append(size)
         #: Forces (size,) at nodes before the correction, with their derivatives by the load factor.

@@ -148,7 +148,7 @@ class PathStability:
         states = self._states[self._first : len(self._states) - self._last]
         factors = [state.unstable_modes for state in states]
         steps = zip(states, states[1:], factors[1:], strict=False)
-        flowed = self._motions.model.flowed
+        flowed = self._motions.model.kinks.flowed
         if any(count is None and flowed(old, new) for old, new, count in steps):
             raise ValueError(
                 "unstable_modes: where something slips or flows, they are known of symmetric "
@@ -177,7 +177,7 @@ class PathStability:
         The eigenvalue that is zero there counts as in the row before. Others that change their sign
         between both rows count as they are there.
         """
-        if abs(behind - before) == 1 or self._motions.model.flows:
+        if abs(behind - before) == 1 or self._motions.model.kinks.flows:
             return before
         K = self._motions.stiffness(state)
         if not self._motions.symmetric(K):

@@ -105,10 +105,10 @@ def held_for_nothing(model: Model, q: np.ndarray, K: Extended, none: float) -> n
 
     K is the tangent of the configuration; a stiffness [J] up to `none` is none.
     """
-    rigid = left_by_supports(model, q) / model.unit[:, None]
+    rigid = left_by_supports(model, q) / model.units.nodes[:, None]
     if not rigid.size:
         return np.empty(0, int)
-    reduction, unit = model.reduction, model.unit
+    reduction, unit = model.reduction, model.units.nodes
     rigid = scipy.linalg.orth(rigid)
     on_unknowns = [reduction.transpose_to_nodes(r / unit) for r in rigid.T]
     sides = np.array(on_unknowns)[:, reduction.independent].T
@@ -121,6 +121,6 @@ def held_for_nothing(model: Model, q: np.ndarray, K: Extended, none: float) -> n
     neutral = rigid @ together @ parts[:, abs(stiffness) <= none]
     if not neutral.size:
         return np.empty(0, int)
-    used = model.used_entries()[model.masses.diagonal]
+    used = model.reduction.used[model.masses.places.diagonal]
     order = scipy.linalg.qr(neutral.T * used, mode="r", pivoting=True)[1]
     return order[: neutral.shape[1]]

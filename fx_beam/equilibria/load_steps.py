@@ -90,7 +90,7 @@ class LoadStepper:
         self.motions.note(new, self.loop)
         step = step._replace(predicted=self._predicted(state, step, interval.length))
         self.note(step)
-        if self.deviation > EASY_DEVIATION and self.model.begins(state, new):
+        if self.deviation > EASY_DEVIATION and self.model.kinks.begin(state, new):
             self.deviation = 0.0
         response = self.response
         if interval.length:
@@ -104,7 +104,7 @@ class LoadStepper:
     def _predicted(self, state: State, step: StepSolution, length: float) -> np.ndarray:
         """D (size,) of a step by the tangent at its start."""
         # Natural strains and virtual works of the end are in the first iteration.
-        stiffening = self.model.natural or self.model.scene.virtual_works
+        stiffening = self.model.data.natural or self.model.scene.virtual_works
         if not (stiffening and length):
             return step.predicted
         if self._slope[0] is not state:

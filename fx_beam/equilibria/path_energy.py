@@ -19,10 +19,10 @@ class PathEnergy:
     def work_and_gain(self, old: State, new: State, D: np.ndarray) -> tuple[float, float, float]:
         """Work of the loads in a step, energy that the scene gains, and round-off of both."""
         model = self._model
-        weight = 0.0 if model.weight is None else float(model.weight @ D)
+        weight = 0.0 if model.masses.weight is None else float(model.masses.weight @ D)
         start, end = self.energy(old), self.energy(new)
         # Natural strains do work on forces whose rounding errors are those of places, not strains.
-        sizes = abs(old.q) + abs(D) + model.unit * bool(model.natural)
+        sizes = abs(old.q) + abs(D) + model.units.nodes * bool(model.data.natural)
         rounding = 1e-14 * self._loop.change_of_sizes(D, sizes)
         rounding += 1e-12 * (max(abs(start), abs(end)) + abs(new.work) + abs(weight))
         return new.work - old.work + weight, end - start, rounding
@@ -40,6 +40,6 @@ class PathEnergy:
         if beams is None:
             return 0.0
         self._loop.record(state, recorder)
-        with self._model.reading:
+        with self._model.forms.reading:
             N, Q, M = np.moveaxis(abs(beams.resultants(RowSteps(recorder).batch())), -1, 0)
         return float(max(self._model.mesh.size * max(N.max(), Q.max()), M.max()))

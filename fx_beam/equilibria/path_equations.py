@@ -56,7 +56,7 @@ class PathEquations:
         #: Forces (free,) that hold the start besides its loads, and fade as those of now rise.
         self.held = np.zeros(self._reduction.free)
         #: Weights (size,) of the degrees of freedom in the inner product.
-        self.weight = 1 / (self.model.unit**2 * len(self.model.turns))
+        self.weight = 1 / (self.model.units.nodes**2 * len(self.model.mesh.turns))
         #: Whether unknowns follow others: what is eliminated with them fills the tangent.
         self._fills = bool(self.model.couplings.closures or self.model.couplings.sliding)
 
@@ -67,7 +67,7 @@ class PathEquations:
 
     def _bordered(self, indptr: np.ndarray, indices: np.ndarray) -> BorderedLU:
         reduction = self._reduction
-        unit = self.model.unit_of_unknowns[reduction.independent]
+        unit = self.model.units.unknowns(self.model.couplings)[reduction.independent]
         return BorderedLU((indptr, indices), unit, None if self._fills else reduction.dependent)
 
     def begin(self, start: State) -> None:
@@ -91,7 +91,11 @@ class PathEquations:
     def balance(self, y: np.ndarray, load: float) -> tuple[Balance, np.ndarray, np.ndarray]:
         """R(y, l), and the derivatives by l of forces (size,) at nodes, and (free,) of R."""
         model, forcing, reduction = self.model, self.loop.forcing, self._reduction
-        if model.forms.has_added or model.natural or (model.scene.joints and forcing.goal.any()):
+        if (
+            model.forms.has_added
+            or model.data.natural
+            or (model.scene.joints and forcing.goal.any())
+        ):
             # Driven motion rotates the joints, and with them the directions of their forces.
             per_load, column = self._differences(y, load, _APART)
             balance = self._evaluate(y, load)
@@ -173,8 +177,8 @@ class PathEquations:
 
     def size(self, D: np.ndarray) -> float:
         """Root mean square of an increment D (size,) over the nodes, in units of the scene."""
-        scaled = D / self.model.unit
-        return math.sqrt(scaled @ scaled / len(self.model.turns))
+        scaled = D / self.model.units.nodes
+        return math.sqrt(scaled @ scaled / len(self.model.mesh.turns))
 
     def is_still(self, D: np.ndarray) -> bool:
         """Whether an increment D (size,) is zero within the tolerance of Newton's method."""

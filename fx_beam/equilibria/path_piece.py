@@ -61,7 +61,7 @@ class Piece(Stretch[State]):
         path, D, load = stepper.path, second.q - first.q, second.t - first.t
         self._arc, self.motions, self._start = arc, motions, first
         #: Whether measures may jump.
-        self.kinked = self.model.nonsmooth
+        self.kinked = self.model.kinks.any
         path.begin(first)
         length = path.length(D, load)
         y = unknowns_of(self.model, first, D / length)
@@ -71,7 +71,7 @@ class Piece(Stretch[State]):
                 self._tangent = arc.at_start(first, self._tangent)
         self.length = path.along(self._tangent, D, load)
         #: Whether something flows in it, and where it begins: at the start itself nothing does.
-        self.flows = self.model.flowed(first, second)
+        self.flows = self.model.kinks.flowed(first, second)
         self.first = _FLOWING * self.length if self.flows else 0.0
         ends = {0.0: first} | ({} if self.kinked else {self.length: second})
         super().__init__(lambda place: arc.state_at(first, self._tangent, place), ends)
@@ -101,7 +101,7 @@ class Piece(Stretch[State]):
         arc, h = self._arc, _APART * self.length
         start = self._start if low < h else self.at(low)
         tangent = arc.at_start(start, self._tangent)
-        signs, last = (np.sign(self.model.switches(s)) for s in (start, self.at(high)))
+        signs, last = (np.sign(self.model.kinks.switches(s)) for s in (start, self.at(high)))
         changed = signs != last
         for side in (-h, h):
             distances = side * np.arange(_STATES)
@@ -109,7 +109,7 @@ class Piece(Stretch[State]):
                 states = [start, *(arc.state_at(start, tangent, d) for d in distances[1:])]
             except StepFailed:
                 continue
-            values = np.array([self.model.switches(state) for state in states])
+            values = np.array([self.model.kinks.switches(state) for state in states])
             if changed.any() and (np.sign(values) == signs).all():
                 break
         else:
@@ -255,9 +255,9 @@ def _jump(
     """Where a measure jumps between two distances."""
     K, model = piece.stiffness(low if measure(low) < 0 else high), piece.model
     kind = "flow" if piece.flows else "kink"
-    if model.switched(piece.at(low), piece.at(high)):
-        kind = "contact" if model.has_contact else "kink"
-    elif not (piece.flows or model.bends):
+    if model.kinks.switched(piece.at(low), piece.at(high)):
+        kind = "contact" if model.kinks.of_contact else "kink"
+    elif not (piece.flows or model.kinks.bend):
         step = piece.at(high).q - piece.at(low).q
         raise StepFailed("off the path", "the step reaches another path", step)
     state = None if piece.flows else piece.switched(low, high)

@@ -14,6 +14,7 @@ from fx_beam.motions.initial_state import reference_state
 from fx_beam.motions.prepared import state_of
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
+from fx_beam.step.state_values import added_force
 from fx_beam.step.step_failures import StepFailed
 
 from .arc_length import ArcLength
@@ -163,9 +164,9 @@ class PathStates:
         stepper, forcing, model = self._stepper, self._stepper.loop.forcing, self._model
         loads = state.loads
         if loads is None:  # those at the end of a motion are not known
-            loads = forcing.dead(1.0) + model.added_force(state, 1.0, forcing.time)
+            loads = forcing.dead(1.0) + added_force(model, state, 1.0, forcing.time)
         # Virtual works may act at load factor 0 already.
-        forcing.start_from(state, loads - model.added_force(state, 0.0, forcing.time))
+        forcing.start_from(state, loads - added_force(model, state, 0.0, forcing.time))
         self._path.held = stepper.residual(state, 0.0)
         stepper.hold_between(0.0, 0.0)
         try:

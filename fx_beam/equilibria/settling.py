@@ -110,7 +110,7 @@ class Settling:
     def check_balance(self, state: State) -> None:
         """SceneError if a support would have to carry the rigid motions that are held."""
         if self._loop.drag:
-            unit = self.model.unit_of_unknowns[: self.model.reduction.free]
+            unit = self.model.units.unknowns(self.model.couplings)[: self.model.reduction.free]
             left = abs(self.stepper.residual(state, state.t) * unit).max(initial=0.0)
             largest = max(self._load(state, state.t), self.stepper.energies.largest_force(state))
             if left > _CARRIED * largest + 100 * _ROUNDING * self._loop.drag:
@@ -118,10 +118,13 @@ class Settling:
 
     def _load(self, state: State, goal: float) -> float:
         """Largest load, other force at a node or force without balance, times its unit [J]."""
-        balance, unit = self._loop.balance(state, goal), self.model.unit_of_unknowns
+        balance, unit = (
+            self._loop.balance(state, goal),
+            self.model.units.unknowns(self.model.couplings),
+        )
         largest = abs(balance.residual[: len(unit)] * unit).max(initial=0.0)
         forces = self.stepper.loop.forcing.dead(goal), balance.f, balance.r
-        return float(max(largest, *(abs(force * self.model.unit).max() for force in forces)))
+        return float(max(largest, *(abs(force * self.model.units.nodes).max() for force in forces)))
 
     def _step(self, state: State, goal: float) -> tuple[State, float]:
         """State after a step, and its length; StepFailed if too long, upwards, or over a circle."""
@@ -130,7 +133,7 @@ class Settling:
         moved = self._size(step.D)
         bent = self._loop.drag and self.stepper.deviation > _DEVIATION and moved > _SHORT
         # Slip and yielding make a step deviate as well, however short it is.
-        if (bent and not self.model.flowed(state, new)) or moved > _LONGEST:
+        if (bent and not self.model.kinks.flowed(state, new)) or moved > _LONGEST:
             raise StepFailed("off the path", "the step is too long", step.D)
         check_circles(self.model, state, new)
         work, gained, rounding = self.stepper.energies.work_and_gain(state, new, step.D)
@@ -142,7 +145,7 @@ class Settling:
         return new, moved
 
     def _size(self, D: np.ndarray) -> float:
-        return float(abs(D / self.model.unit).max(initial=0.0))
+        return float(abs(D / self.model.units.nodes).max(initial=0.0))
 
     def _largest(self, K: Extended) -> float:
         """The largest stiffness of a tangent, times its units [J]."""
@@ -154,14 +157,14 @@ class Settling:
         K, unit = motions.extended(state), motions.unit
         none = max(_OF_LOADS * largest, _ROUNDING * self._largest(K)) or 1.0
         # With so little drag the tangent is never singular.
-        drag = scipy.sparse.diags(0.1 * none * model.unit**-2.0)
+        drag = scipy.sparse.diags(0.1 * none * model.units.nodes**-2.0)
         regularised = K + K.weighted(drag, model.reduction)
         least, x = 0.0, np.random.default_rng(0).standard_normal(len(unit)) * unit
         for _ in range(4):  # inverse iteration
             x = regularised.solve(x / unit**2)
             size = float(np.linalg.norm(x / unit))
             least, x = 1 / size, x / size
-        return None if least > none else model.reduction.motion(x) / model.unit
+        return None if least > none else model.reduction.motion(x) / model.units.nodes
 
     def _check_forces(self, state: State) -> None:
         """SceneError if on an unknown nothing acts, not even the drag."""
@@ -170,7 +173,10 @@ class Settling:
         random_drag = np.random.default_rng(0).random(len(self._weights)) * self._weights
         drag = reduction.transpose_to_nodes(random_drag)[reduction.independent]
         if (drag == 0).any():
-            free = reduction.motion(np.arange(len(drag)) == np.argmax(drag == 0)) / self.model.unit
+            free = (
+                reduction.motion(np.arange(len(drag)) == np.argmax(drag == 0))
+                / self.model.units.nodes
+            )
             raise self._error(f"nothing acts on {self.where(free)}", free)
 
     def _check(self, largest: float, state: State) -> None:

@@ -51,7 +51,7 @@ class SmallLoads:
         if not (sum(model.points.switch_counts) or model.points.members):
             return largest
         path, members = self._stepper.path, model.points.members
-        at_start, touched = np.sign(model.switches(start)), members and members.touched
+        at_start, touched = np.sign(model.kinks.switches(start)), members and members.touched
         path.begin(start)
 
         def switched(load: float) -> bool:

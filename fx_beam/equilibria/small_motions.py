@@ -50,7 +50,7 @@ class SmallMotions:
     @property
     def unit(self) -> np.ndarray:
         """Sizes (n,) of unit unknowns."""
-        return self.model.unit_of_unknowns[self.model.reduction.independent]
+        return self.model.units.unknowns(self.model.couplings)[self.model.reduction.independent]
 
     @property
     def metric(self) -> scipy.sparse.csr_matrix:
@@ -95,14 +95,14 @@ class SmallMotions:
         if model.couplings.sliding or (members is not None and members.are_near):
             return
         state.negative_pivots = factors.negative_eigenvalues()
-        if not model.has_potential:
+        if not model.kinks.potential:
             if not self._symmetric(reduction.tangent.pattern, factors.values):
                 return
         state.unstable_modes = state.negative_pivots
 
     def count(self, state: State, old: State) -> int | None:
         """Number of modes that grow about a state after an old one; None if it is not known."""
-        if state.unstable_modes is None and not self.model.flowed(old, state):
+        if state.unstable_modes is None and not self.model.kinks.flowed(old, state):
             try:
                 state.unstable_modes = sum(self.growing(state))
             except ValueError:
@@ -111,7 +111,7 @@ class SmallMotions:
 
     def count_again(self, old: State, new: State) -> tuple[int | None, int | None]:
         """Numbers of modes that grow before and after a step, whose pivots may be round-off."""
-        if not self.model.flowed(old, new):
+        if not self.model.kinks.flowed(old, new):
             for state in (old, new):
                 if state.unstable_modes:
                     with suppress(ValueError):
@@ -165,7 +165,7 @@ class SmallMotions:
     def _mass(self) -> scipy.sparse.csr_matrix:
         """The mass (n, n), in the last state."""
         T = self.coupling()
-        return (T.T @ self.model.mass @ T).tocsr()
+        return (T.T @ self.model.masses.matrix @ T).tocsr()
 
     def squares(self, state: State, K: scipy.sparse.csr_matrix | None = None) -> np.ndarray:
         """Squares of the angular frequencies of the lowest modes without damping, complex."""

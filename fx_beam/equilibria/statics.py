@@ -204,7 +204,9 @@ def _turned(state: State, forcing: LoadForcing) -> State:
         return state
     v = frame.rates(state.q, state.t)
     a = -state.t * frame.spin**2 * frame.arms(state.q)
-    return replace(state, v=v, a=a, work=state.work + float(v @ (forcing.model.mass @ v)) / 2)
+    return replace(
+        state, v=v, a=a, work=state.work + float(v @ (forcing.model.masses.matrix @ v)) / 2
+    )
 
 
 def _warn_if_unstable(motions: SmallMotions, states: list[State]) -> None:

@@ -18,6 +18,9 @@ _LIBRARY = "forms on elements", "expression_rows.c", "expression_rows.h"
 # Values that are found at once, each by a few coefficients.
 _MOST = 2**17
 _NONE = np.empty(0)
+# Fields of `StepBatch` by the names of constants.
+_OF_STEPS = {"time": 0, "dt": 1, "load_increment": 1, "memory": 10}
+_OF_STEPS |= {"parameters": 11, "load_factor": 12}
 
 
 class Space:
@@ -54,7 +57,7 @@ class Term:
         moving: Sequence[Field | None] = (),
     ):
         self.compiled, self.spaces = compiled, spaces
-        self._mesh, self._moving, cells = mesh, moving, np.arange(len(mesh.elements))
+        self._mesh, cells = mesh, np.arange(len(mesh.elements))
         self.fields: list[Field] = [data[name] for name in compiled.coefficients]
         #: Arrays of its constants by name.
         self.constants: dict[str, np.ndarray] = {name: data[name] for name in compiled.constants}
@@ -63,16 +66,13 @@ class Term:
         self.width = sum(field.space.width for field in self.fields)
         #: Cells of each kernel, one of each subdomain; -1 means all cells.
         self.cells = [cells if tag < 0 else cells[tags == tag] for tag in compiled.tags]
-
-    @property
-    def field_starts(self) -> dict[Field, int]:
-        """Where the values of each field begin among its coefficients."""
-        return _starts(self.fields, [field.space.width for field in self.fields])
-
-    @property
-    def constant_starts(self) -> dict[str, int]:
-        """Where those of each constant begin, by name."""
-        return _starts(self.constants, [array.size for array in self.constants.values()])
+        #: Where the values of each field begin among its coefficients.
+        self.field_starts = _starts(self.fields, [field.space.width for field in self.fields])
+        #: Where those of each constant begin, by name.
+        self.constant_starts = _starts(self.constants, [a.size for a in self.constants.values()])
+        # Fields of `StepBatch` that set coefficients and constants.
+        self._of_fields = [moving.index(f) + 2 if f in moving else None for f in self.fields]
+        self._of_constants = [_OF_STEPS[name] for name in self.constants]
 
     def indices_in(self, other: Term) -> tuple[list[int], list[int]]:
         """Indices of this form's coefficients and constants in the arrays of another form."""
@@ -84,40 +84,38 @@ class Term:
 
     # -- What its kernels read ------------------------------------------------------------------
 
-    def coefficients(self, cells: np.ndarray, steps: StepBatch) -> np.ndarray:
+    def coefficients(self, cells: Any, steps: StepBatch) -> np.ndarray:
         """Coefficients (n, cells, width) of some cells in n steps; what these lack is constant."""
-        changing = dict(zip(self._moving, steps.fields, strict=False))
-        coefficients = np.empty((len(steps.t), len(cells), self.width))
-        for field, start in self.field_starts.items():
-            values, dofs = changing.get(field, _NONE), field.space.dofs[cells]
+        count = len(self._mesh.coordinates[cells])
+        coefficients = np.empty((len(steps.t), count, self.width))
+        for (field, start), number in zip(self.field_starts.items(), self._of_fields, strict=True):
+            values, dofs = _NONE if number is None else steps[number], field.space.dofs[cells]
             of_field = values.take(dofs, axis=1) if values.size else field.array[dofs]
             coefficients[..., start : start + field.space.width] = of_field
         return coefficients
 
     def constants_in(self, steps: StepBatch) -> np.ndarray:
         """Constants (n, m) in n steps; what these lack stays as it is."""
-        columns = {"time": steps.t, "dt": steps.dt, "load_increment": steps.dt}
-        columns |= {"memory": steps.memory, "load_factor": steps.load_factor}
-        columns["parameters"] = steps.parameters
-        constants = np.empty((count := len(steps.t), sum(a.size for a in self.constants.values())))
-        for name, start in self.constant_starts.items():
-            array, values = self.constants[name], columns.get(name, _NONE)
-            of_steps = values.reshape(count, -1) if values.size else array.ravel()
-            constants[:, start : start + array.size] = of_steps
-        return constants
+        parts, count = [np.empty((len(steps.t), 0))], len(steps.t)
+        for array, number in zip(self.constants.values(), self._of_constants, strict=True):
+            values = steps[number]
+            of_steps = values if values.size else np.broadcast_to(array, (count, *array.shape))
+            parts.append(of_steps.reshape(count, -1))
+        return np.hstack(parts) if len(parts) > 1 else parts[0]
 
     # -- Values and sums ------------------------------------------------------------------------
 
     def tensors(
         self, steps: StepBatch, size: int, cell: int | None = None
-    ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    ) -> Iterator[tuple[Any, np.ndarray]]:
         """Cells of each kernel, or one of them, and what it gives (n, cells, size) in n steps."""
-        constants = self.constants_in(steps)
+        constants, coordinates = self.constants_in(steps), self._mesh.coordinates
         for function, cells in zip(self.compiled.addresses, self.cells, strict=True):
-            chosen = cells if cell is None else cells[cells == cell]
+            chosen: Any = cells if cell is None else cells[cells == cell]
             if len(chosen):
-                places = self._mesh.coordinates[chosen]  # scenes move nodes
-                arrays = self.coefficients(chosen, steps), constants, places
+                # An array of all cells would copy the values.
+                chosen = slice(None) if len(chosen) == len(coordinates) else chosen
+                arrays = self.coefficients(chosen, steps), constants, coordinates[chosen]
                 yield chosen, tabulated(function, *arrays, size)
 
     def values(
@@ -131,8 +129,7 @@ class Term:
             rows = slice(first, first + most)
             batch = StepBatch(*(array[rows] if len(array) else array for array in steps))
             for cells, tensors in self.tensors(batch, size, cell):
-                # An array of all cells would copy the values.
-                values[rows, slice(None) if len(cells) == count else cells] += tensors
+                values[rows, cells if cell is None else slice(None)] += tensors
         return values.reshape(*values.shape[:2], *shape)
 
     def total(self, step: StepBatch) -> float:

@@ -1,24 +1,159 @@
-"""What the forms of beams read on the mesh of a scene: fields, and numbers of a step."""
+"""What the forms of beams depend on and read: their kind, data of a scene, fields on its mesh."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.dual import floats
+from fx_beam.dual import dual_array, floats
+from fx_beam.errors import SceneError, any_of
 from fx_beam.laws.interval import StepBatch
+from fx_beam.laws.schemes import Scheme
+from fx_beam.scene.beam import Beam, arc_lengths, gauss_rule
+from fx_beam.scene.law import Energy, InternalVariables
+from fx_beam.scene.loads import PARTS_OF_DRAG, VirtualWork, damping_of
 from fx_beam.scene.scene import Scene
+from fx_beam.scene.section import Section, values_along
 from fx_beam.scene.structure import OtherStructureError
 
 from .assembly import Field, Space, Term
-from .fields import CONSTANTS, NATURAL, NODAL
 from .form_library import CompiledForm
 from .mesh import Mesh
 from .parameter_values import ParameterValues
-from .weak_form import Kind, StepFacts
+
+#: Names of nodal fields: the first changes in every iteration, the others in every step.
+NODAL = "increment", "start", "velocity", "acceleration", "q_previous"
+#: Of natural strains at the Gauss points, at the start and at the end of the step.
+NATURAL = "natural", "natural_end"
+#: Of numbers of a step.
+CONSTANTS = "time", "dt", "load_factor", "load_increment", "memory"
+#: What a form must know of data (cells, points, ...): number of points, and shape of a value.
+DataShape = tuple[int, tuple[int, ...]]
+
+
+#: Energies that material, scheme and drag take in a step.
+LOSSES = "lost energy", "scheme's loss", "loss to drag"
+#: Stored energy of a section, None for the quadratic one, and its internal variables.
+Material = tuple[Energy | None, InternalVariables | None]
+
+
+class Kind(NamedTuple):
+    """What forms of a step depend on, on no particular mesh.
+
+    `materials` are those of the sections, numbered as subdomains if there are several. Data are
+    known by their shapes: "stiffness" of the quadratic energy, "retardation" times, coefficients of
+    the drag. With `natural` there are natural strains. Virtual works that are `held` are those of
+    an instant.
+    """
+
+    degree: int
+    curved: bool
+    scheme: Scheme
+    materials: tuple[Material, ...]
+    works: tuple[VirtualWork, ...]
+    natural: bool
+    data: tuple[tuple[str, DataShape], ...]
+    held: bool
+
+    @property
+    def key(self) -> tuple | None:
+        """An identifier if all functions are those of this package, else None."""
+        if not self.scheme.built_in or self.works or self.materials != (_ELASTIC,):
+            return None
+        return (*self[:2], self.scheme.key, *self[5:])
+
+
+_ELASTIC: Material = (None, None)
+
+
+class StepFacts(NamedTuple):
+    """What the users of the forms of a step must know of them."""
+
+    #: Whether the forces depend on the start of the last step, and on rates at the start of a step.
+    needs_previous: bool
+    needs_rates: bool
+    #: Whether the resultants depend on rates at the start of a step, and on any rates.
+    resultants_need_rates: bool
+    resultants_move: bool
+    #: Number of internal variables at a Gauss point.
+    width: int
+    #: Names of all parameters, and of those in stored energies.
+    names: list[str]
+    names_in_energies: list[str]
+
+
+def section_data(mesh: Mesh, scene: Any, names: tuple[str, ...], points: int) -> Any:
+    """Section data (cells, n, ...), vectors or scalars: n is 1 if they are constant on each beam.
+
+    Data that vary are evaluated at so many Gauss points. The SceneError for an invalid value names
+    its beam and its fraction.
+    """
+    sections = [beam.section for beam in scene.beams]
+    constants = {id(section): section.constants(names) for section in distinct(sections)}
+    if None not in constants.values():
+        of_beams = dual_array([constants[id(section)] for section in sections])
+        return of_beams[mesh.beam_of_cell][:, None]
+    gauss, _ = gauss_rule(points)
+    values: list[np.ndarray] = []
+    for beam in scene.beams:
+        fractions = arc_lengths(beam, gauss) / beam.length
+        try:
+            section, arrays = beam.section, scene.array_calls
+            of_beam = [values_along(section, name, fractions, arrays) for name in names]
+        except SceneError as error:
+            raise SceneError(f"beam {beam.name!r}: {error}") from None
+        values.append(np.stack(of_beam, axis=-1) if len(names) > 1 else of_beam[0])
+    return np.concatenate(values)
+
+
+def data_of_beams(scene: Scene, mesh: Mesh, at_rest: bool) -> dict[str, Any]:
+    """Stiffnesses of the quadratic law, retardation times and drag, if there are any.
+
+    Data (cells, points, ...) by name, with slopes of the scene.
+    """
+    data: dict[str, Any] = {}
+    if not scene.beams:
+        return data
+    degree, sections = scene.beams[0].degree, distinct(beam.section for beam in scene.beams)
+    if any(section.strain_energy is None for section in sections):
+        data["stiffness"] = section_data(mesh, scene, ("EA", "GA", "EI"), degree)
+    if at_rest:
+        return data
+    alpha, tau = damping_of(scene)
+    if tau > 0 or any(section.damped for section in sections):
+        data["retardation"] = section_data(mesh, scene, ("retardation",), degree) + tau
+    if scene.drags:
+        data |= drag_data(mesh, scene)
+    if alpha > 0:
+        density = section_data(mesh, scene, ("rhoA", "rhoI"), degree + 1)
+        for i, name in enumerate(("drag linear", "drag rotation")):
+            if any_of(floats(density[..., i])):
+                data[name] = alpha * density[..., i] + data.get(name, 0.0)
+    return data
+
+
+def distinct(sections: Iterable[Section]) -> list[Section]:
+    """Each section once: beams of a frame share a few."""
+    return list({id(section): section for section in sections}.values())
+
+
+def drag_data(mesh: Mesh, scene: Scene) -> dict[str, Any]:
+    """Coefficients (cells, 1, ...) of `drag_work`, those that there are, behind "drag "."""
+    rows: dict[str, list[Any]] = {}
+    on_beams = ((drag, drag.target) for drag in scene.drags if isinstance(drag.target, Beam))
+    for drag, beam in on_beams:
+        for name in PARTS_OF_DRAG:
+            value = getattr(drag, name)
+            if value.any():
+                key = f"drag {name}" if len(value) == 1 else f"drag {name} along and across"
+                of_beams = rows.setdefault(key, [np.zeros(len(value)) for _ in scene.beams])
+                i = scene.beams.index(beam)
+                of_beams[i] = of_beams[i] + dual_array(value)
+    of_cells = {name: dual_array(of_beams)[mesh.beam_of_cell] for name, of_beams in rows.items()}
+    return {name: array[:, None] if "across" in name else array for name, array in of_cells.items()}
 
 
 class BeamData:
@@ -86,6 +221,8 @@ class BeamData:
     def read(self, steps: StepBatch) -> StepBatch:
         """Steps with the parameters of the forms alone."""
         values = steps.parameters
+        if not self.parameters:
+            return steps if not values.size else steps._replace(parameters=values[:, :0])
         if not values.size:
             values = floats(self._parameters.at_times(steps.t))
         return steps._replace(parameters=values[:, self.parameters])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -16,12 +17,10 @@ from fx_beam.scene.scene import Scene
 from fx_beam.scene.section import Section
 
 from .assembly import Term
-from .beam_data import BeamData, shapes_of
-from .fields import distinct
+from .beam_data import LOSSES, BeamData, Kind, StepFacts, distinct, shapes_of
 from .form_library import FormModule, FormSource
 from .mesh import Mesh
 from .parameter_values import ParameterValues
-from .weak_form import LOSSES, Kind, StepFacts, WeakForm
 
 if TYPE_CHECKING:
     from .beam_slopes import BeamSlopes
@@ -46,7 +45,7 @@ class BeamForms:
         #: Whether there are virtual works of a user.
         self.has_external = bool(scene.virtual_works)
         self.kind, tags = _kind(scene, scheme, mesh, numbers, holds)
-        self._source = FormSource(WeakForm, self.kind)
+        self._source = FormSource("WeakForm", self.kind, functools.partial(_written, self.kind))
         step = self._compiled()
         #: What is known of the forms.
         self.facts = facts = StepFacts(**step.facts)
@@ -155,6 +154,12 @@ class BeamForms:
         for values in others:
             first += values
         return first
+
+
+def _written(kind: Kind) -> Any:
+    from .weak_form import WeakForm
+
+    return WeakForm(kind)
 
 
 def _kind(

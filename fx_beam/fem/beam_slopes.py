@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -11,10 +12,9 @@ from fx_beam.laws.interval import StepBatch
 from fx_beam.scene.beam import gauss_rule
 
 from .assembly import Field, Space, Term
-from .beam_data import BeamData
+from .beam_data import BeamData, Kind
 from .form_library import FormSource
 from .vjp_form import DerivedForm
-from .weak_form import Kind
 
 #: Name and space of numbers, and derivatives by these in k steps.
 _Slopes = Iterator[tuple[str, Space, np.ndarray]]
@@ -29,7 +29,7 @@ class BeamSlopes:
     def __init__(self, kind: Kind, data: BeamData, forces: list[str], losses: list[str]):
         self._forces, self._losses = forces, losses
         self._degree, self._data, mesh = kind.degree, data, data.mesh
-        self._source = FormSource(DerivedForm, kind)
+        self._source = FormSource("DerivedForm", kind, functools.partial(DerivedForm, kind))
         #: Fields of derivatives, and the spaces of the numbers, by name.
         self._more = {"weight 0": Field(mesh.unknowns)}
         if (internal := data.named.get("internal")) is not None:

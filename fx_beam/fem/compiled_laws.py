@@ -16,7 +16,6 @@ from fx_beam.laws.rates import NodalRates
 from fx_beam.scene.parameters import names_of, parameters_in, replaced
 from fx_beam.symbolic import Written, derivatives_taken, is_zero, ufl
 
-from . import elements
 from .assembly import tabulated
 from .form_library import CompiledForm, form_module
 
@@ -85,9 +84,16 @@ class PointFunction:
         return tabulated(self.address, none, numbers, none[0], self.size)[:, 0]
 
 
+def _numbers(count: int) -> Any:
+    """UFL's symbol for so many numbers."""
+    from . import elements
+
+    return ufl.Constant(elements.domain(1), shape=(count,))
+
+
 def _written(values: Mapping[str, Values], arguments: int) -> Written:
     """UFL vectors of `arguments` numbers by name, which are used together."""
-    numbers = ufl.Constant(elements.domain(1), shape=(arguments,))
+    numbers = _numbers(arguments)
     expand = ufl.algorithms.expand_derivatives
     # Without the variables of derivatives: later versions of UFL tell them apart by numbers of
     # the process, and would compile the same function again.
@@ -192,7 +198,7 @@ class CompiledLaw:
     def _written(self) -> Written:
         """Its functions in UFL."""
         law = self.law
-        inputs = ufl.Constant(elements.domain(1), shape=(arguments(law),))
+        inputs = _numbers(arguments(law))
         motion = ForceStep(inputs, law, self._rule)
         functions = {name: getattr(law, name) for name in _OTHERS}
         listed = {name: _listed(f) for name, f in functions.items() if f is not None}

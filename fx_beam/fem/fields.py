@@ -3,104 +3,18 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable
 from typing import Any
 
-import numpy as np
-
-from fx_beam.dual import dual_array, floats
-from fx_beam.errors import SceneError, any_of, refuse_fields_in
+from fx_beam.errors import refuse_fields_in
 from fx_beam.laws.kinematics import Step
 from fx_beam.laws.rates import UpdateRule
 from fx_beam.laws.resultants import Nodes, lagrange
-from fx_beam.scene.beam import Beam, arc_lengths, gauss_rule
-from fx_beam.scene.loads import PARTS_OF_DRAG, damping_of
-from fx_beam.scene.scene import Scene
-from fx_beam.scene.section import Section, values_along
+from fx_beam.scene.law import Energy, functions_of_energy
+from fx_beam.scene.parameters import names_of, parameters_in, parameters_of, replaced
 from fx_beam.symbolic import ufl
 
 from . import elements
-from .mesh import Mesh
-
-#: Names of nodal fields: the first changes in every iteration, the others in every step.
-NODAL = "increment", "start", "velocity", "acceleration", "q_previous"
-#: Of natural strains at the Gauss points, at the start and at the end of the step.
-NATURAL = "natural", "natural_end"
-#: Of numbers of a step.
-CONSTANTS = "time", "dt", "load_factor", "load_increment", "memory"
-#: What a form must know of data (cells, points, ...): number of points, and shape of a value.
-DataShape = tuple[int, tuple[int, ...]]
-
-
-def section_data(mesh: Mesh, scene: Any, names: tuple[str, ...], points: int) -> Any:
-    """Section data (cells, n, ...), vectors or scalars: n is 1 if they are constant on each beam.
-
-    Data that vary are evaluated at so many Gauss points. The SceneError for an invalid value names
-    its beam and its fraction.
-    """
-    sections = [beam.section for beam in scene.beams]
-    constants = {id(section): section.constants(names) for section in distinct(sections)}
-    if None not in constants.values():
-        of_beams = dual_array([constants[id(section)] for section in sections])
-        return of_beams[mesh.beam_of_cell][:, None]
-    gauss, _ = gauss_rule(points)
-    values: list[np.ndarray] = []
-    for beam in scene.beams:
-        fractions = arc_lengths(beam, gauss) / beam.length
-        try:
-            section, arrays = beam.section, scene.array_calls
-            of_beam = [values_along(section, name, fractions, arrays) for name in names]
-        except SceneError as error:
-            raise SceneError(f"beam {beam.name!r}: {error}") from None
-        values.append(np.stack(of_beam, axis=-1) if len(names) > 1 else of_beam[0])
-    return np.concatenate(values)
-
-
-def data_of_beams(scene: Scene, mesh: Mesh, at_rest: bool) -> dict[str, Any]:
-    """Stiffnesses of the quadratic law, retardation times and drag, if there are any.
-
-    Data (cells, points, ...) by name, with slopes of the scene.
-    """
-    data: dict[str, Any] = {}
-    if not scene.beams:
-        return data
-    degree, sections = scene.beams[0].degree, distinct(beam.section for beam in scene.beams)
-    if any(section.strain_energy is None for section in sections):
-        data["stiffness"] = section_data(mesh, scene, ("EA", "GA", "EI"), degree)
-    if at_rest:
-        return data
-    alpha, tau = damping_of(scene)
-    if tau > 0 or any(section.damped for section in sections):
-        data["retardation"] = section_data(mesh, scene, ("retardation",), degree) + tau
-    if scene.drags:
-        data |= drag_data(mesh, scene)
-    if alpha > 0:
-        density = section_data(mesh, scene, ("rhoA", "rhoI"), degree + 1)
-        for i, name in enumerate(("drag linear", "drag rotation")):
-            if any_of(floats(density[..., i])):
-                data[name] = alpha * density[..., i] + data.get(name, 0.0)
-    return data
-
-
-def distinct(sections: Iterable[Section]) -> list[Section]:
-    """Each section once: beams of a frame share a few."""
-    return list({id(section): section for section in sections}.values())
-
-
-def drag_data(mesh: Mesh, scene: Scene) -> dict[str, Any]:
-    """Coefficients (cells, 1, ...) of `drag_work`, those that there are, behind "drag "."""
-    rows: dict[str, list[Any]] = {}
-    on_beams = ((drag, drag.target) for drag in scene.drags if isinstance(drag.target, Beam))
-    for drag, beam in on_beams:
-        for name in PARTS_OF_DRAG:
-            value = getattr(drag, name)
-            if value.any():
-                key = f"drag {name}" if len(value) == 1 else f"drag {name} along and across"
-                of_beams = rows.setdefault(key, [np.zeros(len(value)) for _ in scene.beams])
-                i = scene.beams.index(beam)
-                of_beams[i] = of_beams[i] + dual_array(value)
-    of_cells = {name: dual_array(of_beams)[mesh.beam_of_cell] for name, of_beams in rows.items()}
-    return {name: array[:, None] if "across" in name else array for name, array in of_cells.items()}
+from .beam_data import CONSTANTS, NATURAL, NODAL, DataShape, Kind
 
 
 class Fields:
@@ -222,3 +136,49 @@ def fields_of(degree: int, curved: bool) -> tuple[Fields, Fields]:
     """
     symbols = elements.Symbols(elements.domain(degree if curved else 1))
     return Fields(degree, symbols, nodal=False), Fields(degree, symbols, nodal=True)
+
+
+class FormSymbols:
+    """What forms of a kind consist of besides the fields, on their own symbols or on given ones."""
+
+    def __init__(self, kind: Kind, fields: Fields):
+        #: Data of beams by name: (EA, GA, EI) of the quadratic law, retardation times, and drag.
+        self.data = {name: fields.data(shape) for name, shape in kind.data}
+        self.times = self.data.get("retardation")
+        of_drag = [name for name in self.data if name.startswith("drag ")]
+        #: Coefficients of the drag.
+        self.drag = {name.removeprefix("drag "): self.data[name] for name in of_drag}
+        #: Where each virtual work acts: 1 there, 0 elsewhere.
+        self.indicators = [fields.data((1, ())) for _ in kind.works]
+        of_energies = parameters_of(
+            function
+            for material in kind.materials
+            for function in functions_of_energy(*material, 3)
+        )
+        #: Names of the parameters in stored energies, and of all.
+        self.names_in_energies = names_of(of_energies)
+        of_works = []
+        if kind.works:
+            from fx_beam.scene.symbols import STEP
+
+            of_works = parameters_in(*(work.of(STEP, "virtual work") for work in kind.works))
+        self.names = names_of([*of_energies, *kind.scheme.parameters, *of_works])
+        #: Their values (n,), None without any, and those by name.
+        self.parameters: Any = None
+        if self.names:
+            self.parameters = fields.constants(len(self.names))
+        self.by_name = {name: self.parameters[i] for i, name in enumerate(self.names)}
+        #: Number of internal variables at a Gauss point, and their values at the step's start.
+        self.width = max(len(internal.names) if internal else 0 for _, internal in kind.materials)
+        self.internal: Any = None
+        if self.width:
+            self.internal = fields.symbols.coefficient(fields.internal(self.width))
+
+    @property
+    def named_data(self) -> dict[str, Any]:
+        """Data of beams and indicators by name."""
+        return self.data | {f"indicator {i}": field for i, field in enumerate(self.indicators)}
+
+    def with_values(self, energy: Energy) -> Energy:
+        """A stored energy with the values of its parameters."""
+        return lambda *arguments: replaced(energy(*arguments), self.by_name)

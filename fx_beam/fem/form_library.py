@@ -126,9 +126,8 @@ class FormSource:
     For a kind without a key it is made in any case: it has functions of a user.
     """
 
-    def __init__(self, writer: Callable[[Any], Any], kind: Any):
-        self._make = functools.partial(writer, kind)
-        self._key = kind.key and (writer.__name__, *kind.key)
+    def __init__(self, name: str, kind: Any, make: Callable[[], Any]):
+        self._make, self._key = make, kind.key and (name, *kind.key)
         if self._key is None:
             self._writer  # noqa: B018  # what is wrong with functions is said at once
 

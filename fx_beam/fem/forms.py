@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
+from threading import RLock
+from typing import TYPE_CHECKING
+
 import numpy as np
-import scipy.sparse
 
 from fx_beam.errors import SceneError
-from fx_beam.laws.interval import Interval, StepStart
+from fx_beam.laws.interval import Interval, StepBatch, StepStart
 from fx_beam.laws.point_laws import StepRule
+from fx_beam.laws.rates import NodalRates
 from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.scene import Scene
 
 from .beam_data import check_shapes
 from .beam_forms import BeamForms
+from .compiled_laws import compiled_rule
 from .mesh import Mesh
 from .parameter_values import ParameterValues
 from .point_forces import PointForces
 from .points_in_c import PointsInC
 from .scene_data import FormData
 from .sparsity import matrix_between, places_of_cells, with_pairs
+
+if TYPE_CHECKING:
+    from .step_forces import StepForces
 
 
 class Forms:
@@ -51,8 +58,15 @@ class Forms:
             self.beams = BeamForms(scene, scheme, mesh, parameters, data.beams, holds=instant)
         #: Shape (cells, degree, width) of the internal variables; the width is zero without any.
         self.internal_shape = (0, 1, 0) if self.beams is None else self.beams.internal_shape
-        #: Whether the forces depend on the start of the last step.
+        #: Whether the forces depend on the start of the last step, and whether a step does.
         self.needs_previous = self.beams is not None and self.beams.facts.needs_previous
+        self.keeps_previous = self.needs_previous or scheme.rates.user_defined
+        #: Held by the thread that makes what solutions have only when it is read.
+        self.reading = RLock()
+        #: The nodal rules of the rates, if they are those of a user.
+        self.nodal_rules = []
+        if isinstance(rates := scheme.rates, NodalRates):
+            self.nodal_rules = [compiled_rule(rates, rule) for rule in rates.rules]
         #: Whether the scene has added virtual works or follower forces.
         follow = self.points.external.stop > self.points.external.start
         self.has_added = follow or (self.beams is not None and self.beams.has_external)
@@ -67,6 +81,18 @@ class Forms:
         self.stiffness = K = with_pairs(self.of_members, self.points.pairs[at_nodes])
         self.of_cells = places_of_cells(mesh.unknowns.dofs, K.indptr, K.indices)
         self.points.locate_in(K)
+
+    def used_entries(self, masses: np.ndarray, coupled: bool) -> np.ndarray:
+        """Whether an entry of the tangent may be other than zero: at many points none is.
+
+        The sparsity has all entries of nodes without beams. Some entries have `masses`; rates that
+        are `coupled` may couple all components at a node.
+        """
+        used = np.full(self.stiffness.nnz, coupled)
+        used[self.of_cells], used[masses] = True, True
+        value_at = self.points.value_at
+        used[value_at[value_at >= 0]] = True
+        return used
 
     def check(self, data: FormData) -> None:
         """OtherStructureError if data are of other kinds."""
@@ -96,43 +122,15 @@ class Forms:
         if self.beams is not None:
             self.beams.data.named["load_factor"][...] = factor
 
-    def begin(self, interval: Interval, start: StepStart) -> None:
-        """Begin a step; its increment is zero."""
+    def begin(self, interval: Interval, start: StepStart) -> StepForces:
+        """The forces of a step that begins."""
+        from .step_forces import StepForces
+
         t = interval.at(self._rates.level)
         self.parameters.begin(t, start.parameters)
         self.in_c.begin(interval, start)
-        D = np.zeros(self.size)
-        self._step = start.batch(t, interval.length, D, self.parameters.values)
-
-    def internal_force(self, D: np.ndarray) -> np.ndarray:
-        """Internal forces (size,) [N, N m] for an increment D, with others against the motion."""
-        force = self.force_of_beams(D)
-        self.in_c.add_force(D, force)
-        return force
-
-    def force_of_beams(self, D: np.ndarray) -> np.ndarray:
-        """Those of beams alone, with added virtual works."""
-        force, self._step = np.zeros(self.size), self._step._replace(D=D[None])
-        if self.beams is not None:
-            self.beams.add_force(self._step, force)
-        return force
-
-    def tangent(self) -> scipy.sparse.csr_matrix:
-        """Derivatives of the last `internal_force`, with contact of members in its sparsity."""
-        K, members = self.stiffness.copy(), self.points.members
-        K.data[:] = 0.0
-        if self.beams is not None:
-            self.beams.add_tangent(self._step, K.data, self.of_cells)
-        self.in_c.add_tangent(K.data)
-        return K if members is None else K + members.tangent()
-
-    def added_force(self) -> np.ndarray:
-        """Forces (size,) of added virtual works and followers at the last increment [N, N m]."""
-        force = np.zeros(self.size)
-        if self.beams is not None:
-            self.beams.add_external(self._step, force)
-        self.in_c.add_external(force)
-        return force
+        step = start.batch(t, interval.length, np.zeros(self.size), self.parameters.values)
+        return StepForces(self, step)
 
     def strain_energy(
         self, q: np.ndarray, internal: np.ndarray | None = None, natural: np.ndarray | None = None
@@ -140,7 +138,6 @@ class Forms:
         """Stored energy [J] of q (size,), internal variables and natural strains of beams."""
         if self.beams is None:
             return 0.0
-        strains = None if natural is None else (natural, natural)
-        start = StepStart(q, internal=internal, natural=strains)
-        none = np.empty(0)
-        return self.beams.strain_energy(start.batch(0.0, 1.0, none, self.parameters.values))
+        named = {"internal": internal, "natural": natural, "parameters": self.parameters.values}
+        rows = {name: x.reshape(1, -1) for name, x in named.items() if x is not None and x.size}
+        return self.beams.strain_energy(StepBatch.at_rest(q, **rows))

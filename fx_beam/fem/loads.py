@@ -138,6 +138,11 @@ class OnBeams(NamedTuple):
     gravity: Any
     array_calls: ArrayCalls | None
 
+    @classmethod
+    def of(cls, scene: Scene) -> OnBeams:
+        """What a scene has now."""
+        return cls(tuple(scene.beams), tuple(scene.loads), scene.gravity, scene.array_calls)
+
 
 def dead_loads(
     scene: Scene | OnBeams,

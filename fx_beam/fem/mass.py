@@ -15,7 +15,7 @@ from fx_beam.errors import all_of, any_of
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 
-from .fields import distinct, section_data
+from .beam_data import distinct, section_data
 from .loads import OnBeams, element_rule
 from .mesh import Mesh
 from .sparsity import positions_in
@@ -24,25 +24,76 @@ _log = logging.getLogger("fx_beam")
 _WORDS = {"rhoA": "distributed mass", "rhoI": "distributed rotary inertia"}
 
 
-class Mass:
-    """Constant mass matrix and weight of a scene, with the places of masses in them.
+class MassPlaces:
+    """Where masses (n,) of translations and rotations are in the values of a tangent.
 
-    Masses (n,) are those of translations and rotations: lumped, then at Gauss points of beams.
+    First those that are lumped, then those at Gauss points of beams.
     """
 
     def __init__(self, scene: Scene, mesh: Mesh, K: scipy.sparse.csr_matrix, of_cells: np.ndarray):
-        self._mesh, self._K, self._elements = mesh, K, mesh.elements
+        self._K, self._cells = K, len(mesh.elements)
         all_rows = np.arange(len(K.indptr) - 1)
         #: Positions of the diagonal in the values of the stiffness.
         self.diagonal = positions_in(K.indptr, K.indices, all_rows, all_rows)
         nodes = np.array([row.node for row in scene.masses], int)
         #: Storage indices (n,) where masses and inertias are lumped, in the same values.
-        self.entries_of_nodes = self._at = self.diagonal.reshape(-1, 3)[nodes].ravel()
+        self.of_nodes = self._at = self.diagonal.reshape(-1, 3)[nodes].ravel()
         if scene.beams:
             degree = scene.beams[0].degree
             rows, columns, self._unit = _unit_masses(degree)
             of_elements = of_cells[:, 3 * (degree + 1) * rows + columns].ravel()
             self._at = np.concatenate([self._at, of_elements])
+
+    def matrix(self, values: np.ndarray) -> scipy.sparse.csr_matrix:
+        """The matrix with some entries in this sparsity."""
+        K = self._K
+        return scipy.sparse.csr_matrix((values, K.indices, K.indptr), K.shape, copy=False)
+
+    def entries(self, masses: Any) -> Any:
+        """Entries of the mass matrix by masses."""
+        lumped = len(self.of_nodes)
+        if lumped < len(self._at):
+            of_cells = masses[lumped:].reshape(self._cells, -1) @ self._unit
+            masses = np.concatenate([masses[:lumped], of_cells.reshape(-1)])
+        return (
+            np.bincount(self._at, masses, self._K.nnz) if self._at.size else np.zeros(self._K.nnz)
+        )
+
+    def by_masses(self, by_entries: np.ndarray) -> np.ndarray:
+        """Derivatives by masses from those by entries."""
+        derivatives, lumped = by_entries[self._at], len(self.of_nodes)
+        if lumped == len(derivatives):
+            return derivatives
+        by_cells = derivatives[lumped:].reshape(self._cells, -1) @ self._unit.T
+        return np.concatenate([derivatives[:lumped], by_cells.ravel()])
+
+    def weights(self, gravity: Any, entries: Any) -> Any:
+        """Weight (size,) of an acceleration (2,), by entries of the mass."""
+        places, rows = self._of_translations
+        pull = dual_array(gravity)[rows % 3]
+        return np.bincount(rows, entries[places] * pull, len(self.diagonal))
+
+    def by_entries(self, gravity: Any, by_weight: np.ndarray) -> np.ndarray:
+        """Derivatives by entries from those by the weight."""
+        places, rows = self._of_translations
+        return np.bincount(places, by_weight[rows] * gravity[rows % 3], self._K.nnz)
+
+    @cached_property
+    def _of_translations(self) -> tuple[np.ndarray, np.ndarray]:
+        """Entries of equal displacements of two nodes in the values of the stiffness, and rows."""
+        K = self._K
+        rows = np.repeat(np.arange(len(K.indptr) - 1), np.diff(K.indptr))
+        places = np.flatnonzero((rows % 3 == K.indices % 3) & (rows % 3 < 2))
+        return places, rows[places]
+
+
+class Mass:
+    """Constant mass matrix and weight of a scene."""
+
+    def __init__(self, scene: Scene, mesh: Mesh, K: scipy.sparse.csr_matrix, of_cells: np.ndarray):
+        self._mesh = mesh
+        #: Where masses are in the values of the stiffness.
+        self.places = MassPlaces(scene, mesh, K, of_cells)
         #: Entries of the mass in these values, and the weight (size,); None without gravity.
         self.values, self.weight = np.zeros(K.nnz), None
         #: What was assembled, in words.
@@ -56,12 +107,7 @@ class Mass:
     def matrix(self) -> scipy.sparse.csr_matrix:
         """Mass matrix (eqs 19 to 21), lumped entries included, of the stiffness' sparsity."""
         self.assembled += self._words
-        return self.of(self.values)
-
-    def of(self, values: np.ndarray) -> scipy.sparse.csr_matrix:
-        """The matrix with some entries in this sparsity."""
-        K = self._K
-        return scipy.sparse.csr_matrix((values, K.indices, K.indptr), K.shape, copy=False)
+        return self.places.matrix(self.values)
 
     def numbers_of(self, scene: Scene, X: Any) -> dict[str, Any]:
         """Entries of the mass, and the weight if there is any, with slopes that the scene has.
@@ -81,18 +127,18 @@ class Mass:
 
     def _numbers_of(self, scene: Scene, X: Any) -> dict[str, Any]:
         masses = self._masses(scene, X)
-        entries = self._entries(floats(masses))
+        entries = self.places.entries(floats(masses))
         mass: Any = entries
         if isinstance(masses, Dual):
-            mass = LinearDual(entries, self._entries, masses, self._by_masses)
+            mass = LinearDual(entries, self.places.entries, masses, self.places.by_masses)
         if (gravity := scene.gravity) is None:
             return {"mass": mass}
-        weights = functools.partial(self.weights, gravity)
+        weights = functools.partial(self.places.weights, gravity)
         if dual_of(gravity) is not None:
             return {"mass": mass, "weight": weights(mass)}
         weight = weights(entries)
         if isinstance(masses, Dual):
-            back = functools.partial(self._by_entries, gravity)
+            back = functools.partial(self.places.by_entries, gravity)
             weight = LinearDual(weight, weights, mass, back)
         return {"mass": mass, "weight": weight}
 
@@ -127,51 +173,14 @@ class Mass:
 
     def _of_beams(self, scene: Scene | OnBeams, X: Any) -> Any:
         degree = scene.beams[0].degree
-        along = element_rule(degree, degree + 1)[2] @ X[self._elements]
+        along = element_rule(degree, degree + 1)[2] @ X[self._mesh.elements]
         lengths = np.hypot(along[..., 0], along[..., 1])
         density = section_data(self._mesh, scene, ("rhoA", "rhoI"), degree + 1)
         return (lengths[..., None] * density).reshape(-1)
 
-    def _entries(self, masses: Any) -> Any:
-        """Entries of the mass matrix by masses."""
-        lumped = len(self.entries_of_nodes)
-        if lumped < len(self._at):
-            of_cells = masses[lumped:].reshape(len(self._elements), -1) @ self._unit
-            masses = np.concatenate([masses[:lumped], of_cells.reshape(-1)])
-        return (
-            np.bincount(self._at, masses, self._K.nnz) if self._at.size else np.zeros(self._K.nnz)
-        )
-
     def at_points(self, scene: OnBeams, X: Any) -> Any:
         """Masses (cells, n) of elements, those of translations and rotations at Gauss points."""
-        return self._of_beams(scene, X).reshape(len(self._elements), -1)
-
-    def _by_masses(self, by_entries: np.ndarray) -> np.ndarray:
-        """Derivatives by masses from those by entries."""
-        derivatives, lumped = by_entries[self._at], len(self.entries_of_nodes)
-        if lumped == len(derivatives):
-            return derivatives
-        by_cells = derivatives[lumped:].reshape(len(self._elements), -1) @ self._unit.T
-        return np.concatenate([derivatives[:lumped], by_cells.ravel()])
-
-    def weights(self, gravity: Any, entries: Any) -> Any:
-        """Weight (size,) of an acceleration (2,), by entries of the mass."""
-        places, rows = self._of_translations
-        pull = dual_array(gravity)[rows % 3]
-        return np.bincount(rows, entries[places] * pull, len(self.diagonal))
-
-    def _by_entries(self, gravity: Any, by_weight: np.ndarray) -> np.ndarray:
-        """Derivatives by entries from those by the weight."""
-        places, rows = self._of_translations
-        return np.bincount(places, by_weight[rows] * gravity[rows % 3], self._K.nnz)
-
-    @cached_property
-    def _of_translations(self) -> tuple[np.ndarray, np.ndarray]:
-        """Entries of equal displacements of two nodes in the values of the stiffness, and rows."""
-        K = self._K
-        rows = np.repeat(np.arange(len(K.indptr) - 1), np.diff(K.indptr))
-        places = np.flatnonzero((rows % 3 == K.indices % 3) & (rows % 3 < 2))
-        return places, rows[places]
+        return self._of_beams(scene, X).reshape(len(self._mesh.elements), -1)
 
 
 @functools.cache

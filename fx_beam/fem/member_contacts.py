@@ -22,7 +22,7 @@ from fx_beam.scene.joints import GROUND
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 
-from .compiled_laws import LIBRARY, compiled_laws
+from .compiled_laws import LIBRARY, PointFunction, compiled_laws
 from .mesh import Mesh
 from .sparsity import connected_parts
 
@@ -146,8 +146,8 @@ class MemberContacts:
                 f"contact with a member: its energy has the parameter {named[0].parameters[0]!r}. "
                 "Write the number in its place"
             )
-        #: Number of points of each that may touch.
-        self.switch_counts = [len(pair.points) for pair in pairs]
+        #: What derivatives call.
+        self.slopes: list[PointFunction] = []
         counts = [SLOTS * len(pair.points) * bool(pair.law.internal) for pair in pairs]
         #: First slot of memory of each; all their internal variables.
         self.first_slots, self.width = np.cumsum([0, *counts]), IN_SLOT * sum(counts)
@@ -163,7 +163,7 @@ class MemberContacts:
         self._structs.set(
             self.c,
             contacts=len(pairs),
-            conditions=sum(self.switch_counts),
+            conditions=sum(len(pair.points) for pair in pairs),
             of=[self._row(i, *firsts[i]) for i in range(len(pairs))],
             dofs=size,
             moving=len(nodes),

@@ -6,7 +6,7 @@ import numpy as np
 
 from fx_beam.laws.point_laws import StepRule
 
-from .compiled_laws import PointFunction, slopes_of
+from .compiled_laws import slopes_of
 from .member_contacts import MemberContacts
 
 
@@ -36,13 +36,13 @@ def energy_by(
     return of_both | {"members": sums[2], "X": X}
 
 
-def followed(members: MemberContacts, rule: StepRule) -> tuple[list[PointFunction], dict[str, int]]:
-    """Hand over what derivatives of forces need besides, and functions that must be kept for it.
+def followed(members: MemberContacts, rule: StepRule) -> dict[str, int]:
+    """Hand over what derivatives of forces need besides.
 
-    And the numbers of all points, and of arc lengths of nodes, by the names in c/problem.h.
+    Returns the numbers of all points, and of arc lengths of nodes, by the names in c/problem.h.
     """
-    functions = [slopes_of(pair.followed, rule) for pair in members.pairs]
-    for i, function in enumerate(functions):
+    members.slopes = [slopes_of(pair.followed, rule) for pair in members.pairs]
+    for i, function in enumerate(members.slopes):
         members.c.of[i].slopes = members.ffi.cast("Law *", function.address)
     numbers, arcs = (sum(getattr(p, n).size for p in members.pairs) for n in ("numbers", "arc"))
-    return functions, {"member_numbers": numbers, "member_arcs": arcs}
+    return {"member_numbers": numbers, "member_arcs": arcs}

@@ -12,6 +12,7 @@ from fx_beam.content_cache import cached_property
 from fx_beam.dual import DualFloat, dual_array, floats
 from fx_beam.errors import SceneError, all_of
 from fx_beam.scene.beam import Beam, Node, inner_positions
+from fx_beam.scene.joints import NodalMotion
 from fx_beam.scene.scene import Scene
 
 from .assembly import Space
@@ -50,6 +51,19 @@ class Mesh:
     def dofs(self) -> np.ndarray:
         """Degrees of freedom (n, 3) of x, y and rotation of each node."""
         return np.arange(3 * len(self.X)).reshape(-1, 3)
+
+    @property
+    def turns(self) -> np.ndarray:
+        """Degrees of freedom (n,) that are rotations."""
+        return self.dofs[:, 2]
+
+    def motion(self, scene: Scene, **histories: np.ndarray) -> NodalMotion:
+        """How joints of a scene read the motion: histories (n, size) "q" and "v"."""
+        at_nodes = {name: rows.reshape(-1, len(self.X), 3) for name, rows in histories.items()}
+        return NodalMotion(
+            lambda name, node: at_nodes[name][:, node.number].T,
+            lambda name, beam: at_nodes[name][:, self.nodes_of(scene, beam)],
+        )
 
     @cached_property
     def beam_of_cell(self) -> np.ndarray:

@@ -205,7 +205,7 @@ class PointForces:
         self.width = sum(force.law.internal for force in forces) + (members.width if members else 0)
         #: Number of `switches` of each law.
         self.switch_counts = [placed.law.conditions for placed in self.placed]
-        self.switch_counts += members.switch_counts if members else []
+        self.switch_counts += [len(pair.points) for pair in members.pairs] if members else []
         slides = [placed.force.slide for placed in self.placed[self.external.stop :]]
         #: Joints of the slides, and their columns, once they are known.
         self.slides, self.columns = np.array(slides, dtype=int), np.full(len(slides), -1)

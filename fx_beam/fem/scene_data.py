@@ -7,14 +7,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from fx_beam.dual import dual_array, floats
+from fx_beam.errors import all_of
 from fx_beam.laws.rates import UpdateRule
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 
-from .fields import data_of_beams
-from .loads import Followers, SumOfLoads
+from .beam_data import data_of_beams
+from .loads import Followers, OnBeams, SumOfLoads
 from .mesh import Mesh
 from .parameter_values import ParameterFunctions
 from .point_forces import PointForce, by_role
@@ -94,6 +95,13 @@ class Data(NamedTuple):
     arms: Arms
     #: Joints with a motor, each with the name of its coordinate.
     motors: list[tuple[Joint, str]]
+    #: What section forces need, whatever becomes of the scene.
+    on_beams: OnBeams
+
+    def lies_as(self, other: Data) -> bool:
+        """Whether nodes and joints are where other data have them, or nothing depends on it."""
+        # Joints first: they also say whether others have offsets.
+        return self.arms.are_at(other.arms) and all_of(floats(self.X) == floats(other.X))
 
     @property
     def before_motors(self) -> Any:

@@ -6,8 +6,8 @@ from typing import Any
 
 from fx_beam.symbolic import Written, ufl
 
-from .fields import NATURAL
-from .weak_form import Kind, WeakForm
+from .beam_data import NATURAL, Kind
+from .weak_form import WeakForm
 
 
 class DerivedForm(WeakForm):
@@ -18,8 +18,8 @@ class DerivedForm(WeakForm):
         self._works: dict[str, tuple[list[Any], Any, dict[str, Any]]] = {}
         #: Zero, added to the parameters of each element.
         self._more: Any = None
-        if self.parameters is not None:
-            self._more = self.fields.data((1, self.parameters.ufl_shape))
+        if self.symbols.parameters is not None:
+            self._more = self.fields.data((1, self.symbols.parameters.ufl_shape))
             self.named[self._more] = "more"
 
     def derivatives(self, name: str) -> Written:
@@ -28,7 +28,9 @@ class DerivedForm(WeakForm):
         The latter are at the Gauss points, each times the weight of its point.
         """
         if name == "resultants":
-            quantity = self._at_points(self.resultants, ufl.TestFunction(self.fields.internal(3)))
+            quantity = self._at_points(
+                self.laws.resultants, ufl.TestFunction(self.fields.internal(3))
+            )
         else:
             quantity = self._energies[name]
         return Written(self._derived(quantity)[1], self.named)
@@ -41,8 +43,8 @@ class DerivedForm(WeakForm):
         if forces in self._works:
             return self._works[forces]
         forms = {self.fields.test: self._of_drag if forces == "drag" else self._residual}
-        if self.width and forces != "drag":
-            forms[ufl.TestFunction(self.fields.internal(self.width))] = self._increments()
+        if self.symbols.width and forces != "drag":
+            forms[ufl.TestFunction(self.fields.internal(self.symbols.width))] = self._increments()
         make = self.fields.symbols.coefficient
         weights = {test: make(test.ufl_function_space()) for test in forms}
         self.named |= {weight: f"weight {k}" for k, weight in enumerate(weights.values())}
@@ -68,11 +70,13 @@ class DerivedForm(WeakForm):
     def _derived(self, quantity: Any) -> tuple[Any, dict[str, Any]]:
         """A quantity, with `more` parameters, and its derivatives that are not zero, by name."""
         fields = self.fields
-        if self.parameters is not None:
-            quantity = ufl.replace(quantity, {self.parameters: self.parameters + self._more})
+        if self.symbols.parameters is not None:
+            quantity = ufl.replace(
+                quantity, {self.symbols.parameters: self.symbols.parameters + self._more}
+            )
         symbols = {name: symbol for symbol, name in self.named.items()}
         nodal = "increment", "start", "q_previous"
-        names = *nodal, "internal", *NATURAL, *self.data
+        names = *nodal, "internal", *NATURAL, *self.symbols.data
         used = {name: symbols.get(name) for name in names} | {"parameters": self._more}
         used = {name: field for name, field in used.items() if field in quantity.coefficients()}
         forms = {name: ufl.derivative(quantity, field) for name, field in used.items()}

@@ -50,7 +50,7 @@ class Equations:
     def begin(self, dt: float) -> bool:
         """Begin a sub-step at the state in C; whether other unknowns are the independent ones."""
         model = self.model
-        reduction, natural = model.reduction, model.natural
+        reduction, natural = model.reduction, model.data.natural
         # The end less the start differs from dt by round-off, which would count as work.
         self._interval = interval = self.loop.interval(dt)
         self._start = state = self.loop.state.read(self.loop.problem.c.state.t)
@@ -82,10 +82,10 @@ class Equations:
         model, rates, reduction = self.model, self.model.scheme.rates, self.model.reduction
         self._y[self.unknowns.independent] = y
         D = self.memory[0][:] = reduction.increment(self._y, self._driven)
-        if not abs(D[model.turns]).max() <= self._max_turn:
+        if not abs(D[model.mesh.turns]).max() <= self._max_turn:
             constants, closed = self.loop.problem.constants, np.isfinite(D).all()
             raise NoConfigurationError(constants.TURNED_TOO_FAR if closed else constants.OPEN_LOOP)
-        self._path, self._slope = rates.work_increment(D, model.turns)
+        self._path, self._slope = rates.work_increment(D, model.mesh.turns)
         self.internal, self._added = self.form.residual(D)
         r = self.forces = self.internal + self._added - self._force
         if not rates.at_rest:
@@ -95,7 +95,7 @@ class Equations:
     def _acceleration(self, D: np.ndarray) -> np.ndarray:
         """Nodal accelerations (size,); their derivatives by the increment are kept."""
         state, dt = self._start, self._interval.length
-        if not (rules := self.model.nodal_rules):
+        if not (rules := self.model.forms.nodal_rules):
             rates = self.model.scheme.rates
             a, self._steepness = rates.acceleration(self._path, state.v, state.a, dt)
             return a
@@ -126,7 +126,7 @@ class Equations:
         """The reduced tangent where forces were found last."""
         model, mass, values = self.model, self.form.mass, np.zeros(self.form.pattern.nnz)
         added = None
-        if model.nodal_rules:
+        if model.forms.nodal_rules:
             nodes = np.arange(len(self._by_increment) + 1)
             blocks = self._by_increment, nodes[:-1], nodes
             added = mass @ scipy.sparse.bsr_matrix(blocks, mass.shape).tocsr()

@@ -15,8 +15,8 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.errors import SceneError, require
-from fx_beam.fem.fields import section_data
-from fx_beam.fem.weak_form import Kind, WeakForm
+from fx_beam.fem.beam_data import Kind, section_data
+from fx_beam.fem.weak_form import WeakForm
 from fx_beam.laws.interval import Interval
 from fx_beam.laws.kinematics import Step
 from fx_beam.laws.schemes import Scheme
@@ -58,8 +58,8 @@ class StepForm:
         grid, written = self.grid, WeakForm(kind, self._symbols)
         self._fields = fields = written.fields
         #: The step in UFL, whose fields are Functions and Constants; N, Q and M of each material.
-        self.step, self.resultants = written.step, written.resultants
-        self._internal, self._parameters = written.internal, written.parameters
+        self.step, self.resultants = written.laws.step, written.laws.resultants
+        self._internal, self._parameters = written.symbols.internal, written.symbols.parameters
         #: Space of displacements (2) and rotation (1).
         self.V = fields.start.function_space
         #: Number in the scene of each degree of freedom of V, and of the space of increments. The
@@ -73,7 +73,10 @@ class StepForm:
         displacements, self._of_u = self.V.sub(0).collapse()
         #: Displacement, on a space of its own.
         self.u = fem.Function(displacements, name="u")
-        for name, symbol in written.named_data.items():
+        named = written.symbols.named_data
+        if fields.coordinate is not None:
+            named["coordinate"] = fields.coordinate
+        for name, symbol in named.items():
             grid.fill(symbol, np.asarray(self.beams.data.values[name], dtype=float))
         forms = written.of_step().forms
         # Terms of the residual without inertia, and terms of a user. Each is assembled by itself:
@@ -236,7 +239,7 @@ class StepForm:
         lumped = np.zeros(model.size)
         for node, m, inertia in model.scene.masses:
             lumped[model.mesh.dofs[node]] += float(m), float(m), float(inertia)
-        mass.data[model.masses.diagonal] += lumped
+        mass.data[model.masses.places.diagonal] += lumped
         return mass
 
     def strain_energy(self) -> float:

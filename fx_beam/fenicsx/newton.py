@@ -102,7 +102,7 @@ class Newton:
         """Let a correction turn no node further than `LONGEST_TURN`."""
         unknowns = self._equations.unknowns
         motion = unknowns.to_nodes(unknowns.all(correction))
-        turn = abs(motion[self._equations.model.turns]).max(initial=0.0)
+        turn = abs(motion[self._equations.model.mesh.turns]).max(initial=0.0)
         self._shortened = bool(turn > LONGEST_TURN)
         if self._shortened:
             correction.scale(LONGEST_TURN / turn)

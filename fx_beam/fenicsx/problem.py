@@ -10,6 +10,7 @@ from mpi4py import MPI
 import numpy as np
 
 from fx_beam.errors import SceneError, positive
+from fx_beam.fem.step_forces import StepForces
 from fx_beam.laws.interval import INSTANT, Interval
 from fx_beam.laws.schemes import Scheme
 from fx_beam.motions.evaluation import solution_of
@@ -158,13 +159,15 @@ class Problem(Steps):
         self._state = self._state.changed(a=starts.resumed(self._state, same_scheme=False).a)
         self._form.end(self._state)
 
-    def _further(self, interval: Interval, state: State, D: np.ndarray) -> np.ndarray:
+    def _further(
+        self, interval: Interval, state: State, D: np.ndarray, forces: StepForces
+    ) -> np.ndarray:
         """Forces (size,) that the engine does not have."""
         self._form.begin(interval, state, state.natural)
         internal, added = self._form.residual(D)
         if not self._form.replaced:
             return added
-        return internal + added - self._model.forms.force_of_beams(D)
+        return internal + added - forces.of_beams(D)
 
     def run(
         self,
@@ -248,7 +251,7 @@ class Problem(Steps):
         model, last = self._model, len(solution.t) - 1
         state = self._prepared.first_state(self.dt, solution)
         if row not in (-1, last):
-            if model.flows or model.keeps_previous or solution.stats.static:
+            if model.kinks.flows or model.forms.keeps_previous or solution.stats.static:
                 raise SceneError(
                     "fenicsx: start_from: only the last row of this solution has all that the next "
                     "step needs. Leave out `row`"

@@ -138,7 +138,7 @@ class Steps:
 
     @natural_strains.setter
     def natural_strains(self, strains: Any) -> None:
-        if not self._model.natural:
+        if not self._model.data.natural:
             raise SceneError(
                 "fenicsx: natural_strains: the scene has none, so that its forms have none. Call "
                 "scene.add_natural_strain(beam, axial=0.0) before the problem is made"
@@ -269,7 +269,9 @@ class Steps:
         return {
             "kinetic": float(state.v @ (self._form.mass @ state.v)) / 2,
             "strain": self._form.strain_energy(),
-            "potential": 0.0 if model.weight is None else -float(model.weight @ state.q),
+            "potential": 0.0
+            if model.masses.weight is None
+            else -float(model.masses.weight @ state.q),
             "springs": float(model.forms.in_c.energy(state.q, state.slides, state.spring_internal)),
         }
 

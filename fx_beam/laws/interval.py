@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-_NONE = np.empty(0)
+_NONE, _ZERO, _ONE = np.empty(0), np.zeros(1), np.ones(1)
 
 
 class Interval(NamedTuple):
@@ -127,9 +127,9 @@ class StepBatch(NamedTuple):
     load_factor: np.ndarray = _NONE
 
     @classmethod
-    def at_rest(cls, q: np.ndarray) -> StepBatch:
+    def at_rest(cls, q: np.ndarray, **more: np.ndarray) -> StepBatch:
         """One step in which q (size,) does not move."""
-        return cls(np.zeros(1), np.ones(1), q=q[None])
+        return cls(_ZERO, _ONE, q=q[None], **more)
 
     @property
     def fields(self) -> tuple[np.ndarray, ...]:

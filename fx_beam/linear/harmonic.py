@@ -136,7 +136,7 @@ def frequency_response(
         force = nodal_load(about, load, f"{caller}: load")
     else:
         moved = base_motion(about, base, f"{caller}: base")
-        shaking = about.model.mass @ moved
+        shaking = about.model.masses.matrix @ moved
     measured = Measured(about, at, f"{caller}: at")
     assert at is not None  # it is refused there
     f = checked_frequencies(frequencies, f"{caller}: frequencies")

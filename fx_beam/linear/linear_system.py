@@ -63,7 +63,7 @@ class InputColumns:
         #: Inputs whose rates have forces: number, place in all inputs, and value in the state.
         self.straining: list[tuple[int, int, float]] = []
         first = dict(zip(inputs.widths, np.cumsum([0, *inputs.widths.values()]), strict=False))
-        strains = (function for _, function in model.natural.functions)
+        strains = (function for _, function in model.data.natural.functions)
         inner = [*model.forms.parameters.functions, *strains]
         for name in names:
             parts, width, number = inputs.parts[name], inputs.widths[name], len(self.labels)
@@ -96,9 +96,9 @@ def _force(about: Deviations, parts: list, unit: np.ndarray) -> np.ndarray:
     """Nodal forces (size,) of a unit of an input."""
     model = about.model
     force, values = np.zeros(model.size), {id(part): part.scale * unit for part in parts}
-    for columns, function in model.loads.functions:
+    for columns, function in model.data.loads.functions:
         if id(function) in values:
-            force += model.loads.unit_loads[:, columns] @ values[id(function)]
+            force += model.data.loads.unit_loads[:, columns] @ values[id(function)]
     for load in model.scene.loads:
         if load.follower and id(load.value) in values:
             assert isinstance(load.target, Node)  # only forces on nodes turn
@@ -120,7 +120,7 @@ class FirstOrder:
 
     def __init__(self, about: Deviations, inputs: InputColumns, caller: str):
         free = len(about.unknowns)
-        y, unit = slice(free), about.model.unit_of_unknowns[about.unknowns]
+        y, unit = slice(free), about.model.units.unknowns(about.model.couplings)[about.unknowns]
         V, masses, damped = _kinds(about.M[y, y], about.C[y, y], unit, caller)
         M, C, K = ((V.T @ part[y, y] @ V).tocsr() for part in (about.M, about.C, about.K))
         P, R = inputs.P, inputs.R

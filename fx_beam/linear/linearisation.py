@@ -28,6 +28,7 @@ from fx_beam.step.equations import Equations
 from fx_beam.step.extended import Extended
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.model import Model
+from fx_beam.step.state_values import added_force
 from fx_beam.step.turning_frame import TurningFrame, check_turns
 from fx_beam.step.undamped_modes import Symmetry, UndampedModes
 
@@ -263,7 +264,7 @@ def linearised(
     check_unknowns(model, caller)
     frame = None if state is None else turning_frame_of(model, state, caller)
     equations = Equations(model, start.t, frame)
-    force = dead_loads(model, start, factor, frame, model.added_force(start, factor, start.t))
+    force = dead_loads(model, start, factor, frame, added_force(model, start, factor, start.t))
     equations.begin(Interval(factor, factor), start)
     balance = equations.at_start(force)
     if reduction.singularity:
@@ -272,11 +273,11 @@ def linearised(
     if frame is not None:
         T = reduction.coupling()[:, unknowns]
         G = (np.sqrt(factor) * T.T @ frame.gyroscopic @ T).tocsr()
-    M = _without_round_off(K.weighted(model.mass, reduction), K.units(model))
+    M = _without_round_off(K.weighted(model.masses.matrix, reduction), K.units(model))
     matrices = K, M, reduction.column_map, unknowns, start, frame, G
     about = Linearisation(scene, model, *matrices, 1.0 if state is None else factor, models)
     # The largest work of a force at a node in a unit motion of the scene [J].
-    largest = max(abs(part * model.unit).max() for part in (balance.f, balance.r, force))
+    largest = max(abs(part * model.units.nodes).max() for part in (balance.f, balance.r, force))
     if not is_held:
         _check_equilibrium(about, state, balance.residual[unknowns], largest, caller)
     return about
@@ -368,7 +369,7 @@ def _check_equilibrium(
         )
         return
     worst = int(left.argmax())
-    moved = (abs(about.T[:, [worst]].toarray()[:, 0]) / model.unit).reshape(-1, 3)
+    moved = (abs(about.T[:, [worst]].toarray()[:, 0]) / model.units.nodes).reshape(-1, 3)
     if moved[:, 2].any():  # a rotation, which may move other nodes
         moved[:, :2] = 0.0
     node, component = np.unravel_index(moved.argmax(), moved.shape)
@@ -388,7 +389,7 @@ def _check_rest(about: Linearisation, state: Solution, caller: str) -> None:
     driven = np.zeros(model.couplings.driven)
     w = rates_of_columns(model, about.start, v, driven)[about.unknowns]
     # The amplitude of a vibration that passes with these rates, in units of the scene.
-    speed = abs(v / model.unit).max()
+    speed = abs(v / model.units.nodes).max()
     stiffness = abs(w @ (about.K @ w))
     amplitude = speed * np.sqrt(w @ (about.M @ w) / stiffness) if stiffness else np.inf
     if amplitude > _AT_REST:

@@ -26,6 +26,7 @@ from fx_beam.step.fitted_rates import rate_fit
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.held_inputs import HeldInputs
 from fx_beam.step.model import Model
+from fx_beam.step.state_values import slide_rates, start_of
 from fx_beam.step.turning_frame import TurningFrame
 
 from .linearisation import INSTANT, check_damping, check_unknowns, dead_loads, turning_frame_of
@@ -126,12 +127,11 @@ def deviations(scene: Scene, solution: Solution | None, caller: str) -> Deviatio
     if solution is not None and not solution.stats.static:
         strained = _natural_rates(model, solution, caller)
     model.forms.set_load(factor)
-    f, K, C, pushes, stiff, viscous = _forces(model, state, strained)
-    added = model.forms.added_force()
+    f, K, C, pushes, stiff, viscous, added = _forces(model, state, strained)
     model.forms.set_load(1.0)
     if solution is None:  # loads that depend on rates damp, as in `modes`
-        _, _, C, _, _, viscous = _forces(model, state)
-    mass = model.mass
+        _, _, C, _, _, viscous, _ = _forces(model, state)
+    mass = model.masses.matrix
     dead = dead_loads(model, state, factor, frame, added)
     if frame is not None:
         dead += factor * frame.force(state.q)
@@ -166,7 +166,7 @@ def _warn_of_turn(
     rates = v @ [1, 1j, 0]
     pivot = np.mean(x + 1j * rates / spin)
     frame = TurningFrame(model, spin, (pivot.real, pivot.imag))
-    apart = abs(state.v - frame.rates(state.q, 1.0)) / model.unit
+    apart = abs(state.v - frame.rates(state.q, 1.0)) / model.units.nodes
     turned = frame.spin * (frame.quarter_turn @ T.toarray())
     in_space = abs(turned - dT.toarray()).max(initial=0.0)
     if apart.max() < _RIGID * abs(spin) and in_space > _RIGID * abs(spin):
@@ -194,8 +194,8 @@ def _rates_from(model: Model, T: np.ndarray) -> np.ndarray:
 
     Rates of nodes without mass count little: they are means over the last step.
     """
-    weight = model.mass.diagonal() * model.unit**2
-    root = np.sqrt(weight + _LITTLE * (weight.max(initial=0.0) or 1.0)) / model.unit
+    weight = model.masses.matrix.diagonal() * model.units.nodes**2
+    root = np.sqrt(weight + _LITTLE * (weight.max(initial=0.0) or 1.0)) / model.units.nodes
     return np.linalg.pinv(root[:, None] * T) * root
 
 
@@ -229,7 +229,7 @@ class _Coupling:
 
     def derivatives(self, z: np.ndarray) -> tuple[scipy.sparse.csr_matrix, scipy.sparse.csr_matrix]:
         """First and second derivative of X along z."""
-        size = abs(self.parts(self.X)[0] @ z / self._model.unit).max(initial=0.0)
+        size = abs(self.parts(self.X)[0] @ z / self._model.units.nodes).max(initial=0.0)
         first = second = scipy.sparse.csr_matrix(self.X.shape)
         if not (self._model.scene.joints and size):
             return first, second
@@ -238,7 +238,7 @@ class _Coupling:
             # Nodes of an element move against each other, which bends and turns it.
             h *= min(self._model.mesh.shortest) / self._model.mesh.size
         # All points are in one element of a beam on which a node slides.
-        reach = self._reduction.sliders.reach(self._slides, self.parts(self.X)[1] @ z)
+        reach = self._reduction.reach(self._slides, self.parts(self.X)[1] @ z)
         h = min(h, max(reach / 4, _LEAST_APART / size))
         for k, (odd, even) in enumerate(zip(_FIRST, _SECOND, strict=True), start=1):
             # Constant entries have differences of zero, without rounding errors.
@@ -262,13 +262,13 @@ class _Coupling:
 
 def _natural_rates(model: Model, solution: Solution, caller: str) -> np.ndarray | None:
     """Rates (cells, degree, 3) of natural strains [1/s], which damp; None without any."""
-    if not model.natural:
+    if not model.data.natural:
         return None
     t = float(solution.t[-1])
     first = float(solution.t[0]) if len(solution.t) > 1 else 0.0  # a state has one row
     length = abs(t - first) / max(solution.stats.steps, 1)
     h = max(_MOMENT * length, _OF_TIME * abs(t)) or _AT_ZERO
-    values = np.array([model.natural.at(t + k * h) for k in range(-2, 3)])
+    values = np.array([model.data.natural.at(t + k * h) for k in range(-2, 3)])
     # Over twice the time a smooth function bends four times as much, one with a kink twice.
     weights = [[0, -1, 0, 1, 0], [0, 1, -2, 1, 0], [-1, 4, -6, 4, -1]]
     differences = np.tensordot(weights, values, 1)
@@ -290,31 +290,34 @@ def _forces(model: Model, state: State, strained: np.ndarray | None = None):
     Natural strains may be `strained` at rates (cells, degree, 3).
     """
     forms, points = model.forms, model.points
-    slide_rates = model.slide_rates(state)
-    count = model.reduction.columns
+    slid_rates = slide_rates(model, state)
+    count, added = model.reduction.columns, np.zeros(0)
 
     def step(dt: float, moving: bool = True):
         """Forces and tangents of a step dt about the state, half of it before."""
-        D, slid = moving * dt * state.v, moving * dt * slide_rates
+        D, slid = moving * dt * state.v, moving * dt * slid_rates
         start = replace(state, q=state.q - D / 2, slides=state.slides - slid / 2)
-        inputs = model.start_of(start, dt)
+        inputs = start_of(model, start, dt)
         if strained is not None and state.natural is not None:
             first = state.natural - dt / 2 * strained
             inputs = inputs._replace(natural=(first, first + dt * strained))
-        forms.begin(instant(state.t, dt), inputs)
-        f = forms.internal_force(D)
+        nonlocal added
+        forces = forms.begin(instant(state.t, dt), inputs)
+        f, added = forces.internal(D), forces.added()
         z = np.zeros(count)
         z[points.columns] = slid[points.slides]
         forms.in_c.evaluate_slides(z)
         on_slides = np.zeros((2, count))
         for k in (0, 1):
             np.add.at(on_slides[k], points.columns, forms.in_c.on_slides(k))
-        return f, forms.tangent(), *on_slides
+        return f, forces.tangent(), *on_slides
 
     if not forms.depend_on_rates:
         f, half, pushes, half_slides = step(INSTANT, moving=False)
-        return f, 2 * half, 0 * half, pushes, 2 * half_slides, 0 * half_slides
-    size = max(abs(state.v / model.unit).max(), 0 if strained is None else abs(strained).max())
+        return f, 2 * half, 0 * half, pushes, 2 * half_slides, 0 * half_slides, added
+    size = max(
+        abs(state.v / model.units.nodes).max(), 0 if strained is None else abs(strained).max()
+    )
     # Without what grows with the motion in a step, and without rounding errors of the stiffness:
     # they would damp what has no mass.
     dt = INSTANT / max(size, 1.0)
@@ -331,7 +334,7 @@ def _forces(model: Model, state: State, strained: np.ndarray | None = None):
         _, back, _, slides_back = step(-h)
         K, stiff = ahead + back, slides_ahead + slides_back
     check_damping(np.append(K.data, C.data), "linearise: the damping in this state")
-    return f, K, C, pushes, stiff, viscous
+    return f, K, C, pushes, stiff, viscous, added
 
 
 def forces_inside(about: Deviations, name: str) -> tuple[np.ndarray, np.ndarray]:
@@ -339,7 +342,7 @@ def forces_inside(about: Deviations, name: str) -> tuple[np.ndarray, np.ndarray]
 
     G is not zero where it strains a material that damps.
     """
-    inputs, natural, state, model = about.held, about.model.natural, about.state, about.model
+    inputs, natural, state, model = about.held, about.model.data.natural, about.state, about.model
     value, h = inputs.values[name], _SMALL * (abs(inputs.values[name][0]) or 1.0)
     forces, strains = [], []
 
@@ -356,7 +359,7 @@ def forces_inside(about: Deviations, name: str) -> tuple[np.ndarray, np.ndarray]
             strains.append(strained(changed))
             if natural:
                 state = replace(state, natural=strains[-1])
-            f, _, _, pushes, _, _ = _forces(about.model, state)
+            f, _, _, pushes, *_ = _forces(about.model, state)
             forces.append(-(about.T.T @ f + about.S.T @ pushes))
     finally:
         inputs.set({name: value})
@@ -383,10 +386,10 @@ def _accelerations(
 
     Forces are r (size,) at nodes and pushes (columns,) of springs. Inputs have no acceleration.
     """
-    free, mass = len(unknowns := model.reduction.independent), model.mass
+    free, mass = len(unknowns := model.reduction.independent), model.masses.matrix
     a = np.zeros(T.shape[1])
     if model.reduction.driven and state.a.any():
-        unit = model.unit
+        unit = model.units.nodes
         scaled = T.toarray() / unit[:, None]
         a = np.linalg.lstsq(scaled, (state.a - turning) / unit, rcond=None)[0]
         a[:free] = 0.0
@@ -394,6 +397,9 @@ def _accelerations(
         if function.ramps:
             a[free + i] = 0.0
     force = -(T.T @ (r + mass @ (T @ a)) + pushes)[:free]
-    M, unit = (T.T @ (mass @ T)).tocsr()[:free, :free], model.unit_of_unknowns[unknowns]
+    M, unit = (
+        (T.T @ (mass @ T)).tocsr()[:free, :free],
+        model.units.unknowns(model.couplings)[unknowns],
+    )
     a[:free] = acceleration_of(M, force, unit)
     return a

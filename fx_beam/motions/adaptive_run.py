@@ -108,7 +108,9 @@ class AdaptiveRun:
         halves = middle and self._trial(middle, t1).state
         if whole is None or halves is None:
             return True
-        difference = abs(whole.q - halves.q) / self._stepper.model.error_unit
+        difference = abs(whole.q - halves.q) / self._stepper.model.units.errors(
+            self._stepper.model.scene
+        )
         return self._control.matters(float(difference.max()))
 
     def _harmless(self, state: State, t1: float) -> float:
@@ -134,7 +136,7 @@ class AdaptiveRun:
         """
         stepper, recorder, stats = self._stepper, self._recorder, self._stats
         state = result.state
-        first = stepper.model.switches(state)
+        first = stepper.model.kinks.switches(state)
         if not len(first):
             return result, t1 - state.t
         end = end_behind_event(first, lambda t: self._trial(state, t, True).switches, state.t, t1)

@@ -127,7 +127,7 @@ class Ending:
         """
         model, forcing = self._prepared.model, self._prepared.forcing
         times = np.array([t0 - _BESIDE * (t0 - t), t0 + _BESIDE * (t1 - t0), t, t1])
-        acting = [model.loads.series(times), model.forms.parameters.at_times(times)]
+        acting = [model.data.loads.series(times), model.forms.parameters.at_times(times)]
         acting.append(forcing.end_rates(np.repeat(t0, 2), t0 - np.array([t, t1])))
         if len(followers := model.points.followers):
             acting.append(followers.series(times, times))

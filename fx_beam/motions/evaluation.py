@@ -55,7 +55,7 @@ def solution_of(
         histories, rows = at_times(model, recorded, times, breaks)
     elif not later:
         histories = dict(recorded)
-    on_beams = model.on_beams
+    on_beams = model.data.on_beams
     of_springs = histories["spring_internal"] if model.points.width else None
     beams = zip(scene.beams, mesh.cells, strict=True)
     of_name = {beam.name: (beam, cells) for beam, cells in beams}
@@ -67,7 +67,7 @@ def solution_of(
             beams = model.forms.beams
             assert beams is not None
             check_rates(recorder)
-            with model.reading:
+            with model.forms.reading:
                 steps = RowSteps(recorder)
                 means.append(steps.means(beams.resultants(steps.batch()))[rows])
         return means[0]
@@ -91,7 +91,7 @@ def solution_of(
                 "section forces from the balance of elements need accelerations, which were not "
                 "recorded; simulate with record=Record(rates=True)"
             )
-        with model.reading:
+        with model.forms.reading:
             element_balance = ElementBalance(recorder, on_beams, a.reshape(len(a), -1).copy(), rest)
         balances.append(element_balance)
         return element_balance
@@ -218,7 +218,7 @@ def at_times(
     x = (times - t[previous]) / np.where(row > previous, t[row] - t[previous], 1.0)
     histories = dict(steps)
     points = 4 if len(model.scheme.fractions) == 1 else 6
-    unit = model.unit.reshape(-1, 3)
+    unit = model.units.nodes.reshape(-1, 3)
     q, v = _polynomials(t, steps["q"], steps["v"], unit, times, row, breaks, points)
     histories |= {"t": times, "q": q, "v": v if len(steps["v"]) else steps["v"]}
 

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse.linalg
@@ -21,8 +21,11 @@ from fx_beam.scene.beam import COMPONENTS
 from fx_beam.scene.joints import slides_at_start
 from fx_beam.scene.scene import Scene
 from fx_beam.step.forcing import Forcing
-from fx_beam.step.model import Model
+from fx_beam.step.model import Model, once
 from fx_beam.step.newton import newton
+
+if TYPE_CHECKING:
+    from fx_beam.fem.step_forces import StepForces
 
 _log = logging.getLogger("fx_beam")
 
@@ -65,23 +68,23 @@ def _settled(model: Model, state: State, force: np.ndarray, dt: float) -> State:
         nonlocal new, away
         # What has mass returns to its place, from which a correction along its path leads away.
         away = state.q - new.q
-        away[~has_mass | (abs(away) < _IN_PLACE * model.unit)] = 0.0
+        away[~has_mass | (abs(away) < _IN_PLACE * model.units.nodes)] = 0.0
         new.v = holding + away / (level * time)
         equations.begin(instant(new.t, time), new)
         residual = equations.at_start(force).residual[: reduction.free]
         w, independent = np.zeros(reduction.columns), reduction.independent
-        unit = model.unit_of_unknowns[independent]  # pivots are of one kind
+        unit = model.units.unknowns(model.couplings)[independent]  # pivots are of one kind
         scale = scipy.sparse.diags(unit)
         # The stiffness is that of the scheme's level in the step.
         factors = scipy.sparse.linalg.splu((scale @ equations.tangent() @ scale).tocsc())
         w[independent] = -level * unit * factors.solve(unit * residual[independent])
         y = reduction.with_dependent(w)[: reduction.free]
         D = reduction.increment(y, np.zeros(reduction.driven))
-        turn = abs(D[model.turns]).max()
+        turn = abs(D[model.mesh.turns]).max()
         if turn > _LONGEST_TURN:
             y *= _LONGEST_TURN / turn
             D = reduction.increment(y, np.zeros(reduction.driven))
-        size = abs(D / model.unit).max()
+        size = abs(D / model.units.nodes).max()
         if not np.isfinite(size):
             raise RuntimeError(_NOT_SETTLED)
         slides = new.slides + model.couplings.free_slides(y, len(new.slides))
@@ -94,7 +97,7 @@ def _settled(model: Model, state: State, force: np.ndarray, dt: float) -> State:
             # Little inertia gives way. The force that it had is given, and brings all back.
             holding = away / (level * time)
             settled = newton(correct, _TOLERANCE, _MOST_CORRECTIONS)[1]
-        moved = abs(new.q - state.q) > _TOLERANCE * model.unit
+        moved = abs(new.q - state.q) > _TOLERANCE * model.units.nodes
         slid = abs(new.slides - state.slides) > _TOLERANCE * model.mesh.size
         if settled and not _remembers(model, state, moved, slid):
             return replace(state, q=new.q, slides=new.slides)
@@ -118,10 +121,26 @@ def _remembers(model: Model, state: State, moved: np.ndarray, slid: np.ndarray) 
     return bool(by_points) or any(moved[entries].any() for entries in dofs)
 
 
+def needs_accelerations(model: Model) -> bool:
+    """Whether steps, or unknowns without mass, need the accelerations at the start."""
+    by_mean, beams = model.scheme.rates.mean_based, model.forms.beams
+    read = beams is not None and (beams.facts.needs_rates or beams.facts.resultants_need_rates)
+    if read or not by_mean or len(model.scheme.fractions) > 1:
+        return True
+    return not model.reduction.moves_alone(~model.massless).all()
+
+
+def finds_accelerations_later(model: Model) -> bool:
+    """Whether those at the start need not be known before the run, and depend on no joints."""
+    of_state = model.fits_rates or bool(model.data.natural)
+    return model.couplings.is_selection and not (of_state or once(model, needs_accelerations))
+
+
 class Starts:
     """First states of motions by steps of the length dt [s].
 
-    There may be `further` forces (size,) of an interval, a state before it, and an increment.
+    There may be `further` forces (size,) of an interval, a state before it, an increment, and those
+    of the engine.
     """
 
     def __init__(
@@ -129,7 +148,7 @@ class Starts:
         model: Model,
         forcing: Forcing,
         dt: float,
-        further: Callable[[Interval, State, np.ndarray], np.ndarray] | None = None,
+        further: Callable[[Interval, State, np.ndarray, StepForces], np.ndarray] | None = None,
     ):
         self.model, self._forcing, self._dt, self._further = model, forcing, dt, further
 
@@ -142,9 +161,9 @@ class Starts:
         """
         model = self.model
         state = reference_state(model) if start is None else start
-        if start is None and model.natural:
-            state.natural = model.natural.at(state.t)
-        needed = accelerations or model.needs_accelerations
+        if start is None and model.data.natural:
+            state.natural = model.data.natural.at(state.t)
+        needed = accelerations or once(model, needs_accelerations)
         state, unbalanced = self._moving(state, needed)
         if unbalanced:
             settled = _settled(model, state, self._loads(state)[0], self._dt)
@@ -163,7 +182,7 @@ class Starts:
         else:
             w = projected_rates(model, state, state.fitted, rates)
             v = model.reduction.to_nodes(w)
-            lost = model.mass @ (state.fitted - v)
+            lost = model.masses.matrix @ (state.fitted - v)
             by_driven = -float(lost @ v) if model.couplings.driven else 0.0
             state = state.changed(v=v, work=state.work + by_driven, fitted=None)
         if (parts := len(model.scheme.fractions)) > 1:
@@ -218,29 +237,30 @@ class Starts:
         Those of unknowns without mass are zero. And whether forces are left.
         """
         from fx_beam.step.accelerations import accelerations
+        from fx_beam.step.state_values import slide_rates, start_of
 
         model, reduction, dt = self.model, self.model.reduction, self._dt
         level, rated = model.scheme.rates.level, model.forms.depend_on_rates or self._further
         moves = bool(rated) and any_of(state.v)
-        mass, size = model.mass, abs(state.v / model.unit).max()
+        mass, size = model.masses.matrix, abs(state.v / model.units.nodes).max()
 
         def internal_force(h: float) -> np.ndarray:
             """Forces that may depend on velocity: they see it as the increment over a short step.
 
             At its level the motion is in this state.
             """
-            D, slid = moves * h * state.v, moves * h * model.slide_rates(state)
+            D, slid = moves * h * state.v, moves * h * slide_rates(model, state)
             shifted = replace(state, q=state.q - level * D, slides=state.slides - level * slid)
-            start = model.start_of(shifted, h)._replace(a=np.zeros(model.size))
+            start = start_of(model, shifted, h)._replace(a=np.zeros(model.size))
             if (natural := state.natural) is not None:
                 change = h / dt * (self._forcing.natural(state.t + dt) - natural)
                 first = natural - level * change
                 start = start._replace(natural=(first, first + change))
-            model.forms.begin(instant(state.t, h), start)
+            forces = model.forms.begin(instant(state.t, h), start)
             model.forms.in_c.evaluate_slides(h * w)
-            force = model.forms.internal_force(D)
+            force = forces.internal(D)
             if self._further is not None:
-                force += self._further(instant(state.t, h), shifted, D)
+                force += self._further(instant(state.t, h), shifted, D, forces)
             return force
 
         free, moved = reduction.free, slice(reduction.free, reduction.free + reduction.driven)
@@ -254,7 +274,7 @@ class Starts:
                 # The third derivative of a beam's curve jumps at its nodes: an error of order k.
                 curved = 2 * curved - _second_difference(model, w, 2 * k)
             reduction.increment(np.zeros(free), np.zeros(reduction.driven))
-        if moves and not model.flows:
+        if moves and not model.kinks.flows:
             # What a scheme damps over the length of a step has the opposite sign in a step back.
             h = min(dt, INSTANT / size)
             f = (internal_force(h) + internal_force(-h)) / 2
@@ -264,7 +284,7 @@ class Starts:
         b = -reduction.reduced_force(-force)[:free]
         a[:free], rest = accelerations(model, b)
         # A load that grows from zero has a little of its first step already.
-        unit, of_unknowns = model.unit, model.unit_of_unknowns
+        unit, of_unknowns = model.units.nodes, model.units.unknowns(model.couplings)
         works = b * of_unknowns, *(part * unit for part in (force, *loads))
         largest = max(abs(work).max(initial=0.0) for work in works)
         left = abs(rest * of_unknowns).max(initial=0.0)
@@ -291,7 +311,7 @@ def reference_state(model: Model, scene: Scene | None = None) -> State:
     """The reference configuration at t = 0, without natural strains; that of another scene."""
     slides = slides_at_start(scene or model.scene)
     q, v, a = (np.zeros(model.size) for _ in range(3))
-    state = State(0.0, np.zeros(len(model.motors)), q, v, a, slides)
+    state = State(0.0, np.zeros(len(model.data.motors)), q, v, a, slides)
     if len(model.forms.parameters):
         state.parameters = model.forms.parameters.at(0.0)
     shape = model.forms.internal_shape
@@ -299,15 +319,17 @@ def reference_state(model: Model, scene: Scene | None = None) -> State:
         state.internal = np.zeros(shape)
     if model.points.width:
         state.spring_internal = np.zeros(model.points.width)
-    if model.natural:
+    if model.data.natural:
         state.natural = np.zeros((*shape[:2], 3))
     return state
 
 
 def check_joints(model: Model, state: State) -> None:
     """Refuse a state that violates a joint."""
-    moved = {(j.number, name): m for (j, name), m in zip(model.motors, state.motors, strict=True)}
-    motion = model.motion(q=state.q[None])
+    moved = {
+        (j.number, name): m for (j, name), m in zip(model.data.motors, state.motors, strict=True)
+    }
+    motion = model.mesh.motion(model.scene, q=state.q[None])
     for joint in model.scene.joints:
         number, slide = joint.number, state.slides[joint.number : joint.number + 1]
         gap = float(joint.kinematics.gap(motion, slide)[0])
@@ -392,7 +414,7 @@ def rates_of_columns(model: Model, state: State, v: np.ndarray, driven: np.ndarr
     v[model.prescribed] = driven[: len(model.prescribed)]
     joints = [j for j in model.scene.joints if j.axis is not None or j.slide is not None]
     for joint in joints:
-        number, motion = [joint.number], model.motion(q=state.q[None], v=v[None])
+        number, motion = [joint.number], model.mesh.motion(model.scene, q=state.q[None], v=v[None])
         slides[number] = joint.kinematics.rate(motion, state.slides[number])
     w = _driven_rates(model, driven)
     w[: model.reduction.free] = model.couplings.unknowns(v, slides)
@@ -486,9 +508,9 @@ def _check_joints(
 ) -> None:
     """Refuse velocities that violate a joint; the message names the worst joint."""
     scene = model.scene
-    motion = model.motion(q=state.q[None], v=v[None])
+    motion = model.mesh.motion(model.scene, q=state.q[None], v=v[None])
     rates = driven[len(model.prescribed) :]
-    motors = {(j.number, name): r for (j, name), r in zip(model.motors, rates, strict=True)}
+    motors = {(j.number, name): r for (j, name), r in zip(model.data.motors, rates, strict=True)}
     worst, text = tolerance, ""
     violated: Any
     for joint in scene.joints:

@@ -16,6 +16,7 @@ from fx_beam.laws.schemes import Scheme
 from fx_beam.results.records import Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
+from fx_beam.scene.joints import missing_joints
 from fx_beam.scene.outputs import Output, check_outputs
 from fx_beam.scene.scene import Scene
 from fx_beam.step import full_turns
@@ -83,7 +84,7 @@ class Snapshot:
         state = self.state
         input_count = 0 if state.inputs is None else len(state.inputs)
         sizes = len(state.q), len(state.slides), len(state.motors), input_count
-        if sizes != (model.size, model.scene.joint_count, len(model.motors), inputs):
+        if sizes != (model.size, model.scene.joint_count, len(model.data.motors), inputs):
             raise SceneError(
                 "Motion.restore: the snapshot is of another scene. Its nodes, joints, motors and "
                 "inputs must be the same"
@@ -182,7 +183,7 @@ class OpenMotion:
         self.held.set(present.inputs)
         self.held.arrive()
         prepared.turn_counter.removed[:] = present.turns
-        course.recorder.truncate(1 + present.number // course.recorder.every)
+        course.recorder.truncate(1 + present.number // course.recorder.grid.every)
         course.recorder.miss(present.turns)
         self._in_c = present
 
@@ -195,7 +196,7 @@ class OpenMotion:
         present, held_inputs = self.now, self.held
         (_, grid, recorder, _), number = present.course, present.number + 1
         checked, t1 = held_inputs.checked(inputs), grid(number)
-        if number >= recorder.planned:
+        if number >= recorder.grid.planned:
             ends = grid(np.arange(number, number + _ROWS))
             recorder.plan(number, ends, last=False)
         self._in_c, parts = None, present.parts
@@ -207,7 +208,7 @@ class OpenMotion:
             stepper.advance(self.state(), np.array([t1]), number, recorder)
             parts = stepper.halving.state
         held_inputs.arrive()
-        recorder.truncate(1 + number // recorder.every)
+        recorder.truncate(1 + number // recorder.grid.every)
         copy, start, end = self._loop.state.copy(), present.end, None
         if start is not None:
             arrays = self._loop.state.arrays_of(copy)
@@ -496,7 +497,7 @@ class Motion:
     def slides(self) -> np.ndarray:
         """Present slides of the joints, (joints,) [m]; NaN of those that were removed."""
         slides = self._settled.arrays("slides").copy()
-        slides[self._prepared.model.removed_joints] = np.nan
+        slides[missing_joints(self._prepared.model.scene)] = np.nan
         return slides
 
     @property

@@ -11,7 +11,7 @@ from fx_beam.dual import dual_array
 from fx_beam.fem.scene_data import Data
 from fx_beam.results.state import State
 from fx_beam.step.forcing import Forcing
-from fx_beam.step.model import Model
+from fx_beam.step.model import Model, once, sizes_of
 from fx_beam.step.numbers import numbers_of
 
 from .initial_state import reference_state
@@ -66,14 +66,14 @@ def observed_numbers_of(
     These rates are at `times` (n,), by steps of the `lengths` (n,) that end there [s]. With
     `at_start` also accelerations and forces at the start.
     """
-    joints, columns = model.sizes["joints"], model.sizes["constraints"]
+    joints, columns = once(model, sizes_of)["joints"], once(model, sizes_of)["constraints"]
     observed: dict[str, Any] = {}
     if at_start:
         observed["a"] = state.a
         observed["forces of columns"] = _or_zeros(state.constraint_forces, (columns,))
         observed["forces of joints"] = _or_zeros(state.joint_forces, (joints, 3))
         if state.line_forces is None:
-            observed["forces of lines"] = np.zeros(model.sizes["lines"])
+            observed["forces of lines"] = np.zeros(once(model, sizes_of)["lines"])
     axes: list[Any] = [(0.0, 0.0)] * joints
     offsets = axes[:]
     for joint in data.scene.joints:

@@ -23,7 +23,7 @@ from fx_beam.step.recorder import Recorder
 from fx_beam.step.stepper import Stepper
 from fx_beam.step.substeps import Halving
 
-from .initial_state import Starts, check_joints, end_of
+from .initial_state import Starts, check_joints, end_of, finds_accelerations_later
 from .options import Options
 from .set_ups import bind
 
@@ -97,8 +97,10 @@ class Prepared:
             state = Starts(model, self.forcing, dt).resumed(start_state, same_scheme)
         else:
             state = self.state_from(start_state, dt, accelerations)
-            supplied, lost = state.work - start_state.work, model.energy(start_state)
-            lost += supplied - model.energy(state)
+            from fx_beam.step.state_values import energy_of
+
+            supplied, lost = state.work - start_state.work, energy_of(model, start_state)
+            lost += supplied - energy_of(model, state)
             state = replace(state, impact=state.impact + lost)
         self.stepper.load(state)
         return state
@@ -108,7 +110,7 @@ class Prepared:
     ) -> State:
         """The same for a recorder, which may find its accelerations when they are read."""
         model, rates = self.model, self.options.record.rates
-        later = start is None and model.finds_accelerations_later
+        later = start is None and finds_accelerations_later(model)
         state = self.first_state(dt, start, accelerations or (rates and not later))
         if rates and later and not accelerations:
             starts = Starts(model, self.forcing, dt)
@@ -154,7 +156,7 @@ class Prepared:
         at_rest = np.zeros((1, model.couplings.driven))
         slow = fits.fit(state.q[None], swing / 2, state.slides[None], at_rest).corrections[0]
         # Driven motions give it; as the record has their work, that at the start is zero.
-        supplied = state.v @ (model.mass @ slow) if model.couplings.driven else 0.0
+        supplied = state.v @ (model.masses.matrix @ slow) if model.couplings.driven else 0.0
         return replace(state, v=state.v + slow, work=state.work + supplied)
 
 
@@ -166,7 +168,9 @@ def _come_and_gone(model: Model, start: Solution, state: State) -> float:
     end, energy = end_of(start), start.energy
     if start.t[-1] != end.t:
         return 0.0  # the record has no row of the end
-    change = model.energy(state) - float(energy.total[-1] - (energy.work[-1] - end.work))
+    from fx_beam.step.state_values import energy_of
+
+    change = energy_of(model, state) - float(energy.total[-1] - (energy.work[-1] - end.work))
     parts = energy.kinetic, energy.strain, energy.potential, energy.springs
     return change if abs(change) > _ROUND_OFF * sum(abs(part[-1]) for part in parts) else 0.0
 
@@ -195,9 +199,9 @@ def _same(model: Model, start: Solution) -> State:
                 f"start: the solution has other internal variables than the {owner} of the scene"
             )
     state = end.reshaped(-1)
-    natural, forces = state.natural if model.natural else None, state.constraint_forces
-    if model.natural and natural is None:
-        natural = np.zeros(model.natural.shape)
+    natural, forces = state.natural if model.data.natural else None, state.constraint_forces
+    if model.data.natural and natural is None:
+        natural = np.zeros(model.data.natural.shape)
     if forces is not None and len(forces) != model.reduction.columns - model.reduction.free:
         forces = None  # other supports
     pulls = state.line_forces
@@ -215,7 +219,7 @@ def stats_of(model: Model, **members: Any) -> Stats:
         scheme=model.scheme.name,
         level=model.scheme.rates.level,
         unknowns=len(model.reduction.independent),
-        compiled=model.compiled,
-        assembled=model.assembled,
+        compiled=[] if model.forms.beams is None else [*model.forms.beams.bound],
+        assembled=model.masses.assembled,
         **members,
     )

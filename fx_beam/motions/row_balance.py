@@ -23,7 +23,7 @@ class RowBalance:
 
     def __init__(self, model: Model, now: Callable[[], tuple[Any, Recorder, np.ndarray]]):
         self._model, self._now, self._state = model, now, None
-        self._loads = ElementLoads(model, model.on_beams, model.mesh.X)
+        self._loads = ElementLoads(model, model.data.on_beams, model.mesh.X)
         self._balance: ElementBalance
         self._gauss: np.ndarray
 
@@ -47,10 +47,10 @@ class RowBalance:
             return
         model, last, beams = self._model, recorder.rows - 1, self._model.forms.beams
         assert beams is not None  # as an output is of one
-        with model.reading:
+        with model.forms.reading:
             steps = RowSteps(recorder, last)
             self._gauss = steps.means(beams.resultants(steps.batch()))
-            given = recorder, model.on_beams, a[None].copy()
+            given = recorder, model.data.on_beams, a[None].copy()
             self._balance = ElementBalance(*given, first=last, own_loads=self._loads)
             self._balance.ends  # noqa: B018  # before the next step
         self._state = state

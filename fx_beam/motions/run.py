@@ -213,7 +213,7 @@ class Run:
             first = self.prepared.stats.steps + 1
             until_count = full_turns.STEPS - (first - 1) % full_turns.STEPS
             ends = times[first : first + min(steps, until_count)]
-            if recorder.planned < first + len(ends):
+            if recorder.grid.planned < first + len(ends):
                 recorder.plan(first, ends, last=first + len(ends) == len(times))
             self.prepared.stepper.advance(state, ends, first, recorder)
 

@@ -40,7 +40,7 @@ def has_changed(model: Model, start: Solution) -> bool:
         if before != current:
             return True
     if end.constraints is None:  # a solution that is no run
-        return len(end.slides) != scene.joint_count or len(end.motors) != len(model.motors)
+        return len(end.slides) != scene.joint_count or len(end.motors) != len(model.data.motors)
     return end.constraints != constraints_of(scene)
 
 
@@ -63,7 +63,7 @@ class Transfer:
         model, end = self._model, self._end
         nodal, slides = self._at_nodes(), slides_at_start(model.scene)
         self._check_new_beams(nodal["q"].reshape(-1, 3))
-        motion = model.motion(q=nodal["q"][None])
+        motion = model.mesh.motion(model.scene, q=nodal["q"][None])
         for joint in model.scene.joints:
             old, slide = self._joints.get(joint.number), slides[joint.number : joint.number + 1]
             slide[:] = (
@@ -174,9 +174,9 @@ class Transfer:
 
     def _natural(self) -> np.ndarray | None:
         """Natural strains at the Gauss points; of new beams the values at this time."""
-        if not self._model.natural:
+        if not self._model.data.natural:
             return None
-        values, old = self._model.natural.at(self._end.t), self._end.natural
+        values, old = self._model.data.natural.at(self._end.t), self._end.natural
         for _, cells, start_cells in self._beams():
             values[cells] = 0.0 if old is None else old[start_cells]
         return values
@@ -200,7 +200,7 @@ class Transfer:
 
     def _motors(self, slides: np.ndarray, motion: Any) -> np.ndarray:
         """How far motors have moved; new ones are where their joints are."""
-        motors = self._model.motors
+        motors = self._model.data.motors
         moved = np.zeros(len(motors))
         moved_before = [(key.number, name) for key in self._had for name in key.motors]
         for i, (joint, name) in enumerate(motors):

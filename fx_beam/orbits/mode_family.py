@@ -80,8 +80,8 @@ class ModeFamily:
                 "forced: it has their period. Give period=, without a mode"
             )
         self._rest = rest.changed(v=0 * rest.v, a=0 * rest.a)
-        sizes = abs(moved / model.unit)
-        sizes[model.turns] *= _MOVES  # rotations count if nothing else moves
+        sizes = abs(moved / model.units.nodes)
+        sizes[model.mesh.turns] *= _MOVES  # rotations count if nothing else moves
         #: The degree of freedom that moves most, of which the vector (free,) has 1.
         self.most = first_of_largest(sizes)
         self._vector = columns[: model.couplings.free] / moved[self.most]
@@ -92,7 +92,7 @@ class ModeFamily:
 
     def _holds(self, amplitude: float) -> Condition:
         """That the start has an amplitude."""
-        unit, most = self._shooting.model.unit[self.most], self.most
+        unit, most = self._shooting.model.units.nodes[self.most], self.most
 
         def error(period: Period) -> float:
             return float(period.start.q[most] - self._rest.q[most] - amplitude) / unit
@@ -110,7 +110,7 @@ class ModeFamily:
             raise SceneError(
                 f"{shooting.what}: energy = {energy:g} J must be above that at rest, {least:g} J"
             )
-        small = 1e-4 * shooting.model.unit[self.most]
+        small = 1e-4 * shooting.model.units.nodes[self.most]
         energy_of_small = shooting.variables.energy(self._start(small)) - least
         amplitude = small * float(np.sqrt(excess / energy_of_small))
         return amplitude, holds_energy(shooting, energy, excess)

@@ -165,10 +165,10 @@ class Shooting:
     def run(self, state: State, parameter: float) -> Period:
         """The motion over a period; StepError if a step fails."""
         length = self.length_of(parameter)
-        if self.model.keeps_previous and state.q_previous is not None:
+        if self.model.forms.keeps_previous and state.q_previous is not None:
             state = state.changed(length=length / self.steps)
         last = self._advance(state, _times(state, length, self.steps))
-        turns, rotations = np.zeros(self.model.size), self.model.turns  # full turns
+        turns, rotations = np.zeros(self.model.size), self.model.mesh.turns  # full turns
         turns[rotations] = 2 * np.pi * np.round((last.q - state.q)[rotations] / (2 * np.pi))
         end = self._at_start(TurnCounter.without(turns, last).changed(t=state.t))
         variables = self.variables
@@ -210,7 +210,7 @@ class Shooting:
         Along n changes of the start or of numbers of the scene, by name; over the scales.
         """
         boundaries = np.array([len(self.model.scheme.fractions), len(self.tape)])
-        if self.model.keeps_previous:
+        if self.model.forms.keeps_previous:
             boundaries = np.concatenate([boundaries - 1, boundaries])
         blocks = list[np.ndarray]()
         for k in range(0, len(changes["q"]), _AT_ONCE):
@@ -237,7 +237,7 @@ class Shooting:
         self._advance(state, _times(state, length, steps))
         free = self.model.reduction.free  # rates have vibrations of stiff directions
         rows = self._taped_rows()[:: len(self.model.scheme.fractions), :free]
-        return rows / self.model.unit_of_unknowns
+        return rows / self.model.units.unknowns(self.model.couplings)
 
     def repeats_within(self, state: State, length: float) -> bool:
         """Whether a motion comes back to its start well before the end of a period."""

@@ -11,6 +11,7 @@ from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError
 from fx_beam.results.state import State
 from fx_beam.step.model import Model
+from fx_beam.step.state_values import energy_of
 
 # Change of variables in differences of the energy.
 _STEP = 1e-6
@@ -45,7 +46,7 @@ class Variables:
     @property
     def remembers(self) -> bool:
         """Whether steps depend on earlier ones: by the scheme, or by friction of joints."""
-        return self.model.keeps_previous or len(self.model.points.followed) > 0
+        return self.model.forms.keeps_previous or len(self.model.points.followed) > 0
 
     @property
     def are_rates(self) -> np.ndarray:
@@ -72,13 +73,13 @@ class Variables:
     def scales(self, state: State, period: float) -> np.ndarray:
         """Units of the rows: of the scene, and of rates in a period."""
         model = self.model
-        rates = 2 * np.pi / period * model.unit[self._rates]
+        rates = 2 * np.pi / period * model.units.nodes[self._rates]
         units = {name: np.ones(size) for name, size in self.inside.items()}
-        if model.keeps_previous:
-            units["q previous"] = model.unit
+        if model.forms.keeps_previous:
+            units["q previous"] = model.units.nodes
         if len(model.points.followed):  # forces are large
             units["spring internal"] = np.maximum(1.0, abs(_remembered(state, "spring internal")))
-        return np.concatenate([model.unit_of_unknowns, rates, *units.values()])
+        return np.concatenate([model.units.unknowns(model.couplings), rates, *units.values()])
 
     def directions(self, state: State, length: float) -> Directions:
         """Changes of all variables at a state, which keep joints and loops closed."""
@@ -111,7 +112,7 @@ class Variables:
         Internal variables of members and of springs, and the configuration a step before.
         """
         members, springs = int(np.prod(self.model.forms.internal_shape)), self.model.points.width
-        previous = self.model.size * self.model.keeps_previous
+        previous = self.model.size * self.model.forms.keeps_previous
         sizes = {"internal": members, "spring internal": springs, "q previous": previous}
         return {name: size for name, size in sizes.items() if size}
 
@@ -135,13 +136,13 @@ class Variables:
 
     def energy(self, state: State) -> float:
         """Energy of scene and constant loads, zero in the reference configuration [J]."""
-        return self.model.energy(state) - float(self._constant_loads @ state.q)
+        return energy_of(self.model, state) - float(self._constant_loads @ state.q)
 
     @cached_property
     def _constant_loads(self) -> np.ndarray:
-        if not self.model.loads.constant:
+        if not self.model.data.loads.constant:
             return np.zeros(self.model.size)
-        return self.model.loads.at(0.0)
+        return self.model.data.loads.at(0.0)
 
     def slope_of_energy(self, state: State, directions: Directions) -> np.ndarray:
         """Derivatives (n,) of the energy along directions, by differences."""

@@ -680,6 +680,12 @@ class Constraints:
     driven: tuple[tuple[int, int], ...] = ()
 
 
+def missing_joints(scene: Any) -> list[int]:
+    """Numbers of joints that were removed, or are not there yet."""
+    present = {*joints_by_number(scene), *(gear.number for gear in scene.gears)}
+    return sorted({*range(scene.joint_count)} - present)
+
+
 def joints_by_number(scene: Any) -> dict[int, Joint]:
     """The joints of a scene by their numbers; numbers of removed joints are missing."""
     return {joint.number: joint for joint in scene.joints}

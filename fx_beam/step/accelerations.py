@@ -7,7 +7,8 @@ import scipy.linalg
 import scipy.sparse
 import scipy.sparse.linalg
 
-from .model import Model
+from .model import Model, once
+from .sparse_lu import LU
 
 # Up to so many rows matrices are arrays: an operation on sparse ones costs 0.1 ms.
 _SMALL = 200
@@ -33,14 +34,15 @@ def accelerations(model: Model, force: np.ndarray) -> tuple[np.ndarray, np.ndarr
         a = _with_auxiliaries(model, force)
     if a is None:
         T = reduction.coupling_array() if model.size <= _SMALL else reduction.coupling()
-        a = acceleration_of((T.T @ (model.mass @ T))[:n, :n], force, model.unit_of_unknowns)
+        M, unit = (T.T @ (model.masses.matrix @ T))[:n, :n], model.units.unknowns(model.couplings)
+        a = acceleration_of(M, force, unit)
     return a, force - _inertia(model, a)
 
 
 def _inertia(model: Model, a: np.ndarray) -> np.ndarray:
     """Generalised forces (free,) of accelerations of the unknowns (free,)."""
     reduction = model.reduction
-    of_nodes = model.mass @ reduction.to_nodes(reduction.in_columns(a))
+    of_nodes = model.masses.matrix @ reduction.to_nodes(reduction.in_columns(a))
     return reduction.transpose_to_nodes(of_nodes)[: reduction.free]
 
 
@@ -53,17 +55,17 @@ def _of_equal(model: Model, force: np.ndarray) -> np.ndarray | None:
     if free > _LARGE and (a := _iterated(model, force)) is not None:
         return a
     (indptr, indices), direct = tangent.pattern, tangent.direct
-    values = np.bincount(direct["to"], model.mass.data[direct["from"]], len(indices))
+    values = np.bincount(direct["to"], model.masses.matrix.data[direct["from"]], len(indices))
     diagonal = values[np.repeat(np.arange(free), np.diff(indptr)) == indices]
     has_mass = free and (diagonal > 0).all()
-    regular = has_mass and model.factors_of_mass.factorise(values)
-    return model.factors_of_mass.solve(force) if regular else None
+    factors = once(model, _factors)
+    return factors.solve(force) if has_mass and factors.factorise(values) else None
 
 
 def _with_auxiliaries(model: Model, force: np.ndarray) -> np.ndarray | None:
     """By the system with auxiliary unknowns, without unknowns that move no mass and no loop."""
-    n, still = model.reduction.free, ~model.reduction.moves(model.mass.diagonal() > 0)
-    matrix = model.reduction.normal(model.mass)
+    n, still = model.reduction.free, ~model.reduction.moves(model.masses.matrix.diagonal() > 0)
+    matrix = model.reduction.normal(model.masses.matrix)
     moving = np.append(~still, np.ones(matrix.shape[0] - n, dtype=bool))
     matrix = scipy.sparse.diags(1.0 * moving) @ matrix + scipy.sparse.diags(1.0 * ~moving)
     b = np.zeros(matrix.shape[0])
@@ -112,7 +114,7 @@ def _iterated(model: Model, force: np.ndarray) -> np.ndarray | None:
 
     Scaled by its diagonal, the mass of a mesh has a condition number below ten.
     """
-    diagonal = model.reduction.transpose_to_nodes(model.mass.diagonal())[: len(force)]
+    diagonal = model.reduction.transpose_to_nodes(model.masses.matrix.diagonal())[: len(force)]
     scale = np.zeros(len(force))
     scale[diagonal > 0] = diagonal[diagonal > 0] ** -0.5
     x, r = np.zeros(len(force)), scale * force
@@ -139,3 +141,8 @@ def _solve_sparse(A: scipy.sparse.csc_matrix, b: np.ndarray) -> np.ndarray | Non
     except RuntimeError:
         return None
     return None if abs(factors.U.diagonal()).min() < 1e-10 else factors.solve(b)
+
+
+def _factors(model: Model) -> LU:
+    """Factors for matrices of the reduced pattern, in which the mass of unknowns is one."""
+    return LU(model.reduction.tangent.pattern)

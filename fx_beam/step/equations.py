@@ -14,12 +14,10 @@ from fx_beam.results.state import State
 
 from .extended import Extended
 from .model import Model
-from .newton import NewtonOptions
 from .tables import Problem
+from .tangent_storage import ProblemKind
 
 if TYPE_CHECKING:
-    from fx_beam.coupling.sliders import Sliders
-
     from .turning_frame import TurningFrame
 
 
@@ -59,8 +57,8 @@ class Equations:
         if problem is None:
             # The loop of a motion has another storage, whose library is there already.
             forces_only = model.scheme.rates.at_rest or not inert
-            options = NewtonOptions(), turning is not None, forces_only, False, inertia, inert
-            problem = Problem.of(model, *options)
+            kind = ProblemKind(turns=turning is not None, forces_only=forces_only)
+            problem = Problem.of(model, kind._replace(inertia=inertia, inert=inert))
             problem.set_frame(turning)
         self._problem, self._c, self._library = problem, problem.c, problem.library
         self._doubles = problem.ffi.typeof("double[]")
@@ -96,7 +94,7 @@ class Equations:
         at_rest = model.scheme.rates.at_rest
         if at_rest:
             model.forms.in_c.set_load(end, self._length)
-        if model.natural:
+        if model.data.natural:
             strains = self._start.natural if self._natural is None else self._natural(end)
             self._strains[:] = 0.0 if strains is None else strains.ravel()
         self._library.fx_end_at(self._c, self._length, end if at_rest else 0.0)
@@ -131,7 +129,7 @@ class Equations:
     @property
     def values(self) -> np.ndarray:
         """Values of the tangent in the sparsity of `ReducedTangent.pattern`."""
-        return self._tangent[self._problem.tangent_at]
+        return self._tangent[self._problem.storage.tangent_at]
 
     def system(self) -> scipy.sparse.csr_matrix:
         """The linear system of the last balance: the unknowns and auxiliary ones before others."""
@@ -140,23 +138,13 @@ class Equations:
         n = len(indptr) - 1
         A = scipy.sparse.csr_matrix((self.values, indices, indptr), (n, n))
         if reduction.couplings.sliding:
-            A = self._with_border(A, reduction.sliders)
+            border = self._problem.storage.border(self._problem, n)
+            A = _with_border(A, border, reduction.sliders.outside, reduction.free)
         if (members := self.model.points.members) is not None:
             member_tangent = reduction.reduced(members.tangent())
             member_tangent.resize(A.shape)
             A = (A + member_tangent).tocsr()
         return A
-
-    def _with_border(self, A: scipy.sparse.csr_matrix, sliders: Sliders) -> scipy.sparse.csr_matrix:
-        """A with its border: slides in their places, bordering rows and columns behind."""
-        n, (columns, rows, corner) = A.shape[0], self._problem.border(A.shape[0])
-        many = len(corner)
-        A = scipy.sparse.bmat([[A, columns], [rows, corner]], "csr")
-        place = np.arange(n + many)
-        (bordering,) = np.nonzero(sliders.outside < self.model.reduction.free)
-        slides = sliders.outside[bordering]
-        place[slides], place[n + bordering] = n + bordering, slides
-        return A[place][:, place]
 
     def tangent(self) -> scipy.sparse.csr_matrix:
         """Reduced tangent (n, n) of the last balance, of the unknowns that follow no others.
@@ -168,3 +156,17 @@ class Equations:
     def extended(self) -> Extended:
         """The same, in long trees with their auxiliary unknowns."""
         return Extended.of(self.system(), self.model.reduction)
+
+
+def _with_border(
+    A: scipy.sparse.csr_matrix, border: tuple[np.ndarray, ...], outside: np.ndarray, free: int
+) -> scipy.sparse.csr_matrix:
+    """A with its border: slides in their places, bordering rows and columns behind."""
+    n, (columns, rows, corner) = A.shape[0], border
+    many = len(corner)
+    A = scipy.sparse.bmat([[A, columns], [rows, corner]], "csr")
+    place = np.arange(n + many)
+    (bordering,) = np.nonzero(outside < free)
+    slides = outside[bordering]
+    place[slides], place[n + bordering] = n + bordering, slides
+    return A[place][:, place]

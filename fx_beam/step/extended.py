@@ -84,10 +84,10 @@ class Extended:
 
     def units(self, model: Model) -> np.ndarray:
         """Sizes (n,) of unit unknowns x, u and d."""
-        unit, independent = model.unit_of_unknowns, model.reduction.independent
+        unit, independent = model.units.unknowns(model.couplings), model.reduction.independent
         if self.is_plain:
             return unit[independent]
-        of_auxiliary = model.unit[[other.dof for other in model.couplings.auxiliaries]]
+        of_auxiliary = model.units.nodes[[other.dof for other in model.couplings.auxiliaries]]
         return np.concatenate([unit[independent], of_auxiliary, unit[self.order[self.closing]]])
 
     @property

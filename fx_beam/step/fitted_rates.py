@@ -23,8 +23,8 @@ from fx_beam.c_library import Structs
 from .form_tables import aligned_zeros
 from .layout import Arrays, Layout, Numbers, Rows, all_of, never_empty
 from .model import Model
-from .newton import NewtonOptions
 from .tables import Problem
+from .tangent_storage import ProblemKind
 
 # Numbers of a scene on which T depends, besides the masses.
 _OF_SHAPE = "gears", "offset", "axis", "paths"
@@ -55,7 +55,7 @@ class FittedRates:
 
     def __init__(self, model: Model):
         self._model = model
-        self._problem = problem = Problem(model, NewtonOptions(), rates=True)
+        self._problem = problem = Problem(model, ProblemKind(rates=True))
         self._ffi, self._p = problem.ffi, problem.c
         self._structs = Structs(self._ffi)
         self._a = self._ffi.new("Derivatives *")
@@ -75,7 +75,9 @@ class FittedRates:
         impulses["impulses of columns"] = rows["R"][p.free : p.columns]
         self.results = Rows({"rates": rows["q1"], "rates of slides": of_slides} | impulses)
         numbers = {name: all_of(rows[name]) for name in _OF_SHAPE}
-        numbers["mass"] = Numbers(rows["mass"], problem.mass_entries.ravel(), model.mass.nnz)
+        numbers["mass"] = Numbers(
+            rows["mass"], problem.storage.mass_entries.ravel(), model.masses.matrix.nnz
+        )
         #: The numbers of the scene by name.
         self.numbers = {name: part for name, part in numbers.items() if part.size}
 
@@ -89,7 +91,7 @@ class FittedRates:
     def followed(self, way: int, *states: np.ndarray, **derivatives: Any) -> Fit:
         """As `fit`, and derivatives in one `way`, by members of ``Derivatives`` in C."""
         model, n, p = self._model, len(states[0]), self._p
-        if self._problem.data is not model.data:
+        if self._problem.numbers.data is not model.data:
             self._problem.bind()
         q, v, slides, driven = (np.ascontiguousarray(x, dtype=float) for x in states)
         shapes = q.shape, (n, 0), (n, p.passes.joints, 3), (n, p.columns - p.free)
@@ -101,7 +103,7 @@ class FittedRates:
         arrays = {"q": q, "v": v, "slides": slides, "driven": driven, "rates": fit.rates}
         arrays |= {"joints": fit.joints, "constraints": fit.constraints}
         structs.set(fits, rows=n, **{name: never_empty(x) for name, x in arrays.items()})
-        with model.reading:
+        with model.forms.reading:
             structs.set(self._a, **derivatives)
             if not self.library.fx_fit(self._p, fits, self._a, way):
                 raise MemoryError("rates that fit the joints")
@@ -110,8 +112,8 @@ class FittedRates:
     def _driven_rates(self, q: np.ndarray, v: np.ndarray, slides: np.ndarray) -> np.ndarray:
         """Rates (n, driven) of driven motions as the nodes have them."""
         model = self._model
-        motion, rates = model.motion(q=q, v=v), [*v[:, model.prescribed].T]
-        for joint, name in model.motors:
+        motion, rates = model.mesh.motion(model.scene, q=q, v=v), [*v[:, model.prescribed].T]
+        for joint, name in model.data.motors:
             kinematics, slide = joint.kinematics, slides[:, joint.number]
             rates.append((kinematics.rate if name == "slide" else kinematics.spin)(motion, slide))
         return np.array(rates).T

@@ -133,7 +133,7 @@ class Forcing:
         positions = self.positions(state.t)
         # A unit motion is the size of the scene, or a radian.
         turns = [component == 2 for _, component in self.model.scene.prescribed]
-        turns += [name == "rotation" for _, name in self.model.motors]
+        turns += [name == "rotation" for _, name in self.model.data.motors]
         allowed = 1e-9 * (np.where(turns, 1.0, self.model.mesh.size) + abs(positions))
         for value, start, most, (_, name) in zip(
             positions, self.current(state), allowed, self._driven, strict=True
@@ -148,7 +148,7 @@ class Forcing:
     def dead(self, t: float) -> np.ndarray:
         """Dead forces (size,) at a time, weight included [N, N m]."""
         force = self.data.loads.at(t)
-        return force if self.model.weight is None else force + self.model.weight
+        return force if self.model.masses.weight is None else force + self.model.masses.weight
 
 
 class LoadForcing(Forcing):

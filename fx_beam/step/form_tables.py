@@ -115,11 +115,10 @@ class FormTables:
         #: Data of cells by cells, since forms have them in common.
         self._shared: dict[bytes, dict[str, np.ndarray]] = {}
         #: Numbers of the scene, which C reads here: coordinates with their cells; data of beams
-        #: with their fields, and where they are in these.
+        #: with their fields, and where they are in these; and load factors where C sets none.
         self._coordinates: list[tuple[np.ndarray, np.ndarray]] = []
         self._data: list[tuple[np.ndarray, Field, np.ndarray]] = []
-        #: Constants of each form, which steps set, and those before any step.
-        self._constants: list[tuple[np.ndarray, np.ndarray]] = []
+        self._factors: list[np.ndarray] = []
 
     def bind(self, coordinates: np.ndarray | None) -> None:
         """Set the numbers to those that the forms have now, and coordinates of cells if given."""
@@ -128,8 +127,8 @@ class FormTables:
                 blocks[...] = self._blocks(coordinates[cells])
         for blocks, field, places in self._data:
             blocks[...] = field.array[places]
-        for constants, before_steps in self._constants:
-            constants[...] = before_steps
+        for factor in self._factors:
+            factor[...] = self._forms.data.named["load_factor"]
 
     def all(self, names: Container[str]) -> dict[str, dict]:
         """The wanted ones of `FORMS` that the model has, by their names in C."""
@@ -160,7 +159,8 @@ class FormTables:
             columns = slice(starts[field], starts[field] + field.space.width)
             for block, rows in zip(blocks, cells, strict=True):
                 self._data.append((block[:, columns], field, self._blocks(field.space.dofs[rows])))
-        self._constants.append((constants, constants.copy()))
+        if "load_factor" in known and not at_rest:
+            self._factors.append(constants[known["load_factor"] :][:1])
         return {
             "integrals": len(cells),
             "width": width,

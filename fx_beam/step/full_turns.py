@@ -52,7 +52,7 @@ class TurnCounter:
 def without_turns(model: Model, D: np.ndarray) -> np.ndarray:
     """Increments (..., size) without full turns of rotations."""
     D = D.copy()
-    D[..., model.turns] -= 2 * np.pi * np.round(D[..., model.turns] / (2 * np.pi))
+    D[..., model.mesh.turns] -= 2 * np.pi * np.round(D[..., model.mesh.turns] / (2 * np.pi))
     return D
 
 

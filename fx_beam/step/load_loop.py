@@ -48,12 +48,17 @@ class LoadLoop(CompiledLoop):
         free = model.reduction.free
         #: Holding forces (free,) on the unknowns, in addition to the forces of the model.
         self.hold, self._predicted = np.zeros(free), np.zeros(model.size)
-        arrays = {"hold": self.hold, "predicted": self._predicted}
+        used = model.reduction.used[diagonal := model.masses.places.diagonal]
         #: Weights (size,) of a viscous drag on increments; zero at points at which nothing acts.
-        self.drag_weight = self.problem.set_load_steps(forcing.turning, **arrays)
+        self.drag_weight = np.where(used, model.units.nodes**-2.0, 0.0)
+        statics = {"hold": self.hold, "viscous_weight": self.drag_weight}
+        statics["diagonal_at"] = self.problem.storage.stored_at[diagonal]
+        self.problem.set(statics=statics, newton={"predicted": self._predicted})
+        self.problem.set_frame(forcing.turning)
         n, columns = model.size, model.reduction.columns
         sizes = {"D": n, "z": columns, "r": n, "tangent": len(model.reduction.tangent.pattern[1])}
-        self._D, self._z, self._r, self._tangent = self.problem.results(**sizes)
+        # Increments of nodes and columns, the residual at nodes, and the tangent, by C.
+        self._found = [*self.problem.results(**sizes)]
         # Dead forces at the end and their mean, and natural strains, for C.
         self._given = [*self.problem.given()]
 
@@ -88,7 +93,7 @@ class LoadLoop(CompiledLoop):
         super().record(state, recorder)
         if (frame := self.forcing.turning) is not None:
             rows, row = recorder.arrays, recorder.rows - 1
-            spin = (self.model.mass - frame.mass) @ state.v
+            spin = (self.model.masses.matrix - frame.mass) @ state.v
             rows["energies"][row, 0] += state.v @ spin / 2
             rows["momenta"][row] += sums_of(self.model, state.q[None], spin[None])[0]
 
@@ -107,8 +112,9 @@ class LoadLoop(CompiledLoop):
         if not self._steps(1, t, length, c_inputs, self._one_row):
             raise self.failures.in_c(self.problem, state)
         ended_by = "round-off" if p.counts.by_round_off else "increment"
-        y = self._z[: self.model.reduction.free].copy()
-        parts = self._D.copy(), y, self._r.copy(), p.newton.tried, ended_by, self._predicted.copy()
+        D, z, r, _ = self._found
+        y = z[: self.model.reduction.free].copy()
+        parts = D.copy(), y, r.copy(), p.newton.tried, ended_by, self._predicted.copy()
         return self._taken(state, interval), StepSolution(*parts)
 
     def finished(self, state: State, interval: Interval, y: np.ndarray, r: np.ndarray) -> State:
@@ -134,8 +140,8 @@ class LoadLoop(CompiledLoop):
         model.forms.in_c.set_load(interval.end, length)
         force, mean_force, strains = self._given
         force[:], mean_force[:] = map(forcing.dead, (interval.end, interval.at(0.5)))
-        if model.weight is not None:  # whose work is all of its potential energy
-            mean_force -= model.weight
+        if model.masses.weight is not None:  # whose work is all of its potential energy
+            mean_force -= model.masses.weight
         if (natural := forcing.natural(interval.end)) is not None:
             strains[:] = natural.ravel()
         t, followers = np.array([forcing.time]), model.points.followers
@@ -153,7 +159,7 @@ class LoadLoop(CompiledLoop):
         new = self.state.read(interval.end)
         if (frame := self.forcing.turning) is not None:
             pushes = (end.t * frame.force(end.q) for end in (state, new))
-            new.work += float(sum(pushes) / 2 @ self._D)
+            new.work += float(sum(pushes) / 2 @ self._found[0])
         return new
 
     def change_of_sizes(self, left: np.ndarray, right: np.ndarray) -> float:
@@ -170,7 +176,7 @@ class LoadLoop(CompiledLoop):
     @property
     def values(self) -> np.ndarray:
         """Its values, in the sparsity of the reduced matrix."""
-        return self._tangent
+        return self._found[3]
 
     def negative_eigenvalues(self) -> int | None:
         """Their number, of a symmetric one; None if it is singular.

@@ -20,6 +20,7 @@ from .recorder import NullRecorder, Recorder, RecordsInC, Rows
 from .step_failures import StepFailed, StepFailures
 from .step_inputs import StepInputs, inputs_of
 from .tables import Problem
+from .tangent_storage import ProblemKind
 
 if TYPE_CHECKING:
     from .step_control import StepControl
@@ -38,7 +39,8 @@ class CompiledLoop:
     def __init__(self, forcing: Forcing, options: NewtonOptions, stats: Stats):
         self.model = forcing.model
         #: Owns the arrays to which C points, and with them the state.
-        self.problem = problem = Problem.of(self.model, options, forcing.turning is not None)
+        kind = ProblemKind(options, forcing.turning is not None)
+        self.problem = problem = Problem.of(self.model, kind)
         self.state = problem.state
         #: Records of C.
         self.records = RecordsInC(problem)
@@ -55,7 +57,7 @@ class CompiledLoop:
         #: Checks and counts states with inverted sections.
         self.inversion = InversionCheck(self.model, stats)
         self.problem.c.inverted.least_energy = self.inversion.least_energy
-        stats.solver = stats.solver or f"compiled, {self.problem.factors}"
+        stats.solver = stats.solver or f"compiled, {self.problem.storage.factors}"
 
     def bind(self, forcing: Forcing, stats: Stats) -> None:
         """Begin another run, with the numbers that the model has now."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import numpy as np
@@ -9,12 +10,13 @@ import numpy as np
 from fx_beam.coupling.graph import motors
 from fx_beam.coupling.reduction import numbers_of_gears
 from fx_beam.dual import dual_array, floats
-from fx_beam.fem.loads import dead_loads, natural_strains
+from fx_beam.fem.loads import OnBeams, dead_loads, natural_strains
 from fx_beam.fem.scene_data import Arms, Data, form_data
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import sliding_joints
 
-from .model import Model, moving_in, sticks
+from .inertia import mobility
+from .model import Model, sticks
 
 
 def data_of(model: Model, scene: Scene) -> Data:
@@ -22,19 +24,35 @@ def data_of(model: Model, scene: Scene) -> Data:
     model.structure.check(scene)
     mesh, rates, data = model.mesh, model.scheme.rates, model.data
     X = mesh.positions_of(scene)
-    masses, loads, natural = model.masses.numbers_of(scene, X), data.loads, data.natural
+    masses, known = model.masses.numbers_of(scene, X), model.data
+    loads, natural, forms = known.loads, known.natural, form_data(scene, mesh, X, rates)
     if scene.loads:
-        loads = dead_loads(scene, mesh, floats(X), model.weights(masses))
+        weights = functools.partial(model.masses.places.weights, entries=masses["mass"])
+        loads = dead_loads(scene, mesh, floats(X), weights)
     if scene.natural_strains:
         natural = natural_strains(scene, mesh)
-    arms, moved = (Arms.of(scene), motors(scene)) if scene.joints else (data.arms, data.motors)
-    data = Data(scene, X, form_data(scene, mesh, X, rates), masses, loads, natural, arms, moved)
+    moving = (Arms.of(scene), motors(scene)) if scene.joints else (known.arms, known.motors)
+    data = Data(scene, X, forms, masses, loads, natural, *moving, OnBeams.of(scene))
     if not rates.at_rest and (scene.joints or scene.contacts) and sticks(scene):
-        fits = not model.needs_places or model.lies_at(data)
+        fits = not model.couplings.need_places or data.lies_as(known)
         fitting = model if fits else Model(scene, model.scheme, part=True)
-        data = data._replace(forms=form_data(scene, mesh, X, rates, fitting.mobility(data)))
-    model.check(data)
+        mass = model.masses.places.matrix(floats(masses["mass"]))
+        moves = mobility(data, mass, fitting.reduction, mesh)
+        data = data._replace(forms=form_data(scene, mesh, X, rates, moves))
+    _check(model, data)
     return data
+
+
+def _check(model: Model, data: Data) -> None:
+    """OtherStructureError if data are of other kinds than the numbers that a model has."""
+    known = model.data
+    model.forms.check(data.forms)
+    if data.masses is not known.masses:
+        model.masses.check(data.masses)
+    data.arms.are_at(known.arms)
+    for old, new in ((known.loads, data.loads), (known.natural, data.natural)):
+        if new is not old:
+            old.check(new)
 
 
 def numbers_of(model: Model, data: Data) -> dict[str, Any]:
@@ -43,7 +61,7 @@ def numbers_of(model: Model, data: Data) -> dict[str, Any]:
     numbers = {"X": data.X, "columns": data.loads.entries} | data.forms.numbers | data.masses
     if data.natural:
         numbers["natural columns"] = data.natural.entries
-    if moving := moving_in(scene, couplings):
+    if moving := couplings.moving_in(scene):
         axes = [(0.0, 0.0) if joint.axis is None else joint.axis for joint in moving]
         numbers["offset"] = dual_array([joint.offset for joint in moving]).reshape(-1, 2)
         numbers["axis"] = dual_array(axes).reshape(-1, 2)

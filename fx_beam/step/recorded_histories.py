@@ -17,9 +17,10 @@ from fx_beam.dual import floats
 from fx_beam.fem.mesh import rotation_of
 from fx_beam.results.records import Energy
 from fx_beam.results.state import ARRAYS, FORCES, HISTORIES, ROWS
+from fx_beam.scene.joints import missing_joints
 
 from .forcing import Forcing
-from .model import Model
+from .model import Model, once, sizes_of
 
 if TYPE_CHECKING:
     from .fitted_rates import Fit
@@ -62,7 +63,7 @@ class RecordedHistories(Mapping):
         self._late_accelerations = late_accelerations
 
     def __getitem__(self, name: str) -> Any:
-        with self._model.reading:
+        with self._model.forms.reading:
             if name not in self._known:
                 self._known[name] = self._made(name)
             return self._known[name]
@@ -91,7 +92,7 @@ class RecordedHistories(Mapping):
         state = dict[str, np.ndarray]()
         for name in FORCES if self._fitted_rows is None else (*FORCES, "a", "v"):
             if (rows := self._recorded(name)) is not None:
-                shape = ARRAYS[name].lengths(self._model.sizes)
+                shape = ARRAYS[name].lengths(once(self._model, sizes_of))
                 state["fitted" if name == "v" else name] = rows[-1].reshape(shape).copy()
         if self._fitted_rows and not np.isnan(driven := self._fitted["driven_rates"][-1]).any():
             state["driven_rates"] = driven.copy()
@@ -128,7 +129,7 @@ class RecordedHistories(Mapping):
             return self._by_columns(name)
         model, quantity = self._model, ROWS[name]
         at_nodes = quantity.shape == ("dofs",)
-        lengths = (len(model.mesh.X), 3) if at_nodes else quantity.lengths(model.sizes)
+        lengths = (len(model.mesh.X), 3) if at_nodes else quantity.lengths(once(model, sizes_of))
         rows = self._recorded(name)
         values = np.empty((0, *lengths)) if rows is None else rows.reshape(len(rows), *lengths)
         if at_nodes:
@@ -136,9 +137,9 @@ class RecordedHistories(Mapping):
         if name == "q" and self._turns and len(values):
             for first, stop in itertools.pairwise([*self._turns, len(values)]):
                 values[first:stop] += self._turns[first].reshape(lengths)
-        if name == "slides" and model.removed_joints:
+        if name == "slides" and missing_joints(model.scene):
             values = values.copy()
-            values[:, model.removed_joints] = np.nan
+            values[:, missing_joints(model.scene)] = np.nan
         if name in _OTHERS and not values.size:
             return None
         return values
@@ -147,7 +148,7 @@ class RecordedHistories(Mapping):
         """Forces of supports on nodes, or of motors, from rows of all constraint forces."""
         model, forces = self._model, self._recorded("constraint_forces")
         if forces is None:
-            forces = np.empty((0, *ROWS["constraint_forces"].lengths(model.sizes)))
+            forces = np.empty((0, *ROWS["constraint_forces"].lengths(once(model, sizes_of))))
         return np.pad(forces, ((0, 0), (0, 1)))[:, model.force_columns[name]]
 
 
@@ -172,7 +173,7 @@ def fitted(
         near = slides_near(model, starts[0], slides[1:])
         start_fit = _fit(model, (times, steps[1:] - 1), (*starts, near), False, driven)
     histories["v"], histories["driven_rates"] = end_fit.rates, end_fit.driven
-    impulses = (model.mass @ end_fit.corrections.T).T
+    impulses = (model.masses.matrix @ end_fit.corrections.T).T
     histories["momenta"] = rows["momenta"] + sums_of(model, rows["q"], impulses)
     if model.couplings.driven:  # at rates that fit, other impulses do no work
         work = np.einsum("ni,ni->n", end_fit.rates, impulses)
@@ -220,7 +221,7 @@ def driven_of(model: Model, q: np.ndarray, slides: np.ndarray) -> np.ndarray:
     """Prescribed motions and coordinates of motors (n, driven)."""
     positions = [q[:, model.prescribed]]
     q = np.pad(q, ((0, 0), (0, 1)))  # the ground is the last
-    for joint, name in model.motors:
+    for joint, name in model.data.motors:
         a, b = (q[:, rotation_of(node)] for node in (joint.a, joint.b))
         positions.append((b - a if name == "rotation" else slides[:, joint.number])[:, None])
     return np.hstack(positions)
@@ -230,7 +231,7 @@ def driven_increments(model: Model, q: np.ndarray, slides: np.ndarray) -> np.nda
     """Increments (n - 1, driven) of driven motions from row to row, without full turns."""
     increments = np.diff(driven_of(model, q, slides), axis=0)
     turns = [component == 2 for _, component in model.scene.prescribed]
-    turns += [name == "rotation" for _, name in model.motors]
+    turns += [name == "rotation" for _, name in model.data.motors]
     return increments - np.where(turns, 2 * np.pi * np.round(increments / (2 * np.pi)), 0.0)
 
 
@@ -245,7 +246,7 @@ def sums_of(model: Model, q: np.ndarray, p: np.ndarray) -> np.ndarray:
 
 def slides_near(model: Model, q: np.ndarray, slides: np.ndarray) -> np.ndarray:
     """Slides (n, joints) [m] at q (n, ...), from ones near by."""
-    nearest, motion = slides.copy(), model.motion(q=q)
+    nearest, motion = slides.copy(), model.mesh.motion(model.scene, q=q)
     for joint in model.scene.joints:
         nearest[:, joint.number] = joint.kinematics.slide(motion, slides[:, joint.number])
     return nearest

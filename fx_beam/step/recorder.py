@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 import weakref
 from collections.abc import Callable, Sequence
@@ -14,7 +15,7 @@ import numpy as np
 from fx_beam.errors import SceneError, check_fields, flag, real_array, require, whole
 from fx_beam.results.state import ROWS, State
 
-from .model import Model
+from .model import Model, once, widths_of
 
 if TYPE_CHECKING:
     from .tables import Problem
@@ -44,8 +45,8 @@ def _starts(model: Model, motion: bool, rates: bool) -> dict[str, np.ndarray]:
             needed |= {"start_v": model.size, "start_a": model.size}
         if width := math.prod(forms.internal_shape):
             needed["start_internal"] = width
-        if model.natural:
-            needed["start_natural"] = model.natural.size
+        if model.data.natural:
+            needed["start_natural"] = model.data.natural.size
         if forms.needs_previous:
             needed |= {"start_q_previous": model.size, "memory": 0}
     if model.fits_rates:
@@ -123,14 +124,37 @@ class Record:
         object.__setattr__(self, "times", tuple(times.tolist()))  # a column of a table has labels
 
 
+class StepGrid:
+    """Times at the ends of steps, and which of them have a row: every so many, and the last one."""
+
+    def __init__(self, every: int):
+        self.every, self.last = every, -1
+        #: Times at the ends of all steps, and numbers of the steps that have a row.
+        self.times, self.steps = np.empty(0), np.empty(0, dtype=int)
+        #: Number of steps, and the start, that have a plan.
+        self.planned = 0
+
+    def plan(self, first: int, ends: np.ndarray, last: bool, rows: int) -> int:
+        """Plan steps as `Recorder.plan` behind some rows; number of rows that they add."""
+        stop = first + len(ends)
+        self.times = grown(self.times, stop, first)
+        self.times[first:stop] = ends
+        self.last = stop - 1 if last else -1
+        steps = np.arange(first, stop)
+        steps = steps[(steps % self.every == 0) | (steps == self.last)]
+        self.steps = grown(self.steps, rows + len(steps), rows)
+        self.steps[rows : rows + len(steps)] = steps
+        return len(steps)
+
+
 class NullRecorder:
     """In place of a `Recorder`, for trial steps."""
 
     #: The tape of a trial step, if it has one.
     tape: Any = None
-    every = planned = np.iinfo(np.int32).max
-    last, rows, starts, complete = -1, 0, 0, 0
-    plans, end = 0, None
+    grid = StepGrid(np.iinfo(np.int32).max)
+    rows = starts = complete = plans = 0
+    end: Any = None
     #: No arrays.
     arrays: dict[str, np.ndarray] = {}
     arrays_of_starts: dict[str, np.ndarray] = {}
@@ -149,11 +173,9 @@ class Recorder:
     """Histories of motion, forces, energies and momenta at the times (n,) of a grid."""
 
     def __init__(self, model: Model, times: np.ndarray, record: Record):
-        self.model, self.every, self.last = model, record.every, -1
-        #: Times at the ends of all steps, and numbers of the steps that have a row.
-        self.times, self.steps = np.empty(0), np.empty(0, dtype=int)
-        #: Number of steps, and the start, that have a plan.
-        self.planned = 0
+        self.model = model
+        #: The steps.
+        self.grid = StepGrid(record.every)
         #: How often the arrays were replaced.
         self.plans = 0
         #: The last state, and full turns (size,) that are missing in it [rad].
@@ -168,13 +190,13 @@ class Recorder:
         #: Starts (n, ...) of the sub-steps before rows, where these are not the rows before;
         #: `up_to_row` has their number up to each row.
         self.arrays_of_starts = _starts(model, record.motion, record.rates)
-        self._parted = len(model.scheme.fractions) > 1 or model.forms.needs_previous
         #: Rows (n, ...) by name, vectors in the order of the degrees of freedom.
         self.arrays: dict[str, np.ndarray] = {}
         self.plan(0, times, last=True)
-        rows = len(self.steps)
+        rows = len(self.grid.steps)
         names += self.serving
-        self.arrays = {name: np.zeros((rows, model.widths[name])) for name in names}
+        widths = once(model, widths_of)
+        self.arrays = {name: np.zeros((rows, widths[name])) for name in names}
         self.arrays["up_to_row"] = np.zeros(rows, dtype=np.int32)
 
     def restart(self) -> None:
@@ -199,12 +221,7 @@ class Recorder:
     @property
     def t(self) -> np.ndarray:
         """Times (n,) of the rows so far [s]."""
-        return self.times[self.steps[: self.rows]]
-
-    def has_as_it_is(self, name: str) -> bool:
-        """Whether a solution has the rows of a name as they are here."""
-        fitted = name == "v" and self.model.fits_rates
-        return name in self.arrays.keys() - self.serving and not (fitted or self.turns)
+        return self.grid.times[self.grid.steps[: self.rows]]
 
     def plan(self, first: int, ends: np.ndarray, last: bool) -> None:
         """Make room for steps from number `first` on that end at times (n,); step 0 is the start.
@@ -212,20 +229,13 @@ class Recorder:
         With `last` the run ends with them. Steps that are planned again replace those before.
         """
         self.plans += 1  # at first: an interrupt may come after some of the arrays
-        stop = first + len(ends)
-        self.times = grown(self.times, stop, first)
-        self.times[first:stop] = ends
-        self.last = stop - 1 if last else -1
-        steps = np.arange(first, stop)
-        steps = steps[(steps % self.every == 0) | (steps == self.last)]
-        rows = self.rows + len(steps)
-        self.steps = grown(self.steps, rows, self.rows)
-        self.steps[self.rows : rows] = steps
+        added = self.grid.plan(first, ends, last, self.rows)
+        rows = self.rows + added
         for name, array in self.arrays.items():
             self.arrays[name] = grown(array, rows, self.rows)
         if self.stores_starts(1):
-            self.make_room(len(self.model.scheme.fractions) * len(steps))
-        self.planned = stop
+            self.make_room(len(self.model.scheme.fractions) * added)
+        self.grid.planned = first + len(ends)
 
     def make_room(self, starts: int) -> None:
         """Make room for some more starts of sub-steps."""
@@ -247,7 +257,8 @@ class Recorder:
     def settle_at_end(self) -> int:
         """Have the rows up to the last state, wherever an exception came; number of its steps."""
         self.truncate(int(np.searchsorted(self.t, self.end.t, side="right")))
-        return int(np.searchsorted(self.times[: self.planned], self.end.t, side="right")) - 1
+        times = self.grid.times[: self.grid.planned]
+        return int(np.searchsorted(times, self.end.t, side="right")) - 1
 
     def forget(self) -> None:
         """Have the last two rows only, on which the next ones depend."""
@@ -256,7 +267,9 @@ class Recorder:
         arrays["up_to_row"][:] = 0
         late = None if gone else self.late_accelerations
         turns = {max(row - gone, 0): missing for row, missing in self.turns.items()}
-        rest = {"arrays": arrays, "steps": np.roll(self.steps, -gone), "turns": turns}
+        grid = copy.copy(self.grid)
+        grid.steps = np.roll(grid.steps, -gone)
+        rest = {"arrays": arrays, "grid": grid, "turns": turns}
         rest |= {"rows": self.rows - gone, "starts": 0, "late_accelerations": late}
         # At once, as an interrupt may come before or after it.
         vars(self).update(rest, plans=self.plans + 1, gone=self.gone + gone)
@@ -276,7 +289,8 @@ class Recorder:
 
     def stores_starts(self, parts: int) -> bool:
         """Whether starts of a step in parts are stored: the last one is not the previous row."""
-        return self._parted or parts > 1 or self.every > 1
+        parted = len(self.model.scheme.fractions) > 1 or self.model.forms.needs_previous
+        return parted or parts > 1 or self.grid.every > 1
 
     def begin(self, state: State) -> None:
         """Have a last state, which is also the first one if there is no row yet."""
@@ -309,7 +323,12 @@ class RecordsInC:
         plan, record, _ = self._records.get(recorder, (-1, None, None))
         if plan != recorder.plans:
             record = self._made(recorder)
-        record.first, record.last, record.parts, record.part = first, recorder.last, parts, done
+        record.first, record.last, record.parts, record.part = (
+            first,
+            recorder.grid.last,
+            parts,
+            done,
+        )
         record.stores_starts, record.tape = stores, self._ffi.NULL
         record.rows, record.starts, record.complete = (
             recorder.rows,
@@ -322,7 +341,7 @@ class RecordsInC:
         """The same with the arrays that a recorder has now."""
         record = self._ffi.new("Record *")
         rows, starts = dict(recorder.arrays), dict(recorder.arrays_of_starts)
-        record.every, record.forces = recorder.every, "constraint_forces" in rows
+        record.every, record.forces = recorder.grid.every, "constraint_forces" in rows
         if "up_to_row" in rows:
             record.up_to_row = self._ffi.from_buffer("int[]", rows.pop("up_to_row"))
         for name in ("share", "memory"):

@@ -16,10 +16,10 @@ def histories_of(recorder: Recorder) -> RecordedHistories:
     """Histories of the rows so far by their names in `Solution`."""
     model, n, fit = recorder.model, recorder.rows, None
     rows = {name: array[:n] for name, array in recorder.arrays.items()}
-    times, steps = recorder.times, recorder.steps[:n]
+    times, steps = recorder.grid.times, recorder.grid.steps[:n]
     if model.fits_rates:
         first, starts = rows["up_to_row"][:-1], None
-        if recorder.every > 1:
+        if recorder.grid.every > 1:
             starts = tuple(recorder.arrays_of_starts[f"start_{name}"][first] for name in "qv")
         driven = None if steps[0] else recorder.first.driven_rates
         fit = functools.partial(fitted, model, rows, starts, (times, steps), driven)
@@ -97,14 +97,14 @@ class RowSteps:
         q = begins("q") + self._missing(np.where(stored, row, previous))
         D = ends(q, arrays["q"][rows] + self._missing(rows)) - q
         if at_start:
-            dt[0] = INSTANT * (np.diff(recorder.times[:2]).sum() or 1.0)
+            dt[0] = INSTANT * (np.diff(recorder.grid.times[:2]).sum() or 1.0)
             if moves or beams.facts.resultants_move:
                 D[0] = dt[0] * recorder.first.v
                 q[0] -= level * D[0]
         parts = StepBatch(t, dt, D, q)
         names = [*("v", "a")[: 2 * beams.facts.resultants_need_rates]]
         names += ["internal"] * (beams.internal_shape[-1] > 0)
-        names += ["natural"] * bool(model.natural)
+        names += ["natural"] * bool(model.data.natural)
         batch_arrays = {name: begins(name) for name in names}
         if at_start and "a" in batch_arrays:  # there is no motion in row 0
             batch_arrays["a"][0] = 0.0
@@ -123,7 +123,7 @@ class RowSteps:
 
     def _ends(self, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Ends and starts [s] of the steps of rows."""
-        times, steps = self._recorder.times, self._recorder.steps[row]
+        times, steps = self._recorder.grid.times, self._recorder.grid.steps[row]
         return times[steps], times[np.maximum(steps - 1, 0)]
 
     def _missing(self, rows: np.ndarray) -> np.ndarray | float:
@@ -137,6 +137,6 @@ class RowSteps:
         """Parameters (n, k) at times (n,) in the steps of rows: linear from row to row."""
         recorder, row = self._recorder, self._row
         previous, values = np.maximum(row - 1, 0), recorder.arrays["parameters"]
-        t0, t1 = (recorder.times[recorder.steps[rows]] for rows in (previous, row))
+        t0, t1 = (recorder.grid.times[recorder.grid.steps[rows]] for rows in (previous, row))
         part = (t - t0) / np.where(row > 0, t1 - t0, 1.0)
         return values[previous] + part[:, None] * (values[row] - values[previous])

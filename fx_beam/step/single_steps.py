@@ -38,7 +38,7 @@ class CompiledSingleSteps:
         model, p = self._loop.model, self._p
         forcing, steps = self._loop.forcing, p.scheme.sub_steps
         shapes = [(2, p.loads.count), (p.driven,), (len(model.points.followers), 2)]
-        shapes += [(2, len(model.forms.parameters)), (len(model.natural.starts) - 1,)]
+        shapes += [(2, len(model.forms.parameters)), (len(model.data.natural.starts) - 1,)]
         arrays = [np.zeros((steps, *shape)) for shape in shapes]
         loads, driven, follower_force, parameters, natural = arrays
         self._inputs = StepInputs(loads, driven, follower_force, parameters, natural, steps)
@@ -53,7 +53,10 @@ class CompiledSingleSteps:
         self._varies = False
         followers = [load.value for load in model.scene.loads if load.follower]
         for function, view, passed in (
-            *((signal, loads[:, :, columns], ends) for columns, signal in model.loads.functions),
+            *(
+                (signal, loads[:, :, columns], ends)
+                for columns, signal in model.data.loads.functions
+            ),
             *((signal, follower_force[:, i], ends) for i, signal in enumerate(followers)),
             *((signal, driven[:, i], ends) for i, signal in enumerate(forcing.functions)),
             *(
@@ -62,7 +65,7 @@ class CompiledSingleSteps:
             ),
             *(
                 (signal, natural[:, columns.start], ends)
-                for columns, signal in model.natural.functions
+                for columns, signal in model.data.natural.functions
             ),
         ):
             if isinstance(function, InputSignal):
@@ -90,7 +93,7 @@ class CompiledSingleSteps:
                 view[...] = signal.start + (signal.end - signal.start) * passed
             else:
                 view[...] = signal.end
-        recorded = number % recorder.every == 0
+        recorded = number % recorder.grid.every == 0
         if recorded:
             assert isinstance(recorder, Recorder)  # the other one takes no row
             record = self._rows_of(recorder)

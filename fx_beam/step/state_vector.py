@@ -13,7 +13,7 @@ import numpy as np
 from fx_beam.laws.schemes import order_and_constant
 from fx_beam.results.state import ARRAYS, FORCES, NUMBERS, Past, State
 
-from .model import Model
+from .model import Model, once, sizes_of
 
 #: A copy of the memory, and of the numbers that go with it.
 StateCopy = tuple[np.ndarray, bytes]
@@ -26,7 +26,7 @@ class StateVector:
         self._model, self._c = model, c
         n = model.size
         #: Shapes of the arrays of the state by name.
-        self.shapes = {name: array.lengths(model.sizes) for name, array in ARRAYS.items()}
+        self.shapes = {name: array.lengths(once(model, sizes_of)) for name, array in ARRAYS.items()}
         sizes = {name: math.prod(shape) for name, shape in self.shapes.items()}
         sizes["driven_now"] = model.reduction.driven
         past = {"ages": C.PAST + 1, "past": C.PAST * (n + model.reduction.free)}

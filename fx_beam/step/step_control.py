@@ -58,7 +58,7 @@ class StepControl:
         #: Order of the scheme.
         self.order, self._constant = order_and_constant(model.scheme)
         # The same for single differences; these are of lower order where there may be kinks.
-        bent = model.has_unseen_kinks and self.order > 2
+        bent = model.kinks.unseen and self.order > 2
         self._single = max(self._constant, _KINKED) if bent else self._constant
         # The same for those of steps that are too coarse.
         self._coarse = _COARSE if self.order > 2 else 0.0

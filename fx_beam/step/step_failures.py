@@ -45,7 +45,7 @@ class StepFailures:
 
     def shortening(self, correction: np.ndarray) -> float:
         """Factor that limits the rotations of a correction (size,)."""
-        turn = abs(correction[self.model.turns]).max()
+        turn = abs(correction[self.model.mesh.turns]).max()
         return LONGEST_TURN / turn if LONGEST_TURN < turn < np.inf else 1.0
 
     def check_finite(self, size: float, corrections: list[float]) -> None:
@@ -55,7 +55,7 @@ class StepFailures:
 
     def check_turn(self, D: np.ndarray, corrections: list[float]) -> None:
         """Reject an increment (size,) with a rotation above the bound."""
-        turn = abs(D[self.model.turns]).max()
+        turn = abs(D[self.model.mesh.turns]).max()
         if not np.isfinite(turn):
             raise StepFailed("no convergence", _OPEN, D, corrections)
         if turn > self.options.max_turn:
@@ -98,7 +98,7 @@ class StepFailures:
             return StepFailed(*(reduction.fault(arcs) or ("", "")), D, corrections)
         if p.run.failure == C.OUT_OF_LINE:
             return StepFailed("singular", reduction.singularity, 0 * D)
-        turn, nowhere = abs(D[self.model.turns]).max(), np.full(len(D), np.nan)
+        turn, nowhere = abs(D[self.model.mesh.turns]).max(), np.full(len(D), np.nan)
         reasons = {
             C.TURNED_TOO_FAR: ("large rotation", self._turned(turn), D),
             C.SINGULAR: ("singular", _SINGULAR, nowhere),
@@ -117,7 +117,7 @@ class StepFailures:
     ) -> StepError:
         """StepError for a step that failed after some cuts: what, why, the worst node, advice."""
         model = self.model
-        D = abs(failed.D / model.unit).reshape(-1, 3)
+        D = abs(failed.D / model.units.nodes).reshape(-1, 3)
         node, component = np.unravel_index(np.argmax(np.nan_to_num(D, nan=np.inf)), D.shape)
         history = ", ".join(f"{r:.1e}" for r in failed.corrections[-8:])
         named = model.mesh.named(int(node), model.scene)

@@ -74,7 +74,7 @@ def inputs_of(problem: Problem, forcing: Forcing, t: float, times: np.ndarray) -
         return inputs
     starts = np.concatenate([[t], times[:-1]])
     t0, t1 = divided(starts, times, model.scheme.fractions)
-    follow, parameters, strains = model.points.followers, model.forms.parameters, model.natural
+    follow, parameters, strains = model.points.followers, model.forms.parameters, model.data.natural
 
     def rows(series: Callable[..., Any], constant: bool, *ends: np.ndarray) -> np.ndarray:
         """Rows of all sub-steps; a single row is repeated without copies."""
@@ -84,7 +84,7 @@ def inputs_of(problem: Problem, forcing: Forcing, t: float, times: np.ndarray) -
         return np.broadcast_to(values, shape) if values.size else np.empty(shape)
 
     try:
-        arrays: dict[str, Any] = {"loads": rows(forcing.loads, model.loads.constant, t0, t1)}
+        arrays: dict[str, Any] = {"loads": rows(forcing.loads, model.data.loads.constant, t0, t1)}
         if follow:
             arrays["follower_force"] = rows(follow.series, follow.constant, t0, t1)
         if parameters.vary:

@@ -1,23 +1,262 @@
-"""Where the loop stores entries of the full tangent, and what borders the reduced one, as lists."""
+"""The linear system in C: factors, where entries of both tangents are, and what borders it."""
 
 from __future__ import annotations
 
+import functools
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import scipy.sparse
 
+from fx_beam.c_library import array_at
+from fx_beam.content_cache import cached_property
 from fx_beam.coupling.reduction import ReducedTangent, Reduction
-from fx_beam.fem.sparsity import starts_of
+from fx_beam.fem.sparsity import blocks_with, starts_of
 
-from .lu_layout import GROUP
+from .lu_layout import COSTS, GROUP, Factors, factors_of, graph_of, groups_of
 from .model import Model
+from .newton import NewtonOptions
 
 if TYPE_CHECKING:
     from fx_beam.coupling.sliders import Slide, Sliders
 
 # Columns of the block of right sides are computed in such lanes.
 _LANES = 4
+
+
+#: From so many elements on, threads share the work: they gain more than they cost.
+LARGE = 20_000
+# From so many nodes on beams, what slides is in the sparse rows, not beside them.
+_MANY_SLIDES = 8
+
+
+class ProblemKind(NamedTuple):
+    """What a problem of a model in C is for.
+
+    One of `forces_only` is for `Equations`: it takes no steps. One of `rates` has no forces. It may
+    have a part of the `inertia` only; steps of one that is not `inert` are those of statics. The
+    scene may rest in a frame that `turns`.
+    """
+
+    newton: NewtonOptions = NewtonOptions()
+    turns: bool = False
+    forces_only: bool = False
+    rates: bool = False
+    inertia: float = 1.0
+    inert: bool = True
+
+
+class TangentStorage:
+    """The linear system of a model in C: its factors, and where entries of both tangents are."""
+
+    def __init__(self, model: Model, kind: ProblemKind):
+        self.model, self.kind = model, kind
+        #: Whether threads share the work of a large scene, and how many.
+        self.is_large, self.threads = len(model.mesh.unknowns.dofs) >= LARGE, 1
+        if self.is_large:
+            from .threads import thread_count
+
+            self.threads = thread_count()
+        #: Whether bordering rows are among the sparse rows (c/bordering_rows.h).
+        self.inside = (
+            len(model.couplings.sliding) >= _MANY_SLIDES
+            and not (kind.forces_only or model.scheme.rates.at_rest)
+            and model.points.members is None
+            and not len(model.reduction.sliders.forces)
+        )
+        self.factors = self._factors_of(*model.reduction.tangent.pattern)
+        #: Those in sparse rows, in C.
+        self.sparse_factors = np.zeros(0)
+
+    @property
+    def features(self) -> str:
+        """What the library for C must have (c/scene_features.h)."""
+        factors, couplings = self.factors, self.model.couplings
+        has = {
+            "CHAIN": factors.chain,
+            "BAND": factors.band and not factors.chain,
+            "COUPLED": not couplings.is_selection,
+            "LOOPS": couplings.closures,
+            "SLIDERS": couplings.sliding,
+            "MEMBERS": self.model.points.members is not None,
+        }
+        return "|".join(name for name, present in has.items() if present) or "0"
+
+    @cached_property
+    def mass_blocks(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Entries of the tangent with masses, in blocks of pairs of nodes (`blocks_with`)."""
+        weightless = self.model.scheme.rates.at_rest and not self.kind.turns
+        K = self.model.forms.stiffness
+        has_mass = np.zeros(K.nnz, bool) if weightless else self.model.masses.matrix.data != 0
+        return blocks_with(has_mass, K.indptr, K.indices)
+
+    @cached_property
+    def mass_entries(self) -> np.ndarray:
+        """Entries (pairs, 3) of the tangent that C has as masses and rotary inertias."""
+        return np.ascontiguousarray(self.mass_blocks[2].reshape(-1, 9)[:, ::4])
+
+    def hand_over(self, problem: Any) -> None:
+        """Hand over the couplings, and find the storage index of each entry of both tangents."""
+        p, reduction, factors = problem.c, self.model.reduction, self.factors
+        on_border = problem.constants.ON_BORDER
+        problem.set(**reduction.members)
+        places, stored = factors.at, factors.size
+        if not factors.band:  # the tangent is stored apart
+            indptr, indices = reduction.tangent.pattern
+            places, stored = np.arange(len(indices)), len(indices)
+            problem.set(
+                system={
+                    "tangent_start": indptr,
+                    "tangent_column": indices,
+                    "factor_at": factors.at.astype(np.int32),
+                    "reused": {"worth": 0 if self.kind.rates else factors.worth},
+                }
+            )
+        #: Storage indices of the entries of `ReducedTangent.pattern`.
+        self.tangent_at = places
+        if self.model.points.members is not None and not self.kind.rates:
+            self._set_changing_rows(problem)
+        elif factors.rows and not self.inside:
+            self.sparse_factors = np.zeros(factors.size + 1)  # one more: see `factors_of`
+            own = {"factors": self.sparse_factors, "threads": self.threads}
+            problem.set(system={"rows": [factors.rows | own]})
+        if (loops := reduction.loops) is not None:
+            diagonal, unit = loops.scales(reduction.tangent.pattern)
+            table = {"scales": len(unit), "scale_at": places[diagonal], "scale_unit": unit}
+            problem.set(loops=table)
+        places, stored, places_of_ones = storage_of(reduction, places, stored)
+        tangent = reduction.tangent
+        K, alone = self.model.forms.stiffness, alone_in_column(reduction)
+        stored_at, place_of_one = storage_of_entries(tangent, K, alone, places, stored)
+        stiff = {"stiffness_at": place_of_one + 1, "stiffened": tangent.stiffened}
+        problem.set(tangent={"stored": place_of_one + 2}, coupled=stiff)
+        if reduction.couplings.sliding:
+            diagonal_at = stored_at[self.model.masses.places.diagonal]
+            tables = bordering_tables(self.model, places, diagonal_at, on_border, self.inside)
+            problem.set(**tables)
+            if self.inside:
+                self._set_changing_rows(problem, tables)
+        order = factors.order
+        if self.inside:
+            order = np.arange(len(order) + p.border.rows)
+        padding = np.concatenate(
+            [factors.padding, places_of_ones, places[tangent.ones], [place_of_one]]
+        )
+        problem.set(
+            system={
+                "band": factors.band,
+                "chain": factors.chain,
+                "positions": 3 * factors.chain or len(order),
+                "order": order.astype(np.int32),
+                "unknowns": len(factors.order),
+                "paddings": len(padding),
+                "padding": padding,
+            },
+            tangent={"reacting": np.count_nonzero(~alone), "reacts": np.flatnonzero(~alone)},
+        )
+        added = stored_at[tangent.direct["from"]] >= stored
+        direct = {key: values[added] for key, values in tangent.direct.items()}
+        stored_from = np.append(stored_at, [place_of_one, p.coupled.stiffness_at])
+        products = {"coupled": tangent.coupled, "geometric": tangent.geometric}
+        for name, product in {"direct": direct, **products}.items():
+            table = {key: stored_from[x] if key == "from" else x for key, x in product.items()}
+            table["to"] = places[product["to"]]
+            problem.set(**{name: table | {"count": len(product["to"])}})
+        #: Storage indices of the forces on slides, and which these are.
+        self.on_slides = places[tangent.restoring["to"]], tangent.restoring["of"]
+        #: Storage index of each entry of the full tangent.
+        self.stored_at = stored_at
+
+    def _set_changing_rows(self, problem: Any, bordering: dict[str, Any] | None = None) -> None:
+        """Hand over what a pattern that changes with contact points is found from.
+
+        With tables of `bordering` rows it changes with what slides.
+        """
+        reduction, couplings = self.model.reduction, self.model.couplings
+        graph = graph_of(*reduction.tangent.pattern)
+        groups = groups_of(graph, reduction.dependent, reduction.forces)
+        if bordering is not None:
+            groups = with_bordering_rows(groups, bordering)
+        system = *couplings.system, problem.constants.ON_BORDER
+        row_of, unknown_of = on_bordering_rows(reduction, *system)
+        found_in_c = dict.fromkeys(("near_to", "order", "work", "position"))
+        row = {
+            "elimination": groups | found_in_c,
+            "pair": None,
+            "window": np.full(len(couplings.sliding), -1),
+            "dof_start": couplings.all_entries.starts(self.model.size),
+            **couplings.all_entries.members("dof_"),
+            "keep": not couplings.closures and not couplings.auxiliaries and not couplings.sliding,
+            **{name: getattr(COSTS, name) for name in ("row_entry", "substitution", "least_worth")},
+        }
+        if bordering is None:
+            problem.set(system={"row_of": row_of, "unknown_of": unknown_of})
+        problem.set(system={"changing": [row]})
+        problem.c.system.rows = problem.ffi.addressof(
+            problem.c.system.changing[0], "elimination", "rows"
+        )
+        # Freed with this object, before what it points to: C allocates as much as the rows need.
+        free, owner = problem.library.fx_free_rows, problem.structs
+        self._rows = problem.ffi.gc(problem.c.system.changing, lambda rows, owner=owner: free(rows))
+
+    def _factors_of(self, indptr: np.ndarray, indices: np.ndarray) -> Factors:
+        reduction, order = self.model.reduction, np.arange(len(indptr) - 1)
+        if self.kind.forces_only:
+            return Factors(order, np.arange(len(indices)), 0, 0)
+        couplings, members = self.model.couplings, self.model.points.members is not None
+        # Rows of unknowns that close loops are no forces, by which errors are judged.
+        keep = not (couplings.closures or couplings.auxiliaries or (members and couplings.sliding))
+        keep = keep and not self.inside
+        # In statics the signs of pivots tell modes.
+        sparse = members or self.inside or self.model.scheme.rates.at_rest
+        behind = reduction.dependent, reduction.forces
+        parts = self.is_large and not self.inside
+        symmetric = (
+            self.model.scheme.rates.at_rest
+            and self.model.kinks.potential
+            and not (self.kind.rates or members or couplings.closures or couplings.auxiliaries)
+            and not couplings.sliding
+        )
+        return factors_of(indptr, indices, *behind, keep, sparse, COSTS, parts, symmetric)
+
+    def border(self, problem: Any, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What borders the last tangent (n, n): columns (n, m), rows (m, n), and corner (m, m).
+
+        With unknowns in their order in the tangent.
+        """
+        p, results = problem.c, problem.library.fx_results(problem.c)
+        m, positions, array = (
+            p.border.rows,
+            p.system.positions,
+            functools.partial(array_at, problem.ffi),
+        )
+        order, corner = array(p.system.order, n), array(results.corner, m, m)
+        block = array(results.block, positions, p.border.block)[order, :m]
+        reached = array(results.reached, positions)[order]
+        rows = array(results.border, m, positions)[:, order]
+        first, last = array(results.crossed, m, 2, 1).swapaxes(0, 1)
+        crossed = (first <= order) & (order <= last)
+        return np.where(reached[:, None] != 0, block, 0.0), np.where(crossed, rows, 0.0), corner
+
+    def transposed(self, problem: Any) -> np.ndarray:
+        """Storage index of each entry of the tangent in its transpose, among sparse factors.
+
+        Of a chain or a band it is that of each stored value.
+        """
+        indptr, indices = self.model.reduction.tangent.pattern
+        n = len(indptr) - 1
+        numbered = scipy.sparse.csr_matrix((np.arange(len(indices)), indices, indptr), (n, n))
+        turned = numbered.T.tocsr()
+        turned.sort_indices()
+        places = np.empty(len(indices), dtype=int)
+        places[turned.data] = self._factors_of(turned.indptr, turned.indices).at
+        if not self.factors.band:
+            return places
+        stored = np.arange(problem.c.tangent.stored)
+        stored[self.factors.at] = places
+        stored[places] = self.factors.at
+        return stored
 
 
 def alone_in_column(reduction: Reduction) -> np.ndarray:
@@ -76,6 +315,8 @@ def on_bordering_rows(
 
     Bordering rows are numbered downwards from `first`.
     """
+    if reduction.sliders is None:
+        return rows, columns
     rows, columns, bordering = rows.copy(), columns.copy(), reduction.sliders.outside
     rows[bordering] = columns[bordering] = first - np.arange(len(bordering))
     return rows, columns

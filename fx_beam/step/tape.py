@@ -202,10 +202,10 @@ def static_tape(
     internal variables an equilibrium depends on none before, and is a step from itself.
     """
     model, t = problem.model, np.array([forcing.time])
-    loads, strains = (floats(model.loads.series(t))[0], floats(forcing.naturals(t))[0])
+    loads, strains = (floats(model.data.loads.series(t))[0], floats(forcing.naturals(t))[0])
     values, followers = model.forms.parameters.at(forcing.time), model.points.followers
     follower_force = floats(followers.series(t, t)) if len(followers) else None
-    rows, apart, last = [], not model.flows, start.t
+    rows, apart, last = [], not model.kinks.flows, start.t
     for old, new in zip(states if apart else [start, *states], states, strict=False):
         length, last = new.t - last, new.t
         parts = (

@@ -14,6 +14,7 @@ from fx_beam.errors import SceneError, any_of
 from fx_beam.fem.frictions import bristles_of
 from fx_beam.fem.scene_data import Data
 
+from .build import begin_to_build
 from .form_tables import aligned_zeros
 from .layout import Layout, Numbers, all_of, never_empty, put_columns
 from .model import Model
@@ -36,7 +37,7 @@ class TapeDerivatives:
     def __init__(self, problem: Problem, way: str = "VJP"):
         _check(problem.model)
         self.problem = problem
-        problem.begin_derivatives(way)  # beside slopes of forms
+        begin_to_build(problem.storage.features, way)  # beside slopes of forms
         self._way = way
         self._structs = Structs(problem.ffi)
         #: The C struct Derivatives.
@@ -59,10 +60,9 @@ class TapeDerivatives:
         if members is not None:
             from fx_beam.fem.member_slopes import followed
 
-            self._of_members, counts = followed(members, problem.model.points.rule)
-            self._structs.set(self.c, **counts)
+            self._structs.set(self.c, **followed(members, problem.model.points.rule))
         elif not problem.c.system.changing:
-            self._structs.set(self.c, transposed_at=problem.transposed())
+            self._structs.set(self.c, transposed_at=problem.storage.transposed(problem))
         #: Slides of moving joints in the reference, and the data of which they are.
         self._slide_at_rest = np.zeros(1 + len(problem.model.couplings.arm_joints))
         self._data: Data | None = None
@@ -196,7 +196,9 @@ class TapeDerivatives:
             "q": Numbers(at_q, of_q, p.dofs),
             "slides": Numbers(rows_of["Y"][of_slides], joints, model.scene.joint_count),
             "motors": all_of(driven[first:]),
-            "mass": Numbers(rows_of["mass"], self.problem.mass_entries.ravel(), model.mass.nnz),
+            "mass": Numbers(
+                rows_of["mass"], self.problem.storage.mass_entries.ravel(), model.masses.matrix.nnz
+            ),
             "X": Numbers(at_X, of_X, X.size),
         }
 
@@ -319,7 +321,9 @@ class TapeDerivatives:
         """
         if self._data is not (model := self.problem.model).data:
             self._data = model.data
-            self._slide_at_rest[:-1] = [joint.start()[0] for joint in model.arm_joints]
+            self._slide_at_rest[:-1] = [
+                joint.start()[0] for joint in model.couplings.moving_in(model.scene)
+            ]
         if self._has_places == by_places:
             return
         self._has_places = by_places

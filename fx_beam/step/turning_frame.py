@@ -39,7 +39,7 @@ class TurningFrame:
 
     def __init__(self, model: Model, spin: float, pivot: Sequence[float]):
         self.spin, self.pivot = spin, np.array(pivot, dtype=float)
-        self._X, self._turns, self._mass = model.mesh.X, model.turns, model.mass
+        self._X, self._turns, self._mass = model.mesh.X, model.mesh.turns, model.masses.matrix
 
     @cached_property
     def mass(self) -> scipy.sparse.csr_matrix:

@@ -10,7 +10,7 @@ import pytest
 import fx_beam as fb
 from fx_beam.equilibria.small_motions import SmallMotions
 from fx_beam.motions import dynamics, set_ups
-from fx_beam.step import tables, threads
+from fx_beam.step import tangent_storage, threads
 from fx_beam.step.tables import Problem
 
 SIDE = 24
@@ -18,8 +18,8 @@ SIDE = 24
 FORKED = """
 import os, sys
 import test_threads
-from fx_beam.step import tables
-tables.LARGE = 100
+from fx_beam.step import tangent_storage
+tangent_storage.LARGE = 100
 before = test_threads.moved().tobytes()
 child = os.fork()
 if not child:
@@ -58,7 +58,7 @@ def large(monkeypatch):
     """Scenes of these tests are large ones, each of which is set up anew."""
     monkeypatch.setattr(set_ups, "RECENT", set_ups.SetUps(size=0))
     monkeypatch.setattr(dynamics, "RECENT", set_ups.RECENT)
-    monkeypatch.setattr(tables, "LARGE", 100)
+    monkeypatch.setattr(tangent_storage, "LARGE", 100)
     monkeypatch.setenv("FX_BEAM_THREADS", "2")
 
 
@@ -74,7 +74,7 @@ def test_any_number_of_threads_gives_the_same_digits(run, large, monkeypatch):
 @pytest.mark.parametrize("run", [moved, bent])
 def test_large_scenes_move_as_small_ones(run, large, monkeypatch):
     shared = run()
-    monkeypatch.setattr(tables, "LARGE", 10**9)
+    monkeypatch.setattr(tangent_storage, "LARGE", 10**9)
     alone = run()
     assert abs(shared - alone).max() <= 1e-8 * abs(alone).max()
 
@@ -107,7 +107,7 @@ def test_a_narrow_copy_of_factors_serves_where_it_resolves_the_matrix(
 ):
     """Where it does not, factors are kept as without a copy."""
     shared = fb.static(lattice(EI), load_steps=1).q[-1]
-    monkeypatch.setattr(tables, "LARGE", 10**9)
+    monkeypatch.setattr(tangent_storage, "LARGE", 10**9)
     alone = fb.static(lattice(EI), load_steps=1).q[-1]
     with_copy, without = (problem.c.system.reused for problem in problems)
     assert (with_copy.narrow, without.narrow) == (serves, 0)

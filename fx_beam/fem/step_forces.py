@@ -1,0 +1,48 @@
+"""The forces of a scene in one step, and their tangent."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import scipy.sparse
+
+from fx_beam.laws.interval import StepBatch
+
+
+class StepForces:
+    """Those of `Forms` in a step that has begun, and at its last increment."""
+
+    def __init__(self, forms: Any, step: StepBatch):
+        self._forms, self._step = forms, step
+
+    def internal(self, D: np.ndarray) -> np.ndarray:
+        """Internal forces (size,) [N, N m] for an increment D, with others against the motion."""
+        force = self.of_beams(D)
+        self._forms.in_c.add_force(D, force)
+        return force
+
+    def of_beams(self, D: np.ndarray) -> np.ndarray:
+        """Those of beams alone, with added virtual works."""
+        force, self._step = np.zeros(len(D)), self._step._replace(D=D[None])
+        if self._forms.beams is not None:
+            self._forms.beams.add_force(self._step, force)
+        return force
+
+    def tangent(self) -> scipy.sparse.csr_matrix:
+        """Derivatives of the last internal forces, with contact of members in its sparsity."""
+        forms = self._forms
+        K, members = forms.stiffness.copy(), forms.points.members
+        K.data[:] = 0.0
+        if forms.beams is not None:
+            forms.beams.add_tangent(self._step, K.data, forms.of_cells)
+        forms.in_c.add_tangent(K.data)
+        return K if members is None else K + members.tangent()
+
+    def added(self) -> np.ndarray:
+        """Forces (size,) of added virtual works and followers [N, N m]."""
+        force = np.zeros(self._forms.size)
+        if self._forms.beams is not None:
+            self._forms.beams.add_external(self._step, force)
+        self._forms.in_c.add_external(force)
+        return force
