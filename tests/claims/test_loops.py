@@ -2,11 +2,14 @@
 
 import numpy as np
 import pytest
+import scipy.linalg
+from growth import ladder
 from jointed import CORNERS, chain, four_bar
 from plain_step import assert_balanced
 from scenes import FLYING, demo, hinged_body, relative_drift
 
 import fx_beam as fb
+from fx_beam.linear.linearisation import linearised
 
 GRAVITY = (0, -9.81)
 
@@ -370,3 +373,18 @@ def test_a_linkage_that_comes_to_rest_in_line_may_go_on_in_several_ways():
         run(scene, dt=0.1, t_end=2.0)
     assert "smaller dt" not in str(failed.value)
     assert "Let it not come to rest in this position" in str(failed.value)
+
+
+def test_modes_of_a_ladder_by_its_sparse_system_are_those_of_full_matrices():
+    """Pulled aside: the cells are no parallelograms. Its inertia counts them all."""
+    scene, node = ladder(6)
+    scene.add_force(node, (30.0, 0.0))
+    state = fb.static(scene, load_steps=2)
+    assert not state.unstable_modes.any()
+    about = linearised(scene, state, "modes")
+    K, M = about.K.toarray(), about.M.toarray()
+    squares = scipy.linalg.eigvalsh((K + K.T) / 2, M)
+    modes = fb.modes(scene, state, n=len(K))
+    assert modes.angular_frequencies**2 == pytest.approx(squares, rel=1e-9)
+    counted = [about.undamped_modes.count_below(bound) for bound in squares * 1.001]
+    assert counted == [*range(1, len(K) + 1)]
