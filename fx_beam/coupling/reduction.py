@@ -472,7 +472,7 @@ def _products(
     first = np.cumsum(count) - count
     i, j = np.repeat(np.arange(size), np.diff(indptr)), indices
     products = count[i] * count[j] * used
-    source = np.repeat(np.arange(len(j)), products)
+    source = np.repeat(np.arange(len(j), dtype=np.int32), products)
     number = np.arange(len(source)) - np.repeat(np.cumsum(products) - products, products)
     i, j = i[source], j[source]
     left, right = first[i] + number // count[j], first[j] + number % count[j]

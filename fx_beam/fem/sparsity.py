@@ -24,7 +24,8 @@ def sparsity(rows: np.ndarray, columns: np.ndarray, n: int) -> tuple[Pattern, np
     """Compressed rows of the given pairs, and the position of each pair in them."""
     keys, position = np.unique(rows * n + columns, return_inverse=True)
     counts = np.bincount(keys // n, minlength=n)
-    return (starts_of(counts).astype(np.int32), (keys % n).astype(np.int32)), position
+    indptr, indices = starts_of(counts).astype(np.int32), (keys % n).astype(np.int32)
+    return (indptr, indices), position.astype(np.int32)
 
 
 def connected_parts(pairs: Sequence[np.ndarray] | np.ndarray, count: int) -> np.ndarray:

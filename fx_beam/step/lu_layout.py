@@ -165,6 +165,7 @@ def _in_chain(order: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> Facto
     positions = i * _ROW + _OWN * (1 + j // GROUP - i // GROUP) + j % GROUP
     unused = np.flatnonzero(np.bincount(order, minlength=GROUP * chain) == 0)
     padding, size = unused * _ROW + _OWN + unused % GROUP, GROUP * chain * _ROW
+    positions = positions.astype(np.int32)
     return Factors(order, positions, size, 2 * GROUP - 1, chain=chain, padding=padding)
 
 

@@ -283,7 +283,7 @@ def storage_of_entries(
     Entries that are entries of the reduced tangent share its storage; the others are behind it.
     """
     direct = np.repeat(alone, np.diff(full.indptr)) & alone[full.indices]
-    stored_at, used = np.empty(full.nnz, dtype=int), np.zeros(full.nnz, dtype=bool)
+    stored_at, used = np.empty(full.nnz, dtype=np.int32), np.zeros(full.nnz, dtype=bool)
     used[tangent.direct["from"]] = True
     stored_at[tangent.direct["from"]] = places[tangent.direct["to"]]
     other_entries = np.flatnonzero(~(direct & used))
