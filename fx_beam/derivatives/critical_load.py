@@ -14,6 +14,7 @@ from fx_beam.linear.linearisation import linearised
 from fx_beam.scene.scene import Scene
 from fx_beam.step.sparse_lu import null_vectors, pivoted_lu
 
+from .implicit_function import ImplicitFunction
 from .static_derivatives import DerivativesOf
 from .tangent_derivatives import Pairs, TangentDerivatives
 
@@ -94,17 +95,17 @@ class CriticalLoad:
         self.phi, self.psi = self._unit * self._right, self._unit * self._left
 
     def _solved(self, by_state: np.ndarray) -> np.ndarray:
-        """Weights w (free,) of forces with K^T w = `by_state`, the derivatives by the state.
+        """Weights w (1, free) of forces with K^T w = `by_state` (1, free).
 
         In the complement of the null vector if K is singular.
         """
-        right_side, K = self._unit * by_state, self._about.K
+        right_side, K = self._unit * by_state[0], self._about.K
         if self._square:
             unit = scipy.sparse.diags(self._unit)
-            return self._unit * pivoted_lu((unit @ K @ unit).T).solve(right_side)
+            return self._unit * pivoted_lu((unit @ K @ unit).T).solve(right_side)[None]
         rows = [[self._B.T, self._right[:, None]], [self._left[None, :], None]]
         weights = pivoted_lu(scipy.sparse.bmat(rows)).solve(np.append(right_side, 0.0))
-        return self._unit * weights[:-1]
+        return self._unit * weights[None, :-1]
 
     def derivatives(self) -> np.ndarray:
         """Those of the load factor by x (m,)."""
@@ -160,8 +161,9 @@ class CriticalLoad:
         """
         motions = self._tangent.along_motions(self._pair(-self._square))
         by_name, by_state = self._tangent.followed(motions, np.ones(1))
-        weights = self._solved(by_state)
-        return self._tangent.by_x(by_name) - self._work(weights), by_state, weights
+        state = ImplicitFunction(solve_transposed=self._solved, by_x=self._work)
+        along_path, weights = state.vjp(by_state)
+        return self._tangent.by_x(by_name) + along_path, by_state, weights
 
     def _work(self, weights: np.ndarray) -> np.ndarray:
         """Derivatives (m + 1,) by x and the load factor of the work of all forces on a motion."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 
 import numpy as np
@@ -21,6 +22,7 @@ from fx_beam.scene.scene import Scene
 from .built_scenes import NumbersOf, refuse_others
 from .energy_outputs import energy_blocks
 from .gradient import jvp
+from .implicit_function import ImplicitFunction
 from .parametrised import Parametrised
 from .static_derivatives import StaticDerivatives
 from .sub_steps import SubSteps
@@ -108,7 +110,8 @@ class PeriodDerivatives:
                 f"{WHAT}: the motion is one of a family of the same scene, and nothing chooses "
                 "it. Give periodic the energy or the amplitude"
             )
-        solved = -scipy.linalg.lstsq(matrix, sides, ROUNDING, lapack_driver="gelsy")[0].T
+        least = functools.partial(scipy.linalg.lstsq, matrix, cond=ROUNDING, lapack_driver="gelsy")
+        solved = ImplicitFunction(lambda rows: least(rows.T)[0].T, lambda: sides.T).jvp()
         self.lay()
         self._start = solved[:, :n]
         if parameter_count:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Set
+import functools
+from collections.abc import Iterator, Mapping, Set
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ from fx_beam.motions.numbers import numbers_of_state, static_numbers_of
 from fx_beam.results.solution import Solution
 from fx_beam.scene.inputs import with_values
 from fx_beam.scene.scene import Scene
+from fx_beam.step.model import Model
 from fx_beam.step.numbers import data_of
 from fx_beam.step.sparse_lu import pivoted_lu
 from fx_beam.step.tables import Problem
@@ -25,7 +27,8 @@ from fx_beam.step.tape_derivatives import TapeDerivatives
 
 from .built_scenes import refuse_others
 from .energy_outputs import by_mass_entries
-from .gradient import along
+from .gradient import along as linear_change
+from .implicit_function import ImplicitFunction
 from .static_derivatives import StateChange
 from .tangent_steps import Steps, TangentSteps
 
@@ -65,9 +68,8 @@ class Pairs(NamedTuple):
 class _Along(NamedTuple):
     """Directions (d, free), their times [s], and the terms of n sums along them.
 
-    Of each the number (n,) of its direction r, and weights (n, free) of K r and C r. Matrices A
-    with weights (n, size) of the mass times A r. Numbers with weights (n, size) of motions T r.
-    A motion (size,) of the base, and weights (n, size) of the mass times it; or None.
+    Of each the number (n,) of its direction r, and weights (n, free) of K r and C r. Weights
+    (n, size) of the mass times motions (n, size). Numbers with weights (n, size) of motions T r.
     """
 
     directions: np.ndarray
@@ -75,9 +77,8 @@ class _Along(NamedTuple):
     of: np.ndarray
     stiffness: np.ndarray
     damping: np.ndarray
-    by_mass: list[tuple[scipy.sparse.csr_matrix, np.ndarray]]
+    by_mass: list[tuple[np.ndarray, np.ndarray]]
     ends: list[tuple[np.ndarray, np.ndarray]]
-    base: tuple[np.ndarray, np.ndarray] | None
 
 
 class TangentDerivatives:
@@ -102,8 +103,15 @@ class TangentDerivatives:
         end = None if state is None else state.end
         self._factor = 0.0 if state is None or end is None else float(state.t[-1])
         self._inputs = None if end is None else end.inputs
-        # Where something flows, the state follows from all load steps before.
-        self._follows = state is not None and not about.model.kinks.flows
+        #: The state, if it follows from x; where something flows, from all load steps before.
+        self._state: ImplicitFunction | None = None
+        if state is not None and not about.model.kinks.flows:
+            self._state = ImplicitFunction(
+                functools.partial(self._solved, about.K),
+                self._forces_along_x,
+                functools.partial(self._solved, about.K.T),
+                lambda weights: self.by_x(self.forces(weights)),
+            )
         self._about, self._steps = about, TangentSteps(about, self._factor, damped)
         problem = self._steps.problem
         if problem is not self._problem:
@@ -161,41 +169,39 @@ class TangentDerivatives:
         for row, of_sum in zip(sums, weights, strict=True):
             by_numbers, by_state = self.followed(motions, of_sum)
             row += self.by_x(by_numbers)
-            if self._follows:
-                row -= self.by_x(self.forces(self._solved(self._about.K.T, by_state[None])[0]))
+            if self._state is not None:
+                row += self._state.vjp(by_state)[0]
         return sums
 
     def by_x(self, slopes: Mapping[str, np.ndarray], changes: Any = None) -> np.ndarray:
         """Derivatives (m,) by x from `slopes` by numbers and `changes` (m, ...) of the numbers."""
         changes, none = changes or self._changing, np.zeros(len(self.changes["X"]))
-        return sum((along(changes[name], x) for name, x in slopes.items() if name in changes), none)
+        pairs = ((changes[name], by) for name, by in slopes.items() if name in changes)
+        return sum((linear_change(*pair) for pair in pairs), none)
 
     def along_motions(self, pairs: Pairs) -> _Along:
         """The motions r of pairs as directions; also l, if motions of nodes depend on the state."""
-        about, right, left, mass = (
-            self._about,
-            pairs.right,
-            pairs.left,
-            self._about.model.masses.matrix,
-        )
+        about, right, left = self._about, pairs.right, pairs.left
         k, c, m = (np.reshape(x, (-1, 1)) for x in (pairs.stiffness, pairs.damping, pairs.mass))
-        T, moved, directions = about.T, _times(about.T, left), right
-        by_mass, turns = [(T, m * moved)], list[tuple[Any, np.ndarray]]()
+        T, mass_of = about.T, about.model.masses.matrix
+        moved, directions, motion = _times(T, left), right, _times(T, right)[pairs.of]
+        by_mass, turns = [(m * moved, motion)], list[tuple[Any, np.ndarray]]()
         if about.frame is not None:  # Coriolis forces are the mass times these
             turn = 2 * np.sqrt(self._factor) * about.frame.spin * about.frame.quarter_turn
-            by_mass.append((turn @ T, c * moved))
+            by_mass.append((c * moved, _times(turn, motion)))
             turns.append((turn, c))
+        if pairs.base is not None:
+            by_mass.append((m * moved, np.broadcast_to(pairs.base, motion.shape)))
         times = np.broadcast_to(pairs.times, len(right))
         ends = list[tuple[np.ndarray, np.ndarray]]()
         if self._derivatives.places_depend:
-            motion, of_nodes = _times(T, right)[pairs.of], _times(mass, moved)
+            of_nodes = _times(mass_of, moved)
             moving = sum((factor * _times(turn, motion) for turn, factor in turns), m * motion)
             turned = (factor * _times(turn.T, of_nodes) for turn, factor in turns)
             ends = [(pairs.of, sum(turned, pairs.on_right + m * of_nodes))]
-            ends += [(len(right) + np.arange(len(left)), _times(mass, moving) + pairs.on_left)]
+            ends += [(len(right) + np.arange(len(left)), _times(mass_of, moving) + pairs.on_left)]
             directions, times = np.vstack([right, left]), np.append(times, times[pairs.of])
-        base = None if pairs.base is None else (pairs.base, m * moved)
-        return _Along(directions, times, pairs.of, k * left, c * left, by_mass, ends, base)
+        return _Along(directions, times, pairs.of, k * left, c * left, by_mass, ends)
 
     def followed(
         self, along: _Along, weights: np.ndarray, curved: bool = False
@@ -215,75 +221,56 @@ class TangentDerivatives:
             """Weights (r, ...) along the basis."""
             return ((weights[:, None] * parts[indices]).T @ values).real
 
-        on_forces = np.vstack(
-            [
-                weighted(along.of, values)
-                for values in self._steps.of_lengths(along.stiffness, along.damping, time)
-            ]
-        )
+        of_lengths = self._steps.of_lengths(along.stiffness, along.damping, time)
+        on_forces = np.vstack([weighted(along.of, values) for values in of_lengths])
         on_ends = np.zeros((len(on_forces), len(self._about.start.q)))
         on_ends[: len(basis)] = sum(weighted(*end) for end in along.ends)
-        by_numbers, by_state = self._backwards(
-            self._steps.along(basis, time, curved), on_forces, on_ends
-        )
-        for A, of_mass in along.by_mass if "mass" in by_numbers else []:
-            pairs = zip(weighted(along.of, of_mass), _times(A, basis), strict=True)
-            of_pairs = (by_mass_entries(self._steps.problem.model, *pair) for pair in pairs)
-            by_numbers["mass"] = sum(of_pairs, by_numbers["mass"])
-        if along.base is not None and "mass" in by_numbers:
-            motion, of_motion = along.base
-            on_base = weights @ of_motion
-            for pair in ((on_base.real, motion.real), (-on_base.imag, motion.imag)):
-                by_numbers["mass"] = by_numbers["mass"] + by_mass_entries(
-                    self._steps.problem.model, *pair
-                )
+        steps = self._steps.along(basis, time, curved)
+        by_numbers, by_state = self._backwards(steps, on_forces, on_ends)
+        if "mass" in by_numbers:
+            for n, by_mass in _by_mass(self._steps.problem.model, along, np.flatnonzero(weights)):
+                by_numbers["mass"] = by_numbers["mass"] + (weights[n] @ by_mass).real
         return by_numbers, by_state
 
     def _forwards(self, along: _Along) -> np.ndarray:
         """Derivatives (n, m) of sums by changes of K, C, M and T along a basis."""
-        changes, mass = self.changes, self._steps.problem.model.masses.matrix
+        changes, sums = self.changes, np.zeros((len(along.of), len(self.changes["X"])), complex)
         basis, parts = _basis(along.directions, self._steps.unit)
-        time, by_state = self._steps.slow * _mean(along.times), None
-        count, free = len(changes["X"]), basis.shape[1]
-        if self._follows:
-            forces, _ = self._pushed(self._steps.one_step(free), np.zeros((count, free)))
-            by_state = -self._solved(self._about.K, forces[0])
-        sums, on_forces = (
-            np.zeros((len(along.of), count), complex),
-            self._steps.of_lengths(along.stiffness, along.damping, time),
-        )
+        time = self._steps.slow * _mean(along.times)
+        by_state = None if self._state is None else self._state.jvp()
+        on_forces = self._steps.of_lengths(along.stiffness, along.damping, time)
 
-        def add(rows: np.ndarray, k: np.ndarray, weights: np.ndarray, x: Any = slice(None)) -> None:
+        def add(rows: np.ndarray, k: np.ndarray, weights: np.ndarray) -> None:
             """Add weights (n, size) times rows (r, m, size) along some of the basis."""
             columns = np.ascontiguousarray(weights.T, complex).view(float)
             products = (rows.reshape(-1, len(columns)) @ columns).view(complex)
             products = products.reshape(*rows.shape[:2], -1)
-            sums[:, x] += np.einsum("nr,rmn->nm", parts[k][:, group], products)
+            sums[:] += np.einsum("nr,rmn->nm", parts[k][:, group], products)
 
-        masses = changes["mass"].reshape(count, -1)
-        heavy = np.flatnonzero(masses.any(axis=1))
-        for motion, of_motion in [] if along.base is None else [along.base]:
-            for i in heavy:
-                changed = scipy.sparse.csr_matrix((masses[i], mass.indices, mass.indptr))
-                sums[:, i] += of_motion @ (changed @ motion)
-        most = max(1, int(_MEMORY / (8 * len(on_forces) * free * count)))
+        if "mass" in self._changing:
+            masses = changes["mass"].reshape(sums.shape[1], -1)
+            heavy, every = np.flatnonzero(masses.any(axis=1)), np.arange(len(sums))
+            for n, by_mass in _by_mass(self._steps.problem.model, along, every):
+                sums[np.ix_(n, heavy)] += by_mass @ masses[heavy].T
+        size = 8 * len(on_forces) * basis.shape[1] * sums.shape[1]
+        most = max(1, int(_MEMORY / size))
         for group in (slice(k, k + most) for k in range(0, len(basis), most)):
             forces, ends = self._pushed(self._steps.along(basis[group], time), by_state)
             for rows, w in zip(np.split(forces, len(on_forces)), on_forces, strict=True):
                 add(rows, along.of, w)
             for k, w in along.ends:
                 add(ends[: len(basis[group])], k, w)
-            for A, w in along.by_mass if len(heavy) else []:
-                moved = A @ basis[group].T
-                pattern = mass.indices, mass.indptr
-                changed = (scipy.sparse.csr_matrix((masses[i], *pattern)) for i in heavy)
-                add(np.array([(M @ moved).T for M in changed]).swapaxes(0, 1), along.of, w, heavy)
         return sums
 
     def forces(self, weights: np.ndarray) -> dict[str, np.ndarray]:
         """Derivatives of weights (free,) times the residual by numbers in the state."""
         step, none = self._steps.one_step(len(weights)), 0 * self._about.start.q[None]
         return self._backwards(step, weights[None], none)[0]
+
+    def _forces_along_x(self) -> np.ndarray:
+        """Changes (m, free) of the residual in the state with x."""
+        none = np.zeros((len(self.changes["X"]), len(self._about.unknowns)))
+        return self._pushed(self._steps.one_step(none.shape[1]), none)[0][0]
 
     def _pushed(self, steps: Steps, by_state: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """Changes (rows, m, ...) of residuals and ends of steps, with all numbers and the state."""
@@ -297,19 +284,11 @@ class TangentDerivatives:
 
         Those by numbers hold the state, if this follows from other numbers.
         """
-        arguments = (
-            self._steps.tape(steps),
-            steps.rows,
-            steps.shares,
-            self._steps.spread(weights),
-            of_ends,
-        )
-        of_state, names = (
-            self._about.unknowns[: 0 if self._follows else None],
-            self._changing.keys(),
-        )
+        unknowns, tape = self._about.unknowns, self._steps.tape(steps)
+        arguments = tape, steps.rows, steps.shares, self._steps.spread(weights), of_ends
+        of_state, names = unknowns[: None if self._state is None else 0], self._changing.keys()
         by_numbers, by_unknowns = self._derivatives.vjp_of_equations(*arguments, of_state, names)
-        return by_numbers, by_unknowns[self._about.unknowns]
+        return by_numbers, by_unknowns[unknowns]
 
     def _solved(self, K: scipy.sparse.csr_matrix, by_state: np.ndarray) -> np.ndarray:
         """Solutions (n, free) of the tangent K, or of its transpose, for right sides."""
@@ -325,6 +304,17 @@ class TangentDerivatives:
                 "critical point"
             )
         return weights.T
+
+
+def _by_mass(
+    model: Model, along: _Along, chosen: np.ndarray
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Numbers (k,) of some sums, and derivatives (k, entries) by the entries of the mass."""
+    most = max(1, int(_MEMORY / (16 * max(1, model.mass.nnz))))
+    for numbers in (chosen[k : k + most] for k in range(0, len(chosen), most)):
+        none = np.zeros((len(numbers), model.mass.nnz))
+        pairs = ((weights[numbers], motions[numbers]) for weights, motions in along.by_mass)
+        yield numbers, sum((by_mass_entries(model, *pair) for pair in pairs), none)
 
 
 def _basis(directions: np.ndarray, unit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
