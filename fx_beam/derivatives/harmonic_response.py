@@ -11,7 +11,7 @@ from scipy.optimize import minimize_scalar, newton
 from fx_beam.dual import dual_array
 from fx_beam.errors import array_of, check_takes, is_one_of, require
 from fx_beam.linear.harmonic import (
-    Measured,
+    ObservedMotion,
     Vibration,
     base_motion,
     checked_frequencies,
@@ -137,7 +137,7 @@ class HarmonicResponse(OfParameters):
 
     def _begin(self, *arguments: Any) -> None:
         self._arguments = build, self._f, state, self._base = arguments
-        self._parameters = Parametrised(build, self._read, "amplitudes")
+        self._parameters = Parametrised(build, self._read, "amplitudes", self._load_numbers)
         self._tangent = TangentAnalysis(self._parameters, _WHAT, _WHAT, state, damped=True)
 
     response: FrequencyResponse
@@ -148,7 +148,6 @@ class HarmonicResponse(OfParameters):
         ok = ok and (built[1] is None) == (self._base is not None)
         expected = "(scene, load, at)" if self._base is None else "(scene, None, at), with a base"
         require(ok, f"{_WHAT}: what build gives", built, expected)
-        self._loads[built[0]] = built[1]
         return built[0], built[1:]
 
     @one_call
@@ -167,8 +166,6 @@ class HarmonicResponse(OfParameters):
             the amplitude of the motion, their angle its phase.
         """
         values = self._parameters.begin(x)
-        # Loads of scenes, as `build` gave them.
-        self._loads = dict[Scene, Any]()
 
         def take_load(about: Linearisation) -> None:
             """Forces (size,) of the load or of a moving base, and the motion of this."""
@@ -182,7 +179,7 @@ class HarmonicResponse(OfParameters):
         about = self._tangent.run(values, take_load)
         _, observed = self._parameters.besides
         self._load_changes: np.ndarray | None = None
-        self._measured = Measured(about, observed, f"{_WHAT}: at")
+        self._measured = ObservedMotion(about, observed, f"{_WHAT}: at")
         sides = np.array([about.T.T @ self._force, *self._measured.rows]).T
         self._vibrations = _Vibrations(Vibration(about, _WHAT), sides, self._base is not None)
         solved = [self._vibrations.solved(f) for f in self._f]
@@ -297,9 +294,9 @@ class HarmonicResponse(OfParameters):
             peaks.append(Peak(peak, float(abs(value)), gradient))
         return peaks
 
-    def _load_numbers(self, scene: Scene) -> dict[str, Any]:
+    def _load_numbers(self, scene: Scene, built: tuple, known: tuple) -> dict[str, Any]:
         """Components (fx, fy, moment), real and imaginary parts (6,), of the load of a scene."""
-        _, components = self._loads[scene] or (None, (0.0, 0.0))
+        _, components = built[0] or (None, (0.0, 0.0))
         parts = [(c.real, c.imag) if np.iscomplexobj(c) else (c, 0.0) for c in components]
         flat = np.reshape(dual_array(parts), -1)
         return {_LOAD: np.concatenate([flat, np.zeros(6 - len(flat))])}
@@ -323,9 +320,7 @@ class HarmonicResponse(OfParameters):
     def _of_sums(self, pairs: Pairs, weights: np.ndarray) -> np.ndarray:
         """Derivatives (s, m) of real parts of weights (s, n) times sums, with those by the load."""
         if self._load_changes is None:
-            changes, scene = self._tangent.changes(self._load_numbers), self._parameters.scene
-            self._loads = {scene: self._loads[scene]}
-            self._load_changes = changes.pop(_LOAD) @ _COMPLEX
+            self._load_changes = self._tangent.changes()[_LOAD] @ _COMPLEX
         by_x = self._tangent.of_sums(pairs, weights)
         if not self._load_changes.any():
             return by_x

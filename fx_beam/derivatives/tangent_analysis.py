@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -71,19 +72,15 @@ class TangentAnalysis:
             _ = about.damped_model  # which has the slopes of the scene as well
         return about
 
-    def changes(
-        self, extra: Callable[[Scene], dict[str, Any]] = lambda scene: {}
-    ) -> dict[str, np.ndarray]:
-        """Derivatives (m, ...) by x of all numbers of the last call, and of `extra` ones."""
+    def changes(self) -> dict[str, np.ndarray]:
+        """Derivatives (m, ...) by x of all numbers of the last call."""
         if self._changes is None:
             self._tangent.begin(self.about, self._end, self._damped)
             start: StateChange | None = None
             derivatives = self.parameters.derivatives
             if self._path is not None and self.about.model.kinks.flows:
                 start = StaticDerivatives(self._path).change_of_end(derivatives, self._what)
-            self._changes = derivatives(
-                lambda scene, change: self._tangent.numbers_of(scene, change, start) | extra(scene)
-            )
+            self._changes = derivatives(functools.partial(self._tangent.numbers_of, start=start))
         return self._changes
 
     def of_sums(self, pairs: Pairs, weights: np.ndarray) -> np.ndarray:

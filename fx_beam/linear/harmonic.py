@@ -11,17 +11,17 @@ import scipy.sparse
 from fx_beam.content_cache import cached_property
 from fx_beam.dual import floats
 from fx_beam.errors import LARGEST, SceneError, real_array, require
-from fx_beam.fem.mesh import rotation_of
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import FrequencyResponse
-from fx_beam.scene.beam import COMPONENTS, Node
-from fx_beam.scene.joints import GROUND, Joint
+from fx_beam.scene.beam import Node
+from fx_beam.scene.joints import Joint
 from fx_beam.scene.loads import check_node
+from fx_beam.scene.outputs import Measured, Output
 from fx_beam.scene.scene import Scene
 from fx_beam.step.sparse_lu import pivoted_lu
 from fx_beam.step.undamped_modes import Symmetry
 
-from .linearisation import Linearisation, linearised
+from .linearisation import Linearisation, linearised, motion_rows
 
 # Motion per force, in the units of the equations' diagonal, at which only rounding bounds it.
 _UNBOUNDED = 1e14
@@ -136,8 +136,13 @@ def frequency_response(
         force = nodal_load(about, load, f"{caller}: load")
     else:
         moved = base_motion(about, base, f"{caller}: base")
+<<<<<<< HEAD
         shaking = about.model.masses.matrix @ moved
     measured = Measured(about, at, f"{caller}: at")
+=======
+        shaking = about.model.masses.matrix @ moved
+    measured = ObservedMotion(about, at, f"{caller}: at")
+>>>>>>> a87b3a8e (Small motions are observed by the terms of outputs, in frequency responses as in linear systems)
     assert at is not None  # it is refused there
     f = checked_frequencies(frequencies, f"{caller}: frequencies")
     modal = None if damping_ratio is None else modal_damping(about, damping_ratio, f.max(), caller)
@@ -298,33 +303,32 @@ def _amplitudes(components) -> np.ndarray:
     return parts @ (1, 1j) if finite else np.empty(0)
 
 
-class Measured:
+class ObservedMotion:
     """The components of a motion at a node or joint."""
 
-    def __init__(self, about: Linearisation, place, name: str):
-        model, scene, moves = about.model, about.scene, dict[str, list[tuple[int, float]]]()
+    def __init__(self, about: Linearisation, place: Any, name: str):
+        model, outputs = about.model, dict[str, Output]()
         if not isinstance(place, Joint):
-            check_node(scene, place, name)
-            moves = {name: [(3 * place.number + i, 1.0)] for i, name in enumerate(COMPONENTS)}
-        elif place not in scene.joints:
+            check_node(about.scene, place, name)
+            outputs = {part: Output("displacement", place, part) for part in "xy"}
+            outputs["rotation"] = Output("rotation", place)
+        elif place not in about.scene.joints:
             raise SceneError(
                 f"{name}: {place} is not a joint of the scene; take what add_joint returned"
             )
         else:
-            free, ends = place.coordinates.keys() - place.driven, ((place.b, 1.0), (place.a, -1.0))
+            free = place.coordinates.keys() - place.driven
             if "slide" in free:
-                moves["slide"] = []  # which is an unknown
+                outputs["slide"] = Output("slide", place)
             if "rotation" in free and not place.on_beam:
-                turning = [(node, sign) for node, sign in ends if node is not GROUND]
-                moves["angle"] = [(rotation_of(node), sign) for node, sign in turning]
-            if not moves:
+                outputs["angle"] = Output("angle", place)
+            if not outputs:
                 raise SceneError(f"{name}: {place} has no free coordinate. Take one of its nodes")
-        #: Names of the components; matrix (m, size) that gives them from the motion of all nodes.
-        self.names, self.of_nodes = tuple(moves), np.zeros((len(moves), model.size))
-        for row, parts in zip(self.of_nodes, moves.values(), strict=True):
-            for dof, sign in parts:
-                row[dof] = sign
-        #: Matrix (m, free) that gives the components from the unknowns.
-        self.rows = (about.T.T @ self.of_nodes.T).T
-        if "slide" in moves:
-            self.rows[0] = about.columns[model.couplings.slides[place.number]].toarray()[0]
+        nodes = scipy.sparse.identity(model.size, format="csr")
+        no_columns = scipy.sparse.csr_matrix((model.reduction.columns, model.size))
+        listed = [Measured(output) for output in outputs.values()]
+        #: Names of the components; matrices that give them from the motion of all nodes (m, size),
+        #: but for slides, and from the unknowns (m, free).
+        self.names = tuple(outputs)
+        self.of_nodes = np.vstack([motion_rows(model, of, nodes, no_columns) for of in listed])
+        self.rows = np.vstack([motion_rows(model, of, about.T, about.columns) for of in listed])

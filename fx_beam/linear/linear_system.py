@@ -19,7 +19,6 @@ from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.beam import Node
 from fx_beam.scene.inputs import InputSignal, check_names, widths
-from fx_beam.scene.joints import Joint
 from fx_beam.scene.outputs import (
     OF_JOINTS,
     OF_LINES,
@@ -32,7 +31,7 @@ from fx_beam.scene.outputs import (
 from fx_beam.scene.scene import Scene
 from fx_beam.step.accelerations import have_mass
 
-from .linearisation import sized, split
+from .linearisation import motion_rows, sized, split
 from .moving_state import Deviations, deviations, forces_inside
 from .reading import Reading
 
@@ -494,7 +493,8 @@ def _outputs(about: Deviations, outputs: Mapping[str, Output], inputs: Sequence[
     direct = [np.empty((0, sum(about.held.widths[name] for name in inputs)))]
     for name, output in outputs.items():
         check_differentiable(output, f"{caller}: output {name!r}")
-        law = Measured(output).by_law
+        measured = Measured(output)
+        law = measured.by_law
         if not law and output.quantity not in _LINEAR:
             raise SceneError(
                 f"{caller}: output {name!r} is a {output.quantity}; only {', '.join(_LINEAR)} are "
@@ -508,26 +508,15 @@ def _outputs(about: Deviations, outputs: Mapping[str, Output], inputs: Sequence[
             row_pairs.append(np.array(of_motion)[:, None])
             direct.append(of_inputs[None])
         else:
-            row_pairs.append(np.array(_rows(about, output)))
+            row_pairs.append(np.array(_rows(about, measured)))
             direct.append(np.zeros((row_pairs[-1].shape[1], direct[0].shape[1])))
         components = output.components
         labels += [f"{name}.{part}" for part in components] if components else [name]
     return *np.concatenate(row_pairs, axis=1), np.concatenate(direct), labels
 
 
-def _rows(about: Deviations, output: Output) -> tuple[np.ndarray, np.ndarray]:
-    measured = Measured(output)
-    if measured.sliding or measured.quantity.of == "slides":
-        assert isinstance(output.of, Joint)
-        column = about.model.couplings.slides[output.of.number]
-        moved, rates = (part[[column]].toarray() for part in (about.S, about.dS))
-    else:
-        nothing = np.zeros(about.T.shape[1])
-
-        def deviation(part: np.ndarray) -> np.ndarray:
-            read = measured.values(lambda name, entries: nothing if name == "X" else part[entries])
-            return np.atleast_2d(read)
-
-        moved, rates = deviation(about.T.toarray()), deviation(about.dT.toarray())
+def _rows(about: Deviations, measured: Measured) -> tuple[np.ndarray, np.ndarray]:
+    places = (about.T, about.S), (about.dT, about.dS)
+    moved, rates = (motion_rows(about.model, measured, *matrices) for matrices in places)
     # The rate of a position T z is T z' + T' z.
     return (rates, moved) if measured.quantity.of == "v" else (moved, 0 * moved)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -22,6 +23,7 @@ from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
 from fx_beam.scene.coordinate import Coordinate
 from fx_beam.scene.inputs import values_of, widths, with_values
+from fx_beam.scene.outputs import Measured
 from fx_beam.scene.scene import Scene
 from fx_beam.step.accelerations import have_mass
 from fx_beam.step.equations import Equations
@@ -233,6 +235,20 @@ def split(A: np.ndarray, basis: np.ndarray, least: float = 0.0) -> tuple[np.ndar
     factor, right = np.split(R[:rank], [rank], axis=1)
     zero = rest - positive @ scipy.linalg.solve_triangular(factor, right)
     return sized(positive), sized(zero)
+
+
+def motion_rows(
+    model: Model, measured: Measured, T: scipy.sparse.csr_matrix, S: scipy.sparse.csr_matrix
+) -> np.ndarray:
+    """Rows (components, n) of an output of places, of motions T z of nodes and S z of columns."""
+    if measured.sliding or measured.quantity.of == "slides":
+        return S[[model.couplings.slides[measured.place.number]]].toarray()
+    nothing = np.zeros((1, T.shape[1]))
+
+    def read(array: str, entries: Any) -> np.ndarray:
+        return nothing if array == "X" else T[np.atleast_1d(entries)].toarray()
+
+    return measured.values(read)
 
 
 def linearised(

@@ -27,6 +27,7 @@ OF_OUTPUTS = {
     "offsets of slides",
     "driven rates",
     "parameters at the start",
+    "amplitudes of the load",
     "work at the start",
     "dissipated_energy at the start",
 }
