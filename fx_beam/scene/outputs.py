@@ -361,7 +361,7 @@ def is_section_force(output: Any) -> bool:
 
 def is_gear(place: Any) -> bool:
     """Whether it is a gear; its class is not loaded for scenes without any."""
-    return hasattr(place, "terms")
+    return hasattr(type(place), "terms")
 
 
 def _along(line: Any, array: str) -> list[Term]:
