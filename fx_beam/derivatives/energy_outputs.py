@@ -25,7 +25,7 @@ from fx_beam.step.full_turns import without_turns
 from fx_beam.step.layout import Arrays
 from fx_beam.step.model import Model
 
-from .gradient import Block, Gradient, jvp, of_rows, vjp
+from .gradient import Block, Gradient, jvp, of_names, of_rows, vjp
 from .row_output import Needs, Places, RowOutput
 from .sub_steps import SubSteps
 
@@ -107,7 +107,8 @@ def energy_blocks(
         numbers = boundaries[group]
         states = sub_steps.at(numbers)
         for part in _PARTS[parts]:
-            yield from sub_steps.at_states(rows[group], numbers, part(sub_steps, states))
+            blocks = of_names(rows[group], part(sub_steps, states))
+            yield from sub_steps.at_states(numbers, blocks)
 
 
 class EnergyOutput(RowOutput):
@@ -129,7 +130,7 @@ class EnergyOutput(RowOutput):
 
     def blocks(self, rows: np.ndarray) -> Iterator[Block]:
         """As of `RowOutput`."""
-        return energy_blocks(self._of, self._parts, self._places.ends, rows)
+        return energy_blocks(self._sub_steps, self._parts, self._places.ends, rows)
 
 
 def why_no_losses(model: Model) -> str:
@@ -150,7 +151,7 @@ def losses_in_steps(sub_steps: SubSteps, rows: np.ndarray) -> Iterator[Block]:
         steps, parts = numbers[group], sub_steps.parts(numbers[group])
         beams = model.forms.beams
         for slopes in [] if beams is None else beams.slopes.of_losses(parts, sub_steps.by_places):
-            yield from sub_steps.in_steps(counting[group], steps, slopes)
+            yield from sub_steps.in_steps(steps, of_names(counting[group], slopes))
         if model.points.any_have("loss"):
             yield from _losses_of_points(sub_steps, counting[group], steps, parts)
 
@@ -174,12 +175,7 @@ def _losses_of_points(
     slopes = losses_by(
         forms.points, np.array(inputs), *(states[name].shape[1] for name in ("q", "slides"))
     )
-    for name, increment in (("q", "increment"), ("slides", "slide increment")):
-        D = slopes.pop(increment)
-        if D.size:
-            yield of_rows(name, rows, slopes.pop(name) - D, places[0])
-            yield of_rows(name, rows, D, places[1])
-    yield from sub_steps.in_steps(rows, steps, slopes)
+    yield from sub_steps.in_steps(steps, of_names(rows, slopes))
 
 
 #: Quantities of scenes that add up over the steps.
@@ -254,7 +250,7 @@ class WorkOutput(EnergyOutput):
 
     def __init__(self, places: Places, name: str, measured: Measured):
         super().__init__(places, name, measured)
-        sub_steps, model, quantity = self._of, self._of.model, measured.name
+        sub_steps, model, quantity = self._sub_steps, self._sub_steps.model, measured.name
         part = sub_steps.tape.present
         self._signs = sum_of(model, quantity)
         #: Numbers of the sub-steps of the part before the rows, and of all.
@@ -297,18 +293,18 @@ class WorkOutput(EnergyOutput):
         if self._at_start:
             yield of_rows(self._at_start, first, np.ones(1))
             if sign := self._signs.energy:
-                start = energy_blocks(self._of, "energy of steps", first, first)
+                start = energy_blocks(self._sub_steps, "energy of steps", first, first)
                 yield from (block.times(-sign) for block in start)
         yield from (block.times(self._signs.steps) for block in self._work)
         if sign := self._signs.losses:
-            yield from (block.times(sign) for block in losses_in_steps(self._of, steps))
+            yield from (block.times(sign) for block in losses_in_steps(self._sub_steps, steps))
 
     def vjp(self, weights: np.ndarray, later: float, gradient: Gradient) -> None:
         """As of `RowOutput`."""
         # Sums of the weights of all rows from the start on, and from after each step on. Of no rows
         # `bincount` gives integers, to which parts of numbers cannot be added.
-        ends, of_rows = np.append(self._ends, self._count), np.append(weights, later)
-        of_steps = np.bincount(ends, of_rows, self._count + 1)[::-1].cumsum()[::-1]
+        ends, of_ends = np.append(self._ends, self._count), np.append(weights, later)
+        of_steps = np.bincount(ends, of_ends, self._count + 1)[::-1].cumsum()[::-1]
         vjp(self._of_steps(np.flatnonzero(of_steps)), of_steps, gradient)
         super().vjp(weights, later, gradient)
 

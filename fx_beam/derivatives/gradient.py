@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,7 +24,7 @@ class Block(NamedTuple):
     #: Places (k,) among the states, forces or sub-steps, each at most once; None for numbers that
     #: do not have a row for each sub-step.
     places: Any = None
-    #: The component that depends on the entries, or (e,) that on each of them.
+    #: The component that depends on the entries, or (e,) that on each of them, or their slice.
     part: Any = 0
 
     def times(self, factor: float) -> Block:
@@ -36,6 +36,11 @@ def of_rows(name: str, rows: np.ndarray, values: np.ndarray, places: Any = None,
     """Derivatives (k, ...) of rows by all entries of states, or of numbers, from the `first` on."""
     of_entries = values.reshape(len(rows), -1)
     return Block(name, slice(first, first + of_entries.shape[1]), rows, of_entries, places)
+
+
+def of_names(rows: np.ndarray, derivatives: Mapping[str, np.ndarray]) -> Iterator[Block]:
+    """Blocks of derivatives (k, ...) of rows by all entries, by name."""
+    return (of_rows(name, rows, values) for name, values in derivatives.items() if values.size)
 
 
 def of_entries(
@@ -52,7 +57,8 @@ def vjp(blocks: Iterable[Block], weights: np.ndarray, gradient: Gradient) -> Non
     """Add the derivatives of the sum of weights (n, ...) times an output."""
     weights = weights[:, None] if weights.ndim == 1 else weights
     for name, entries, rows, derivatives, places, part in blocks:
-        gradient.add(name, entries, places, weights[rows[:, None], part] * derivatives)
+        of_rows = rows if isinstance(part, slice) else rows[:, None]
+        gradient.add(name, entries, places, weights[of_rows, part] * derivatives)
 
 
 def jvp(
@@ -69,7 +75,8 @@ def jvp(
         else:  # without states, numbers with a row for each sub-step
             change = of_state[name] if name in of_state else changes[name].swapaxes(0, 1)
             change = change.reshape(len(change), count, -1)[..., entries][places]
-        if np.ndim(part):
+        has_parts = isinstance(part, slice) or np.ndim(part)
+        if has_parts:
             values = (change * derivatives[:, None]).swapaxes(1, 2)
         else:  # row by row: to the last digit the same, however many there are
             values = (change @ derivatives[..., None])[..., 0]

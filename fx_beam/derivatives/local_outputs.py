@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.laws.interval import StepBatch
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import BeamPlace
 from fx_beam.scene.outputs import Measured
-from fx_beam.step.layout import Arrays
 from fx_beam.step.model import Model
 
-from .gradient import Block, Gradient, of_entries, vjp
+from .gradient import Block, of_entries
 from .row_output import Needs, Places, RowOutput, place_of
 
 #: Forces in steps, at the start, and of rates that fit, by the names of arrays in `State`.
@@ -34,7 +34,7 @@ class LocalOutput(RowOutput):
 
     def __init__(self, places: Places, name: str, measured: Measured):
         super().__init__(places, name, measured)
-        sub_steps, self._model = self._of, self._of.model
+        sub_steps, self._model = self._sub_steps, self._sub_steps.model
         self._rates = sub_steps.rates
         #: Lengths of a row.
         self.shape = measured.shape
@@ -112,13 +112,16 @@ class LocalOutput(RowOutput):
 class ResultantOutput(RowOutput):
     """N, Q or M (n, points) of a beam at the rows (n,) of a run: means over their steps."""
 
+    record = "rates"  # on which they may depend
+
     def __init__(self, places: Places, name: str, measured: Measured):
         super().__init__(places, name, measured)
-        model = self._of.model
+        model = self._sub_steps.model
         self._beams: Any = model.forms.beams  # there are some
         names = [member.name for member in model.scene.beams]
         self._cells = model.mesh.cells[names.index(measured.place.name)]
         self._component = "NQM".index(measured.name)
+        self.shape = (len(self._cells) * model.forms.internal_shape[1],)
         self._rows, self._steps, self._shares = places.means()
 
     @staticmethod
@@ -127,55 +130,38 @@ class ResultantOutput(RowOutput):
         return getattr(solution.resultants(measured.place), measured.name)
 
     @classmethod
-    def record(cls, measured: Measured) -> str:
-        """As of `RowOutput`: resultants may depend on rates."""
-        return "rates"
-
-    @classmethod
     def needs(cls, model: Model, measured: Measured) -> Needs:
         """As of `RowOutput`."""
         return Needs(steps=True, whole=True)
 
-    def vjp(self, weights: np.ndarray, later: float, gradient: Gradient) -> None:
-        """As of `RowOutput`, with the Jacobians of all elements at once."""
-        sub_steps, (cells, points, _) = self._of, self._of.model.forms.internal_shape
-        of_steps = self._shares[:, None] * weights[self._rows]
-        counting = np.flatnonzero(of_steps.any(axis=1))
+    def blocks(self, rows: np.ndarray) -> Iterator[Block]:
+        """As of `RowOutput`."""
+        sub_steps, counting = self._sub_steps, np.flatnonzero(np.isin(self._rows, rows))
         for group in sub_steps.groups(counting):
             chosen = counting[group]
-            steps, of_cells = self._steps[chosen], np.zeros((len(chosen), cells, points))
-            of_cells[:, self._cells] = of_steps[chosen].reshape(len(chosen), -1, points)
-            derivatives = self._beams.slopes.of_resultants(
-                sub_steps.parts(steps), sub_steps.by_places, of_cells, self._component
-            )
-            vjp(sub_steps.in_steps(np.zeros_like(chosen), steps, derivatives), np.ones(1), gradient)
+            steps = self._steps[chosen]
+            yield from sub_steps.in_steps(steps, self._by_fields(chosen, sub_steps.parts(steps)))
 
-    def jvp(self, rows: int, earlier: np.ndarray, of_state: Arrays, changes: Arrays) -> np.ndarray:
-        """As of `RowOutput`."""
-        sub_steps, points, count = (
-            self._of,
-            self._of.model.forms.internal_shape[1],
-            len(changes["X"]),
-        )
-        rows_by_x = np.zeros((rows, len(self._cells) * points, count))
-        for chosen in sub_steps.groups(self._steps):
-            steps, numbers = self._steps[chosen], {"X", "stiffness", "retardation"} & changes.keys()
-            read = {name: changes[name][None] for name in numbers}
-            for name, which, array, places, factor in sub_steps.sources(steps):
-                if array in of_state:
-                    source_change = of_state[array][places]
-                elif array not in changes:
-                    continue
-                elif places is None:
-                    source_change = changes[array][None]
-                else:  # parameters, at the level of steps
-                    source_change = changes[array][:, places, 0].swapaxes(0, 1)
-                total = read.setdefault(name, np.zeros((len(steps), *source_change.shape[1:])))
-                total[which] += factor * source_change
-            parts = sub_steps.parts(steps)
-            change = self._beams.slopes.with_changes(
-                parts, sub_steps.by_places, read, self._component
-            )
-            of_rows = change[:, :, self._cells].reshape(len(steps), count, -1).swapaxes(1, 2)
-            np.add.at(rows_by_x, self._rows[chosen], self._shares[chosen, None, None] * of_rows)
-        return rows_by_x
+    def _by_fields(self, chosen: np.ndarray, parts: StepBatch) -> Iterator[Block]:
+        """Derivatives by what forms read of some sub-steps."""
+        rows, shares, cells = self._rows[chosen], self._shares[chosen, None], self._cells
+        arguments = parts, self._sub_steps.by_places, self._component
+        for name, dofs, slopes in self._beams.slopes.of_resultants(*arguments):
+            points, entries = slopes.shape[2], dofs[cells]
+            slopes = np.ascontiguousarray(np.moveaxis(slopes[:, cells], (2, 3), (0, 1)))
+            components = np.arange(len(cells) * points).reshape(-1, points).T
+            if name == "parameters":  # which all elements share
+                for (point, k), component in np.ndenumerate(components):
+                    values = shares * slopes[point, :, :, k].T
+                    yield Block(name, entries[k], rows, values, part=component)
+                continue
+            for point, number in np.ndindex(slopes.shape[:2]):
+                values, of_cells = shares * slopes[point, number], _evenly(entries[:, number])
+                yield Block(name, of_cells, rows, values, part=_evenly(components[point]))
+
+
+def _evenly(entries: np.ndarray) -> Any:
+    """Entries (n,) as a slice, which is quicker, if they are at equal distances."""
+    first, step = int(entries[0]), int(entries[-1] - entries[0]) // max(len(entries) - 1, 1)
+    even = step > 0 and np.array_equal(entries, first + step * np.arange(len(entries)))
+    return slice(first, int(entries[-1]) + 1, step) if even else entries

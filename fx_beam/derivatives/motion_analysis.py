@@ -138,8 +138,7 @@ class MotionAnalysis(Analysis):
         # Without derivatives of the equilibrium before, differences compute it for other x.
         if self.path is not None and not why_not(self.path):
             derivatives = self.parameters.derivatives
-            pulls = (measured for measured in self.measured if measured.by_law == "pull")
-            lines = [measured.place.number for measured in pulls]
+            lines = [of_line for of_line in self.measured if of_line.by_law == "pull"]
             start = StaticDerivatives(self.path).change_of_end(derivatives, "Response", lines)
         first = self._options.dt if self._options.tolerance is None else tape.times.first_length
         arguments = tape, first, start, self._accelerations_by_x(first)

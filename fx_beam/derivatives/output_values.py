@@ -24,7 +24,7 @@ Wanted = Output | Callable[[Solution], Any]
 
 def recorded(requested: Record, last: Record, measured: list[Measured]) -> Record:
     """The `requested` record, reduced to what the outputs need; the `last` one if it is equal."""
-    kinds = {kind_of(output).record(output) for output in measured}
+    kinds = {kind_of(output).record_of(output) for output in measured}
     rates, forces = requested.rates and "rates" in kinds, requested.forces and "forces" in kinds
     is_same = (last.rates, last.forces) == (rates, forces)
     return last if is_same else replace(requested, rates=rates, forces=forces)

@@ -83,11 +83,13 @@ class RowOutput:
 
     #: Lengths of a row.
     shape: tuple[int, ...] = ()
+    #: What of a `Record` it needs if no history has it.
+    record = ""
     #: Whether it adds up over the steps since the start.
     is_sum = False
 
     def __init__(self, places: Places, name: str, measured: Measured):
-        self._of, self._places = places.sub_steps, places
+        self._sub_steps, self._places = places.sub_steps, places
 
     @staticmethod
     def value(solution: Solution, measured: Measured) -> np.ndarray:
@@ -95,15 +97,15 @@ class RowOutput:
         return history(solution, measured.output)
 
     @classmethod
-    def record(cls, measured: Measured) -> str:
+    def record_of(cls, measured: Measured) -> str:
         """What of a `Record` has it: "motion", "rates" or "forces"; empty for nothing."""
         recorded = HISTORIES.get(measured.quantity.of)
-        return "" if recorded is None else recorded.record
+        return cls.record if recorded is None else recorded.record
 
     @classmethod
     def needs(cls, model: Model, measured: Measured) -> Needs:
         """What it reads in a run of a model."""
-        record = cls.record(measured)
+        record = cls.record_of(measured)
         start = record == "forces" or measured.quantity.of == "a"
         return Needs(rates=record in ("rates", "forces"), start=start)
 

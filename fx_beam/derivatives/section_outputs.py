@@ -22,7 +22,7 @@ from fx_beam.step.layout import Arrays
 from fx_beam.step.model import Model
 from fx_beam.step.tape import Tape
 
-from .gradient import Block, of_rows
+from .gradient import Block, of_names, of_rows
 from .row_output import Needs, Places, RowOutput, place_of
 
 # Numbers of a section force: masses (points,) at Gauss points of its element, directions (2,) at
@@ -119,29 +119,18 @@ class _Element(NamedTuple):
         return cls(cell, "NQM".index(measured.name), dofs, ends[:, 2], at_ends)
 
 
-class _Slopes(NamedTuple):
-    """Derivatives of a section force in n rows."""
-
-    #: By the part of the element before the place, and its length (n, 2); by angles (n, 2) at ends.
-    by_place: np.ndarray
-    by_angles: np.ndarray
-    #: By the forces (n, width) on the nodes, and by values (degree,) at the Gauss points.
-    by_forces: np.ndarray
-    by_gauss: np.ndarray
-    #: By accelerations (n, width) of the nodes and masses (n, points); None for equilibria.
-    by_inertia: tuple[np.ndarray, np.ndarray] | None
-
-
 class SectionOutput(RowOutput):
     """N, Q or M at a place at the rows (n,) of a run."""
 
+    record = "rates"
+
     def __init__(self, places: Places, name: str, measured: Measured):
         super().__init__(places, name, measured)
-        self._name, model = name, self._of.model
+        self._name, model = name, self._sub_steps.model
         self._beams: Any = model.forms.beams  # there are some
         self._element = _Element.of(model, measured)
         self._rows, self._steps, self._shares = places.means()
-        self._slopes = self._read(places.numbers)
+        self._read(places.numbers)
 
     @staticmethod
     def value(solution: Solution, measured: Measured) -> np.ndarray:
@@ -150,19 +139,14 @@ class SectionOutput(RowOutput):
         return getattr(forces, measured.name)[:, 0]
 
     @classmethod
-    def record(cls, measured: Measured) -> str:
-        """As of `RowOutput`."""
-        return "rates"
-
-    @classmethod
     def needs(cls, model: Model, measured: Measured) -> Needs:
         """As of `RowOutput`."""
         return Needs(rates=True, start=True, steps=True, whole=True)
 
-    def _read(self, numbers: Arrays) -> _Slopes:
+    def _read(self, numbers: Arrays) -> None:
         """Find the forces of the element, and how the output follows from what it depends on."""
         element, places = self._element, self._places
-        model, count, degree = self._of.model, len(places.ends), self._beams.kind.degree
+        model, count, degree = self._sub_steps.model, len(places.ends), self._beams.kind.degree
         masses, dead = numbers[self._number(_MASSES)], numbers[self._number(_DEAD)]
         forces, turns, gauss = (np.zeros((count, size)) for size in (len(element.dofs), 2, degree))
         for group, parts in self._batches(np.arange(len(self._steps))):
@@ -173,9 +157,10 @@ class SectionOutput(RowOutput):
             np.add.at(turns, rows, share * level[:, element.turns])
             points = self._beams.resultants(parts)[:, element.cell, :, element.component]
             np.add.at(gauss, rows, share * points)
-        if moves := not model.scheme.rates.at_rest:
-            unit_masses, a = masses_of_points(degree), self._accelerations(numbers)
-            mass = np.tensordot(masses, unit_masses, 1)
+        mass = None
+        if not model.scheme.rates.at_rest:
+            a = self._accelerations(numbers)
+            mass = np.tensordot(masses, masses_of_points(degree), 1)
             forces += a @ mass
         signs, angles = np.array([[-1.0], [1.0]]), numbers[self._number(_DIRECTIONS)] + turns
         ends = components(signs * forces[:, element.at_ends], angles)
@@ -194,13 +179,19 @@ class SectionOutput(RowOutput):
         by_angles = of_ends[:, 0] * ends[..., 1] - of_ends[:, 1] * ends[..., 0]
         c, s, (N, Q, M) = np.cos(angles), np.sin(angles), of_ends.T
         by_ends = np.stack([c * N - s * Q, s * N + c * Q, np.broadcast_to(M, c.shape)], axis=-1)
-        by_forces = np.zeros_like(forces)
-        by_forces[:, element.at_ends] = signs * by_ends
-        by_inertia = None
-        if moves:
-            of_masses = np.einsum("nw,pwv->npv", by_forces, unit_masses)
-            by_inertia = by_forces @ mass, np.einsum("npv,nv->np", of_masses, a)
-        return _Slopes(by_place, by_angles, by_forces, shares[6:], by_inertia)
+        #: Derivatives by forces (n, width) on the nodes, angles (n, 2) at the ends, and values
+        #: (degree,) at the Gauss points; blocks of those that are no sums over sub-steps.
+        self._by_forces, self._by_angles = np.zeros_like(forces), by_angles
+        self._by_gauss = shares[6:]
+        self._by_forces[:, element.at_ends] = signs * by_ends
+        every = np.arange(count)
+        self._of_rows = [of_rows(place_of(self._name), every, by_place)]
+        self._of_rows.append(of_rows(self._number(_DIRECTIONS), every, by_angles))
+        if mass is not None:
+            of_points = np.einsum("nw,pwv->npv", self._by_forces, masses_of_points(degree))
+            of_points = np.einsum("npv,nv->np", of_points, a)
+            self._of_rows.append(of_rows(self._number(_MASSES), every, of_points))
+            self._of_rows += self._by_accelerations(self._by_forces @ mass)
 
     def _number(self, kind: str) -> str:
         """The name of numbers of a kind."""
@@ -209,7 +200,8 @@ class SectionOutput(RowOutput):
     def _accelerations(self, numbers: Arrays) -> np.ndarray:
         """Those (n, width) of the nodes of the element: means over the steps."""
         places, dofs, moved = self._places, self._element.dofs, self._places.moved
-        v, a = self._of.states[self._of.rates][:, dofs], np.zeros((len(places.ends), len(dofs)))
+        v = self._sub_steps.states[self._sub_steps.rates][:, dofs]
+        a = np.zeros((len(places.ends), len(dofs)))
         change = v[places.ends[moved]] - v[places.starts[moved]]
         a[moved] = change / places.steps.lengths[moved, None]
         if len(places.at_start):
@@ -218,51 +210,42 @@ class SectionOutput(RowOutput):
 
     def _batches(self, chosen: np.ndarray) -> Iterator[tuple[np.ndarray, StepBatch]]:
         """Sub-steps, some of all, in groups."""
-        for group in self._of.groups(chosen):
-            numbers, tape = chosen[group], self._of.tape
-            parts = self._of.parts(self._steps[numbers])
-            if self._of.model.scheme.rates.at_rest:
+        for group in self._sub_steps.groups(chosen):
+            numbers, tape = chosen[group], self._sub_steps.tape
+            parts = self._sub_steps.parts(self._steps[numbers])
+            if self._sub_steps.model.scheme.rates.at_rest:
                 parts = parts._replace(load_factor=tape.memories[self._steps[numbers]])
             yield numbers, parts
 
     def blocks(self, rows: np.ndarray) -> Iterator[Block]:
         """Its derivatives in some of the rows."""
-        wanted, slopes = np.isin(self._rows, rows), self._slopes
-        for chosen, parts in self._batches(np.flatnonzero(wanted)):
+        for chosen, parts in self._batches(np.flatnonzero(np.isin(self._rows, rows))):
             yield from self._of_steps(chosen, parts)
-        yield from self._of_inertia()
-        every = np.arange(len(slopes.by_forces))
-        yield of_rows(place_of(self._name), every, slopes.by_place)
-        yield of_rows(self._number(_DIRECTIONS), every, slopes.by_angles)
+        yield from self._of_rows
 
     def _of_steps(self, chosen: np.ndarray, parts: StepBatch) -> Iterator[Block]:
         """By what forms read of some sub-steps, and by dead loads in them."""
-        sub_steps, element, slopes = self._of, self._element, self._slopes
+        sub_steps, element = self._sub_steps, self._element
         steps, rows, shares = self._steps[chosen], self._rows[chosen], self._shares[chosen, None]
-        model, weights = sub_steps.model, shares * slopes.by_forces[rows]
+        model, weights = sub_steps.model, shares * self._by_forces[rows]
         by_name = self._beams.slopes.of_forces(parts, sub_steps.by_places, weights, element.cell)
-        if slopes.by_gauss.any():
-            of_points = np.zeros((len(chosen), *model.forms.internal_shape[:2]))
-            of_points[:, element.cell] = shares * slopes.by_gauss
-            by_points = self._beams.slopes.of_resultants(
-                parts, sub_steps.by_places, of_points, element.component
-            )
-            for name, values in by_points.items():
-                by_name[name] = by_name.get(name, 0.0) + values
+        if self._by_gauss.any():
+            arguments = parts, sub_steps.by_places, element.component
+            for name, entries, by_points in self._beams.slopes.of_resultants(*arguments):
+                values = self._by_gauss @ by_points[:, element.cell]
+                of_cell = Block(name, entries[element.cell], rows, shares * values)
+                yield from sub_steps.in_steps(steps, [of_cell])
         for name, factor in (("increment", model.scheme.rates.level), ("start", 1.0)):
             turned = by_name.setdefault(name, np.zeros((len(chosen), model.size)))
-            turned[:, element.turns] += factor * shares * slopes.by_angles[rows]
-        yield from sub_steps.in_steps(rows, steps, by_name)
+            turned[:, element.turns] += factor * shares * self._by_angles[rows]
+        yield from sub_steps.in_steps(steps, of_names(rows, by_name))
         loads = np.where(steps < 0, len(sub_steps.tape), steps)
         yield of_rows(self._number(_DEAD), rows, -weights, loads)
 
-    def _of_inertia(self) -> Iterator[Block]:
-        """By rates, accelerations at the start, and masses."""
-        if self._slopes.by_inertia is None:
-            return
-        (by_a, by_masses), dofs, rates = self._slopes.by_inertia, self._element.dofs, self._of.rates
+    def _by_accelerations(self, by_a: np.ndarray) -> Iterator[Block]:
+        """By rates and accelerations at the start, from derivatives (n, width) by means."""
         places, moved = self._places, self._places.moved
-        yield of_rows(self._number(_MASSES), np.arange(len(by_masses)), by_masses)
+        dofs, rates = self._element.dofs, self._sub_steps.rates
         per_time = by_a[moved] / places.steps.lengths[moved, None]
         for states, sign in ((places.ends, 1.0), (places.starts, -1.0)):
             yield Block(rates, dofs, moved, sign * per_time, states[moved])

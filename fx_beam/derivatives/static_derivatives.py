@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,12 +12,12 @@ import numpy as np
 from fx_beam.dual import Dual, floats
 from fx_beam.equilibria.statics import LoadPath
 from fx_beam.errors import SceneError
-from fx_beam.fem.line_values import LineValues
 from fx_beam.fem.scene_data import Data
 from fx_beam.motions.initial_state import reference_state
 from fx_beam.motions.numbers import static_numbers_of
 from fx_beam.results.state import State
 from fx_beam.scene.inputs import with_functions
+from fx_beam.scene.outputs import Measured, Output
 from fx_beam.scene.scene import Scene
 from fx_beam.step.model import once, sizes_of
 from fx_beam.step.numbers import data_of
@@ -27,10 +27,8 @@ from fx_beam.step.tape import static_tape
 from fx_beam.step.tape_derivatives import TapeDerivatives
 
 from .built_scenes import NumbersOf, refuse_others
-from .energy_outputs import losses_in_steps, why_no_losses, why_no_work, work_in_steps
-from .gradient import Block, jvp
-from .line_outputs import pull_blocks
-from .sub_steps import SubSteps
+from .energy_outputs import why_no_losses, why_no_work
+from .observation import Observation
 
 #: Derivatives (m, ...) by x of numbers of scenes.
 DerivativesOf = Callable[[NumbersOf], dict[str, np.ndarray]]
@@ -120,47 +118,48 @@ class StaticDerivatives:
         return derivatives(self.numbers_of) | {"hold": hold}
 
     def change_of_end(
-        self, derivatives: DerivativesOf, name: str, lines: Iterable[int] = ()
+        self, derivatives: DerivativesOf, name: str, pulls: Sequence[Measured] = ()
     ) -> StateChange:
         """Changes of the last state with x, by `derivatives` of the numbers of scenes.
 
-        With those of the pulls of some `lines`.
+        With those of some `pulls` of lines.
         """
         changes = self.changes(derivatives)
         refuse_others(changes, self.derivatives.names, name)
         boundaries = np.arange(len(self.tape) + 1)
         changed_rows = self.derivatives.jvp(self.tape, changes, boundaries, boundaries[:-1])
-        forces = {"constraint_forces": "constraints", "joint_forces": "joints"}
-        of_state = {"q": "q", "slides": "slides"} | forces
-        at_end = {name: changed_rows[rows][-1] for name, rows in of_state.items()}
-        pulls = np.zeros((len(changes["X"]), once(self.model, sizes_of)["lines"]))
-        for line in lines:
-            pulls[:, line] = jvp(self._pull(line), (1,), changed_rows, changes)[0]
-        at_end["line_forces"] = pulls
-        for quantity, blocks in self._sums().items():
-            of_steps = jvp(blocks, boundaries.shape, changed_rows, changes)
-            at_end[quantity] = of_steps.sum(axis=0)
+        forces_of = {"constraint_forces": "constraints", "joint_forces": "joints"}
+        arrays = {"q": "q", "slides": "slides"} | forces_of
+        at_end = {name: changed_rows[rows][-1] for name, rows in arrays.items()}
+        outputs = {str(pull.place.number): pull for pull in pulls}
+        outputs |= {name: Measured(Output(name, self.model.scene)) for name in self._summed()}
+        forces = functools.partial(self.derivatives.constraint_forces, self.tape)
+        none: dict[str, np.ndarray] = {}
+        of_tape = self.model, self.tape, forces, none, True, none
+        observed = Observation(*of_tape, outputs, boundaries[-1:])
+        of_state = {
+            name: rows[observed.sub_steps if name in forces_of.values() else observed.boundaries]
+            for name, rows in changed_rows.items()
+        }
+        count = len(changes["X"])
+        earlier = {name: np.zeros(count) for name in self._summed()}
+        values = observed.jvp(of_state, changes, earlier)
+        at_end["line_forces"] = np.zeros((count, once(self.model, sizes_of)["lines"]))
+        for pull in pulls:
+            number = pull.place.number
+            at_end["line_forces"][:, number] = values[str(number)][0]
+        for name in self._summed():
+            at_end[name.removesuffix("_energy")] = values[name][0]
         return StateChange(self, at_end | self.derivatives.at_end)
 
-    def _pull(self, line: int) -> Iterable[Block]:
-        """Derivatives of the pull of a line in the last load step."""
-        boundaries = np.arange(len(self.tape) + 1)
-        values = LineValues(self.model.points, line, "pull")
-        sub_steps = SubSteps(self.model, self.tape, boundaries)
-        return pull_blocks(sub_steps, values, np.zeros(1, dtype=int), boundaries[-2:-1])
-
-    def _sums(self) -> dict[str, Iterable[Block]]:
-        """Derivatives of work and losses in all load steps, if there are, by names of `State`."""
-        boundaries, model = np.arange(len(self.tape) + 1), self.model
-        works: dict[str, Iterable[Block]] = {}
-        if self.path.start is not None:
-            return works
-        sub_steps = SubSteps(model, self.tape, boundaries)
-        if not why_no_work(model):
-            works["work"] = work_in_steps(sub_steps, self.derivatives.constraint_forces(self.tape))
-        if model.forms.dissipate and not why_no_losses(model):
-            works["dissipated"] = losses_in_steps(sub_steps, boundaries)
-        return works
+    def _summed(self) -> list[str]:
+        """The outputs with derivatives that add up over the load steps."""
+        names, model = list[str](), self.model
+        if self.path.start is None and not why_no_work(model):
+            names.append("work")
+        if self.path.start is None and model.forms.dissipate and not why_no_losses(model):
+            names.append("dissipated_energy")
+        return names
 
 
 class StateChange:

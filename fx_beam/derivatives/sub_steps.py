@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import NamedTuple
+from collections.abc import Iterable, Iterator
+from typing import Any
 
 import numpy as np
 
@@ -14,21 +14,10 @@ from fx_beam.step.full_turns import without_turns
 from fx_beam.step.model import Model
 from fx_beam.step.tape import Tape
 
-from .gradient import Block, of_rows
+from .gradient import Block
 
-
-class Source(NamedTuple):
-    """A term of a field `name` that forms read, in the sub-steps `which` (k,)."""
-
-    name: str
-    which: np.ndarray
-    #: An array of states, or of numbers with a row for each sub-step, and places (k,) in it; or
-    #: without places all numbers of this name.
-    array: str
-    places: np.ndarray | None = None
-    factor: float = 1.0
-
-
+# Arrays that forms read at the starts of sub-steps.
+_AT_START = "q", "v", "slides", "natural", "internal", "spring internal"
 # Degrees of freedom of the sub-steps that are evaluated at once.
 _MOST = 2**16
 
@@ -121,58 +110,60 @@ class SubSteps:
         first = (steps == 0) & self.model.forms.needs_previous
         return filter(len, map(np.flatnonzero, (steps < 0, first, (steps >= 0) & ~first)))
 
-    def at_states(
-        self, rows: np.ndarray, boundaries: np.ndarray, derivatives: Mapping[str, np.ndarray]
-    ) -> Iterator[Block]:
-        """Blocks, from derivatives (k, ...) by what `at` gives, and by numbers of the scene."""
-        nonempty, places = _there(derivatives), np.searchsorted(self.boundaries, boundaries)
-        for name, values in nonempty.items():
-            if name != "parameters":
-                yield of_rows(name, rows, values, places if name in self.states else None)
-        for which in self.kinds(boundaries - 1) if "parameters" in nonempty else ():
-            name, steps = _parameters_of(boundaries[which] - 1)
-            values = nonempty["parameters"][which]
-            begin = 0 if steps is None else values.shape[1]
-            yield of_rows(name, rows[which], values, steps, begin)
+    def at_states(self, boundaries: np.ndarray, blocks: Iterable[Block]) -> Iterator[Block]:
+        """Blocks, from those by what `at` gives, and by numbers of the scene."""
+        places, of_ends = (
+            np.searchsorted(self.boundaries, boundaries),
+            len(self.model.forms.parameters),
+        )
+        for block in blocks:
+            if block.name != "parameters":
+                yield block._replace(places=places if block.name in self.states else None)
+                continue
+            for which in self.kinds(boundaries - 1):
+                name, steps = _parameters_of(boundaries[which] - 1)
+                entries = np.arange(of_ends)[block.entries] + (0 if steps is None else of_ends)
+                part = block._replace(name=name, entries=entries, places=steps)
+                yield part._replace(rows=part.rows[which], derivatives=part.derivatives[which])
 
-    def sources(self, steps: np.ndarray) -> Iterator[Source]:
-        """What forms read of sub-steps, or of the start of the run, as sums of what there is."""
+    def in_steps(self, steps: np.ndarray, blocks: Iterable[Block]) -> Iterator[Block]:
+        """Blocks, from those by what forms read of sub-steps, or of the start."""
+        sources = self._sources(steps)
+        for block in blocks:
+            if (of_name := sources.get(block.name)) is None:
+                yield block
+                continue
+            for which, array, places, factor in of_name:
+                part = block._replace(name=array, rows=block.rows[which], places=places)
+                yield part._replace(derivatives=block.derivatives[which]).times(factor)
+
+    def _sources(self, steps: np.ndarray) -> dict[str, list[tuple[np.ndarray, str, Any, float]]]:
+        """The terms of which what forms read of sub-steps is the sum, by name.
+
+        Each in some (k,) of them: an array of states, or of numbers with a row for each sub-step,
+        places (k,) in it, None for numbers of all, and a factor.
+        """
+        sources: dict[str, list[tuple[np.ndarray, str, Any, float]]] = {}
         all_places, moved = self.places(steps), self._moves * self._short
         for which in self.kinds(steps):
             (before, after, earlier), first = all_places[:, which], steps[which[0]]
+            starts: list[tuple[str, Any, float]] = [("q", before, 1.0)]
+            increments = [("q", after, 1.0), ("q", before, -1.0)]
             if first < 0:
-                yield Source("increment", which, "v", before, moved)
-                yield Source("start", which, "v", before, -self._level * moved)
-            else:
-                yield Source("increment", which, "q", after)
-                yield Source("increment", which, "q", before, -1.0)
-            yield Source("start", which, "q", before)
-            if first == 0 and self.tape.memories[0]:  # of what came before
-                yield Source("q_previous", which, "q previous")
-            else:
-                yield Source("q_previous", which, "q", earlier)
-            yield Source("natural_end", which, "natural", before if first < 0 else after)
-            for name in ("natural", "internal", "spring internal"):
-                yield Source(name, which, name, before)
-            yield Source("parameters", which, *_parameters_of(steps[which]))
-
-    def in_steps(
-        self, rows: np.ndarray, steps: np.ndarray, derivatives: Mapping[str, np.ndarray]
-    ) -> Iterator[Block]:
-        """Blocks, from derivatives (k, ...) by what forms read of sub-steps, or of the start."""
-        nonempty, read = _there(derivatives), set()
-        for name, which, array, places, factor in self.sources(steps):
-            read.add(name)
-            if name in nonempty and factor:
-                yield of_rows(array, rows[which], factor * nonempty[name][which], places)
-        yield from (of_rows(name, rows, nonempty[name]) for name in nonempty.keys() - read)
+                starts.append(("v", before, -self._level * moved))
+                increments = [("v", before, moved)]
+            of_before = first == 0 and self.tape.memories[0]  # of what came before
+            previous = ("q previous", None) if of_before else ("q", earlier)
+            terms = {name: [(name, before, 1.0)] for name in _AT_START}
+            terms |= {"start": starts, "increment": increments, "q_previous": [(*previous, 1.0)]}
+            terms["slide increment"] = [("slides", after, 1.0), ("slides", before, -1.0)]
+            terms["natural_end"] = [("natural", before if first < 0 else after, 1.0)]
+            terms["parameters"] = [(*_parameters_of(steps[which]), 1.0)]
+            for name, of_name in terms.items():
+                sources.setdefault(name, []).extend((which, *term) for term in of_name if term[2])
+        return sources
 
 
 def _parameters_of(steps: np.ndarray) -> tuple[str, np.ndarray | None]:
     """Name of the parameters in steps of a kind, and these if they have a row for each."""
     return ("parameters at the start", None) if steps[0] < 0 else ("parameters", steps)
-
-
-def _there(derivatives: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Derivatives that are not empty."""
-    return {name: values for name, values in derivatives.items() if values.size}

@@ -310,9 +310,9 @@ def _by_mass(
     model: Model, along: _Along, chosen: np.ndarray
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Numbers (k,) of some sums, and derivatives (k, entries) by the entries of the mass."""
-    most = max(1, int(_MEMORY / (16 * max(1, model.mass.nnz))))
+    most = max(1, int(_MEMORY / (16 * max(1, model.masses.matrix.nnz))))
     for numbers in (chosen[k : k + most] for k in range(0, len(chosen), most)):
-        none = np.zeros((len(numbers), model.mass.nnz))
+        none = np.zeros((len(numbers), model.masses.matrix.nnz))
         pairs = ((weights[numbers], motions[numbers]) for weights, motions in along.by_mass)
         yield numbers, sum((by_mass_entries(model, *pair) for pair in pairs), none)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -123,7 +123,9 @@ class BeamSlopes:
     ) -> dict[str, np.ndarray]:
         """Derivatives of sums of weights (k, width) times forces of a cell.
 
-        These are `BeamForms.forces_of_cells`; the derivatives as of `of_resultants`.
+        These are `BeamForms.forces_of_cells`. By "increment", "start" and "q_previous", "internal"
+        variables, the data of sections, strains "natural" at the start and "natural_end",
+        "parameters", and "X".
         """
         steps = self._data.read(steps)
 
@@ -138,34 +140,17 @@ class BeamSlopes:
         return self._summed(of_cell(), [cell])
 
     def of_resultants(
-        self, steps: StepBatch, by_places: bool, weights: np.ndarray, component: int
-    ) -> dict[str, np.ndarray]:
-        """Derivatives of the sums of weights (k, cells, points) times N, Q or M.
+        self, steps: StepBatch, by_places: bool, component: int
+    ) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
+        """Jacobians (k, cells, points, numbers) of N, Q or M by name, and entries of the numbers.
 
-        By "increment", "start" and "q_previous", "internal" variables, the data of sections,
-        strains "natural" at the start and "natural_end", "parameters", and "X".
+        These (cells, numbers) are those of fields, of positions "X", or of all "parameters".
         """
-        return self._summed(
-            (name, space, np.einsum("kcp,kcpn->kcn", weights, slopes))
-            for name, space, slopes in self._of_points(steps, by_places, component)
-        )
-
-    def with_changes(
-        self, steps: StepBatch, by_places: bool, changes: Mapping[str, np.ndarray], component: int
-    ) -> np.ndarray:
-        """Changes (k, m, cells, points) of N, Q or M, from `changes` (k or 1, m, ...) of fields."""
-        total: Any = 0.0
-        for name, space, slopes in self._of_points(steps, by_places, component):
-            values = changes["X" if name == "coordinates" else name]
-            values = values.reshape(*values.shape[:2], -1)
-            if name == "parameters":
-                values = np.tile(values[..., self._data.parameters], len(space.dofs))
-            total = total + np.einsum("kcpn,kmcn->kmcp", slopes, values[..., space.dofs])
-        return total
-
-    def _of_points(self, steps: StepBatch, by_places: bool, component: int) -> _Slopes:
-        """Local Jacobians (k, cells, points, numbers) of N, Q or M."""
         weights = gauss_rule(self._degree)[1][:, None]
         of_all = self._derivatives("resultants", steps, by_places, self._degree)
         for name, space, slopes in of_all:
-            yield name, space, slopes[..., component, :] / weights
+            entries = space.dofs
+            if name == "parameters":
+                entries = np.broadcast_to(self._data.parameters, entries.shape)
+            name = "X" if name == "coordinates" else name
+            yield name, entries, slopes[..., component, :] / weights

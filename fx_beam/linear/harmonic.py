@@ -136,13 +136,8 @@ def frequency_response(
         force = nodal_load(about, load, f"{caller}: load")
     else:
         moved = base_motion(about, base, f"{caller}: base")
-<<<<<<< HEAD
-        shaking = about.model.masses.matrix @ moved
-    measured = Measured(about, at, f"{caller}: at")
-=======
         shaking = about.model.masses.matrix @ moved
     measured = ObservedMotion(about, at, f"{caller}: at")
->>>>>>> a87b3a8e (Small motions are observed by the terms of outputs, in frequency responses as in linear systems)
     assert at is not None  # it is refused there
     f = checked_frequencies(frequencies, f"{caller}: frequencies")
     modal = None if damping_ratio is None else modal_damping(about, damping_ratio, f.max(), caller)
