@@ -76,8 +76,7 @@ class Model:
         data = Data(
             scene, X, of_forms, masses, loads, natural, arms, motors(scene), OnBeams.of(scene)
         )
-        self._set(data)
-        self._place(data)
+        self._set(data, moved=True)
         self.masses.assembled += [str(load) for load in scene.loads]
         self.masses.name(scene)
         self.reduction: Reduction
@@ -119,9 +118,7 @@ class Model:
         elsewhere = not data.lies_as(self.data)
         if elsewhere and self.couplings.need_places:
             raise OtherStructureError("joints that close loops, or slide on beams, lie elsewhere")
-        self._set(data)
-        if elsewhere:
-            self._place(data)
+        self._set(data, elsewhere)
         if self.couplings.arm_joints:
             self.reduction.set_arms(self.couplings.moving_in(data.scene))
         if self.couplings.gears:
@@ -133,15 +130,14 @@ class Model:
         if elsewhere or scene.drags or (self.scheme.rates.at_rest and not by_places):
             self._check_mechanism()
 
-    def _set(self, data: Data) -> None:
+    def _set(self, data: Data, moved: bool) -> None:
         #: The numbers that it has now, and their scene.
         self.data, self.scene = data, data.scene
         self.masses.bind(data.masses)
-
-    def _place(self, data: Data) -> None:
-        self.mesh.bind(floats(data.X))
-        #: Sizes of unit increments.
-        self.units = Units(self.mesh)
+        if moved:
+            self.mesh.bind(floats(data.X))
+            #: Sizes of unit increments.
+            self.units = Units(self.mesh)
 
     @cached_property
     def massless(self) -> np.ndarray:
