@@ -249,9 +249,11 @@ class TangentDerivatives:
 
         if "mass" in self._changing:
             masses = changes["mass"].reshape(sums.shape[1], -1)
-            heavy, every = np.flatnonzero(masses.any(axis=1)), np.arange(len(sums))
-            for n, by_mass in _by_mass(self._steps.problem.model, along, every):
-                sums[np.ix_(n, heavy)] += by_mass @ masses[heavy].T
+            mass = self._steps.problem.model.masses.matrix
+            for i in np.flatnonzero(masses.any(axis=1)):
+                changed = scipy.sparse.csr_matrix((masses[i], mass.indices, mass.indptr))
+                for of_mass, motions in along.by_mass:
+                    sums[:, i] += (of_mass * _times(changed, motions)).sum(axis=1)
         size = 8 * len(on_forces) * basis.shape[1] * sums.shape[1]
         most = max(1, int(_MEMORY / size))
         for group in (slice(k, k + most) for k in range(0, len(basis), most)):
