@@ -118,7 +118,7 @@ class RowOutput:
 
         `later` is the sum of the weights of rows in later parts of a tape.
         """
-        counting = np.flatnonzero(weights.reshape(len(weights), -1).any(axis=1))
+        counting = np.flatnonzero(weights.any(axis=tuple(range(1, weights.ndim))))
         vjp(self.blocks(counting), weights, gradient)
 
     def jvp(self, rows: int, earlier: np.ndarray, of_state: Arrays, changes: Arrays) -> np.ndarray:

@@ -58,6 +58,7 @@ class TangentStorage:
             from .threads import thread_count
 
             self.threads = thread_count()
+        pattern = model.reduction.tangent.pattern  # sliders know their forces from here on
         #: Whether bordering rows are among the sparse rows (c/bordering_rows.h).
         self.inside = (
             len(model.couplings.sliding) >= _MANY_SLIDES
@@ -65,7 +66,7 @@ class TangentStorage:
             and model.points.members is None
             and not len(model.reduction.sliders.forces)
         )
-        self.factors = self._factors_of(*model.reduction.tangent.pattern)
+        self.factors = self._factors_of(*pattern)
         #: Those in sparse rows, in C.
         self.sparse_factors = np.zeros(0)
 
