@@ -15,7 +15,7 @@ from fx_beam.errors import SceneError
 from fx_beam.fem.mesh import Mesh
 from fx_beam.fem.sparsity import connected_parts, starts_of
 from fx_beam.scene.beam import Beam
-from fx_beam.scene.joints import GROUND, Joint, joints_by_number
+from fx_beam.scene.joints import GROUND, Joint, joints_by_number, missing_joints
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import SlidingJoint, sliding_joints
 
@@ -164,6 +164,8 @@ class Couplings:
     closures: list[Closure]
     #: Gears that are relations. Number g has the values 2 g and 2 g + 1 after those of arms.
     gears: list[Gear]
+    #: Numbers of joints that were removed, or were not there yet.
+    missing: list[int]
 
     def moving_in(self, scene: Scene) -> list[Joint]:
         """Joints of a scene with an arm or a slide, in the order of `arm_joints`."""
@@ -284,6 +286,7 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
         carried=columns.carried,
         closures=closures,
         gears=gears,
+        missing=missing_joints(scene),
     )
     return replace(couplings, sliding=_sliding_in_order(scene, mesh, couplings))
 

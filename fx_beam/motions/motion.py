@@ -16,7 +16,6 @@ from fx_beam.laws.schemes import Scheme
 from fx_beam.results.records import Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
-from fx_beam.scene.joints import missing_joints
 from fx_beam.scene.outputs import Output, check_outputs
 from fx_beam.scene.scene import Scene
 from fx_beam.step import full_turns
@@ -497,7 +496,7 @@ class Motion:
     def slides(self) -> np.ndarray:
         """Present slides of the joints, (joints,) [m]; NaN of those that were removed."""
         slides = self._settled.arrays("slides").copy()
-        slides[missing_joints(self._prepared.model.scene)] = np.nan
+        slides[self._prepared.model.couplings.missing] = np.nan
         return slides
 
     @property

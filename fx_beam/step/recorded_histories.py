@@ -17,7 +17,6 @@ from fx_beam.dual import floats
 from fx_beam.fem.mesh import rotation_of
 from fx_beam.results.records import Energy
 from fx_beam.results.state import ARRAYS, FORCES, HISTORIES, ROWS
-from fx_beam.scene.joints import missing_joints
 
 from .forcing import Forcing
 from .model import Model, once, sizes_of
@@ -137,9 +136,9 @@ class RecordedHistories(Mapping):
         if name == "q" and self._turns and len(values):
             for first, stop in itertools.pairwise([*self._turns, len(values)]):
                 values[first:stop] += self._turns[first].reshape(lengths)
-        if name == "slides" and missing_joints(model.scene):
+        if name == "slides" and model.couplings.missing:
             values = values.copy()
-            values[:, missing_joints(model.scene)] = np.nan
+            values[:, model.couplings.missing] = np.nan
         if name in _OTHERS and not values.size:
             return None
         return values
