@@ -356,7 +356,7 @@ def test_factors_are_those_of_a_symmetric_matrix_where_forces_have_a_potential(
 
     def noted(loop, *arguments):
         taken = step(loop, *arguments)
-        assert loop.problem.factors.rows["symmetric"] == has_potential
+        assert loop.problem.storage.factors.rows["symmetric"] == has_potential
         indptr, indices = loop.model.reduction.tangent.pattern
         tangents.append(scipy.sparse.csr_matrix((loop.values.copy(), indices, indptr)))
         return taken
