@@ -12,7 +12,7 @@ from fx_beam.scene.scene import Scene
 
 
 class Units:
-    """Those of a mesh: its size for displacements, 1 for rotations."""
+    """Unit increments: the size of a mesh for displacements, 1 for rotations."""
 
     def __init__(self, mesh: Mesh):
         self._mesh = mesh
@@ -21,7 +21,7 @@ class Units:
         self.nodes[2::3] = 1.0
 
     def errors(self, scene: Scene) -> np.ndarray:
-        """The same (size,) for errors: rotations that displace something are seen there.
+        """Sizes (size,) of errors: rotations that displace something are seen as displacements.
 
         In fast vibrations nodes of beams turn, but are hardly displaced.
         """
