@@ -324,11 +324,8 @@ def work_in_steps(sub_steps: SubSteps, forces: np.ndarray) -> Iterator[Block]:
     It is F . w, with the mean F of the loads at both ends and the path w, and the forces of driven
     columns (k, columns) times their paths. The last states are those of its k sub-steps.
     """
-    model, part, columns = (
-        sub_steps.model,
-        sub_steps.tape.present,
-        sub_steps.model.data.loads.unit_loads,
-    )
+    model, part = sub_steps.model, sub_steps.tape.present
+    columns = model.data.loads.unit_loads
     numbers, first = np.arange(*part), len(sub_steps.boundaries) - 1 - (part.end - part.first)
     states = {name: sub_steps.states[name][first:] for name in ("q", "slides")}
     tape, at_rest = sub_steps.tape, model.scheme.rates.at_rest

@@ -127,10 +127,8 @@ class Observation:
     @property
     def _sizes(self) -> Mapping[str, tuple[int, int]]:
         model, n, k = self._model, len(self.boundaries), len(self.sub_steps)
-        columns, joints = (
-            model.reduction.columns - model.reduction.free,
-            3 * once(model, sizes_of)["joints"],
-        )
+        sizes_of_state = once(model, sizes_of)
+        columns, joints = sizes_of_state["constraints"], 3 * sizes_of_state["joints"]
         sizes = {name: (n, width) for name, width in self._tape.widths.items()}
         sizes |= {name: (n, len(entries)) for name, entries in self._entries.items()}
         of_fit = model.size, joints // 3, joints, columns

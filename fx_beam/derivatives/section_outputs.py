@@ -112,7 +112,7 @@ class _Element(NamedTuple):
 
     @classmethod
     def of(cls, model: Model, measured: Measured) -> _Element:
-        """That of an output."""
+        """The element of an output."""
         cell, mesh = _cell(model, measured.place), model.mesh
         dofs, ends = mesh.unknowns.dofs[cell], mesh.dofs[mesh.elements[cell, [0, -1]]]
         at_ends = np.argsort(dofs)[np.searchsorted(np.sort(dofs), ends)]
@@ -198,7 +198,7 @@ class SectionOutput(RowOutput):
         return kind + OF_OUTPUT + self._name
 
     def _accelerations(self, numbers: Arrays) -> np.ndarray:
-        """Those (n, width) of the nodes of the element: means over the steps."""
+        """Forces (n, width) on the nodes of the element: means over the steps."""
         places, dofs, moved = self._places, self._element.dofs, self._places.moved
         v = self._sub_steps.states[self._sub_steps.rates][:, dofs]
         a = np.zeros((len(places.ends), len(dofs)))

@@ -112,10 +112,8 @@ class SubSteps:
 
     def at_states(self, boundaries: np.ndarray, blocks: Iterable[Block]) -> Iterator[Block]:
         """Blocks, from those by what `at` gives, and by numbers of the scene."""
-        places, of_ends = (
-            np.searchsorted(self.boundaries, boundaries),
-            len(self.model.forms.parameters),
-        )
+        places = np.searchsorted(self.boundaries, boundaries)
+        of_ends = len(self.model.forms.parameters)
         for block in blocks:
             if block.name != "parameters":
                 yield block._replace(places=places if block.name in self.states else None)

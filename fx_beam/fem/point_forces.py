@@ -240,7 +240,7 @@ class PointForces:
 
     @property
     def laws(self) -> list[PointLaw]:
-        """Those of all forces."""
+        """Laws of all forces, and of contact with members."""
         members = self.members.laws if self.members else ()
         return [law.law for law in (*(placed.law for placed in self.placed), *members)]
 

@@ -11,7 +11,7 @@ from fx_beam.laws.interval import StepBatch
 
 
 class StepForces:
-    """Those of `Forms` in a step that has begun, and at its last increment."""
+    """Forces of `Forms` in a step that has begun, and at the last increment."""
 
     def __init__(self, forms: Any, step: StepBatch):
         self._forms, self._step = forms, step
@@ -23,7 +23,7 @@ class StepForces:
         return force
 
     def of_beams(self, D: np.ndarray) -> np.ndarray:
-        """Those of beams alone, with added virtual works."""
+        """Forces (size,) of beams alone, with added virtual works [N, N m]."""
         force, self._step = np.zeros(len(D)), self._step._replace(D=D[None])
         if self._forms.beams is not None:
             self._forms.beams.add_force(self._step, force)

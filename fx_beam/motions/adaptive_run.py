@@ -108,9 +108,8 @@ class AdaptiveRun:
         halves = middle and self._trial(middle, t1).state
         if whole is None or halves is None:
             return True
-        difference = abs(whole.q - halves.q) / self._stepper.model.units.errors(
-            self._stepper.model.scene
-        )
+        model = self._stepper.model
+        difference = abs(whole.q - halves.q) / model.units.errors(model.scene)
         return self._control.matters(float(difference.max()))
 
     def _harmless(self, state: State, t1: float) -> float:

@@ -67,14 +67,15 @@ def observed_numbers_of(
     These rates are at `times` (n,), by steps of the `lengths` (n,) that end there [s]. With
     `at_start` also accelerations and forces at the start.
     """
-    joints, columns = once(model, sizes_of)["joints"], once(model, sizes_of)["constraints"]
+    sizes = once(model, sizes_of)
+    joints, columns = sizes["joints"], sizes["constraints"]
     observed: dict[str, Any] = {}
     if at_start:
         observed["a"] = state.a
         observed["forces of columns"] = _or_zeros(state.constraint_forces, (columns,))
         observed["forces of joints"] = _or_zeros(state.joint_forces, (joints, 3))
         if state.line_forces is None:
-            observed["forces of lines"] = np.zeros(once(model, sizes_of)["lines"])
+            observed["forces of lines"] = np.zeros(sizes["lines"])
     axes: list[Any] = [(0.0, 0.0)] * joints
     offsets = axes[:]
     for joint in data.scene.joints:

@@ -58,15 +58,15 @@ class TangentStorage:
             from .threads import thread_count
 
             self.threads = thread_count()
-        pattern = model.reduction.tangent.pattern  # sliders know their forces from here on
+        loops = model.reduction.loops
         #: Whether bordering rows are among the sparse rows (c/bordering_rows.h).
         self.inside = (
             len(model.couplings.sliding) >= _MANY_SLIDES
             and not (kind.forces_only or model.scheme.rates.at_rest)
             and model.points.members is None
-            and not len(model.reduction.sliders.forces)
+            and (loops is None or not len(loops.bordering))
         )
-        self.factors = self._factors_of(*pattern)
+        self.factors = self._factors_of(*model.reduction.tangent.pattern)
         #: Those in sparse rows, in C.
         self.sparse_factors = np.zeros(0)
 
