@@ -149,10 +149,8 @@ class PathFollowing:
     def _check_way(self, state: State, ahead: Tangent) -> None:
         """StepError if the load falls for ever, or no force is left that could carry more."""
         limits = self._stats.limit_points
-        far, largest = (
-            abs(state.q / self._arc.model.units.nodes).max(),
-            max(map(abs, limits), default=0.0),
-        )
+        far = abs(state.q / self._arc.model.units.nodes).max()
+        largest = max(map(abs, limits), default=0.0)
         level = far > _FARTHEST and ahead.load * far <= _LEVEL * abs(state.t)
         if state.t < _LOWEST:
             turned = ", ".join(f"{point:.6g}" for point in limits)

@@ -118,10 +118,8 @@ class Settling:
 
     def _load(self, state: State, goal: float) -> float:
         """Largest load, other force at a node or force without balance, times its unit [J]."""
-        balance, unit = (
-            self._loop.balance(state, goal),
-            self.model.units.unknowns(self.model.couplings),
-        )
+        balance = self._loop.balance(state, goal)
+        unit = self.model.units.unknowns(self.model.couplings)
         largest = abs(balance.residual[: len(unit)] * unit).max(initial=0.0)
         forces = self.stepper.loop.forcing.dead(goal), balance.f, balance.r
         return float(max(largest, *(abs(force * self.model.units.nodes).max() for force in forces)))
@@ -173,10 +171,8 @@ class Settling:
         random_drag = np.random.default_rng(0).random(len(self._weights)) * self._weights
         drag = reduction.transpose_to_nodes(random_drag)[reduction.independent]
         if (drag == 0).any():
-            free = (
-                reduction.motion(np.arange(len(drag)) == np.argmax(drag == 0))
-                / self.model.units.nodes
-            )
+            first = np.arange(len(drag)) == np.argmax(drag == 0)
+            free = reduction.motion(first) / self.model.units.nodes
             raise self._error(f"nothing acts on {self.where(free)}", free)
 
     def _check(self, largest: float, state: State) -> None:
