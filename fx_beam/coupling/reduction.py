@@ -18,8 +18,8 @@ import scipy.sparse
 from fx_beam import c_library
 from fx_beam.c_library import Structs, array_at
 from fx_beam.content_cache import cached_by_content, cached_property
+from fx_beam.fem.compiled_points import CompiledPoints
 from fx_beam.fem.mesh import rotation_of
-from fx_beam.fem.points_in_c import PointsInC
 from fx_beam.fem.sparsity import Pattern, sparsity, starts_of
 from fx_beam.laws.rates import UpdateRule
 from fx_beam.results.state import MACROS
@@ -72,7 +72,7 @@ class Reduction:
         self,
         couplings: Couplings,
         auxiliaries: Auxiliaries,
-        in_c: PointsInC,
+        compiled_points: CompiledPoints,
         rates: UpdateRule,
         matrix,
         used: np.ndarray,
@@ -89,7 +89,11 @@ class Reduction:
         #: unknowns, too, behind all others.
         self.forces = np.empty(0, dtype=int) if loops is None else loops.acts_on
         self.auxiliaries = auxiliaries
-        self._rates, self._in_c, self._points = rates, in_c, in_c.points
+        self._rates, self._compiled_points, self._points = (
+            rates,
+            compiled_points,
+            compiled_points.points,
+        )
         #: Entries of the full tangent that may be other than zero.
         self.used = used
         self._size, self._full = matrix.shape[0], matrix
@@ -267,7 +271,7 @@ class Reduction:
         if self.couplings.is_selection:
             return self.in_columns(y, driven)[self.couplings.column]
         closed = self._expand(y, driven, True)
-        self._in_c.evaluate_slides(self._configuration.z[: self.columns])
+        self._compiled_points.evaluate_slides(self._configuration.z[: self.columns])
         return self._configuration.D.copy() if closed else np.full(self._size, np.nan)
 
     def closures_at(self, y: np.ndarray, driven: np.ndarray) -> np.ndarray:
@@ -407,7 +411,7 @@ class Reduction:
     def reduced_force(self, r: np.ndarray) -> np.ndarray:
         """Tv^T r (columns,), with springs and dampers on slides."""
         on_slides = np.zeros(self._shape[1])
-        np.add.at(on_slides, self._points.columns, self._in_c.on_slides(0))
+        np.add.at(on_slides, self._points.columns, self._compiled_points.on_slides(0))
         return self._map(True).transposed(r, on_slides)[: self.columns]
 
     def moves(self, dofs: np.ndarray) -> np.ndarray:

@@ -83,7 +83,9 @@ def _springs(sub_steps: SubSteps, rows: Arrays) -> Derivatives:
     if not points.any:
         return {}
     q, slides, internal = (rows[name] for name in ("q", "slides", "spring internal"))
-    return energy_by(sub_steps.model.forms.in_c, q, slides, internal, rows.get("parameters"))
+    return energy_by(
+        sub_steps.model.forms.compiled_points, q, slides, internal, rows.get("parameters")
+    )
 
 
 _PARTS: dict[str, list[Callable[[SubSteps, Arrays], Derivatives]]] = {
@@ -161,7 +163,7 @@ def _losses_of_points(
 ) -> Iterator[Block]:
     """Derivatives of what forces at points lose."""
     forms, inputs = sub_steps.model.forms, []
-    in_c = forms.in_c
+    in_c = forms.compiled_points
     places, times, states = sub_steps.places(steps), sub_steps.tape.times, sub_steps.states
     of_step = ("q", "v", "slides", "spring internal")
     for i, (k, before, after, _) in enumerate(zip(steps.tolist(), *places, strict=True)):

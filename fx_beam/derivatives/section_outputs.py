@@ -9,7 +9,7 @@ import numpy as np
 
 from fx_beam.dual import dual_array
 from fx_beam.errors import SceneError
-from fx_beam.fem.loads import OnBeams
+from fx_beam.fem.loads import LoadedBeams
 from fx_beam.fem.mass import masses_of_points
 from fx_beam.laws.interval import StepBatch, just_inside
 from fx_beam.motions.element_balance import ElementLoads, components, directions_at_ends
@@ -38,7 +38,7 @@ def numbers_of_sections(
     """Numbers of a scene in the sub-steps of a tape; equilibria have their loads at one time."""
     mesh, level, times = model.mesh, model.scheme.rates.level, tape.times
     X = mesh.positions_of(scene)
-    on = OnBeams.of(scene)
+    on = LoadedBeams.of(scene)
     loads = ElementLoads(model, on, X)
     start, last = times.starts[:1], np.zeros(1)
 

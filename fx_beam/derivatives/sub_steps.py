@@ -47,7 +47,7 @@ class SubSteps:
         if len(of_scene):
             times = tape.times
             arguments = times.starts, times.ends, self._level
-            self._parameters = floats(of_scene.of_time.over_steps(*arguments))
+            self._parameters = floats(of_scene.signals.over_steps(*arguments))
             self._at_start = of_scene.at(float(times.starts[0]))[None]
         # Length of the short step for the resultants at the start [s], and 1 if these, or all
         # forces of elements that are wanted, depend on rates, else 0.

@@ -98,7 +98,7 @@ class TangentDerivatives:
 
     def begin(self, about: Linearisation, state: Solution | None, damped: bool = False) -> None:
         """Take the tangent about a state, or about the reference."""
-        if friction_sticks(about.model.forms.in_c, about.start.q, about.start.slides):
+        if friction_sticks(about.model.forms.compiled_points, about.start.q, about.start.slides):
             raise SceneError(f"{self._what}: no derivatives: friction that sticks has none")
         end = None if state is None else state.end
         self._factor = 0.0 if state is None or end is None else float(state.t[-1])

@@ -135,7 +135,7 @@ class TangentSteps:
             y = factor * columns[: reduction.free]
             q = start.q + reduction.increment(y, driven)
             slides = start.slides + model.couplings.free_slides(y, len(start.slides))
-            passed = (model.forms.in_c.switches(q, slides) * at_start < 0).any()
+            passed = (model.forms.compiled_points.switches(q, slides) * at_start < 0).any()
             return bool(passed) or (members and members.touched) != touched
 
         while distance > _NEAREST and any(map(switched, distance * points)):

@@ -31,7 +31,7 @@ class PathEnergy:
         """Stored and dissipated energy of a state."""
         model = self._model
         stored = model.forms.strain_energy(state.q, state.internal, state.natural)
-        springs = model.forms.in_c.energy(state.q, state.slides, state.spring_internal)
+        springs = model.forms.compiled_points.energy(state.q, state.slides, state.spring_internal)
         return stored + springs + state.dissipated
 
     def largest_force(self, state: State) -> float:

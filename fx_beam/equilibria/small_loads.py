@@ -57,7 +57,7 @@ class SmallLoads:
         def switched(load: float) -> bool:
             y = load * self.y
             slides = start.slides + model.couplings.free_slides(y, len(start.slides))
-            values = model.forms.in_c.switches(start.q + path.expand(y, load), slides)
+            values = model.forms.compiled_points.switches(start.q + path.expand(y, load), slides)
             return (
                 bool((np.sign(values) != at_start).any())
                 or (members and members.touched) != touched

@@ -17,10 +17,10 @@ from fx_beam.scene.scene import Scene
 from .beam_data import check_shapes
 from .beam_forms import BeamForms
 from .compiled_laws import compiled_rule
+from .compiled_points import CompiledPoints
 from .mesh import Mesh
 from .parameter_values import ParameterValues
 from .point_forces import PointForces
-from .points_in_c import PointsInC
 from .scene_data import FormData
 from .sparsity import matrix_between, places_of_cells, with_pairs
 
@@ -51,7 +51,7 @@ class Forms:
         #: Forces of contact, drag of nodes, followers, and the coordinates of joints.
         self.points = PointForces(data.forces, data.followers, rule, parameters, members)
         #: The same in C, as steps call them.
-        self.in_c = PointsInC(self.points)
+        self.compiled_points = CompiledPoints(self.points)
         #: Those of beams, None without any.
         self.beams = None
         if scene.beams:
@@ -75,11 +75,11 @@ class Forms:
         self.dissipate = loses or (beams is not None and beams.dissipate)
         self.depend_on_rates = follow or loses or (beams is not None and beams.depend_on_rates)
         #: Matrix with the entries of beams and of each node.
-        self.of_members = matrix_between(mesh.elements, len(mesh.X))
+        self.beam_pattern = matrix_between(mesh.elements, len(mesh.X))
         #: Tangent of all forces, and the places (cells, n * n) in it of the entries of cells.
         at_nodes = self.points.pairs.min(axis=1) >= 0
-        self.stiffness = K = with_pairs(self.of_members, self.points.pairs[at_nodes])
-        self.of_cells = places_of_cells(mesh.unknowns.dofs, K.indptr, K.indices)
+        self.stiffness = K = with_pairs(self.beam_pattern, self.points.pairs[at_nodes])
+        self.cell_entries = places_of_cells(mesh.unknowns.dofs, K.indptr, K.indices)
         self.points.locate_in(K)
 
     def used_entries(self, masses: np.ndarray, coupled: bool) -> np.ndarray:
@@ -89,14 +89,14 @@ class Forms:
         are `coupled` may couple all components at a node.
         """
         used = np.full(self.stiffness.nnz, coupled)
-        used[self.of_cells], used[masses] = True, True
+        used[self.cell_entries], used[masses] = True, True
         value_at = self.points.value_at
         used[value_at[value_at >= 0]] = True
         return used
 
     def check(self, data: FormData) -> None:
         """OtherStructureError if data are of other kinds."""
-        self.parameters.of_time.check(data.parameters)
+        self.parameters.signals.check(data.parameters)
         self.points.check(data.forces)
         if self.points.members is not None:
             self.points.members.check_pairs(data.pairs)
@@ -107,7 +107,7 @@ class Forms:
         """Set all numbers, with the mesh, and begin anew."""
         self.parameters.bind(data.parameters)
         self.points.bind(data.forces, data.followers)
-        self.in_c.bind()
+        self.compiled_points.bind()
         if self.points.members is not None:
             self.points.members.bind(data.pairs)
         if self.beams is not None:
@@ -118,7 +118,7 @@ class Forms:
 
     def set_load(self, factor: float) -> None:
         """Set the load factor of external forces and of virtual works."""
-        self.in_c.set_load(factor, 0.0)
+        self.compiled_points.set_load(factor, 0.0)
         if self.beams is not None:
             self.beams.data.named["load_factor"][...] = factor
 
@@ -128,7 +128,7 @@ class Forms:
 
         t = interval.at(self._rates.level)
         self.parameters.begin(t, start.parameters)
-        self.in_c.begin(interval, start)
+        self.compiled_points.begin(interval, start)
         step = start.batch(t, interval.length, np.zeros(self.size), self.parameters.values)
         return StepForces(self, step)
 

@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .compiled_points import CompiledPoints
 from .member_contacts import IN_SLOT, SLOTS
 from .point_forces import PointForces
-from .points_in_c import PointsInC
 
 
 class Bristle(NamedTuple):
@@ -93,10 +93,14 @@ def smooth_signs_of(points: PointForces) -> list[SmoothSign]:
     return signs
 
 
-def friction_sticks(in_c: PointsInC, q: np.ndarray, slides: np.ndarray) -> bool:
+def friction_sticks(compiled_points: CompiledPoints, q: np.ndarray, slides: np.ndarray) -> bool:
     """Whether friction acts that sticks: of a joint, or of a contact that is closed."""
-    ends = np.cumsum(in_c.points.switch_counts, dtype=int)
-    pairs = zip(in_c.points.laws, np.split(in_c.switches(q, slides) <= 0, ends), strict=False)
+    ends = np.cumsum(compiled_points.points.switch_counts, dtype=int)
+    pairs = zip(
+        compiled_points.points.laws,
+        np.split(compiled_points.switches(q, slides) <= 0, ends),
+        strict=False,
+    )
     return any(
         law.has_stick_state and (not law.unilateral or closed.any()) for law, closed in pairs
     )

@@ -130,7 +130,7 @@ class SumOfLoads:
         return bool(self.functions)
 
 
-class OnBeams(NamedTuple):
+class LoadedBeams(NamedTuple):
     """Beams of a scene and what acts on them, as they are when its numbers are set."""
 
     beams: tuple[Beam, ...]
@@ -139,13 +139,13 @@ class OnBeams(NamedTuple):
     array_calls: ArrayCalls | None
 
     @classmethod
-    def of(cls, scene: Scene) -> OnBeams:
+    def of(cls, scene: Scene) -> LoadedBeams:
         """What a scene has now."""
         return cls(tuple(scene.beams), tuple(scene.loads), scene.gravity, scene.array_calls)
 
 
 def dead_loads(
-    scene: Scene | OnBeams,
+    scene: Scene | LoadedBeams,
     mesh: Mesh,
     X: np.ndarray,
     weights: Callable[[tuple[float, float]], Any],
@@ -170,7 +170,7 @@ def _on_masses(mesh: Mesh, load: Load, weights: Callable[[tuple[float, float]], 
     return UnitLoad(load.value, str(load), values, rows, np.full(columns.shape[1], len(columns)))
 
 
-def _unit_load(scene: Scene | OnBeams, mesh: Mesh, X: np.ndarray, load: Load) -> UnitLoad:
+def _unit_load(scene: Scene | LoadedBeams, mesh: Mesh, X: np.ndarray, load: Load) -> UnitLoad:
     """At a node, or at the Gauss points that integrate the interpolation of a beam exactly."""
     function, target = load.value, load.target
     assert target is not None
@@ -203,7 +203,7 @@ def _unit_load(scene: Scene | OnBeams, mesh: Mesh, X: np.ndarray, load: Load) ->
     return UnitLoad(function, str(load), unit.data, unit.indices, np.diff(unit.indptr))
 
 
-def _at_place(scene: Scene | OnBeams, mesh: Mesh, load: Load, place: BeamPlace) -> UnitLoad:
+def _at_place(scene: Scene | LoadedBeams, mesh: Mesh, load: Load, place: BeamPlace) -> UnitLoad:
     """At the nodes of an element, by their polynomials there."""
     _, shares = place.shares
     nodes = mesh.elements[mesh.cells[scene.beams.index(place.beam)][place.element[0]]]

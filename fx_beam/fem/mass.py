@@ -16,7 +16,7 @@ from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 
 from .beam_data import distinct, section_data
-from .loads import OnBeams, element_rule
+from .loads import LoadedBeams, element_rule
 from .mesh import Mesh
 from .sparsity import positions_in
 
@@ -30,18 +30,20 @@ class MassPlaces:
     First those that are lumped, then those at Gauss points of beams.
     """
 
-    def __init__(self, scene: Scene, mesh: Mesh, K: scipy.sparse.csr_matrix, of_cells: np.ndarray):
+    def __init__(
+        self, scene: Scene, mesh: Mesh, K: scipy.sparse.csr_matrix, cell_entries: np.ndarray
+    ):
         self._K, self._cells = K, len(mesh.elements)
         all_rows = np.arange(len(K.indptr) - 1)
         #: Positions of the diagonal in the values of the stiffness.
         self.diagonal = positions_in(K.indptr, K.indices, all_rows, all_rows)
         nodes = np.array([row.node for row in scene.masses], int)
         #: Storage indices (n,) where masses and inertias are lumped, in the same values.
-        self.of_nodes = self._at = self.diagonal.reshape(-1, 3)[nodes].ravel()
+        self.lumped = self._at = self.diagonal.reshape(-1, 3)[nodes].ravel()
         if scene.beams:
             degree = scene.beams[0].degree
             rows, columns, self._unit = _unit_masses(degree)
-            of_elements = of_cells[:, 3 * (degree + 1) * rows + columns].ravel()
+            of_elements = cell_entries[:, 3 * (degree + 1) * rows + columns].ravel()
             self._at = np.concatenate([self._at, of_elements])
 
     def matrix(self, values: np.ndarray) -> scipy.sparse.csr_matrix:
@@ -51,17 +53,17 @@ class MassPlaces:
 
     def entries(self, masses: Any) -> Any:
         """Entries of the mass matrix by masses."""
-        lumped = len(self.of_nodes)
+        lumped = len(self.lumped)
         if lumped < len(self._at):
-            of_cells = masses[lumped:].reshape(self._cells, -1) @ self._unit
-            masses = np.concatenate([masses[:lumped], of_cells.reshape(-1)])
+            cell_entries = masses[lumped:].reshape(self._cells, -1) @ self._unit
+            masses = np.concatenate([masses[:lumped], cell_entries.reshape(-1)])
         return (
             np.bincount(self._at, masses, self._K.nnz) if self._at.size else np.zeros(self._K.nnz)
         )
 
     def by_masses(self, by_entries: np.ndarray) -> np.ndarray:
         """Derivatives by masses from those by entries."""
-        derivatives, lumped = by_entries[self._at], len(self.of_nodes)
+        derivatives, lumped = by_entries[self._at], len(self.lumped)
         if lumped == len(derivatives):
             return derivatives
         by_cells = derivatives[lumped:].reshape(self._cells, -1) @ self._unit.T
@@ -90,10 +92,12 @@ class MassPlaces:
 class Mass:
     """Constant mass matrix and weight of a scene."""
 
-    def __init__(self, scene: Scene, mesh: Mesh, K: scipy.sparse.csr_matrix, of_cells: np.ndarray):
+    def __init__(
+        self, scene: Scene, mesh: Mesh, K: scipy.sparse.csr_matrix, cell_entries: np.ndarray
+    ):
         self._mesh = mesh
         #: Where masses are in the values of the stiffness.
-        self.places = MassPlaces(scene, mesh, K, of_cells)
+        self.places = MassPlaces(scene, mesh, K, cell_entries)
         #: Entries of the mass in these values, and the weight (size,); None without gravity.
         self.values, self.weight = np.zeros(K.nnz), None
         #: What was assembled, in words.
@@ -171,14 +175,14 @@ class Mass:
             return masses
         return np.concatenate([masses, self._of_beams(scene, X)])
 
-    def _of_beams(self, scene: Scene | OnBeams, X: Any) -> Any:
+    def _of_beams(self, scene: Scene | LoadedBeams, X: Any) -> Any:
         degree = scene.beams[0].degree
         along = element_rule(degree, degree + 1)[2] @ X[self._mesh.elements]
         lengths = np.hypot(along[..., 0], along[..., 1])
         density = section_data(self._mesh, scene, ("rhoA", "rhoI"), degree + 1)
         return (lengths[..., None] * density).reshape(-1)
 
-    def at_points(self, scene: OnBeams, X: Any) -> Any:
+    def at_points(self, scene: LoadedBeams, X: Any) -> Any:
         """Masses (cells, n) of elements, those of translations and rotations at Gauss points."""
         return self._of_beams(scene, X).reshape(len(self._mesh.elements), -1)
 

@@ -46,18 +46,18 @@ class ParameterFunctions:
 class ParameterValues:
     """Present values of all parameters of a scene; forms and laws are told of changes."""
 
-    def __init__(self, of_time: ParameterFunctions):
-        self.of_time, self.names = of_time, of_time.names
+    def __init__(self, signals: ParameterFunctions):
+        self.signals, self.names = signals, signals.names
         #: Present values (n,).
         self.values = np.zeros(len(self.names))
         self._readers: list[Callable[[np.ndarray], None]] = []
         #: Whether stored energies depend on values that vary.
         self.in_energies = False
-        self.bind(of_time)
+        self.bind(signals)
 
-    def bind(self, of_time: ParameterFunctions) -> None:
+    def bind(self, signals: ParameterFunctions) -> None:
         """Have the values of the same parameters of another scene."""
-        self.of_time, self._held = of_time, False
+        self.signals, self._held = signals, False
         if self.names:
             self.use(self.at(0.0))
 
@@ -67,7 +67,7 @@ class ParameterValues:
     @property
     def functions(self) -> list[Signal]:
         """Their functions of time."""
-        return self.of_time.functions
+        return self.signals.functions
 
     @property
     def vary(self) -> bool:
@@ -122,13 +122,13 @@ class ParameterValues:
 
     def at(self, t: float) -> np.ndarray:
         """The values (n,) at a time [s]; StepError if a function fails."""
-        return self.values.copy() if self._held else self.of_time.at(t)
+        return self.values.copy() if self._held else self.signals.at(t)
 
     def at_times(self, times: np.ndarray) -> np.ndarray:
         """The values (times, n) at some times [s]."""
         if self._held or not self.names:
             return np.tile(self.values, (len(times), 1))
-        return self.of_time.series(times)
+        return self.signals.series(times)
 
 
 def before(t):

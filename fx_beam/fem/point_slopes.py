@@ -6,12 +6,12 @@ import itertools
 
 import numpy as np
 
+from .compiled_points import CompiledPoints
 from .point_forces import PointForces
-from .points_in_c import PointsInC
 
 
 def energy_by(
-    in_c: PointsInC,
+    compiled_points: CompiledPoints,
     q: np.ndarray,
     slides: np.ndarray,
     internal: np.ndarray,
@@ -22,12 +22,12 @@ def energy_by(
     By "q", "slides", "spring internal", "points" (numbers) and "parameters"; with contact of
     members also by "members", their numbers, and the positions "X" of nodes.
     """
-    points = in_c.points
+    points = compiled_points.points
     given = np.empty((len(q), len(points.given)))
     for i, of_row in enumerate(zip(q, slides, internal, strict=True)):
         if parameters is not None:
-            in_c.set_parameters(parameters[i])
-        in_c.energy(*of_row)  # which places all forces
+            compiled_points.set_parameters(parameters[i])
+        compiled_points.energy(*of_row)  # which places all forces
         given[i] = points.given
     sums = _sums(points, "energy", given, q.shape[1], slides.shape[1])
     if points.members is not None:

@@ -15,7 +15,7 @@ from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 
 from .beam_data import data_of_beams
-from .loads import Followers, OnBeams, SumOfLoads
+from .loads import Followers, LoadedBeams, SumOfLoads
 from .mesh import Mesh
 from .parameter_values import ParameterFunctions
 from .point_forces import PointForce, by_role
@@ -96,7 +96,7 @@ class Data(NamedTuple):
     #: Joints with a motor, each with the name of its coordinate.
     motors: list[tuple[Joint, str]]
     #: What section forces need, whatever becomes of the scene.
-    on_beams: OnBeams
+    loaded_beams: LoadedBeams
 
     def lies_as(self, other: Data) -> bool:
         """Whether nodes and joints are where other data have them, or nothing depends on it."""

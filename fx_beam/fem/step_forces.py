@@ -19,7 +19,7 @@ class StepForces:
     def internal(self, D: np.ndarray) -> np.ndarray:
         """Internal forces (size,) [N, N m] for an increment D, with others against the motion."""
         force = self.of_beams(D)
-        self._forms.in_c.add_force(D, force)
+        self._forms.compiled_points.add_force(D, force)
         return force
 
     def of_beams(self, D: np.ndarray) -> np.ndarray:
@@ -35,8 +35,8 @@ class StepForces:
         K, members = forms.stiffness.copy(), forms.points.members
         K.data[:] = 0.0
         if forms.beams is not None:
-            forms.beams.add_tangent(self._step, K.data, forms.of_cells)
-        forms.in_c.add_tangent(K.data)
+            forms.beams.add_tangent(self._step, K.data, forms.cell_entries)
+        forms.compiled_points.add_tangent(K.data)
         return K if members is None else K + members.tangent()
 
     def added(self) -> np.ndarray:
@@ -44,5 +44,5 @@ class StepForces:
         force = np.zeros(self._forms.size)
         if self._forms.beams is not None:
             self._forms.beams.add_external(self._step, force)
-        self._forms.in_c.add_external(force)
+        self._forms.compiled_points.add_external(force)
         return force

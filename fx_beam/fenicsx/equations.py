@@ -90,7 +90,7 @@ class Equations:
         r = self.forces = self.internal + self._added - self._force
         if not rates.at_rest:
             r += self.form.mass @ self._acceleration(D)
-        model.forms.in_c.add_force(D, r)
+        model.forms.compiled_points.add_force(D, r)
 
     def _acceleration(self, D: np.ndarray) -> np.ndarray:
         """Nodal accelerations (size,); their derivatives by the increment are kept."""
@@ -132,7 +132,7 @@ class Equations:
             added = mass @ scipy.sparse.bsr_matrix(blocks, mass.shape).tocsr()
         elif not model.scheme.rates.at_rest:
             values += mass.data * (self._steepness * self._slope)[mass.indices]
-        model.forms.in_c.add_tangent(values)
+        model.forms.compiled_points.add_tangent(values)
         if model.points.members is not None:
             member_tangent = model.points.members.tangent()
             added = member_tangent if added is None else added + member_tangent

@@ -272,7 +272,9 @@ class Steps:
             "potential": 0.0
             if model.masses.weight is None
             else -float(model.masses.weight @ state.q),
-            "springs": float(model.forms.in_c.energy(state.q, state.slides, state.spring_internal)),
+            "springs": float(
+                model.forms.compiled_points.energy(state.q, state.slides, state.spring_internal)
+            ),
         }
 
     # -- What steps call ---------------------------------------------------------------------------

@@ -306,10 +306,10 @@ def _forces(model: Model, state: State, strained: np.ndarray | None = None):
         f, added = forces.internal(D), forces.added()
         z = np.zeros(count)
         z[points.columns] = slid[points.slides]
-        forms.in_c.evaluate_slides(z)
+        forms.compiled_points.evaluate_slides(z)
         on_slides = np.zeros((2, count))
         for k in (0, 1):
-            np.add.at(on_slides[k], points.columns, forms.in_c.on_slides(k))
+            np.add.at(on_slides[k], points.columns, forms.compiled_points.on_slides(k))
         return f, forces.tangent(), *on_slides
 
     if not forms.depend_on_rates:

@@ -9,7 +9,7 @@ import numpy as np
 from fx_beam.content_cache import cached_property
 from fx_beam.dual import dual_array, floats
 from fx_beam.errors import any_of
-from fx_beam.fem.loads import OnBeams, dead_loads
+from fx_beam.fem.loads import LoadedBeams, dead_loads
 from fx_beam.fem.mass import masses_of_points
 from fx_beam.fem.mesh import Mesh
 from fx_beam.laws.interval import Rest, StepBatch, just_inside
@@ -28,14 +28,14 @@ class ElementLoads:
     Of beams and loads, and nodes at X (n, 2). Loads at nodes are none of elements.
     """
 
-    def __init__(self, model: Model, on_beams: OnBeams, X: Any):
-        mesh, loads = model.mesh, on_beams.loads
+    def __init__(self, model: Model, loaded_beams: LoadedBeams, X: Any):
+        mesh, loads = model.mesh, loaded_beams.loads
         numbers = np.arange(mesh.elements.size).reshape(mesh.elements.shape)
         own = floats(X)[mesh.elements].reshape(-1, 2)
         #: The mesh with own nodes of each element.
         self.torn = Mesh(own, numbers, mesh.cells, mesh.curved)
         #: Masses (cells, n) of the Gauss points of elements.
-        self.masses = model.masses.at_points(on_beams, X)
+        self.masses = model.masses.at_points(loaded_beams, X)
         self._loads = [of for of in loads if isinstance(of.target, Beam | BeamPlace | None)]
         for load in self._loads:
             if isinstance(load.value, InputSignal) and not load.value.is_open:
@@ -47,8 +47,8 @@ class ElementLoads:
         moves = any_of(floats(self.masses))
         chosen = [of for of in self._loads if of.target is not None or moves]
         #: Loads on the own nodes, and their weight (size,) by constant gravity, if there is any.
-        self.dead = dead_loads(on_beams, self.torn, own, self._weights, chosen)
-        gravity = on_beams.gravity
+        self.dead = dead_loads(loaded_beams, self.torn, own, self._weights, chosen)
+        gravity = loaded_beams.gravity
         self.weight = None if gravity is None else self._weights(dual_array(gravity))
 
     def _weights(self, acceleration: Any) -> Any:
@@ -67,7 +67,7 @@ class ElementLoads:
 class ElementBalance:
     """Forces f = internal + inertia - loads (8.3) of elements on their own nodes, in rows.
 
-    `on_beams` are beams and loads, `a` (n, size) accelerations of the rows from a `first` one on,
+    `loaded_beams` are beams and loads, `a` (n, size) accelerations of the rows from `first` on,
     `rest` that of equilibria; loads of elements may be known as `own_loads`. Loads of the state
     from which equilibria start act at nodes.
     """
@@ -75,7 +75,7 @@ class ElementBalance:
     def __init__(
         self,
         recorder: Recorder,
-        on_beams: OnBeams,
+        loaded_beams: LoadedBeams,
         a: np.ndarray,
         rest: Rest | None = None,
         first: int = 0,
@@ -84,8 +84,8 @@ class ElementBalance:
         self.model, self._rest, self._first = (model := recorder.model), rest, first
         self._steps, beams = RowSteps(recorder, first), model.forms.beams
         assert beams is not None
-        self._on = on_beams
-        self._loads = own_loads or ElementLoads(model, on_beams, model.mesh.X)
+        self._on = loaded_beams
+        self._loads = own_loads or ElementLoads(model, loaded_beams, model.mesh.X)
         level = model.scheme.rates.level
         self._parts = parts = self._batch(recorder, a, beams.depend_on_rates)
         unit_masses = masses_of_points(beams.kind.degree)

@@ -55,7 +55,7 @@ def solution_of(
         histories, rows = at_times(model, recorded, times, breaks)
     elif not later:
         histories = dict(recorded)
-    on_beams = model.data.on_beams
+    loaded_beams = model.data.loaded_beams
     of_springs = histories["spring_internal"] if model.points.width else None
     beams = zip(scene.beams, mesh.cells, strict=True)
     of_name = {beam.name: (beam, cells) for beam, cells in beams}
@@ -92,7 +92,9 @@ def solution_of(
                 "recorded; simulate with record=Record(rates=True)"
             )
         with model.forms.reading:
-            element_balance = ElementBalance(recorder, on_beams, a.reshape(len(a), -1).copy(), rest)
+            element_balance = ElementBalance(
+                recorder, loaded_beams, a.reshape(len(a), -1).copy(), rest
+            )
         balances.append(element_balance)
         return element_balance
 

@@ -257,7 +257,7 @@ class Starts:
                 first = natural - level * change
                 start = start._replace(natural=(first, first + change))
             forces = model.forms.begin(instant(state.t, h), start)
-            model.forms.in_c.evaluate_slides(h * w)
+            model.forms.compiled_points.evaluate_slides(h * w)
             force = forces.internal(D)
             if self._further is not None:
                 force += self._further(instant(state.t, h), shifted, D, forces)

@@ -23,7 +23,7 @@ class RowBalance:
 
     def __init__(self, model: Model, now: Callable[[], tuple[Any, Recorder, np.ndarray]]):
         self._model, self._now, self._state = model, now, None
-        self._loads = ElementLoads(model, model.data.on_beams, model.mesh.X)
+        self._loads = ElementLoads(model, model.data.loaded_beams, model.mesh.X)
         self._balance: ElementBalance
         self._gauss: np.ndarray
 
@@ -50,7 +50,7 @@ class RowBalance:
         with model.forms.reading:
             steps = RowSteps(recorder, last)
             self._gauss = steps.means(beams.resultants(steps.batch()))
-            given = recorder, model.data.on_beams, a[None].copy()
+            given = recorder, model.data.loaded_beams, a[None].copy()
             self._balance = ElementBalance(*given, first=last, own_loads=self._loads)
             self._balance.ends  # noqa: B018  # before the next step
         self._state = state

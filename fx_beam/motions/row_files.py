@@ -121,7 +121,9 @@ class RowFiles:
         values = np.empty((3, *gauss.shape[:2], len(points)))
         accelerations = a[new:].reshape(len(gauss), -1).copy()
         with suppress(ValueError):
-            balance = ElementBalance(recorder, self._model.data.on_beams, accelerations, first=new)
+            balance = ElementBalance(
+                recorder, self._model.data.loaded_beams, accelerations, first=new
+            )
             for number, cells in enumerate(mesh.cells):
                 of_beam = gauss[:, cells].reshape(len(gauss), -1, 3)
                 values[:, :, cells] = balance.of_beam(number).in_elements(of_beam, points)

@@ -93,7 +93,7 @@ class Equations:
         model = self.model
         at_rest = model.scheme.rates.at_rest
         if at_rest:
-            model.forms.in_c.set_load(end, self._length)
+            model.forms.compiled_points.set_load(end, self._length)
         if model.data.natural:
             strains = self._start.natural if self._natural is None else self._natural(end)
             self._strains[:] = 0.0 if strains is None else strains.ravel()

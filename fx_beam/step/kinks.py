@@ -40,7 +40,7 @@ class Kinks:
     def switches(self, state: State) -> np.ndarray:
         """Values that change their sign where a contact opens or closes, or a law switches."""
         self._forms.parameters.use(state.parameters)
-        return self._forms.in_c.switches(state.q, state.slides)
+        return self._forms.compiled_points.switches(state.q, state.slides)
 
     def flowed(self, before: State, behind: State) -> bool:
         """Whether something flows, or sticks, between two states."""

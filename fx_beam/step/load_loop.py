@@ -137,7 +137,7 @@ class LoadLoop(CompiledLoop):
         """Begin in a state; the inputs of the step."""
         model, forcing, self._interval = self.model, self.forcing, interval
         self.state.load(state)
-        model.forms.in_c.set_load(interval.end, length)
+        model.forms.compiled_points.set_load(interval.end, length)
         force, mean_force, strains = self._given
         force[:], mean_force[:] = map(forcing.dead, (interval.end, interval.at(0.5)))
         if model.masses.weight is not None:  # whose work is all of its potential energy

@@ -15,7 +15,7 @@ from fx_beam.coupling.reduction import Reduction, begin_to_build_joints
 from fx_beam.dual import floats
 from fx_beam.errors import SceneError
 from fx_beam.fem.forms import Forms
-from fx_beam.fem.loads import OnBeams, dead_loads, natural_strains
+from fx_beam.fem.loads import LoadedBeams, dead_loads, natural_strains
 from fx_beam.fem.mass import Mass
 from fx_beam.fem.mesh import build_mesh
 from fx_beam.fem.scene_data import Arms, Data, form_data
@@ -68,13 +68,13 @@ class Model:
         #: Where forces bend.
         self.kinks = Kinks(scene, forms, scheme.rates.at_rest)
         #: The mass of beams and lumped ones.
-        self.masses = Mass(scene, self.mesh, forms.stiffness, forms.of_cells)
+        self.masses = Mass(scene, self.mesh, forms.stiffness, forms.cell_entries)
         masses, arms = self.masses.numbers_of(scene, X), Arms.of(scene)
         weights = functools.partial(self.masses.places.weights, entries=masses["mass"])
         loads = dead_loads(scene, self.mesh, self.mesh.X, weights)
         natural = natural_strains(scene, self.mesh)
         data = Data(
-            scene, X, of_forms, masses, loads, natural, arms, motors(scene), OnBeams.of(scene)
+            scene, X, of_forms, masses, loads, natural, arms, motors(scene), LoadedBeams.of(scene)
         )
         self._set(data, moved=True)
         self.masses.assembled += [str(load) for load in scene.loads]
@@ -107,7 +107,7 @@ class Model:
             from fx_beam.coupling.determinacy import mechanism_of
 
             mass = None if self._rests[0] else self.masses.matrix
-            parts = self.scene, self.mesh, self.forms.of_members
+            parts = self.scene, self.mesh, self.forms.beam_pattern
             self.mechanism = mechanism_of(*parts, mass, self._rests[1])
 
     def bind(self, data: Data) -> None:
@@ -171,7 +171,7 @@ class Model:
         of_motors[motors] = driven + np.arange(len(motors))
         #: Columns, driven or fixed, whose forces histories have; -1 where there is none.
         self.force_columns = {"reactions": of_nodes, "motor_forces": of_motors}
-        self.forms.in_c.set_columns(self.couplings.slides)
+        self.forms.compiled_points.set_columns(self.couplings.slides)
         if self.kinks.flows and min(self.scheme.fractions) < 0:
             raise SceneError(
                 f"{self.scheme.name}: the sub-step that goes back in time would give back what "
@@ -184,7 +184,7 @@ class Model:
 
             sliders = Sliders(scene, self.couplings, self.mesh)
         masses = np.array([(m, m, inertia) for _, m, inertia in scene.masses]).ravel()
-        entries = self.masses.places.of_nodes[masses != 0]
+        entries = self.masses.places.lumped[masses != 0]
         if self.fits_rates:
             from .inertia import little_mass
 
@@ -192,7 +192,14 @@ class Model:
             entries = np.append(entries, self.masses.places.diagonal[little > 0])
         used = self.forms.used_entries(entries, self.scheme.rates.user_defined)
         auxiliaries = Auxiliaries(self.couplings)
-        parts = self.couplings, auxiliaries, self.forms.in_c, self.scheme.rates, matrix, used
+        parts = (
+            self.couplings,
+            auxiliaries,
+            self.forms.compiled_points,
+            self.scheme.rates,
+            matrix,
+            used,
+        )
         loops = None
         if self.couplings.closures and sliders is not None:
             from fx_beam.coupling.loops import Loops

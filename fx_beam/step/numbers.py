@@ -10,7 +10,7 @@ import numpy as np
 from fx_beam.coupling.graph import motors
 from fx_beam.coupling.reduction import numbers_of_gears
 from fx_beam.dual import dual_array, floats
-from fx_beam.fem.loads import OnBeams, dead_loads, natural_strains
+from fx_beam.fem.loads import LoadedBeams, dead_loads, natural_strains
 from fx_beam.fem.scene_data import Arms, Data, form_data
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import sliding_joints
@@ -32,7 +32,7 @@ def data_of(model: Model, scene: Scene) -> Data:
     if scene.natural_strains:
         natural = natural_strains(scene, mesh)
     moving = (Arms.of(scene), motors(scene)) if scene.joints else (known.arms, known.motors)
-    data = Data(scene, X, forms, masses, loads, natural, *moving, OnBeams.of(scene))
+    data = Data(scene, X, forms, masses, loads, natural, *moving, LoadedBeams.of(scene))
     if not rates.at_rest and (scene.joints or scene.contacts) and sticks(scene):
         fits = not model.couplings.need_places or data.lies_as(known)
         fitting = model if fits else Model(scene, model.scheme, part=True)

@@ -16,7 +16,7 @@ def energy_of(model: Model, state: State) -> float:
     forms, weight = model.forms, model.masses.weight
     forms.parameters.use(state.parameters)
     strained = forms.strain_energy(state.q, state.internal, state.natural)
-    stored = forms.in_c.energy(state.q, state.slides, state.spring_internal)
+    stored = forms.compiled_points.energy(state.q, state.slides, state.spring_internal)
     potential = 0.0 if weight is None else -(weight @ state.q)
     kinetic = state.v @ (model.masses.matrix @ state.v) / 2 if state.v.any() else 0.0
     return float(sum((kinetic, strained, potential, stored)))

@@ -89,7 +89,7 @@ def inputs_of(problem: Problem, forcing: Forcing, t: float, times: np.ndarray) -
             arrays["follower_force"] = rows(follow.series, follow.constant, t0, t1)
         if parameters.vary:
             level = model.scheme.rates.level
-            arrays["parameters"] = floats(parameters.of_time.over_steps(t0, t1, level))
+            arrays["parameters"] = floats(parameters.signals.over_steps(t0, t1, level))
         if strains:
             arrays["natural"] = rows(forcing.naturals, strains.constant, t1)
         return inputs._replace(driven=floats(forcing.series(t1)), **arrays)

@@ -239,7 +239,7 @@ class Problem:
             },
         )
         if (beams := model.forms.beams) is not None and not kind.rates:
-            stored = stored_at[model.forms.of_cells]
+            stored = stored_at[model.forms.cell_entries]
             self.tables = FormTables(self, stored, storage.is_large)
             forms = self.tables.all(_OF_EQUATIONS if kind.forces_only else FORMS)
             self.set(forms=forms)
@@ -288,7 +288,10 @@ def _points(storage: TangentStorage) -> dict[str, Any]:
         # Each force on a slide has one entry, the last ones.
         places, numbers = storage.on_slides
         point_stored_at[len(point_stored_at) - len(points.slides) + numbers] = places
-        tables["points"], at_points["stored_at"] = model.forms.in_c.address, point_stored_at
+        tables["points"], at_points["stored_at"] = (
+            model.forms.compiled_points.address,
+            point_stored_at,
+        )
         if len(points.slides):
             at_points["slide_rate"] = np.zeros(model.scene.joint_count)
     return tables

@@ -18,7 +18,7 @@ from .point_forces import PointForces
 _NONE = np.empty(0)
 
 
-class PointsInC:
+class CompiledPoints:
     """The C struct PointForces with all forces at points, and what C finds of it."""
 
     def __init__(self, points: PointForces):
