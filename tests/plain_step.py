@@ -69,7 +69,7 @@ class PlainStep:
             members = model.points.members
             if members is None or members.check(self.D) == 0:
                 break
-        model.forms.in_c.evaluate_slides(self.z)
+        model.forms.compiled_points.evaluate_slides(self.z)
         added = self.mean(self.forcing.forces(interval))
         inertia, stopping = (
             model.masses.matrix @ self.acceleration(),
@@ -197,7 +197,7 @@ class PlainStep:
         r = np.concatenate([self.forces(end), np.zeros(len(self.Dd))])
         points, number = self.model.points, {c: n for n, c in self.model.couplings.slides.items()}
         for column, force in zip(
-            points.columns.tolist(), self.model.forms.in_c.on_slides(0), strict=True
+            points.columns.tolist(), self.model.forms.compiled_points.on_slides(0), strict=True
         ):
             r[self.model.size + number[column]] -= force
         gaps, columns = self.held()
