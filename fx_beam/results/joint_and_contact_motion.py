@@ -10,11 +10,11 @@ import numpy as np
 
 from fx_beam.content_cache import cached_property
 from fx_beam.errors import is_one_of, shown
-from fx_beam.scene.beam import Beam, Node
+from fx_beam.scene.beam import Beam
 from fx_beam.scene.contacts import Contact
 from fx_beam.scene.forces_between import ForceBetween
 from fx_beam.scene.joints import Joint, NodalMotion
-from fx_beam.scene.outputs import Measured, Output
+from fx_beam.scene.outputs import Measured, Output, line_vectors
 from fx_beam.scene.parameters import replaced
 from fx_beam.symbolic import ufl
 
@@ -226,9 +226,7 @@ class PullMotion:
         """
         if self.line.to_ground:
             return self._to_ground("q")
-        if self.line.over_pulleys:
-            return self._over_circles()[0]
-        return np.hypot(*np.moveaxis(np.diff(self._places, axis=0), -1, 0)).sum(axis=0)
+        return Measured(Output("length", self.line)).values(self._read)
 
     @property
     def wrap(self) -> np.ndarray:
@@ -237,9 +235,7 @@ class PullMotion:
         Negative where the rope has left a pulley, which the model does not know: its length is then
         that of a rope that is held there. Of a drum the angle since the start.
         """
-        if not self.line.over_pulleys:
-            return np.zeros((len(self.solution.t), len(self.line.points)))
-        return self._over_circles()[1].T
+        return self.line.state(*line_vectors(self.line, self._read, "q"))[1].T
 
     def _to_ground(self, name: str) -> np.ndarray:
         """Displacements ("q") or rates ("v") along a spring to the ground; (n, nodes) of a bed."""
@@ -252,43 +248,18 @@ class PullMotion:
         return along if isinstance(line.target, Beam) else along[:, 0]
 
     @property
-    def _places(self) -> np.ndarray:
-        """Positions (points, n, 2) of its points."""
-        solution, count = self.solution, len(self.solution.t)
-        return np.array(
-            [
-                solution.position(point)
-                if isinstance(point, Node)
-                else np.tile(point.position, (count, 1))
-                for point in self.line.points
-            ]
-        )
-
-    def _over_circles(self) -> tuple[np.ndarray, np.ndarray]:
-        """Length (n,) of a rope over pulleys, and its arcs (points, n)."""
-        rope: Any = self.line
-        ends = zip((rope.a, rope.b), (rope.kinds[0], rope.kinds[-1]), strict=True)
-        none = np.zeros(len(self.solution.t))
-        turned = [self.solution.rotation(end) if kind == "D" else none for end, kind in ends]
-        ways = np.moveaxis(np.diff(self._places, axis=0), -1, 1)
-        return rope.state(ways, np.array(turned))
-
-    @property
     def rate(self) -> np.ndarray:
         """Rate (n,) of the length [m/s or rad/s] at t[k]; of a bed (n, nodes)."""
-        solution, count = self.solution, len(self.solution.t)
         if self.line.to_ground:
             return self._to_ground("v")
+        return Measured(Output("rate", self.line)).values(self._read)
 
-        def read(array: str, entries: Any) -> np.ndarray:
-            known = (
-                solution.X.reshape(-1)
-                if array == "X"
-                else solution.recorded(array).reshape(count, -1)
-            )
-            return known[..., entries]
-
-        return Measured(Output("rate", self.line)).values(read)
+    def _read(self, array: str, entries: Any) -> np.ndarray:
+        """Entries (n, ...) of a history, or of the positions "X"."""
+        solution = self.solution
+        if array == "X":
+            return solution.X.reshape(-1)[entries]
+        return solution.recorded(array).reshape(len(solution.t), -1)[:, entries]
 
     @property
     def power(self) -> np.ndarray:

@@ -82,6 +82,8 @@ class ForceBetween:
     to_ground: ClassVar[bool] = False
     #: Whether it is a rope of which some points are circles.
     over_pulleys: ClassVar[bool] = False
+    #: Kinds of the points of a rope over pulleys; empty for others.
+    kinds: ClassVar[str] = ""
 
     def __repr__(self):
         return f"<{self}>"
@@ -135,6 +137,44 @@ class ForceBetween:
             Vectors of the straight parts [m].
         """
         return ways
+
+    def state(self, vectors: Any, turned: Any) -> tuple[Any, Any]:
+        """Length (rows,) [m] and arcs (points, rows) on circles [rad].
+
+        Parameters
+        ----------
+        vectors : (points - 1, 2, rows) float
+            From each point to the next one [m].
+        turned : (2, rows) float
+            Rotations of drums at both ends [rad].
+
+        Returns
+        -------
+        length : (rows,) float
+            Sum of the distances, or of free spans and arcs.
+        arcs : (points, rows) float
+            Zero at points without a circle; of drums since the start.
+        """
+        length = np.hypot(vectors[:, 0], vectors[:, 1]).sum(axis=0)
+        return length, np.zeros((len(self.points), vectors.shape[2]))
+
+    def rate(self, vectors: Any, rates: Any, spins: Any) -> Any:
+        """Rate (rows,) of the length [m/s].
+
+        Parameters
+        ----------
+        vectors, rates : (points - 1, 2, rows) float
+            From each point to the next one, and the rates of these vectors.
+        spins : (2, rows) float
+            Spins of drums at both ends [rad/s].
+
+        Returns
+        -------
+        (rows,) float
+            The rate.
+        """
+        along = (vectors * rates).sum(axis=1)
+        return (along / np.hypot(vectors[:, 0], vectors[:, 1])).sum(axis=0)
 
     @property
     def length_at_start(self) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -272,8 +271,10 @@ class Measured:
     def values(self, read: Read, motion: Any = None) -> Any:
         """Values (..., components) or (...); the rate of a slide also needs the `NodalMotion`."""
         if self.line is not None:
-            points = self._points(read)
-            return self._over_circles(read, *points) if self._bends else self._of_line(*points)
+            vectors = line_vectors(self.line, read, "q")
+            if self.quantity.of == "q":
+                return self.line.state(*vectors)[0]
+            return self.line.rate(vectors[0], *line_vectors(self.line, read, "v"))
         if joint := self.sliding:
             return joint.kinematics.rate(motion, np.atleast_1d(read("slides", joint.number)))
         return sum(factor * read(array, entries) for array, entries, factor in self.terms)
@@ -308,49 +309,22 @@ class Measured:
             for array, entry, factor in terms if slopes.any() else ():
                 yield Term(array, entry, factor * slopes)
 
-    def _points(self, read: Read) -> tuple[list[list[Any]], list[list[Any]]]:
-        """Positions and rates of the points of a line, each by x and y."""
-        places, rates, moves = [], [], self.quantity.of == "v"
-        for point in self.line.points if self.line else ():
-            if not isinstance(point, Node):
-                places.append([*point.position])
-                rates.append([0.0, 0.0])
-                continue
-            dof, X = 3 * point.number, 2 * point.number
-            places.append([read("X", X + i) + read("q", dof + i) for i in (0, 1)])
-            rates.append([read("v", dof + i) if moves else 0.0 for i in (0, 1)])
-        return places, rates
 
-    @property
-    def _bends(self) -> bool:
-        """Whether its line is a rope over pulleys."""
-        return self.line is not None and self.line.over_pulleys
-
-    def _over_circles(self, read: Read, places: list[list[Any]], rates: list[list[Any]]) -> Any:
-        """Length of a rope over pulleys, or its rate."""
-        rope: Any = self.line
-        ends = (rope.nodes[0], rope.kinds[0]), (rope.nodes[-1], rope.kinds[-1])
-        turns = [read(self.quantity.of, 3 * n + 2) if k == "D" else 0.0 for n, k in ends]
-        rows = np.shape(read("q", 3 * max(rope.nodes)))
-        place, rate = (
-            np.diff([[np.broadcast_to(x, rows or 1) for x in point] for point in vectors], axis=0)
-            for vectors in (places, rates)
-        )
-        turned = np.array([np.broadcast_to(turn, rows or 1) for turn in turns])
-        moves = self.quantity.of == "v"
-        value = rope.rate(place, rate, turned) if moves else rope.state(place, turned)[0]
-        return value if rows else value[0]
-
-    def _of_line(self, places: list[list[Any]], rates: list[list[Any]]) -> Any:
-        """Length of a line, or its rate."""
-        total: Any = 0.0
-        pairs = zip(itertools.pairwise(places), itertools.pairwise(rates), strict=True)
-        for ((x0, y0), (x1, y1)), ((u0, v0), (u1, v1)) in pairs:
-            x, y = x1 - x0, y1 - y0
-            length = (x * x + y * y) ** 0.5
-            along = x * (u1 - u0) + y * (v1 - v0)
-            total = total + (along / length if self.quantity.of == "v" else length)
-        return total
+def line_vectors(line: ForceBetween, read: Read, array: str) -> tuple[np.ndarray, np.ndarray]:
+    """Vectors (points - 1, 2, rows) along a line, rotations (2, rows) of its ends; or rates "v"."""
+    components: list[Any] = []
+    for point in line.points:
+        if not isinstance(point, Node):
+            components += [*point.position] if array == "q" else [0.0, 0.0]
+            continue
+        x, y = (read(array, 3 * point.number + i) for i in (0, 1))
+        X, Y = (read("X", 2 * point.number + i) if array == "q" else 0.0 for i in (0, 1))
+        components += [X + x, Y + y]
+    ends = (line.nodes[0], line.kinds[:1]), (line.nodes[-1], line.kinds[-1:])
+    turns = [read(array, 3 * number + 2) if kind == "D" else 0.0 for number, kind in ends]
+    values = np.array(np.broadcast_arrays(np.zeros(1), *components, *turns))[1:]
+    places = values[:-2].reshape(len(line.points), 2, -1)
+    return np.diff(places, axis=0), values[-2:]
 
 
 def is_section_force(output: Any) -> bool:

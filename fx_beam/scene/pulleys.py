@@ -76,7 +76,7 @@ class RopeOverPulleys(ForceBetween):
 
     over_pulleys: ClassVar[bool] = True
     #: Of each point: n for a node, f for a fixed one, N and F for pulleys there, D for a drum.
-    kinds: str = ""
+    kinds: str = ""  # type: ignore[misc]
     #: Radii (n,), positive for a centre on the left of the rope, 0 for points [m].
     radii: np.ndarray = field(default_factory=lambda: np.zeros(0), metadata=IS_DATA)
 
@@ -159,27 +159,23 @@ class RopeOverPulleys(ForceBetween):
         ends = (0, -self.radii[0]), (-1, self.radii[-1])
         return [(self.nodes[i], float(r)) for i, r in ends if self.kinds[i] == "D"]
 
-    def state(self, ways: Any, turned: Any) -> tuple[Any, Any]:
-        """Length (rows,) [m] and arcs (n, rows) on circles [rad], of drums since the start.
-
-        `ways` (n - 1, 2, rows) are those between the centres, `turned` (2, rows) the rotations at
-        both ends.
-        """
-        spans, leans = self.spans(ways)
-        z, Z = ways[:, 0] + 1j * ways[:, 1], self.apart[:, 0] + 1j * self.apart[:, 1]
+    def state(self, vectors: Any, turned: Any) -> tuple[Any, Any]:
+        """Length (rows,) [m] and arcs (n, rows) on circles [rad], of drums since the start."""
+        spans, leans = self.spans(vectors)
+        z, Z = vectors[:, 0] + 1j * vectors[:, 1], self.apart[:, 0] + 1j * self.apart[:, 1]
         since = z * np.conj(Z)[:, None]
-        arcs = np.zeros((len(self.points), ways.shape[2]))
+        arcs = np.zeros((len(self.points), vectors.shape[2]))
         arcs[1:-1] = np.angle(since[1:] * np.conj(since[:-1])) + leans[1:] - leans[:-1]
         arcs[0] = np.angle(since[0]) + leans[0] - turned[0]
         arcs[-1] = turned[1] - np.angle(since[-1]) - leans[-1]
         arcs += np.asarray(self.turns, dtype=float)[:, None]
         return spans.sum(axis=0) + self.radii @ arcs, arcs * np.sign(self.radii)[:, None]
 
-    def rate(self, ways: Any, rates: Any, spins: Any) -> Any:
-        """Rate (rows,) of the length, by rates (n - 1, 2, rows) of `ways` and spins (2, rows)."""
-        _, leans = self.spans(ways)
-        far, c, s = np.hypot(ways[:, 0], ways[:, 1]), np.cos(leans), np.sin(leans)
-        x, y = ways[:, 0] / far, ways[:, 1] / far
+    def rate(self, vectors: Any, rates: Any, spins: Any) -> Any:
+        """Rate (rows,) of the length [m/s]."""
+        _, leans = self.spans(vectors)
+        far, c, s = np.hypot(vectors[:, 0], vectors[:, 1]), np.cos(leans), np.sin(leans)
+        x, y = vectors[:, 0] / far, vectors[:, 1] / far
         along = (c * x - s * y) * rates[:, 0] + (s * x + c * y) * rates[:, 1]
         return along.sum(axis=0) - self.radii[0] * spins[0] + self.radii[-1] * spins[1]
 

@@ -282,11 +282,8 @@ class Section:
         >>> round(steel.EI), round(steel.rhoA, 2)
         (1400, 1.57)
         """
-        area = _combined(operator.mul, height=height, width=width)
-        second_moment = _combined(_second_moment_of_rectangle, height=height, width=width)
-        return cls.from_area(
-            area, second_moment, E, nu, rho, shear_factor, G=G, retardation=retardation
-        )
+        areas = _areas(_rectangle, height=height, width=width)
+        return cls.from_area(*areas, E, nu, rho, shear_factor, G=G, retardation=retardation)
 
     @classmethod
     @_constructor
@@ -309,11 +306,8 @@ class Section:
             Diameter [m].
         {material}
         """
-        area = _combined(_area_of_circle, diameter=diameter)
-        second_moment = _combined(_second_moment_of_circle, diameter=diameter)
-        return cls.from_area(
-            area, second_moment, E, nu, rho, shear_factor, G=G, retardation=retardation
-        )
+        areas = _areas(_circle, diameter=diameter)
+        return cls.from_area(*areas, E, nu, rho, shear_factor, G=G, retardation=retardation)
 
     @classmethod
     @_constructor
@@ -348,12 +342,8 @@ class Section:
         >>> round(1e4 * tube.EA, 2), round(1e8 * tube.EI, 1)
         (4.53, 11.6)
         """
-        size = {"diameter": diameter, "thickness": thickness}
-        area = _combined(_area_of_tube, **size)
-        second_moment = _combined(_second_moment_of_tube, **size)
-        return cls.from_area(
-            area, second_moment, E, nu, rho, shear_factor, G=G, retardation=retardation
-        )
+        areas = _areas(_tube, diameter=diameter, thickness=thickness)
+        return cls.from_area(*areas, E, nu, rho, shear_factor, G=G, retardation=retardation)
 
     @classmethod
     @_constructor
@@ -385,13 +375,10 @@ class Section:
         {material}
         """
         size = {"height": height, "width": width, "thickness": thickness}
-        area = _combined(_area_of_box, **size)
-        second_moment = _combined(_second_moment_of_box, **size)
+        areas = _areas(_box, **size)
         if shear_factor is None:
             shear_factor = _combined(_share_of_webs, **size)
-        return cls.from_area(
-            area, second_moment, E, nu, rho, shear_factor, G=G, retardation=retardation
-        )
+        return cls.from_area(*areas, E, nu, rho, shear_factor, G=G, retardation=retardation)
 
     @classmethod
     @_constructor
@@ -422,11 +409,11 @@ class Section:
         if G is None:
             G = _combined(functools.partial(_shear_modulus, as_float(nu)), E=E)
         return cls(
-            EA=_combined(operator.mul, E=E, **A),
+            EA=_combined(_product, E=E, **A),
             GA=_combined(_product, shear_factor=shear_factor, G=G, **A),
-            EI=_combined(operator.mul, E=E, **J),
-            rhoA=_combined(operator.mul, rho=rho, **A),
-            rhoI=_combined(operator.mul, rho=rho, **J),
+            EI=_combined(_product, E=E, **J),
+            rhoA=_combined(_product, rho=rho, **A),
+            rhoI=_combined(_product, rho=rho, **J),
             retardation=retardation,
         )
 
@@ -435,8 +422,7 @@ def values_along(
     section: Section, name: str, fractions: np.ndarray, arrays: ArrayCalls | None
 ) -> Any:
     """`Section.values`, by one call of a function for all fractions if it accepts `arrays`."""
-    data = section._data(name)
-    values = [_values(name, datum, fractions, arrays) for datum in data]
+    values = [_values(name, datum, fractions, arrays) for datum in section._data(name)]
     return np.stack(values, axis=-1) if len(values) > 1 else values[0]
 
 
@@ -475,38 +461,36 @@ def _of_data(function: Callable[..., float], data: dict[str, Datum], fraction: f
     return function(*(_value(name, datum, fraction) for name, datum in data.items()))
 
 
-def _second_moment_of_rectangle(height: float, width: float) -> float:
-    return width * height**3 / 12
+def _areas(shape: Callable[..., tuple[float, float]], **size: Datum) -> list[Datum]:
+    """Area [m^2] and second moment of area [m^4] of a shape, by its sizes."""
+    return [_combined(functools.partial(_entry, shape, i), **size) for i in (0, 1)]
 
 
-def _area_of_circle(diameter: float) -> float:
-    return math.pi * diameter**2 / 4
+def _entry(shape: Callable[..., tuple[float, float]], i: int, *size: float) -> float:
+    return shape(*size)[i]
 
 
-def _second_moment_of_circle(diameter: float) -> float:
-    return math.pi * diameter**4 / 64
+def _rectangle(height: float, width: float) -> tuple[float, float]:
+    return height * width, width * height**3 / 12
 
 
-def _area_of_tube(diameter: float, thickness: float) -> float:
-    return _area_of_circle(diameter) - _area_of_circle(_inner(diameter, thickness))
+def _circle(diameter: float) -> tuple[float, float]:
+    return math.pi * diameter**2 / 4, math.pi * diameter**4 / 64
 
 
-def _second_moment_of_tube(diameter: float, thickness: float) -> float:
-    inner = _inner(diameter, thickness)
-    return _second_moment_of_circle(diameter) - _second_moment_of_circle(inner)
+def _tube(diameter: float, thickness: float) -> tuple[float, float]:
+    (A, J), (A_inner, J_inner) = _circle(diameter), _circle(_inner(diameter, thickness))
+    return A - A_inner, J - J_inner
 
 
-def _area_of_box(height: float, width: float, thickness: float) -> float:
-    return height * width - _inner(height, thickness) * _inner(width, thickness)
-
-
-def _second_moment_of_box(height: float, width: float, thickness: float) -> float:
+def _box(height: float, width: float, thickness: float) -> tuple[float, float]:
     inner = _inner(height, thickness), _inner(width, thickness)
-    return _second_moment_of_rectangle(height, width) - _second_moment_of_rectangle(*inner)
+    (A, J), (A_inner, J_inner) = _rectangle(height, width), _rectangle(*inner)
+    return A - A_inner, J - J_inner
 
 
 def _share_of_webs(height: float, width: float, thickness: float) -> float:
-    return 2 * thickness * height / _area_of_box(height, width, thickness)
+    return 2 * thickness * height / _box(height, width, thickness)[0]
 
 
 def _inner(outer: float, thickness: float) -> float:
@@ -516,8 +500,8 @@ def _inner(outer: float, thickness: float) -> float:
     return outer - 2 * thickness
 
 
-def _product(shear_factor: float, G: float, area: float) -> float:
-    return shear_factor * G * area
+def _product(*factors: float) -> float:
+    return functools.reduce(operator.mul, factors)
 
 
 def _shear_modulus(nu: float, E: float) -> float:
