@@ -473,37 +473,17 @@ def _nearest_node(
     if nodes.ndim > 2:
         rows = zip(points, nodes, strict=True)
         return np.array([_nearest_node(*row, apart, arc) for row in rows])
-    # Boxes of consecutive nodes, halved as long as they may have the nearest one.
-    count, last = 1 << (len(nodes) - 1).bit_length(), len(nodes) - 1
-    low = high = nodes[np.minimum(np.arange(count), last)]
-    boxes = [(low, high)]
-    while len(low) > 1:
-        low, high = low.reshape(-1, 2, 2).min(axis=1), high.reshape(-1, 2, 2).max(axis=1)
-        boxes.append((low, high))
-    point, box = np.arange(len(points)), np.zeros(len(points), int)
-    least = np.full(len(points), np.inf)
-    for low, high in boxes[-2::-1]:
-        point, box = np.repeat(point, 2), (2 * box[:, None] + np.arange(2)).ravel()
-        width, positions = count // len(low), points[point]
-        middle = np.minimum(box * width + width // 2, last)
-        square = ((positions - nodes[middle]) ** 2).sum(axis=-1)
-        left_out = np.zeros(len(box), dtype=bool)
-        if arc is not None:
-            ends = arc[np.minimum(box * width, last)], arc[np.minimum((box + 1) * width - 1, last)]
-            left_out = (arc[point] - ends[0] < apart) & (ends[1] - arc[point] < apart)
-            square[abs(arc[point] - arc[middle]) < apart] = np.inf
-        starts = np.flatnonzero(np.diff(point, prepend=-1))
-        least[point[starts]] = np.minimum(least[point[starts]], np.minimum.reduceat(square, starts))
-        way = np.maximum(np.maximum(low[box] - positions, positions - high[box]), 0.0)
-        candidates = ((way**2).sum(axis=-1) <= least[point]) & ~left_out
-        point, box, square = point[candidates], box[candidates], square[candidates]
-        if not len(point):
-            break
-    node = np.zeros(len(points), dtype=int)
-    order = np.lexsort((box, square, point))
-    first = order[np.diff(point[order], prepend=-1) > 0]
-    node[point[first]] = np.minimum(box[first], last)
-    return node
+    from scipy.spatial import cKDTree  # loaded for large members alone
+
+    count = 2  # of two that are as near the first one is the nearest
+    if arc is not None:  # more of them may be left out
+        ends = np.searchsorted(arc, arc + apart, "right") - np.searchsorted(arc, arc - apart)
+        count += int(ends.max())
+    distance, node = cKDTree(nodes).query(points, min(count, len(nodes)))
+    if arc is not None:
+        distance[abs(arc[:, None] - arc[node]) < apart] = np.inf
+    is_least = distance <= distance.min(axis=1, keepdims=True)
+    return np.where(is_least, node, len(nodes)).min(axis=1)
 
 
 def nearest(
