@@ -195,13 +195,7 @@ class SignalAlong(Signal):
     def _at_once(self, positions: np.ndarray, t: float) -> Any:
         """Values (n, size) of one call; None if they do not fit."""
         function: Any = self.function
-        try:
-            result: Any = function(positions.copy(), t)
-            parts: Sequence = (result,) if self.size == 1 else tuple(result)
-            columns = [np.broadcast_to(dual_array(part), len(positions)) for part in parts]
-            return np.column_stack(columns) if len(columns) == self.size else None
-        except Exception:  # noqa: BLE001  # whatever a function does that takes single positions
-            return None
+        return _at_once(lambda position: function(position, t), self.size, positions[:, None])
 
     def _at_each(self, positions: np.ndarray, t: float) -> Any:
         places, function = positions.tolist(), self.function
