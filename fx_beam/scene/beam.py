@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -68,6 +69,28 @@ class Node:
     def __getstate__(self):
         # A scene that is copied or unpickled sets itself in its nodes.
         return {**self.__dict__, "scene": None}
+
+
+class Nodes(list[Node]):
+    """Nodes in order, in a box."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        #: Smallest and largest coordinates of all nodes [m].
+        self.box = math.inf, math.inf, -math.inf, -math.inf
+
+    @property
+    def size(self) -> float:
+        """Larger side of the box [m]; 1 for a single node, as in `Mesh.size`."""
+        left, low, right, high = self.box
+        return max(right - left, high - low) or 1.0
+
+    def add(self, x: float, y: float, scene: object) -> Node:
+        """A new node of a scene at a place [m]."""
+        self.append(Node(len(self), x, y, scene))
+        left, low, right, high = self.box
+        self.box = min(left, x), min(low, y), max(right, x), max(high, y)
+        return self[-1]
 
 
 @dataclass(frozen=True, repr=False)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Set
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
@@ -65,6 +64,13 @@ class Body:
 class Members(list[T]):
     """Beams or bodies in order; ``beams["arm"]`` is the one with this name."""
 
+    def __init__(self, kind: str):
+        super().__init__()
+        #: What they are: "beam" or "body".
+        self.kind = kind
+        #: Names that were ever given.
+        self.names: set[str] = set()
+
     def __getitem__(self, key: Any) -> Any:
         if not isinstance(key, str):
             return super().__getitem__(key)
@@ -73,17 +79,22 @@ class Members(list[T]):
             raise SceneError(f"the scene has no {key!r}; it has {list(members)}")
         return members[key]
 
+    def new_name(self, name: str | None) -> str:
+        """The name of a new member, by default a number; SceneError for one that is in use."""
+        if name is None:
+            numbers = itertools.count(len(self) + 1)
+            name = next(free for n in numbers if (free := f"{self.kind} {n}") not in self.names)
+        require(is_name(name), f"add_{self.kind}: name", name, "a text that is not empty")
+        if name in self.names:
+            plural = "beams" if self.kind == "beam" else "bodies"
+            raise SceneError(f"two {plural} are called {name!r}; use different names")
+        return name
 
-def name_of(kind: str, names: Set[str], count: int, name: str | None) -> str:
-    """The name of a new beam or body, by default a number; `names` are taken already."""
-    if name is None:
-        numbers = itertools.count(count + 1)
-        name = next(free for n in numbers if (free := f"{kind} {n}") not in names)
-    require(is_name(name), f"add_{kind}: name", name, "a text that is not empty")
-    if name in names:
-        plural = "beams" if kind == "beam" else "bodies"
-        raise SceneError(f"two {plural} are called {name!r}; use different names")
-    return name
+    def add(self, member: T) -> T:
+        """A new member, added."""
+        self.names.add(member.name)
+        self.append(member)
+        return member
 
 
 def velocities_of(body: Body, velocity, spin) -> list[loads.Velocity]:

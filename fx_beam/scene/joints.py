@@ -155,12 +155,6 @@ class Joint:
         return tuple(name for s in springs if s and s.internal for name in s.internal.names)
 
     @property
-    def coupling(self) -> tuple:
-        """Kind, nodes and place: of two joints with the same ones, one is enough."""
-        axis = None if self.axis is None else tuple(self.axis)
-        return self.kind, self.a.number, self.b.number, tuple(self.offset), axis, self.place
-
-    @property
     def is_selection(self) -> bool:
         """Whether the displacements of a and b are equal."""
         return self.axis is None and not self.offset.any() and self.place is None
@@ -713,3 +707,8 @@ def key_of(joint: Joint) -> JointKey:
     beam, ends = getattr(joint, "beam", None), (joint.a.number, joint.b.number)
     beam_name = "" if beam is None else beam.name
     return JointKey(joint.number, joint.kind, *ends, tuple(joint.driven), tuple(place), beam_name)
+
+
+def coupling_of(joint: Joint) -> JointKey:
+    """Kind, nodes and place of a joint: of two joints with the same ones, one is enough."""
+    return replace(key_of(joint), number=-1, motors=())

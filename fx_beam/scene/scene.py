@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import functools
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeVar, overload
@@ -24,15 +23,15 @@ from fx_beam.errors import (
 )
 
 from . import loads
-from .beam import COMPONENTS, Beam, BeamPlace, Node, position_of
-from .body import Body, Members, check_body, name_of, velocities_of
+from .beam import COMPONENTS, Beam, BeamPlace, Node, Nodes, position_of
+from .body import Body, Members, check_body, velocities_of
 from .contacts import Contact, Shape, check_members, check_start
 from .coordinate import Coordinate, Coulomb, Damper, SmoothFriction, Spring, Stop, functions_of
 from .curve import Curve, layout
 from .forces_between import ForceBetween, Pull, checked_force, rope_spring
 from .functions import ArrayCalls, Signal
 from .inputs import Input, time_function
-from .joints import GROUND, Joint, Revolute, Rigid, moved_by, placed
+from .joints import GROUND, Joint, JointKey, Revolute, Rigid, coupling_of, moved_by, placed
 from .law import functions_of_energy
 from .loads import NaturalStrain, changed_strain, natural_strain
 from .parameters import Parameters, is_parameter
@@ -85,11 +84,8 @@ class Scene:
         self.changes = 0
         self.loads: list[loads.Load] = []
         self.gravity = gravity
-        self.beams: list[Beam] = Members[Beam]()
-        self._names: set[str] = set()
-        self.nodes: list[Node] = []
-        #: Smallest and largest coordinates of all nodes.
-        self._corners: tuple[Sequence[float], Sequence[float]] = _NO_CORNERS
+        self.beams = Members[Beam]("beam")
+        self.nodes = Nodes()
         # Fixed components: (node number, component number).
         self.fixed: set[tuple[int, int]] = set()
         # Components prescribed as functions of time.
@@ -102,8 +98,7 @@ class Scene:
         self.natural_strains: list[NaturalStrain] = []
         #: Numbers in functions of your own by name, which change without compilation: `Parameter`.
         self.parameters = Parameters()
-        self.bodies: list[Body] = Members[Body]()
-        self._names_of_bodies: set[str] = set()
+        self.bodies = Members[Body]("body")
         #: Numbers of nodes whose members were taken away. They are held where they are.
         self.gone: set[int] = set()
         self.joints: list[Joint] = []
@@ -111,7 +106,7 @@ class Scene:
         self.gears: list[Gear] = []
         #: Joints that were ever added: as their numbers stay, so do rows of solutions.
         self.joint_count = 0
-        self._couplings: dict[tuple, Joint] = {}
+        self._couplings: dict[JointKey, Joint] = {}
         self.contacts: list[Contact] = []
         self.forces_between: list[ForceBetween] = []
         #: Contacts and forces between points that were ever added: their numbers stay as well.
@@ -131,7 +126,6 @@ class Scene:
         self.__dict__.update(state)
         for node in self.nodes:
             object.__setattr__(node, "scene", self)
-        self._corners = _corners_of(self.nodes)
 
     def __getattr__(self, name: str) -> Any:
         from fx_beam.other_names import no_attribute
@@ -156,11 +150,6 @@ class Scene:
             other_loads.insert(0, loads.Load("gravity", None, value))
         self._gravity, self.loads[:] = steady, other_loads
         self.changes += 1
-
-    @property
-    def _size(self) -> float:
-        """Larger side of the box around all nodes [m]; 1 for a single node, as in `Mesh.size`."""
-        return max(high - low for low, high in zip(*self._corners, strict=True)) or 1.0
 
     def __repr__(self):
         from .notebook import facts  # loaded where a scene is shown
@@ -230,7 +219,7 @@ class Scene:
         >>> scene.add_beam([post.end, (2, 1)], section, elements=[2], name="girder")
         <Beam 'girder': 2 elements from node 4 at (0, 1) to node 6 at (2, 1)>
         """
-        name = name_of("beam", self._names, len(self.beams), name)
+        name = self.beams.new_name(name)
         if not isinstance(section, Section):
             raise SceneError(f"beam {name!r}: section must be an fx_beam.Section, not {section!r}")
         degree = self._degree(degree, f"beam {name!r}")
@@ -250,8 +239,7 @@ class Scene:
                 self._numbered(Rigid(a, b, offset=(b.x - a.x, b.y - a.y)))
             fractions = line.s / line.s[-1]
             beam = Beam(name, nodes, degree, axis.s, section, axis.inner, fractions, carriers)
-        self._names.add(name)
-        return _added(self.beams, beam)
+        return self.beams.add(beam)
 
     def add_mesh(
         self,
@@ -328,11 +316,9 @@ class Scene:
         beams = MeshBeams([*nodes[: mesh.points]])
         numbers, ends = mesh.nodes.tolist(), mesh.starts.tolist()
         for first, end, part in zip(ends[:-1], ends[1:], sections, strict=True):
-            name = name_of("beam", self._names, len(self.beams), None)
+            name = self.beams.new_name(None)
             along = tuple(nodes[i] for i in numbers[first:end])
-            beams.append(Beam(name, along, degree, mesh.s[first:end], part))
-            self._names.add(name)
-            self.beams.append(beams[-1])
+            beams.append(self.beams.add(Beam(name, along, degree, mesh.s[first:end], part)))
         pin = None  # the others are copies of the first one, quickly
         for pair in mesh.pins.tolist():
             a, b = (nodes[i] for i in pair)
@@ -405,7 +391,7 @@ class Scene:
         >>> round(float(found.angular_frequencies[0] ** 2), 9)
         10.0
         """
-        name = name_of("body", self._names_of_bodies, len(self._names_of_bodies), name)
+        name = self.bodies.new_name(name)
         x, y = vector(position, 2, f"{name}: position")
         numbers = (("mass", mass), ("inertia", inertia))
         m, J = (loads.not_negative(value, f"{name}: {quantity}") for quantity, value in numbers)
@@ -424,8 +410,7 @@ class Scene:
         if m or J:
             self.add_mass(centre, m, J)
         named = dict(zip(points or {}, nodes, strict=True))
-        self._names_of_bodies.add(name)
-        return _added(self.bodies, Body(name, centre, named, m, J))
+        return self.bodies.add(Body(name, centre, named, m, J))
 
     # -- Supports and joints ------------------------------------------------------------------
 
@@ -539,10 +524,10 @@ class Scene:
             guide, place = joint.b, joint.place_of_guide()
             joint = replace(joint, b=Node(len(self.nodes), *place, self))
         if at is None:
-            joint.check_start(self._size)
+            joint.check_start(self.nodes.size)
         else:
-            joint = placed(joint, moved_by(at, joint.a), moved_by(at, joint.b), self._size)
-        twin = self._couplings.get(joint.coupling)
+            joint = placed(joint, moved_by(at, joint.a), moved_by(at, joint.b), self.nodes.size)
+        twin = self._couplings.get(coupling_of(joint))
         if twin is not None and any(twin is other for other in self.joints):
             raise SceneError(f"{joint}: the scene has it already, as {twin}. Add each joint once")
         for coordinate in joint.coordinates.values():
@@ -559,7 +544,7 @@ class Scene:
         """A checked joint, with other nodes if given, added with the next number."""
         joint = replace(joint, number=self.joint_count, **nodes)
         self.joint_count += 1
-        self._couplings[joint.coupling] = joint
+        self._couplings[coupling_of(joint)] = joint
         return _added(self.joints, joint)
 
     def _holds(self, node: Node) -> bool:
@@ -703,9 +688,9 @@ class Scene:
         contact = Contact(a, b, *law, self.contact_count, energy, radius, along, friction)
         if isinstance(contact.shape, Beam):
             loads.check_target(self, contact.shape, "contact")
-            check_members(contact, self._size)
+            check_members(contact, self.nodes.size)
         else:
-            check_start(contact, self._size)
+            check_start(contact, self.nodes.size)
         self.parameters.add(functions_of_energy(contact.energy, None, 1), str(contact))
         self.contact_count += 1
         return _added(self.contacts, contact)
@@ -772,7 +757,9 @@ class Scene:
             loads.check_node(self, node, "force between points")
         # A stop may be a triple, from which a coordinate makes a `Stop`.
         laws = Coordinate(spring, damper, friction=friction, stop=stop)  # type: ignore[arg-type]
-        return self._with_force(checked_force((a, b), laws, force, self.force_count, self._size))
+        return self._with_force(
+            checked_force((a, b), laws, force, self.force_count, self.nodes.size)
+        )
 
     def add_rope(
         self,
@@ -856,7 +843,9 @@ class Scene:
         if length is not None:
             spring, names = rope_spring(spring, length, number)
         laws = Coordinate(spring, damper, friction=friction, stop=stop)  # type: ignore[arg-type]
-        return self._with_force(checked_force(points, laws, force, number, self._size, names, make))
+        return self._with_force(
+            checked_force(points, laws, force, number, self.nodes.size, names, make)
+        )
 
     def add_spring(
         self, node: Node, x=None, y=None, rotation=None, axis: Sequence[float] = (1.0, 0.0)
@@ -1595,7 +1584,7 @@ class Scene:
         old = joint_of(self, joint, name)
         index = self.joints.index(old)
         self.joints[index] = change(old)
-        self._couplings[old.coupling] = self.joints[index]
+        self._couplings[coupling_of(old)] = self.joints[index]
         self.changes += 1
         return self.joints[index]
 
@@ -1625,16 +1614,14 @@ class Scene:
         """Nodes at the ends of elements; an end that is a node belongs to another beam, too."""
         for node in [end for end in ends if isinstance(end, Node)]:
             loads.check_node(self, node, name)
-        nodes, first = [], len(self.nodes)
+        nodes = []
         for end in ends:
             if not isinstance(end, Node):
                 x, y = end
                 if not type(x) is type(y) is float:
                     x, y = as_float(x), as_float(y)
-                end = Node(len(self.nodes), x, y, self)
-                self.nodes.append(end)
+                end = self.nodes.add(x, y, self)
             nodes.append(end)
-        self._corners = _corners_of(self.nodes[first:], *self._corners)
         return tuple(nodes)
 
     def _free_component(self, node: Node, component: str) -> tuple[int, int]:
@@ -1644,21 +1631,6 @@ class Scene:
         if key in self.fixed or key in self.prescribed:
             raise SceneError(f"{component} of {node} is supported twice; scene.free removes one")
         return key
-
-
-# Those of no nodes.
-_NO_CORNERS = (math.inf, math.inf), (-math.inf, -math.inf)
-
-
-def _corners_of(
-    nodes: Sequence[Node],
-    lowest: Sequence[float] = _NO_CORNERS[0],
-    highest: Sequence[float] = _NO_CORNERS[1],
-) -> tuple[list[float], list[float]]:
-    """Corners of the box around nodes, and around one with other corners."""
-    rows = [[node.x for node in nodes], [node.y for node in nodes]]
-    least = [min([low, *values]) for low, values in zip(lowest, rows, strict=True)]
-    return least, [max([high, *values]) for high, values in zip(highest, rows, strict=True)]
 
 
 def _added(parts: list[_Part], part: _Part) -> _Part:

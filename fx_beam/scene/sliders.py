@@ -31,11 +31,6 @@ class SlidingJoint(Joint):
         return f"{number}{self.kind} of {self.b} on beam {self.beam.name!r}"
 
     @property
-    def coupling(self) -> tuple:
-        """The beam and the node."""
-        return self.kind, self.beam.name, self.b.number
-
-    @property
     def is_selection(self) -> bool:
         """False: the displacement of b depends on several nodes."""
         return False

@@ -55,7 +55,7 @@ _NUMBERS = "_gravity", "prescribed", "masses", "parameters"
 _PLAIN = {float, DualFloat, int, bool, str, type(None)}
 _SCALARS, _SEQUENCES = _PLAIN - {type(None)}, (list, tuple)
 # What follows from the rest of a scene.
-_DERIVED = {"nodes", "_corners", "_couplings", "changes", "array_calls"}
+_DERIVED = {"nodes", "_couplings", "changes", "array_calls"}
 
 
 # The number of a node.
