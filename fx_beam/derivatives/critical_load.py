@@ -87,7 +87,7 @@ class CriticalLoad:
         self._tangent.take(self._changes, self._changes.keys())
         omega = point.modes.angular_frequencies[0]
         self._square = omega**2 if point.kind == FLUTTER else 0.0
-        self._unit = about.model.units.unknowns(about.model.couplings)[about.unknowns]
+        self._unit = about.model.units.unknowns[about.unknowns]
         unit = scipy.sparse.diags(self._unit)
         self._B = (unit @ (about.K - self._square * about.M) @ unit).tocsr()
         left, right = (vectors[:, 0] for vectors in null_vectors(self._B))

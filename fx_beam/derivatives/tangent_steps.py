@@ -54,7 +54,7 @@ class TangentSteps:
     def __init__(self, about: Linearisation, factor: float, damped: bool):
         self._about, self._start, self._factor = about, about.start, factor
         #: Sizes (free,) of motions of all unknowns by the size of the scene, or by a radian.
-        self.unit = about.model.units.unknowns(about.model.couplings)[about.unknowns]
+        self.unit = about.model.units.unknowns[about.unknowns]
         # Steps that tell damping hold what flows, too.
         self.damped = (damped and about.may_be_damped) or about.model.kinks.flows
         model = about.damped_model if self.damped else about.model

@@ -246,7 +246,7 @@ def is_equilibrium(arc: ArcLength, state: State) -> bool:
     path, model = arc.stepper.path, arc.model
     path.begin(state)
     balance, _, _ = path.balance(np.zeros(model.reduction.free), 0.0)
-    left = abs(balance.residual[: model.reduction.free] * model.units.unknowns(model.couplings))
+    left = abs(balance.residual[: model.reduction.free] * model.units.unknowns)
     # Springs of slides have no forces at nodes, but those of the joints.
     forces = (abs(force * model.units.nodes).max() for force in (balance.f, balance.r))
     largest = max(*forces, arc.stepper.energies.largest_force(state))

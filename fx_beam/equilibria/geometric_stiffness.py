@@ -137,5 +137,5 @@ def _joint_part(about: SmallLoads, model: Model) -> scipy.sparse.csr_matrix:
         return reduction.coupling(virtual=True)[:, independent].T @ r
 
     y, driven = np.zeros(reduction.free), np.zeros(reduction.driven)
-    steps = _PART * model.units.unknowns(model.couplings)[independent]
+    steps = _PART * model.units.unknowns[independent]
     return map_slopes(reduction, project, y, driven, turning, steps)

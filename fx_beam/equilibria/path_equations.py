@@ -67,7 +67,7 @@ class PathEquations:
 
     def _bordered(self, indptr: np.ndarray, indices: np.ndarray) -> BorderedLU:
         reduction = self._reduction
-        unit = self.model.units.unknowns(self.model.couplings)[reduction.independent]
+        unit = self.model.units.unknowns[reduction.independent]
         return BorderedLU((indptr, indices), unit, None if self._fills else reduction.dependent)
 
     def begin(self, start: State) -> None:

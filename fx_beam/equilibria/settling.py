@@ -110,7 +110,7 @@ class Settling:
     def check_balance(self, state: State) -> None:
         """SceneError if a support would have to carry the rigid motions that are held."""
         if self._loop.drag:
-            unit = self.model.units.unknowns(self.model.couplings)[: self.model.reduction.free]
+            unit = self.model.units.unknowns[: self.model.reduction.free]
             left = abs(self.stepper.residual(state, state.t) * unit).max(initial=0.0)
             largest = max(self._load(state, state.t), self.stepper.energies.largest_force(state))
             if left > _CARRIED * largest + 100 * _ROUNDING * self._loop.drag:
@@ -119,7 +119,7 @@ class Settling:
     def _load(self, state: State, goal: float) -> float:
         """Largest load, other force at a node or force without balance, times its unit [J]."""
         balance = self._loop.balance(state, goal)
-        unit = self.model.units.unknowns(self.model.couplings)
+        unit = self.model.units.unknowns
         largest = abs(balance.residual[: len(unit)] * unit).max(initial=0.0)
         forces = self.stepper.loop.forcing.dead(goal), balance.f, balance.r
         return float(max(largest, *(abs(force * self.model.units.nodes).max() for force in forces)))

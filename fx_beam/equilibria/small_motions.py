@@ -50,7 +50,7 @@ class SmallMotions:
     @property
     def unit(self) -> np.ndarray:
         """Sizes (n,) of unit unknowns."""
-        return self.model.units.unknowns(self.model.couplings)[self.model.reduction.independent]
+        return self.model.units.unknowns[self.model.reduction.independent]
 
     @property
     def metric(self) -> scipy.sparse.csr_matrix:

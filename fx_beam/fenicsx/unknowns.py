@@ -177,9 +177,7 @@ class JointUnknowns(SharedUnknowns):
 
     def _by_turning(self, y: np.ndarray, driven: np.ndarray, r: np.ndarray) -> Any:
         """(dTv/dy)^T r, and slopes of forces on slides."""
-        steps = (
-            _PART * self._form.model.units.unknowns(self._form.model.couplings)[self.independent]
-        )
+        steps = _PART * self._form.model.units.unknowns[self.independent]
         project = functools.partial(self.reduced_force, r)
         return map_slopes(self._reduction, project, y, driven, self._moving, steps)
 

@@ -119,7 +119,7 @@ class FirstOrder:
 
     def __init__(self, about: Deviations, inputs: InputColumns, caller: str):
         free = len(about.unknowns)
-        y, unit = slice(free), about.model.units.unknowns(about.model.couplings)[about.unknowns]
+        y, unit = slice(free), about.model.units.unknowns[about.unknowns]
         V, masses, damped = _kinds(about.M[y, y], about.C[y, y], unit, caller)
         M, C, K = ((V.T @ part[y, y] @ V).tocsr() for part in (about.M, about.C, about.K))
         P, R = inputs.P, inputs.R

@@ -399,7 +399,7 @@ def _accelerations(
     force = -(T.T @ (r + mass @ (T @ a)) + pushes)[:free]
     M, unit = (
         (T.T @ (mass @ T)).tocsr()[:free, :free],
-        model.units.unknowns(model.couplings)[unknowns],
+        model.units.unknowns[unknowns],
     )
     a[:free] = acceleration_of(M, force, unit)
     return a

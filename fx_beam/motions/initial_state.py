@@ -73,7 +73,7 @@ def _settled(model: Model, state: State, force: np.ndarray, dt: float) -> State:
         equations.begin(instant(new.t, time), new)
         residual = equations.at_start(force).residual[: reduction.free]
         w, independent = np.zeros(reduction.columns), reduction.independent
-        unit = model.units.unknowns(model.couplings)[independent]  # pivots are of one kind
+        unit = model.units.unknowns[independent]  # pivots are of one kind
         scale = scipy.sparse.diags(unit)
         # The stiffness is that of the scheme's level in the step.
         factors = scipy.sparse.linalg.splu((scale @ equations.tangent() @ scale).tocsc())
@@ -284,7 +284,7 @@ class Starts:
         b = -reduction.reduced_force(-force)[:free]
         a[:free], rest = accelerations(model, b)
         # A load that grows from zero has a little of its first step already.
-        unit, of_unknowns = model.units.nodes, model.units.unknowns(model.couplings)
+        unit, of_unknowns = model.units.nodes, model.units.unknowns
         works = b * of_unknowns, *(part * unit for part in (force, *loads))
         largest = max(abs(work).max(initial=0.0) for work in works)
         left = abs(rest * of_unknowns).max(initial=0.0)

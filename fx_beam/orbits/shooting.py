@@ -237,7 +237,7 @@ class Shooting:
         self._advance(state, _times(state, length, steps))
         free = self.model.reduction.free  # rates have vibrations of stiff directions
         rows = self._taped_rows()[:: len(self.model.scheme.fractions), :free]
-        return rows / self.model.units.unknowns(self.model.couplings)
+        return rows / self.model.units.unknowns
 
     def repeats_within(self, state: State, length: float) -> bool:
         """Whether a motion comes back to its start well before the end of a period."""

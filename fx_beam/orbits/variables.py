@@ -79,7 +79,7 @@ class Variables:
             units["q previous"] = model.units.nodes
         if len(model.points.followed):  # forces are large
             units["spring internal"] = np.maximum(1.0, abs(_remembered(state, "spring internal")))
-        return np.concatenate([model.units.unknowns(model.couplings), rates, *units.values()])
+        return np.concatenate([model.units.unknowns, rates, *units.values()])
 
     def directions(self, state: State, length: float) -> Directions:
         """Changes of all variables at a state, which keep joints and loops closed."""

@@ -34,7 +34,7 @@ def accelerations(model: Model, force: np.ndarray) -> tuple[np.ndarray, np.ndarr
         a = _with_auxiliaries(model, force)
     if a is None:
         T = reduction.coupling_array() if model.size <= _SMALL else reduction.coupling()
-        M, unit = (T.T @ (model.masses.matrix @ T))[:n, :n], model.units.unknowns(model.couplings)
+        M, unit = (T.T @ (model.masses.matrix @ T))[:n, :n], model.units.unknowns
         a = acceleration_of(M, force, unit)
     return a, force - _inertia(model, a)
 

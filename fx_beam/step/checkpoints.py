@@ -97,9 +97,11 @@ class Checkpoints:
 
     def end(self, count: int) -> None:
         """Keep how many steps were taken."""
-        last = self._every.pop()
-        if count:
-            self._every.append(last._replace(steps=last.steps._replace(number=count)))
+        last = self._every[-1]
+        if not count:
+            del self._every[-1:]
+        elif count < last.steps.number:
+            self._every[-1] = last._replace(steps=last.steps._replace(number=count))
 
     def _increments(self, sub_steps: int) -> np.ndarray | None:
         """Room for increments, if there is memory, and if steps follow from these alone."""

@@ -84,7 +84,7 @@ class Extended:
 
     def units(self, model: Model) -> np.ndarray:
         """Sizes (n,) of unit unknowns x, u and d."""
-        unit, independent = model.units.unknowns(model.couplings), model.reduction.independent
+        unit, independent = model.units.unknowns, model.reduction.independent
         if self.is_plain:
             return unit[independent]
         of_auxiliary = model.units.nodes[[other.dof for other in model.couplings.auxiliaries]]

@@ -46,23 +46,26 @@ class CompiledLoop:
         self.records = RecordsInC(problem)
         #: Where sub-steps are taped, but for those of trials; None for nowhere.
         self.tape: Tape | None = None
-        self._begin(forcing, options, stats)
+        self._begin(forcing, stats)
 
-    def _begin(self, forcing: Forcing, options: NewtonOptions, stats: Stats) -> None:
+    def _begin(self, forcing: Forcing, stats: Stats) -> None:
         self.forcing, self.stats = forcing, stats
         #: A block for what C does and what Python counts of it, which Ctrl-C does not divide.
         self.whole: AbstractContextManager[None] = nullcontext()
-        #: Why steps fail.
-        self.failures = StepFailures(self.model, options, stats)
         #: Checks and counts states with inverted sections.
         self.inversion = InversionCheck(self.model, stats)
         self.problem.c.inverted.least_energy = self.inversion.least_energy
         stats.solver = stats.solver or f"compiled, {self.problem.storage.factors}"
 
+    @property
+    def failures(self) -> StepFailures:
+        """Why steps fail."""
+        return StepFailures(self.model, self.problem.kind.newton, self.stats)
+
     def bind(self, forcing: Forcing, stats: Stats) -> None:
         """Begin another run, with the numbers that the model has now."""
         self.problem.bind()
-        self._begin(forcing, self.failures.options, stats)
+        self._begin(forcing, stats)
 
     def take(
         self, state: State, steps: Steps, recorder: Rows, completed: Callable[[int], int] = int
@@ -226,7 +229,7 @@ class Steps(NamedTuple):
         """The struct ``Limits``: when C ends them, as their errors or switches tell."""
         watches, control = self.watch and problem.c.control.switches > 0, self.control
         if control is None:
-            return problem.ffi.new("Limits *", [0, watches])
+            return problem.ffi.new("Limits *", [0, watches]) if watches else problem.ffi.NULL
         of_length = *control.factors(self.dt), *control.band(self.dt)
         return problem.ffi.new("Limits *", [1, watches, *of_length])
 

@@ -119,6 +119,8 @@ class Model:
         if elsewhere and self.couplings.need_places:
             raise OtherStructureError("joints that close loops, or slide on beams, lie elsewhere")
         self._set(data, elsewhere)
+        if elsewhere:
+            self.units = Units(self.mesh, self.couplings)
         if self.couplings.arm_joints:
             self.reduction.set_arms(self.couplings.moving_in(data.scene))
         if self.couplings.gears:
@@ -136,8 +138,6 @@ class Model:
         self.masses.bind(data.masses)
         if moved:
             self.mesh.bind(floats(data.X))
-            #: Sizes of unit increments.
-            self.units = Units(self.mesh)
 
     @cached_property
     def massless(self) -> np.ndarray:
@@ -155,6 +155,8 @@ class Model:
         """Build the unknowns and the reduction to them, by supports and joints."""
         scene, matrix = self.scene, self.forms.stiffness
         self.couplings = couple(scene, self.mesh)
+        #: Sizes of unit increments.
+        self.units = Units(self.mesh, self.couplings)
         # Couplings that change with the motion.
         turning = any(not (joint.is_selection or joint.a is GROUND) for joint in scene.joints)
         turning |= bool(self.couplings.gears)  # as rates are 4 / dt tan(Dpsi / 2)
@@ -204,7 +206,7 @@ class Model:
         if self.couplings.closures and sliders is not None:
             from fx_beam.coupling.loops import Loops
 
-            loops = Loops(self.couplings, auxiliaries, self.units.unknowns(self.couplings), sliders)
+            loops = Loops(self.couplings, auxiliaries, self.units.unknowns, sliders)
         self.reduction = Reduction(*parts, sliders, loops)
         self.reduction.set_gears(scene)
         made_later = any(joint.place for joint in scene.joints) or any(g.value for g in scene.gears)

@@ -39,8 +39,14 @@ class StateVector:
         arrays = {name: self.memory[place] for name, place in self.places.items()}
         #: Arrays of the state, and positions (driven,) of driven motions.
         self.arrays = {name: arrays[name].reshape(shape) for name, shape in self.shapes.items()}
-        # Those that are not empty.
-        self._present = {name: array for name, array in self.arrays.items() if array.size}
+        # Zeros for those that are not empty, which the memory begins with.
+        self._blank = {name: 0.0 * array for name, array in self.arrays.items() if array.size}
+        self._begin = self.memory[: sum(array.size for array in self._blank.values())]
+        # Names of those that states have: before the first step, and after it without and with the
+        # forces of joints and obstacles, which only steps that are recorded compute.
+        names = [name for name in ARRAYS if name in self._blank or ARRAYS[name].required]
+        before = [name for name in names if name not in FORCES]
+        self._readable = before, [*before, "constraint_forces"], [*before, *FORCES]
         self._driven = arrays["driven_now"]
         self._ages = arrays["ages"], arrays["error_ages"]
         # Numbers that go with the memory, in structs of C that follow each other, as bytes.
@@ -65,10 +71,12 @@ class StateVector:
 
     def load(self, state: State) -> None:
         """Write a state into the memory."""
-        p = self._c
-        for name, array in self._present.items():
-            value = getattr(state, name)
-            array[...] = 0.0 if value is None else value.reshape(array.shape)
+        p, values = self._c, vars(state)
+        arrays = [
+            zeros if (array := values[name]) is None else array
+            for name, zeros in self._blank.items()
+        ]
+        np.concatenate(arrays, axis=None, out=self._begin)
         if p.scheme.keeps_previous and state.q_previous is None:
             self.arrays["q_previous"][:] = state.q
         if len(state.motors):
@@ -80,19 +88,12 @@ class StateVector:
 
     def read(self, t: float) -> State:
         """A copy of the state, at the time t [s]."""
-        p, copies = self._c, dict[str, Any]()
-        has_steps, forces_known = p.state.steps_done > 0, p.state.forces_found
-        for name, array in self.arrays.items():
-            # Forces of joints and obstacles are not computed in steps that are not recorded.
-            if name in FORCES:
-                has = has_steps and (name == "constraint_forces" or forces_known)
-            else:
-                has = ARRAYS[name].required or array.size
-            if has:
-                copies[name] = array.copy()
-        numbers = {name: getattr(p.state, name) for name in NUMBERS} | {"t": t}
+        in_c = self._c.state
+        names = self._readable[(in_c.steps_done > 0) * (1 + bool(in_c.forces_found))]
+        values: dict[str, Any] = {name: self.arrays[name].copy() for name in names}
+        values |= {name: getattr(in_c, name) for name in NUMBERS}
         motors = self._driven[len(self._model.prescribed) :].copy()
-        return State(**numbers, **copies, motors=motors)
+        return State(**values | {"t": t, "motors": motors})
 
     @property
     def past(self) -> Past:

@@ -182,13 +182,10 @@ def equal_steps(t: float, times: np.ndarray, dt: float | None = None) -> tuple[i
 
     It is dt where they differ by the rounding of times only: so it is the same in all blocks.
     """
-    lengths = times.copy()
-    lengths[1:] -= times[:-1]
-    lengths[0] = first = float(times[0] - t)
-    rounding = 4 * math.ulp(max(abs(t), abs(times[-1]))) + _SAME * first
-    known = dt is not None and abs(first - dt) <= rounding
-    different = abs(lengths - (dt if known else first)) > rounding
-    number = int(np.argmax(different)) if any_of(different) else len(times)
-    if dt is not None and known:
-        return number, dt
-    return number, float(times[number - 1] - t) / number
+    first, last = float(times[0]) - t, float(times[-1])
+    rounding = 4 * math.ulp(max(abs(t), abs(last))) + _SAME * first
+    if is_known := dt is not None and abs(first - dt) <= rounding:
+        first = dt
+    different = abs(times[1:] - times[:-1] - first) > rounding
+    number = 1 + int(np.argmax(different)) if any_of(different) else len(times)
+    return number, first if is_known else (float(times[number - 1]) - t) / number

@@ -14,11 +14,19 @@ from fx_beam.scene.scene import Scene
 class Units:
     """Unit increments: the size of a mesh for displacements, 1 for rotations."""
 
-    def __init__(self, mesh: Mesh):
+    def __init__(self, mesh: Mesh, couplings: Couplings):
         self._mesh = mesh
-        #: Size (size,) of unit increments of degrees of freedom.
+        #: Sizes (size,) of unit increments of degrees of freedom.
         self.nodes = np.full(mesh.dofs.size, mesh.size)
         self.nodes[2::3] = 1.0
+        columns = np.full(couplings.columns + len(couplings.auxiliaries), mesh.size)
+        entries = couplings.all_entries
+        columns[entries.column[entries.row % 3 == 2]] = 1.0
+        for auxiliary in couplings.auxiliaries:
+            if auxiliary.dof % 3 == 2:
+                columns[[entry[0] for entry in auxiliary.entries]] = 1.0
+        #: Sizes (free,) of unit increments of unknowns.
+        self.unknowns = columns[: couplings.free]
 
     def errors(self, scene: Scene) -> np.ndarray:
         """Sizes (size,) of errors: rotations that displace something are seen as displacements.
@@ -28,17 +36,6 @@ class Units:
         unit = self.nodes.copy()
         unit[self._mesh.turns[~only_turn(scene, self._mesh)]] = np.inf
         return unit
-
-    def unknowns(self, couplings: Couplings) -> np.ndarray:
-        """Size of a unit increment of each unknown (free,)."""
-        turns = np.arange(self._mesh.dofs.size) % 3 == 2
-        unit = np.full(couplings.columns + len(couplings.auxiliaries), self._mesh.size)
-        entries = couplings.all_entries
-        unit[entries.column[turns[entries.row]]] = 1.0
-        for auxiliary in couplings.auxiliaries:
-            if turns[auxiliary.dof]:
-                unit[[entry[0] for entry in auxiliary.entries]] = 1.0
-        return unit[: couplings.free]
 
 
 def only_turn(scene: Scene, mesh: Mesh) -> np.ndarray:
