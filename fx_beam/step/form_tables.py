@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.sparse
 
+from fx_beam.c_library import Structs
 from fx_beam.content_cache import cached_by_content
 from fx_beam.fem.assembly import Field, Term
 from fx_beam.fem.beam_forms import BeamForms
@@ -16,6 +17,7 @@ from fx_beam.fem.sparsity import starts_of
 from fx_beam.laws.interval import StepBatch
 
 from .build import load_batches
+from .lu_layout import ROW
 
 #: Forms that are evaluated together, by their names in C.
 FORMS = {
@@ -94,39 +96,38 @@ _NO_STEP = StepBatch(np.zeros(1), np.ones(1))
 
 
 class FormTables:
-    """Forms as ``Form`` of c/problem.h.
+    """Forms as ``Form`` of c/problem.h, of the `Problem` of tables.py."""
 
-    Given are the `Problem` of tables.py, the storage indices of the tangent of each cell, and
-    whether threads may share cells.
-    """
-
-    def __init__(self, problem: Any, stored_at: np.ndarray, shares: bool):
+    def __init__(self, problem: Any):
         self._problem, self._lanes = (p := problem.c), problem.constants.LANES
+        self._storage, self._ffi = problem.storage, problem.ffi
+        self._structs = Structs(self._ffi)
         # Cells that threads take at once.
-        self._piece = problem.constants.PIECE * self._lanes if shares else 0
+        self._piece = problem.constants.PIECE * self._lanes if self._storage.is_large else 0
         self._forms: BeamForms = problem.model.forms.beams
-        self._stored_at, mesh = stored_at, problem.model.mesh
+        self._of_cells, mesh = problem.model.forms.of_cells, problem.model.mesh
         #: Degrees of freedom, internal variables and natural strains (cells, n) of each cell.
         self.rows = {"dofs": mesh.unknowns.dofs}
         for name, n in ("internal", p.internal.per_cell), ("natural", p.natural.per_cell):
             if n:
                 self.rows[name] = np.arange(p.cells * n).reshape(-1, n)
-        self._places = mesh.coordinates
+        self._coordinates_of_cells = mesh.coordinates
         #: Data of cells by cells, since forms have them in common.
         self._shared: dict[bytes, dict[str, np.ndarray]] = {}
-        #: Numbers of the scene, which C reads here: coordinates with their cells; data of beams
-        #: with their fields, and where they are in these; and load factors where C sets none.
+        #: Numbers of the scene, which C reads here: coordinates with their cells; data of beams;
+        #: and load factors where C sets none.
         self._coordinates: list[tuple[np.ndarray, np.ndarray]] = []
-        self._data: list[tuple[np.ndarray, Field, np.ndarray]] = []
+        self._data: list[CellData] = []
         self._factors: list[np.ndarray] = []
+        self._integrals: list[Any] = []
 
     def bind(self, coordinates: np.ndarray | None) -> None:
         """Set the numbers to those that the forms have now, and coordinates of cells if given."""
         if coordinates is not None:
             for cells, blocks in self._coordinates:
-                blocks[...] = self._blocks(coordinates[cells])
-        for blocks, field, places in self._data:
-            blocks[...] = field.array[places]
+                blocks[...] = self._in_plane(coordinates[cells])
+        for data in self._data:
+            data.bind()
         for factor in self._factors:
             factor[...] = self._forms.data.named["load_factor"]
 
@@ -154,22 +155,23 @@ class FormTables:
         constants = form.constants_in(_NO_STEP)[0]
         of_scene = {"parameters": len(data.parameters), "parameter": data.parameters}
         *offsets, first = (known.get(name, -1) for name in ("time", *of_step, "parameters"))
-        blocks = [self._blocks(form.coefficients(rows, _NO_STEP)[0]) for rows in cells]
-        for field in starts.keys() - {*fields}:  # C sets those that move
-            columns = slice(starts[field], starts[field] + field.space.width)
-            for block, rows in zip(blocks, cells, strict=True):
-                self._data.append((block[:, columns], field, self._blocks(field.space.dofs[rows])))
+        still = [field for field in starts if field not in fields]  # C sets those that move
+        columns = [starts[field] + k for field in still for k in range(field.space.width)]
+        integrals = self._ffi.new("Integral[]", len(cells))
+        self._integrals.append(integrals)
+        for integral, rows, batch in zip(integrals, cells, batches, strict=True):
+            self._structs.set(integral, batch=batch, cells=len(rows), **self._data_of(rows))
+            self._data.append(CellData(still, rows, self._lanes, self._ffi, integral))
+            self._structs.check(integral)
         if "load_factor" in known and not at_rest:
             self._factors.append(constants[known["load_factor"] :][:1])
         return {
             "integrals": len(cells),
             "width": width,
-            "of": [
-                {"batch": batch, "cells": len(rows), "packed": block} | self._data_of(rows)
-                for rows, batch, block in zip(cells, batches, blocks, strict=True)
-            ],
+            "of": int(self._ffi.cast("uintptr_t", integrals)),
+            "data_width": len(columns),
+            "data_column": columns,
             "moving": len(moving),
-            "changing": sum(kind == 0 for kind, _ in moving),
             "kind": [kind for kind, _ in moving],
             "offset": [offset for _, offset in moving],
             "constants": constants,
@@ -182,14 +184,15 @@ class FormTables:
         """Data of some cells, by their names in C."""
         if (key := cells.tobytes()) in self._shared:
             return self._shared[key]
-        stored_at, behind = self._stored_at[cells], self._problem.tangent.stored
+        stored_at = self._storage.stored_at[self._of_cells[cells]]
+        behind = self._problem.tangent.stored
         data: dict[str, Any] = dict.fromkeys(_NOT_ALWAYS + _OF_THREADS)
         data |= {n: self._blocks(rows[cells]) for n, rows in self.rows.items() if n != "dofs"}
         nodes = self.rows["dofs"][cells, 2 * self.rows["dofs"].shape[1] // 3 :] - 2
         data |= {"dofs": self._blocks(nodes), "to": self._blocks(nodes, self._problem.dofs)}
         if self._piece:
             data |= in_colours(nodes, self._piece)
-        data["coordinates"] = self._blocks(self._places[cells])
+        data["coordinates"] = self._in_plane(self._coordinates_of_cells[cells])
         self._coordinates.append((cells, data["coordinates"]))
         if self._problem.system.chain:
             rows = rows_of_nodes(stored_at, behind, self._lanes)
@@ -201,6 +204,31 @@ class FormTables:
 
     def _blocks(self, rows: np.ndarray, behind: int | None = None) -> np.ndarray:
         return in_lanes(rows, self._lanes, behind)
+
+    def _in_plane(self, coordinates: np.ndarray) -> np.ndarray:
+        """Blocks of x and y of coordinates (cells, 3 n) of places."""
+        places = coordinates.reshape(len(coordinates), -1, 3)[:, :, :2]
+        return self._blocks(places.reshape(len(places), -1))
+
+
+class CellData:
+    """Coefficients of the cells of an integral that do not move; C has equal blocks once."""
+
+    def __init__(self, fields: list[Field], cells: np.ndarray, lanes: int, ffi: Any, integral: Any):
+        self._fields, self._cells, self._lanes = fields, cells, lanes
+        self._ffi, self._integral = ffi, integral
+        self.bind()
+
+    def bind(self) -> None:
+        """Set the coefficients to those that the fields have now."""
+        parts = [field.array[field.space.dofs[self._cells]] for field in self._fields]
+        blocks = in_lanes(np.hstack([np.empty((len(self._cells), 0)), *parts]), self._lanes)
+        is_new = np.ones(len(blocks), bool)
+        is_new[1:] = (blocks[1:] != blocks[:-1]).any(axis=(1, 2))
+        self._data = aligned_zeros(np.count_nonzero(is_new), *blocks.shape[1:])
+        self._data[...], self._numbers = blocks[is_new], np.cumsum(is_new, dtype=np.int32) - 1
+        self._integral.data = self._ffi.from_buffer("double[]", self._data)
+        self._integral.data_at = self._ffi.from_buffer("int[]", self._numbers)
 
 
 def aligned_zeros(*shape: int, dtype: type = np.float64) -> np.ndarray:
@@ -255,24 +283,29 @@ def in_colours(nodes: np.ndarray, size: int) -> dict[str, Any]:
 def rows_of_nodes(stored_at: np.ndarray, behind: int, lanes: int) -> dict[str, np.ndarray]:
     """Where entries (cells, n * n) of element tangents go in a chain, by their names in C.
 
-    Those of a node are in a row of three; single ones have their own places.
+    Those of two nodes are in three rows of a group; single ones have their own places.
     """
     cells, n = len(stored_at), math.isqrt(stored_at.shape[1])
     nodes, number = n // 3, np.arange(n)
-    columns = np.column_stack([number[: 2 * nodes].reshape(nodes, 2), number[2 * nodes :]])
-    targets = stored_at.reshape(cells, n, n)[:, :, columns]  # (cells, n, nodes, 3)
-    together = (np.diff(targets, axis=-1) == 1).all(axis=-1)
+    dofs = np.column_stack([number[: 2 * nodes].reshape(nodes, 2), number[2 * nodes :]])
+    entries = (
+        dofs[:, None, :, None] * n + dofs[None, :, None, :]
+    )  # of the nodes a and b (a, b, 3, 3)
+    first = stored_at[:, entries[:, :, 0, 0]]
+    together = np.ones(first.shape, dtype=bool)
+    for i, j in np.ndindex(3, 3):
+        together &= stored_at[:, entries[:, :, i, j]] == first + ROW * i + j
     # Rows behind the end lie apart: the processor waits where stored rows overlap.
     lane = np.arange(cells + -cells % lanes) % lanes
-    run = np.empty((len(lane), n, nodes), dtype=int)
-    run[:] = behind + 4 * lane[:, None, None]
-    run[:cells][together] = targets[together][:, 0]
-    cell, row, node = np.nonzero(~together)
-    source = (row[:, None] * n + columns[node]) * lanes + lane[cell, None]
+    run = np.empty((len(lane), nodes, nodes), dtype=np.int32)
+    run[:] = behind + 3 * ROW * lane[:, None, None]
+    run[:cells][together] = first[together]
+    cell, a, b = np.nonzero(~together)
+    singles = entries[a, b].reshape(-1, 9)
     start = np.searchsorted(cell, np.arange(0, cells + lanes, lanes))
     return {
         "run": run.reshape(len(lane), -1),
-        "single_start": 3 * start,
-        "single_from": source.ravel(),
-        "single_to": targets[cell, row, node].ravel(),
+        "single_start": 9 * start,
+        "single_from": (singles * lanes + lane[cell, None]).ravel(),
+        "single_to": stored_at[cell[:, None], singles].ravel(),
     }

@@ -16,8 +16,10 @@ from fx_beam.fem.sparsity import starts_of
 
 #: Rows in a group: the degrees of freedom of a node.
 GROUP = 3
-# Values of a row of a chain, and position of its couplings with its own group (chain.h).
-_ROW, _OWN = 12, 4
+#: Values of a row of a chain (chain.h).
+ROW = 12
+# Position of its couplings with its own group.
+_OWN = 4
 NONE = np.empty(0, dtype=int)
 
 
@@ -162,9 +164,9 @@ def _in_chain(order: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> Facto
     order[np.argsort(order // GROUP, kind="stable")] = np.sort(order)
     chain = int(order.max()) // GROUP + 1
     i, j = order[rows], order[columns]
-    positions = i * _ROW + _OWN * (1 + j // GROUP - i // GROUP) + j % GROUP
+    positions = i * ROW + _OWN * (1 + j // GROUP - i // GROUP) + j % GROUP
     unused = np.flatnonzero(np.bincount(order, minlength=GROUP * chain) == 0)
-    padding, size = unused * _ROW + _OWN + unused % GROUP, GROUP * chain * _ROW
+    padding, size = unused * ROW + _OWN + unused % GROUP, GROUP * chain * ROW
     positions = positions.astype(np.int32)
     return Factors(order, positions, size, 2 * GROUP - 1, chain=chain, padding=padding)
 

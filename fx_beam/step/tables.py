@@ -223,7 +223,7 @@ class Problem:
             mesh={
                 "nodes": len(mesh.X),
                 "cell_dofs": cell_dofs,
-                "cell_coordinates": mesh.coordinates.shape[1],
+                "cell_coordinates": 2 * mesh.coordinates.shape[1] // 3,
                 "massless_count": len(massless),
                 "massless": massless,
                 "threads": storage.threads,
@@ -239,8 +239,7 @@ class Problem:
             },
         )
         if (beams := model.forms.beams) is not None and not kind.rates:
-            stored = stored_at[model.forms.cell_entries]
-            self.tables = FormTables(self, stored, storage.is_large)
+            self.tables = FormTables(self)
             forms = self.tables.all(_OF_EQUATIONS if kind.forces_only else FORMS)
             self.set(forms=forms)
             if per_cell:

@@ -56,7 +56,6 @@ class VjpWork:
             slopes = self._beams.slopes.jacobians(self.array, by_places)
             kernel = Kernel([*slopes.values()])
             table = self._tables.of("slopes of forces", kernel)
-            table["changing"] = table["moving"]
             self._compiled[by_places] = [*slopes][1:], kernel, table  # behind the work
         return self._compiled[by_places]
 

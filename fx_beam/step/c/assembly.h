@@ -2,7 +2,7 @@
 
 #pragma once
 
-#include "algebra.h"
+#include "chain.h"
 #include "threads.h"
 
 /* A number of each of LANES elements, stored at once: the functions of elements load them at once, and would
@@ -31,11 +31,15 @@ INLINED void pack_nodes(int nodes, const double *x, const int *at, double *to) {
   for (const Integral *integral = (form)->of; integral < (form)->of + (form)->integrals; ++integral)     \
     for (long block = 0; block * LANES < integral->cells; ++block)
 
-HOT void pack(const Problem *p, const Work *w, const Form *form, const Integral *of, long block, int first, int end) {
-  for (int m = first; m < end; ++m) {
+/* The coefficients of a block of elements, [coefficient][lane]. */
+HOT void pack(const Problem *p, const Work *w, const Form *form, const Integral *of, long block, double *coefficients) {
+  const double *data = of->data + (long)of->data_at[block] * form->data_width * LANES;
+  for (int k = 0; k < form->data_width; ++k, data += LANES)
+    *(Lanes *)(coefficients + form->data_column[k] * LANES) = *(const Lanes *)data;
+  for (int m = 0; m < form->moving; ++m) {
     int kind = form->kind[m], nodes = p->mesh.cell_dofs / 3;
     int entries = kind == INTERNAL ? p->internal.per_cell : p->natural.per_cell;
-    double *to = of->packed + (block * form->width + form->offset[m]) * LANES;
+    double *to = coefficients + form->offset[m] * LANES;
     const int *at = (kind == INTERNAL ? of->internal : of->natural) + block * entries * LANES;
     if (kind < INTERNAL) pack_nodes(nodes, w->fields[kind], of->dofs + block * nodes * LANES, to);
     else
@@ -54,10 +58,9 @@ static __attribute__((noinline)) void set_parameters(const Problem *p, const For
     form->constants[form->parameters_at + i] = p->parameters.value[form->parameter[i]];
 }
 
-/* Sets the time, and the coefficients that change only from step to step. */
+/* Sets the time and all else that elements have in common. */
 static void begin_form(const Problem *p, const Work *w, const Form *form, double t) {
   if (!form->integrals) return;
-  EACH_BLOCK(of, block, form) pack(p, w, form, of, block, form->changing, form->moving);
   if (form->time_at >= 0) form->constants[form->time_at] = t;
   if (form->dt_at >= 0) form->constants[form->dt_at] = w->dt;
   if (form->memory_at >= 0) form->constants[form->memory_at] = p->state.ratio;
@@ -95,24 +98,26 @@ INLINED void add_forces(int nodes, const int *to, const double *tensors, double 
 /* Adds the element tangents of a block to a chain. Three entries of a node are added at once, with a zero
    for the free place behind them. */
 INLINED void add_to_chain(int n, const Integral *of, long block, const double *tensors, double *K) {
-  const int *run = of->run + block * n * (n / 3) * LANES;
-  for (int i = 0; i < n; ++i)
-    for (int node = 0; node < n / 3; ++node)
-      for (int half = 0; half < LANES; half += 4, run += 4) {
-        const double *row = tensors + i * n * LANES + half, *x = row + 2 * node * LANES;
+  const int nodes = n / 3, *run = of->run + block * nodes * nodes * LANES;
+  for (int pair = 0; pair < nodes * nodes; ++pair)
+    for (int half = 0; half < LANES; half += 4, run += 4)
+      for (int c = 0; c < 3; ++c) { /* rows of displacements and of the rotation */
+        int node = pair / nodes, other = pair % nodes;
+        const double *row = tensors + (c < 2 ? 2 * node + c : 2 * nodes + node) * n * LANES + half;
+        const double *x = row + 2 * other * LANES, *turn = row + (2 * nodes + other) * LANES;
         Four rows[4];
-        transpose(load(x), load(x + LANES), load(row + (2 * n / 3 + node) * LANES), (Four){0}, rows);
+        transpose(load(x), load(x + LANES), load(turn), (Four){0}, rows);
 #pragma GCC unroll 4
-        for (int l = 0; l < 4; ++l) *(Four *)(K + run[l]) += rows[l];
+        for (int l = 0; l < 4; ++l) *(Four *)(K + run[l] + c * ROW) += rows[l];
       }
   for (int k = of->single_start[block]; k < of->single_start[block + 1]; ++k)
     K[of->single_to[k]] += tensors[of->single_from[k]];
 }
 
 static void evaluate(const Problem *p, const Work *w, const Form *form, const Integral *of, long block, double *tensors) {
-  pack(p, w, form, of, block, 0, form->changing);
-  of->batch(tensors, of->packed + block * form->width * LANES, form->constants,
-            of->coordinates + block * p->mesh.cell_coordinates * LANES);
+  double coefficients[(form->width + 1) * LANES] __attribute__((aligned(64)));
+  pack(p, w, form, of, block, coefficients);
+  of->batch(tensors, coefficients, form->constants, of->coordinates + block * p->mesh.cell_coordinates * LANES);
 }
 
 /* Adds the tangents of a block of elements with n degrees of freedom to matrix entries. */

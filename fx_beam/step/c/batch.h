@@ -19,16 +19,17 @@
 #define UNROLLED _Pragma("GCC unroll 1024")
 
 /* A function of one element: `size` entries of element tensors from `width` coefficients, the
-   constants, and `places` coordinates. */
+   constants, and `places` coordinates x and y, to which it expects a z of each place. */
 #define BATCH(name, function, size, width, places)                                           \
   KEPT void name(double *restrict tensors, const double *restrict coefficients,                   \
             const double *restrict constants, const double *restrict coordinates) {          \
     _Pragma("GCC ivdep")                                                                     \
     for (int l = 0; l < LANES; ++l) {                                                        \
-      double A[size], w[width], x[places];                                                   \
+      double A[size], w[width], x[(places) / 2 * 3 + 1];                                     \
       UNROLLED for (int k = 0; k < (size); ++k) A[k] = 0;                                    \
       UNROLLED for (int k = 0; k < (width); ++k) w[k] = coefficients[k * LANES + l];         \
-      UNROLLED for (int k = 0; k < (places); ++k) x[k] = coordinates[k * LANES + l];         \
+      UNROLLED for (int k = 0; k < (places); ++k) x[k / 2 * 3 + k % 2] = coordinates[k * LANES + l]; \
+      UNROLLED for (int k = 2; k < (places) / 2 * 3; k += 3) x[k] = 0;                       \
       function(A, w, constants, x);                                                          \
       UNROLLED for (int k = 0; k < (size); ++k) tensors[k * LANES + l] = A[k];               \
     }                                                                                        \

@@ -50,12 +50,11 @@ typedef void Batch(double *, const double *, const double *, const double *);
 typedef struct {
   Batch *batch; int cells;
   /* [block][..][lane]: the first degree of freedom of each node, where it is read and added to; of pairs of degrees of freedom of
-     a cell indices in the tangent; of internal variables and natural strains those in the ones of all cells; coordinates;
-     coefficients, of which changing ones are updated. */
-  int *dofs, *to, *stored_at, *internal, *natural; double *coordinates, *packed;
-  /* In a chain instead, for rows of three entries, those of a node: [block][cell dof, node][lane] index
-     of the first. Entries that do not lie in a row: where those of each block begin, their indices
-     among the element tensors, and in the tangent. */
+     a cell indices in the tangent; of internal variables and natural strains those in the ones of all cells; coordinates x and y of
+     each place. Coefficients that do not move: blocks with equal ones share them, so that each has its number among those stored. */
+  int *dofs, *to, *stored_at, *internal, *natural, *data_at; double *coordinates, *data;
+  /* In a chain instead, for pairs of nodes with entries in three rows of a group: [block][row's node, column's node][lane] index
+     of the first. Other entries: where those of each block begin, their indices among the element tensors, and in the tangent. */
   int *run, *single_start, *single_from, *single_to;
   /* Of a large scene colours, with the pieces of so many blocks that each has, which have no node in common: threads share them. */
   int colours, *colour_start, *piece;
@@ -63,12 +62,12 @@ typedef struct {
 
 enum { PIECE = 16 };
 
-/* Compiled forms that are evaluated together: one integral for each law. Of `moving` coefficients the first, `changing` ones change
-   in every iteration, the others in every step; which field each of them is, and where it begins among those of an element.
+/* Compiled forms that are evaluated together: one integral for each law. Which field each of the `moving` coefficients is, and where
+   it begins among those of an element, `width` in all; where each of those that do not move is among these.
    Indices among the constants, or -1, that of the first parameter last; which ones of the scene the parameters are. */
 typedef struct {
   int integrals, width; Integral *of;
-  int moving, changing, *kind, *offset; double *constants;
+  int moving, *kind, *offset, data_width, *data_column; double *constants;
   int time_at, dt_at, memory_at, parameters_at, parameters, *parameter;
 } Form;
 

@@ -20,7 +20,7 @@
   OF(values0, t) OF(values, t) OF(virtual_map, t) OF(frame, 4 * j)                                               \
   OF(arm_change, 2 * j) OF(half_turn, j) OF(joint_forces, 3 * p->passes.joints) OF(y, p->system.positions)       \
   OF(row, p->system.rows ? 3 * p->system.positions * larger(p->system.rows->threads, 1) : 0)                      \
-  OF(tangent, p->tangent.stored + 4 * LANES) OF(residual, k) OF(proposed, k)                                     \
+  OF(tangent, p->tangent.stored + 36 * LANES) OF(residual, k) OF(proposed, k)                                     \
   OF(factorised, p->system.reused.worth && b ? p->system.tangent_start[p->free] : 0) OF(G, g) OF(G_virtual, g)   \
   OF(part, m ? 2 * p->loops.block_part[p->loops.blocks] : 0) OF(closure, m) OF(closure0, m)                      \
   OF(closure_row, m ? c : 0) OF(pivoting, p->loops.pivoting_size) OF(closing, m)                                 \
