@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import weakref
 from typing import Any
-from weakref import WeakValueDictionary
 
 import numpy as np
 
@@ -17,14 +17,16 @@ _STRAIGHT = 1e-6
 _SLOPES = np.array([[0.0, 1.0, -2.0, 1.0], [0.0, 0.0, -1.0, 1.0]])
 
 
-# Axes in use, by ids of their beams, to which they refer.
-_axes: WeakValueDictionary[int, BeamAxis] = WeakValueDictionary()
+# Axes of the beams that live, by ids of these.
+_axes: dict[int, BeamAxis] = {}
 
 
 def axis_of(beam: Beam) -> BeamAxis:
     """The axis of a beam, made once for all that slides on it."""
-    axis = _axes.get(id(beam))
-    return _axes.setdefault(id(beam), BeamAxis(beam)) if axis is None else axis
+    if (axis := _axes.get(id(beam))) is None:
+        axis = _axes[id(beam)] = BeamAxis(beam)
+        weakref.finalize(beam, _axes.pop, id(beam), None)
+    return axis
 
 
 class BeamAxis:
@@ -41,7 +43,8 @@ class BeamAxis:
     WINDOW = 5
 
     def __init__(self, beam: Beam):
-        self.beam, self.s, p = beam, beam.s, beam.degree
+        self.s, p = beam.s, beam.degree
+        self._is_curved = beam.inner is not None
         self.degree, self.h = p, np.diff(beam.s)
         #: Arc length [m].
         self.length = beam.length
@@ -55,13 +58,20 @@ class BeamAxis:
         self.most = 2 if elements > self.WINDOW else elements
         #: Coefficients (elements, 3 p + 1, 4) for the nodes of an element and of both neighbours.
         self.coefficients = _polynomials(p, self.h, self.corners())
+        nodes = np.clip(self._nodes(np.arange(elements)), 0, len(self) - 1)
+        # Positions as cubics (elements, 4, 2) over elements, at three places (elements, 3, 2), and
+        # distances (elements,) from these within which each point of an element is.
+        self._cubics = np.einsum("eak,eax->ekx", self.coefficients, self.X[nodes])
+        self._places = np.array([0.0, 0.5, 1.0])[:, None] ** np.arange(4) @ self._cubics
+        # The next place is at most a quarter of the largest slope away.
+        self._reach = np.linalg.norm(self._cubics[:, 1:], axis=2) @ [0.25, 0.5, 0.75]
 
     def __len__(self):
         return len(self.X)
 
     def corners(self) -> np.ndarray:
         """Whether the elements i and i + 1 meet in a corner of a polyline, (elements - 1,)."""
-        if self.beam.inner is not None:
+        if self._is_curved:
             return np.zeros(len(self.h) - 1, dtype=bool)
         along = np.diff(self.X[:: self.degree], axis=0)
         return np.abs(np.angle(_complex(along[1:]) / _complex(along[:-1]))) > _STRAIGHT
@@ -123,18 +133,20 @@ class BeamAxis:
 
     def nearest(self, point: np.ndarray) -> tuple[float, float]:
         """Arc length of the nearest point of the reference path, and the distance to it [m]."""
-        nodes = np.clip(self._nodes(np.arange(len(self.h))), 0, len(self) - 1)
-        from_point = np.einsum("eak,eax->ekx", self.coefficients, self.X[nodes])
-        from_point[:, 0] -= point
-        slopes = np.arange(1, 4)[:, None] * from_point[:, 1:]
-        arcs = [self.s]
-        for e in _may_be_nearest(from_point, self.length):
+        distances = np.linalg.norm(self._places - point, axis=2).min(axis=1)
+        most = distances.min() * (1 + 1e-6) + 1e-12 * self.length
+        near = np.flatnonzero(distances - self._reach <= most)
+        arcs = [self.s[np.union1d(near, near + 1)]]
+        for e in near:
+            from_point = self._cubics[e].copy()
+            from_point[0] -= point
+            slopes = np.arange(1, 4)[:, None] * from_point[1:]
             # The square of the distance, a polynomial of degree 6, is stationary.
-            square: Any = sum(np.convolve(component, component) for component in from_point[e].T)
+            square: Any = sum(np.convolve(component, component) for component in from_point.T)
             x = np.roots(np.arange(6, 0, -1) * square[:0:-1])
             powers = np.clip(x.real[abs(x.imag) < 1e-3], 0, 1)[:, None] ** np.arange(4)
             # A step of Gauss and Newton takes away what round-off has left.
-            arm, along = powers @ from_point[e], powers[:, :3] @ slopes[e]
+            arm, along = powers @ from_point, powers[:, :3] @ slopes
             x = powers[:, 1] - np.sum(arm * along, axis=1) / np.sum(along**2, axis=1)
             arcs.append(self.s[e] + self.h[e] * np.clip(x, 0, 1))
         s = np.concatenate(arcs)
@@ -162,19 +174,6 @@ def _polynomials(p: int, h: np.ndarray, corner: np.ndarray) -> np.ndarray:
         coefficients[i, p:] += np.outer(left, _SLOPES[1])
         coefficients[i + 1, : 2 * p + 1] += np.outer(right, _SLOPES[0])
     return coefficients
-
-
-def _may_be_nearest(c: np.ndarray, length: float) -> np.ndarray:
-    """Elements that may be nearest to a point, from which coefficients c (n, 4, 2) measure.
-
-    The path has a length [m].
-    """
-    powers = np.array([0.0, 0.5, 1.0])[:, None] ** np.arange(4)
-    distances = np.linalg.norm(powers @ c, axis=2).min(axis=1)
-    # The next of these places is at most a quarter of the largest slope away.
-    reach = np.linalg.norm(c[:, 1:], axis=2) @ [0.25, 0.5, 0.75]
-    most = distances.min() * (1 + 1e-6) + 1e-12 * length
-    return np.flatnonzero(distances - reach <= most)
 
 
 def _complex(vectors: np.ndarray) -> np.ndarray:

@@ -51,7 +51,7 @@ class SlidingJoint(Joint):
             return "of another joint; measure the rotation of the node that slides"
         return super().lacks(quantity)
 
-    @cached_property
+    @property
     def path(self) -> BeamAxis:
         """The axis of the beam."""
         return axis_of(self.beam)
@@ -330,7 +330,7 @@ def _sliding(kind, beam, node, fraction, parts, rotation) -> SlidingJoint:
         raise SceneError(f"{kind}: {beam!r} is not a beam; give the beam that guides the node")
     expected = "given: a guide on the ground needs its place at the start, a fraction of the beam"
     require(node is not GROUND or fraction is not None, f"{kind}: fraction", fraction, expected)
-    if any(node is beam_node for beam_node in (*beam.nodes, *beam.carriers)):
+    if id(node) in map(id, (*beam.nodes, *beam.carriers)):
         raise SceneError(f"{kind}: {node} belongs to beam {beam.name!r}; take one of another beam")
     if fraction is not None:
         ok = 0 <= as_float(fraction) <= 1
