@@ -60,7 +60,7 @@ def compare(rounds=5, steps=20):
             here, there = [], timed(lambda: motion.run(motion.t + steps * dt))  # noqa: B023
             for _ in range(steps):
                 here.append(timed(problem.advance))
-                iterations.append(problem.iterations)
+                iterations.append(problem.snes.getIterationNumber())
             times.append((median(here), there / steps))
         here, there = (1e3 * median(part) for part in zip(*times, strict=True))
         count = sum(iterations) / len(iterations)
@@ -78,7 +78,8 @@ def on_processes(cells, steps=5):
     times = [timed(problem.advance, perf_counter) for _ in range(steps)]
     if comm.rank == 0:
         print(f"{len(scene.beams)} struts on {comm.size}: {median(times):.3f} s a step", end=", ")
-        print(f"{problem.iterations} iterations, {set_up:.1f} s to the end of the first step")
+        iterations = problem.snes.getIterationNumber()
+        print(f"{iterations} iterations, {set_up:.1f} s to the end of the first step")
 
 
 if __name__ == "__main__":

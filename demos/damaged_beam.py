@@ -123,8 +123,8 @@ def bend(elements, turned=True):
 
 def _at_end(problem, beam):
     """Displacement (2,) of the end of the strip."""
-    rows = np.empty(problem.M.size[0])
-    rows[problem.scene_dofs] = problem.q.x.array
+    rows = np.empty(problem.system.M.size[0])
+    rows[problem.system.dofs] = problem.q.x.array
     return rows[3 * beam.end.number :][:2]
 
 

@@ -187,15 +187,16 @@ def first_step():
     problem = fenicsx.Problem(scene()[0], fb.ModifiedMidPoint(), dt=DT)
     q0, v0 = problem.q.copy(), problem.v.copy()
     problem.advance()
-    rows = problem.scene_dofs  # T and Tv have the order of the scene
-    D, corrections = step_by_hand(q0, v0, problem.T[rows], problem.Tv[rows])
+    system = problem.system
+    T, Tv = system.T[system.dofs], system.Tv[system.dofs]  # they have the order of the scene
+    D, corrections = step_by_hand(q0, v0, T, Tv)
     reached = q0.x.array + D.x.array
     return problem, {
         "cells": int(problem.mesh.topology.index_map(1).size_global),
-        "degrees of freedom": problem.T.shape[0],
-        "unknowns": problem.T.shape[1],
+        "degrees of freedom": T.shape[0],
+        "unknowns": T.shape[1],
         "corrections by hand": [float(size) for size in corrections],
-        "iterations of PETSc": int(problem.iterations),
+        "iterations of PETSc": problem.snes.getIterationNumber(),
         "by hand less PETSc / largest displacement": float(
             abs(reached - problem.q.x.array).max() / abs(problem.u.x.array).max()
         ),
@@ -341,7 +342,7 @@ def draw(results, problem, pairs):
 
     figure, axes = plot.figure(1, 3, height=3.0)
     tangent, coupling, energy = axes.flat
-    K, T = problem.K, problem.T
+    K, T = problem.system.K, problem.system.T
     indptr, indices, _ = K.getValuesCSR()
     entries = scipy.sparse.csr_matrix((np.ones(len(indices)), indices, indptr), K.getSize())
     for ax, pattern, title in (

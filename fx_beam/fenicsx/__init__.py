@@ -15,5 +15,6 @@ if importlib.util.find_spec("dolfinx") is None or importlib.util.find_spec("pets
 from .equilibrium import Equilibrium
 from .meshes import beams_of
 from .problem import Problem
+from .system import System
 
-__all__ = ["Equilibrium", "Problem", "beams_of"]
+__all__ = ["Equilibrium", "Problem", "System", "beams_of"]

@@ -30,6 +30,7 @@ from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record, Recorder
 from fx_beam.step.step_failures import StepFailed
 
+from .replaced_rows import ReplacedRows
 from .steps import Steps
 
 # Unknowns up to which all eigenvalues are found at once.
@@ -73,8 +74,10 @@ class Equilibrium(Steps):
     q, v, a : dolfinx.fem.Function
         Displacement and rotation at the end of the last step, in `V`, their rates, and
         accelerations [m, rad].
-    comm : MPI.Comm
-        The processes that share the mesh.
+    snes : PETSc.SNES
+        PETSc's nonlinear solver; `replace_resultants` makes a new one.
+    system : System
+        Residual, matrices and maps of all degrees of freedom of the scene.
 
     Raises
     ------
@@ -111,7 +114,7 @@ class Equilibrium(Steps):
         super().__init__(loop, newton, petsc_options, comm)
         self._loads = loop
         self._state = reference_state(model)
-        self._form.end(self._state)
+        self._form.fields.end(self._state)
 
     @property
     def load_factor(self) -> float:
@@ -132,16 +135,16 @@ class Equilibrium(Steps):
             If Newton's method fails; then all is as before.
         """
         require(np.isfinite(load_factor), "load_factor", load_factor, "a finite number")
-        self._find_natural_strains()
+        self._equations.find_natural_strains()
         start, advice = self._state, "Try more load steps, or other petsc_options"
         try:
             self._state, step = self._loads.step(start, Interval(start.t, float(load_factor)))
         except StepFailed as failure:
             message = f"the step from load factor {start.t:.6g} to {load_factor:.6g} failed"
             raise self._loads.failures.error(message, 0, start, failure, advice) from failure
-        self._stats.add_solve(self.iterations, step.ended_by)
+        self._stats.add_solve(self.snes.getIterationNumber(), step.ended_by)
         self._stats.steps += 1
-        self._form.end(self._state)
+        self._form.fields.end(self._state)
 
     def run(
         self, load_steps: int = 10, after: Callable[[Equilibrium], Any] | None = None
@@ -170,24 +173,24 @@ class Equilibrium(Steps):
         expected, ok = "a number from 1 on", isinstance(load_steps, int) and load_steps > 0
         require(ok, "load_steps", load_steps, expected)
         factors = np.linspace(self.load_factor, 1.0, load_steps + 1)
-        recorder, modes = Recorder(self._model, factors, Record()), list[int | None]()
-        self._rows.clear()
+        recorder, modes = Recorder(self._equations.model, factors, Record()), list[int | None]()
+        rows = ReplacedRows(self._equations.assembly, recorder)
 
         def solution() -> Solution:
             loads, last = self._forcing.dead(self.load_factor), self._state
-            if self._model.forms.has_added:
+            if self._equations.model.forms.has_added:
                 loads = loads + last.added_forces
             end = replace(last, t=self._forcing.time, loads=loads, length=0.0)
             counts = {} if None in modes else {"unstable_modes": np.array(modes[: recorder.rows])}
             result = solution_of(recorder, self._stats, lambda: end, stability=counts)
-            return self._with_replaced(result)
+            return rows.in_solution(result)
 
         try:
             for step, factor in enumerate(factors):
                 self.advance(factor)
                 self._loads.record(self._state, recorder)
                 modes.append(self.unstable_modes())
-                self._replace_in_row(recorder)
+                rows.follow()
                 if step and after is not None:
                     after(self)
         except BaseException as error:
@@ -212,7 +215,7 @@ class Equilibrium(Steps):
             Eigenvalues of the reduced tangent with negative real parts; None where they are not
             known: on several processes, and with many unknowns whose forces have no potential.
         """
-        if self.comm.size > 1:
+        if self.mesh.comm.size > 1:
             return None
         indptr, indices, data = self._equations.tangent().getValuesCSR()
         A = scipy.sparse.csr_matrix((data, indices, indptr), (len(indptr) - 1,) * 2)
@@ -249,11 +252,12 @@ class Equilibrium(Steps):
             raise SceneError("fenicsx: eigenvalues need SLEPc: install Debian's python3-slepc4py")
         from slepc4py import SLEPc
 
-        M = (self.Tv.T @ self._form.mass @ self.T).tocsr()
+        unknowns = self._equations.unknowns
+        M = (unknowns.Tv.T @ self._equations.assembly.mass @ unknowns.T).tocsr()
         if not abs(M).sum():
             raise SceneError("fenicsx: eigenvalues: the scene has no mass. Give rhoA, or add_mass")
-        solver = SLEPc.EPS().create(self.comm)
-        solver.setOperators(self._equations.tangent(), self._equations.unknowns.matrix(M))
+        solver = SLEPc.EPS().create(self.mesh.comm)
+        solver.setOperators(self._equations.tangent(), unknowns.matrix(M))
         solver.setDimensions(n)
         solver.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
         solver.setTarget(0.0)
@@ -261,7 +265,7 @@ class Equilibrium(Steps):
         transform.setType("sinvert")
         pc = transform.getKSP().getPC()
         pc.setType("lu")
-        if self.comm.size > 1:
+        if self.mesh.comm.size > 1:
             pc.setFactorSolverType("mumps")
         solver.solve()
         count = min(n, solver.getConverged())

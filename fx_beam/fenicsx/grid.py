@@ -15,6 +15,7 @@ import numpy as np
 
 from fx_beam.errors import SceneError
 from fx_beam.fem import elements
+from fx_beam.fem.beam_forms import BeamForms
 from fx_beam.fem.mesh import Mesh
 from fx_beam.scene.beam import Beam, Node, gauss_rule
 from fx_beam.scene.scene import Scene
@@ -38,8 +39,9 @@ class Grid:
     Values of elements (cells, ...) are in the scene's order, and of all of them.
     """
 
-    def __init__(self, scene: Scene, nodes: Mesh, degree: int, comm: MPI.Comm):
-        self.scene, self._nodes, self.degree, self.comm = scene, nodes, degree, comm
+    def __init__(self, scene: Scene, nodes: Mesh, beams: BeamForms, comm: MPI.Comm):
+        self.scene, self._nodes, self.beams, self.comm = scene, nodes, beams, comm
+        self.degree = degree = beams.kind.degree
         element = elements.lagrange(degree if nodes.curved else 1, 2)
         points = nodes.points.astype(np.int64)
         #: Intervals in the plane. At joints vertices coincide.
@@ -48,10 +50,16 @@ class Grid:
         self.cells = np.asarray(self.mesh.topology.original_cell_index)
         X = self.mesh.geometry.x[cell_nodes(self.mesh, points.shape[1]), :2]
         assert np.array_equal(X, nodes.X[points][self.cells])  # dolfinx keeps the order of nodes
-        self._beams = self.tagged(nodes.beam_of_cell)
-        # With the expression itself, as a number of another object may come back.
-        self._expressions: dict[Any, tuple[Any, Any]] = {}
+        self._beam_tags = self.tagged(nodes.beam_of_cell)
+        # Compiled, by expression and points.
+        self._expressions: dict[tuple[Any, bytes], Any] = {}
         self._spaces: dict[Any, Any] = {}
+
+    def space(self, element: Any) -> Any:
+        """A function space, one for each element: it takes as long as several steps."""
+        if element not in self._spaces:
+            self._spaces[element] = function_space(self.mesh, element)
+        return self._spaces[element]
 
     def tagged(self, tags: np.ndarray) -> Any:
         """Tags of elements as tags of the mesh of dolfinx."""
@@ -91,7 +99,7 @@ class Grid:
         if isinstance(place, Node):
             ends = self._ends_at(place)
             return ufl.Measure("ds", domain=domain, subdomain_data=ends)(1)
-        dx = elements.measure(domain, points or self.degree)(subdomain_data=self._beams)
+        dx = elements.measure(domain, points or self.degree)(subdomain_data=self._beam_tags)
         if place is None:
             return dx
         if place not in self.scene.beams:
@@ -112,20 +120,22 @@ class Grid:
 
     # -- Values ------------------------------------------------------------------------------------
 
-    def at_points(self, expressions: list[Any], tags: np.ndarray, points: Any) -> np.ndarray:
-        """Values (cells, points, ...) of UFL expressions, chosen for each cell by tags (cells,)."""
+    def at_points(self, expression: Any, points: Any = None) -> np.ndarray:
+        """Values (cells, points, ...) of a UFL expression, or of a list with one a material."""
+        expressions, tags = [expression], np.zeros(len(self._nodes.points), dtype=int)
+        if isinstance(expression, list):
+            expressions, tags = expression, self.beams.data.tags
         places = gauss_rule(self.degree)[0] if points is None else np.asarray(points, float)
         owned_cells = self.cells[: count_cells(self.mesh)[0]]
         values = np.empty((len(owned_cells), len(places), *expressions[0].ufl_shape))
         for number, expression in enumerate(expressions):
-            key = id(expression), places.tobytes()
+            key = expression, places.tobytes()
             if not ufl.domain.extract_domains(expression):
                 raise SceneError(f"fenicsx: {expression} has nothing that depends on the mesh")
             if key not in self._expressions:
-                compiled = compiled_expression(expression, places[:, None])
-                self._expressions[key] = expression, compiled
+                self._expressions[key] = compiled_expression(expression, places[:, None])
             chosen = np.flatnonzero(tags[owned_cells] == number)
-            computed = values_of(self._expressions[key][1], self.mesh, chosen)
+            computed = values_of(self._expressions[key], self.mesh, chosen)
             values[chosen] = computed.reshape(len(chosen), len(places), *expression.ufl_shape)
         return self._gathered(values)
 
@@ -136,8 +146,6 @@ class Grid:
         to_places = np.power.outer(places, exponents)
         to_places = to_places @ np.linalg.inv(np.power.outer(gauss_rule(p)[0], exponents))
         element = elements.lagrange(p - 1, *values.shape[2:], broken=True)
-        if element not in self._spaces:  # a space takes as long as several steps
-            self._spaces[element] = function_space(self.mesh, element)
-        function = fem.Function(self._spaces[element], name=name)
+        function = fem.Function(self.space(element), name=name)
         self.fill(function, np.einsum("np,cp...->cn...", to_places, values))
         return function

@@ -30,16 +30,15 @@ class Newton:
 
     def __init__(self, equations: Equations, newton: NewtonOptions, options: dict[str, Any]):
         self._equations, self._newton = equations, newton
-        #: Iterations in the last step.
-        self.iterations = 0
         problem, n = equations.loop.problem, equations.model.size
         self._c, self._constants = problem.c, problem.constants
         columns = equations.model.reduction.columns
         self._judge = problem.library.fx_judge, problem.ffi.new("Convergence *")
-        self._judged = list(problem.results(reduced=columns, step=columns, correction=n))
+        judged = problem.results(reduced=columns, step=columns, correction=n)
+        self._reduced, self._step, self._correction = judged
         self._shortened, self._residual = False, np.empty(0)
         #: Solver of the last step.
-        self.snes = PETSc.SNES().create(equations.form.grid.comm)
+        self.snes = PETSc.SNES().create(equations.assembly.grid.comm)
         self._set_options(options)
         self._set_functions()
         equations.loop.find_by(self._find)
@@ -55,7 +54,7 @@ class Newton:
         x.array[:] = unknowns.own(equations.y)
         self._failure = self._constants.NO_CONVERGENCE
         self.snes.solve(None, x)
-        self.iterations = iterations[0] = self.snes.getIterationNumber()
+        iterations[0] = self.snes.getIterationNumber()
         PETSc.garbage_cleanup(self.snes.comm)  # petsc4py 3.18 keeps what nothing refers to
         if self.snes.getConvergedReason() < 0:
             return self._failure
@@ -116,12 +115,12 @@ class Newton:
             return reasons.DIVERGED_FNORM_NAN
         if iteration == 0:
             return None
-        reduced, step, correction = self._judged
-        reduced[:] = step[:] = 0.0
-        reduced[unknowns.independent] = last_residual
-        step[unknowns.independent] = change = unknowns.all(snes.getSolutionUpdate())
-        correction[:] = unknowns.to_nodes(change)
-        self._equations.memory[3][:] = self._equations.internal
+        change = unknowns.all(snes.getSolutionUpdate())
+        self._reduced[:] = self._step[:] = 0.0
+        self._reduced[unknowns.independent] = last_residual
+        self._step[unknowns.independent] = change
+        self._correction[:] = unknowns.to_nodes(change)
+        self._equations.memory.f[:] = self._equations.internal
         judge, convergence = self._judge
         if judge(self._c, convergence, iteration, self._shortened):
             return reasons.CONVERGED_SNORM_RELATIVE

@@ -25,6 +25,7 @@ from fx_beam.scene.scene import Scene
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import NullRecorder, Record, Recorder
 
+from .replaced_rows import ReplacedRows
 from .steps import Steps
 
 
@@ -71,8 +72,10 @@ class Problem(Steps):
     q, v, a : dolfinx.fem.Function
         Displacement and rotation at the end of the last step, in `V`, their rates, and
         accelerations [m, rad].
-    comm : MPI.Comm
-        The processes that share the mesh.
+    snes : PETSc.SNES
+        PETSc's nonlinear solver; `replace_resultants` makes a new one.
+    system : System
+        Residual, matrices and maps of all degrees of freedom of the scene.
 
     Raises
     ------
@@ -118,7 +121,7 @@ class Problem(Steps):
     def _set(self, state: State, starts: bool = False) -> None:
         """Be in a state; terms that are added at a start change its accelerations."""
         self._state, self._starts = state, starts
-        self._form.end(state)
+        self._form.fields.end(state)
 
     @property
     def t(self) -> float:
@@ -147,24 +150,23 @@ class Problem(Steps):
         if self._starts and self._form.has_further:
             self._accelerate()
         self._starts = False
-        self._find_natural_strains()
-        stepper, rows = self._prepared.stepper, recorder.rows
+        self._equations.find_natural_strains()
+        stepper = self._prepared.stepper
         self._set(stepper.advance(self._state, np.array([end]), number, recorder))
-        if recorder.rows > rows:
-            self._replace_in_row(recorder)
 
     def _accelerate(self) -> None:
         """Accelerations at the start by all forces, also by terms that only these forms have."""
-        starts = Starts(self._model, self._prepared.forcing, self.dt, further=self._further)
+        model, forcing = self._equations.model, self._prepared.forcing
+        starts = Starts(model, forcing, self.dt, further=self._further)
         self._state = self._state.changed(a=starts.resumed(self._state, same_scheme=False).a)
-        self._form.end(self._state)
+        self._form.fields.end(self._state)
 
     def _further(
         self, interval: Interval, state: State, D: np.ndarray, forces: StepForces
     ) -> np.ndarray:
         """Forces (size,) that the engine does not have."""
-        self._form.begin(interval, state, state.natural)
-        internal, added = self._form.residual(D)
+        self._form.fields.begin(interval, state, state.natural)
+        internal, added = self._equations.assembly.residual(D)
         if not self._form.replaced:
             return added
         return internal + added - forces.of_beams(D)
@@ -200,27 +202,24 @@ class Problem(Steps):
         """
         options = Options(what="run", dt=self.dt, t_end=t_end, record=record)
         times, _ = options.grid(self.t, goes_on=True)
-        prepared, model, stats = self._prepared, self._model, self._prepared.stats
-        recorder = Recorder(model, times, options.record)
-        self._rows.clear()
+        prepared, stats = self._prepared, self._prepared.stats
+        recorder = Recorder(self._equations.model, times, options.record)
+        rows = ReplacedRows(self._equations.assembly, recorder)
         if self._starts and self._form.has_further:
             self._accelerate()
-        self._loop.record(self._state, recorder)
-        if self._form.replaced:  # its forces are those in an instant, as they may depend on rates
-            length = INSTANT * self.dt
-            start = self._state.changed(q=self._state.q - 0.5 * length * self._state.v)
-            self._form.begin(Interval(self.t, self.t, length), start, start.natural)
-            self._form.residual(length * start.v)
-        self._replace_in_row(recorder)
+        self._prepared.loop.record(self._state, recorder)
+        self._hold_in_an_instant()
+        rows.follow()
 
         def solution() -> Solution:
-            past, parts = self._loop.state.past, prepared.stepper.halving.state
+            past, parts = self._prepared.loop.state.past, prepared.stepper.halving.state
             end = self._state.changed(past=past, parts=parts)
-            return self._with_replaced(solution_of(recorder, stats, lambda: end))
+            return rows.in_solution(solution_of(recorder, stats, lambda: end))
 
         try:
             for number, end in enumerate(times[1:].tolist(), start=1):
                 self._advance(end, number, recorder)
+                rows.follow()
                 if after is not None:
                     after(self)
         except BaseException as error:
@@ -231,6 +230,14 @@ class Problem(Steps):
         warn_of_parts(stats, self.dt)
         warn_of_rounding(stats)
         return solution()
+
+    def _hold_in_an_instant(self) -> None:
+        """Have the step of an instant in the fields: replaced resultants may depend on rates."""
+        if self._form.replaced:
+            length, state = INSTANT * self.dt, self._state
+            start = state.changed(q=state.q - 0.5 * length * state.v)
+            self._form.fields.begin(Interval(self.t, self.t, length), start, start.natural)
+            self._equations.assembly.residual(length * start.v)
 
     def start_from(self, solution: Solution, row: int = -1) -> None:
         """Go on from a solution, of `run` or of `fx_beam.simulate` or `static`.
@@ -248,7 +255,7 @@ class Problem(Steps):
         SceneError
             If it does not fit the scene.
         """
-        model, last = self._model, len(solution.t) - 1
+        model, last = self._equations.model, len(solution.t) - 1
         state = self._prepared.first_state(self.dt, solution)
         if row not in (-1, last):
             if model.kinks.flows or model.forms.keeps_previous or solution.stats.static:

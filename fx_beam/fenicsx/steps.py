@@ -6,27 +6,25 @@ from collections.abc import Callable
 from typing import Any
 
 from mpi4py import MPI
-from petsc4py import PETSc
 
 import ufl
 from dolfinx import fem
 from ufl.core.expr import Expr
 
 import numpy as np
-import scipy.sparse
 
 from fx_beam.errors import SceneError
-from fx_beam.results.records import BeamResultants
-from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
-from fx_beam.scene.beam import Beam, Node, arc_lengths, gauss_rule
+from fx_beam.scene.beam import Beam, Node
 from fx_beam.step.loop import CompiledLoop
 from fx_beam.step.newton import NewtonOptions
-from fx_beam.step.recorder import Recorder
 
+from .assembly import Assembly
 from .equations import Equations
-from .form import Resultants, StepForm, csr_of
+from .form import Resultants, StepForm
+from .grid import Grid
 from .newton import Newton
+from .system import System
 
 
 class Steps:
@@ -42,21 +40,22 @@ class Steps:
         petsc_options: dict[str, Any] | None,
         comm: MPI.Comm,
     ):
-        self._loop, self._model = loop, loop.model
-        self._form = StepForm(loop.model, comm)
-        self._equations = Equations(self._form, loop, newton.max_turn)
-        self._newton = Newton(self._equations, newton, petsc_options or {})
-        self.comm, self.mesh = comm, self._form.grid.mesh
-        self._show()
-        # Natural strains of a user, and resultants (cells, points, 3) of rows that are replaced.
-        self._natural: Any = None
-        self._rows: list[np.ndarray] = []
+        model, beams = loop.model, loop.model.forms.beams
+        if beams is None:
+            raise SceneError("fenicsx: the scene has no beams, of which a mesh could be made")
+        self._options = newton, petsc_options or {}
+        grid = Grid(model.scene, model.mesh, beams, comm)
+        self._set_form(StepForm(model, grid), loop)
 
-    def _show(self) -> None:
-        """Have the fields of the form as attributes."""
-        form = self._form
-        self.V, self.step, self.resultants = form.V, form.step, form.resultants
-        self.u, self.q, self.v, self.a = form.u, form.q, form.v, form.a
+    def _set_form(self, form: StepForm, loop: CompiledLoop) -> None:
+        """Have a form with its fields, equations and solver."""
+        newton, petsc_options = self._options
+        self._form, fields = form, form.fields
+        self._equations = Equations(Assembly(form, loop.model), loop, newton.max_turn)
+        self.mesh, self.system = form.grid.mesh, System(self._equations)
+        self.snes = Newton(self._equations, newton, petsc_options).snes
+        self.V, self.step, self.resultants = fields.V, fields.step, fields.resultants
+        self.u, self.q, self.v, self.a = fields.u, fields.q, fields.v, fields.a
 
     # -- The form ----------------------------------------------------------------------------------
 
@@ -108,8 +107,8 @@ class Steps:
     ) -> None:
         """Replace the stress resultants of the scene.
 
-        Call it first: the step and its Functions are new ones then, and terms that were added are
-        gone.
+        Call it first: the step, its Functions, `snes` and `system` are new ones then, and terms
+        that were added are gone.
 
         Parameters
         ----------
@@ -120,9 +119,11 @@ class Steps:
             ``strain_energy(eps, gamma, kappa)`` gives the stored energy at the end of a step [J/m],
             for `energies` and for solutions; without it the strain energy is nan there.
         """
-        self._form.replace_resultants(resultants, strain_energy)
-        self._form.end(self._state)
-        self._show()
+        loop, grid = self._equations.loop, self._form.grid
+        form = StepForm(loop.model, grid, resultants, strain_energy)
+        form.natural = self._form.natural
+        self._set_form(form, loop)
+        form.fields.end(self._state)
 
     @property
     def natural_strains(self) -> Any:
@@ -134,18 +135,18 @@ class Steps:
         axial=0.0)``. The first step starts with the natural strains of the scene and ends with the
         ones given here. What changes them does work, which is part of `Energy.work`.
         """
-        return self._natural
+        return self._form.natural
 
     @natural_strains.setter
     def natural_strains(self, strains: Any) -> None:
-        if not self._model.data.natural:
+        if not self._equations.model.data.natural:
             raise SceneError(
                 "fenicsx: natural_strains: the scene has none, so that its forms have none. Call "
                 "scene.add_natural_strain(beam, axial=0.0) before the problem is made"
             )
         if strains is not None and not _has_ufl(strains):
             strains = fem.Constant(self.mesh, np.array(strains, float))
-        self._natural = None if strains is None else ufl.as_vector(strains)
+        self._form.natural = None if strains is None else ufl.as_vector(strains)
 
     @property
     def F(self) -> ufl.Form:
@@ -156,67 +157,6 @@ class Steps:
     def J(self) -> ufl.Form:
         """Derivative of `F` by the increment of the step."""
         return self._form.J
-
-    # -- Matrices and the solver -------------------------------------------------------------------
-
-    @property
-    def snes(self) -> PETSc.SNES:
-        """PETSc's nonlinear solver."""
-        return self._newton.snes
-
-    @property
-    def iterations(self) -> int:
-        """Iterations of Newton's method in the last step."""
-        return self._newton.iterations
-
-    @property
-    def K(self) -> PETSc.Mat:
-        """Derivative of `F` in the last iteration, for all degrees of freedom of the scene.
-
-        A copy. Of each node they are displacements (2) and rotation, in the order of nodes, before
-        supports and joints, whose maps are `T` and `Tv`.
-        """
-        K = self._form.pattern.copy()
-        K.data[:] = self._form.grid.total(self._form.tangent().copy())
-        return self._distributed(K)
-
-    @property
-    def M(self) -> PETSc.Mat:
-        """Mass matrix for all degrees of freedom of the scene, as a copy [kg, kg m^2]."""
-        return self._distributed(self._form.mass)
-
-    def _distributed(self, matrix: scipy.sparse.csr_matrix) -> PETSc.Mat:
-        """A matrix whose rows the processes share."""
-        new = PETSc.Mat().create(self.comm)
-        new.setSizes(matrix.shape)
-        new.setType("aij")
-        new.setUp()
-        new.setPreallocationCSR(csr_of(matrix[slice(*new.getOwnershipRange())]))
-        new.assemble()
-        return new
-
-    @property
-    def residual(self) -> np.ndarray:
-        """All forces r (size,) of the last iteration, with inertia, in the scene's order [N, N m].
-
-        At the end of a step Tv^T r is zero: what is left are forces of supports and joints.
-        """
-        return self._equations.forces
-
-    @property
-    def scene_dofs(self) -> np.ndarray:
-        """Number in the scene of each degree of freedom of `V`: its row of `T`, `Tv`, `K`, `M`."""
-        return self._form.V_numbers
-
-    @property
-    def T(self) -> scipy.sparse.csr_matrix:
-        """dq = T dy (size, n): small motions of all degrees of freedom by the unknowns."""
-        return self._equations.unknowns.T
-
-    @property
-    def Tv(self) -> scipy.sparse.csr_matrix:
-        """Virtual motions (size, n) by virtual unknowns: forces on the unknowns are Tv^T r."""
-        return self._equations.unknowns.Tv
 
     # -- Values ------------------------------------------------------------------------------------
 
@@ -235,10 +175,7 @@ class Steps:
         (cells, m, ...) float array
             Beam by beam, along each.
         """
-        tags, expressions = self._form.beams.data.tags, expression
-        if not isinstance(expression, list):
-            tags, expressions = 0 * tags, [expression]
-        return self._form.grid.at_points(expressions, tags, points)
+        return self._form.grid.at_points(expression, points)
 
     def interpolate(self, expression: Any, name: str = "f") -> fem.Function:
         """Interpolate an expression at the Gauss points, element by element.
@@ -265,46 +202,14 @@ class Steps:
         dict
             "kinetic", "strain" (of beams), "potential" and "springs" (all other stored energy) [J].
         """
-        state, model = self._state, self._model
+        state, model = self._state, self._equations.model
+        weight, mass = model.masses.weight, self._equations.assembly.mass
         return {
-            "kinetic": float(state.v @ (self._form.mass @ state.v)) / 2,
+            "kinetic": float(state.v @ (mass @ state.v)) / 2,
             "strain": self._form.strain_energy(),
-            "potential": 0.0
-            if model.masses.weight is None
-            else -float(model.masses.weight @ state.q),
-            "springs": float(
-                model.forms.compiled_points.energy(state.q, state.slides, state.spring_internal)
-            ),
+            "potential": 0.0 if weight is None else -float(weight @ state.q),
+            "springs": float(model.forms.compiled_points.energy(state.q, state.slides, state.spring_internal)),
         }
-
-    # -- What steps call ---------------------------------------------------------------------------
-
-    def _find_natural_strains(self) -> None:
-        """Have the natural strains of a user at the end of the next step."""
-        if self._natural is not None:
-            self._equations.natural = self.at_points(self._natural)
-
-    def _replace_in_row(self, recorder: Recorder) -> None:
-        """Have what follows from replaced resultants in the last row of a record."""
-        if self._form.replaced:
-            recorder.arrays["energies"][recorder.rows - 1, 1] = self._form.strain_energy()
-            self._rows.append(self.at_points(self.resultants))
-
-    def _with_replaced(self, solution: Solution) -> Solution:
-        """The solution with the resultants of its rows, if they are replaced."""
-        if not self._form.replaced:
-            return solution
-        rows, model = np.array(self._rows), self._model
-        pairs = zip(model.scene.beams, model.mesh.cells, strict=True)
-        beams = {beam.name: (beam, cells) for beam, cells in pairs}
-
-        def resultants(name: str) -> BeamResultants:
-            beam, cells = beams[name]
-            N, Q, M = np.moveaxis(rows[:, cells].reshape(len(rows), -1, 3), -1, 0)
-            return BeamResultants(arc_lengths(beam, gauss_rule(beam.degree)[0]).ravel(), N, Q, M)
-
-        solution.resultants_of_beam = resultants
-        return solution
 
 
 def _has_ufl(strains: Any) -> bool:

@@ -11,22 +11,19 @@ import numpy as np
 
 from fx_beam.fem.elements import Symbols
 
-from .versions import Mesh, function_space
+from .grid import Grid
 
 
 class DolfinxSymbols(Symbols):
     """Makes the symbols of forms on a mesh; the tags of cells number materials."""
 
-    def __init__(self, mesh: Mesh, materials: Any):
-        super().__init__(mesh.ufl_domain())
-        self._mesh, self._materials = mesh, materials
-        self._spaces: dict[Any, Any] = {}
+    def __init__(self, grid: Grid, materials: Any):
+        super().__init__(grid.mesh.ufl_domain())
+        self._grid, self._materials = grid, materials
 
     def space(self, element: Any) -> Any:
         """A function space, one for each element."""
-        if element not in self._spaces:
-            self._spaces[element] = function_space(self._mesh, element)
-        return self._spaces[element]
+        return self._grid.space(element)
 
     def coefficient(self, space: Any) -> fem.Function:
         """A Function."""
@@ -34,7 +31,7 @@ class DolfinxSymbols(Symbols):
 
     def constant(self, *shape: int) -> fem.Constant:
         """A Constant."""
-        return fem.Constant(self._mesh, np.zeros(shape))
+        return fem.Constant(self._grid.mesh, np.zeros(shape))
 
     def measure(self, points: int) -> ufl.Measure:
         """Measure of the beams; its subdomains are materials."""

@@ -15,8 +15,9 @@ from fx_beam.coupling.map_slopes import map_slopes
 from fx_beam.fem.mesh import rotation_of
 from fx_beam.scene.joints import GROUND
 
-from .form import StepForm, csr_of, glue
+from .assembly import Assembly, csr_of, glue
 
+Matrices = list[scipy.sparse.csr_matrix]
 # Part of a unit for differences of the maps of joints.
 _PART = 1e-6
 # Degrees of freedom up to which matrices are arrays: operations on small arrays are quick.
@@ -26,9 +27,9 @@ _SMALL = 200
 class SharedUnknowns:
     """Independent unknowns y (n,), shared by the processes, with the maps T and Tv."""
 
-    def __init__(self, form: StepForm):
-        self._form, self._comm = form, form.grid.comm
-        self._reduction = form.model.reduction
+    def __init__(self, assembly: Assembly):
+        self._assembly, self._comm = assembly, assembly.grid.comm
+        self._reduction = assembly.model.reduction
         #: Numbers (n,) of y among all unknowns of the scene.
         self.independent = self._reduction.independent
         self.size = len(self.independent)
@@ -86,22 +87,22 @@ class EqualUnknowns(SharedUnknowns):
     dolfinx assembles in the numbers of the unknowns, without products of matrices.
     """
 
-    def __init__(self, form: StepForm):
-        super().__init__(form)
+    def __init__(self, assembly: Assembly):
+        super().__init__(assembly)
         columns, n = self._reduction.couplings.column, self.size
         #: Unknown of each degree of freedom of the scene; n for one that is held.
         self._unknown = np.where(columns < n, columns, n)
-        touched = np.unique(form.increment_numbers)
+        touched = np.unique(assembly.fields.increment_numbers)
         self._share(np.setdiff1d(self._unknown[touched], n))
         numbers = np.append(self._numbers, -1).astype(PETSc.IntType)
-        self._glue = glue(numbers[self._unknown[form.increment_numbers]])
+        self._glue = glue(numbers[self._unknown[assembly.fields.increment_numbers]])
         self._find_places()
         #: The reduced tangent.
-        self.A = self.matrix(self._summed(np.zeros(form.pattern.nnz)))
+        self.A = self.matrix(self._summed(np.zeros(assembly.pattern.nnz)))
 
     def _find_places(self) -> None:
         """Find the place in the reduced matrix of each entry of the scene's."""
-        K, n = self._form.pattern.tocoo(), self.size
+        K, n = self._assembly.pattern.tocoo(), self.size
         rows, columns = self._unknown[K.row], self._unknown[K.col]
         keys = np.where((rows < n) & (columns < n), rows * n + columns, n * n)
         places, self._place = np.unique(keys, return_inverse=True)
@@ -123,13 +124,15 @@ class EqualUnknowns(SharedUnknowns):
         """Forces on the unknowns: Tv^T r."""
         return np.bincount(self._unknown, r, self.size + 1)[: self.size]
 
-    def assemble(self, values: np.ndarray, added: Any, y: Any, driven: Any, r: Any) -> None:
+    def assemble(
+        self, values: np.ndarray, added: Matrices, y: np.ndarray, driven: np.ndarray, r: np.ndarray
+    ) -> None:
         """Set A = Tv^T K T + (dTv/dy)^T r at increments y and `driven`, where the forces are r.
 
-        K is the tangent of dolfinx, plus `values` in the scene's sparsity, plus the matrix `added`.
+        K is the tangent of dolfinx, plus `values` in the scene's sparsity, and matrices `added`.
         """
         self.A.zeroEntries()
-        self._form.add_tangent(self.A, self._glue)
+        self._assembly.add_tangent(self.A, self._glue)
         self.A.setValuesCSR(*csr_of(self._rows(self._summed(values))), addv=True)
         self.A.assemble()
 
@@ -137,10 +140,10 @@ class EqualUnknowns(SharedUnknowns):
 class JointUnknowns(SharedUnknowns):
     """Unknowns of all joints: matrices are products with T and Tv, which each process has."""
 
-    def __init__(self, form: StepForm):
-        super().__init__(form)
+    def __init__(self, assembly: Assembly):
+        super().__init__(assembly)
         self._moving = self._which_turn()
-        self._share(np.unique(self.T[np.unique(form.increment_numbers)].indices))
+        self._share(np.unique(self.T[np.unique(assembly.fields.increment_numbers)].indices))
         #: The reduced tangent.
         self.A = self.matrix(scipy.sparse.identity(self.size, format="csr"))
 
@@ -152,23 +155,27 @@ class JointUnknowns(SharedUnknowns):
         """Forces on the unknowns: Tv^T r."""
         return self._reduction.reduced_force(r)[self.independent]
 
-    def assemble(self, values: np.ndarray, added: Any, y: Any, driven: Any, r: Any) -> None:
+    def assemble(
+        self, values: np.ndarray, added: Matrices, y: np.ndarray, driven: np.ndarray, r: np.ndarray
+    ) -> None:
         """Set A = Tv^T K T + (dTv/dy)^T r at increments y and `driven`, where the forces are r.
 
-        K is the tangent of dolfinx, plus `values` in the scene's sparsity, plus the matrix `added`.
+        K is the tangent of dolfinx, plus `values` in the scene's sparsity, and matrices `added`.
         """
         product = self._product(values, added, y, driven, r)
         self.A.setPreallocationCSR(csr_of(self._rows(product)))
         self.A.assemble()
 
-    def _product(self, values: np.ndarray, added: Any, y: Any, driven: Any, r: Any) -> Any:
+    def _product(
+        self, values: np.ndarray, added: Matrices, y: np.ndarray, driven: np.ndarray, r: np.ndarray
+    ) -> Any:
         """Tv^T K T + (dTv/dy)^T r."""
-        K = self._form.pattern.copy()
-        K.data[:] = self._form.tangent()
+        K = self._assembly.pattern.copy()
+        K.data[:] = self._assembly.tangent()
         if self._comm.rank == 0:  # what all have is added once
             K.data += values
-            K = K + added if added is not None else K
-        small = self._form.model.size <= _SMALL
+            K = sum(added, K)
+        small = self._assembly.model.size <= _SMALL
         Tv, K, self._T = (A.toarray() if small else A for A in (self.Tv, K, self.T))
         A = scipy.sparse.csr_matrix(Tv.T @ K @ self._T)
         if self._comm.size > 1:
@@ -177,21 +184,22 @@ class JointUnknowns(SharedUnknowns):
 
     def _by_turning(self, y: np.ndarray, driven: np.ndarray, r: np.ndarray) -> Any:
         """(dTv/dy)^T r, and slopes of forces on slides."""
-        steps = _PART * self._form.model.units.unknowns[self.independent]
+        model = self._assembly.model
+        steps = _PART * model.units.unknowns[self.independent]
         project = functools.partial(self.reduced_force, r)
         return map_slopes(self._reduction, project, y, driven, self._moving, steps)
 
     def _which_turn(self) -> np.ndarray:
         """Unknowns that turn arms of joints, close loops, move beams with sliders, or slide."""
-        couplings, mesh = self._reduction.couplings, self._form.model.mesh
+        couplings, mesh = self._reduction.couplings, self._assembly.model.mesh
         T, loops = self._reduction.coupling(closed=False), self._reduction.loops
         dofs = [rotation_of(joint.a) for joint in couplings.arm_joints if joint.a is not GROUND]
         for joint in couplings.sliding:
-            nodes = mesh.nodes_of(self._form.model.scene, joint.beam)
+            nodes = mesh.nodes_of(self._assembly.model.scene, joint.beam)
             dofs += mesh.dofs[nodes].ravel().tolist()
         turning = np.zeros(T.shape[1], dtype=bool)
         turning[T[dofs].indices] = True
-        turning[[*couplings.slides.values(), *self._form.model.points.columns]] = True
+        turning[[*couplings.slides.values(), *self._assembly.model.points.columns]] = True
         if loops is not None:
             turning[loops.unknowns] = True
         return np.flatnonzero(turning[self.independent])
@@ -200,9 +208,9 @@ class JointUnknowns(SharedUnknowns):
 Unknowns = EqualUnknowns | JointUnknowns
 
 
-def unknowns_of(form: StepForm) -> Unknowns:
-    """The unknowns of a form for the joints' present independent ones."""
-    model = form.model
+def unknowns_of(assembly: Assembly) -> Unknowns:
+    """The unknowns for the joints' present independent ones."""
+    model = assembly.model
     special = model.scheme.rates.user_defined or model.points.members is not None
     direct = model.reduction.couplings.is_selection and not special
-    return EqualUnknowns(form) if direct else JointUnknowns(form)
+    return EqualUnknowns(assembly) if direct else JointUnknowns(assembly)

@@ -151,6 +151,19 @@ def test_replaced_resultants_are_those_of_a_scheme_of_ones_own(degree):
     assert abs(solution.energy.balance_error).max() < 1e-11
 
 
+@pytest.mark.parametrize(
+    "new, old", [("EnergyMomentum", "MidPoint"), ("MidPoint", "EnergyMomentum")]
+)
+def test_replaced_resultants_may_want_other_increments_than_those_of_the_scene(new, old):
+    """Exact resultants of degree 2 have rotations at nodes as components, others do not."""
+    scene, *_ = pair(degree=2)
+    problem = fenicsx.Problem(scene, getattr(fb, old)(), dt=DT)
+    resultants = getattr(fb, new)().resultants
+    problem.replace_resultants(resultants)
+    own = fb.Scheme("own", resultants, fb.MidPointRates())
+    assert_same(problem.run(T_END), fb.simulate(scene, own, dt=DT, t_end=T_END), 1e-11)
+
+
 def test_without_their_energy_replaced_resultants_have_none_in_a_solution():
     scene, _ = cantilever()
     problem = fenicsx.Problem(scene, dt=DT)

@@ -38,8 +38,9 @@ def test_what_is_left_of_the_residual_is_the_force_of_supports():
     case = SCENES["revolute with spring and damper"]
     problem = fenicsx.Problem(case.build(ONES), case.scheme(), dt=case.dt)
     solution = problem.run(case.dt)
-    r, size = problem.residual, abs(problem.residual).max()
-    assert abs(problem.Tv.T @ r).max() < 1e-9 * size
+    r = problem.system.residual
+    size = abs(r).max()
+    assert abs(problem.system.Tv.T @ r).max() < 1e-9 * size
     held = abs(solution.reactions[-1]).max(axis=1) > 1e-6 * size
     nodes = r.reshape(-1, 3)
     np.testing.assert_allclose(nodes[held], solution.reactions[-1][held], rtol=0, atol=1e-9 * size)
@@ -50,6 +51,6 @@ def test_degrees_of_freedom_of_the_space_have_rows_of_the_scene():
     case = SCENES["order four"]
     problem = fenicsx.Problem(case.build(ONES), dt=case.dt)
     solution = problem.run(case.steps * case.dt)
-    x = np.empty(problem.M.size[0])
-    x[problem.scene_dofs] = problem.q.x.array
+    x = np.empty(problem.system.M.size[0])
+    x[problem.system.dofs] = problem.q.x.array
     np.testing.assert_array_equal(x.reshape(solution.q[-1].shape), solution.q[-1])

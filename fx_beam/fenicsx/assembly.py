@@ -1,0 +1,101 @@
+"""Vectors and matrices of a form in the numbers of a scene, as dolfinx assembles them."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import ufl
+from dolfinx import fem
+
+import numpy as np
+import scipy.sparse
+
+from fx_beam.fem.beam_data import section_data
+from fx_beam.step.model import Model
+
+from .form import StepForm
+from .symbols import DolfinxSymbols
+from .versions import compiled
+
+
+class Assembly:
+    """Forces (size,), their tangent and the mass (size, size) of all degrees of freedom."""
+
+    def __init__(self, form: StepForm, model: Model):
+        self.form, self.fields, self.grid, self.model = form, form.fields, form.grid, model
+        #: Sparsity (size, size) of the tangent of all forces.
+        self.pattern = model.forms.stiffness.copy()
+        self.pattern.data[:] = 0.0
+        self._local = PETSc.Mat().createAIJ(
+            self.pattern.shape, csr=csr_of(self.pattern), comm=MPI.COMM_SELF
+        )
+        self._glue = glue(self.fields.increment_numbers)
+        #: Mass (eqs 19 to 21) of beams and lumped masses, with the sparsity of `pattern`.
+        self.mass = self._assembled_mass()
+
+    def residual(self, D: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Internal forces and drag (size,) at increments D (size,), and added terms."""
+        numbers = self.fields.increment_numbers
+        self.fields.symbols.increment.x.array[:] = D[numbers]
+        forces = np.zeros((2, len(D)))
+        for out, terms in zip(forces, (self.form.terms, self.form.added), strict=True):
+            b = np.zeros(len(numbers))
+            for term in terms:
+                fem.assemble_vector(b, term.compiled[0])
+            out[:] = np.bincount(numbers, b, len(D))
+        internal, added = self.grid.total(forces)
+        return internal, added
+
+    def add_tangent(self, matrix: PETSc.Mat, numbers: PETSc.LGMap) -> None:
+        """Add the tangent to a matrix; `numbers` are rows of the increments."""
+        matrix.setLGMap(numbers, numbers)
+        for term in (*self.form.terms, *self.form.added):
+            tangent = term.compiled[1]
+            if tangent is not None:
+                fem.petsc.assemble_matrix(matrix, tangent)
+        matrix.assemble()
+
+    def tangent(self) -> np.ndarray:
+        """Values of the tangent in `pattern`, of the elements of this process."""
+        self._local.zeroEntries()
+        self.add_tangent(self._local, self._glue)
+        return self._local.getValuesCSR()[2]
+
+    def resultants(self) -> np.ndarray:
+        """N, Q and M (cells, points, 3) at the Gauss points."""
+        return self.grid.at_points(self.fields.resultants)
+
+    def _assembled_mass(self) -> scipy.sparse.csr_matrix:
+        model, V, points = self.model, self.fields.V, self.grid.degree + 1
+        data = np.asarray(section_data(model.mesh, model.scene, ("rhoA", "rhoI"), points), float)
+        density = DolfinxSymbols(self.grid, None).data(data.shape[1], (2,))
+        self.grid.fill(density, data)
+        u, psi = ufl.TrialFunctions(V)
+        virtual_u, virtual_psi = ufl.TestFunctions(V)
+        translation = density[0] * ufl.dot(u, virtual_u)
+        rotation = density[1] * psi * virtual_psi
+        numbers = glue(self.fields.V_numbers)
+        self._local.setLGMap(numbers, numbers)
+        form = (translation + rotation) * self.grid.measure(None, points)
+        fem.petsc.assemble_matrix(self._local, compiled(form))
+        self._local.assemble()
+        mass = self.pattern.copy()
+        mass.data[:] = self.grid.total(self._local.getValuesCSR()[2].copy())
+        lumped = np.zeros(model.size)
+        for node, m, inertia in model.scene.masses:
+            lumped[model.mesh.dofs[node]] += float(m), float(m), float(inertia)
+        mass.data[model.masses.places.diagonal] += lumped
+        return mass
+
+
+def glue(numbers: np.ndarray) -> PETSc.LGMap:
+    """A map from degrees of freedom to their numbers in a matrix; -1 for none."""
+    return PETSc.LGMap().create(numbers, comm=MPI.COMM_SELF)
+
+
+def csr_of(matrix: scipy.sparse.csr_matrix) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows, columns and values of a matrix, as PETSc takes them."""
+    matrix.sort_indices()
+    indptr, indices = (np.asarray(row, PETSc.IntType) for row in (matrix.indptr, matrix.indices))
+    return indptr, indices, matrix.data

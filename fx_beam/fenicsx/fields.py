@@ -1,0 +1,97 @@
+"""Functions and Constants of a step on a mesh of dolfinx, with their values of a scene."""
+
+from __future__ import annotations
+
+import ufl
+from dolfinx import fem
+
+import numpy as np
+
+from fx_beam.fem.weak_form import WeakForm
+from fx_beam.laws.interval import Interval
+from fx_beam.laws.kinematics import Step
+from fx_beam.results.state import State
+from fx_beam.step.model import Model
+
+from .grid import Grid
+
+
+class StepFields:
+    """Fields of a step: its start, its increment, and the state q, v, a at its end.
+
+    Arrays (size,) have all degrees of freedom of a scene, on each process.
+    """
+
+    def __init__(self, written: WeakForm, model: Model, grid: Grid):
+        fields, data = written.fields, written.symbols
+        self._grid, self._rates = grid, model.scheme.rates
+        self._scene_parameters = model.forms.parameters
+        #: Start, increment and arguments of forms: Functions and Constants.
+        self.symbols = fields
+        #: The step in UFL; N, Q and M of each material.
+        self.step: Step = written.laws.step
+        self.resultants: list[ufl.core.expr.Expr] = written.laws.resultants
+        #: Space of displacements (2) and rotation (1).
+        self.V = fields.start.function_space
+        #: Number in the scene of each degree of freedom of V, and of the space of increments. The
+        #: latter is discontinuous if nodal rotations are components: then numbers repeat.
+        spaces, dofs = (self.V, fields.increment.function_space), model.mesh.unknowns.dofs
+        self.V_numbers, self.increment_numbers = (grid.numbers(space, dofs) for space in spaces)
+        #: State at the end of the last step, its rates, and accelerations.
+        self.q, self.v, self.a = (fem.Function(self.V, name=name) for name in "qva")
+        displacements, self._u_dofs = self.V.sub(0).collapse()
+        #: Displacement, on a space of its own.
+        self.u = fem.Function(displacements, name="u")
+        self._internal, self._parameters = data.internal, data.parameters
+        #: What takes the place of each symbol of the start in a form of the end.
+        self.ends = {fields.start: self.q, fields.natural[0]: fields.natural[1]}
+        if self._internal is not None:
+            self._internal_end = fem.Function(self._internal.function_space)
+            self.ends[self._internal] = self._internal_end
+        named = data.named_data
+        if fields.coordinate is not None:
+            named["coordinate"] = fields.coordinate
+        for name, symbol in named.items():
+            grid.fill(symbol, np.asarray(grid.beams.data.values[name], dtype=float))
+
+    def begin(self, interval: Interval, state: State, natural: np.ndarray | None) -> None:
+        """Set the start of a step, and natural strains (cells, degree, 3) at its end."""
+        fields, rates = self.symbols, self._rates
+        fields.time.value = interval.at(rates.level)
+        fields.dt.value = 1.0 if rates.at_rest else interval.length
+        fields.load_factor.value = interval.end if rates.at_rest else 1.0
+        fields.load_increment.value = interval.length
+        fields.memory.value = state.memory(interval.length)
+        v, a = fields.start_rates
+        q_previous = state.q if state.q_previous is None else state.q_previous
+        self._fill_nodes(fields.start, state.q)
+        self._fill_nodes(fields.q_previous, q_previous)
+        self._fill_nodes(v, state.v)
+        self._fill_nodes(a, state.a)
+        for function, strains in zip(fields.natural, (state.natural, natural), strict=True):
+            if strains is not None:
+                self._grid.fill(function, strains)
+        if state.internal is not None:
+            self._grid.fill(self._internal, state.internal)
+        self._set_parameters(self._scene_parameters.values)
+
+    def end(self, state: State) -> None:
+        """Set the end of a step."""
+        self._fill_nodes(self.q, state.q)
+        self._fill_nodes(self.v, state.v)
+        self._fill_nodes(self.a, state.a)
+        self.u.x.array[:] = self.q.x.array[self._u_dofs]
+        if state.internal is not None:
+            self._grid.fill(self._internal_end, state.internal)
+        if state.natural is not None:
+            self._grid.fill(self.symbols.natural[1], state.natural)
+        self._set_parameters(state.parameters)
+
+    def _fill_nodes(self, function: fem.Function, values: np.ndarray) -> None:
+        """Set a Function on V by values (size,)."""
+        function.x.array[:] = values[self.V_numbers]
+
+    def _set_parameters(self, parameters: np.ndarray | None) -> None:
+        """Have values (n,) of all parameters of the scene."""
+        if self._parameters is not None and parameters is not None:
+            self._parameters.value[:] = parameters[self._grid.beams.data.parameters]

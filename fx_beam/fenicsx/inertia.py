@@ -1,0 +1,57 @@
+"""Inertia of a step: rates are nodal (eqs 27 to 30), so that it is no integral of UFL."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import scipy.sparse
+
+from fx_beam.results.state import State
+from fx_beam.step.loop import CompiledLoop
+
+
+class Inertia:
+    """Forces M a (size,) of nodal accelerations a(D), and their tangent M da/dD."""
+
+    def __init__(self, loop: CompiledLoop, mass: scipy.sparse.csr_matrix):
+        self._loop, self._model, self._mass = loop, loop.model, mass
+        #: Slopes da/dD: of each degree of freedom (size,), or of nodes (nodes, 3, 3).
+        self._slopes = np.zeros(0)
+
+    def begin(self, start: State, dt: float) -> None:
+        """Begin a sub-step of length `dt` at a state."""
+        self._start, self._dt = start, dt
+
+    def force(self, D: np.ndarray) -> np.ndarray:
+        """M a (size,) at increments D (size,)."""
+        rates, start = self._model.scheme.rates, self._start
+        if rules := self._model.forms.nodal_rules:
+            rule = rules[self._loop.problem.c.run.sub_step % len(rules)]
+            return self._mass @ self._by_rule(rule, D)
+        path, slope = rates.work_increment(D, self._model.mesh.turns)
+        a, steepness = rates.acceleration(path, start.v, start.a, self._dt)
+        self._slopes = steepness * slope
+        return self._mass @ a
+
+    def _by_rule(self, rule: Any, D: np.ndarray) -> np.ndarray:
+        """Accelerations (size,) by a nodal rule of a user."""
+        start, nodes = self._start, self._model.mesh.dofs
+        previous = start.q if start.q_previous is None else start.q_previous
+        rows = [x[nodes] for x in (D, start.v, start.a, start.q - previous)]
+        values = rule.in_rows(np.hstack([*rows, np.full((len(nodes), 1), self._dt)]))
+        self._slopes = values[:, 3:12].reshape(-1, 3, 3)
+        return values[:, :3].ravel()
+
+    def add_tangent(self, values: np.ndarray) -> scipy.sparse.csr_matrix | None:
+        """Add M da/dD, where forces were found last, to values in M's sparsity.
+
+        With rules of a user it is a matrix (size, size) of its own, as their slopes couple nodes'
+        components.
+        """
+        if self._slopes.ndim == 1:
+            values += self._mass.data * self._slopes[self._mass.indices]
+            return None
+        nodes = np.arange(len(self._slopes) + 1)
+        blocks = self._slopes, nodes[:-1], nodes
+        return self._mass @ scipy.sparse.bsr_matrix(blocks, self._mass.shape).tocsr()
