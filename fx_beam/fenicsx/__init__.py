@@ -1,6 +1,9 @@
 """A scene as a variational problem of FEniCSx: for experiments with its form, fields and solvers.
 
-Only this loads dolfinx. `Problem` takes steps in time, `Equilibrium` load steps.
+Only this loads dolfinx. `Problem` takes steps in time, `Equilibrium` load steps. In the order of
+a demo of dolfinx: `grid` has the mesh, `fields` the Functions, `form` the residual F and J,
+`assembly` their vectors and matrices, `inertia` nodal rates. `unknowns` has the maps T and Tv of
+joints, `equations` the reduced residual and tangent, `newton` the SNES that solves them.
 """
 
 import importlib.util

@@ -10,10 +10,11 @@ from petsc4py import PETSc
 import dolfinx
 import ufl
 from dolfinx import fem
+from ufl.core.expr import Expr
 
 import numpy as np
 
-from fx_beam.errors import SceneError
+from fx_beam.errors import SceneError, require
 from fx_beam.fem import elements
 from fx_beam.fem.beam_forms import BeamForms
 from fx_beam.fem.mesh import Mesh
@@ -125,13 +126,16 @@ class Grid:
         expressions, tags = [expression], np.zeros(len(self._nodes.points), dtype=int)
         if isinstance(expression, list):
             expressions, tags = expression, self.beams.data.tags
+        for part in expressions:
+            ok = isinstance(part, Expr) and ufl.domain.extract_domains(part)
+            require(
+                ok, "fenicsx: expression", part, "in UFL, with something that depends on the mesh"
+            )
         places = gauss_rule(self.degree)[0] if points is None else np.asarray(points, float)
         owned_cells = self.cells[: count_cells(self.mesh)[0]]
         values = np.empty((len(owned_cells), len(places), *expressions[0].ufl_shape))
         for number, expression in enumerate(expressions):
             key = expression, places.tobytes()
-            if not ufl.domain.extract_domains(expression):
-                raise SceneError(f"fenicsx: {expression} has nothing that depends on the mesh")
             if key not in self._expressions:
                 self._expressions[key] = compiled_expression(expression, places[:, None])
             chosen = np.flatnonzero(tags[owned_cells] == number)

@@ -56,7 +56,10 @@ class Newton:
         self.snes.solve(None, x)
         iterations[0] = self.snes.getIterationNumber()
         PETSc.garbage_cleanup(self.snes.comm)  # petsc4py 3.18 keeps what nothing refers to
-        if self.snes.getConvergedReason() < 0:
+        reason = self.snes.getConvergedReason()
+        if reason == PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE:
+            return self._constants.SINGULAR
+        if reason < 0:
             return self._failure
         if not np.array_equal(equations.y, y := unknowns.all(x)):
             equations.evaluate(y)  # a line search came back
@@ -95,6 +98,8 @@ class Newton:
             self._failure = error.failure
             b.array[:] = np.nan
             return
+        if not np.isfinite(equations.forces).all():
+            self._failure = self._constants.SINGULAR
         b.array[:] = unknowns.own(unknowns.reduced_force(equations.forces))
 
     def _shorten(self, x: PETSc.Vec, correction: PETSc.Vec) -> bool:

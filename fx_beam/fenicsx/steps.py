@@ -13,7 +13,7 @@ from ufl.core.expr import Expr
 
 import numpy as np
 
-from fx_beam.errors import SceneError
+from fx_beam.errors import SceneError, require
 from fx_beam.results.state import State
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.step.loop import CompiledLoop
@@ -144,9 +144,13 @@ class Steps:
                 "fenicsx: natural_strains: the scene has none, so that its forms have none. Call "
                 "scene.add_natural_strain(beam, axial=0.0) before the problem is made"
             )
-        if strains is not None and not _has_ufl(strains):
-            strains = fem.Constant(self.mesh, np.array(strains, float))
-        self._form.natural = None if strains is None else ufl.as_vector(strains)
+        if strains is not None:
+            if not isinstance(strains, Expr):
+                strains = [_in_ufl(strain, self.mesh) for strain in strains]
+            strains = ufl.as_vector(strains)
+            expected = "three numbers or expressions in UFL"
+            require(strains.ufl_shape == (3,), "fenicsx: natural_strains", strains, expected)
+        self._form.natural = strains
 
     @property
     def F(self) -> ufl.Form:
@@ -212,6 +216,6 @@ class Steps:
         }
 
 
-def _has_ufl(strains: Any) -> bool:
-    """Whether strains are, or contain, an expression of UFL."""
-    return isinstance(strains, Expr) or any(isinstance(strain, Expr) for strain in strains)
+def _in_ufl(strain: Any, mesh: Any) -> Any:
+    """A strain as an expression that depends on the mesh."""
+    return strain if isinstance(strain, Expr) else fem.Constant(mesh, float(strain))

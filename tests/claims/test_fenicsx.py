@@ -267,6 +267,15 @@ def test_a_step_that_fails_says_dt_and_leaves_all_as_it_was():
     assert problem.t == pytest.approx(2 * DT)
 
 
+def test_a_term_that_is_not_finite_is_said_to_be():
+    scene, _ = cantilever()
+    problem = fenicsx.Problem(scene, dt=DT)
+    step = problem.step
+    problem.add(step.u[0] / abs(step.psi) * step.virtual_psi * problem.measure())  # 0 / 0
+    with pytest.raises(fb.StepError, match="a value is not finite"):
+        problem.advance()
+
+
 def test_a_step_that_fails_may_be_halved():
     scene, *_ = pair()
     long = 1.2
