@@ -212,7 +212,9 @@ class Steps:
             "kinetic": float(state.v @ (mass @ state.v)) / 2,
             "strain": self._form.strain_energy(),
             "potential": 0.0 if weight is None else -float(weight @ state.q),
-            "springs": float(model.forms.compiled_points.energy(state.q, state.slides, state.spring_internal)),
+            "springs": float(
+                model.forms.compiled_points.energy(state.q, state.slides, state.spring_internal)
+            ),
         }
 
 
