@@ -105,7 +105,7 @@ class FormTables:
         # Cells that threads take at once.
         self._piece = problem.constants.PIECE * self._lanes if self._storage.is_large else 0
         self._forms: BeamForms = problem.model.forms.beams
-        self._of_cells, mesh = problem.model.forms.of_cells, problem.model.mesh
+        self._of_cells, mesh = problem.model.forms.cell_entries, problem.model.mesh
         #: Degrees of freedom, internal variables and natural strains (cells, n) of each cell.
         self.rows = {"dofs": mesh.unknowns.dofs}
         for name, n in ("internal", p.internal.per_cell), ("natural", p.natural.per_cell):

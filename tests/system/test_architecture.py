@@ -134,8 +134,12 @@ def test_each_library_is_called_from_one_place(packages):
 
 
 def test_physics_and_data_need_numpy_and_ufl_only():
-    # scipy: splines, and the root of an arc length; tables are made on request
-    more = {"scene.curve": {"scipy"}, "results.export": {"pandas", "xarray"}}
+    # scipy: splines, the root of an arc length, nearest nodes; tables are made on request
+    more = {
+        "scene.curve": {"scipy"},
+        "scene.contacts": {"scipy"},
+        "results.export": {"pandas", "xarray"},
+    }
     for module in SOURCES:
         if room_of(module) in ("scene", "laws", "results"):
             assert foreign_imports(module) <= {"numpy", "ufl"} | more.get(module, set()), module
