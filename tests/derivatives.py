@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import fx_beam as fb
+from fx_beam.scene.outputs import lack
 
 OF_NODES = "position", "rotation", "velocity", "spin", "acceleration", "reaction"
 OF_JOINTS = "angle", "slide", "spin", "rate", "force", "motor_force"
@@ -15,7 +16,7 @@ def outputs_of(scene, without=()):
     parts = {"first": scene.nodes[0], "last": scene.nodes[-1]}
     found = {f"{of} {name}": fb.Output(of, node) for name, node in parts.items() for of in OF_NODES}
     for joint in scene.joints[:3]:
-        has = [of for of in OF_JOINTS if not joint.lacks(of)]
+        has = [of for of in OF_JOINTS if not lack(joint, of)]
         found |= {f"{of} of joint {joint.number}": fb.Output(of, joint) for of in has}
     found |= {
         f"{of} of {beam.name}": fb.Output(of, beam) for beam in scene.beams[:2] for of in "NQM"

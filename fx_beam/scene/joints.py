@@ -193,24 +193,6 @@ class Joint:
         """Whether b slides on a beam."""
         return self.slide is not None and self.axis is None
 
-    def lacks(self, quantity: str) -> str:
-        """What an `Output` of a quantity must be of, if not of this joint.
-
-        Parameters
-        ----------
-        quantity : str
-            Name of the quantity.
-
-        Returns
-        -------
-        str
-            The joint that is wanted; empty if this one has the quantity.
-        """
-        if quantity == "slide" and self.slide is None:
-            return "of a joint with a slide"
-        lacks_motor = quantity == "motor_force" and not self.driven
-        return "of a joint with a motor" if lacks_motor else ""
-
     def start(self) -> tuple[float, float]:
         """Slide and gap at the start.
 

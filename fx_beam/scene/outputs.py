@@ -159,21 +159,15 @@ class Output:
 
     def __post_init__(self):
         kinds = Node | BeamPlace | Joint | ForceBetween | Contact | Scene | Beam
-        ok = isinstance(self.of, kinds) or is_gear(self.of)
-        require(
-            ok,
-            "Output: of",
-            self.of,
-            "a node, a place, a joint, a rope, a contact, a scene or a beam",
-        )
+        ok, expected = isinstance(self.of, kinds) or is_gear(self.of), "a node, a place, a joint, "
+        require(ok, "Output: of", self.of, f"{expected}a rope, a contact, a scene or a beam")
         known = self._known
-        if not is_one_of(self.quantity, known):
-            expected = f"one of {list(known)} for {self._place}"
-            require(False, "Output: quantity", self.quantity, expected)
+        expected = f"one of {list(known)} for {self._place}"
+        require(is_one_of(self.quantity, known), "Output: quantity", self.quantity, expected)
         parts = known[self.quantity].components
-        if not (self.component is None or is_one_of(self.component, parts)):
-            expected = f"one of {list(parts)}" if parts else "left out: it is a single number"
-            require(False, f"Output: component of {self.quantity!r}", self.component, expected)
+        expected = f"one of {list(parts)}" if parts else "left out: it is a single number"
+        ok = self.component is None or is_one_of(self.component, parts)
+        require(ok, f"Output: component of {self.quantity!r}", self.component, expected)
 
     def __str__(self):
         return f"{self.quantity}{f'.{self.component}' if self.component else ''} of {self._place}"
@@ -368,8 +362,7 @@ def check_differentiable(output: Output, name: str) -> None:
         "of a node, a joint, a rope, a beam or the scene: those of contacts have no derivatives. "
         "The gap is a function of positions of nodes, which have"
     )
-    if isinstance(output.of, Contact):
-        require(False, name, str(output), expected)
+    require(not isinstance(output.of, Contact), name, str(output), expected)
 
 
 def check_outputs(scene, outputs, subject: str) -> None:
@@ -385,27 +378,39 @@ def check_outputs(scene, outputs, subject: str) -> None:
 
 def check_output(scene, output: Output, name: str) -> None:
     """Refuse an output of another scene or of its nodes and joints, or one that its joint lacks."""
-    place: Any = output.of
-    if isinstance(place, Node):
-        check_node(scene, place, name)
+    if isinstance(output.of, Node):
+        check_node(scene, output.of, name)
         return
+    expected = _place_in(scene, output)
+    require(not expected, name, str(output), expected)
+
+
+def _place_in(scene: Scene, output: Output) -> str:
+    """Place that an output must have in a scene; empty if it has it."""
+    place: Any = output.of
     if isinstance(place, Scene):
-        ok, expected = place is scene, "of the scene of the motion"
-    elif isinstance(place, Beam | BeamPlace):
+        return "" if place is scene else "of the scene of the motion"
+    if isinstance(place, Beam | BeamPlace):
         beam = place if isinstance(place, Beam) else place.beam
-        ok, expected = any(beam is item for item in scene.beams), "of a beam of this scene"
-    elif isinstance(place, Joint):
-        lacks = "of a joint that add_joint of this scene returned"
-        if (joint := own_joint(scene, place)) is not None:
-            lacks = joint.lacks(output.quantity)
-        ok, expected = not lacks, lacks
-    else:
-        parts, noun = (scene.forces_between, "rope that add_rope")
-        if is_gear(place):
-            parts, noun = scene.gears, "gear that add_joint"
-        elif isinstance(place, Contact):
-            parts, noun = scene.contacts, "contact that add_contact"
-        ok = str(place) in map(str, parts)  # also of a copy
-        expected = f"of a {noun} of this scene returned"
-    if not ok:
-        require(False, name, str(output), expected)
+        return "" if any(beam is item for item in scene.beams) else "of a beam of this scene"
+    if isinstance(place, Joint):
+        joint = own_joint(scene, place)
+        other = "of a joint that add_joint of this scene returned"
+        return other if joint is None else lack(joint, output.quantity)
+    parts: list[Any] = scene.forces_between
+    noun = "rope that add_rope"
+    if is_gear(place):
+        parts, noun = scene.gears, "gear that add_joint"
+    elif isinstance(place, Contact):
+        parts, noun = scene.contacts, "contact that add_contact"
+    is_there = str(place) in map(str, parts)  # also of a copy
+    return "" if is_there else f"of a {noun} of this scene returned"
+
+
+def lack(joint: Joint, quantity: str) -> str:
+    """Joint that an output of a quantity must be of, if not of this one; else empty."""
+    if isinstance(joint, SlidingJoint) and quantity in ("angle", "spin"):
+        return "of another joint; measure the rotation of the node that slides"
+    if quantity == "slide" and joint.slide is None:
+        return "of a joint with a slide"
+    return "of a joint with a motor" if quantity == "motor_force" and not joint.driven else ""

@@ -1625,8 +1625,8 @@ class Scene:
         return tuple(nodes)
 
     def _free_component(self, node: Node, component: str) -> tuple[int, int]:
-        if not is_one_of(component, COMPONENTS):
-            require(False, f"support of {node}", component, f"one of {COMPONENTS}")
+        expected = f"one of {COMPONENTS}"
+        require(is_one_of(component, COMPONENTS), f"support of {node}", component, expected)
         key = (node.number, COMPONENTS.index(component))
         if key in self.fixed or key in self.prescribed:
             raise SceneError(f"{component} of {node} is supported twice; scene.free removes one")

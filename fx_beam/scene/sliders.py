@@ -45,12 +45,6 @@ class SlidingJoint(Joint):
         """Its gap, angle and rates, from the motion of the beam and the node."""
         return SlidingKinematics(self)
 
-    def lacks(self, quantity: str) -> str:
-        """What an `Output` of a quantity must be of, if not of this joint."""
-        if quantity in ("angle", "spin"):
-            return "of another joint; measure the rotation of the node that slides"
-        return super().lacks(quantity)
-
     @property
     def path(self) -> BeamAxis:
         """The axis of the beam."""
