@@ -331,14 +331,8 @@ def _turn(motion: ForceStep, start: Any, D: Any, rates: Any) -> StepCoordinate:
     (a, b), (Da, Db) = start, D
     start, path, ratio = b - a, Db - Da, ufl.as_ufl(1.0)
     if motion.rule.turning:
-        Dtheta_a, Dtheta_b = motion.path(Da), motion.path(Db)
-        path = Dtheta_b - Dtheta_a
-        # For small differences the same with cosines, as 1 / cos^2 = 1 + tan^2.
-        x = (Db - Da) / 2
-        near = ufl.lt(x * x, 4e-4)
-        secants = ufl.sqrt((1 + 0.25 * Dtheta_a * Dtheta_a) * (1 + 0.25 * Dtheta_b * Dtheta_b))
-        above = ufl.conditional(near, x_over_sin(x), 2 * x)
-        ratio = above / ufl.conditional(near, secants, path)
+        a, b = tan(Da / 2), tan(Db / 2)
+        path, ratio = 2 * (b - a), tangent_quotient(a, b, (Db - Da) / 2)
     sides = [ufl.as_ufl(-1.0), ufl.as_ufl(1.0)]
     rate = rates[1] - rates[0]
     return StepCoordinate(start, start + (Db - Da), [-ratio, ratio], sides, path, rate)
@@ -360,10 +354,18 @@ def _gear(motion: ForceStep, D: Sequence[Any], numbers: Sequence[Any]) -> StepCo
     return StepCoordinate(start, end, along, across, path, rate)
 
 
-def x_over_sin(x: Any) -> Any:
-    """x / sin(x) for x below 0.02, by a series that is exact to round-off."""
+def tangent_quotient(a: Any, b: Any, x: Any) -> Any:
+    """x / (b - a) for the tangents a and b of two angles, and x their difference.
+
+    For small x the same with cosines, as 1 / cos^2 = 1 + tan^2, and x / sin(x) by a series that is
+    exact to round-off.
+    """
     x2 = x * x
-    return 1 + (1 / 6) * x2 * (1 + (7 / 60) * x2 * (1 + (31 / 294) * x2))
+    near = ufl.lt(x2, 4e-4)
+    x_over_sine = 1 + (1 / 6) * x2 * (1 + (7 / 60) * x2 * (1 + (31 / 294) * x2))
+    secants = ufl.sqrt((1 + a * a) * (1 + b * b))
+    above = ufl.conditional(near, x_over_sine, x)
+    return above / ufl.conditional(near, secants, b - a)
 
 
 def arm_length(motion: ForceStep, r0, Dr, rates, rest: Any, side: Any) -> StepCoordinate:

@@ -16,9 +16,9 @@ from .point_laws import (
     StepCoordinate,
     add,
     dot,
+    tangent_quotient,
     total,
     way,
-    x_over_sin,
 )
 
 
@@ -86,14 +86,6 @@ def _along(d: list[Any], size: Any, t: Any, q: Any) -> list[Any]:
     return [(t * d[0] - q * d[1]) / square, (t * d[1] + q * d[0]) / square]
 
 
-def _ratio(a: Any, b: Any, x: Any) -> Any:
-    """x / (b - a) for the tangents a and b of two angles, and x their difference."""
-    near = ufl.lt(x * x, 4e-4)
-    secants = ufl.sqrt((1 + a * a) * (1 + b * b))
-    above = ufl.conditional(near, x_over_sin(x), x)
-    return above / ufl.conditional(near, secants, b - a)
-
-
 @functools.cache
 def rope_over(kinds: str) -> CoordinateKind:
     """Length of a rope over points and circles, by their kinds (`RopeOverPulleys.kinds`).
@@ -136,7 +128,7 @@ def rope_over(kinds: str) -> CoordinateKind:
             if before and behind:  # it is within half a turn of that at the start
                 bent = 2 * ufl.atan(tan(bent / 2))
             start, path = start + r * (arcs[i] + bent), path + 2 * r * x
-            share = r * _ratio(a, b, x)
+            share = r * tangent_quotient(a, b, x)
             for k, side in ((i, share), (i - 1, -share)):
                 if 0 <= k < count - 1:
                     pulls[k] = add(pulls[k], side, spans[k].turning)
