@@ -315,22 +315,17 @@ def contact(kind: CoordinateKind, loses: bool = False, energy: Energy | None = N
     stiffness kt.
     """
     if energy is None:
-        return _linear_contact(kind, loses)
+        return stop(kind, 0, loses)
     return _one_sided(kind, "law of contact", loses, energy=energy)
 
 
 @functools.cache
-def _linear_contact(kind: CoordinateKind, loses: bool) -> PointLaw:
-    return _one_sided(kind, "contact", loses)
-
-
-@functools.cache
 def stop(kind: CoordinateKind, sign: int, loses: bool = False) -> PointLaw:
-    """A stop of a coordinate at its lower (sign 1) or upper (-1) limit: a contact.
+    """A stop of a coordinate at its lower (sign 1) or upper (-1) limit, or a contact (0).
 
-    Numbers: as of a contact, then the limit.
+    Numbers: as of a contact, then the limit of a stop.
     """
-    return _one_sided(kind, f"stop {sign}", loses, sign)
+    return _one_sided(kind, f"stop {sign}" if sign else "contact", loses, sign)
 
 
 class _OneSided(NamedTuple):

@@ -362,57 +362,17 @@ def lagrange_and_slopes(nodes: np.ndarray, points: np.ndarray) -> tuple[np.ndarr
     return values, slopes
 
 
-def polyline(points: Sequence, elements: int | Sequence[int], name: str) -> Layout:
+def polyline(
+    points: Sequence, elements: int | Sequence[int] | None, degree: int, name: str
+) -> Layout:
     """Nodes along a polyline with corners at `points`.
 
-    `elements` is the number in all, spread over the straight pieces by length, or one for each.
+    `elements` is the number in all, spread over the straight pieces by length, or one for each; by
+    default the usual number.
     """
-    if type(elements) is int and (places := _plain(points)):
-        ends, s = _known(places, elements, name)
-        return Layout([points[0], *ends[1:-1], points[-1]], s)
-    return _polyline(points, elements, name)
-
-
-def listed_points(points: Any, name: str) -> tuple[list, np.ndarray]:
-    """Points of a beam as a list, and their positions (n, 2) [m]; SceneError for what is none."""
-    try:
-        # Rows of tables count by labels, not from 0.
-        listed = [point.to_numpy() if hasattr(point, "to_numpy") else point for point in points]
-        positions = real_array([position_of(point) for point in listed])
-    except Exception:  # a UFL expression has no length
-        listed, positions = [], np.empty((0, 0))
-    ok = positions.ndim == 2 and positions.shape[1] == 2
-    if not ok or not (abs(positions) <= LARGEST).all():
-        raise SceneError(
-            f"{name}: points must be points of the plane, finite (x, y) or nodes, not "
-            f"{shown(points)}"
-        )
-    if len(listed) < 2:
-        raise SceneError(f"{name}: a beam needs at least two points, not {len(listed)}")
-    return listed, positions
-
-
-def _plain(points: Any) -> tuple | None:
-    """Positions for `_known`: Python's numbers, with nodes at most at both ends; else None."""
-    if type(points) is not list or len(points) < 2:
-        return None
-    places = position_of(points[0]), *points[1:-1], position_of(points[-1])
-    pairs = all(type(place) is tuple and len(place) == 2 for place in places)
-    plain = pairs and all(type(x) is float or type(x) is int for place in places for x in place)
-    return places if plain else None
-
-
-@functools.lru_cache(maxsize=64)
-def _known(points: tuple, elements: int, name: str) -> tuple[tuple, np.ndarray]:
-    """Ends and arc lengths of a layout: scenes that are built again have many of the last ones."""
-    ends, s, _ = _polyline(points, elements, name)
-    s.setflags(write=False)
-    return tuple(ends), s
-
-
-def _polyline(points: Sequence, elements: int | Sequence[int], name: str) -> Layout:
-    """Nodes along a polyline for points of any kind."""
     points, places = listed_points(points, f"beam {name!r}")
+    if elements is None:
+        elements = max(USUAL_ELEMENTS[degree], len(points) - 1)
     corners = np.asarray(places)
     lengths = np.hypot(*(corners[1:] - corners[:-1]).T)
     extent = (corners.max(axis=0) - corners.min(axis=0)).max()
@@ -432,6 +392,25 @@ def _polyline(points: Sequence, elements: int | Sequence[int], name: str) -> Lay
         positions.append(floats(on_piece))
     steps = np.diff(np.concatenate(positions), axis=0)
     return Layout(ends, np.concatenate(([0.0], np.cumsum(np.hypot(*steps.T)))))
+
+
+def listed_points(points: Any, name: str) -> tuple[list, np.ndarray]:
+    """Points of a beam as a list, and their positions (n, 2) [m]; SceneError for what is none."""
+    try:
+        # Rows of tables count by labels, not from 0.
+        listed = [point.to_numpy() if hasattr(point, "to_numpy") else point for point in points]
+        positions = real_array([position_of(point) for point in listed])
+    except Exception:  # a UFL expression has no length
+        listed, positions = [], np.empty((0, 0))
+    ok = positions.ndim == 2 and positions.shape[1] == 2
+    if not ok or not (abs(positions) <= LARGEST).all():
+        raise SceneError(
+            f"{name}: points must be points of the plane, finite (x, y) or nodes, not "
+            f"{shown(points)}"
+        )
+    if len(listed) < 2:
+        raise SceneError(f"{name}: a beam needs at least two points, not {len(listed)}")
+    return listed, positions
 
 
 def _spread(elements, lengths: np.ndarray, name: str) -> list[int]:

@@ -232,13 +232,10 @@ def layout(points, elements, degree: int, name: str) -> Layout:
     """Nodes of a beam along a polyline, a `Curve`, or a function of the fraction."""
     if callable(points):
         points = Curve(points)
-    usual = USUAL_ELEMENTS[degree]
     if isinstance(points, Curve):
-        return along_curve(points, usual if elements is None else elements, degree, name)
-    if elements is None:
-        points, _ = listed_points(points, f"beam {name!r}")
-        elements = max(usual, len(points) - 1)
-    return polyline(points, elements, name)
+        count = USUAL_ELEMENTS[degree] if elements is None else elements
+        return along_curve(points, count, degree, name)
+    return polyline(points, elements, degree, name)
 
 
 def along_curve(curve: Curve, elements: Any, degree: int, name: str) -> Layout:
