@@ -22,10 +22,12 @@ def starts_of(counts: Sequence[int] | np.ndarray) -> np.ndarray:
 @cached_by_content
 def sparsity(rows: np.ndarray, columns: np.ndarray, n: int) -> tuple[Pattern, np.ndarray]:
     """Compressed rows of the given pairs, and the position of each pair in them."""
-    keys, position = np.unique(rows * n + columns, return_inverse=True)
+    keys, position = rows.astype(int) * n + columns, np.arange(len(rows), dtype=np.int32)
+    if not (keys[1:] > keys[:-1]).all():
+        keys, position = np.unique(keys, return_inverse=True)
     counts = np.bincount(keys // n, minlength=n)
     indptr, indices = starts_of(counts).astype(np.int32), (keys % n).astype(np.int32)
-    return (indptr, indices), position.astype(np.int32)
+    return (indptr, indices), position.astype(np.int32, copy=False)
 
 
 def connected_parts(pairs: Sequence[np.ndarray] | np.ndarray, count: int) -> np.ndarray:
