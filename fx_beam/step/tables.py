@@ -215,7 +215,6 @@ class Problem:
                     "at": natural.rows,
                 }
             )
-        starts, nodes, _ = storage.mass_blocks
         loads = model.data.loads
         per_cell = 0 if kind.rates else int(np.prod(model.forms.internal_shape[1:]))
         self.set(
@@ -230,7 +229,6 @@ class Problem:
             },
             internal={"per_cell": per_cell},
             tangent={"row_start": K.indptr, "column_of": K.indices, "stored_at": stored_at},
-            mass={"start": starts, "dof": 3 * nodes, "stored_at": stored_at[storage.mass_entries]},
             loads={
                 "count": len(loads.starts) - 1,
                 "start": loads.starts,
@@ -310,8 +308,7 @@ def _scheme(storage: TangentStorage) -> dict[str, Any]:
     }
     if rules := model.forms.nodal_rules:
         addresses = np.array([function.address for function in rules], np.uintp)
-        of_pairs = storage.stored_at[storage.mass_blocks[2]]
-        scheme |= {"rules": len(rules), "nodal_rule": addresses, "rule_stored_at": of_pairs}
+        scheme |= {"rules": len(rules), "nodal_rule": addresses}
     return scheme
 
 

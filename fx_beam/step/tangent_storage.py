@@ -10,7 +10,6 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.c_library import array_at
-from fx_beam.content_cache import cached_property
 from fx_beam.coupling.reduction import ReducedTangent, Reduction
 from fx_beam.fem.sparsity import blocks_with, starts_of
 
@@ -84,19 +83,6 @@ class TangentStorage:
         }
         return "|".join(name for name, present in has.items() if present) or "0"
 
-    @cached_property
-    def mass_blocks(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Entries of the tangent with masses, in blocks of pairs of nodes (`blocks_with`)."""
-        weightless = self.model.scheme.rates.at_rest and not self.kind.turns
-        K = self.model.forms.stiffness
-        has_mass = np.zeros(K.nnz, bool) if weightless else self.model.masses.matrix.data != 0
-        return blocks_with(has_mass, K.indptr, K.indices)
-
-    @cached_property
-    def mass_entries(self) -> np.ndarray:
-        """Entries (pairs, 3) of the tangent that C has as masses and rotary inertias."""
-        return np.ascontiguousarray(self.mass_blocks[2].reshape(-1, 9)[:, ::4])
-
     def hand_over(self, problem: Any) -> None:
         """Hand over the couplings, and find the storage index of each entry of both tangents."""
         p, reduction, factors = problem.c, self.model.reduction, self.factors
@@ -168,6 +154,20 @@ class TangentStorage:
         self.on_slides = places[tangent.restoring["to"]], tangent.restoring["of"]
         #: Storage index of each entry of the full tangent.
         self.stored_at = stored_at
+        self._set_mass(problem)
+
+    def _set_mass(self, problem: Any) -> None:
+        """Hand over where the tangent has masses, in blocks of pairs of nodes."""
+        model, K = self.model, self.model.forms.stiffness
+        weightless = model.scheme.rates.at_rest and not self.kind.turns
+        has_mass = np.zeros(K.nnz, bool) if weightless else model.masses.matrix.data != 0
+        starts, nodes, blocks = blocks_with(has_mass, K.indptr, K.indices)
+        #: Entries (pairs, 3) of the tangent that C has as masses and rotary inertias.
+        self.mass_entries = np.ascontiguousarray(blocks.reshape(-1, 9)[:, ::4])
+        stored_at = self.stored_at[self.mass_entries]
+        problem.set(mass={"start": starts, "dof": 3 * nodes, "stored_at": stored_at})
+        if model.forms.nodal_rules:
+            problem.set(scheme={"rule_stored_at": self.stored_at[blocks]})
 
     def _set_changing_rows(self, problem: Any, bordering: dict[str, Any] | None = None) -> None:
         """Hand over what a pattern that changes with contact points is found from.
