@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from copy import copy
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -13,8 +12,8 @@ from fx_beam.dual import floats
 from fx_beam.errors import SceneError, is_number, shown
 from fx_beam.results.state import State
 from fx_beam.step.recorder import NullRecorder, Recorder
-from fx_beam.step.state_vector import StateCopy
 
+from .mark import Mark
 from .measurement import Instant, fitted_value, readings
 from .prepared import Prepared
 
@@ -33,14 +32,16 @@ _BESIDE, _LEAST_JUMP, _INSIDE = 1e-6, 1e-3, 3e-13
 _MOST_TRIALS = 200
 
 
-class _Mark(NamedTuple):
-    """The end of a step, to which a run can return."""
+class _Start(NamedTuple):
+    """The start of a step: its state, its mark and the statistics before it."""
 
     state: State
-    in_c: StateCopy
-    halving: dict[str, Any]
+    mark: Mark
     stats: dict[str, Any]
-    rows: int
+
+    def with_parts(self, halving: dict[str, Any]) -> _Start:
+        """A start of steps with as many parts as the control of halving has."""
+        return self._replace(mark=self.mark._replace(halving=halving))
 
 
 class Ending:
@@ -55,7 +56,7 @@ class Ending:
         #: What outputs are read from: the last state, and where its step starts and ends.
         self._step: tuple[State, Instant | None, Instant | None] = start, None, None
         self._readings = readings(prepared, self._value, prepared.options.outputs or {})
-        self._before: _Mark | None = None
+        self._before: _Start | None = None
         #: Length of the last step [s]; zero before the first one.
         self._length = 0.0
         self._values = self._values_after(start, start)
@@ -66,14 +67,14 @@ class Ending:
 
         Steps are not joined at `kinks`, times at which the motion is not smooth [s].
         """
-        mark, start = self._mark(), self._recorder.end
-        if start is not self._last:
+        start = self._mark()
+        if start.state is not self._last:
             self._before = None  # full turns are counted separately from here on
-        take_steps(start)
+        take_steps(start.state)
         end = self._recorder.end
-        if end.t == start.t:
+        if end.t == start.state.t:
             return  # the step is repeated
-        values = self._values_after(start, end)
+        values = self._values_after(start.state, end)
         if self._begins:
             for name, value in values.items():
                 if abs(self._values[name]) <= _ZERO * abs(value):
@@ -81,18 +82,18 @@ class Ending:
             self._begins = False
         met = [name for name, value in values.items() if _changes(self._values[name], value)]
         if met:
-            self._end(mark, end.t, met, values, kinks)
-        self._before, self._values, self._last = mark, values, self._recorder.end
-        self._length = end.t - start.t
+            self._end(start, end.t, met, values, kinks)
+        self._before, self._values, self._last = start, values, self._recorder.end
+        self._length = end.t - start.state.t
 
     def _end(
-        self, mark: _Mark, t1: float, met: list[str], values: dict[str, float], kinks: list[float]
+        self, start: _Start, t1: float, met: list[str], values: dict[str, float], kinks: list[float]
     ) -> None:
         """End the run where the first of some conditions is met in the step to t1 [s]."""
         # Shorter steps have as many parts as this one.
-        halving = copy(vars(self._stepper.halving))
-        t0, mark, earlier_mark = mark.state.t, mark._replace(halving=halving), self._before
-        ends = {name: self._zero(name, mark, t0, t1, values[name]) for name in met}
+        halving = dict(vars(self._stepper.halving))
+        t0, start, before = start.state.t, start.with_parts(halving), self._before
+        ends = {name: self._zero(name, start, t0, t1, values[name]) for name in met}
         soon, least = (t0 + part * (t1 - t0) for part in (_JUMP, _SHORTEST))
 
         def order(name: str) -> tuple[float, float]:
@@ -100,24 +101,26 @@ class Ending:
             return max(ends[name], soon), -abs(values[name]) / (abs(self._values[name]) or 1e-300)
 
         first = min(ends, key=order)
-        if ends[first] < least and earlier_mark is not None and t0 not in kinks:
-            longer = earlier_mark._replace(halving=halving)
-            if self._jumps(t := earlier_mark.state.t, t0, t1):
+        if ends[first] < least and before is not None and t0 not in kinks:
+            longer = before.with_parts(halving)
+            if self._jumps(t := before.state.t, t0, t1):
                 t1 = t0 + max(_INSIDE * (t0 - t), 2 * np.spacing(t0))
             value = self._at(first, longer, t1)
             if abs(value) <= _ZERO * abs(self._values[first]):
-                mark, ends[first] = longer, t1  # where round-off decides the sign
+                start, ends[first] = longer, t1  # where round-off decides the sign
             elif _changes(self._values[first], value):
-                mark, ends[first] = longer, self._zero(first, longer, t0, t1, value)
-            elif ends[first] < soon and _changes(self._values[first], self._at(first, mark, least)):
+                start, ends[first] = longer, self._zero(first, longer, t0, t1, value)
+            elif ends[first] < soon and _changes(
+                self._values[first], self._at(first, start, least)
+            ):
                 ends[first] = least  # mean forces have jumped from the step before to this one
         elif ends[first] < soon:
             ends[first] = least
-        self._return_to(mark)
+        self._return_to(start)
         number = self._stepper.stats.steps + 1
         end = np.array([ends[first]])
         self._recorder.plan(number, end, last=True)
-        self._stepper.advance(mark.state, end, number, self._recorder)
+        self._stepper.advance(start.state, end, number, self._recorder)
         self._stepper.stats.until = first
 
     def _jumps(self, t: float, t0: float, t1: float) -> bool:
@@ -134,19 +137,19 @@ class Ending:
         sizes = ((abs(x[1] - x[0]), abs(x)) for x in map(floats, acting) if x.size)
         return any(jump.max() > _LEAST_JUMP * size.max() for jump, size in sizes)
 
-    def _zero(self, name: str, mark: _Mark, t0: float, t1: float, last: float) -> float:
-        """Time in [t0, t1] at which a condition is met in a step from a mark, just behind it.
+    def _zero(self, name: str, start: _Start, t0: float, t1: float, last: float) -> float:
+        """Time in [t0, t1] at which a condition is met in a step from a start, just behind it.
 
         By false position with halved weights (Illinois), and bisection every third time.
         """
         a, b, fa, fb = t0, t1, self._values[name], last
-        least, side = _OF_STEP * (t1 - mark.state.t) + _OF_TIME * abs(t1), 0
+        least, side = _OF_STEP * (t1 - start.state.t) + _OF_TIME * abs(t1), 0
         for trial in range(_MOST_TRIALS):
             if b - a <= least:
                 break
             t = (a + b) / 2 if trial % 3 == 2 else (a * fb - b * fa) / (fb - fa)
             t = min(max(t, a + least / 2), b - least / 2)
-            value = self._at(name, mark, t)
+            value = self._at(name, start, t)
             if _changes(self._values[name], value):
                 fa, fb = fa / 2 if side == 1 else fa, value
                 b, side = t, 1
@@ -155,11 +158,11 @@ class Ending:
                 a, side = t, -1
         return b
 
-    def _at(self, name: str, mark: _Mark, t: float) -> float:
-        """Value of a condition after a step from a mark to a time [s], which is not recorded."""
-        self._return_to(mark)
-        end = self._stepper.advance(mark.state, np.array([t]), 1, NullRecorder())
-        return self._values_after(mark.state, end, [name])[name]
+    def _at(self, name: str, start: _Start, t: float) -> float:
+        """Value of a condition after a step from a start to a time [s], which is not recorded."""
+        self._return_to(start)
+        end = self._stepper.advance(start.state, np.array([t]), 1, NullRecorder())
+        return self._values_after(start.state, end, [name])[name]
 
     def _values_after(
         self, start: State, end: State, names: Sequence[str] | None = None
@@ -202,19 +205,15 @@ class Ending:
         state, *instants = self._step
         return fitted_value(name, partial(getattr, state), *instants)
 
-    def _mark(self) -> _Mark:
+    def _mark(self) -> _Start:
         stepper, recorder = self._stepper, self._recorder
-        stats = copy(vars(stepper.stats)) | {"ended_by": dict(stepper.stats.ended_by)}
-        halving = copy(vars(stepper.halving))
-        return _Mark(recorder.end, stepper.loop.state.copy(), halving, stats, recorder.rows)
+        stats = vars(stepper.stats) | {"ended_by": dict(stepper.stats.ended_by)}
+        return _Start(recorder.end, Mark.of(stepper, recorder), stats)
 
-    def _return_to(self, mark: _Mark) -> None:
-        stepper = self._stepper
-        stepper.loop.state.restore(mark.in_c)
-        vars(stepper.halving).update(mark.halving)
-        vars(stepper.stats).update(mark.stats | {"ended_by": dict(mark.stats["ended_by"])})
-        self._recorder.end = mark.state
-        self._recorder.truncate(mark.rows)
+    def _return_to(self, start: _Start) -> None:
+        start.mark.restore(self._stepper, self._recorder)
+        vars(self._stepper.stats).update(start.stats | {"ended_by": dict(start.stats["ended_by"])})
+        self._recorder.end = start.state
 
 
 def _changes(old: float, value: float) -> bool:

@@ -25,9 +25,9 @@ from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import NullRecorder, Record, Recorder, Rows
 from fx_beam.step.single_steps import CompiledSingleSteps
-from fx_beam.step.state_vector import StateCopy
 
 from .evaluation import solution_of
+from .mark import Mark
 from .measurement import Instant, fitted_state, fitted_value, readings
 from .options import MOST_STEPS, Grid, Options, check_scene, grid_from
 from .prepared import Prepared, state_of
@@ -107,9 +107,8 @@ class _Present(NamedTuple):
     #: Number of steps in this course, and time [s].
     number: int
     t: float
-    #: The state in C, and that of `Halving`.
-    in_c: StateCopy
-    parts: np.ndarray | None
+    #: The state in C, and what else steps change.
+    mark: Mark
     #: Values of inputs by name, and full turns (size,) that are missing in the state [rad].
     inputs: dict[str, np.ndarray]
     turns: np.ndarray
@@ -141,23 +140,23 @@ class OpenMotion:
 
     def begin(self, state: State, removed: np.ndarray, grid: Grid) -> None:
         """Begin to step and to record from a state, in which full turns are missing."""
-        counter, model, loop = self._prepared.turn_counter, self._prepared.model, self._loop
-        turns = counter.turns_of(state)
-        state = counter.without(turns, state)
-        counter.removed[:] = turns = removed + turns
-        self._load(state)
+        prepared, model, loop = self._prepared, self._prepared.model, self._loop
         recorder: Rows = NullRecorder()
         if self._record is not None:
             recorder = Recorder(model, np.array([state.t]), self._record)
-            recorder.miss(turns)
+        prepared.turn_counter.removed[:] = removed
+        recorder.miss(removed)
+        state = prepared.count_turns(state, recorder) or state
+        self._load(state)
+        if isinstance(recorder, Recorder):
             loop.record(state, recorder)
             recorder.plan(1, grid(np.arange(1, 1 + _ROWS)), last=False)
-        course = _Course(state, grid, recorder, self._prepared.stats.steps)
-        copy, parts = loop.state.copy(), self._prepared.stepper.halving.state
-        present = _Present(course, 0, grid(0), copy, parts, self.held.values, turns)
+        course = _Course(state, grid, recorder, prepared.stats.steps)
+        mark, turns = Mark.of(prepared.stepper, recorder), prepared.turn_counter.removed.copy()
+        present = _Present(course, 0, grid(0), mark, self.held.values, turns)
         if model.fits_rates:
-            arrays, known = loop.state.arrays_of(present.in_c), state.driven_rates
-            end = Instant(self._prepared.forcing, present.t, -self._dt, arrays, known)
+            arrays, known = loop.state.arrays_of(mark.in_c), state.driven_rates
+            end = Instant(prepared.forcing, present.t, -self._dt, arrays, known)
             present = present._replace(end=end)
         self._be(present)
 
@@ -176,13 +175,11 @@ class OpenMotion:
         present, course, prepared = self.now, self.now.course, self._prepared
         if self._in_c is present:
             return
-        self._loop.state.restore(present.in_c)
-        prepared.stepper.halving.resume(present.parts)
+        present.mark.restore(prepared.stepper, course.recorder)
         prepared.forcing.hold(course.start)
         self.held.set(present.inputs)
         self.held.arrive()
         prepared.turn_counter.removed[:] = present.turns
-        course.recorder.truncate(1 + present.number // course.recorder.grid.every)
         course.recorder.miss(present.turns)
         self._in_c = present
 
@@ -198,34 +195,33 @@ class OpenMotion:
         if number >= recorder.grid.planned:
             ends = grid(np.arange(number, number + _ROWS))
             recorder.plan(number, ends, last=False)
-        self._in_c, parts = None, present.parts
+        self._in_c = None
         held_inputs.set(checked)
         held_inputs.begin(present.t, t1)
         stepper = self._prepared.stepper
         if stepper.halving.times or not self._steps.take(number, present.t, grid, recorder):
             self._loop.count()
             stepper.advance(self.state(), np.array([t1]), number, recorder)
-            parts = stepper.halving.state
         held_inputs.arrive()
         recorder.truncate(1 + number // recorder.grid.every)
-        copy, start, end = self._loop.state.copy(), present.end, None
+        mark, start, end = Mark.of(stepper, recorder), present.end, None
         if start is not None:
-            arrays = self._loop.state.arrays_of(copy)
+            arrays = self._loop.state.arrays_of(mark.in_c)
             end = Instant(self._prepared.forcing, t1, self._dt, arrays, start=start)
         course, inputs, turns = present.course, held_inputs.values, present.turns
-        self._be(_Present(course, number, t1, copy, parts, inputs, turns, start, end))
+        self._be(_Present(course, number, t1, mark, inputs, turns, start, end))
         if number % full_turns.STEPS == 0:
             self._count_turns()
 
     def _count_turns(self) -> None:
         """Count full turns separately, so that they do not add to rounding errors."""
-        counter, state, present = self._prepared.turn_counter, self.state(), self.now
-        turns = counter.turns_of(state)
-        if turns.any():
-            self._load(counter.without(turns, state))
-            counter.removed[:] = turns = counter.removed + turns
-            present.course.recorder.miss(turns)
-            self._be(present._replace(in_c=self._loop.state.copy(), turns=turns))
+        prepared, present, recorder = self._prepared, self.now, self.now.course.recorder
+        self._in_c = None
+        if (state := prepared.count_turns(self.state(), recorder)) is not None:
+            self._load(state)
+            mark, turns = Mark.of(prepared.stepper, recorder), prepared.turn_counter.removed.copy()
+            present = present._replace(mark=mark, turns=turns)
+        self._be(present)
 
     def count(self) -> None:
         """Add what was counted to the statistics."""

@@ -19,7 +19,7 @@ from fx_beam.step.forcing import Forcing
 from fx_beam.step.full_turns import TurnCounter
 from fx_beam.step.loop import CompiledLoop
 from fx_beam.step.model import Model
-from fx_beam.step.recorder import Recorder
+from fx_beam.step.recorder import Recorder, Rows
 from fx_beam.step.stepper import Stepper
 from fx_beam.step.substeps import Halving
 
@@ -79,6 +79,18 @@ class Prepared:
     def loop(self) -> CompiledLoop:
         """The compiled loop."""
         return self.stepper.loop
+
+    def count_turns(self, state: State, recorder: Rows) -> State | None:
+        """The state without its full turns, which rows miss from here on; None if it has none.
+
+        Counted separately, they do not add to rounding errors.
+        """
+        counter = self.turn_counter
+        if not (turns := counter.turns_of(state)).any():
+            return None
+        counter.removed[:] += turns
+        recorder.miss(counter.removed)
+        return counter.without(turns, state)
 
     def first_state(self, dt: float, start: Solution | None, accelerations: bool = True) -> State:
         """Initial state of a motion by steps of the length dt [s].

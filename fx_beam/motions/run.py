@@ -220,23 +220,15 @@ class Run:
         return advance
 
     def _count_turns(self) -> None:
-        """Count full turns separately, so that they do not add to rounding errors.
-
-        After the same numbers of steps whatever the blocks, so that these change no digit.
-        """
-        counter, recorder = self.prepared.turn_counter, self.recorder
-        steps = self.prepared.stats.steps
+        """Count full turns, after the same numbers of steps whatever the blocks."""
+        prepared, recorder, steps = self.prepared, self.recorder, self.prepared.stats.steps
         if steps < self._next_count:
             return
         self._next_count = steps - steps % full_turns.STEPS + full_turns.STEPS
         if not any_of(recorder.end.q):
             return
-        turns = counter.turns_of(recorder.end)
-        if turns.any():
-            removed = counter.removed + turns
-            recorder.miss(removed)  # no row yet
-            recorder.present = counter.without(turns, recorder.end), removed
-            counter.removed[:] = removed
+        if (state := prepared.count_turns(recorder.end, recorder)) is not None:
+            recorder.present = state, prepared.turn_counter.removed.copy()
 
     # -- The solution -----------------------------------------------------------------------------
 

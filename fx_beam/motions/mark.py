@@ -1,0 +1,28 @@
+"""A mark of a run: the end of a step, to which the run can return."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from fx_beam.step.recorder import Rows
+from fx_beam.step.state_vector import StateCopy
+from fx_beam.step.stepper import Stepper
+
+
+class Mark(NamedTuple):
+    """What steps change: the state in C, the control of halving, and the number of rows."""
+
+    in_c: StateCopy
+    halving: dict[str, Any]
+    rows: int
+
+    @classmethod
+    def of(cls, stepper: Stepper, recorder: Rows) -> Mark:
+        """A mark of the present state."""
+        return cls(stepper.loop.state.copy(), dict(vars(stepper.halving)), recorder.rows)
+
+    def restore(self, stepper: Stepper, recorder: Rows) -> None:
+        """Return to the mark."""
+        stepper.loop.state.restore(self.in_c)
+        vars(stepper.halving).update(self.halving)
+        recorder.truncate(self.rows)
