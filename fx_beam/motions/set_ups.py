@@ -25,13 +25,13 @@ class SetUps:
         self.size, self._most = size, most
         # Kinds and set-ups that wait, the earliest first.
         self._waiting: list[tuple[Hashable, Any]] = []
-        # Kinds and set-ups in use, by ids of set-ups. They are referenced here, or else garbage
-        # collection could close the libraries of a set-up that a lease returns a moment later.
-        self._in_use: dict[int, tuple[Hashable, Any]] = {}
+        #: Kinds and set-ups in use, by ids of set-ups. They are referenced here, or else garbage
+        #: collection could close the libraries of a set-up that a lease returns a moment later.
+        self.in_use: dict[int, tuple[Hashable, Any]] = {}
 
     def lease(self, kind: Hashable, bind: Callable[[Any], None], make: Callable[[], Any]) -> Lease:
         """The last set-up of a kind after `bind`, or a new one if there is none that fits."""
-        in_use = any(used == kind for used, _ in [*self._in_use.values()])
+        in_use = any(used == kind for used, _ in [*self.in_use.values()])
         reason = "the last solution is still in use" if in_use else "the first scene"
         entry = next((entry for entry in self._waiting[::-1] if entry[0] == kind), None)
         if entry is not None and self._take(entry):
@@ -50,38 +50,29 @@ class SetUps:
             return False
         return True
 
-    def begin(self, kind: Hashable, set_up: Any) -> None:
-        """Have a set-up in use."""
-        self._in_use[id(set_up)] = kind, set_up
-
-    def end(self, kind: Hashable, set_up: Any, serves: bool) -> None:
-        """Let a set-up wait for the next scene, if it `serves` and is not too large."""
-        del self._in_use[id(set_up)]
-        if serves and set_up.size <= self.size:
-            self._waiting.append((kind, set_up))
-        while len(waiting := self._waiting) > self._most or _size(waiting) > self.size:
+    def end(self, set_up: Any) -> None:
+        """Let a set-up wait for the next scene, if it is not too large."""
+        entry, waiting = self.in_use.pop(id(set_up)), self._waiting
+        if set_up.size <= self.size:
+            waiting.append(entry)
+        while len(waiting) > self._most or sum(other.size for _, other in waiting) > self.size:
             del waiting[:1]
-
-
-def _size(waiting: list[tuple[Hashable, Any]]) -> int:
-    return sum(set_up.size for _, set_up in waiting)
 
 
 class Lease:
     """A set-up for one user; it returns to its cache as soon as no object has the lease."""
 
     def __init__(self, cache: SetUps, kind: Hashable, set_up: Any, reason: str = ""):
-        self._cache, self._kind = cache, kind
+        self._cache, self._is_over = cache, False
         #: What is leased, and why it was set up anew; empty if it was not.
         self.set_up, self.reason = set_up, reason
-        self._active = True
-        cache.begin(kind, set_up)
+        cache.in_use[id(set_up)] = kind, set_up
 
-    def end(self, serves: bool = True) -> None:
-        """Return the set-up to the cache, once; drop one that `serves` no other scene."""
-        was_active, self._active = self._active, False
-        if was_active:
-            self._cache.end(self._kind, self.set_up, serves)
+    def end(self) -> None:
+        """Return the set-up to the cache, once: it may be in use by another lease since."""
+        was_over, self._is_over = self._is_over, True
+        if not was_over:
+            self._cache.end(self.set_up)
 
     __del__ = end
 

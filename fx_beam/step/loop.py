@@ -46,9 +46,11 @@ class CompiledLoop:
         self.records = RecordsInC(problem)
         #: Where sub-steps are taped, but for those of trials; None for nowhere.
         self.tape: Tape | None = None
-        self._begin(forcing, stats)
+        self.bind(forcing, stats)
 
-    def _begin(self, forcing: Forcing, stats: Stats) -> None:
+    def bind(self, forcing: Forcing, stats: Stats) -> None:
+        """Begin a run, with the numbers that the model has now."""
+        self.problem.bind()
         self.forcing, self.stats = forcing, stats
         #: A block for what C does and what Python counts of it, which Ctrl-C does not divide.
         self.whole: AbstractContextManager[None] = nullcontext()
@@ -61,11 +63,6 @@ class CompiledLoop:
     def failures(self) -> StepFailures:
         """Why steps fail."""
         return StepFailures(self.model, self.problem.kind.newton, self.stats)
-
-    def bind(self, forcing: Forcing, stats: Stats) -> None:
-        """Begin another run, with the numbers that the model has now."""
-        self.problem.bind()
-        self._begin(forcing, stats)
 
     def take(
         self, state: State, steps: Steps, recorder: Rows, completed: Callable[[int], int] = int
@@ -101,7 +98,7 @@ class CompiledLoop:
         record = self.records.next(recorder, 0, first=0)
         problem, none = self.problem, self.problem.ffi.NULL
         problem.library.fx_run(problem.c, 0, state.t, 0.0, none, none, record)
-        recorder.count(record.rows, record.starts)
+        recorder.rows, recorder.starts = record.rows, record.starts
 
     def _run(self, state: State, steps: Steps, recorder: Rows) -> int:
         """Number of steps or parts of equal length that succeeded."""
@@ -114,7 +111,7 @@ class CompiledLoop:
         else:
             in_c, limits = inputs.in_c(self.problem.ffi), steps.limits(self.problem)
             count = self._steps(inputs.steps, state.t, dt, in_c, record, limits)
-        recorder.count(record.rows, record.starts)
+        recorder.rows, recorder.starts = record.rows, record.starts
         self.count()
         return count
 

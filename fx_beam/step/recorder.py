@@ -166,7 +166,7 @@ class NullRecorder:
     def make_room(self, *_: Any, **options: Any) -> None:
         """Nothing."""
 
-    count = plan = miss = truncate = make_room
+    plan = miss = truncate = make_room
 
 
 class Recorder:
@@ -244,10 +244,6 @@ class Recorder:
             self.plans += 1
             for name, array in arrays.items():
                 arrays[name] = grown(array, room, self.starts)
-
-    def count(self, rows: int, starts: int) -> None:
-        """Count all rows that are written, and all starts."""
-        self.rows, self.starts = rows, starts
 
     def truncate(self, rows: int) -> None:
         """Have some rows, which are written; what was begun after them is forgotten."""
