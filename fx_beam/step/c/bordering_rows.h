@@ -204,7 +204,8 @@ HOT void factorise_corner(const Problem *p, const Work *w) {
     per_most[i] = most > 0 ? 1 / most : 1;
     for (int j = 0; j < m; ++j) D[i * m + j] *= per_most[i];
   }
-  factorise_band(m, m, m, D, w->corner_order);
+  BandRows rows = band_rows(m, m, m);
+  factorise_band(&rows, D, w->corner_exchanged);
 }
 
 /* Unknowns y of the bordering rows from their right sides g, in the place of these, and A^-1 b in x, of one or GROUP_SIZE
@@ -215,7 +216,8 @@ INLINED void solve_bordering_rows(const Problem *p, const Work *w, int sides, do
     for (long i = w->crossed[2 * j]; i <= w->crossed[2 * j + 1]; ++i)
       for (int k = 0; k < sides; ++k) g[j * sides + k] -= w->border[j * p->system.positions + i] * x[i * sides + k];
   for (int i = 0; i < m * sides; ++i) g[i] *= w->corner_units[m + i / sides];
-  solve_band_rows(sides, m, m, m, w->corner, w->corner_order, g);
+  BandRows rows = band_rows(m, m, m);
+  solve_band_rows(sides, &rows, w->corner, w->corner_exchanged, g);
   for (int i = 0; i < m * sides; ++i) g[i] *= w->corner_units[i / sides];
   for (long i = 0; i < p->system.positions; ++i)
     for (int j = 0; w->reached[i] && j < m; ++j)

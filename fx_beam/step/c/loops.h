@@ -52,69 +52,125 @@ static void derive_closures(const Problem *p, const Work *w, const double *value
   }
 }
 
-/* LU factors of n rows, with exchange of rows, in place: `row` has their order. Entries are in a band: `lower` columns
-   before the diagonal and `upper` behind it, and so many more as rows are exchanged. */
-HOT void factorise_band(int n, int lower, int upper, double *A, int *row) {
-  for (int i = 0; i < n; ++i) row[i] = i;
-  for (int k = 0; k < n; ++k) {
-    int best = k, last = k + lower < n ? k + lower : n - 1, enters = k + lower + upper;
-    int end = enters < n ? enters + 1 : n;
-    for (int i = k; i <= last; ++i) {
-      if (enters < n && row[i] + lower + upper < enters) A[(long)row[i] * n + enters] = 0;
-      if (fabs(A[(long)row[i] * n + k]) > fabs(A[(long)row[best] * n + k])) best = i;
+/* Rows of n equations in a band, with `lower` columns before the diagonal, `upper` behind it, and so many more as rows are
+   exchanged; in a wide band they are those of a full matrix. Column j of row i is at [i * stride + shift + j]. */
+typedef struct { int n, lower, upper; long stride, shift, size; } BandRows;
+
+INLINED BandRows band_rows(int n, int lower, int upper) {
+  int width = 2 * lower + upper + 1;
+  return width < n ? (BandRows){n, lower, upper, width - 1, lower, (long)n * width}
+                   : (BandRows){n, lower, upper, n, 0, (long)n * n};
+}
+
+static inline int least_of(int a, int b) { return a < b ? a : b; }
+
+/* LU factors in place; row k was exchanged with row `exchanged[k]`. */
+HOT void factorise_band(const BandRows *b, double *A, int *exchanged) {
+  for (int k = 0; k < b->n; ++k) {
+    int best = k, last = least_of(k + b->lower, b->n - 1), end = least_of(k + b->lower + b->upper, b->n - 1);
+    double *pivot = A + b->shift + k * b->stride;
+    for (int i = k + 1; i <= last; ++i)
+      if (fabs(A[b->shift + i * b->stride + k]) > fabs(A[b->shift + best * b->stride + k])) best = i;
+    double *chosen = A + b->shift + best * b->stride;
+    exchanged[k] = best;
+    for (int j = k; best != k && j <= end; ++j) {
+      double number = pivot[j];
+      pivot[j] = chosen[j], chosen[j] = number;
     }
-    int chosen = row[best];
-    row[best] = row[k], row[k] = chosen;
-    const double *pivot = A + (long)chosen * n;
     for (int i = k + 1; i <= last; ++i) {
-      double *other = A + (long)row[i] * n;
+      double *other = A + b->shift + i * b->stride;
       if (other[k] == 0) continue;
       double factor = other[k] /= pivot[k];
-      for (int j = k + 1; j < end; ++j) other[j] -= factor * pivot[j];
+      for (int j = k + 1; j <= end; ++j) other[j] -= factor * pivot[j];
     }
   }
 }
 
-/* Extends the part of a row that may differ from zero, from `low` to `high`, by another. */
-static void widen(double *row, int *low, int *high, int from, int to) {
-  if (*low > *high) *low = from, *high = from - 1;
-  for (; *low > from;) row[--*low] = 0;
-  for (; *high < to;) row[++*high] = 0;
+/* Solves the equations of `factorise_band` for one or GROUP_SIZE right sides x, [row][right side], in their place. */
+INLINED void solve_band_rows(int sides, const BandRows *b, const double *A, const int *exchanged, double *x) {
+  Four y[b->n];
+  for (int i = 0; i < b->n; ++i) y[i] = sides == 1 ? (Four){x[i]} : *(const Four *)(x + i * sides);
+  for (int k = 0; k < b->n; ++k) {
+    Four top = y[exchanged[k]];
+    y[exchanged[k]] = y[k], y[k] = top;
+    for (int i = k + 1; i <= k + b->lower && i < b->n; ++i) y[i] -= A[b->shift + i * b->stride + k] * top;
+  }
+  for (int i = b->n - 1; i >= 0; --i) {
+    const double *row = A + b->shift + i * b->stride;
+    for (int j = i + 1; j < b->n && j <= i + b->lower + b->upper; ++j) y[i] -= row[j] * y[j];
+    y[i] *= 1 / row[i];
+    for (int k = 0; k < sides; ++k) x[i * sides + k] = y[i][k];
+  }
+}
+
+/* A sparse row: numbers by column, and the columns of those that may differ from zero, each once. */
+typedef struct { double *number; int count, *column, *is_in; } SparseRow;
+
+static inline double *entry_of(SparseRow *row, int column) {
+  if (!row->is_in[column]) row->column[row->count++] = column, row->is_in[column] = 1;
+  return row->number + column;
+}
+
+/* First row behind `before` whose pivot is in a column where this row is not zero; -1 for none. */
+static int next_pivot(const SparseRow *row, const int *pivots, int before) {
+  int next = -1;
+  for (int k = 0; k < row->count; ++k) {
+    int pivot = pivots[row->column[k]];
+    if (pivot > before && (next < 0 || pivot < next) && row->number[row->column[k]] != 0) next = pivot;
+  }
+  return next;
+}
+
+/* Moves the numbers of a row that are not zero to an array, its pivot first; returns how many there are. */
+static int take_row(SparseRow *row, int pivot, double *number, int *column) {
+  int count = 1;
+  column[0] = pivot, number[0] = row->number[pivot], row->number[pivot] = 0;
+  for (int k = 0; k < row->count; ++k) {
+    int j = row->column[k];
+    if (row->number[j] != 0) column[count] = j, number[count++] = row->number[j];
+    row->number[j] = 0, row->is_in[j] = 0;
+  }
+  row->count = 0;
+  return count;
 }
 
 /* Chooses the unknowns that follow, block by block: of each row of G the largest entry, after those before are eliminated;
    returns 0 in a singular position. */
 static int choose_following(const Problem *p, const Work *w) {
+  SparseRow row = {w->closure_row, 0, w->touched, w->touched + p->loops.columns};
+  memset(row.is_in, 0, p->loops.columns * sizeof(int));
   for (int j = 0; j < p->loops.columns; ++j) w->follows[j] = -1;
   for (int b = 0; b < p->loops.blocks; ++b) {
     int begin = p->loops.block_closure[b], m = p->loops.block_closure[b + 1] - begin;
-    int from = p->loops.block_column[b], n = p->loops.block_column[b + 1] - from;
-    int *low = w->low, *high = low + p->loops.closures; /* rows are zero beside these */
-    double *M = w->pivoting, *length = p->loops.length + begin, most = 0, least = HUGE_VAL;
-    for (int i = 0; i < m; ++i) {
-      double *row = M + (long)i * n, size = 0;
+    int from = p->loops.block_column[b], n = p->loops.block_column[b + 1] - from, *row_start = w->pivot_row;
+    double *length = p->loops.length + begin, most = 0, least = HUGE_VAL;
+    for (int i = row_start[0] = 0; i < m; ++i) {
+      double size = 0;
       int column = -1;
-      low[i] = n, high[i] = -1;
       for (int k = p->loops.start[begin + i]; k < p->loops.start[begin + i + 1]; ++k) {
-        int near = p->loops.near[k], j = near - from;
+        int near = p->loops.near[k];
+        double number = w->G[k] * p->loops.unit[near];
         if (p->loops.column[near] >= p->free) continue;
-        widen(row, low + i, high + i, j, j);
-        row[j] = w->G[k] * p->loops.unit[near], most = fmax(most, fabs(row[j]) * length[i]);
+        *entry_of(&row, near) = number, most = fmax(most, fabs(number) * length[i]);
       }
-      for (int k = 0; k < i; ++k) {
-        const double *pivot = M + (long)k * n;
-        int at = p->loops.following[begin + k] - from;
-        if (at < low[i] || at > high[i] || row[at] == 0) continue;
-        double factor = row[at] / pivot[at];
-        widen(row, low + i, high + i, low[k], high[k]);
-        for (int j = low[k]; j <= high[k]; ++j) row[j] -= factor * pivot[j];
-        row[at] = 0;
+      for (int before = -1, k; (k = next_pivot(&row, w->follows, before)) >= 0; before = k) {
+        int first = row_start[k], pivot = w->pivot_column[first];
+        double factor = row.number[pivot] / w->pivoting[first];
+        for (int e = first; e < row_start[k + 1]; ++e) *entry_of(&row, w->pivot_column[e]) -= factor * w->pivoting[e];
+        row.number[pivot] = 0;
       }
-      for (int j = low[i]; j <= high[i]; ++j)
-        if (fabs(row[j]) > size) size = fabs(row[j]), column = j;
-      if (column < 0) return 0;
+      for (int k = 0; k < row.count; ++k) {
+        int j = row.column[k];
+        double now = fabs(row.number[j]);
+        if (now > size || (now == size && now > 0 && j < column)) size = now, column = j;
+      }
+      if (column < 0) {
+        take_row(&row, 0, w->pivoting, w->pivot_column);
+        return 0;
+      }
       least = fmin(least, size * length[i]);
-      p->loops.following[begin + i] = from + column, w->follows[from + column] = begin;
+      p->loops.following[begin + i] = column, w->follows[column] = i;
+      row_start[i + 1] = row_start[i] + take_row(&row, column, w->pivoting + row_start[i], w->pivot_column + row_start[i]);
     }
     if (least <= LEAST_PIVOT * most) return 0; /* not before: it must not depend on the order of closures */
     /* In the order of their columns, near to the diagonal. */
@@ -133,48 +189,36 @@ static int choose_following(const Problem *p, const Work *w) {
   return 1;
 }
 
-/* Solves the equations of `factorise_band` for one or GROUP_SIZE right sides x, [row][right side], in their place. */
-INLINED void solve_band_rows(int sides, int n, int lower, int upper, const double *A, const int *order, double *x) {
-  Four y[n];
-  for (int i = 0; i < n; ++i) {
-    const double *row = A + (long)order[i] * n, *right = x + order[i] * sides;
-    y[i] = sides == 1 ? (Four){*right} : *(const Four *)right;
-    for (int j = order[i] > lower ? order[i] - lower : 0; j < i; ++j) y[i] -= row[j] * y[j];
-  }
-  for (int i = n - 1; i >= 0; --i) {
-    const double *row = A + (long)order[i] * n;
-    for (int j = i + 1; j < n && j <= i + lower + upper; ++j) y[i] -= row[j] * y[j];
-    y[i] *= 1 / row[i];
-    for (int k = 0; k < sides; ++k) x[i * sides + k] = y[i][k];
-  }
+/* Rows of a block of closures, or of their transpose, by the unknowns that follow. */
+static BandRows rows_of_block(const Problem *p, const Work *w, int block, int transposed) {
+  const int *band = w->band + 2 * block, *begin = p->loops.block_closure + block;
+  return band_rows(begin[1] - begin[0], band[transposed], band[!transposed]);
 }
 
 /* LU factors of the part of G that belongs to the unknowns that follow, or of its transpose, block by block. */
 static void factorise_closures(const Problem *p, const Work *w, const double *G, int transposed) {
   for (int b = 0; b < p->loops.blocks; ++b) {
-    int begin = p->loops.block_closure[b], m = p->loops.block_closure[b + 1] - begin;
-    int lower = w->band[2 * b + transposed], upper = w->band[2 * b + !transposed];
+    BandRows rows = rows_of_block(p, w, b, transposed);
+    int begin = p->loops.block_closure[b];
     double *A = w->part + transposed * p->loops.block_part[p->loops.blocks] + p->loops.block_part[b];
-    for (int i = 0; i < m; ++i) {
-      int first = i > lower ? i - lower : 0, end = i + lower + upper < m ? i + lower + upper + 1 : m;
-      memset(A + (long)i * m + first, 0, (end - first) * sizeof(double));
-    }
-    for (int i = 0; i < m; ++i)
+    memset(A, 0, rows.size * sizeof(double));
+    for (int i = 0; i < rows.n; ++i)
       for (int k = p->loops.start[begin + i]; k < p->loops.start[begin + i + 1]; ++k) {
-        int j = w->follows[p->loops.near[k]] - begin;
-        if (w->follows[p->loops.near[k]] >= 0) A[transposed ? (long)j * m + i : (long)i * m + j] = G[k];
+        int j = w->follows[p->loops.near[k]] - begin, row = transposed ? j : i, column = transposed ? i : j;
+        if (w->follows[p->loops.near[k]] >= 0) A[rows.shift + row * rows.stride + column] = G[k];
       }
-    factorise_band(m, lower, upper, A, w->part_order + transposed * p->loops.closures + begin);
+    factorise_band(&rows, A, w->exchanged + transposed * p->loops.closures + begin);
   }
 }
 
 /* Solves for the unknowns that follow, in the place of one or GROUP_SIZE right sides x. */
 HOT void solve_closures(const Problem *p, const Work *w, int sides, int transposed, double *x) {
-  const int *order = w->part_order + transposed * p->loops.closures;
+  const int *exchanged = w->exchanged + transposed * p->loops.closures;
   for (int b = 0; b < p->loops.blocks; ++b) {
-    int begin = p->loops.block_closure[b], m = p->loops.block_closure[b + 1] - begin, *band = w->band + 2 * b;
+    BandRows rows = rows_of_block(p, w, b, transposed);
+    int begin = p->loops.block_closure[b];
     const double *factors = w->part + transposed * p->loops.block_part[p->loops.blocks] + p->loops.block_part[b];
-    solve_band_rows(sides, m, band[transposed], band[!transposed], factors, order + begin, x + begin * sides);
+    solve_band_rows(sides, &rows, factors, exchanged + begin, x + begin * sides);
   }
 }
 

@@ -222,7 +222,7 @@ static const double NO_PIVOT = 1e-14;
    gives the solution from those for r and all e_i. In place of right sides x, [position][side]; returns 0 if the matrix is
    singular. */
 static int solve_raised(const Problem *p, const Work *w, int sides, double *x) {
-  int n = p->system.unknowns, at[RAISED], row[RAISED], many = 0, regular = 0;
+  int n = p->system.unknowns, at[RAISED], exchanged[RAISED], many = 0, regular = 0;
   double most = 0, least = HUGE_VAL, S[RAISED * RAISED], raised[RAISED], of_raised[RAISED];
   const SparseRows *rows = p->system.rows;
   if (HAS(CHAIN | BAND) || p->border.rows) return 0;
@@ -242,14 +242,15 @@ static int solve_raised(const Problem *p, const Work *w, int sides, double *x) {
   for (int j = 0; j < many; ++j) z[(long)j * n + at[j]] = raised[j], substitute_sparse(rows, z + (long)j * n);
   for (int i = 0; i < many; ++i)
     for (int j = 0; j < many; ++j) S[i * many + j] = (i == j) - z[(long)j * n + at[i]];
-  factorise_band(many, many, many, S, row);
+  BandRows full = band_rows(many, many, many);
+  factorise_band(&full, S, exchanged);
   for (int i = 0; i < many; ++i)
-    most = fmax(most, fabs(S[row[i] * many + i])), least = fmin(least, fabs(S[row[i] * many + i]));
+    most = fmax(most, fabs(S[i * many + i])), least = fmin(least, fabs(S[i * many + i]));
   for (int side = 0; side < sides; ++side) {
     for (int i = 0; i < n; ++i) y[i] = x[i * sides + side];
     substitute_sparse(rows, y);
     gather(many, y, at, of_raised);
-    solve_band_rows(1, many, many, many, S, row, of_raised);
+    solve_band_rows(1, &full, S, exchanged, of_raised);
     for (int j = 0; j < many; ++j) add_times(n, of_raised[j], z + (long)j * n, y);
     for (int i = 0; i < n; ++i) x[i * sides + side] = y[i];
   }

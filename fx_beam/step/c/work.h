@@ -8,7 +8,7 @@
 
 /* Its arrays and their sizes, by numbers of `lay_out`: of degrees of freedom and of nodes; of columns; of joints, at both
    ends and over the step; of loops, where `follows` has the closure that each of their
-   columns follows, or -1; by position bordering columns, and where these are `reached`, and bordering rows, with the first and
+   columns follows, or -1, and pivot rows are sparse; by position bordering columns, and where these are `reached`, and bordering rows, with the first and
    the last position of each. */
 #define ARRAYS(OF)                                                                                               \
   OF(D, n + 9) OF(path, n + 9) OF(slope, n + 9) OF(acc, n) OF(f, n + 4 * LANES) OF(r, n) OF(correction, n)       \
@@ -32,8 +32,9 @@ static inline int values_of_joints(const Problem *p) { return 1 + 4 * p->joints.
 
 /* Integers: among them the bands [blocks, 2] of factors. */
 #define INTEGERS(OF)                                                                                             \
-  OF(follows, p->loops.columns) OF(low, 2 * m) OF(band, 2 * p->loops.blocks) OF(part_order, 2 * m)               \
-  OF(corner_order, b) OF(reached, p->system.positions) OF(crossed, 2 * b)
+  OF(follows, p->loops.columns) OF(pivot_row, m + 1) OF(pivot_column, p->loops.pivoting_size)                    \
+  OF(touched, 2 * p->loops.columns) OF(band, 2 * p->loops.blocks) OF(exchanged, 2 * m)                            \
+  OF(corner_exchanged, b) OF(reached, p->system.positions) OF(crossed, 2 * b)
 #define NUMBERS(name, size) double *name;
 #define NUMBERED(name, size) int *name;
 
