@@ -23,7 +23,8 @@ class ColumnMap:
     """x = A z, where the equations C z = 0 give the `dependent` columns.
 
     `weights` are the entries of A: rows, columns and values. C is an array, or in compressed rows.
-    Dependent columns are not finite if C z = 0 does not determine them.
+    Where it is `nested`, an equation has -1 for its own dependent column, and others of those
+    before it. Dependent columns are not finite if C z = 0 does not determine them.
     """
 
     def __init__(
@@ -32,10 +33,13 @@ class ColumnMap:
         shape: tuple[int, int],
         C: scipy.sparse.csr_matrix | np.ndarray,
         dependent: np.ndarray,
+        nested: bool = False,
     ):
         self._weights, self.shape, self._dependent = weights, shape, dependent
         #: C without the dependent columns.
         self._C: Any = None
+        #: What dependent columns have of those before them, if C is sparse and nested.
+        self._nested: Any = None
         if not len(dependent):
             return
         independent = np.ones(shape[1])
@@ -47,6 +51,8 @@ class ColumnMap:
                 self._C = C * independent
             else:
                 self._solve = splu(C[:, dependent].tocsc()).solve
+                if nested:
+                    self._nested = C[:, dependent] + scipy.sparse.identity(len(dependent))
                 self._C = C @ scipy.sparse.diags(independent)
         except (np.linalg.LinAlgError, RuntimeError):  # it is singular
             self._C = np.full(C.shape, np.nan)
@@ -78,6 +84,11 @@ class ColumnMap:
         """Matrix (columns, columns) of `with_dependent`."""
         independent = np.setdiff1d(np.arange(self.shape[1]), self._dependent)
         entries = np.ones(len(independent)), (independent, independent)
+        if self._nested is not None:
+            ratios = nested_solution(self._nested, self._C).tocoo()
+            places = self._dependent[ratios.row], ratios.col
+            matrix = scipy.sparse.csr_matrix((ratios.data, places), (self.shape[1],) * 2)
+            return matrix + scipy.sparse.csr_matrix(entries, matrix.shape)
         if len(self._dependent):
             # Of the independent columns few are in long loops.
             used = np.flatnonzero(abs(self._C).sum(axis=0))
@@ -109,6 +120,19 @@ class ColumnMap:
         row, column, values = self._weights
         places = row * self.shape[1] + column
         return np.bincount(places, values, math.prod(self.shape)).reshape(self.shape)
+
+
+def nested_solution(
+    N: scipy.sparse.csr_matrix, b: scipy.sparse.csr_matrix
+) -> scipy.sparse.csr_matrix:
+    """x (n, m) = N x + b, where N (n, n) is triangular in some order, with zero diagonal."""
+    x = term = b
+    N.eliminate_zeros()
+    while term.nnz:
+        term = N @ term
+        term.eliminate_zeros()
+        x = x + term
+    return x
 
 
 def without_dependent(

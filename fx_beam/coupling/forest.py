@@ -215,9 +215,11 @@ def _for_short_loops(joints: list[Joint], supports: list[set[int]]) -> list[Join
 
 def _check_sliding_nodes(sliding: list[SlidingJoint], supports: list[set[int]]) -> None:
     """Refuse a sliding node that is held in x, y or rotation, or that slides on two beams."""
+    joints_at = dict[int, list[SlidingJoint]]()
     for joint in sliding:
-        joints_of_node = [other for other in sliding if other.b is joint.b]
-        if len(joints_of_node) > 1:
+        joints_at.setdefault(joint.b.number, []).append(joint)
+    for joint in sliding:
+        if len(joints_of_node := joints_at[joint.b.number]) > 1:
             names = "; ".join(map(str, joints_of_node))
             raise SceneError(
                 f"over-constrained: {names}: {joint.b} slides on two beams. Let two nodes slide, "

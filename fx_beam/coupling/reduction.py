@@ -321,7 +321,9 @@ class Reduction:
 
             values = self._values(virtual)
             dependence = self._dependence(values, virtual, auxiliaries, closed)
-            self._maps[key] = ColumnMap(self._entries.weights(values), self._shape, *dependence)
+            nested = not (auxiliaries and len(self.auxiliaries)) and not (closed and self.loops)
+            weights = self._entries.weights(values)
+            self._maps[key] = ColumnMap(weights, self._shape, *dependence, nested=nested)
         return self._maps[key]
 
     def _dependence(

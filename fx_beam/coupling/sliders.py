@@ -65,6 +65,7 @@ class Guide:
         self.parts = Entries.of((k, couplings.entries(dof)) for k, dof in enumerate(dofs.ravel()))
         #: Columns on which the beam depends.
         self.near = np.unique(self.parts.column)
+        self._near = frozenset(self.near.tolist())
         self.members: dict[str, Any] = {
             "degree": path.degree,
             "elements": len(path.h),
@@ -81,6 +82,10 @@ class Guide:
             "part_value": self.parts.value_at.astype(np.int32),
             "part_sign": self.parts.sign,
         }
+
+    def depends_on(self, columns: set[int]) -> bool:
+        """Whether the beam depends on one of some columns."""
+        return not columns.isdisjoint(self._near)
 
 
 class Slide:
@@ -156,9 +161,7 @@ class Sliders:
         moved: set[int] = set()
         for last, slide in zip(self.all, self.all[1:], strict=False):
             moved.update(last.columns.tolist())
-            last.carries = bool(couplings.auxiliaries) or not moved.isdisjoint(
-                slide.guide.near.tolist()
-            )
+            last.carries = bool(couplings.auxiliaries) or slide.guide.depends_on(moved)
             if last.carries:
                 moved.clear()
         self._unknowns = couplings.unknown_count

@@ -58,7 +58,7 @@ class PathEquations:
         #: Weights (size,) of the degrees of freedom in the inner product.
         self.weight = 1 / (self.model.units.nodes**2 * len(self.model.mesh.turns))
         #: Whether unknowns follow others: what is eliminated with them fills the tangent.
-        self._fills = bool(self.model.couplings.closures or self.model.couplings.sliding)
+        self._fills = bool(self.model.couplings.closures)
 
     @cached_property
     def bordered(self) -> BorderedLU:
@@ -138,8 +138,11 @@ class PathEquations:
         """
         reduction, free, equations = self._reduction, self._reduction.free, self.loop.equations
         independent, moved = reduction.independent, slice(free, free + reduction.driven)
-        if self._fills or self.model.points.members is not None:  # its sparsity may have changed
-            A = equations.tangent() if self._fills else equations.system()
+        model, fills = self.model, self._fills
+        if fills or model.couplings.sliding or model.points.members is not None:
+            # Its sparsity may have changed.
+            A = equations.tangent() if fills else equations.system()
+            A.sort_indices()
             self.bordered, values = self._bordered(A.indptr, A.indices), A.data
         else:
             values = equations.values

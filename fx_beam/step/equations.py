@@ -133,17 +133,16 @@ class Equations:
 
     def system(self) -> scipy.sparse.csr_matrix:
         """The linear system of the last balance: the unknowns and auxiliary ones before others."""
-        reduction = self.model.reduction
+        reduction, storage = self.model.reduction, self._problem.storage
         indptr, indices = reduction.tangent.pattern
         n = len(indptr) - 1
         A = scipy.sparse.csr_matrix((self.values, indices, indptr), (n, n))
         if reduction.couplings.sliding:
-            border = self._problem.storage.border(self._problem, n)
-            A = _with_border(A, border, reduction.sliders.outside, reduction.free)
+            from .bordered_system import without_border
+
+            A = without_border(A, storage.bordering_entries(self._problem), storage.border)
         if (members := self.model.points.members) is not None:
-            member_tangent = reduction.reduced(members.tangent())
-            member_tangent.resize(A.shape)
-            A = (A + member_tangent).tocsr()
+            A = (A + reduction.reduced(members.tangent())).tocsr()
         return A
 
     def tangent(self) -> scipy.sparse.csr_matrix:
@@ -156,17 +155,3 @@ class Equations:
     def extended(self) -> Extended:
         """The same, in long trees with their auxiliary unknowns."""
         return Extended.of(self.system(), self.model.reduction)
-
-
-def _with_border(
-    A: scipy.sparse.csr_matrix, border: tuple[np.ndarray, ...], outside: np.ndarray, free: int
-) -> scipy.sparse.csr_matrix:
-    """A with its border: slides in their places, bordering rows and columns behind."""
-    n, (columns, rows, corner) = A.shape[0], border
-    many = len(corner)
-    A = scipy.sparse.bmat([[A, columns], [rows, corner]], "csr")
-    place = np.arange(n + many)
-    (bordering,) = np.nonzero(outside < free)
-    slides = outside[bordering]
-    place[slides], place[n + bordering] = n + bordering, slides
-    return A[place][:, place]

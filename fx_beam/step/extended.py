@@ -51,11 +51,8 @@ class Extended:
 
     @classmethod
     def of(cls, system: scipy.sparse.csr_matrix, reduction: Reduction) -> Extended:
-        """That of a linear system; with nodes on beams the full matrix."""
+        """That of a linear system."""
         dependent, free = reduction.dependent, reduction.free
-        if reduction.couplings.sliding:
-            unknowns = reduction.independent
-            return cls(schur_complement(system, unknowns), len(unknowns))
         if reduction.loops is None:
             return cls(system, free, dependent)
         forces = np.arange(system.shape[0])[-len(reduction.forces) :]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -59,9 +58,8 @@ class TangentStorage:
             self.threads = thread_count()
         loops = model.reduction.loops
         #: Whether bordering rows are among the sparse rows (c/bordering_rows.h).
-        self.inside = (
+        self.inside = kind.forces_only or (
             len(model.couplings.sliding) >= _MANY_SLIDES
-            and not (kind.forces_only or model.scheme.rates.at_rest)
             and model.points.members is None
             and (loops is None or not len(loops.bordering))
         )
@@ -122,7 +120,8 @@ class TangentStorage:
             diagonal_at = stored_at[self.model.masses.places.diagonal]
             tables = bordering_tables(self.model, places, diagonal_at, on_border, self.inside)
             problem.set(**tables)
-            if self.inside:
+            self.border = tables["border"]
+            if self.inside and not self.kind.forces_only:
                 self._set_changing_rows(problem, tables)
         order = factors.order
         if self.inside:
@@ -221,24 +220,16 @@ class TangentStorage:
         )
         return factors_of(indptr, indices, *behind, keep, sparse, COSTS, parts, symmetric)
 
-    def border(self, problem: Any, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """What borders the last tangent (n, n): columns (n, m), rows (m, n), and corner (m, m).
-
-        With unknowns in their order in the tangent.
-        """
-        p, results = problem.c, problem.library.fx_results(problem.c)
-        m, positions, array = (
-            p.border.rows,
-            p.system.positions,
-            functools.partial(array_at, problem.ffi),
-        )
-        order, corner = array(p.system.order, n), array(results.corner, m, m)
-        block = array(results.block, positions, p.border.block)[order, :m]
-        reached = array(results.reached, positions)[order]
-        rows = array(results.border, m, positions)[:, order]
-        first, last = array(results.crossed, m, 2, 1).swapaxes(0, 1)
-        crossed = (first <= order) & (order <= last)
-        return np.where(reached[:, None] != 0, block, 0.0), np.where(crossed, rows, 0.0), corner
+    def bordering_entries(self, problem: Any) -> scipy.sparse.coo_matrix:
+        """Entries of the last tangent in bordering rows and columns (n + m, n + m), as pairs."""
+        ffi, c = problem.ffi, problem.c
+        entries, size = ffi.new("BorderEntries *"), c.system.unknowns + c.border.rows
+        problem.library.fx_list_border(c, entries)  # counts them
+        places, values = np.empty((2, entries.count), np.int32), np.empty(entries.count)
+        entries.row, entries.column = (ffi.from_buffer("int[]", part) for part in places)
+        entries.value = ffi.from_buffer("double[]", values)
+        problem.library.fx_list_border(c, entries)
+        return scipy.sparse.coo_matrix((values, places), (size, size))
 
     def transposed(self, problem: Any) -> np.ndarray:
         """Storage index of each entry of the tangent in its transpose, among sparse factors.
@@ -353,6 +344,7 @@ def bordering_tables(
             "slider": tables,
         },
         "border": {
+            "listed": None,
             "rows": carriers + alone,
             "carriers": carriers,
             "block": 0 if inside else -(-(carriers + alone) // _LANES) * _LANES,

@@ -18,6 +18,14 @@
 #include "changing_rows.h"
 #include "loops.h"
 
+/* Lists a number, if there is room, with its row and column. */
+static void list_entry(const Problem *p, int row, int column, double x) {
+  BorderEntries *e = p->border.listed;
+  int behind = p->system.unknowns + ON_BORDER, k = e->count++;
+  if (!e->row) return;
+  e->row[k] = row < 0 ? behind - row : row, e->column[k] = column < 0 ? behind - column : column, e->value[k] = x;
+}
+
 /* Adds a number among the sparse rows, or finds its place in their pattern. */
 static void add_inside(const Problem *p, int i, int j, double x) {
   ChangingRows *c = p->system.changing;
@@ -31,6 +39,7 @@ static void add_inside(const Problem *p, int i, int j, double x) {
 INLINED void add_at(const Problem *p, const Work *w, int i, int j, double x) {
   int row = w->transposed ? j : i, column = w->transposed ? i : j;
   if (row == -1 || column == -1) return;
+  if (p->border.listed) return list_entry(p, row, column, x);
   if (!HAS(CHAIN | BAND) && p->border.inside) return add_inside(p, i, j, x);
   if (x == 0) return;
   if (row >= 0) {
@@ -115,6 +124,14 @@ HOT void add_bordering_rows(const Problem *p, const Work *w) {
   for (int k = 0; k < p->border.beside; ++k)
     add_at(p, w, p->system.row_of[p->border.beside_row[k]], p->system.unknown_of[p->border.beside_column[k]],
         w->tangent[p->border.beside_at[k]]);
+}
+
+/* Counts the entries of the last tangent's bordering rows and columns, and lists them if there is room. */
+OF_STEPS void fx_list_border(Problem *p, BorderEntries *to) {
+  Work work = work_of(p);
+  p->border.listed = to, to->count = 0;
+  add_bordering_rows(p, &work);
+  p->border.listed = 0;
 }
 
 /* The bordering rows for the tangent of a step. */

@@ -170,9 +170,13 @@ typedef struct {
   int *row_of, *unknown_of;
 } System;
 
+/* Entries of bordering rows and columns: these are behind the unknowns. */
+typedef struct { int count, *row, *column; double *value; } BorderEntries;
+
 /* Bordering rows (bordering_rows.h): their number, the first of forces that close loops on beams, columns of a block of right
-   sides; whether they are among the sparse rows, and which column is the pivot of each there. */
+   sides; whether they are among the sparse rows, and which column is the pivot of each there. Where entries are to be listed. */
 typedef struct {
+  BorderEntries *listed;
   int rows, carriers, block, inside, *pivot;
   int bordered, *bordered_unknown, *bordered_row; /* unknowns of them that stand alone among the others */
   int beside, *beside_row, *beside_column, *beside_at; /* entries of the tangent in them, and where these are stored */
@@ -414,11 +418,11 @@ typedef struct { long rows; double *q, *v, *slides, *driven, *rates, *joints, *c
 enum { VALUES, BACKWARDS, FORWARDS };
 
 /* What Python reads of the last step (work.h): increments of nodes and columns, forces, tangent, internal forces and reduced
-   residual; what borders the tangent; values of T and Tv, and closures. What it may set: increments of columns, dead forces,
+   residual; values of T and Tv, and closures. What it may set: increments of columns, dead forces,
    their means, natural strains at the end. */
 typedef struct {
-  double *D, *z, *r, *tangent, *f, *reduced, *step, *correction, *block, *corner, *border, *values, *virtual_map, *closure;
-  double *force, *dead, *natural_end; int *reached, *crossed;
+  double *D, *z, *r, *tangent, *f, *reduced, *step, *correction, *values, *virtual_map, *closure;
+  double *force, *dead, *natural_end;
 } Results;
 
 int fx_begin_joints(Problem *p);
@@ -434,6 +438,7 @@ void fx_begin(Problem *p, double t, double dt, double *follower_force);
 void fx_end_at(Problem *p, double dt, double ratio);
 int fx_balance(Problem *p, double dt);
 void fx_change(const Problem *p, const double *x, int sizes, double *out);
+void fx_list_border(Problem *p, BorderEntries *to);
 Layout fx_layout(const Problem *p, const Derivatives *a);
 long fx_linear_scratch(const Problem *p, const Derivatives *a);
 long fx_tape_size(const Problem *p);

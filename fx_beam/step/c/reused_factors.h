@@ -222,18 +222,19 @@ static const double NO_PIVOT = 1e-14;
    gives the solution from those for r and all e_i. In place of right sides x, [position][side]; returns 0 if the matrix is
    singular. */
 static int solve_raised(const Problem *p, const Work *w, int sides, double *x) {
-  int n = p->system.unknowns, at[RAISED], exchanged[RAISED], many = 0, regular = 0;
+  int unknowns = p->system.unknowns, n, at[RAISED], exchanged[RAISED], many = 0, regular = 0;
   double most = 0, least = HUGE_VAL, S[RAISED * RAISED], raised[RAISED], of_raised[RAISED];
   const SparseRows *rows = p->system.rows;
-  if (HAS(CHAIN | BAND) || p->border.rows) return 0;
-  double b = largest(p->system.tangent_start[n], w->tangent, 0);
+  if (HAS(CHAIN | BAND) || (p->border.rows && !p->border.inside)) return 0;
+  double b = largest(p->system.tangent_start[unknowns], w->tangent, 0);
+  n = rows->unknowns;
   while (b > 0) {
     fill_factors(p, w);
     for (int i = 0; i < many; ++i) rows->factors[rows->diagonal[at[i]]] += raised[i];
     if ((regular = factorise_sparse(rows, w->row)) || many == RAISED) break;
     at[many] = w->row[0], raised[many] = b;
     for (int i = 0; i < p->loops.closures; ++i)
-      if (p->system.order[n - p->loops.closures + i] == at[many])
+      if (p->system.order[unknowns - p->loops.closures + i] == at[many])
         raised[many] = -1 / (b * p->loops.length[i] * p->loops.length[i]);
     ++many;
   }
@@ -284,7 +285,9 @@ static int solve_reduced(Problem *p, const Work *w, const Convergence *c, double
   if (!factorise_tangent(p, w, 0)) {
     memset(w->y, 0, p->system.positions * sizeof(double));
     for (int i = 0; i < p->free; ++i) w->y[p->system.order[i]] = w->reduced[i];
+    if (HAS(SLIDERS) && p->border.inside) pass_on(p, 1, 0, w->y, 0);
     p->newton.raised = solve_raised(p, w, 1, w->y) ? 1 : -1;
+    if (HAS(SLIDERS) && p->border.inside) pass_on(p, 1, 1, w->y, 0);
     gather(p->free, w->y, p->system.order, w->step);
     if (p->newton.raised > 0 || !p->scheme.at_rest || largest(p->free, w->reduced, 0) > 0) return p->newton.raised > 0;
     memset(w->step, 0, p->free * sizeof(double)); /* a straight path that bifurcates needs no correction */

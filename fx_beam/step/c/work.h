@@ -96,8 +96,8 @@ static Work work_of(const Problem *p) {
 
 OF_STEPS Results fx_results(const Problem *p) {
   Work w = work_of(p);
-  return (Results){w.D, w.z, w.r, w.tangent, w.f, w.reduced, w.step, w.correction, w.block, w.corner, w.border, w.values,
-                   w.virtual_map, w.closure, w.force, w.dead, w.natural_end, w.reached, w.crossed};
+  return (Results){w.D, w.z, w.r, w.tangent, w.f, w.reduced, w.step, w.correction, w.values, w.virtual_map, w.closure,
+                   w.force, w.dead, w.natural_end};
 }
 
 /* Sets rows of the block to zero that were not yet reached: one, or those of a group of a chain. */
