@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib.util
 import itertools
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -135,7 +134,7 @@ def animate(
     if trace is not None:
         solution.position(trace)  # refuses what is no node of the solution
         beside += [*drawing.positions(trace.number, slice(shown[0], max(shown) + 1))]
-    drawing = replace(drawing, beside=beside)
+    drawing.include(beside)
     say_if_too_small(drawing)
     is_coloured = colour is not None
     frames = _Frames(drawing, members, _plane(drawing, is_coloured, size), is_coloured)

@@ -5,12 +5,10 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError, is_name, is_whole, positive, real_array, require
 from fx_beam.results.contact_gaps import nodes_of
 from fx_beam.results.fields import nodes_of_elements
@@ -141,53 +139,56 @@ def apart(lines: Iterable[np.ndarray]) -> np.ndarray:
 _GAP = np.nan, np.nan
 
 
-@dataclass(frozen=True)
 class Drawing:
     """A solution with magnified displacements, in the rows that a picture shows.
 
-    `Reference` is the same for a scene before it runs, with a single row.
+    `solution` may be a `Reference`, a scene before it runs, with a single row. `unit` is that of
+    lengths.
     """
 
-    solution: Any
-    rows: list[int]
-    magnify: float = 1.0
-    #: Unit of lengths.
-    unit: str = "m"
-    #: Points (n, 2) that are in the window as well [m].
-    beside: Any = ()
-
-    def __post_init__(self):
-        require(is_name(self.unit), "scene_unit", self.unit, "a text")
+    def __init__(self, solution: Any, rows: list[int], magnify: float = 1.0, unit: str = "m"):
+        require(is_name(unit), "scene_unit", unit, "a text")
+        self.solution, self.rows, self.magnify, self.unit = solution, rows, magnify, unit
+        recorded = getattr(solution, "recorded", None)
+        # Displacements and rotations (rows, nodes, 3); an error says if there are none.
+        self._q = solution.q if recorded is None else recorded("q")
+        self._element_nodes = nodes_of_elements(solution)
+        #: Points (n, 2) of all members and bodies in all rows.
+        self.points = self._all_points()
+        #: Larger side of what holds them [m].
+        self.reach = float(np.ptp(self.points, axis=0).max()) or 1.0
+        #: Factor of the widths of lines and of symbols: 1, or less where members are dense.
+        self.thinness = min(1.0, spacing(self) / (_DENSE * self.reach))
+        is_run = isinstance(solution, Solution)
+        #: Forces (2,) on nodes by their numbers [N], by rows; the largest of them.
+        self.forces = {k: forces_on_nodes(solution, k, magnify) if is_run else {} for k in rows}
+        sizes = (np.hypot(*force) for row in self.forces.values() for force in row.values())
+        self.largest_force = max(sizes, default=0.0)
+        #: Outlines of the fixed obstacles that are near.
+        self.obstacles = self._fixed_outlines()
+        self._carried = self._carried_outlines()
+        framed_points = self._framed_points()
+        self._low, self._high = framed_points.min(axis=0), framed_points.max(axis=0)
 
     def scene_parts(self, name: str) -> Any:
         """What the scene has; nothing of a solution that was read from a file."""
         return getattr(scene_of(self.solution), name, ())
 
-    @property
-    def _q(self) -> np.ndarray:
-        """Displacements and rotations (rows, nodes, 3); an error says if there are none."""
-        recorded = getattr(self.solution, "recorded", None)
-        return self.solution.q if recorded is None else recorded("q")
-
     # -- The window -----------------------------------------------------------------------------
 
-    @cached_property
-    def points(self) -> np.ndarray:
-        """Points (n, 2) of all members and bodies in all rows."""
+    def include(self, points: Any) -> None:
+        """Have points (n, 2) in the window as well."""
+        corners = np.concatenate([[self._low, self._high], np.reshape(points, (-1, 2))])
+        self._low, self._high = corners.min(axis=0), corners.max(axis=0)
+
+    def _all_points(self) -> np.ndarray:
         solution, rows = self.solution, self.rows
         positions, nodes = self.positions(np.arange(len(solution.X)), rows), solution.nodes_of_beam
         members = [axis(positions[:, nodes[name]], b.degree) for name, b in solution.beams.items()]
         numbers = [n.number for body in solution.bodies.values() for n in body.nodes]
         return np.concatenate([*members, self.positions(numbers, rows)], axis=1).reshape(-1, 2)
 
-    @cached_property
-    def reach(self) -> float:
-        """Larger side of what holds the points [m]."""
-        return float(np.ptp(self.points, axis=0).max()) or 1.0
-
-    @cached_property
-    def obstacles(self) -> list[Outline]:
-        """Outlines of the fixed obstacles that are near."""
+    def _fixed_outlines(self) -> list[Outline]:
         shapes = dict.fromkeys(obstacle.shape for obstacle in self.solution.contacts)
         return [
             outline(shape, self.points, self.reach)
@@ -196,8 +197,7 @@ class Drawing:
             if abs(shape.gap(self.points)).min() <= self.reach
         ]
 
-    @cached_property
-    def _carried(self) -> list[tuple[int, Outline]]:
+    def _carried_outlines(self) -> list[tuple[int, Outline]]:
         """Nodes that carry obstacles, and outlines relative to the node."""
         outlines_of: dict[Shape, tuple[int, Outline]] = {}
         for obstacle in self.solution.contacts:
@@ -222,40 +222,33 @@ class Drawing:
             for number, outline in self._carried
         ]
 
-    @cached_property
-    def window(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lower left and upper right corner of the drawing, with a margin."""
+    def _framed_points(self) -> np.ndarray:
+        """Points (n, 2) of members, forces between points, arrows and outlines."""
         forces = self.scene_parts("forces_between")
-        points = (point for force in forces for point in force.points)
-        fixed = [point.position for point in points if not isinstance(point, Node)]
+        ends = (point for force in forces for point in force.points)
+        fixed = [point.position for point in ends if not isinstance(point, Node)]
         grounded = (force for force in forces if isinstance(force, GroundSpring))
         fixed += [foot for force in grounded for _, foot, _ in feet(self, force)]
         arrows = [self.arrow(node, k) for k, forces in self.forces.items() for node in forces]
         lines = [outline.line for outline in self.obstacles]
         lines += [outline.line for k in self.rows for outline in self.carried(k)]
-        fixed += [*self.beside]
-        all_points = np.concatenate([self.points, np.reshape(fixed, (-1, 2)), *arrows, *lines])
-        low, high = all_points.min(axis=0), all_points.max(axis=0)
+        return np.concatenate([self.points, np.reshape(fixed, (-1, 2)), *arrows, *lines])
+
+    @property
+    def window(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower left and upper right corner of the drawing, with a margin."""
+        low, high = self._low, self._high
         size = max(high - low) or self.reach
         # Space for symbols; a straight member needs more beside it.
         margin = np.maximum(0.06 * size, (0.3 * size - (high - low)) / 2)
         return low - margin, high + margin
 
-    @cached_property
+    @property
     def size(self) -> float:
         """Larger side of the window [m]."""
         return float(np.ptp(self.window, axis=0).max())
 
-    @cached_property
-    def thinness(self) -> float:
-        """Factor of the widths of lines and of symbols: 1, or less where members are dense."""
-        return min(1.0, spacing(self) / (_DENSE * self.reach))
-
     # -- Positions and forces -------------------------------------------------------------------
-
-    @cached_property
-    def _nodes_of_elements(self) -> np.ndarray:
-        return nodes_of_elements(self.solution)
 
     def axis(self, beam: str, rows) -> np.ndarray:
         """Points (..., points, 2) of a beam's axis in some rows."""
@@ -264,13 +257,13 @@ class Drawing:
 
     def along_elements(self, k: int, count: int) -> np.ndarray:
         """Points (elements, count + 1, 2) at the ends of `count` pieces of each element."""
-        nodes = self._nodes_of_elements
+        nodes = self._element_nodes
         values = lagrange(np.linspace(0, 1, nodes.shape[1]), np.arange(count + 1) / count)
         return values @ self.positions(nodes, k)
 
     def normals(self, k: int, count: int) -> np.ndarray:
         """Unit vectors (elements, count + 1, 2) along the sections there, which turn with them."""
-        nodes = self._nodes_of_elements
+        nodes = self._element_nodes
         fractions = np.arange(count + 1) / count
         values, slopes = lagrange_and_slopes(np.linspace(0, 1, nodes.shape[1]), fractions)
         x, y = np.moveaxis(slopes @ self.solution.X[nodes], -1, 0)
@@ -294,18 +287,6 @@ class Drawing:
         """Tail and tip (2, 2) of the arrow of a force in row k, with its tip at the node."""
         tip, scale = self.positions(node, k), _LONGEST_FORCE * self.reach
         return np.array([tip - scale * self.forces[k][node] / (self.largest_force or 1.0), tip])
-
-    @cached_property
-    def forces(self) -> dict[int, dict[int, np.ndarray]]:
-        """Forces (2,) on nodes by their numbers [N], by rows."""
-        solution, is_run = self.solution, isinstance(self.solution, Solution)
-        return {k: forces_on_nodes(solution, k, self.magnify) if is_run else {} for k in self.rows}
-
-    @cached_property
-    def largest_force(self) -> float:
-        """The largest force in the rows that are drawn [N]."""
-        sizes = [np.hypot(*force) for row in self.forces.values() for force in row.values()]
-        return max(sizes, default=0.0)
 
 
 def title(drawing: Drawing) -> str:
@@ -357,16 +338,10 @@ def feet(drawing: Drawing, force: GroundSpring) -> list[tuple[int, np.ndarray, n
     return [(int(nodes[i]), X[i] - length * ways[i], ways[i]) for i in drawn.astype(int)]
 
 
-def checked_drawing(
-    solution: Solution,
-    magnify: float,
-    unit: str,
-    usual: int = 1,
-    rows: Any = None,
-    times: Any = None,
-    count: Any = None,
-) -> Drawing:
-    """A drawing of some rows, of rows next to some times, or of a number of rows.
+def checked_rows(
+    solution: Solution, usual: int = 1, rows: Any = None, times: Any = None, count: Any = None
+) -> list[int]:
+    """Some rows of a solution, rows next to some times, or a number of rows.
 
     `usual` is the number if nothing is asked for. SceneError for what does not fit.
     """
@@ -387,7 +362,20 @@ def checked_drawing(
     ok = real_array(rows).ndim == 1 and all(is_whole(k, -last - 1, last) for k in rows)
     expected = f"rows of the solution, such as range(0, {last + 1}, {max(1, last // 10)})"
     require(ok and len(rows) > 0, "rows", rows, expected)
-    rows = [range(last + 1)[k] for k in rows]  # -1 is the last one
+    return [range(last + 1)[k] for k in rows]  # -1 is the last one
+
+
+def checked_drawing(
+    solution: Solution,
+    magnify: float,
+    unit: str,
+    usual: int = 1,
+    rows: Any = None,
+    times: Any = None,
+    count: Any = None,
+) -> Drawing:
+    """A drawing of the rows that `checked_rows` gives."""
+    rows = checked_rows(solution, usual, rows, times, count)
     return Drawing(solution, rows, positive(magnify, "magnify"), unit)
 
 

@@ -15,7 +15,7 @@ from fx_beam.errors import is_flag, is_one_of, require
 from fx_beam.results.fields import RESULTANTS, along_all
 from fx_beam.results.solution import Solution
 
-from .drawing import Drawing, checked_drawing, spacing, three_digits, time_unit
+from .drawing import Drawing, checked_rows, spacing, three_digits, time_unit
 from .members import SIGNED, words_for
 from .sheet import panels, picture, written
 from .symbols import draw_lines, draw_surroundings
@@ -74,7 +74,7 @@ def diagrams(
     path = picture(path)
     if row is None and isinstance(solution, Solution):
         row = len(solution.t) - 1
-    (row,) = checked_drawing(solution, 1.0, scene_unit, rows=[row]).rows
+    (row,) = checked_rows(solution, rows=[row])
     if not solution.beams:
         raise ValueError("diagrams need beams, but the solution has none")
     choice = [quantities] if isinstance(quantities, str) else quantities

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -104,7 +103,7 @@ def shapes(
     drawing = checked_drawing(solution, magnify, scene_unit, 8, rows, times, count)
     shown = drawing.rows
     members = Members(drawing, thickness, colour, colour_limits, colour_scale)
-    drawing = replace(drawing, beside=members.corners)
+    drawing.include(members.corners)
     plane = Plane(drawing, bar=True)
     say_if_too_small(drawing)
     ax = plane.ax

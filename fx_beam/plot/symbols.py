@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -188,12 +189,13 @@ def slide_direction(drawing: Any, joint: Any, k: int) -> np.ndarray:
 _FINE: dict[str, Any] = {"linewidth": 0.9, "zorder": 2}
 _LOOKS = {
     "guide": _FINE | {"linestyle": ":"},
-    "fine": _FINE,
+    "spring": _FINE,
+    "damper": _FINE,
+    "wall": _FINE,
     "pull": _FINE | {"linestyle": (0, (6, 3))},
     "friction": _FINE | {"linewidth": 2.5, "solid_capstyle": "butt"},
     "stop": _FINE | {"linewidth": 1.5},
 }
-_LOOK_OF = {"spring": "fine", "damper": "fine"}
 _ARROW: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1, "units": "inches"}
 # Fractions of the drawing's size: width of a spring, its far end on the ground, what a guide on a
 # node has beyond its ends, length of the wall of a force.
@@ -307,7 +309,7 @@ def draw_bodies(ax, drawing: Drawing, k: int, colour: Any, small: bool) -> None:
 
 def draw_joints(ax, drawing: Drawing, k: int) -> None:
     """Draw joints, gears, springs, dampers, stops, forces between points of row k."""
-    lines: dict[str, list[np.ndarray]] = {"guide": [], "fine": [], "friction": [], "stop": []}
+    lines = defaultdict[str, list[np.ndarray]](list)
     for joint in drawing.scene_parts("joints"):
         position = drawing.positions(node_of(joint).number, k)
         if joint.axis is not None and not is_grounded(joint):
@@ -318,7 +320,7 @@ def draw_joints(ax, drawing: Drawing, k: int) -> None:
                     symbol = _along_slide(drawing, joint, part, position, k)
                 else:
                     symbol = position + _SPRING_WIDTH * drawing.size * _AROUND[part]
-                lines[_LOOK_OF.get(part, part)].append(symbol)
+                lines[part].append(symbol)
     for gear in drawing.scene_parts("gears"):
         nodes = [node_of(term.joint).number for term in gear.terms]
         lines["guide"].append(drawing.positions(nodes, k))
@@ -329,7 +331,7 @@ def draw_joints(ax, drawing: Drawing, k: int) -> None:
 
 def draw_between(ax, drawing: Drawing, k: int) -> None:
     """Draw forces between points of row k, with walls at points."""
-    lines: dict[str, list[np.ndarray]] = {"fine": [], "pull": [], "friction": []}
+    lines = defaultdict[str, list[np.ndarray]](list)
     size = drawing.size
     for force in drawing.scene_parts("forces_between"):
         if isinstance(force, GroundSpring):
@@ -343,14 +345,14 @@ def draw_between(ax, drawing: Drawing, k: int) -> None:
         for part in () if is_rope else ("spring", "damper", "friction"):
             if getattr(coordinate, part) is not None:
                 symbol = _straight(part, coordinate, (a, b), (a + b) / 2, along, size)
-                lines[_LOOK_OF.get(part, part)].append(symbol)
+                lines[part].append(symbol)
         if is_rope or (coordinate.spring is None and coordinate.damper is None):
             lines["pull"].append(points)
         ends = (force.points[0], -force.apart[0]), (force.points[-1], force.apart[-1])
         for point, way in ends:
             if not isinstance(point, Node):
                 wall = wall_strokes(way / np.hypot(*way), _SHORT_WALL).at(point.position, size)
-                lines["fine"] += wall.thick + wall.thin
+                lines["wall"] += wall.thick + wall.thin
     _draw_by_looks(ax, lines)
 
 
@@ -361,15 +363,15 @@ def _draw_to_ground(lines: dict, drawing: Drawing, force: GroundSpring, k: int) 
         centre = drawing.positions(force.target.number, k)
         for part in parts:
             symbol = centre + _SPRING_WIDTH * size * _AROUND[part]
-            lines[_LOOK_OF.get(part, part)].append(symbol)
+            lines[part].append(symbol)
     for node, foot, way in feet(drawing, force):
         end = drawing.positions(node, k)
         along = (end - foot) / max(np.hypot(*(end - foot)), 1e-9 * size)
         for part in [part for part in parts if part != "stop"] or ["spring"]:
             symbol = _straight(part, force.on, (foot, end), (foot + end) / 2, along, size)
-            lines[_LOOK_OF.get(part, part)].append(symbol)
+            lines[part].append(symbol)
         wall = wall_strokes(-way, _SHORT_WALL).at(foot, size)
-        lines["fine"] += wall.thick + wall.thin
+        lines["wall"] += wall.thick + wall.thin
 
 
 def _draw_by_looks(ax, lines: dict[str, list[np.ndarray]]) -> None:
