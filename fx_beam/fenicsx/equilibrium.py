@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib.util
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 from mpi4py import MPI
 
@@ -30,6 +29,7 @@ from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record, Recorder
 from fx_beam.step.step_failures import StepFailed
 
+from .newton import PetscOptions
 from .replaced_rows import ReplacedRows
 from .steps import Steps
 
@@ -102,7 +102,7 @@ class Equilibrium(Steps):
         scene: Scene,
         *,
         t: float = 0.0,
-        petsc_options: dict[str, Any] | None = None,
+        petsc_options: PetscOptions | None = None,
         newton: NewtonOptions | None = None,
         comm: MPI.Comm = MPI.COMM_SELF,
     ):
@@ -147,7 +147,7 @@ class Equilibrium(Steps):
         self._form.fields.end(self._state)
 
     def run(
-        self, load_steps: int = 10, after: Callable[[Equilibrium], Any] | None = None
+        self, load_steps: int = 10, after: Callable[[Equilibrium], object] | None = None
     ) -> Solution:
         """Take equal load steps from the present load factor to 1.
 

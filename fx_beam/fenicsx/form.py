@@ -8,12 +8,14 @@ from typing import Any
 
 import ufl
 from dolfinx import fem
+from ufl.core.expr import Expr
 
 import numpy as np
 
 from fx_beam.errors import SceneError, require
 from fx_beam.fem.weak_form import WeakForm
 from fx_beam.laws.kinematics import Step
+from fx_beam.laws.resultants import Resultants as StepResultants
 from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.law import Law
 from fx_beam.step.model import Model
@@ -21,9 +23,11 @@ from fx_beam.step.model import Model
 from .fields import StepFields
 from .grid import Grid
 from .symbols import DolfinxSymbols
-from .versions import compiled, is_empty
+from .versions import CompiledForm, compiled, is_empty
 
-Resultants = Callable[[Step, Law], Any]
+Resultants = Callable[[Step, Law], StepResultants]
+#: Stored energy per length of axial strain, shear strain and curvature.
+StrainEnergy = Callable[[Expr, Expr, Expr], Expr]
 
 
 class Term:
@@ -33,7 +37,7 @@ class Term:
         self.form, self._fields = form, fields
 
     @functools.cached_property
-    def compiled(self) -> tuple[Any, Any]:
+    def compiled(self) -> tuple[CompiledForm, CompiledForm | None]:
         """Forms of dolfinx: the term, and its derivative by the increment; None for zero."""
         symbols = self._fields.symbols
         tangent = ufl.derivative(self.form, symbols.increment, symbols.trial)
@@ -51,7 +55,7 @@ class StepForm:
         model: Model,
         grid: Grid,
         resultants: Resultants | None = None,
-        strain_energy: Callable | None = None,
+        strain_energy: StrainEnergy | None = None,
     ):
         kind, scheme = grid.beams.kind, grid.beams.kind.scheme
         self.grid = grid
@@ -68,7 +72,7 @@ class StepForm:
         self.terms = [Term(forms[name], self.fields) for name in names]
         self.added: list[Term] = []
         #: Natural strains (3,) at the end of a step in UFL, by a user.
-        self.natural: Any = None
+        self.natural: Expr | None = None
         energy: Any = forms["strain energy"]
         if self.replaced:
             strains = self.fields.step.strains0

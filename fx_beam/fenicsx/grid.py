@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -13,6 +11,7 @@ from dolfinx import fem
 from ufl.core.expr import Expr
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fx_beam.errors import SceneError, require
 from fx_beam.fem import elements
@@ -22,6 +21,9 @@ from fx_beam.scene.beam import Beam, Node, gauss_rule
 from fx_beam.scene.scene import Scene
 
 from .versions import (
+    CompiledExpression,
+    Element,
+    MeshTags,
     cell_dofs,
     cell_nodes,
     cell_vertices,
@@ -53,21 +55,21 @@ class Grid:
         assert np.array_equal(X, nodes.X[points][self.cells])  # dolfinx keeps the order of nodes
         self._beam_tags = self.tagged(nodes.beam_of_cell)
         # Compiled, by expression and points.
-        self._expressions: dict[tuple[Any, bytes], Any] = {}
-        self._spaces: dict[Any, Any] = {}
+        self._expressions: dict[tuple[Expr, bytes], CompiledExpression] = {}
+        self._spaces: dict[Element, fem.FunctionSpace] = {}
 
-    def space(self, element: Any) -> Any:
+    def space(self, element: Element) -> fem.FunctionSpace:
         """A function space, one for each element: it takes as long as several steps."""
         if element not in self._spaces:
             self._spaces[element] = function_space(self.mesh, element)
         return self._spaces[element]
 
-    def tagged(self, tags: np.ndarray) -> Any:
+    def tagged(self, tags: np.ndarray) -> MeshTags:
         """Tags of elements as tags of the mesh of dolfinx."""
         numbers = np.arange(len(self.cells), dtype=np.int32)
         return dolfinx.mesh.meshtags(self.mesh, 1, numbers, tags[self.cells].astype(np.int32))
 
-    def numbers(self, space: Any, cell_numbers: np.ndarray) -> np.ndarray:
+    def numbers(self, space: fem.FunctionSpace, cell_numbers: np.ndarray) -> np.ndarray:
         """The number of each degree of freedom of a space, from numbers (cells, width) in cells."""
         dofs = cell_dofs(space)
         numbers = np.zeros(dofs.max(initial=-1) + 1, dtype=PETSc.IntType)
@@ -107,7 +109,7 @@ class Grid:
             raise SceneError(f"fenicsx: measure: {place} is no beam of this scene")
         return dx(self.scene.beams.index(place))
 
-    def _ends_at(self, node: Node) -> Any:
+    def _ends_at(self, node: Node) -> MeshTags:
         """Tags of the vertices in which a single element ends at a node."""
         numbers = self._nodes.points[self.cells][:, :2]
         vertices = np.unique(cell_vertices(self.mesh)[numbers == node.number])
@@ -121,11 +123,12 @@ class Grid:
 
     # -- Values ------------------------------------------------------------------------------------
 
-    def at_points(self, expression: Any, points: Any = None) -> np.ndarray:
+    def at_points(
+        self, expression: Expr | list[Expr], points: ArrayLike | None = None
+    ) -> np.ndarray:
         """Values (cells, points, ...) of a UFL expression, or of a list with one a material."""
-        expressions, tags = [expression], np.zeros(len(self._nodes.points), dtype=int)
-        if isinstance(expression, list):
-            expressions, tags = expression, self.beams.data.tags
+        expressions = expression if isinstance(expression, list) else [expression]
+        tags = self.beams.data.tags if isinstance(expression, list) else 0 * self.beams.data.tags
         for part in expressions:
             ok = isinstance(part, Expr) and ufl.domain.extract_domains(part)
             require(
@@ -134,13 +137,13 @@ class Grid:
         places = gauss_rule(self.degree)[0] if points is None else np.asarray(points, float)
         owned_cells = self.cells[: count_cells(self.mesh)[0]]
         values = np.empty((len(owned_cells), len(places), *expressions[0].ufl_shape))
-        for number, expression in enumerate(expressions):
-            key = expression, places.tobytes()
+        for number, part in enumerate(expressions):
+            key = part, places.tobytes()
             if key not in self._expressions:
-                self._expressions[key] = compiled_expression(expression, places[:, None])
+                self._expressions[key] = compiled_expression(part, places[:, None])
             chosen = np.flatnonzero(tags[owned_cells] == number)
             computed = values_of(self._expressions[key], self.mesh, chosen)
-            values[chosen] = computed.reshape(len(chosen), len(places), *expression.ufl_shape)
+            values[chosen] = computed.reshape(len(chosen), len(places), *part.ufl_shape)
         return self._gathered(values)
 
     def interpolated(self, values: np.ndarray, name: str) -> fem.Function:

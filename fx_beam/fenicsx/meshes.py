@@ -12,14 +12,14 @@ from fx_beam.scene.mesh import MeshBeams
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.section import Section
 
-from .versions import Mesh, cell_nodes, count_cells
+from .versions import Mesh, MeshTags, cell_nodes, count_cells
 
 
 def beams_of(
     scene: Scene,
     mesh: Mesh,
     section: Section | Mapping[int, Section],
-    cell_tags: Any = None,
+    cell_tags: MeshTags | None = None,
     **options: Any,
 ) -> MeshBeams:
     """Add a beam for each cell of a mesh of intervals to a scene.
@@ -68,7 +68,7 @@ def beams_of(
             "fenicsx: beams_of: this process has a part of the mesh. Read it on each process as a "
             "whole, with MPI.COMM_SELF: the scene is whole on each"
         )
-    tags: Any = None
+    tags: np.ndarray | None = None
     if cell_tags is not None:
         tags = np.full(count.size_local, np.iinfo(np.int32).min)
         tags[cell_tags.indices] = cell_tags.values

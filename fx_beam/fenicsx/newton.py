@@ -19,6 +19,8 @@ _OPTIONS = {"snes_type": "newtonls", "snes_linesearch_type": "basic"}
 _OPTIONS |= {"ksp_type": "preonly", "pc_type": "lu"}
 _TOLERANCES = {"snes_rtol", "snes_atol", "snes_stol"}
 _numbers = itertools.count()
+#: Options of PETSc by name, without a prefix.
+PetscOptions = dict[str, str | float | None]
 
 
 class Newton:
@@ -28,7 +30,7 @@ class Newton:
     records.
     """
 
-    def __init__(self, equations: Equations, newton: NewtonOptions, options: dict[str, Any]):
+    def __init__(self, equations: Equations, newton: NewtonOptions, options: PetscOptions):
         self._equations, self._newton = equations, newton
         problem, n = equations.loop.problem, equations.model.size
         self._c, self._constants = problem.c, problem.constants
@@ -73,7 +75,7 @@ class Newton:
         self.snes.setFunction(self._F, A.createVecLeft())
         self.snes.setJacobian(lambda *_: self._equations.tangent(), A)
 
-    def _set_options(self, options: dict[str, Any]) -> None:
+    def _set_options(self, options: PetscOptions) -> None:
         """Set PETSc's options, which have a prefix of this solver for a moment."""
         self.snes.setLineSearchPreCheck(self._shorten)
         if not _TOLERANCES & options.keys():
@@ -112,7 +114,9 @@ class Newton:
             correction.scale(LONGEST_TURN / turn)
         return self._shortened
 
-    def _converged(self, snes: PETSc.SNES, iteration: int, norms: Any) -> int | None:
+    def _converged(
+        self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]
+    ) -> int | None:
         """The engine's own judgement of an iteration."""
         reasons, unknowns = PETSc.SNES.ConvergedReason, self._equations.unknowns
         last_residual, self._residual = self._residual, unknowns.all(snes.getFunction()[0]).copy()

@@ -25,6 +25,7 @@ from fx_beam.scene.scene import Scene
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import NullRecorder, Record, Recorder
 
+from .newton import PetscOptions
 from .replaced_rows import ReplacedRows
 from .steps import Steps
 
@@ -103,7 +104,7 @@ class Problem(Steps):
         scheme: Scheme | None = None,
         *,
         dt: float,
-        petsc_options: dict[str, Any] | None = None,
+        petsc_options: PetscOptions | None = None,
         newton: NewtonOptions | None = None,
         max_halvings: int = 0,
         comm: MPI.Comm = MPI.COMM_SELF,
@@ -146,7 +147,7 @@ class Problem(Steps):
         length = self.dt if dt is None else positive(dt, "dt")
         self._advance(grid_from(self.t, length)(1), 1, NullRecorder())
 
-    def _advance(self, end: float, number: int, recorder: Any) -> None:
+    def _advance(self, end: float, number: int, recorder: Recorder | NullRecorder) -> None:
         if self._starts and self._form.has_further:
             self._accelerate()
         self._starts = False
@@ -174,7 +175,7 @@ class Problem(Steps):
     def run(
         self,
         t_end: float,
-        after: Callable[[Problem], Any] | None = None,
+        after: Callable[[Problem], object] | None = None,
         record: Record | None = None,
     ) -> Solution:
         """Take steps to a time.

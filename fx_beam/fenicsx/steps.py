@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 from mpi4py import MPI
@@ -12,6 +11,7 @@ from dolfinx import fem
 from ufl.core.expr import Expr
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fx_beam.errors import SceneError, require
 from fx_beam.results.state import State
@@ -21,10 +21,11 @@ from fx_beam.step.newton import NewtonOptions
 
 from .assembly import Assembly
 from .equations import Equations
-from .form import Resultants, StepForm
+from .form import Resultants, StepForm, StrainEnergy
 from .grid import Grid
-from .newton import Newton
+from .newton import Newton, PetscOptions
 from .system import System
+from .versions import Mesh
 
 
 class Steps:
@@ -37,7 +38,7 @@ class Steps:
         self,
         loop: CompiledLoop,
         newton: NewtonOptions,
-        petsc_options: dict[str, Any] | None,
+        petsc_options: PetscOptions | None,
         comm: MPI.Comm,
     ):
         model, beams = loop.model, loop.model.forms.beams
@@ -103,7 +104,7 @@ class Steps:
         self._form.add(term)
 
     def replace_resultants(
-        self, resultants: Resultants, strain_energy: Callable[[Any, Any, Any], Any] | None = None
+        self, resultants: Resultants, strain_energy: StrainEnergy | None = None
     ) -> None:
         """Replace the stress resultants of the scene.
 
@@ -126,7 +127,7 @@ class Steps:
         form.fields.end(self._state)
 
     @property
-    def natural_strains(self) -> Any:
+    def natural_strains(self) -> Expr | None:
         """Axial strain, shear strain and curvature (3,) without stress, in UFL; None for none.
 
         They may contain Functions that other problems compute on `mesh` between steps, such as a
@@ -164,7 +165,9 @@ class Steps:
 
     # -- Values ------------------------------------------------------------------------------------
 
-    def at_points(self, expression: Any, points: Any = None) -> np.ndarray:
+    def at_points(
+        self, expression: Expr | list[Expr], points: ArrayLike | None = None
+    ) -> np.ndarray:
         """Values of an expression at points of all elements.
 
         Parameters
@@ -181,7 +184,7 @@ class Steps:
         """
         return self._form.grid.at_points(expression, points)
 
-    def interpolate(self, expression: Any, name: str = "f") -> fem.Function:
+    def interpolate(self, expression: Expr | list[Expr], name: str = "f") -> fem.Function:
         """Interpolate an expression at the Gauss points, element by element.
 
         Parameters
@@ -218,6 +221,6 @@ class Steps:
         }
 
 
-def _in_ufl(strain: Any, mesh: Any) -> Any:
+def _in_ufl(strain: Expr | float, mesh: Mesh) -> Expr:
     """A strain as an expression that depends on the mesh."""
     return strain if isinstance(strain, Expr) else fem.Constant(mesh, float(strain))

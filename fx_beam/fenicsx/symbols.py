@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import ufl
 from dolfinx import fem
 
@@ -12,20 +10,21 @@ import numpy as np
 from fx_beam.fem.elements import Symbols
 
 from .grid import Grid
+from .versions import Element, MeshTags
 
 
 class DolfinxSymbols(Symbols):
     """Makes the symbols of forms on a mesh; the tags of cells number materials."""
 
-    def __init__(self, grid: Grid, materials: Any):
+    def __init__(self, grid: Grid, materials: MeshTags):
         super().__init__(grid.mesh.ufl_domain())
         self._grid, self._materials = grid, materials
 
-    def space(self, element: Any) -> Any:
+    def space(self, element: Element) -> fem.FunctionSpace:
         """A function space, one for each element."""
         return self._grid.space(element)
 
-    def coefficient(self, space: Any) -> fem.Function:
+    def coefficient(self, space: fem.FunctionSpace) -> fem.Function:
         """A Function."""
         return fem.Function(space)
 

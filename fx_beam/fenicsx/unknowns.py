@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from typing import Any
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -168,7 +167,7 @@ class JointUnknowns(SharedUnknowns):
 
     def _product(
         self, values: np.ndarray, added: Matrices, y: np.ndarray, driven: np.ndarray, r: np.ndarray
-    ) -> Any:
+    ) -> scipy.sparse.csr_matrix:
         """Tv^T K T + (dTv/dy)^T r."""
         K = self._assembly.pattern.copy()
         K.data[:] = self._assembly.tangent()
@@ -182,7 +181,9 @@ class JointUnknowns(SharedUnknowns):
             A = sum(self._comm.allgather(A))
         return (A + self._by_turning(y, driven, r)).tocsr() if len(self._moving) else A.tocsr()
 
-    def _by_turning(self, y: np.ndarray, driven: np.ndarray, r: np.ndarray) -> Any:
+    def _by_turning(
+        self, y: np.ndarray, driven: np.ndarray, r: np.ndarray
+    ) -> scipy.sparse.csr_matrix:
         """(dTv/dy)^T r, and slopes of forces on slides."""
         model = self._assembly.model
         steps = _PART * model.units.unknowns[self.independent]

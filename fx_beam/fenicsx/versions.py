@@ -15,10 +15,16 @@ import dolfinx
 import dolfinx.fem.petsc
 import ufl
 from dolfinx import fem
+from ufl.core.expr import Expr
 
 import numpy as np
 
 Mesh = dolfinx.mesh.Mesh
+#: What versions type in different ways: elements of UFL or of basix, tags, and what is compiled.
+Element = Any
+MeshTags = Any
+CompiledForm = Any
+CompiledExpression = Any
 
 
 @contextmanager
@@ -36,7 +42,7 @@ def quiet() -> Iterator[None]:
 
 
 @quiet()
-def compiled(form: ufl.Form) -> Any:
+def compiled(form: ufl.Form) -> CompiledForm:
     """A form of dolfinx."""
     return fem.form(form)
 
@@ -46,7 +52,7 @@ def _takes(function: Callable, name: str) -> bool:
 
 
 @quiet()
-def create_mesh(comm: MPI.Comm, cells: np.ndarray, X: np.ndarray, element: Any) -> Mesh:
+def create_mesh(comm: MPI.Comm, cells: np.ndarray, X: np.ndarray, element: Element) -> Mesh:
     """A mesh of intervals in the plane, which may branch; each process has a part of its cells."""
     make = dolfinx.mesh.create_mesh
     options: dict[str, Any] = {"e" if _takes(make, "e") else "domain": ufl.Mesh(element)}
@@ -59,7 +65,7 @@ def create_mesh(comm: MPI.Comm, cells: np.ndarray, X: np.ndarray, element: Any) 
 
 
 @quiet()
-def function_space(mesh: Mesh, element: Any) -> Any:
+def function_space(mesh: Mesh, element: Element) -> fem.FunctionSpace:
     """A function space."""
     return getattr(fem, "functionspace", fem.FunctionSpace)(mesh, element)
 
@@ -75,7 +81,7 @@ def count_cells(mesh: Mesh) -> tuple[int, int]:
     return cells.size_local, cells.size_local + cells.num_ghosts
 
 
-def cell_dofs(space: Any) -> np.ndarray:
+def cell_dofs(space: fem.FunctionSpace) -> np.ndarray:
     """Degrees of freedom (cells, width) of a space; blocks are expanded."""
     dofmap, size = space.dofmap, space.dofmap.index_map_bs
     width = dofmap.dof_layout.num_dofs
@@ -104,12 +110,12 @@ def exterior_facets(mesh: Mesh) -> np.ndarray:
 
 
 @quiet()
-def compiled_expression(expression: Any, points: np.ndarray) -> Any:
+def compiled_expression(expression: Expr, points: np.ndarray) -> CompiledExpression:
     """An expression of dolfinx at points (m, 1) of cells."""
     return fem.Expression(expression, points)
 
 
-def values_of(expression: Any, mesh: Mesh, cells: np.ndarray) -> np.ndarray:
+def values_of(expression: CompiledExpression, mesh: Mesh, cells: np.ndarray) -> np.ndarray:
     """Values of an expression in some cells."""
     mesh_too = [mesh] * _takes(expression.eval, "mesh")
     return np.asarray(expression.eval(*mesh_too, cells.astype(np.int32)))
