@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import scipy.sparse
 
-from fx_beam.c_library import array_at
 from fx_beam.coupling.reduction import ReducedTangent, Reduction
 from fx_beam.fem.sparsity import blocks_with, starts_of
 
