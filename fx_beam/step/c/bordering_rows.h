@@ -34,6 +34,13 @@ static void add_inside(const Problem *p, int i, int j, double x) {
   else p->system.rows->factors[c->pair[c->next++].at] += x;
 }
 
+/* Extends the part of a row that may differ from zero, from `low` to `high`, to a position. */
+static void widen(double *row, int *low, int *high, int position) {
+  if (*low > *high) *low = position, *high = position - 1;
+  for (; *low > position;) row[--*low] = 0;
+  for (; *high < position;) row[++*high] = 0;
+}
+
 /* Adds a number in a row and a column of the system, or of its transpose: unknowns, or ON_BORDER less the number of a bordering
    row. Nothing for -1, and nothing is added to A. */
 INLINED void add_at(const Problem *p, const Work *w, int i, int j, double x) {
@@ -50,7 +57,7 @@ INLINED void add_at(const Problem *p, const Work *w, int i, int j, double x) {
     int at = p->system.order[column], *crossed = w->crossed + 2 * (ON_BORDER - row);
     double *of = w->border + (long)(ON_BORDER - row) * p->system.positions;
     reach(p, w, at);
-    widen(of, crossed, crossed + 1, at, at);
+    widen(of, crossed, crossed + 1, at);
     of[at] += x;
   } else {
     w->corner[(ON_BORDER - row) * p->border.rows + ON_BORDER - column] += x;
