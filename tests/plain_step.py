@@ -85,7 +85,7 @@ class PlainStep:
             past = state.q - (state.q if state.q_previous is None else state.q_previous)
             given = (x[model.mesh.dofs] for x in (self.D, state.v, state.a, past))
             rows = np.hstack([*given, np.full((len(model.mesh.dofs), 1), dt)])
-            return np.concatenate([rules[0](row)[:3] for row in rows])
+            return rules[0].in_rows(rows)[:, :3].ravel()
         path, _ = rates.work_increment(self.D, model.mesh.turns)
         return rates.acceleration(path, state.v, state.a, dt)[0]
 

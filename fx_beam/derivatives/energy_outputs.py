@@ -15,8 +15,8 @@ import numpy as np
 
 from fx_beam.dual import floats
 from fx_beam.errors import SceneError
-from fx_beam.fem.point_slopes import energy_by, losses_by
-from fx_beam.laws.interval import Interval, StepBatch, StepStart
+from fx_beam.fem.point_values import PointSteps, PointValues
+from fx_beam.laws.interval import StepBatch
 from fx_beam.results.solution import Solution
 from fx_beam.scene.joints import GROUND
 from fx_beam.scene.outputs import Measured
@@ -83,9 +83,14 @@ def _springs(sub_steps: SubSteps, rows: Arrays) -> Derivatives:
     if not points.any:
         return {}
     q, slides, internal = (rows[name] for name in ("q", "slides", "spring internal"))
-    return energy_by(
-        sub_steps.model.forms.compiled_points, q, slides, internal, rows.get("parameters")
-    )
+    states = PointSteps.of_states(q, internal, rows.get("parameters"), slides)
+    slopes = PointValues(points, "energy").summed_slopes(states)
+    if points.members is not None:
+        from fx_beam.fem.member_slopes import energy_slopes
+
+        for name, by_members in energy_slopes(points.members, q, internal).items():
+            slopes[name] = slopes.get(name, 0.0) + by_members
+    return slopes
 
 
 _PARTS: dict[str, list[Callable[[SubSteps, Arrays], Derivatives]]] = {
@@ -155,29 +160,9 @@ def losses_in_steps(sub_steps: SubSteps, rows: np.ndarray) -> Iterator[Block]:
         for slopes in [] if beams is None else beams.slopes.of_losses(parts, sub_steps.by_places):
             yield from sub_steps.in_steps(steps, of_names(counting[group], slopes))
         if model.points.any_have("loss"):
-            yield from _losses_of_points(sub_steps, counting[group], steps, parts)
-
-
-def _losses_of_points(
-    sub_steps: SubSteps, rows: np.ndarray, steps: np.ndarray, parts: StepBatch
-) -> Iterator[Block]:
-    """Derivatives of what forces at points lose."""
-    forms, inputs = sub_steps.model.forms, []
-    in_c = forms.compiled_points
-    places, times, states = sub_steps.places(steps), sub_steps.tape.times, sub_steps.states
-    of_step = ("q", "v", "slides", "spring internal")
-    for i, (k, before, after, _) in enumerate(zip(steps.tolist(), *places, strict=True)):
-        if sub_steps.model.scheme.rates.at_rest:
-            in_c.set_load(float(sub_steps.tape.memories[k]), float(times.lengths[k]))
-        q, v, slides, internal = (states[name][before] for name in of_step)
-        forms.parameters.use(parts.parameters[i] if len(parts.parameters) else None)
-        start = StepStart(q, v, slides=slides, spring_internal=internal)
-        in_c.begin(Interval(float(times.starts[k]), float(times.ends[k])), start)
-        inputs.append(in_c.given_with(parts.D[i], states["slides"][after] - slides))
-    slopes = losses_by(
-        forms.points, np.array(inputs), *(states[name].shape[1] for name in ("q", "slides"))
-    )
-    yield from sub_steps.in_steps(steps, of_names(rows, slopes))
+            losses = PointValues(model.points, "loss")
+            slopes = losses.summed_slopes(sub_steps.point_steps(steps))
+            yield from sub_steps.in_steps(steps, of_names(counting[group], slopes))
 
 
 #: Quantities of scenes that add up over the steps.

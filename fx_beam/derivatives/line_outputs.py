@@ -6,13 +6,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fx_beam.fem.line_values import LineSteps, LineValues
+from fx_beam.fem.point_values import PointSteps, PointValues
 from fx_beam.scene.outputs import Measured
 from fx_beam.step.model import Model
 
 from .gradient import Block, of_entries
 from .row_output import Needs, Places, RowOutput
-from .sub_steps import SubSteps
 
 # Pulls (lines,) at the start of a run.
 _AT_START = "forces of lines"
@@ -24,7 +23,7 @@ class LineOutput(RowOutput):
     def __init__(self, places: Places, name: str, measured: Measured):
         super().__init__(places, name, measured)
         self._line, self._law = measured.place.number, measured.by_law
-        self._values = LineValues(self._sub_steps.model.points, self._line, self._law)
+        self._values = PointValues(self._sub_steps.model.points, self._law, self._line)
 
 
 class PullOutput(LineOutput):
@@ -46,21 +45,11 @@ class PullOutput(LineOutput):
             numbers = steps.sub_steps[which]
             blocks = (
                 Block(name, entries, of_rows, shares * slopes)
-                for name, entries, slopes in self._values.slopes(_steps(sub_steps, numbers))
+                for name, entries, slopes in self._values.slopes(sub_steps.point_steps(numbers))
             )
             yield from sub_steps.in_steps(numbers, blocks)
         if len(places.at_start):
             yield of_entries(_AT_START, self._line, 0, places.at_start, 1.0)
-
-
-def _steps(sub_steps: SubSteps, steps: np.ndarray) -> LineSteps:
-    """What forces along lines read of sub-steps."""
-    parts, (before, _, _) = sub_steps.parts(steps), sub_steps.places(steps)
-    is_at_rest, none = sub_steps.model.scheme.rates.at_rest, np.zeros((len(steps), 0))
-    factor = sub_steps.tape.memories[steps] if is_at_rest else np.ones(len(steps))
-    v, internal = (sub_steps.states[name][before] for name in ("v", "spring internal"))
-    parameters = parts.parameters if len(parts.parameters) else none
-    return LineSteps(parts.q, parts.D, v, parts.t, parts.dt, factor, internal, parameters)
 
 
 class StateOutput(LineOutput):
@@ -75,7 +64,7 @@ class StateOutput(LineOutput):
         for group in sub_steps.groups(boundaries):
             states = sub_steps.at(numbers := boundaries[group])
             arrays = (states["q"], states["spring internal"], states.get("parameters"))
-            steps = LineSteps.of_states(*arrays)
+            steps = PointSteps.of_states(*arrays)
             if moves:
                 steps = steps._replace(v=states[sub_steps.rates])
             blocks = (

@@ -9,6 +9,7 @@ import numpy as np
 
 from fx_beam.content_cache import cached_property
 from fx_beam.dual import floats
+from fx_beam.fem.point_values import PointSteps
 from fx_beam.laws.interval import INSTANT, StepBatch
 from fx_beam.step.full_turns import without_turns
 from fx_beam.step.model import Model
@@ -98,6 +99,19 @@ class SubSteps:
         if model.forms.needs_previous:
             arrays["memory"] = np.where(starts, 0.0, tape.memories[first])
         return StepBatch(tape.times.starts[first] + self._level * dt * ~starts, dt, D, q, **arrays)
+
+    def point_steps(self, steps: np.ndarray) -> PointSteps:
+        """Numbers of sub-steps that forces at points read."""
+        parts, (before, after, _) = self.parts(steps), self.places(steps)
+        names = "v", "slides", "spring internal"
+        v, slides, internal = (self.states[name][before] for name in names)
+        moved = self.states["slides"][after] - slides
+        factor = np.ones(len(steps))
+        if self.model.scheme.rates.at_rest:
+            factor = self.tape.memories[steps]
+        parameters = parts.parameters if len(parts.parameters) else np.zeros((len(steps), 0))
+        motion = parts.q, parts.D, v, parts.t, parts.dt
+        return PointSteps(*motion, factor, internal, parameters, slides, moved)
 
     # -- Derivatives of rows, from those by what belongs to states or sub-steps --------------------
 

@@ -13,7 +13,7 @@ import scipy.sparse
 from fx_beam.dual import Dual
 from fx_beam.errors import SceneError
 from fx_beam.fem.frictions import friction_sticks
-from fx_beam.fem.point_slopes import by_load_factor
+from fx_beam.fem.point_values import slopes_by_load_factor
 from fx_beam.linear.linearisation import Linearisation
 from fx_beam.motions.numbers import numbers_of_state, static_numbers_of
 from fx_beam.results.solution import Solution
@@ -155,7 +155,7 @@ class TangentDerivatives:
         numbers = {name: (rows[name][1:] - rows[name][:1]) / 2 for name in names}
         if model.masses.weight is not None:  # the factor multiplies it
             numbers["weight"] = model.masses.weight / factor
-        return numbers | {"points": by_load_factor(model.points)}
+        return numbers | {"points": slopes_by_load_factor(model.points)}
 
     def of_sums(self, pairs: Pairs, weights: np.ndarray) -> np.ndarray:
         """Derivatives (s, m) by x of real parts of weights (s, n) times sums.

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import ctypes
+import functools
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
 from fx_beam.c_library import compiled
-from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError
-from fx_beam.laws.point_laws import ForceStep, PointLaw, StepRule, arguments
+from fx_beam.laws.point_laws import ForceStep, PointLaw, StepForces, StepRule, arguments
 from fx_beam.laws.rates import NodalRates
 from fx_beam.scene.parameters import names_of, parameters_in, replaced
 from fx_beam.symbolic import Written, derivatives_taken, is_zero, ufl
@@ -19,14 +18,8 @@ from fx_beam.symbolic import Written, derivatives_taken, is_zero, ufl
 from .assembly import tabulated
 from .form_library import CompiledForm, form_module
 
-T = TypeVar("T")
-
 #: The library that evaluates all forces at points: its title, file and header.
 LIBRARY = "forces at points", "point_forces.h", "point_force.h"
-
-# Tensor, coefficients, constants, coordinates; the others have no meaning here. Later versions of
-# FFCx have one more, which C ignores where there is none.
-_FUNCTION = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 7)
 
 # Functions of a law besides its forces.
 _OTHERS = "energy", "loss", "switches", "pull"
@@ -70,13 +63,6 @@ class PointFunction:
         #: Number of its values, and address of the function.
         self.size, (self.address,) = compiled.values, compiled.addresses
         self._compiled = compiled  # as long as it is there, so is its library
-        self._function = _FUNCTION(self.address)
-
-    def __call__(self, numbers: np.ndarray) -> np.ndarray:
-        """Values (size,) of numbers (arguments,)."""
-        out = np.zeros(self.size)
-        self._function(out.ctypes.data, None, numbers.ctypes.data, None, None, None, None)
-        return out
 
     def in_rows(self, numbers: np.ndarray) -> np.ndarray:
         """Values (k, size) of numbers (k, arguments)."""
@@ -113,189 +99,163 @@ def point_function(name: str, values: Values, arguments: int, key: Any = None) -
     return PointFunction(module.forms[name])
 
 
-OfForceStep = Callable[[ForceStep], list]
-
-
 class CompiledLaw:
     """The functions of a law in the steps of a rule, for C."""
 
     def __init__(self, law: PointLaw, rule: StepRule):
         self.law, self._rule = law, rule
-        self._key = None if law.user_defined else (*law.key, *rule)
         #: Names of the parameters in its functions, whose values are given behind all else.
         self.parameters: list[str] = []
-        module = form_module(self._key, self._written)
+        module = form_module(None if law.user_defined else (*law.key, *rule), self._written)
         facts, functions = module.facts, map(PointFunction, module.forms.values())
-        self._functions = dict(zip(["law", *facts["others"]], functions, strict=True))
+        self._functions = dict(zip(["forces", *facts["others"]], functions, strict=True))
+        self._derivatives: dict[str, PointFunction] = {}
         #: Rows and columns (n, 2) of the entries of the tangent that may be other than zero.
         self.entries = np.array(facts["entries"], dtype=np.int32).reshape(-1, 2)
         #: Number of values that change their sign where the force switches.
         self.conditions: int = facts["conditions"]
-        self._derivatives: dict[str, PointFunction] = {}
         #: Number of forces, entries of the tangent, internal variables and what is remembered.
-        self.values = law.size + len(self.entries) + law.internal + law.iteration_memory
+        self.size = law.size + len(self.entries) + law.internal + law.iteration_memory
+        #: Number of values that its functions are given.
+        self.given = arguments(law) + len(self.parameters)
 
-    def function(self, name: str) -> PointFunction:
-        """One of `_OTHERS` that the law has."""
-        return self._functions[name]
-
-    def address(self, name: str) -> int:
-        """Address of a function: of the "law" or one of `_OTHERS`; 0 for none."""
-        return self._functions[name].address if name in self._functions else 0
+    def address(self, quantity: str) -> int:
+        """Address of the function of the "forces" or of one of `_OTHERS`; 0 for none."""
+        return self._functions[quantity].address if quantity in self._functions else 0
 
     @property
     def members(self) -> dict[str, Any]:
         """Members of it that structs in C have."""
         (row, column), law = self.entries.T, self.law
         return {
-            **{name: self.address(name) for name in ("law", "energy", "loss")},
+            "law": self.address("forces"),
+            **{name: self.address(name) for name in ("energy", "loss")},
             **{"internal": law.internal, "iteration_memory": law.iteration_memory},
             **{"entries": len(self.entries), "entry_row": row, "entry_column": column},
         }
 
     @property
     def slopes_address(self) -> int:
-        """Address of its `slopes`."""
-        return self.slopes.address
+        """Address of the derivatives of its forces and internal variables."""
+        return self.derivative("forces").address
 
     @property
     def slopes_size(self) -> int:
-        """Number of its `slopes`."""
-        return self.slopes.size
+        """Number of the derivatives of its forces and internal variables."""
+        return self.derivative("forces").size
 
     def check_at_zero(self, parameters: np.ndarray) -> None:
         """Refuse a law that is not finite at zero, with values of its `parameters` (n,)."""
-        inputs = np.zeros(self.given)
-        inputs[3 * self.law.size + 1] = 1.0  # the length of the step
-        inputs[arguments(self.law) :] = parameters
-        if self.law.zero_advice and not np.isfinite(self._functions["law"](inputs)).all():
+        inputs = np.zeros((1, self.given))
+        inputs[0, 3 * self.law.size + 1] = 1.0  # the length of the step
+        inputs[0, arguments(self.law) :] = parameters
+        if self.law.zero_advice and not np.isfinite(self.values("forces", inputs)).all():
             raise SceneError(self.law.zero_advice)
 
-    @property
-    def given(self) -> int:
-        """Number of values that its functions are given."""
-        return arguments(self.law) + len(self.parameters)
+    def values(self, quantity: str, inputs: np.ndarray) -> np.ndarray:
+        """Values (k, n) of a function for inputs (k, given)."""
+        return self._functions[quantity].in_rows(inputs)
 
-    @cached_property
-    def slopes(self) -> PointFunction:
-        """Derivatives of its forces and internal variables (`slopes_of`)."""
-        return slopes_of(self.law, self._rule, tuple(self.parameters))
+    def slopes(self, quantity: str, inputs: np.ndarray) -> np.ndarray:
+        """Derivatives (k, given) of one of `_OTHERS`, "length" or "rate" by inputs (k, given)."""
+        return self.derivative(quantity).in_rows(inputs)
 
-    def derivatives(self, quantity: str) -> PointFunction:
-        """Derivatives of one of its functions, such as the "energy", by all given."""
+    def derivative(self, quantity: str) -> PointFunction:
+        """Derivatives of one of its functions, as `derivative_of` gives them."""
         if quantity not in self._derivatives:
-            value = self._function(_listed(getattr(self.law, quantity)))
-
-            def values(numbers: Any) -> Any:
-                inputs = ufl.variable(ufl.as_vector([numbers[i] for i in range(self.given)]))
-                return ufl.diff(value(inputs)[0], inputs)
-
-            name = f"derivatives of the {quantity} of {self.law.name}"
-            key = self._key and (*self._key, name)
-            self._derivatives[quantity] = point_function(name, values, self.given, key)
+            names = tuple(self.parameters)
+            self._derivatives[quantity] = derivative_of(self.law, self._rule, quantity, names)
         return self._derivatives[quantity]
 
     def _written(self) -> Written:
         """Its functions in UFL."""
-        law = self.law
-        inputs = _numbers(arguments(law))
-        motion = ForceStep(inputs, law, self._rule)
-        functions = {name: getattr(law, name) for name in _OTHERS}
-        listed = {name: _listed(f) for name, f in functions.items() if f is not None}
-        conditions = len(listed["switches"](motion)) if "switches" in listed else 0
-        if not conditions:
-            listed.pop("switches", None)
+        law, rule = self.law, self._rule
+        motion, entries = ForceStep(_numbers(arguments(law)), law, rule), list[tuple[int, int]]()
+        conditions = len(_parts(law, "switches", motion)) if law.switches else 0
+        others = [name for name in _OTHERS if getattr(law, name)]
+        if law.switches and not conditions:
+            others.remove("switches")
         if law.user_defined:
-            of_step = law.forces(motion)
-            parts = [part for f in listed.values() for part in f(motion)]
-            self.parameters = names_of(parameters_in(*of_step.forces, *of_step.internal, *parts))
-        named = {law.name: self._function(self._forces)}
-        named |= {f"{name} of {law.name}": self._function(f) for name, f in listed.items()}
-        written = _written(named, self.given)
+            parts = (part for name in ("forces", *others) for part in _parts(law, name, motion))
+            self.parameters = names_of(parameters_in(*parts))
+
+        def forces(inputs: Any) -> Any:
+            motion = ForceStep(inputs, law, rule)
+            step, tangent = law.forces(motion), []
+            for i, force in enumerate(step.forces):
+                for k, D in enumerate(motion.increment):
+                    if not is_zero(slope := derivatives_taken(ufl.diff(force, D))):
+                        tangent.append(slope)
+                        entries.append((i, k))
+            return [*step.forces, *tangent, *step.internal, *step.iteration_memory]
+
+        def other(name: str, inputs: Any) -> Any:
+            return _parts(law, name, ForceStep(inputs, law, rule))
+
+        lists = {law.name: forces}
+        lists |= {f"{name} of {law.name}": functools.partial(other, name) for name in others}
+        written = _written(
+            {name: functools.partial(self._vector, parts) for name, parts in lists.items()},
+            arguments(law) + len(self.parameters),
+        )
         # Without the names of parameters, in which laws may differ that have the same code.
-        facts = {"others": [*listed], "entries": self._entries, "conditions": conditions}
+        facts = {"others": others, "entries": entries, "conditions": conditions}
         return written._replace(facts=facts)
 
-    def _function(self, values: OfForceStep) -> Callable[[Any], Any]:
-        """The values as a vector of what the law is given."""
-        first = arguments(self.law)
-
-        def of(inputs: Any) -> Any:
-            by_name = {parameter: inputs[first + i] for i, parameter in enumerate(self.parameters)}
-            motion = ForceStep(inputs, self.law, self._rule)
-            return replaced(ufl.as_vector(values(motion)), by_name)
-
-        return of
-
-    def _forces(self, motion: ForceStep) -> list:
-        """Forces, entries of their tangent, internal variables and what is remembered."""
-        result = self.law.forces(motion)
-        entries = [
-            (i, k, derivative)
-            for i, force in enumerate(result.forces)
-            for k, D in enumerate(motion.increment)
-            if not is_zero(derivative := derivatives_taken(ufl.diff(force, D)))
-        ]
-        self._entries = [entry[:2] for entry in entries]
-        return [
-            *result.forces,
-            *(entry[2] for entry in entries),
-            *result.internal,
-            *result.iteration_memory,
-        ]
+    def _vector(self, parts: Callable[[Any], list], inputs: Any) -> Any:
+        """A list of UFL numbers as a vector, with parameters that are inputs."""
+        return ufl.as_vector(_with_inputs(parts(inputs), self.law, self.parameters, inputs))
 
 
-def _listed(function: Callable[[ForceStep], Any]) -> OfForceStep:
-    """A function that gives one value or several, always as a list."""
-
-    def values(motion: ForceStep) -> list:
-        value = function(motion)
-        return value if isinstance(value, list) else [value]
-
-    return values
+def _parts(law: PointLaw, quantity: str, motion: ForceStep) -> list:
+    """Values of a function of a law in UFL; of the "forces" with internal variables behind."""
+    value = getattr(law, quantity)(motion)
+    if isinstance(value, StepForces):
+        return [*value.forces, *value.internal]
+    return value if isinstance(value, list) else [value]
 
 
-def _of_law(make: Callable[..., T], law: PointLaw, *extra: Any) -> T:
-    """What is made of a law and of more: once, unless the law has functions of a user."""
-    if law.user_defined:
-        return make(law, *extra)
-    return compiled((make, law, *extra), lambda: make(law, *extra))
+def _with_inputs(parts: list, law: PointLaw, parameters: Sequence[str], inputs: Any) -> list:
+    """UFL numbers in which the last inputs take the place of parameters."""
+    first = arguments(law)
+    values = {name: inputs[first + i] for i, name in enumerate(parameters)}
+    return [replaced(part, values) for part in parts]
 
 
-def slopes_of(law: PointLaw, rule: StepRule, parameters: tuple[str, ...] = ()) -> PointFunction:
-    """Derivatives of the forces and internal variables of a law, one after the other.
+def derivative_of(
+    law: PointLaw, rule: StepRule, quantity: str, parameters: Sequence[str] = ()
+) -> PointFunction:
+    """Derivatives of the values of a function of a law, one value after the other, by all inputs.
 
-    They are by the values at the start, the increments, internal variables, numbers and parameters.
+    Those of the "forces" and internal variables are by the start, increments, internal variables,
+    numbers and parameters alone, as C has them.
     """
-    return _of_law(_slopes, law, rule, parameters)
-
-
-def _slopes(law: PointLaw, rule: StepRule, parameters: tuple[str, ...]) -> PointFunction:
     n, first = law.size, arguments(law)
-    count, first_internal = first + len(parameters), 3 * n + 2
-    columns = [
-        *range(2 * n),
-        *range(first_internal, first_internal + law.internal),
-        *range(first - law.numbers, count),
-    ]
+    columns = [*range(count := first + len(parameters))]
+    if quantity == "forces":
+        internal = columns[3 * n + 2 :][: law.internal]
+        columns = [*columns[: 2 * n], *internal, *columns[first - law.numbers :]]
 
     def values(symbols: Any) -> Any:
         inputs = ufl.variable(ufl.as_vector([symbols[i] for i in range(count)]))
-        by_name = {parameter: inputs[first + i] for i, parameter in enumerate(parameters)}
-        of_step = law.forces(ForceStep(inputs, law, rule))
-        quantities = [replaced(part, by_name) for part in (*of_step.forces, *of_step.internal)]
-        rows = [ufl.diff(part, inputs) for part in quantities]
+        parts = _parts(law, quantity, ForceStep(inputs, law, rule))
+        parts = _with_inputs(parts, law, parameters, inputs)
+        rows = [ufl.diff(part, inputs) for part in parts]
         return ufl.as_vector([row[k] for row in rows for k in columns])
 
-    name = f"slopes of {law.name}"
+    name = f"derivatives of the {quantity} of {law.name}"
     key = None if law.user_defined else (*law.key, *rule, name)
     return point_function(name, values, count, key)
 
 
 def compiled_laws(laws: Sequence[PointLaw], rule: StepRule) -> list[CompiledLaw]:
     """Laws as they are compiled, each once; without functions of a user they are kept."""
-    distinct = {id(law): law for law in laws}
-    by_law = {key: _of_law(CompiledLaw, law, rule) for key, law in distinct.items()}
+    by_law: dict[int, CompiledLaw] = {}
+    for law in laws:
+        if id(law) not in by_law:
+            make = functools.partial(CompiledLaw, law, rule)
+            key = CompiledLaw, law, rule
+            by_law[id(law)] = make() if law.user_defined else compiled(key, make)
     return [by_law[id(law)] for law in laws]
 
 

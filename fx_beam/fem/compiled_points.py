@@ -46,7 +46,7 @@ class CompiledPoints:
             all=len(points.placed),
             of=[placed.members(points.rule.at_rest) for placed in points.placed],
             members=members,
-            probe=np.zeros(max((law.values + 2 * law.law.size for law in laws), default=1)),
+            probe=np.zeros(max((law.size + 2 * law.law.size for law in laws), default=1)),
             followed={"size": following, "memory": np.zeros(self._c.FIXED_POINT_ROWS * following)},
         )
         self._structs.check(self._all)
@@ -139,13 +139,6 @@ class CompiledPoints:
             return 0.0
         variables = np.zeros(self.points.width) if internal is None else internal
         return self._c.fx_stored_at_points(self._all, *map(self._of, (q, slides, variables)))
-
-    def given_with(self, D: np.ndarray, slides: np.ndarray) -> np.ndarray:
-        """What all forces are given at mean rates, for increments of nodes (size,) and slides."""
-        z = np.zeros(int(self.points.columns.max(initial=-1)) + 1)
-        z[self.points.columns] = slides[self.points.slides]
-        self._c.fx_lost_at_points(self._all, self._of(D), self._of(z))
-        return self.points.given.copy()
 
     def switches(self, q: np.ndarray, slides: np.ndarray) -> np.ndarray:
         """Values that change their sign where a contact opens or closes, or a law switches."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -118,26 +118,6 @@ class PlacedForce(NamedTuple):
             "tangent_at": np.zeros(2 * point_law.size + len(law.entries)),
         }
 
-    def slopes(self, quantity: str, given: np.ndarray) -> Iterator[tuple[str, np.ndarray, Any]]:
-        """Derivatives (k, n) of a function of the law for rows (k, ...) of what it is `given`.
-
-        With names and places: "q", "increment" and "v", or those of a slide, "spring internal",
-        "points" (numbers) and "parameters".
-        """
-        by_given, law = self.law.derivatives(quantity).in_rows(given), self.law.law
-        names, dofs = ("q", "increment", "v"), np.array(self.force.dofs)
-        if self.force.slide >= 0:
-            names, dofs = ("slides", "slide increment", "slide rate"), np.array([self.force.slide])
-        entries, last = np.unique(dofs[dofs >= 0]), arguments(law)
-        places = (dofs == entries[:, None]).T.astype(float)  # a node may be there twice
-        for i, name in enumerate(names):
-            yield name, entries, by_given[:, i * law.size : (i + 1) * law.size] @ places
-        ends = np.cumsum([3 * law.size + 2, law.internal])
-        yield "spring internal", self.variables, by_given[:, slice(*ends)]
-        numbers = self.first_number + np.arange(law.numbers)
-        yield "points", numbers, by_given[:, last - law.numbers : last]
-        yield "parameters", self.parameters, by_given[:, last:]
-
 
 def by_role(forces: Sequence[PointForce]) -> list[PointForce]:
     """Forces in the order in which they are evaluated."""
@@ -164,7 +144,7 @@ def _placed(
         law.check_at_zero(parameters.values[parameters.indices(law.parameters)])
     variables = itertools.accumulate((law.internal for law in laws), initial=0)
     triples = sorted(zip(pairs, variables, strict=False), key=lambda x: x[0][0].role)
-    sizes = [(w.given, w.values, w.law.numbers, len(w.entries)) for (_, w), _ in triples]
+    sizes = [(w.given, w.size, w.law.numbers, len(w.entries)) for (_, w), _ in triples]
     starts = np.cumsum([(0, 0, 0, 0), *sizes], axis=0).tolist()
     given, results, placed = np.zeros(starts[-1][0]), np.zeros(starts[-1][1]), []
     for ((force, law), first), start, end in zip(triples, starts[:-1], starts[1:], strict=True):

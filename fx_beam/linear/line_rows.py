@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fx_beam.fem.line_values import AN_INSTANT, LineSteps, LineValues
+from fx_beam.fem.point_values import AN_INSTANT, PointSteps, PointValues
 
 from .moving_state import Deviations
 
@@ -21,13 +21,13 @@ def line_rows(
     variables = np.zeros(model.points.width)
     if state.spring_internal is not None:
         variables = state.spring_internal
-    steps = LineSteps.of_states(state.q[None], variables[None], parameters.at(state.t)[None])
+    steps = PointSteps.of_states(state.q[None], variables[None], parameters.at(state.t)[None])
     rates, t, factor = (T @ about.rates)[None], np.array([state.t]), np.array([about.factor])
     steps = steps._replace(v=rates, t=t, factor=factor)
     moved, rate_row, direct = np.zeros(T.shape[1]), np.zeros(T.shape[1]), list[float]()
     by_parameters = np.zeros(len(parameters))
     rule = AN_INSTANT if quantity == "pull" else None
-    for name, entries, slopes in LineValues(model.points, line, quantity, rule).slopes(steps):
+    for name, entries, slopes in PointValues(model.points, quantity, line, rule).slopes(steps):
         if name == "q":
             moved += slopes[0] @ T[entries]
         elif name == "v":

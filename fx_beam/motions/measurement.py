@@ -165,16 +165,16 @@ def _reading(model: Model, array_of: Arrays, turns: np.ndarray, measured: Measur
 
 def _energy_reading(model: Model, array_of: Arrays, measured: Measured) -> Reading:
     """The energy that a line stores, by its own laws."""
-    from fx_beam.fem.line_values import LineSteps, LineValues
+    from fx_beam.fem.point_values import PointSteps, PointValues
 
-    values = LineValues(model.points, measured.terms[0].entries, measured.by_law)
+    values = PointValues(model.points, measured.by_law, measured.terms[0].entries)
 
     def read() -> float:
         internal, parameters = (
             None if (of_state := array_of(name)) is None else of_state[None]
             for name in ("spring_internal", "parameters")
         )
-        steps = LineSteps.of_states(array_of("q")[None], internal, parameters)
+        steps = PointSteps.of_states(array_of("q")[None], internal, parameters)
         return float(values.values(steps)[0])
 
     return read

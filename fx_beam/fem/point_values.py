@@ -1,0 +1,186 @@
+"""Values of functions of forces at points, such as energies, in many steps, and derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse
+
+from fx_beam.laws.point_laws import StepRule, arguments
+
+from .line_laws import laws_of_forces
+from .point_forces import PlacedForce, PointForces, Role
+
+#: Forces at an instant, from places and rates at the start of a step.
+AN_INSTANT = StepRule(0.0, turning=False, at_rest=False, instant=True)
+
+
+class PointSteps(NamedTuple):
+    """Numbers of k steps that forces at points read, or of k states if nothing moves."""
+
+    #: Displacements (k, size) at the start, increments, and rates at the start.
+    q: np.ndarray
+    D: np.ndarray
+    v: np.ndarray
+    #: Times (k,) at the scheme's level, lengths, and load factors.
+    t: np.ndarray
+    dt: np.ndarray
+    factor: np.ndarray
+    #: Internal variables (k, width) of springs at the start, and parameters (k, n).
+    internal: np.ndarray
+    parameters: np.ndarray
+    #: Slides (k, joints) at the start, and their increments.
+    slides: np.ndarray
+    slide_increments: np.ndarray
+
+    @classmethod
+    def of_states(
+        cls,
+        q: np.ndarray,
+        internal: np.ndarray | None,
+        parameters: np.ndarray | None,
+        slides: np.ndarray | None = None,
+    ) -> PointSteps:
+        """States (k, ...)."""
+        count, still = len(q), np.zeros_like(q)
+        internal, parameters, slides = (
+            np.zeros((count, 0)) if x is None else x for x in (internal, parameters, slides)
+        )
+        times, ones = np.zeros(count), np.ones(count)
+        numbers = times, ones, ones, internal, parameters, slides, np.zeros_like(slides)
+        return cls(q, still, still, *numbers)
+
+
+class PointSlopes(NamedTuple):
+    """Derivatives (k, e) of a value by entries (e,) of the array `name` that the force reads."""
+
+    name: str
+    entries: np.ndarray
+    by: np.ndarray
+
+
+class PointValues:
+    """The sum of a function of all forces at points, or of those along a line.
+
+    The function is that of a law: "energy" or "loss", of lines also "pull", "length" or "rate". It
+    is that in steps of the scheme, or by a `rule` of its own. Members that touch are left out.
+    """
+
+    def __init__(
+        self,
+        points: PointForces,
+        quantity: str,
+        line: int | None = None,
+        rule: StepRule | None = None,
+    ):
+        self._quantity = quantity
+        chosen = [x for x in points.placed if line is None or x.force.line == line]
+        forces = [x for x in chosen if getattr(x.law.law, quantity) is not None]
+        if quantity in ("length", "rate"):
+            forces = forces[:1]  # all have them
+        if rule is not None and forces:
+            laws = laws_of_forces([placed.law.law for placed in forces], rule)
+            places = [np.array(points.parameters.indices(law.parameters), int) for law in laws]
+            triples = zip(forces, laws, places, strict=True)
+            forces = [placed._replace(law=law, parameters=x) for placed, law, x in triples]
+        # Forces of one law, which are evaluated together.
+        self._groups: dict[tuple[int, bool, bool], list[PlacedForce]] = {}
+        for placed in forces:
+            key = id(placed.law), placed.force.slide >= 0, placed.force.role == Role.EXTERNAL
+            self._groups.setdefault(key, []).append(placed)
+        numbers = sum(len(placed.numbers) for placed in points.placed)
+        # Lengths of arrays besides those of the state.
+        self._sizes = {"points": numbers, "parameters": len(points.parameters)}
+
+    def values(self, steps: PointSteps) -> np.ndarray:
+        """The values (k,)."""
+        total = np.zeros(len(steps.q))
+        for forces in self._groups.values():
+            inputs = _law_inputs(forces, steps)
+            values = forces[0].law.values(self._quantity, inputs.reshape(-1, inputs.shape[-1]))
+            total += values[:, 0].reshape(inputs.shape[:2]).sum(axis=1)
+        return total
+
+    def slopes(self, steps: PointSteps) -> Iterator[PointSlopes]:
+        """Derivatives of the values that are not zero.
+
+        By "q", "increment" and "v", or "slides", "slide increment" and "slide rate", by "spring
+        internal", "points" (numbers) and "parameters".
+        """
+        for forces in self._groups.values():
+            inputs, first = _law_inputs(forces, steps), forces[0]
+            law, rows = first.law.law, inputs.reshape(-1, inputs.shape[-1])
+            slopes = first.law.slopes(self._quantity, rows).reshape(inputs.shape)
+            names = ("q", "increment", "v")
+            if first.force.slide >= 0:
+                names = ("slides", "slide increment", "slide rate")
+            n, last, dofs = law.size, arguments(law), _dofs(forces).ravel()
+            entries, place = np.unique(dofs, return_inverse=True)
+            ones, coordinates = np.ones(len(dofs)), np.arange(len(dofs))
+            places = scipy.sparse.csr_matrix((ones, (place, coordinates)))  # a node may be twice
+            moving, count = entries >= 0, len(inputs)
+            for i, name in enumerate(names):
+                by_dofs = places @ slopes[..., i * n : (i + 1) * n].reshape(count, -1).T
+                yield from _nonzero(name, entries[moving], by_dofs[moving].T)
+            ends = np.cumsum([3 * n + 2, law.internal])
+            variables = np.concatenate([placed.variables for placed in forces])
+            yield from _nonzero("spring internal", variables, slopes[..., slice(*ends)])
+            numbers = [placed.first_number + np.arange(law.numbers) for placed in forces]
+            by_numbers = slopes[..., last - law.numbers : last]
+            yield from _nonzero("points", np.concatenate(numbers), by_numbers)
+            by_parameters = slopes[..., last:].sum(axis=1)
+            yield from _nonzero("parameters", first.parameters, by_parameters)
+
+    def summed_slopes(self, steps: PointSteps) -> dict[str, np.ndarray]:
+        """Derivatives (k, n) of the values by name; arrays by which all are zero are left out."""
+        sizes = self._sizes | {"spring internal": steps.internal.shape[1]}
+        joints = steps.slides.shape[1]
+        sizes |= dict.fromkeys(("slides", "slide increment", "slide rate"), joints)
+        sums: dict[str, np.ndarray] = {}
+        for name, entries, slopes in self.slopes(steps):
+            if name not in sums:
+                sums[name] = np.zeros((len(slopes), sizes.get(name, steps.q.shape[1])))
+            sums[name][:, entries] += slopes
+        return sums
+
+
+def _nonzero(name: str, entries: np.ndarray, slopes: np.ndarray) -> Iterator[PointSlopes]:
+    """Derivatives (k, ...) by entries (e,), if any is not zero."""
+    if slopes.any():
+        yield PointSlopes(name, entries, slopes.reshape(len(slopes), -1))
+
+
+def _dofs(forces: Sequence[PlacedForce]) -> np.ndarray:
+    """Degrees of freedom (m, n) of m forces of one law, or the joints of their slides."""
+    return np.array([x.force.dofs if x.force.slide < 0 else [x.force.slide] for x in forces])
+
+
+def _law_inputs(forces: Sequence[PlacedForce], steps: PointSteps) -> np.ndarray:
+    """Inputs (k, m, given) of the law of m forces; zeros of an iteration before."""
+    first, shape = forces[0], (len(steps.q), len(forces))
+    numbers = np.tile(np.stack([placed.numbers for placed in forces]), (len(steps.q), 1, 1))
+    if first.force.role == Role.EXTERNAL:
+        numbers[..., -1] = steps.factor[:, None]
+    motion = steps.q, steps.D, steps.v
+    if first.force.slide >= 0:
+        motion = steps.slides, steps.slide_increments, np.zeros_like(steps.slides)
+    dofs = _dofs(forces)
+    variables = np.stack([placed.variables for placed in forces])
+    memory = np.zeros((*shape, first.law.law.iteration_memory))
+    times, parameters = (
+        np.broadcast_to(rows[:, None], (*shape, rows.shape[1]))
+        for rows in (np.column_stack([steps.t, steps.dt]), steps.parameters[:, first.parameters])
+    )
+    coordinates = [np.where(dofs < 0, 0.0, x[:, dofs]) for x in motion]
+    parts = [*coordinates, times, steps.internal[:, variables], memory, numbers, parameters]
+    return np.concatenate(parts, axis=-1)
+
+
+def slopes_by_load_factor(points: PointForces) -> np.ndarray:
+    """Derivatives (numbers,) of the numbers of all forces by the load factor."""
+    slopes = np.zeros(sum(len(placed.numbers) for placed in points.placed))
+    for placed in points.placed[points.external]:
+        slopes[placed.first_number + len(placed.numbers) - 1] = 1.0
+    return slopes
