@@ -18,7 +18,6 @@ def _basix() -> Any:
     return import_module("basix.ufl")
 
 
-@functools.cache
 def lagrange(degree: int, size: int | None = None, *, broken: bool = False):
     """Scalar or vector element with equispaced nodes; a broken one is discontinuous between cells.
 
@@ -34,14 +33,12 @@ def lagrange(degree: int, size: int | None = None, *, broken: bool = False):
     return _basix().element(family, "interval", degree, lagrange_variant=variant, shape=shape)
 
 
-@functools.cache
 def _beam(degree: int, nodal: bool):
     rotation = lagrange(0, degree + 1, broken=True) if nodal else lagrange(degree)
     fields = [lagrange(degree, 2), rotation]
     return ufl.MixedElement(fields) if _of_ufl() else _basix().mixed_element(fields)
 
 
-@functools.cache
 def _values_at_points(points: int, *shape: int):
     if points == 1:
         return lagrange(0, *shape, broken=True)

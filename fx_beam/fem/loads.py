@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.sparse
 
-from fx_beam.content_cache import cached_property
 from fx_beam.dual import Dual, dual_array, floats
 from fx_beam.errors import all_of, any_of, warn_once
 from fx_beam.laws.interval import Interval, just_inside
@@ -84,7 +83,7 @@ class SumOfLoads:
         self.rows = np.concatenate([np.empty(0, dtype=int), *(load.rows for load in loads)])
         self.starts = np.cumsum(counts)
 
-    @cached_property
+    @property
     def unit_loads(self) -> scipy.sparse.csc_matrix:
         """Unit loads, as a matrix (size, n)."""
         parts = floats(self.entries), self.rows, self.starts

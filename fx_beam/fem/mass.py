@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import scipy.sparse
 
-from fx_beam.content_cache import cached_property
 from fx_beam.dual import Dual, LinearDual, dual_array, dual_of, floats
 from fx_beam.errors import all_of, any_of
 from fx_beam.scene.scene import Scene
@@ -35,6 +34,10 @@ class MassPlaces:
     ):
         self._K, self._cells = K, len(mesh.elements)
         all_rows = np.arange(len(K.indptr) - 1)
+        row = np.repeat(all_rows, np.diff(K.indptr))
+        # Entries of equal displacements of two nodes in the values of the stiffness, and rows.
+        self._translations = np.flatnonzero((row % 3 == K.indices % 3) & (row % 3 < 2))
+        self._translated = row[self._translations]
         #: Positions of the diagonal in the values of the stiffness.
         self.diagonal = positions_in(K.indptr, K.indices, all_rows, all_rows)
         nodes = np.array([row.node for row in scene.masses], int)
@@ -71,22 +74,15 @@ class MassPlaces:
 
     def weights(self, gravity: Any, entries: Any) -> Any:
         """Weight (size,) of an acceleration (2,), by entries of the mass."""
-        places, rows = self._of_translations
+        rows = self._translated
         pull = dual_array(gravity)[rows % 3]
-        return np.bincount(rows, entries[places] * pull, len(self.diagonal))
+        return np.bincount(rows, entries[self._translations] * pull, len(self.diagonal))
 
     def by_entries(self, gravity: Any, by_weight: np.ndarray) -> np.ndarray:
         """Derivatives by entries from those by the weight."""
-        places, rows = self._of_translations
-        return np.bincount(places, by_weight[rows] * gravity[rows % 3], self._K.nnz)
-
-    @cached_property
-    def _of_translations(self) -> tuple[np.ndarray, np.ndarray]:
-        """Entries of equal displacements of two nodes in the values of the stiffness, and rows."""
-        K = self._K
-        rows = np.repeat(np.arange(len(K.indptr) - 1), np.diff(K.indptr))
-        places = np.flatnonzero((rows % 3 == K.indices % 3) & (rows % 3 < 2))
-        return places, rows[places]
+        rows = self._translated
+        pulls = by_weight[rows] * gravity[rows % 3]
+        return np.bincount(self._translations, pulls, self._K.nnz)
 
 
 class Mass:
@@ -100,18 +96,13 @@ class Mass:
         self.places = MassPlaces(scene, mesh, K, cell_entries)
         #: Entries of the mass in these values, and the weight (size,); None without gravity.
         self.values, self.weight = np.zeros(K.nnz), None
-        #: What was assembled, in words.
+        #: Mass matrix (eqs 19 to 21), lumped entries included, of the stiffness' sparsity.
+        self.matrix = self.places.matrix(self.values)
+        #: Names of what is assembled.
         self.assembled: list[str] = []
-        self._words: list[str] = []
         # Masses, gravity and positions without slopes, and the numbers that follow from them.
         self._given: tuple[list, list | None, np.ndarray] | None = None
         self._numbers: dict[str, Any] = {}
-
-    @cached_property
-    def matrix(self) -> scipy.sparse.csr_matrix:
-        """Mass matrix (eqs 19 to 21), lumped entries included, of the stiffness' sparsity."""
-        self.assembled += self._words
-        return self.places.matrix(self.values)
 
     def numbers_of(self, scene: Scene, X: Any) -> dict[str, Any]:
         """Entries of the mass, and the weight if there is any, with slopes that the scene has.
@@ -157,13 +148,13 @@ class Mass:
         if "weight" in numbers:
             self.weight = floats(numbers["weight"])
 
-    def name(self, scene: Scene) -> None:
-        """Say what there is, and that gravity acts on no mass."""
-        sections = distinct(beam.section for beam in scene.beams)
-        self._words = [
-            word for name, word in _WORDS.items() if any(getattr(s, name) for s in sections)
-        ]
-        self._words += ["lumped mass"] * bool(scene.masses)
+    def name(self, scene: Scene, at_rest: bool) -> None:
+        """Note what there is, without inertia `at_rest`, and warn if gravity acts on no mass."""
+        if not at_rest:
+            sections = distinct(beam.section for beam in scene.beams)
+            named = _WORDS.items()
+            self.assembled += [word for x, word in named if any(getattr(s, x) for s in sections)]
+            self.assembled += ["lumped mass"] * bool(scene.masses)
         if self.weight is not None:
             self.assembled.append("gravity")
             if any_of(floats(scene.gravity)) and not any_of(self.weight):

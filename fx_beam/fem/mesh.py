@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.content_cache import cached_property
 from fx_beam.dual import DualFloat, dual_array, floats
 from fx_beam.errors import SceneError, all_of
 from fx_beam.scene.beam import Beam, Node, inner_positions
@@ -32,6 +31,25 @@ class Mesh:
     curved: bool
 
     def __post_init__(self):
+        degree = self.elements.shape[1] - 1
+        #: Degrees of freedom (n, 3) of x, y and rotation of each node.
+        self.dofs = np.arange(3 * len(self.X)).reshape(-1, 3)
+        counts = np.array([len(cells) for cells in self.cells], dtype=int)
+        #: Index of each cell's beam in the scene.
+        self.beam_of_cell = np.repeat(np.arange(len(counts)), counts)
+        ends = np.cumsum(counts)
+        nodes = self.elements[:, :-1].ravel()
+        nodes = np.insert(nodes, degree * ends, self.elements[ends - 1, -1])
+        last = degree * ends + np.arange(1, len(ends) + 1)
+        #: Nodes of each beam, in order along it.
+        self.nodes: list[np.ndarray] = np.split(nodes, last)[:-1]
+        # In the order of forms: both ends, then the inner nodes.
+        nodes = self.elements[:, [0, degree, *range(1, degree)]]
+        #: Nodes (cells, m) between which each cell lies: all of them, or the ends if straight.
+        self.points = nodes if self.curved else nodes[:, :2]
+        dofs = self.dofs[nodes]
+        #: Space of displacements, then rotations, at the nodes of cells.
+        self.unknowns = Space(np.hstack([_rows(dofs[..., :2]), dofs[..., 2]]), self.dofs.size)
         self._set_positions(self.X)
 
     def _set_positions(self, X: np.ndarray) -> None:
@@ -42,15 +60,10 @@ class Mesh:
         lengths = np.hypot(*(ends[:, 1] - ends[:, 0]).T)
         #: Shortest distance of the ends of an element of each beam [m].
         self.shortest = [float(lengths[cells].min()) for cells in self.cells]
-        in_space = np.zeros((*self.points.shape, 3))
-        in_space[..., :2] = X[self.points]
+        positions = np.zeros((*self.points.shape, 3))
+        positions[..., :2] = X[self.points]
         #: Positions (cells, 3 m) of `points` in space [m].
-        self.coordinates = _rows(in_space)
-
-    @cached_property
-    def dofs(self) -> np.ndarray:
-        """Degrees of freedom (n, 3) of x, y and rotation of each node."""
-        return np.arange(3 * len(self.X)).reshape(-1, 3)
+        self.coordinates = _rows(positions)
 
     @property
     def turns(self) -> np.ndarray:
@@ -59,22 +72,11 @@ class Mesh:
 
     def motion(self, scene: Scene, **histories: np.ndarray) -> NodalMotion:
         """How joints of a scene read the motion: histories (n, size) "q" and "v"."""
-        at_nodes = {name: rows.reshape(-1, len(self.X), 3) for name, rows in histories.items()}
+        nodal = {name: rows.reshape(-1, len(self.X), 3) for name, rows in histories.items()}
         return NodalMotion(
-            lambda name, node: at_nodes[name][:, node.number].T,
-            lambda name, beam: at_nodes[name][:, self.nodes_of(scene, beam)],
+            lambda name, node: nodal[name][:, node.number].T,
+            lambda name, beam: nodal[name][:, self.nodes_of(scene, beam)],
         )
-
-    @cached_property
-    def beam_of_cell(self) -> np.ndarray:
-        """Index of each cell's beam in the scene."""
-        return np.repeat(np.arange(len(self.cells)), [len(cells) for cells in self.cells])
-
-    @cached_property
-    def nodes(self) -> list[np.ndarray]:
-        """Nodes of each beam, in order along it."""
-        of_beams = [self.elements[cells] for cells in self.cells]
-        return [np.append(nodes[:, :-1], nodes[-1, -1]) for nodes in of_beams]
 
     def place_of(self, node: int, scene: Scene) -> str:
         """In words where a node is: on which beam, or its position."""
@@ -105,26 +107,7 @@ class Mesh:
         points += [inner_positions(beam) for beam in scene.beams if beam.degree > 1]
         return np.concatenate(points)
 
-    # -- As forms take it -----------------------------------------------------------------------
-
-    @cached_property
-    def _in_forms(self) -> np.ndarray:
-        """Nodes of each cell in the order of forms: both ends, then the inner nodes."""
-        last = self.elements.shape[1] - 1
-        return self.elements[:, [0, last, *range(1, last)]]
-
-    @cached_property
-    def points(self) -> np.ndarray:
-        """Nodes (cells, m) between which each cell lies: all of them, or the ends if straight."""
-        return self._in_forms if self.curved else self._in_forms[:, :2]
-
-    @cached_property
-    def unknowns(self) -> Space:
-        """Space of displacements, then rotations, at the nodes of cells."""
-        dofs = self.dofs[self._in_forms]
-        return Space(np.hstack([_rows(dofs[..., :2]), dofs[..., 2]]), self.dofs.size)
-
-    @cached_property
+    @property
     def positions(self) -> Space:
         """Space of the positions of nodes."""
         return Space(_rows(2 * self.points[..., None] + np.arange(2)), self.X.size)
@@ -141,10 +124,10 @@ class Mesh:
         return np.array([target.number])
 
 
-def _rows(of_nodes: np.ndarray) -> np.ndarray:
-    """Values (cells, m k) of those (cells, m, k) at nodes."""
-    cells, nodes, values = of_nodes.shape
-    return of_nodes.reshape(cells, nodes * values)
+def _rows(nodal: np.ndarray) -> np.ndarray:
+    """Values (cells, m k) from values (cells, m, k) at nodes."""
+    cells, nodes, values = nodal.shape
+    return nodal.reshape(cells, nodes * values)
 
 
 def rotation_of(node: Node) -> int:

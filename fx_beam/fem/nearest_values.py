@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.content_cache import cached_property
 from fx_beam.dual import Dual, dual_array, floats
 from fx_beam.scene.beam import gauss_rule, lagrange
 from fx_beam.scene.functions import ArrayCalls, Signal, SignalAlong, evaluate
@@ -45,11 +44,6 @@ class NearestValues:
         #: Places (elements * rule,) of the points.
         self.points = (ends[:-1, None] + self._lengths[:, None] * self._rule[0]).ravel()
 
-    @cached_property
-    def _looks(self) -> np.ndarray:
-        count = max(_LOOKS[0] * len(self._lengths), _LOOKS[1])
-        return self._ends[0] + (np.arange(count) + 0.5) / count * (self._ends[-1] - self._ends[0])
-
     def of(self, function: _Values, part: Sequence[float] | None = None) -> np.ndarray:
         """Values of a function, which is zero outside a part between two places."""
         if part is not None or self.is_rough(function):
@@ -58,7 +52,9 @@ class NearestValues:
 
     def is_rough(self, function: _Values) -> bool:
         """Whether a function jumps or varies within elements."""
-        v = floats(function(self._looks))
+        count = max(_LOOKS[0] * len(self._lengths), _LOOKS[1])
+        looks = self._ends[0] + (np.arange(count) + 0.5) / count * (self._ends[-1] - self._ends[0])
+        v = floats(function(looks))
         difference = v[4:] + v[:-4] - 4 * (v[3:-1] + v[1:-3]) + 6 * v[2:-2]
         return abs(difference).max() > _ROUGH * abs(v).max()
 

@@ -8,8 +8,6 @@ import numpy as np
 import scipy.sparse
 from scipy.sparse.csgraph import connected_components
 
-from fx_beam.content_cache import cached_by_content
-
 #: Sparsity (indptr, indices) of a matrix in compressed rows.
 Pattern = tuple[np.ndarray, np.ndarray]
 
@@ -19,7 +17,6 @@ def starts_of(counts: Sequence[int] | np.ndarray) -> np.ndarray:
     return np.concatenate([[0], np.cumsum(counts)]).astype(int)
 
 
-@cached_by_content
 def sparsity(rows: np.ndarray, columns: np.ndarray, n: int) -> tuple[Pattern, np.ndarray]:
     """Compressed rows of the given pairs, and the position of each pair in them."""
     keys, position = rows.astype(int) * n + columns, np.arange(len(rows), dtype=np.int32)
@@ -45,7 +42,6 @@ def positions_in(
     return np.searchsorted(keys, rows.astype(int) * size + columns).astype(np.int32)
 
 
-@cached_by_content
 def places_of_cells(dofs: np.ndarray, indptr: np.ndarray, indices: np.ndarray) -> np.ndarray:
     """Indices (cells, n * n) of the entries of cells with degrees of freedom (cells, n)."""
     n = dofs.shape[1]
@@ -53,7 +49,6 @@ def places_of_cells(dofs: np.ndarray, indptr: np.ndarray, indices: np.ndarray) -
     return positions_in(indptr, indices, *entries).reshape(len(dofs), n * n)
 
 
-@cached_by_content
 def blocks_with(
     entries: np.ndarray, indptr: np.ndarray, indices: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -71,18 +66,13 @@ def blocks_with(
 
 def matrix_between(elements: np.ndarray, nodes: int) -> scipy.sparse.csr_matrix:
     """A zero matrix with a block of 3 x 3 for each node, and for each two nodes of an element."""
-    indptr, indices = _rows_between(elements, nodes)
-    return scipy.sparse.csr_matrix((np.zeros(len(indices)), indices, indptr), copy=False)
-
-
-@cached_by_content
-def _rows_between(elements: np.ndarray, nodes: int) -> tuple[np.ndarray, np.ndarray]:
     numbers, n = np.arange(nodes), elements.shape[1]
     row = np.append(numbers, np.repeat(elements, n, axis=1))
     column = np.append(numbers, np.tile(elements, (1, n)))
     pairs = scipy.sparse.csr_matrix((np.ones(len(row)), (row, column)))
-    blocks = scipy.sparse.kron(pairs, np.ones((3, 3)), "bsr").tocsr()
-    return blocks.indptr, blocks.indices
+    matrix = scipy.sparse.kron(pairs, np.ones((3, 3)), "bsr").tocsr()
+    matrix.data[:] = 0.0
+    return matrix
 
 
 def with_pairs(matrix: scipy.sparse.csr_matrix, pairs: np.ndarray) -> scipy.sparse.csr_matrix:

@@ -78,7 +78,7 @@ class Model:
         )
         self._set(data, moved=True)
         self.masses.assembled += [str(load) for load in scene.loads]
-        self.masses.name(scene)
+        self.masses.name(scene, scheme.rates.at_rest)
         self.reduction: Reduction
         self._build_reduction()
         if sticks(scene) and not scheme.rates.at_rest:
