@@ -13,6 +13,8 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 
 # Types of lists, and of numbers without slopes.
 _SEQUENCES, _NUMBERS = frozenset([list, tuple]), frozenset([float, int, bool, np.float64])
+# Attributes of an array that are those of the values.
+_SHAPES = frozenset(["shape", "ndim", "size", "dtype"])
 # Step in the imaginary direction, for slopes without cancellation.
 _STEP = 1e-100
 
@@ -41,11 +43,10 @@ class Dual(NDArrayOperatorsMixin):
     def __init__(self, values: Any, slopes: np.ndarray):
         self.values, self.slopes = np.asarray(values, float), slopes
 
-    shape = property(lambda self: self.values.shape)
-    ndim = property(lambda self: self.values.ndim)
-    size = property(lambda self: self.values.size)
-    dtype = property(lambda self: self.values.dtype)
-    count = property(lambda self: self.slopes.shape[-1])
+    @property
+    def count(self) -> int:
+        """Number m of the numbers by which there are slopes."""
+        return self.slopes.shape[-1]
 
     @property
     def columns(self) -> tuple[np.ndarray, np.ndarray]:
@@ -58,14 +59,13 @@ class Dual(NDArrayOperatorsMixin):
         return gradient @ self.slopes
 
     def __getattr__(self, name: str) -> Any:
+        if name in _SHAPES:
+            return getattr(self.values, name)
         if name in _METHODS:  # NumPy calls those of functions for the entries of arrays of objects
             return functools.partial(_METHODS[name], self)
+        if name == "T":
+            return np.transpose(self)
         raise AttributeError(name)
-
-    @property
-    def T(self) -> Any:  # noqa: N802  # as of arrays
-        """Transposed."""
-        return np.transpose(self)
 
     def __len__(self):
         return len(self.values)
@@ -172,7 +172,10 @@ class LinearDual(Dual):
         self.values, self._dual = values, dual
         self._function, self._transposed = function, transposed
 
-    count = property(lambda self: self._dual.count)
+    @property
+    def count(self) -> int:
+        """As of `Dual`."""
+        return self._dual.count
 
     @functools.cached_property
     def columns(self) -> tuple[np.ndarray, np.ndarray]:
@@ -184,9 +187,9 @@ class LinearDual(Dual):
         """As of `Dual`, without the slopes."""
         return self._dual.along(self._transposed(gradient))
 
-    @functools.cached_property
+    @property
     def slopes(self) -> np.ndarray:  # type: ignore[override]
-        """The slopes (n, m)."""
+        """Slopes (n, m), made anew."""
         (numbers, columns), slopes = self.columns, np.zeros((*self.shape, self.count))
         slopes[..., numbers] = columns
         return slopes
