@@ -15,6 +15,7 @@ import numpy as np
 
 from fx_beam.dual import floats
 from fx_beam.errors import SceneError
+from fx_beam.fem.beam_slopes import BeamSlopes
 from fx_beam.fem.point_values import PointSteps, PointValues
 from fx_beam.laws.interval import StepBatch
 from fx_beam.results.solution import Solution
@@ -70,7 +71,7 @@ def _strain(sub_steps: SubSteps, rows: Arrays) -> Derivatives:
         return {}
     names, ones = ("q", "internal", "natural", "parameters"), np.ones(len(rows["q"]))
     arrays = {name: rows[name] for name in names if name in rows}
-    return beams.slopes.of_energy(StepBatch(ones, ones, **arrays), sub_steps.by_places)
+    return BeamSlopes(beams).energy(StepBatch(ones, ones, **arrays), sub_steps.by_places)
 
 
 def _potential(sub_steps: SubSteps, rows: Arrays) -> Derivatives:
@@ -157,7 +158,7 @@ def losses_in_steps(sub_steps: SubSteps, rows: np.ndarray) -> Iterator[Block]:
     for group in sub_steps.groups(numbers):
         steps, parts = numbers[group], sub_steps.parts(numbers[group])
         beams = model.forms.beams
-        for slopes in [] if beams is None else beams.slopes.of_losses(parts, sub_steps.by_places):
+        for slopes in [] if beams is None else BeamSlopes(beams).losses(parts, sub_steps.by_places):
             yield from sub_steps.in_steps(steps, of_names(counting[group], slopes))
         if model.points.any_have("loss"):
             losses = PointValues(model.points, "loss")

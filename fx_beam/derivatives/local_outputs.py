@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.fem.beam_slopes import BeamSlopes
 from fx_beam.laws.interval import StepBatch
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import BeamPlace
@@ -146,7 +147,7 @@ class ResultantOutput(RowOutput):
         """Derivatives by what forms read of some sub-steps."""
         rows, shares, cells = self._rows[chosen], self._shares[chosen, None], self._cells
         arguments = parts, self._sub_steps.by_places, self._component
-        for name, dofs, slopes in self._beams.slopes.of_resultants(*arguments):
+        for name, dofs, slopes in BeamSlopes(self._beams).resultants(*arguments):
             points, entries = slopes.shape[2], dofs[cells]
             slopes = np.ascontiguousarray(np.moveaxis(slopes[:, cells], (2, 3), (0, 1)))
             components = np.arange(len(cells) * points).reshape(-1, points).T

@@ -9,6 +9,7 @@ import numpy as np
 
 from fx_beam.dual import dual_array
 from fx_beam.errors import SceneError
+from fx_beam.fem.beam_slopes import BeamSlopes
 from fx_beam.fem.loads import LoadedBeams
 from fx_beam.fem.mass import masses_of_points
 from fx_beam.laws.interval import StepBatch, just_inside
@@ -228,10 +229,10 @@ class SectionOutput(RowOutput):
         sub_steps, element = self._sub_steps, self._element
         steps, rows, shares = self._steps[chosen], self._rows[chosen], self._shares[chosen, None]
         model, weights = sub_steps.model, shares * self._by_forces[rows]
-        by_name = self._beams.slopes.of_forces(parts, sub_steps.by_places, weights, element.cell)
+        by_name = BeamSlopes(self._beams).forces(parts, sub_steps.by_places, weights, element.cell)
         if self._by_gauss.any():
             arguments = parts, sub_steps.by_places, element.component
-            for name, entries, by_points in self._beams.slopes.of_resultants(*arguments):
+            for name, entries, by_points in BeamSlopes(self._beams).resultants(*arguments):
                 values = self._by_gauss @ by_points[:, element.cell]
                 of_cell = Block(name, entries[element.cell], rows, shares * values)
                 yield from sub_steps.in_steps(steps, [of_cell])

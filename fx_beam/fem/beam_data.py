@@ -170,7 +170,7 @@ class BeamData:
         parameters: ParameterValues,
     ):
         self.mesh, self.tags, self._numbers = mesh, tags, {*numbers}
-        degree, self._parameters = kind.degree, parameters
+        self._degree, self._parameters = (degree := kind.degree), parameters
         #: Indices of the parameters in the forms among all, and the number of all.
         self.parameters, self.parameter_count = parameters.indices(facts.names), len(parameters)
         named: dict[str, Any] = {name: np.zeros(()) for name in CONSTANTS}
@@ -184,7 +184,13 @@ class BeamData:
             named["internal"] = Field(mesh.space(degree, facts.width))
         if kind.natural:
             named |= {name: Field(mesh.space(degree, 3)) for name in NATURAL}
-        named |= {name: Field(mesh.unknowns) for name in NODAL}
+        # Weights of forces and of increments of internal variables, and changes of parameters, by
+        # which derivatives are taken: they are zero.
+        named |= {name: Field(mesh.unknowns) for name in (*NODAL, "weight 0")}
+        if facts.width:
+            named["weight 1"] = Field(named["internal"].space)
+        if facts.names:
+            named["more"] = Field(mesh.space(1, len(facts.names)))
         coordinate = named["coordinate"] = Field(mesh.space(2))
         coordinate.array.reshape(-1, 2)[:] = 0.0, degree
         for i, work in enumerate(scene.virtual_works):
@@ -207,16 +213,25 @@ class BeamData:
             self.named[name].array[:] = floats(values).ravel()
 
     @property
+    def spaces(self) -> dict[str, Space]:
+        """Spaces of fields, and of numbers by which derivatives are taken, by name."""
+        fields = {name: x for name, x in self.named.items() if isinstance(x, Field)}
+        spaces = {name: field.space for name, field in fields.items()}
+        spaces["coordinates"] = self.mesh.positions
+        spaces["resultants"] = self.mesh.space(self._degree, 3)
+        if "more" in spaces:
+            spaces["parameters"] = spaces["more"]
+        return spaces
+
+    @property
     def values(self) -> dict[str, np.ndarray]:
         """Values (cells, width) of what is constant over steps, by name."""
         names = [n for n in self.named if n in self._numbers or n.startswith(("coord", "indic"))]
         return {name: self.named[name].array.reshape(len(self.tags), -1) for name in names}
 
-    def term(
-        self, form: CompiledForm, spaces: Sequence[Space] = (), more: dict[str, Any] | None = None
-    ) -> Term:
-        """A form or an expression on the mesh, with arguments in some spaces, and `more` fields."""
-        return Term(form, self.mesh, self.named | (more or {}), spaces, self.tags, self.moving)
+    def term(self, form: CompiledForm, spaces: Sequence[Space] = ()) -> Term:
+        """A form or an expression on the mesh, with arguments in some spaces."""
+        return Term(form, self.mesh, self.named, spaces, self.tags, self.moving)
 
     def read(self, steps: StepBatch) -> StepBatch:
         """Steps with the parameters of the forms alone."""

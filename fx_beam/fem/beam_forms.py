@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError
 from fx_beam.laws.interval import StepBatch
 from fx_beam.laws.schemes import Scheme
@@ -21,9 +20,6 @@ from .beam_data import LOSSES, BeamData, Kind, StepFacts, distinct, shapes_of
 from .form_library import FormModule, FormSource
 from .mesh import Mesh
 from .parameter_values import ParameterValues
-
-if TYPE_CHECKING:
-    from .beam_slopes import BeamSlopes
 
 
 class BeamForms:
@@ -45,10 +41,11 @@ class BeamForms:
         #: Whether there are virtual works of a user.
         self.has_external = bool(scene.virtual_works)
         self.kind, tags = _kind(scene, scheme, mesh, numbers, holds)
-        self._source = FormSource("WeakForm", self.kind, functools.partial(_written, self.kind))
+        #: The writer of its forms.
+        self.source = FormSource("DerivedForm", self.kind, functools.partial(_written, self.kind))
         step = self._compiled()
         #: What is known of the forms.
-        self.facts = facts = StepFacts(**step.facts)
+        self.facts = facts = StepFacts(**step.facts["step"])
         if facts.needs_previous and len(scheme.fractions) > 1:
             raise SceneError(
                 f"{scheme.name}: its resultants depend on the last step, so that it cannot "
@@ -58,25 +55,24 @@ class BeamForms:
             parameters.check_constant(parameter.name, f"{scheme.name}: damping")
         parameters.add_energies(facts.names_in_energies)
         #: What they read.
-        self.data = data = BeamData(scene, mesh, self.kind, facts, numbers, tags, parameters)
-        #: Forms on the mesh by name.
-        self.bound: dict[str, Term] = {}
-        for name, form in step.forms.items():
-            space = data.named["internal"].space if name == "internal variables" else mesh.unknowns
-            self.bound[name] = data.term(form, [space] * form.arguments)
+        self.data = BeamData(scene, mesh, self.kind, facts, numbers, tags, parameters)
+        self._terms: dict[tuple[str, ...], dict[str, Term]] = {}
+        #: Forms of a step on the mesh by name.
+        self.bound = self.terms("of_step")
         #: Names of the forms of forces.
         self.forces = ["internal forces"] + ["drag"] * ("drag" in self.bound)
         #: Whether forces may depend on rates, and may dissipate energy.
         moves = self.has_external or len(self.forces) > 1 or facts.resultants_move
         self.depend_on_rates = moves
-        self._losses = [name for name in LOSSES if name in self.bound]
-        self.dissipate = bool(self._losses)
+        #: Names of the energies that are lost.
+        self.losses = [name for name in LOSSES if name in self.bound]
+        self.dissipate = bool(self.losses)
         #: Shape (cells, degree, width) of the internal variables; the width is zero without any.
         self.internal_shape = len(tags), self.kind.degree, facts.width
 
     def _compiled(self) -> FormModule:
         try:
-            return self._source.module("of_step")
+            return self.source.module("of_step")
         except Exception as error:
             if not self.has_external:
                 raise
@@ -85,12 +81,21 @@ class BeamForms:
                 "expressions"
             ) from error
 
-    @cached_property
-    def slopes(self) -> BeamSlopes:
-        """Their derivatives."""
-        from .beam_slopes import BeamSlopes
+    def terms(self, method: str, *arguments: str) -> dict[str, Term]:
+        """Terms on the mesh by name, as a method of the writer gives them; each is made once.
 
-        return BeamSlopes(self.kind, self.data, self.forces, self._losses)
+        Of several expressions at the Gauss points each belongs to one subdomain.
+        """
+        if (key := (method, *arguments)) not in self._terms:
+            module, spaces = self.source.module(method, *arguments), self.data.spaces
+            known, terms = module.facts.get("spaces", {}), dict[str, Term]()
+            for i, (name, form) in enumerate(module.forms.items()):
+                if form.values and len(module.forms) > 1:
+                    form = form._replace(functions=[(i, form.functions[0][1])])
+                names = known.get(name, ["increment"] * form.arguments)
+                terms[name] = self.data.term(form, [spaces[space] for space in names])
+            self._terms[key] = terms
+        return self._terms[key]
 
     # -- In one step ----------------------------------------------------------------------------
 
@@ -119,27 +124,14 @@ class BeamForms:
 
     def normal_stretch(self, q: np.ndarray) -> np.ndarray:
         """t . phi' (cells, degree) of eq. 4 at the Gauss points, for q (size,)."""
-        (stretch,) = self._expressions("normal_stretch")
+        (stretch,) = self.terms("normal_stretch").values()
         return stretch.values(StepBatch.at_rest(q), self.internal_shape[1:2])[0]
 
     # -- In many steps --------------------------------------------------------------------------
 
-    def _expressions(self, method: str) -> list[Term]:
-        """Expressions at the Gauss points, one for all cells, or for each subdomain its own."""
-        forms = [*self._source.module(method).forms.values()]
-        if len(forms) > 1:
-            functions = (form.functions[0][1] for form in forms)
-            numbered = zip(forms, enumerate(functions), strict=True)
-            forms = [form._replace(functions=[function]) for form, function in numbered]
-        return [self.data.term(form) for form in forms]
-
-    @cached_property
-    def _resultants(self) -> list[Term]:
-        return self._expressions("of_points")
-
     def resultants(self, steps: StepBatch) -> np.ndarray:
         """N, Q and M (n, cells, degree, 3) at the Gauss points, for n steps or parts."""
-        return self._sum(self._resultants, steps, (self.kind.degree, 3))
+        return self._sum(self.terms("of_points").values(), steps, (self.kind.degree, 3))
 
     def forces_of_cells(self, steps: StepBatch) -> np.ndarray:
         """Forces (n, cells, width) of elements on their own nodes, minus added virtual works.
@@ -157,9 +149,9 @@ class BeamForms:
 
 
 def _written(kind: Kind) -> Any:
-    from .weak_form import WeakForm
+    from .vjp_form import DerivedForm
 
-    return WeakForm(kind)
+    return DerivedForm(kind)
 
 
 def _kind(

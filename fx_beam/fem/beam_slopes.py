@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
 from fx_beam.laws.interval import StepBatch
 from fx_beam.scene.beam import gauss_rule
 
-from .assembly import Field, Space, Term
-from .beam_data import BeamData, Kind
-from .form_library import FormSource
-from .vjp_form import DerivedForm
+from .assembly import Space, Term
+from .beam_forms import BeamForms
 
 #: Name and space of numbers, and derivatives by these in k steps.
 _Slopes = Iterator[tuple[str, Space, np.ndarray]]
@@ -26,67 +22,36 @@ class BeamSlopes:
     Others are by numbers at Gauss points or of cells.
     """
 
-    def __init__(self, kind: Kind, data: BeamData, forces: list[str], losses: list[str]):
-        self._forces, self._losses = forces, losses
-        self._degree, self._data, mesh = kind.degree, data, data.mesh
-        self._source = FormSource("DerivedForm", kind, functools.partial(DerivedForm, kind))
-        #: Fields of derivatives, and the spaces of the numbers, by name.
-        self._more = {"weight 0": Field(mesh.unknowns)}
-        if (internal := data.named.get("internal")) is not None:
-            self._more["weight 1"] = Field(internal.space)
-        if data.parameters:
-            self._more["more"] = Field(mesh.space(1, len(data.parameters)))
-        fields = data.named | self._more
-        self._spaces = {n: field.space for n, field in fields.items() if isinstance(field, Field)}
-        self._spaces["coordinates"] = mesh.positions
-        if data.parameters:
-            self._spaces["parameters"] = self._more["more"].space
-        # Terms by the quantity, or by the forces and whether by places as well.
-        self._terms: dict[Any, dict[Any, Term]] = {}
+    def __init__(self, beams: BeamForms):
+        self._beams, self._data = beams, beams.data
 
     def sizes(self, forces: str) -> dict[str, int]:
-        """How many numbers of an element "internal forces" or "drag" depend on, by name."""
-        names = self._source.module("work", forces).facts["derivatives"]
-        return {name: self._spaces[name].width for name in names}
+        """Widths of the arrays of an element on which "internal forces" or "drag" depend."""
+        names = self._beams.source.module("work", forces).facts["derivatives"]
+        return {name: self._data.spaces[name].width for name in names}
 
-    def jacobians(self, forces: str, by_places: bool) -> dict[tuple[str, int], Term]:
+    def jacobians(self, forces: str, with_places: bool) -> dict[tuple[str, int], Term]:
         """The work of these forces on weights, as ("work", 0), and its derivatives.
 
         Each is by numbers of a name, and by a weight: of the forces, and of the increments of
         internal variables.
         """
-        if (key := (forces, by_places)) not in self._terms:
-            names = [name for name in self.sizes(forces) if by_places or name != "coordinates"]
-            terms = self._terms[key] = {}
-            for title, form in self._source.module("slopes", forces, *names).forms.items():
-                name, number = title.rsplit(" ", 1)
-                weight = f"weight {number}"
-                spaces = [] if name == "work" else [self._spaces[name], self._spaces[weight]]
-                terms[name, int(number)] = self._data.term(form, spaces, self._more)
-        return self._terms[key]
+        names = [name for name in self.sizes(forces) if with_places or name != "coordinates"]
+        pairs = self._beams.terms("slopes", forces, *names).items()
+        titles = ((title.rsplit(" ", 1), term) for title, term in pairs)
+        return {(name, int(number)): term for (name, number), term in titles}
 
-    def _derivatives(
-        self, quantity: str, steps: StepBatch, by_places: bool, points: int = 0
-    ) -> _Slopes:
-        """Derivatives of a quantity of `DerivedForm`; those by positions only if they are wanted.
-
-        Values are (k, cells, numbers), or with `points` (k, cells, points, 3, numbers).
-        """
-        if quantity not in self._terms:
-            tests = [self._data.mesh.space(points, 3)] * bool(points)
-            self._terms[quantity] = {
-                name: self._data.term(form, [*tests, self._spaces[name]], self._more)
-                for name, form in self._source.module("derivatives", quantity).forms.items()
-            }
+    def _slopes(self, quantity: str, steps: StepBatch, with_places: bool) -> _Slopes:
+        """Derivatives (k, cells, entries of a tensor) of a quantity; by positions if wanted."""
         steps = self._data.read(steps)
-        for name, term in self._terms[quantity].items():
-            if by_places or name != "coordinates":
-                shape = *(points, 3) * bool(points), term.spaces[-1].width
-                yield name, term.spaces[-1], term.values(steps, shape)
+        for name, term in self._beams.terms("derivatives", quantity).items():
+            if with_places or name != "coordinates":
+                yield name, term.spaces[-1], term.values(steps, (term.size,))
 
-    def _summed(self, slopes: _Slopes, cells: Any = slice(None)) -> dict[str, np.ndarray]:
-        """Sums of derivatives of some cells that are by the same numbers."""
+    def _summed(self, slopes: _Slopes, cell: int | None = None) -> dict[str, np.ndarray]:
+        """Sums (k, numbers) over cells, or of one cell, by the names of numbers."""
         sums: dict[str, np.ndarray] = {}
+        cells = slice(None) if cell is None else [cell]
         for name, space, values in slopes:
             places, size = space.dofs[cells], space.size
             if name == "parameters":
@@ -99,27 +64,27 @@ class BeamSlopes:
             sums[name] = sums.get(name, 0.0) + rows.reshape(-1, size)
         return sums
 
-    def of_energy(self, steps: StepBatch, by_places: bool) -> dict[str, np.ndarray]:
+    def energy(self, steps: StepBatch, with_places: bool) -> dict[str, np.ndarray]:
         """Derivatives of `BeamForms.strain_energy` by "q", "internal" variables, "natural" strains.
 
         And by the data of sections, "X", and "parameters".
         """
-        derivatives = self._summed(self._derivatives("strain energy", steps, by_places))
+        derivatives = self._summed(self._slopes("strain energy", steps, with_places))
         derivatives["q"] = derivatives.pop("start")
         return derivatives
 
-    def of_losses(self, steps: StepBatch, by_places: bool) -> list[dict[str, np.ndarray]]:
+    def losses(self, steps: StepBatch, with_places: bool) -> list[dict[str, np.ndarray]]:
         """Derivatives of what beams lose in completed steps: to material, scheme and drag.
 
         By "increment", "start" and "q_previous", "X", "internal" variables, strains "natural" at
         the start and "natural_end", "parameters", "stiffness", "retardation", and coefficients of
         "drag ...".
         """
-        losses = (self._derivatives(name, steps, by_places) for name in self._losses)
-        return [self._summed(slopes) for slopes in losses]
+        losses = self._beams.losses
+        return [self._summed(self._slopes(name, steps, with_places)) for name in losses]
 
-    def of_forces(
-        self, steps: StepBatch, by_places: bool, weights: np.ndarray, cell: int
+    def forces(
+        self, steps: StepBatch, with_places: bool, weights: np.ndarray, cell: int
     ) -> dict[str, np.ndarray]:
         """Derivatives of sums of weights (k, width) times forces of a cell.
 
@@ -129,28 +94,28 @@ class BeamSlopes:
         """
         steps = self._data.read(steps)
 
-        def of_cell() -> _Slopes:
-            for forces in self._forces:
-                for (name, weight), term in self.jacobians(forces, by_places).items():
+        def cell_slopes() -> _Slopes:
+            for forces in self._beams.forces:
+                for (name, weight), term in self.jacobians(forces, with_places).items():
                     if name != "work" and not weight:
-                        shape = self._spaces[name].width, weights.shape[1]
-                        slopes = term.values(steps, shape, cell)
-                        yield name, self._spaces[name], np.einsum("kcnw,kw->kcn", slopes, weights)
+                        space = term.spaces[0]
+                        slopes = term.values(steps, (space.width, weights.shape[1]), cell)
+                        yield name, space, np.einsum("kcnw,kw->kcn", slopes, weights)
 
-        return self._summed(of_cell(), [cell])
+        return self._summed(cell_slopes(), cell)
 
-    def of_resultants(
-        self, steps: StepBatch, by_places: bool, component: int
+    def resultants(
+        self, steps: StepBatch, with_places: bool, component: int
     ) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
         """Jacobians (k, cells, points, numbers) of N, Q or M by name, and entries of the numbers.
 
         These (cells, numbers) are those of fields, of positions "X", or of all "parameters".
         """
-        weights = gauss_rule(self._degree)[1][:, None]
-        of_all = self._derivatives("resultants", steps, by_places, self._degree)
-        for name, space, slopes in of_all:
+        weights = gauss_rule(self._beams.kind.degree)[1][:, None]
+        for name, space, slopes in self._slopes("resultants", steps, with_places):
             entries = space.dofs
             if name == "parameters":
                 entries = np.broadcast_to(self._data.parameters, entries.shape)
             name = "X" if name == "coordinates" else name
-            yield name, entries, slopes[..., component, :] / weights
+            by_points = slopes.reshape(*slopes.shape[:2], len(weights), 3, space.width)
+            yield name, entries, by_points[..., component, :] / weights

@@ -33,7 +33,9 @@ class DerivedForm(WeakForm):
             )
         else:
             quantity = self._energies[name]
-        return Written(self._derived(quantity)[1], self.named)
+        forms = self._derived(quantity)[1]
+        tests = ["resultants"] * (name == "resultants")
+        return Written(forms, self.named, {"spaces": {x: [*tests, x] for x in forms}})
 
     def _work(self, forces: str) -> tuple[list[Any], Any, dict[str, Any]]:
         """Weights w, the work w.f of "internal forces" or "drag" f, and its derivatives by name.
@@ -59,13 +61,14 @@ class DerivedForm(WeakForm):
     def slopes(self, forces: str, *names: str) -> Written:
         """The work itself, as "work 0", and derivatives by these names and by each weight."""
         weights, work, derivatives = self._work(forces)
-        slopes = {"work 0": work}
+        slopes, spaces = {"work 0": work}, dict[str, list[str]]()
         for name in names:
             for number, weight in enumerate(weights):
                 slope = ufl.derivative(derivatives[name], weight)
                 if not _is_empty(slope):
                     slopes[f"{name} {number}"] = slope
-        return Written(slopes, self.named)
+                    spaces[f"{name} {number}"] = [name, f"weight {number}"]
+        return Written(slopes, self.named, {"spaces": spaces})
 
     def _derived(self, quantity: Any) -> tuple[Any, dict[str, Any]]:
         """A quantity, with `more` parameters, and its derivatives that are not zero, by name."""

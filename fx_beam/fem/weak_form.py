@@ -229,7 +229,8 @@ class WeakForm:
             "internal variables": self._increments() if self.symbols.width else 0,
         }
         present = {name: form for name, form in forms.items() if form}
-        return Written(present, self.named, self._facts()._asdict())
+        facts = {"step": self._facts()._asdict(), "spaces": {"internal variables": ["internal"]}}
+        return Written(present, self.named, facts)
 
     def _facts(self) -> StepFacts:
         fields, residual = self.fields, self._residual

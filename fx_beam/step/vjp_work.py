@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.fem.beam_forms import BeamForms
+from fx_beam.fem.beam_slopes import BeamSlopes
 
 from .form_tables import Kernel, in_lanes
 from .layout import Layout
@@ -37,11 +38,11 @@ class VjpWork:
         assert problem.tables is not None  # as there are beams
         #: The forms, as the array of `Layout` with the numbers of one element after the other.
         self.array, self._beams, self._tables = name, beams, problem.tables
-        self._lanes = problem.constants.LANES
+        self._slopes, self._lanes = BeamSlopes(beams), problem.constants.LANES
         #: Its name in C.
         self.name = name.replace(" ", "_")
         nodal = dict.fromkeys(("increment", "start"), problem.c.mesh.cell_dofs)
-        self._sizes = nodal | beams.slopes.sizes(name)
+        self._sizes = nodal | self._slopes.sizes(name)
         self._local = {name: size for name, size in self._sizes.items() if name not in _IN_COMMON}
         self._compiled: dict[bool, tuple[list[tuple[str, int]], Kernel, dict[str, Any]]] = {}
 
@@ -53,7 +54,7 @@ class VjpWork:
     def compiled(self, by_places: bool) -> tuple[list[tuple[str, int]], Kernel, dict[str, Any]]:
         """Names of derivatives, each by a weight, and their forms, also as a table for C."""
         if by_places not in self._compiled:
-            slopes = self._beams.slopes.jacobians(self.array, by_places)
+            slopes = self._slopes.jacobians(self.array, by_places)
             kernel = Kernel([*slopes.values()])
             table = self._tables.of("slopes of forces", kernel)
             self._compiled[by_places] = [*slopes][1:], kernel, table  # behind the work
