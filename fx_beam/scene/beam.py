@@ -271,6 +271,17 @@ class BeamPlace:
         return shares[0], slopes[0]
 
 
+def checked_degree(degree: Any, beams: Sequence[Beam], name: str) -> int:
+    """Degree of a new beam; SceneError if other beams have another degree."""
+    require(is_whole(degree, 1, 3), f"{name}: degree", degree, "1, 2 or 3")
+    if beams and degree != beams[0].degree:
+        raise SceneError(
+            f"{name}: degree {degree} differs from degree {beams[0].degree} of "
+            f"{beams[0].name!r}; use one degree for all beams of a scene"
+        )
+    return int(degree)
+
+
 def numbers_of_nodes(place: BeamPlace) -> list[int]:
     """Numbers (degree + 1,) of the nodes of a place's element; inner ones are behind all others."""
     beam, (element, _), inner = place.beam, place.element, place.beam.degree - 1

@@ -148,9 +148,7 @@ class Bed(NamedTuple):
 _LAWS = {Spring: "spring", Damper: "damper", SmoothFriction: "friction", Stop: "stop"}
 
 
-def ground_spring(
-    node: Node, laws: Any, direction: np.ndarray | None, number: int, name: str
-) -> GroundSpring:
+def ground_spring(node: Node, laws: Any, direction: np.ndarray | None, name: str) -> GroundSpring:
     """A spring to the ground along a direction or on the rotation; SceneError for no law."""
     law_list = laws if isinstance(laws, list | tuple) else [laws]
     names = [_LAWS.get(type(law), "") for law in law_list]
@@ -158,20 +156,22 @@ def ground_spring(
     expected = "an fx_beam.Spring, Damper, SmoothFriction or Stop, or a list with one of each"
     require(ok, name, laws, expected)
     coordinate = Coordinate(**dict(zip(names, law_list, strict=True)))
-    spring = GroundSpring((node,), coordinate, number=number, target=node, direction=direction)
+    spring = GroundSpring((node,), coordinate, target=node, direction=direction)
     check_at_start(spring, 0.0, 0.0, "the rotation" if direction is None else "the displacement")
     return spring
 
 
-def bed_of(beam: Beam, normal: float, tangential: float, pushes_only: bool, number: int) -> Bed:
-    """The bed of a beam; its parts get numbers from `number` on."""
-    parts: dict[str, GroundSpring] = {}
-    directions = ("normal", normal, (0.0, 1.0)), ("tangential", tangential, (1.0, 0.0))
-    for name, stiffness, way in directions:
-        if stiffness:
-            coordinate = Coordinate(spring=Spring(stiffness))
-            if pushes_only and name == "normal":
-                coordinate = Coordinate(stop=Stop(0.0, None, stiffness))
-            options: dict[str, Any] = {"number": number + len(parts), "direction": np.array(way)}
-            parts[name] = GroundSpring(beam.nodes, coordinate, target=beam, **options)
-    return Bed(**parts)
+def parts_of_bed(
+    beam: Beam, normal: float, tangential: float, pushes_only: bool
+) -> dict[str, GroundSpring]:
+    """Springs across a beam and along it, by their names in `Bed`."""
+    parts, up, forwards = dict[str, GroundSpring](), np.array([0.0, 1.0]), np.array([1.0, 0.0])
+    if normal:
+        law = (
+            Coordinate(stop=Stop(0.0, None, normal)) if pushes_only else Coordinate(Spring(normal))
+        )
+        parts["normal"] = GroundSpring(beam.nodes, law, target=beam, direction=up)
+    if tangential:
+        law = Coordinate(Spring(tangential))
+        parts["tangential"] = GroundSpring(beam.nodes, law, target=beam, direction=forwards)
+    return parts

@@ -17,13 +17,12 @@ from fx_beam.errors import (
     is_flag,
     is_name,
     is_one_of,
-    is_whole,
     require,
     vector,
 )
 
 from . import loads
-from .beam import COMPONENTS, Beam, BeamPlace, Node, Nodes, position_of
+from .beam import COMPONENTS, Beam, BeamPlace, Node, Nodes, checked_degree, position_of
 from .body import Body, Members, check_body, velocities_of
 from .contacts import Contact, Shape, check_members, check_start
 from .coordinate import Coordinate, Coulomb, Damper, SmoothFriction, Spring, Stop, functions_of
@@ -36,7 +35,7 @@ from .law import functions_of_energy
 from .loads import NaturalStrain, changed_strain, natural_strain
 from .parameters import Parameters, is_parameter
 from .removal import joint_of, locked, position_in, remove_part, unlocked
-from .section import Section
+from .section import Section, functions_of_section
 from .sliders import SlidingJoint
 
 if TYPE_CHECKING:
@@ -47,6 +46,7 @@ if TYPE_CHECKING:
     from .symbols import Parameter
 
 _Part = TypeVar("_Part")
+_Force = TypeVar("_Force", bound=ForceBetween)
 _Load = TypeVar("_Load", loads.Load, loads.VirtualWork, NaturalStrain)
 
 
@@ -222,8 +222,8 @@ class Scene:
         name = self.beams.new_name(name)
         if not isinstance(section, Section):
             raise SceneError(f"beam {name!r}: section must be an fx_beam.Section, not {section!r}")
-        degree = self._degree(degree, f"beam {name!r}")
-        self._add_parameters(section, "add_beam")
+        degree = checked_degree(degree, self.beams, f"beam {name!r}")
+        self.parameters.add(functions_of_section(section), "add_beam: section")
         line, axis = layout(points, elements, degree, name), None
         if offset is not None:
             from .eccentric import shifted
@@ -305,13 +305,13 @@ class Scene:
         """
         kinds = ("rigid", "pin")
         require(is_one_of(joints, kinds), "add_mesh: joints", joints, f"one of {kinds}")
-        degree = self._degree(degree, "add_mesh")
+        degree = checked_degree(degree, self.beams, "add_mesh")
         from .mesh import MeshBeams, mesh_layout, sections_of
 
         mesh = mesh_layout(points, cells, elements, joints == "pin")
         sections = sections_of(section, tags, len(mesh.starts) - 1)
         for part in {id(part): part for part in sections}.values():
-            self._add_parameters(part, "add_mesh")
+            self.parameters.add(functions_of_section(part), "add_mesh: section")
         nodes = self._nodes_at(mesh.positions.tolist(), "add_mesh")
         beams = MeshBeams([*nodes[: mesh.points]])
         numbers, ends = mesh.nodes.tolist(), mesh.starts.tolist()
@@ -324,21 +324,6 @@ class Scene:
             a, b = (nodes[i] for i in pair)
             pin = self._numbered(pin or Revolute(a, b), a=a, b=b)
         return beams
-
-    def _degree(self, degree: int, name: str) -> int:
-        """The degree of new beams; SceneError if other beams have another degree."""
-        require(is_whole(degree, 1, 3), f"{name}: degree", degree, "1, 2 or 3")
-        if self.beams and degree != self.beams[0].degree:
-            raise SceneError(
-                f"{name}: degree {degree} differs from degree {self.beams[0].degree} of "
-                f"{self.beams[0].name!r}; use one degree for all beams of a scene"
-            )
-        return int(degree)
-
-    def _add_parameters(self, section: Section, name: str) -> None:
-        """Add the parameters in the stored energy of a section."""
-        functions = functions_of_energy(section.strain_energy, section.internal, 3)
-        self.parameters.add(functions, f"{name}: section")
 
     def add_body(
         self,
@@ -433,7 +418,7 @@ class Scene:
         if not components:
             raise SceneError(f"support of {node}: name the components to fix, of {COMPONENTS}")
         for component in components:
-            self.fixed.add(self._free_component(node, component))
+            self.fixed.add(_free_component(self, node, component))
 
     def pin(self, node: Node) -> None:
         """Fix the displacement of a node; its rotation stays free.
@@ -479,7 +464,7 @@ class Scene:
             raise SceneError(f"prescribed motion of {node}: give x, y or rotation")
         for name, value in components.items():
             function = time_function(value, 1, f"prescribed {name} of {node}")
-            self.prescribed[self._free_component(node, name)] = function
+            self.prescribed[_free_component(self, node, name)] = function
 
     @overload
     def add_joint(self, joint: Joint, at: Any = None) -> Joint: ...
@@ -520,7 +505,7 @@ class Scene:
             if node is not GROUND:
                 loads.check_node(self, node, joint.kind)
         guide = None
-        if isinstance(joint, SlidingJoint) and self._holds(joint.b):
+        if isinstance(joint, SlidingJoint) and _is_held(self, joint.b):
             guide, place = joint.b, joint.place_of_guide()
             joint = replace(joint, b=Node(len(self.nodes), *place, self))
         if at is None:
@@ -546,11 +531,6 @@ class Scene:
         self.joint_count += 1
         self._couplings[coupling_of(joint)] = joint
         return _added(self.joints, joint)
-
-    def _holds(self, node: Node) -> bool:
-        """Whether a node is the ground, or a component of it is supported or driven."""
-        held_numbers = {number for number, _ in (*self.fixed, *self.prescribed)}
-        return node is GROUND or node.number in held_numbers
 
     def add_parameter(self, parameter: Parameter) -> None:
         """Add a parameter that no function in the scene has, as the damping of a scheme.
@@ -902,12 +882,10 @@ class Scene:
         expected = "an fx_beam.Spring for one of them at least"
         require(bool(springs), "spring: x, y, rotation", None, expected)
         ground_springs = {
-            name: ground_spring(node, laws, way, number, f"spring: {name}")
-            for number, (name, laws, way) in enumerate(springs, self.force_count)
+            name: ground_spring(node, laws, way, f"spring: {name}") for name, laws, way in springs
         }
-        for spring in ground_springs.values():
-            self._with_force(spring)
-        return GroundSprings(**ground_springs)
+        added = {name: self._with_force(spring) for name, spring in ground_springs.items()}
+        return GroundSprings(**added)
 
     def add_bed(
         self, beam: Beam, normal: float = 0.0, tangential: float = 0.0, pushes_only: bool = False
@@ -956,7 +934,7 @@ class Scene:
         >>> bool(abs(sunk * 2 * 6400.0 / 2.0 + 1) < 1e-4)
         True
         """
-        from .ground_springs import bed_of
+        from .ground_springs import Bed, parts_of_bed
 
         loads.check_beam(self, beam, "bed")
         name = f"bed of beam {beam.name!r}"
@@ -965,13 +943,12 @@ class Scene:
         acts, expected = normal + tangential > 0, "a positive stiffness [N/m^2]"
         require(acts, f"{name}: normal", normal, expected)
         require(is_flag(pushes_only), f"{name}: pushes_only", pushes_only, "True or False")
-        bed = bed_of(beam, normal, tangential, pushes_only, self.force_count)
-        for part in bed:
-            if part is not None:
-                self._with_force(part)
-        return bed
+        parts = parts_of_bed(beam, normal, tangential, pushes_only)
+        return Bed(**{name: self._with_force(part) for name, part in parts.items()})
 
-    def _with_force(self, force: ForceBetween) -> ForceBetween:
+    def _with_force(self, force: _Force) -> _Force:
+        """A checked force along a line, added with the next number."""
+        force = replace(force, number=self.force_count)
         self.parameters.add(force.functions, str(force))
         self.force_count += 1
         return _added(self.forces_between, force)
@@ -1624,16 +1601,24 @@ class Scene:
             nodes.append(end)
         return tuple(nodes)
 
-    def _free_component(self, node: Node, component: str) -> tuple[int, int]:
-        expected = f"one of {COMPONENTS}"
-        require(is_one_of(component, COMPONENTS), f"support of {node}", component, expected)
-        key = (node.number, COMPONENTS.index(component))
-        if key in self.fixed or key in self.prescribed:
-            raise SceneError(f"{component} of {node} is supported twice; scene.free removes one")
-        return key
+
+def _is_held(scene: Scene, node: Node) -> bool:
+    """Whether a node is the ground, or a component of it is supported or driven."""
+    held_numbers = {number for number, _ in (*scene.fixed, *scene.prescribed)}
+    return node is GROUND or node.number in held_numbers
 
 
-def _added(parts: list[_Part], part: _Part) -> _Part:
+def _free_component(scene: Scene, node: Node, component: str) -> tuple[int, int]:
+    """Numbers of a node and of a component that is not supported; SceneError otherwise."""
+    expected = f"one of {COMPONENTS}"
+    require(is_one_of(component, COMPONENTS), f"support of {node}", component, expected)
+    key = node.number, COMPONENTS.index(component)
+    if key in scene.fixed or key in scene.prescribed:
+        raise SceneError(f"{component} of {node} is supported twice; scene.free removes one")
+    return key
+
+
+def _added(parts: list[Any], part: _Part) -> _Part:
     """The part, added to a list of the scene."""
     parts.append(part)
     return part

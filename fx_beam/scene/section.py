@@ -6,7 +6,7 @@ import functools
 import inspect
 import math
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -29,7 +29,7 @@ from fx_beam.errors import (
 from fx_beam.symbolic import ufl
 
 from .functions import ArrayCalls, values_of
-from .law import Energy, InternalVariables, check_energy
+from .law import Energy, InternalVariables, check_energy, functions_of_energy
 
 #: A number, or a function of the fraction of the arc length.
 Datum = float | Callable[[float], Any]
@@ -416,6 +416,11 @@ class Section:
             rhoI=_combined(_product, rho=rho, **J),
             retardation=retardation,
         )
+
+
+def functions_of_section(section: Section) -> Iterator[tuple[str, Any]]:
+    """Expressions of the user's functions of a section, by kind."""
+    return functions_of_energy(section.strain_energy, section.internal, 3)
 
 
 def values_along(

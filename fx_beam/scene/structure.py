@@ -21,6 +21,7 @@ from .beam import Node
 from .coordinate import functions_of
 from .law import functions_of_energy
 from .scene import Scene
+from .section import functions_of_section
 
 
 def expressions_of(scene: Scene) -> Iterator[tuple[str, Any]]:
@@ -31,7 +32,7 @@ def expressions_of(scene: Scene) -> Iterator[tuple[str, Any]]:
         numbers = {key: number for number, key in enumerate(distinct)}
         yield "sections", [numbers[id(section)] for section in sections]
         for section in distinct.values():
-            yield from functions_of_energy(section.strain_energy, section.internal, 3)
+            yield from functions_of_section(section)
     for joint in scene.joints:
         for coordinate in joint.coordinates.values():
             yield from functions_of(coordinate)
