@@ -64,10 +64,12 @@ class _Meeting:
         """The increment of the carrier's rotation, or another of its values."""
         return (self._D if values is None else values)[2 * self.pair.nodes + 2]
 
-    def spread(self, force: Sequence[Any], on_carrier: Any, on_point: Any = 0.0) -> list[Any]:
+    def spread(
+        self, force: Sequence[Any], carrier_moment: Any, point_moment: Any = 0.0
+    ) -> list[Any]:
         """A force on the point and two moments, as forces on all entries."""
-        carrier_forces = [*(-f for f in force), on_carrier][: self.pair.carrier_size]
-        moments = [N * on_point for N in self._weights] if self.pair.turns else []
+        carrier_forces = [*(-f for f in force), carrier_moment][: self.pair.carrier_size]
+        moments = [N * point_moment for N in self._weights] if self.pair.turns else []
         return [*(N * f for N in self._weights for f in force), *carrier_forces, *moments]
 
     def slip(self, n: Sequence[Any], apart: Any, half: Any) -> Slip:
@@ -77,15 +79,15 @@ class _Meeting:
         member touches at `half` from its axis. With the arm `apart - half` of the shape, friction
         has no moment in all, and a common rotation is no slip.
         """
-        along, on_shape, motion = _normal_to(n), apart - half, self.motion
+        along, shape_arm, motion = _normal_to(n), apart - half, self.motion
         path = dot(along, self.Dr)
         if self.pair.turns:
             rotations = self._D[self.pair.size - self.pair.nodes :]
             for N, Dpsi in zip(self._weights, rotations, strict=True):
                 path -= half * N * motion.path(Dpsi)
         if self.pair.carrier_size:
-            path -= on_shape * motion.path(self.turn())
-        return Slip(path, self.spread(along, -on_shape, -half))
+            path -= shape_arm * motion.path(self.turn())
+        return Slip(path, self.spread(along, -shape_arm, -half))
 
 
 class _ShapeLaw(NamedTuple):

@@ -11,7 +11,7 @@ _NONE, _ZERO, _ONE = np.empty(0), np.zeros(1), np.ones(1)
 
 
 class Interval(NamedTuple):
-    """What one step covers [s], in statics from one load factor to the next.
+    """The times that one step covers [s], in statics from one load factor to the next.
 
     Sub-steps that go back in time end before they start.
     """

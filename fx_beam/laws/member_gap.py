@@ -43,7 +43,7 @@ def _gap(
     near = _Nearest(motion, D, numbers, follows)
     first, last = _arms(near.ends)
     distance0, distance1 = _length(first), _length(last)
-    along = near.with_places(*_directions(motion, near.ends), len(D))
+    along = near.sum_forces(*_directions(motion, near.ends), len(D))
     (a, t, *_), path, radius = _vectors(motion.rates), distance1 - distance0, numbers[-1]
     rate = dot(first, add(a, -0.5, t)) / distance0
     return StepCoordinate(distance0 - radius, distance1 - radius, along, along, path, rate)
@@ -67,22 +67,22 @@ def _slip(follows: bool, motion: ForceStep, D: Sequence[Any], numbers: Sequence[
         rate = ufl.conditional(is_inside, near.rate_at_end(), 1.0)
         still = ufl.conditional(is_inside, -length / rate, 0.0)
     (arm0, _), (arm1, t1) = near.ends
-    on_normal, _ = _directions(motion, near.ends)
+    normal, _ = _directions(motion, near.ends)
     size = len(D)
     if motion.rule.level != 0.5:
-        on_arm = [still * x for x in near.u]
-        half = [x / 2 for x in on_arm]
-        on_u = [still * x for x in add(arm1, 0.5, t1)]
-        along = near.with_places(on_arm, half, size, on_u=on_u)
-        return Slip(path, along, _relative(on_normal, on_arm))
+        arm_forces = [still * x for x in near.u]
+        half = [x / 2 for x in arm_forces]
+        u_forces = [still * x for x in add(arm1, 0.5, t1)]
+        along = near.sum_forces(arm_forces, half, size, u_forces=u_forces)
+        return Slip(path, along, _relative(normal, arm_forces))
     w0, w1 = near.w
     change = dot(arm1, w1) - dot(arm0, w0)
     moves = ufl.gt(abs(change), _STILL * dot(w0, w0))
     factor = ufl.conditional(moves, path / ufl.conditional(moves, change, 1.0), still)
-    on_arm = [factor / 2 * x for x in add(w0, 1.0, w1)]
-    on_w = [factor / 2 * x for x in add(arm0, 1.0, arm1)]
-    along = near.with_places(on_arm, [0.0, 0.0], size, on_w=on_w)
-    return Slip(path, along, _relative(on_normal, on_arm))
+    arm_forces = [factor / 2 * x for x in add(w0, 1.0, w1)]
+    w_forces = [factor / 2 * x for x in add(arm0, 1.0, arm1)]
+    along = near.sum_forces(arm_forces, [0.0, 0.0], size, w_forces=w_forces)
+    return Slip(path, along, _relative(normal, arm_forces))
 
 
 class _Nearest:
@@ -130,16 +130,21 @@ class _Nearest:
         arm, t = self.ends[1]
         return dot(self.u, self.u) + dot(add(arm, 0.5, t), self._sums[1][5])
 
-    def with_places(
-        self, on_arm: Vector, on_t: Vector, size: int, on_u: Any = (0, 0), on_w: Any = (0, 0)
+    def sum_forces(
+        self,
+        arm_forces: Vector,
+        tangent_forces: Vector,
+        size: int,
+        u_forces: Any = (0, 0),
+        w_forces: Any = (0, 0),
     ) -> list[Any]:
         """Forces (size,) on all sums, with what changes of the places add."""
         place, place0 = self.place, self.place_at_start
-        half = [x / 2 for x in on_arm]
+        half = [x / 2 for x in arm_forces]
         vectors = (
-            *(on_arm, on_t, add(on_u, place, add(half, 1.0, on_t))),
-            add(on_w, place0, add(half, -1.0, on_t)),
-            *([place0 * x for x in on_w], [self._slope_place * x for x in on_u]),
+            *(arm_forces, tangent_forces, add(u_forces, place, add(half, 1.0, tangent_forces))),
+            add(w_forces, place0, add(half, -1.0, tangent_forces)),
+            *([place0 * x for x in w_forces], [self._slope_place * x for x in u_forces]),
         )
         return [x for vector in vectors for x in vector][:size]
 
@@ -168,8 +173,8 @@ def _directions(motion: ForceStep, ends: _Ends) -> tuple[Vector, Vector]:
     moves = ufl.gt(abs(slip), _SMALL * dot(arm0, arm0))
     share = ufl.conditional(moves, rest / ufl.conditional(moves, slip, 1.0), 0.0) / lengths
     arm, t = add(arm0, 1.0, arm1), add(t0, 1.0, t1)
-    on_arm = add([x / lengths for x in arm], 0.5 * share, t)
-    return on_arm, [0.5 * share * x for x in arm]
+    arm_forces = add([x / lengths for x in arm], 0.5 * share, t)
+    return arm_forces, [0.5 * share * x for x in arm]
 
 
 def _vectors(components: Sequence[Any]) -> list[Vector]:

@@ -23,7 +23,7 @@ REMEMBERED = 4
 
 
 class StepRule(NamedTuple):
-    """What forces at points need to know of the rates of a scheme."""
+    """Facts on the rates of a scheme, for forces at points."""
 
     level: float
     #: Whether forces do work on 2 tan(Dpsi/2).
@@ -85,7 +85,7 @@ class ForceStep:
 
 
 class StepForces(NamedTuple):
-    """What a law finds in a step."""
+    """Forces and memory of a law in a step."""
 
     #: Forces (size,) against the motion, as UFL scalars.
     forces: Sequence[Any]
@@ -148,7 +148,7 @@ class PointLaw:
 
     @property
     def kind(self) -> Any:
-        """What laws of the same kind share; functions of a user are compared in the scene."""
+        """Identifier that laws of a kind share; functions of a user are compared in the scene."""
         return self.key if self.user_defined else self
 
     @property
@@ -327,7 +327,7 @@ def _angle(motion: ForceStep, D: Sequence[Any], numbers: Sequence[Any]) -> StepC
 
 
 def _turn(motion: ForceStep, start: Any, D: Any, rates: Any) -> StepCoordinate:
-    """That of two rotations among more."""
+    """The difference b - a of two rotations among more."""
     (a, b), (Da, Db) = start, D
     start, path, ratio = b - a, Db - Da, ufl.as_ufl(1.0)
     if motion.rule.turning:

@@ -340,9 +340,9 @@ class Decaying:
             # The work of the added resultants is the loss plus what the held energy gains:
             # 2 dE.C rest = dE.C dE - r^2 dE_before.C dE_before + rest.C rest
             held_energy = self.damping / 4 * work_of(law.linear(change), change)
-            before_work = work_of(law.linear(change_before), change_before)
-            held_before = self.damping / 4 * before_work
-            lost_before = (1 - step.memory**2) * before_work
+            last_work = work_of(law.linear(change_before), change_before)
+            held_before = self.damping / 4 * last_work
+            lost_before = (1 - step.memory**2) * last_work
         forces = law.linear(rest)
         N, Q, M = (self.damping / 2 * force for force in forces)
         share = 2 if self.order == 1 else 1

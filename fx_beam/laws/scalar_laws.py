@@ -80,7 +80,7 @@ class _Step(NamedTuple):
         return StepForces(total, pull=elastic + other, **memory)
 
 
-def _on(
+def _point_law(
     kind: CoordinateKind,
     name: str,
     numbers: int,
@@ -96,7 +96,7 @@ def _on(
     Its pull is on a side of the coordinate: -1 if it is against a decrease.
     """
 
-    def on_step(function: Callable[[_Step], Any]) -> Callable[[ForceStep], Any]:
+    def motion_function(function: Callable[[_Step], Any]) -> Callable[[ForceStep], Any]:
         return lambda motion: function(step(motion))
 
     def step(motion: ForceStep) -> _Step:
@@ -108,20 +108,20 @@ def _on(
         )
         return moving._replace(still=still)
 
-    of_line: dict[str, Any] = {
-        "pull": on_step(lambda step: side * forces(step).pull),
-        "length": on_step(lambda step: step.x.start),
-        "rate": on_step(lambda step: step.x.rate),
+    line_parts: dict[str, Any] = {
+        "pull": motion_function(lambda step: side * forces(step).pull),
+        "length": motion_function(lambda step: step.x.start),
+        "rate": motion_function(lambda step: step.x.rate),
     }
     return PointLaw(
         f"{name} on {kind.name}",
         kind.size,
         kind.numbers + numbers,
-        on_step(forces),
-        energy and on_step(energy),
-        loss and on_step(loss),
-        switches and on_step(switches),
-        **(of_line if kind.is_line else {}),
+        motion_function(forces),
+        energy and motion_function(energy),
+        loss and motion_function(loss),
+        switches and motion_function(switches),
+        **(line_parts if kind.is_line else {}),
         **options,
     )
 
@@ -146,7 +146,7 @@ def spring(kind: CoordinateKind, damped: bool) -> PointLaw:
     def loss(step: _Step) -> Any:
         return step.numbers[2] * step.mean * step.x.path
 
-    return _on(kind, "spring", 2 + damped, forces, energy, loss if damped else None)
+    return _point_law(kind, "spring", 2 + damped, forces, energy, loss if damped else None)
 
 
 def stored_energy(
@@ -186,7 +186,7 @@ def stored_energy(
         strains = [(x,) for x in ends(step)]
         return evolution_loss(energy, level, variables(step), strains, step.motion.rule.at_rest)
 
-    return _on(
+    return _point_law(
         kind,
         "stored energy",
         1,
@@ -220,7 +220,7 @@ def _discrete_gradient(energy: Callable[[Any], Any], x0: Any, x1: Any) -> Any:
 
 def damper_law(kind: CoordinateKind, law: Callable[[Any], Any]) -> PointLaw:
     """A damper with a law of its own."""
-    return _on(
+    return _point_law(
         kind,
         "law of a damper",
         0,
@@ -257,12 +257,12 @@ def joint_friction(kind: CoordinateKind) -> PointLaw:
         internal = [*internal, step.motion.internal[2]]
         return step.forces(friction=friction, internal=internal, iteration_memory=memory)
 
-    return _on(
+    return _point_law(
         kind,
         "friction that sticks",
         3,
         forces,
-        lambda step: _in_bristle(step, step.motion.internal[0]),
+        lambda step: _bristle_energy(step, step.motion.internal[0]),
         lambda step: _lost_to_friction(*slips(step)),
         internal=3,
         iteration_memory=REMEMBERED,
@@ -287,7 +287,7 @@ def _friction(kind: CoordinateKind, magnitude: Callable, count: int, **options: 
         return force * step.x.path
 
     options |= {"iteration_memory": REMEMBERED, "smooth": True}
-    return _on(kind, "friction", 1 + count, forces, loss=loss, **options)
+    return _point_law(kind, "friction", 1 + count, forces, loss=loss, **options)
 
 
 # -- Forces of a user ---------------------------------------------------------------------------
@@ -301,7 +301,7 @@ def pull(kind: CoordinateKind, force: Callable[[Any, Any, Any], Any]) -> PointLa
         place = motion.at_level(x.start, x.end - x.start)
         return step.forces(other=factor * force(place, step.rate, motion.t))
 
-    return _on(kind, "force", 1, forces, user_defined=True)
+    return _point_law(kind, "force", 1, forces, user_defined=True)
 
 
 # -- Contact ------------------------------------------------------------------------------------
@@ -384,7 +384,7 @@ class _OneSided(NamedTuple):
         step = self.gap(step)
         depth = _depth(step.x.start)
         energy = step.numbers[0] * ufl.conditional(ufl.gt(depth, 0), self.unit(depth), 0.0)
-        return energy + _in_bristle(step, step.motion.internal[0]) if self.sticks else energy
+        return energy + _bristle_energy(step, step.motion.internal[0]) if self.sticks else energy
 
     def loss(self, step: _Step) -> Any:
         """Energy lost by the mean force over the step: at an end it would be of first order."""
@@ -401,7 +401,7 @@ def _one_sided(
 ) -> PointLaw:
     sticks = kind.slip is not None
     law = _OneSided(loses, sticks, sign, energy)
-    return _on(
+    return _point_law(
         kind,
         name,
         (3 if loses else 1) + 3 * sticks + bool(sign),
@@ -464,10 +464,10 @@ def _lost_to_friction(step: _Step, normal: Any) -> Any:
         start_force = step.numbers[-1] * start
         lost = (start_force + friction) / 2 * (step.slip.path - (end - start))
         return ufl.conditional(ufl.gt(lost, 0), lost, 0.0)
-    return friction * step.slip.path + _in_bristle(step, start) - _in_bristle(step, end)
+    return friction * step.slip.path + _bristle_energy(step, start) - _bristle_energy(step, end)
 
 
-def _in_bristle(step: _Step, stretch: Any) -> Any:
+def _bristle_energy(step: _Step, stretch: Any) -> Any:
     return step.numbers[-1] / 2 * stretch * stretch
 
 

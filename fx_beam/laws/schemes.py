@@ -110,7 +110,7 @@ class Scheme:
 
     @property
     def key(self) -> tuple[str, str]:
-        """What forms depend on of a scheme that is `built_in`."""
+        """Facts of a scheme that is `built_in` on which forms depend."""
         resultants: Any = self.resultants
         if self.parameters:
             resultants = replace(resultants, damping=resultants.damping.name)
@@ -128,12 +128,12 @@ def _divide_a_step(fractions) -> bool:
     if not isinstance(fractions, tuple) or not all(map(is_number, fractions)):
         return False
     ends = list(accumulate(fractions))
-    in_step = all(-1e-12 <= end <= 1 + 1e-12 for end in ends)
+    are_inside = all(-1e-12 <= end <= 1 + 1e-12 for end in ends)
     ok = bool(ends) and len(ends) <= MOST_SUB_STEPS
-    return ok and in_step and 0 not in fractions and abs(ends[-1] - 1) < 1e-12
+    return ok and are_inside and 0 not in fractions and abs(ends[-1] - 1) < 1e-12
 
 
-def _of_order(order: int, scheme: Scheme) -> Scheme:
+def _composed(order: int, scheme: Scheme) -> Scheme:
     """A scheme of second order that is symmetric in time, or its composition of order 4."""
     require(is_one_of(order, (2, 4)), f"{scheme.name}: order", order, "2 or 4")
     if order == 2:
@@ -168,7 +168,7 @@ def MidPoint(order: int = 2) -> Scheme:
     >>> fb.MidPoint().name
     'MidPoint'
     """
-    return _of_order(order, Scheme("MidPoint", at_mid_step, MidPointRates()))
+    return _composed(order, Scheme("MidPoint", at_mid_step, MidPointRates()))
 
 
 def ModifiedMidPoint(order: int = 2) -> Scheme:
@@ -192,7 +192,7 @@ def ModifiedMidPoint(order: int = 2) -> Scheme:
     >>> fb.ModifiedMidPoint().name
     'ModifiedMidPoint'
     """
-    return _of_order(order, Scheme("ModifiedMidPoint", averaged, MidPointRates()))
+    return _composed(order, Scheme("ModifiedMidPoint", averaged, MidPointRates()))
 
 
 def EnergyMomentum(order: int = 2) -> Scheme:
@@ -234,7 +234,7 @@ def EnergyMomentum(order: int = 2) -> Scheme:
     >>> bool(abs(solution.energy.balance_error).max() < 1e-9)
     True
     """
-    return _of_order(order, Scheme("EnergyMomentum", _exact, MidPointRates()))
+    return _composed(order, Scheme("EnergyMomentum", _exact, MidPointRates()))
 
 
 def EnergyDecaying(damping: float | Parameter = 0.1, order: int = 2) -> Scheme:
@@ -396,8 +396,8 @@ def _newmark_family(name: str, rates: NewmarkRates, **arguments: float) -> Schem
 def _checked(scheme: str, name: str, value, low: float, high: float, low_open=False) -> float:
     """A parameter as a number in its range."""
     number = as_float(value)
-    in_range = low < number <= high or (number == low and not low_open)
-    if not in_range:
+    is_inside = low < number <= high or (number == low and not low_open)
+    if not is_inside:
         bracket = "(" if low_open else "["
         raise SceneError(
             f"{scheme}: {name} = {shown(value)} must lie in {bracket}{low:.4g}, {high}]"

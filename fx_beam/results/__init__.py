@@ -1,4 +1,4 @@
-"""What an analysis returns: the solution, its energies and momenta, and files of them.
+"""Results of an analysis: the solution, its energies and momenta, and files of them.
 
 Plain data; a saved solution is read without a mesh.
 """

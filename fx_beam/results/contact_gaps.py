@@ -41,8 +41,8 @@ def gaps_and_normals(
     shape, nodes = contact.shape, nodes_of(nodes_of_beam, contact.target)
     points = X[nodes] + moved(nodes)[..., :2]
     if isinstance(shape, Beam):
-        along = nodes_of_beam[shape.name]
-        return _from_member(contact, points, X[along], moved(along)[..., :2])
+        member_nodes = nodes_of_beam[shape.name]
+        return _from_member(contact, points, X[member_nodes], moved(member_nodes)[..., :2])
     arms = contact.points.of(points) - shape.origin
     psi = np.zeros(len(arms))
     if shape.carrier is not None:
@@ -55,7 +55,7 @@ def gaps_and_normals(
 def _from_member(
     contact: Contact, points: np.ndarray, X: np.ndarray, moved: np.ndarray
 ) -> GapsAndNormals:
-    """The same of a member, for the positions (n, m, 2) of what touches it."""
+    """Gaps from a member, for the positions (n, m, 2) of points that touch it."""
     positions, arc = X + moved, arc_of(X) if contact.shape is contact.target else None
     closed = bool(abs(positions[:, 0] - positions[:, -1]).max() <= _CLOSED * np.ptp(X))
     rows = max(1, _AT_ONCE // (points.shape[1] * len(X)))

@@ -73,9 +73,9 @@ def _parts(solution) -> dict[str, Any]:
         nodes = [solution.nodes_of_beam[name] for name in solution.beams]
         parts["beams_nodes"] = np.concatenate(nodes)
     if known := known_resultants(solution):
-        of_beams = [(r.s, r.N, r.Q, r.M) for r in known.values()]
-        along = (np.concatenate(rows, axis=-1) for rows in zip(*of_beams, strict=True))
-        parts["resultants"] = BeamResultants(*along)
+        columns = [(r.s, r.N, r.Q, r.M) for r in known.values()]
+        joined_columns = (np.concatenate(rows, axis=-1) for rows in zip(*columns, strict=True))
+        parts["resultants"] = BeamResultants(*joined_columns)
         with suppress(ValueError):
             parts |= _balances([r.balanced() for r in known.values()])
     with suppress(ValueError):  # none are known, or they are not those of equilibria
@@ -83,13 +83,13 @@ def _parts(solution) -> dict[str, Any]:
     return parts
 
 
-def _balances(of_beams: list[Balance]) -> dict[str, np.ndarray]:
+def _balances(balances: list[Balance]) -> dict[str, np.ndarray]:
     """Section forces of all beams at the ends of elements, and at loads inside these."""
-    places = [np.column_stack([0 * b.places + k, b.places]) for k, b in enumerate(of_beams)]
+    places = [np.column_stack([0 * b.places + k, b.places]) for k, b in enumerate(balances)]
     return {
-        "section_forces": np.concatenate([b.ends for b in of_beams], axis=1),
+        "section_forces": np.concatenate([b.ends for b in balances], axis=1),
         "section_places": np.concatenate(places),
-        "section_jumps": np.concatenate([b.jumps for b in of_beams], axis=1),
+        "section_jumps": np.concatenate([b.jumps for b in balances], axis=1),
     }
 
 
@@ -205,9 +205,11 @@ def to_xarray(solution):
     coordinates |= {"x": ("node", solution.X[:, 0]), "y": ("node", solution.X[:, 1])}
     for name in ["q"] * solution.has_motion + ["v", "a"] * solution.has_rates:
         data[name] = (time, "node", "component"), getattr(solution, name)
-    for beam, of_beam in known_resultants(solution).items():
-        coordinates[f"s {beam}"] = of_beam.s
-        data |= {f"{kind} {beam}": ((time, f"s {beam}"), getattr(of_beam, kind)) for kind in "NQM"}
+    for beam, resultants in known_resultants(solution).items():
+        coordinates[f"s {beam}"] = resultants.s
+        data |= {
+            f"{kind} {beam}": ((time, f"s {beam}"), getattr(resultants, kind)) for kind in "NQM"
+        }
     return xarray.Dataset(data, coordinates, {"scheme": solution.stats.scheme})
 
 

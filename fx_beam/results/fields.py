@@ -41,9 +41,9 @@ def along_all(solution: Any, quantity: str, rows, points: np.ndarray) -> np.ndar
     rows = list(rows)
     if quantity in RESULTANTS:
         with suppress(ValueError):  # the balance is not known
-            of_beams = (solution.resultants(name) for name in solution.beams)
-            along = [of_beam.in_elements(quantity, points)[rows] for of_beam in of_beams]
-            return np.concatenate(along, axis=1)
+            resultants = map(solution.resultants, solution.beams)
+            values_along = [r.in_elements(quantity, points)[rows] for r in resultants]
+            return np.concatenate(values_along, axis=1)
     if quantity == "speed":
         nodes = nodes_of_elements(solution)
         values = lagrange(np.linspace(0, 1, nodes.shape[1]), points)
@@ -56,15 +56,15 @@ def along_all(solution: Any, quantity: str, rows, points: np.ndarray) -> np.ndar
 
 def _at_points(solution: Any, quantity: str, rows: list[int]) -> np.ndarray:
     """Resultants or internal variables (rows, elements, degree): zero on a beam that lacks them."""
-    of_beams = []
+    beam_values = []
     for name, beam in solution.beams.items():
         if quantity in RESULTANTS:
             values = getattr(solution.resultants(name), quantity)
         else:
             values = solution.variables_of_beam.get(name, {}).get(quantity)
         shape = len(rows), beam.elements, beam.degree
-        of_beams.append(np.zeros(shape) if values is None else values[rows].reshape(shape))
-    return np.concatenate(of_beams, axis=1)
+        beam_values.append(np.zeros(shape) if values is None else values[rows].reshape(shape))
+    return np.concatenate(beam_values, axis=1)
 
 
 def energy_density(solution: Any, rows: list[int]) -> np.ndarray:
@@ -78,23 +78,23 @@ def energy_density(solution: Any, rows: list[int]) -> np.ndarray:
     q = solution.recorded("q")[rows]
     strains = _strains(solution, nodes_of_elements(solution), q) - natural
     names, values = solution.names_of_parameters, solution.parameters[rows].tolist()
-    parameters = [dict(zip(names, of_row, strict=True)) for of_row in values]
+    parameters = [dict(zip(names, row_points, strict=True)) for row_points in values]
     density, end = np.empty(strains.shape[1:]), 0
     for beam in solution.beams.values():
         cells = slice(end, end := end + beam.elements)
-        of_beam, energy = strains[:, :, cells], beam.section.strain_energy
+        beam_strains, energy = strains[:, :, cells], beam.section.strain_energy
         if energy is None:
             fractions = arc_lengths(beam, gauss_rule(beam.degree)[0]) / beam.length
             stiffness = [beam.section.values(kind, fractions) for kind in _STIFFNESSES]
-            parts = zip(stiffness, of_beam**2, strict=True)
+            parts = zip(stiffness, beam_strains**2, strict=True)
             density[:, cells] = sum(factor * squares for factor, squares in parts) / 2
             continue
         variables = solution.variables_of_beam.get(beam.name, {})
         internal = [variable for name, variable in variables.items() if name not in NAMES.values()]
-        columns = [*of_beam.reshape(3, -1), *(variable[rows].ravel() for variable in internal)]
+        columns = [*beam_strains.reshape(3, -1), *(variable[rows].ravel() for variable in internal)]
         points = np.column_stack(columns).reshape(len(rows), -1, len(columns))
-        of_rows = zip(parameters, points, strict=True)
-        energies = [_stored(energy, values, *x) for values, of_row in of_rows for x in of_row]
+        pairs = zip(parameters, points, strict=True)
+        energies = [_stored(energy, values, *x) for values, row_points in pairs for x in row_points]
         density[:, cells] = np.reshape(energies, density[:, cells].shape)
     return density
 
@@ -118,11 +118,11 @@ def _strains(solution: Any, nodes: np.ndarray, q: np.ndarray) -> np.ndarray:
 
 def nodes_of_elements(solution: Any) -> np.ndarray:
     """Numbers (elements, degree + 1) of the nodes of each element, in order along its beam."""
-    of_beams = [np.empty((0, 2), dtype=int)]
+    beam_nodes = [np.empty((0, 2), dtype=int)]
     for name, beam in solution.beams.items():
         first = beam.degree * np.arange(beam.elements)[:, None]
-        of_beams.append(solution.nodes_of_beam[name][first + np.arange(beam.degree + 1)])
-    return np.concatenate(of_beams[1:] or of_beams)
+        beam_nodes.append(solution.nodes_of_beam[name][first + np.arange(beam.degree + 1)])
+    return np.concatenate(beam_nodes[1:] or beam_nodes)
 
 
 def _stored(energy: Any, parameters: dict[str, float], eps, gamma, kappa, *a) -> float:

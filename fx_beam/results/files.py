@@ -86,7 +86,7 @@ def replacing(path: Path | str, durable: bool = True) -> Iterator[Path]:
 
 @contextmanager
 def replacing_all(paths: Sequence[Path]) -> Iterator[list[str]]:
-    """As `replacing`, for many files at once, which are not `durable`; most are not there yet."""
+    """Many files at once as by `replacing`, not `durable`; most are not there yet."""
     token = secrets.token_hex(8)
     with ExitStack() as earlier:
         files, moves = list[str](), list[tuple[str, Path]]()

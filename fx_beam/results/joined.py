@@ -121,7 +121,7 @@ class _Joined:
             for name, beam in first.beams.items()
             if name not in second.beams
         }
-        nodes = {name: self._nodes[of_beam] for name, of_beam in first.nodes_of_beam.items()}
+        nodes = {name: self._nodes[beam_nodes] for name, beam_nodes in first.nodes_of_beam.items()}
         friction = first.variables_of_contact.items()
         friction = {self._contacts[number].number: rows for number, rows in friction}
         return type(first)(
@@ -149,9 +149,9 @@ class _Joined:
                 histories[name] = np.empty((0, *second_rows.shape[1:]))  # one of them has none
                 continue
             if history.shape and history.shape[0] in self._columns:
-                of_first, of_second, count = self._columns[history.shape[0]]
-                first_rows = _spread(first_rows, of_first, count, history.nothing)
-                second_rows = _spread(second_rows, of_second, count, history.nothing)
+                first_places, second_places, count = self._columns[history.shape[0]]
+                first_rows = _spread(first_rows, first_places, count, history.nothing)
+                second_rows = _spread(second_rows, second_places, count, history.nothing)
             if name == "q":
                 second_rows[:, self._gone] = first_rows[-1, self._gone]
             histories[name] = np.concatenate([first_rows, second_rows[1:]])
@@ -215,15 +215,15 @@ class _Joined:
 def _nodes_of_first(first, second) -> np.ndarray:
     """Node of the joined motion for each node of the first one."""
     nodes = np.full(len(first.X), -1)
-    for name, of_beam in first.nodes_of_beam.items():
+    for name, beam_nodes in first.nodes_of_beam.items():
         if name in second.nodes_of_beam:
-            nodes[of_beam] = second.nodes_of_beam[name]
+            nodes[beam_nodes] = second.nodes_of_beam[name]
     for name, body in first.bodies.items():
         if name in second.bodies:
             nodes[[n.number for n in body.nodes]] = [n.number for n in second.bodies[name].nodes]
     # Nodes of the scene that belong to no member any more have kept their numbers.
     used = set(nodes.tolist())
-    used |= {int(n) for name, of_beam in second.nodes_of_beam.items() for n in of_beam}
+    used |= {int(n) for name, beam_nodes in second.nodes_of_beam.items() for n in beam_nodes}
     for number in np.flatnonzero(nodes < 0).tolist():
         same_place = number < len(second.X) and (second.X[number] == first.X[number]).all()
         if same_place and number not in used:
@@ -254,7 +254,7 @@ def _spread(rows: np.ndarray, places: np.ndarray, count: int, nothing: float = 0
 
 
 def _contact_key(contact: Contact) -> tuple:
-    """What touches what, and where."""
+    """Identifier of a contact: both sides, and the places."""
     shape = None if isinstance(contact.shape, Beam) else contact.shape
     return str(contact), contact.along, shape
 

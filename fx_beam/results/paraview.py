@@ -57,10 +57,10 @@ class Grid:
         step = max(1, _NUMBERS // len(self._nodes))
         for parts in (slice(first, first + step) for first in range(0, len(files), step)):
             fields = dict[str, np.ndarray]()
-            for motion, (of_place, of_turn) in (q, _MOTION), (v, _RATES):
+            for motion, (motion_name, turn_name) in (q, _MOTION), (v, _RATES):
                 if motion is not None:
                     rows = motion[parts][:, self._nodes]
-                    fields |= {of_place: _in_space(rows[..., :2]), of_turn: rows[..., 2]}
+                    fields |= {motion_name: _in_space(rows[..., :2]), turn_name: rows[..., 2]}
             for name, values in along.items():
                 fields[name] = values[parts].reshape(-1, len(self._nodes))
             before, behind = self._around({name: values[0] for name, values in fields.items()})
@@ -74,7 +74,7 @@ class Grid:
                     opened.write(b"".join([before, row.tobytes(), behind]))
 
     def _around(self, fields: Mapping[str, np.ndarray]) -> tuple[bytes, bytes]:
-        """What is before and behind the fields in the file of a row that has such ones."""
+        """Bytes before and behind the fields in the file of a row."""
         root = xml.Element("VTKFile", _GRID)
         sizes = {"NumberOfPoints": str(len(self._points)), "NumberOfCells": str(self._count)}
         piece = xml.SubElement(xml.SubElement(root, "UnstructuredGrid"), "Piece", sizes)

@@ -173,11 +173,11 @@ def _read(raw: BinaryIO) -> Solution:
     if members:
         nodes = parts.read(meta.pop("beams_nodes"))
         pieces = np.split(nodes, ends + np.arange(1, len(members)))
-        for member, of_beam in zip(members, pieces, strict=True):
+        for member, beam_nodes in zip(members, pieces, strict=True):
             # Files of the first version have no carriers.
             name, degree, s, fractions, *carriers = member.values()
             fraction_array = None if fractions is None else np.array(fractions)
-            corners = tuple(map(parts.node, of_beam))[::degree]
+            corners = tuple(map(parts.node, beam_nodes))[::degree]
             parts.beams[name] = Beam(
                 name,
                 corners,
@@ -186,7 +186,7 @@ def _read(raw: BinaryIO) -> Solution:
                 fractions=fraction_array,
                 carriers=tuple(parts.node(number) for line in carriers for number in line),
             )
-            nodes_of_beam[name] = of_beam
+            nodes_of_beam[name] = beam_nodes
     resultants = dict[str, BeamResultants]()
     known = {name: parts.read(part) for name, part in meta.items()}
     if (along := known.pop("resultants", None)) is not None:
@@ -218,11 +218,11 @@ def _balances(known: dict[str, Any], beams: list[Beam]) -> list[Balance | None]:
     forces, places, jumps = (known.pop(name, None) for name in names)
     if forces is None:
         return [None] * len(beams)
-    of_beams = np.split(forces, np.cumsum([beam.elements for beam in beams])[:-1], axis=1)
+    beam_forces = np.split(forces, np.cumsum([beam.elements for beam in beams])[:-1], axis=1)
     masks = [places[:, 0] == k for k in range(len(beams))]
     return [
         Balance(beam.s, ends, places[mask, 1], jumps[:, mask])
-        for beam, ends, mask in zip(beams, of_beams, masks, strict=True)
+        for beam, ends, mask in zip(beams, beam_forces, masks, strict=True)
     ]
 
 

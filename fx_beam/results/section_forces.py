@@ -45,12 +45,12 @@ class Balance:
     jumps: np.ndarray
 
     def at(self, gauss: np.ndarray, s, side: str) -> SectionForces:
-        """Those at arc lengths, by values (rows, points, 3) at the Gauss points."""
+        """Section forces at arc lengths s, by values (rows, points, 3) at the Gauss points."""
         places, length = np.atleast_1d(real_array(s)), self.s[-1]
         tolerance = 1e-9 * length
-        on_beam = (places > -tolerance) & (places < length + tolerance)
+        is_on_beam = (places > -tolerance) & (places < length + tolerance)
         require(
-            places.ndim == 1 and bool(on_beam.all()),
+            places.ndim == 1 and bool(is_on_beam.all()),
             "at: s",
             s,
             f"arc lengths from 0 to the length of the beam, {length:g}",
@@ -72,7 +72,7 @@ class Balance:
         """N, Q and M (3, rows, n) in elements (n,) at x (n,) from 0 to 1."""
         h, count = np.diff(self.s), len(self.s) - 1
         degree = gauss.shape[1] // count
-        of_elements = gauss.reshape(len(gauss), count, degree, 3)
+        gauss_values = gauss.reshape(len(gauss), count, degree, 3)
         change = self.ends[:, :, 1, 1] - self.ends[:, :, 0, 1]
         owners = np.clip(np.searchsorted(self.s, self.places, "right") - 1, 0, count - 1)
         for owner, jump in zip(owners, self.jumps[..., 1].T, strict=True):
@@ -84,16 +84,16 @@ class Balance:
         smooth = np.isin(element, owners, invert=True)
         if degree > 1 and smooth.any():
             nodes = np.array([0.0, 1.0, *gauss_rule(degree)[0]])
-            through = np.concatenate([self.ends, of_elements], axis=2)[:, element[smooth]]
+            through = np.concatenate([self.ends, gauss_values], axis=2)[:, element[smooth]]
             weights = lagrange(nodes, x[smooth])
             # The same sums to the last digit in any number of rows.
             terms = (w[:, None] * through[:, :, p] for p, w in enumerate(weights.T))
             values[..., smooth] = np.moveaxis(sum(terms), -1, 0)
         for place, owner, jump in zip(self.places, owners, self.jumps.swapaxes(0, 1), strict=True):
-            (in_element,) = np.nonzero(element == owner)
-            load_place, part = (place - self.s[owner]) / h[owner], x[in_element]
+            (inside,) = np.nonzero(element == owner)
+            load_place, part = (place - self.s[owner]) / h[owner], x[inside]
             beyond = part > load_place - shift / h[owner]
-            values[..., in_element] += jump.T[..., None] * (beyond - part)
+            values[..., inside] += jump.T[..., None] * (beyond - part)
             hat = np.where(part < load_place, part * (1 - load_place), load_place * (1 - part))
-            values[2][:, in_element] += h[owner] * jump[:, 1, None] * hat
+            values[2][:, inside] += h[owner] * jump[:, 1, None] * hat
         return values

@@ -188,8 +188,10 @@ class Modes:
             raise SceneError(
                 f"{shown(beam)} is not a {kind} of these modes; take one of their scene: {[*known]}"
             )
-        of_body = [node.number for node in member.nodes]
-        nodes = np.array(of_body) if isinstance(member, Body) else self.nodes_of_beam[member.name]
+        body_nodes = [node.number for node in member.nodes]
+        nodes = (
+            np.array(body_nodes) if isinstance(member, Body) else self.nodes_of_beam[member.name]
+        )
         if not is_whole(mode, -len(self), len(self) - 1):
             raise SceneError(f"mode {shown(mode)}: there are {len(self)} modes, numbered from 0")
         return displaced(self, mode, as_float(size), as_float(phase), nodes)

@@ -398,9 +398,9 @@ def polyline(
         return Layout(points, np.concatenate(([0.0], np.cumsum(lengths))))
     ends, positions, places = [points[0]], [corners[:1]], dual_array(places)
     for a, b, count, corner in zip(places[:-1], places[1:], counts, points[1:], strict=True):
-        on_piece = np.linspace(a, b, count + 1)[1:]
-        ends += [*map(tuple, on_piece[:-1].tolist()), corner]
-        positions.append(floats(on_piece))
+        piece_points = np.linspace(a, b, count + 1)[1:]
+        ends += [*map(tuple, piece_points[:-1].tolist()), corner]
+        positions.append(floats(piece_points))
     steps = np.diff(np.concatenate(positions), axis=0)
     return Layout(ends, np.concatenate(([0.0], np.cumsum(np.hypot(*steps.T)))))
 

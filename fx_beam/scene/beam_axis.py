@@ -138,15 +138,15 @@ class BeamAxis:
         near = np.flatnonzero(distances - self._reach <= most)
         arcs = [self.s[np.union1d(near, near + 1)]]
         for e in near:
-            from_point = self._cubics[e].copy()
-            from_point[0] -= point
-            slopes = np.arange(1, 4)[:, None] * from_point[1:]
+            coefficients = self._cubics[e].copy()
+            coefficients[0] -= point
+            slopes = np.arange(1, 4)[:, None] * coefficients[1:]
             # The square of the distance, a polynomial of degree 6, is stationary.
-            square: Any = sum(np.convolve(component, component) for component in from_point.T)
+            square: Any = sum(np.convolve(component, component) for component in coefficients.T)
             x = np.roots(np.arange(6, 0, -1) * square[:0:-1])
             powers = np.clip(x.real[abs(x.imag) < 1e-3], 0, 1)[:, None] ** np.arange(4)
             # A step of Gauss and Newton takes away what round-off has left.
-            arm, along = powers @ from_point, powers[:, :3] @ slopes
+            arm, along = powers @ coefficients, powers[:, :3] @ slopes
             x = powers[:, 1] - np.sum(arm * along, axis=1) / np.sum(along**2, axis=1)
             arcs.append(self.s[e] + self.h[e] * np.clip(x, 0, 1))
         s = np.concatenate(arcs)

@@ -1,4 +1,4 @@
-"""What may change a scene in a motion: latches that close, and joints that break."""
+"""Changes of a scene in a motion: latches that close, and joints that break."""
 
 from __future__ import annotations
 

@@ -58,7 +58,7 @@ def _place(place: Any, name: str) -> Any:
 
 @dataclass(frozen=True)
 class Shape:
-    """What points cannot enter: a frozen dataclass, whose first field is its place.
+    """A shape that points cannot enter: a frozen dataclass, whose first field is its place.
 
     The place is a point (x, y), or a node that carries it. `laws/gaps.py` has its gap over a step,
     by its name.
@@ -92,7 +92,7 @@ class Shape:
         return position_of(getattr(self, self._place))
 
     def at(self, place: Node | tuple[float, float]) -> Self:
-        """The same shape at another place."""
+        """A shape like this one at another place."""
         return replace(self, **{self._place: place})
 
     def gap(self, positions) -> np.ndarray:
@@ -501,14 +501,14 @@ def nearest(
     nodes, count = (nodes[..., :-1, :] if closed else nodes), nodes.shape[-2] - 1
     node = _nearest_node(points, nodes, apart, arc)[..., None] + _ABOUT
     node = node % count if closed else np.clip(node, 0, count)
-    on_pieces = _on_pieces(points[..., None, :], nodes[..., None, :, :], node, closed)
-    distance = np.hypot(*np.moveaxis(on_pieces - points[..., None, :], -1, 0))
+    piece_points = _on_pieces(points[..., None, :], nodes[..., None, :, :], node, closed)
+    distance = np.hypot(*np.moveaxis(piece_points - points[..., None, :], -1, 0))
     if arc is not None:
         left_out = abs(arc[:, None] - arc[node]) < apart
-        distance[left_out], on_pieces[left_out] = np.inf, np.nan
+        distance[left_out], piece_points[left_out] = np.inf, np.nan
     best = np.argmin(distance, axis=-1)[..., None]
     distance, node = (np.take_along_axis(values, best, -1)[..., 0] for values in (distance, node))
-    return Nearest(distance, node, np.take_along_axis(on_pieces, best[..., None], -2)[..., 0, :])
+    return Nearest(distance, node, np.take_along_axis(piece_points, best[..., None], -2)[..., 0, :])
 
 
 def _on_pieces(points: np.ndarray, nodes: np.ndarray, node: np.ndarray, closed: bool) -> np.ndarray:

@@ -141,26 +141,26 @@ def arc(start, through, end) -> Curve:
             "arc: only its ends can be nodes of other beams. Make two arcs that meet at this node"
         )
     a, b, c = (vector(position_of(point), 2, "arc") for point in (start, through, end))
-    to_b, to_c, across = b - a, c - a, c - b
-    area = to_b[0] * to_c[1] - to_b[1] * to_c[0]
-    longest = max(to_b @ to_b, to_c @ to_c, across @ across)
+    b_arm, c_arm, across = b - a, c - a, c - b
+    area = b_arm[0] * c_arm[1] - b_arm[1] * c_arm[0]
+    longest = max(b_arm @ b_arm, c_arm @ c_arm, across @ across)
     if not abs(area) > 1e-9 * longest:
         raise SceneError(
             f"arc: the points {a}, {b} and {c} lie on a line or coincide. For a straight beam give "
             "its two ends; for a full circle use two arcs"
         )
-    rise = (to_b @ to_b) * to_c - (to_c @ to_c) * to_b
-    to_centre = np.array([rise[1], -rise[0]]) / (2 * area)
+    rise = (b_arm @ b_arm) * c_arm - (c_arm @ c_arm) * b_arm
+    centre_arm = np.array([rise[1], -rise[0]]) / (2 * area)
     # The central angle is twice the inscribed angle.
-    sweep = math.copysign(2 * math.atan2(abs(area), to_b @ across), area)
+    sweep = math.copysign(2 * math.atan2(abs(area), b_arm @ across), area)
 
-    return Curve(functools.partial(_on_arc, a, to_centre, sweep), _node(start), _node(end))
+    return Curve(functools.partial(_on_arc, a, centre_arm, sweep), _node(start), _node(end))
 
 
-def _on_arc(a: np.ndarray, to_centre: np.ndarray, sweep: float, fraction: float) -> np.ndarray:
+def _on_arc(a: np.ndarray, centre_arm: np.ndarray, sweep: float, fraction: float) -> np.ndarray:
     # From a along the chord: no cancellation for a large radius.
     c, s = math.cos(sweep * fraction / 2), math.sin(sweep * fraction / 2)
-    x, y = to_centre
+    x, y = centre_arm
     return a + 2 * s * np.array([s * x + c * y, s * y - c * x])
 
 

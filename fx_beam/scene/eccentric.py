@@ -29,12 +29,12 @@ def shifted(line: Layout, offset: Any, name: str) -> Layout:
             f"beam {name!r}: the corner {_place(ends[i + 1])} is too sharp for an axis with an "
             "offset. Make two beams of it"
         )
-    in_corners = (before + after) / mitre[:, None]
+    corner_normals = (before + after) / mitre[:, None]
     if line.inner is not None and len(points) == 2 and len(ends) > 2:
         # At the ends of a curve chords have an error of first order; parabolas have not.
         normals[0][:1] = _left_of([ends[i : i + 1] for i in range(3)])[0]
         normals[1][-1:] = _left_of([ends[i : i + 1] for i in (-3, -2)] + [ends[-1:]])[-1]
-    axis = ends + offset * np.concatenate([normals[0][:1], in_corners, normals[-1][-1:]])
+    axis = ends + offset * np.concatenate([normals[0][:1], corner_normals, normals[-1][-1:]])
     inner = [point + offset * n for point, n in zip(inner, normals[1:-1], strict=True)]
     forward = np.sum(np.diff(axis, axis=0) * np.diff(ends, axis=0), axis=1)
     for i in np.flatnonzero(floats(forward) <= 0):
@@ -43,8 +43,8 @@ def shifted(line: Layout, offset: Any, name: str) -> Layout:
             "as the line is curved more. Take a smaller offset, or the other side"
         )
     nodes = [floats(point) for point in (axis[:-1], *inner, axis[1:])]
-    within = np.stack(inner, axis=1) if inner else None
-    return Layout([*axis], lengths_to_ends(np.stack(nodes, axis=1)), within)
+    inner_nodes = np.stack(inner, axis=1) if inner else None
+    return Layout([*axis], lengths_to_ends(np.stack(nodes, axis=1)), inner_nodes)
 
 
 def _left_of(points: list) -> list:

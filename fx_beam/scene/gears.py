@@ -130,7 +130,7 @@ class Gear:
 
     @property
     def on(self) -> Coordinate:
-        """What acts on the difference of the angles."""
+        """Laws on the difference of the angles."""
         return Coordinate(self.spring, self.damper, None, self.friction, self.stop)
 
     @property
@@ -157,7 +157,7 @@ class Gear:
 
     @property
     def key(self) -> JointKey:
-        """What stays of it when the scene has changed; numbers of its joints are those of nodes."""
+        """Identifier in a scene that has changed, by numbers of joints in the place of nodes."""
         numbers = self.joint_a.number, self.joint_b.number
         place = float(self.ratio), float(self.value)
         return JointKey(self.number, self._kind, *numbers, (), place, "")

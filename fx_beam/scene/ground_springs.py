@@ -1,4 +1,4 @@
-"""What holds nodes and beams to the ground: springs, dampers, friction, stops and beds."""
+"""Holds of nodes and beams by the ground: springs, dampers, friction, stops and beds."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ class GroundSpring(ForceBetween):
 
 
 class GroundSprings(NamedTuple):
-    """What holds a node to the ground along x, y and against rotation; None where nothing does.
+    """Springs of a node to the ground along x, y and against rotation; None where there is none.
 
     Returned by `Scene.add_spring`.
 
@@ -122,7 +122,7 @@ class GroundSprings(NamedTuple):
 
 
 class Bed(NamedTuple):
-    """What holds a beam to the ground, across it and along it; None where nothing does.
+    """Springs of a beam to the ground, across it and along it; None where there is none.
 
     Returned by `Scene.add_bed`.
 

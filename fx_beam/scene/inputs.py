@@ -202,8 +202,8 @@ def connected(scene, function_of: Callable[[InputSignal], Signal]):
     new.prescribed = {key: replaced(function) for key, function in scene.prescribed.items()}
     new.joints = []
     for joint in scene.joints:
-        on_it = joint.coordinates.items()
-        driven = {name: replace(c, motor=replaced(c.motor)) for name, c in on_it}
+        coordinates = joint.coordinates.items()
+        driven = {name: replace(c, motor=replaced(c.motor)) for name, c in coordinates}
         new.joints.append(replace(joint, **driven))
     return new
 

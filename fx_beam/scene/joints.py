@@ -244,7 +244,7 @@ class Joint:
                 coordinate.stop.check_start(start, 1e-9 * unit, f"{self}: its {name}", advice)
 
     def _misplaced(self, gap: float) -> str:
-        """What is wrong with nodes that do not fit."""
+        """Error in the places of nodes that do not fit."""
         return (
             f"at the start there is a gap of {gap:.4g} between b and its position on a. Move the "
             "nodes, or give the joint an offset"
@@ -683,7 +683,7 @@ def constraints_of(scene: Any) -> Constraints:
 
 
 def key_of(joint: Joint) -> JointKey:
-    """What stays of a joint when the scene has changed."""
+    """Identifier of a joint in a scene that has changed."""
     place = [*joint.offset.tolist(), *([] if joint.axis is None else joint.axis.tolist())]
     place += [] if joint.place is None else [*joint.place.apart, joint.place.turn]
     beam, ends = getattr(joint, "beam", None), (joint.a.number, joint.b.number)

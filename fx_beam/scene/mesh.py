@@ -54,7 +54,7 @@ def mesh_layout(points: Any, cells: Any, elements: Any, pinned: bool) -> MeshLay
     if pinned:  # of the cells at a point the first one has the node there
         pinned_ends = _repeated(ends)
         ends[pinned_ends] = count + np.arange(len(pinned_ends))
-    beside = pairs.flat[pinned_ends]
+    pinned_points = pairs.flat[pinned_ends]
     starts = np.concatenate(([0], np.cumsum(elements + 1)))
     cell = np.repeat(np.arange(len(pairs)), elements + 1)
     fractions = (np.arange(len(cell)) - starts[cell]) / elements[cell]
@@ -63,9 +63,9 @@ def mesh_layout(points: Any, cells: Any, elements: Any, pinned: bool) -> MeshLay
     nodes[~is_inner] = ends
     nodes[is_inner] = count + len(pinned_ends) + np.arange(np.count_nonzero(is_inner))
     a, b = (places[pairs[cell[is_inner], i]] for i in (0, 1))
-    within = a + fractions[is_inner, None] * (b - a)
-    positions = np.concatenate([places, places[beside], within])
-    pins = np.column_stack([beside, ends[pinned_ends]])
+    inner_positions = a + fractions[is_inner, None] * (b - a)
+    positions = np.concatenate([places, places[pinned_points], inner_positions])
+    pins = np.column_stack([pinned_points, ends[pinned_ends]])
     return MeshLayout(count, positions, pins, starts, nodes, lengths[cell] * fractions)
 
 

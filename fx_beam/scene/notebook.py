@@ -1,4 +1,4 @@
-"""What notebooks and `repr` show of an object: facts in tables, and small pictures."""
+"""Views of an object in notebooks and `repr`: facts in tables, and small pictures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Outputs: what can be measured, in one table, and what of it is measured in each step."""
+"""Outputs: all quantities in one table, and their values and slopes by the state."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class Quantity(NamedTuple):
-    """What can be measured: all that solutions, motions, linear systems and derivatives know of it.
+    """A quantity that can be measured, for solutions, motions, linear systems and derivatives.
 
     It is linear in what is recorded, except the rate of a slide.
     """
@@ -199,7 +199,7 @@ def quantity_of(output: Output) -> Quantity:
 
 
 class Term(NamedTuple):
-    """What an output reads: entries of an array, one for each component, times a factor.
+    """Entries of an array that an output reads, one for each component, times a factor.
 
     Arrays are those of the state, and numbers of the scene, such as the positions "X" of nodes.
     """

@@ -80,7 +80,7 @@ def symbols_of(variables: Iterable[Any]) -> list[Any]:
 
 
 def value_of(function: Callable, values: Sequence[float], call: str) -> Any:
-    """What a user's function gives for numbers; nan where it is not defined."""
+    """Value of a user's function for numbers; nan where it is not defined."""
     expression, variables = scalar_of(function, len(values), call)
     try:
         return expression((), dict(zip(symbols_of(variables), map(float, values), strict=True)))
@@ -173,7 +173,7 @@ class Parameters(Mapping):
             values.pop(name, None)
 
     def replaced(self, function_of: Callable[[Signal], Signal]) -> Parameters:
-        """The same parameters with other functions of time."""
+        """Parameters like these with other functions of time."""
         new = copy.copy(self)
         new.functions = {name: function_of(function) for name, function in self.functions.items()}
         return new

@@ -124,7 +124,7 @@ class RopeOverPulleys(ForceBetween):
         return real_array([*turns, leans[-1]])
 
     def _full_turns(self, i: int, turn: Any) -> float:
-        """What makes an arc positive on the side of its pulley; SceneError if none touches."""
+        """Full turns [rad] that make an arc positive on its side; SceneError if none touches."""
         radius = float(self.radii[i])
         if not radius:
             return 0.0
@@ -143,8 +143,8 @@ class RopeOverPulleys(ForceBetween):
     def numbers(self) -> list[Any]:
         """Ways between centres, and of each circle the radius and the arc at the start."""
         circles = [i for i, kind in enumerate(self.kinds) if kind in "NFD"]
-        of_circles = [x for i in circles for x in (self.radii[i], self.turns[i])]
-        return [*(x for way in self.apart for x in way), *of_circles]
+        circle_numbers = [x for i in circles for x in (self.radii[i], self.turns[i])]
+        return [*(x for way in self.apart for x in way), *circle_numbers]
 
     @property
     def length_at_start(self) -> float:
@@ -204,8 +204,8 @@ def rope_parts(points: Sequence[Any]) -> tuple[list[Any], dict[str, Any]]:
         centre = point.at if circle else point
         kind = "n" if isinstance(centre, Node) else "f"
         if circle:
-            at_end = i in (0, len(points) - 1) and kind == "n"
-            kind = "D" if at_end else kind.upper()
+            is_at_end = i in (0, len(points) - 1) and kind == "n"
+            kind = "D" if is_at_end else kind.upper()
         centres.append(centre)
         kinds += kind
         radii.append((point.radius if point.side == "left" else -point.radius) if circle else 0.0)

@@ -1,4 +1,4 @@
-"""What is taken away from a scene, and what goes with it; joints that are locked.
+"""Removal of parts of a scene, with all that goes with them; joints that are locked.
 
 Numbers of nodes and joints stay: rows of solutions belong to them. Nodes of no member are held.
 """

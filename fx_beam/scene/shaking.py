@@ -46,9 +46,9 @@ class Accelerogram(Signal):
 
     def _at(self, t: Any) -> Any:
         times, places = floats(dual_array(self.times)), floats(t)
-        in_record = (places >= times[0]) & (places <= times[-1])
+        is_recorded = (places >= times[0]) & (places <= times[-1])
         interpolated = np.interp(t, dual_array(self.times), dual_array(self.values))
-        return np.where(in_record, interpolated, 0.0)
+        return np.where(is_recorded, interpolated, 0.0)
 
     def each(self, rows: Any, arrays: ArrayCalls | None = None, run: str = "") -> Any:
         """Values (n, 1) at times (n, 1) [s], by one call for all."""

@@ -92,7 +92,7 @@ class SlidingJoint(Joint):
         return float(x), float(y)
 
     def _misplaced(self, gap: float) -> str:
-        """What is wrong with a node that is not on the beam."""
+        """Error in the place of a node that is not on the beam."""
         s, least = self.path.nearest(np.array([self.b.x, self.b.y]))
         x, y = self.path.position(s)
         place = hint = distance_text = ""
@@ -168,7 +168,7 @@ class SlidingKinematics(JointKinematics):
 
 
 def corner_advice(joints: Iterable[Joint], slides: np.ndarray) -> str:
-    """What to do about a node that slides through a corner of a beam; empty if none does."""
+    """Advice on a node that slides through a corner of a beam; empty if none does."""
     for joint in sliding_joints(joints):
         if (corner := joint.path.corner_near(slides[joint.number])) is not None:
             return (
@@ -331,5 +331,5 @@ def _sliding(kind, beam, node, fraction, parts, rotation) -> SlidingJoint:
         require(ok, f"{kind}: fraction", fraction, "a number from 0 to 1")
         fraction = as_float(fraction)
     slide = checked_coordinate(f"motor of a {kind.lower()}", *parts)
-    on_beam = {"cls": SlidingJoint, "beam": beam, "fraction": fraction}
-    return new_joint(kind, beam.nodes[0], node, (0.0, 0.0), None, slide, rotation, **on_beam)
+    options = {"cls": SlidingJoint, "beam": beam, "fraction": fraction}
+    return new_joint(kind, beam.nodes[0], node, (0.0, 0.0), None, slide, rotation, **options)

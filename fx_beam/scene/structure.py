@@ -25,7 +25,7 @@ from .section import functions_of_section
 
 
 def expressions_of(scene: Scene) -> Iterator[tuple[str, Any]]:
-    """What all functions of the user give, with their names, in a fixed order."""
+    """Expressions of all functions of the user, with their names, in a fixed order."""
     sections = [beam.section for beam in scene.beams]
     if any(section.strain_energy is not None for section in sections):
         distinct = {id(section): section for section in sections}
@@ -108,7 +108,7 @@ def _difference(form: Any, known: Any) -> str:
             return " has another length"
         names = [f"[{i}]" for i in range(len(form))]
     elif isinstance(form, _Form) and isinstance(known, _Form) and form.kind is known.kind:
-        names = [f".{name}" for of_kind in _fields(form.kind) or () for name in of_kind]
+        names = [f".{name}" for kind_names in _fields(form.kind) or () for name in kind_names]
         form, known = form.parts, known.parts
     else:
         return " differs"
@@ -118,16 +118,16 @@ def _difference(form: Any, known: Any) -> str:
 
 def _forms_of(scene: Scene) -> dict[str, Any]:
     """Structures of all that a scene has, by their names; without what is empty or zero."""
-    of_parts: dict[int, Any] = {}
+    known_forms: dict[int, Any] = {}
     return {
-        name: _form_of_number(value) if name in _NUMBERS else _form(value, of_parts)
+        name: _form_of_number(value) if name in _NUMBERS else _form(value, known_forms)
         for name, value in vars(scene).items()
         if name not in _DERIVED and (name in _NUMBERS or value)
     }
 
 
-def _form(value: Any, of_parts: dict[int, Any]) -> Any:
-    """What is structure of a value; `of_parts` has that of parts by ids: beams share sections."""
+def _form(value: Any, known_forms: dict[int, Any]) -> Any:
+    """Structure of a value; `known_forms` has those of parts by ids, as beams share sections."""
     kind: Any = type(value)
     if kind in _PLAIN:
         return value
@@ -135,15 +135,15 @@ def _form(value: Any, of_parts: dict[int, Any]) -> Any:
         kinds = {*map(type, value)}
         if kinds == {Node}:
             return [*map(_NUMBER, value)]
-        return [*value] if kinds <= _PLAIN else [_form(part, of_parts) for part in value]
+        return [*value] if kinds <= _PLAIN else [_form(part, known_forms) for part in value]
     if isinstance(value, Node):
         return value.number
     if (names := _fields(kind)) is not None:
-        if id(value) not in of_parts:
-            of_parts[id(value)] = _Form(kind, _forms_of_fields(value, *names, of_parts))
-        return of_parts[id(value)]
+        if id(value) not in known_forms:
+            known_forms[id(value)] = _Form(kind, _forms_of_fields(value, *names, known_forms))
+        return known_forms[id(value)]
     if isinstance(value, dict):
-        return [(key, _form(part, of_parts)) for key, part in value.items()]
+        return [(key, _form(part, known_forms)) for key, part in value.items()]
     if isinstance(value, set | np.ndarray):
         return frozenset(value) if isinstance(value, set) else value.tolist()
     # A function that is not listed is always another one.
@@ -151,11 +151,12 @@ def _form(value: Any, of_parts: dict[int, Any]) -> Any:
 
 
 def _forms_of_fields(
-    part: Any, structure: list[str], numbers: list[str], of_parts: dict[int, Any]
+    part: Any, structure: list[str], numbers: list[str], known_forms: dict[int, Any]
 ) -> list[Any]:
     """Forms of fields of a dataclass, those that are structure first."""
     forms = [
-        x if type(x := getattr(part, name)) in _PLAIN else _form(x, of_parts) for name in structure
+        x if type(x := getattr(part, name)) in _PLAIN else _form(x, known_forms)
+        for name in structure
     ]
     return forms + [
         () if type(x := getattr(part, name)) in _SCALARS else _form_of_number(x) for name in numbers

@@ -1,4 +1,4 @@
-"""What is added to a scene while something that was made of it is in use."""
+"""Changes of a scene while something that was made of it is in use."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from fx_beam.errors import SceneError
 
 from .scene import Scene
 
-# What of a scene may become longer.
+# Kinds of parts of a scene that may become longer.
 _LISTS = list, dict, set
 
 
