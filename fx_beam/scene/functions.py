@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import inspect
-import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any
@@ -108,37 +107,27 @@ class Signal:
 
     def _one_by_one(self, rows: Any, run: str) -> Any:
         """Values (n, size), by one call for each row of arguments."""
+        function: Any = self.function
         arguments: list = rows.tolist()
         collected: list = []
         try:
-            values = self._collect(collected, arguments)
-        except BaseException as error:
-            done = len(collected)
-            row = arguments[min(done, len(arguments) - 1)]
-            if isinstance(error, Exception) and run:
+            for row in arguments:
+                value = function(*row)
+                collected.append(value if type(value) in _IMMUTABLE else _copied(value))
+        except Exception as error:
+            row = arguments[len(collected)]
+            if run:
                 raise _failed(row[0], error, run) from error
-            if isinstance(error, Exception) and not isinstance(error, SceneError):
-                raise self._failure(row, error) from error
-            error.time = math.inf if done == len(arguments) else row[0]  # type: ignore[attr-defined]
-            raise
-        if values is not None and (not run or np.isfinite(values).all()):
-            return values
+            if isinstance(error, SceneError):
+                raise
+            raise self._failure(row, error) from error
+        # They are checked at once: one by one, the checks cost more than most functions.
+        with suppress(TypeError, ValueError, OverflowError):
+            values = dual_array(collected).reshape(len(collected), self.size)
+            if not run or np.isfinite(values).all():
+                return values
         # The row whose value is wrong is found.
         return dual_array([evaluate(self, row[0], run) if run else self(*row) for row in arguments])
-
-    def _collect(self, collected: list, arguments: list) -> Any:
-        """Values (n, size) for rows, if all fit; they are added to a list, which counts them.
-
-        They are checked at once: one by one, the checks cost more than most functions.
-        """
-        function: Any = self.function
-        for row in arguments:
-            value = function(*row)
-            collected.append(value if type(value) in _IMMUTABLE else _copied(value))
-        try:
-            return dual_array(collected).reshape(len(collected), self.size)
-        except (TypeError, ValueError, OverflowError):
-            return None
 
     def _failure(self, arguments: Any, error: Exception) -> SceneError:
         return SceneError(f"{self.what}: calling it at {arguments} raised {error!r}")
@@ -326,7 +315,7 @@ def _at_once(function: Callable, size: int, rows: Any) -> Any:
     else:
         columns = np.array(rows.T[..., None], order="C")
         columns.setflags(write=False)
-    shape = len(rows), 1
+    none = np.zeros((len(rows), 1))
     try:
         with np.errstate(divide="raise", over="raise", invalid="raise"):
             result: Any = function(*columns)
@@ -336,14 +325,7 @@ def _at_once(function: Callable, size: int, rows: Any) -> Any:
             alone = isinstance(result, Dual) and not result.ndim
             alone = alone or not hasattr(result, "__len__") or len(result) != size
             parts: Sequence = (result,) if alone else result
-            columns = [dual_array(part) for part in parts]
-            if any(isinstance(column, Dual) for column in columns):
-                columns = [np.broadcast_to(column, shape) for column in columns]
-                values = np.concatenate(columns, axis=1)
-            else:
-                values = np.empty((len(rows), len(columns)))
-                for i, column in enumerate(columns):
-                    values[:, i : i + 1] = column
+            values = np.concatenate([dual_array(part) + none for part in parts], axis=1)
     except Exception as error:  # noqa: BLE001  # whatever a function does that takes single numbers
         if _is_endless(error):
             raise
