@@ -35,15 +35,16 @@ class AdaptiveRun:
         self, stepper: Stepper, recorder: Recorder, tolerance: Tolerance, single: bool = False
     ):
         self._stepper, self._recorder, self._stats = stepper, recorder, stepper.stats
-        of_run = tolerance.value, tolerance.span, tolerance.longest
-        self._control = StepControl(stepper.model, *of_run)
+        self._control = StepControl(
+            stepper.model, tolerance.value, tolerance.span, tolerance.longest
+        )
         self._control.begin(tolerance.first)
         self._tolerance = tolerance
         # The local error of a scheme of order 2 is right also where accelerations have a kink.
         self._watch = self._control.order > 2
         #: Whether functions of time move the kinks of laws.
         self._kinks_move = self._watch and stepper.model.forms.parameters.vary
-        self._started = self._behind_event = False
+        self._started = self._follows_event = False
         #: Whether each call takes a single step.
         self._single = single
         self._next, self._block, self._halvings = 0, _FIRST_BLOCK, 0
@@ -74,7 +75,7 @@ class AdaptiveRun:
             stats.rejected += 1
             control.reject(dt, result.ratio)
         else:
-            control.succeed(dt, result.before, result.ratio)
+            control.succeed(dt, result.last_ratio, result.ratio)
         if control.too_short:
             raise self._too_short(result.state.t)
         unchanged = control.length == length and result.taken == len(ends)
@@ -151,7 +152,7 @@ class AdaptiveRun:
         )
         if step.taken:
             self.events.append(end)
-            self._started, self._behind_event = False, True
+            self._started, self._follows_event = False, True
         return step._replace(taken=result.taken + step.taken), end - state.t
 
     def _start(self, state: State, until: float) -> None:
@@ -159,9 +160,9 @@ class AdaptiveRun:
         loop, control, stats = self._stepper.loop, self._control, self._stats
         number = control.order + AVERAGED
         longest = (until - state.t) / number
-        if self._behind_event:
+        if self._follows_event:
             control.begin(self._harmless(state, state.t + min(control.length, longest)) - state.t)
-            self._behind_event = False
+            self._follows_event = False
         for _ in range(_TRIALS):
             dt = min(control.length, longest)
             reached, ratio, failed = state, None, False

@@ -146,9 +146,9 @@ def goes_through(obstacle: Contact, X: np.ndarray, q: np.ndarray, nodes: np.ndar
         return False
     _, arms, reach = _arms(obstacle, shape, X, q, nodes)
     distances = _lengths(arms)
-    before, after = distances - reach
+    start_gaps, end_gaps = distances - reach
     # Soft contacts get deep over several steps; from outside, within one step, it is a jump.
-    jumps = (before > (_THROUGH - 1) * shape.radius) & (after < -_DEEP * shape.radius)
+    jumps = (start_gaps > (_THROUGH - 1) * shape.radius) & (end_gaps < -_DEEP * shape.radius)
     return bool(jumps.any() or _through(arms, distances, reach).any())
 
 
@@ -224,8 +224,8 @@ def _steps_of_impact(gaps: np.ndarray, loss: float) -> float:
     if not len(rises):
         return np.inf  # it is on the way at the end
     deepest = rises[0]
-    before, behind = gaps[deepest - 1] - gaps[deepest], gaps[deepest + 1] - gaps[deepest]
-    top = (before - behind) / (2 * (before + behind))  # of the parabola through three rows
+    rise, fall = gaps[deepest - 1] - gaps[deepest], gaps[deepest + 1] - gaps[deepest]
+    top = (rise - fall) / (2 * (rise + fall))  # of the parabola through three rows
     entered = gaps[0] / (gaps[0] - gaps[1])
     return 2 * np.sqrt(1 + loss) * (deepest + top - entered)
 
@@ -233,7 +233,7 @@ def _steps_of_impact(gaps: np.ndarray, loss: float) -> float:
 def _with_losses(
     solution: Solution, joints: Sequence[Joint]
 ) -> Iterator[tuple[str, Contact | Stop, np.ndarray]]:
-    """What can hit with a loss: as text, its law, and gaps (n, m)."""
+    """Contacts that can hit with a loss: as text, its law, and gaps (n, m)."""
     for obstacle in solution.contacts:
         if obstacle.restitution < 1:
             yield str(obstacle), obstacle, solution.contact(obstacle).gap
@@ -280,25 +280,25 @@ def _first_inside(
     from fx_beam.results.contact_gaps import nodes_of
 
     X, q = solution.X[:, :2], solution.recorded("q")
-    of_member = solution.nodes_of_beam[member.name]
+    nodes = solution.nodes_of_beam[member.name]
     points = nodes_of(solution.nodes_of_beam, touching)
-    arc = arc_of(X[of_member]) if touching is member else None
-    rows = max(1, _NODES_AT_ONCE // len(of_member))
+    arc = arc_of(X[nodes]) if touching is member else None
+    rows = max(1, _NODES_AT_ONCE // len(nodes))
     for first in range(0, len(q), rows):
-        curvature = _curvature(X[of_member] + q[first : first + rows, of_member, :2])
+        curvature = _curvature(X[nodes] + q[first : first + rows, nodes, :2])
         sharp = abs(curvature) * obstacle.radii > _SHARP
         for k in np.flatnonzero(sharp.any(axis=1)):
             positions = X + q[first + k, :, :2]
-            near = nearest(positions[points], positions[of_member], obstacle.apart, arc)
-            tangent = np.gradient(positions[of_member], axis=0)[near.node]
-            arms = positions[points] - near.point
+            places = nearest(positions[points], positions[nodes], obstacle.apart, arc)
+            tangent = np.gradient(positions[nodes], axis=0)[places.node]
+            arms = positions[points] - places.point
             side = tangent[:, 0] * arms[:, 1] - tangent[:, 1] * arms[:, 0]
-            on_inner_side = side * curvature[k][near.node] > 0
-            bad = sharp[k][near.node] & on_inner_side & (near.distance < obstacle.radii)
+            is_inside = side * curvature[k][places.node] > 0
+            bad = sharp[k][places.node] & is_inside & (places.distance < obstacle.radii)
             if bad.any():
                 i = int(np.argmax(bad))
-                radius = 1 / abs(curvature[k][near.node[i]])
-                return first + int(k), near.point[i], float(radius), member
+                radius = 1 / abs(curvature[k][places.node[i]])
+                return first + int(k), places.point[i], float(radius), member
     return None
 
 

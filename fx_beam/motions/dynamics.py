@@ -70,7 +70,7 @@ class ChangingScene:
             start = run
 
     def _options_of_part(self) -> Options:
-        """Those of the next part: the next change ends it as well."""
+        """Options of the next part: the next change ends it as well."""
         conditions = {
             name: lambda t, y, name=name, change=change: excess(change, y[name])
             for name, change in self._changes.items()
@@ -86,8 +86,8 @@ class ChangingScene:
         What another change has held or taken away stays.
         """
         changes, applied = self._changes, list[str]()
-        near = [n for n in changes if abs(self._relative_excess(run, changes[n])) < _TOGETHER]
-        for name in dict.fromkeys([run.stats.until, *near]):
+        together = [n for n in changes if abs(self._relative_excess(run, changes[n])) < _TOGETHER]
+        for name in dict.fromkeys([run.stats.until, *together]):
             if (done := self._changes.get(name)) is not None:
                 if isinstance(done, Latch):
                     self._scene.lock(done.joint, done.coordinate)
@@ -105,8 +105,10 @@ class ChangingScene:
         if isinstance(change, Fuse):
             return excess(change, joint_motion.force[-1]) / change.force
         slides = output_of(change).quantity == "slide"
-        beyond = excess(change, float((joint_motion.slide if slides else joint_motion.angle)[-1]))
-        return beyond / (float(abs(run.X - run.X.mean(axis=0)).max()) or 1.0) if slides else beyond
+        distance = excess(change, float((joint_motion.slide if slides else joint_motion.angle)[-1]))
+        return (
+            distance / (float(abs(run.X - run.X.mean(axis=0)).max()) or 1.0) if slides else distance
+        )
 
 
 @attach_partial_result

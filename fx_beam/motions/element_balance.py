@@ -36,7 +36,7 @@ class ElementLoads:
         self.torn = Mesh(own, numbers, mesh.cells, mesh.curved)
         #: Masses (cells, n) of the Gauss points of elements.
         self.masses = model.masses.at_points(loaded_beams, X)
-        self._loads = [of for of in loads if isinstance(of.target, Beam | BeamPlace | None)]
+        self._loads = [load for load in loads if isinstance(load.target, Beam | BeamPlace | None)]
         for load in self._loads:
             if isinstance(load.value, InputSignal) and not load.value.is_open:
                 raise ValueError(
@@ -45,7 +45,7 @@ class ElementLoads:
                     "functions, or take N, Q and M at the Gauss points"
                 )
         moves = any_of(floats(self.masses))
-        chosen = [of for of in self._loads if of.target is not None or moves]
+        chosen = [load for load in self._loads if load.target is not None or moves]
         #: Loads on the own nodes, and their weight (size,) by constant gravity, if there is any.
         self.dead = dead_loads(loaded_beams, self.torn, own, self._weights, chosen)
         gravity = loaded_beams.gravity
@@ -55,13 +55,15 @@ class ElementLoads:
         """Weights of elements by an acceleration (2,)."""
         dofs, count = self.torn.unknowns.dofs, self.torn.elements.shape[1]
         pull = np.concatenate([np.tile(acceleration, count), np.zeros(count)])
-        of_elements = self.masses @ (masses_of_points(count - 1) @ pull)
-        return of_elements.reshape(-1)[np.argsort(dofs.ravel())]
+        weights = self.masses @ (masses_of_points(count - 1) @ pull)
+        return weights.reshape(-1)[np.argsort(dofs.ravel())]
 
     def inside(self, beam: str) -> list[Any]:
         """Loads inside elements of a beam."""
-        at_places: list[Any] = [of for of in self._loads if isinstance(of.target, BeamPlace)]
-        return [of for of in at_places if of.target.beam.name == beam]
+        inner_loads: list[Any] = [
+            load for load in self._loads if isinstance(load.target, BeamPlace)
+        ]
+        return [load for load in inner_loads if load.target.beam.name == beam]
 
 
 class ElementBalance:
@@ -84,13 +86,13 @@ class ElementBalance:
         self.model, self._rest, self._first = (model := recorder.model), rest, first
         self._steps, beams = RowSteps(recorder, first), model.forms.beams
         assert beams is not None
-        self._on = loaded_beams
+        self._loaded_beams = loaded_beams
         self._loads = own_loads or ElementLoads(model, loaded_beams, model.mesh.X)
         level = model.scheme.rates.level
         self._parts = parts = self._batch(recorder, a, beams.depend_on_rates)
         unit_masses = masses_of_points(beams.kind.degree)
         self._masses = np.tensordot(floats(self._loads.masses), unit_masses, 1)
-        in_forms = model.mesh.unknowns.dofs
+        form_dofs = model.mesh.unknowns.dofs
         at_nodes = beams.forces_of_cells(parts)
         forces = np.zeros((len(parts.t), self._loads.torn.dofs.size))
         forces[:, self._loads.torn.unknowns.dofs] = at_nodes
@@ -98,7 +100,7 @@ class ElementBalance:
         forces = self._steps.means(forces)
         if a.any():
             # The same sums to the last digit in any number of rows.
-            columns = zip(np.moveaxis(self._masses, -1, 0), a[:, in_forms].T, strict=True)
+            columns = zip(np.moveaxis(self._masses, -1, 0), a[:, form_dofs].T, strict=True)
             inertia = sum(column * part.T[..., None] for column, part in columns)
             forces[:, self._loads.torn.unknowns.dofs] += inertia
         #: Forces (n, cells, degree + 1, 3) on the nodes of elements, in order along them.
@@ -117,8 +119,8 @@ class ElementBalance:
             return parts
         dt, v = parts.dt[:, None], recorder.arrays["v"][self._first :][: len(a)]
         # Of q1 = q0 + dt v0 + ... and v1 = v0 + ..., without the rates at the start.
-        by_start = dt**2 * (rates.gamma - 0.5 - rates.beta)
-        a0 = (parts.D - dt * v - dt**2 * (rates.beta - rates.gamma) * a) / by_start
+        a_factor = dt**2 * (rates.gamma - 0.5 - rates.beta)
+        a0 = (parts.D - dt * v - dt**2 * (rates.beta - rates.gamma) * a) / a_factor
         if not self._first:
             a0[0] = a[0]
         v0 = v - dt * ((1 - rates.gamma) * a0 + rates.gamma * a)
@@ -148,7 +150,7 @@ class ElementBalance:
     def of_beam(self, number: int, rows: slice | np.ndarray = slice(None)) -> Balance:
         """Section forces of a beam of the scene in some rows."""
         places, jumps = self.jumps(number)
-        s, cells = self._on.beams[number].s, self.model.mesh.cells[number]
+        s, cells = self._loaded_beams.beams[number].s, self.model.mesh.cells[number]
         return Balance(s, self.ends[rows][:, cells], places, jumps[rows])
 
     @cached_property
@@ -165,7 +167,7 @@ class ElementBalance:
 
     def jumps(self, number: int) -> tuple[np.ndarray, np.ndarray]:
         """Arc lengths (m,) of loads inside elements of a beam, and jumps (n, m, 3) there."""
-        scene, mesh, places, jumps = self._on, self.model.mesh, [], []
+        scene, mesh, places, jumps = self._loaded_beams, self.model.mesh, [], []
         beam = scene.beams[number]
         for load in self._loads.inside(beam.name):
             values = self._in_steps(
@@ -185,8 +187,8 @@ class ElementBalance:
 def directions_at_ends(X: Any) -> Any:
     """Directions (..., 2) of the normals [rad] at both ends of elements with nodes (..., n, 2)."""
     nodes = np.linspace(0.0, 1.0, X.shape[-2])
-    along = lagrange_and_slopes(nodes, np.array([0.0, 1.0]))[1] @ X
-    return np.arctan2(along[..., 1], along[..., 0])
+    tangents = lagrange_and_slopes(nodes, np.array([0.0, 1.0]))[1] @ X
+    return np.arctan2(tangents[..., 1], tangents[..., 0])
 
 
 def components(forces: np.ndarray, angles: np.ndarray) -> np.ndarray:

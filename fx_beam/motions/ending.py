@@ -56,7 +56,7 @@ class Ending:
         #: What outputs are read from: the last state, and where its step starts and ends.
         self._step: tuple[State, Instant | None, Instant | None] = start, None, None
         self._readings = readings(prepared, self._value, prepared.options.outputs or {})
-        self._before: _Start | None = None
+        self._start_before: _Start | None = None
         #: Length of the last step [s]; zero before the first one.
         self._length = 0.0
         self._values = self._values_after(start, start)
@@ -69,7 +69,7 @@ class Ending:
         """
         start = self._mark()
         if start.state is not self._last:
-            self._before = None  # full turns are counted separately from here on
+            self._start_before = None  # full turns are counted separately from here on
         take_steps(start.state)
         end = self._recorder.end
         if end.t == start.state.t:
@@ -83,7 +83,7 @@ class Ending:
         met = [name for name, value in values.items() if _changes(self._values[name], value)]
         if met:
             self._end(start, end.t, met, values, kinks)
-        self._before, self._values, self._last = start, values, self._recorder.end
+        self._start_before, self._values, self._last = start, values, self._recorder.end
         self._length = end.t - start.state.t
 
     def _end(
@@ -92,18 +92,18 @@ class Ending:
         """End the run where the first of some conditions is met in the step to t1 [s]."""
         # Shorter steps have as many parts as this one.
         halving = dict(vars(self._stepper.halving))
-        t0, start, before = start.state.t, start.with_parts(halving), self._before
+        t0, start, start_before = start.state.t, start.with_parts(halving), self._start_before
         ends = {name: self._zero(name, start, t0, t1, values[name]) for name in met}
         soon, least = (t0 + part * (t1 - t0) for part in (_JUMP, _SHORTEST))
 
         def order(name: str) -> tuple[float, float]:
-            """Of those that jump at once the one first that goes farthest."""
+            """Time of a condition; of several at one time that which goes farthest is first."""
             return max(ends[name], soon), -abs(values[name]) / (abs(self._values[name]) or 1e-300)
 
         first = min(ends, key=order)
-        if ends[first] < least and before is not None and t0 not in kinks:
-            longer = before.with_parts(halving)
-            if self._jumps(t := before.state.t, t0, t1):
+        if ends[first] < least and start_before is not None and t0 not in kinks:
+            longer = start_before.with_parts(halving)
+            if self._jumps(t := start_before.state.t, t0, t1):
                 t1 = t0 + max(_INSIDE * (t0 - t), 2 * np.spacing(t0))
             value = self._at(first, longer, t1)
             if abs(value) <= _ZERO * abs(self._values[first]):

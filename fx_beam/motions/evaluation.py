@@ -56,9 +56,9 @@ def solution_of(
     elif not later:
         histories = dict(recorded)
     loaded_beams = model.data.loaded_beams
-    of_springs = histories["spring_internal"] if model.points.width else None
+    spring_rows = histories["spring_internal"] if model.points.width else None
     beams = zip(scene.beams, mesh.cells, strict=True)
-    of_name = {beam.name: (beam, cells) for beam, cells in beams}
+    named_beams = {beam.name: (beam, cells) for beam, cells in beams}
 
     means: list[np.ndarray] = []
 
@@ -73,7 +73,7 @@ def solution_of(
         return means[0]
 
     def resultants_of_beam(name: str) -> BeamResultants:
-        beam, cells = of_name[name]
+        beam, cells = named_beams[name]
         values = resultants()[:, cells]
         s = arc_lengths(beam, gauss_rule(beam.degree)[0])
         N, Q, M = np.moveaxis(values.reshape(len(values), -1, 3), -1, 0)
@@ -99,7 +99,7 @@ def solution_of(
         return element_balance
 
     def balance_of(name: str) -> Balance:
-        return balance().of_beam([*of_name].index(name), rows)
+        return balance().of_beam([*named_beams].index(name), rows)
 
     constraints = None if scene_stays else constraints_of(scene)
 
@@ -122,12 +122,14 @@ def solution_of(
         nodes_of_beam={b.name: n for b, n in zip(scene.beams, mesh.nodes, strict=True)},
         resultants_of_beam=resultants_of_beam,
         variables_of_beam=_variables_of_beam(model, histories),
-        variables_of_joint={} if of_springs is None else _variables_of_joint(model, of_springs),
+        variables_of_joint={} if spring_rows is None else _variables_of_joint(model, spring_rows),
         bodies={body.name: body for body in scene.bodies},
         contacts=list(scene.contacts),
         end=last if later else last(),
         names_of_parameters=model.forms.parameters.names,
-        variables_of_contact={} if of_springs is None else _variables_of_contact(model, of_springs),
+        variables_of_contact={}
+        if spring_rows is None
+        else _variables_of_contact(model, spring_rows),
         stability=stability,
     )
 
@@ -144,12 +146,12 @@ def check_rates(recorder: Recorder) -> None:
 
 def variables_along(model: Model) -> Iterator[tuple[Beam, np.ndarray, str, str, int]]:
     """Internal variables and natural strains: beam, its cells, name, history, and column there."""
-    with_strains = {strain.beam.name for strain in model.scene.natural_strains}
+    strained = {strain.beam.name for strain in model.scene.natural_strains}
     for beam, cells in zip(model.scene.beams, model.mesh.cells, strict=True):
         internal = beam.section.internal
         for i, name in enumerate(() if internal is None else internal.names):
             yield beam, cells, name, "internal", i
-        for i, name in enumerate(NAMES.values() if beam.name in with_strains else ()):
+        for i, name in enumerate(NAMES.values() if beam.name in strained else ()):
             yield beam, cells, name, "natural", i
 
 
@@ -157,12 +159,12 @@ def _variables_of_beam(
     model: Model, histories: Mapping[str, Any]
 ) -> dict[str, dict[str, np.ndarray]]:
     """Internal variables and natural strains (n, points) by beam and name, from all cells'."""
-    by_beam: dict[str, dict[str, np.ndarray]] = {}
+    beam_rows: dict[str, dict[str, np.ndarray]] = {}
     for beam, cells, name, history, column in variables_along(model):
         if (rows := histories[history]) is not None:
-            of_beam = rows[:, cells][..., column].reshape(len(rows), -1)
-            by_beam.setdefault(beam.name, {})[name] = of_beam
-    return by_beam
+            beam_values = rows[:, cells][..., column].reshape(len(rows), -1)
+            beam_rows.setdefault(beam.name, {})[name] = beam_values
+    return beam_rows
 
 
 def _variables_of_joint(model: Model, rows: np.ndarray) -> dict[int, dict[str, np.ndarray]]:
@@ -174,17 +176,17 @@ def _variables_of_joint(model: Model, rows: np.ndarray) -> dict[int, dict[str, n
 
 def _variables_of_contact(model: Model, rows: np.ndarray) -> dict[int, np.ndarray]:
     """Stretch and slip (n, points, 2) by the number of a contact."""
-    by_contact, first = dict[int, np.ndarray](), model.points.first_of_contacts
+    variables, first = dict[int, np.ndarray](), model.points.first_of_contacts
     for obstacle in model.scene.contacts:
-        of_points = rows[:, first : first + obstacle.variables]
+        point_rows = rows[:, first : first + obstacle.variables]
         if obstacle.variables:
-            by_contact[obstacle.number] = of_points.reshape(len(rows), -1, 2)
+            variables[obstacle.number] = point_rows.reshape(len(rows), -1, 2)
         first += obstacle.variables
     if model.points.members is not None:
         from fx_beam.fem.frictions import friction_of_members
 
-        by_contact |= friction_of_members(model.points, rows)
-    return by_contact
+        variables |= friction_of_members(model.points, rows)
+    return variables
 
 
 # Displacements and rotations at chosen times are those of polynomials through the nearest ends of
@@ -211,8 +213,8 @@ def at_times(
     """
     t = steps["t"]
     round_off = _SAME * np.ptp(t) / len(t)
-    near = t[np.minimum(np.searchsorted(t, times - round_off), len(t) - 1)]
-    times = np.where(abs(times - near) <= round_off, near, times)
+    row_times = t[np.minimum(np.searchsorted(t, times - round_off), len(t) - 1)]
+    times = np.where(abs(times - row_times) <= round_off, row_times, times)
     times = times[(times >= t[0]) & (times <= t[-1])]
     row = np.minimum(np.searchsorted(t, times), len(t) - 1)
     row[times > t[0]] = np.maximum(row[times > t[0]], 1)
@@ -243,27 +245,27 @@ def at_times(
 
 def _polynomials(t, q, v, unit, times, row, breaks, points: int) -> tuple[np.ndarray, np.ndarray]:
     """Values and derivatives at some times, which lie in the steps that end in some rows."""
-    near = 1e-9 * (t[-1] - t[0])
-    inner = [b for b in breaks if t[0] + near < b < t[-1] - near]
-    edges = np.unique([0, *np.searchsorted(t, np.array(inner) - near), len(t) - 1])
+    margin = 1e-9 * (t[-1] - t[0])
+    inner = [b for b in breaks if t[0] + margin < b < t[-1] - margin]
+    edges = np.unique([0, *np.searchsorted(t, np.array(inner) - margin), len(t) - 1])
     values, rates = (np.empty((len(times), *q.shape[1:])) for _ in range(2))
     for first, last in zip(edges[:-1], edges[1:], strict=True):
-        in_piece = np.flatnonzero((row > first) & (row <= last) | (row == first) & (first == 0))
+        piece = np.flatnonzero((row > first) & (row <= last) | (row == first) & (first == 0))
         known = min(points, last - first + 1)
         smooth = slice(first, last + 1)
-        ends = np.maximum(row[in_piece], first + 1) - first
+        ends = np.maximum(row[piece], first + 1) - first
         start = first + _smoothest(t[smooth], q[smooth] / unit, ends, known)
         rows = start[:, None] + np.arange(known)
         q_near = q[rows]
-        weights = lagrange_and_slopes(t[rows], times[in_piece])
-        values[in_piece], rates[in_piece] = (np.einsum(_WEIGHTED, w, q_near) for w in weights)
+        weights = lagrange_and_slopes(t[rows], times[piece])
+        values[piece], rates[piece] = (np.einsum(_WEIGHTED, w, q_near) for w in weights)
         if len(v) and last - first < len(t) - 1 and points > 4:  # between events, long steps
             both_ends = first + ends + np.array([[-1], [0]])
             slopes = (lagrange_and_slopes(t[rows], end)[1] for end in t[both_ends])
             missing = v[both_ends] - [np.einsum(_WEIGHTED, slope, q_near) for slope in slopes]
-            value, rate = _bend(t[both_ends], times[in_piece], missing)
-            values[in_piece] += value
-            rates[in_piece] += rate
+            value, rate = _bend(t[both_ends], times[piece], missing)
+            values[piece] += value
+            rates[piece] += rate
     if len(edges) == 1:
         values[:], rates[:] = q[0], 0.0
     return values, rates
@@ -296,7 +298,9 @@ def _smoothest(t, q, ends: np.ndarray, known: int) -> np.ndarray:
             continue
         sizes = abs(differences).max(axis=tuple(range(1, q.ndim)), initial=0.0)
         sizes = np.concatenate([[np.inf], sizes, [np.inf]])
-        before, after = sizes[start], sizes[start + 1]
+        left_sizes, right_sizes = sizes[start], sizes[start + 1]
         left = 2 * (ends - start) <= number
-        start = start - np.where(left, before <= _MUCH * after, _MUCH * before < after)
+        start = start - np.where(
+            left, left_sizes <= _MUCH * right_sizes, _MUCH * left_sizes < right_sizes
+        )
     return np.clip(start, 0, last + 1 - known)

@@ -114,26 +114,28 @@ def _remembers(model: Model, state: State, moved: np.ndarray, slid: np.ndarray) 
     dofs = (model.mesh.dofs[model.mesh.nodes_of(model.scene, beam)] for beam in beams)
     points, internal = model.points, state.spring_internal
     closed = internal is not None and internal[points.first_of_contacts :].any()
-    of_joints = (placed.force for placed in points.placed[points.first_contacts :])
-    flowing = (force for force in of_joints if force.law.internal)
+    joint_forces = (placed.force for placed in points.placed[points.first_contacts :])
+    flowing = (force for force in joint_forces if force.law.internal)
     places = ((slid, [f.slide]) if f.slide >= 0 else (moved, f.dofs) for f in flowing)
-    by_points = closed or any(x[i] for x, indices in places for i in indices if i >= 0)
-    return bool(by_points) or any(moved[entries].any() for entries in dofs)
+    points_moved = closed or any(x[i] for x, indices in places for i in indices if i >= 0)
+    return bool(points_moved) or any(moved[entries].any() for entries in dofs)
 
 
 def needs_accelerations(model: Model) -> bool:
     """Whether steps, or unknowns without mass, need the accelerations at the start."""
-    by_mean, beams = model.scheme.rates.mean_based, model.forms.beams
+    has_mean_rates, beams = model.scheme.rates.mean_based, model.forms.beams
     read = beams is not None and (beams.facts.needs_rates or beams.facts.resultants_need_rates)
-    if read or not by_mean or len(model.scheme.fractions) > 1:
+    if read or not has_mean_rates or len(model.scheme.fractions) > 1:
         return True
     return not model.reduction.moves_alone(~model.massless).all()
 
 
 def finds_accelerations_later(model: Model) -> bool:
     """Whether those at the start need not be known before the run, and depend on no joints."""
-    of_state = model.fits_rates or bool(model.data.natural)
-    return model.couplings.is_selection and not (of_state or once(model, needs_accelerations))
+    depends_on_state = model.fits_rates or bool(model.data.natural)
+    return model.couplings.is_selection and not (
+        depends_on_state or once(model, needs_accelerations)
+    )
 
 
 class Starts:
@@ -183,8 +185,8 @@ class Starts:
             w = projected_rates(model, state, state.fitted, rates)
             v = model.reduction.to_nodes(w)
             lost = model.masses.matrix @ (state.fitted - v)
-            by_driven = -float(lost @ v) if model.couplings.driven else 0.0
-            state = state.changed(v=v, work=state.work + by_driven, fitted=None)
+            driven_work = -float(lost @ v) if model.couplings.driven else 0.0
+            state = state.changed(v=v, work=state.work + driven_work, fitted=None)
         if (parts := len(model.scheme.fractions)) > 1:
             # The rates predict the first sub-steps: one of order 4 is longer than a step. Those
             # of order 2 are found as well without it.
@@ -284,10 +286,10 @@ class Starts:
         b = -reduction.reduced_force(-force)[:free]
         a[:free], rest = accelerations(model, b)
         # A load that grows from zero has a little of its first step already.
-        unit, of_unknowns = model.units.nodes, model.units.unknowns
-        works = b * of_unknowns, *(part * unit for part in (force, *loads))
+        node_units, unknown_units = model.units.nodes, model.units.unknowns
+        works = b * unknown_units, *(part * node_units for part in (force, *loads))
         largest = max(abs(work).max(initial=0.0) for work in works)
-        left = abs(rest * of_unknowns).max(initial=0.0)
+        left = abs(rest * unknown_units).max(initial=0.0)
         return reduction.to_nodes(a) + curved, bool(left > _NONE * largest)
 
 
@@ -473,12 +475,14 @@ def rates_with_slopes(
         if not model.scene.projects_velocities:  # else a given rate there has its momentum
             for source, target in ((driven.values, rates.values), (driven.slopes, rates.slopes)):
                 target[model.prescribed] = source[: len(model.prescribed)]
-        of_state = {"q": state.q, "v": rates, "slides": state.slides, "driven rates": driven}
-        duals = {name: with_slopes(values, count) for name, values in (numbers | of_state).items()}
-        arrays = (duals[name].values[None] for name in of_state)
+        state_numbers = {"q": state.q, "v": rates, "slides": state.slides, "driven rates": driven}
+        duals = {
+            name: with_slopes(values, count) for name, values in (numbers | state_numbers).items()
+        }
+        arrays = (duals[name].values[None] for name in state_numbers)
         fit = RateDerivatives(rate_fit(model), *arrays)
         changes = {name: np.moveaxis(dual.slopes, -1, 0) for name, dual in duals.items()}
-        fitted = fit.jvp({name: changes[name][None] for name in of_state}, changes)
+        fitted = fit.jvp({name: changes[name][None] for name in state_numbers}, changes)
         rates.slopes = fitted["rates"][0].T
     return Dual(state.v, rates.slopes)
 
@@ -546,7 +550,7 @@ def _check_joints(
 def _message(
     model: Model, key: tuple[int, int], v: np.ndarray, compatible: np.ndarray, or_none: str = ""
 ) -> str:
-    """What to say of a rate (node, component) that cannot be."""
+    """Message on a rate (node, component) that cannot be."""
     node, component = key
     rate_given, needed = (rates.reshape(-1, 3)[key] for rates in (v, compatible))
     node_name, component_name = model.mesh.named(node, model.scene), COMPONENTS[component]

@@ -10,9 +10,9 @@ from fx_beam.step.stepper import Stepper
 
 
 class Mark(NamedTuple):
-    """What steps change: the state in C, the control of halving, and the number of rows."""
+    """Copies of the state in C, of the control of halving, and of the number of rows."""
 
-    in_c: StateCopy
+    state: StateCopy
     halving: dict[str, Any]
     rows: int
 
@@ -23,6 +23,6 @@ class Mark(NamedTuple):
 
     def restore(self, stepper: Stepper, recorder: Rows) -> None:
         """Return to the mark."""
-        stepper.loop.state.restore(self.in_c)
+        stepper.loop.state.restore(self.state)
         vars(stepper.halving).update(self.halving)
         recorder.truncate(self.rows)

@@ -88,8 +88,8 @@ def fitted_value(name: str, arrays: Arrays, start: Instant | None, end: Instant 
         return end.fit.rates[0]
     if start is None or value is None or name not in _MEANS:
         return value
-    before, after = (getattr(instant.fit, _MEANS[name])[0] for instant in (start, end))
-    return value + (after - before) / end.length
+    start_parts, end_parts = (getattr(instant.fit, _MEANS[name])[0] for instant in (start, end))
+    return value + (end_parts - start_parts) / end.length
 
 
 def fitted_state(state: State, start: Instant | None, end: Instant | None) -> State:
@@ -119,18 +119,18 @@ def readings(
                 "that is recorded, not from a state: give Motion record=fb.Record(). Conditions of "
                 "`until` may take reactions, or forces of joints"
             )
-    of_sections: dict[str, Reading] = {}
+    section_readings: dict[str, Reading] = {}
     if sections and last_row is not None:
         from .row_balance import RowBalance
 
         balance = RowBalance(prepared.model, last_row)
-        of_sections = {name: balance.reading(output) for name, output in sections.items()}
-    by_name = {name: Measured(of) for name, of in outputs.items() if name not in sections}
+        section_readings = {name: balance.reading(output) for name, output in sections.items()}
+    by_name = {name: Measured(output) for name, output in outputs.items() if name not in sections}
     if any(measured.quantity.of in _NOT_ALWAYS for measured in by_name.values()):
         prepared.loop.problem.keep_joint_forces()
     model, turns = prepared.model, prepared.turn_counter.removed
     read = {name: _reading(model, now, turns, measured) for name, measured in by_name.items()}
-    return {name: of_sections.get(name) or read[name] for name in outputs}
+    return {name: section_readings.get(name) or read[name] for name in outputs}
 
 
 def _reading(model: Model, array_of: Arrays, turns: np.ndarray, measured: Measured) -> Reading:
@@ -143,8 +143,8 @@ def _reading(model: Model, array_of: Arrays, turns: np.ndarray, measured: Measur
         lambda name, node: array_of(name)[dofs[node.number]].tolist(),
         lambda name, beam: array_of(name)[dofs[model.mesh.nodes_of(model.scene, beam)]][None],
     )
-    turns_of = measured.terms if measured.quantity.of == "q" else []
-    turning = any(np.all(np.asarray(term.entries) % 3 == 2) for term in turns_of)
+    turning_terms = measured.terms if measured.quantity.of == "q" else []
+    turning = any(np.all(np.asarray(term.entries) % 3 == 2) for term in turning_terms)
     turning = turning and not measured.quantity.is_place
 
     def read_now(array: str, entries: Any) -> Any:
@@ -171,7 +171,7 @@ def _energy_reading(model: Model, array_of: Arrays, measured: Measured) -> Readi
 
     def read() -> float:
         internal, parameters = (
-            None if (of_state := array_of(name)) is None else of_state[None]
+            None if (row := array_of(name)) is None else row[None]
             for name in ("spring_internal", "parameters")
         )
         steps = PointSteps.of_states(array_of("q")[None], internal, parameters)

@@ -91,7 +91,7 @@ class Snapshot:
 
 
 class _Course(NamedTuple):
-    """What the steps of a motion go on from, since it began or was restored."""
+    """Start of the steps of a motion, since it began or was restored."""
 
     start: State
     #: Times of the ends of steps, their rows, and the number of all steps before.
@@ -134,7 +134,7 @@ class OpenMotion:
         self._loop = loop = prepared.loop
         self._steps = CompiledSingleSteps(loop, dt)
         #: The present state that C has; None while a step is taken.
-        self._in_c: _Present | None = None
+        self._present_in_c: _Present | None = None
         #: Arrays of the state in C by name.
         self.arrays = loop.state.arrays.__getitem__
 
@@ -155,25 +155,25 @@ class OpenMotion:
         mark, turns = Mark.of(prepared.stepper, recorder), prepared.turn_counter.removed.copy()
         present = _Present(course, 0, grid(0), mark, self.held.values, turns)
         if model.fits_rates:
-            arrays, known = loop.state.arrays_of(mark.in_c), state.driven_rates
+            arrays, known = loop.state.arrays_of(mark.state), state.driven_rates
             end = Instant(prepared.forcing, present.t, -self._dt, arrays, known)
             present = present._replace(end=end)
         self._be(present)
 
     def _load(self, state: State) -> None:
-        self._in_c = None
+        self._present_in_c = None
         self._prepared.stepper.load(state)
         self._steps.load(state)
 
     def _be(self, present: _Present) -> None:
         """Have a present state, which is that in C."""
-        self._in_c = present
+        self._present_in_c = present
         self.now = present
 
     def settle(self) -> None:
         """Undo what an interrupt or an error has left of a step that was not taken."""
         present, course, prepared = self.now, self.now.course, self._prepared
-        if self._in_c is present:
+        if self._present_in_c is present:
             return
         present.mark.restore(prepared.stepper, course.recorder)
         prepared.forcing.hold(course.start)
@@ -181,13 +181,13 @@ class OpenMotion:
         self.held.arrive()
         prepared.turn_counter.removed[:] = present.turns
         course.recorder.miss(present.turns)
-        self._in_c = present
+        self._present_in_c = present
 
     # -- Steps --------------------------------------------------------------------------------
 
     def step(self, inputs: Mapping[str, Any]) -> None:
         """Take a step with some new inputs."""
-        if self._in_c is not self.now:
+        if self._present_in_c is not self.now:
             self.settle()
         present, held_inputs = self.now, self.held
         (_, grid, recorder, _), number = present.course, present.number + 1
@@ -195,7 +195,7 @@ class OpenMotion:
         if number >= recorder.grid.planned:
             ends = grid(np.arange(number, number + _ROWS))
             recorder.plan(number, ends, last=False)
-        self._in_c = None
+        self._present_in_c = None
         held_inputs.set(checked)
         held_inputs.begin(present.t, t1)
         stepper = self._prepared.stepper
@@ -206,7 +206,7 @@ class OpenMotion:
         recorder.truncate(1 + number // recorder.grid.every)
         mark, start, end = Mark.of(stepper, recorder), present.end, None
         if start is not None:
-            arrays = self._loop.state.arrays_of(mark.in_c)
+            arrays = self._loop.state.arrays_of(mark.state)
             end = Instant(self._prepared.forcing, t1, self._dt, arrays, start=start)
         course, inputs, turns = present.course, held_inputs.values, present.turns
         self._be(_Present(course, number, t1, mark, inputs, turns, start, end))
@@ -216,7 +216,7 @@ class OpenMotion:
     def _count_turns(self) -> None:
         """Count full turns separately, so that they do not add to rounding errors."""
         prepared, present, recorder = self._prepared, self.now, self.now.course.recorder
-        self._in_c = None
+        self._present_in_c = None
         if (state := prepared.count_turns(self.state(), recorder)) is not None:
             self._load(state)
             mark, turns = Mark.of(prepared.stepper, recorder), prepared.turn_counter.removed.copy()
@@ -235,7 +235,7 @@ class OpenMotion:
         return fitted_value(name, self.arrays, self.now.start, self.now.end)
 
     def last_row(self) -> tuple[_Present, Rows, np.ndarray]:
-        """What identifies the state, its record, and its accelerations (size,)."""
+        """Identity of the state, its record, and its accelerations (size,)."""
         return self.now, self.now.course.recorder, self.value("a")
 
     def state(self) -> State:
@@ -244,20 +244,20 @@ class OpenMotion:
         return state.read(self.now.t).changed(past=state.past, parts=halving.state)
 
     def shown(self) -> State:
-        """The same as it is shown, with the present inputs."""
+        """Present state as it is shown, with the present inputs."""
         self.settle()
         state = fitted_state(self.state(), self.now.start, self.now.end)
         return state.changed(inputs=self.held.all, input_names=self.held.names)
 
     def end(self) -> State:
-        """The same with its full turns."""
+        """Present state with its full turns."""
         return self._prepared.turn_counter.with_turns(self.shown())
 
     def solution(self, stats: Stats) -> Solution:
-        """The same as a solution of one row."""
+        """Present state as a solution of one row."""
         end = self.end()
         recorder = Recorder(self._prepared.model, np.array([end.t]), Record())
-        self._in_c = None
+        self._present_in_c = None
         self._loop.record(end, recorder)
         return solution_of(recorder, stats, lambda: end)
 
@@ -265,7 +265,7 @@ class OpenMotion:
         """Return to a snapshot of the same scene."""
         self.settle()
         self.count()
-        self._in_c, forcing = None, self._prepared.forcing
+        self._present_in_c, forcing = None, self._prepared.forcing
         forcing.hold(snapshot.state)
         self.held.resume(forcing, snapshot.state)
         self.begin(snapshot.state, snapshot.turns, Grid(*snapshot.step, self._dt))
@@ -526,7 +526,7 @@ class Motion:
 
     @one_thread
     def solution(self) -> Solution:
-        """What was recorded since the start or since the last `restore`.
+        """Motion that was recorded since the start or since the last `restore`.
 
         Returns
         -------

@@ -84,7 +84,7 @@ class MotionSeries:
         return lease
 
     def alike(self, scene: Scene, options: Options) -> Prepared:
-        """What is prepared for another scene of the structure of the last one, beside it."""
+        """Prepared model of another scene of the structure of the last one, beside it."""
         with suppress(OtherStructureError):  # its joints may lie elsewhere
             if self._alike is not None:
                 self._alike.bind(scene)

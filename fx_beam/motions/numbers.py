@@ -47,22 +47,22 @@ def numbers_in_steps(
     The steps, or sub-steps of the scheme, begin at t0 (n,) and end at t1 (n,) [s].
     """
     forcing, (parameters, *_), followers = Forcing(model, data), data.forms, data.forms.followers
-    of_steps = {"loads": forcing.loads(t0, t1)}
-    of_steps["driven"] = forcing.series(t1) + data.before_motors
+    step_numbers = {"loads": forcing.loads(t0, t1)}
+    step_numbers["driven"] = forcing.series(t1) + data.before_motors
     if parameters.names:
-        of_steps["parameters"] = parameters.over_steps(t0, t1, model.scheme.rates.level)
-        of_steps["parameters at the start"] = parameters.series(t0[:1])[0]
+        step_numbers["parameters"] = parameters.over_steps(t0, t1, model.scheme.rates.level)
+        step_numbers["parameters at the start"] = parameters.series(t0[:1])[0]
     if len(followers):
-        of_steps["follower force"] = followers.series(t0, t1)
+        step_numbers["follower force"] = followers.series(t0, t1)
     if data.natural:
-        of_steps["naturals"] = forcing.naturals(t1)
-    return numbers_of(model, data) | _arrays(of_steps) | numbers_of_state(data, state)
+        step_numbers["naturals"] = forcing.naturals(t1)
+    return numbers_of(model, data) | _arrays(step_numbers) | numbers_of_state(data, state)
 
 
 def observed_numbers_of(
     model: Model, data: Data, state: State, times: np.ndarray, lengths: np.ndarray, at_start: bool
 ) -> dict[str, np.ndarray]:
-    """What outputs read besides: axes of joints, and rates of driven motions.
+    """Numbers that only outputs read: axes of joints, and rates of driven motions.
 
     These rates are at `times` (n,), by steps of the `lengths` (n,) that end there [s]. With
     `at_start` also accelerations and forces at the start.
@@ -103,31 +103,31 @@ def _or_zeros(values: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
 def static_numbers_of(
     model: Model, data: Data, time: float, factors: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """The same from the reference configuration, in steps to load factors at a time [s]."""
+    """All numbers from the reference configuration, in steps to load factors at a time [s]."""
     forcing, (parameters, *_), followers = Forcing(model, data), data.forms, data.forms.followers
     rows, t = len(factors), np.array([time])
     goal = forcing.series(t)[0]
-    of_steps = {
+    step_numbers = {
         "loads": factors[:, None, None] * np.repeat(data.loads.series(t)[None], 2, axis=1),
         "driven": np.stack([factor * goal for factor in factors]) + data.before_motors,
     }
     if parameters.names:
-        at_time = parameters.over_steps(t, t, 1.0)[0, 0]
-        of_steps["parameters"] = np.broadcast_to(at_time, (rows, 2, len(parameters.names)))
+        values = parameters.over_steps(t, t, 1.0)[0, 0]
+        step_numbers["parameters"] = np.broadcast_to(values, (rows, 2, len(parameters.names)))
     if len(followers):
-        of_steps["follower force"] = np.repeat(followers.series(t, t), rows, axis=0)
+        step_numbers["follower force"] = np.repeat(followers.series(t, t), rows, axis=0)
     if data.natural:
-        of_steps["naturals"] = factors[:, None] * forcing.naturals(t)
-    of_state = numbers_of_state(data, reference_state(model, data.scene))
-    return numbers_of(model, data) | _arrays(of_steps) | of_state
+        step_numbers["naturals"] = factors[:, None] * forcing.naturals(t)
+    state_numbers = numbers_of_state(data, reference_state(model, data.scene))
+    return numbers_of(model, data) | _arrays(step_numbers) | state_numbers
 
 
 def numbers_of_state(data: Data, state: State) -> dict[str, Any]:
-    """Those of the state at the start."""
-    of_state = {name: getattr(state, name) for name in _OF_STATE}
-    of_state["work at the start"] = state.work
-    of_state["motors"] = state.motors + data.before_motors[len(data.scene.prescribed) :]
-    named = {name.replace("_", " "): values for name, values in of_state.items()}
+    """Numbers of the state at the start, by name."""
+    state_numbers = {name: getattr(state, name) for name in _OF_STATE}
+    state_numbers["work at the start"] = state.work
+    state_numbers["motors"] = state.motors + data.before_motors[len(data.scene.prescribed) :]
+    named = {name.replace("_", " "): values for name, values in state_numbers.items()}
     named |= {"dissipated_energy at the start": state.dissipated}
     return _arrays(named | {"forces of lines": state.line_forces})
 

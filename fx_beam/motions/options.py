@@ -1,4 +1,4 @@
-"""What a motion is asked for: its scheme, steps, end and record, checked once."""
+"""Options of motions: scheme, steps, end and record, checked once."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class Tolerance:
 
 @dataclass(frozen=True, kw_only=True)
 class CommonOptions:
-    """Those of motions and of paths of equilibria.
+    """Options of motions and of paths of equilibria.
 
     SceneError, with the name of `what` asks, for all that can be refused without a scene.
     """
@@ -168,10 +168,10 @@ class Options(CommonOptions):
         else:
             times, control = np.array([t0]), Tolerance(self, t0)
             order_and_constant(self.scheme)  # refuses one whose local errors are not known
-        if (of_rows := self.record.times) is not None:
-            ok = of_rows[-1] >= t0 and of_rows[0] <= self.t_end
+        if (row_times := self.record.times) is not None:
+            ok = row_times[-1] >= t0 and row_times[0] <= self.t_end
             expected = f"in part within the run, from {t0:g} to {self.t_end:g} s"
-            require(ok, f"{self.what}: the record's times", of_rows, expected)
+            require(ok, f"{self.what}: the record's times", row_times, expected)
         return times, control
 
 
@@ -227,5 +227,5 @@ def grid_from(t: float, dt: float) -> Grid:
     So a motion in parts has the times of a motion as a whole, to the last digit.
     """
     number = round(t / dt)
-    on_grid = abs(number * dt - t) <= rounding_of(t)
-    return Grid(0.0, number, dt) if on_grid else Grid(t, 0, dt)
+    is_multiple = abs(number * dt - t) <= rounding_of(t)
+    return Grid(0.0, number, dt) if is_multiple else Grid(t, 0, dt)

@@ -120,7 +120,7 @@ class Prepared:
     def recorded_state(
         self, recorder: Recorder, dt: float, start: Solution | None, accelerations: bool = False
     ) -> State:
-        """The same for a recorder, which may find its accelerations when they are read."""
+        """First state for a recorder, which may find its accelerations when they are read."""
         model, rates = self.model, self.options.record.rates
         later = start is None and finds_accelerations_later(model)
         state = self.first_state(dt, start, accelerations or (rates and not later))
@@ -130,7 +130,7 @@ class Prepared:
         return state
 
     def state_from(self, start: State | None, dt: float, accelerations: bool = True) -> State:
-        """The same from an equilibrium, or from the reference configuration."""
+        """First state from an equilibrium, or from the reference configuration."""
         state = Starts(self.model, self.forcing, dt).initial(start, accelerations)
         state = self._with_smooth_start(state, dt)
         self.stepper.load(state)
@@ -192,8 +192,8 @@ def state_of(model: Model, start: Solution) -> State:
     from .transferred_state import Transfer, has_changed
 
     state = Transfer(model, start).state() if has_changed(model, start) else _same(model, start)
-    of_scene = model.forms.parameters
-    state = replace(state, parameters=of_scene.at(before(state.t)) if len(of_scene) else None)
+    parameters = model.forms.parameters
+    state = replace(state, parameters=parameters.at(before(state.t)) if len(parameters) else None)
     check_joints(model, state)
     return state
 

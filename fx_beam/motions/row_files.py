@@ -89,11 +89,11 @@ class RowFiles:
 
     def _write(self, histories: RecordedHistories, new: int) -> list[str]:
         """Write the rows from one on; the names of their files beside the collection."""
-        q, v, along = histories["q"], histories["v"], self._along(histories, new)
+        q, v, resultants = histories["q"], histories["v"], self._along(histories, new)
         first, folder = len(self._written.times), self._folder.name
         names = [f"{folder}_{first + i:05d}.vtu" for i in range(len(q) - new)]
         with replacing_all([self._folder / name for name in names]) as files:
-            self._grid.write(files, q[new:], v[new:] if len(v) == len(q) else None, along)
+            self._grid.write(files, q[new:], v[new:] if len(v) == len(q) else None, resultants)
         return [f"{folder}/{name}" for name in names]
 
     def _along(self, histories: RecordedHistories, new: int) -> dict[str, np.ndarray]:
@@ -103,12 +103,12 @@ class RowFiles:
         assert beams is not None
         steps = RowSteps(recorder, new)
         values = steps.means(beams.resultants(steps.batch()))
-        along = dict(zip(RESULTANTS, np.moveaxis(values, -1, 0), strict=True))
+        resultants = dict(zip(RESULTANTS, np.moveaxis(values, -1, 0), strict=True))
         forces = self._section_forces(histories["a"], new, values)
         for _, cells, name, history, column in variables_along(model):
-            of_cells = along.setdefault(name, np.zeros_like(along["N"]))
-            of_cells[:, cells] = histories[history][new:, cells][..., column]
-        return {name: at_ends(values) for name, values in along.items()} | forces
+            cell_values = resultants.setdefault(name, np.zeros_like(resultants["N"]))
+            cell_values[:, cells] = histories[history][new:, cells][..., column]
+        return {name: at_ends(values) for name, values in resultants.items()} | forces
 
     def _section_forces(self, a: np.ndarray, new: int, gauss: np.ndarray) -> dict[str, np.ndarray]:
         """N, Q and M (rows, elements, points) by the balance of elements, where that is known."""
@@ -125,8 +125,8 @@ class RowFiles:
                 recorder, self._model.data.loaded_beams, accelerations, first=new
             )
             for number, cells in enumerate(mesh.cells):
-                of_beam = gauss[:, cells].reshape(len(gauss), -1, 3)
-                values[:, :, cells] = balance.of_beam(number).in_elements(of_beam, points)
+                beam_points = gauss[:, cells].reshape(len(gauss), -1, 3)
+                values[:, :, cells] = balance.of_beam(number).in_elements(beam_points, points)
             return dict(zip(RESULTANTS, values, strict=True))
         return {}
 

@@ -117,20 +117,20 @@ class Run:
         self.options, self.grid = prepared.options, grid
         self.times, self._control = grid
         model, record, control = prepared.model, prepared.options.record, self._control
-        to_file = record.file is not None
+        has_file = record.file is not None
         if old is not None and old.recorder.model is model:
             recorder = old.recorder
             recorder.restart()
         else:
-            times = self.times[: 1 if to_file else None]
-            of_row = 8e-9 * model.size * (record.motion + 2 * record.rates)
-            size = len(times) / record.every * of_row
+            times = self.times[: 1 if has_file else None]
+            row_size = 8e-9 * model.size * (record.motion + 2 * record.rates)
+            size = len(times) / record.every * row_size
             if size > _MEMORY:
                 warn_once(f"the record needs up to {size:.3g} GB. Use Record(every=...) for less")
             recorder = Recorder(model, times, record)
         self.recorder: Recorder = recorder
         self._files: Any = None
-        if to_file:
+        if has_file:
             from .row_files import RowFiles
 
             self._files = RowFiles(prepared, recorder, record.file)
@@ -211,8 +211,8 @@ class Run:
 
         def advance(state: State) -> None:
             first = self.prepared.stats.steps + 1
-            until_count = full_turns.STEPS - (first - 1) % full_turns.STEPS
-            ends = times[first : first + min(steps, until_count)]
+            left = full_turns.STEPS - (first - 1) % full_turns.STEPS
+            ends = times[first : first + min(steps, left)]
             if recorder.grid.planned < first + len(ends):
                 recorder.plan(first, ends, last=first + len(ends) == len(times))
             self.prepared.stepper.advance(state, ends, first, recorder)
@@ -267,9 +267,11 @@ class Run:
 
         def end() -> State:
             state, removed = self.recorder.present
-            in_c, past, parts = prepared.loop.state, None, None
-            if np.array_equal(in_c.arrays["q"], state.q):  # no interrupt has come before the end
-                past, parts = in_c.past, prepared.stepper.halving.state
+            state_in_c, past, parts = prepared.loop.state, None, None
+            if np.array_equal(
+                state_in_c.arrays["q"], state.q
+            ):  # no interrupt has come before the end
+                past, parts = state_in_c.past, prepared.stepper.halving.state
             state = prepared.turn_counter.without(-removed, state)
             return state.changed(parts=parts, past=past, **input_values)
 

@@ -31,8 +31,8 @@ class SetUps:
 
     def lease(self, kind: Hashable, bind: Callable[[Any], None], make: Callable[[], Any]) -> Lease:
         """The last set-up of a kind after `bind`, or a new one if there is none that fits."""
-        in_use = any(used == kind for used, _ in [*self.in_use.values()])
-        reason = "the last solution is still in use" if in_use else "the first scene"
+        is_used = any(used == kind for used, _ in [*self.in_use.values()])
+        reason = "the last solution is still in use" if is_used else "the first scene"
         entry = next((entry for entry in self._waiting[::-1] if entry[0] == kind), None)
         if entry is not None and self._take(entry):
             try:
@@ -109,9 +109,9 @@ def model_for(scene: Scene, scheme: Scheme, last: Lease | None = None, **kind: b
             return last
         except OtherStructureError:
             last.end()
-    of_kind = kind_of(scene, type(scheme), *kind)
+    whole_kind = kind_of(scene, type(scheme), *kind)
     return RECENT.lease(
-        of_kind,
+        whole_kind,
         lambda model: bind(model, scene),
         lambda: Model(scene, scheme, **kind),
     )

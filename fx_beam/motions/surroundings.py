@@ -1,4 +1,4 @@
-"""What is around a motion: the sweep whose worker calls, and the processes of mpirun."""
+"""Surroundings of a motion: the sweep whose worker calls, and the processes of mpirun."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _log = logging.getLogger("fx_beam")
 
 
 class _OfThread(threading.local):
-    """What each thread has by itself."""
+    """Series of motions of each thread."""
 
     #: The `MotionSeries` of a worker of a sweep, whose scenes of equal structure share a model; and
     #: while it calls a function of the user the same, else None.

@@ -36,8 +36,8 @@ def has_changed(model: Model, start: Solution) -> bool:
     if members != ([*start.beams], [*start.bodies]) or has != had:
         return True
     if end.owners is not None:
-        before, current = ([*map(_numbered, names)] for names in (end.owners, model.points.owners))
-        if before != current:
+        earlier, current = ([*map(_numbered, names)] for names in (end.owners, model.points.owners))
+        if earlier != current:
             return True
     if end.constraints is None:  # a solution that is no run
         return len(end.slides) != scene.joint_count or len(end.motors) != len(model.data.motors)
@@ -106,9 +106,9 @@ class Transfer:
                 )
             rows[mine] = old
         # Nodes of no member: of those that are gone, and between a support and what slides.
-        of_bodies = [node.number for body in scene.bodies for node in body.nodes]
+        body_nodes = [node.number for body in scene.bodies for node in body.nodes]
         count = min(len(start.X), len(rows))
-        for number in {*range(count)} - set(of_bodies).union(*map(np.ndarray.tolist, mesh.nodes)):
+        for number in {*range(count)} - set(body_nodes).union(*map(np.ndarray.tolist, mesh.nodes)):
             if (start.X[number] == mesh.X[number]).all():
                 rows[number] = number
         return rows
@@ -256,12 +256,12 @@ class Transfer:
 
 
 def _numbered(owner: str) -> str:
-    """What owns an internal variable, by its number: a fixed point, in the text, may have moved."""
+    """Owner of an internal variable, by its number: a fixed point, in the text, may have moved."""
     return owner.split(",")[0]
 
 
 def _contact_key(contact: Contact, number_of: Callable[[Node], int]) -> tuple:
-    """What touches what; members by their names, nodes by their numbers in the solution."""
+    """Pairs that touch; members by their names, nodes by their numbers in the solution."""
     shape, target = contact.shape, contact.target
     carrier = None if isinstance(shape, Beam) else shape.carrier
     touched = shape.name if isinstance(shape, Beam) else type(shape).__name__

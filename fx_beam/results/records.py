@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def stats_unchanged(stats: Stats) -> Iterator[None]:
-    """What is done in this block changes no statistics."""
+    """Block in which no statistics change."""
     # Lists of what is compiled are those of the model, which goes on with them.
     counts = vars(stats) | {"ended_by": dict(stats.ended_by)}
     try:

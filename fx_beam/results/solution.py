@@ -189,7 +189,7 @@ class Solution:
         self.loads_on_nodes: Any = None
 
     def __getattr__(self, name: str) -> Any:
-        """What is set when it is first read."""
+        """Attribute that is set when it is first read."""
         if name not in _LATER or "_histories" not in self.__dict__:
             from fx_beam.other_names import no_attribute
 
@@ -206,8 +206,8 @@ class Solution:
     def __getstate__(self):
         # The function for the resultants holds the compiled model: copies get computed values.
         known = known_resultants(self)
-        of_run = "_histories", "_end"
-        state = {name: value for name, value in self.__dict__.items() if name not in of_run}
+        unread = "_histories", "_end"
+        state = {name: value for name, value in self.__dict__.items() if name not in unread}
         state |= {name: getattr(self, name) for name in _LATER}
         with suppress(ValueError):  # numbers of unstable modes are found for copies
             _ = self.unstable_modes

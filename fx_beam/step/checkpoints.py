@@ -28,7 +28,7 @@ class TakenSteps(NamedTuple):
 
 
 class Checkpoint(NamedTuple):
-    """What C has before some steps."""
+    """Memory of C before some steps."""
 
     first: int
     steps: TakenSteps
@@ -74,7 +74,7 @@ class Checkpoints:
         #: Memory of all rows [bytes], half of which is for increments.
         self.limit, self._problem = limit, problem
         #: Sub-steps of a step.
-        self.of_step = int(problem.c.scheme.sub_steps)
+        self.parts = int(problem.c.scheme.sub_steps)
         self.clear()
 
     def clear(self) -> None:
@@ -83,7 +83,7 @@ class Checkpoints:
         # Memory of increments [bytes].
         self._kept = 0
 
-    def begin(self, first: int, steps: TakenSteps, with_increments: bool) -> np.ndarray | None:
+    def begin(self, first: int, steps: TakenSteps, keeps_increments: bool) -> np.ndarray | None:
         """Keep the state before steps, whose `first` sub-step is this; room for their increments.
 
         Without these, or without memory for them, None.
@@ -91,7 +91,7 @@ class Checkpoints:
         problem, p = self._problem, self._problem.c
         work = [array.copy() for array in problem.work] if p.system.reused.worth else []
         snapshot = p.state.t, bytes(problem.ffi.buffer(p)), problem.state.memory.copy()
-        increments = self._increments(steps.number * self.of_step) if with_increments else None
+        increments = self._increments(steps.number * self.parts) if keeps_increments else None
         self._every.append(Checkpoint(first, steps, *snapshot, work, increments))
         return increments
 
@@ -116,7 +116,7 @@ class Checkpoints:
     def take_increments(self, rows: np.ndarray) -> None:
         """Take increments out of the rows, which end with them, before these are given up."""
         for i, checkpoint in enumerate(self._every):
-            part_rows = rows[checkpoint.first :][: checkpoint.steps.number * self.of_step]
+            part_rows = rows[checkpoint.first :][: checkpoint.steps.number * self.parts]
             if (increments := self._increments(len(part_rows))) is None:
                 return
             increments[:] = part_rows[:, part_rows.shape[1] - self._problem.c.columns :]
@@ -136,10 +136,10 @@ class Checkpoints:
         none = np.empty(0), np.empty(0), np.empty(0), np.empty(0, dtype=bool)
         parts = zip(none, *map(self._times_of, self._every), strict=True)
         starts, ends, lengths, begins = map(np.concatenate, parts)
-        return Times(starts, ends, lengths, begins, self.of_step)
+        return Times(starts, ends, lengths, begins, self.parts)
 
     def _times_of(self, checkpoint: Checkpoint) -> tuple[np.ndarray, ...]:
-        """Those of the sub-steps that follow a checkpoint."""
+        """Times of the sub-steps that follow a checkpoint."""
         fractions = self._problem.model.scheme.fractions
         steps, times = checkpoint.steps, checkpoint.steps.times[: checkpoint.steps.number + 1]
         lengths = np.empty((steps.number, len(fractions)))

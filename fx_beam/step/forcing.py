@@ -27,8 +27,8 @@ _OF_DIFFERENCES = np.array([-25, 23, -13, 3]) / 12
 # but rounding errors: those of its fifth divided differences, relative to the largest.
 _PLACES = 0, 1, 2, 5, 10, 20, 30, 100, 200, 300
 _TO_NOISE = np.zeros((3, len(_PLACES)))
-for _i, _at in enumerate(_PLACES[i : i + 6] for i in range(3)):
-    _TO_NOISE[_i, _i : _i + 6] = [np.prod([1.0 / (x - y) for y in _at if y != x]) for x in _at]
+for _i, _near in enumerate(_PLACES[i : i + 6] for i in range(3)):
+    _TO_NOISE[_i, _i : _i + 6] = [np.prod([1.0 / (x - y) for y in _near if y != x]) for x in _near]
 _TO_NOISE /= abs(_TO_NOISE).max(axis=1, keepdims=True)
 
 
@@ -86,9 +86,9 @@ class Forcing:
         rates, error = (4 * d1 - d2) / 2, np.maximum(1e-5 * abs(floats(far)), 20 * noise)
         # Second differences use longer steps, since rounding errors are divided by h^2, and still
         # longer ones where both agree but for these errors. Values below them are set to zero.
-        near, wide = 4 * e2 - 5 * e1 - e3, 4 * g2 - 5 * far - g3
+        short, wide = 4 * e2 - 5 * e1 - e3, 4 * g2 - 5 * far - g3
         wide = np.where(abs(wide) <= 10 * np.finfo(float).eps * (abs(f[0]) + abs(g3)), 0.0, wide)
-        bend = np.where(abs(wide / 100 - near) < 60 * noise, wide / 100, near)
+        bend = np.where(abs(wide / 100 - short) < 60 * noise, wide / 100, short)
         return np.where(abs(rates) < error, 0.0, rates) / h, bend / (10 * h) ** 2
 
     def end_rates(self, ends: np.ndarray, lengths: np.ndarray) -> np.ndarray:

@@ -90,8 +90,8 @@ class HeldInputs:
         """Start from a state: loads with its values of all inputs, motions where they are."""
         values = values_of(state, self.widths)
         if values is not None and len(values) == sum(self.widths.values()):
-            of_all = iter(values)
-            self.set({name: [next(of_all) for _ in range(n)] for name, n in self.widths.items()})
+            entries = iter(values)
+            self.set({name: [next(entries) for _ in range(n)] for name, n in self.widths.items()})
         for function, position in zip(forcing.functions, forcing.current(state), strict=True):
             if isinstance(function, InputSignal):
                 self.set({function.name: float(position) / function.scale})

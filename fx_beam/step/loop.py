@@ -109,8 +109,8 @@ class CompiledLoop:
         if tape is not None:
             count = self._run_taped(tape, steps, state.t, record)
         else:
-            in_c, limits = inputs.in_c(self.problem.ffi), steps.limits(self.problem)
-            count = self._steps(inputs.steps, state.t, dt, in_c, record, limits)
+            c_inputs, limits = inputs.in_c(self.problem.ffi), steps.limits(self.problem)
+            count = self._steps(inputs.steps, state.t, dt, c_inputs, record, limits)
         recorder.rows, recorder.starts = record.rows, record.starts
         self.count()
         return count
@@ -149,7 +149,7 @@ class CompiledLoop:
         newton.find = self._find = ffi.callback(kind, find, error=failed, onerror=fail)
 
     def _run_taped(self, tape: Tape, steps: Steps, t: float, record: Any) -> int:
-        """The same on a tape, which keeps the state before every so many steps."""
+        """Number of steps that succeeded, on a tape with the state before every so many steps."""
         total, inputs, times = 0, steps.inputs, np.concatenate([[t], steps.ends])
         while total < inputs.steps:
             rest = inputs.after(total) if total else inputs
@@ -191,9 +191,9 @@ class CompiledLoop:
         stats.amplified += counts.amplified
         if counts.inverted:
             self.inversion.count(counts.inverted, counts.inverted_t, self.problem.inverted_q)
-        by_round_off = counts.by_round_off
-        solves = counts.taken * self.problem.c.scheme.sub_steps - by_round_off
-        for name, count in (("increment", solves), ("round-off", by_round_off)):
+        last = counts.by_round_off
+        converged = counts.taken * self.problem.c.scheme.sub_steps - last
+        for name, count in (("increment", converged), ("round-off", last)):
             if count:
                 stats.ended_by[name] = stats.ended_by.get(name, 0) + count
         if counts.left:
@@ -227,18 +227,18 @@ class Steps(NamedTuple):
         watches, control = self.watch and problem.c.control.switches > 0, self.control
         if control is None:
             return problem.ffi.new("Limits *", [0, watches]) if watches else problem.ffi.NULL
-        of_length = *control.factors(self.dt), *control.band(self.dt)
-        return problem.ffi.new("Limits *", [1, watches, *of_length])
+        limits = *control.factors(self.dt), *control.band(self.dt)
+        return problem.ffi.new("Limits *", [1, watches, *limits])
 
 
 class StepsResult(NamedTuple):
-    """What came of steps of equal length."""
+    """Outcome of steps of equal length."""
 
     #: State at the end of the steps that succeeded, and their number.
     state: State
     taken: int
     #: Ratios of error and limit in the last step but one and in the last one, if they are known.
-    before: float | None = None
+    last_ratio: float | None = None
     ratio: float | None = None
     #: Whether Newton's method failed in the step after them; a ratio above 1 rejects the last one.
     failed: bool = False

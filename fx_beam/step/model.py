@@ -59,8 +59,8 @@ class Model:
         if not all(joint.is_selection for joint in scene.joints):
             begin_to_build_joints()
         X = self.mesh.positions_of(scene)
-        of_forms = form_data(scene, self.mesh, X, scheme.rates)
-        self.forms = forms = Forms(scene, scheme, self.mesh, of_forms, instant)
+        form_numbers = form_data(scene, self.mesh, X, scheme.rates)
+        self.forms = forms = Forms(scene, scheme, self.mesh, form_numbers, instant)
         #: The forces at points.
         self.points = self.forms.points
         #: Number of degrees of freedom.
@@ -74,7 +74,15 @@ class Model:
         loads = dead_loads(scene, self.mesh, self.mesh.X, weights)
         natural = natural_strains(scene, self.mesh)
         data = Data(
-            scene, X, of_forms, masses, loads, natural, arms, motors(scene), LoadedBeams.of(scene)
+            scene,
+            X,
+            form_numbers,
+            masses,
+            loads,
+            natural,
+            arms,
+            motors(scene),
+            LoadedBeams.of(scene),
         )
         self._set(data, moved=True)
         self.masses.assembled += [str(load) for load in scene.loads]
@@ -128,8 +136,8 @@ class Model:
         self.forms.bind(data.forms)
         # In statics without joints and forces between nodes places alone tell mechanisms.
         scene = data.scene
-        by_places = self._rests[0] and not (scene.joints or scene.forces_between)
-        if elsewhere or scene.drags or (self.scheme.rates.at_rest and not by_places):
+        places_tell = self._rests[0] and not (scene.joints or scene.forces_between)
+        if elsewhere or scene.drags or (self.scheme.rates.at_rest and not places_tell):
             self._check_mechanism()
 
     def _set(self, data: Data, moved: bool) -> None:
@@ -168,11 +176,14 @@ class Model:
         motors = [joint.number for joint, _ in self.data.motors]
         columns[driven:] += len(motors)  # which are between
         self.prescribed = (3 * nodes + components)[:driven]
-        of_nodes, of_motors = np.full(self.mesh.dofs.shape, -1), np.full(scene.joint_count, -1)
-        of_nodes[nodes, components] = columns
-        of_motors[motors] = driven + np.arange(len(motors))
+        node_columns, motor_columns = (
+            np.full(self.mesh.dofs.shape, -1),
+            np.full(scene.joint_count, -1),
+        )
+        node_columns[nodes, components] = columns
+        motor_columns[motors] = driven + np.arange(len(motors))
         #: Columns, driven or fixed, whose forces histories have; -1 where there is none.
-        self.force_columns = {"reactions": of_nodes, "motor_forces": of_motors}
+        self.force_columns = {"reactions": node_columns, "motor_forces": motor_columns}
         self.forms.compiled_points.set_columns(self.couplings.slides)
         if self.kinks.flows and min(self.scheme.fractions) < 0:
             raise SceneError(
@@ -220,7 +231,7 @@ class Model:
 
 
 def once(model: Model, make: Callable[[Model], T]) -> T:
-    """What a function makes of a model, made once."""
+    """Result of a function of a model, made once."""
     if make not in model.problems:
         model.problems[make] = make(model)
     return model.problems[make]
@@ -261,7 +272,7 @@ def sticks(scene: Scene) -> bool:
 
 
 def _probable_features(scene: Scene, scheme: Scheme) -> str:
-    """What the library for most scenes of a kind has (c/scene_features.h)."""
+    """Features of the library for most scenes of a kind (c/scene_features.h)."""
     if any(isinstance(obstacle.shape, Beam) for obstacle in scene.contacts):
         return "MEMBERS"
     if scheme.rates.at_rest:

@@ -99,8 +99,8 @@ class RecordedHistories(Mapping):
 
     def small_rows(self, first: int) -> dict[str, np.ndarray]:
         """Rows from one on of what does not grow with the number of nodes."""
-        of_nodes = {name for name, row in ROWS.items() if row.record in ("motion", "rates")}
-        names = (self._fitted.keys() & {*ROWS, "driven_rates"}) - of_nodes
+        nodal_names = {name for name, row in ROWS.items() if row.record in ("motion", "rates")}
+        names = (self._fitted.keys() & {*ROWS, "driven_rates"}) - nodal_names
         return {name: self._fitted[name][first:].copy() for name in sorted(names)}
 
     @cached_property
@@ -169,8 +169,8 @@ def fitted(
     if starts is None:
         start_fit = type(end_fit)(*(values[:-1] for values in end_fit))
     else:
-        near = slides_near(model, starts[0], slides[1:])
-        start_fit = _fit(model, (times, steps[1:] - 1), (*starts, near), False, driven)
+        start_slides = slides_near(model, starts[0], slides[1:])
+        start_fit = _fit(model, (times, steps[1:] - 1), (*starts, start_slides), False, driven)
     histories["v"], histories["driven_rates"] = end_fit.rates, end_fit.driven
     impulses = (model.masses.matrix @ end_fit.corrections.T).T
     histories["momenta"] = rows["momenta"] + sums_of(model, rows["q"], impulses)
@@ -192,7 +192,7 @@ def _lengths(times: np.ndarray, steps: np.ndarray) -> np.ndarray:
 
 
 def _fit(
-    model: Model, grid: _Rows, states: _Rows, in_turn: bool, first: np.ndarray | None = None
+    model: Model, grid: _Rows, states: _Rows, successive: bool, first: np.ndarray | None = None
 ) -> Fit:
     """Rates that fit at ends or starts of steps, whose `states` are q, v and slides.
 
@@ -208,7 +208,7 @@ def _fit(
     if lengths.all() and driven.size:
         driven[:] = floats(forcing.end_rates(times[steps], lengths))
     driven[:, straight] = np.nan
-    if in_turn and straight.any():
+    if successive and straight.any():
         means = driven_increments(model, q, slides) / lengths[1:, None]
         driven[1:, straight] = means[:, straight]
     if first is not None:

@@ -56,7 +56,7 @@ def _starts(model: Model, motion: bool, rates: bool) -> dict[str, np.ndarray]:
 
 @dataclass(frozen=True)
 class Record:
-    """What a simulation records; energies, momenta and slides are always recorded.
+    """Choice of what a simulation records; energies, momenta and slides are always recorded.
 
     Parameters
     ----------
@@ -280,7 +280,7 @@ class Recorder:
         return self.up_to(self.rows - 1)
 
     def up_to(self, row: int) -> int:
-        """The same up to a row; none up to row -1."""
+        """Number of starts up to a row; none up to row -1."""
         return int(self.arrays["up_to_row"][row]) if row >= 0 else 0
 
     def stores_starts(self, parts: int) -> bool:
@@ -334,7 +334,7 @@ class RecordsInC:
         return record
 
     def _made(self, recorder: Rows):
-        """The same with the arrays that a recorder has now."""
+        """Rows of a recorder with its present arrays."""
         record = self._ffi.new("Record *")
         rows, starts = dict(recorder.arrays), dict(recorder.arrays_of_starts)
         record.every, record.forces = recorder.grid.every, "constraint_forces" in rows

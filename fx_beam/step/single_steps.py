@@ -46,7 +46,7 @@ class CompiledSingleSteps:
         ends = np.cumsum(model.scheme.fractions)
         ends[-1] = 1.0
         starts, level = np.append(0.0, ends[:-1]), model.scheme.rates.level
-        in_steps = np.column_stack([starts + level * (ends - starts), ends])
+        level_and_end = np.column_stack([starts + level * (ends - starts), ends])
         #: Inputs with their arrays, and the parts of the step that have passed there.
         self._live: list[tuple[InputSignal, np.ndarray, np.ndarray]] = []
         #: Whether other functions change in time.
@@ -60,7 +60,7 @@ class CompiledSingleSteps:
             *((signal, follower_force[:, i], ends) for i, signal in enumerate(followers)),
             *((signal, driven[:, i], ends) for i, signal in enumerate(forcing.functions)),
             *(
-                (signal, parameters[:, :, i], in_steps)
+                (signal, parameters[:, :, i], level_and_end)
                 for i, signal in enumerate(model.forms.parameters.functions)
             ),
             *(
@@ -130,7 +130,7 @@ class CompiledSingleSteps:
 
     def _fill(self, inputs: StepInputs, step: int) -> None:
         """Copy the inputs of the sub-steps of one step."""
-        of_step = slice(step * self._p.scheme.sub_steps, (step + 1) * self._p.scheme.sub_steps)
+        sub_steps = slice(step * self._p.scheme.sub_steps, (step + 1) * self._p.scheme.sub_steps)
         for target, source in zip(self._inputs[:5], inputs[:5], strict=True):
             if source.size:
-                target[...] = source[of_step].reshape(target.shape)
+                target[...] = source[sub_steps].reshape(target.shape)

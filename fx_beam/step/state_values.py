@@ -1,4 +1,4 @@
-"""What states of a model have: energies, rates of slides, and starts of steps from them."""
+"""Values of states of a model: energies, rates of slides, and starts of steps from them."""
 
 from __future__ import annotations
 
@@ -30,10 +30,19 @@ def start_of(model: Model, state: State, length: float) -> StepStart:
     # At mid-step forces at points depend on mean rates alone.
     needed = model.scheme.rates.level != 0.5 and not model.scheme.rates.at_rest
     rates = slide_rates(model, state) if needed else 0 * state.slides
-    of_nodes = state.q, state.v, state.a, state.q_previous, state.memory(length)
-    of_joints = state.slides, rates, state.spring_internal
     natural = None if state.natural is None else (state.natural, state.natural)
-    return StepStart(*of_nodes, state.internal, *of_joints, natural=natural)
+    return StepStart(
+        q=state.q,
+        v=state.v,
+        a=state.a,
+        q_previous=state.q_previous,
+        memory=state.memory(length),
+        internal=state.internal,
+        slides=state.slides,
+        slide_rates=rates,
+        spring_internal=state.spring_internal,
+        natural=natural,
+    )
 
 
 def added_force(model: Model, state: State, factor: float, time: float) -> np.ndarray:

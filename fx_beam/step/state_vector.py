@@ -45,20 +45,24 @@ class StateVector:
         # Names of those that states have: before the first step, and after it without and with the
         # forces of joints and obstacles, which only steps that are recorded compute.
         names = [name for name in ARRAYS if name in self._blank or ARRAYS[name].required]
-        before = [name for name in names if name not in FORCES]
-        self._readable = before, [*before, "constraint_forces"], [*before, *FORCES]
+        names_at_start = [name for name in names if name not in FORCES]
+        self._readable = (
+            names_at_start,
+            [*names_at_start, "constraint_forces"],
+            [*names_at_start, *FORCES],
+        )
         self._driven = arrays["driven_now"]
         self._ages = arrays["ages"], arrays["error_ages"]
         # Numbers that go with the memory, in structs of C that follow each other, as bytes.
         first, stop = (ffi.offsetof(ffi.typeof(c).item, name) for name in ("state", "run"))
         self._numbers = ffi.buffer(ffi.addressof(c, "state"), stop - first)
         # Ages, and divided differences of nodes (PAST, size) and of unknowns (PAST, free).
-        by_age = np.split(arrays["past"].reshape(C.PAST, -1), [n], axis=1)
-        self._past = arrays["ages"], *by_age
-        of_state = {name: arrays[name] for name in sizes}
+        differences = np.split(arrays["past"].reshape(C.PAST, -1), [n], axis=1)
+        self._past = arrays["ages"], *differences
+        state_arrays = {name: arrays[name] for name in sizes}
         #: Members of the structs in C.
         self.members: dict[str, dict[str, Any]] = {
-            "state": {"memory": self.memory, "size": len(self.memory), **of_state},
+            "state": {"memory": self.memory, "size": len(self.memory), **state_arrays},
             "predictor": {name: arrays[name] for name in past},
             "control": {name: arrays[f"error_{name}"] for name in errors},
         }
@@ -88,10 +92,10 @@ class StateVector:
 
     def read(self, t: float) -> State:
         """A copy of the state, at the time t [s]."""
-        in_c = self._c.state
-        names = self._readable[(in_c.steps_done > 0) * (1 + bool(in_c.forces_found))]
+        numbers = self._c.state
+        names = self._readable[(numbers.steps_done > 0) * (1 + bool(numbers.forces_found))]
         values: dict[str, Any] = {name: self.arrays[name].copy() for name in names}
-        values |= {name: getattr(in_c, name) for name in NUMBERS}
+        values |= {name: getattr(numbers, name) for name in NUMBERS}
         motors = self._driven[len(self._model.prescribed) :].copy()
         return State(**values | {"t": t, "motors": motors})
 

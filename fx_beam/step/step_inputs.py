@@ -60,9 +60,9 @@ class StepInputs(NamedTuple):
 
 
 def no_inputs(parts: int, steps: int = 0) -> StepInputs:
-    """Those of steps without any."""
-    none, of_ends = np.empty((steps * parts, 0)), np.empty((steps * parts, 2, 0))
-    return StepInputs(of_ends, none, none, of_ends, none, parts)
+    """Inputs of steps without any."""
+    none, pairs = np.empty((steps * parts, 0)), np.empty((steps * parts, 2, 0))
+    return StepInputs(pairs, none, none, pairs, none, parts)
 
 
 def inputs_of(problem: Problem, forcing: Forcing, t: float, times: np.ndarray) -> StepInputs:

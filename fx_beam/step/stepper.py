@@ -92,7 +92,7 @@ class Stepper:
         first: int,
         recorder: Rows,
     ) -> tuple[StepsResult, int]:
-        """What came of steps of the length dt or parts, and the number that are complete."""
+        """Outcome of steps of the length dt or parts, and the number that are complete."""
         halving, loop = self.halving, self.loop
         parts, steps_before = halving.parts, self.stats.steps
 

@@ -53,7 +53,7 @@ class Tape:
         self.c.size = problem.library.fx_tape_size(problem.c)
         self._checkpoints = Checkpoints(problem, limit)
         #: Number of steps between two checkpoints: their rows need half of the memory.
-        self.most_steps = max(1, int(limit / (16 * self.c.size * self._checkpoints.of_step)))
+        self.most_steps = max(1, int(limit / (16 * self.c.size * self._checkpoints.parts)))
         self._rows = np.empty((0, self.c.size))
         #: The state at the end of the run, from whoever takes its steps.
         self.last: State
@@ -91,7 +91,7 @@ class Tape:
     def begin(self, *taken: Any) -> Any:
         """Keep the state before `TakenSteps`; the C struct for their rows, or 0 for none."""
         steps = TakenSteps(*taken)
-        sub_steps = steps.number * self._checkpoints.of_step
+        sub_steps = steps.number * self._checkpoints.parts
         if self.is_whole and 8 * self.c.size * (self.c.rows + sub_steps) > self._checkpoints.limit:
             self.is_whole = False
             self._checkpoints.take_increments(self._rows)
@@ -108,7 +108,7 @@ class Tape:
     def end(self, count: int) -> None:
         """Keep how many steps were taken."""
         self._checkpoints.end(count)
-        self._count += count * self._checkpoints.of_step
+        self._count += count * self._checkpoints.parts
         self._times = None
 
     def _with_room(self, sub_steps: int) -> Any:
@@ -134,7 +134,7 @@ class Tape:
         for i in reversed(order) if backwards else order:
             self.c.rows, self.c.first = 0, groups[i][0].first
             for checkpoint in groups[i]:
-                sub_steps = checkpoint.steps.number * self._checkpoints.of_step
+                sub_steps = checkpoint.steps.number * self._checkpoints.parts
                 checkpoint.repeat(problem, self._with_room(sub_steps))
             self._after = groups[i + 1][0] if i + 1 in order else None
             yield self.present

@@ -181,19 +181,22 @@ def _refined(runs: _Runs, mesh: int, degree: int, tolerance: float) -> Converged
     step, mesh_before, step_before = _FIRST, 0.0, 0.0
     while True:
         value = runs.value(mesh, step)
-        in_mesh = _SHARE * float(abs(runs.value(2 * mesh, step) - value).max())
-        in_step = _SHARE * float(abs(runs.value(mesh, _FACTOR * step) - value).max())
-        in_mesh = max(in_mesh, mesh_before / (_FASTEST_OF_MESH * 4**degree))
-        in_step = max(in_step, step_before / _FASTEST)
-        if in_mesh + in_step <= tolerance:
+        mesh_error = _SHARE * float(abs(runs.value(2 * mesh, step) - value).max())
+        step_error = _SHARE * float(abs(runs.value(mesh, _FACTOR * step) - value).max())
+        mesh_error = max(mesh_error, mesh_before / (_FASTEST_OF_MESH * 4**degree))
+        step_error = max(step_error, step_before / _FASTEST)
+        if mesh_error + step_error <= tolerance:
             finest = runs.value(2 * mesh, _FACTOR * step)
-            errors, used = (in_mesh + in_step, in_step, in_mesh), (len(runs.values), runs.steps)
+            errors, used = (
+                (mesh_error + step_error, step_error, mesh_error),
+                (len(runs.values), runs.steps),
+            )
             result = finest if finest.ndim else float(finest)
             return Converged(result, *errors, 2 * mesh, _FACTOR * step, *used, runs.last)
-        if in_mesh > in_step:
-            mesh, mesh_before = 2 * mesh, in_mesh
+        if mesh_error > step_error:
+            mesh, mesh_before = 2 * mesh, mesh_error
         else:
-            step, step_before = _FACTOR * step, in_step
+            step, step_before = _FACTOR * step, step_error
 
 
 class _Runs:

@@ -49,7 +49,7 @@ _NO_START = (
 
 
 class Outcome(NamedTuple):
-    """What a call gave: a value, or a sentence on why there is none; and its time [s]."""
+    """Result of a call: a value, or a sentence on why there is none; and its time [s]."""
 
     value: Any
     seconds: float
@@ -251,7 +251,7 @@ class _OnProcesses(_OnExecutor):
             raise SceneError(str(error)) from None
 
     def _ask(self, _call: Callable, *called: Any) -> Outcome:
-        """What a worker gives for a function and an item; called in a thread."""
+        """Outcome from a worker for a function and an item; called in a thread."""
         if not isinstance(pickled := _tried(pickle.dumps, called), bytes):
             return pickled
         try:
@@ -309,7 +309,7 @@ class _Worker:
         its_end.close()
 
     def outcome(self, pickled: bytes, timeout: float | None) -> Outcome:
-        """What it sends back for a pickled call; it is ended if it does not in time, or died."""
+        """Outcome of a pickled call in the process; it is ended if it does not in time, or died."""
         clock = perf_counter()
         try:
             self._is_ready = self._is_ready or self.pipe.recv()
