@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -59,6 +59,10 @@ class LoadLoop(CompiledLoop):
         sizes = {"D": n, "z": columns, "r": n, "tangent": len(model.reduction.tangent.pattern[1])}
         # Increments of nodes and columns, the residual at nodes, and the tangent, by C.
         self._found = [*self.problem.results(**sizes)]
+        # A record of forces alone, for one step.
+        self._one_row, self._row = self.problem.ffi.new("Record *"), np.zeros(1, np.int32)
+        self._one_row.every = self._one_row.first = self._one_row.parts = self._one_row.forces = 1
+        self._one_row.up_to_row = self.problem.ffi.from_buffer("int[]", self._row)
         # Dead forces at the end and their mean, and natural strains, for C.
         self._given = [*self.problem.given()]
 
@@ -69,15 +73,7 @@ class LoadLoop(CompiledLoop):
 
     @drag.setter
     def drag(self, drag: float) -> None:
-        self.problem.c.statics.viscosity = drag
-
-    @cached_property
-    def _one_row(self) -> Any:
-        """A record of forces alone, for one step."""
-        record, self._row = self.problem.ffi.new("Record *"), np.zeros(1, np.int32)
-        record.every = record.first = record.parts = record.forces = 1
-        record.up_to_row = self.problem.ffi.from_buffer("int[]", self._row)
-        return record
+        self.problem.set(statics={"viscosity": drag})
 
     @cached_property
     def equations(self) -> Equations:

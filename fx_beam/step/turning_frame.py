@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 import scipy.sparse
 
-from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError
 from fx_beam.scene.loads import damping_of
 from fx_beam.scene.scene import Scene
@@ -39,20 +38,13 @@ class TurningFrame:
 
     def __init__(self, model: Model, spin: float, pivot: Sequence[float]):
         self.spin, self.pivot = spin, np.array(pivot, dtype=float)
-        self._X, self._turns, self._mass = model.mesh.X, model.mesh.turns, model.masses.matrix
-
-    @cached_property
-    def mass(self) -> scipy.sparse.csr_matrix:
-        """Mass (size, size) of displacements, in the sparsity of all."""
-        mass = self._mass.copy()
-        mass.data[mass.indices % 3 == 2] = 0.0
-        return mass
-
-    @cached_property
-    def quarter_turn(self) -> scipy.sparse.csr_matrix:
-        """S (size, size): displacements turned by a quarter, no rotations."""
-        of_node = scipy.sparse.csr_matrix([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
-        return scipy.sparse.kron(scipy.sparse.eye(len(self._X)), of_node, "csr")
+        self._X, self._turns = model.mesh.X, model.mesh.turns
+        #: Mass (size, size) of displacements, in the sparsity of all.
+        self.mass = model.masses.matrix.copy()
+        self.mass.data[self.mass.indices % 3 == 2] = 0.0
+        quarter = scipy.sparse.csr_matrix([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+        #: S (size, size): displacements turned by a quarter, no rotations.
+        self.quarter_turn = scipy.sparse.kron(scipy.sparse.eye(len(self._X)), quarter, "csr")
 
     def arms(self, q: np.ndarray) -> np.ndarray:
         """Places (size,) seen from the pivot; zero for rotations."""

@@ -8,22 +8,16 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import scipy.linalg
 import scipy.sparse
 
 from fx_beam.errors import SceneError
 
 from .extended import Extended
+from .pencil import Pencil
 from .sparse_lu import Pattern
 
-# Largest error of a vector in its iteration.
-_EXACT = 1e-12
-# Share of a vector that is left of it where a basis is complete: more than its rounding errors.
-_ROUNDING = 1e-10
 # Smaller stiffnesses have few digits, which processors lose; they are none.
 _TINY = 1e-290
-# An eigenvalue far above the largest, which is of order 1.
-_FAR = 1e6
 # Largest difference of two entries across the diagonal, relative to the largest ones of their rows.
 _ACROSS = 1e-12
 
@@ -75,7 +69,7 @@ class UndampedModes:
         K = K.with_data(K.system.data * (abs(K.system.data) > _TINY))
         k, m, free = abs(K.alone.diagonal()), M.alone.diagonal(), K.free
         self._free, heavy = free, m > 0
-        self._massive = heavy if massive is None else np.append(massive, m[free:] >= 0)
+        massive = heavy if massive is None else np.append(massive, m[free:] >= 0)
         ratios = k[heavy] / m[heavy]
         # Scaled so that stiffnesses are of order 1 and eigenvalues below 1.
         self._unit = unit = ratios.max() or 1.0
@@ -83,20 +77,10 @@ class UndampedModes:
         sizes[free:][sizes[free:] == 0] = sizes.max()  # what nothing but others follows
         self._scale = sizes**-0.5
         K, M = K.scaled(self._scale), M.scaled(self._scale)
-        M = M.with_data(unit * M.system.data)
-        self._K, self._M = K.alone, M.alone
+        self._pencil = Pencil(K, M.with_data(unit * M.system.data), massive)
         # Smaller eigenvalues are rounding errors, even in the softest direction.
         soft = ratios.min(where=ratios > 1e-20 * unit, initial=unit)
         self._least = 1e4 * np.finfo(float).eps * (soft / unit)
-        # Also entries that are zero belong to it: whole nodes are factorised faster.
-        counted = [A.with_data(np.arange(1, A.system.nnz + 1)).system for A in (K, M)]
-        numbered = counted[0] + 1j * counted[1]
-        numbered.sort_indices()
-        numbers = (part.astype(int) - 1 for part in (numbered.data.real, numbered.data.imag))
-        pairs = zip((K.system, M.system), numbers, strict=True)
-        self._values = [np.append(A.data, 0.0)[k] for A, k in pairs]
-        self._rows, self._columns = K.rows, K.columns
-        self._extended, self._lu = K, K.factors((numbered.indptr, numbered.indices))
 
     def lowest(self, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Lowest angular frequencies (n,), which are rigid (n,), and vectors (free, n).
@@ -110,35 +94,26 @@ class UndampedModes:
 
     def count_below(self, square: float) -> int:
         """Number of modes with omega^2 below a value; -1 if the value is an omega^2."""
-        return self._below(square / self._unit)
-
-    def _factorise(self, x: float) -> bool:
-        K, M = self._values
-        return self._lu.factorise(K - x * M)
-
-    def _below(self, x: float) -> int:
-        """Number of eigenvalues below x: negative pivots of K - x M, by Sylvester's law of inertia.
-
-        -1 if a pivot is zero: x is an eigenvalue.
-        """
-        return self._extended.negative_eigenvalues(self._lu) if self._factorise(x) else -1
+        return self._pencil.below(square / self._unit)
 
     def _in_slices(self, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The lowest eigenvalues, their rounding errors, and vectors, by slices of four decades."""
         # Each slice has its own shift, since eigenvalues far below a shift are lost to rounding
         # errors. Sylvester's law counts what is missing. A Krylov space may lack copies of multiple
         # eigenvalues; they are found after deflation of the others.
-        below = functools.cache(self._below)
+        pencil = self._pencil
+        below = functools.cache(pencil.below)
         sizes = 10.0 ** np.arange(np.log10(self._least), 4, 0.25)  # candidates for their bounds
         levels = _levels(below, sizes)
 
         finite = below(levels[-1])  # the others are infinite, for motions without mass
-        n, self._massless = min(n, finite), self._motions_without_mass(finite)
+        n = min(n, finite)
+        pencil.set_finite(finite)
         least = levels[levels > 0][0]
         if below(least) == 0 and (all_of_them := self._at_once(n, least)) is not None:
             return all_of_them
         last = levels[bisect.bisect_left(levels, n, key=below)]
-        values, rounding, vectors = np.empty(0), np.empty(0), np.empty((self._K.shape[0], 0))
+        values, rounding, vectors = np.empty(0), np.empty(0), np.empty((len(self._scale), 0))
 
         def missing(x):
             """Number of eigenvalues below x, and not beside it, that are not found yet."""
@@ -152,9 +127,9 @@ class UndampedModes:
             bottom = levels[bisect.bisect_left(levels, 1, key=missing)]
             top = min(last, max(1e4 * bottom, 1e-4 * bottom, noise))
             shift = -max(top, -10 * bottom, 10 * noise)  # below the slice, not an eigenvalue
-            new = self._nearest(min(max(missing(top), 1), 2 * n), shift, vectors)
-            new -= vectors @ (vectors.T @ (self._M @ new))  # orthogonal to the slices below
-            squares, errors, new = _ritz_vectors(self._K, self._M, new)
+            new = pencil.nearest(min(max(missing(top), 1), 2 * n), shift, vectors)
+            new -= vectors @ (vectors.T @ (pencil.M @ new))  # orthogonal to the slices below
+            squares, errors, new = pencil.ritz_vectors(new)
             # Vectors above the slice took the place of copies that are not found yet.
             in_slice = squares <= max(top + 1e-8 * abs(top), squares[0])
             values = np.append(values, squares[in_slice])
@@ -165,83 +140,13 @@ class UndampedModes:
 
     def _at_once(self, n: int, least: float):
         """The same if all, above a bound, lie within four decades; otherwise None."""
-        new = self._nearest(n, -least, np.empty((self._K.shape[0], 0)))
-        squares, errors, new = _ritz_vectors(self._K, self._M, new)
+        new = self._pencil.nearest(n, -least, np.empty((len(self._scale), 0)))
+        squares, errors, new = self._pencil.ritz_vectors(new)
         if len(squares) < n or (squares <= errors).any() or squares[-1] > 1e4 * squares[0]:
             return None
         beneath = (1 - 1e-8) * squares[-1]  # the last one may have copies
-        complete = self._below(beneath) == (squares < beneath).sum()
+        complete = self._pencil.below(beneath) == (squares < beneath).sum()
         return (squares, errors, new) if complete else None
-
-    def _motions_without_mass(self, finite: int) -> np.ndarray:
-        """Orthonormal motions (size, few) of unknowns that have mass, such as turns in a sleeve."""
-        massive = int(self._massive[: self._free].sum())
-        size = max(0, massive - finite), len(self._scale)
-        if size[0] and not self._factorise(-_FAR):
-            raise _failure()
-        x = np.random.default_rng(0).standard_normal(size)
-        for _ in range(2):  # each makes other motions smaller by 1 / _FAR
-            x = np.array([self._solved(self._K @ vector) for vector in x]).reshape(size)
-        return np.linalg.qr((self._massive * x).T)[0]
-
-    def _nearest(self, n: int, shift: float, deflated: np.ndarray) -> np.ndarray:
-        """Eigenvectors (size, n or fewer) nearest to a shift, except the deflated ones.
-
-        By Lanczos' method for the inverse of K - shift M, in the inner product of M, with vectors
-        that are all made orthogonal to one another.
-        """
-        if not self._factorise(shift):
-            raise _failure()
-        size, first = deflated.shape
-        basis = np.concatenate([self._bounded(deflated).T, np.empty((2 * n + 20, size))])
-        # Other starts each time: those before have no part in a copy that was missed.
-        starts = np.random.default_rng(first)
-        diagonal, beside, m = list[float](), list[float](), first
-        x, new = self._inverse(starts.standard_normal(size)), True
-        while True:
-            length = self._length(x)
-            for _ in range(2):  # after once there are rounding errors
-                x = x - (basis[:m] @ (self._M @ x)) @ basis[:m]
-            left = self._length(x := self._bounded(x))
-            if not np.isfinite(left) or m > size:
-                raise _failure()
-            complete = left <= _ROUNDING * length
-            if complete or m == len(basis):
-                # Eigenvalues and vectors of a tridiagonal matrix, from its lower half.
-                values, parts = np.linalg.eigh(np.diag(diagonal) + np.diag(beside[1:], -1))
-                lowest = np.argsort(-abs(values))[:n]
-                errors = left * abs(parts[-1:, lowest])
-                if new or (len(lowest) == n and (errors <= _EXACT * abs(values[lowest])).all()):
-                    break
-                if complete:  # the other copies are found from another start
-                    x, new = self._inverse(starts.standard_normal(size)), True
-                    continue
-                basis = np.concatenate([basis, np.empty((n + 20, size))])
-            beside.append(0.0 if new else left)
-            basis[m], new = x / left, False
-            x = self._inverse(basis[m])
-            diagonal.append(float(x @ (self._M @ basis[m])))
-            m += 1
-        if not len(lowest):
-            raise _failure()
-        vectors = parts[:, lowest].T @ basis[first:m]
-        return np.column_stack([self._inverse(vector) for vector in vectors])
-
-    def _bounded(self, x: np.ndarray) -> np.ndarray:
-        """Vectors without motions that have no mass, which rounding errors would let grow."""
-        x = (self._massive * x.T).T
-        return x - self._massless @ (self._massless.T @ x) if self._massless.size else x
-
-    def _inverse(self, x: np.ndarray) -> np.ndarray:
-        return self._solved(self._M @ x)
-
-    def _solved(self, forces: np.ndarray) -> np.ndarray:
-        sides = np.zeros(len(self._rows) * 2 - self._free)
-        sides[self._rows] = forces
-        return self._lu.solve(sides)[self._columns]
-
-    def _length(self, x: np.ndarray) -> float:
-        return float(np.sqrt(abs(x @ (self._M @ x))))
 
 
 def _levels(below: Callable[[float], int], sizes: np.ndarray) -> np.ndarray:
@@ -256,21 +161,3 @@ def _levels(below: Callable[[float], int], sizes: np.ndarray) -> np.ndarray:
     # The rounding error of a rigid mode of a stiff part may be large compared with a soft part.
     least = next(k for k, x in enumerate(sizes) if min(below(x), below(-x)) >= 0)
     return np.concatenate([-sizes[least:][::-1], sizes[least:]])
-
-
-def _ritz_vectors(K, M, vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rayleigh quotients in the span of vectors, their rounding errors, and vectors of mass 1."""
-    vectors = vectors @ scipy.linalg.eigh(vectors.T @ (K @ vectors), vectors.T @ (M @ vectors))[1]
-    vectors /= np.sqrt(np.einsum("ij,ij->j", vectors, M @ vectors))
-    values = np.einsum("ij,ij->j", vectors, K @ vectors)
-    sizes = np.einsum("ij,ij->j", abs(vectors), abs(K) @ abs(vectors))
-    # Of the sum, and of the vectors: the latter counts where nothing else has stiffness.
-    eps = np.finfo(float).eps
-    return values, 2 * eps * sizes + (10 * eps) ** 2 * (vectors**2).sum(axis=0), vectors
-
-
-def _failure() -> RuntimeError:
-    return RuntimeError(
-        "modes: no mode was found. Try fewer modes, and check the units of stiffnesses and masses: "
-        "very different magnitudes are lost in rounding errors"
-    )
