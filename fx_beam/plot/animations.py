@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 
@@ -17,7 +18,7 @@ from fx_beam.results.files import replacing, writable
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node
 
-from .drawing import Drawing, checked_drawing, clock, say_if_too_small, three_digits, title
+from .drawing import Drawing, Look, checked_drawing, clock, say_if_too_small, three_digits, title
 from .members import Members
 from .sheet import LARGEST, Plane
 from .symbols import Supports, draw_forces, draw_joints, draw_marks, draw_moving, draw_outlines
@@ -69,7 +70,7 @@ def animate(
     scene_unit: str = "m",
     magnify: float = 1.0,
     marks: dict[str, Node] | None = None,
-    scenery: Callable[[Any, int], list] | None = None,
+    scenery: Callable[[Axes, int], list] | None = None,
     colour: str | None = None,
     colour_limits: tuple[float, float] | None = None,
     colour_scale: str = "linear",
@@ -152,9 +153,9 @@ class _Frames:
     trace: int | None = None
 
     def __init__(self, drawing: Drawing, members: Members, plane: Plane, is_coloured: bool):
-        ax: Any = plane.ax
+        ax = plane.ax
         self._drawing, self._members, self._ax = drawing, members, ax
-        look: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points"}
+        look: Look = {"xycoords": "axes fraction", "textcoords": "offset points"}
         look |= {"fontsize": "small", "va": "bottom"}
         # Beside the time, or above it where there is no room.
         above = 4 if ax.bbox.width > _BESIDE * plane.figure.dpi else 15
@@ -177,7 +178,7 @@ class _Frames:
         self._still = self._canvas.copy_from_bbox(plane.figure.bbox)
 
     def drawn(
-        self, marks: dict[str, Node] | None, scenery: Callable[[Any, int], list] | None
+        self, marks: dict[str, Node] | None, scenery: Callable[[Axes, int], list] | None
     ) -> Iterator[np.ndarray]:
         """Pixels (height, width, 4) of each frame, with names of nodes and additional objects."""
         ax, drawing = self._ax, self._drawing
@@ -213,7 +214,7 @@ def _headings(drawing: Drawing) -> list[str]:
     return clock(t.tolist())
 
 
-def _plane(drawing: Drawing, bar: bool, size: Any) -> Plane:
+def _plane(drawing: Drawing, bar: bool, size: tuple[int, int] | None) -> Plane:
     """Axes of frames of a size [pixels], in which letters are as large as in other pictures."""
     if size is None:
         return Plane(drawing, bar)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fx_beam.errors import real_array, require
 from fx_beam.results.fields import RESULTANTS, along_all
@@ -199,7 +200,7 @@ def _members(drawing: Drawing) -> dict[str, Any]:
     }
 
 
-def _known(solution: Any) -> list[str]:
+def _known(solution: Solution) -> list[str]:
     """Quantities along the members that the solution has."""
     names = [*RESULTANTS]
     if all(beam.section is not None for beam in solution.beams.values()):
@@ -263,13 +264,13 @@ def _plain(text: str) -> str:
     return text.replace(r"$\Delta t$", "\u0394t").replace(r"$\mu$", "\u03bc")
 
 
-def _points(drawing: Drawing, positions: Any) -> str:
+def _points(drawing: Drawing, positions: ArrayLike) -> str:
     """Positions as whole numbers, as fractions of the window."""
     low, high = drawing.window
     return _whole((np.asarray(positions) - low) / (high - low), np.uint16)
 
 
-def _whole(values: np.ndarray, kind: Any) -> str:
+def _whole(values: np.ndarray, kind: type) -> str:
     """Values up to 1 in size as whole numbers of two bytes, in base 64."""
     return _text(np.clip(np.rint(values * _FINEST), -_FINEST, 2 * _FINEST).astype(kind))
 

@@ -5,18 +5,20 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.rcsetup import cycler
+from numpy.typing import ArrayLike
 
 from fx_beam.errors import array_of, check_takes, is_number, is_whole, positive, real_array, require
 from fx_beam.results.files import replacing, writable
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import FrequencyResponse, PeriodicFamily
 from fx_beam.scene.beam import Node
+
+from .drawing import Look
 
 # Colours of Okabe and Ito, safe for colour-blind readers; line styles differ in grey prints.
 STYLES: dict[str, dict] = {
@@ -179,14 +181,14 @@ def quantities(axes, values: dict[str, np.ndarray], t: np.ndarray) -> None:
         axes.plot(t, y, label=label, linewidth=1.5, **look)
 
 
-def _check(axes: Any, curves: Any, name: str) -> None:
+def _check(axes: object, curves: object, name: str) -> None:
     """Refuse axes that draw nothing, and curves without labels."""
     expected = "axes of matplotlib, such as fx_beam.plot.figure(1, 1)[1][0, 0]"
     require(isinstance(axes, Axes), "axes", axes, expected)
     require(isinstance(curves, Mapping), name, curves, "a dict by labels in the legend")
 
 
-def curve(row: Any, t: np.ndarray, name: str) -> np.ndarray:
+def curve(row: ArrayLike, t: np.ndarray, name: str) -> np.ndarray:
     """Values (n,) over times or load factors (n,)."""
     values = real_array(row)
     require(values.shape == t.shape, name, row, f"{t.size} numbers, one for each row or time")
@@ -209,14 +211,14 @@ def save(figure: Figure, path: Path | str) -> None:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
             handles.setdefault(label, handle)
     columns = len(handles) if len(handles) < 4 else 2
-    look: dict[str, Any] = {"loc": "outside upper center", "frameon": False, "handlelength": 3.2}
+    look: Look = {"loc": "outside upper center", "frameon": False, "handlelength": 3.2}
     figure.legend(handles.values(), handles.keys(), ncols=columns, **look)
     with replacing(writable(path, sorted(figure.canvas.get_supported_filetypes()))) as new:
         figure.savefig(new, dpi=200)
 
 
-_STABLE: dict[str, Any] = {"color": "#0072B2", "linewidth": 2.0, "label": "stable"}
-_UNSTABLE: dict[str, Any] = {"color": "#CC79A7", "linewidth": 1.2, "label": "unstable"}
+_STABLE: Look = {"color": "#0072B2", "linewidth": 2.0, "label": "stable"}
+_UNSTABLE: Look = {"color": "#CC79A7", "linewidth": 1.2, "label": "unstable"}
 _MARKS = {"limit point": "D", "bifurcation": "o", "flutter": "^"}
 _MARKS |= {"contact": "s", "flow": "v", "kink": "X"}  # where the stiffness jumps
 

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fx_beam.errors import SceneError, is_name, is_whole, positive, real_array, require
 from fx_beam.results.contact_gaps import nodes_of
@@ -20,6 +21,10 @@ from fx_beam.scene.ground_springs import GroundSpring
 from fx_beam.scene.joints import GROUND
 
 _log = logging.getLogger("fx_beam")
+
+#: Keyword arguments of matplotlib; a colour as it takes it.
+Look = dict[str, Any]
+Colour = str | np.ndarray
 
 # Fractions of the scene's size: how far lines go beyond the nearest positions, distance and length
 # of strokes. An obstacle farther away than the size is not drawn.
@@ -176,7 +181,7 @@ class Drawing:
 
     # -- The window -----------------------------------------------------------------------------
 
-    def include(self, points: Any) -> None:
+    def include(self, points: ArrayLike) -> None:
         """Have points (n, 2) in the window as well."""
         corners = np.concatenate([[self._low, self._high], np.reshape(points, (-1, 2))])
         self._low, self._high = corners.min(axis=0), corners.max(axis=0)
@@ -339,7 +344,11 @@ def feet(drawing: Drawing, force: GroundSpring) -> list[tuple[int, np.ndarray, n
 
 
 def checked_rows(
-    solution: Solution, usual: int = 1, rows: Any = None, times: Any = None, count: Any = None
+    solution: Solution,
+    usual: int = 1,
+    rows: Any = None,
+    times: Sequence[float] | None = None,
+    count: int | None = None,
 ) -> list[int]:
     """Some rows of a solution, rows next to some times, or a number of rows.
 
@@ -354,11 +363,11 @@ def checked_rows(
         require(is_whole(count, 1), "count", count, "a whole number, at least 1")
         rows = np.unique(np.linspace(0, last, min(count, last + 1)).round().astype(int)).tolist()
     elif times is not None:
-        times = real_array(times)
+        places = real_array(times)
         low, high = t.min(), t.max()  # a static path may come to its end from above
-        ok = times.ndim == 1 and len(times) > 0 and low <= times.min() and times.max() <= high
+        ok = places.ndim == 1 and len(places) > 0 and low <= places.min() and places.max() <= high
         require(ok, "times", times, f"times of the solution, from {low:g} to {high:g}")
-        rows = [int(abs(t - time).argmin()) for time in times]
+        rows = [int(abs(t - time).argmin()) for time in places]
     ok = real_array(rows).ndim == 1 and all(is_whole(k, -last - 1, last) for k in rows)
     expected = f"rows of the solution, such as range(0, {last + 1}, {max(1, last // 10)})"
     require(ok and len(rows) > 0, "rows", rows, expected)
@@ -370,9 +379,9 @@ def checked_drawing(
     magnify: float,
     unit: str,
     usual: int = 1,
-    rows: Any = None,
-    times: Any = None,
-    count: Any = None,
+    rows: Sequence[int] | None = None,
+    times: Sequence[float] | None = None,
+    count: int | None = None,
 ) -> Drawing:
     """A drawing of the rows that `checked_rows` gives."""
     rows = checked_rows(solution, usual, rows, times, count)

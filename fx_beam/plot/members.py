@@ -17,7 +17,7 @@ from fx_beam.results.fields import QUANTITIES, RESULTANTS, along_all
 from fx_beam.scene.beam import Beam, arc_lengths
 from fx_beam.scene.contacts import Contact
 
-from .drawing import Drawing
+from .drawing import Drawing, Look
 
 _PIECES = 12  # per element, each with one colour
 _NONE = np.empty((0, 1))
@@ -82,7 +82,7 @@ class Members:
         require(limits is None, "colour_limits", limits, expected)
         require(isinstance(scale, str) and scale == "linear", "colour_scale", scale, expected)
 
-    def _take_colours(self, quantity: str, limits: Any, scale: str) -> None:
+    def _take_colours(self, quantity: str, limits: tuple[float, float] | None, scale: str) -> None:
         drawing, solution = self._drawing, self._drawing.solution
         if not solution.beams:
             raise ValueError(f"colour = {quantity!r} needs beams, but the solution has none")
@@ -102,7 +102,7 @@ class Members:
         self._values = dict(zip(drawing.rows, rows, strict=True))
         self.scale = ScalarMappable(norm, SIGNED if signed else SEQUENTIAL)
         beyond = {(True, True): "both", (True, False): "min", (False, True): "max"}
-        self.bar: dict[str, Any] = {"label": words_for(quantity, drawing.unit)}
+        self.bar: Look = {"label": words_for(quantity, drawing.unit)}
         self.bar["extend"] = beyond.get((low, high), "neither")
         if scale == "linear":
             self.bar["format"] = "%.3g"
@@ -208,7 +208,9 @@ def hexadecimal(scale, count: int) -> list[str]:
     return [to_hex(shade) for shade in scale(np.linspace(0, 1, count))]
 
 
-def _norm(values: np.ndarray, signed: bool, limits: Any, logarithmic: bool) -> Any:
+def _norm(
+    values: np.ndarray, signed: bool, limits: tuple[float, float] | None, logarithmic: bool
+) -> Any:
     """The scale between two values."""
     largest = float(abs(values).max()) or 1.0
     if limits is not None:

@@ -20,7 +20,15 @@ from fx_beam.results.vibrations import Modes, displaced
 from fx_beam.scene.beam import Node
 
 from .backend import check_renderer
-from .drawing import Drawing, checked_drawing, say_if_too_small, three_digits, time_unit, title
+from .drawing import (
+    Drawing,
+    Look,
+    checked_drawing,
+    say_if_too_small,
+    three_digits,
+    time_unit,
+    title,
+)
 from .members import SEQUENTIAL, Members
 from .sheet import Plane, panels, picture, written
 from .symbols import (
@@ -242,7 +250,7 @@ def _vibration(modes: Modes, mode: int, size: float) -> SimpleNamespace:
 
 
 def _draw(ax, drawing: Drawing, mode_rows: np.ndarray) -> None:
-    looks: dict[int, dict[str, Any]] = {
+    looks: dict[int, Look] = {
         _AT_REST: {"color": "0.7", "linewidth": 1.0},
         _MOVED: {"color": _MODE},
     }

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.collections import PolyCollection
+from numpy.typing import ArrayLike
 
 from fx_beam.errors import require
 from fx_beam.scene.beam import Node
@@ -16,15 +17,15 @@ from fx_beam.scene.coordinate import Coordinate
 from fx_beam.scene.ground_springs import GroundSpring
 from fx_beam.scene.joints import GROUND, Joint
 
-from .drawing import Drawing, Outline, apart, feet, line_between
+from .drawing import Colour, Drawing, Look, Outline, apart, feet, line_between
 
 # Fractions of the drawing's size: height of a support, length of a wall, its strokes, half of the
 # shortest guide, and what guides have beyond the path on them.
 _HEIGHT, _WALL, _STROKE, _GUIDE, _MORE = 0.032, 0.08, 0.016, 0.12, 0.04
 _MARKER = 0.016  # size of a marker, as a fraction of the longer side of the axes
-_WHITE: dict[str, Any] = {"color": "white", "markeredgecolor": "black", "zorder": 6}
-_THIN: dict[str, Any] = {"linewidth": 0.7, "zorder": 3}
-_RAIL: dict[str, Any] = {"linewidth": 1.2, "linestyle": ":", "zorder": 1}
+_WHITE: Look = {"color": "white", "markeredgecolor": "black", "zorder": 6}
+_THIN: Look = {"linewidth": 0.7, "zorder": 3}
+_RAIL: Look = {"linewidth": 1.2, "linestyle": ":", "zorder": 1}
 _SIDES = np.array([(1.0, 0.0), (-1.0, 0.0), (0.0, -1.0), (0.0, 1.0)])
 
 
@@ -119,7 +120,7 @@ def node_of(joint: Joint) -> Node:
     return joint.a if joint.b is GROUND else joint.b
 
 
-def wall_strokes(away: np.ndarray, length: float = _WALL, foot: Any = (0.0, 0.0)) -> Strokes:
+def wall_strokes(away: np.ndarray, length: float = _WALL, foot: ArrayLike = (0.0, 0.0)) -> Strokes:
     """A line across a direction, with strokes on its far side."""
     along = length * left_of(away)
     starts = np.outer(np.arange(-0.4, 0.6, 0.2 * _WALL / length), along) + foot
@@ -186,7 +187,7 @@ def slide_direction(drawing: Any, joint: Any, k: int) -> np.ndarray:
 
 
 # Lines of symbols, and shoes of friction.
-_FINE: dict[str, Any] = {"linewidth": 0.9, "zorder": 2}
+_FINE: Look = {"linewidth": 0.9, "zorder": 2}
 _LOOKS = {
     "guide": _FINE | {"linestyle": ":"},
     "spring": _FINE,
@@ -196,7 +197,7 @@ _LOOKS = {
     "friction": _FINE | {"linewidth": 2.5, "solid_capstyle": "butt"},
     "stop": _FINE | {"linewidth": 1.5},
 }
-_ARROW: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1, "units": "inches"}
+_ARROW: Look = {"angles": "xy", "scale_units": "xy", "scale": 1, "units": "inches"}
 # Fractions of the drawing's size: width of a spring, its far end on the ground, what a guide on a
 # node has beyond its ends, length of the wall of a force.
 _SPRING_WIDTH, _SPRING_END, _BEYOND, _SHORT_WALL = 0.02, 0.15, 0.06, 0.05
@@ -229,7 +230,9 @@ _STRAIGHT = {"spring": _ZIGZAG, "damper": np.concatenate([_ROD, _CUP])}
 # -- In every row ----------------------------------------------------------------------------------
 
 
-def draw_moving(ax, drawing: Drawing, k: int, colour: Any = "black", small: bool = False) -> None:
+def draw_moving(
+    ax, drawing: Drawing, k: int, colour: Colour = "black", small: bool = False
+) -> None:
     """Draw rigid arms, bodies, masses and carried obstacles of row k."""
     _draw_arms(ax, drawing, k, colour)
     draw_bodies(ax, drawing, k, colour, small)
@@ -240,9 +243,9 @@ def draw_moving(ax, drawing: Drawing, k: int, colour: Any = "black", small: bool
         ax.plot(*drawing.positions(heavy, k).T, "o", **look, zorder=3)
 
 
-def draw_outlines(ax, outlines: Sequence[Outline], colour: Any = "0.35") -> None:
+def draw_outlines(ax, outlines: Sequence[Outline], colour: Colour = "0.35") -> None:
     """Draw obstacles as lines with strokes on one side."""
-    look: dict[str, Any] = {"color": colour, "zorder": 1}
+    look: Look = {"color": colour, "zorder": 1}
     draw_lines(ax, [outline.line for outline in outlines], linewidth=1.4, **look)
     strokes = [pair for outline in outlines for pair in outline.strokes]
     draw_lines(ax, strokes, linewidth=0.7, **look)
@@ -260,7 +263,7 @@ def nodes_with_mass(drawing: Drawing) -> list[int]:
     return sorted({node for node, mass, _ in drawing.scene_parts("masses") if mass})
 
 
-def draw_forces(ax, drawing: Drawing, k: int, colour: Any = "black") -> None:
+def draw_forces(ax, drawing: Drawing, k: int, colour: Colour = "black") -> None:
     """Draw arrows of forces, with their heads at the nodes and lengths in proportion.
 
     Forces below a fiftieth of the largest one are left out.
@@ -286,7 +289,7 @@ def _draw_arms(ax, drawing: Drawing, k: int, colour) -> None:
     draw_lines(ax, arms, color=colour, linewidth=2.0, zorder=2)
 
 
-def draw_bodies(ax, drawing: Drawing, k: int, colour: Any, small: bool) -> None:
+def draw_bodies(ax, drawing: Drawing, k: int, colour: Colour, small: bool) -> None:
     """Draw bodies of row k: arms from centre to points, and the area between."""
     arms, areas, centres = [], [], []
     for body in drawing.solution.bodies.values():
@@ -298,7 +301,7 @@ def draw_bodies(ax, drawing: Drawing, k: int, colour: Any, small: bool) -> None:
         centres.append(around[0])
     draw_lines(ax, arms, color=colour, linewidth=2.0, zorder=2)
     if areas:
-        look = {"facecolor": colour, "alpha": 0.03 if small else 0.15, "linewidth": 0}
+        look: Look = {"facecolor": colour, "alpha": 0.03 if small else 0.15, "linewidth": 0}
         ax.add_collection(PolyCollection(areas, **look, zorder=1))
     if centres:
         ax.plot(*np.transpose(centres), "+", color=colour, markersize=6, zorder=4)
