@@ -41,23 +41,30 @@ def benchmark(name):
         sys.path.pop(0)
 
 
-def _bar(axis, section, *size, gravity=None, **options):
+def assert_refused(words, call, *arguments, error=fb.SceneError, **options):
+    """Assert that a call ends in an error whose message has the words, a regular expression."""
+    with pytest.raises(error, match=words):
+        call(*arguments, **options)
+
+
+def one_bar(axis, section, *size, gravity=None, **options):
     """A scene with a beam along an axis: points, a curve, or the end of a line from the origin."""
     scene = fb.Scene(gravity=gravity)
-    points = [(0, 0), axis] if isinstance(axis, tuple | np.ndarray) else axis
+    is_end = isinstance(axis, tuple) or getattr(axis, "ndim", 2) == 1
+    points = [(0, 0), axis] if is_end else axis
     return scene, scene.add_beam(points, section, *size, **options)
 
 
 def clamped_bar(axis, section, *size, **options):
     """A scene with a beam that is clamped at its start, and the beam."""
-    scene, bar = _bar(axis, section, *size, **options)
+    scene, bar = one_bar(axis, section, *size, **options)
     scene.clamp(bar.start)
     return scene, bar
 
 
 def pinned_bar(axis, section, *size, **options):
     """The same on a pin."""
-    scene, bar = _bar(axis, section, *size, **options)
+    scene, bar = one_bar(axis, section, *size, **options)
     scene.pin(bar.start)
     return scene, bar
 
@@ -67,6 +74,12 @@ def supported_bar(axis, section, *size, held="y", **options):
     scene, bar = pinned_bar(axis, section, *size, **options)
     scene.fix(bar.end, *held)
     return scene, bar
+
+
+def one_body(place, *mass, gravity=None, **options):
+    """A scene with a body, and the body."""
+    scene = fb.Scene(gravity=gravity)
+    return scene, scene.add_body(place, *mass, **options)
 
 
 def guided_body(place, mass, inertia, axis=(1, 0), gravity=None, **laws):

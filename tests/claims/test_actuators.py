@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from jointed import KINDS, MEMBER, SLIDING, drift, momenta, pair, throw
+from scenes import one_bar
 
 import fx_beam as fb
 
@@ -41,8 +42,7 @@ def frequency(t, x):
 
 def slider(rest=0.0, damper=None, velocity=0.0):
     """A block of mass 2 on a rail along (0.6, 0.8), and a spring to the ground."""
-    scene = fb.Scene(gravity=None)
-    block = scene.add_beam([(1, 1), (3, 1)], STIFF, elements=2)
+    scene, block = one_bar([(1, 1), (3, 1)], STIFF, elements=2, gravity=None)
     spring = fb.Spring(50.0, rest)
     joint = scene.add_joint(
         fb.Prismatic(fb.GROUND, block.start, axis=(3, 4), spring=spring, damper=damper)
@@ -108,8 +108,7 @@ def test_a_motor_between_free_members_does_its_work_and_changes_no_momentum(kind
 @pytest.mark.parametrize("neighbour", [fb.Rigid, fb.Prismatic])
 def test_a_rigid_joint_does_not_count_the_spring_of_its_neighbour(neighbour):
     # a = b = c, and a torsion spring from b to a bar that is held: a's moment is the spring's.
-    scene = fb.Scene()
-    a = scene.add_beam([(-1, 0), (0, 0)], MEMBER, elements=2)
+    scene, a = one_bar([(-1, 0), (0, 0)], MEMBER, elements=2)
     b = scene.add_beam([(0, 0), (1, 0)], MEMBER, elements=2)
     options = {} if neighbour is fb.Rigid else {"axis": (1, 0), "motor": lambda t: 0.0}
     joint = scene.add_joint(neighbour(a.end, b.start, **options))
@@ -135,8 +134,7 @@ RESOLVED = fb.Section(EA=1e4, GA=1e4, EI=1e2, rhoA=1.0, rhoI=1e-2)
 
 def arm_with_slider(motor=None, spring=None, section=BAR):
     """An arm that a motor turns, and a bar that slides along its end."""
-    scene = fb.Scene()
-    arm = scene.add_beam([(0, 0), (1, 0)], section, elements=4)
+    scene, arm = one_bar((1, 0), section, elements=4)
     bar = scene.add_beam([(1, 0), (1.6, 0.8)], section, elements=2)
     hinge = scene.add_joint(fb.Revolute(fb.GROUND, arm.start, motor=motor))
     slide = scene.add_joint(fb.PinInSlot(arm.end, bar.start, axis=(0.6, 0.8), spring=spring))
@@ -176,8 +174,7 @@ def test_the_motors_power_adds_up_to_the_work_and_to_the_energy_gained():
 
 
 def test_the_power_of_a_motor_is_known_in_the_rows_since_a_return():
-    scene = fb.Scene()
-    bar = scene.add_beam([(0, 0), (1, 0)], BAR, elements=2)
+    scene, bar = one_bar((1, 0), BAR, elements=2)
     joint = scene.add_joint(fb.Prismatic(fb.GROUND, bar.start, (1, 0), motor=fb.Input("x")))
     motion = fb.Motion(scene, dt=1e-3, record=fb.Record())
     speed_up = lambda t, y: {"x": 0.1 * (t + 1e-3) ** 2}  # noqa: E731
@@ -194,8 +191,7 @@ def test_the_power_of_a_motor_is_known_in_the_rows_since_a_return():
 
 
 def test_the_power_of_a_motor_on_a_slide_is_exact_and_without_its_spring(tmp_path):
-    scene = fb.Scene()
-    bar = scene.add_beam([(0, 0), (1, 0)], BAR, elements=2)
+    scene, bar = one_bar((1, 0), BAR, elements=2)
     laws = {"motor": lambda t: 0.1 * t**2, "spring": fb.Spring(30.0)}
     joint = scene.add_joint(fb.Prismatic(fb.GROUND, bar.start, (1, 0), **laws))
     solution = fb.simulate(scene, dt=1e-3, t_end=0.5)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import guided_body
+from scenes import guided_body, one_bar
 
 import fx_beam as fb
 
@@ -39,8 +39,7 @@ def test_a_beam_on_a_shaken_base_has_the_motion_of_euler_and_bernoulli(support):
     # EI u'''' = rhoA w^2 u for the absolute motion, with u = 1 at the supports, complex EI.
     EI, rhoA, L, tau, f = 3.15, 0.162, 0.4, 2e-4, np.array([3.0, 10.0, 40.0])
     section = fb.Section(EA=4.2e6, GA=4.2e7, EI=EI, rhoA=rhoA, rhoI=1e-12, retardation=tau)
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (L, 0)], section, elements=12, degree=3)
+    scene, beam = one_bar((L, 0), section, elements=12, degree=3)
     if support == "clamp":
         scene.clamp(beam.start)
     elif support == "prescribed":
@@ -73,9 +72,8 @@ def test_a_beam_on_a_shaken_base_has_the_motion_of_euler_and_bernoulli(support):
 def test_a_pendulum_with_drag_hangs_on_a_shaken_pivot():
     """Relative to the pivot m L^2 phi'' + c L^2 phi' + m g L phi = m w^2 b L: the air moves too."""
     g, L, m, c = 9.81, 0.7, 2.0, 0.4
-    scene = fb.Scene(gravity=(0, -g))
     rod = fb.Section(EA=1e9, GA=1e9, EI=1e9, rhoA=0.0, rhoI=0.0)
-    beam = scene.add_beam([(0, 0), (0, -L)], rod, elements=1)
+    scene, beam = one_bar((0, -L), rod, elements=1, gravity=(0, -g))
     hinge = scene.add_joint(fb.Revolute(fb.GROUND, beam.start))
     scene.add_mass(beam.end, m)
     scene.add_drag(beam.end, linear=c)
@@ -92,9 +90,8 @@ def test_a_pendulum_with_drag_hangs_on_a_shaken_pivot():
 
 
 def test_what_floats_stays_where_it_is():
-    scene = fb.Scene()
     section = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0, rhoI=1e-3)
-    beam = scene.add_beam([(0, 0), (1, 0.3)], section, elements=4)
+    scene, beam = one_bar((1, 0.3), section, elements=4)
     found = fb.frequency_response(scene, at=beam.end, frequencies=[0.1, 5.0], base=(1, 0.5))
     assert abs(found.values).max() < 1e-9
 

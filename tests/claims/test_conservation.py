@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import FLYING, free_flight, pinned_beam, relative_drift
+from scenes import FLYING, free_flight, one_bar, pinned_beam, relative_drift
 
 import fx_beam as fb
 
@@ -39,8 +39,7 @@ def test_momenta_are_kept_in_free_flight(scheme, degree):
 @pytest.mark.parametrize("dt", [0.1, 0.05, 0.01, 2.5 / 7])
 @pytest.mark.parametrize("last", [lambda t: t < 2.5, lambda t: t <= 2.5])
 def test_a_load_that_ends_with_a_step_gives_its_whole_impulse(dt, last):
-    scene = fb.Scene()
-    beam = scene.add_beam([(6, 0), (0, 8)], FLYING, elements=2)
+    scene, beam = one_bar([(6, 0), (0, 8)], FLYING, elements=2)
     scene.add_force(beam.start, lambda t: (8.0 * last(t), 0.0))
     solution = fb.simulate(scene, dt=dt, t_end=10 * 2.5 / 7)
     assert abs(solution.linear_momentum[-1] - (20.0, 0.0)).max() < 20 * 1e-10

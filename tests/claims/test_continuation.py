@@ -4,7 +4,7 @@ import ufl
 
 import numpy as np
 import pytest
-from scenes import clamped_bar, demo, guided_body, supported_bar
+from scenes import clamped_bar, demo, guided_body, one_bar, supported_bar
 
 import fx_beam as fb
 
@@ -61,10 +61,9 @@ def test_a_deep_arch_meets_the_limit_load_of_the_literature():
 
     def limit(elements):
         at = np.linspace(-half, half, elements + 1)
-        scene = fb.Scene()
         section = fb.Section(EA=1e8, GA=1e8, EI=1.0)
         around = np.column_stack([np.sin(at), np.cos(at)])
-        arch = scene.add_beam(around, section, elements)
+        scene, arch = one_bar(around, section, elements)
         scene.clamp(arch.start)
         scene.pin(arch.end)
         scene.add_force(arch.node(0.5), (0.0, -10.0))
@@ -124,8 +123,7 @@ def test_a_path_may_go_below_the_loads_reversed_and_come_back():
 def linkage():
     """Sliding and turning joints, a spring, a motor, a prescribed support, loads of all kinds."""
     section = fb.Section(EA=1e3, GA=1e3, EI=5.0, rhoA=0.1)
-    scene = fb.Scene(gravity=(0.0, -3.0))
-    rail = scene.add_beam([(0, 0), (1, 0)], section, elements=2)
+    scene, rail = one_bar((1, 0), section, elements=2, gravity=(0.0, -3.0))
     rod = scene.add_beam([(1.2, 0.1), (2.2, 0.1)], section, elements=2)
     arm = scene.add_beam([(2.4, 0.1), (3.0, 0.4)], section, elements=2)
     scene.fix(rail.start, "x", "y")

@@ -4,7 +4,7 @@ import ufl
 
 import numpy as np
 import pytest
-from scenes import clamped_bar, supported_bar
+from scenes import clamped_bar, one_bar, supported_bar
 
 import fx_beam as fb
 
@@ -26,8 +26,7 @@ def plastic_hinge(stiff, H):
 
 
 def arm_on(spring, moment=0.5, EI=6.0):
-    scene = fb.Scene()
-    arm = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=4e3, EI=EI), elements=1)
+    scene, arm = one_bar((1, 0), fb.Section(EA=1e4, GA=4e3, EI=EI), elements=1)
     joint = scene.add_joint(fb.Revolute(fb.GROUND, arm.start, spring=spring))
     scene.add_moment(arm.end, moment)
     return scene, joint

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.integrate
 import scipy.optimize
-from scenes import clamped_bar, held_body, supported_bar
+from scenes import assert_refused, clamped_bar, held_body, supported_bar
 
 import fx_beam as fb
 
@@ -102,8 +102,7 @@ def test_loads_fall_with_imperfections_as_koiter_says(laws, exponent, exact):
     power, coefficients = run.imperfection_sensitivity()
     assert power == exponent
     assert coefficients == pytest.approx([exact, 0.0], rel=1e-4, abs=1e-12)
-    with pytest.raises(fb.SceneError, match=r"x\[0\], which is an imperfection"):
-        run.jacobian()
+    assert_refused(r"x\[0\], which is an imperfection", run.jacobian)
 
 
 @pytest.mark.parametrize(("EA", "elements"), [(1e3, 12), (1e4, 24), (1e5, 12)])
@@ -206,11 +205,9 @@ def test_a_load_that_is_zero_yet_is_no_imperfection(load):
 
 def test_a_critical_load_that_there_is_not_is_told_of():
     run = fb.StaticResponse(lambda x: column([*x, 0.5], followed), load_steps=2)
-    with pytest.raises(fb.SceneError, match="no critical point up to load factor 1"):
-        run([1.0, 1.0])
+    assert_refused("no critical point up to load factor 1", run, [1.0, 1.0])
     motion = fb.Response(lambda x: column([*x, 1.0], heated), dt=0.1, t_end=0.1)
-    with pytest.raises(fb.SceneError, match="a motion has no critical_load"):
-        motion([1.0, 1.0])
+    assert_refused("a motion has no critical_load", motion, [1.0, 1.0])
 
 
 def test_a_load_at_which_material_has_flowed_has_no_derivatives():
@@ -237,8 +234,7 @@ def test_a_load_at_which_material_has_flowed_has_no_derivatives():
 
     run = fb.StaticResponse(build, load_steps=40, continuation="arc-length", max_steps=60)
     assert 0.2 < run([500.0])[1]["load"] < 0.5
-    with pytest.raises(fb.SceneError, match="no derivatives: material flows on the path"):
-        run.vjp({"load": 1.0})
+    assert_refused("no derivatives: material flows on the path", run.vjp, {"load": 1.0})
 
 
 def test_two_modes_at_once_have_no_derivatives():
@@ -252,10 +248,8 @@ def test_two_modes_at_once_have_no_derivatives():
 
     run = fb.StaticResponse(build, load_steps=4)
     assert 15 * run([1.0])[1]["load"] == pytest.approx(10.0, rel=1e-4)
-    with pytest.raises(fb.SceneError, match="2 modes become unstable at once"):
-        run.vjp({"load": 1.0})
-    with pytest.raises(fb.SceneError, match=r"weights\['load'\] is no finite number\. "):
-        run.vjp({"load": np.nan})
+    assert_refused("2 modes become unstable at once", run.vjp, {"load": 1.0})
+    assert_refused(r"weights\['load'\] is no finite number\. ", run.vjp, {"load": np.nan})
 
 
 def test_a_load_depends_on_parameters_at_the_time_of_the_path():

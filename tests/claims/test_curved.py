@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from numpy.polynomial import Legendre
-from scenes import FLYING
+from scenes import FLYING, one_bar
 from scipy.integrate import quad, simpson
 
 import fx_beam as fb
@@ -46,9 +46,8 @@ def test_elements_of_an_arc_divide_its_circle_and_meet_it_at_their_lobatto_point
     def point(angle):
         return 3 - 2 * math.cos(side * angle), 5 - 2 * math.sin(side * angle)
 
-    scene = fb.Scene()
     given = fb.arc(point(0), point(0.3 * sweep), point(sweep))
-    arc = scene.add_beam(given, FLYING, elements=5, degree=degree)
+    scene, arc = one_bar(given, FLYING, elements=5, degree=degree)
     found, places = at_lobatto_points(arc)
     exact = [[point(sweep * (k + (1 + x) / 2) / 5) for x in places] for k in range(5)]
     assert abs(found - exact).max() < 1e-12
@@ -61,8 +60,7 @@ def test_elements_of_an_arc_divide_its_circle_and_meet_it_at_their_lobatto_point
 
 @pytest.mark.parametrize("rise", [1e-3, 1e-6, 3e-9])
 def test_an_arc_goes_through_its_points_however_flat_it_is(rise):
-    scene = fb.Scene()
-    post = scene.add_beam([(5, -1), (5, 0)], FLYING, elements=1)
+    scene, post = one_bar([(5, -1), (5, 0)], FLYING, elements=1)
     arc = scene.add_beam(fb.arc((0, 0), (2.5, 5 * rise), post.end), FLYING, elements=4)
     middle = arc.node(0.5)
     assert (middle.x, middle.y) == pytest.approx((2.5, 5 * rise), rel=1e-14)
@@ -153,8 +151,7 @@ def test_a_spline_that_ends_where_it_begins_up_to_rounding_has_no_kink(closing):
 
 @pytest.mark.parametrize("kind", ["arc", "spline", "function"])
 def test_a_curve_shares_the_nodes_it_is_given(kind):
-    scene = fb.Scene()
-    post = scene.add_beam([(0, -1), (0, 0)], FLYING, elements=2)
+    scene, post = one_bar([(0, -1), (0, 0)], FLYING, elements=2)
     strut = scene.add_beam([(1, -1), (1, 1)], FLYING, elements=2)
     arch = scene.add_beam(
         {
@@ -207,9 +204,8 @@ CURVES = {
 def tip_per_moment(curve, degree, elements, moment):
     """Error of the tip of a curve under a moment."""
     function, rate = CURVES[curve]
-    scene = fb.Scene()
     section = fb.Section(EA=200.0, GA=100.0, EI=1.0)
-    beam = scene.add_beam(function, section, elements=elements, degree=degree)
+    scene, beam = one_bar(function, section, elements=elements, degree=degree)
     scene.clamp(beam.start)
     scene.add_moment(beam.end, moment)
 
@@ -240,8 +236,7 @@ def tip_per_force(degree, elements, thickness, curve="arc", force=1e-4):
     found = 0.0
     # Their sum is linear to fifth order.
     for factor, weight in ((1, 2 / 3), (-1, 2 / 3), (2, -1 / 6), (-2, -1 / 6)):
-        scene = fb.Scene()
-        beam = scene.add_beam(function, section, elements=elements, degree=degree)
+        scene, beam = one_bar(function, section, elements=elements, degree=degree)
         scene.clamp(beam.start)
         scene.add_force(beam.end, (0, factor * force))
         tip = fb.static(scene, load_steps=1).displacement(beam.end)[-1, 1]

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import clamped_bar
+from scenes import assert_refused, clamped_bar, one_bar
 
 import fx_beam as fb
 
@@ -12,9 +12,8 @@ SECTION = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.5, rhoI=0.1)
 
 def bar_at(velocity, on, angle=0.0, gravity=None, **drag):
     """A straight bar of 3 kg that moves without turning, with drag on it or halved on its ends."""
-    scene = fb.Scene(gravity=gravity)
     end = 2 * np.array([np.cos(angle), np.sin(angle)])
-    bar = scene.add_beam([(0, 0), end], SECTION, elements=1)
+    scene, bar = one_bar([(0, 0), end], SECTION, elements=1, gravity=gravity)
     scene.set_velocity(bar, velocity)
     if on == "beam":
         scene.add_drag(bar, **{name: np.divide(value, 2).tolist() for name, value in drag.items()})
@@ -99,8 +98,7 @@ def test_drag_in_proportion_to_the_mass_and_retardation_give_the_ratios_of_rayle
 
 def tumbling():
     """A bent bar that flies, turns and vibrates in a fluid, with more drag at its end."""
-    scene = fb.Scene(gravity=(0.0, -9.81))
-    bar = scene.add_beam([(0, 0), (1, 0), (1.5, 1)], SECTION, elements=[2, 2])
+    scene, bar = one_bar([(0, 0), (1, 0), (1.5, 1)], SECTION, elements=[2, 2], gravity=(0.0, -9.81))
     scene.add_drag(bar, linear=(0.1, 0.5), quadratic=(0.05, 0.7), rotation=0.1)
     scene.add_drag(bar.end, linear=0.3, quadratic=0.2, rotation=0.1)
     scene.set_velocity(bar, lambda x, y: (1 - 2.0 * y, 2.0 * x), spin=2.0)
@@ -147,11 +145,9 @@ def test_a_step_is_halved_where_drag_would_give_energy_in_a_sub_step_that_goes_b
 
 
 def test_a_massless_bar_may_sink_against_drag():
-    scene = fb.Scene()
-    bar = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=100.0), elements=1)
+    scene, bar = one_bar((1, 0), fb.Section(EA=1e4, GA=1e4, EI=100.0), elements=1)
     scene.add_line_load(bar, (0.0, -3.0))
-    with pytest.raises(fb.SceneError, match="without mass"):
-        fb.simulate(scene, dt=0.1, t_end=1.0)
+    assert_refused("without mass", fb.simulate, scene, dt=0.1, t_end=1.0)
     scene.add_drag(bar, linear=2.0, rotation=1.0)
     solution = fb.simulate(scene, dt=0.1, t_end=1.0)
     assert solution.displacement(bar.end)[-1] == pytest.approx([0.0, -1.5], abs=1e-9)

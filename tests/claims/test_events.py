@@ -4,7 +4,7 @@ import ufl
 
 import numpy as np
 import pytest
-from scenes import clamped_bar
+from scenes import clamped_bar, held_body
 from scipy.integrate import solve_ivp
 
 import fx_beam as fb
@@ -197,8 +197,7 @@ def test_a_kink_that_a_parameter_moves_is_an_event_of_its_own_time():
     def length(t):
         return 3.0 + 0.3 * np.sin(6 * t)
 
-    scene = fb.Scene(gravity=(0, -9.81))
-    ball = scene.add_body((0, 0), mass=20.0, inertia=0.5).centre
+    scene, ball = held_body((0, 0), mass=20.0, inertia=0.5, gravity=(0, -9.81))
     L = fb.Parameter("length", length)
     rope = fb.Spring(strain_energy=lambda r: 1e4 * ufl.max_value(r - L, 0) ** 2)
     scene.add_force_between(ball, (0, 3), spring=rope)

@@ -3,7 +3,7 @@
 import ufl
 
 import pytest
-from scenes import FLYING, free_flight, pinned_beam, relative_drift
+from scenes import FLYING, free_flight, one_bar, pinned_beam, relative_drift
 
 import fx_beam as fb
 
@@ -15,9 +15,8 @@ def stiffening(eps, gamma, kappa):
 
 def whirling_arc(degree, section):
     """A free arc of two elements that turns by up to 1.2 rad a step."""
-    scene = fb.Scene()
     curve = fb.arc((0, 0), (2, 1), (4, 0))
-    arc = scene.add_beam(curve, section, elements=2, degree=degree)
+    scene, arc = one_bar(curve, section, elements=2, degree=degree)
     scene.set_velocity(arc, lambda x, y: (-8 * y, 8 * (x - 2) + 3 * y**2), spin=8.0)
     return scene
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import clamped_bar
+from scenes import clamped_bar, one_bar
 
 import fx_beam as fb
 from fx_beam.results.fields import along_all
@@ -105,8 +105,7 @@ def test_it_is_the_limit_of_static_at_small_loads():
 
 def test_weight_heat_settlement_and_springs_count():
     L, q, settled, k, heat = 2.0, 2.0 * 9.81, -0.01, 50.0, 2e-3
-    scene = fb.Scene(gravity=(0, -9.81))
-    beam = scene.add_beam([(0, 0), (L, 0)], SECTION, elements=2, degree=3)
+    scene, beam = one_bar((L, 0), SECTION, elements=2, degree=3, gravity=(0, -9.81))
     scene.fix(beam.start, "x", "rotation")
     scene.prescribe(beam.start, y=lambda t: settled)
     scene.add_force_between(beam.end, (L, -1.0), spring=fb.Spring(k, rest=1.0))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from derivatives import assert_they_are_those_of_the_motion
 from jointed import chain, four_bar as linkage
-from scenes import clamped_bar, hinged_body, pinned_bar
+from scenes import clamped_bar, hinged_body, one_body, pinned_bar
 from scipy.integrate import solve_ivp
 
 import fx_beam as fb
@@ -109,8 +109,7 @@ def place(t):
 
 def pushed_pendulum(motor):
     """A motor or a support moves a pendulum's carriage."""
-    scene = fb.Scene(gravity=(0, -G))
-    carriage = scene.add_body((0, 0), 1.0, 0.1)
+    scene, carriage = one_body((0, 0), 1.0, 0.1, gravity=(0, -G))
     body = scene.add_body((0, -A), M, J, points={"pin": (0, 0)})
     scene.add_joint(fb.Revolute(carriage.centre, body["pin"]))
     if motor:
@@ -343,8 +342,7 @@ def test_a_driven_input_gives_the_forces_of_the_same_motion_along_straight_lines
     places = 0.1 * (0.01 * np.maximum(np.arange(21) - 1, 0)) ** 2  # at rest in the first step
     moved = []
     for given in (fb.Input("x"), lambda t: np.interp(t, 0.01 * np.arange(21), places)):
-        scene = fb.Scene(gravity=(0, -G))
-        cart = scene.add_body((0, 0), 1.0, 0.1)
+        scene, cart = one_body((0, 0), 1.0, 0.1, gravity=(0, -G))
         bob = scene.add_body((0, -0.5), 1.0, 0.05, points={"q": (0, 0)})
         rail = fb.Prismatic(fb.GROUND, cart.centre, axis=(1, 0), motor=given)
         rail = scene.add_joint(rail)

@@ -4,7 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
-from scenes import clamped_bar
+from scenes import clamped_bar, one_bar, one_body
 
 import fx_beam as fb
 
@@ -49,8 +49,7 @@ def test_each_of_many_paths_finds_the_point_and_its_mode():
     section = fb.Section(EA=1e5, GA=1e4, EI=1.0, rhoA=1.0, rhoI=1e-3)
     loads, shapes = [], []
     for load in np.linspace(20.0, 28.0, 41):
-        scene = fb.Scene()
-        beam = scene.add_beam([(0, 0), (np.cos(0.7), np.sin(0.7))], section, 5, 2)
+        scene, beam = one_bar((np.cos(0.7), np.sin(0.7)), section, 5, 2)
         scene.add_joint(fb.Revolute(fb.GROUND, beam.start, spring=fb.Spring(20.0)))
         scene.add_mass(beam.end, 0.1)
         scene.add_force(beam.end, (-load * np.cos(0.7), -load * np.sin(0.7)), follower=True)
@@ -78,8 +77,7 @@ def test_two_equal_columns_flutter_at_one_point_with_two_modes():
 
 def test_zieglers_column_flutters_between_two_loads_and_then_diverges():
     """Two rods, 2 kg and 1 kg at their ends: flutter for |P L/c - 7/2| < sqrt(2)."""
-    scene = fb.Scene()
-    one = scene.add_body((1, 0), 2.0, 1e-12, points={"O": (0, 0), "A": (1, 0)})
+    scene, one = one_body((1, 0), 2.0, 1e-12, points={"O": (0, 0), "A": (1, 0)})
     two = scene.add_body((2, 0), 1.0, 1e-12, points={"A": (1, 0)})
     scene.add_joint(fb.Revolute(fb.GROUND, one["O"], spring=fb.Spring(1.0)))
     scene.add_joint(fb.Revolute(one["A"], two["A"], spring=fb.Spring(1.0)))

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import scipy.linalg
+from scenes import one_bar
 
 import fx_beam as fb
 
@@ -110,8 +111,7 @@ def test_a_free_ring_that_cools_shrinks():
 
 @pytest.mark.parametrize("continuation", [None, "arc-length"])
 def test_a_free_column_with_a_tendon_buckles_at_eulers_load(continuation):
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (0, 1)], fb.Section(1e6, 1e6, 1.0), elements=8, degree=3)
+    scene, beam = one_bar((0, 1), fb.Section(1e6, 1e6, 1.0), elements=8, degree=3)
     scene.add_force_between(beam.start, beam.end, force=12.0)
     path = fb.static(scene, load_steps=7, continuation=continuation)
     (point,) = path.critical_points
@@ -152,9 +152,8 @@ def test_derivatives_of_an_equilibrium_that_no_support_holds():
     """The beam shortens by T L / (EA + K L)."""
 
     def build(x):
-        scene = fb.Scene()
         section = fb.Section(EA=x[0], GA=3e7, EI=EI)
-        beam = scene.add_beam([(0, 0), (L, 0)], section, elements=2)
+        scene, beam = one_bar((L, 0), section, elements=2)
         scene.add_force_between(beam.start, beam.end, spring=fb.Spring(K, rest=L - x[1] / K))
         ends = {"start": beam.start, "end": beam.end}
         return scene, {name: fb.Output("position", node) for name, node in ends.items()}

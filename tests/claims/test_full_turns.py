@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import pinned_beam, relative_drift
+from scenes import held_body, one_bar, pinned_beam, relative_drift
 
 import fx_beam as fb
 
@@ -11,8 +11,7 @@ STIFF = fb.Section(EA=1e6, GA=1e6, EI=1e4, rhoA=1.0, rhoI=0.1)
 
 def rotor(**rotation):
     """A stout beam on a hinge, with what acts on its rotation."""
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], STIFF, elements=2)
+    scene, beam = one_bar((1, 0), STIFF, elements=2)
     scene.add_joint(fb.Revolute(fb.GROUND, beam.start, **rotation))
     return scene, beam
 
@@ -61,8 +60,7 @@ def test_a_spring_counts_all_turns():
 @pytest.mark.parametrize(("order", "lags"), [(2, (0.0201, 0.0727)), (4, (5.7e-5, 8.4e-4))])
 def test_the_angle_of_a_free_spin_lags_behind_by_what_the_page_on_limits_says(order, lags):
     for dt, lag in zip((0.5, 1.0), lags, strict=True):
-        scene = fb.Scene()
-        body = scene.add_body((0, 0), mass=1.0, inertia=1.0).centre
+        scene, body = held_body((0, 0), mass=1.0, inertia=1.0)
         scene.set_velocity(body, spin=1.0)
         solution = fb.simulate(scene, fb.EnergyMomentum(order), dt=dt, t_end=20.0)
         assert 1 - solution.rotation(body)[-1] / 20.0 == pytest.approx(lag, rel=0.01)

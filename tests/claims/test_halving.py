@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import FLYING, clamped_bar
+from scenes import FLYING, clamped_bar, one_bar, one_body
 
 import fx_beam as fb
 
@@ -11,8 +11,7 @@ MOST = fb.NewtonOptions(max_turn=0.3)
 
 def turning(spin):
     """A body of 0.1 kg m^2 that turns freely."""
-    scene = fb.Scene()
-    body = scene.add_body((0, 0), mass=1.0, inertia=0.1)
+    scene, body = one_body((0, 0), mass=1.0, inertia=0.1)
     scene.set_velocity(body, spin=spin)
     return scene, body.centre
 
@@ -44,8 +43,7 @@ def test_a_load_that_overflows_ends_the_run_after_its_halvings(size):
 
 @pytest.mark.parametrize("size", [1e76, 1e308, 10**400], ids=["1e76", "1e308", "1e400"])
 def test_numbers_whose_products_overflow_are_refused(size):
-    scene = fb.Scene()
-    arm = scene.add_beam([(0, 0), (1, 0)], FLYING, elements=1)
+    scene, arm = one_bar((1, 0), FLYING, elements=1)
     for add in (
         lambda: scene.add_mass(arm.end, size),
         lambda: scene.add_drag(arm.end, quadratic=size),

@@ -7,7 +7,7 @@ import ufl
 import numpy as np
 import pytest
 from jointed import pair
-from scenes import clamped_bar
+from scenes import assert_refused, clamped_bar, one_bar
 
 import fx_beam as fb
 
@@ -47,8 +47,7 @@ STIFFENING = fb.Spring(strain_energy=stiffening)
 
 def driven(spring, path, slides=False):
     """An arm on the ground with a coordinate that is prescribed over time."""
-    scene = fb.Scene()
-    arm = scene.add_beam([(0, 0), (1, 0)], LIGHT, elements=1)
+    scene, arm = one_bar((1, 0), LIGHT, elements=1)
     if slides:
         joint = fb.Prismatic(fb.GROUND, arm.start, axis=(1, 0), spring=spring, motor=path)
     else:
@@ -144,8 +143,7 @@ def test_a_zener_hinge_relaxes_with_second_order(scheme):
 
 
 def test_load_steps_follow_the_flow_exactly_and_stiff_members_may_turn_about_a_hinge():
-    scene = fb.Scene()
-    arm = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e9, GA=1e9, EI=1e9), elements=1)
+    scene, arm = one_bar((1, 0), fb.Section(EA=1e9, GA=1e9, EI=1e9), elements=1)
     joint = scene.add_joint(fb.Revolute(fb.GROUND, arm.start, spring=PLASTIC))
     scene.add_moment(arm.end, 6.0)
     solution = fb.static(scene, load_steps=6)
@@ -249,5 +247,4 @@ def test_springs_that_do_not_fit_their_joint_are_refused():
     with pytest.raises(fb.SceneError, match="variables of the same name"):
         pair("pin in slot", spring=PLASTIC, hinge=fb.Coordinate(spring=PLASTIC))
     scene, _ = swung(fb.Spring(strain_energy=lambda x: abs(x) ** 1.5))
-    with pytest.raises(fb.SceneError, match="Spring: at its rest .* must be finite"):
-        fb.simulate(scene, dt=0.1, t_end=0.1)
+    assert_refused("Spring: at its rest .* must be finite", fb.simulate, scene, dt=0.1, t_end=0.1)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from jointed import KINDS, MEMBER, W, momenta, pair, rotation
-from scenes import clamped_bar, pinned_bar
+from scenes import clamped_bar, one_bar, pinned_bar
 
 import fx_beam as fb
 
@@ -66,8 +66,7 @@ def test_the_order_of_joints_and_of_their_nodes_does_not_matter(plain_swing, opt
 
 def loaded(prepare):
     """Positions and rotations of a beam after `prepare(scene, beam)` has held it."""
-    scene = fb.Scene(gravity=(1.0, -9.81))
-    beam = scene.add_beam([(0, 0), (1, 0.5)], MEMBER, elements=4)
+    scene, beam = one_bar((1, 0.5), MEMBER, elements=4, gravity=(1.0, -9.81))
     joint = prepare(scene, beam)
     scene.add_moment(beam.end, lambda t: 3.0 * np.sin(5 * t))
     solution = fb.simulate(scene, dt=0.01, t_end=0.5)

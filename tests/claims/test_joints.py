@@ -15,6 +15,7 @@ from jointed import (
     throw,
     thrown,
 )
+from scenes import one_bar
 
 import fx_beam as fb
 
@@ -79,8 +80,7 @@ def held(place, kind):
     """A pair with its joint's nodes supported, or a joint with the ground as b."""
     if place == "ground as b":
         make, _, given = KINDS[kind]
-        scene = fb.Scene(gravity=(3, -9.81))
-        beam = scene.add_beam([(0, 0), (1, 0)], MEMBER, elements=2)
+        scene, beam = one_bar((1, 0), MEMBER, elements=2, gravity=(3, -9.81))
         scene.add_joint(make(beam.start, fb.GROUND, **given))
         return scene
     scene, first, second, _ = pair(kind, gravity=(3, -9.81))
@@ -95,8 +95,7 @@ def held(place, kind):
 
 def row(*kinds, first=(), last=()):
     """Beams of one element, each joined to the start of the one before, some of them supported."""
-    scene = fb.Scene(gravity=(3, -9.81))
-    beam = scene.add_beam([(0, 0), (1, 0)], MEMBER, elements=1)
+    scene, beam = one_bar((1, 0), MEMBER, elements=1, gravity=(3, -9.81))
     if first == "slot":
         scene.add_joint(fb.PinInSlot(beam.start, fb.GROUND, axis=(1, 2), offset=(0.1, 0.3)))
     elif first:

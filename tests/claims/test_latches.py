@@ -4,7 +4,7 @@ import copy
 
 import numpy as np
 import pytest
-from scenes import clamped_bar, hinged_body, pinned_bar
+from scenes import assert_refused, clamped_bar, held_body, hinged_body, one_body, pinned_bar
 
 import fx_beam as fb
 
@@ -116,8 +116,7 @@ def test_a_solution_does_not_depend_on_what_becomes_of_its_scene():
 @by_scheme
 def test_bodies_that_dock_have_the_common_motion_of_both(scheme):
     """Two free bodies whose ports meet."""
-    scene = fb.Scene()
-    one = scene.add_body((0, 0), 2.0, 0.3, points={"port": (0.5, 0.1)}, name="one")
+    scene, one = one_body((0, 0), 2.0, 0.3, points={"port": (0.5, 0.1)}, name="one")
     two = scene.add_body((3, 0.2), 3.0, 0.4, points={"port": (2.6, 0.1)}, name="two")
     scene.set_velocity(one, (1.0, 0.0))
     scene.set_velocity(two, (-0.4, 0.0))
@@ -150,8 +149,7 @@ def test_bodies_that_dock_have_the_common_motion_of_both(scheme):
     [("Revolute", "a"), ("Rigid", "b"), ("Prismatic", "a"), ("PinInSlot", "b"), ("Rigid", "a")],
 )
 def test_a_hook_on_the_ground_catches_a_body_where_it_is(kind, side, tmp_path):
-    scene = fb.Scene(gravity=(0, -9.81))
-    body = scene.add_body((0, 0), 1.0, 0.1, points={"eye": (0.5, 0)})
+    scene, body = one_body((0, 0), 1.0, 0.1, points={"eye": (0.5, 0)}, gravity=(0, -9.81))
     scene.set_velocity(body, (2.0, 1.0), 5.0)
     flight = fb.simulate(scene, dt=0.01, t_end=0.33)
     axis = {"axis": (1, 1)} if kind in ("Prismatic", "PinInSlot") else {}
@@ -174,8 +172,7 @@ def test_a_hook_on_the_ground_catches_a_body_where_it_is(kind, side, tmp_path):
 
 
 def test_a_joint_that_closes_a_loop_in_a_motion():
-    scene = fb.Scene(gravity=(0, -9.81))
-    left = scene.add_body((0.5, 0), 1.0, 0.1, points={"pin": (0, 0)})
+    scene, left = one_body((0.5, 0), 1.0, 0.1, points={"pin": (0, 0)}, gravity=(0, -9.81))
     right = scene.add_body((2.6, 0), 1.0, 0.1, points={"pin": (3.2, 0), "end": (2, 0)})
     for body in (left, right):
         scene.add_joint(fb.Revolute(fb.GROUND, body["pin"]))
@@ -229,10 +226,8 @@ def test_joined_motions_have_the_rows_and_the_balance_of_both(tmp_path):
     more = {"dt": 0.01, "t_end": 0.45}
     one, other = (fb.simulate(scene, start=start, **more) for start in (joined, rest))
     assert abs(one.position(ball.centre) - other.position(ball.centre)).max() < 1e-12
-    with pytest.raises(ValueError, match="the second one starts at t = 0.3"):
-        whole.then(rest)
-    with pytest.raises(ValueError, match="then needs a solution, not 3"):
-        whole.then(3)
+    assert_refused("the second one starts at t = 0.3", whole.then, rest, error=ValueError)
+    assert_refused("then needs a solution, not 3", whole.then, 3, error=ValueError)
 
 
 # -- Latches and fuses within one call -------------------------------------------------------------
@@ -259,8 +254,7 @@ def test_ten_latches_close_one_after_the_other():
 
 
 def test_latches_of_a_symmetric_scene_close_together():
-    scene = fb.Scene()
-    hub = scene.add_body((0, 0), 3.0, 1.0).centre
+    scene, hub = held_body((0, 0), 3.0, 1.0)
     wings = []
     for side in (1, -1):
         points = {"root": (0, 0)}
@@ -456,7 +450,6 @@ REFUSED = [
 def test_wrong_locks_and_changes_are_refused(wrong, words):
     scene, _, guide = two_masses()
     slot = scene.add_joint(fb.PinInSlot(fb.GROUND, guide.a, axis=(1, 0)))
-    with pytest.raises(fb.SceneError, match=words):
-        wrong(scene, guide, slot)
+    assert_refused(words, wrong, scene, guide, slot)
     scene.remove(guide)  # also by the joint that add_joint returned, and if it is locked
     assert guide.number not in [joint.number for joint in scene.joints]

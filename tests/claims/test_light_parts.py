@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from mechanisms import differences
-from scenes import clamped_bar
+from scenes import clamped_bar, one_bar
 
 import fx_beam as fb
 
@@ -15,9 +15,8 @@ GRAVITY = -7.0, -0.9
 
 def falling(rhoA, mass):
     """A light stiff beam that falls beside a heavy body, not connected to it."""
-    scene = fb.Scene(gravity=GRAVITY)
     section = fb.Section(EA=2e10, GA=8e9, EI=2e6, rhoA=rhoA, rhoI=1e-4 * rhoA)
-    beam = scene.add_beam([(0, 0), (0.9, 0.8)], section, elements=3)
+    scene, beam = one_bar((0.9, 0.8), section, elements=3, gravity=GRAVITY)
     if mass:
         heavy = scene.add_body((2, 0), mass, mass).centre
         other = scene.add_body((3, 0), 30.0, 5.0, {"pin": (2.5, 0)})
@@ -97,9 +96,8 @@ def test_a_small_beam_beside_a_large_scene_bends_as_it_does_alone():
 @pytest.mark.parametrize("run", [fb.simulate, by_dolfinx])
 def test_what_rounding_leaves_open_is_said(run, caplog):
     """The turn of a beam about a mass 1e13 times its own: its stiffness rounds its inertia away."""
-    scene = fb.Scene()
     section = fb.Section(EA=1e11, GA=1e11, EI=1e10, rhoA=1e-9, rhoI=1e-10)
-    beam = scene.add_beam([(0, 0), (1.1, 1.7)], section, elements=5, degree=2, name="light")
+    scene, beam = one_bar((1.1, 1.7), section, elements=5, degree=2, name="light")
     scene.add_mass(beam.end, 1e4)
     scene.set_velocity(beam, (-300.0, -700.0), spin=0.1)
     scene.add_force(beam.start, (1e-6, 2e-6))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.signal
-from scenes import clamped_bar, held_body, pinned_bar
+from scenes import clamped_bar, held_body, one_bar, pinned_bar
 
 import fx_beam as fb
 
@@ -38,9 +38,8 @@ def hanging(rhoI=1e-2, retardation=0.01):
 
 def swinging():
     """A block that is driven on a rail, on it a turning arm with a slider."""
-    scene = fb.Scene(gravity=(0.0, -9.81))
     made = section(retardation=0.0)
-    block = scene.add_beam([(0, 0), (0.4, 0)], made, elements=1)
+    scene, block = one_bar((0.4, 0), made, elements=1, gravity=(0.0, -9.81))
     rail = fb.Prismatic(fb.GROUND, block.start, axis=(1, 0), motor=fb.Input("place"))
     rail = scene.add_joint(rail)
     arm = scene.add_beam([(0, 0), (0.6, -0.8)], made, elements=2)
@@ -108,8 +107,7 @@ def test_the_transfer_function_is_the_frequency_response(rhoI):
 
 
 def test_rates_of_motors_and_prescribed_motions_are_inputs():
-    scene = fb.Scene(gravity=(0.0, -9.81))
-    base = scene.add_beam([(0, 0), (0.5, 0)], section(), elements=2)
+    scene, base = one_bar((0.5, 0), section(), elements=2, gravity=(0.0, -9.81))
     scene.fix(base.start, "y", "rotation")
     scene.prescribe(base.start, x=fb.Input("x"))
     arm = scene.add_beam([(0.5, 0), (1.2, 0.3)], section(), elements=2)
@@ -359,9 +357,8 @@ def test_a_cantilever_that_creeps_slowly_ends_at_its_elastic_deflection(retardat
 @pytest.mark.parametrize("elements", [4, 40])
 def test_a_rod_in_a_sleeve_on_the_ground_has_the_frequencies_of_its_modes(elements):
     """Forces turn it about the sleeve: part of its stiffness is that of its coupling."""
-    scene = fb.Scene(gravity=(0, -9.81))
     made = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.01)
-    rod = scene.add_beam([(0, 0), (1, 0.3)], made, elements)
+    scene, rod = one_bar((1, 0.3), made, elements, gravity=(0, -9.81))
     spring = fb.Spring(300.0, rest=0.4)
     scene.add_joint(fb.Sleeve(rod, fb.GROUND, fraction=0.6, spring=spring))
     scene.add_force(rod.end, (3.0, -20.0))
@@ -395,8 +392,7 @@ def test_turns_without_mass_are_not_damped_by_the_motion_of_a_state(EA):
 
 def test_at_a_critical_point_pulls_act_with_their_load_factor():
     """A mass on a spring, pushed aside: x'' + 3 l x' + (4 - 8 l) x = 0 at the load factor l."""
-    scene = fb.Scene()
-    body = scene.add_body((0, 0), mass=1.0, inertia=1.0).centre
+    scene, body = held_body((0, 0), mass=1.0, inertia=1.0)
     guide = fb.Prismatic(fb.GROUND, body, axis=(1, 0), spring=fb.Spring(4.0))
     scene.add_joint(guide)
     scene.add_force_between(body, (0, -1), force=-8.0)

@@ -4,7 +4,7 @@ import ufl
 
 import numpy as np
 import pytest
-from scenes import held_body
+from scenes import held_body, one_bar
 
 import fx_beam as fb
 
@@ -70,8 +70,7 @@ def test_energies_and_powers_of_all_lines_are_those_of_the_scene(own):
 
 
 def test_the_energy_of_a_bed_and_of_a_stop_is_that_of_springs():
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (2, 0)], fb.Section(EA=1e5, GA=1e5, EI=20.0), elements=8)
+    scene, beam = one_bar((2, 0), fb.Section(EA=1e5, GA=1e5, EI=20.0), elements=8)
     scene.fix(beam.start, "x")
     bed = scene.add_bed(beam, normal=500.0, pushes_only=True)
     scene.add_force(beam.node(0.25), (0.0, -20.0))
@@ -83,9 +82,8 @@ def test_the_energy_of_a_bed_and_of_a_stop_is_that_of_springs():
 
 def test_beds_have_rates_and_power():
     """What a bed takes while its beam falls on it is stored; rates are those of its nodes."""
-    scene = fb.Scene(gravity=(0, -9.81))
     section = fb.Section(EA=1e5, GA=1e5, EI=20.0, rhoA=2.0, rhoI=1e-4)
-    beam = scene.add_beam([(0, 0), (1.6, 1.2)], section, elements=6)
+    scene, beam = one_bar((1.6, 1.2), section, elements=6, gravity=(0, -9.81))
     bed = scene.add_bed(beam, normal=500.0, tangential=80.0)
     for node in beam.nodes:
         scene.set_velocity(node, (0.3, 0.0))

@@ -4,7 +4,7 @@ import logging
 import math
 
 import pytest
-from scenes import clamped_bar
+from scenes import clamped_bar, one_bar
 
 import fx_beam as fb
 
@@ -36,8 +36,7 @@ def test_enough_elements_are_not_warned_of(elements, degree, caplog):
 
 def test_a_motion_is_looked_at_also_between_its_ends(caplog):
     """Two members: the bend is that of the second one, not what is between both."""
-    scene = fb.Scene()
-    still = scene.add_beam([(0, 1), (1, 1)], SECTION, elements=2, name="still")
+    scene, still = one_bar([(0, 1), (1, 1)], SECTION, elements=2, name="still")
     moved = scene.add_beam([(0, 0), (0, -1)], SECTION, elements=2, name="moved")
     for beam in (still, moved):
         scene.clamp(beam.start)

@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from scenes import clamped_bar, pinned_bar
+from scenes import assert_refused, clamped_bar, one_bar, pinned_bar
 
 import fx_beam as fb
 
@@ -49,8 +49,7 @@ def test_a_three_hinged_arch_holds_and_in_line_it_does_not():
         check_moving(arch)
         flat, _ = chain([(0, 0), (size, 0), (2 * size, 0)], section)
         for check in (check_static, check_moving):
-            with pytest.raises(fb.SceneError, match=r"can rotate about \((0|2e?[-+0-9]*), 0\)"):
-                check(flat)
+            assert_refused(r"can rotate about \((0|2e?[-+0-9]*), 0\)", check, flat)
 
 
 @pytest.mark.parametrize("links", [3, 100])
@@ -77,8 +76,7 @@ def test_in_a_long_cantilever_of_springs_the_one_free_hinge_is_found(free):
     if free is None:
         check_static(scene)
     else:
-        with pytest.raises(fb.SceneError, match=rf"can rotate about \({free}, 0\) as a rigid"):
-            check_static(scene)
+        assert_refused(rf"can rotate about \({free}, 0\) as a rigid", check_static, scene)
 
 
 @pytest.mark.parametrize("angle", [1.0, 1e-3, 0.0])
@@ -86,8 +84,7 @@ def test_a_parallelogram_in_line_has_one_motion_more(angle):
     # Two cranks and a coupler, all without mass, the coupler held by a spring on the first crank.
     # In line the second crank may turn the other way.
     crank = np.array([np.cos(angle), np.sin(angle)])
-    scene = fb.Scene()
-    first = scene.add_beam([(0, 0), crank], LIGHT, elements=1)
+    scene, first = one_bar([(0, 0), crank], LIGHT, elements=1)
     coupler = scene.add_beam([crank, crank + (3, 0)], LIGHT, elements=1)
     second = scene.add_beam([(3, 0), crank + (3, 0)], LIGHT, elements=1)
     scene.add_joint(fb.Revolute(fb.GROUND, first.start, spring=fb.Spring(stiffness=1.0)))
@@ -97,8 +94,7 @@ def test_a_parallelogram_in_line_has_one_motion_more(angle):
     if angle:
         check_static(scene)
     else:
-        with pytest.raises(fb.SceneError, match="can rotate about"):
-            check_static(scene)
+        assert_refused("can rotate about", check_static, scene)
 
 
 # -- What mass holds ---------------------------------------------------------------------------
@@ -110,33 +106,28 @@ def test_a_mass_counts_whatever_its_unit(mass, size):
     scene, arm = pinned_bar((size, 0), LIGHT, elements=1)
     other = scene.add_beam([(0, size), (size, size)], LIGHT, elements=1)
     scene.add_mass(other.start, 1.0, size**2)
-    with pytest.raises(fb.SceneError, match=r"can rotate about \(0, 0\) .*without mass"):
-        check_moving(scene)
+    assert_refused(r"can rotate about \(0, 0\) .*without mass", check_moving, scene)
     scene.add_mass(arm.end, 0.0, mass * size**2)
     check_moving(scene)
 
 
 def test_masses_in_one_place_let_a_part_turn_about_it_and_in_two_do_not():
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (3, 4)], LIGHT, elements=2)
+    scene, beam = one_bar((3, 4), LIGHT, elements=2)
     scene.add_mass(beam.end, 1.0)
     scene.add_mass(beam.end, 2.0)
-    with pytest.raises(fb.SceneError, match=r"beam 'beam 1' can rotate about \(3, 4\)"):
-        check_moving(scene)
+    assert_refused(r"beam 'beam 1' can rotate about \(3, 4\)", check_moving, scene)
     scene.add_mass(beam.start, 1e-20)
     check_moving(scene)
 
 
 def test_the_beams_of_the_body_that_moves_are_named():
-    scene = fb.Scene()
-    hub = scene.add_beam([(0, 0), (1, 0)], LIGHT, name="spoke 0", elements=1)
+    scene, hub = one_bar((1, 0), LIGHT, name="spoke 0", elements=1)
     for k in (1, 2, 3, 4):
         scene.add_beam([hub.start, (np.cos(k), np.sin(k))], LIGHT, name=f"spoke {k}", elements=1)
     scene.clamp(scene.add_beam([(5, 0), (6, 0)], LIGHT, name="post", elements=1).start)
     scene.pin(hub.start)
     named = r"beams 'spoke 0', 'spoke 1', 'spoke 2' and 2 more can rotate about \(0, 0\) as a rigid"
-    with pytest.raises(fb.SceneError, match=named):
-        check_static(scene)
+    assert_refused(named, check_static, scene)
 
 
 # -- Against another algorithm -----------------------------------------------------------------
@@ -257,11 +248,9 @@ def test_a_node_with_a_mass_that_may_turn_is_told_of_add_mass():
     scene, beam = clamped_bar((1, 0), pendulum, elements=1)
     bob = scene.add_body((1, -1), mass=0.0).centre
     scene.add_force_between(bob, beam.end, spring=fb.Spring(10.0))
-    with pytest.raises(fb.SceneError, match=r"add_mass\(node, mass, inertia=...\)"):
-        fb.modes(scene)
+    assert_refused(r"add_mass\(node, mass, inertia=...\)", fb.modes, scene)
     scene.add_mass(bob, 1.0)
-    with pytest.raises(fb.SceneError, match=r'inertia=...\).* fix\(node, "rotation"\)'):
-        fb.modes(scene)
+    assert_refused(r'inertia=...\).* fix\(node, "rotation"\)', fb.modes, scene)
 
 
 @pytest.mark.parametrize(("inertia", "held"), [(0.3, False), (0.0, True), (0.3, True)])
@@ -279,8 +268,7 @@ def test_with_what_the_message_names_a_point_mass_swings_as_the_closed_form(iner
 @pytest.mark.parametrize("inertia", [0.0, 0.3])
 def test_a_point_mass_in_statics_is_told_which_support_it_needs(inertia):
     scene, node = hanging(True, inertia)
-    with pytest.raises(fb.SceneError, match=r'rotation of node 0 .* fix\(node, "rotation"\)'):
-        fb.static(scene)
+    assert_refused(r'rotation of node 0 .* fix\(node, "rotation"\)', fb.static, scene)
     scene.fix(node, "rotation")
     end = fb.static(scene).position(node)[-1]
     assert end == pytest.approx([0.0, -0.2 - 100 * 9.81 / 4e4], abs=1e-9)
@@ -291,8 +279,6 @@ def test_a_mass_on_a_guide_that_may_turn_is_no_raw_error():
     a, b = (scene.add_body((0, y), mass=1.0).centre for y in (-0.3, -1.3))
     scene.add_joint(fb.Prismatic(fb.GROUND, a, axis=(1, 0)))
     scene.add_joint(fb.Revolute(a, b, offset=(0, -1.0)))
-    with pytest.raises(fb.SceneError, match="nothing acts on rotation of node 1"):
-        fb.static(scene)
+    assert_refused("nothing acts on rotation of node 1", fb.static, scene)
     scene.fix(b, "rotation")
-    with pytest.raises(fb.SceneError, match=r'x of node 0 .*free.*fix\(node, "x"\)'):
-        fb.static(scene)
+    assert_refused(r'x of node 0 .*free.*fix\(node, "x"\)', fb.static, scene)

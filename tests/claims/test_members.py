@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from scenes import clamped_bar, supported_bar
+from scenes import clamped_bar, one_bar, one_body, supported_bar
 
 import fx_beam as fb
 
@@ -13,8 +13,7 @@ SECTION = fb.Section(EA=1e4, GA=4e3, EI=10.0, rhoA=1.0, rhoI=1e-3)
 
 def tip_on_beam(stiffness=1e5, **options):
     """A free beam that falls with its tip on another one, which is free as well."""
-    scene = fb.Scene()
-    below = scene.add_beam([(0, 0), (2, 0)], SECTION, elements=8, name="below")
+    scene, below = one_bar((2, 0), SECTION, elements=8, name="below")
     above = scene.add_beam([(0.7, 0.3), (1.1, 1.6)], SECTION, elements=8, name="above")
     contact = scene.add_contact(above, below, stiffness=stiffness, radius=0.05, **options)
     scene.set_velocity(above, (0.3, -2.0), spin=0.5)
@@ -31,8 +30,7 @@ def assert_conserved(solution):
 def test_an_impact_where_nodes_slide_on_beams_keeps_energy_and_both_momenta():
     """A bar hits a beam, and the rod on which both ends of this beam slide, about such an end."""
     friction = fb.Coulomb(0.4, 5e4)
-    scene = fb.Scene()
-    rod = scene.add_beam([(0, 0), (2, 0)], SECTION, elements=8)
+    scene, rod = one_bar((2, 0), SECTION, elements=8)
     shuttle = scene.add_beam([(0.6, 0), (0.9, 0.3), (1.2, 0)], SECTION, elements=4)
     scene.add_joint(fb.Slider(rod, shuttle.start))
     scene.add_joint(fb.Sleeve(rod, shuttle.end))
@@ -50,8 +48,7 @@ def test_an_impact_where_nodes_slide_on_beams_keeps_energy_and_both_momenta():
 @pytest.mark.parametrize("dt", [1e-3, 4e-3])
 def test_sliding_from_segment_to_segment_and_over_ends_keeps_them(dt):
     """A bar slides along another one, and over its end."""
-    scene = fb.Scene()
-    below = scene.add_beam([(0, 0), (2, 0)], SECTION, elements=16)
+    scene, below = one_bar((2, 0), SECTION, elements=16)
     above = scene.add_beam([(0.3, 0.1005), (2.2, 0.1005)], SECTION, elements=13)
     contact = scene.add_contact(above, below, stiffness=1e5, radius=(0.04, 0.06))
     scene.set_velocity(above, (4.0, -0.2), spin=0.3)
@@ -82,8 +79,7 @@ def test_a_member_touches_itself_and_not_its_neighbours():
     bend = np.column_stack([0.3 * np.cos(angle), 0.3 * np.sin(angle)])
     leg = np.column_stack([np.linspace(-1.5, -0.1, 10), np.full(10, -0.3)])
     points = np.vstack([leg, bend, leg[::-1] * (1, -1)])
-    scene = fb.Scene()
-    rod = scene.add_beam(points.tolist(), SECTION, elements=len(points) - 1)
+    scene, rod = one_bar(points.tolist(), SECTION, elements=len(points) - 1)
     contact = scene.add_contact(rod, rod, stiffness=1e5, radius=0.05)
     scene.set_velocity(rod, lambda x, y: (0.0, -3 * np.sign(y) if x < -0.5 else 0.0))
     solution = fb.simulate(scene, dt=1e-3, t_end=0.4)
@@ -145,8 +141,7 @@ def test_no_contact_is_lost_where_nodes_stand_between_elements():
 
 
 def test_the_stiffness_is_that_of_both_members_per_length():
-    scene = fb.Scene(gravity=(0, -9.81))
-    bed = scene.add_beam([(0, 0), (2, 0)], SECTION, elements=8)
+    scene, bed = one_bar((2, 0), SECTION, elements=8, gravity=(0, -9.81))
     for node in bed.nodes:
         scene.clamp(node)
     plank = scene.add_beam([(0, 0.1), (2, 0.1)], SECTION, elements=8)
@@ -185,10 +180,9 @@ def test_in_equilibrium_the_reaction_is_the_force_of_the_contact():
 
 
 def test_along_the_arc_length_an_arch_snaps_through_onto_a_member():
-    scene = fb.Scene()
     x = np.linspace(-1, 1, 13)
     axis = np.column_stack([x, 0.2 * np.cos(np.pi * x / 2)])
-    arch = scene.add_beam(axis.tolist(), SECTION, elements=12)
+    scene, arch = one_bar(axis.tolist(), SECTION, elements=12)
     below = scene.add_beam([(-0.28, -0.25), (0.33, -0.25)], SECTION, elements=5)
     for beam, hold in ((arch, scene.pin), (below, scene.clamp)):
         hold(beam.start)
@@ -216,8 +210,7 @@ def test_a_closed_profile_has_no_seam(mu):
     radius, off, count = 0.05, 0.02, 60
 
     def lifted(first):
-        scene = fb.Scene()
-        shaft = scene.add_body((0, 0), mass=1.0, inertia=1e-2)
+        scene, shaft = one_body((0, 0), mass=1.0, inertia=1e-2)
         turn = fb.Revolute(fb.GROUND, shaft.centre, motor=lambda t: 2 * np.pi * t**2)
         scene.add_joint(turn)
 

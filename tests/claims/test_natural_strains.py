@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import scipy.signal
-from scenes import clamped_bar, pinned_bar
+from scenes import clamped_bar, one_bar, pinned_bar
 
 import fx_beam as fb
 
@@ -43,8 +43,7 @@ def test_a_thin_free_beam_that_expands_has_no_step_halved(support, height):
     """Round-off in its forces, of stiffness times places, does work on its natural strain."""
     thin = fb.Section.rectangle(height=height, width=0.02, E=210e9, nu=0.3, rho=7850.0)
     for expansion, elements, length in ((1e-5, 1, 1.0), (-1e-3, 7, 10.0), (0.03, 16, 0.37)):
-        scene = fb.Scene()
-        beam = scene.add_beam([(0, 0), (length, 0)], thin, elements=2 * elements)
+        scene, beam = one_bar((length, 0), thin, elements=2 * elements)
         at = {"clamp": beam.start, "roller": beam.start, "middle": beam.node(0.5)}[support]
         scene.fix(at, "x", "y")
         if support == "roller":
@@ -62,8 +61,7 @@ def test_a_thin_free_beam_that_expands_has_no_step_halved(support, height):
 def test_a_beam_that_nothing_holds_expands(elements):
     """It was refused until rigid motions that meet no force were held."""
     thin = fb.Section.rectangle(height=1e-2, width=0.02, E=210e9, nu=0.3, rho=7850.0)
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], thin, elements=elements)
+    scene, beam = one_bar((1, 0), thin, elements=elements)
     scene.add_natural_strain(beam, axial=1e-5)
     path = fb.static(scene)
     ends = (path.displacement(node)[-1] for node in (beam.start, beam.end))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import clamped_bar
+from scenes import clamped_bar, one_bar
 
 import fx_beam as fb
 
@@ -18,8 +18,7 @@ def push(t):
 
 def member():
     """A member from (0, 0) to (1, 0) whose end is held by its start."""
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], MEMBER, elements=1)
+    scene, beam = one_bar((1, 0), MEMBER, elements=1)
     scene.add_joint(fb.Rigid(beam.start, beam.end, offset=(1, 0)))
     return scene, beam
 

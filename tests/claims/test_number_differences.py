@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 from derivatives import EXACT, difference
-from scenes import clamped_bar, pinned_bar
+from scenes import clamped_bar, held_body, one_bar, one_body, pinned_bar
 
 import fx_beam as fb
 from fx_beam.dual import dual_array, slopes_by
@@ -21,9 +21,8 @@ def _response(force):
 
     def build(x):
         calls.append(x)
-        scene = fb.Scene()
         section = fb.Section(EA=1e3, GA=1e3, EI=1.0, rhoA=1.0, rhoI=1e-3)
-        bar = scene.add_beam([(0, 0), (1, 0)], section, elements=1)
+        scene, bar = one_bar((1, 0), section, elements=1)
         scene.add_joint(fb.Revolute(fb.GROUND, bar.start, motor=lambda t: 0.0))
         scene.add_force(bar.end, lambda t: force(t, x))
         return scene, {"end": fb.Output("position", bar.end)}
@@ -253,8 +252,7 @@ def test_accelerations_of_loads_that_begin_at_zero_have_slopes():
     """They are zero at the start for all numbers."""
 
     def build(x):
-        scene = fb.Scene()
-        body = scene.add_body((0, 0), x[0], 0.1).centre
+        scene, body = held_body((0, 0), x[0], 0.1)
         scene.add_force(body, lambda t: (x[1] * np.sin(3 * t), 0.0))
         return scene, {"acceleration": fb.Output("acceleration", body, "x")}
 
@@ -290,8 +288,7 @@ def test_velocities_of_bodies_have_slopes_by_their_places():
     """Those of its points are (x - 2 y, 2 x) from the centre, whose velocity is (X, 0)."""
 
     def build(x):
-        scene = fb.Scene()
-        body = scene.add_body((x[0], 0), 1.0, 0.1, points={"end": (3, x[1])})
+        scene, body = one_body((x[0], 0), 1.0, 0.1, points={"end": (3, x[1])})
         scene.set_velocity(body, lambda X, Y: (X, 0.0), spin=2.0)
         return scene, {"velocity": fb.Output("velocity", body["end"])}
 
@@ -306,9 +303,8 @@ def test_velocities_that_are_projected_beside_a_driven_node_have_slopes():
     """The start of an element is pulled along, its end answers by half of that."""
 
     def build(x):
-        scene = fb.Scene()
         section = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=x[0], rhoI=0.1)
-        bar = scene.add_beam([(0, 0), (1, 0)], section, elements=1)
+        scene, bar = one_bar((1, 0), section, elements=1)
         scene.prescribe(bar.start, x=lambda t: x[1] * t, y=0.0)
         scene.set_velocity(bar, (x[2], 0.0))
         scene.make_velocities_compatible()
@@ -357,8 +353,7 @@ def test_functions_that_give_other_values_for_arrays_are_called_one_by_one():
 )
 def test_what_has_no_slopes_has_differences_for_its_numbers_alone(of):
     def build(x):
-        scene = fb.Scene()
-        body = scene.add_body((0, 0), mass=1.0, inertia=1.0)
+        scene, body = one_body((0, 0), mass=1.0, inertia=1.0)
         scene.add_force(body.centre, (of(x[0]), x[1] ** 2))
         scene.add_drag(body.centre, linear=x[2])
         return scene, {"speed": fb.Output("velocity", body.centre)}
@@ -375,8 +370,7 @@ def test_a_load_that_jumps_between_steps_has_exact_derivatives():
         jump = np.linspace(0, 1, steps + 1)[2 * steps // 3]
 
         def build(x, jump=jump):
-            scene = fb.Scene()
-            body = scene.add_body((0, 0), mass=1.0, inertia=1.0)
+            scene, body = one_body((0, 0), mass=1.0, inertia=1.0)
             scene.add_force(body.centre, lambda t: (x[0] if t < jump else x[1], 0.0))
             return scene, {"speed": fb.Output("velocity", body.centre, "x")}
 
@@ -447,8 +441,7 @@ def test_accelerations_at_the_start_of_a_motion_have_slopes_beside_much_larger_o
     """A body that drag slows down, beside a light one that is pushed."""
 
     def build(x):
-        scene = fb.Scene()
-        light = scene.add_body((0, 0), mass=1e-3, inertia=1e-3)
+        scene, light = one_body((0, 0), mass=1e-3, inertia=1e-3)
         scene.add_force(light.centre, (20.0, 0.0))
         body = scene.add_body((1, 0), mass=1.0, inertia=1.0)
         scene.set_velocity(body, (1.0, 0.0))
@@ -472,8 +465,7 @@ def test_accelerations_at_the_start_of_a_motion_have_slopes_beside_much_larger_o
 )
 def test_functions_with_other_arguments_give_what_they_give_of_floats(of):
     def build(x):
-        scene = fb.Scene()
-        body = scene.add_body((0, 0), mass=1.0, inertia=1.0)
+        scene, body = one_body((0, 0), mass=1.0, inertia=1.0)
         scene.add_force(body.centre, (of(x), 0.0))
         return scene, {"x": fb.Output("position", body.centre, "x")}
 
@@ -489,8 +481,7 @@ def test_the_loss_of_slopes_that_are_zero_at_first_is_seen_later():
     """A length by a function that takes floats alone, of a place on a line of symmetry."""
 
     def build(x):
-        scene = fb.Scene()
-        body = scene.add_body((1, x[0]), mass=1.0, inertia=1.0)
+        scene, body = one_body((1, x[0]), mass=1.0, inertia=1.0)
         rest = 0.5 * math.hypot(body.centre.x, body.centre.y)
         scene.add_force_between(body.centre, (0.0, 0.0), spring=fb.Spring(50.0, rest=rest))
         return scene, {"place": fb.Output("position", body.centre)}
@@ -507,8 +498,7 @@ def test_the_loss_of_slopes_that_are_zero_at_first_is_seen_later():
 
 def test_another_count_of_parameters_has_derivatives_as_well():
     def build(x):
-        scene = fb.Scene()
-        body = scene.add_body((0, 0), mass=1.0, inertia=1.0)
+        scene, body = one_body((0, 0), mass=1.0, inertia=1.0)
         scene.add_force(body.centre, (sum(x), 0.0))
         return scene, {"place": fb.Output("position", body.centre)}
 

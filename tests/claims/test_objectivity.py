@@ -5,7 +5,7 @@ import ufl
 import numpy as np
 import pytest
 from jointed import rotation
-from scenes import FLYING, PINNED, free_flight, pinned_bar, pinned_beam
+from scenes import FLYING, PINNED, free_flight, one_bar, pinned_bar, pinned_beam
 
 import fx_beam as fb
 
@@ -75,8 +75,7 @@ def test_a_beam_in_several_members_moves_as_the_whole():
     [(1, FLYING), (2, FLYING), (1, fb.Section(strain_energy=quartic, rhoA=1.0))],
 )
 def test_a_rigid_motion_strains_nothing(degree, section):
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 2), (3, 1)], section, elements=3, degree=degree)
+    scene, beam = one_bar([(0, 0), (1, 2), (3, 1)], section, elements=3, degree=degree)
     scene.prescribe(beam.start, x=lambda t: 5 * t, y=lambda t: -2 * t, rotation=lambda t: 0.9 * t)
     moved = fb.static(scene, load_steps=2, t=1.0)
     expected = rotation(0.9) @ (3, 1) + (5, -2)

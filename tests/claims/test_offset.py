@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from derivatives import assert_derivatives
-from scenes import clamped_bar, pinned_bar
+from scenes import assert_refused, clamped_bar, one_bar, pinned_bar
 
 import fx_beam as fb
 
@@ -82,8 +82,7 @@ def test_the_axis_of_an_arc_is_a_concentric_arc(degree):
 
 
 def test_the_axis_of_a_polyline_is_mitred():
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (2, 0), (2, 2)], DECK, elements=[2, 1], offset=0.1)
+    scene, beam = one_bar([(0, 0), (2, 0), (2, 2)], DECK, elements=[2, 1], offset=0.1)
     places = [(node.x, node.y) for node in beam.nodes]
     assert places == [(0, 0.1), (1, 0.1), pytest.approx((1.9, 0.1)), pytest.approx((1.9, 2.0))]
     assert beam.s == pytest.approx([0, 1, 1.9, 3.8])
@@ -121,8 +120,7 @@ def test_a_removed_rib_leaves_the_deck_alone():
 )
 def test_what_cannot_be_is_refused(points, offset, message):
     scene = fb.Scene()
-    with pytest.raises(fb.SceneError, match=message):
-        scene.add_beam(points, DECK, elements=8, offset=offset)
+    assert_refused(message, scene.add_beam, points, DECK, elements=8, offset=offset)
     assert not (scene.nodes or scene.joints or scene.beams)
 
 
@@ -139,9 +137,8 @@ def test_loaded_beams_with_an_offset_have_derivatives(load):
 
     def build(x):
         section = fb.Section(EA=1e4 * x[0], GA=1e4, EI=10.0, rhoA=1.0, rhoI=0.01)
-        scene = fb.Scene(gravity=(0, -9.81))
         points = [(0, 0), (x[2] / 2, 0.1), (x[2], 0.3 * x[1])]
-        beam = scene.add_beam(points, section, elements=4, offset=0.1 * x[1])
+        scene, beam = one_bar(points, section, elements=4, offset=0.1 * x[1], gravity=(0, -9.81))
         scene.clamp(beam.start)
         value = 3.0 * x[1] if load == "pressure" else (1.0, -3.0 * x[1])
         scene.add_line_load(beam, value, **LOADS[load])

@@ -174,8 +174,7 @@ def jump(t):
 
 
 def test_the_work_of_a_jump_is_the_change_of_the_stored_energy():
-    scene = fb.Scene()
-    ball = scene.add_body((1, 0), mass=2.0, inertia=0.1).centre
+    scene, ball = held_body((1, 0), mass=2.0, inertia=0.1)
     k = fb.Parameter("k", jump)
     scene.add_force_between(
         ball, (0, 0), spring=fb.Spring(strain_energy=lambda x: 25 * k * x**2, rest=0.5)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import clamped_bar
+from scenes import clamped_bar, one_bar
 
 import fx_beam as fb
 
@@ -11,8 +11,7 @@ every_degree = pytest.mark.parametrize("degree", [1, 2, 3])
 
 
 def beam_on_two_supports(points=((0, 0), (3, 0)), elements=4, degree=1):
-    scene = fb.Scene()
-    beam = scene.add_beam(points, SECTION, elements=elements, degree=degree)
+    scene, beam = one_bar(points, SECTION, elements=elements, degree=degree)
     scene.pin(beam.start)
     scene.fix(beam.end, "y")
     return scene, beam
@@ -103,8 +102,7 @@ def test_snow_weighs_by_the_length_below_it(points, degree):
 
 
 def test_the_momentum_of_a_free_beam_is_the_impulse_of_a_load_on_its_part():
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (3, 0)], SECTION, elements=5)
+    scene, beam = one_bar((3, 0), SECTION, elements=5)
     scene.add_line_load(beam, lambda t: (0, 4 * t), between=(0.3, 1.0))
     scene.add_force(beam.at(2.9), lambda t: (3 * t, 0))
     motion = fb.simulate(scene, dt=0.01, t_end=0.5)

@@ -4,7 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
-from scenes import clamped_bar, pinned_bar, supported_bar
+from scenes import clamped_bar, one_bar, pinned_bar, supported_bar
 
 import fx_beam as fb
 
@@ -66,8 +66,7 @@ def test_the_same_modes_grow_as_in_free_vibrations_of_a_row(hinge):
 def test_a_closed_loop_of_joints_counts_as_its_modes():
     """A parallelogram of stiff bars with springs, loaded from above, tips over at 2 c / (P L)."""
     stiff = fb.Section(EA=1e6, GA=1e6, EI=1e4, rhoA=1.0, rhoI=0.01)
-    scene = fb.Scene()
-    left = scene.add_beam([(0, 0), (0, 1)], stiff, elements=1)
+    scene, left = one_bar((0, 1), stiff, elements=1)
     right = scene.add_beam([(1, 0), (1, 1)], stiff, elements=1)
     top = scene.add_beam([(0, 1), (1, 1)], stiff, elements=2)
     turning = fb.Spring(stiffness=10.0)

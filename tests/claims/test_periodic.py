@@ -6,7 +6,7 @@ import ufl
 
 import numpy as np
 import pytest
-from scenes import clamped_bar, guided_body, pinned_bar
+from scenes import assert_refused, clamped_bar, guided_body, one_body, pinned_bar
 from scipy.integrate import solve_ivp
 from scipy.special import ellipk
 
@@ -17,8 +17,7 @@ HARD = fb.Spring(stiffness=1.0, strain_energy=lambda x: x**4 / 4)
 
 def duffing(damping=0.0, force=None, stop=None):
     """A body of 1 kg with the spring force x + x^3."""
-    scene = fb.Scene()
-    body = scene.add_body((0, 0), mass=1.0, inertia=1.0)
+    scene, body = one_body((0, 0), mass=1.0, inertia=1.0)
     damper = fb.Damper(damping) if damping else None
     spring = HARD if stop is None else fb.Spring(stiffness=1.0)
     scene.add_joint(
@@ -380,8 +379,7 @@ def test_a_hanging_beam_at_rest_has_the_multipliers_of_its_vibrations():
 
 @pytest.mark.parametrize("pulse, kind", [(0.3, "period doubling"), (0.1, "")])
 def test_a_spring_that_pulsates_at_rest_has_the_multipliers_of_mathieus_equation(pulse, kind):
-    scene = fb.Scene()
-    body = scene.add_body((0, 0), mass=1.0, inertia=1.0)
+    scene, body = one_body((0, 0), mass=1.0, inertia=1.0)
     k = fb.Parameter("k", lambda t: 1 + pulse * math.cos(2 * t))
     spring = fb.Spring(strain_energy=lambda x: k * x**2 / 2)
     joint = fb.Prismatic(fb.GROUND, body.centre, (1, 0), spring=spring, damper=fb.Damper(0.1))
@@ -426,8 +424,7 @@ def test_a_scene_that_build_changes_in_more_than_numbers_is_refused():
             scene.add_mass(body.centre, 1.0)
         return scene
 
-    with pytest.raises(fb.SceneError, match="another structure"):
-        fb.forced_response(build, (0.1, 0.3), steps=21)
+    assert_refused("another structure", fb.forced_response, build, (0.1, 0.3), steps=21)
 
 
 def cycle_of_van_der_pol(sense, c, unit, damped):

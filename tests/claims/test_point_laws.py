@@ -36,8 +36,7 @@ def test_two_magnets_turn_back_as_the_closed_form_says_with_order_two():
 
 def test_a_muscle_lifts_a_mass_as_its_law_says():
     # A pull F (1 - shortening rate / w): m v' = F (1 - v / w) - m g from rest.
-    scene = fb.Scene(gravity=(0, -10))
-    mass = scene.add_body((0, 0), mass=2.0, inertia=0.1).centre
+    scene, mass = held_body((0, 0), mass=2.0, inertia=0.1, gravity=(0, -10))
     scene.add_force_between(mass, (0, 5), force=lambda r, rate, t: 30 * (1 + rate / 4))
     solution = fb.simulate(scene, dt=1e-3, t_end=1.0)
     t, rest = solution.t, 2.0 * 4 / 30
@@ -47,8 +46,7 @@ def test_a_muscle_lifts_a_mass_as_its_law_says():
 
 
 def test_a_rope_holds_a_pendulum_only_where_it_is_tight():
-    scene = fb.Scene(gravity=(0, -10))
-    mass = scene.add_body((1.0, 0), mass=1.0, inertia=0.1).centre
+    scene, mass = held_body((1.0, 0), mass=1.0, inertia=0.1, gravity=(0, -10))
     scene.add_force_between(mass, (0, 0), stop=(None, 2.0, 1e6))
     solution = fb.simulate(scene, dt=1e-3, t_end=3.0)
     x, y = solution.position(mass).T

@@ -4,7 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
-from scenes import clamped_bar
+from scenes import clamped_bar, one_bar
 from scipy.integrate import solve_ivp
 
 import fx_beam as fb
@@ -78,10 +78,9 @@ def test_on_an_open_beam_the_work_is_that_of_the_area_it_sweeps(degree):
 
 def quarter_ring(add):
     """A quarter of a ring that keeps both axes of symmetry, and its path under a load."""
-    scene = fb.Scene()
     stiff = fb.Section(EA=1e7, GA=1e7, EI=2.0)
     ends = (1, 0), (np.sqrt(0.5), np.sqrt(0.5)), (0, 1)
-    arc = scene.add_beam(fb.arc(*ends), stiff, elements=8, degree=3)
+    scene, arc = one_bar(fb.arc(*ends), stiff, elements=8, degree=3)
     scene.fix(arc.start, "y", "rotation")
     scene.fix(arc.end, "x", "rotation")
     add(scene, arc)
@@ -175,9 +174,8 @@ def test_a_lid_under_pressure_vibrates_slower_and_derivatives_are_those_of_the_c
     heavy = fb.Section(EA=1e7, GA=1e7, EI=2.0, rhoA=1.0)
 
     def lowest(p):
-        scene = fb.Scene()
         ends = (1, 0), (np.sqrt(0.5), np.sqrt(0.5)), (0, 1)
-        arc = scene.add_beam(fb.arc(*ends), heavy, elements=6, degree=3)
+        scene, arc = one_bar(fb.arc(*ends), heavy, elements=6, degree=3)
         scene.fix(arc.start, "y", "rotation")
         scene.fix(arc.end, "x", "rotation")
         if p:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from derivatives import difference
+from scenes import one_bar
 
 import fx_beam as fb
 
@@ -25,9 +26,8 @@ def scene_of(x, rng):
     def profile(number):
         return lambda t: np.interp(t, knots, np.stack([0.0, number, 0.0]))
 
-    scene = fb.Scene(gravity=(0.0, -9.81 * x[0]))
     section = fb.Section(EA=1e4, GA=5e3, EI=20 * x[1] * x[3], rhoA=x[2], rhoI=1e-2)
-    beam = scene.add_beam([(0, 0), (length, 0.2)], section, elements=2)
+    scene, beam = one_bar((length, 0.2), section, elements=2, gravity=(0.0, -9.81 * x[0]))
     if base == "prescribed":
         scene.prescribe(beam.start, x=profile(0.05 * x[4]), y=0.0)
     elif base == "revolute":
@@ -88,9 +88,8 @@ def test_a_driven_motion_that_ends_leaves_nothing_in_the_changes_after_it():
     """The only number is the height of a hat over time."""
 
     def build(x):
-        scene = fb.Scene(gravity=(0.0, -9.81))
         section = fb.Section(EA=1e4, GA=5e3, EI=20.0, rhoA=1.0, rhoI=1e-2)
-        beam = scene.add_beam([(0, 0), (1, 0)], section, elements=2)
+        scene, beam = one_bar((1, 0), section, elements=2, gravity=(0.0, -9.81))
         path = lambda t: np.interp(t, [0.02, 0.04, 0.06], [0.0, x[0], 0.0])  # noqa: E731
         scene.prescribe(beam.start, x=path, y=0.0)
         return scene, {"end": fb.Output("position", beam.end)}

@@ -1,15 +1,14 @@
 """Runs that are refused before they start, with the reason."""
 
 import pytest
-from scenes import pinned_bar
+from scenes import one_bar, pinned_bar
 
 import fx_beam as fb
 
 
 def arm(motor):
-    scene = fb.Scene()
     section = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.1)
-    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=1)
+    scene, beam = one_bar((1, 0), section, elements=1)
     scene.add_joint(fb.Revolute(fb.GROUND, beam.start, motor=motor))
     return scene
 

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from scenes import held_body, one_body
 
 import fx_beam as fb
 
 
 def test_the_slide_of_a_joint_is_nan_where_the_joint_does_not_exist(tmp_path):
-    scene = fb.Scene()
-    body = scene.add_body((0, 0), mass=1.0, inertia=1.0)
+    scene, body = one_body((0, 0), mass=1.0, inertia=1.0)
     scene.set_velocity(body, (2.0, 0.0))
     rail = scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, axis=(1, 0)))
     before = fb.simulate(scene, dt=0.1, t_end=0.5)
@@ -33,8 +33,7 @@ def test_the_slide_of_a_joint_is_nan_where_the_joint_does_not_exist(tmp_path):
 
 
 def test_a_scene_whose_joints_are_all_removed_goes_on_with_driven_motion():
-    scene = fb.Scene()
-    driven = scene.add_body((0, 0), mass=2.0, inertia=1.0).centre
+    scene, driven = held_body((0, 0), mass=2.0, inertia=1.0)
     scene.prescribe(driven, y=lambda t: 3 * t**2)
     bead = scene.add_body((5, 0), mass=1.0, inertia=1.0).centre
     rail = scene.add_joint(fb.Prismatic(fb.GROUND, bead, axis=(1, 0)))

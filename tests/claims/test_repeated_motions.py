@@ -4,7 +4,7 @@ import ufl
 
 import numpy as np
 import pytest
-from scenes import pinned_bar
+from scenes import assert_refused, pinned_bar
 
 import fx_beam as fb
 
@@ -105,8 +105,7 @@ def test_a_velocity_that_is_not_finite_somewhere_is_named():
 
     run = fb.Response(build, **STEPS)
     run((1.0, 1.0)), run((1.0, 1.1))
-    with pytest.raises(fb.SceneError, match=r"velocity of .* raised ZeroDivisionError"):
-        run((1.0, 0.5))
+    assert_refused(r"velocity of .* raised ZeroDivisionError", run, (1.0, 0.5))
     assert np.isfinite(run((1.0, 1.2))[1]["end"]).all()
 
 
@@ -197,6 +196,5 @@ def test_what_is_not_finite_in_one_motion_is_gone_in_the_next():
         return fb.simulate(scene, dt=0.01, t_end=0.1).position(nodes[1])[-1]
 
     before = end(0.1)
-    with pytest.raises(fb.StepError, match="not finite"):
-        end(1e3)
+    assert_refused("not finite", end, 1e3, error=fb.StepError)
     assert np.array_equal(end(0.1), before)

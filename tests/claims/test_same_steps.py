@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import FLYING, pinned_bar
+from scenes import FLYING, held_body, pinned_bar
 
 import fx_beam as fb
 
@@ -77,8 +77,7 @@ def test_a_motion_in_two_parts_has_the_times_and_steps_of_the_whole(motion):
 
 def test_full_turns_are_taken_out_after_the_same_steps():
     # The times of blocks are those of conditions and of single steps.
-    scene = fb.Scene()
-    body = scene.add_body((0, 0), mass=1.0, inertia=1.0).centre
+    scene, body = held_body((0, 0), mass=1.0, inertia=1.0)
     scene.set_velocity(body, spin=1.0 / 0.7)
     options = {"dt": 0.7, "record": fb.Record(rates=False, forces=False)}
     run = fb.simulate(scene, t_end=1400 * 0.7, **options)

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from scenes import one_bar
 
 import fx_beam as fb
 
@@ -89,8 +90,7 @@ def test_elements_are_spread_so_that_the_longest_is_as_short_as_possible(lengths
 
 
 def test_beams_share_the_nodes_that_they_are_given_and_no_others():
-    scene = fb.Scene()
-    left = scene.add_beam([(0, 0), (0, 3)], SECTION, elements=3, name="beam 2")
+    scene, left = one_bar((0, 3), SECTION, elements=3, name="beam 2")
     top = scene.add_beam([left.end, (4, 3)], SECTION, elements=4)
     closing = scene.add_beam([top.end, left.start], SECTION, elements=3, name="beam 5")
     assert left.end is top.start and closing.end is left.start
@@ -103,8 +103,7 @@ def test_beams_share_the_nodes_that_they_are_given_and_no_others():
 
 
 def test_a_beam_joins_another_at_a_node_between_its_ends():
-    scene = fb.Scene()
-    bar = scene.add_beam([(0, 0), (4, 0)], SECTION, elements=4)
+    scene, bar = one_bar((4, 0), SECTION, elements=4)
     stem = scene.add_beam([(1, -2), bar.node(0.25), (1, 2)], SECTION, elements=2)
     assert stem.nodes[1] is bar.nodes[1]
     assert len(scene.nodes) == 5 + 2
@@ -167,8 +166,7 @@ def test_every_beam_lies_at_its_points_and_moves_there_as_a_whole(degree):
 
 
 def test_masses_and_inertias_at_inner_nodes_count_where_they_are():
-    scene = fb.Scene()
-    beam = scene.add_beam([(1, 0), (5, 0)], SECTION, elements=4)
+    scene, beam = one_bar([(1, 0), (5, 0)], SECTION, elements=4)
     # Another beam shares the node of the masses: they belong to both, once.
     scene.add_beam([beam.node(0.25), (2, 1)], fb.Section(EA=1e4, GA=1e4, EI=100.0), elements=1)
     scene.add_mass(beam.node(0.25), 2.0)

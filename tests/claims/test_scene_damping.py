@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import clamped_bar, held_body, pinned_bar
+from scenes import clamped_bar, held_body, one_bar, pinned_bar
 
 import fx_beam as fb
 
@@ -60,9 +60,8 @@ def test_free_vibrations_decay_by_the_logarithmic_decrement():
 
 
 def flying(**damping):
-    scene = fb.Scene()
     section = fb.Section(EA=1e6, GA=1e6, EI=30.0, rhoA=1.0, rhoI=1e-2)
-    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=3)
+    scene, beam = one_bar((1, 0), section, elements=3)
     scene.add_mass(beam.end, 0.7, 0.1)
     scene.add_damping(**damping)
     scene.set_velocity(beam, (0.3, 2.0))
@@ -82,9 +81,8 @@ def test_the_part_of_the_mass_damps_rigid_motions_and_that_of_the_stiffness_does
 
 
 def test_a_turning_beam_under_the_part_of_the_stiffness_keeps_its_spin():
-    scene = fb.Scene()
     section = fb.Section(EA=1e4, GA=1e4, EI=30.0, rhoA=1.0, rhoI=1e-2)
-    beam = scene.add_beam([(-0.5, 0), (0.5, 0)], section, elements=4)
+    scene, beam = one_bar([(-0.5, 0), (0.5, 0)], section, elements=4)
     scene.add_damping(stiffness=0.02)
     scene.set_velocity(beam, lambda x, y: (-3 * y, 3 * x), spin=3.0)
     motion = fb.simulate(scene, dt=0.01, t_end=6.0)

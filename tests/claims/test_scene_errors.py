@@ -12,7 +12,7 @@ import ufl
 import numpy as np
 import pytest
 from jointed import MEMBER as SECTION
-from scenes import clamped_bar
+from scenes import assert_refused, clamped_bar
 
 import fx_beam as fb
 
@@ -198,6 +198,5 @@ def test_a_function_of_time_that_fails_later_ends_the_run_there(kind):
 def test_names_of_other_programs_are_answered_by_ours(kind, name, real):
     scene, beam = clamped_bar((1, 0), fb.Section(EA=1.0, GA=1.0, EI=1.0), elements=1)
     thing = scene if kind == "scene" else fb.static(scene)
-    with pytest.raises(AttributeError, match=f"no attribute '{name}'.*{real}"):
-        getattr(thing, name)
+    assert_refused(f"no attribute '{name}'.*{real}", getattr, thing, name, error=AttributeError)
     assert not hasattr(thing, name)

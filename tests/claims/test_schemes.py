@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import clamped_bar, held_body, hinged_body, pinned_bar
+from scenes import clamped_bar, held_body, hinged_body, one_body, pinned_bar
 from scipy.integrate import quad, solve_ivp
 
 import fx_beam as fb
@@ -81,8 +81,7 @@ def test_what_restitution_takes_is_of_second_order_in_time(scheme):
     """Newmark's family took the loss by the force at the end of each step, of first order."""
 
     def lost(scheme, dt):
-        scene = fb.Scene()
-        ball = scene.add_body((0, 0), 1.0, 0.1)
+        scene, ball = one_body((0, 0), 1.0, 0.1)
         scene.set_velocity(ball, (0, -1.0))
         law = {"stiffness": 400.0, "restitution": 0.5, "speed": 0.2}
         scene.add_contact(ball.centre, fb.Line((0, 0), (0, 1)), **law)
@@ -97,8 +96,7 @@ def test_accelerations_are_of_second_order_at_the_times_that_are_documented(sche
     k, t_end = 100.0, 1.0
     steps, errors = np.array([1 / 100, 1 / 200, 1 / 400]), []
     for dt in steps:
-        scene = fb.Scene()
-        ball = scene.add_body((1, 0), 1.0, 0.1)
+        scene, ball = one_body((1, 0), 1.0, 0.1)
         scene.add_force_between(ball.centre, (0, 0), spring=fb.Spring(k))
         solution = fb.simulate(scene, scheme, dt=dt, t_end=t_end)
         t = solution.t_level

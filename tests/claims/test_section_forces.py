@@ -4,7 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
-from scenes import clamped_bar, pinned_bar, supported_bar
+from scenes import assert_refused, clamped_bar, pinned_bar, supported_bar
 from scipy.integrate import quad
 
 import fx_beam as fb
@@ -191,10 +191,8 @@ def test_bad_places_and_missing_rates_are_refused():
     _, _, solution = moved(fb.EnergyMomentum())
     forces = solution.resultants("arm")
     for bad in ([5.0], [-0.1], [np.nan]):
-        with pytest.raises(fb.SceneError, match="arc lengths from 0 to the length of the beam"):
-            forces.at(bad)
-    with pytest.raises(fb.SceneError, match="'before' or 'after'"):
-        forces.at(0.5, "left")
+        assert_refused("arc lengths from 0 to the length of the beam", forces.at, bad)
+    assert_refused("'before' or 'after'", forces.at, 0.5, "left")
 
 
 def test_a_scene_that_has_changed_since_does_not_change_them():

@@ -7,7 +7,7 @@ import ufl
 
 import numpy as np
 import pytest
-from scenes import clamped_bar
+from scenes import clamped_bar, one_bar
 
 import fx_beam as fb
 from fx_beam.fem import ffcx_api
@@ -193,9 +193,8 @@ def test_a_joint_with_an_offset_does_not_take_the_set_up_of_one_without():
     """Nodes that lie elsewhere do not hide that the joint moves in another way."""
 
     def motion(offset):
-        scene = fb.Scene()
         section = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.1)
-        first = scene.add_beam([(-1, 0), (0, 0)], section, elements=1)
+        scene, first = one_bar([(-1, 0), (0, 0)], section, elements=1)
         second = scene.add_beam([(offset, 0), (offset + 1, 0)], section, elements=1)
         scene.add_joint(fb.Rigid(first.end, second.start, offset=(offset, 0)))
         for beam in (first, second):

@@ -84,8 +84,7 @@ def test_steps_between_the_times_of_a_record_have_order_two_and_adaptive_ones_it
 
 
 def test_a_free_body_stays_behind_by_the_integrals_of_a_record_that_jumps():
-    scene = fb.Scene()
-    body = scene.add_body((0, 0), mass=M, inertia=1.0).centre
+    scene, body = held_body((0, 0), mass=M, inertia=1.0)
     scene.shake(y=([0.1, 0.3, 0.3, 0.5], [2.0, 2.0, -1.0, -1.0]))
     motion = fb.simulate(scene, dt=0.05, t_end=1.0)
     v = -np.interp(motion.t, [0.1, 0.3, 0.5], [0, 0.4, 0.2])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from jointed import CORNERS, chain
-from scenes import hinged_body
+from scenes import held_body, hinged_body
 
 import fx_beam as fb
 
@@ -85,8 +85,7 @@ def test_short_steps_late_in_time_are_as_many_as_asked_for_or_refused():
 @pytest.mark.parametrize("dt", [1e-3, 1e-5])
 def test_a_driven_node_starts_with_its_acceleration(dt):
     """From steps of 10 microseconds it was wrong by a hundredth, of one by a multiple of itself."""
-    scene = fb.Scene()
-    node = scene.add_body((0, 0), 1.0, 0.1).centre
+    scene, node = held_body((0, 0), 1.0, 0.1)
     scene.prescribe(node, x=lambda t: 0.1 * np.cos(3 * t) - 0.1)
     start = fb.simulate(scene, dt=dt, t_end=2 * dt).acceleration(node)[0, 0]
     assert abs(start + 0.9) < 2e-4
@@ -107,8 +106,7 @@ def test_the_first_acceleration_of_a_driven_node_has_derivatives(dt):
     """They were wrong by a sixth in steps of 0.1 ms."""
 
     def build(x):
-        scene = fb.Scene()
-        node = scene.add_body((0, 0), 1.0, 0.1).centre
+        scene, node = held_body((0, 0), 1.0, 0.1)
         scene.prescribe(node, x=lambda t: x[0] * (1 - np.cos(x[1] * t)))
         return scene, {"a": fb.Output("acceleration", node, "x")}
 

@@ -36,8 +36,7 @@ def on_slide(friction):
 
 
 def on_pin(friction):
-    scene = fb.Scene(gravity=(0, -GRAVITY))
-    centre = scene.add_body((0, 0), mass=4.0, inertia=1.0).centre
+    scene, centre = held_body((0, 0), mass=4.0, inertia=1.0, gravity=(0, -GRAVITY))
     scene.add_joint(fb.Revolute(fb.GROUND, centre, friction=friction))
     scene.add_moment(centre, -PUSH)
     scene.set_velocity(centre, spin=SPEED)
@@ -158,8 +157,7 @@ def test_a_block_that_stops_has_the_derivative_of_its_way():
     """It is -v^2 / (2 mu^2 g): where slip ends, and none follows, that of the steps converges."""
 
     def build(x):
-        scene = fb.Scene(gravity=(0, -GRAVITY))
-        centre = scene.add_body((0, 0), mass=1.0, inertia=1.0).centre
+        scene, centre = held_body((0, 0), mass=1.0, inertia=1.0, gravity=(0, -GRAVITY))
         scene.set_velocity(centre, (SPEED, 0.0))
         rail = fb.Prismatic(fb.GROUND, centre, axis=(1, 0), friction=stiff(x[0]))
         return scene, {"place": fb.Output("slide", scene.add_joint(rail))}

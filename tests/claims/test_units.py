@@ -6,7 +6,7 @@ import ufl
 
 import numpy as np
 import pytest
-from scenes import clamped_bar
+from scenes import clamped_bar, one_bar
 
 import fx_beam as fb
 
@@ -61,9 +61,8 @@ UNITS = {
 
 
 def cantilever(u):
-    scene = fb.Scene()
     section = u.section(1e6, 4e5, 80.0, 1.0, 1e-3)
-    beam = scene.add_beam(u.points((0, 0), (1, 0)), section, elements=4)
+    scene, beam = one_bar(u.points((0, 0), (1, 0)), section, elements=4)
     scene.clamp(beam.start)
     scene.add_force(beam.end, u.forces(-5.0, 60.0))
     scene.add_moment(beam.end, 20.0 / u.energy)
@@ -72,9 +71,8 @@ def cantilever(u):
 
 
 def crank_and_slot(u):
-    scene = fb.Scene(gravity=u.gravity())
     section = u.section(1e6, 1e6, 1e3, 1.0, 1e-3)
-    crank = scene.add_beam(u.points((0, 0), (0.3, 0.2)), section, elements=2)
+    scene, crank = one_bar(u.points((0, 0), (0.3, 0.2)), section, elements=2, gravity=u.gravity())
     rod = scene.add_beam(u.points((0.3, 0.2), (1.1, 0)), section, elements=2)
     motor = fb.Revolute(fb.GROUND, crank.start, motor=lambda t: 1.5 * (t * u.time) ** 2)
     slot = {"axis": (1, 0), "spring": u.spring(20.0, 0.01), "damper": u.damper(0.5)}
@@ -99,9 +97,8 @@ def pendulum(u):
 
 
 def braked(u):
-    scene = fb.Scene(gravity=u.gravity())
     section = u.section(1e4, 1e4, 100.0, 1.0, 0.1)
-    arm = scene.add_beam(u.points((0, 0), (1, 0)), section, elements=2)
+    scene, arm = one_bar(u.points((0, 0), (1, 0)), section, elements=2, gravity=u.gravity())
     force, speed = u.force, u.length / u.time
     scene.add_drag(
         arm, linear=0.4 * speed * u.length / force, quadratic=0.3 * speed**2 * u.length / force
@@ -140,9 +137,8 @@ def loops_with_slides(u):
 
 def bent(u):
     """A moment bends a beam whose nodes have no rotary inertia: they start in equilibrium."""
-    scene = fb.Scene(gravity=u.gravity())
     section = u.section(1e5, 2e4, 20.0, 1.0)
-    beam = scene.add_beam(u.points((0, 0), (1, 0)), section, elements=4)
+    scene, beam = one_bar(u.points((0, 0), (1, 0)), section, elements=4, gravity=u.gravity())
     scene.clamp(beam.start)
     scene.add_moment(beam.end, 2.0 / u.energy)
     return scene
@@ -150,9 +146,8 @@ def bent(u):
 
 def rubbing(u):
     """A pin whose friction follows its force, on a beam with large moments."""
-    scene = fb.Scene(gravity=u.gravity())
     section = u.section(1e5, 4e4, 50.0, 1.0, 1e-3)
-    arm = scene.add_beam(u.points((0, 0), (1, 0)), section, elements=2)
+    scene, arm = one_bar(u.points((0, 0), (1, 0)), section, elements=2, gravity=u.gravity())
     friction = fb.Coulomb(0.3, 50.0 / u.energy, radius=0.1 / u.length)
     scene.add_joint(fb.Revolute(fb.GROUND, arm.start, friction=friction))
     scene.add_moment(arm.end, 3.0 / u.energy)
@@ -274,9 +269,8 @@ def test_a_sleeve_on_a_beam_without_rotary_inertia_has_the_same_rates_and_forces
 
 def guided(u, kind):
     """A rod in a guide on the ground, pushed along: its closures may be angles."""
-    scene = fb.Scene(gravity=u.gravity())
     section = u.section(1e4, 4e3, 10.0, 1.3, 0.02)
-    rod = scene.add_beam(u.points((0, 0), (2, 0)), section, elements=4)
+    scene, rod = one_bar(u.points((0, 0), (2, 0)), section, elements=4, gravity=u.gravity())
     scene.add_joint(kind(rod, fb.GROUND, 0.6))
     push = fb.Prismatic(
         fb.GROUND, rod.start, axis=(1, 0), motor=lambda t: 0.3 * (t * u.time) ** 2 / u.length
@@ -379,8 +373,7 @@ def refusal(run, scene):
 
 @SOME_UNITS
 def test_a_scene_that_can_move_is_refused_in_all_units(u):
-    scene = fb.Scene()
-    beam = scene.add_beam(u.points((1, 1), (3, 1)), u.section(1e6, 4e5, 80.0), elements=1)
+    scene, beam = one_bar(u.points((1, 1), (3, 1)), u.section(1e6, 4e5, 80.0), elements=1)
     scene.fix(beam.start, "x", "y")
     pin = f"{1 / u.length:.4g}"
     wanted = f"beam 'beam 1' can rotate about ({pin}, {pin}) as a rigid body"
@@ -402,9 +395,8 @@ def test_a_tangent_that_is_singular_is_told_so_in_all_units(u):
 
 @SOME_UNITS
 def test_velocities_that_differ_at_a_node_are_refused_in_all_units(u):
-    scene = fb.Scene()
     section = u.section(1e6, 4e5, 80.0, 1.0, 1e-2)
-    first = scene.add_beam(u.points((0, 0), (1, 0)), section, elements=1)
+    scene, first = one_bar(u.points((0, 0), (1, 0)), section, elements=1)
     second = scene.add_beam([first.end, *u.points((2, 0))], section, elements=1)
     for beam, speed in ((first, 1.0), (second, 1.001)):
         scene.set_velocity(beam, (0.0, speed * u.time / u.length), spin=1.0 * u.time)
@@ -418,9 +410,8 @@ def with_moments(u, size):
 
     They grow with the deflection beside them, and nothing gives that back.
     """
-    scene = fb.Scene()
     section = u.section(1e6, 4e5, 80.0, 1.0, 1e-2)
-    beam = scene.add_beam(u.points((0, 0), (1, 0)), section, elements=2)
+    scene, beam = one_bar(u.points((0, 0), (1, 0)), section, elements=2)
     scene.clamp(beam.start)
     per_length = size / u.force * u.length
 

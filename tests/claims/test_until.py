@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import guided_body, hinged_body
+from scenes import guided_body, held_body, hinged_body, one_bar, one_body
 
 import fx_beam as fb
 
@@ -100,8 +100,7 @@ def test_a_mean_force_that_is_met_at_the_start_of_a_step_is_met_in_one_about_it(
 @pytest.mark.parametrize("kind", ["dead force", "follower", "parameter"])
 def test_the_last_step_does_not_reach_over_a_jump_of_a_load(kind, order):
     """A body of 1 kg with 1 m/s, on which 100 N act from 0.5 s on: v^2 = 1 + 2 * 100 * 0.5e-3."""
-    scene = fb.Scene()
-    body = scene.add_body((0, 0), 1.0, 0.1).centre
+    scene, body = held_body((0, 0), 1.0, 0.1)
     scene.set_velocity(body, (1.0, 0.0))
     push = lambda t: 100.0 * (t >= 0.5)  # noqa: E731
     if kind == "parameter":
@@ -186,8 +185,7 @@ def test_the_next_motion_may_be_shorter_than_a_step():
 
 @pytest.mark.parametrize("options", [{"dt": 0.01}, {"tolerance": 1e-3}], ids=str)
 def test_a_condition_sees_the_rate_of_a_motor_at_the_start(options):
-    scene = fb.Scene()
-    body = scene.add_body((0.5, 0), 2.0, 0.4, points={"pin": (0, 0)})
+    scene, body = one_body((0.5, 0), 2.0, 0.4, points={"pin": (0, 0)})
     # It starts at once, by which the rates of steps alternate.
     motor = fb.Revolute(fb.GROUND, body["pin"], motor=lambda t: 3.0 * max(0.0, t - 0.5))
     motor, seen = scene.add_joint(motor), []
@@ -215,9 +213,8 @@ def test_a_condition_within_halved_steps():
 
 def every_kind():
     """A pendulum on a motor, with a rope, springs, an obstacle, and a beam that bends."""
-    scene = fb.Scene(gravity=(0, -9.81))
     section = fb.Section(EA=1e4, GA=1e4, EI=20.0, rhoA=1.0, rhoI=1e-3)
-    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=4, name="arm")
+    scene, beam = one_bar((1, 0), section, elements=4, name="arm", gravity=(0, -9.81))
     laws = {"spring": fb.Spring(2.0), "damper": fb.Damper(0.05)}
     pin = scene.add_joint(fb.Revolute(fb.GROUND, beam.start, **laws))
     load = scene.add_body((1.3, 0.2), mass=0.5, inertia=0.02, name="load").centre

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scenes import guided_body, pinned_bar
+from scenes import assert_refused, guided_body, pinned_bar
 
 import fx_beam as fb
 
@@ -194,8 +194,7 @@ def test_a_load_that_changes_its_scene_is_refused(what):
         )([1.0]),
     }
     for analysis in analyses.values():
-        with pytest.raises(fb.SceneError, match="the scene was changed while it was computed"):
-            analysis()
+        assert_refused("the scene was changed while it was computed", analysis)
 
 
 @pytest.mark.parametrize("value", [1e300, 1e-300])
@@ -224,8 +223,7 @@ def test_a_stiffness_of_few_digits_is_none(stiffness):
 
     assert fb.modes(build([stiffness])[0], n=1).frequencies == 0
     run = fb.PeriodicResponse(build, lambda scene: fb.periodic(scene, mode=0, amplitude=1.0))
-    with pytest.raises(fb.SceneError, match="mode 0 does not vibrate"):
-        run([stiffness])
+    assert_refused("mode 0 does not vibrate", run, [stiffness])
 
 
 def test_tables_in_the_place_of_dicts_are_refused_in_one_line(my):

@@ -10,7 +10,7 @@ import ufl
 import numpy as np
 import pytest
 from registry import DATA
-from scenes import guided_body
+from scenes import guided_body, one_bar
 
 import fx_beam as fb
 
@@ -69,8 +69,7 @@ def duffing(force=None, **options):
 
 def light(*fixed, mass=None):
     """A beam without mass from (2, 1) to (5, 1) with supports of its start, and its motion."""
-    scene = fb.Scene()
-    beam = scene.add_beam([(2, 1), (5, 1)], MASSLESS, elements=2)
+    scene, beam = one_bar([(2, 1), (5, 1)], MASSLESS, elements=2)
     if fixed:
         scene.fix(beam.start, *fixed)
     if mass:

@@ -7,7 +7,7 @@ import re
 import browser
 import numpy as np
 import pytest
-from scenes import clamped_bar, pinned_bar
+from scenes import clamped_bar, one_bar, one_body, pinned_bar
 
 import fx_beam as fb
 
@@ -84,8 +84,7 @@ def test_two_thousand_members_with_two_hundred_rows_are_less_than_20_mb():
 
 
 def test_symbols_move_with_their_nodes_and_points():
-    scene = fb.Scene()
-    bar = scene.add_beam([(0, 0), (1, 0)], ROPE, 4)
+    scene, bar = one_bar((1, 0), ROPE, 4)
     scene.fix(bar.start, "y")
     scene.prescribe(bar.start, x=lambda t: -t)
     scene.add_mass(bar.end, 1.0)
@@ -117,8 +116,7 @@ def test_equilibria_and_scenes_of_bodies_have_pages_too():
     scene, beam = clamped_bar((1, 0), ROPE, elements=4)
     scene.add_force(beam.end, (0, -1.0))
     assert data(fb.plot.interactive(fb.static(scene, load_steps=3)))["static"]
-    scene = fb.Scene(gravity=(0, -9.81))
-    body = scene.add_body((0, 0), 1.0, 0.1, {"edge": (0.1, 0)}, name="stone")
+    scene, body = one_body((0, 0), 1.0, 0.1, {"edge": (0.1, 0)}, name="stone", gravity=(0, -9.81))
     page = fb.plot.interactive(fb.simulate(scene, dt=0.1, t_end=0.5), trace=body.centre)
     assert data(page)["quantities"] == [] and len(data(page)["traces"]) == 1
 

@@ -4,7 +4,7 @@ import importlib.util
 
 import numpy as np
 import pytest
-from scenes import FLYING, clamped_bar
+from scenes import FLYING, clamped_bar, one_bar
 
 import fx_beam as fb
 from fx_beam.results.fields import along_all, energy_density
@@ -30,9 +30,8 @@ def fall(degree=2, **options):
     ("curved", "off", "degree"), [(False, 1e-9, 1), (False, 1e-9, 2), (True, 5e-3, 2)]
 )
 def test_the_stored_energy_along_the_members_adds_up_to_that_of_the_solution(curved, off, degree):
-    scene = fb.Scene(gravity=(0.0, -9.81))
     points = fb.arc((0, 0), (1, 0.2), (2, 0)) if curved else [(0, 0), (1, 0.2), (2, 0)]
-    beam = scene.add_beam(points, FLYING, 6, degree, name="arm")
+    scene, beam = one_bar(points, FLYING, 6, degree, name="arm", gravity=(0.0, -9.81))
     scene.clamp(beam.start)
     solution, rows = fb.simulate(scene, dt=0.02, t_end=0.2), [4, 10]
     # Of a curve the lengths along it are taken, which those of its elements come near to.

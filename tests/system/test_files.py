@@ -11,7 +11,7 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from scenes import FLYING, clamped_bar
+from scenes import FLYING, assert_refused, clamped_bar
 
 import fx_beam as fb
 from fx_beam.results.export import HISTORIES
@@ -151,8 +151,7 @@ def test_the_heads_of_arrays_are_checked_as_well(fall, tmp_path):
         content = bytearray(whole)
         content[length] ^= 1 << bit
         damaged.write_bytes(content)
-        with pytest.raises(ValueError, match="is not a solution saved by fx_beam"):
-            fb.load(damaged)
+        assert_refused("is not a solution saved by fx_beam", fb.load, damaged, error=ValueError)
 
 
 @pytest.mark.parametrize(
@@ -198,8 +197,7 @@ def test_a_count_that_goes_is_zero_with_a_warning_and_files_may_have_it(fall, tm
 
 @pytest.mark.parametrize("path", [1, True, None, b"run.npz", ""])
 def test_what_is_no_path_is_refused_before_it_is_opened(path):
-    with pytest.raises(ValueError, match="path = .* must be the name of a file"):
-        fb.load(path)
+    assert_refused("path = .* must be the name of a file", fb.load, path, error=ValueError)
     assert os.fstat(1)  # an open file's number would have been closed
 
 

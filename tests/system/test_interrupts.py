@@ -8,7 +8,7 @@ import threading
 import numpy as np
 import pytest
 from interrupting import call_stopped_at
-from scenes import clamped_bar
+from scenes import clamped_bar, one_bar
 
 import fx_beam as fb
 from fx_beam.content_cache import cached_property
@@ -22,8 +22,7 @@ SECTION = fb.Section(EA=1e4, GA=1e4, EI=5.0, rhoA=1.0, rhoI=1e-2)
 
 def whirling():
     """Two arms that turn fast: a motor between them; loads that are held, of time, and follow."""
-    scene = fb.Scene(gravity=(0.0, -9.81))
-    arm = scene.add_beam([(0, 0), (1, 0)], SECTION, elements=2)
+    scene, arm = one_bar((1, 0), SECTION, elements=2, gravity=(0.0, -9.81))
     tip = scene.add_beam([(1, 0), (1.5, 0.2)], SECTION, elements=1)
     hinge = scene.add_joint(fb.Revolute(fb.GROUND, arm.start))
     scene.add_joint(fb.Revolute(arm.end, tip.start, motor=fb.Input("place")))

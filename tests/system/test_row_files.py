@@ -4,7 +4,7 @@ import ufl
 
 import numpy as np
 import pytest
-from scenes import grid
+from scenes import assert_refused, grid, one_bar
 
 import fx_beam as fb
 from fx_beam.motions import run
@@ -67,9 +67,8 @@ def held(section=SECTION):
 
 def flung(spin=3.0):
     """A free bow of degree 2, which is cut within, and turns."""
-    scene = fb.Scene()
     curve = fb.arc((1, 0), (0, 1), (-1, 0))
-    bow = scene.add_beam(curve, SECTION, elements=12, degree=2)
+    scene, bow = one_bar(curve, SECTION, elements=12, degree=2)
     scene.set_velocity(bow, lambda x, y: (-spin * y, spin * x), spin)
     scene.add_force(bow.end, lambda t: (0.0, 5 * t))
     return scene
@@ -162,8 +161,7 @@ def test_what_is_in_the_file_is_said_where_it_is_asked_for(tmp_path):
         lambda: found.resultants(next(iter(found.beams))),
         lambda: fb.plot.shapes(found, rows=[0]),
     ):
-        with pytest.raises(ValueError, match=r"motion not in memory: the rows are in .*rows.pvd"):
-            ask()
+        assert_refused(r"motion not in memory: the rows are in .*rows.pvd", ask, error=ValueError)
 
 
 def test_steps_before_a_failure_are_in_the_file(few, tmp_path):
@@ -183,8 +181,7 @@ def test_steps_before_a_failure_are_in_the_file(few, tmp_path):
 def test_what_a_file_cannot_have_is_refused(tmp_path):
     file, scene = tmp_path / "rows.pvd", held()
     for wrong in ({"times": [0.0, 0.1]}, {"motion": False}):
-        with pytest.raises(fb.SceneError, match="a file needs"):
-            fb.Record(file=file, **wrong)
+        assert_refused("a file needs", fb.Record, file=file, **wrong)
     with pytest.raises(ValueError, match="its name must end with .pvd"):
         fb.Record(file=tmp_path / "rows.vtk")
     record = fb.Record(file=file)
@@ -196,6 +193,5 @@ def test_what_a_file_cannot_have_is_refused(tmp_path):
         fb.Response(lambda x: (scene, {}), dt=0.01, t_end=0.1, record=record)
     bare = fb.Scene()
     bare.add_body((0, 0), 1.0, 0.1)
-    with pytest.raises(fb.SceneError, match="needs beams"):
-        fb.simulate(bare, dt=0.01, t_end=0.1, record=record)
+    assert_refused("needs beams", fb.simulate, bare, dt=0.01, t_end=0.1, record=record)
     assert not list(tmp_path.iterdir())

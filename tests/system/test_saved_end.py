@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from scenes import pinned_bar
+from scenes import assert_refused, pinned_bar
 
 import fx_beam as fb
 
@@ -78,8 +78,7 @@ def test_parts_of_a_last_state_of_another_kind_are_refused(name, value, rope, tm
     if value is None and name in ("constraints", "past"):
         return
     path = edited(rope, tmp_path / "other.npz", **{name: value})
-    with pytest.raises(ValueError, match="other.npz is not a solution saved by fx_beam"):
-        fb.load(path)
+    assert_refused("other.npz is not a solution saved by fx_beam", fb.load, path, error=ValueError)
 
 
 @pytest.mark.parametrize("name", ["work", "dissipated", "numerical", "algorithmic"])

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import scenes
 from pytest import approx
+from scenes import assert_refused, one_bar
 
 import fx_beam as fb
 from fx_beam_studies import work_precision
@@ -142,10 +143,9 @@ def test_error_of_the_momentum_of_free_flight_is_what_a_step_misses_of_the_force
 
 def soft_arm(elements, degree):
     """A clamped arm with a tip force that rises smoothly; the steps below resolve its waves."""
-    scene = fb.Scene()
     section = fb.Section(EA=200.0, GA=100.0, EI=2.0, rhoA=1.0, rhoI=0.1)
     ends = (0, 0), (1, 0)
-    arm = scene.add_beam(ends, section, elements=elements, degree=degree, name="arm")
+    scene, arm = one_bar(ends, section, elements=elements, degree=degree, name="arm")
     scene.clamp(arm.start)
     scene.add_force(arm.end, lambda t: (0.0, 10 * np.sin(3 * t) ** 4))
     return scene
@@ -243,8 +243,7 @@ def test_errors_below_that_of_the_reference_are_not_shown_as_known(tmp_path):
     assert seconds_at(found, 1e-3) == {} and set(seconds_at(found, 1e-2)) == {"A", "B"}
     assert "the smallest error is 3e-3, by B, dt = 0.01 s" in sentence(found, "q")
     assert "The reference is known to 0.001." in sentence(found, "q")
-    with pytest.raises(fb.SceneError, match=r"quantity = 'p' must be one of \['q'\]"):
-        sentence(found, "p")
+    assert_refused(r"quantity = 'p' must be one of \['q'\]", sentence, found, "p")
     with pytest.raises(ValueError, match="path = 3 must be the name of a file"):
         work_precision.write(3, found)
     work_precision.write(tmp_path / "q", found)
@@ -371,8 +370,7 @@ def test_steps_and_meshes_may_be_arrays():
     ],
 )
 def test_what_makes_no_sense_is_refused_by_name(change, message):
-    with pytest.raises(fb.SceneError, match=message):
-        small(**change)
+    assert_refused(message, small, **change)
 
 
 @pytest.mark.parametrize(
