@@ -346,8 +346,7 @@ def test_what_belongs_to_another_scene_is_refused():
         assert_refused("the scene does not have", use, load)
     other.remove(other.loads[0])
     assert scene.loads == [load]
-    with pytest.raises(fb.SceneError, match="the scene does not have"):
-        scene.remove(other.beams[0])
+    assert_refused("the scene does not have", lambda: scene.remove(other.beams[0]))
 
 
 CHANGES = {
@@ -513,8 +512,7 @@ def test_a_start_that_does_not_fit_is_refused():
         fb.static(scene, start=fb.static(other))
     assert_refused("start must be a Solution", fb.static, scene, start=scene)
     scene.add_force(beam.end, (0.0, -1.0))
-    with pytest.raises(fb.SceneError, match="start with a spin"):
-        fb.static(scene, start=fb.static(scene), spin=1.0)
+    assert_refused("start with a spin", lambda: fb.static(scene, start=fb.static(scene), spin=1.0))
     assert np.isfinite(fb.static(scene).q).all()
 
 

@@ -239,8 +239,7 @@ def made(update):
     ],
 )
 def test_springs_that_do_not_fit_are_refused(data, message):
-    with pytest.raises(fb.SceneError, match=message):
-        fb.Spring(**data())
+    assert_refused(message, lambda: fb.Spring(**data()))
 
 
 def test_springs_that_do_not_fit_their_joint_are_refused():

@@ -8,7 +8,7 @@ import ufl
 import numpy as np
 import pytest
 from derivatives import assert_left_of_second_order, difference
-from scenes import clamped_bar, guided_body, held_body, hinged_body, supported_bar
+from scenes import assert_refused, clamped_bar, guided_body, held_body, hinged_body, supported_bar
 from test_static_response import DATA, X, bending, chain, driven, motors, slide
 
 import fx_beam as fb
@@ -397,8 +397,7 @@ def test_repeated_modes_have_the_derivatives_of_their_group(caplog):
     weights = 2.0 * np.isin(np.arange(3), pair)
     assert run.vjp(weights) == pytest.approx(weights @ J, rel=1e-9)
     weights[pair[0]] = 1.0
-    with pytest.raises(fb.SceneError, match="only their sum has a gradient"):
-        run.vjp(weights)
+    assert_refused("only their sum has a gradient", lambda: run.vjp(weights))
     cut, whole = (fb.ModalResponse(crossed, n=n) for n in (4, 8))  # of five, one and all
     cut(np.ones(3)), whole(np.ones(3))
     assert cut.jacobian()[3] == pytest.approx(whole.jacobian()[3], rel=1e-9)
@@ -437,8 +436,7 @@ def resting(x):
 def test_what_has_no_derivatives_is_refused(build, options, message):
     run = fb.ModalResponse(build, **{"n": 1} | options)
     run([1.0, 1.0, 1.0])
-    with pytest.raises(fb.SceneError, match=message):
-        run.jacobian()
+    assert_refused(message, lambda: run.jacobian())
 
 
 def above(gap, friction):

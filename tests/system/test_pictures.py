@@ -744,8 +744,7 @@ def test_what_cannot_be_drawn_is_refused_before_a_file_is_begun(
 
 def test_scenes_that_cannot_be_drawn_are_refused():
     scene, _ = crane()
-    with pytest.raises(fb.SceneError, match="the scene has no beams; add one"):
-        plot.scene(fb.Scene())
+    assert_refused("the scene has no beams; add one", lambda: plot.scene(fb.Scene()))
     emptied, beam = cantilever()
     emptied.remove(beam)
     assert_refused("the scene has no beams; add one", plot.scene, emptied)

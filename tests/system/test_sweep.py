@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 import sweep_cases
 from mpirun import mpirun
+from scenes import assert_refused
 
 import fx_beam as fb
 from fx_beam.results import export
@@ -144,8 +145,7 @@ def test_what_processes_cannot_import_is_refused(monkeypatch):
     prompt.square = lambda case: None
     prompt.square.__module__, prompt.square.__qualname__ = "__main__", "square"
     monkeypatch.setitem(sys.modules, "__main__", prompt)
-    with pytest.raises(fb.SceneError, match="is defined at a prompt"):
-        fb.sweep(prompt.square, [{"x": 1}])
+    assert_refused("is defined at a prompt", lambda: fb.sweep(prompt.square, [{"x": 1}]))
 
 
 def said_by_two_ranks(tmp_path, text, *options):
@@ -304,8 +304,7 @@ def test_cases_may_be_the_rows_of_a_table_and_rows_are_one_where_pandas_is(threa
 )
 def test_what_makes_no_sense_is_refused(change, reason, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(fb.SceneError, match=reason):
-        fb.sweep(**{"function": square, "cases": [{"x": 1}]} | change)
+    assert_refused(reason, lambda: fb.sweep(**{"function": square, "cases": [{"x": 1}]} | change))
 
 
 # -- Tables one after another --------------------------------------------------------------------
