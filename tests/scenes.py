@@ -98,10 +98,11 @@ def hinged_body(place, mass, inertia, points, gravity=None, **laws):
 
 
 def held_body(place, mass, inertia, *fixed, gravity=None):
-    """A scene with a body of which some components are fixed; and its centre."""
+    """A scene with a body, some components of which may be fixed; and its centre."""
     scene = fb.Scene(gravity=gravity)
     centre = scene.add_body(place, mass, inertia).centre
-    scene.fix(centre, *fixed)
+    if fixed:
+        scene.fix(centre, *fixed)
     return scene, centre
 
 

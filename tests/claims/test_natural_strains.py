@@ -301,14 +301,21 @@ def test_the_work_of_natural_strains_closes_the_balance(section, scheme):
     assert (np.diff(energy.dissipated) >= 0).all()
 
 
-@pytest.mark.parametrize("data", [DAMPED, RELAXING], ids=["damped", "relaxing"])
-def test_a_beam_that_follows_its_natural_strain_freely_has_no_stress_and_loses_nothing(data):
+@pytest.mark.parametrize(
+    ("data", "scheme"),
+    [(DAMPED, fb.EnergyMomentum()), (DAMPED, fb.Newmark()), (RELAXING, fb.EnergyMomentum())],
+    ids=["damped", "damped, Newmark", "relaxing"],
+)
+def test_a_beam_that_follows_its_natural_strain_freely_has_no_stress_and_loses_nothing(
+    data, scheme
+):
     scene, beam = bar(fb.Section(**data), curvature=lambda t: 3 * t)
     scene.add_mass(beam.end, 1e-9)
-    solution = fb.simulate(scene, dt=0.05, t_end=0.5)
+    solution = fb.simulate(scene, scheme, dt=0.05, t_end=0.5)
     assert solution.rotation(beam.end)[-1] == pytest.approx(1.5, rel=1e-6)
     assert abs(solution.resultants(beam).M).max() < 1e-6
-    assert solution.energy.dissipated[-1] < 1e-9
+    if scheme.name != "Newmark":  # by which the spin from rest swings about that of the strain
+        assert solution.energy.dissipated[-1] < 1e-9
 
 
 @pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.EnergyMomentum(order=4)], ids=str)
