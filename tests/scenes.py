@@ -47,12 +47,18 @@ def assert_refused(words, call, *arguments, error=fb.SceneError, **options):
         call(*arguments, **options)
 
 
-def one_bar(axis, section, *size, gravity=None, **options):
-    """A scene with a beam along an axis: points, a curve, or the end of a line from the origin."""
+def one_bar(axis, section, *size, gravity=None, load=None, **options):
+    """A scene with a beam along an axis: points, a curve, or the end of a line from the origin.
+
+    A load is a force at its end.
+    """
     scene = fb.Scene(gravity=gravity)
     is_end = isinstance(axis, tuple) or getattr(axis, "ndim", 2) == 1
     points = [(0, 0), axis] if is_end else axis
-    return scene, scene.add_beam(points, section, *size, **options)
+    bar = scene.add_beam(points, section, *size, **options)
+    if load is not None:
+        scene.add_force(bar.end, load)
+    return scene, bar
 
 
 def clamped_bar(axis, section, *size, **options):

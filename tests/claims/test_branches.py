@@ -15,8 +15,7 @@ SLENDER = fb.Section(EA=1e7, GA=1e7, EI=EI, rhoA=1.0, rhoI=1e-6)
 
 def column(load):
     """A slender pinned column of length 1, and its middle."""
-    scene, beam = supported_bar((0, 1), SLENDER, 8, 3, held="x")
-    scene.add_force(beam.end, (0, -load))
+    scene, beam = supported_bar((0, 1), SLENDER, 8, 3, held="x", load=(0, -load))
     return scene, beam.node(0.5), beam.end
 
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 from derivatives import difference
-from scenes import assert_refused, clamped_bar, guided_body, one_bar, one_body
+from scenes import assert_refused, clamped_bar, guided_body, one_body
 
 import fx_beam as fb
 
@@ -48,9 +48,7 @@ def test_derivative_by_a_number_that_is_zero_is_the_same_in_small_scenes(size):
     def build(x):
         section = fb.Section(EA=1.0, GA=0.4, EI=1e-3 * size**2)
         curve = fb.arc((0, 0), (size / 2, 0.1 * size + x[0]), (size, 0))
-        scene, beam = one_bar(curve, section, elements=4)
-        scene.clamp(beam.start)
-        scene.add_force(beam.end, (0, -1e-4))
+        scene, beam = clamped_bar(curve, section, elements=4, load=(0, -1e-4))
         return scene, {"tip": fb.Output("position", beam.end, "y")}
 
     run = fb.StaticResponse(build, load_steps=2)

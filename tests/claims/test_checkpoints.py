@@ -45,8 +45,7 @@ def latticed(x):
 
 
 def yielding(x):
-    scene, beam = clamped_bar((1, 0), PLASTIC, elements=4)
-    scene.add_force(beam.end, (0, 6.0))
+    scene, beam = clamped_bar((1, 0), PLASTIC, elements=4, load=(0, 6.0))
     return loaded(scene, x, beam.end)
 
 
@@ -134,8 +133,7 @@ def test_a_memory_that_is_no_number_is_refused():
 def test_a_jacobian_needs_no_memory_for_states_that_no_output_reads():
     def build(x):
         section = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0, rhoI=1e-3)
-        scene, beam = clamped_bar((1, 0), section, elements=100)
-        scene.add_force(beam.end, (0.0, np.sum(x)))
+        scene, beam = clamped_bar((1, 0), section, elements=100, load=(0.0, np.sum(x)))
         return scene, {"tip": fb.Output("velocity", beam.end)}
 
     run, x = fb.Response(build, dt=0.01, t_end=1.0), np.ones(8)

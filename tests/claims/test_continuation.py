@@ -63,8 +63,7 @@ def test_a_deep_arch_meets_the_limit_load_of_the_literature():
         at = np.linspace(-half, half, elements + 1)
         section = fb.Section(EA=1e8, GA=1e8, EI=1.0)
         around = np.column_stack([np.sin(at), np.cos(at)])
-        scene, arch = one_bar(around, section, elements)
-        scene.clamp(arch.start)
+        scene, arch = clamped_bar(around, section, elements)
         scene.pin(arch.end)
         scene.add_force(arch.node(0.5), (0.0, -10.0))
         path = fb.static(scene, 20, continuation="arc-length", max_steps=40)
@@ -227,8 +226,7 @@ def stretched(energy):
     section = fb.Section(
         strain_energy=lambda eps, gamma, kappa: energy(10 * eps) + gamma**2 + kappa**2
     )
-    scene, bar = clamped_bar((1, 0), section, elements=2)
-    scene.add_force(bar.end, (40.0, 0))
+    scene, bar = clamped_bar((1, 0), section, elements=2, load=(40.0, 0))
     return scene
 
 

@@ -187,8 +187,7 @@ def test_a_solution_without_motion_and_one_of_statics_can_be_copied(copied):
     assert len(other.joint(joint).force) == 6
     with pytest.raises(ValueError, match="motion not recorded"):
         other.resultants(scene.beams[0])
-    scene, beam = clamped_bar((1, 0), MEMBER, elements=1)
-    scene.add_force(beam.end, (0.0, 1.0))
+    scene, beam = clamped_bar((1, 0), MEMBER, elements=1, load=(0.0, 1.0))
     solution, modes = fb.static(scene, load_steps=2), fb.modes(scene, n=1)
     assert (copied(solution).resultants(beam).M == solution.resultants(beam).M).all()
     assert (copied(solution).load_factor == solution.load_factor).all()
@@ -274,8 +273,7 @@ def test_a_function_inside_another_is_refused_by_pickle_with_its_name():
 
 
 def test_equilibria_that_follow_each_other_hold_no_earlier_ones_nor_functions_of_loads():
-    scene, beam = clamped_bar((1, 0), MEMBER, elements=1)
-    scene.add_force(beam.end, lambda t: (0.0, -2.0 * t))
+    scene, beam = clamped_bar((1, 0), MEMBER, elements=1, load=lambda t: (0.0, -2.0 * t))
     first = fb.static(scene, load_steps=1, t=1.0)
     second = fb.static(scene, load_steps=1, t=2.0, start=first)
     last = fb.static(scene, load_steps=1, t=3.0, start=second)

@@ -127,8 +127,7 @@ def test_a_bar_that_yields_as_it_snaps_through_unloads_where_it_is_shortest():
 
     variables = fb.InternalVariables(("a",), flow)
     section = fb.Section(strain_energy=energy, internal=variables)
-    scene, bar = supported_bar((1, rise), section, elements=1, held="x")
-    scene.add_force(bar.end, (0.0, -1.0))
+    scene, bar = supported_bar((1, rise), section, elements=1, held="x", load=(0.0, -1.0))
     path = fb.static(scene, 40, continuation="arc-length")
     assert path.load_factor[-1] == 1
     heights, force, a = path.position(bar.end)[:, 1], [], 0.0

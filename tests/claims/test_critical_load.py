@@ -139,8 +139,7 @@ def test_the_stiffness_of_a_column_is_no_imperfection_in_any_direction(angle):
     def build(x):
         along = np.array([-np.sin(angle), np.cos(angle)])
         section = fb.Section(EA=STIFF, GA=STIFF, EI=x[0])
-        scene, beam = clamped_bar(along, section, elements=8, degree=2)
-        scene.add_force(beam.end, -4 * along)
+        scene, beam = clamped_bar(along, section, elements=8, degree=2, load=-4 * along)
         return observed(scene)
 
     run = fb.StaticResponse(build, load_steps=4)

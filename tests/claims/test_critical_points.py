@@ -419,8 +419,7 @@ def test_a_column_that_hardens_buckles_at_its_tangent_modulus_load(how):
     section = fb.Section(
         strain_energy=energy, internal=fb.InternalVariables(("one", "other"), flow)
     )
-    scene, beam = supported_bar((0, 1), section, 8, 2, held="x")
-    scene.add_force(beam.end, (0, -0.5 * euler))
+    scene, beam = supported_bar((0, 1), section, 8, 2, held="x", load=(0, -0.5 * euler))
     path = fb.static(scene, load_steps=7, continuation=how)
     (point,) = path.critical_points
     load = 0.5 * euler * point.load_factor

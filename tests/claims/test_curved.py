@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from numpy.polynomial import Legendre
-from scenes import FLYING, one_bar
+from scenes import FLYING, clamped_bar, one_bar
 from scipy.integrate import quad, simpson
 
 import fx_beam as fb
@@ -205,8 +205,7 @@ def tip_per_moment(curve, degree, elements, moment):
     """Error of the tip of a curve under a moment."""
     function, rate = CURVES[curve]
     section = fb.Section(EA=200.0, GA=100.0, EI=1.0)
-    scene, beam = one_bar(function, section, elements=elements, degree=degree)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar(function, section, elements=elements, degree=degree)
     scene.add_moment(beam.end, moment)
 
     def advance(f, of):  # along the tangent, which turns in proportion to the arc length before it
@@ -236,8 +235,7 @@ def tip_per_force(degree, elements, thickness, curve="arc", force=1e-4):
     found = 0.0
     # Their sum is linear to fifth order.
     for factor, weight in ((1, 2 / 3), (-1, 2 / 3), (2, -1 / 6), (-2, -1 / 6)):
-        scene, beam = one_bar(function, section, elements=elements, degree=degree)
-        scene.clamp(beam.start)
+        scene, beam = clamped_bar(function, section, elements=elements, degree=degree)
         scene.add_force(beam.end, (0, factor * force))
         tip = fb.static(scene, load_steps=1).displacement(beam.end)[-1, 1]
         found += weight * tip / (factor * force)

@@ -249,8 +249,7 @@ def test_a_bead_on_a_turning_rod_has_the_derivatives_of_cosh():
 
 def cantilever(x):
     section = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0, rhoI=0.01)
-    scene, beam = clamped_bar((1, 0), section, elements=4)
-    scene.add_force(beam.end, (0.0, x[0]))
+    scene, beam = clamped_bar((1, 0), section, elements=4, load=(0.0, x[0]))
     tip, root = fb.Output("position", beam.end, "x"), fb.Output("reaction", beam.start)
     return scene, {"tip": tip, "root": root}
 

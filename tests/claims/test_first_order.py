@@ -134,8 +134,7 @@ def test_joints_are_those_of_the_reference():
 @pytest.mark.parametrize("stiff", [1e3, 1e7])
 def test_a_stop_stays_open(gap, stiff):
     section = fb.Section(EA=stiff, GA=stiff, EI=1.0)
-    scene, beam = clamped_bar((1, 0), section, elements=2, degree=3)
-    scene.add_force(beam.end, (0, -1.0))
+    scene, beam = clamped_bar((1, 0), section, elements=2, degree=3, load=(0, -1.0))
     scene.add_force_between(beam.end, (1.0, -1.0), stop=(1.0 - gap, None, 1e5))
     sunk = fb.static(scene, linear=True).displacement(beam.end)[-1, 1]
     assert sunk == pytest.approx(-(1 / 3 + 1 / stiff), rel=1e-7)

@@ -34,8 +34,7 @@ def test_steps_are_whole_again_within_five_after_a_hard_time():
 
 @pytest.mark.parametrize("size", [1e150, 1e300])
 def test_a_load_that_overflows_ends_the_run_after_its_halvings(size):
-    scene, arm = clamped_bar((1, 0), FLYING, elements=4)
-    scene.add_force(arm.end, lambda t: (0.0, size * (t > 0.05)))
+    scene, arm = clamped_bar((1, 0), FLYING, elements=4, load=lambda t: (0.0, size * (t > 0.05)))
     with pytest.raises(fb.StepError, match="failed after 12 halvings") as stop:
         fb.simulate(scene, dt=0.01, t_end=1.0)
     assert stop.value.solution.t[-1] == pytest.approx(0.05)

@@ -80,8 +80,7 @@ def test_a_small_beam_beside_a_large_scene_bends_as_it_does_alone():
     motions = []
     for size in (0, 1e3):
         section = fb.Section(EA=1e-3, GA=4e-4, EI=8e-19, rhoA=2e-12, rhoI=1e-28)
-        scene, beam = clamped_bar((1e-6, 0), section, elements=3)
-        scene.add_force(beam.end, (0.0, -4e-7))
+        scene, beam = clamped_bar((1e-6, 0), section, elements=3, load=(0.0, -4e-7))
         if size:
             steel = fb.Section(EA=1e10, GA=4e9, EI=1e9, rhoA=1e3, rhoI=1e2)
             bridge = scene.add_beam([(0, 1), (size, 1)], steel, elements=4)

@@ -26,8 +26,7 @@ def cantilever(x):
 def column(x):
     """EI, and a force at its end, between two pins."""
     section = fb.Section(EA=1e7, GA=1e7, EI=x[0], rhoA=1.0)
-    scene, beam = supported_bar((1, 0), section, **LONG)
-    scene.add_force(beam.end, (-x[1], 0))
+    scene, beam = supported_bar((1, 0), section, **LONG, load=(-x[1], 0))
     return scene
 
 

@@ -12,8 +12,7 @@ SECTION = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0, rhoI=1e-4)
 
 
 def column():
-    scene, beam = supported_bar((0, 1), SECTION, 8, 2, held="x")
-    scene.add_force(beam.end, (0, -50.0))
+    scene, beam = supported_bar((0, 1), SECTION, 8, 2, held="x", load=(0, -50.0))
     return scene
 
 

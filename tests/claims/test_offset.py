@@ -40,8 +40,7 @@ def test_a_deck_and_its_rib_are_a_composite_section():
 
 def test_a_force_on_the_line_bends_the_axis_beside_it():
     """A moment F e: rotation F e L / EI and deflection F e L^2 / (2 EI)."""
-    scene, beam = clamped_bar((0, 2), RIB, elements=4, degree=2, offset=0.1)
-    scene.add_force(beam.end, (0, 1.0))
+    scene, beam = clamped_bar((0, 2), RIB, elements=4, degree=2, offset=0.1, load=(0, 1.0))
     bent = fb.static(scene, linear=True)
     moment = -0.1  # the axis is to the left of the force, which goes up
     assert bent.rotation(beam.end)[-1] == pytest.approx(-moment * 2 / 2e3, rel=1e-9)
@@ -104,8 +103,7 @@ def test_a_removed_rib_leaves_the_deck_alone():
     scene.add_force(deck.end, (0, -1.0))
     scene.remove(rib)
     bare = fb.static(scene, linear=True)
-    alone, beam = clamped_bar((4, 0), DECK, elements=4)
-    alone.add_force(beam.end, (0, -1.0))
+    alone, beam = clamped_bar((4, 0), DECK, elements=4, load=(0, -1.0))
     expected = fb.static(alone, linear=True).displacement(beam.end)[-1]
     assert bare.displacement(deck.end)[-1] == pytest.approx(expected, rel=1e-12)
 

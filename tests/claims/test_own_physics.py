@@ -249,8 +249,7 @@ def test_a_prestressed_section_with_pieces_moves_as_one_without_where_these_do_n
 
     def end(energy):
         section = fb.Section(strain_energy=energy, rhoA=1.0, rhoI=1e-2)
-        scene, bar = supported_bar((1, 0), section, elements=4, held="x")
-        scene.add_force(bar.end, (0.0, 0.01))
+        scene, bar = supported_bar((1, 0), section, elements=4, held="x", load=(0.0, 0.01))
         solution = fb.simulate(scene, dt=1e-4, t_end=5e-3)
         assert solution.stats.newton_iterations < 250
         return solution.displacement(bar.end)[-1, 1]

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import clamped_bar, one_bar
+from scenes import clamped_bar, one_bar, supported_bar
 
 import fx_beam as fb
 
@@ -11,9 +11,7 @@ every_degree = pytest.mark.parametrize("degree", [1, 2, 3])
 
 
 def beam_on_two_supports(points=((0, 0), (3, 0)), elements=4, degree=1):
-    scene, beam = one_bar(points, SECTION, elements=elements, degree=degree)
-    scene.pin(beam.start)
-    scene.fix(beam.end, "y")
+    scene, beam = supported_bar(points, SECTION, elements=elements, degree=degree)
     return scene, beam
 
 

@@ -14,8 +14,7 @@ SECTION = fb.Section(EA=1e4, GA=4e3, EI=EI, rhoA=1.0, rhoI=1e-6)
 
 def column(load):
     """A column of length 1 under a load, pinned at both ends."""
-    scene, beam = supported_bar((0, 1), SECTION, 8, 3, held="x")
-    scene.add_force(beam.end, (0, -load))
+    scene, beam = supported_bar((0, 1), SECTION, 8, 3, held="x", load=(0, -load))
     return scene
 
 

@@ -6,7 +6,7 @@ import ufl
 
 import numpy as np
 import pytest
-from scenes import assert_refused, clamped_bar, guided_body, one_body, pinned_bar
+from scenes import assert_refused, clamped_bar, guided_body, one_body, pinned_bar, supported_bar
 from scipy.integrate import solve_ivp
 from scipy.special import ellipk
 
@@ -65,8 +65,7 @@ def frequency_of_duffing(amplitude):
 
 def pinned(slenderness, elements):
     section = fb.Section(EA=slenderness**2, GA=10 * slenderness**2, EI=1.0, rhoA=1.0)
-    scene, beam = pinned_bar((1, 0), section, elements=elements, degree=2)
-    scene.pin(beam.end)
+    scene, beam = supported_bar((1, 0), section, elements=elements, degree=2, held="xy")
     return scene, beam
 
 

@@ -125,8 +125,7 @@ def test_statics_and_undamped_scenes_know_nothing_of_it():
     tips = []
     for tau in (0.0, 0.1):
         section = fb.Section(EA=1e6, GA=1e6, EI=1e3, retardation=tau)
-        cantilever, arm = clamped_bar((1, 0), section, elements=4)
-        cantilever.add_force(arm.end, (0.0, -100.0))
+        cantilever, arm = clamped_bar((1, 0), section, elements=4, load=(0.0, -100.0))
         tips.append(fb.static(cantilever, load_steps=2).displacement(arm.end)[-1])
     assert tips[1] == pytest.approx(tips[0], rel=1e-12)
 

@@ -35,8 +35,7 @@ def test_the_moment_of_a_cantilever_changes_with_its_load_and_its_length(degree)
     def build(x):
         load, length = x
         section = fb.Section(EA=1e13, GA=1e13, EI=1e13)
-        scene, beam = clamped_bar((length, 0), section, 3, degree)
-        scene.add_force(beam.end, (0, load))
+        scene, beam = clamped_bar((length, 0), section, 3, degree, load=(0, load))
         return scene, {
             "clamp": fb.Output("M", beam.at(0.0)),
             "inside": fb.Output("M", beam.at(0.5)),

@@ -500,8 +500,7 @@ def test_bad_sliders_are_refused_with_their_names(make, message):
 
 def test_a_sleeve_on_the_ground_that_is_refused_leaves_nothing_in_the_scene():
     """A node that it left would be free to move."""
-    scene, bent = clamped_bar([(0, 0), (1, 0), (2, 1)], LIGHT, elements=[2, 2])
-    scene.add_force(bent.end, (0.0, -1.0))
+    scene, bent = clamped_bar([(0, 0), (1, 0), (2, 1)], LIGHT, elements=[2, 2], load=(0.0, -1.0))
     before = fb.static(scene).q[-1]
     assert_refused("corners", lambda: scene.add_joint(fb.Sleeve(bent, fb.GROUND, fraction=0.5)))
     assert len(scene.nodes) == len(before)
@@ -570,8 +569,7 @@ def test_a_point_of_a_circle_is_told_where_the_axis_of_the_elements_is(degree):
 def mass_on_a_string(points):
     """A mass on the lowest point of a string, which it pulls down."""
     section = fb.Section(EA=1e5, GA=1e5, EI=1e-3, rhoA=0.01, rhoI=1e-6)
-    scene, string = one_bar(points, section, elements=20, name="string", gravity=(0, -9.81))
-    scene.pin(string.start)
+    scene, string = pinned_bar(points, section, elements=20, name="string", gravity=(0, -9.81))
     scene.pin(string.end)
     scene.add_joint(fb.Slider(string, scene.add_body((1, -1), 1.0, 0.01).centre))
     return scene
@@ -604,8 +602,7 @@ def tensions_beside_a_pulley(length, elements, stiffness=50.0, moving=False):
     T = brentq(wide, 0.501 * W, 20 * W)
     place = L / 2 - height * T / W / (1 + T / EA)
     section = fb.Section(EA=EA, GA=EA, EI=T * length**2, rhoA=0.02, rhoI=2e-6)
-    scene, cable = pinned_bar((span, height), section, elements, 2)
-    scene.pin(cable.end)
+    scene, cable = supported_bar((span, height), section, elements, 2, held="xy")
     pulley = scene.add_body((0.3 * span, 0.3 * height), 1.0, 0.01)
     holds = {"spring": fb.Spring(stiffness, rest=place)}
     if moving:
@@ -663,8 +660,7 @@ def test_the_first_acceleration_of_a_node_that_slides_over_a_node_is_that_of_the
 def guided(load=(0.0, -20.0)):
     """A clamped rod through a guide on the ground, which closes a loop."""
     section = fb.Section(EA=1e4, GA=1e4, EI=20.0, rhoA=1.0, rhoI=1e-2)
-    scene, rod = one_bar((1, 0.2), section, elements=4, gravity=(0.0, -9.81))
-    scene.add_force(rod.end, load)
+    scene, rod = one_bar((1, 0.2), section, elements=4, gravity=(0.0, -9.81), load=load)
     guide = scene.add_joint(fb.Slider(rod, fb.GROUND, fraction=0.6))
     return scene, rod, guide
 
@@ -696,8 +692,7 @@ def test_a_motor_beside_a_guide_does_the_work_of_its_moment():
 def test_a_massless_body_on_a_slide_has_the_rates_of_a_light_one(kind):
     def end(mass):
         section = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=0.5, rhoI=1e-3)
-        scene, rod = clamped_bar((1, 0), section, elements=4)
-        scene.add_force(rod.end, (0, -1.0))
+        scene, rod = clamped_bar((1, 0), section, elements=4, load=(0, -1.0))
         body = scene.add_body((0.5, 0), mass=mass).centre
         slide = {"spring": fb.Spring(10.0, rest=0.5)}
         if kind == "prismatic":

@@ -175,8 +175,7 @@ def test_a_block_with_friction_moves_by_f_less_mu_n_over_k():
 
 
 def cantilever(section=MEMBER, gravity=None, points=((0, 0), (1, 0)), elements=3, degree=1):
-    scene, beam = one_bar(points, section, elements=elements, degree=degree, gravity=gravity)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar(points, section, elements=elements, degree=degree, gravity=gravity)
     return scene, beam
 
 

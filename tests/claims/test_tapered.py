@@ -16,8 +16,7 @@ DEGREES = pytest.mark.parametrize("degree", [1, 2, 3])
 
 def end_of_cantilever(section, force, elements, degree):
     """Displacement of the end of a cantilever of length 2 in equilibrium."""
-    scene, beam = clamped_bar((2, 0), section, elements=elements, degree=degree)
-    scene.add_force(beam.end, force)
+    scene, beam = clamped_bar((2, 0), section, elements=elements, degree=degree, load=force)
     solution = fb.static(scene, load_steps=1)
     return solution.displacement(beam.end)[-1]
 

@@ -62,8 +62,7 @@ UNITS = {
 
 def cantilever(u):
     section = u.section(1e6, 4e5, 80.0, 1.0, 1e-3)
-    scene, beam = one_bar(u.points((0, 0), (1, 0)), section, elements=4)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar(u.points((0, 0), (1, 0)), section, elements=4)
     scene.add_force(beam.end, u.forces(-5.0, 60.0))
     scene.add_moment(beam.end, 20.0 / u.energy)
     scene.add_line_load(beam, (0.0, -3.0 * u.length / u.force))
@@ -138,8 +137,7 @@ def loops_with_slides(u):
 def bent(u):
     """A moment bends a beam whose nodes have no rotary inertia: they start in equilibrium."""
     section = u.section(1e5, 2e4, 20.0, 1.0)
-    scene, beam = one_bar(u.points((0, 0), (1, 0)), section, elements=4, gravity=u.gravity())
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar(u.points((0, 0), (1, 0)), section, elements=4, gravity=u.gravity())
     scene.add_moment(beam.end, 2.0 / u.energy)
     return scene
 
@@ -323,8 +321,7 @@ LENGTH, ROD = 1e-7, fb.Section.circle(5e-9, E=2e11, rho=7800.0)
 
 
 def nanorod(force=0.0):
-    scene, rod = clamped_bar((LENGTH, 0), ROD, elements=8, degree=2)
-    scene.add_force(rod.end, (0.0, force))
+    scene, rod = clamped_bar((LENGTH, 0), ROD, elements=8, degree=2, load=(0.0, force))
     return scene, rod
 
 
@@ -411,8 +408,7 @@ def with_moments(u, size):
     They grow with the deflection beside them, and nothing gives that back.
     """
     section = u.section(1e6, 4e5, 80.0, 1.0, 1e-2)
-    scene, beam = one_bar(u.points((0, 0), (1, 0)), section, elements=2)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar(u.points((0, 0), (1, 0)), section, elements=2)
     per_length = size / u.force * u.length
 
     def moment(step):

@@ -142,8 +142,7 @@ def test_a_rigid_column_tips_over_at_its_critical_point_and_along_its_branch():
 
 def test_an_imperfect_column_deflects_as_southwell_says():
     section = fb.Section(**DATA | {"EA": 1e9, "GA": 1e9, "EI": 1.0})
-    scene, beam = supported_bar((0, 1), section, elements=8, held="x")
-    scene.add_force(beam.end, (0, -12.0))
+    scene, beam = supported_bar((0, 1), section, elements=8, held="x", load=(0, -12.0))
     (point,) = fb.static(scene, load_steps=4).critical_points
     size = 1e-6
     crooked = fb.imperfect(scene, point.modes, size)

@@ -113,8 +113,7 @@ def test_symbols_move_with_their_nodes_and_points():
 
 
 def test_equilibria_and_scenes_of_bodies_have_pages_too():
-    scene, beam = clamped_bar((1, 0), ROPE, elements=4)
-    scene.add_force(beam.end, (0, -1.0))
+    scene, beam = clamped_bar((1, 0), ROPE, elements=4, load=(0, -1.0))
     assert data(fb.plot.interactive(fb.static(scene, load_steps=3)))["static"]
     scene, body = one_body((0, 0), 1.0, 0.1, {"edge": (0.1, 0)}, name="stone", gravity=(0, -9.81))
     page = fb.plot.interactive(fb.simulate(scene, dt=0.1, t_end=0.5), trace=body.centre)

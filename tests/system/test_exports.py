@@ -4,7 +4,7 @@ import importlib.util
 
 import numpy as np
 import pytest
-from scenes import FLYING, clamped_bar, one_bar
+from scenes import FLYING, clamped_bar
 
 import fx_beam as fb
 from fx_beam.results.fields import along_all, energy_density
@@ -31,8 +31,7 @@ def fall(degree=2, **options):
 )
 def test_the_stored_energy_along_the_members_adds_up_to_that_of_the_solution(curved, off, degree):
     points = fb.arc((0, 0), (1, 0.2), (2, 0)) if curved else [(0, 0), (1, 0.2), (2, 0)]
-    scene, beam = one_bar(points, FLYING, 6, degree, name="arm", gravity=(0.0, -9.81))
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar(points, FLYING, 6, degree, name="arm", gravity=(0.0, -9.81))
     solution, rows = fb.simulate(scene, dt=0.02, t_end=0.2), [4, 10]
     # Of a curve the lengths along it are taken, which those of its elements come near to.
     weights = np.outer(np.diff(beam.s), np.polynomial.legendre.leggauss(degree)[1] / 2)
@@ -75,8 +74,7 @@ def test_moments_at_the_ends_of_elements_are_those_of_supports_free_ends_and_cou
 ):
     """In statics, also in large bending and after a file."""
     section = fb.Section(EA=1e4, GA=1e4, EI=50.0)
-    scene, beam = clamped_bar((1.2, 1.6), section, elements=4, degree=degree)
-    scene.add_force(beam.end, (3.0, -20.0))
+    scene, beam = clamped_bar((1.2, 1.6), section, elements=4, degree=degree, load=(3.0, -20.0))
     scene.add_line_load(beam, lambda s: (0.0, -15.0 if s < 1.3 else 0.0), of="arc length")
     scene.add_moment(beam.node(0.5), 7.0)
     solution = fb.static(scene)
@@ -93,8 +91,7 @@ def test_moments_at_the_ends_of_elements_are_those_of_supports_free_ends_and_cou
 def test_moments_at_the_ends_of_elements_in_a_motion_are_those_of_its_supports():
     """Also with much rotary inertia, but for the small change of the strains over half a step."""
     section = fb.Section(EA=1e4, GA=1e4, EI=50.0, rhoA=1.0, rhoI=0.5)
-    scene, beam = clamped_bar((2, 0), section, elements=4)
-    scene.add_force(beam.end, (0.0, -10.0))
+    scene, beam = clamped_bar((2, 0), section, elements=4, load=(0.0, -10.0))
     solution = fb.simulate(scene, dt=0.01, t_end=0.5)
     ends = along_all(solution, "M", range(51), np.array([0.0, 1.0]))
     most = abs(solution.reaction(beam.start)[:, 2]).max()

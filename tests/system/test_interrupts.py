@@ -179,8 +179,7 @@ def motion_by(**options):
 
 
 def bent():
-    scene, arm = clamped_bar((1, 0), SECTION, elements=2)
-    scene.add_force(arm.end, (0.0, 5.0))
+    scene, arm = clamped_bar((1, 0), SECTION, elements=2, load=(0.0, 5.0))
     return lambda: fb.static(scene, load_steps=3)
 
 

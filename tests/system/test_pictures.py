@@ -467,8 +467,7 @@ def test_diagrams_have_a_panel_and_the_extreme_values_of_each_quantity(girder, t
 @pytest.mark.parametrize("elements", [1, 4, 16])
 def test_the_extreme_moment_of_a_cantilever_is_that_of_statics_at_its_clamp(elements, degree):
     section = fb.Section(EA=1e8, GA=1e8, EI=1e6)
-    scene, beam = clamped_bar((2, 0), section, elements=elements, degree=degree)
-    scene.add_force(beam.end, (0.0, -10.0))
+    scene, beam = clamped_bar((2, 0), section, elements=elements, degree=degree, load=(0.0, -10.0))
     scene.add_line_load(beam, (0.0, -1.0))
     figure = plot.diagrams(fb.static(scene, load_steps=1), None, quantities=["M"])
     (extreme,) = (text.get_text() for text in figure.axes[0].texts)
@@ -685,8 +684,7 @@ def test_rows_count_from_the_end_as_in_python(swing, tmp_path):
 
 def test_numbers_of_the_axes_of_diagrams_do_not_overlap_in_micrometres():
     section = fb.Section.rectangle(1e-6, 10e-6, *fb.materials.glass)
-    scene, beam = clamped_bar((1e-4, 0), section, elements=4)
-    scene.add_force(beam.end, (0.0, -1e-7))
+    scene, beam = clamped_bar((1e-4, 0), section, elements=4, load=(0.0, -1e-7))
     figure = plot.diagrams(fb.static(scene, load_steps=1), None, 1, ["M", "N"])
     figure.draw_without_rendering()
     for ax in figure.axes:
@@ -695,8 +693,7 @@ def test_numbers_of_the_axes_of_diagrams_do_not_overlap_in_micrometres():
 
 def test_a_motion_too_small_to_be_seen_is_said_with_a_factor(caplog):
     section = fb.Section(EA=1e9, GA=1e9, EI=1e6)
-    scene, beam = clamped_bar((1, 0), section, elements=1)
-    scene.add_force(beam.end, (0.0, 1.0))
+    scene, beam = clamped_bar((1, 0), section, elements=1, load=(0.0, 1.0))
     plot.shapes(fb.static(scene, load_steps=1))
     assert "magnify=100000 would show it" in caplog.text
 

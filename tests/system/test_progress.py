@@ -104,8 +104,7 @@ def test_an_interrupted_part_of_a_step_goes_on_after_it():
 
 
 def loaded():
-    scene, beam = clamped_bar((1, 0), FLYING, elements=3)
-    scene.add_force(beam.end, (0.0, 50.0))
+    scene, beam = clamped_bar((1, 0), FLYING, elements=3, load=(0.0, 50.0))
     return scene
 
 

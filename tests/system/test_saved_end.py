@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from scenes import assert_refused, pinned_bar
+from scenes import assert_refused, supported_bar
 
 import fx_beam as fb
 
@@ -13,8 +13,7 @@ import fx_beam as fb
 def rope():
     """A stick falls on a rope, with friction."""
     cord = fb.Section.circle(diameter=8e-3, E=5e6, rho=1100.0)
-    scene, rope = pinned_bar((0.6, 0), cord, elements=8, gravity=(0, -9.81))
-    scene.pin(rope.end)
+    scene, rope = supported_bar((0.6, 0), cord, elements=8, gravity=(0, -9.81), held="xy")
     stick = scene.add_beam([(0.25, 0.0081), (0.35, 0.3)], cord, elements=4)
     friction = fb.Coulomb(0.3, 1e5)
     scene.add_contact(stick, rope, stiffness=2e5, radius=4e-3, friction=friction)

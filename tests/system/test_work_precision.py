@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scenes
 from pytest import approx
-from scenes import assert_refused, one_bar
+from scenes import assert_refused, clamped_bar
 
 import fx_beam as fb
 from fx_beam_studies import work_precision
@@ -145,8 +145,7 @@ def soft_arm(elements, degree):
     """A clamped arm with a tip force that rises smoothly; the steps below resolve its waves."""
     section = fb.Section(EA=200.0, GA=100.0, EI=2.0, rhoA=1.0, rhoI=0.1)
     ends = (0, 0), (1, 0)
-    scene, arm = one_bar(ends, section, elements=elements, degree=degree, name="arm")
-    scene.clamp(arm.start)
+    scene, arm = clamped_bar(ends, section, elements=elements, degree=degree, name="arm")
     scene.add_force(arm.end, lambda t: (0.0, 10 * np.sin(3 * t) ** 4))
     return scene
 
