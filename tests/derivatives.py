@@ -28,7 +28,7 @@ def outputs_of(scene, without=()):
 
 EXACT = fb.NewtonOptions(tolerance=1e-13)
 #: Forces and accelerations at the start are differences themselves; they count less.
-AT_START = 1e-3
+AT_START = 1.0
 
 
 def size_of(rows):

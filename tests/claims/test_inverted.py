@@ -1,7 +1,5 @@
 """Inverted sections, t . phi' <= 0 at a Gauss point (eq. 4), are reported."""
 
-import logging
-
 import numpy as np
 import pytest
 from scenes import pinned_bar
@@ -124,8 +122,7 @@ def test_beams_that_bend_and_turn_are_not_reported(caplog):
     scene, beam = pinned_bar((2, 0), section, elements=6)
     scene.set_velocity(beam, lambda x, y: (-9 * y, 9 * x), spin=9.0)
     scene.add_moment(beam.end, lambda t: 100.0 * np.sin(5 * t))
-    with caplog.at_level(logging.WARNING, logger="fx_beam"):
-        solution = fb.simulate(scene, dt=0.01, t_end=2.0)
+    solution = fb.simulate(scene, dt=0.01, t_end=2.0)
     assert abs(solution.rotation(beam.end)).max() > 10.0
     assert solution.stats.inverted == 0
     assert not caplog.records

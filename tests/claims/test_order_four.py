@@ -1,7 +1,5 @@
 """Schemes of order four: compositions of sub-steps, one of which goes back in time."""
 
-import logging
-
 import numpy as np
 import pytest
 from scenes import assert_refused, clamped_bar, guided_body, one_bar, pendulum, pinned_beam, spinner
@@ -132,8 +130,7 @@ def test_a_damper_is_of_order_four_and_amplification_is_reported(caplog):
     assert np.log2(errors[0] / errors[1]) > 3.8
     assert not caplog.records
     # The sub-step back of 0.658 dt has a pole at a damping rate of 3.04 / dt.
-    with caplog.at_level(logging.WARNING, logger="fx_beam"):
-        lost = fb.simulate(braked(rate=3.03)[0], FOUR, dt=1.0, t_end=3.0)
+    lost = fb.simulate(braked(rate=3.03)[0], FOUR, dt=1.0, t_end=3.0)
     # These steps are halved: they gave energy before.
     assert lost.stats.amplified == lost.stats.halvings > 0
     assert np.diff(lost.energy.dissipated).min() > 0
