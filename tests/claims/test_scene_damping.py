@@ -126,7 +126,10 @@ def test_a_peak_of_the_response_is_one_over_twice_the_ratio():
 
 
 def test_modal_damping_gives_each_mode_its_ratio():
-    """Of three masses on springs: x = sum of phi phi^T F / (w_j^2 + 2 i zeta_j w_j w - w^2)."""
+    """Of three masses on springs: x = sum of phi phi^T F / (w_j^2 + 2 i zeta_j w_j w - w^2).
+
+    A mode above those that are given has the ratio of the last one by its frequency.
+    """
     m, k = np.array([1.0, 2.0, 0.5]), np.array([300.0, 500.0, 200.0])
     scene, bodies = fb.Scene(), []
     for number, (mass, stiffness) in enumerate(zip(m, k, strict=True)):
@@ -143,8 +146,12 @@ def test_modal_damping_gives_each_mode_its_ratio():
     w, phi = np.sqrt(squares), V / np.sqrt(m)[:, None]
     f = np.array([0.0, 1.0, w[0] / (2 * np.pi), 3.0, w[2] / (2 * np.pi), 8.0])
     load = bodies[2], (1.0, 0.0)
-    for given, zeta in ((0.02, [0.02] * 3), ([0.01, 0.05, 0.03], [0.01, 0.05, 0.03])):
-        found = fb.frequency_response(scene, load, bodies[0], f, damping_ratio=given)
+    for ratio, zeta in (
+        (0.02, [0.02] * 3),
+        ([0.01, 0.05, 0.03], [0.01, 0.05, 0.03]),
+        ([0.01, 0.05], [0.01, 0.05, 0.05 * w[2] / w[1]]),
+    ):
+        found = fb.frequency_response(scene, load, bodies[0], f, damping_ratio=ratio)
         of_modes = w**2 + 2j * np.array(zeta) * w * 2 * np.pi * f[:, None]
         exact = (phi[0] * phi[2] / (of_modes - (2 * np.pi * f[:, None]) ** 2)).sum(axis=1)
         assert found.component("x") == pytest.approx(exact, rel=1e-9)

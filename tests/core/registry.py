@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import ufl
 
 import numpy as np
-from scenes import with_variables, zener_energy, zener_flow
+from scenes import clamped_bar, with_variables, zener_energy, zener_flow
 
 import fx_beam as fb
 
@@ -193,7 +193,7 @@ def follower_force(x):
 @case()
 def drag(x):
     scene, beam = swing(x)
-    scene.add_drag(beam, linear=0.3 * x[7], quadratic=0.2 * x[8], rotation=0.1)
+    scene.add_drag(beam, linear=(0.3 * x[7], 0.2 * x[8]), quadratic=0.2 * x[8], rotation=0.1)
     scene.add_drag(beam.end, linear=0.3, quadratic=0.2, rotation=0.1 * x[7])
     return scene
 
@@ -219,14 +219,12 @@ def line_load_that_travels(x):
 
 @case()
 def natural_strains(x):
-    scene = fb.Scene(gravity=GRAVITY)
-    beam = scene.add_beam([(0, 0), (1, 0)], section(x), 2)
-    scene.clamp(beam.start)
-    scene.add_natural_strain(
-        beam,
-        axial=fb.thermal(1e-5, lambda f, t: 100.0 * t * f),
-        curvature=lambda t: 0.5 * x[7] * t,
-    )
+    """Also in the reference, and with a load along the arc."""
+    scene, beam = clamped_bar((1, 0), section(x), 2, gravity=GRAVITY)
+    heat = fb.thermal(1e-5, lambda f, t: 100.0 * t * f * x[8])
+    scene.add_natural_strain(beam, axial=heat, curvature=lambda t: 0.5 * x[7] * t)
+    scene.add_natural_strain(beam, axial=1e-3 * x[8], curvature=lambda f: 0.1 * x[7] * f)
+    scene.add_line_load(beam, lambda s: (x[7] * float(s), x[8]), of="arc length")
     return scene
 
 
@@ -497,7 +495,9 @@ def rack_and_gears_that_a_motor_drives(x):
 def force_between_points(x):
     scene, beam = swing(x)
     pull = {"spring": fb.Spring(30 * x[7], rest=0.3), "damper": fb.Damper(0.1 * x[8])}
-    scene.add_force_between(beam.end, (2, 0.5), force=lambda r, rate, t: 2 * ufl.sin(t) / r, **pull)
+    scene.add_force_between(
+        beam.end, (2 * x[8], 0.5), force=lambda r, rate, t: 2 * ufl.sin(t) / r, **pull
+    )
     return scene
 
 
@@ -714,9 +714,11 @@ def line_obstacle_with_friction(x):
     scene = fb.Scene(gravity=GRAVITY)
     beam = scene.add_beam([(0, 0.001), (1, 0.2 * x[5])], section(x), 2)
     scene.set_velocity(beam, (1.0 * x[6], -1.0))
-    scene.add_contact(
-        beam, fb.Line((0, 0), (0, 1)), stiffness=1e3 * x[7], friction=fb.Coulomb(0.3 * x[8], 500.0)
-    )
+    floor = fb.Line((0, 0.01 * (x[3] - 1)), (0.1 * (x[4] - 1), 1))
+    friction = fb.Coulomb(0.3 * x[8], 500.0)
+    scene.add_contact(beam, floor, stiffness=1e3 * x[7], friction=friction)
+    ball = fb.Circle((1 + 0.1 * x[3], 0.1 * x[4]), 0.1 * x[0])
+    scene.add_contact(beam.end, ball, stiffness=1e3)
     return scene
 
 
@@ -725,9 +727,8 @@ def circle_carried_by_a_body(x):
     scene = fb.Scene()
     wheel = scene.add_body((0.5, 0.65), mass=1.0 * x[3], inertia=0.05)
     beam = scene.add_beam([(0, 0), (1, 0)], section(x), 4)
-    scene.add_contact(
-        beam, fb.Circle(wheel.centre, 0.6), stiffness=1e3 * x[7], restitution=0.8, speed=0.1
-    )
+    rim = fb.Circle(wheel.centre, 0.6 + 0.01 * x[8])
+    scene.add_contact(beam, rim, stiffness=1e3 * x[7], restitution=0.8, speed=0.1)
     scene.set_velocity(wheel, (0.2, -2.0), spin=1.0)
     return scene
 
@@ -737,9 +738,8 @@ def member_contact(x):
     scene = fb.Scene()
     below = scene.add_beam([(0, 0), (2, 0)], section(x), 4)
     above = scene.add_beam([(0.7, 0.11), (1.1, 1.2 * x[5])], section(x), 2)
-    scene.add_contact(
-        above, below, stiffness=1e4 * x[7], radius=0.05, friction=fb.Coulomb(0.2, 1e3)
-    )
+    friction = fb.Coulomb(0.2, 1e3)
+    scene.add_contact(above, below, stiffness=1e4 * x[7], radius=0.05, friction=friction)
     scene.set_velocity(above, (0.3, -2.0 * x[6]))
     return scene
 

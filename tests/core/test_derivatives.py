@@ -17,6 +17,7 @@ STEPS = 8
 CASES = {name: (name, {}) for name in SCENES if name not in ("newmark", "hht", "generalized alpha")}
 #: Other rows, lengths of steps, and schemes, of scenes with what these meet.
 CASES |= {
+    "natural strains, from rest": ("natural strains", {"start": fb.static}),
     "loads, steps by a tolerance": ("dead loads", {"dt": None, "tolerance": 1e-3}),
     "bodies, some rows": ("rigid bodies", {"record": fb.Record(every=3)}),
     "motor, some rows": ("motor of a slider", {"record": fb.Record(every=3)}),
@@ -86,7 +87,12 @@ def test_the_balance_of_energy_holds_for_derivatives(response):
 
 
 @pytest.mark.parametrize(
-    "name", ["free beam", "rigid bodies", "closed loop", "driven chain of bodies"]
+    "name",
+    [
+        *("free beam", "rigid bodies", "closed loop", "driven chain of bodies", "drag"),
+        *("natural strains", "line load that travels", "force between points"),
+        *("line obstacle with friction", "circle carried by a body"),
+    ],
 )
 def test_data_of_scenes_have_slopes_and_no_differences(name):
     """They agree with a difference in one direction, else there would be a reason."""
