@@ -188,8 +188,7 @@ def memory(scene):
 
 
 @pytest.mark.parametrize(
-    ("made", "n"),
-    [("chain", 60), ("telescope", 60), ("ring", 60), ("bead", 60), ("four-bars", 15)],
+    ("made", "n"), [("chain", 60), ("telescope", 60), ("ring", 60), ("bead", 60), ("four-bars", 15)]
 )
 def test_the_memory_for_long_chains_and_loops_grows_in_proportion_to_the_bodies(made, n):
     # In proportion it doubles; with sums over all links it is eightfold. The first fills caches,

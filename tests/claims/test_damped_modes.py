@@ -180,12 +180,7 @@ def test_a_node_without_mass_that_relaxes_is_no_mode(series, c, c_of_mass, eleme
 
 @pytest.mark.parametrize(
     "options",
-    [
-        {"c": 0.01},
-        {"c": 0.3, "tau": 1e-3},
-        {"c": 1e3},
-        {"c": 0.3, "free": True, "drag": 0.2},
-    ],
+    [{"c": 0.01}, {"c": 0.3, "tau": 1e-3}, {"c": 1e3}, {"c": 0.3, "free": True, "drag": 0.2}],
     ids=str,
 )
 def test_modes_with_local_dampers_are_those_of_dense_algebra(options):

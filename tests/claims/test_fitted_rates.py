@@ -52,8 +52,7 @@ def alternating(errors):
 
 
 @pytest.mark.parametrize(
-    "scheme",
-    [fb.EnergyMomentum(), fb.MidPoint(), fb.ModifiedMidPoint(), fb.EnergyDecaying(0.5)],
+    "scheme", [fb.EnergyMomentum(), fb.MidPoint(), fb.ModifiedMidPoint(), fb.EnergyDecaying(0.5)]
 )
 def test_rates_and_forces_of_a_rigid_pendulum_are_of_order_two_and_do_not_alternate(scheme):
     coarse, fine = (errors(scheme, dt) for dt in (0.01, 0.005))

@@ -451,10 +451,7 @@ REFUSED = [
     (lambda n: fb.SmoothFriction(lambda rate: rate, 0.1), "negative"),
     (lambda n: fb.SmoothFriction(lambda rate: np.exp(rate), 0.1), "UFL"),
     (lambda n: fb.Coulomb(0.1, 0), "stiffness = 0 must be finite and positive"),
-    (
-        lambda n: fb.Coulomb(0.1, 1e5, damping=-1),
-        "Coulomb: damping = -1 must be finite",
-    ),
+    (lambda n: fb.Coulomb(0.1, 1e5, damping=-1), "Coulomb: damping = -1 must be finite"),
     (lambda n: fb.Coulomb(0.3, 1e4, radius=-1), "radius = -1 must be finite and positive"),
     (lambda n: block(friction=1.0), "friction = 1.0 must be an fx_beam.SmoothFriction or "),
     (lambda n: pair("pin in slot", hinge=fb.Coordinate(friction="much")), "friction = 'much' must"),

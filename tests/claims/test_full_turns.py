@@ -47,9 +47,7 @@ def test_a_spring_counts_all_turns():
     amplitude, omega = 6 * np.pi, 2.0
     scene, beam = rotor(spring=fb.Spring(stiffness=inertia * omega**2))
     scene.set_velocity(
-        beam,
-        lambda x, y: (-amplitude * omega * y, amplitude * omega * x),
-        spin=amplitude * omega,
+        beam, lambda x, y: (-amplitude * omega * y, amplitude * omega * x), spin=amplitude * omega
     )
     solution = fb.simulate(scene, dt=0.001, t_end=3.2)
     exact = amplitude * np.sin(omega * solution.t)

@@ -71,11 +71,7 @@ def _relaxation(t):
 
 @pytest.mark.parametrize(
     ("test", "scheme"),
-    [
-        ("creep", fb.EnergyMomentum()),
-        ("relaxation", fb.EnergyMomentum()),
-        ("creep", fb.Newmark()),
-    ],
+    [("creep", fb.EnergyMomentum()), ("relaxation", fb.EnergyMomentum()), ("creep", fb.Newmark())],
 )
 def test_a_zener_cantilever_creeps_and_relaxes_with_second_order(test, scheme):
     material = with_variables(zener_energy, zener_flow, ("dashpot",))

@@ -22,8 +22,7 @@ def bar(section=SOFT, elements=4, degree=1, **strains):
 
 
 @pytest.mark.parametrize(
-    ("degree", "error", "continuation"),
-    [(1, 3e-3, None), (2, 3e-6, "arc-length"), (3, 2e-9, None)],
+    ("degree", "error", "continuation"), [(1, 3e-3, None), (2, 3e-6, "arc-length"), (3, 2e-9, None)]
 )
 def test_a_free_beam_becomes_an_arc_without_stress(degree, error, continuation):
     k0 = 2.0

@@ -122,11 +122,7 @@ def test_what_cannot_be_is_refused(points, offset, message):
     assert not (scene.nodes or scene.joints or scene.beams)
 
 
-LOADS = {
-    "a part": {"between": (0.2, 0.7)},
-    "pressure": {"follower": True},
-    "all": {},
-}
+LOADS = {"a part": {"between": (0.2, 0.7)}, "pressure": {"follower": True}, "all": {}}
 
 
 @pytest.mark.parametrize("load", LOADS)

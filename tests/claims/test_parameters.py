@@ -279,9 +279,7 @@ REFUSED = {
     ),
     "Parameter: name": lambda scene: fb.Parameter("", 1.0),
     "the parameter 'k' = 3 is 2 elsewhere": lambda scene: scene.add_beam(
-        [(0, 0), (1, 0)],
-        energy_of(fb.Parameter("k", 3.0)),
-        elements=1,
+        [(0, 0), (1, 0)], energy_of(fb.Parameter("k", 3.0)), elements=1
     ),
     "k.* is a UFL symbol, not a number: use ufl.sqrt": lambda scene: fb.Section(
         strain_energy=lambda e, g, c: np.sqrt(float(K)) * e * g * c

@@ -4,10 +4,7 @@ import csv
 
 import numpy as np
 import pytest
-from derivatives import (
-    assert_derivatives,
-    size_of,
-)
+from derivatives import assert_derivatives, size_of
 from scenes import assert_refused, clamped_bar, one_bar
 
 import fx_beam as fb

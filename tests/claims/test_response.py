@@ -4,13 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from derivatives import (
-    EXACT,
-    assert_both_ways_agree,
-    assert_derivatives,
-    difference,
-    size_of,
-)
+from derivatives import EXACT, assert_both_ways_agree, assert_derivatives, difference, size_of
 from jointed import frame, linkage
 from scenes import assert_refused, clamped_bar, held_body, pinned_bar
 

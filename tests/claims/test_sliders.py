@@ -17,10 +17,7 @@ import fx_beam as fb
 SOFT = fb.Section(EA=1e4, GA=1e4, EI=50.0, rhoA=1.0, rhoI=0.01)
 LIGHT = fb.Section(EA=1e4, GA=1e4, EI=50.0)
 STIFF = fb.Section(EA=1e7, GA=1e7, EI=1e5, rhoA=1.0, rhoI=0.01)
-SHAPES = {
-    "straight": [(0, 0), (6, 0)],
-    "curved": fb.arc((0, 0), (3, 0.8), (6, 0)),
-}
+SHAPES = {"straight": [(0, 0), (6, 0)], "curved": fb.arc((0, 0), (3, 0.8), (6, 0))}
 
 
 def bead_on(scene, beam, node, make=fb.Slider, mass=0.8, section=SOFT, **options):
@@ -529,10 +526,7 @@ def held_everywhere(scene, rod, *_):
             lambda scene, rod, post, _: scene.add_joint(fb.Slider(post, rod.node(0.25))),
             "^joint 0, .* slides on a beam that the other nodes carry, as in a telescope",
         ),
-        (
-            lambda scene, rod, post, _: scene.fix(post.end, "rotation"),
-            r"can move along \(1, 0\)",
-        ),
+        (lambda scene, rod, post, _: scene.fix(post.end, "rotation"), r"can move along \(1, 0\)"),
     ],
 )
 def test_nodes_that_are_held_twice_or_not_at_all_are_refused_before_the_run(add, message):

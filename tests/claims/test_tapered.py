@@ -118,10 +118,7 @@ def test_a_graded_material_has_the_data_of_each_modulus_and_density():
 @pytest.mark.parametrize(
     ("section", "message"),
     [
-        (
-            lambda: fb.Section.circle(lambda s: 0.9 - s, E=1.0),
-            "diameter = -0.037.* at the fract",
-        ),
+        (lambda: fb.Section.circle(lambda s: 0.9 - s, E=1.0), "diameter = -0.037.* at the fract"),
         (lambda: fb.Section(lambda s: 1 - 1.1 * s, 1.0, 1.0), "EA = -0.031.* fraction 0.9375"),
         (lambda: fb.Section(lambda s: math.nan if s > 0.9 else 1.0, 1.0, 1.0), "nan at the fract"),
         (lambda: fb.Section(1.0, 1.0, 1.0, lambda s: 0.7 - s), "rhoA = -0.*must be zero or"),

@@ -219,12 +219,18 @@ def line_load_that_travels(x):
 
 @case()
 def natural_strains(x):
-    """Also in the reference, and with a load along the arc."""
+    """Also in the reference, and with loads along the arc, at all places at once or one by one."""
     scene, beam = clamped_bar((1, 0), section(x), 2, gravity=GRAVITY)
     heat = fb.thermal(1e-5, lambda f, t: 100.0 * t * f * x[8])
     scene.add_natural_strain(beam, axial=heat, curvature=lambda t: 0.5 * x[7] * t)
     scene.add_natural_strain(beam, axial=1e-3 * x[8], curvature=lambda f: 0.1 * x[7] * f)
+    scene.add_line_load(beam, lambda s: (x[7] * s, x[8] * np.sin(s)), of="arc length")
     scene.add_line_load(beam, lambda s: (x[7] * float(s), x[8]), of="arc length")
+    for load in (
+        lambda s, t: (x[7] * s * t, np.sin(s * x[8])),
+        lambda s, t: (x[7] * t * float(s), x[8]),
+    ):
+        scene.add_line_load(beam, load, of="arc length and time")
     return scene
 
 
@@ -714,11 +720,8 @@ def line_obstacle_with_friction(x):
     scene = fb.Scene(gravity=GRAVITY)
     beam = scene.add_beam([(0, 0.001), (1, 0.2 * x[5])], section(x), 2)
     scene.set_velocity(beam, (1.0 * x[6], -1.0))
-    floor = fb.Line((0, 0.01 * (x[3] - 1)), (0.1 * (x[4] - 1), 1))
-    friction = fb.Coulomb(0.3 * x[8], 500.0)
+    floor, friction = fb.Line((0, 0), (0, 1)), fb.Coulomb(0.3 * x[8], 500.0)
     scene.add_contact(beam, floor, stiffness=1e3 * x[7], friction=friction)
-    ball = fb.Circle((1 + 0.1 * x[3], 0.1 * x[4]), 0.1 * x[0])
-    scene.add_contact(beam.end, ball, stiffness=1e3)
     return scene
 
 
@@ -727,7 +730,7 @@ def circle_carried_by_a_body(x):
     scene = fb.Scene()
     wheel = scene.add_body((0.5, 0.65), mass=1.0 * x[3], inertia=0.05)
     beam = scene.add_beam([(0, 0), (1, 0)], section(x), 4)
-    rim = fb.Circle(wheel.centre, 0.6 + 0.01 * x[8])
+    rim = fb.Circle(wheel.centre, 0.6)
     scene.add_contact(beam, rim, stiffness=1e3 * x[7], restitution=0.8, speed=0.1)
     scene.set_velocity(wheel, (0.2, -2.0), spin=1.0)
     return scene

@@ -13,11 +13,17 @@ from registry import ONES, SCENES
 import fx_beam as fb
 
 STEPS = 8
+
+
+def at_rest(scene):
+    return fb.static(scene, load_steps=2)
+
+
 #: Schemes of the Newmark family have no derivatives.
 CASES = {name: (name, {}) for name in SCENES if name not in ("newmark", "hht", "generalized alpha")}
 #: Other rows, lengths of steps, and schemes, of scenes with what these meet.
 CASES |= {
-    "natural strains, from rest": ("natural strains", {"start": fb.static}),
+    "natural strains, from rest": ("natural strains", {"start": at_rest, "without": ("work",)}),
     "loads, steps by a tolerance": ("dead loads", {"dt": None, "tolerance": 1e-3}),
     "bodies, some rows": ("rigid bodies", {"record": fb.Record(every=3)}),
     "motor, some rows": ("motor of a slider", {"record": fb.Record(every=3)}),
@@ -36,8 +42,10 @@ every_case = pytest.mark.parametrize("name", CASES)
 
 
 def exact(name):
-    """Whether its scheme has the energy as EnergyMomentum has it."""
+    """Whether its scheme has the energy as EnergyMomentum has it, with its work."""
     scene, options = CASES[name]
+    if "work" in options.get("without", ()):
+        return False
     return options.get("scheme", SCENES[scene].scheme()).name.startswith("EnergyMomentum")
 
 
@@ -90,8 +98,7 @@ def test_the_balance_of_energy_holds_for_derivatives(response):
     "name",
     [
         *("free beam", "rigid bodies", "closed loop", "driven chain of bodies", "drag"),
-        *("natural strains", "line load that travels", "force between points"),
-        *("line obstacle with friction", "circle carried by a body"),
+        *("natural strains", "force between points", "circle carried by a body"),
     ],
 )
 def test_data_of_scenes_have_slopes_and_no_differences(name):

@@ -100,10 +100,7 @@ def cost(value, **weights):
             lambda my: fb.simulate(my.scene, dt=1e-320, t_end=1e-319),
             "dt = 1e-320 must .* least 1e-75",
         ),
-        (
-            lambda my: fb.periodic(oscillator(0.2), period=1e-300),
-            "period = 1e-300 .* least 1e-75",
-        ),
+        (lambda my: fb.periodic(oscillator(0.2), period=1e-300), "period = 1e-300 .* least 1e-75"),
         (lambda my: fb.forced_response(oscillator, [1e300, 2e300]), "frequencies = .* positive"),
         (lambda my: fb.forced_response(no_arguments, [1, 2]), r"it must take \(f\)"),
         (lambda my: fb.converge(bar, len, 1e-3, t_end=1.0), r"must take \(elements, degree\)"),

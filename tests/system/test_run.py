@@ -66,8 +66,7 @@ def call(clone):
 
 
 @pytest.mark.parametrize(
-    ("offered", "version"),
-    [("1:0.7.3-4", "0.7.3"), ("0.3.0-9", "0.3.0"), ("2:0.50-1", "0.50")],
+    ("offered", "version"), [("1:0.7.3-4", "0.7.3"), ("0.3.0-9", "0.3.0"), ("2:0.50-1", "0.50")]
 )
 def test_a_version_that_is_not_served_is_named_and_nothing_is_installed(call, offered, version):
     done, calls = call(offered)

@@ -14,10 +14,7 @@ import fx_beam as fb
 from fx_beam_studies import work_precision
 from fx_beam_studies.work_precision import Mesh, Precision, Run, accuracy, sentence, study
 from fx_beam_studies.work_precision.accuracy import History, counted
-from fx_beam_studies.work_precision.report import (
-    mesh_order,
-    step_order,
-)
+from fx_beam_studies.work_precision.report import mesh_order, step_order
 
 T = np.linspace(0, 2, 41)
 PENDULUM = scenes.demo("pendulum")
