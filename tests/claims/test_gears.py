@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 import pytest
-from scenes import assert_refused, one_body
+from scenes import assert_refused, held_body, one_body
 from scipy.integrate import solve_ivp
 
 import fx_beam as fb
@@ -346,6 +346,23 @@ def test_a_gear_engages_in_a_motion_and_takes_the_energy_of_an_impact():
     scene.add_joint(fb.Gear(*joints, 1.0), at=free)
     scene.remove(joints[0])
     assert not scene.gears
+
+
+def test_a_gearbox_is_held_by_the_moment_that_its_wheels_gain():
+    """A weld holds the housing of both wheels: J_a and the ratio times J_b, at 2 rad/s^2."""
+    ratio, places, inertias = -3.0, ((0.3, 0.0), (-0.4, 0.0)), (0.2, 0.05)
+    scene, base = held_body((0, 0), 1.0, 0.1, "x", "y", "rotation")
+    housing = scene.add_body((0, 0), 1.0, 0.1, dict(zip("ab", places, strict=True)))
+    weld = scene.add_joint(fb.Rigid(base, housing.centre))
+    rotors = zip(places, inertias, strict=True)
+    wheels = [scene.add_body(place, 0.5, inertia).centre for place, inertia in rotors]
+    motor = fb.Revolute(housing["a"], wheels[0], motor=lambda t: t * t)
+    shafts = scene.add_joint(motor), scene.add_joint(fb.Revolute(housing["b"], wheels[1]))
+    scene.add_joint(fb.Gear(*shafts, ratio))
+    solution = fb.simulate(scene, dt=0.01, t_end=0.1)
+    moment = 2.0 * (inertias[0] + ratio * inertias[1])
+    for found in (solution.joint(weld).force, solution.reaction(base)):
+        assert found[1:, 2] == pytest.approx(np.full(10, moment), rel=1e-3)
 
 
 def test_what_is_no_gear_is_refused():

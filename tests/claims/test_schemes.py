@@ -76,24 +76,33 @@ def test_damping_at_a_point_of_a_body_leaves_the_order(scheme):
     assert order(steps, errors) > 1.9
 
 
-@pytest.mark.parametrize("carried", [False, True])
-@pytest.mark.parametrize("scheme", SCHEMES, ids=lambda s: s.name)
-def test_what_restitution_takes_is_of_second_order_in_time(scheme, carried):
-    """Newmark's family took the loss by the force at the end of each step, of first order.
+IMPACT = {"stiffness": 400.0, "restitution": 0.5, "speed": 0.2}
 
-    Also on a hinged plate, which the ball turns.
-    """
+
+def floor(scene, ball):
+    scene.add_contact(ball, fb.Line((0, 0), (0, 1)), **IMPACT)
+
+
+def hinged_plate(scene, ball):
+    plate = scene.add_body((0, 0), 1.0, 0.5).centre
+    scene.pin(plate)
+    scene.add_contact(ball, fb.Line(plate, (0, 1)), **IMPACT)
+
+
+def square_damper(scene, ball):
+    damper = fb.Damper(law=lambda rate: 40 * abs(rate) * rate)
+    scene.add_force_between(ball, (0.5, -1.0), damper=damper)
+
+
+@pytest.mark.parametrize("stop", [floor, hinged_plate, square_damper])
+@pytest.mark.parametrize("scheme", SCHEMES, ids=lambda s: s.name)
+def test_what_restitution_and_dampers_take_is_of_second_order_in_time(scheme, stop):
+    """Newmark's family took the loss by the force at the end of each step, of first order."""
 
     def lost(scheme, dt):
-        scene, ball = one_body((0.5, 0), 1.0, 0.1)
+        scene, ball = held_body((0.5, 0), 1.0, 0.1)
         scene.set_velocity(ball, (0, -1.0))
-        law = {"stiffness": 400.0, "restitution": 0.5, "speed": 0.2}
-        floor = (0, 0)
-        if carried:
-            plate = scene.add_body((0, 0), 1.0, 0.5)
-            scene.pin(plate.centre)
-            floor = plate.centre
-        scene.add_contact(ball.centre, fb.Line(floor, (0, 1)), **law)
+        stop(scene, ball)
         return fb.simulate(scene, scheme, dt=dt, t_end=0.1).energy.dissipated[-1]
 
     exact, steps = lost(fb.EnergyMomentum(), 1 / 12800), np.array([1 / 200, 1 / 400, 1 / 800])

@@ -230,7 +230,8 @@ def test_a_blade_vibrates_in_its_turn_with_its_frequency():
     state = fb.static(scene, spin=spin)
     found = fb.modes(scene, state, n=2)
     omega = found.angular_frequencies[0]
-    system = fb.linearise(scene, state, outputs={"tip": fb.Output("displacement", beam.end, "y")})
+    outputs = fb.Output("displacement", beam.end, "y"), fb.Output("rotation", beam.end)
+    system = fb.linearise(scene, state, outputs=dict(zip(("tip", "slope"), outputs, strict=True)))
     roots = np.linalg.eigvals(system.A)
     for own in found.angular_frequencies:
         assert abs(roots - 1j * own).min() < 1e-7 * own
@@ -248,7 +249,8 @@ def test_a_blade_vibrates_in_its_turn_with_its_frequency():
     assert measured == pytest.approx(omega, rel=3e-4)
     # The state that feedback sees is the one that turns.
     x = system.deviation(pushed)
-    assert system.C @ x == pytest.approx(lag[-1:], abs=1e-3 * abs(lag).max())
+    slope = pushed.rotation(beam.end)[-1] - spin * pushed.t[-1]
+    assert system.C @ x == pytest.approx([lag[-1], slope], abs=1e-3 * abs(lag).max())
     assert abs(system.deviation(state)).max() < 1e-12
 
 
