@@ -381,9 +381,35 @@ def polyline(
     `elements` is the number in all, spread over the straight pieces by length, or one for each; by
     default the usual number.
     """
-    points, places = listed_points(points, f"beam {name!r}")
     if elements is None:
-        elements = max(USUAL_ELEMENTS[degree], len(points) - 1)
+        elements = max(USUAL_ELEMENTS[degree], len(listed_points(points, f"beam {name!r}")[0]) - 1)
+    if type(elements) is int and (places := _plain(points)):
+        ends, s = _known(places, elements, name)
+        return Layout([points[0], *ends[1:-1], points[-1]], s)
+    return _polyline(points, elements, name)
+
+
+def _plain(points: Any) -> tuple | None:
+    """Positions for `_known`: Python's numbers, with nodes at most at both ends; else None."""
+    if type(points) is not list or len(points) < 2:
+        return None
+    places = position_of(points[0]), *points[1:-1], position_of(points[-1])
+    pairs = all(type(place) is tuple and len(place) == 2 for place in places)
+    plain = pairs and all(type(x) is float or type(x) is int for place in places for x in place)
+    return places if plain else None
+
+
+@functools.lru_cache(maxsize=64)
+def _known(points: tuple, elements: int, name: str) -> tuple[tuple, np.ndarray]:
+    """Ends and arc lengths of a layout: scenes that are built again have many of the last ones."""
+    ends, s, _ = _polyline(points, elements, name)
+    s.setflags(write=False)
+    return tuple(ends), s
+
+
+def _polyline(points: Sequence, elements: int | Sequence[int], name: str) -> Layout:
+    """Nodes along a polyline for points of any kind."""
+    points, places = listed_points(points, f"beam {name!r}")
     corners = np.asarray(places)
     lengths = np.hypot(*(corners[1:] - corners[:-1]).T)
     extent = (corners.max(axis=0) - corners.min(axis=0)).max()
