@@ -105,16 +105,22 @@ def line_load(beam: Beam, load, arguments: str, between: Any = None) -> Load:
     expected = "'time' or 'arc length', or 'arc length and time' for a function of both"
     expected += ", or 'projected length' for a load by this"
     require(is_one_of(arguments, _OF), f"{name}: of", arguments, expected)
-    options: dict[str, Any] = {"projected": arguments == "projected length"}
-    if between is not None:
-        options["between"] = part_of(beam, between, arguments, name)
+    part = None if between is None else part_of(beam, between, arguments, name)
+    value = _line_signal(beam, load, arguments, part or (0.0, beam.length), name)
+    is_projected = arguments == "projected length"
+    return Load("line load", beam, value, between=part, projected=is_projected)
+
+
+def _line_signal(
+    beam: Beam, load: Any, arguments: str, part: tuple[float, float], name: str
+) -> Signal:
+    """The load per length (2,) of a part of a beam, as a function of its `arguments`."""
     rows = list, tuple, np.ndarray
     if isinstance(load, rows) and all(isinstance(value, rows) for value in load):
-        ends = options.get("between", (0.0, beam.length))
-        return Load("line load", beam, _between_ends(load, ends, name), **options)
+        return _between_ends(load, part, name)
     if arguments in ("time", "projected length"):
         check_takes_time(load, name)
-        return Load("line load", beam, time_function(load, 2, name), **options)
+        return time_function(load, 2, name)
     names, called = argument_names(load), "s, t" if arguments.endswith("time") else "s"
     if names and names[0].lower() in ("t", "time"):
         raise SceneError(
@@ -122,9 +128,8 @@ def line_load(beam: Beam, load, arguments: str, between: Any = None) -> Load:
             f"the arc length first: give lambda {called}: ... A function of time has of='time'"
         )
     if arguments == "arc length and time":
-        value = SignalAlong(load, 2, name, beam.length, "s")
-        return Load("line load", beam, value)
-    return Load("line load", beam, function_of_place(load, 2, name, "s"), **options)
+        return SignalAlong(load, 2, name, beam.length, "s")
+    return function_of_place(load, 2, name, "s")
 
 
 def part_of(beam: Beam, between: Any, arguments: str, name: str) -> tuple[float, float]:

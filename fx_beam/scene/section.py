@@ -448,12 +448,10 @@ def _values(
         return dual_array([[_value(name, datum, float(f))] for f in rows[:, 0]])
 
     rows = fractions.reshape(-1, 1)
-    if arrays is not None:
-        is_dual = isinstance(_value(name, datum, float(rows[0, 0])), DualFloat)
-        values = values_of(datum, 1, rows, name, each, arrays, is_dual)
-        if (floats(values) > 0).all():  # else the calls below tell what is wrong
-            return values.reshape(fractions.shape)
-    return each(rows).reshape(fractions.shape)
+    is_dual = arrays is not None and isinstance(_value(name, datum, float(rows[0, 0])), DualFloat)
+    values = values_of(datum, 1, rows, name, each, arrays, is_dual)
+    is_right = arrays is None or (floats(values) > 0).all()  # else single calls tell what is wrong
+    return (values if is_right else each(rows)).reshape(fractions.shape)
 
 
 def _combined(function: Callable[..., float], **data: Datum) -> Datum:
