@@ -30,10 +30,42 @@ _PARTS = np.linspace(0.0, 1.0, 7)
 
 
 class ArrayCalls:
-    """Whether functions accept arrays, by what they describe and their code."""
+    """Calls of functions with arrays, and whether they accept these."""
 
     def __init__(self) -> None:
+        #: Whether a function accepts arrays, by what it describes and its code.
         self.accepted: dict[Any, bool] = {}
+
+    def values(
+        self,
+        function: Callable,
+        size: int,
+        rows: Any,
+        name: str,
+        one_by_one: Callable,
+        is_dual: bool,
+    ) -> Any:
+        """Values (n, size) for rows (n, k) of arguments, by one call if the function accepts it.
+
+        For the first function made by a line of the user's code all values are compared with calls
+        one by one, for each later function some values. They may differ by round-off.
+        """
+        least = _LEAST_WITH_SLOPES if is_dual or isinstance(rows, Dual) else _LEAST
+        key = name, getattr(function, "__code__", type(function))
+        if len(rows) < least or not self.accepted.get(key, True):
+            return one_by_one(rows)
+        values = _at_once(function, size, rows)
+        if key not in self.accepted:
+            single_values = one_by_one(rows)
+            self.accepted[key] = values is not None and _agree(values, single_values)
+            return single_values
+        if values is not None:
+            samples, sizes = np.arange(_SAMPLES) * (len(rows) - 1) // (_SAMPLES - 1), None
+            if isinstance(values, Dual):
+                samples, sizes = samples[1:2], values
+            if _agree(values[samples], one_by_one(rows[samples]), sizes):
+                return values
+        return one_by_one(rows)
 
 
 class Signal:
@@ -96,10 +128,11 @@ class Signal:
         if last is not None and last[0] == run and np.array_equal(last[1], rows):
             return last[2]
         one_by_one = functools.partial(self._one_by_one, run=run)
-        values = values_of(
-            *(self.function, self.size, rows, run or self.what),
-            *(one_by_one, arrays, self._is_dual),
-        )
+        if arrays is None:
+            values = one_by_one(rows)
+        else:
+            name = run or self.what
+            values = arrays.values(self.function, self.size, rows, name, one_by_one, self._is_dual)
         if isinstance(values, Dual):
             self._is_dual = True
             self._last = None if isinstance(rows, Dual) else (run, rows, values)
@@ -270,42 +303,6 @@ def evaluate(function: Callable, t: float, name: str) -> Any:
         reason = f"{name}: its value at t = {t:.6g} is {value}, which is not finite"
         raise StepError(Failure("function", reason, t))
     return value
-
-
-def values_of(
-    function: Callable,
-    size: int,
-    rows: Any,
-    name: str,
-    one_by_one: Callable,
-    arrays: ArrayCalls | None,
-    is_dual: bool = False,
-) -> Any:
-    """Values (n, size) for rows (n, k) of arguments, by one call if the function accepts `arrays`.
-
-    For the first function made by a line of the user's code all values are compared with calls one
-    by one, for each later function some values. They may differ by round-off.
-    """
-    least = _LEAST_WITH_SLOPES if is_dual or isinstance(rows, Dual) else _LEAST
-    if arrays is None or len(rows) < least:
-        return one_by_one(rows)
-    key = name, getattr(function, "__code__", type(function))
-    if not arrays.accepted.get(key, True):
-        return one_by_one(rows)
-    values_at_once, is_first = _at_once(function, size, rows), key not in arrays.accepted
-    if is_first:
-        values = one_by_one(rows)
-        arrays.accepted[key] = values_at_once is not None and _agree(values_at_once, values)
-        return values
-    if values_at_once is None:
-        return one_by_one(rows)
-    samples = np.arange(_SAMPLES) * (len(rows) - 1) // (_SAMPLES - 1)
-    sizes = None
-    if isinstance(values_at_once, Dual):
-        samples, sizes = samples[1:2], values_at_once
-    if not _agree(values_at_once[samples], one_by_one(rows[samples]), sizes):
-        return one_by_one(rows)
-    return values_at_once
 
 
 def _at_once(function: Callable, size: int, rows: Any) -> Any:

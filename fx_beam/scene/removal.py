@@ -18,10 +18,8 @@ from .forces_between import ForceBetween
 from .joints import Joint, joints_by_number
 
 # Lists of parts, each with the node or beam on which it is, or with both ends.
-_WITH_ENDS = (
-    *("loads", "natural_strains", "drags", "velocities", "virtual_works", "contacts", "joints"),
-    *("forces_between", "gears"),
-)
+_WITH_ENDS = """loads natural_strains drags velocities virtual_works contacts joints
+    forces_between gears""".split()
 # Lists of parts that can be taken away.
 _REMOVABLE = {*_WITH_ENDS, "beams", "bodies", "masses", "dampings"} - {"velocities"}
 

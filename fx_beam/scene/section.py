@@ -28,7 +28,7 @@ from fx_beam.errors import (
 )
 from fx_beam.symbolic import ufl
 
-from .functions import ArrayCalls, values_of
+from .functions import ArrayCalls
 from .law import Energy, InternalVariables, check_energy, functions_of_energy
 
 #: A number, or a function of the fraction of the arc length.
@@ -448,10 +448,12 @@ def _values(
         return dual_array([[_value(name, datum, float(f))] for f in rows[:, 0]])
 
     rows = fractions.reshape(-1, 1)
-    is_dual = arrays is not None and isinstance(_value(name, datum, float(rows[0, 0])), DualFloat)
-    values = values_of(datum, 1, rows, name, each, arrays, is_dual)
-    is_right = arrays is None or (floats(values) > 0).all()  # else single calls tell what is wrong
-    return (values if is_right else each(rows)).reshape(fractions.shape)
+    if arrays is not None:
+        is_dual = isinstance(_value(name, datum, float(rows[0, 0])), DualFloat)
+        values = arrays.values(datum, 1, rows, name, each, is_dual)
+        if (floats(values) > 0).all():  # else the calls below tell what is wrong
+            return values.reshape(fractions.shape)
+    return each(rows).reshape(fractions.shape)
 
 
 def _combined(function: Callable[..., float], **data: Datum) -> Datum:
