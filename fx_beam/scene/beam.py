@@ -72,25 +72,30 @@ class Node:
 
 
 class Nodes(list[Node]):
-    """Nodes in order, in a box."""
+    """Nodes in order; some are measured, in a box."""
 
     def __init__(self) -> None:
         super().__init__()
-        #: Smallest and largest coordinates of all nodes [m].
-        self.box = math.inf, math.inf, -math.inf, -math.inf
+        # Number of the nodes that were measured, and their smallest and largest coordinates [m].
+        self._measured = 0
+        self._box = math.inf, math.inf, -math.inf, -math.inf
 
     @property
     def size(self) -> float:
-        """Larger side of the box [m]; 1 for a single node, as in `Mesh.size`."""
-        left, low, right, high = self.box
+        """Larger side of the box of all nodes [m]; 1 for a single node, as in `Mesh.size`."""
+        if new := self[self._measured :]:
+            x, y = [node.x for node in new], [node.y for node in new]
+            left, low, right, high = self._box
+            self._box = min(left, *x), min(low, *y), max(right, *x), max(high, *y)
+            self._measured = len(self)
+        left, low, right, high = self._box
         return max(right - left, high - low) or 1.0
 
     def add(self, x: float, y: float, scene: object) -> Node:
         """A new node of a scene at a place [m]."""
-        self.append(Node(len(self), x, y, scene))
-        left, low, right, high = self.box
-        self.box = min(left, x), min(low, y), max(right, x), max(high, y)
-        return self[-1]
+        node = Node(len(self), x, y, scene)
+        self.append(node)
+        return node
 
 
 @dataclass(frozen=True, repr=False)

@@ -91,6 +91,8 @@ class Kernel(NamedTuple):
 # Data of cells that not all scenes have: a tangent in rows or in a chain, and fields of beams.
 _NOT_ALWAYS = "stored_at", "run", "single_start", "single_from", "single_to", "internal", "natural"
 _OF_THREADS = "colour_start", "piece"
+# Blocks of cells that have their coefficients each.
+_FEW = 64
 # What is read before any step.
 _NO_STEP = StepBatch(np.zeros(1), np.ones(1))
 
@@ -212,23 +214,50 @@ class FormTables:
 
 
 class CellData:
-    """Coefficients of the cells of an integral that do not move; C has equal blocks once."""
+    """Coefficients of the cells of an integral that do not move.
+
+    Few blocks of cells have numbers of their own, which are set in place; of many, C has equal
+    blocks once.
+    """
 
     def __init__(self, fields: list[Field], cells: np.ndarray, lanes: int, ffi: Any, integral: Any):
         self._fields, self._cells, self._lanes = fields, cells, lanes
         self._ffi, self._integral = ffi, integral
-        self.bind()
+        # Places of numbers in the arrays of the fields, in blocks, and the columns of each field.
+        self._places: list[tuple[slice, np.ndarray]] = []
+        blocks, column = self._blocks(), 0
+        self._own = len(blocks) <= _FEW
+        if self._own:
+            self._point_to(blocks, np.arange(len(blocks), dtype=np.int32))
+            for field in fields:
+                places = in_lanes(field.space.dofs[cells], lanes)
+                columns = slice(column, column := column + places.shape[1])
+                self._places.append((columns, places))
+        else:
+            self.bind()
 
     def bind(self) -> None:
         """Set the coefficients to those that the fields have now."""
-        parts = [field.array[field.space.dofs[self._cells]] for field in self._fields]
-        blocks = in_lanes(np.hstack([np.empty((len(self._cells), 0)), *parts]), self._lanes)
+        if self._own:
+            for field, (columns, places) in zip(self._fields, self._places, strict=True):
+                self._data[:, columns] = field.array[places]
+            return
+        blocks = self._blocks()
         is_new = np.ones(len(blocks), bool)
         is_new[1:] = (blocks[1:] != blocks[:-1]).any(axis=(1, 2))
-        self._data = aligned_zeros(np.count_nonzero(is_new), *blocks.shape[1:])
-        self._data[...], self._numbers = blocks[is_new], np.cumsum(is_new, dtype=np.int32) - 1
-        self._integral.data = self._ffi.from_buffer("double[]", self._data)
-        self._integral.data_at = self._ffi.from_buffer("int[]", self._numbers)
+        data = aligned_zeros(np.count_nonzero(is_new), *blocks.shape[1:])
+        data[...] = blocks[is_new]
+        self._point_to(data, np.cumsum(is_new, dtype=np.int32) - 1)
+
+    def _blocks(self) -> np.ndarray:
+        parts = [field.array[field.space.dofs[self._cells]] for field in self._fields]
+        return in_lanes(np.hstack([np.empty((len(self._cells), 0)), *parts]), self._lanes)
+
+    def _point_to(self, data: np.ndarray, numbers: np.ndarray) -> None:
+        """Have C read a block of cells in the row of `data` that `numbers` has for it."""
+        self._data, self._numbers = data, numbers
+        self._integral.data = self._ffi.from_buffer("double[]", data)
+        self._integral.data_at = self._ffi.from_buffer("int[]", numbers)
 
 
 def aligned_zeros(*shape: int, dtype: type = np.float64) -> np.ndarray:
