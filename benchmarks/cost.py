@@ -1,4 +1,4 @@
-"""What a scene costs by what it has: modules, compiled code, memory, unknowns, set-up and steps.
+"""Cost of a scene by what it has: modules, compiled code, memory, unknowns, set-up and steps.
 
     ./run report cost            three minutes
     ./run report cost --quick    counts only, of a few scenes
@@ -308,7 +308,7 @@ def pointers_of(ffi, struct):
 
 
 def measured(name, repeats, cache=None):
-    """What a scene costs, measured in another process."""
+    """Cost of a scene, measured in another process."""
     variables = {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
     variables |= {"XDG_CACHE_HOME": cache} if cache else {}
     command = [sys.executable, __file__, "--measure", name, "--repeats", str(repeats)]
@@ -356,7 +356,7 @@ def largest_arrays(row, plain, most=3):
 
 
 def sentences(rows):
-    """What the table says."""
+    """Sentences on the table."""
     plain = next(row for row in rows if row["scene"] == PLAIN)
     others = [row for row in rows if row["scene"].startswith("+")]
 

@@ -45,8 +45,10 @@ def by_program(library, elements, dt, steps, order):
     rates[1] = pinned.VELOCITY * (1 - abs(x / middle - 1))
     rates[2] = pinned.VELOCITY / middle * np.sign(middle - x)
     q, v = np.zeros((2, rates.size + ROOM))
-    v[: rates.size], of = rates.ravel(), pinned.SECTION
-    section = np.array([of.EA, of.GA, of.EI, of.rhoA, of.rhoI])
+    v[: rates.size], section_data = rates.ravel(), pinned.SECTION
+    section = np.array(
+        [section_data.EA, section_data.GA, section_data.EI, section_data.rhoA, section_data.rhoI]
+    )
     arrays = [array.ctypes.data_as(ctypes.c_void_p) for array in (section, q, v)]
     length, dt = ctypes.c_double(pinned.LENGTH / elements), ctypes.c_double(dt)
     started = thread_time()
@@ -55,7 +57,7 @@ def by_program(library, elements, dt, steps, order):
 
 
 def by_package(elements, dt, steps):
-    """The same by `simulate`."""
+    """Time by `simulate`."""
     scene, _ = demo("pinned_beam").scene(elements)
     with timed_steps() as seconds:
         solution = fb.simulate(scene, dt=dt, t_end=steps * dt, record=fb.Record(every=steps))

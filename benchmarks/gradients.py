@@ -52,24 +52,24 @@ def tapered(count, elements, quantity="position"):
         beam = scene.add_beam([(0, 0), (1, 0)], section, elements=elements)
         scene.clamp(beam.start)
         scene.add_mass(beam.end, 0.1 * x[2])
-        of = beam.end if quantity == "position" else beam if quantity == "M" else scene
-        return scene, {"tip": fb.Output(quantity, of)}
+        target = beam.end if quantity == "position" else beam if quantity == "M" else scene
+        return scene, {"tip": fb.Output(quantity, target)}
 
     return build
 
 
 def moments(count, elements):
-    """The same with the bending moments of all rows."""
+    """Scenes by `tapered` with the bending moments of all rows."""
     return tapered(count, elements, "M")
 
 
 def energies(count, elements):
-    """The same with the energies of all rows."""
+    """Scenes by `tapered` with the energies of all rows."""
     return tapered(count, elements, "total_energy")
 
 
 def works(count, elements):
-    """The same with the work up to all rows."""
+    """Scenes by `tapered` with the work up to all rows."""
     return tapered(count, elements, "work")
 
 

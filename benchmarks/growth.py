@@ -250,7 +250,7 @@ def exponent(before, now, ratio):
 
 
 def measured(kind, n, quick):
-    """The same in a process of its own."""
+    """Measurement in a process of its own."""
     command = [sys.executable, __file__, "--one", kind, str(n)] + ["--quick"] * quick
     done = subprocess.run(command, capture_output=True, text=True)
     sys.stderr.write("".join(f"{x}\n" for x in done.stderr.splitlines() if x.startswith("#")))

@@ -91,7 +91,7 @@ def strip(kind, clamped, length, height, severity, by_weight, bend, angle, units
 
 
 class Told(logging.Handler):
-    """What was said."""
+    """Messages that were logged."""
 
     def __init__(self):
         super().__init__()

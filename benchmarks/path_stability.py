@@ -1,4 +1,4 @@
-"""What the count of unstable modes costs along a path of equilibria.
+"""Cost of the count of unstable modes along a path of equilibria.
 
     .venv/bin/python benchmarks/path_stability.py
 

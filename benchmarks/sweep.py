@@ -89,7 +89,7 @@ def measured(number, executor):
 
 
 def under_mpirun(number, ranks):
-    """The same in a pool of mpi4py."""
+    """Sweep in a pool of mpi4py."""
     known = {name: value for name, value in os.environ.items() if not name.startswith("OMPI_")}
     root = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
     command = ["mpirun", "-n", str(ranks), "--oversubscribe", sys.executable, "-m"]

@@ -139,13 +139,13 @@ def speeds(solution, bodies):
 
 def audit(solution, bodies):
     """Numbers by which a run is assessed."""
-    found = angles(solution, bodies)[:, -1]
+    computed = angles(solution, bodies)[:, -1]
     energy = solution.energy
     return {
         "unknowns": solution.stats.unknowns,
-        "angles": dict(zip(NAMES, found.tolist(), strict=True)),
-        "error of each angle": dict(zip(NAMES, abs(found - ANGLES).tolist(), strict=True)),
-        "largest relative error of an angle": abs(found / ANGLES - 1).max(),
+        "angles": dict(zip(NAMES, computed.tolist(), strict=True)),
+        "error of each angle": dict(zip(NAMES, abs(computed - ANGLES).tolist(), strict=True)),
+        "largest relative error of an angle": abs(computed / ANGLES - 1).max(),
         "largest error of a speed": abs(speeds(solution, bodies)[:, -1] - SPEEDS).max(),
         "relative balance error": abs(energy.balance_error).max() / energy.work.max(),
         "largest gap": max(
@@ -201,10 +201,10 @@ def draw(results, numbers):
     rows = range(1000, 1801, 20)
     thumbnail.animate(solution, rows, results / "thumbnail.gif", bodies=lines)
 
-    found = angles(solution, bodies)
+    computed = angles(solution, bodies)
     figure, axes = plot.figure(2, 1)
     motion, error = axes.flat
-    for name, values in zip(NAMES, found, strict=True):
+    for name, values in zip(NAMES, computed, strict=True):
         wrapped = (values + np.pi) % (2 * np.pi) - np.pi
         wrapped[1:][abs(np.diff(wrapped)) > np.pi] = np.nan
         motion.plot(1e3 * solution.t, wrapped, linewidth=1.1, label=name)

@@ -35,9 +35,9 @@ WANTED, BUDGET = 1000.0, 3e-3  # middle of the band [Hz], mass of an arm and its
 def lattice(x):
     """The bar, and the nodes at its ends."""
     thickness, length, lump = x
-    given = {"width": WIDTH, "E": E, "nu": NU, "rho": RHO}
-    bar = fb.Section.rectangle(height=HALF, **given)
-    arm = fb.Section.rectangle(height=thickness, **given)
+    material = {"width": WIDTH, "E": E, "nu": NU, "rho": RHO}
+    bar = fb.Section.rectangle(height=HALF, **material)
+    arm = fb.Section.rectangle(height=thickness, **material)
     points = [(k * CELL, 0.0) for k in range(CELLS + 1)]
     points += [(k * CELL, length) for k in range(1, CELLS + 1)]
     pieces = [(k, k + 1) for k in range(CELLS)]
@@ -83,8 +83,12 @@ def widened():
         return total, START * (slopes + np.array([0, 0, 1.0])) / BUDGET
 
     constraints = [
-        {"type": "eq", "fun": lambda y, of=of: of(y)[0], "jac": lambda y, of=of: of(y)[1]}
-        for of in (middle, mass)
+        {
+            "type": "eq",
+            "fun": lambda y, limit=limit: limit(y)[0],
+            "jac": lambda y, limit=limit: limit(y)[1],
+        }
+        for limit in (middle, mass)
     ]
     bounds = [(LEAST / START[0], 3.0), (0.4, 3.0), (0.3, 3.0)]
     best = minimize(
@@ -175,8 +179,8 @@ def draw(results, frequencies, curves, before, after, best):
     lumps, magnify, tall = [beam.end for beam in scene.beams[1::2]], 30.0, 8.0
 
     def drawn(k):
-        at = (motion.position(lump) for lump in lumps)
-        places = ((path[0] + magnify * (path[k] - path[0])) * (1.0, tall) for path in at)
+        lump_places = (motion.position(lump) for lump in lumps)
+        places = ((path[0] + magnify * (path[k] - path[0])) * (1.0, tall) for path in lump_places)
         return [Circle(place, 0.012, color="#D55E00", zorder=4) for place in places]
 
     last, look = range(29 * 40, 30 * 40), {"magnify": magnify, "tall": tall, "width": 2.0}

@@ -86,13 +86,13 @@ def compute():
     """The numbers, and what is drawn."""
     numbers, runs = {}, {}
     for name in SCENES:
-        of_meshes = numbers[name] = {}
+        meshes = numbers[name] = {}
         for elements in ELEMENTS:
             log.info("%s, %d elements", name, elements)
             motion, force, velocities = runs[name, elements] = impact(name, elements)
             pushes = np.flatnonzero(force > 0.5 * EXACT[name])
             inside = (motion.t > 0.1 * LASTS) & (motion.t < 0.9 * LASTS)
-            of_meshes[elements] = {
+            meshes[elements] = {
                 "force": float(force[inside].mean()),
                 "exact force": EXACT[name],
                 "lasts": float(motion.t[pushes[-1]] - motion.t[pushes[0]] + DT),
@@ -106,14 +106,14 @@ def compute():
 
 
 def report(numbers):
-    for name, of_meshes in numbers.items():
-        for elements, found in of_meshes.items():
-            velocities = ", ".join(f"{v:+.4f}" for v in found["velocities"])
+    for name, meshes in numbers.items():
+        for elements, run in meshes.items():
+            velocities = ", ".join(f"{v:+.4f}" for v in run["velocities"])
             print(
-                f"{name}, {elements} elements: force {found['force']:.3f} N (exact "
-                f"{found['exact force']:g}), for {1e3 * found['lasts']:.2f} ms (exact "
-                f"{1e3 * found['exact']:g}); velocities afterwards {velocities} m/s; energy "
-                f"balance {found['energy balance']:.0e}"
+                f"{name}, {elements} elements: force {run['force']:.3f} N (exact "
+                f"{run['exact force']:g}), for {1e3 * run['lasts']:.2f} ms (exact "
+                f"{1e3 * run['exact']:g}); velocities afterwards {velocities} m/s; energy "
+                f"balance {run['energy balance']:.0e}"
             )
 
 
@@ -128,10 +128,10 @@ def draw(results, runs):
     figure, axes = plot.figure(1, 2, height=3.4)
     force, speeds = axes.flat
     for n, name in enumerate(SCENES):
-        motion, found, velocities = runs[name, ELEMENTS[1]]
+        motion, pushes, velocities = runs[name, ELEMENTS[1]]
         first = GAP / SPEED
         exact = EXACT[name] * ((motion.t > first) & (motion.t < first + LASTS))
-        force.plot(1e3 * motion.t, found, color=f"C{n}", lw=1, label=name)
+        force.plot(1e3 * motion.t, pushes, color=f"C{n}", lw=1, label=name)
         force.plot(1e3 * motion.t, exact, "k--", lw=1)
         for velocity in velocities:
             speeds.plot(1e3 * motion.t, velocity, color=f"C{n}", lw=1)

@@ -99,9 +99,9 @@ def turned(t):
 def drive():
     """The scene; its belt, pulleys and contacts."""
     scene = fb.Scene()
-    on_span = round(ON_ARC * SPAN / (np.pi * RADIUS))
+    span_elements = round(ON_ARC * SPAN / (np.pi * RADIUS))
     half = RADIUS * np.exp(1j * np.linspace(np.pi / 2, -np.pi / 2, ON_ARC + 1))
-    top = np.linspace(0, SPAN, on_span, endpoint=False) + 1j * RADIUS
+    top = np.linspace(0, SPAN, span_elements, endpoint=False) + 1j * RADIUS
     loop = np.concatenate([top, SPAN + half[:-1], SPAN - top, -half[:-1]])
     points = [(z.real, z.imag) for z in loop]
     belt = scene.add_beam(points, BELT, elements=len(points) - 1, name="belt")
@@ -130,7 +130,7 @@ def tensions(solution, belt):
     middle = (x[:, 1:] + x[:, :-1]) / 2
     N, free = solution.resultants(belt).N, abs(middle[..., 0] - SPAN / 2) < SPAN / 4
     sides = [free & (sign * middle[..., 1] > 0) for sign in (-1, 1)]
-    return np.stack([(N * of).sum(axis=1) / of.sum(axis=1) for of in sides], axis=1)
+    return np.stack([(N * side).sum(axis=1) / side.sum(axis=1) for side in sides], axis=1)
 
 
 def rates(solution, pulleys):
@@ -155,14 +155,14 @@ def compute():
     tight, slack = tensions(solution, belt)[rows].mean(axis=0)
     first, second = rates(solution, pulleys)[rows].mean(axis=0)
     energy = solution.energy
-    found = {
+    numbers = {
         "capstan": ratios,
         "capstan, exact": {f"{mu:g}": np.exp(mu * np.pi) for mu in FRICTIONS},
         "sum of tensions / pull": (tight + slack) / PULL,
         "difference of tensions / (moment / radius)": (tight - slack) / (DRAG * second / RADIUS),
         "creep": 1 - second / first,
         "creep by the tensions": 1 - (1 + slack / EA) / (1 + tight / EA),
-        "angles of slip": [slip_angle(solution.contact(one), rows) for one in contacts],
+        "angles of slip": [slip_angle(solution.contact(touch), rows) for touch in contacts],
         "angle of slip by the tensions": np.degrees(np.log(tight / slack) / MU),
         "energy drift": abs(energy.balance_error).max() / energy.work[-1],
         "least loss of a row": np.diff(energy.dissipated).min(),
@@ -170,7 +170,7 @@ def compute():
         "Newton iterations per step": solution.stats.newton_iterations / solution.stats.substeps,
         "halvings": solution.stats.halvings,
     }
-    return found, (solution, scene, belt, pulleys, contacts, ratios)
+    return numbers, (solution, scene, belt, pulleys, contacts, ratios)
 
 
 def report(numbers):
@@ -202,14 +202,14 @@ def draw(results, solution, scene, belt, pulleys, contacts, ratios):
     thumbnail.animate(solution, range(first, last), results / "thumbnail.gif")
 
     figure, ((speed, pull), (angle, drum)) = plot.figure(2, 2)
-    of_pulleys = rates(solution, pulleys)
-    for values, name in zip(of_pulleys.T, ("driver", "driven"), strict=True):
+    pulley_rates = rates(solution, pulleys)
+    for values, name in zip(pulley_rates.T, ("driver", "driven"), strict=True):
         speed.plot(solution.t, values, label=name)
     speed.set(xlabel="time $t$ [s]", ylabel="rate [rad/s]")
     spans = zip(tensions(solution, belt).T, ("tight span", "slack span"), ("C2", "C3"), strict=True)
     for values, name, colour in spans:
         pull.plot(solution.t, values, color=colour, label=name)
-    load = DRAG * of_pulleys[:, 1] / RADIUS
+    load = DRAG * pulley_rates[:, 1] / RADIUS
     for sign in (1, -1):
         expected = (PULL * np.minimum(1, solution.t / TIGHTENED) + sign * load) / 2
         label = "steady theory" if sign > 0 else None
@@ -219,13 +219,13 @@ def draw(results, solution, scene, belt, pulleys, contacts, ratios):
     centre = solution.position(pulleys[1])[-1]
     arms = contact.points[-1] - centre
     touches = contact.normal[-1] > 1e-3
-    at = np.degrees(np.arctan2(*arms[touches].T[::-1]))
+    touch_angles = np.degrees(np.arctan2(*arms[touches].T[::-1]))
     share = abs(contact.tangential[-1] / np.maximum(contact.normal[-1], 1e-9))[touches]
-    angle.plot(at, share, ".")
+    angle.plot(touch_angles, share, ".")
     angle.set(xlabel="angle on the driven pulley [degrees]", ylabel="friction / normal force")
     mu = np.linspace(0, 0.55, 50)
     drum.plot(mu, np.exp(mu * np.pi), "k--", linewidth=0.7, label=r"$e^{\mu \pi}$")
-    drum.plot([float(one) for one in ratios], [*ratios.values()], "o", label="strip")
+    drum.plot([float(ratio) for ratio in ratios], [*ratios.values()], "o", label="strip")
     drum.set(xlabel=r"friction $\mu$", ylabel="ratio of tensions")
     plot.save(figure, results / "tensions_and_slip.png")
 

@@ -110,7 +110,7 @@ def shoot(mass=SHOWN, weight=1.0, dt=STEP):
 
 def elastica(places):
     """Forces of the draw [N] and tensions [N] where the nock is at some places x [m]."""
-    found, guess = [], np.array([-60.0, -60.0, -350.0])
+    roots, guess = [], np.array([-60.0, -60.0, -350.0])
 
     def limb(unknown):
         moment, *force = unknown
@@ -139,8 +139,8 @@ def elastica(places):
             return moment / 100, across / 100, np.hypot(*along) - length
 
         guess = fsolve(missing, guess, xtol=1e-12)
-        found.append((-2 * guess[1], np.hypot(*guess[1:])))
-    return np.array(found).T
+        roots.append((-2 * guess[1], np.hypot(*guess[1:])))
+    return np.array(roots).T
 
 
 def audit(motion, strung, pulled, nock, arrow, mass):
@@ -239,10 +239,10 @@ def draw(results, shown, travel, force, curve):
     pull.plot(travel, force, "o", color="#0072B2", markersize=3.5, label="bow")
     pull.set(xlabel="draw [m]", ylabel="force [N]", xlim=(0, DRAW), ylim=(0, None))
     t = 1e3 * motion.t
-    of_arrow = SHOWN * motion.velocity(arrow)[:, 0] ** 2 / 2
+    arrow_energy = SHOWN * motion.velocity(arrow)[:, 0] ** 2 / 2
     for label, values, colour in (
-        ("arrow", of_arrow, "#D55E00"),
-        ("limbs and string", motion.energy.kinetic - of_arrow, "#009E73"),
+        ("arrow", arrow_energy, "#D55E00"),
+        ("limbs and string", motion.energy.kinetic - arrow_energy, "#009E73"),
         ("strain energy", motion.energy.strain, "#0072B2"),
         ("total", motion.energy.total, "black"),
     ):

@@ -91,8 +91,8 @@ def mean_end(values):
 
 def along_rope(motion, rope, phi, rows):
     """Angles from the left end, and tensions over T2, at Gauss points in some rows."""
-    found = motion.resultants(rope)
-    return found.s / rope.length * phi, found.N[rows] / T2
+    resultants = motion.resultants(rope)
+    return resultants.s / rope.length * phi, resultants.N[rows] / T2
 
 
 def compute():
@@ -117,10 +117,10 @@ def compute():
     slow = mean_end(pull(mu, phi, SLOW * SPEED)[2]) / np.exp(mu * phi) - 1
     numbers["difference with a slower pull"] = slow
     rows = rows_shown(ratio)
-    angle, found = along_rope(motion, rope, phi, rows)
+    angle, pulls = along_rope(motion, rope, phi, rows)
     exact = np.array([tension(angle, ratio[row], mu, phi) for row in rows])
     numbers["largest difference of the tension along the rope, over T2"] = float(
-        abs(found - exact).max()
+        abs(pulls - exact).max()
     )
     return numbers, (runs,)
 
@@ -134,11 +134,11 @@ def rows_shown(ratio):
 
 
 def report(numbers):
-    for name, found in numbers["cases"].items():
+    for name, case in numbers["cases"].items():
         print(
-            f"{name}: T1/T2 = {found['T1 / T2']:.4f}, exp(mu phi) = {found['exp(mu phi)']:.4f} "
-            f"({found['difference']:+.1e}); held end at first {found['held end / T2']:.3f}; "
-            f"energy balance {found['energy balance']:.0e}"
+            f"{name}: T1/T2 = {case['T1 / T2']:.4f}, exp(mu phi) = {case['exp(mu phi)']:.4f} "
+            f"({case['difference']:+.1e}); held end at first {case['held end / T2']:.3f}; "
+            f"energy balance {case['energy balance']:.0e}"
         )
     slow = numbers["difference with a slower pull"]
     along = numbers["largest difference of the tension along the rope, over T2"]
@@ -173,9 +173,9 @@ def draw(results, runs):
     mu, phi = SHOWN
     motion, rope, ratio = runs[SHOWN]
     rows = rows_shown(ratio)
-    angle, found = along_rope(motion, rope, phi, rows)
+    angle, pulls = along_rope(motion, rope, phi, rows)
     fine = np.linspace(0, phi, 400)
-    for row, values in zip(rows, found, strict=True):
+    for row, values in zip(rows, pulls, strict=True):
         along.plot(np.degrees(angle), values, ".", color="#0072B2", markersize=4)
         along.plot(np.degrees(fine), tension(fine, ratio[row], mu, phi), "k-", lw=0.8)
     along.plot([], [], ".", color="#0072B2", label="computed")

@@ -101,16 +101,16 @@ def run(system=None, gains=None, goal=None, t_end=T_END):
     record = fb.Record(every=10)
     motion = fb.Motion(whole, dt=DT, outputs=outputs(*parts), start=upright(), record=record)
     rows = []
-    found, push = motion.outputs, 0.0
-    while motion.t < t_end - DT / 2 and abs(found["angle"]) < 1:
+    values, push = motion.outputs, 0.0
+    while motion.t < t_end - DT / 2 and abs(values["angle"]) < 1:
         t = motion.t
         if system is not None:
             x = system.deviation(motion) - (GOAL * goal if t >= GOAL_TIME else 0.0)
             push = -float((gains @ x)[0])
         gust = GUST if GUST_TIME[0] <= t < GUST_TIME[1] else 0.0
-        found = motion.step({"push": push, "gust": gust})
-        bent = found["tip"] - found["cart"] + LENGTH * np.sin(found["angle"])
-        rows.append([motion.t, push, *found.values(), bent])
+        values = motion.step({"push": push, "gust": gust})
+        bent = values["tip"] - values["cart"] + LENGTH * np.sin(values["angle"])
+        rows.append([motion.t, push, *values.values(), bent])
     return motion, np.array(rows)
 
 
@@ -118,7 +118,7 @@ def numbers_of(motion, rows, system, gains):
     """Numbers by which a run is assessed."""
     t, push, cart, tip, angle, bent = rows.T
     energy = motion.solution().energy
-    found = {
+    numbers = {
         "kept upright": bool(t[-1] > T_END - DT),
         "time": float(t[-1]),
         "largest push": float(abs(push).max()),
@@ -128,13 +128,13 @@ def numbers_of(motion, rows, system, gains):
     }
     if system is not None:
         closed = np.linalg.eigvals(system.A - system.B @ gains)
-        found["slowest decay of the design"] = float(-closed.real.max())
-    if found["kept upright"]:
-        found["cart off the goal at the end"] = float(abs(cart[-1] - GOAL))
-        found["tip off the cart at the end"] = float(abs(tip[-1] - cart[-1]))
-        found["bending in the last second"] = float(abs(bent)[t > T_END - 1].max())
-        found["largest bending"] = float(abs(bent).max())
-    return found
+        numbers["slowest decay of the design"] = float(-closed.real.max())
+    if numbers["kept upright"]:
+        numbers["cart off the goal at the end"] = float(abs(cart[-1] - GOAL))
+        numbers["tip off the cart at the end"] = float(abs(tip[-1] - cart[-1]))
+        numbers["bending in the last second"] = float(abs(bent)[t > T_END - 1].max())
+        numbers["largest bending"] = float(abs(bent).max())
+    return numbers
 
 
 def compute():
@@ -164,19 +164,19 @@ def report(numbers):
         f"has {free['first bending, angular frequency']:.1f} rad/s."
     )
     for name in ("flexible pole", "rigid pole", "none"):
-        found = numbers[name]
-        end = "kept upright" if found["kept upright"] else f"fallen at {found['time']:.2f} s"
+        case = numbers[name]
+        end = "kept upright" if case["kept upright"] else f"fallen at {case['time']:.2f} s"
         print(
-            f"Gains for {name}: {end}; largest push {found['largest push']:.2f} N, angle "
-            f"{found['largest angle']:.3f} rad; energy error {found['largest energy error']:.0e} J"
+            f"Gains for {name}: {end}; largest push {case['largest push']:.2f} N, angle "
+            f"{case['largest angle']:.3f} rad; energy error {case['largest energy error']:.0e} J"
         )
-    found = numbers["flexible pole"]
+    pole = numbers["flexible pole"]
     print(
-        f"Bending in the last second: {1e3 * found['bending in the last second']:.3f} mm; with "
+        f"Bending in the last second: {1e3 * pole['bending in the last second']:.3f} mm; with "
         "gains for a rigid pole "
         f"{1e3 * numbers['rigid pole']['bending in the last second']:.1f} mm.\n"
-        f"At the end the cart is {found['cart off the goal at the end']:.1e} m off its goal, the "
-        f"tip {found['tip off the cart at the end']:.1e} m off the cart."
+        f"At the end the cart is {pole['cart off the goal at the end']:.1e} m off its goal, the "
+        f"tip {pole['tip off the cart at the end']:.1e} m off the cart."
     )
 
 

@@ -104,8 +104,8 @@ def trace_of_second_mode(amplitude):
     def rates(t, z):
         a, first, second = z[0], z[2:4], z[4:]
         back = -(BETA[1] ** 4) - taut * a**2
-        of_first = -(BETA[0] ** 4) * (1 + g * a**2) * a
-        return [z[1], of_first, first[1], back * first[0], second[1], back * second[0]]
+        first_force = -(BETA[0] ** 4) * (1 + g * a**2) * a
+        return [z[1], first_force, first[1], back * first[0], second[1], back * second[0]]
 
     period = 2 * np.pi / (BETA[0] ** 2 * frequency_of(amplitude))
     start = [amplitude, 0, 1, 0, 0, 1]
@@ -128,8 +128,8 @@ def frequency_of(amplitude):
 def deflections(motion, beam, times=2001):
     """Deflections (times, nodes) over r in a period, between its steps by their Fourier series."""
     nodes = motion.solution.nodes_of_beam[beam.name]
-    at_steps = motion.solution.q[:-1, nodes, 1] / RADIUS
-    return np.fft.irfft(np.fft.rfft(at_steps, axis=0) * (times / STEPS), times, axis=0)
+    path = motion.solution.q[:-1, nodes, 1] / RADIUS
+    return np.fft.irfft(np.fft.rfft(path, axis=0) * (times / STEPS), times, axis=0)
 
 
 def places(family, beam):
@@ -235,18 +235,18 @@ def draw(results, beam, linear, first, tongue, third):
     for axes in (curve, zoom):
         along = np.linspace(0, 1.05 * LARGEST, 200)
         axes.plot(frequency_of(along), along, "k--", lw=1, label="single mode")
-        for family, color, label, over in (
+        for family, color, label, unit in (
             (first, "#0072B2", "first mode", 1),
             (tongue, "#D55E00", "with short steps", 1),
             (third, "#009E73", "third mode, $f/5$", 5),
         ):
             a, f = points(family, beam, linear)
-            axes.plot(f / over, a, ".-", ms=4, lw=1, color=color, label=label)
+            axes.plot(f / unit, a, ".-", ms=4, lw=1, color=color, label=label)
             away = ~family.stable
             if not away.any():
                 continue
             axes.plot(
-                f[away] / over, a[away], "o", ms=5, mfc="white", color=color, label="unstable"
+                f[away] / unit, a[away], "o", ms=5, mfc="white", color=color, label="unstable"
             )
         axes.set(xlabel="frequency $f/f_0$", ylabel="amplitude of the middle $A/r$")
     zoom.set(xlim=(1.07, 1.17), ylim=(0, 3.2))

@@ -95,10 +95,10 @@ class Path:
 
     def errors(self):
         """Largest differences from the theory, over the largest values."""
-        found, own = self.known[self.compared], (self.force, self.flat)
+        known, own = self.known[self.compared], (self.force, self.flat)
         return [
             float(abs(values[self.compared] - exact).max() / abs(exact).max())
-            for values, exact in zip(own, found.T, strict=True)
+            for values, exact in zip(own, known.T, strict=True)
         ]
 
     def unbalanced(self):

@@ -71,8 +71,8 @@ def elastica():
             kappa = np.interp(FORCE * (reach - x), moments, kappas)
             return np.cos(psi), np.sin(psi), kappa
 
-        found = scipy.integrate.solve_ivp(slopes, (0, LENGTH), (0, 0, 0), rtol=1e-9, atol=1e-12)
-        return found.y[:2, -1]
+        strains = scipy.integrate.solve_ivp(slopes, (0, LENGTH), (0, 0, 0), rtol=1e-9, atol=1e-12)
+        return strains.y[:2, -1]
 
     reach = scipy.optimize.brentq(lambda x: shot(x)[0] - x, 0.3 * LENGTH, LENGTH)
     return shot(reach)
@@ -182,10 +182,10 @@ def draw(results, angles, moments, pulled):
     from shared import thumbnail
 
     figure, axes = plot.figure(2, 1, height=2.6)
-    of_end, along = axes.flat
-    of_end.plot(angles, closed_form(angles), "k-", linewidth=0.8, label="closed form")
-    of_end.plot(angles, moments, "C0o", fillstyle="none", label="dolfinx")
-    of_end.set(xlabel="angle of the end [rad]", ylabel="moment [N m]")
+    end_axes, along = axes.flat
+    end_axes.plot(angles, closed_form(angles), "k-", linewidth=0.8, label="closed form")
+    end_axes.plot(angles, moments, "C0o", fillstyle="none", label="dolfinx")
+    end_axes.set(xlabel="angle of the end [rad]", ylabel="moment [N m]")
     for number, (elements, (_, _, D, _)) in enumerate(pulled.items(), start=1):
         s = (np.arange(elements) + 0.5) * LENGTH / elements
         along.step(s, D[-1], f"C{number}", where="mid", label=f"{elements} elements")

@@ -89,11 +89,11 @@ def compute(alphas=ALPHAS, radii=RADII):
     return numbers, (numbers,)
 
 
-def cell(found):
+def cell(run):
     """Text for one run: the time at which it was lost, or else its largest loss of energy."""
-    if found["lost at"] is not None:
-        return f"{found['lost at']:.3g} s{' x' if found['broke off'] else ''}"
-    loss = 1 - found["lowest energy ratio"]
+    if run["lost at"] is not None:
+        return f"{run['lost at']:.3g} s{' x' if run['broke off'] else ''}"
+    loss = 1 - run["lowest energy ratio"]
     if loss < 1e-9:
         return "kept"
     if loss < 1e-3:
@@ -106,13 +106,13 @@ def report(numbers):
         f"Time at which the energy exceeded {LOST} times that at the start of the free motion, or "
         "(x) at which\na step failed before that; otherwise the largest loss of energy:"
     )
-    for example, by_scheme in numbers.items():
+    for example, schemes in numbers.items():
         _, _, t_end, steps = EXAMPLES[example]
         print(f"\n{example}, {t_end:g} s")
         row = ("{:24}" + " {:>11}" * len(steps)).format
         print(row("", *(f"dt {dt:g} s" for dt in steps)))
-        for scheme, by_step in by_scheme.items():
-            print(row(scheme, *map(cell, by_step.values())))
+        for scheme, runs in schemes.items():
+            print(row(scheme, *map(cell, runs.values())))
 
 
 def draw(results, numbers):
@@ -141,21 +141,21 @@ def draw(results, numbers):
     }
     figure, axes = plot.figure(1, len(numbers), height=4.2)
     axes[0, 0].get_gridspec().set_width_ratios([len(EXAMPLES[name][3]) for name in numbers])
-    for ax, (example, by_scheme) in zip(axes[0], numbers.items(), strict=True):
+    for ax, (example, schemes) in zip(axes[0], numbers.items(), strict=True):
         _, _, t_end, steps = EXAMPLES[example]
-        colours = [[kind(run) for run in runs.values()] for runs in by_scheme.values()]
+        colours = [[kind(run) for run in runs.values()] for runs in schemes.values()]
         look = {"cmap": ListedColormap([*kinds.values()]), "vmin": 0, "vmax": 2}
         ax.imshow(colours, aspect="auto", **look)
-        for row, runs in enumerate(by_scheme.values()):
+        for row, runs in enumerate(schemes.values()):
             for column, run in enumerate(runs.values()):
                 ax.text(column, row, cell(run), ha="center", va="center", fontsize=6.5)
         ax.grid(False)
         ax.set_title(f"{example}, {t_end:g} s", fontsize=8)
         ax.set_xticks(range(len(steps)), [f"{dt:g}" for dt in steps], fontsize=6)
-        ax.set_yticks(range(len(by_scheme)), [])
+        ax.set_yticks(range(len(schemes)), [])
         ax.set_xlabel("time step [s]", fontsize=7)
         ax.tick_params(length=0)
-    axes[0, 0].set_yticks(range(len(by_scheme)), [*by_scheme], fontsize=7)
+    axes[0, 0].set_yticks(range(len(schemes)), [*schemes], fontsize=7)
     for name, colour in kinds.items():
         axes[0, 0].plot([], [], "s", color=colour, markersize=9, label=name)
     plot.save(figure, results / "lost.png")

@@ -57,8 +57,8 @@ def compute(points=POINTS, executor=None):
     table = fb.sweep(bent, cases, executor)
     seconds = perf_counter() - clock
     rows = table.to_dict("records") if hasattr(table, "to_dict") else table
-    found = [np.nan if row["error"] else row["deflection"] for row in rows]
-    deflection = np.reshape(found, points)[::-1]
+    deflections = [np.nan if row["error"] else row["deflection"] for row in rows]
+    deflection = np.reshape(deflections, points)[::-1]
     numbers = {
         "points": len(cases),
         "failed": int(np.isnan(deflection).sum()),

@@ -129,12 +129,12 @@ def shortest(P, T, c, within):
     failed, motions, start = RIGID, 0, process_time()
     while T - failed > within:
         turn = Turn((failed + T) / 2, P)
-        found = turn.best(c)
-        distance = turn.largest(found)
+        best = turn.best(c)
+        distance = turn.largest(best)
         log.info("T = %.4f s: %d motions, %.3g mm", turn.T, turn.motions, 1e3 * distance)
         motions += turn.motions
         if distance <= LIMIT:
-            T, c = turn.T, found
+            T, c = turn.T, best
         else:
             failed = turn.T
     took = {"failed": failed, "motions": motions, "seconds": process_time() - start}

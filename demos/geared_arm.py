@@ -62,10 +62,10 @@ def scene(stiffer=1.0):
     sun = machine.add_body((0, 0), 1.0, J_SUN, name="sun")
     planet = machine.add_body(pin, M_PLANET, J_PLANET, name="planet")
     shaft = machine.add_joint(fb.Revolute(fb.GROUND, carrier.centre))
-    of_sun = machine.add_joint(fb.Revolute(carrier["axis"], sun.centre))
-    of_planet = machine.add_joint(fb.Revolute(carrier["pin"], planet.centre))
-    teeth = machine.add_joint(fb.Gear(of_sun, of_planet, -R_SUN / R_PLANET))
-    machine.add_joint(fb.Gear(shaft, of_planet, -R_RING / R_PLANET))  # the ring is the ground
+    sun_joint = machine.add_joint(fb.Revolute(carrier["axis"], sun.centre))
+    planet_joint = machine.add_joint(fb.Revolute(carrier["pin"], planet.centre))
+    teeth = machine.add_joint(fb.Gear(sun_joint, planet_joint, -R_SUN / R_PLANET))
+    machine.add_joint(fb.Gear(shaft, planet_joint, -R_RING / R_PLANET))  # the ring is the ground
     bar = BAR if stiffer == 1 else fb.Section.rectangle(3e-3, 30e-3, 70e9 * stiffer, rho=2700.0)
     arm = machine.add_beam([(0, 0), (LENGTH, 0)], bar, ELEMENTS, degree=2, name="arm")
     machine.add_joint(fb.Rigid(carrier.centre, arm.start))
@@ -88,15 +88,15 @@ def frequencies(count=3):
 
     grid = np.linspace(0.3, 12, 400)
     values = closed(grid)
-    at = np.flatnonzero(values[1:] * values[:-1] < 0)[:count]
-    betas = np.array([brentq(closed, grid[i], grid[i + 1], xtol=1e-13) for i in at])
+    changes = np.flatnonzero(values[1:] * values[:-1] < 0)[:count]
+    betas = np.array([brentq(closed, grid[i], grid[i + 1], xtol=1e-13) for i in changes])
     return betas**2 * np.sqrt(BAR.EI / BAR.rhoA) / LENGTH**2
 
 
 def compute(dt=DT):
     """The numbers, and what is drawn."""
     machine, carrier, sun, planet, arm, teeth = scene()
-    found = fb.modes(machine, n=4).angular_frequencies[1:]  # the first is the free rotation
+    omega = fb.modes(machine, n=4).angular_frequencies[1:]  # the first is the free rotation
     machine.add_moment(sun, push)
     motion = fb.simulate(machine, dt=dt, t_end=T_END)
     stiff, its_carrier, its_sun, *_ = scene(stiffer=1e4)
@@ -110,7 +110,7 @@ def compute(dt=DT):
         "by Willis": [SPEED, OF_PLANET],
         "rate of a rigid arm": rigid.spin(its_carrier)[half],
         "exact rate": SPEED * MOMENT * TIME / 2 / (HUB + ARM),
-        "frequencies": (found / (2 * np.pi)).tolist(),
+        "frequencies": (omega / (2 * np.pi)).tolist(),
         "exact frequencies": (frequencies() / (2 * np.pi)).tolist(),
         "energy balance": abs(motion.energy.balance_error).max() / motion.energy.kinetic.max(),
         "largest angle of a step": abs(np.diff(motion.rotation(sun))).max(),
@@ -128,7 +128,8 @@ def report(numbers):
     print("Rate of a rigid arm half way: {:.5f} rad/s, exact {:.5f}".format(*rates))
     pairs = zip(numbers["frequencies"], numbers["exact frequencies"], strict=True)
     print(
-        "Frequencies [Hz]: " + ", ".join(f"{one:.3f} (exact {other:.3f})" for one, other in pairs)
+        "Frequencies [Hz]: "
+        + ", ".join(f"{computed:.3f} (exact {other:.3f})" for computed, other in pairs)
     )
     print(f"Energy balance {numbers['energy balance']:.0e}", end=", ")
     print(f"steps of up to {numbers['largest angle of a step']:.2f} rad of the sun", end=", ")

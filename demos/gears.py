@@ -89,8 +89,8 @@ def scene(points=POINTS[1]):
 
 def lag(motion, pinion, wheel):
     """How far the wheel is from the angle by the ratio of the teeth [rad]."""
-    of_pinion, of_wheel = (motion.rotation(body.centre) for body in (pinion, wheel))
-    return of_wheel + of_pinion * TEETH[0] / TEETH[1]
+    pinion_angle, wheel_angle = (motion.rotation(body.centre) for body in (pinion, wheel))
+    return wheel_angle + pinion_angle * TEETH[0] / TEETH[1]
 
 
 def compute(dt=DT):

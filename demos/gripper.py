@@ -124,7 +124,7 @@ def compute():
     motion, disc, grips = lifted()
     ratio, normal = needed(motion, grips)
     rest = motion.t > LIFT[1] + 0.8 * (T_END - LIFT[1])
-    on_disc = -sum(motion.contact(grip).force.sum(axis=1) for grip in grips)
+    disc_force = -sum(motion.contact(grip).force.sum(axis=1) for grip in grips)
     log.info("trials with less friction")
     least, width = least_friction()
     numbers = {
@@ -134,7 +134,7 @@ def compute():
         * (CURVATURE * REACH**2 / 2 - APART)
         / REACH**3,
         "weight": MASS * GRAVITY,
-        "force of the fingers at rest": float(on_disc[rest, 1].mean()),
+        "force of the fingers at rest": float(disc_force[rest, 1].mean()),
         "rise of the disc": float(motion.displacement(disc)[-1, 1]),
         "least friction, by the forces": float(ratio.max()),
         "least friction, by trials": least,
@@ -174,8 +174,8 @@ def draw(results, motion, disc, grips, left_behind):
     )
     figure, axes = plot.figure(1, 2, height=3.0)
     heights, ratio = axes.flat
-    given = ((motion, f"$\\mu = {FRICTION:g}$"), (left_behind, "friction too low"))
-    for run, label in given:
+    shown = ((motion, f"$\\mu = {FRICTION:g}$"), (left_behind, "friction too low"))
+    for run, label in shown:
         heights.plot(run.t, 1e3 * run.displacement(disc)[:, 1], label=label)
     heights.plot(motion.t, [1e3 * rise(t) for t in motion.t], "k:", lw=1, label="palm")
     heights.set(xlabel="time $t$ [s]", ylabel="rise of the disc [mm]")

@@ -86,10 +86,10 @@ class Heat:
         a = (CAPACITY / dt + loss) * T * S * ufl.dx
         a += CONDUCTIVITY * ufl.dot(ufl.grad(T), ufl.grad(S)) * ufl.dx
         b = (CAPACITY / dt * self._before + source) * S * ufl.dx
-        at_ends = fem.locate_dofs_geometrical(
+        end_dofs = fem.locate_dofs_geometrical(
             space, lambda x: np.isclose(x[0], 0.0) | np.isclose(x[0], SPAN)
         )
-        cold = fem.dirichletbc(PETSc.ScalarType(0.0), at_ends, space)
+        cold = fem.dirichletbc(PETSc.ScalarType(0.0), end_dofs, space)
         options = {"bcs": [cold], "u": self.T}
         if "petsc_options_prefix" in LinearProblem.__init__.__code__.co_varnames:
             options["petsc_options_prefix"] = "heat_"

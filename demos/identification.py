@@ -76,17 +76,17 @@ class Fit:
         self.run = fb.Response(build, dt=DT, t_end=t_end, record=ROWS)
         rows = round(t_end / DT) // ROWS.every + 1
         self.measured = {name: path[:rows] for name, path in measured.items()}
-        self.motions, self._at = 0, None
+        self.motions, self._z = 0, None
 
     def deviation(self, z):
         """Deviations of all measured values, in terms of the noise."""
-        self.motions, self._at = self.motions + 1, z.copy()
+        self.motions, self._z = self.motions + 1, z.copy()
         _, y = self.run(GUESS * np.exp(z))
         return np.concatenate([((y[name] - self.measured[name]) / NOISE).ravel() for name in y])
 
     def jacobian(self, z):
         """Their derivatives J (values, numbers)."""
-        if not np.array_equal(z, self._at):
+        if not np.array_equal(z, self._z):
             self.deviation(z)
         J = self.run.jacobian()
         rows = [J[name].reshape(-1, len(z)) / NOISE for name in J]
@@ -105,25 +105,25 @@ def identified(measured, stages, differences):
     z, motions, seconds = np.zeros(len(NAMES)), 0, perf_counter()
     for t_end in stages:
         fit = Fit(t_end, measured)
-        found = least_squares(fit.deviation, z, jac="2-point" if differences else fit.jacobian)
-        z, motions = found.x, motions + fit.motions
+        fitted = least_squares(fit.deviation, z, jac="2-point" if differences else fit.jacobian)
+        z, motions = fitted.x, motions + fit.motions
     seconds = perf_counter() - seconds
     log.info("%s: %d motions, %.2f s", "differences" if differences else "J", motions, seconds)
-    chi_2 = 2 * found.cost / found.fun.size
-    return z, found.jac, {"motions": motions, "seconds": seconds, "chi^2 per value": chi_2}
+    chi_2 = 2 * fitted.cost / fitted.fun.size
+    return z, fitted.jac, {"motions": motions, "seconds": seconds, "chi^2 per value": chi_2}
 
 
 def compute(stages=STAGES):
     """The numbers, and what is drawn."""
     t, measured = measurement(stages[-1])
     Fit(2 * DT, measured).jacobian(np.zeros(len(NAMES)))  # compiles
-    z, J, by_jacobian = identified(measured, stages, differences=False)
-    other, _, by_differences = identified(measured, stages, differences=True)
+    z, J, jacobian_motions = identified(measured, stages, differences=False)
+    other, _, difference_motions = identified(measured, stages, differences=True)
     half_width = QUANTILE * np.sqrt(np.diag(np.linalg.inv(J.T @ J)))
     x = GUESS * np.exp(z)
     numbers = {
-        "with the Jacobian": by_jacobian,
-        "with differences": by_differences,
+        "with the Jacobian": jacobian_motions,
+        "with differences": difference_motions,
         "largest difference of z": float(abs(z - other).max()),
     }
     for i, name in enumerate(NAMES):
@@ -135,7 +135,7 @@ def compute(stages=STAGES):
             "inside": bool(abs(np.log(TRUE[i]) - np.log(x[i])) <= half_width[i]),
         }
     run = fb.Response(build, dt=DT, t_end=stages[-1], record=ROWS)
-    paths = [run(of)[1] for of in (GUESS, x)]
+    paths = [run(point)[1] for point in (GUESS, x)]
     return numbers, (t, measured, *paths, x, half_width)
 
 

@@ -207,7 +207,7 @@ def first_step():
 
 
 def published(step, law):
-    """The same $n$ and $m$ in the fields of a step, as `Problem.replace_resultants` takes them.
+    """Resultants $n$ and $m$ in the fields of a step, as `Problem.replace_resultants` takes them.
 
     `step.strains0` and `step.director0` are $E_0$, $K_0$, $R_0 t_0$; `law` has the stiffness.
     """
@@ -248,7 +248,7 @@ def run(form, t_end=T_END):
 
 
 def engine(form):
-    """The same motion by the compiled steps of `fb.simulate`."""
+    """Motion by the compiled steps of `fb.simulate`."""
     scheme = fb.EnergyMomentum()
     if form is not None:
         scheme = fb.Scheme("own", form, fb.MidPointRates())

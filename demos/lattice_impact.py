@@ -117,7 +117,9 @@ def energies(solution, k):
     """Energies (3, struts) of stretching, shear and bending of each strut in row k [J]."""
     ends = np.array([(beam.start.number, beam.end.number) for beam in solution.beams.values()])
     places = solution.X + solution.q[k][:, :2]
-    (x, y), (dx, dy) = (np.diff(at[ends], axis=1)[:, 0].T for at in (solution.X, places))
+    (x, y), (dx, dy) = (
+        np.diff(positions[ends], axis=1)[:, 0].T for positions in (solution.X, places)
+    )
     turn = solution.q[k][ends, 2]
     c, s = np.cos(turn.mean(axis=1)), np.sin(turn.mean(axis=1))
     stretched = x * (c * dx + s * dy) + y * (c * dy - s * dx)
@@ -128,8 +130,8 @@ def energies(solution, k):
 
 
 def report(numbers):
-    for what, found in numbers.items():
-        print(f"{what}: {found:.4g}" if isinstance(found, float) else f"{what}: {found}")
+    for what, value in numbers.items():
+        print(f"{what}: {value:.4g}" if isinstance(value, float) else f"{what}: {value}")
 
 
 def draw(results, solution, x, row):

@@ -94,10 +94,10 @@ def _along(start, n, direction, length):
 
 def solved(gap, guess):
     """Root of a gap near a guess."""
-    found = scipy.optimize.root(gap, guess, tol=1e-11)
-    if abs(found.fun).max() > 1e-7:  # tolerance of the integration: 1e-9
-        raise RuntimeError(f"shooting: {found.message}")
-    return found.x
+    root = scipy.optimize.root(gap, guess, tol=1e-11)
+    if abs(root.fun).max() > 1e-7:  # tolerance of the integration: 1e-9
+        raise RuntimeError(f"shooting: {root.message}")
+    return root.x
 
 
 def limit_by_shooting(path, row, hinge):

@@ -100,14 +100,14 @@ def series(speed, steps=STEPS, mass=MASS):
         force /= 1 + mass * sine @ sine / modal
         return np.concatenate([rate, free + sine * force / modal])
 
-    found = solve_ivp(
+    motion = solve_ivp(
         rates, (0, t[-1]), np.zeros(2 * MODES), "DOP853", t, rtol=1e-6, atol=1e-8 * STATIC
     )
-    return np.sum(np.sin(np.outer(wave, speed * t)) * found.y[:MODES], axis=0)
+    return np.sum(np.sin(np.outer(wave, speed * t)) * motion.y[:MODES], axis=0)
 
 
 def closed_series(speed, t):
-    """The same for the force $M g$ alone, by the closed form."""
+    """Deflections under the force $M g$ alone, by the closed form."""
     n = np.arange(1, MODES + 1)[:, None]
     W = np.pi * speed / LENGTH
     a = W / FIRST

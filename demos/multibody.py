@@ -238,8 +238,8 @@ def report(numbers):
     units = "[s]", "steps", "E0 [J]", "E/E0", "E/E0", "|E/E0-1|", "gap [m]", "[m]", "[N]", "[N]"
     print(row("scheme", *units, "it/step", "ings", "at [s]"))
     failures = []
-    for name, by_step in numbers["schemes"].items():
-        for dt, run in by_step.items():
+    for name, runs in numbers["schemes"].items():
+        for dt, run in runs.items():
             values = (
                 dt.removeprefix("dt "),
                 run["steps"],

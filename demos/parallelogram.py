@@ -129,8 +129,8 @@ def report(numbers):
     print(f"{numbers['mechanisms']} mechanisms, {T_END:g} s, dt = {DT:g} s")
     row = "{:>30} {:>12} {:>18} {:>13}".format
     print(row("", "wrong turns", "errors below 1e-2", "median error"))
-    for name, found in numbers["schemes"].items():
-        *counts, middle = found.values()
+    for name, run in numbers["schemes"].items():
+        *counts, middle = run.values()
         print(row(name, *counts, f"{middle:.1e}"))
 
 

@@ -74,8 +74,8 @@ def pulsating(pulse, frequency):
 def own_numbers():
     """Buckling load, and natural frequency [rad/s] and damping ratio under $P_0$."""
     path = fb.static(scene(1.2)[0], 4, progress=False)
-    under_mean, _ = scene(MEAN)
-    modes = fb.modes(under_mean, fb.static(under_mean, progress=False), n=1)
+    pressed, _ = scene(MEAN)
+    modes = fb.modes(pressed, fb.static(pressed, progress=False), n=1)
     omega, zeta = modes.angular_frequencies[0], modes.damping_ratios[0]
     return 1.2 * path.critical_points[0].load_factor, float(omega), float(zeta)
 
@@ -146,8 +146,8 @@ def compute(pulses=PULSES):
         rows[pulse] = ratio, [motion.instability for motion in family]
         # Those of the first bending mode: the others have more damping.
         pair = np.array([motion.multipliers[:2] for motion in family])
-        for kind, at in (("period doubling", -1), ("fold", 1)):
-            margin = np.prod(pair - at, axis=1).real  # of a real pair: negative between
+        for kind, multiplier in (("period doubling", -1), ("fold", 1)):
+            margin = np.prod(pair - multiplier, axis=1).real  # of a real pair: negative between
             boundaries[kind][f"P1 = {pulse:g}"] = [
                 crossings(ratio, margin),
                 crossings(fine, mathieu[kind] - pulse),
@@ -176,10 +176,10 @@ def report(numbers):
         f"{numbers['the same by theory [rad/s]']:.2f}), with a damping ratio of "
         f"{numbers['damping ratio']:.4f}."
     )
-    for kind, by_pulse in numbers["boundaries"].items():
-        for pulse, (found, exact) in by_pulse.items():
-            if found or exact:
-                column = ", ".join(f"{r:.4f}" for r in found)
+    for kind, pulses in numbers["boundaries"].items():
+        for pulse, (computed, exact) in pulses.items():
+            if computed or exact:
+                column = ", ".join(f"{r:.4f}" for r in computed)
                 theory = ", ".join(f"{r:.4f}" for r in exact)
                 print(f"{kind}, {pulse}: Omega/omega = {column} (Mathieu {theory})")
     for kind, rate in numbers["growth in a period"].items():
@@ -209,10 +209,17 @@ def draw(results, rows, fine, mathieu, boundaries, grown):
     figure, ((chart,),) = plot.figure(1, 1, height=3.6)
     for pulse, (ratios, kinds) in rows.items():
         for kind, color in colors.items():
-            at = [r for r, k in zip(ratios, kinds, strict=True) if k == kind]
+            marked = [r for r, k in zip(ratios, kinds, strict=True) if k == kind]
             label = labels[kind] if pulse == max(rows) else None
-            chart.plot(at, np.full(len(at), pulse), ".", color=color, ms=6, label=label)
-        ends = [r for of in boundaries.values() for r in of[f"P1 = {pulse:g}"][0]]
+            chart.plot(
+                marked,
+                np.full(len(marked), pulse),
+                ".",
+                color=color,
+                ms=6,
+                label=label,
+            )
+        ends = [r for pairs in boundaries.values() for r in pairs[f"P1 = {pulse:g}"][0]]
         label = "boundary of the column" if pulse == max(rows) else None
         chart.plot(ends, np.full(len(ends), pulse), "k|", ms=11, label=label)
     for kind, loads in mathieu.items():
@@ -233,8 +240,8 @@ def draw(results, rows, fine, mathieu, boundaries, grown):
         ratio, pulse = GROWING[kind]
         ax.semilogy(turns[1:], abs(deflection[1:]), color=colors[kind], lw=0.9, label=kind)
         size, last = abs(straight.multipliers[0]), abs(deflection[-STEPS:])
-        peak, at = last.max(), turns[-STEPS:][last.argmax()]
-        ax.semilogy(turns, peak * size ** (turns - at), "k--", lw=1, label=r"$|\mu|^{t/T}$")
+        peak, peak_turn = last.max(), turns[-STEPS:][last.argmax()]
+        ax.semilogy(turns, peak * size ** (turns - peak_turn), "k--", lw=1, label=r"$|\mu|^{t/T}$")
         title = rf"$\Omega/\omega = {ratio:g}$, $P_1 = {pulse:g}\,P_{{\mathrm{{Euler}}}}$"
         ax.set(xlabel="periods of the load", title=title)
         ax.set_ylim(bottom=peak * size**-PERIODS / 30)

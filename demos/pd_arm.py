@@ -119,7 +119,7 @@ def decay_of(solution):
     """Rate [1/s] at which the largest distance of the tip falls, between two windows."""
     t, distance = solution.t, off(solution)
     first, second = 1.5, 2.5
-    sizes = [distance[(t >= at) & (t < at + 0.5)].max() for at in (first, second)]
+    sizes = [distance[(t >= begin) & (t < begin + 0.5)].max() for begin in (first, second)]
     return float(np.log(sizes[0] / sizes[1]) / (second - first))
 
 

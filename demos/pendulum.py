@@ -232,8 +232,8 @@ def report(numbers):
     )
     print(row("scheme", *units))
     failures = []
-    for name, by_step in numbers["schemes"].items():
-        for dt, run in by_step.items():
+    for name, step_runs in numbers["schemes"].items():
+        for dt, run in step_runs.items():
             failed = run["failure"] is not None
             values = (
                 dt.removeprefix("dt "),
@@ -264,7 +264,7 @@ def draw(results, runs, numbers):
     compared = [*others, *CONSERVING]
     large, small = ({name: runs[name, dt] for name in compared} for dt in (LARGE, SMALL))
     t = np.linspace(0, T_END, 2001)
-    on_rigid_rod, acceleration, force, exact = rigid(t)
+    rigid_tip, acceleration, force, exact = rigid(t)
     grey = {"color": "0.55", "linewidth": 1.0, "label": "rigid rod, exact"}
 
     solution = runs["EnergyMomentum", SMALL]
@@ -278,7 +278,7 @@ def draw(results, runs, numbers):
     for i, ax in enumerate(axes.flat):
         ax.set(xlim=(0, T_END), ylim=((-0.45, 0.45), (-0.02, 0.26))[i])
         ax.set(xlabel="time $t$ [s]", ylabel=f"displacement $u_{'xy'[i]}$ [m]")
-        ax.plot(t, on_rigid_rod[:, i], **grey)
+        ax.plot(t, rigid_tip[:, i], **grey)
         plot.curves(ax, large, lambda s, i=i: displacement(s)[:, i])
     axes[0, 0].set_title(f"$\\Delta t$ = {LARGE:g} s")
     plot.save(figure, results / "displacement.png")
@@ -313,8 +313,8 @@ def draw(results, runs, numbers):
     steps = sorted({dt for _, dt in runs})
     figure, (axes,) = plot.figure(1, 3, height=3.0)
     largest = numbers["rigid rod"]["highest axial force"]
-    for name, by_step in numbers["schemes"].items():
-        runs_of = [by_step[f"dt {dt:g}"] for dt in steps]
+    for name, step_runs in numbers["schemes"].items():
+        runs_of = [step_runs[f"dt {dt:g}"] for dt in steps]
         marker = "s" if name == "HHT, alpha = -0.05" else "o"
         look = plot.style(SCHEMES[name].name) | {"marker": marker, "markersize": 5}
         late = [abs(run["period"] / exact - 1) if run["period"] else np.nan for run in runs_of]

@@ -142,9 +142,9 @@ def audit(solution):
 
 def compare_tip(solution, dt, reference):
     """Positions of the free end and their largest distance from the reference."""
-    found = tip(solution)[[round(t / dt) for t in T_TIP]]
-    distance = np.linalg.norm(found - reference, axis=1).max()
-    return {"position": found.tolist(), "reference": reference, "largest difference": distance}
+    tips = tip(solution)[[round(t / dt) for t in T_TIP]]
+    distance = np.linalg.norm(tips - reference, axis=1).max()
+    return {"position": tips.tolist(), "reference": reference, "largest difference": distance}
 
 
 def compute(steps=STEPS):
@@ -184,8 +184,8 @@ def report(numbers):
     units = "[s]", "steps", "E/E0", "E/E0", "|E/E0-1|", "|L/L0-1|", "it/step", "ings", "failed"
     print(row("scheme", *units))
     failures = []
-    for name, by_step in numbers["schemes"].items():
-        for dt, run in by_step.items():
+    for name, runs in numbers["schemes"].items():
+        for dt, run in runs.items():
             failed = run["failure"] is not None
             values = (
                 dt.removeprefix("dt "),
@@ -204,8 +204,8 @@ def report(numbers):
     print("\nFree end [in] by EnergyMomentum, and as in the reference:")
     for name, run in numbers["tip"].items():
         print(f"{name}: at most {run['largest difference']:.3f} in from the reference")
-        for t, found, reference in zip(T_TIP, run["position"], run["reference"], strict=True):
-            both = "{:7.2f} {:7.2f}    {:7.2f} {:7.2f}".format(*found, *reference)
+        for t, computed, reference in zip(T_TIP, run["position"], run["reference"], strict=True):
+            both = "{:7.2f} {:7.2f}    {:7.2f} {:7.2f}".format(*computed, *reference)
             print(f"    t = {t:.1f} s  {both}")
 
 

@@ -243,8 +243,8 @@ def drop():
 
 def bend_of_ring(solution, halves):
     """Lowest and highest plastic curvature [1/m] at the end."""
-    found = [solution.internal(half, "plastic curvature")[-1] for half in halves]
-    return float(np.min(found)), float(np.max(found))
+    curvatures = [solution.internal(half, "plastic curvature")[-1] for half in halves]
+    return float(np.min(curvatures)), float(np.max(curvatures))
 
 
 def compute(elements=ELEMENTS):

@@ -89,7 +89,7 @@ def at_rest(strength):
 
 
 def frequency(strength, x):
-    """The same frequency by hand, at a deflection over the gap [Hz]."""
+    """Frequency by hand, at a deflection over the gap [Hz]."""
     softening = 2 * strength * STRONGEST / (GAP * (1 - x)) ** 3
     return math.sqrt((STIFFNESS - softening) / INERTIA) / (2 * np.pi)
 
@@ -136,7 +136,8 @@ def compute():
         "snaps from": threshold(),
         "largest deflection / gap": {f"{c:g}": x.max() for c, (_, x) in motions.items()},
         "relative energy error": {
-            f"{c:g}": abs(of.balance_error).max() / of.kinetic.max() for c, of in energy.items()
+            f"{c:g}": abs(energies.balance_error).max() / energies.kinetic.max()
+            for c, energies in energy.items()
         },
     }
     return numbers, (rest, motions)
@@ -174,8 +175,8 @@ def draw(results, rest, motions):
     stable = x <= 1 / 3
     axes[0].plot(c[stable], x[stable], "-", color="0.4", label="equilibria by hand")
     axes[0].plot(c[~stable], x[~stable], ":", color="0.4", label="unstable ones")
-    found = [x for x, _ in rest.values()]
-    axes[0].plot(list(rest), found, "o", color="#0072B2", label="strip at rest")
+    places = [x for x, _ in rest.values()]
+    axes[0].plot(list(rest), places, "o", color="#0072B2", label="strip at rest")
     axes[0].axvline(27 / 32, color="#D55E00", linewidth=1, label="snaps if switched on at once")
     axes[0].set(xlabel="strength $c / c_{max}$", ylabel="deflection $x / d$", xlim=(0, 1.1))
     looks = {SHOWN[0]: "-", SHOWN[1]: (0, (5, 1.5))}

@@ -89,17 +89,17 @@ def compute(dt=DT):
         rise = motion.position(load.centre)[:, 1] + DEPTH + 0.4
         numbers["errors"][f"{step:g}"] = abs(rise - exact(motion.t)[0]).max()
     motion, hoist, load, motor, rope = runs[-1]
-    energy, of_rope = motion.energy, motion.joint(rope)
+    energy, rope_values = motion.energy, motion.joint(rope)
     still = motion.position(load.centre)[:, 0] - 4 * SHEAVE
     numbers |= {
         "rise": rise[-1],
         "turns of the drum times R / n": DRUM * turned(T_END) / PARTS,
-        "largest error of the tension": abs(of_rope.force[1:] - _at_level(motion)).max(),
+        "largest error of the tension": abs(rope_values.force[1:] - _at_level(motion)).max(),
         "weight by parts": MASS * G / PARTS,
         "sideways": abs(still).max(),
         "turned": abs(motion.rotation(load.centre)).max(),
-        "arcs": of_rope.wrap[-1, 1:-1].tolist(),
-        "frequency": _frequency(of_rope, motion),
+        "arcs": rope_values.wrap[-1, 1:-1].tolist(),
+        "frequency": _frequency(rope_values, motion),
         "exact frequency": PARTS * np.sqrt(STIFFNESS / MASS) / (2 * np.pi),
         "work of the motor": energy.work[-1],
         "work of the load": MASS * G * rise[-1],
@@ -115,10 +115,10 @@ def _at_level(motion):
     return (tension[1:] + tension[:-1]) / 2
 
 
-def _frequency(of_rope, motion):
-    """That of the vibration that is left when the drum stands still [Hz]."""
+def _frequency(rope_values, motion):
+    """Frequency of the vibration that is left when the drum stands still [Hz]."""
     late = motion.t_level > TIME + 0.05
-    t, apart = motion.t_level[late], of_rope.force[late] - MASS * G / PARTS
+    t, apart = motion.t_level[late], rope_values.force[late] - MASS * G / PARTS
     up = np.flatnonzero((apart[:-1] < 0) & (apart[1:] >= 0))
     crossings = t[up] - apart[up] * (t[up + 1] - t[up]) / (apart[up + 1] - apart[up])
     return (len(crossings) - 1) / (crossings[-1] - crossings[0])
@@ -150,13 +150,15 @@ def draw(results, motion, hoist, load, motor, rope):
     drum, one, upper_one, two, upper_two, end = (rope.points[i] for i in (0, 2, 1, 4, 3, 5))
 
     def moving(k):
-        at = np.array([motion.position(node)[k] for node in rope.points])
-        line = rope.outline(at)
+        places = np.array([motion.position(node)[k] for node in rope.points])
+        line = rope.outline(places)
         yield Polygon(line, closed=False, fill=False, edgecolor="#CC79A7", linewidth=1.5)
-        for centre, radius in zip(at[:-1], (DRUM, *[SHEAVE] * 4), strict=True):
+        for centre, radius in zip(places[:-1], (DRUM, *[SHEAVE] * 4), strict=True):
             yield Circle(centre, 0.85 * radius, fill=False, edgecolor="0.4", linewidth=1)
         psi = motion.rotation(drum)[k]
-        yield Circle(at[0] + 0.6 * DRUM * np.array([np.cos(psi), np.sin(psi)]), 0.03, color="0.4")
+        yield Circle(
+            places[0] + 0.6 * DRUM * np.array([np.cos(psi), np.sin(psi)]), 0.03, color="0.4"
+        )
 
     frame = next(body for body in hoist.bodies if body.name == "frame").centre
     bodies = [(one, load.centre, two), (upper_one, frame, upper_two, frame, end)]

@@ -90,8 +90,8 @@ def compute():
             log.info("%s, %s", test, name)
             errors = []
             for dt in STEPS:
-                t, found = run(test, scheme, dt)
-                errors.append(abs(found - exact(t)).max() / exact(T_END))
+                t, values = run(test, scheme, dt)
+                errors.append(abs(values - exact(t)).max() / exact(T_END))
             orders = np.log2(np.divide(errors[:-1], errors[1:]))
             numbers[f"{test}, {name}"] = {"errors": errors, "orders": orders.tolist()}
     return numbers, ()
@@ -100,9 +100,9 @@ def compute():
 def report(numbers):
     line = "{:28}" + "{:>14}" * len(STEPS) + "{:>10}"
     print(line.format("Largest error / last value", *(f"dt = {dt:g} s" for dt in STEPS), "order"))
-    for name, found in numbers.items():
-        errors = (f"{error:.1e}" for error in found["errors"])
-        print(line.format(name, *errors, f"{found['orders'][-1]:.2f}"))
+    for name, run in numbers.items():
+        errors = (f"{error:.1e}" for error in run["errors"])
+        print(line.format(name, *errors, f"{run['orders'][-1]:.2f}"))
 
 
 def draw(results):

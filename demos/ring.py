@@ -101,19 +101,19 @@ def exact(n):
 
 def frequencies():
     """Frequencies [Hz] of all meshes, and how far they are from the exact ones."""
-    found = {}
+    meshes = {}
     wanted = np.array([exact(n) for n in WAVES])
     for degree, counts in MESHES.items():
         for count in counts:
             modes = fb.modes(scene(degree, count)[0], n=3 + 2 * len(WAVES))
             pairs = modes.angular_frequencies[3:].reshape(-1, 2)
-            found[f"degree {degree}, {count} elements"] = {
+            meshes[f"degree {degree}, {count} elements"] = {
                 "rigid modes": int(modes.rigid.sum()),
                 "frequencies": (pairs[:, 0] / (2 * math.pi)).tolist(),
                 "relative errors": (pairs[:, 0] / wanted - 1).tolist(),
                 "largest split of a pair": (pairs[:, 1] / pairs[:, 0] - 1).max(),
             }
-    return found
+    return meshes
 
 
 # -- Flight ----------------------------------------------------------------------------------------
@@ -206,8 +206,8 @@ def report(numbers):
     for name in ("inextensional", "exact"):
         print(row[0](name), row[1](*(f"{f:.4f}" for f in numbers[name])))
     print("Relative errors of the meshes")
-    for name, found in numbers["meshes"].items():
-        print(row[0](name), row[1](*(f"{error:.1e}" for error in found["relative errors"])))
+    for name, mesh in numbers["meshes"].items():
+        print(row[0](name), row[1](*(f"{error:.1e}" for error in mesh["relative errors"])))
     low, high = numbers["diameter"]
     share = numbers["largest share of strain energy"]
     print(
@@ -219,8 +219,8 @@ def report(numbers):
     print(line("", "dt", "", "lowest", "highest", "largest", "largest", "largest", "halv-", ""))
     units = "[s]", "steps", "E/E0", "E/E0", "|E/E0-1|", "|L/L0-1|", "|p-p0|/p", "ings", "failed"
     print(line("scheme", *units))
-    for name, by_step in numbers["schemes"].items():
-        for dt, run in by_step.items():
+    for name, runs in numbers["schemes"].items():
+        for dt, run in runs.items():
             values = (
                 dt.removeprefix("dt "),
                 run["steps"],

@@ -74,7 +74,7 @@ def summary(solution, beam, error, turns):
 
 def compute():
     """The numbers, and what is drawn."""
-    runs = {name: rolled_up(*given) for name, given in RUNS.items()}
+    runs = {name: rolled_up(*arguments) for name, arguments in RUNS.items()}
     # At 0.4 turns, because at the full circle the tip is exact on any mesh, by symmetry.
     errors = {
         degree: [float(rolled_up(0.4, 4, n, degree)[2][-1]) for n in meshes]

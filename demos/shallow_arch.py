@@ -118,10 +118,10 @@ def compute():
 
 def report(numbers):
     for name, loads in numbers["loads"].items():
-        by_theory = zip(loads.items(), numbers["theory"][name], strict=True)
+        pairs = zip(loads.items(), numbers["theory"][name], strict=True)
         text = ", ".join(
             f"{kind} {q:.4f} (shallow arch {exact:.4f})"
-            for (kind, q), exact in by_theory
+            for (kind, q), exact in pairs
             if q is not None
         )
         print(f"{name}: {text}; first a {numbers['first'][name]}")

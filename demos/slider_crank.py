@@ -172,10 +172,10 @@ def nearly_rigid():
     solution, joints = simulate(DT, STIFFENED, RAMP + 2 * PERIOD)
     x, _, _ = rigid(solution.t)
     moment = rigid(solution.t_level)[2]
-    found = motor_moment(solution, joints)
+    computed = motor_moment(solution, joints)
     return {
         "slider": abs(slider(solution)[0] - x).max(),
-        "motor moment": (abs(found - moment)[1:].max() / abs(moment).max()),
+        "motor moment": (abs(computed - moment)[1:].max() / abs(moment).max()),
     }
 
 
@@ -241,17 +241,17 @@ def draw(results, solution, joints):
     grey = {"color": "0.6", "linewidth": 2.4, "label": "rigid mechanism, exact"}
     blue = {"color": "#0072B2", "linewidth": 1.2}
     window = (T_END - 3 * PERIOD, T_END)
-    found = slider(solution)
+    motion = slider(solution)
 
     figure, axes = plot.figure(3, 1)
     position, speed, off = axes.flat
-    for ax, exact, value in ((position, x, found[0]), (speed, velocity, found[1])):
+    for ax, exact, value in ((position, x, motion[0]), (speed, velocity, motion[1])):
         ax.plot(t, exact, **grey)
         ax.plot(t, value, **blue, label="flexible mechanism")
         ax.set(xlim=window)
     position.set(ylabel="slider $x$ [m]")
     speed.set(ylabel="slider $\\dot x$ [m/s]")
-    off.plot(t, 1e3 * (found[0] - x), **blue)
+    off.plot(t, 1e3 * (motion[0] - x), **blue)
     off.set(xlim=(0, T_END), ylabel="$x - x_{rigid}$ [mm]")
     for ax in axes.flat:
         ax.set(xlabel="time $t$ [s]")

@@ -44,7 +44,7 @@ STEPS = 12
 LENGTH = np.hypot(WIDTH, RISE)
 
 
-def scene(by_displacement=False):
+def scene(driven=False):
     """Half of the chain, and its nodes in the middle from below to above."""
     chain = fb.Scene()
     height, middle, middles = 0.0, None, []
@@ -67,7 +67,7 @@ def scene(by_displacement=False):
         middle, height = bar.end, top
     middles.append(middle)
     chain.fix(middle, "x")
-    if by_displacement:
+    if driven:
         chain.prescribe(middle, y=-DOWN)
     else:
         chain.add_force(middle, (0.0, -LOAD))
@@ -111,8 +111,8 @@ def compute():
     log.info("under a load")
     path = fb.static(made[0], STEPS, continuation="arc-length")
     log.info("under a displacement")
-    driven = scene(by_displacement=True)
-    by_displacement = fb.static(driven[0], STEPS, continuation="arc-length")
+    driven = scene(driven=True)
+    pulled = fb.static(driven[0], STEPS, continuation="arc-length")
     cells = heights(path, made[1])
     points = path.critical_points
     limits = [LOAD * point.load_factor for point in points]
@@ -122,15 +122,15 @@ def compute():
         "limit loads of cells": [limit_load(stiffness) for stiffness in EA],
         "kinds": sorted({point.kind for point in points}),
         "limit points under a load": len(points),
-        "limit points under a displacement": len(by_displacement.critical_points),
+        "limit points under a displacement": len(pulled.critical_points),
         "states without load": states_without_load(path, cells),
         "barrier": lowest_barrier(path),
         "barrier of the first cell": barrier(EA[0]),
         "stable part under a load": float(path.stable.mean()),
-        "stable part under a displacement": float(by_displacement.stable.mean()),
+        "stable part under a displacement": float(pulled.stable.mean()),
         "steps": path.stats.steps,
     }
-    return numbers, (path, made, by_displacement, driven)
+    return numbers, (path, made, pulled, driven)
 
 
 def report(numbers):
@@ -148,7 +148,7 @@ def report(numbers):
     )
 
 
-def draw(results, path, made, by_displacement, driven):
+def draw(results, path, made, pulled, driven):
     # Imported here: the numbers need neither matplotlib nor pyvista.
     from fx_beam import plot
     from shared import thumbnail
@@ -156,11 +156,11 @@ def draw(results, path, made, by_displacement, driven):
     plot.scene(made[0], results / "scene.png")
     figure, axes = plot.figure(1, 2, height=3.6)
     top = made[1][-1], driven[1][-1]
-    down = -1e3 * path.displacement(top[0])[:, 1], -1e3 * by_displacement.displacement(top[1])[:, 1]
-    force = LOAD * path.load_factor, -by_displacement.reaction(top[1])[:, 1]
+    down = -1e3 * path.displacement(top[0])[:, 1], -1e3 * pulled.displacement(top[1])[:, 1]
+    force = LOAD * path.load_factor, -pulled.reaction(top[1])[:, 1]
     titles = "under a load", "under a displacement"
     for ax, x, F, stable, title in zip(
-        axes.flat, down, force, (path.stable, by_displacement.stable), titles, strict=True
+        axes.flat, down, force, (path.stable, pulled.stable), titles, strict=True
     ):
         ax.plot(x, F, color="0.7", linewidth=1.0, label="unstable")
         ax.plot(x, np.where(stable, F, np.nan), color="#0072B2", linewidth=2.0, label="stable")

@@ -82,11 +82,11 @@ def compute():
 
 def report(numbers):
     for count in map(str, AREAS):
-        of = numbers[count]
+        own = numbers[count]
         print(
-            f"{count:>2} areas: {of['load over uniform']:.4f} of the uniform column's load (4/3 = "
-            f"1.3333), areas within {of['largest error of areas']:.3f} of Keller's but at the "
-            f"pins, after {of['evaluations']} loads"
+            f"{count:>2} areas: {own['load over uniform']:.4f} of the uniform column's load (4/3 = "
+            f"1.3333), areas within {own['largest error of areas']:.3f} of Keller's but at the "
+            f"pins, after {own['evaluations']} loads"
         )
 
 
@@ -102,8 +102,8 @@ def draw(results, shapes):
     (ax,) = axes.flat
     s = np.linspace(0, 1, 401)
     ax.plot(s, keller(s), color="0.6", lw=3, label="Keller")
-    for count, (at, of) in shapes.items():
-        ax.plot(at, of, marker="o", ms=3, lw=1, label=f"{count} areas")
+    for count, (centres, sizes) in shapes.items():
+        ax.plot(centres, sizes, marker="o", ms=3, lw=1, label=f"{count} areas")
     ax.set(xlabel="place along the column", ylabel="area")
     plot.save(figure, results / "areas.png")
 

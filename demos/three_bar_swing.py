@@ -184,7 +184,7 @@ def audit(solution):
 def compare(solution, dt):
     """Displacements of B and of the middle, positions of A and C, against the reference."""
     beam = solution.beams["beam"]
-    found = np.stack(
+    angles = np.stack(
         [
             displacement(solution),
             solution.displacement(beam.node(0.5)),
@@ -193,8 +193,8 @@ def compare(solution, dt):
         ],
         axis=1,
     )[[round(t / dt) for t in REFERENCE]]
-    difference = abs(found - np.array(list(REFERENCE.values())))
-    return {"found": found.tolist(), "largest difference": difference.max()}
+    difference = abs(angles - np.array(list(REFERENCE.values())))
+    return {"found": angles.tolist(), "largest difference": difference.max()}
 
 
 def compute(steps=STEPS):
@@ -250,8 +250,8 @@ def report(numbers):
     units = "[s]", "steps", "E0 [J]", "E/E0", "E/E0", "|E/E0-1|", "N [N]", "[s]", "it/step"
     print(row("scheme", *units, "ings", "failed"))
     failures = []
-    for name, by_step in numbers["schemes"].items():
-        for dt, run in by_step.items():
+    for name, runs in numbers["schemes"].items():
+        for dt, run in runs.items():
             failed = run["failure"] is not None
             values = (
                 dt.removeprefix("dt "),
@@ -303,8 +303,8 @@ def draw(results, runs, meshes, heavy):
         ax.set(xlim=(0, T_END), xlabel="time $t$ [s]")
     smooth.set_title(f"$\\Delta t$ = {DT:g} s")
     # Before the reversal, during it, and the whole run; smaller forces on top.
-    on_top = *CONSERVING, "EnergyDecaying"
-    shown = [name for name in SCHEMES if name not in on_top] + [*on_top]
+    upper = *CONSERVING, "EnergyDecaying"
+    shown = [name for name in SCHEMES if name not in upper] + [*upper]
     solutions = {name: solutions[name] for name in shown}
     windows = (smooth, (0, 0.62), (-0.1, 0.4)), (peak, (0.635, 0.65), (-80, 160))
     for ax, xlim, ylim in (*windows, (whole, (0, T_END), (-80, 160))):

@@ -63,7 +63,7 @@ def mast():
 
 
 def mast_with_damper(mass):
-    """The same as `oscillator` for the mast, with a damper of this mass at its tip."""
+    """Mast with a damper of this mass at its tip, in the form of `oscillator`."""
 
     def build(x):
         scene, tube = mast()
@@ -130,13 +130,13 @@ def compute():
     w = np.sqrt(STIFFNESS / MASS)
     log.info("the mass on a spring")
     known, height = exact(MASS, w)
-    found, tries = tuned(oscillator, BAND * w / (2 * np.pi), den_hartog(MASS, w))
+    damper, tries = tuned(oscillator, BAND * w / (2 * np.pi), den_hartog(MASS, w))
     run = fb.HarmonicResponse(oscillator, BAND * w / (2 * np.pi))
     static = FORCE / STIFFNESS
     numbers = {
-        "stiffness over exact": found[0] / known[0],
-        "viscosity over exact": found[1] / known[1],
-        "peaks over static": (heights(run, found)[0] / static).tolist(),
+        "stiffness over exact": damper[0] / known[0],
+        "viscosity over exact": damper[1] / known[1],
+        "peaks over static": (heights(run, damper)[0] / static).tolist(),
         "peaks by Den Hartog": (heights(run, den_hartog(MASS, w))[0] / static).tolist(),
         "peaks, exact": height,
         "tries": tries,
@@ -164,7 +164,7 @@ def compute():
     runs = {name: fb.HarmonicResponse(build, fine) for name in curves}
     for name, x in curves.items():
         runs[name](x)
-    return numbers, ({name: of.response for name, of in runs.items()}, build, best, w)
+    return numbers, ({name: case.response for name, case in runs.items()}, build, best, w)
 
 
 def report(numbers):
@@ -175,13 +175,13 @@ def report(numbers):
         f"and {rule[1]:.4f}); stiffness {numbers['stiffness over exact']:.5f} and viscosity "
         f"{numbers['viscosity over exact']:.5f} of the exact ones, after {numbers['tries']} steps"
     )
-    of = numbers["mast"]
-    rule, both = of["peaks by Den Hartog"], of["peaks"]
+    own = numbers["mast"]
+    rule, both = own["peaks by Den Hartog"], own["peaks"]
     print(
-        f"mast of {LENGTH:g} m, {of['frequency']:.3f} Hz, modal mass {of['modal mass']:.0f} kg: "
+        f"mast of {LENGTH:g} m, {own['frequency']:.3f} Hz, modal mass {own['modal mass']:.0f} kg: "
         f"peaks of {rule[0]:.2f} and {rule[1]:.2f} mm by the rules, {both[0]:.2f} and "
-        f"{both[1]:.2f} mm tuned, with {of['stiffness over rule']:.4f} of the stiffness and "
-        f"{of['viscosity over rule']:.4f} of the viscosity, after {of['tries']} steps"
+        f"{both[1]:.2f} mm tuned, with {own['stiffness over rule']:.4f} of the stiffness and "
+        f"{own['viscosity over rule']:.4f} of the viscosity, after {own['tries']} steps"
     )
 
 

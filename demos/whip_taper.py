@@ -103,10 +103,10 @@ class Peak:
         """V and dV/dx."""
         _, velocity, speed = self.velocities(x)
         V = self._smoothed(speed)
-        by_way = ((speed / V) ** (POWER - 2))[:, None] * velocity / (V * DT)
+        slope = ((speed / V) ** (POWER - 2))[:, None] * velocity / (V * DT)
         weights = np.zeros((len(speed) + 1, 2))
-        weights[1:] += by_way
-        weights[:-1] -= by_way
+        weights[1:] += slope
+        weights[:-1] -= slope
         return V, self.run.vjp({"tip": weights})
 
     def differences(self, x):
@@ -130,10 +130,10 @@ def scaled(z):
 
 def best_linear(peak):
     """The best linear taper that is nowhere below the least height at the ends."""
-    found = minimize_scalar(
+    least = minimize_scalar(
         lambda slope: -peak.value(linear(slope)), bounds=(0.0, 1 - LEAST), method="bounded"
     )
-    return linear(found.x)
+    return linear(least.x)
 
 
 def optimised(peak, x):
@@ -142,14 +142,14 @@ def optimised(peak, x):
 
     def cost(z):
         x, q = scaled(z)
-        V, by_x = peak.gradient(x)
-        by_z = (1 - LEAST) * len(z) * q * (by_x - q @ by_x)
-        return -V / unit, -by_z / unit
+        V, slopes = peak.gradient(x)
+        z_slope = (1 - LEAST) * len(z) * q * (slopes - q @ slopes)
+        return -V / unit, -z_slope / unit
 
     z = np.log(x - LEAST)
     options = {"maxiter": ITERATIONS, "ftol": 1e-5}
-    found = minimize(cost, z, jac=True, method="L-BFGS-B", options=options)
-    return scaled(found.x)[0], found.nfev
+    optimum = minimize(cost, z, jac=True, method="L-BFGS-B", options=options)
+    return scaled(optimum.x)[0], optimum.nfev
 
 
 def refined(x):
@@ -183,7 +183,7 @@ def compute():
     numbers, drawn = {}, {}
     for name, x in whips.items():
         t, _, speed = peak.velocities(x)
-        V, by_x = peak.gradient(x)
+        V, slopes = peak.gradient(x)
         numbers[name] = {
             "largest speed": speed.max(),
             "time": t[speed.argmax()],
@@ -194,11 +194,11 @@ def compute():
         }
         # At a given mass: a height grows, and all others lose as they do by scaling.
         share = (x - LEAST) / (x - LEAST).sum()
-        gain = by_x - share @ by_x
+        gain = slopes - share @ slopes
         drawn[name] = x, t, speed, gain
         numbers[name]["gain"] = gain.tolist()
-    _, by_x = peak.gradient(taper)
-    error = abs(peak.differences(taper) - by_x).max() / abs(by_x).max()
+    _, slopes = peak.gradient(taper)
+    error = abs(peak.differences(taper) - slopes).max() / abs(slopes).max()
     numbers["gradient"] = {
         "error by differences": error,
         "evaluations": gradients,
@@ -243,14 +243,14 @@ def draw(results, drawn):
     shapes, speeds = axes.flat
     shapes.grid(False)
     looks = {"uniform": "0.5", "linear": "#E69F00", "optimised": "#0072B2"}
-    for row, (name, (x, t, speed, by_x)) in enumerate(drawn.items()):
+    for row, (name, (x, t, speed, slopes)) in enumerate(drawn.items()):
         middle, edges = -2.2 * row, np.linspace(0, LENGTH, len(x) + 1)
         boxes = [
             [(a, middle - h / 2), (b, middle - h / 2), (b, middle + h / 2), (a, middle + h / 2)]
             for a, b, h in zip(edges[:-1], edges[1:], x, strict=True)
         ]
         pieces = PolyCollection(boxes, cmap="RdBu_r", edgecolors="0.3", linewidths=0.5)
-        pieces.set_array(by_x)
+        pieces.set_array(slopes)
         pieces.set_clim(-LIMIT, LIMIT)
         shapes.add_collection(pieces)
         shapes.text(0.0, middle + 1.05, name, fontsize="small", color=looks[name])

@@ -101,7 +101,7 @@ def run(script: str, arguments: list[str]) -> None:
 
 
 def main() -> None:
-    """What the first argument says."""
+    """Do what the first argument says."""
     parser = argparse.ArgumentParser(prog="python -m fx_beam")
     parser.add_argument(
         "what",

@@ -60,7 +60,7 @@ def check() -> None:
 
 
 def identity() -> str:
-    """What differs between two compilers and between their versions, found once, without a start.
+    """Text that tells compilers and their versions apart, found once, without a start.
 
     Any of its words may be a program that starts another of its name, or the default: of each,
     all that are on the path count, by their place, size and time.

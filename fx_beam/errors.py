@@ -224,7 +224,7 @@ def require(ok: bool, name: str, value, expected: str) -> None:
 
 
 def size_limit(value, expected: str) -> str:
-    """What a message adds about the limit of sizes, where only the size of a number is wrong."""
+    """Words on the limit of sizes, where only the size of a number is wrong."""
     size = abs(as_float(value))
     if "positive" in expected and 0 < size < 1 / LARGEST:
         return f", at least {1 / LARGEST:g}"

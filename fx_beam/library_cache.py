@@ -54,7 +54,7 @@ def _substitute() -> Path:
 
 
 def load(name: str, loader: Callable[[Path], T], place: Path | None = None) -> T | None:
-    """What the loader makes of a library of the cache; None if there is none that it can load."""
+    """Result of the loader for a library of the cache; None if there is none that it can load."""
     try:
         path = _checked(place or folder()) / name
         with open(path, "rb", opener=_without_waiting) as file:
@@ -99,7 +99,7 @@ def _checked(place: Path) -> Path:
 
 
 def loaded(name: str, loader: Callable[[Path], T], builder: Callable[[Path], T]) -> T:
-    """What the loader makes of a library of the cache.
+    """Result of the loader for a library of the cache.
 
     If there is none, what the builder returns, which makes it in a folder.
     """
@@ -119,7 +119,7 @@ def _is_ours(status: os.stat_result) -> bool:
 
 
 def content(path: Path) -> bytes:
-    """What the builder of a file wrote."""
+    """Bytes that the builder of a file wrote."""
     return path.read_bytes()[:-_DIGEST]
 
 

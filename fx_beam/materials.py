@@ -68,7 +68,7 @@ class Material:
 
     @property
     def in_mm(self) -> Material:
-        """The same in N, mm, t and s: E [N/mm^2], rho [t/mm^3]; gravity is then 9810 mm/s^2."""
+        """Material in N, mm, t and s: E [N/mm^2], rho [t/mm^3]; gravity is then 9810 mm/s^2."""
         G = None if self.G is None else 1e-6 * self.G
         return replace(self, E=1e-6 * self.E, rho=1e-12 * self.rho, G=G)
 

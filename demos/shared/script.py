@@ -1,4 +1,4 @@
-"""What all demos share: how they start, and where their numbers and pictures go.
+"""Start of all demos, and places of their numbers and pictures.
 
 A demo is a module with three functions: `compute` returns its numbers and what is drawn,
 `report` prints the numbers, and `draw` writes the pictures.

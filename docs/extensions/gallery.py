@@ -52,7 +52,7 @@ def run(demo):
     folder = RESULTS / demo.stem
     if os.environ.get("FX_BEAM_DOCS") == "quick":
         earlier = folder, ROOT / "results" / demo.stem
-        return next((found for found in earlier if (found / "printed.txt").exists()), folder)
+        return next((past for past in earlier if (past / "printed.txt").exists()), folder)
     printed = folder / "printed.txt"  # the last file that a demo writes
     sources = [demo, *(ROOT / "fx_beam").rglob("*.py"), *(ROOT / "fx_beam").rglob("*.[ch]")]
     newest = max(path.stat().st_mtime for path in sources)

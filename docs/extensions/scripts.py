@@ -5,7 +5,8 @@ import ast
 
 def _start(node, lines):
     """Index of a definition's first line, decorators and the comments before it included."""
-    first = min([node.lineno, *(one.lineno for one in getattr(node, "decorator_list", []))]) - 1
+    decorators = getattr(node, "decorator_list", [])
+    first = min(part.lineno for part in (node, *decorators)) - 1
     before = first
     while before and (not lines[before - 1] or lines[before - 1].startswith("#")):
         before -= 1

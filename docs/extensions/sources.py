@@ -28,8 +28,8 @@ _linked = set()
 @functools.cache
 def files():
     """Paths of all files that may be shown, from the root of the project."""
-    found = [path for folder in FOLDERS for path in (ROOT / folder).rglob("*")]
-    return {str(p.relative_to(ROOT)) for p in found if p.suffix in (".py", ".c", ".h")}
+    paths = [path for folder in FOLDERS for path in (ROOT / folder).rglob("*")]
+    return {str(p.relative_to(ROOT)) for p in paths if p.suffix in (".py", ".c", ".h")}
 
 
 def line_of(file, name):

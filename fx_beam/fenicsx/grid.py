@@ -150,9 +150,9 @@ class Grid:
         """A discontinuous Function with values (cells, degree, ...) at the Gauss points."""
         p, exponents = self.degree, np.arange(self.degree)
         places = [0.5] if p == 1 else [0.0, 1.0, *np.linspace(0, 1, p)[1:-1]]
-        to_places = np.power.outer(places, exponents)
-        to_places = to_places @ np.linalg.inv(np.power.outer(gauss_rule(p)[0], exponents))
+        interpolation = np.power.outer(places, exponents)
+        interpolation = interpolation @ np.linalg.inv(np.power.outer(gauss_rule(p)[0], exponents))
         element = elements.lagrange(p - 1, *values.shape[2:], broken=True)
         function = fem.Function(self.space(element), name=name)
-        self.fill(function, np.einsum("np,cp...->cn...", to_places, values))
+        self.fill(function, np.einsum("np,cp...->cn...", interpolation, values))
         return function

@@ -1,4 +1,4 @@
-"""What problems whose steps PETSc takes have in common: their form, fields and solver."""
+"""Form, fields and solver of a problem whose steps PETSc takes."""
 
 from __future__ import annotations
 

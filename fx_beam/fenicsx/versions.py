@@ -1,4 +1,4 @@
-"""What differs between versions of dolfinx: 0.5, 0.9, 0.10 and 0.11."""
+"""Differences between versions of dolfinx: 0.5, 0.9, 0.10 and 0.11."""
 
 from __future__ import annotations
 

@@ -131,11 +131,11 @@ def animate(
     drawing = checked_drawing(solution, magnify, scene_unit, 100, rows, times, count)
     shown = drawing.rows
     members = Members(drawing, thickness, colour, colour_limits, colour_scale)
-    beside = members.corners
+    framed_points = members.corners
     if trace is not None:
         solution.position(trace)  # refuses what is no node of the solution
-        beside += [*drawing.positions(trace.number, slice(shown[0], max(shown) + 1))]
-    drawing.include(beside)
+        framed_points += [*drawing.positions(trace.number, slice(shown[0], max(shown) + 1))]
+    drawing.include(framed_points)
     say_if_too_small(drawing)
     is_coloured = colour is not None
     frames = _Frames(drawing, members, _plane(drawing, is_coloured, size), is_coloured)

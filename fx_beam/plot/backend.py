@@ -1,4 +1,4 @@
-"""What pictures need of the system: packages, and a library with which VTK draws."""
+"""Needs of pictures on the system: packages, and a library with which VTK draws."""
 
 from __future__ import annotations
 

@@ -229,9 +229,9 @@ def _quantity(drawing: Drawing, name: str, fractions: np.ndarray) -> dict[str, A
 def _carried(drawing: Drawing) -> list[dict[str, Any]]:
     """Obstacles that nodes carry: points of the line, then ends of the strokes, in all rows."""
     entries = []
-    for in_rows in zip(*(drawing.carried(k) for k in drawing.rows), strict=True):
-        points = _points(drawing, [[*o.line, *o.strokes.reshape(-1, 2)] for o in in_rows])
-        line, strokes = map(len, in_rows[0])
+    for outlines in zip(*(drawing.carried(k) for k in drawing.rows), strict=True):
+        points = _points(drawing, [[*o.line, *o.strokes.reshape(-1, 2)] for o in outlines])
+        line, strokes = map(len, outlines[0])
         entries.append({"line": line, "strokes": strokes, "points": points})
     return entries
 

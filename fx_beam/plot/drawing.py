@@ -176,7 +176,7 @@ class Drawing:
         self._low, self._high = framed_points.min(axis=0), framed_points.max(axis=0)
 
     def scene_parts(self, name: str) -> Any:
-        """What the scene has; nothing of a solution that was read from a file."""
+        """Parts of the scene by name; none of a solution that was read from a file."""
         return getattr(scene_of(self.solution), name, ())
 
     # -- The window -----------------------------------------------------------------------------
@@ -323,8 +323,8 @@ def line_between(drawing: Drawing, force: ForceBetween, rows) -> np.ndarray:
         else np.broadcast_to(point.position, shape)
         for point in force.points
     ]
-    over_circles = getattr(force, "outline", None)
-    return np.stack(lines, axis=-2) if over_circles is None else over_circles(np.stack(lines))
+    rope_line = getattr(force, "outline", None)
+    return np.stack(lines, axis=-2) if rope_line is None else rope_line(np.stack(lines))
 
 
 def feet(drawing: Drawing, force: GroundSpring) -> list[tuple[int, np.ndarray, np.ndarray]]:

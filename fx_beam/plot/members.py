@@ -110,7 +110,7 @@ class Members:
     def collection(
         self, width: float, zorder: float = 2, **look
     ) -> LineCollection | PolyCollection:
-        """What shows the members, without a position: lines of a width [points], or bands."""
+        """Collection of the members, without a position: lines of a width [points], or bands."""
         # They are inside of the axes: a layout that asks each piece would be slow.
         look = {"zorder": zorder, "in_layout": False} | look
         if self._values:

@@ -66,11 +66,11 @@ class Plane:
         self._bar_below = bar and below
         start = (left, 0.5) if self._bar_below else (left + inner[0] + 0.12, bottom)
         sides = (inner[0], 0.14) if self._bar_below else (0.14, inner[1])
-        self._of_bar = (*(np.array(start) / whole), *(np.array(sides) / whole))
+        self._bar_place = (*(np.array(start) / whole), *(np.array(sides) / whole))
 
     def draw_bar(self, scale, **look):
         """Draw the colour bar of a scale."""
-        cax = self.figure.add_axes(self._of_bar)
+        cax = self.figure.add_axes(self._bar_place)
         side = "horizontal" if self._bar_below else "vertical"
         return self.figure.colorbar(scale, cax=cax, orientation=side, **look)
 

@@ -282,8 +282,8 @@ def _draw_arms(ax, drawing: Drawing, k: int, colour) -> None:
     arms = []
     centres = {body.centre for body in drawing.solution.bodies.values()}
     for joint in drawing.scene_parts("joints"):
-        in_body = joint.is_rigid and joint.a in centres
-        if joint.offset.any() and not (in_body or is_grounded(joint)):
+        is_of_body = joint.is_rigid and joint.a in centres
+        if joint.offset.any() and not (is_of_body or is_grounded(joint)):
             ends = drawing.positions(joint.a.number, k), _origin(drawing, joint, k)
             arms.append(np.array(ends))
     draw_lines(ax, arms, color=colour, linewidth=2.0, zorder=2)
@@ -424,13 +424,13 @@ def _origin(drawing: Drawing, joint: Joint, k: int) -> np.ndarray:
 def _along_slide(drawing: Drawing, joint: Any, part: str, end: np.ndarray, k: int) -> np.ndarray:
     """A part of a slide: a zigzag, a dashpot, shoes of a brake beside it, or bars at its stops."""
     along, size = slide_direction(drawing, joint, k), drawing.size
-    short, on_beam = _SPRING_END * size, joint.axis is None
-    start = end - short * along if on_beam else _origin(drawing, joint, k)
+    short, slides_on_beam = _SPRING_END * size, joint.axis is None
+    start = end - short * along if slides_on_beam else _origin(drawing, joint, k)
     if part == "stop":
-        limits = () if on_beam else (joint.slide.stop.lower, joint.slide.stop.upper)
+        limits = () if slides_on_beam else (joint.slide.stop.lower, joint.slide.stop.upper)
         bar = _SPRING_WIDTH * size * _along(_BAR, along)
         return apart(start + limit * along + bar for limit in limits if limit is not None)
-    if is_grounded(joint) and not on_beam:
+    if is_grounded(joint) and not slides_on_beam:
         start = start - short * joint.direction
     return _straight(part, joint.slide, (start, end), end, along, size)
 

@@ -245,7 +245,7 @@ def counts(cells: Iterable[Cell]) -> dict[str, dict[str, float]]:
 
 
 def _row(cell: Cell) -> dict[str, Any]:
-    """What the JSON and CSV files have of a cell."""
+    """Entries of a cell in the JSON and CSV files."""
     repeated = "kind", "time", "highest", "lowest"
     others = [{key: getattr(other, key) for key in repeated} for other in cell.others]
     row: dict[str, Any] = {"group": cell.case.group, "case": cell.case.label}
