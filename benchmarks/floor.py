@@ -45,10 +45,8 @@ def by_program(library, elements, dt, steps, order):
     rates[1] = pinned.VELOCITY * (1 - abs(x / middle - 1))
     rates[2] = pinned.VELOCITY / middle * np.sign(middle - x)
     q, v = np.zeros((2, rates.size + ROOM))
-    v[: rates.size], section_data = rates.ravel(), pinned.SECTION
-    section = np.array(
-        [section_data.EA, section_data.GA, section_data.EI, section_data.rhoA, section_data.rhoI]
-    )
+    v[: rates.size], data = rates.ravel(), pinned.SECTION
+    section = np.array([data.EA, data.GA, data.EI, data.rhoA, data.rhoI])
     arrays = [array.ctypes.data_as(ctypes.c_void_p) for array in (section, q, v)]
     length, dt = ctypes.c_double(pinned.LENGTH / elements), ctypes.c_double(dt)
     started = thread_time()

@@ -354,7 +354,8 @@ def checked_rows(
 
     `usual` is the number if nothing is asked for. SceneError for what does not fit.
     """
-    require(isinstance(solution, Solution), "solution", solution, "a Solution")
+    expected = "a Solution, as of simulate or static; plot.scene draws a scene"
+    require(isinstance(solution, Solution), "solution", solution, expected)
     last, t = len(solution.t) - 1, solution.t
     if sum(choice is not None for choice in (rows, times, count)) > 1:
         raise SceneError("a picture shows rows, times or a count of rows: give one of these")
