@@ -174,17 +174,17 @@ class LinearDual(Dual):
 
     @property
     def count(self) -> int:
-        """As of `Dual`."""
+        """Number m of the numbers by which there are slopes."""
         return self._dual.count
 
     @functools.cached_property
     def columns(self) -> tuple[np.ndarray, np.ndarray]:
-        """As of `Dual`; other slopes are zero, and not computed."""
+        """Numbers (k,) by which slopes differ from zero, and their slopes; no others are made."""
         numbers, slopes = self._dual.columns
         return numbers, self._function(Dual(self._dual.values, slopes)).slopes
 
     def along(self, gradient: np.ndarray) -> np.ndarray:
-        """As of `Dual`, without the slopes."""
+        """Derivatives (m,) from a gradient (n,) by the values, without the slopes."""
         return self._dual.along(self._transposed(gradient))
 
     @property
@@ -344,7 +344,7 @@ def floats(values: Any) -> Any:
 
 
 def _call_without_slopes(name: str, function: Callable, inputs: Any, options: dict) -> Any:
-    """What a function of plain numbers gives; LostSlopesError if an argument has slopes."""
+    """Result of a function of plain numbers; LostSlopesError if an argument has slopes."""
     if (error := LostSlopesError(name, inputs)).numbers:
         raise error
     plain = ([*map(floats, x)] if type(x) is list else floats(x) for x in inputs)

@@ -196,7 +196,7 @@ def _other_work(model: Model) -> str:
     sources = {
         "natural strains": model.data.natural,
         "added virtual works or follower forces": forms.has_added,
-        "parameters of stored energies that vary": forms.parameters.in_energies,
+        "parameters of stored energies that vary": forms.parameters.energies_vary,
     }
     return ", ".join(name for name, works in sources.items() if works)
 

@@ -71,8 +71,8 @@ class Term:
         #: Where those of each constant begin, by name.
         self.constant_starts = _starts(self.constants, [a.size for a in self.constants.values()])
         # Fields of `StepBatch` that set coefficients and constants.
-        self._of_fields = [moving.index(f) + 2 if f in moving else None for f in self.fields]
-        self._of_constants = [_OF_STEPS[name] for name in self.constants]
+        self._field_numbers = [moving.index(f) + 2 if f in moving else None for f in self.fields]
+        self._constant_numbers = [_OF_STEPS[name] for name in self.constants]
 
     def indices_in(self, other: Term) -> tuple[list[int], list[int]]:
         """Indices of this form's coefficients and constants in the arrays of another form."""
@@ -88,19 +88,21 @@ class Term:
         """Coefficients (n, cells, width) of some cells in n steps; what these lack is constant."""
         count = len(self._mesh.coordinates[cells])
         coefficients = np.empty((len(steps.t), count, self.width))
-        for (field, start), number in zip(self.field_starts.items(), self._of_fields, strict=True):
+        for (field, start), number in zip(
+            self.field_starts.items(), self._field_numbers, strict=True
+        ):
             values, dofs = _NONE if number is None else steps[number], field.space.dofs[cells]
-            of_field = values.take(dofs, axis=1) if values.size else field.array[dofs]
-            coefficients[..., start : start + field.space.width] = of_field
+            field_values = values.take(dofs, axis=1) if values.size else field.array[dofs]
+            coefficients[..., start : start + field.space.width] = field_values
         return coefficients
 
     def constants_in(self, steps: StepBatch) -> np.ndarray:
         """Constants (n, m) in n steps; what these lack stays as it is."""
         parts, count = [np.empty((len(steps.t), 0))], len(steps.t)
-        for array, number in zip(self.constants.values(), self._of_constants, strict=True):
+        for array, number in zip(self.constants.values(), self._constant_numbers, strict=True):
             values = steps[number]
-            of_steps = values if values.size else np.broadcast_to(array, (count, *array.shape))
-            parts.append(of_steps.reshape(count, -1))
+            constants = values if values.size else np.broadcast_to(array, (count, *array.shape))
+            parts.append(constants.reshape(count, -1))
         return np.hstack(parts) if len(parts) > 1 else parts[0]
 
     # -- Values and sums ------------------------------------------------------------------------

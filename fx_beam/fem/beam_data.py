@@ -41,7 +41,7 @@ Material = tuple[Energy | None, InternalVariables | None]
 
 
 class Kind(NamedTuple):
-    """What forms of a step depend on, on no particular mesh.
+    """Key of the forms of a step on no particular mesh: degree, scheme, laws, and kinds of data.
 
     `materials` are those of the sections, numbered as subdomains if there are several. Data are
     known by their shapes: "stiffness" of the quadratic energy, "retardation" times, coefficients of
@@ -70,7 +70,7 @@ _ELASTIC: Material = (None, None)
 
 
 class StepFacts(NamedTuple):
-    """What the users of the forms of a step must know of them."""
+    """Facts of the forms of a step: which arrays they read."""
 
     #: Whether the forces depend on the start of the last step, and on rates at the start of a step.
     needs_previous: bool
@@ -82,7 +82,7 @@ class StepFacts(NamedTuple):
     width: int
     #: Names of all parameters, and of those in stored energies.
     names: list[str]
-    names_in_energies: list[str]
+    energy_names: list[str]
 
 
 def section_data(mesh: Mesh, scene: Any, names: tuple[str, ...], points: int) -> Any:
@@ -94,18 +94,18 @@ def section_data(mesh: Mesh, scene: Any, names: tuple[str, ...], points: int) ->
     sections = [beam.section for beam in scene.beams]
     constants = {id(section): section.constants(names) for section in distinct(sections)}
     if None not in constants.values():
-        of_beams = dual_array([constants[id(section)] for section in sections])
-        return of_beams[mesh.beam_of_cell][:, None]
+        beam_rows = dual_array([constants[id(section)] for section in sections])
+        return beam_rows[mesh.beam_of_cell][:, None]
     gauss, _ = gauss_rule(points)
     values: list[np.ndarray] = []
     for beam in scene.beams:
         fractions = arc_lengths(beam, gauss) / beam.length
         try:
             section, arrays = beam.section, scene.array_calls
-            of_beam = [values_along(section, name, fractions, arrays) for name in names]
+            arrays_along = [values_along(section, name, fractions, arrays) for name in names]
         except SceneError as error:
             raise SceneError(f"beam {beam.name!r}: {error}") from None
-        values.append(np.stack(of_beam, axis=-1) if len(names) > 1 else of_beam[0])
+        values.append(np.stack(arrays_along, axis=-1) if len(names) > 1 else arrays_along[0])
     return np.concatenate(values)
 
 
@@ -143,17 +143,19 @@ def distinct(sections: Iterable[Section]) -> list[Section]:
 def drag_data(mesh: Mesh, scene: Scene) -> dict[str, Any]:
     """Coefficients (cells, 1, ...) of `drag_work`, those that there are, behind "drag "."""
     rows: dict[str, list[Any]] = {}
-    on_beams = ((drag, drag.target) for drag in scene.drags if isinstance(drag.target, Beam))
-    for drag, beam in on_beams:
+    beam_drags = ((drag, drag.target) for drag in scene.drags if isinstance(drag.target, Beam))
+    for drag, beam in beam_drags:
         for name in PARTS_OF_DRAG:
             value = getattr(drag, name)
             if value.any():
                 key = f"drag {name}" if len(value) == 1 else f"drag {name} along and across"
-                of_beams = rows.setdefault(key, [np.zeros(len(value)) for _ in scene.beams])
+                beam_rows = rows.setdefault(key, [np.zeros(len(value)) for _ in scene.beams])
                 i = scene.beams.index(beam)
-                of_beams[i] = of_beams[i] + dual_array(value)
-    of_cells = {name: dual_array(of_beams)[mesh.beam_of_cell] for name, of_beams in rows.items()}
-    return {name: array[:, None] if "across" in name else array for name, array in of_cells.items()}
+                beam_rows[i] = beam_rows[i] + dual_array(value)
+    cell_rows = {name: dual_array(beam_rows)[mesh.beam_of_cell] for name, beam_rows in rows.items()}
+    return {
+        name: array[:, None] if "across" in name else array for name, array in cell_rows.items()
+    }
 
 
 class BeamData:
@@ -253,5 +255,5 @@ def check_shapes(kind: Kind, numbers: Mapping[str, Any]) -> None:
 
 
 def shapes_of(numbers: Mapping[str, Any]) -> tuple:
-    """How many points data (cells, points, ...) have, and the shape of a value, by name."""
+    """Numbers of points of data (cells, points, ...), and shapes of values, by name."""
     return tuple((name, (x.shape[1], x.shape[2:])) for name, x in numbers.items())

@@ -53,12 +53,12 @@ class BeamForms:
             )
         for parameter in scheme.parameters if facts.names else ():
             parameters.check_constant(parameter.name, f"{scheme.name}: damping")
-        parameters.add_energies(facts.names_in_energies)
+        parameters.add_energies(facts.energy_names)
         #: What they read.
         self.data = BeamData(scene, mesh, self.kind, facts, numbers, tags, parameters)
         self._terms: dict[tuple[str, ...], dict[str, Term]] = {}
         #: Forms of a step on the mesh by name.
-        self.bound = self.terms("of_step")
+        self.bound = self.terms("step_forms")
         #: Names of the forms of forces.
         self.forces = ["internal forces"] + ["drag"] * ("drag" in self.bound)
         #: Whether forces may depend on rates, and may dissipate energy.
@@ -72,7 +72,7 @@ class BeamForms:
 
     def _compiled(self) -> FormModule:
         try:
-            return self.source.module("of_step")
+            return self.source.module("step_forms")
         except Exception as error:
             if not self.has_external:
                 raise
@@ -131,7 +131,7 @@ class BeamForms:
 
     def resultants(self, steps: StepBatch) -> np.ndarray:
         """N, Q and M (n, cells, degree, 3) at the Gauss points, for n steps or parts."""
-        return self._sum(self.terms("of_points").values(), steps, (self.kind.degree, 3))
+        return self._sum(self.terms("resultants_at_points").values(), steps, (self.kind.degree, 3))
 
     def forces_of_cells(self, steps: StepBatch) -> np.ndarray:
         """Forces (n, cells, width) of elements on their own nodes, minus added virtual works.
@@ -160,8 +160,8 @@ def _kind(
     """The kind of a scene, and the subdomain of each cell, the number of its material."""
     sections = [beam.section for beam in scene.beams]
     internal = [frozen(section.internal) if holds else section.internal for section in sections]
-    of_sections = {id(section): _expressions(section) for section in distinct(sections)}
-    keys = [of_sections[id(section)] for section in sections]
+    expressions = {id(section): _expressions(section) for section in distinct(sections)}
+    keys = [expressions[id(section)] for section in sections]
     energies = (section.strain_energy for section in sections)
     materials = dict(zip(keys, zip(energies, internal, strict=True), strict=True))
     number = {key: i for i, key in enumerate(materials)}
@@ -174,6 +174,6 @@ def _kind(
 
 
 def _expressions(section: Section) -> tuple:
-    """What its functions give: sections in which it is equal have the same material."""
+    """Values of its functions in UFL: sections with equal ones have the same material."""
     expressions = functions_of_energy(section.strain_energy, section.internal, 3)
     return (*expressions, section.internal and (section.internal.names, section.internal.level))

@@ -30,22 +30,22 @@ class BeamSlopes:
         names = self._beams.source.module("work", forces).facts["derivatives"]
         return {name: self._data.spaces[name].width for name in names}
 
-    def jacobians(self, forces: str, with_places: bool) -> dict[tuple[str, int], Term]:
+    def jacobians(self, forces: str, moves_nodes: bool) -> dict[tuple[str, int], Term]:
         """The work of these forces on weights, as ("work", 0), and its derivatives.
 
         Each is by numbers of a name, and by a weight: of the forces, and of the increments of
         internal variables.
         """
-        names = [name for name in self.sizes(forces) if with_places or name != "coordinates"]
+        names = [name for name in self.sizes(forces) if moves_nodes or name != "coordinates"]
         pairs = self._beams.terms("slopes", forces, *names).items()
         titles = ((title.rsplit(" ", 1), term) for title, term in pairs)
         return {(name, int(number)): term for (name, number), term in titles}
 
-    def _slopes(self, quantity: str, steps: StepBatch, with_places: bool) -> _Slopes:
+    def _slopes(self, quantity: str, steps: StepBatch, moves_nodes: bool) -> _Slopes:
         """Derivatives (k, cells, entries of a tensor) of a quantity; by positions if wanted."""
         steps = self._data.read(steps)
         for name, term in self._beams.terms("derivatives", quantity).items():
-            if with_places or name != "coordinates":
+            if moves_nodes or name != "coordinates":
                 yield name, term.spaces[-1], term.values(steps, (term.size,))
 
     def _summed(self, slopes: _Slopes, cell: int | None = None) -> dict[str, np.ndarray]:
@@ -64,16 +64,16 @@ class BeamSlopes:
             sums[name] = sums.get(name, 0.0) + rows.reshape(-1, size)
         return sums
 
-    def energy(self, steps: StepBatch, with_places: bool) -> dict[str, np.ndarray]:
+    def energy(self, steps: StepBatch, moves_nodes: bool) -> dict[str, np.ndarray]:
         """Derivatives of `BeamForms.strain_energy` by "q", "internal" variables, "natural" strains.
 
         And by the data of sections, "X", and "parameters".
         """
-        derivatives = self._summed(self._slopes("strain energy", steps, with_places))
+        derivatives = self._summed(self._slopes("strain energy", steps, moves_nodes))
         derivatives["q"] = derivatives.pop("start")
         return derivatives
 
-    def losses(self, steps: StepBatch, with_places: bool) -> list[dict[str, np.ndarray]]:
+    def losses(self, steps: StepBatch, moves_nodes: bool) -> list[dict[str, np.ndarray]]:
         """Derivatives of what beams lose in completed steps: to material, scheme and drag.
 
         By "increment", "start" and "q_previous", "X", "internal" variables, strains "natural" at
@@ -81,10 +81,10 @@ class BeamSlopes:
         "drag ...".
         """
         losses = self._beams.losses
-        return [self._summed(self._slopes(name, steps, with_places)) for name in losses]
+        return [self._summed(self._slopes(name, steps, moves_nodes)) for name in losses]
 
     def forces(
-        self, steps: StepBatch, with_places: bool, weights: np.ndarray, cell: int
+        self, steps: StepBatch, moves_nodes: bool, weights: np.ndarray, cell: int
     ) -> dict[str, np.ndarray]:
         """Derivatives of sums of weights (k, width) times forces of a cell.
 
@@ -96,7 +96,7 @@ class BeamSlopes:
 
         def cell_slopes() -> _Slopes:
             for forces in self._beams.forces:
-                for (name, weight), term in self.jacobians(forces, with_places).items():
+                for (name, weight), term in self.jacobians(forces, moves_nodes).items():
                     if name != "work" and not weight:
                         space = term.spaces[0]
                         slopes = term.values(steps, (space.width, weights.shape[1]), cell)
@@ -105,17 +105,17 @@ class BeamSlopes:
         return self._summed(cell_slopes(), cell)
 
     def resultants(
-        self, steps: StepBatch, with_places: bool, component: int
+        self, steps: StepBatch, moves_nodes: bool, component: int
     ) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
         """Jacobians (k, cells, points, numbers) of N, Q or M by name, and entries of the numbers.
 
         These (cells, numbers) are those of fields, of positions "X", or of all "parameters".
         """
         weights = gauss_rule(self._beams.kind.degree)[1][:, None]
-        for name, space, slopes in self._slopes("resultants", steps, with_places):
+        for name, space, slopes in self._slopes("resultants", steps, moves_nodes):
             entries = space.dofs
             if name == "parameters":
                 entries = np.broadcast_to(self._data.parameters, entries.shape)
             name = "X" if name == "coordinates" else name
-            by_points = slopes.reshape(*slopes.shape[:2], len(weights), 3, space.width)
-            yield name, entries, by_points[..., component, :] / weights
+            point_slopes = slopes.reshape(*slopes.shape[:2], len(weights), 3, space.width)
+            yield name, entries, point_slopes[..., component, :] / weights

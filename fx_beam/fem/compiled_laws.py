@@ -34,7 +34,7 @@ def _shared(expression: Any, variables: bool = True) -> Any:
     UFL compares equal objects part by part, whose number without sharing grows exponentially.
     """
     known: dict[int, Any] = {}
-    by_parts: dict[Any, Any] = {}
+    shared_parts: dict[Any, Any] = {}
     reuse = ufl.corealg.multifunction.MultiFunction().reuse_if_untouched
     left = [expression]
     while left:
@@ -50,9 +50,9 @@ def _shared(expression: Any, variables: bool = True) -> Any:
                 known[id(part)] = parts[0]
                 continue
             key = (type(part), *map(id, parts)) if parts else part
-            if key not in by_parts:
-                by_parts[key] = reuse(part, *parts)
-            known[id(part)] = by_parts[key]
+            if key not in shared_parts:
+                shared_parts[key] = reuse(part, *parts)
+            known[id(part)] = shared_parts[key]
     return known[id(expression)]
 
 
@@ -168,7 +168,7 @@ class CompiledLaw:
         return self._derivatives[quantity]
 
     def _written(self) -> Written:
-        """Its functions in UFL."""
+        """Functions of the law in UFL."""
         law, rule = self.law, self._rule
         motion, entries = ForceStep(_numbers(arguments(law)), law, rule), list[tuple[int, int]]()
         conditions = len(_parts(law, "switches", motion)) if law.switches else 0
@@ -250,24 +250,24 @@ def derivative_of(
 
 def compiled_laws(laws: Sequence[PointLaw], rule: StepRule) -> list[CompiledLaw]:
     """Laws as they are compiled, each once; without functions of a user they are kept."""
-    by_law: dict[int, CompiledLaw] = {}
+    compiled_laws_by_id: dict[int, CompiledLaw] = {}
     for law in laws:
-        if id(law) not in by_law:
+        if id(law) not in compiled_laws_by_id:
             make = functools.partial(CompiledLaw, law, rule)
             key = CompiledLaw, law, rule
-            by_law[id(law)] = make() if law.user_defined else compiled(key, make)
-    return [by_law[id(law)] for law in laws]
+            compiled_laws_by_id[id(law)] = make() if law.user_defined else compiled(key, make)
+    return [compiled_laws_by_id[id(law)] for law in laws]
 
 
 def compiled_rule(rates: NodalRates, rule) -> PointFunction:
-    """(D, v0, a0, before, dt) -> acceleration, its slopes by D, rates, and their slopes by D."""
+    """(D, v0, a0, previous, dt) -> acceleration, its slopes by D, rates, and their slopes by D."""
 
     def values(numbers):
-        D, v0, a0, before = (
+        D, v0, a0, previous = (
             ufl.as_vector([numbers[3 * k + i] for i in range(3)]) for k in range(4)
         )
         D = ufl.variable(D)
-        a, v1, a1 = rates.values(rule, D, v0, a0, before, numbers[12])
+        a, v1, a1 = rates.values(rule, D, v0, a0, previous, numbers[12])
         slopes = [ufl.diff(a[i], D) for i in range(3)]
         return ufl.as_vector([x[i] for x in (a, *slopes, v1, a1) for i in range(3)])
 

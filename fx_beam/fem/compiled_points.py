@@ -31,8 +31,8 @@ class CompiledPoints:
 
     def _build(self) -> None:
         points, (ffi, self._c) = self.points, c_library.open_library(*LIBRARY)
-        self._of = functools.partial(ffi.from_buffer, ffi.typeof("double[]"))
-        self._of_numbers = functools.partial(ffi.from_buffer, ffi.typeof("int[]"))
+        self._doubles = functools.partial(ffi.from_buffer, ffi.typeof("double[]"))
+        self._integers = functools.partial(ffi.from_buffer, ffi.typeof("int[]"))
         self._structs, laws = Structs(ffi), [placed.law for placed in points.placed]
         self._all = ffi.new("PointForces *")
         members = points.members and int(ffi.cast("uintptr_t", points.members.c))
@@ -59,10 +59,10 @@ class CompiledPoints:
             if placed.force.load.joint >= 0:
                 self._all.of[i].load_axis = placed.force.load.axis
 
-    def set_columns(self, of_joints: Mapping[int, int]) -> None:
+    def set_columns(self, joint_columns: Mapping[int, int]) -> None:
         """Set the columns of the slides, by the number of the joint."""
         columns = self.points.columns
-        columns[:] = [of_joints[joint] for joint in self.points.slides.tolist()]
+        columns[:] = [joint_columns[joint] for joint in self.points.slides.tolist()]
         for i, column in enumerate(columns.tolist(), start=self.points.external.stop):
             self._all.of[i].column = column
 
@@ -82,10 +82,10 @@ class CompiledPoints:
         dt = self._load_increment if self.points.rule.at_rest else interval.length
         missing = np.zeros(int(self.points.slides.max(initial=-1)) + 1)
         slides, rates = (x if len(x) else missing for x in (start.slides, start.slide_rates))
-        vectors = (self._of(x) for x in (start.q, start.v, slides, rates))
+        vectors = (self._doubles(x) for x in (start.q, start.v, slides, rates))
         internal = start.spring_internal
         variables = np.zeros(self.points.width) if internal is None else internal
-        self._c.fx_begin_points(self._all, *vectors, t, dt, self._of(variables))
+        self._c.fx_begin_points(self._all, *vectors, t, dt, self._doubles(variables))
         if len(self.points.followers):
             forces = floats(self.points.followers.at(interval))
             for placed, force in zip(
@@ -96,20 +96,20 @@ class CompiledPoints:
     def set_parameters(self, values: np.ndarray) -> None:
         """Set the values (n,) of all parameters of the scene."""
         if self.points.any:
-            self._c.fx_set_parameters(self._all, self._of(values))
+            self._c.fx_set_parameters(self._all, self._doubles(values))
 
     def evaluate_slides(self, z: np.ndarray) -> None:
         """Evaluate the forces on slides for the increments of all columns (columns,)."""
         if len(self.points.slides):
             ends = self.points.external.stop, len(self.points.placed)
-            self._c.fx_evaluate_points(self._all, *ends, self._of(_NONE), self._of(z))
+            self._c.fx_evaluate_points(self._all, *ends, self._doubles(_NONE), self._doubles(z))
 
     def add_force(self, D: np.ndarray, out: np.ndarray) -> None:
         """Evaluate the forces at nodes for D (size,), and add them (size,) against the motion."""
         if self.points.placed:
             ends = self._all, 0, self.points.external.stop
-            self._c.fx_evaluate_points(*ends, self._of(D), self._of(_NONE))
-            self._c.fx_add_points(*ends, 1.0, self._of(out))
+            self._c.fx_evaluate_points(*ends, self._doubles(D), self._doubles(_NONE))
+            self._c.fx_add_points(*ends, 1.0, self._doubles(out))
         if self.points.members is not None:
             self.points.members.add_force(D, out)
 
@@ -117,13 +117,13 @@ class CompiledPoints:
         """Add the external ones at the last increment with the motion."""
         if self.points.any:
             ends = self.points.external.start, self.points.external.stop
-            self._c.fx_add_points(self._all, *ends, -1.0, self._of(out))
+            self._c.fx_add_points(self._all, *ends, -1.0, self._doubles(out))
 
     def add_tangent(self, values: np.ndarray) -> None:
         """Add their derivatives by the increments to the entries of the stiffness."""
         if self.points.placed:
-            value_at = self._of_numbers(self.points.value_at)
-            self._c.fx_add_point_tangents(self._all, value_at, self._of(values))
+            value_at = self._integers(self.points.value_at)
+            self._c.fx_add_point_tangents(self._all, value_at, self._doubles(values))
 
     def on_slides(self, entry: int) -> np.ndarray:
         """Forces (0) on the slides, or their slopes (1)."""
@@ -138,11 +138,11 @@ class CompiledPoints:
         if not self.points.any:
             return 0.0
         variables = np.zeros(self.points.width) if internal is None else internal
-        return self._c.fx_stored_at_points(self._all, *map(self._of, (q, slides, variables)))
+        return self._c.fx_stored_at_points(self._all, *map(self._doubles, (q, slides, variables)))
 
     def switches(self, q: np.ndarray, slides: np.ndarray) -> np.ndarray:
         """Values that change their sign where a contact opens or closes, or a law switches."""
         values = np.zeros(sum(self.points.switch_counts))
         if len(values):
-            self._c.fx_find_switches(self._all, *map(self._of, (q, slides, values)))
+            self._c.fx_find_switches(self._all, *map(self._doubles, (q, slides, values)))
         return values

@@ -104,7 +104,7 @@ class Symbols:
 @functools.cache
 def _coefficients() -> type:
     class Coefficient(ufl.Coefficient):
-        """Its name may stand in C; FFCx 0.5 takes UFL's own, w_{10}."""
+        """A function whose name may stand in C; FFCx 0.5 takes UFL's own, w_{10}."""
 
         def __str__(self):
             return f"w{self.count()}"

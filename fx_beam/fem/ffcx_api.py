@@ -84,7 +84,7 @@ def generated(written: Written, prefix: str) -> dict[str, Any]:
 def _described(
     form: Any, ir: Any, names: Mapping[Any, str], functions: list[str]
 ) -> dict[str, Any]:
-    """What `CompiledForm` has of a form or expression."""
+    """Members of `CompiledForm` of a form or expression."""
     coefficients, constants = _symbols(form)
     plural = "original_coefficient_position" + "s" * hasattr(ir, "original_coefficient_positions")
     if isinstance(form, ufl.Form):

@@ -139,30 +139,30 @@ def fields_of(degree: int, curved: bool) -> tuple[Fields, Fields]:
 
 
 class FormSymbols:
-    """What forms of a kind consist of besides the fields, on their own symbols or on given ones."""
+    """Symbols of a kind of forms besides the fields: data, parameters and internal variables."""
 
     def __init__(self, kind: Kind, fields: Fields):
         #: Data of beams by name: (EA, GA, EI) of the quadratic law, retardation times, and drag.
         self.data = {name: fields.data(shape) for name, shape in kind.data}
         self.times = self.data.get("retardation")
-        of_drag = [name for name in self.data if name.startswith("drag ")]
+        drag_names = [name for name in self.data if name.startswith("drag ")]
         #: Coefficients of the drag.
-        self.drag = {name.removeprefix("drag "): self.data[name] for name in of_drag}
+        self.drag = {name.removeprefix("drag "): self.data[name] for name in drag_names}
         #: Where each virtual work acts: 1 there, 0 elsewhere.
         self.indicators = [fields.data((1, ())) for _ in kind.works]
-        of_energies = parameters_of(
+        energy_parameters = parameters_of(
             function
             for material in kind.materials
             for function in functions_of_energy(*material, 3)
         )
         #: Names of the parameters in stored energies, and of all.
-        self.names_in_energies = names_of(of_energies)
-        of_works = []
+        self.energy_names = names_of(energy_parameters)
+        work_parameters = []
         if kind.works:
             from fx_beam.scene.symbols import STEP
 
-            of_works = parameters_in(*(work.of(STEP, "virtual work") for work in kind.works))
-        self.names = names_of([*of_energies, *kind.scheme.parameters, *of_works])
+            work_parameters = parameters_in(*(work.of(STEP, "virtual work") for work in kind.works))
+        self.names = names_of([*energy_parameters, *kind.scheme.parameters, *work_parameters])
         #: Their values (n,), None without any, and those by name.
         self.parameters: Any = None
         if self.names:

@@ -112,7 +112,7 @@ def _loaded(key: Any, write: Callable[[], Written]) -> FormModule:
 
 @functools.cache
 def _origin() -> tuple:
-    """What the text of a form depends on besides its key: the files of its writers."""
+    """Digest of the files in which forms are written, and the places of UFL and FFCx."""
     texts = (path.read_bytes() for pattern in _WRITERS for path in sorted(_PACKAGE.glob(pattern)))
     specs = [find_spec(name) for name in ("ufl", "basix", "ffcx")]
     places = [Path(spec.origin) for spec in specs if spec is not None and spec.origin]
@@ -136,6 +136,6 @@ class FormSource:
         return self._make()
 
     def module(self, method: str, *arguments: Any) -> FormModule:
-        """What one of its methods writes."""
+        """Forms that a method of the writer gives for some arguments."""
         key = self._key and (*self._key, method, *arguments)
         return form_module(key, lambda: getattr(self._writer, method)(*arguments))

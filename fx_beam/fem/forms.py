@@ -77,8 +77,8 @@ class Forms:
         #: Matrix with the entries of beams and of each node.
         self.beam_pattern = matrix_between(mesh.elements, len(mesh.X))
         #: Tangent of all forces, and the places (cells, n * n) in it of the entries of cells.
-        at_nodes = self.points.pairs.min(axis=1) >= 0
-        self.stiffness = K = with_pairs(self.beam_pattern, self.points.pairs[at_nodes])
+        nodal = self.points.pairs.min(axis=1) >= 0
+        self.stiffness = K = with_pairs(self.beam_pattern, self.points.pairs[nodal])
         self.cell_entries = places_of_cells(mesh.unknowns.dofs, K.indptr, K.indices)
         self.points.locate_in(K)
 

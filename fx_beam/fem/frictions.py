@@ -35,7 +35,7 @@ class SmoothSign(NamedTuple):
     owner: str
 
     def coordinate(self, q: np.ndarray, slides: np.ndarray) -> np.ndarray:
-        """Its coordinate (n,) in configurations (n, ...): a slide, an angle or a distance."""
+        """The coordinate (n,) in configurations (n, ...): a slide, an angle or a distance."""
         if self.slide >= 0:
             return slides[:, self.slide]
         a, b = np.split(np.where(np.array(self.dofs) < 0, 0.0, q[:, self.dofs]), 2, axis=1)
@@ -61,25 +61,25 @@ def friction_of_members(points: PointForces, internal: np.ndarray) -> dict[int, 
     From all internal variables (n, width). Of a node that touches two points: where its spring is
     stretched further.
     """
-    by_contact = {}
+    frictions = {}
     for pair, slots in _slots_of_members(points):
         if pair.contact is not None:
             known = internal[:, slots[:, None] + np.arange(IN_SLOT)]
             known = known.reshape(len(internal), len(pair.points), SLOTS, IN_SLOT)
             most = abs(known[..., 1]).argmax(axis=-1)
             farthest = np.take_along_axis(known, most[..., None, None], axis=2)
-            by_contact[pair.contact.number] = farthest[:, :, 0, 1:]
-    return by_contact
+            frictions[pair.contact.number] = farthest[:, :, 0, 1:]
+    return frictions
 
 
 def _slots_of_members(points: PointForces) -> Iterator[tuple[Any, np.ndarray]]:
     """Members that touch with friction, and where slots of all points are among all variables."""
     if (members := points.members) is None:
         return
-    before = points.width - members.width
+    first_variable = points.width - members.width
     for pair, first in zip(members.pairs, members.first_slots[:-1].tolist(), strict=True):
         if pair.law.internal:
-            yield pair, before + IN_SLOT * (first + np.arange(SLOTS * len(pair.points)))
+            yield pair, first_variable + IN_SLOT * (first + np.arange(SLOTS * len(pair.points)))
 
 
 def smooth_signs_of(points: PointForces) -> list[SmoothSign]:

@@ -34,14 +34,14 @@ def line_forces(
     They are the weights of a Gauss rule times the Lagrange polynomials of the nodes. Loads are per
     arc length, or per length `projected` across each.
     """
-    of_elements = mesh.elements[mesh.cells[number]]
-    degree = of_elements.shape[1] - 1
+    elements = mesh.elements[mesh.cells[number]]
+    degree = elements.shape[1] - 1
     weights, shape, slope = element_rule(degree, rule)
-    tangent = slope @ X[of_elements]  # (elements, rule, 2)
+    tangent = slope @ X[elements]  # (elements, rule, 2)
     stretch = np.repeat(np.linalg.norm(tangent, axis=-1, keepdims=True), 2, axis=-1)
     lengths = abs(tangent[..., ::-1]) if projected else stretch
     forces = (weights[:, None] * lengths)[..., None] * shape[:, None]  # (..., 2, degree + 1)
-    rows = mesh.dofs[of_elements, :2].swapaxes(1, 2)  # (elements, 2, degree + 1)
+    rows = mesh.dofs[elements, :2].swapaxes(1, 2)  # (elements, 2, degree + 1)
     rows = np.broadcast_to(rows[:, None], forces.shape)
     starts = np.arange(0, forces.size + 1, degree + 1)
     parts = forces.ravel(), rows.ravel(), starts
@@ -107,7 +107,7 @@ class SumOfLoads:
         return self._sum(floats(self.entries), [*map(floats, self._factors(t))])
 
     def numbers_at(self, t: float) -> Any:
-        """The same with slopes that the scene has."""
+        """The sum at the time t [s], with slopes that the scene has."""
         return self._sum(self.entries, [*map(dual_array, self._factors(t))])
 
     def _sum(self, entries: Any, factors: list[Any]) -> Any:
@@ -139,7 +139,7 @@ class LoadedBeams(NamedTuple):
 
     @classmethod
     def of(cls, scene: Scene) -> LoadedBeams:
-        """What a scene has now."""
+        """Beams and loads that a scene has now."""
         return cls(tuple(scene.beams), tuple(scene.loads), scene.gravity, scene.array_calls)
 
 
@@ -189,10 +189,12 @@ def _unit_load(scene: Scene | LoadedBeams, mesh: Mesh, X: np.ndarray, load: Load
         function = ValuesOverTime(function, nearest)
     elif function.place:
         rows, arrays = np.unique(unit.indices), scene.array_calls
-        along = nearest.of(lambda s: values_along(function, s, arrays), load.between).reshape(-1)
-        values: Any = (unit @ floats(along))[rows]
-        if isinstance(along, Dual):
-            values = Dual(values, (unit @ along.slopes)[rows])
+        line_values = nearest.of(lambda s: values_along(function, s, arrays), load.between).reshape(
+            -1
+        )
+        values: Any = (unit @ floats(line_values))[rows]
+        if isinstance(line_values, Dual):
+            values = Dual(values, (unit @ line_values.slopes)[rows])
         return UnitLoad(_ONE, str(load), values, rows, np.array([len(rows)]))
     else:
         share = np.ones((len(nearest.points), 1))
@@ -234,8 +236,8 @@ def _strain(
     if isinstance(function, SignalAlong):
         function, counts = ValuesOverTime(function, nearest), np.ones(len(rows), dtype=int)
     elif function.place:
-        along, arrays = function, scene.array_calls
-        values = nearest.of(lambda f: values_along(along, f, arrays)).reshape(-1)
+        place_function, arrays = function, scene.array_calls
+        values = nearest.of(lambda f: values_along(place_function, f, arrays)).reshape(-1)
         function = _ONE
     return UnitLoad(function, subject, values, rows, counts)
 

@@ -24,7 +24,7 @@ _WORDS = {"rhoA": "distributed mass", "rhoI": "distributed rotary inertia"}
 
 
 class MassPlaces:
-    """Where masses (n,) of translations and rotations are in the values of a tangent.
+    """Places of masses (n,) of translations and rotations in the values of a tangent.
 
     First those that are lumped, then those at Gauss points of beams.
     """
@@ -42,12 +42,12 @@ class MassPlaces:
         self.diagonal = positions_in(K.indptr, K.indices, all_rows, all_rows)
         nodes = np.array([row.node for row in scene.masses], int)
         #: Storage indices (n,) where masses and inertias are lumped, in the same values.
-        self.lumped = self._at = self.diagonal.reshape(-1, 3)[nodes].ravel()
+        self.lumped = self._places = self.diagonal.reshape(-1, 3)[nodes].ravel()
         if scene.beams:
             degree = scene.beams[0].degree
             rows, columns, self._unit = _unit_masses(degree)
-            of_elements = cell_entries[:, 3 * (degree + 1) * rows + columns].ravel()
-            self._at = np.concatenate([self._at, of_elements])
+            element_places = cell_entries[:, 3 * (degree + 1) * rows + columns].ravel()
+            self._places = np.concatenate([self._places, element_places])
 
     def matrix(self, values: np.ndarray) -> scipy.sparse.csr_matrix:
         """The matrix with some entries in this sparsity."""
@@ -57,20 +57,22 @@ class MassPlaces:
     def entries(self, masses: Any) -> Any:
         """Entries of the mass matrix by masses."""
         lumped = len(self.lumped)
-        if lumped < len(self._at):
+        if lumped < len(self._places):
             cell_entries = masses[lumped:].reshape(self._cells, -1) @ self._unit
             masses = np.concatenate([masses[:lumped], cell_entries.reshape(-1)])
         return (
-            np.bincount(self._at, masses, self._K.nnz) if self._at.size else np.zeros(self._K.nnz)
+            np.bincount(self._places, masses, self._K.nnz)
+            if self._places.size
+            else np.zeros(self._K.nnz)
         )
 
-    def by_masses(self, by_entries: np.ndarray) -> np.ndarray:
+    def mass_slopes(self, entry_slopes: np.ndarray) -> np.ndarray:
         """Derivatives by masses from those by entries."""
-        derivatives, lumped = by_entries[self._at], len(self.lumped)
+        derivatives, lumped = entry_slopes[self._places], len(self.lumped)
         if lumped == len(derivatives):
             return derivatives
-        by_cells = derivatives[lumped:].reshape(self._cells, -1) @ self._unit.T
-        return np.concatenate([derivatives[:lumped], by_cells.ravel()])
+        cell_slopes = derivatives[lumped:].reshape(self._cells, -1) @ self._unit.T
+        return np.concatenate([derivatives[:lumped], cell_slopes.ravel()])
 
     def weights(self, gravity: Any, entries: Any) -> Any:
         """Weight (size,) of an acceleration (2,), by entries of the mass."""
@@ -78,10 +80,10 @@ class MassPlaces:
         pull = dual_array(gravity)[rows % 3]
         return np.bincount(rows, entries[self._translations] * pull, len(self.diagonal))
 
-    def by_entries(self, gravity: Any, by_weight: np.ndarray) -> np.ndarray:
+    def entry_slopes(self, gravity: Any, weight_slopes: np.ndarray) -> np.ndarray:
         """Derivatives by entries from those by the weight."""
         rows = self._translated
-        pulls = by_weight[rows] * gravity[rows % 3]
+        pulls = weight_slopes[rows] * gravity[rows % 3]
         return np.bincount(self._translations, pulls, self._K.nnz)
 
 
@@ -125,7 +127,7 @@ class Mass:
         entries = self.places.entries(floats(masses))
         mass: Any = entries
         if isinstance(masses, Dual):
-            mass = LinearDual(entries, self.places.entries, masses, self.places.by_masses)
+            mass = LinearDual(entries, self.places.entries, masses, self.places.mass_slopes)
         if (gravity := scene.gravity) is None:
             return {"mass": mass}
         weights = functools.partial(self.places.weights, gravity)
@@ -133,7 +135,7 @@ class Mass:
             return {"mass": mass, "weight": weights(mass)}
         weight = weights(entries)
         if isinstance(masses, Dual):
-            back = functools.partial(self.places.by_entries, gravity)
+            back = functools.partial(self.places.entry_slopes, gravity)
             weight = LinearDual(weight, weights, mass, back)
         return {"mass": mass, "weight": weight}
 
@@ -168,8 +170,8 @@ class Mass:
 
     def _of_beams(self, scene: Scene | LoadedBeams, X: Any) -> Any:
         degree = scene.beams[0].degree
-        along = element_rule(degree, degree + 1)[2] @ X[self._mesh.elements]
-        lengths = np.hypot(along[..., 0], along[..., 1])
+        tangents = element_rule(degree, degree + 1)[2] @ X[self._mesh.elements]
+        lengths = np.hypot(tangents[..., 0], tangents[..., 1])
         density = section_data(self._mesh, scene, ("rhoA", "rhoI"), degree + 1)
         return (lengths[..., None] * density).reshape(-1)
 
@@ -213,17 +215,19 @@ def about_centres(T: Any, roots: np.ndarray, masses: np.ndarray) -> Any:
 
     Then it does not depend on which nodes are `roots`, whose displacements are unknowns (free,).
     """
-    by_roots = T * roots
-    without_roots, of_roots = T - by_roots, by_roots.T @ masses
-    shares = by_roots * np.divide(1.0, of_roots, out=np.zeros(len(roots)), where=of_roots > 0)
-    return T - by_roots @ ((shares.T * masses) @ without_roots)
+    root_part = T * roots
+    other_part, root_masses = T - root_part, root_part.T @ masses
+    shares = root_part * np.divide(
+        1.0, root_masses, out=np.zeros(len(roots)), where=root_masses > 0
+    )
+    return T - root_part @ ((shares.T * masses) @ other_part)
 
 
 def mobilities(T: Any, mass: scipy.sparse.csr_matrix) -> tuple[np.ndarray, np.ndarray]:
     """1 / mass of unknowns (free,) and of degrees of freedom (size,) that are T times these."""
     masses = (T * (mass @ T)).sum(axis=0)
-    of_unknowns = np.divide(1.0, masses, out=np.zeros(len(masses)), where=masses > 0)
-    of_dofs = (T * T) @ of_unknowns
-    x, y, xy = of_dofs[::3], of_dofs[1::3], (T[::3] * T[1::3]) @ of_unknowns
-    of_dofs[::3] = of_dofs[1::3] = (x + y) / 2 + np.hypot((x - y) / 2, xy)
-    return of_unknowns, of_dofs
+    unknown_mobilities = np.divide(1.0, masses, out=np.zeros(len(masses)), where=masses > 0)
+    dof_mobilities = (T * T) @ unknown_mobilities
+    x, y, xy = dof_mobilities[::3], dof_mobilities[1::3], (T[::3] * T[1::3]) @ unknown_mobilities
+    dof_mobilities[::3] = dof_mobilities[1::3] = (x + y) / 2 + np.hypot((x - y) / 2, xy)
+    return unknown_mobilities, dof_mobilities

@@ -99,25 +99,25 @@ def _both_directions(
     nodes_a, nodes_b = mesh.nodes_of(scene, a), mesh.nodes_of(scene, b)
     slots_a = first + np.arange(len(nodes_a))
     slots_b = slots_a if a is b else np.full(len(nodes_b), -1)
-    of_loss, friction = numbers_of_loss(contact, at_rest), contact.friction
+    loss_numbers, friction = numbers_of_loss(contact, at_rest), contact.friction
     kinds = (
         (MEMBER, FOLLOWED) if friction is None else (MEMBER_WITH_FRICTION, FOLLOWED_WITH_FRICTION)
     )
-    law, followed = (laws.contact(kind, bool(of_loss), contact.energy) for kind in kinds)
+    law, followed = (laws.contact(kind, bool(loss_numbers), contact.energy) for kind in kinds)
     sides = (a, nodes_a, slots_a, contact.points), (b, nodes_b, slots_b, points_of(b))
     twice, share = isinstance(a, Beam) and a is not b, 0.5 if isinstance(a, Beam) else 1.0
     pairs: list[MemberPair] = []
     for (_, points, point_slots, p), (member, nodes, slots, _) in (sides, sides[::-1])[: 1 + twice]:
         lengths = share * p.lengths
-        columns: list[Any] = [contact.radii, contact.stiffness * lengths, *of_loss]
+        columns: list[Any] = [contact.radii, contact.stiffness * lengths, *loss_numbers]
         if friction is not None:
             most_mobile = mobility[mesh.dofs[points, :2]].max(axis=1)
             columns += friction_numbers(friction, lengths, most_mobile)
         numbers = np.column_stack([column + np.zeros(len(lengths)) for column in columns])
         turn = len(nodes) - 1 if isinstance(member, Beam) and _is_closed(scene, member) else 0
         if turn:
-            around = np.arange(-_AROUND, turn + _AROUND) % turn
-            nodes, slots = nodes[around], slots[around]
+            ring = np.arange(-_AROUND, turn + _AROUND) % turn
+            nodes, slots = nodes[ring], slots[ring]
         arrays = points, point_slots, nodes, slots, numbers, arc_of(X[nodes])
         apart = contact.apart if a is b else 0.0
         pairs.append(MemberPair(law, followed, *arrays, apart, None if pairs else contact, turn))
@@ -125,7 +125,7 @@ def _both_directions(
 
 
 class Found(enum.IntEnum):
-    """What `MemberContacts.check` finds: all is fine, points moved or slid too far, or passed."""
+    """Results of `MemberContacts.check`: all is fine, points moved or slid too far, or passed."""
 
     FINE, MOVED, PASSED, SLID = range(4)
 
@@ -152,7 +152,7 @@ class MemberContacts:
         #: First slot of memory of each; all their internal variables.
         self.first_slots, self.width = np.cumsum([0, *counts]), IN_SLOT * sum(counts)
         self.ffi, self.library = c_library.open_library(*LIBRARY)
-        self._of = functools.partial(self.ffi.from_buffer, self.ffi.typeof("double[]"))
+        self._doubles = functools.partial(self.ffi.from_buffer, self.ffi.typeof("double[]"))
         self._numbers = [np.array(pair.numbers) for pair in pairs]
         sizes = [(len(pair.points), pair.numbers.size, pair.arc.size) for pair in pairs]
         firsts = np.cumsum([(0, 0, 0), *sizes], axis=0)
@@ -254,8 +254,8 @@ class MemberContacts:
 
     def add_force(self, D: np.ndarray, out: np.ndarray) -> None:
         """Evaluate the forces for the increment D (size,), and add them against the motion."""
-        self.library.fx_evaluate_members(self.c, self._of(D))
-        self.library.fx_add_members(self.c, self._of(out))
+        self.library.fx_evaluate_members(self.c, self._doubles(D))
+        self.library.fx_add_members(self.c, self._doubles(out))
 
     def tangent(self) -> scipy.sparse.csr_matrix:
         """Their derivatives (size, size) by the increments."""
@@ -268,8 +268,8 @@ class MemberContacts:
         return scipy.sparse.csr_matrix(entries, (size, size))
 
     def check(self, D: np.ndarray) -> int:
-        """What is wrong at the end of a step, as `Found`."""
-        return int(self.library.fx_check_members(self.c, self._of(D)))
+        """Result at the end of a step D, as `Found`."""
+        return int(self.library.fx_check_members(self.c, self._doubles(D)))
 
 
 def _positions(mesh: Mesh) -> np.ndarray:

@@ -71,7 +71,7 @@ class Mesh:
         return self.dofs[:, 2]
 
     def motion(self, scene: Scene, **histories: np.ndarray) -> NodalMotion:
-        """How joints of a scene read the motion: histories (n, size) "q" and "v"."""
+        """Motion as joints of a scene read it, of histories (n, size) "q" and "v"."""
         nodal = {name: rows.reshape(-1, len(self.X), 3) for name, rows in histories.items()}
         return NodalMotion(
             lambda name, node: nodal[name][:, node.number].T,

@@ -82,7 +82,7 @@ class NearestValues:
             width = np.repeat(width / parts, parts)
             start = np.repeat(start, parts) + width * np.tile(np.arange(parts), len(cells))
             cells = np.repeat(cells, parts)
-            integrals, errors, size = self._of_pieces(function, cells, start, width)
+            integrals, errors, size = self._integrated(function, cells, start, width)
             largest = max(largest, size)
             known = errors <= _TOLERANCE * largest
             numbers = integrals[0].size
@@ -92,7 +92,7 @@ class NearestValues:
             cells, start, width, parts = cells[~known], start[~known], width[~known], _PARTS[2]
         return total.reshape(len(self.points), -1)
 
-    def _of_pieces(
+    def _integrated(
         self, function: _Values, cells: np.ndarray, start: np.ndarray, width: np.ndarray
     ) -> tuple[Any, np.ndarray, float]:
         """Integrals over pieces of elements, their errors, and the size of the largest value.
@@ -100,7 +100,7 @@ class NearestValues:
         The error is the width times that of an extrapolation to just inside both ends.
         """
         points, element_weights = self._rule
-        inner, weights, to_ends = _rule_of_pieces(len(points) + 3)
+        inner, weights, end_weights = _rule_of_pieces(len(points) + 3)
         fractions = start[:, None] + width[:, None] * np.concatenate([inner, _ENDS])
         places = self._ends[cells, None] + self._lengths[cells, None] * fractions
         values = function(places.ravel()).reshape(*places.shape, -1)
@@ -108,7 +108,7 @@ class NearestValues:
         polynomials = polynomials.reshape(len(cells), len(inner), -1)
         polynomials = polynomials * (width[:, None] * weights)[..., None]
         inner_values, ends = values[:, :-2], floats(values)[:, -2:]
-        missed = abs(to_ends @ floats(inner_values) - ends).max(axis=(1, 2))
+        missed = abs(end_weights @ floats(inner_values) - ends).max(axis=(1, 2))
         largest = float(abs(floats(values)).max())
         return _integrals(polynomials, inner_values), width * missed, largest
 
@@ -145,7 +145,7 @@ class ValuesOverTime(Signal):
         return self._at([*arguments], lambda function, t: function(t))[0]
 
     def series(self, times: np.ndarray, name: str, arrays: ArrayCalls | None = None) -> Any:
-        """Those at n times (n, ...); StepError if the function fails."""
+        """Values (n, ...) at n times; StepError if the function fails."""
         call = functools.partial(evaluate, name=name)
         parts = (times[k : k + _AT_ONCE].tolist() for k in range(0, len(times), _AT_ONCE))
         return np.concatenate([self._at(part, call) for part in parts])

@@ -52,7 +52,7 @@ class ParameterValues:
         self.values = np.zeros(len(self.names))
         self._readers: list[Callable[[np.ndarray], None]] = []
         #: Whether stored energies depend on values that vary.
-        self.in_energies = False
+        self.energies_vary = False
         self.bind(signals)
 
     def bind(self, signals: ParameterFunctions) -> None:
@@ -91,7 +91,7 @@ class ParameterValues:
     def add_energies(self, names: Sequence[str]) -> None:
         """Note the parameters on which some stored energies depend."""
         varies = (self.functions[i] for i in self.indices(names))
-        self.in_energies |= not all(function.is_constant for function in varies)
+        self.energies_vary |= not all(function.is_constant for function in varies)
 
     def add_reader(self, read: Callable[[np.ndarray], None]) -> None:
         """Add a function of the values (n,), which is called after each change of them."""

@@ -25,7 +25,7 @@ _NO_LINE = {"pieces": 0, "moves": [-1], "length_entries": 0, "others": 0, "level
 
 
 class Role(enum.IntEnum):
-    """What a force is recorded or counted as; in the order in which they are evaluated."""
+    """Roles of forces in records, in the order in which they are evaluated."""
 
     CONTACT, OTHER, EXTERNAL, SLIDE = range(4)
 
@@ -62,7 +62,7 @@ class PointForce(NamedTuple):
 
     @property
     def belongs_to(self) -> str:
-        """What of the scene it belongs to, as text; a joint by its number."""
+        """Owner in the scene, as text; a joint by its number."""
         joint, name = (self.slide, "slide") if self.slide >= 0 else (self.joint, "rotation")
         return self.owner or f"joint {joint} {name}"
 
@@ -241,7 +241,7 @@ class PointForces:
 
     @property
     def owners(self) -> np.ndarray:
-        """What of the scene each internal variable (width,) belongs to, as text."""
+        """Owner in the scene of each internal variable (width,), as text."""
         texts = [""] * self.width
         for placed in self.placed:
             for variable in placed.variables.tolist():

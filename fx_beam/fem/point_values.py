@@ -58,7 +58,7 @@ class PointSlopes(NamedTuple):
 
     name: str
     entries: np.ndarray
-    by: np.ndarray
+    slopes: np.ndarray
 
 
 class PointValues:
@@ -122,16 +122,16 @@ class PointValues:
             places = scipy.sparse.csr_matrix((ones, (place, coordinates)))  # a node may be twice
             moving, count = entries >= 0, len(inputs)
             for i, name in enumerate(names):
-                by_dofs = places @ slopes[..., i * n : (i + 1) * n].reshape(count, -1).T
-                yield from _nonzero(name, entries[moving], by_dofs[moving].T)
+                dof_slopes = places @ slopes[..., i * n : (i + 1) * n].reshape(count, -1).T
+                yield from _nonzero(name, entries[moving], dof_slopes[moving].T)
             ends = np.cumsum([3 * n + 2, law.internal])
             variables = np.concatenate([placed.variables for placed in forces])
             yield from _nonzero("spring internal", variables, slopes[..., slice(*ends)])
             numbers = [placed.first_number + np.arange(law.numbers) for placed in forces]
-            by_numbers = slopes[..., last - law.numbers : last]
-            yield from _nonzero("points", np.concatenate(numbers), by_numbers)
-            by_parameters = slopes[..., last:].sum(axis=1)
-            yield from _nonzero("parameters", first.parameters, by_parameters)
+            number_slopes = slopes[..., last - law.numbers : last]
+            yield from _nonzero("points", np.concatenate(numbers), number_slopes)
+            parameter_slopes = slopes[..., last:].sum(axis=1)
+            yield from _nonzero("parameters", first.parameters, parameter_slopes)
 
     def summed_slopes(self, steps: PointSteps) -> dict[str, np.ndarray]:
         """Derivatives (k, n) of the values by name; arrays by which all are zero are left out."""

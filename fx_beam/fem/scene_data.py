@@ -61,14 +61,14 @@ class FormData(NamedTuple):
 
 
 class Arms(NamedTuple):
-    """Where joints that move lie, by their numbers; some of their axes are None."""
+    """Arms, offsets and axes of joints that move, by their numbers; some axes are None."""
 
     numbers: list[int]
     vectors: list[Any]
 
     @classmethod
     def of(cls, scene: Scene) -> Arms:
-        """Those of a scene."""
+        """Arms of a scene."""
         joints = [joint for joint in scene.joints if not joint.is_selection]
         names = "arm", "offset", "axis", "apart"
         return cls([j.number for j in joints], [getattr(j, name) for j in joints for name in names])
@@ -106,8 +106,8 @@ class Data(NamedTuple):
     @property
     def before_motors(self) -> Any:
         """Slides (driven,) in the reference, from which motors go on; 0 for other motions."""
-        of_motors = [joint.start()[0] if name == "slide" else 0.0 for joint, name in self.motors]
-        return np.append(np.zeros(len(self.scene.prescribed)), of_motors)
+        motor_slides = [joint.start()[0] if name == "slide" else 0.0 for joint, name in self.motors]
+        return np.append(np.zeros(len(self.scene.prescribed)), motor_slides)
 
 
 def form_data(

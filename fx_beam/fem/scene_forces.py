@@ -55,8 +55,8 @@ def point_forces(
     shapes = [contact for contact in scene.contacts if not isinstance(contact.shape, Beam)]
     known: _Known = {}
     return [  # first those of joints, whose internal variables have their places from them
-        *_of_joints(scene, known, at_rest),
-        *_of_gears(scene, known, at_rest),
+        *_joint_forces(scene, known, at_rest),
+        *_gear_forces(scene, known, at_rest),
         *_followers(scene, mesh),
         *_between(scene, mesh, X, known, at_rest),
         *_frictions(scene, mesh, mobility),
@@ -88,7 +88,7 @@ def _contacts(
     known: _Known,
     at_rest: bool,
 ) -> Iterator[PointForce]:
-    of_loss, friction = numbers_of_loss(obstacle, at_rest), obstacle.friction
+    loss_numbers, friction = numbers_of_loss(obstacle, at_rest), obstacle.friction
     points, nodes = obstacle.points, mesh.nodes_of(scene, obstacle.target)
     count, thick = points.nodes.shape[1], friction is not None and obstacle.radii > 0
     shape, half = obstacle.shape, obstacle.radii
@@ -97,18 +97,20 @@ def _contacts(
     kind = gap_of(shape.name, count, carried, friction is not None, thick)
     carrier = mesh.dofs[shape.carrier.number].tolist() if shape.carrier is not None else []
     carrier = carrier[: kind.size - count * (3 if thick else 2)]
-    expressions = [bool(of_loss), *functions_of_energy(obstacle.energy, None, 1)]
-    law = _shared(known, laws.contact, kind, expressions, bool(of_loss), obstacle.energy)
+    expressions = [bool(loss_numbers), *functions_of_energy(obstacle.energy, None, 1)]
+    law = _shared(known, laws.contact, kind, expressions, bool(loss_numbers), obstacle.energy)
     relative = points.of(X[nodes]) - dual_array(shape.origin)
-    for i, of_point in enumerate(nodes[points.nodes]):
+    for i, point_nodes in enumerate(nodes[points.nodes]):
         length, weights = points.lengths[i], points.weights[i] if count > 1 else ()
-        law_numbers = obstacle.stiffness * length, *of_loss
+        law_numbers = obstacle.stiffness * length, *loss_numbers
         numbers = [*map(as_float, relative[i]), *shape.gap_numbers, half, *weights, *law_numbers]
         if friction is not None:
-            moves = mobility[mesh.dofs[of_point, :2]].max() + mobility[carrier[:2]].max(initial=0.0)
+            moves = mobility[mesh.dofs[point_nodes, :2]].max() + mobility[carrier[:2]].max(
+                initial=0.0
+            )
             numbers += friction_numbers(friction, length, moves)
-        dofs = [*mesh.dofs[of_point, :2].ravel().tolist(), *carrier]
-        dofs += mesh.dofs[of_point, 2].tolist() if thick else []
+        dofs = [*mesh.dofs[point_nodes, :2].ravel().tolist(), *carrier]
+        dofs += mesh.dofs[point_nodes, 2].tolist() if thick else []
         yield PointForce(law, numbers, dofs, role=Role.CONTACT, nodes=count, owner=str(obstacle))
 
 
@@ -126,9 +128,9 @@ def _drags(scene: Scene, mesh: Mesh) -> Iterator[PointForce]:
     for node, mass, inertia in scene.masses if alpha > 0 else ():
         first, end = 0 if mass else 2, 3 if inertia else 2
         if first < end:
-            of_masses = [alpha * number for number in (mass, inertia) if number]
+            drag_numbers = [alpha * number for number in (mass, inertia) if number]
             dofs = mesh.dofs[node, first:end].tolist()
-            yield PointForce(drag(bool(mass), False, bool(inertia)), of_masses, dofs)
+            yield PointForce(drag(bool(mass), False, bool(inertia)), drag_numbers, dofs)
     for scene_drag in scene.drags:
         if isinstance(scene_drag.target, Node):
             numbers = [*scene_drag.linear, *scene_drag.quadratic, *scene_drag.rotation]
@@ -138,19 +140,19 @@ def _drags(scene: Scene, mesh: Mesh) -> Iterator[PointForce]:
             yield PointForce(drag(*parts), [number for number in numbers if number], dofs)
 
 
-def _of_joints(scene: Scene, known: _Known, at_rest: bool) -> Iterator[PointForce]:
+def _joint_forces(scene: Scene, known: _Known, at_rest: bool) -> Iterator[PointForce]:
     """Springs, dampers, friction and stops on the coordinates of joints."""
     for joint in scene.joints:
         for name, coordinate in joint.coordinates.items():
             kind, place = _place_on(joint, name)
-            for law, numbers in _of_coordinate(coordinate, kind, known, at_rest):
+            for law, numbers in _coordinate_laws(coordinate, kind, known, at_rest):
                 yield PointForce(law, numbers, **place)
 
 
-def _of_gears(scene: Scene, known: _Known, at_rest: bool) -> Iterator[PointForce]:
+def _gear_forces(scene: Scene, known: _Known, at_rest: bool) -> Iterator[PointForce]:
     """Stiffness, losses and play of gears."""
     for gear in scene.gears:
-        for law, numbers in _of_coordinate(gear.on, GEAR, known, at_rest):
+        for law, numbers in _coordinate_laws(gear.on, GEAR, known, at_rest):
             dofs = [rotation_of(node) for node in gear.nodes]
             yield PointForce(law, [gear.ratio, gear.value, *numbers], dofs, joint=gear.number)
 
@@ -189,7 +191,7 @@ def _between(
             continue
         kind, apart, dofs = _along(force, mesh)
         moves = () if force.over_pulleys else tuple(node >= 0 for node in force.nodes)
-        for law, numbers in _of_coordinate(force.on, kind, known, at_rest):
+        for law, numbers in _coordinate_laws(force.on, kind, known, at_rest):
             arguments = law.over(moves) if moves else law, [*apart, *numbers], dofs
             yield PointForce(*arguments, owner=str(force), line=force.number)
         if force.force is not None:
@@ -218,19 +220,19 @@ def _to_ground(
 ) -> Iterator[PointForce]:
     """Springs from a node, or from each node of a beam, to the ground."""
     if force.direction is None:
-        for law, numbers in _of_coordinate(force.on, ROTATION, known, at_rest):
+        for law, numbers in _coordinate_laws(force.on, ROTATION, known, at_rest):
             dofs = [-1, rotation_of(force.target)]
             yield PointForce(law, numbers, dofs, owner=str(force), line=force.number)
         return
     nodes = mesh.nodes_of(scene, force.target)
     ways = force.ways(X[nodes])
     for node, way, length in zip(nodes, ways, force.lengths, strict=True):
-        for law, (stiffness, *numbers) in _of_coordinate(force.on, DISPLACEMENT, known, at_rest):
+        for law, (stiffness, *numbers) in _coordinate_laws(force.on, DISPLACEMENT, known, at_rest):
             arguments = law, [*way, stiffness * length, *numbers], mesh.dofs[node, :2].tolist()
             yield PointForce(*arguments, owner=str(force), line=force.number)
 
 
-def _of_coordinate(
+def _coordinate_laws(
     coordinate: Any, kind: CoordinateKind, known: _Known, at_rest: bool
 ) -> Iterator[tuple[PointLaw, list[float]]]:
     """Laws of a coordinate, and their numbers."""
@@ -250,10 +252,13 @@ def _of_coordinate(
     if spring is not None and spring.strain_energy is not None:
         yield shared(laws.stored_energy, spring.strain_energy, spring.internal), [rest]
     if stop is not None:
-        of_loss = numbers_of_loss(stop, at_rest)
+        loss_numbers = numbers_of_loss(stop, at_rest)
         for sign, limit in ((1, stop.lower), (-1, stop.upper)):
             if limit is not None:
-                yield laws.stop(kind, sign, bool(of_loss)), [stop.stiffness, *of_loss, limit]
+                yield (
+                    laws.stop(kind, sign, bool(loss_numbers)),
+                    [stop.stiffness, *loss_numbers, limit],
+                )
     if damper is not None and damper.law is not None:
         yield shared(laws.damper_law, damper.law), []
     if isinstance(coordinate.friction, SmoothFriction) and not at_rest:

@@ -13,7 +13,7 @@ Pattern = tuple[np.ndarray, np.ndarray]
 
 
 def starts_of(counts: Sequence[int] | np.ndarray) -> np.ndarray:
-    """Where each of several parts begins, and the last one ends."""
+    """Starts (n,) of parts of some counts, and the end of the last one."""
     return np.concatenate([[0], np.cumsum(counts)]).astype(int)
 
 

@@ -23,7 +23,7 @@ class DerivedForm(WeakForm):
             self.named[self._more] = "more"
 
     def derivatives(self, name: str) -> Written:
-        """Those of an energy, or of "resultants", by name.
+        """Derivatives of an energy, or of "resultants", by name.
 
         The latter are at the Gauss points, each times the weight of its point.
         """
@@ -44,7 +44,7 @@ class DerivedForm(WeakForm):
         """
         if forces in self._works:
             return self._works[forces]
-        forms = {self.fields.test: self._of_drag if forces == "drag" else self._residual}
+        forms = {self.fields.test: self._drag_work if forces == "drag" else self._residual}
         if self.symbols.width and forces != "drag":
             forms[ufl.TestFunction(self.fields.internal(self.symbols.width))] = self._increments()
         make = self.fields.symbols.coefficient
@@ -83,8 +83,8 @@ class DerivedForm(WeakForm):
         used = {name: symbols.get(name) for name in names} | {"parameters": self._more}
         used = {name: field for name, field in used.items() if field in quantity.coefficients()}
         forms = {name: ufl.derivative(quantity, field) for name, field in used.items()}
-        X, of_X = fields.coordinates
-        argument = ufl.Argument(of_X, len(quantity.arguments()))
+        X, position_space = fields.coordinates
+        argument = ufl.Argument(position_space, len(quantity.arguments()))
         forms["coordinates"] = ufl.derivative(quantity, X, argument)
         return quantity, {name: form for name, form in forms.items() if not _is_empty(form)}
 

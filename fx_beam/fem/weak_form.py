@@ -48,12 +48,12 @@ class StepLaws:
             self.fields, nodal = (Fields(kind.degree, symbols, nodal) for nodal in (False, True))
         #: What forms consist of besides the fields.
         self.symbols = FormSymbols(kind, self.fields)
-        resultants = self._of_step()
+        resultants = self._step_resultants()
         all_resultants = [r for parts in resultants for r in parts]
         exact = self.step.degree > 1 and any(isinstance(r, ExactResultants) for r in all_resultants)
         if exact or (kind.scheme.rates.mean_based and "rotation" in self.symbols.drag):
             self.fields = nodal
-            resultants = self._of_step()
+            resultants = self._step_resultants()
         #: Resultants of each law: those of the scheme, and the viscous ones.
         self.parts = resultants
         #: N, Q and M of each law.
@@ -62,7 +62,7 @@ class StepLaws:
             for parts in resultants
         ]
 
-    def _of_step(self) -> list[list[Any]]:
+    def _step_resultants(self) -> list[list[Any]]:
         """The resultants of each law in a step of the present fields."""
         name = f"rates of {self._kind.scheme.name}"
         self.step = self.fields.step(self._kind.scheme.rates, name, self._kind.natural)
@@ -70,19 +70,19 @@ class StepLaws:
         self.evolution = [self._evolved(variables) for _, variables in self._kind.materials]
         #: The laws themselves.
         self.laws = [
-            self._law(energy, of_step)
-            for (energy, _), of_step in zip(self._kind.materials, self.evolution, strict=True)
+            self._law(energy, evolution)
+            for (energy, _), evolution in zip(self._kind.materials, self.evolution, strict=True)
         ]
-        of_scheme: Any = self._kind.scheme.resultants
+        scheme_resultants: Any = self._kind.scheme.resultants
         if self._kind.scheme.parameters:
-            of_scheme = replace(
-                of_scheme, damping=replaced(of_scheme.damping, self.symbols.by_name)
+            scheme_resultants = replace(
+                scheme_resultants, damping=replaced(scheme_resultants.damping, self.symbols.by_name)
             )
         symbols, level = self.symbols, self._kind.scheme.rates.level
-        resultants: list[list[Any]] = [[of_scheme(self.step, law)] for law in self.laws]
-        for (of_law,) in resultants:
+        resultants: list[list[Any]] = [[scheme_resultants(self.step, law)] for law in self.laws]
+        for (law_resultants,) in resultants:
             name = f"{self._kind.scheme.name}: what resultants(step, law) gives"
-            require(hasattr(of_law, "N"), name, of_law, "fx_beam.Resultants")
+            require(hasattr(law_resultants, "N"), name, law_resultants, "fx_beam.Resultants")
         if symbols.times is not None:
             for law, parts in zip(self.laws, resultants, strict=True):
                 parts.append(viscous(self.step, law, symbols.times, level))
@@ -94,14 +94,14 @@ class StepLaws:
         old = ufl.as_vector([self.symbols.internal[i] for i in range(len(variables.names))])
         at_rest = self._kind.scheme.rates.at_rest
         dt = self.fields.load_increment if at_rest else self.fields.dt
-        of_step = evolved(variables, old, self.step.strains0, self.step.strains1, dt, at_rest)
-        return tuple(replaced(expression, self.symbols.by_name) for expression in of_step)
+        expressions = evolved(variables, old, self.step.strains0, self.step.strains1, dt, at_rest)
+        return tuple(replaced(expression, self.symbols.by_name) for expression in expressions)
 
-    def _law(self, energy: Energy | None, of_step: tuple[Any, ...] | None) -> Law:
+    def _law(self, energy: Energy | None, evolution: tuple[Any, ...] | None) -> Law:
         if energy is None:
             return quadratic_law(self.symbols.data["stiffness"])
         energy = self.symbols.with_values(energy)
-        return own_law(energy) if of_step is None else law_of_step(energy, *of_step[:2])
+        return own_law(energy) if evolution is None else law_of_step(energy, *evolution[:2])
 
 
 class WeakForm:
@@ -132,7 +132,7 @@ class WeakForm:
         none: Any = 0
         #: The last is the work of natural strains that change.
         self._residual = self._held_before = self._actuation = none
-        stored = lost = of_scheme = scheme_energy = none
+        stored = lost = scheme_loss = scheme_energy = none
         for tag, (law, parts) in enumerate(zip(self.laws.laws, self.laws.parts, strict=True)):
             dx_law = dx(tag) if len(self.laws.laws) > 1 else dx
             for r in parts:
@@ -140,26 +140,26 @@ class WeakForm:
                 if self.kind.natural:
                     self._actuation += actuation(self.laws.step, r) * dx_law
                 if isinstance(r, DecayingResultants):
-                    of_scheme += r.loss * dx_law
+                    scheme_loss += r.loss * dx_law
                     scheme_energy += 0 if r.held is None else r.held * dx_law
                     self._held_before += 0 if r.held_before is None else r.held_before * dx_law
             stored += law.start.energy(*self.laws.step.strains0) * dx_law
-            (energy, internal), of_step = self.kind.materials[tag], self.laws.evolution[tag]
+            (energy, internal), evolution = self.kind.materials[tag], self.laws.evolution[tag]
             if energy is not None and internal is not None:
                 strains = self.laws.step.strains0, self.laws.step.strains1
-                arguments = self.symbols.with_values(energy), internal.level, of_step, strains
+                arguments = self.symbols.with_values(energy), internal.level, evolution, strains
                 lost += evolution_loss(*arguments, self.kind.scheme.rates.at_rest) * dx_law
             if self.symbols.times is not None:
                 lost += viscous_loss(self.laws.step, law, self.symbols.times) * dx_law
         full = self.fields.measure(self.fields.degree + 1)  # exact for products of two fields
         #: Apart, as FFCx confuses two rules in one form if one of them has a single point.
-        self._of_drag, lost_to_drag = (
+        self._drag_work, lost_to_drag = (
             quantity(self.laws.step, self.symbols.drag) * full if self.symbols.drag else none
             for quantity in (drag_work, drag_loss)
         )
         #: Energies by name: stored, what the scheme holds for the next step, and `LOSSES`.
         self._energies = {"strain energy": stored, "scheme's energy": scheme_energy}
-        self._energies |= dict(zip(LOSSES, (lost, of_scheme, lost_to_drag), strict=True))
+        self._energies |= dict(zip(LOSSES, (lost, scheme_loss, lost_to_drag), strict=True))
         self._refuse_fields()
 
     def _refuse_fields(self) -> None:
@@ -174,18 +174,18 @@ class WeakForm:
         ]
         # UFL extracts those of the form anyway, and caches them.
         refuse_fields([*self._residual.coefficients(), *self._residual.constants()], name, known)
-        for of_law in self.laws.resultants:
-            refuse_fields_in(of_law, name, known)
+        for law_resultants in self.laws.resultants:
+            refuse_fields_in(law_resultants, name, known)
 
     def _add(self, works: Sequence[VirtualWork]) -> None:
         """Add the virtual works of further forces."""
-        per_length: Any = 0
+        density: Any = 0
         for number, (work, support) in enumerate(
             zip(works, self.symbols.indicators, strict=True), start=1
         ):
             term = self._checked_work(work, f"virtual work {number}")
-            per_length += term if work.beam is None else term * support
-        self._added = per_length * self.fields.measure(self.fields.degree)
+            density += term if work.beam is None else term * support
+        self._added = density * self.fields.measure(self.fields.degree)
         self._residual -= self._added
 
     def _checked_work(self, work: VirtualWork, name: str) -> Any:
@@ -209,9 +209,9 @@ class WeakForm:
             raise SceneError(f"{expected}; {error}") from error
         return term
 
-    def of_step(self) -> Written:
+    def step_forms(self) -> Written:
         """Forms of a step, those that there are."""
-        fields, residual, drag = self.fields, self._residual, self._of_drag
+        fields, residual, drag = self.fields, self._residual, self._drag_work
         forms = {
             "internal forces": residual,
             "tangent": ufl.derivative(residual, fields.increment, fields.trial),
@@ -221,9 +221,7 @@ class WeakForm:
             "inverted sections": _inverted_sections(fields),
             **self._energies,
             # With the parameters of the step.
-            "scheme's energy at the start": self._held_before
-            if self.symbols.names_in_energies
-            else 0,
+            "scheme's energy at the start": self._held_before if self.symbols.energy_names else 0,
             "work of natural strains": self._actuation,
             # Increments at the Gauss points, each times its weight.
             "internal variables": self._increments() if self.symbols.width else 0,
@@ -236,7 +234,7 @@ class WeakForm:
         fields, residual = self.fields, self._residual
         forces = [
             *residual.coefficients(),
-            *(self._of_drag.coefficients() if self.symbols.drag else ()),
+            *(self._drag_work.coefficients() if self.symbols.drag else ()),
         ]
         used = [part for r in self.laws.resultants for part in fields_in(r)]
         resultants_need_rates = any(rate in used for rate in fields.start_rates)
@@ -247,23 +245,23 @@ class WeakForm:
             resultants_move=resultants_need_rates or fields.dt in used,
             width=self.symbols.width,
             names=self.symbols.names,
-            names_in_energies=self.symbols.names_in_energies,
+            energy_names=self.symbols.energy_names,
         )
 
     def _increments(self) -> Any:
-        grown = [of_step and of_step[1] - of_step[0] for of_step in self.laws.evolution]
+        grown = [x and x[1] - x[0] for x in self.laws.evolution]
         return self._at_points(grown, ufl.TestFunction(self.fields.internal(self.symbols.width)))
 
-    def _at_points(self, of_laws: Sequence[Any], test: Any) -> Any:
+    def _at_points(self, vectors: Sequence[Any], test: Any) -> Any:
         """Vectors of the laws, None for none, at the Gauss points, each times its weight."""
         dx, form = self.fields.measure(self.fields.degree), 0
-        for tag, values in enumerate(of_laws):
+        for tag, values in enumerate(vectors):
             if values is not None:
-                per_length = sum(values[i] * test[i] for i in range(len(values))) / self.laws.step.h
-                form += per_length * (dx(tag) if len(of_laws) > 1 else dx)
+                density = sum(values[i] * test[i] for i in range(len(values))) / self.laws.step.h
+                form += density * (dx(tag) if len(vectors) > 1 else dx)
         return form
 
-    def of_points(self) -> Written:
+    def resultants_at_points(self) -> Written:
         """N, Q and M of each law at the Gauss points."""
         return self._expressions("resultants", self.laws.resultants)
 
@@ -282,5 +280,5 @@ def _inverted_sections(fields: Fields) -> Any:
     # The derivative along the element's own coordinate has the same sign and is cheaper.
     X = fields.jacobian
     u0, psi0 = ufl.split(fields.start)
-    along = ufl.dot(director(psi0, X), X + arc_derivative(u0, X))
-    return (abs(along) - along) * fields.measure(fields.degree)
+    stretch = ufl.dot(director(psi0, X), X + arc_derivative(u0, X))
+    return (abs(stretch) - stretch) * fields.measure(fields.degree)

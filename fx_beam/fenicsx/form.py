@@ -65,7 +65,7 @@ class StepForm:
             kind = kind._replace(scheme=Scheme(scheme.name, resultants, scheme.rates))
         written = WeakForm(kind, DolfinxSymbols(grid, grid.tagged(grid.beams.data.tags)))
         self.fields = StepFields(written, model, grid)
-        forms = written.of_step().forms
+        forms = written.step_forms().forms
         names = [name for name in ("internal forces", "drag") if name in forms]
         #: Terms of the scene, and of a user. Each is assembled by itself: FFCx 0.5 confuses
         #: quadrature rules.

@@ -278,7 +278,7 @@ def _points(storage: TangentStorage) -> dict[str, Any]:
             "count": len(of_scene),
             "value": of_scene.values,
             "vary": of_scene.vary,
-            "energies_vary": of_scene.in_energies,
+            "energies_vary": of_scene.energies_vary,
         }
     if points.any:
         point_stored_at = np.where(points.value_at >= 0, stored_at[points.value_at], -1)
