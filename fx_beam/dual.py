@@ -11,6 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
+#: An array, or a `Dual` if numbers in it have slopes; mypy takes both for anything.
+MaybeDual = Any
+
 # Types of lists, and of numbers without slopes.
 _SEQUENCES, _NUMBERS = frozenset([list, tuple]), frozenset([float, int, bool, np.float64])
 # Attributes of an array that are those of the values.
@@ -226,7 +229,7 @@ class LinearChanges:
         return getattr(self.__array__(), name)
 
 
-def changes_of(values: Any, count: int) -> Any:
+def changes_of(values: MaybeDual, count: int) -> Any:
     """d values / dx (m, ...) of values (...) by the m numbers x; zero without slopes."""
     if isinstance(values, LinearDual):
         return LinearChanges(values)
@@ -289,7 +292,7 @@ def slopes_by(x: np.ndarray, without: Iterable[int] = ()) -> Dual:
     return Dual(x, slopes)
 
 
-def scene_number(dual: Any) -> Any:
+def scene_number(dual: MaybeDual) -> MaybeDual:
     """A dual number or array as a scene keeps it: a `DualFloat` or `DualArray`; others as is."""
     if not isinstance(dual, Dual):
         return dual
@@ -300,7 +303,7 @@ def scene_number(dual: Any) -> Any:
     return array
 
 
-def dual_of(value: Any) -> Dual | None:
+def dual_of(value: MaybeDual) -> Dual | None:
     """Numbers of any shape as a dual number; None if nothing in them has slopes."""
     if isinstance(value, Dual):
         return value
@@ -330,7 +333,7 @@ def _flat(values: Any) -> tuple[Any, list[int]] | None:
     return values, shape
 
 
-def dual_array(values: Any) -> Any:
+def dual_array(values: MaybeDual) -> MaybeDual:
     """An array of floats, or a `Dual` if any entry has slopes."""
     if isinstance(values, list | tuple) and (flat := _flat(values)) is not None:
         return np.array(flat[0], float).reshape(flat[1])  # quickly
@@ -338,7 +341,7 @@ def dual_array(values: Any) -> Any:
     return np.array(values, float) if dual is None else dual
 
 
-def floats(values: Any) -> Any:
+def floats(values: MaybeDual) -> MaybeDual:
     """The values without slopes."""
     return values.values if isinstance(values, Dual) else values
 
@@ -351,7 +354,7 @@ def _call_without_slopes(name: str, function: Callable, inputs: Any, options: di
     return function(*plain, **options)
 
 
-def with_slopes(values: Any, count: int) -> Dual:
+def with_slopes(values: MaybeDual, count: int) -> Dual:
     """Values with slopes by `count` numbers, zero where they have none."""
     dual = dual_array(values)
     return dual if isinstance(dual, Dual) else Dual(dual, np.zeros((*dual.shape, count)))
@@ -456,7 +459,7 @@ def _along(function: Callable) -> Callable:
 _sum = _along(np.sum)
 
 
-def _interp(x, xp, fp) -> Any:
+def _interp(x, xp, fp) -> MaybeDual:
     """Linear interpolation; at a point with the slopes of the piece behind it."""
     x, xp, fp = map(dual_array, (x, xp, fp))
     places, points = floats(x), floats(xp)
@@ -473,7 +476,7 @@ def _interp(x, xp, fp) -> Any:
     return Dual(np.interp(places, points, fp.values), slopes)
 
 
-def _clip(a, low=None, high=None) -> Any:
+def _clip(a, low=None, high=None) -> MaybeDual:
     a = a if low is None else np.maximum(a, low)
     return a if high is None else np.minimum(a, high)
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.dual import dual_array, floats
+from fx_beam.dual import MaybeDual, dual_array, floats
 from fx_beam.errors import SceneError, any_of
 from fx_beam.laws.interval import StepBatch
 from fx_beam.laws.schemes import Scheme
@@ -21,6 +21,7 @@ from fx_beam.scene.structure import OtherStructureError
 
 from .assembly import Field, Space, Term
 from .form_library import CompiledForm
+from .loads import LoadedBeams
 from .mesh import Mesh
 from .parameter_values import ParameterValues
 
@@ -85,7 +86,9 @@ class StepFacts(NamedTuple):
     energy_names: list[str]
 
 
-def section_data(mesh: Mesh, scene: Any, names: tuple[str, ...], points: int) -> Any:
+def section_data(
+    mesh: Mesh, scene: Scene | LoadedBeams, names: tuple[str, ...], points: int
+) -> MaybeDual:
     """Section data (cells, n, ...), vectors or scalars: n is 1 if they are constant on each beam.
 
     Data that vary are evaluated at so many Gauss points. The SceneError for an invalid value names
@@ -109,12 +112,12 @@ def section_data(mesh: Mesh, scene: Any, names: tuple[str, ...], points: int) ->
     return np.concatenate(values)
 
 
-def data_of_beams(scene: Scene, mesh: Mesh, at_rest: bool) -> dict[str, Any]:
+def data_of_beams(scene: Scene, mesh: Mesh, at_rest: bool) -> dict[str, MaybeDual]:
     """Stiffnesses of the quadratic law, retardation times and drag, if there are any.
 
     Data (cells, points, ...) by name, with slopes of the scene.
     """
-    data: dict[str, Any] = {}
+    data: dict[str, MaybeDual] = {}
     if not scene.beams:
         return data
     degree, sections = scene.beams[0].degree, distinct(beam.section for beam in scene.beams)
@@ -140,9 +143,9 @@ def distinct(sections: Iterable[Section]) -> list[Section]:
     return list({id(section): section for section in sections}.values())
 
 
-def drag_data(mesh: Mesh, scene: Scene) -> dict[str, Any]:
+def drag_data(mesh: Mesh, scene: Scene) -> dict[str, MaybeDual]:
     """Coefficients (cells, 1, ...) of `drag_work`, those that there are, behind "drag "."""
-    rows: dict[str, list[Any]] = {}
+    rows: dict[str, list[MaybeDual]] = {}
     beam_drags = ((drag, drag.target) for drag in scene.drags if isinstance(drag.target, Beam))
     for drag, beam in beam_drags:
         for name in PARTS_OF_DRAG:
@@ -167,7 +170,7 @@ class BeamData:
         mesh: Mesh,
         kind: Kind,
         facts: StepFacts,
-        numbers: Mapping[str, Any],
+        numbers: Mapping[str, MaybeDual],
         tags: np.ndarray,
         parameters: ParameterValues,
     ):
@@ -208,7 +211,7 @@ class BeamData:
         self.moving: list[Any] = [named.get(name) for name in (*NODAL, "internal", *NATURAL)]
         self.bind(numbers)
 
-    def bind(self, numbers: Mapping[str, Any]) -> None:
+    def bind(self, numbers: Mapping[str, MaybeDual]) -> None:
         """Set the data (cells, points, ...) of sections and of drag."""
         self.named["load_factor"][...] = 1.0
         for name, values in numbers.items():
@@ -245,7 +248,7 @@ class BeamData:
         return steps._replace(parameters=values[:, self.parameters])
 
 
-def check_shapes(kind: Kind, numbers: Mapping[str, Any]) -> None:
+def check_shapes(kind: Kind, numbers: Mapping[str, MaybeDual]) -> None:
     """OtherStructureError if data of sections and of drag are of another kind."""
     shapes = shapes_of(numbers)
     if [name for name, _ in kind.data] != [name for name, _ in shapes]:
@@ -254,6 +257,6 @@ def check_shapes(kind: Kind, numbers: Mapping[str, Any]) -> None:
         raise OtherStructureError("data of beams that were constant vary, or conversely")
 
 
-def shapes_of(numbers: Mapping[str, Any]) -> tuple:
+def shapes_of(numbers: Mapping[str, MaybeDual]) -> tuple:
     """Numbers of points of data (cells, points, ...), and shapes of values, by name."""
     return tuple((name, (x.shape[1], x.shape[2:])) for name, x in numbers.items())

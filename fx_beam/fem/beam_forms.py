@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.dual import MaybeDual
 from fx_beam.errors import SceneError
 from fx_beam.laws.interval import StepBatch
 from fx_beam.laws.schemes import Scheme
@@ -35,7 +36,7 @@ class BeamForms:
         scheme: Scheme,
         mesh: Mesh,
         parameters: ParameterValues,
-        numbers: Mapping[str, Any],
+        numbers: Mapping[str, MaybeDual],
         holds: bool = False,
     ):
         #: Whether there are virtual works of a user.
@@ -155,7 +156,7 @@ def _written(kind: Kind) -> Any:
 
 
 def _kind(
-    scene: Scene, scheme: Scheme, mesh: Mesh, numbers: Mapping[str, Any], holds: bool
+    scene: Scene, scheme: Scheme, mesh: Mesh, numbers: Mapping[str, MaybeDual], holds: bool
 ) -> tuple[Kind, np.ndarray]:
     """The kind of a scene, and the subdomain of each cell, the number of its material."""
     sections = [beam.section for beam in scene.beams]

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from .compiled_points import CompiledPoints
-from .member_contacts import IN_SLOT, SLOTS
+from .member_contacts import IN_SLOT, SLOTS, MemberPair
 from .point_forces import PointForces
 
 
@@ -72,7 +72,7 @@ def friction_of_members(points: PointForces, internal: np.ndarray) -> dict[int, 
     return frictions
 
 
-def _slots_of_members(points: PointForces) -> Iterator[tuple[Any, np.ndarray]]:
+def _slots_of_members(points: PointForces) -> Iterator[tuple[MemberPair, np.ndarray]]:
     """Members that touch with friction, and where slots of all points are among all variables."""
     if (members := points.members) is None:
         return

@@ -115,7 +115,7 @@ def _sized(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return sizes, vectors / sizes[..., None]
 
 
-def laws_of_forces(laws: Sequence[PointLaw], rule: StepRule) -> list[Any]:
+def laws_of_forces(laws: Sequence[PointLaw], rule: StepRule) -> list[CompiledLaw | LineLaw]:
     """Compiled laws of forces at points, also of lines over points."""
     compiled = compiled_laws([law.of_length or law for law in laws], rule)
     return [

@@ -6,12 +6,12 @@ import functools
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse
 
-from fx_beam.dual import Dual, dual_array, floats
+from fx_beam.dual import Dual, MaybeDual, dual_array, floats
 from fx_beam.errors import all_of, any_of, warn_once
 from fx_beam.laws.interval import Interval, just_inside
 from fx_beam.scene.beam import Beam, BeamPlace, Node, gauss_rule, lagrange_and_slopes
@@ -79,7 +79,7 @@ class SumOfLoads:
         self.functions = list(zip(columns, (load.function for load in loads), strict=True))
         counts = np.concatenate([np.zeros(1, dtype=int), *(load.counts for load in loads)])
         #: Entries of the columns, with slopes that the scene has; their rows; starts of columns.
-        self.entries: Any = np.concatenate([np.empty(0), *(load.values for load in loads)])
+        self.entries: MaybeDual = np.concatenate([np.empty(0), *(load.values for load in loads)])
         self.rows = np.concatenate([np.empty(0, dtype=int), *(load.rows for load in loads)])
         self.starts = np.cumsum(counts)
 
@@ -106,11 +106,11 @@ class SumOfLoads:
             return np.zeros(self.shape)
         return self._sum(floats(self.entries), [*map(floats, self._factors(t))])
 
-    def numbers_at(self, t: float) -> Any:
+    def numbers_at(self, t: float) -> MaybeDual:
         """The sum at the time t [s], with slopes that the scene has."""
         return self._sum(self.entries, [*map(dual_array, self._factors(t))])
 
-    def _sum(self, entries: Any, factors: list[Any]) -> Any:
+    def _sum(self, entries: MaybeDual, factors: list[MaybeDual]) -> MaybeDual:
         columns = np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts))
         values = entries * np.concatenate(factors)[columns]
         return np.bincount(self.rows, values, self.size).reshape(self.shape)
@@ -118,7 +118,7 @@ class SumOfLoads:
     def _factors(self, t: float) -> list[np.ndarray]:
         return [evaluate(load.function, t, load.what) for load in self._loads]
 
-    def series(self, times: np.ndarray) -> Any:
+    def series(self, times: np.ndarray) -> MaybeDual:
         """Factors (m, n) of the columns at m times [s]; StepError if a function fails."""
         values = [load.function.series(times, load.what, self._arrays) for load in self._loads]
         if len(values) == 1 and isinstance(values[0], Dual):
@@ -134,7 +134,7 @@ class LoadedBeams(NamedTuple):
 
     beams: tuple[Beam, ...]
     loads: tuple[Load, ...]
-    gravity: Any
+    gravity: MaybeDual
     array_calls: ArrayCalls | None
 
     @classmethod
@@ -147,7 +147,7 @@ def dead_loads(
     scene: Scene | LoadedBeams,
     mesh: Mesh,
     X: np.ndarray,
-    weights: Callable[[tuple[float, float]], Any],
+    weights: Callable[[tuple[float, float]], MaybeDual],
     chosen: Sequence[Load] | None = None,
 ) -> SumOfLoads:
     """Dead loads, all or those chosen, at nodes X (n, 2), with weights by accelerations."""
@@ -159,7 +159,9 @@ def dead_loads(
     return SumOfLoads(loads, (mesh.dofs.size,), scene.array_calls)
 
 
-def _on_masses(mesh: Mesh, load: Load, weights: Callable[[tuple[float, float]], Any]) -> UnitLoad:
+def _on_masses(
+    mesh: Mesh, load: Load, weights: Callable[[tuple[float, float]], MaybeDual]
+) -> UnitLoad:
     """By the weights of unit accelerations; those of a base act the other way."""
     directions, sign = ON_MASSES[load.kind]
     columns, rows = mesh.dofs[:, directions], mesh.dofs[:, directions].T.ravel()
@@ -192,7 +194,7 @@ def _unit_load(scene: Scene | LoadedBeams, mesh: Mesh, X: np.ndarray, load: Load
         line_values = nearest.of(lambda s: values_along(function, s, arrays), load.between).reshape(
             -1
         )
-        values: Any = (unit @ floats(line_values))[rows]
+        values: MaybeDual = (unit @ floats(line_values))[rows]
         if isinstance(line_values, Dual):
             values = Dual(values, (unit @ line_values.slopes)[rows])
         return UnitLoad(_ONE, str(load), values, rows, np.array([len(rows)]))

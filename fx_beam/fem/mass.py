@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse
 
-from fx_beam.dual import Dual, LinearDual, dual_array, dual_of, floats
+from fx_beam.dual import Dual, LinearDual, MaybeDual, dual_array, dual_of, floats
 from fx_beam.errors import all_of, any_of
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
@@ -54,7 +54,7 @@ class MassPlaces:
         K = self._K
         return scipy.sparse.csr_matrix((values, K.indices, K.indptr), K.shape, copy=False)
 
-    def entries(self, masses: Any) -> Any:
+    def entries(self, masses: MaybeDual) -> MaybeDual:
         """Entries of the mass matrix by masses."""
         lumped = len(self.lumped)
         if lumped < len(self._places):
@@ -74,13 +74,13 @@ class MassPlaces:
         cell_slopes = derivatives[lumped:].reshape(self._cells, -1) @ self._unit.T
         return np.concatenate([derivatives[:lumped], cell_slopes.ravel()])
 
-    def weights(self, gravity: Any, entries: Any) -> Any:
+    def weights(self, gravity: MaybeDual, entries: MaybeDual) -> MaybeDual:
         """Weight (size,) of an acceleration (2,), by entries of the mass."""
         rows = self._translated
         pull = dual_array(gravity)[rows % 3]
         return np.bincount(rows, entries[self._translations] * pull, len(self.diagonal))
 
-    def entry_slopes(self, gravity: Any, weight_slopes: np.ndarray) -> np.ndarray:
+    def entry_slopes(self, gravity: MaybeDual, weight_slopes: np.ndarray) -> np.ndarray:
         """Derivatives by entries from those by the weight."""
         rows = self._translated
         pulls = weight_slopes[rows] * gravity[rows % 3]
@@ -104,9 +104,9 @@ class Mass:
         self.assembled: list[str] = []
         # Masses, gravity and positions without slopes, and the numbers that follow from them.
         self._given: tuple[list, list | None, np.ndarray] | None = None
-        self._numbers: dict[str, Any] = {}
+        self._numbers: dict[str, MaybeDual] = {}
 
-    def numbers_of(self, scene: Scene, X: Any) -> dict[str, Any]:
+    def numbers_of(self, scene: Scene, X: MaybeDual) -> dict[str, MaybeDual]:
         """Entries of the mass, and the weight if there is any, with slopes that the scene has.
 
         The same arrays as in the last call if nothing differs.
@@ -122,10 +122,10 @@ class Mass:
             self._given, self._numbers = inputs, self._numbers_of(scene, X)
         return self._numbers
 
-    def _numbers_of(self, scene: Scene, X: Any) -> dict[str, Any]:
+    def _numbers_of(self, scene: Scene, X: MaybeDual) -> dict[str, MaybeDual]:
         masses = self._masses(scene, X)
         entries = self.places.entries(floats(masses))
-        mass: Any = entries
+        mass: MaybeDual = entries
         if isinstance(masses, Dual):
             mass = LinearDual(entries, self.places.entries, masses, self.places.mass_slopes)
         if (gravity := scene.gravity) is None:
@@ -139,12 +139,12 @@ class Mass:
             weight = LinearDual(weight, weights, mass, back)
         return {"mass": mass, "weight": weight}
 
-    def check(self, numbers: dict[str, Any]) -> None:
+    def check(self, numbers: dict[str, MaybeDual]) -> None:
         """OtherStructureError if other entries are zero."""
         if ((self.values != 0) != (floats(numbers["mass"]) != 0)).any():
             raise OtherStructureError("other nodes have mass")
 
-    def bind(self, numbers: dict[str, Any]) -> None:
+    def bind(self, numbers: dict[str, MaybeDual]) -> None:
         """Set mass and weight."""
         self.values[:] = floats(numbers["mass"])
         if "weight" in numbers:
@@ -162,20 +162,20 @@ class Mass:
             if any_of(floats(scene.gravity)) and not any_of(self.weight):
                 _log.warning("gravity acts on no mass. Give sections rho or rhoA, or add masses")
 
-    def _masses(self, scene: Scene, X: Any) -> Any:
+    def _masses(self, scene: Scene, X: MaybeDual) -> MaybeDual:
         masses = dual_array([(m, m, inertia) for _, m, inertia in scene.masses]).reshape(-1)
         if not scene.beams:
             return masses
         return np.concatenate([masses, self._of_beams(scene, X)])
 
-    def _of_beams(self, scene: Scene | LoadedBeams, X: Any) -> Any:
+    def _of_beams(self, scene: Scene | LoadedBeams, X: MaybeDual) -> MaybeDual:
         degree = scene.beams[0].degree
         tangents = element_rule(degree, degree + 1)[2] @ X[self._mesh.elements]
         lengths = np.hypot(tangents[..., 0], tangents[..., 1])
         density = section_data(self._mesh, scene, ("rhoA", "rhoI"), degree + 1)
         return (lengths[..., None] * density).reshape(-1)
 
-    def at_points(self, scene: LoadedBeams, X: Any) -> Any:
+    def at_points(self, scene: LoadedBeams, X: MaybeDual) -> MaybeDual:
         """Masses (cells, n) of elements, those of translations and rotations at Gauss points."""
         return self._of_beams(scene, X).reshape(len(self._mesh.elements), -1)
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
-from fx_beam.dual import DualFloat, dual_array, floats
+from fx_beam.dual import DualFloat, MaybeDual, dual_array, floats
 from fx_beam.errors import SceneError, all_of
 from fx_beam.scene.beam import Beam, Node, inner_positions
 from fx_beam.scene.joints import NodalMotion
@@ -98,7 +97,7 @@ class Mesh:
         if not all_of(X == self.X):
             self._set_positions(X)
 
-    def positions_of(self, scene: Scene) -> Any:
+    def positions_of(self, scene: Scene) -> MaybeDual:
         """X (n, 2) [m] of a scene with these nodes; of straight elements with slopes."""
         columns = [node.x for node in scene.nodes], [node.y for node in scene.nodes]
         if self.curved or DualFloat not in {*map(type, columns[0]), *map(type, columns[1])}:

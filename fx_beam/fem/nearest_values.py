@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
 
 import numpy as np
 
-from fx_beam.dual import Dual, dual_array, floats
+from fx_beam.dual import Dual, MaybeDual, dual_array, floats
 from fx_beam.scene.beam import gauss_rule, lagrange
 from fx_beam.scene.functions import ArrayCalls, Signal, SignalAlong, evaluate
 
@@ -76,7 +75,7 @@ class NearestValues:
         )
         cells = np.flatnonzero(end > start)
         start, width = start[cells], (end - start)[cells]
-        total: Any = 0.0
+        total: MaybeDual = 0.0
         largest = 0.0
         while len(cells):
             width = np.repeat(width / parts, parts)
@@ -94,7 +93,7 @@ class NearestValues:
 
     def _integrated(
         self, function: _Values, cells: np.ndarray, start: np.ndarray, width: np.ndarray
-    ) -> tuple[Any, np.ndarray, float]:
+    ) -> tuple[MaybeDual, np.ndarray, float]:
         """Integrals over pieces of elements, their errors, and the size of the largest value.
 
         The error is the width times that of an extrapolation to just inside both ends.
@@ -120,7 +119,7 @@ def _rule_of_pieces(points: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return x, weights, lagrange(x, _ENDS)
 
 
-def _integrals(polynomials: np.ndarray, values: Any) -> Any:
+def _integrals(polynomials: np.ndarray, values: MaybeDual) -> MaybeDual:
     """Integrals (n, k, size) of values at points of n pieces, with slopes that they have."""
     if isinstance(values, Dual):
         slopes = np.einsum("npk,npsm->nksm", polynomials, values.slopes)
@@ -140,11 +139,11 @@ class ValuesOverTime(Signal):
         self._nearest, self._values_at = nearest, function.at
         self._is_rough, self._calls, self._next_look = False, 0, 0
 
-    def __call__(self, *arguments: float) -> Any:
+    def __call__(self, *arguments: float) -> MaybeDual:
         """The values at a time [s]."""
         return self._at([*arguments], lambda function, t: function(t))[0]
 
-    def series(self, times: np.ndarray, name: str, arrays: ArrayCalls | None = None) -> Any:
+    def series(self, times: np.ndarray, name: str, arrays: ArrayCalls | None = None) -> MaybeDual:
         """Values (n, ...) at n times; StepError if the function fails."""
         call = functools.partial(evaluate, name=name)
         parts = (times[k : k + _AT_ONCE].tolist() for k in range(0, len(times), _AT_ONCE))

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 
+from fx_beam.dual import MaybeDual
 from fx_beam.errors import SceneError
 from fx_beam.scene.functions import Signal, evaluate
 from fx_beam.scene.scene import Scene
@@ -32,13 +32,13 @@ class ParameterFunctions:
         pairs = zip(self.functions, self.names, strict=True)
         return np.array([evaluate(f, t, f"parameter {name!r}")[0] for f, name in pairs])
 
-    def series(self, times: np.ndarray) -> Any:
+    def series(self, times: np.ndarray) -> MaybeDual:
         """Values (times, n) at some times [s]."""
         pairs = zip(self.functions, self.names, strict=True)
         rows = [f.series(times, f"parameter {name!r}", self._arrays) for f, name in pairs]
         return np.hstack(rows) if rows else np.empty((len(times), 0))
 
-    def over_steps(self, t0: np.ndarray, t1: np.ndarray, level: float) -> Any:
+    def over_steps(self, t0: np.ndarray, t1: np.ndarray, level: float) -> MaybeDual:
         """Values (steps, 2, n) at the level of steps and at their ends."""
         return np.stack([self.series(t0 + level * (t1 - t0)), self.series(before(t1))], axis=1)
 

@@ -13,12 +13,13 @@ import scipy.sparse
 from fx_beam.laws.point_laws import PointLaw, StepRule, arguments
 from fx_beam.scene.structure import OtherStructureError
 
-from .compiled_laws import compiled_laws
+from .compiled_laws import CompiledLaw, compiled_laws
 from .loads import Followers
 from .parameter_values import ParameterValues
 from .sparsity import positions_in
 
 if TYPE_CHECKING:
+    from .line_laws import LineLaw
     from .member_contacts import MemberContacts
 
 _NO_LINE = {"pieces": 0, "moves": [-1], "length_entries": 0, "others": 0, "level": 0.0}
@@ -71,7 +72,7 @@ class PlacedForce(NamedTuple):
     """A force with its compiled law, the arrays that C has of it, and its places among all."""
 
     force: PointForce
-    law: Any
+    law: CompiledLaw | LineLaw
     #: What its functions are given, the numbers of the law among it, and what the law gives.
     given: np.ndarray
     numbers: np.ndarray
@@ -136,10 +137,15 @@ def _placed(
     forces: Sequence[PointForce], rule: StepRule, parameters: ParameterValues
 ) -> tuple[list[PlacedForce], np.ndarray]:
     """Forces by their roles, and what all are given; variables have places as forces come."""
-    laws, compiled = [force.law for force in forces], compiled_laws
+    laws = [force.law for force in forces]
+    compiled: Sequence[CompiledLaw | LineLaw]
     if any(law.of_length for law in laws):
-        from .line_laws import laws_of_forces as compiled
-    pairs = [*zip(forces, compiled(laws, rule), strict=True)]
+        from .line_laws import laws_of_forces
+
+        compiled = laws_of_forces(laws, rule)
+    else:
+        compiled = compiled_laws(laws, rule)
+    pairs = [*zip(forces, compiled, strict=True)]
     for law in dict.fromkeys(law for _, law in pairs):
         law.check_at_zero(parameters.values[parameters.indices(law.parameters)])
     variables = itertools.accumulate((law.internal for law in laws), initial=0)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.dual import dual_array, floats
+from fx_beam.dual import MaybeDual, dual_array, floats
 from fx_beam.errors import all_of
 from fx_beam.laws.rates import UpdateRule
 from fx_beam.scene.beam import Beam
@@ -29,7 +29,7 @@ class FormData(NamedTuple):
 
     parameters: ParameterFunctions
     #: Data (cells, points, ...) of sections and of drag by name.
-    beams: dict[str, Any]
+    beams: dict[str, MaybeDual]
     #: Forces at points: of contact, drag of nodes, followers, and the coordinates of joints.
     forces: list[PointForce]
     #: Values over time of those that follow nodes.
@@ -38,7 +38,7 @@ class FormData(NamedTuple):
     pairs: list[MemberPair]
 
     @property
-    def numbers(self) -> dict[str, Any]:
+    def numbers(self) -> dict[str, MaybeDual]:
         """Flat arrays by name."""
         numbers_of_points = [number for force in by_role(self.forces) for number in force.numbers]
         numbers = self.beams | {"points": dual_array(numbers_of_points)}
@@ -85,11 +85,11 @@ class Data(NamedTuple):
 
     scene: Scene
     #: Positions (n, 2) of nodes [m].
-    X: Any
+    X: MaybeDual
     #: Of forms and of forces at points.
     forms: FormData
     #: Entries of the "mass", and the "weight" (size,) if there is gravity.
-    masses: dict[str, Any]
+    masses: dict[str, MaybeDual]
     loads: SumOfLoads
     natural: SumOfLoads
     arms: Arms
@@ -104,14 +104,14 @@ class Data(NamedTuple):
         return self.arms.are_at(other.arms) and all_of(floats(self.X) == floats(other.X))
 
     @property
-    def before_motors(self) -> Any:
+    def before_motors(self) -> MaybeDual:
         """Slides (driven,) in the reference, from which motors go on; 0 for other motions."""
         motor_slides = [joint.start()[0] if name == "slide" else 0.0 for joint, name in self.motors]
         return np.append(np.zeros(len(self.scene.prescribed)), motor_slides)
 
 
 def form_data(
-    scene: Scene, mesh: Mesh, X: Any, rates: UpdateRule, mobility: np.ndarray | None = None
+    scene: Scene, mesh: Mesh, X: MaybeDual, rates: UpdateRule, mobility: np.ndarray | None = None
 ) -> FormData:
     """The numbers of a scene with nodes at X (n, 2).
 
@@ -125,7 +125,7 @@ def form_data(
 
 
 def at_points(
-    scene: Scene, mesh: Mesh, X: Any, mobility: np.ndarray, at_rest: bool
+    scene: Scene, mesh: Mesh, X: MaybeDual, mobility: np.ndarray, at_rest: bool
 ) -> tuple[list[PointForce], list[MemberPair]]:
     """Forces at points, and contact with members."""
     forces, pairs = list[PointForce](), list[Any]()

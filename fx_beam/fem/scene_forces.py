@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.dual import dual_array, scene_number
+from fx_beam.dual import MaybeDual, dual_array, scene_number
 from fx_beam.errors import as_float
 from fx_beam.laws import scalar_laws as laws
 from fx_beam.laws.gaps import gap_of
@@ -45,7 +45,7 @@ _Known = dict[tuple, PointLaw]
 
 
 def point_forces(
-    scene: Scene, mesh: Mesh, X: Any, mobility: np.ndarray, at_rest: bool
+    scene: Scene, mesh: Mesh, X: MaybeDual, mobility: np.ndarray, at_rest: bool
 ) -> list[PointForce]:
     """All forces at points; without those of rates alone if the scene is `at_rest`.
 
@@ -83,7 +83,7 @@ def _contacts(
     obstacle: Contact,
     scene: Scene,
     mesh: Mesh,
-    X: Any,
+    X: MaybeDual,
     mobility: np.ndarray,
     known: _Known,
     at_rest: bool,
@@ -183,7 +183,7 @@ def _frictions(scene: Scene, mesh: Mesh, mobility: np.ndarray) -> Iterator[Point
 
 
 def _between(
-    scene: Scene, mesh: Mesh, X: Any, known: _Known, at_rest: bool
+    scene: Scene, mesh: Mesh, X: MaybeDual, known: _Known, at_rest: bool
 ) -> Iterator[PointForce]:
     for force in scene.forces_between:
         if force.to_ground:
@@ -216,7 +216,7 @@ def _along(force: Any, mesh: Mesh) -> tuple[CoordinateKind, list[Any], list[int]
 
 
 def _to_ground(
-    force: Any, scene: Scene, mesh: Mesh, X: Any, known: _Known, at_rest: bool
+    force: Any, scene: Scene, mesh: Mesh, X: MaybeDual, known: _Known, at_rest: bool
 ) -> Iterator[PointForce]:
     """Springs from a node, or from each node of a beam, to the ground."""
     if force.direction is None:
