@@ -58,6 +58,8 @@ def test_a_rope_over_a_circle_is_as_long_as_its_tangents_and_its_arc(side, heigh
         return
     rope = scene.add_rope([(0, 0), pulley, ball], fb.Spring(1.0))
     assert rope.length_at_start == pytest.approx(exact, rel=1e-12)
+    outline = rope.outline(np.array([(0, 0), (1, height), (2, 0.3)]))
+    assert np.hypot(*np.diff(outline, axis=0).T).sum() == pytest.approx(exact, rel=1e-3)
 
 
 def test_a_crossed_belt_has_the_length_of_the_textbook():

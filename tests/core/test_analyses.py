@@ -166,6 +166,7 @@ def test_modes_are_those_of_the_textbook():
     assert isinstance(found, fb.Modes)
     # sqrt(50/(0.5 2^2)) and sqrt(100/1); 3/(2 sqrt(50 2)) and 4/(2 10) of the dampers.
     assert found.angular_frequencies == pytest.approx([5.0, 10.0], rel=1e-6)
+    assert found.frequencies == pytest.approx([0.7957747, 1.5915494], rel=1e-6)
     assert found.damping_ratios == pytest.approx([0.15, 0.2], rel=1e-6)
 
 
